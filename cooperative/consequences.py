@@ -1,0 +1,140 @@
+"""What a landslide does: displacement, sliding depth, run-out, volume and area, from one final state.
+
+The five measures are those of Jiang, Li, Ma and Rezania (2024), Computers and Geotechnics 172, 106413. The
+paper names them without formulae; the definitions used here are in `Consequences`. They integrate or take
+edges of particle domains, not counts of particles, so that they do not depend on the sampling density.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class SlopeGeometry:
+    """Where the slope is [m]: x and elevation z of its toe, height from toe to crest."""
+
+    toe_x: float
+    toe_z: float
+    height: float
+
+    @property
+    def crest_z(self) -> float:
+        """Elevation of the crest [m]."""
+        return self.toe_z + self.height
+
+
+@dataclass(frozen=True)
+class Consequences:
+    """Consequences of one sample. The sliding mass is all soil displaced by `sliding_displacement` or more.
+
+    displacement: R_d [m], the largest displacement of any particle.
+    depth: H [m], from crest level down to the deepest point of the sliding mass before it slid. Measured from
+        the crest, it exceeds the slope height exactly if the slip surface passes below the toe.
+    runout: L [m], horizontally from the toe to the front of the sliding mass; 0 if it stays behind the toe.
+    volume: V, of the sliding mass [m3], in a section [m2], that is m3 per metre of width.
+    area: S, plan area beyond the toe that the sliding mass overruns [m2]: the run-out of each slice across
+        the slope, times its width, summed. In a section [m], that is m2 per metre of width.
+    """
+
+    displacement: float
+    depth: float
+    runout: float
+    volume: float
+    area: float
+
+    def as_row(self) -> dict[str, float]:
+        """The measures by name, for a table row."""
+        return asdict(self)
+
+
+def consequences(
+    position: np.ndarray,
+    displacement: np.ndarray,
+    volume: np.ndarray,
+    geometry: SlopeGeometry,
+    *,
+    half_size: np.ndarray,
+    width: float | None = None,
+    slice_width: float = 0.5,
+    sliding_displacement: float = 1.0,
+) -> Consequences:
+    """Consequences of one final state.
+
+    position: initial particle positions (d, N) [m], rows (x, y, z) or, in a section, (x, z).
+    displacement: from there to the final state (d, N) [m].
+    volume: initial particle volumes (N,) [m3]; in a section per metre of width [m2].
+    half_size: half the initial particle spacing (d,) [m]. Edges of particle domains count rather than their
+        centres, so that the answer is the same for finer sampling.
+    width: width of a section [m]; volume and area are then multiplied by it. Not allowed in 3D.
+    slice_width: width of the slices across the slope in 3D [m]; the area is that much too wide at most.
+    sliding_displacement: displacement from which on soil counts as sliding [m]; 1 m in the paper.
+
+    Raises ValueError for shapes that do not fit, values that are not finite, thresholds that are not positive.
+    """
+    position, displacement, volume = (np.asarray(a, dtype=float) for a in (position, displacement, volume))
+    half = np.asarray(half_size, dtype=float)
+    _check(position, displacement, volume, half, width, slice_width, sliding_displacement)
+
+    moved = np.linalg.norm(displacement, axis=0)
+    sliding = moved >= sliding_displacement
+    if not sliding.any():
+        return Consequences(float(moved.max()), 0.0, 0.0, 0.0, 0.0)
+
+    lowest = position[-1, sliding].min() - half[-1]
+    front = position[0, sliding] + displacement[0, sliding] + half[0] - geometry.toe_x
+    beyond = np.maximum(front, 0.0)
+    if len(position) == 2:
+        scale = 1.0 if width is None else width
+        area = beyond.max()
+    else:
+        scale = 1.0
+        area = _swept_area(position[1, sliding] + displacement[1, sliding], half[1], beyond, slice_width)
+    return Consequences(
+        displacement=float(moved.max()),
+        depth=float(geometry.crest_z - lowest),
+        runout=float(beyond.max()),
+        volume=float(volume[sliding].sum() * scale),
+        area=float(area * scale),
+    )
+
+
+def _swept_area(y: np.ndarray, half: float, beyond: np.ndarray, slice_width: float) -> float:
+    """Sum over slices across y of the largest run-out of any particle domain that reaches into them [m2]."""
+    rounding = 1e-9  # a domain that only touches a slice does not reach into it
+    first = np.floor((y - half) / slice_width + rounding).astype(int)
+    last = np.maximum(np.ceil((y + half) / slice_width - rounding).astype(int) - 1, first)
+    reach = np.zeros(int(last.max() - first.min()) + 1)
+    for step in range(int((last - first).max()) + 1):
+        np.maximum.at(reach, np.minimum(first + step, last) - first.min(), beyond)
+    return float(reach.sum() * slice_width)
+
+
+def _check(
+    position: np.ndarray,
+    displacement: np.ndarray,
+    volume: np.ndarray,
+    half: np.ndarray,
+    width: float | None,
+    slice_width: float,
+    sliding_displacement: float,
+) -> None:
+    if position.ndim != 2 or len(position) not in (2, 3) or position.shape[1] == 0:
+        raise ValueError(f"position has shape {position.shape}: give (2, N) in a section or (3, N) in 3D, N at least 1")
+    for name, array, shape in (
+        ("displacement", displacement, position.shape),
+        ("volume", volume, position.shape[1:]),
+        ("half_size", half, position.shape[:1]),
+    ):
+        if array.shape != shape:
+            raise ValueError(f"{name} has shape {array.shape}: positions {position.shape} ask for {shape}")
+    for name, array in (("position", position), ("displacement", displacement), ("volume", volume)):
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name} is not finite: pass only samples whose lane did not fail")
+    for name, value in (("slice_width", slice_width), ("sliding_displacement", sliding_displacement)):
+        if not value > 0:
+            raise ValueError(f"{name} = {value} is not positive: give metres above 0")
+    if width is not None and (len(position) == 3 or not width > 0):
+        raise ValueError(f"width = {width}: give a positive width in a section, and none in 3D")

@@ -1,0 +1,146 @@
+"""Consequences of slides whose measures are known by hand, and their independence of the sampling."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cooperative.consequences import SlopeGeometry, consequences
+
+# Crest level 16 m, toe at x = 54 m and z = 4 m, as in the published slope.
+SLOPE = SlopeGeometry(toe_x=54.0, toe_z=4.0, height=12.0)
+
+
+def block(low, high, spacing):
+    """Particles that fill a box: positions (d, N), volumes (N,), half sizes (d,)."""
+    axes = [np.arange(a + s / 2, b, s) for a, b, s in zip(low, high, spacing, strict=True)]
+    position = np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")])
+    return position, np.full(position.shape[1], np.prod(spacing)), np.asarray(spacing) / 2
+
+
+def slide_3d(spacing, move=(10.0, 0.0, -2.0), shift=0.0):
+    """A 10 x 20 x 8 m block that slides, beside and above soil that stays."""
+    low, high = (46.0, 30.0 + shift, 4.0), (56.0, 50.0 + shift, 12.0)
+    position, volume, half = block(low, high, spacing)
+    rest, rest_volume, _ = block((20.0, 0.0 + shift, 0.0), (46.0, 96.0 + shift, 4.0), spacing)
+    displacement = np.zeros((3, position.shape[1] + rest.shape[1]))
+    displacement[:, : position.shape[1]] = np.array(move)[:, None]
+    displacement[0, position.shape[1] :] = 0.3
+    return np.hstack([position, rest]), displacement, np.concatenate([volume, rest_volume]), half
+
+
+def test_a_block_in_3d_by_hand():
+    position, displacement, volume, half = slide_3d((1.0, 2.0, 1.0))
+    got = consequences(position, displacement, volume, SLOPE, half_size=half)
+    assert got.displacement == pytest.approx(np.hypot(10, 2))
+    assert got.depth == pytest.approx(12.0)
+    assert got.runout == pytest.approx(12.0)
+    assert got.volume == pytest.approx(10 * 20 * 8)
+    assert got.area == pytest.approx(12 * 20)
+
+
+def test_the_same_block_in_a_section_and_per_width():
+    position, displacement, volume, half = slide_3d((1.0, 2.0, 1.0))
+    kept = np.isclose(position[1], 31.0)
+    section = (position[[0, 2]][:, kept], displacement[[0, 2]][:, kept], volume[kept] / 2.0, SLOPE)
+    got = consequences(*section, half_size=half[[0, 2]])
+    assert (got.volume, got.area, got.runout) == pytest.approx((80.0, 12.0, 12.0))
+    wide = consequences(*section, half_size=half[[0, 2]], width=20.0)
+    whole = consequences(position, displacement, volume, SLOPE, half_size=half)
+    assert wide.as_row() == pytest.approx(whole.as_row())
+
+
+def test_a_deep_slide_reaches_below_the_toe():
+    position, volume, half = block((40.0, 2.0), (60.0, 14.0), (1.0, 1.0))
+    got = consequences(position, np.full(position.shape, 2.0), volume, SLOPE, half_size=half)
+    assert got.depth == pytest.approx(14.0)
+    assert got.depth > SLOPE.height
+
+
+def test_a_slide_that_stops_on_the_slope_has_no_runout():
+    position, volume, half = block((40.0, 10.0), (45.0, 12.0), (1.0, 1.0))
+    got = consequences(position, np.full(position.shape, 2.0), volume, SLOPE, half_size=half)
+    assert (got.runout, got.area) == (0.0, 0.0)
+    assert got.volume == pytest.approx(10.0)
+
+
+def test_a_standing_slope_has_only_its_displacement():
+    position, volume, half = block((40.0, 10.0), (45.0, 12.0), (1.0, 1.0))
+    got = consequences(position, np.full(position.shape, 0.1), volume, SLOPE, half_size=half)
+    assert got.as_row() == pytest.approx(
+        {"displacement": np.hypot(0.1, 0.1), "depth": 0.0, "runout": 0.0, "volume": 0.0, "area": 0.0}
+    )
+
+
+def test_the_threshold_is_the_callers():
+    position, volume, half = block((40.0, 10.0), (45.0, 12.0), (1.0, 1.0))
+    got = consequences(position, np.full(position.shape, 0.1), volume, SLOPE, half_size=half, sliding_displacement=0.1)
+    assert got.volume == pytest.approx(10.0)
+
+
+@given(
+    st.sampled_from([(1.0, 2.0, 1.0), (0.5, 0.5, 0.5), (1.0, 1.0, 0.5)]),
+    st.floats(1.0, 30.0),
+    st.floats(-3.0, 0.0),
+)
+def test_finer_sampling_changes_nothing(spacing, along, down):
+    coarse = slide_3d((1.0, 2.0, 1.0), (along, 0.0, down))
+    fine = slide_3d(spacing, (along, 0.0, down))
+    rows = [consequences(*case[:3], SLOPE, half_size=case[3]).as_row() for case in (coarse, fine)]
+    assert rows[0] == pytest.approx(rows[1], rel=1e-9)
+
+
+@given(st.integers(-100, 100), st.booleans())
+def test_moving_or_mirroring_across_the_slope_changes_nothing(shift, mirror):
+    position, displacement, volume, half = slide_3d((1.0, 2.0, 1.0), shift=float(shift))
+    if mirror:
+        position, displacement = position * [[1], [-1], [1]], displacement * [[1], [-1], [1]]
+    got = consequences(position, displacement, volume, SLOPE, half_size=half)
+    here = slide_3d((1.0, 2.0, 1.0))
+    assert got.as_row() == pytest.approx(consequences(*here[:3], SLOPE, half_size=here[3]).as_row())
+
+
+def test_a_curved_front_is_integrated():
+    # Fronts on a parabola 12 (1 - (y/20)^2) over y in [-20, 20]: area 320 m2.
+    errors = []
+    for spacing in (2.0, 1.0, 0.5):
+        y = np.arange(-20 + spacing / 2, 20, spacing)
+        position = np.stack([np.full(y.size, 54 - spacing / 2), y, np.full(y.size, 5.0)])
+        displacement = np.zeros_like(position)
+        displacement[0] = 12 * (1 - (y / 20) ** 2)
+        got = consequences(
+            position,
+            displacement,
+            np.ones(y.size),
+            SLOPE,
+            half_size=np.full(3, spacing / 2),
+            sliding_displacement=1e-6,
+        )
+        errors.append(abs(got.area - 320.0))
+    assert errors[0] > errors[1] > errors[2]
+    assert errors[2] < 0.1
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"position": np.zeros((4, 2))}, r"shape \(4, 2\)"),
+        ({"displacement": np.zeros((2, 3))}, "displacement has shape"),
+        ({"volume": np.zeros(3)}, "volume has shape"),
+        ({"half_size": np.zeros(3)}, "half_size has shape"),
+        ({"displacement": np.full((2, 2), np.nan)}, "displacement is not finite"),
+        ({"slice_width": 0.0}, "slice_width = 0.0"),
+        ({"sliding_displacement": -1.0}, "sliding_displacement = -1.0"),
+        ({"width": -1.0}, "width = -1.0"),
+    ],
+)
+def test_bad_input_is_named(change, match):
+    good = {
+        "position": np.zeros((2, 2)),
+        "displacement": np.zeros((2, 2)),
+        "volume": np.ones(2),
+        "geometry": SLOPE,
+        "half_size": np.ones(2),
+    }
+    with pytest.raises(ValueError, match=match):
+        consequences(**{**good, **change})

@@ -1,0 +1,329 @@
+"""The campaign folder: nothing finished is lost, nothing broken is trusted, one controller at a time."""
+
+import errno
+import os
+import random
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import h5py
+import numpy as np
+import pytest
+
+from cooperative import store as store_module
+from cooperative.store import (
+    DamagedFile,
+    Sample,
+    open_store,
+    read_rows,
+    read_sample,
+    read_store,
+    sample_path,
+    scene_digest,
+    write_aside,
+    write_sample,
+)
+
+SCENE = '[soil]\nSu_mean = 42000.0\nSu_cov = 0.3\n[campaign]\nsamples = 10\ngrids = ["rough", "refined"]\n'
+
+
+def sample(number: int, size: int = 50) -> Sample:
+    generator = np.random.default_rng(number)
+    return Sample(
+        number=number,
+        status="settled",
+        steps=1000 + number,
+        seconds=1.5,
+        coefficients=generator.standard_normal(20),
+        row={"displacement": generator.random(), "fails": bool(number % 2), "mode": "deep"},
+        fields={"displacement": generator.random((3, size)).astype(np.float32), "empty": np.zeros((3, 0))},
+        dtype="float32",
+        device="cpu",
+    )
+
+
+def assert_same(left: Sample, right: Sample) -> None:
+    assert (left.number, left.status, left.steps, left.seconds) == (
+        right.number,
+        right.status,
+        right.steps,
+        right.seconds,
+    )
+    assert dict(left.row) == dict(right.row)
+    np.testing.assert_array_equal(left.coefficients, right.coefficients)
+    assert left.fields.keys() == right.fields.keys()
+    for name in left.fields:
+        np.testing.assert_array_equal(left.fields[name], right.fields[name])
+        assert left.fields[name].dtype == right.fields[name].dtype
+
+
+def test_a_sample_comes_back_as_it_was_written(tmp_path):
+    with open_store(tmp_path / "campaign", SCENE) as store:
+        write_sample(store, "rough", sample(3))
+        back = read_sample(store, "rough", 3)
+        assert_same(back, sample(3))
+        assert back.versions["numpy"] == np.__version__
+        assert (store.folder / "scene.toml").read_text() == SCENE
+
+
+def test_rows_ascend_and_gaps_are_nan(tmp_path):
+    with open_store(tmp_path, SCENE) as store:
+        for number in (7, 2):
+            write_sample(store, "rough", sample(number))
+        write_sample(store, "rough", Sample(4, "not finite", 3, 0.1, np.zeros(2), {"depth": 1.0}))
+        rows = read_rows(store, "rough")
+    assert rows.numbers == [2, 4, 7]
+    np.testing.assert_array_equal(np.isnan(rows.columns["displacement"]), [False, True, False])
+    np.testing.assert_array_equal(np.isnan(rows.columns["depth"]), [True, False, True])
+    assert rows.columns["mode"].tolist() == ["deep", "", "deep"]
+    assert rows.columns["status"].tolist() == ["settled", "not finite", "settled"]
+
+
+def test_readers_need_no_lock_and_write_nothing(tmp_path):
+    with open_store(tmp_path, SCENE) as store:
+        write_sample(store, "rough", sample(0))
+        reader = read_store(tmp_path)
+        assert read_rows(reader, "rough").numbers == [0]
+        with pytest.raises(ValueError, match="open for reading"):
+            write_sample(reader, "rough", sample(1))
+    with pytest.raises(ValueError, match=r"no scene\.toml"):
+        read_store(tmp_path / "elsewhere")
+
+
+def test_finished_samples_are_never_overwritten(tmp_path):
+    with open_store(tmp_path, SCENE) as store:
+        write_sample(store, "rough", sample(0))
+        with pytest.raises(ValueError, match="never overwritten"):
+            write_sample(store, "rough", sample(0))
+
+
+@pytest.mark.parametrize(("grid", "number", "match"), [("fine", 0, "unknown"), ("rough", -1, "negative")])
+def test_bad_sample_names(tmp_path, grid, number, match):
+    with open_store(tmp_path, SCENE) as store, pytest.raises(ValueError, match=match):
+        sample_path(store, grid, number)
+
+
+def test_the_digest_reads_what_the_scene_says():
+    respelt = '# a comment\n[campaign]\nsamples=10\ngrids=["rough","refined"]\n[soil]\nSu_cov=0.30\nSu_mean=42000'
+    assert scene_digest(respelt) == scene_digest(SCENE)
+    assert scene_digest(SCENE.replace("0.3", "0.4")) != scene_digest(SCENE)
+    assert scene_digest("a = [1, 2]") != scene_digest("a = [2, 1]")
+    assert scene_digest("a = true") != scene_digest("a = 1")
+
+
+def test_a_folder_of_another_scene_is_refused_by_name(tmp_path):
+    open_store(tmp_path, SCENE).close()
+    with pytest.raises(ValueError, match=r"soil\.Su_cov is 0\.3 there and 0\.4 now.*another folder"):
+        open_store(tmp_path, SCENE.replace("0.3", "0.4"))
+    with pytest.raises(ValueError, match=r"soil\.depth is not set there and 2 now"):
+        open_store(tmp_path, SCENE.replace("Su_cov", "depth = 2\nSu_cov"))
+    open_store(tmp_path, SCENE).close()
+
+
+def test_a_folder_of_something_else_is_refused(tmp_path):
+    (tmp_path / "thesis.txt").write_text("precious")
+    with pytest.raises(ValueError, match=r"thesis\.txt.*new or empty folder"):
+        open_store(tmp_path, SCENE)
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["thesis.txt"]
+
+
+def test_an_unwritable_folder_is_refused(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    for folder in (tmp_path / "file", tmp_path / "file" / "below", "/proc/campaign"):
+        with pytest.raises(ValueError, match=r"cannot be written .*may write to"):
+            open_store(folder, SCENE)
+
+    def read_only(*_: object, **__: object) -> int:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr(store_module.os, "open", read_only)
+    with pytest.raises(ValueError, match="Read-only file system"):
+        open_store(tmp_path / "new", SCENE)
+
+
+def test_a_second_controller_is_refused_until_the_first_ends(tmp_path):
+    holder = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            f"""if True:
+            from cooperative.store import open_store
+            store = open_store({str(tmp_path)!r}, {SCENE!r})
+            print("held", flush=True)
+            input()
+        """,
+        ],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    assert holder.stdout.readline() == b"held\n"
+    with pytest.raises(ValueError, match=f"another controller.*process {holder.pid}"):
+        open_store(tmp_path, SCENE)
+    holder.kill()
+    holder.communicate()
+    open_store(tmp_path, SCENE).close()
+
+
+def test_one_process_cannot_hold_a_folder_twice(tmp_path):
+    with open_store(tmp_path, SCENE), pytest.raises(ValueError, match="another controller"):
+        open_store(tmp_path, SCENE)
+    open_store(tmp_path, SCENE).close()
+
+
+def test_truncated_flipped_and_foreign_files_are_set_aside_and_redone(tmp_path):
+    with open_store(tmp_path / "other", SCENE.replace("0.3", "0.4")) as other:
+        foreign = write_sample(other, "rough", sample(5)).read_bytes()
+    with open_store(tmp_path / "campaign", SCENE) as store:
+        paths = [write_sample(store, "rough", sample(number)) for number in range(5)]
+        data = bytearray(paths[1].read_bytes())
+        data[data.find(sample(1).fields["displacement"].tobytes()) + 8] ^= 0x10
+        paths[0].write_bytes(paths[0].read_bytes()[:-100])
+        paths[1].write_bytes(data)
+        paths[2].write_bytes(b"")
+        paths[3].write_bytes(paths[4].read_bytes())
+        sample_path(store, "rough", 5).write_bytes(foreign)
+        sample_path(store, "rough", 6).write_bytes(b"a photograph")
+        with h5py.File(sample_path(store, "rough", 7), "w") as file:
+            file["data"] = np.arange(3)
+
+        assert read_rows(read_store(store.folder), "rough").numbers == [4]
+        rows = read_rows(store, "rough")
+        assert rows.numbers == [4]
+        reasons = dict(zip([0, 1, 2, 3, 5, 6, 7], rows.damaged, strict=True))
+        for number, reason in reasons.items():
+            assert f"{number:06d}.h5" in reason
+        assert "checksum" in reasons[1]
+        assert "holds sample 4" in reasons[3]
+        assert "another scene" in reasons[5]
+        assert sorted(path.name for path in paths[0].parent.iterdir()) == [
+            f"{number:06d}.h5" + ("" if number == 4 else ".damaged") for number in range(8)
+        ]
+        write_sample(store, "rough", sample(1))
+        assert_same(read_sample(store, "rough", 1), sample(1))
+        assert read_rows(store, "rough").damaged == ()
+
+
+def test_every_set_aside_file_is_kept(tmp_path):
+    with open_store(tmp_path, SCENE) as store:
+        for content in (b"first", b"second"):
+            sample_path(store, "refined", 1).write_bytes(content)
+            read_rows(store, "refined")
+        kept = sorted(path.read_bytes() for path in (tmp_path / "samples/refined").glob("*.damaged"))
+    assert kept == [b"first", b"second"]
+
+
+def test_every_flipped_byte_is_noticed(tmp_path):
+    with open_store(tmp_path, SCENE) as store:
+        path = write_sample(store, "rough", sample(1, size=4))
+        data = path.read_bytes()
+        generator = random.Random(0)
+        for position in range(0, len(data), 3):
+            flipped = bytearray(data)
+            flipped[position] ^= 1 << generator.randrange(8)
+            path.write_bytes(flipped)
+            with pytest.raises(DamagedFile, match=r"000001\.h5"):
+                read_sample(store, "rough", 1)
+        for length in (0, 100, len(data) - 1):
+            path.write_bytes(data[:length])
+            with pytest.raises(DamagedFile):
+                read_sample(store, "rough", 1)
+
+
+def test_any_hdf5_reader_opens_a_sample(tmp_path):
+    with open_store(tmp_path, SCENE) as store, h5py.File(write_sample(store, "rough", sample(2))) as file:
+        assert file.attrs["sample"] == 2
+        assert file.attrs["schema"] == 1
+        np.testing.assert_array_equal(file["fields/displacement"], sample(2).fields["displacement"])
+
+
+def test_a_full_disk_says_so_and_leaves_no_half_file(tmp_path, monkeypatch):
+    with open_store(tmp_path, SCENE) as store:
+        write_sample(store, "rough", sample(0))
+
+        def full(descriptor: int) -> None:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        monkeypatch.setattr(store_module.os, "fsync", full)
+        with pytest.raises(OSError, match=r"000001\.h5 \(No space left on device\): make room") as raised:
+            write_sample(store, "rough", sample(1))
+        assert raised.value.errno == errno.ENOSPC
+        monkeypatch.undo()
+        assert os.listdir(tmp_path / "samples/rough") == ["000000.h5"]
+        assert read_rows(store, "rough").numbers == [0]
+
+
+def test_a_file_size_limit_stops_the_writer_without_damage(tmp_path):
+    script = f"""if True:
+        import resource, sys
+        sys.path.insert(0, {os.path.dirname(__file__)!r})
+        from test_coop_store import SCENE, sample
+        from cooperative.store import open_store, write_sample
+        store = open_store({str(tmp_path)!r}, SCENE)
+        write_sample(store, "rough", sample(0))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (65536, 65536))
+        write_sample(store, "rough", sample(1, size=100_000))
+    """
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "000001.h5 (File too large): make room" in done.stderr
+    assert os.listdir(tmp_path / "samples/rough") == ["000000.h5"]
+
+
+def test_what_was_there_survives_a_refused_write(tmp_path, monkeypatch):
+    write_aside(tmp_path / "summary.json", b"old")
+    monkeypatch.setattr(
+        store_module.os, "replace", lambda *_: (_ for _ in ()).throw(OSError(errno.EIO, "Input/output error"))
+    )
+    with pytest.raises(OSError, match="see to the disk"):
+        write_aside(tmp_path / "summary.json", b"new")
+    assert (tmp_path / "summary.json").read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["summary.json"]
+
+
+WRITER = textwrap.dedent("""
+    import sys
+    sys.path.insert(0, sys.argv[2])
+    from test_coop_store import SCENE, sample
+    from cooperative.store import open_store, read_rows, write_sample
+    store = open_store(sys.argv[1], SCENE)
+    done = read_rows(store, "rough")
+    assert not done.damaged, done.damaged
+    for number in range(400):
+        if number not in done.numbers:
+            write_sample(store, "rough", sample(number, size=20_000))
+            print(number, flush=True)
+""")
+
+
+def kill_and_resume(folder, kills: int, seed: int) -> None:
+    generator = random.Random(seed)
+    promised: set[int] = set()
+    for _ in range(kills):
+        writer = subprocess.Popen(
+            [sys.executable, "-c", WRITER, str(folder), os.path.dirname(__file__)], stdout=subprocess.PIPE
+        )
+        first = writer.stdout.readline()
+        time.sleep(generator.uniform(0.0, 0.05))
+        writer.send_signal(signal.SIGKILL)
+        rest = writer.communicate()[0]
+        promised |= {int(line) for line in (first + rest).split()}
+    with open_store(folder, SCENE) as store:
+        rows = read_rows(store, "rough")
+        assert rows.damaged == ()
+        assert promised <= set(rows.numbers)
+        assert len(promised) >= min(kills, 400)
+        for number in rows.numbers[:: max(len(rows.numbers) // 20, 1)]:
+            assert_same(read_sample(store, "rough", number), sample(number, size=20_000))
+        assert not list((store.folder / "samples/rough").glob(".*.part"))
+
+
+def test_kill_9_while_writing_loses_nothing_that_was_finished(tmp_path):
+    kill_and_resume(tmp_path, kills=5, seed=0)
+
+
+@pytest.mark.slow
+def test_kill_9_a_hundred_times(tmp_path):
+    kill_and_resume(tmp_path, kills=100, seed=1)
