@@ -1,0 +1,33 @@
+# Every target makes .venv first, so that each works in a fresh clone.
+PYTHON ?= python3
+BIN := .venv/bin
+
+.PHONY: .venv demo test test-slow bench lint clean
+
+.venv: .venv/installed
+
+.venv/installed: pyproject.toml CMakeLists.txt $(wildcard jaxmpm/native/*.cc jaxmpm/native/*.h)
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet --editable '.[test]'
+	touch $@
+
+demo: .venv
+	$(BIN)/python -m cooperative run benchmarks/scenes/demo.toml --out out/demo
+	$(BIN)/python -m cooperative report out/demo
+
+lint: .venv
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+test: lint
+	$(BIN)/python -m pytest
+
+test-slow: .venv
+	$(BIN)/python -m pytest -m slow
+
+bench: .venv
+	$(BIN)/python -m benchmarks all
+
+clean:
+	rm -rf .venv build out .pytest_cache .hypothesis .mypy_cache .ruff_cache

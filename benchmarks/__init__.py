@@ -1,0 +1,1 @@
+"""Error against run time, throughput and stability: `python -m benchmarks NAME --json`."""

@@ -1,0 +1,105 @@
+"""What every benchmark shares: the machine it ran on, timings with their spread, runs pinned to cores."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import resource
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@dataclass(frozen=True)
+class Report:
+    """A benchmark's answer: `values` are the named figures, `rows` the table behind them."""
+
+    values: dict[str, Any]
+    rows: list[dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Seconds of repeated runs: median, and the spread as smallest and largest."""
+
+    median: float
+    smallest: float
+    largest: float
+    repeats: int
+
+    def scaled(self, factor: float) -> dict[str, float | int]:
+        """The timing times `factor` (another unit, or per particle and step), ready for JSON."""
+        return {
+            "median": self.median * factor,
+            "smallest": self.smallest * factor,
+            "largest": self.largest * factor,
+            "repeats": self.repeats,
+        }
+
+
+def timed(run: Callable[[], Any], repeats: int = 5) -> Timing:
+    """Time `run` (which must block until its result is there) `repeats` times, after one warm-up call."""
+    run()
+    seconds = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        run()
+        seconds.append(time.perf_counter() - start)
+    return Timing(statistics.median(seconds), min(seconds), max(seconds), repeats)
+
+
+def peak_memory_mb() -> float:
+    """Largest resident set of this process so far, in MB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def on_cores(cores: int, module: str, *arguments: str) -> dict[str, Any]:
+    """Run `python -m module arguments` bound to the first `cores` cores; its last line is its JSON answer.
+
+    XLA sizes its thread pool when it starts, so a core count needs a process of its own.
+    """
+    available = sorted(os.sched_getaffinity(0))
+    if cores > len(available):
+        raise ValueError(f"{cores} cores asked for, {len(available)} available: ask for fewer")
+    done = subprocess.run(
+        [sys.executable, "-m", module, *arguments],
+        preexec_fn=lambda: os.sched_setaffinity(0, available[:cores]),
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+    )
+    if done.returncode:
+        raise RuntimeError(f"{module} {' '.join(arguments)} failed:\n{done.stderr[-2000:]}")
+    return json.loads(done.stdout.strip().splitlines()[-1])
+
+
+def machine() -> dict[str, Any]:
+    """Processor, cores this process may use, and the versions that the figures depend on."""
+    processor = platform.processor() or platform.machine()
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.exists():
+        names = [line for line in cpuinfo.read_text().splitlines() if line.startswith("model name")]
+        processor = names[0].split(":", 1)[1].strip() if names else processor
+    return {
+        "processor": processor,
+        "cores": len(os.sched_getaffinity(0)),
+        "system": f"{platform.system()} {platform.machine()}",
+        "versions": {
+            "python": platform.python_version(),
+            **{name: version(name) for name in ("jaxmpm", "jax", "jaxlib", "numpy", "scipy")},
+        },
+    }
+
+
+def as_json(name: str, report: Report) -> str:
+    """One JSON object: the benchmark's name, machine and versions, values and rows."""
+    return json.dumps({"benchmark": name, "machine": machine(), **asdict(report)})

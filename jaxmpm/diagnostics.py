@@ -1,0 +1,69 @@
+"""Energy, momentum and displacement of a state; each of one lane, to be vmapped over a batch."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxmpm import tensors
+from jaxmpm.boundary import hold
+from jaxmpm.step import acting_stress
+from jaxmpm.transfer import p2g
+from jaxmpm.types import Scene, State
+
+
+def position(scene: Scene, state: State) -> Array:
+    """Current positions (d, N) m."""
+    return scene.particles.position + state.displacement
+
+
+def displacement(state: State) -> Array:
+    """Length of the displacement of each particle (N) m."""
+    return jnp.sqrt(jnp.sum(state.displacement**2, axis=0))
+
+
+def largest_displacement(state: State) -> Array:
+    """Largest length of a particle's displacement (m)."""
+    return jnp.max(displacement(state))
+
+
+def momentum(scene: Scene, state: State) -> Array:
+    """Total momentum (d) kg m/s."""
+    return jnp.sum(scene.particles.mass * state.velocity, axis=1)
+
+
+def kinetic_energy(scene: Scene, state: State) -> Array:
+    """Kinetic energy of the particles (J)."""
+    return 0.5 * jnp.sum(scene.particles.mass * jnp.sum(state.velocity**2, axis=0))
+
+
+def elastic_energy(scene: Scene, state: State) -> Array:
+    """Energy stored in the elastic stress (J), for a material with `bulk` and `shear`."""
+    stress = tensors.expand(state.stress, scene.grid.dimension)
+    pressure, j2 = tensors.mean(stress), tensors.second_invariant(tensors.deviator(stress))
+    density = pressure**2 / (2 * scene.material.bulk) + j2 / (2 * scene.material.shear)
+    return jnp.sum(scene.particles.volume * state.volume_ratio * density)
+
+
+def potential_energy(scene: Scene, state: State) -> Array:
+    """Work still to be had from gravity, relative to the initial positions (J)."""
+    return -jnp.sum(scene.particles.mass * (scene.gravity @ state.displacement))
+
+
+def speed(scene: Scene, state: State) -> Array:
+    """Root mean square of the particle speed, weighted by mass (m/s)."""
+    return jnp.sqrt(2 * kinetic_energy(scene, state) / jnp.sum(scene.particles.mass))
+
+
+def unbalanced_force(scene: Scene, state: State) -> Array:
+    """Norm of the net force on the free nodes over the norm of the body force on them."""
+    nodal = p2g(
+        scene.grid,
+        scene.kernel,
+        position(scene, state),
+        scene.particles.mass[None],
+        acting_stress(scene, state),
+    )
+    weight = hold(scene.walls, scene.grid, nodal[:, :1] * scene.gravity)
+    net = hold(scene.walls, scene.grid, nodal[:, 1:] + nodal[:, :1] * scene.gravity)
+    return jnp.sqrt(jnp.sum(net**2) / jnp.maximum(jnp.sum(weight**2), jnp.finfo(net.dtype).tiny))

@@ -1,0 +1,106 @@
+"""Symmetric tensors as six components, and the few components that 1D and 2D need.
+
+A component that a dimension cannot have is the Python number 0.0, which vanishes when the program is traced.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxmpm.types import Tensor
+
+# Axes of space (x, y, z = 0, 1, 2) that a 1D, 2D or 3D grid spans.
+AXES: dict[int, tuple[int, ...]] = {1: (0,), 2: (0, 2), 3: (0, 1, 2)}
+
+# Where the component (i, j) of a symmetric tensor stands among xx, yy, zz, xy, yz, xz.
+VOIGT = ((0, 3, 5), (3, 1, 4), (5, 4, 2))
+
+# Components of the stress that are carried in 1D, 2D and 3D, and those among them that act on the grid.
+CARRIED: dict[int, tuple[int, ...]] = {1: (0, 1, 2), 2: (0, 1, 2, 5), 3: (0, 1, 2, 3, 4, 5)}
+ACTING: dict[int, tuple[int, ...]] = {1: (0,), 2: (0, 2, 5), 3: (0, 1, 2, 3, 4, 5)}
+
+
+def expand(components: Sequence[Array] | Array, dimension: int) -> Tensor:
+    """The carried components as a full tensor, absent ones as 0.0."""
+    full: list[Any] = [0.0] * 6
+    for k, index in enumerate(CARRIED[dimension]):
+        full[index] = components[k]
+    return tuple(full)
+
+
+def compress(tensor: Tensor, dimension: int) -> Array:
+    """The components that `dimension` carries, stacked: (s, N)."""
+    return jnp.stack([tensor[index] for index in CARRIED[dimension]])
+
+
+def strain_increment(gradient: Array, dt: Array) -> Tensor:
+    """Symmetric part of the velocity gradient (d, d, N) times dt; shear components are tensorial."""
+    axes = AXES[len(gradient)]
+    full: list[Any] = [0.0] * 6
+    for a, i in enumerate(axes):
+        for b, j in enumerate(axes):
+            if a <= b:
+                full[VOIGT[i][j]] = 0.5 * dt * (gradient[a, b] + gradient[b, a]) if a < b else dt * gradient[a, a]
+    return tuple(full)
+
+
+def rotate(stress: Tensor, gradient: Array, dt: Array) -> Tensor:
+    """Stress after the Jaumann rate's rotation, s + dt (w s - s w) with w the spin of the velocity gradient.
+
+    gradient: (d, d, N), component (i, j) is the derivative of v_i along axis j.
+    """
+    dimension = len(gradient)
+    if dimension == 1:
+        return stress
+    axes = AXES[dimension]
+    spin: list[list[Any]] = [[0.0] * 3 for _ in range(3)]
+    for a, i in enumerate(axes):
+        for b, j in enumerate(axes):
+            if a < b:
+                spin[i][j] = 0.5 * dt * (gradient[a, b] - gradient[b, a])
+                spin[j][i] = -spin[i][j]
+
+    def component(i: int, j: int) -> Any:
+        return stress[VOIGT[i][j]]
+
+    rotated: list[Any] = list(stress)
+    for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2)):
+        change: Any = 0.0
+        for k in range(3):
+            for s, t in ((spin[i][k], component(k, j)), (spin[j][k], component(k, i))):
+                if not _absent(s) and not _absent(t):
+                    change = change + s * t
+        if not _absent(change):
+            rotated[VOIGT[i][j]] = component(i, j) + change
+    return tuple(rotated)
+
+
+def _absent(component: Any) -> bool:
+    return isinstance(component, float) and component == 0.0
+
+
+def mean(tensor: Tensor) -> Array:
+    """Third of the trace."""
+    return (tensor[0] + tensor[1] + tensor[2]) / 3.0
+
+
+def deviator(tensor: Tensor) -> Tensor:
+    """The tensor less its mean."""
+    m = mean(tensor)
+    return (tensor[0] - m, tensor[1] - m, tensor[2] - m, tensor[3], tensor[4], tensor[5])
+
+
+def second_invariant(deviatoric: Tensor) -> Array:
+    """J2 = s:s / 2 of a deviator."""
+    xx, yy, zz, xy, yz, xz = deviatoric
+    return 0.5 * (xx * xx + yy * yy + zz * zz) + xy * xy + yz * yz + xz * xz
+
+
+def safe_sqrt(x: Array) -> Array:
+    """Square root of x >= 0 whose derivative at 0 is 0, not infinite."""
+    positive = x > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)

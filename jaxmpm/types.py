@@ -1,0 +1,188 @@
+"""The data of a simulation: frozen pytrees, static where the program depends on them, dynamic elsewhere.
+
+Particle arrays are component first: ``(d, N)`` with d the dimension, so that each component is contiguous.
+Axes are x in 1D, (x, z) in 2D plane strain and (x, y, z) in 3D. Absent physics is ``None``. SI units.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+from typing import Any, Literal, Protocol
+
+import jax
+from jax import Array
+
+Tensor = tuple[Any, Any, Any, Any, Any, Any]
+"""Symmetric tensor as its six components (xx, yy, zz, xy, yz, xz); a component absent in 1D or 2D is 0.0."""
+
+
+def static(**kwargs: Any) -> Any:
+    """A dataclass field that shapes the program: hashable, part of the compilation key."""
+    return field(metadata={"static": True}, **kwargs)
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Linear (hat) shape functions; particles are points."""
+
+
+@dataclass(frozen=True)
+class GIMP:
+    """Undeformed generalised interpolation: a hat function averaged over a box of fixed size.
+
+    half_size: half of the particle's edge per axis (m), above 0 and at most half a cell.
+    Source: Bardenhagen and Kober (2004), CMES 5(6), 477-495, with the particle's domain kept.
+    """
+
+    half_size: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class QuadraticBSpline:
+    """Quadratic B-splines: smooth shape functions of points, three nodes wide.
+
+    Source: Steffen, Kirby and Berzins (2008), IJNME 76, 922-948.
+    """
+
+
+Kernel = Linear | GIMP | QuadraticBSpline
+
+
+class Engine(enum.Enum):
+    """What runs the transfers between particles and grid."""
+
+    XLA = "scatter and gather as XLA compiles them, on any device"
+    NATIVE = "compiled kernels, on CPU"
+
+
+class Scheme(enum.Enum):
+    """When the stress is updated within a step: first, last, or last with velocities mapped again."""
+
+    USF = "update stress first"
+    USL = "update stress last"
+    MUSL = "modified update stress last"
+
+
+class Status(enum.IntEnum):
+    """Where a lane stands. Anything above DECIDED has failed, and its state is that of its last step.
+
+    DECIDED: its displacement passed the limit at which the caller wanted to know no more.
+    """
+
+    RUNNING = 0
+    FINISHED = 1
+    SETTLED = 2
+    DECIDED = 3
+    NOT_FINITE = 4
+    OUTSIDE_GRID = 5
+    INVERTED = 6
+    TIME_STEP_TOO_LARGE = 7
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Grid:
+    """Regular background grid.
+
+    shape: nodes per axis. cell: edge of a cell (m). origin: position of node 0 (m).
+    """
+
+    shape: tuple[int, ...] = static()
+    cell: float = static()
+    origin: tuple[float, ...] = static()
+
+    @property
+    def dimension(self) -> int:
+        """Number of axes: 1, 2 or 3."""
+        return len(self.shape)
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes; a node's number runs fastest along the last axis."""
+        total = 1
+        for n in self.shape:
+            total *= n
+        return total
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A plane normal to one axis that holds the nodes on it and beyond it.
+
+    axis: index of the normal's axis. side: "low" holds nodes up to `index`, "high" from `index` on.
+    index: node number of the plane along the axis. hold: "fixed" stops all motion, "roller" the normal one.
+    """
+
+    axis: int
+    side: Literal["low", "high"]
+    index: int
+    hold: Literal["fixed", "roller"]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Particles:
+    """What a particle keeps throughout: initial position (d, N) m, mass (N) kg, initial volume (N) m3.
+
+    In plane strain masses and volumes are per metre of width, in 1D per square metre of section.
+    """
+
+    position: Array
+    mass: Array
+    volume: Array
+
+
+class Material(Protocol):
+    """A constitutive law: a frozen pytree of parameters, scalars or one value per particle."""
+
+    @property
+    def p_wave_modulus(self) -> Array:
+        """Modulus of the fastest elastic wave, K + 4G/3 (Pa)."""
+
+    def initial_history(self, particles: Particles) -> Array | None:
+        """The history variable of undisturbed particles, or None where the law has none."""
+
+    def update(self, strain_increment: Tensor, stress: Tensor, history: Array | None) -> tuple[Tensor, Array | None]:
+        """Stress (Pa) and history after a strain increment."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Scene:
+    """All that defines a run except the state it starts from.
+
+    gravity: (d) m/s2. time_step: s. flip: share of FLIP in the particle velocity update, the rest is PIC;
+    None is pure FLIP. damping: mass-proportional damping (1/s); None is undamped.
+    """
+
+    grid: Grid
+    particles: Particles
+    material: Any
+    gravity: Array
+    time_step: Array
+    kernel: Kernel = static()
+    walls: tuple[Wall, ...] = static(default=())
+    scheme: Scheme = static(default=Scheme.MUSL)
+    flip: Array | None = None
+    damping: Array | None = None
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class State:
+    """What changes in time, per particle unless said otherwise.
+
+    displacement: (d, N) m from the initial position. velocity: (d, N) m/s.
+    stress: (s, N) Pa, the components that the dimension can have: xx, yy, zz in 1D, with xz in 2D, all six
+    (xx, yy, zz, xy, yz, xz) in 3D. volume_ratio: (N) current over initial volume.
+    history: (N) of the material, or None. step: steps taken so far. status: of the lane, see `Status`.
+    """
+
+    displacement: Array
+    velocity: Array
+    stress: Array
+    volume_ratio: Array
+    history: Array | None
+    step: Array
+    status: Array
