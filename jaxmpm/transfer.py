@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -72,7 +73,7 @@ def g2p(
     values: int,
     gradients: int,
     engine: Engine | None = None,
-) -> tuple[Array | None, Array | None]:
+) -> tuple[Any, Any]:
     """Interpolate nodal fields at particles.
 
     position: (d, N) m. nodal: (nodes, c). The first `values` channels are interpolated to (values, N), the

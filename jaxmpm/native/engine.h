@@ -1,0 +1,39 @@
+// Transfers of a batch of lanes on a pool of threads.
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "kernels.h"
+#include "parallel.h"
+
+namespace jaxmpm {
+
+enum class Scalar { kFloat, kDouble };
+
+// The arrays of one lane; lanes may share what they read. `rows` points to each row of the particle array.
+struct ScatterLane {
+  const void* position;
+  std::vector<const void*> rows;
+  void* nodal;
+};
+struct GatherLane {
+  const void* position;
+  const void* nodal;
+  void* rows;
+};
+
+// Best instruction set of this machine, and all that it can run.
+const InstructionSet& best_instructions();
+std::vector<const InstructionSet*> runnable_instructions();
+
+// Smallest width that the kernels have for this many channels.
+inline int32_t padded(int32_t channels) { return channels <= 4 ? 4 : 8; }
+
+// Particles to nodes. `plan.stride` equals `plan.width`; every element of `nodal` is written.
+void scatter(const InstructionSet&, const Pool&, Scalar, const Plan&, const std::vector<ScatterLane>&);
+
+// Nodes to particles. Every element of `rows` is written.
+void gather(const InstructionSet&, const Pool&, Scalar, const Plan&, const std::vector<GatherLane>&);
+
+}  // namespace jaxmpm

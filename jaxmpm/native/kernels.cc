@@ -1,0 +1,375 @@
+// The transfers of a range of particles, compiled once per instruction set (JAXMPM_ISA names the table).
+//
+// A particle's weights are products of three numbers per axis. The sums over its stencil are therefore nested: what
+// is common to a row of three nodes along the last axis is computed once per row, so that a node costs one fused
+// multiply-add per derivative along that axis. A node's channels are one vector.
+
+#include "kernels.h"
+
+namespace jaxmpm {
+namespace {
+
+constexpr int kBlock = 32;  // particles whose weights are computed together, so that the compiler vectorises them
+
+#if defined(__AVX512F__)
+constexpr int kVectorBytes = 64;
+#elif defined(__AVX2__)
+constexpr int kVectorBytes = 32;
+#else
+constexpr int kVectorBytes = 16;
+#endif
+
+constexpr int jets(int dimension, int order) {
+  return order == 0 ? 1 : order == 1 ? 1 + dimension : 1 + dimension + dimension * (dimension + 1) / 2;
+}
+
+// A node's channels, as few machine vectors as hold them.
+template <class T, int W>
+struct Pack {
+  static constexpr int kBytes = W * sizeof(T) < kVectorBytes ? W * sizeof(T) : kVectorBytes;
+  static constexpr int kParts = W * sizeof(T) / kBytes;
+  typedef T Vector __attribute__((vector_size(kBytes)));
+  Vector part[kParts];
+};
+
+#define JAXMPM_INLINE static inline __attribute__((always_inline))
+#define JAXMPM_PARTS _Pragma("GCC unroll 4") for (int i = 0; i < Pack<T, W>::kParts; ++i)
+
+template <class T, int W>
+JAXMPM_INLINE Pack<T, W> load(const T* from) {
+  Pack<T, W> r;
+  JAXMPM_PARTS __builtin_memcpy(&r.part[i], from + i * (W / Pack<T, W>::kParts), sizeof r.part[i]);
+  return r;
+}
+template <class T, int W>
+JAXMPM_INLINE void store(T* to, const Pack<T, W>& a) {
+  JAXMPM_PARTS __builtin_memcpy(to + i * (W / Pack<T, W>::kParts), &a.part[i], sizeof a.part[i]);
+}
+template <class T, int W>
+JAXMPM_INLINE Pack<T, W> operator*(T s, const Pack<T, W>& a) {
+  Pack<T, W> r;
+  JAXMPM_PARTS r.part[i] = s * a.part[i];
+  return r;
+}
+template <class T, int W>
+JAXMPM_INLINE Pack<T, W> operator+(const Pack<T, W>& a, const Pack<T, W>& b) {
+  Pack<T, W> r;
+  JAXMPM_PARTS r.part[i] = a.part[i] + b.part[i];
+  return r;
+}
+JAXMPM_INLINE float floor_of(float x) { return __builtin_floorf(x); }
+JAXMPM_INLINE double floor_of(double x) { return __builtin_floor(x); }
+
+// Weights of a block of particles: per axis and stencil node the value and its derivatives (1/m, 1/m2).
+template <class T, int D, int ORDER>
+struct Weights {
+  alignas(64) T of[D][kStencil][ORDER + 1][kBlock];
+  alignas(64) int64_t node[kBlock];  // lowest node of the stencil
+};
+
+// Value and derivatives at distance r (in cells) of a shape function; zero for NaN. See jaxmpm/shape.py.
+template <class T, int ORDER>
+JAXMPM_INLINE void shape(ShapeFunction function, T l, T r, T* value, T* slope, T* curvature) {
+  const T a = r < 0 ? -r : r;
+  const T sign = r < 0 ? T(1) : T(-1);
+  if (function == kLinear) {
+    const bool support = (r >= -1) & (r < 1);
+    *value = support ? 1 - a : T(0);
+    if (ORDER > 0) *slope = support ? sign : T(0);
+    if (ORDER > 1) *curvature = 0;
+  } else if (function == kGimp) {
+    const T reach = 1 + l - a;
+    const T tail = reach > 0 ? reach : T(0);
+    const bool core = a < l, flank = a < 1 - l;
+    *value = core ? 1 - (r * r + l * l) / (2 * l) : flank ? 1 - a : tail * tail / (4 * l);
+    if (ORDER > 0) *slope = core ? -r / l : flank ? sign : sign * tail / (2 * l);
+    if (ORDER > 1) *curvature = core ? -1 / l : flank | !(reach > 0) ? T(0) : 1 / (2 * l);
+  } else {
+    const T reach = T(1.5) - a;
+    const T tail = reach > 0 ? reach : T(0);
+    const bool core = a < T(0.5);
+    *value = core ? T(0.75) - r * r : tail * tail / 2;
+    if (ORDER > 0) *slope = core ? -2 * r : sign * tail;
+    if (ORDER > 1) *curvature = core ? T(-2) : reach > 0 ? T(1) : T(0);
+  }
+}
+
+template <class T, int ORDER, ShapeFunction F>
+JAXMPM_INLINE void axis_weights(T l, T per_cell, const T* cells, const T* base, T (*of)[ORDER + 1][kBlock]) {
+  for (int k = 0; k < kStencil; ++k) {
+    for (int p = 0; p < kBlock; ++p) {
+      T slope = 0, curvature = 0;
+      shape<T, ORDER>(F, l, cells[p] - (base[p] + k), &of[k][0][p], &slope, &curvature);
+      if constexpr (ORDER > 0) of[k][1][p] = slope * per_cell;
+      if constexpr (ORDER > 1) of[k][2][p] = curvature * per_cell * per_cell;
+    }
+  }
+}
+
+// Coordinates (in cells) of `count` particles along an axis and their lowest nodes, on the grid whatever the position.
+template <class T>
+JAXMPM_INLINE void locate(const Plan& plan, int axis, const T* position, const int32_t* index, int64_t begin, int count,
+                          T* cells, T* base) {
+  const T* x = position + axis * plan.particles;
+  T at[kBlock] = {};
+  if (index) {
+    for (int p = 0; p < count; ++p) at[p] = x[index[begin + p]];
+  } else if (count == kBlock) {
+    __builtin_memcpy(at, x + begin, sizeof at);
+  } else {
+    for (int p = 0; p < count; ++p) at[p] = x[begin + p];
+  }
+  const T origin = T(plan.origin[axis]), cell = T(plan.cell), highest = T(plan.shape[axis] - kStencil);
+  for (int p = 0; p < kBlock; ++p) {
+    cells[p] = (at[p] - origin) / cell;
+    const T lowest = floor_of(cells[p] - T(0.5));
+    base[p] = lowest > 0 ? (lowest < highest ? lowest : highest) : T(0);
+  }
+}
+
+template <class T, int D, int ORDER>
+JAXMPM_INLINE void fill_weights(const Plan& plan, const T* position, const int32_t* index, int64_t begin, int count,
+                                Weights<T, D, ORDER>& w) {
+  alignas(64) T cells[kBlock], base[kBlock];
+  const T per_cell = T(1 / plan.cell);
+  for (int p = 0; p < kBlock; ++p) w.node[p] = 0;
+  for (int axis = 0; axis < D; ++axis) {
+    locate(plan, axis, position, index, begin, count, cells, base);
+    const int64_t nodes = plan.shape[axis];
+    for (int p = 0; p < kBlock; ++p) w.node[p] = w.node[p] * nodes + static_cast<int32_t>(base[p]);
+    const T l = T(plan.half[axis]);
+    if (plan.function == kLinear) {
+      axis_weights<T, ORDER, kLinear>(l, per_cell, cells, base, w.of[axis]);
+    } else if (plan.function == kGimp) {
+      axis_weights<T, ORDER, kGimp>(l, per_cell, cells, base, w.of[axis]);
+    } else {
+      axis_weights<T, ORDER, kQuadraticBSpline>(l, per_cell, cells, base, w.of[axis]);
+    }
+  }
+}
+
+// A particle's coefficients, one pack per derivative. Second derivatives stand in the order
+// 3D: xx, xy, xz, yy, yz, zz; 2D: xx, xz, zz; 1D: xx.
+template <class T, int W, int J>
+struct Jet {
+  Pack<T, W> d[J];
+};
+
+// Sum over the first of D axes, which leaves coefficients of the D - 1 others: the product rule on one axis with the
+// node's weight (w), slope (s) and curvature (c).
+template <class T, int W, int D, int ORDER>
+JAXMPM_INLINE Jet<T, W, jets(D - 1, ORDER)> lower(const Jet<T, W, jets(D, ORDER)>& a, T w, T s, T c) {
+  Jet<T, W, jets(D - 1, ORDER)> r;
+  r.d[0] = w * a.d[0];
+  if constexpr (ORDER > 0) {
+    r.d[0] = r.d[0] + s * a.d[1];
+    for (int j = 1; j < D; ++j) r.d[j] = w * a.d[1 + j];
+  }
+  if constexpr (ORDER > 1) {
+    r.d[0] = r.d[0] + c * a.d[1 + D];
+    for (int j = 1; j < D; ++j) r.d[j] = r.d[j] + s * a.d[1 + D + j];
+    for (int j = 0; j < D * (D - 1) / 2; ++j) r.d[D + j] = w * a.d[1 + 2 * D + j];
+  }
+  return r;
+}
+
+// The transpose of `lower`: adds what one node of the first axis holds to the sums of D axes.
+template <class T, int W, int D, int ORDER>
+JAXMPM_INLINE void raise(const Jet<T, W, jets(D - 1, ORDER)>& a, T w, T s, T c, Jet<T, W, jets(D, ORDER)>& r) {
+  r.d[0] = r.d[0] + w * a.d[0];
+  if constexpr (ORDER > 0) {
+    r.d[1] = r.d[1] + s * a.d[0];
+    for (int j = 1; j < D; ++j) r.d[1 + j] = r.d[1 + j] + w * a.d[j];
+  }
+  if constexpr (ORDER > 1) {
+    r.d[1 + D] = r.d[1 + D] + c * a.d[0];
+    for (int j = 1; j < D; ++j) r.d[1 + D + j] = r.d[1 + D + j] + s * a.d[j];
+    for (int j = 0; j < D * (D - 1) / 2; ++j) r.d[1 + 2 * D + j] = r.d[1 + 2 * D + j] + w * a.d[D + j];
+  }
+}
+
+// One particle to its stencil, from axis number D_ALL - D on.
+template <class T, int W, int D, int ORDER, int D_ALL>
+JAXMPM_INLINE void spread(const Jet<T, W, jets(D, ORDER)>& a, const Weights<T, D_ALL, ORDER>& weights, int p,
+                          const int64_t* strides, T* node) {
+  if constexpr (D == 0) {
+    store<T, W>(node, load<T, W>(node) + a.d[0]);
+  } else {
+    constexpr int axis = D_ALL - D;
+#pragma GCC unroll 3
+    for (int k = 0; k < kStencil; ++k) {
+      const T w = weights.of[axis][k][0][p];
+      const T s = ORDER > 0 ? weights.of[axis][k][ORDER > 0 ? 1 : 0][p] : T(0);
+      const T c = ORDER > 1 ? weights.of[axis][k][ORDER > 1 ? 2 : 0][p] : T(0);
+      spread<T, W, D - 1, ORDER, D_ALL>(lower<T, W, D, ORDER>(a, w, s, c), weights, p, strides, node + k * strides[axis]);
+    }
+  }
+}
+
+// One particle's sums over its stencil, from axis number D_ALL - D on.
+template <class T, int W, int D, int ORDER, int D_ALL>
+JAXMPM_INLINE Jet<T, W, jets(D, ORDER)> collect(const Weights<T, D_ALL, ORDER>& weights, int p, const int64_t* strides,
+                                                const T* node) {
+  Jet<T, W, jets(D, ORDER)> r = {};
+  if constexpr (D == 0) {
+    r.d[0] = load<T, W>(node);
+  } else {
+    constexpr int axis = D_ALL - D;
+#pragma GCC unroll 3
+    for (int k = 0; k < kStencil; ++k) {
+      const T w = weights.of[axis][k][0][p];
+      const T s = ORDER > 0 ? weights.of[axis][k][ORDER > 0 ? 1 : 0][p] : T(0);
+      const T c = ORDER > 1 ? weights.of[axis][k][ORDER > 1 ? 2 : 0][p] : T(0);
+      raise<T, W, D, ORDER>(collect<T, W, D - 1, ORDER, D_ALL>(weights, p, strides, node + k * strides[axis]), w, s, c, r);
+    }
+  }
+  return r;
+}
+
+template <int D>
+JAXMPM_INLINE void node_strides(const Plan& plan, int64_t* strides) {
+  int64_t step = plan.stride;
+  for (int axis = D - 1; axis >= 0; --axis) {
+    strides[axis] = step;
+    step *= plan.shape[axis];
+  }
+}
+
+template <class T, int D, int W, int ORDER>
+void scatter(const Plan& plan, const T* position, const void* const* rows, const int32_t* index, int64_t begin, int64_t end,
+             T* nodal) {
+  constexpr int J = jets(D, ORDER);
+  Weights<T, D, ORDER> weights;
+  alignas(64) T coefficients[J][kBlock][W] = {};
+  int64_t strides[D];
+  node_strides<D>(plan, strides);
+  for (int64_t block = begin; block < end; block += kBlock) {
+    const int count = end - block < kBlock ? static_cast<int>(end - block) : kBlock;
+    // A list made of neighbours is read straight through.
+    const bool listed = index && index[block + count - 1] - index[block] != count - 1;
+    const int32_t* list = listed ? index : nullptr;
+    const int64_t start = index && !listed ? index[block] : block;
+    fill_weights<T, D, ORDER>(plan, position, list, start, count, weights);
+    for (int t = 0; t < plan.term_count; ++t) {
+      const Term& term = plan.terms[t];
+      const T* from = static_cast<const T*>(rows[term.row]);
+      const T factor = T(term.factor);
+      T* to = &coefficients[term.jet][0][term.channel];
+      if (!term.first_at_node) {
+        for (int p = 0; p < count; ++p) to[p * W] += factor * from[list ? list[start + p] : start + p];
+      } else if (list) {
+        for (int p = 0; p < count; ++p) to[p * W] = factor * from[list[start + p]];
+      } else {
+        for (int p = 0; p < count; ++p) to[p * W] = factor * from[start + p];
+      }
+    }
+    for (int p = 0; p < count; ++p) {
+      Jet<T, W, J> a;
+#pragma GCC unroll 10
+      for (int j = 0; j < J; ++j) a.d[j] = load<T, W>(coefficients[j][p]);
+      spread<T, W, D, ORDER, D>(a, weights, p, strides, nodal + weights.node[p] * plan.stride);
+    }
+  }
+}
+
+template <class T, int D, int W, int ORDER>
+void gather(const Plan& plan, const T* position, const T* nodal, int64_t begin, int64_t end, T* rows) {
+  constexpr int J = jets(D, ORDER);
+  constexpr int kNodes = D == 1 ? 3 : D == 2 ? 9 : 27;
+  Weights<T, D, ORDER> weights;
+  alignas(64) T sums[J][kBlock][W];
+  alignas(64) T edge[kNodes * W] = {};
+  int64_t strides[D], edge_strides[D], last = 0, total = plan.stride;
+  node_strides<D>(plan, strides);
+  for (int axis = D - 1, step = W; axis >= 0; --axis, step *= kStencil) {
+    edge_strides[axis] = step;
+    last += (kStencil - 1) * strides[axis];
+    total *= plan.shape[axis];
+  }
+  for (int64_t block = begin; block < end; block += kBlock) {
+    const int count = end - block < kBlock ? static_cast<int>(end - block) : kBlock;
+    fill_weights<T, D, ORDER>(plan, position, nullptr, block, count, weights);
+    for (int p = 0; p < count; ++p) {
+      const T* node = nodal + weights.node[p] * plan.stride;
+      Jet<T, W, J> r;
+      if (__builtin_expect(weights.node[p] * plan.stride + last + W <= total, 1)) {
+        r = collect<T, W, D, ORDER, D>(weights, p, strides, node);
+      } else {
+        // A vector of the highest node would end beyond the array.
+        for (int n = 0; n < kNodes; ++n) {
+          int64_t offset = 0;
+          for (int axis = D - 1, rest = n; axis >= 0; --axis, rest /= kStencil) offset += rest % kStencil * strides[axis];
+          for (int c = 0; c < W && c < plan.channels; ++c) edge[n * W + c] = node[offset + c];
+        }
+        r = collect<T, W, D, ORDER, D>(weights, p, edge_strides, edge);
+      }
+#pragma GCC unroll 10
+      for (int j = 0; j < J; ++j) store<T, W>(sums[j][p], r.d[j]);
+    }
+    for (int t = 0; t < plan.term_count; ++t) {
+      const Term& term = plan.terms[t];
+      T* to = rows + term.row * plan.particles + block;
+      const T* from = &sums[term.jet][0][term.channel];
+      const T factor = T(term.factor);
+      if (term.first_at_row) {
+        for (int p = 0; p < count; ++p) to[p] = factor * from[p * W];
+      } else {
+        for (int p = 0; p < count; ++p) to[p] += factor * from[p * W];
+      }
+    }
+  }
+}
+
+// Calls `f` with the plan's dimension, width and order as constants.
+template <class F>
+JAXMPM_INLINE void with_constants(const Plan& plan, F f) {
+#define JAXMPM_CASE(D, W, O) \
+  case D * 100 + W * 10 + O: return f.template operator()<D, W, O>();
+#define JAXMPM_CASES(D)                                                                          \
+  JAXMPM_CASE(D, 4, 0) JAXMPM_CASE(D, 4, 1) JAXMPM_CASE(D, 4, 2) JAXMPM_CASE(D, 8, 0) JAXMPM_CASE(D, 8, 1) \
+  JAXMPM_CASE(D, 8, 2)
+  switch (plan.dimension * 100 + plan.width * 10 + plan.order) { JAXMPM_CASES(1) JAXMPM_CASES(2) JAXMPM_CASES(3) }
+#undef JAXMPM_CASES
+#undef JAXMPM_CASE
+}
+
+template <class T>
+void scatter_any(const Plan& plan, const void* position, const void* const* rows, const int32_t* index, int64_t begin,
+                 int64_t end, void* nodal) {
+  with_constants(plan, [&]<int D, int W, int ORDER>() {
+    scatter<T, D, W, ORDER>(plan, static_cast<const T*>(position), rows, index, begin, end, static_cast<T*>(nodal));
+  });
+}
+
+template <class T>
+void gather_any(const Plan& plan, const void* position, const void* nodal, int64_t begin, int64_t end, void* rows) {
+  with_constants(plan, [&]<int D, int W, int ORDER>() {
+    gather<T, D, W, ORDER>(plan, static_cast<const T*>(position), static_cast<const T*>(nodal), begin, end,
+                           static_cast<T*>(rows));
+  });
+}
+
+template <class T>
+void slabs(const Plan& plan, const void* position, int64_t begin, int64_t end, uint8_t* slab) {
+  alignas(64) T cells[kBlock], base[kBlock];
+  for (int64_t block = begin; block < end; block += kBlock) {
+    const int count = end - block < kBlock ? static_cast<int>(end - block) : kBlock;
+    locate<T>(plan, 0, static_cast<const T*>(position), nullptr, block, count, cells, base);
+    const T per_slab = 1 / T(plan.slab);
+    for (int p = 0; p < count; ++p) slab[block + p] = static_cast<uint8_t>((static_cast<int32_t>(base[p]) + T(0.5)) * per_slab);
+  }
+}
+
+template <class T>
+constexpr Kernels kernels = {scatter_any<T>, gather_any<T>, slabs<T>};
+
+}  // namespace
+
+#define JAXMPM_TEXT_OF(x) #x
+#define JAXMPM_TEXT(x) JAXMPM_TEXT_OF(x)
+#define JAXMPM_JOIN_OF(a, b) a##b
+#define JAXMPM_JOIN(a, b) JAXMPM_JOIN_OF(a, b)
+
+extern const InstructionSet JAXMPM_JOIN(JAXMPM_ISA, _kernels) = {JAXMPM_TEXT(JAXMPM_ISA), kernels<float>, kernels<double>};
+
+}  // namespace jaxmpm
