@@ -2,6 +2,7 @@
 
 from jaxmpm import diagnostics, tensors
 from jaxmpm.integrate import Result, Settle, advance, lanes, repeat, solve
+from jaxmpm.many import Chunk, solve_each
 from jaxmpm.materials import J2, Elastic, Softening, reduce_strength
 from jaxmpm.reduction import FactorOfSafety, factor_of_safety, reduced
 from jaxmpm.scenes import Discretisation, Slope, bar, block, column, slope, with_strength
@@ -12,6 +13,7 @@ from jaxmpm.types import GIMP, Grid, Linear, Material, Particles, Scene, Scheme,
 __all__ = [
     "GIMP",
     "J2",
+    "Chunk",
     "Discretisation",
     "Elastic",
     "FactorOfSafety",
@@ -42,6 +44,7 @@ __all__ = [
     "repeat",
     "slope",
     "solve",
+    "solve_each",
     "step",
     "tensors",
     "with_strength",

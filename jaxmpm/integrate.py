@@ -115,7 +115,8 @@ def lanes(scene: Scene, **strength: Array) -> tuple[Scene, Scene]:
     unknown = set(strength) - set(vars(scene.material))
     if unknown:
         raise ValueError(
-            f"{sorted(unknown)} is no parameter of {type(scene.material).__name__}: use one of {sorted(vars(scene.material))}"
+            f"{sorted(unknown)} is no parameter of {type(scene.material).__name__}: "
+            f"use one of {sorted(vars(scene.material))}"
         )
     shared = jax.tree.map(lambda _: None, scene)
     axes = replace(shared, material=replace(shared.material, **dict.fromkeys(strength, 0)))
@@ -128,7 +129,8 @@ def repeat(state: State, count: int) -> State:
 
 
 @partial(jax.jit, static_argnames="axes", donate_argnames="state")
-def _advance(scene: Scene, state: State, steps: Array, axes: Scene | None) -> State:
+def advance_lanes(scene: Scene, state: State, steps: Array, axes: Scene | None) -> State:
+    """`advance`, compiled, over the lanes that `axes` names; the state given is used up."""
     return _over_lanes(advance, axes, extra=1)(scene, state, steps)
 
 
@@ -185,7 +187,7 @@ def solve(
     done = 0
     with tqdm(total=round(t_end, 6), unit="s", disable=not progress, bar_format=_BAR) as bar:
         for stop in stops:
-            state = _advance(scene, state, jnp.asarray(stop - done), axes)
+            state = advance_lanes(scene, state, jnp.asarray(stop - done), axes)
             bar.update(min((stop - done) * dt, t_end - bar.n))
             if looks:
                 watch, ended = watch.look(scene, state, axes, (stop - done) * dt, settle, stop_at)
@@ -224,6 +226,11 @@ class Watch:
     def start(cls, shape: tuple[int, ...]) -> Watch:
         """Nothing seen yet, for lanes of this shape."""
         return cls(np.zeros(shape), np.zeros(shape))
+
+    def restarted(self, lane: int) -> Watch:
+        """The watch with one lane as if never seen."""
+        fresh = np.arange(self.quiet.size) == lane
+        return Watch(np.where(fresh, 0.0, self.quiet), np.where(fresh, 0.0, self.reference))
 
     def look(
         self,

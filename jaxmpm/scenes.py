@@ -70,6 +70,14 @@ class Slope:
         """2 for a section, 3 with a width."""
         return 2 if self.width is None else 3
 
+    def check(self) -> None:
+        """Raise ValueError for sizes that no slope has."""
+        for name in ("crest", "height", "toe", "foundation"):
+            check.positive(name, getattr(self, name), "m")
+        check.not_negative("run_per_rise", self.run_per_rise)
+        if self.width is not None:
+            check.positive("width", self.width, "m")
+
     def surface(self, x: np.ndarray) -> np.ndarray:
         """Height of the ground above the base (m) at x."""
         if self.run_per_rise == 0:
@@ -94,11 +102,7 @@ def slope(
     """
     d, cell = shape.dimension, discretisation.cell
     _check_discretisation(discretisation, d)
-    for name in ("crest", "height", "toe", "foundation"):
-        check.positive(name, getattr(shape, name), "m")
-    check.not_negative("run_per_rise", shape.run_per_rise)
-    if shape.width is not None:
-        check.positive("width", shape.width, "m")
+    shape.check()
     if y_ends not in ("fixed", "roller"):
         raise ValueError(f"y_ends = {y_ends!r}: give 'fixed' or 'roller'")
     if shape.toe < 2 * cell:

@@ -23,6 +23,7 @@ JAXMPM = [
     "diagnostics",
     "equilibrium",
     "integrate",
+    "many",
     "reduction",
     "scenes",
     "io",

@@ -1,0 +1,76 @@
+"""The published slope: particle counts, factor of safety and run-out beside the published values.
+
+Published: Jiang et al. (2024), Computers and Geotechnics 172, 106413: rough grid stable at R = 1.25 and failing
+at 1.26, refined 1.14 and 1.15, run-out 14.17 m at the refined factor of safety.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from benchmarks.measure import ROOT, Report
+from cooperative.config import Config, parse
+from cooperative.consequences import SlopeGeometry, consequences
+from jaxmpm import PlasticStrain, Settle, factor_of_safety, reduced, slope, solve
+
+PUBLISHED = {"rough": {"stable": 1.25, "fails": 1.26}, "refined": {"stable": 1.14, "fails": 1.15, "runout_m": 14.17}}
+
+
+def scene_config(name: str) -> Config:
+    """A scene that stands in benchmarks/scenes."""
+    return parse((ROOT / "benchmarks" / "scenes" / f"{name}.toml").read_text())
+
+
+def particles(config: Config, grid: str) -> int:
+    """Particles of a scene on one of its grids."""
+    scene, _ = slope(config.slope, config.soil, config.grids[grid], y_ends=config.y_ends)
+    return scene.particles.mass.size
+
+
+def section_row(config: Config, grid: str, measure: PlasticStrain) -> dict[str, Any]:
+    """Factor of safety of the section without random field, and what the first failing slide does."""
+    numerics = config.grids[grid]
+    start = time.perf_counter()
+    scene, state = slope(config.slope, replace(config.soil, plastic_strain=measure), numerics)
+    found = factor_of_safety(scene, state, bracket=(1.0, 1.5), criterion=config.run.failure_displacement)
+    slide = solve(reduced(scene, found.fails), state, t_end=config.run.t_end, settle=Settle()).raise_if_failed()
+    position, shape = np.asarray(scene.particles.position), config.slope
+    done = consequences(
+        position,
+        np.asarray(slide.state.displacement),
+        np.asarray(scene.particles.volume),
+        SlopeGeometry(shape.toe_x, shape.foundation, shape.height),
+        half_size=np.asarray(numerics.spacing) / 2,
+    )
+    return {
+        "grid": grid,
+        "cell_m": numerics.cell,
+        "plastic_strain": measure.value,
+        "stable_R": found.stable,
+        "fails_R": found.fails,
+        "runout_m": round(done.runout, 2),
+        "largest_displacement_m": round(done.displacement, 2),
+        "published": PUBLISHED[grid],
+        "seconds": round(time.perf_counter() - start, 1),
+    }
+
+
+def run(quick: bool) -> Report:
+    """Counts of paper.toml; both grids and both measures of plastic strain of paper_section.toml."""
+    section = scene_config("paper_section")
+    measures = [PlasticStrain.ENGINEERING] if quick else list(PlasticStrain)
+    grids = ["rough"] if quick else ["rough", "refined"]
+    rows = [section_row(section, grid, measure) for measure in measures for grid in grids]
+    by_grid = {row["grid"]: row for row in rows if row["plastic_strain"] == section.soil.plastic_strain.value}
+    values: dict[str, Any] = {"particles_rough": particles(scene_config("paper"), "rough")}
+    if not quick:
+        values["particles_refined"] = particles(scene_config("paper"), "refined")
+    for grid, row in by_grid.items():
+        values[f"fos_{grid}"] = row["fails_R"]
+    if not quick:
+        values["runout_refined_m"] = by_grid["refined"]["runout_m"]
+    return Report(values, rows)

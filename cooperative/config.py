@@ -1,0 +1,280 @@
+"""A campaign's scene: TOML in, checked once, typed values out. Nothing in the file is executed."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import kl
+from jaxmpm import GIMP, Discretisation, Linear, PlasticStrain, Scheme, Settle, Slope, Soil
+
+CORRELATIONS = {
+    "squared exponential": kl.SquaredExponential,
+    "exponential": kl.Exponential,
+    "matern 3/2": kl.Matern32,
+    "matern 5/2": kl.Matern52,
+    "second-order markov": kl.SecondOrderMarkov,
+    "cosine exponential": kl.CosineExponential,
+    "triangular": kl.Triangular,
+}
+MARGINALS = {"lognormal": kl.Lognormal, "truncated normal": kl.TruncatedNormal}
+COEFFICIENTS = {"latin hypercube": kl.latin_hypercube, "monte carlo": kl.monte_carlo, "sobol": kl.sobol}
+KERNELS = {"gimp": GIMP, "linear": Linear}
+SCHEMES = {scheme.name.lower(): scheme for scheme in Scheme}
+PLASTIC_STRAINS = {measure.value: measure for measure in PlasticStrain}
+Y_ENDS = {"fixed": "fixed", "roller": "roller"}
+FIELDS = {"none": (), "refined": ("refined",), "both": ("rough", "refined")}
+
+REQUIRED = object()
+
+
+@dataclass(frozen=True)
+class Strength:
+    """The random field of undrained strength: mean (Pa), cov, and per axis a correlation length (m)."""
+
+    mean: float
+    cov: float
+    marginal: type
+    correlation: type
+    length: tuple[float, ...]
+    energy: float
+
+
+@dataclass(frozen=True)
+class Run:
+    """How each sample runs: gravity (m/s2), t_end (s), what displacement is failure (m), when a lane has settled."""
+
+    gravity: float
+    t_end: float
+    failure_displacement: float
+    settle: Settle | None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What the campaign does: samples and their coefficients, the stopping rule k_t, lanes of the screening.
+
+    look_ahead: refined runs under way at once, in rank order; the answer does not depend on it.
+    screening_stop: displacement (m) at which a rough lane is decided and ends, None runs it to its end.
+    fields: grids whose final displacement and plastic strain are kept.
+    """
+
+    samples: int
+    seed: int
+    coefficients: Any
+    k_t: int
+    lanes: int
+    look_ahead: int
+    screening_stop: float | None
+    fields: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Config:
+    """A checked scene. `text` is the TOML it came from."""
+
+    text: str
+    name: str
+    slope: Slope
+    y_ends: Literal["fixed", "roller"]
+    soil: Soil
+    strength: Strength
+    grids: Mapping[str, Discretisation]
+    run: Run
+    plan: Plan
+
+
+@dataclass(frozen=True)
+class _Key:
+    """What a key holds: a type, `choices` of names, or numbers per axis; its default."""
+
+    kind: Any
+    default: Any = REQUIRED
+
+
+_SLOPE = {name: _Key(float) for name in ("crest", "height", "run_per_rise", "toe", "foundation")} | {
+    "width": _Key(float, None),
+    "y_ends": _Key(Y_ENDS, "fixed"),
+}
+_SOIL = {
+    "unit_weight": _Key(float),
+    "young": _Key(float),
+    "poisson": _Key(float),
+    "softening_modulus": _Key(float, None),
+    "residual_ratio": _Key(float, 1.0),
+    "tension_cutoff": _Key(float, None),
+    "plastic_strain": _Key(PLASTIC_STRAINS, "engineering"),
+}
+_STRENGTH = {
+    "mean": _Key(float),
+    "cov": _Key(float),
+    "marginal": _Key(MARGINALS, "lognormal"),
+    "correlation": _Key(CORRELATIONS, "squared exponential"),
+    "length": _Key(tuple),
+    "energy": _Key(float, 0.999),
+}
+_GRID = {
+    "cell": _Key(float),
+    "spacing": _Key(tuple),
+    "kernel": _Key(KERNELS, "gimp"),
+    "scheme": _Key(SCHEMES, "musl"),
+    "cfl": _Key(float, 0.5),
+    "flip": _Key(float, 1.0),
+}
+_RUN = {
+    "gravity": _Key(float, 9.81),
+    "t_end": _Key(float, 20.0),
+    "failure_displacement": _Key(float, 1.0),
+    "settle": _Key(bool, True),
+}
+_PLAN = {
+    "samples": _Key(int),
+    "seed": _Key(int, 0),
+    "coefficients": _Key(COEFFICIENTS, "latin hypercube"),
+    "k_t": _Key(int),
+    "lanes": _Key(int, 2),
+    "look_ahead": _Key(int, 2),
+    "screening_stop": _Key(float, None),
+    "fields": _Key(FIELDS, "refined"),
+}
+_SECTIONS = {
+    "slope": _SLOPE,
+    "soil": _SOIL,
+    "strength": _STRENGTH,
+    "rough": _GRID,
+    "refined": _GRID,
+    "run": _RUN,
+    "campaign": _PLAN,
+}
+
+
+def parse(text: str) -> Config:
+    """Read and check a scene.
+
+    Raises ValueError for TOML that does not parse, unknown keys (naming the nearest one), missing keys, wrong
+    types and values out of range. What depends on the geometry is checked when the grids are built.
+    """
+    try:
+        tables = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"the scene is not valid TOML: {error}") from error
+    name = tables.pop("name", "campaign")
+    if not isinstance(name, str):
+        raise ValueError(f"name = {name!r} is {_article(name)}: give text in quotes")
+    _refuse_unknown("the scene", tables, {**_SECTIONS, "name": None})
+    read = {section: _read(section, tables.get(section, {}), keys) for section, keys in _SECTIONS.items()}
+    slope, y_ends = read["slope"], read["slope"].pop("y_ends")
+    plan, run, strength = read["campaign"], read["run"], read["strength"]
+    config = Config(
+        text=text,
+        name=name,
+        slope=Slope(**slope),
+        y_ends=y_ends,
+        soil=Soil(**read["soil"], strength=strength["mean"]),
+        strength=Strength(**strength),
+        grids={grid: Discretisation(**read[grid], dtype="float32") for grid in ("rough", "refined")},
+        run=Run(**{**run, "settle": Settle() if run["settle"] else None}),
+        plan=Plan(**plan),
+    )
+    _check(config)
+    return config
+
+
+def _read(section: str, table: Any, keys: Mapping[str, _Key]) -> dict[str, Any]:
+    if not isinstance(table, dict):
+        raise ValueError(f"{section} = {table!r} is {_article(table)}: make it a table, [{section}]")
+    _refuse_unknown(f"[{section}]", table, keys)
+    missing = [key for key, what in keys.items() if what.default is REQUIRED and key not in table]
+    if missing:
+        raise ValueError(f"[{section}] lacks {', '.join(missing)}: add it")
+    return {
+        key: _value(f"[{section}] {key}", table.get(key, what.default), what.kind, key in table)
+        for key, what in keys.items()
+    }
+
+
+def _value(where: str, value: Any, kind: Any, given: bool) -> Any:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if isinstance(kind, dict):
+        if not isinstance(value, str) or value not in kind:
+            raise ValueError(f"{where} = {value!r}: give one of {', '.join(map(repr, kind))}{_nearest(value, kind)}")
+        return kind[value]
+    if not given:
+        return value
+    if kind is float and number:
+        return float(value)
+    if kind is int and number and isinstance(value, int):
+        return value
+    if kind is bool and isinstance(value, bool):
+        return value
+    if (
+        kind is tuple
+        and isinstance(value, list)
+        and value
+        and all(isinstance(v, int | float) and not isinstance(v, bool) for v in value)
+    ):
+        return tuple(map(float, value))
+    wanted = {float: "a number", int: "a whole number", bool: "true or false", tuple: "a list of numbers, one per axis"}
+    raise ValueError(f"{where} = {value!r} is {_article(value)}: give {wanted[kind]}")
+
+
+def _refuse_unknown(where: str, table: Mapping[str, Any], known: Mapping[str, Any]) -> None:
+    for key in table:
+        if key not in known:
+            raise ValueError(f"{where} has an unknown key {key!r}{_nearest(key, known)}; it knows {', '.join(known)}")
+
+
+def _nearest(word: Any, known: Mapping[str, Any]) -> str:
+    close = difflib.get_close_matches(str(word), known, n=1)
+    return f" (did you mean {close[0]!r}?)" if close else ""
+
+
+def _article(value: Any) -> str:
+    names = {
+        str: "text",
+        bool: "true or false",
+        int: "a whole number",
+        float: "a number",
+        list: "a list",
+        dict: "a table",
+    }
+    return names.get(type(value), f"a {type(value).__name__}")
+
+
+def _check(config: Config) -> None:
+    """Ranges that no builder looks at."""
+    config.slope.check()
+    strength, run, plan, dimension = config.strength, config.run, config.plan, config.slope.dimension
+    for name, value in (
+        ("[strength] mean", strength.mean),
+        ("[run] t_end", run.t_end),
+        ("[run] gravity", run.gravity),
+        ("[run] failure_displacement", run.failure_displacement),
+        *((f"[strength] length of axis {axis}", length) for axis, length in enumerate(strength.length)),
+    ):
+        if not 0 < value < float("inf"):
+            raise ValueError(f"{name} = {value:g}: give a finite value above 0")
+    if len(strength.length) != dimension:
+        raise ValueError(f"[strength] length has {len(strength.length)} values: give {dimension}, one per axis")
+    if not 0 <= strength.cov < float("inf"):
+        raise ValueError(f"[strength] cov = {strength.cov:g}: give a coefficient of variation of 0 or more")
+    if not 0 < strength.energy <= 1:
+        raise ValueError(f"[strength] energy = {strength.energy:g}: give a share of the variance above 0, up to 1")
+    for name, value in (
+        ("samples", plan.samples),
+        ("k_t", plan.k_t),
+        ("lanes", plan.lanes),
+        ("look_ahead", plan.look_ahead),
+    ):
+        if value < 1:
+            raise ValueError(f"[campaign] {name} = {value}: give 1 or more")
+    if plan.seed < 0:
+        raise ValueError(f"[campaign] seed = {plan.seed}: give 0 or more")
+    if plan.screening_stop is not None and plan.screening_stop < run.failure_displacement:
+        raise ValueError(
+            f"[campaign] screening_stop = {plan.screening_stop:g} m is below the failure displacement of "
+            f"{run.failure_displacement:g} m: give more, or leave it out"
+        )

@@ -1,0 +1,135 @@
+"""From a sample's number to its row: scene on a grid, strength from the coefficients, run, consequences."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import kl
+from cooperative.config import Config
+from cooperative.consequences import SlopeGeometry, consequences
+from cooperative.store import Sample
+from jaxmpm import Chunk, Result, Scene, State, Status, slope, solve_each
+
+
+@dataclass(frozen=True)
+class GridModel:
+    """One grid of a campaign, ready to run: its scene, the shared initial state, the field's expansion."""
+
+    grid: str
+    config: Config
+    scene: Scene
+    state: State
+    expansion: kl.Expansion
+
+    @property
+    def half_size(self) -> np.ndarray:
+        """Half the particle spacing per axis (d,) m."""
+        return np.asarray(self.config.grids[self.grid].spacing) / 2
+
+    def strength(self, coefficients: Any) -> jax.Array:
+        """Undrained strength at the particles (N,) Pa, for coefficients (M,)."""
+        strength = self.config.strength
+        return _strength(
+            self.expansion, strength.marginal(strength.mean, strength.cov), coefficients, self.scene.particles.position
+        )
+
+
+@jax.jit
+def _strength(expansion: kl.Expansion, marginal: Any, coefficients: Any, position: Any) -> Any:
+    return marginal.transform(kl.field_at(expansion, coefficients, position))
+
+
+def expansion_of(config: Config) -> kl.Expansion:
+    """The strength's expansion over the whole box of the slope, the same for every grid."""
+    shape, strength = config.slope, config.strength
+    top = shape.foundation + shape.height
+    extent = (shape.length, top) if shape.width is None else (shape.length, shape.width, top)
+    return kl.expand(
+        tuple(strength.correlation(length) for length in strength.length),
+        origin=(0.0,) * len(extent),
+        extent=extent,
+        energy=strength.energy,
+    )
+
+
+def coefficients_of(config: Config, expansion: kl.Expansion) -> np.ndarray:
+    """Coefficients of every sample (samples, modes)."""
+    return np.asarray(config.plan.coefficients(jax.random.key(config.plan.seed), config.plan.samples, expansion.modes))
+
+
+def build(config: Config, grid: str, expansion: kl.Expansion) -> GridModel:
+    """Scene and initial state of one grid; ValueError where slope, soil and grid do not fit together."""
+    scene, state = slope(
+        config.slope, config.soil, config.grids[grid], gravity=config.run.gravity, y_ends=config.y_ends
+    )
+    return GridModel(grid, config, scene, state, expansion)
+
+
+def run_samples(
+    model: GridModel,
+    coefficients: np.ndarray,
+    numbers: Iterable[int],
+    *,
+    width: int,
+    stop_at: float | None = None,
+    on_chunk: Callable[[Chunk], None] | None = None,
+) -> Iterator[Sample]:
+    """Run the samples with these numbers and yield each as it ends. `seconds` share the wall time by steps."""
+    run, started = model.config.run, time.perf_counter()
+    strengths = ((number, model.strength(jnp.asarray(coefficients[number]))) for number in numbers)
+    for number, result in solve_each(
+        model.scene, model.state, strengths, width=width, t_end=run.t_end, settle=run.settle, stop_at=stop_at,
+        on_chunk=on_chunk,
+    ):  # fmt: skip
+        seconds, started = time.perf_counter() - started, time.perf_counter()
+        yield finished(model, number, coefficients[number], result, seconds)
+
+
+def finished(model: GridModel, number: int, coefficients: np.ndarray, result: Result, seconds: float) -> Sample:
+    """The record of a run. A run that broke off has no consequences, only the displacement it had reached."""
+    scene, config = model.scene, model.config
+    displacement = np.asarray(result.state.displacement)
+    history = result.state.history
+    fields = {}
+    if model.grid in config.plan.fields:
+        fields["displacement"] = displacement.astype(np.float32)
+        if history is not None:
+            fields["plastic_strain"] = np.asarray(history, np.float32)
+    row: dict[str, float | bool]
+    if bool(result.failed):
+        reached = np.linalg.norm(displacement, axis=0)
+        row = {"displacement": float(np.max(reached, where=np.isfinite(reached), initial=0.0)), "broke_off": True}
+    else:
+        measured = consequences(
+            np.asarray(scene.particles.position),
+            displacement,
+            np.asarray(scene.particles.volume),
+            geometry_of(config),
+            half_size=model.half_size,
+            sliding_displacement=config.run.failure_displacement,
+        )
+        row = {**measured.as_row(), "broke_off": False}
+    return Sample(
+        number=number,
+        status=Status(int(result.status)).name,
+        steps=int(result.state.step),
+        seconds=seconds,
+        coefficients=coefficients,
+        row=row,
+        fields=fields,
+        dtype=str(displacement.dtype),
+        device=jax.devices()[0].device_kind,
+    )
+
+
+def geometry_of(config: Config) -> SlopeGeometry:
+    """Where the slope's toe is and how high it stands."""
+    shape = config.slope
+    return SlopeGeometry(toe_x=shape.toe_x, toe_z=shape.foundation, height=shape.height)

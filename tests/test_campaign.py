@@ -1,0 +1,276 @@
+"""Campaigns end to end on a small slope: the answer, going on after any interruption, and what is refused."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import kl
+from cooperative import campaign, screening
+from cooperative.__main__ import main
+from cooperative.config import parse
+from cooperative.store import open_store, read_rows, read_sample, read_store, write_sample
+from jaxmpm import Status
+
+SCENES = Path(__file__).resolve().parent.parent / "benchmarks" / "scenes"
+
+TINY = """
+name = "tiny"
+[slope]
+crest = 8.0
+height = 8.0
+run_per_rise = 1.0
+toe = 16.0
+foundation = 2.0
+[soil]
+unit_weight = 20e3
+young = 2e7
+poisson = 0.3
+softening_modulus = 85e3
+residual_ratio = 0.5
+tension_cutoff = 0.0
+[strength]
+mean = 30e3
+cov = 0.4
+length = [20.0, 4.0]
+[rough]
+cell = 2.0
+spacing = [1.0, 1.0]
+[refined]
+cell = 1.0
+spacing = [0.5, 0.5]
+[run]
+t_end = 4.0
+[campaign]
+samples = 6
+seed = 3
+k_t = 2
+fields = "both"
+"""
+
+
+def changed(old, new):
+    assert old in TINY
+    return TINY.replace(old, new)
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """A finished campaign: its folder and summary."""
+    folder = tmp_path_factory.mktemp("campaign") / "tiny"
+    return folder, campaign.run(TINY, folder)
+
+
+def test_campaign_counts_what_it_ran(done):
+    folder, summary = done
+    store = read_store(folder)
+    rough, refined = read_rows(store, "rough"), read_rows(store, "refined")
+    assert rough.numbers == list(range(6))
+    failures = int(np.sum(refined.columns["displacement"] > 1.0))
+    assert 0 < failures < 6
+    assert summary["probability_of_failure"] == failures / 6
+    assert summary["interval"][0] < summary["probability_of_failure"] < summary["interval"][1]
+    assert json.loads((folder / "summary.json").read_text()) == summary
+
+
+def test_refined_runs_are_the_worst_ranked_and_end_with_k_t_that_stand(done):
+    store = read_store(done[0])
+    rough, refined = read_rows(store, "rough"), read_rows(store, "refined")
+    order = np.argsort(-rough.columns["displacement"], kind="stable")
+    ran = refined.numbers
+    assert sorted(order[: len(ran)].tolist()) == ran
+    if len(ran) < 6:
+        by_rank = [refined.columns["displacement"][ran.index(n)] > 1.0 for n in order[: len(ran)].tolist()]
+        assert by_rank[-2:] == [False, False]
+
+
+def test_a_sample_can_be_made_again_from_its_number(done):
+    config = parse(TINY)
+    expansion = screening.expansion_of(config)
+    model = screening.build(config, "rough", expansion)
+    coefficients = screening.coefficients_of(config, expansion)
+    kept = read_sample(read_store(done[0]), "rough", 4)
+    again = next(iter(screening.run_samples(model, coefficients, [4], width=1)))
+    assert np.array_equal(kept.coefficients, coefficients[4])
+    assert np.array_equal(kept.fields["displacement"], again.fields["displacement"])
+    assert dict(kept.row) == dict(again.row)
+
+
+def test_both_grids_see_the_same_field(done):
+    config = parse(TINY)
+    expansion = screening.expansion_of(config)
+    rough, refined = (screening.build(config, grid, expansion) for grid in ("rough", "refined"))
+    coefficients = jnp.asarray(screening.coefficients_of(config, expansion)[0])
+    # The mean over the four refined particles of a rough one differs from it by the field's curvature only.
+    fine = {
+        tuple(p): s
+        for p, s in zip(
+            np.asarray(refined.scene.particles.position).T.round(3),
+            np.asarray(refined.strength(coefficients)),
+            strict=True,
+        )
+    }
+    coarse = np.asarray(rough.strength(coefficients))
+    means, at = [], []
+    for i, (x, z) in enumerate(np.asarray(rough.scene.particles.position).T.round(3)):
+        around = [
+            fine.get((np.float32(x + dx).round(3), np.float32(z + dz).round(3)))
+            for dx in (-0.25, 0.25)
+            for dz in (-0.25, 0.25)
+        ]
+        if None not in around:
+            means.append(np.mean(around))
+            at.append(i)
+    assert len(at) > 0.9 * coarse.size
+    assert np.allclose(means, coarse[at], rtol=0.02)
+    common = jnp.asarray([[3.0, 7.0], [2.0, 9.0]])
+    values = [kl.field_at(model.expansion, coefficients, common) for model in (rough, refined)]
+    assert np.array_equal(*values)
+
+
+def test_report_draws_its_figures_and_says_the_probability(done, capsys):
+    folder, summary = done
+    assert main(["report", str(folder)]) == 0
+    said = capsys.readouterr().out
+    assert f"{summary['probability_of_failure']:.3f}" in said
+    for name in ("ranked", "field", "slope", "consequences"):
+        assert (folder / "figures" / f"{name}.png").stat().st_size > 5000
+
+
+def test_killed_campaign_goes_on_and_ends_the_same(done, tmp_path):
+    _, summary = done
+    scene = tmp_path / "tiny.toml"
+    scene.write_text(TINY)
+    again = tmp_path / "again"
+    command = [sys.executable, "-m", "cooperative", "run", str(scene), "--out", str(again)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ)
+    deadline = time.monotonic() + 120
+    while len(list(again.glob("samples/rough/*.h5"))) < 2 and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    before = sorted(p.name for p in again.glob("samples/rough/*.h5"))
+    assert len(before) >= 2
+    stamps = {name: (again / "samples" / "rough" / name).stat().st_mtime_ns for name in before}
+    resumed = campaign.run(TINY, again)
+    assert {name: (again / "samples" / "rough" / name).stat().st_mtime_ns for name in before} == stamps
+    for key in ("probability_of_failure", "interval", "refined_runs", "status", "consequences_of_failures"):
+        assert resumed[key] == summary[key]
+
+
+def test_broken_off_runs_are_kept_counted_and_reported(tmp_path):
+    config = parse(TINY)
+    expansion = screening.expansion_of(config)
+    model = screening.build(config, "rough", expansion)
+    state = replace(model.state, velocity=model.state.velocity.at[0, 5].set(jnp.nan))
+    coefficients = screening.coefficients_of(config, expansion)
+    with open_store(tmp_path / "broken", TINY) as store:
+        for sample in screening.run_samples(replace(model, state=state), coefficients, [0, 1], width=2):
+            write_sample(store, "rough", sample)
+        summary = campaign.summarise(config, read_rows(store, "rough"), read_rows(store, "refined"))
+    assert summary["broke_off"]["rough"] == {"0": "NOT_FINITE at step 1", "1": "NOT_FINITE at step 1"}
+    assert summary["status"]["rough"] == {Status.NOT_FINITE.name: 2}
+
+
+BAD_SCENES = [
+    (("cov = 0.4", "cof = 0.4"), r"unknown key 'cof' \(did you mean 'cov'\?\)"),
+    (("[strength]", "[strenght]"), r"unknown key 'strenght' \(did you mean 'strength'\?\)"),
+    (("cov = 0.4", "cov = -0.1"), r"cov = -0.1: give a coefficient of variation of 0 or more"),
+    (("cov = 0.4", "cov = '0.4'"), r"cov = '0.4' is text: give a number"),
+    (("mean = 30e3", "mean = true"), r"mean = True is true or false: give a number"),
+    (("samples = 6", "samples = 0"), r"samples = 0: give 1 or more"),
+    (("samples = 6", "samples = 6.5"), r"samples = 6.5 is a number: give a whole number"),
+    (("samples = 6\n", ""), r"\[campaign\] lacks samples"),
+    (("k_t = 2", "k_t = 0"), r"k_t = 0: give 1 or more"),
+    (("length = [20.0, 4.0]", "length = [20.0, 0.0]"), r"length of axis 1 = 0: give a finite value above 0"),
+    (("length = [20.0, 4.0]", "length = [20.0]"), r"length has 1 values: give 2"),
+    (("length = [20.0, 4.0]", "length = [20.0, 4.0]\nenergy = 0.0"), r"energy = 0: give a share of the variance"),
+    (("length = [20.0, 4.0]", "length = [20.0, 4.0]\nenergy = 1.5"), r"energy = 1.5"),
+    (("cov = 0.4", "cov = 0.4\nmarginal = 'normal'"), r"marginal = 'normal': give one of 'lognormal'"),
+    (("t_end = 4.0", "t_end = -4.0"), r"t_end = -4: give a finite value above 0"),
+    (("poisson = 0.3", "poisson = 0.5"), r"poisson = 0.5"),
+    (("young = 2e7", "young = 0"), r"young = 0 Pa"),
+    (("height = 8.0", "height = -8.0"), r"height = -8 m"),
+    (("spacing = [1.0, 1.0]", "spacing = [0.6, 1.0]"), r"no whole multiple of the spacing along x"),
+    (("spacing = [0.5, 0.5]", "spacing = [2.0, 2.0]"), r"leaves gaps in cells of 1 m"),
+    (("[run]", "[run"), r"not valid TOML"),
+    (("t_end = 4.0", "t_end = 4.0\n[campaign.more]\na = 1"), r"valid TOML|unknown key 'more'"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "message"), BAD_SCENES, ids=[change[1].strip() or "missing" for change, _ in BAD_SCENES]
+)
+def test_bad_scenes_are_refused_before_anything_is_written(change, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        campaign.run(changed(*change), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_folder_of_another_scene_is_refused(done):
+    with pytest.raises(ValueError, match=r"belongs to another scene .*campaign.seed"):
+        campaign.run(changed("seed = 3", "seed = 4"), done[0])
+
+
+def test_errors_are_one_line_for_people(tmp_path, capsys):
+    scene = tmp_path / "bad.toml"
+    scene.write_text(changed("cov = 0.4", "cov = -1"))
+    assert main(["run", str(scene), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error: [strength] cov = -1")
+    assert said.count("\n") == 1
+    assert main(["report", str(tmp_path / "nothing")]) == 2
+    assert main(["run", str(tmp_path / "none.toml"), "--out", str(tmp_path / "out")]) == 2
+
+
+@pytest.mark.parametrize("name", ["paper", "paper_section", "demo"])
+def test_scenes_that_come_along_are_sound(name):
+    config = parse((SCENES / f"{name}.toml").read_text())
+    expansion = screening.expansion_of(config)
+    assert expansion.variance_mean > 0.998
+    first = screening.coefficients_of(config, expansion)
+    assert first.shape == (config.plan.samples, expansion.modes)
+    assert np.array_equal(first, screening.coefficients_of(config, expansion))
+
+
+def test_paper_scene_holds_the_published_numbers():
+    config = parse((SCENES / "paper.toml").read_text())
+    published = json.loads((Path(__file__).parent / "reference" / "paper.json").read_text())
+    slope, soil, run = published["slope"], published["soil"], published["run"]
+    assert (config.slope.crest, config.slope.height, config.slope.run_per_rise) == (30.0, 12.0, 2.0)
+    assert config.slope.toe == slope["toe_m"]
+    assert config.slope.foundation == slope["foundation_m"]
+    assert config.slope.width == slope["length_y_m"]
+    assert config.soil.young == soil["E_Pa"]
+    assert config.soil.poisson == soil["nu"]
+    assert config.soil.unit_weight == soil["unit_weight_N_m3"]
+    assert config.soil.softening_modulus == soil["softening_modulus_Pa"]
+    assert config.strength.mean == soil["Su_mean_Pa"]
+    assert config.strength.cov == soil["Su_cov"]
+    assert config.strength.length == (soil["lx_m"], soil["ly_m"], soil["lz_m"])
+    assert config.run.t_end == run["t_end_s"]
+    for grid in ("rough", "refined"):
+        assert config.grids[grid].cell == slope[grid]["cell_m"]
+        assert list(config.grids[grid].spacing) == slope[grid]["spacing_xyz_m"]
+
+
+def test_lanes_do_not_change_a_sample():
+    config = parse(TINY)
+    expansion = screening.expansion_of(config)
+    model = screening.build(config, "rough", expansion)
+    coefficients = screening.coefficients_of(config, expansion)
+    rows = [
+        {s.number: dict(s.row) for s in screening.run_samples(model, coefficients, range(4), width=width)}
+        for width in (1, 3)
+    ]
+    assert rows[0] == rows[1]
+    assert jax.tree.structure(rows[0]) == jax.tree.structure(rows[1])
