@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: .venv demo test test-slow bench lint clean
+.PHONY: .venv demo figures test test-slow bench lint clean
 
 .venv: .venv/installed
 
@@ -14,6 +14,10 @@ BIN := .venv/bin
 demo: .venv
 	$(BIN)/python -m cooperative run benchmarks/scenes/demo.toml --out out/demo
 	$(BIN)/python -m cooperative report out/demo
+
+# The README's figures are those of the demo.
+figures: demo
+	cp out/demo/figures/field.png out/demo/figures/slope.png out/demo/figures/ranked.png benchmarks/figures/
 
 lint: .venv
 	$(BIN)/ruff check .

@@ -31,12 +31,14 @@ def particles(config: Config, grid: str) -> int:
     return scene.particles.mass.size
 
 
-def section_row(config: Config, grid: str, measure: PlasticStrain) -> dict[str, Any]:
-    """Factor of safety of the section without random field, and what the first failing slide does."""
+def row(config: Config, grid: str, measure: PlasticStrain, resolution: float = 0.01) -> dict[str, Any]:
+    """Factor of safety of a scene without random field, and what the first failing slide does."""
     numerics = config.grids[grid]
     start = time.perf_counter()
-    scene, state = slope(config.slope, replace(config.soil, plastic_strain=measure), numerics)
-    found = factor_of_safety(scene, state, bracket=(1.0, 1.5), criterion=config.run.failure_displacement)
+    soil = replace(config.soil, plastic_strain=measure)
+    scene, state = slope(config.slope, soil, numerics, y_ends=config.y_ends)
+    limit = config.run.failure_displacement
+    found = factor_of_safety(scene, state, bracket=(1.0, 1.6), criterion=limit, resolution=resolution, batch=4)
     slide = solve(reduced(scene, found.fails), state, t_end=config.run.t_end, settle=Settle()).raise_if_failed()
     position, shape = np.asarray(scene.particles.position), config.slope
     done = consequences(
@@ -48,6 +50,7 @@ def section_row(config: Config, grid: str, measure: PlasticStrain) -> dict[str, 
     )
     return {
         "grid": grid,
+        "y_ends": "plane strain" if shape.width is None else config.y_ends,
         "cell_m": numerics.cell,
         "plastic_strain": measure.value,
         "stable_R": found.stable,
@@ -60,17 +63,18 @@ def section_row(config: Config, grid: str, measure: PlasticStrain) -> dict[str, 
 
 
 def run(quick: bool) -> Report:
-    """Counts of paper.toml; both grids and both measures of plastic strain of paper_section.toml."""
+    """Counts of paper.toml; both grids and both measures of plastic strain of paper_section.toml; fixed y ends."""
     section = scene_config("paper_section")
     measures = [PlasticStrain.ENGINEERING] if quick else list(PlasticStrain)
     grids = ["rough"] if quick else ["rough", "refined"]
-    rows = [section_row(section, grid, measure) for measure in measures for grid in grids]
-    by_grid = {row["grid"]: row for row in rows if row["plastic_strain"] == section.soil.plastic_strain.value}
+    rows = [row(section, grid, measure) for measure in measures for grid in grids]
+    by_grid = {r["grid"]: r for r in rows if r["plastic_strain"] == section.soil.plastic_strain.value}
     values: dict[str, Any] = {"particles_rough": particles(scene_config("paper"), "rough")}
     if not quick:
         values["particles_refined"] = particles(scene_config("paper"), "refined")
-    for grid, row in by_grid.items():
-        values[f"fos_{grid}"] = row["fails_R"]
+    for grid, found in by_grid.items():
+        values[f"fos_{grid}"] = found["fails_R"]
     if not quick:
+        rows.append(row(scene_config("paper"), "rough", section.soil.plastic_strain, resolution=0.02))
         values["runout_refined_m"] = by_grid["refined"]["runout_m"]
     return Report(values, rows)
