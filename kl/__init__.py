@@ -1,0 +1,82 @@
+"""Random fields of soil properties by Kronecker-factored Karhunen-Loeve expansion."""
+
+from kl.covariance import (
+    CosineExponential,
+    Exponential,
+    Infinite,
+    Matern32,
+    Matern52,
+    Periodic,
+    SecondOrderMarkov,
+    SquaredExponential,
+    Triangular,
+    from_scale_of_fluctuation,
+    scale_of_fluctuation,
+)
+from kl.expansion import Expansion, expand, field_at, field_on_lattice, with_covariance
+from kl.fredholm import ClosedForm, Haar, Legendre, Nystrom, haar_transform
+from kl.marginals import (
+    Beta,
+    Empirical,
+    Gamma,
+    Gumbel,
+    Lognormal,
+    Normal,
+    TruncatedNormal,
+    Uniform,
+    Weibull,
+)
+from kl.rotation import Bedding, rotate
+from kl.sampling import latin_hypercube, monte_carlo, sobol
+from kl.truncation import (
+    CapturedVariance,
+    captured_variance,
+    rescaled,
+    variance_at,
+    variance_on_lattice,
+    with_residual,
+)
+
+__all__ = [
+    "Bedding",
+    "Beta",
+    "CapturedVariance",
+    "ClosedForm",
+    "CosineExponential",
+    "Empirical",
+    "Expansion",
+    "Exponential",
+    "Gamma",
+    "Gumbel",
+    "Haar",
+    "Infinite",
+    "Legendre",
+    "Lognormal",
+    "Matern32",
+    "Matern52",
+    "Normal",
+    "Nystrom",
+    "Periodic",
+    "SecondOrderMarkov",
+    "SquaredExponential",
+    "Triangular",
+    "TruncatedNormal",
+    "Uniform",
+    "Weibull",
+    "captured_variance",
+    "expand",
+    "field_at",
+    "field_on_lattice",
+    "from_scale_of_fluctuation",
+    "haar_transform",
+    "latin_hypercube",
+    "monte_carlo",
+    "rescaled",
+    "rotate",
+    "scale_of_fluctuation",
+    "sobol",
+    "variance_at",
+    "variance_on_lattice",
+    "with_covariance",
+    "with_residual",
+]

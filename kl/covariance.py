@@ -1,0 +1,219 @@
+"""Correlation functions of lag along one axis, and what they are over a product of axes.
+
+Each is a frozen dataclass whose `length` may be differentiated; called with a lag it gives the
+correlation, and `spectral_density` gives its Fourier transform S(w) = integral of c(t) exp(-i w t) dt.
+The lengths of the families are not comparable: engineers state the scale of fluctuation
+theta = S(0) = 2 * integral of c over positive lags, and `theta = fluctuation * length` (class attribute
+`fluctuation`) converts. Formulae and scales: Vanmarcke (2010), Random Fields, World Scientific,
+Table 5.1; Cami, Javankhoshdel, Phoon and Ching (2020), doi:10.1061/AJRUA6.0001083, Table 1; the Matern
+family: Rasmussen and Williams (2006), Gaussian Processes for Machine Learning, Section 4.2.1.
+
+Lags are in metres, arrays of NumPy (host, always float64) or JAX of any shape.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Protocol, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+_IMAGES = 2000
+
+
+class Covariance(Protocol):
+    """What an axis needs: the correlation at a lag and its spectral density."""
+
+    def __call__(self, lag: Any) -> Any: ...
+
+    def spectral_density(self, wavenumber: Any) -> Any: ...
+
+
+def _namespace(array: Any) -> Any:
+    return jnp if isinstance(array, jax.Array) else np
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class SquaredExponential:
+    """c(t) = exp(-(t/l)^2); theta = sqrt(pi) l. Note: no factor 2 under the square."""
+
+    length: Any
+    fluctuation: ClassVar[float] = math.sqrt(math.pi)
+
+    def __call__(self, lag: Any) -> Any:
+        ratio = lag / self.length
+        return _namespace(ratio).exp(-(ratio**2))
+
+    def spectral_density(self, wavenumber: Any) -> Any:
+        phase = wavenumber * self.length
+        return math.sqrt(math.pi) * self.length * _namespace(phase).exp(-(phase**2) / 4)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Exponential:
+    """c(t) = exp(-|t|/l), first-order Markov; theta = 2 l."""
+
+    length: Any
+    fluctuation: ClassVar[float] = 2.0
+
+    def __call__(self, lag: Any) -> Any:
+        ratio = abs(lag) / self.length
+        return _namespace(ratio).exp(-ratio)
+
+    def spectral_density(self, wavenumber: Any) -> Any:
+        return 2 * self.length / (1 + (wavenumber * self.length) ** 2)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Matern32:
+    """c(t) = (1 + s) exp(-s) with s = sqrt(3) |t|/l, smoothness 3/2; theta = 4 l / sqrt(3)."""
+
+    length: Any
+    fluctuation: ClassVar[float] = 4 / math.sqrt(3)
+
+    def __call__(self, lag: Any) -> Any:
+        return SecondOrderMarkov(self.length / math.sqrt(3))(lag)
+
+    def spectral_density(self, wavenumber: Any) -> Any:
+        return SecondOrderMarkov(self.length / math.sqrt(3)).spectral_density(wavenumber)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Matern52:
+    """c(t) = (1 + s + s^2/3) exp(-s) with s = sqrt(5) |t|/l, smoothness 5/2; theta = 16 l / (3 sqrt(5))."""
+
+    length: Any
+    fluctuation: ClassVar[float] = 16 / (3 * math.sqrt(5))
+
+    def __call__(self, lag: Any) -> Any:
+        ratio = math.sqrt(5) * abs(lag) / self.length
+        return (1 + ratio + ratio**2 / 3) * _namespace(ratio).exp(-ratio)
+
+    def spectral_density(self, wavenumber: Any) -> Any:
+        scale = self.length / math.sqrt(5)
+        return 16 / 3 * scale / (1 + (wavenumber * scale) ** 2) ** 3
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class SecondOrderMarkov:
+    """c(t) = (1 + |t|/l) exp(-|t|/l); theta = 4 l. Matern 3/2 in Vanmarcke's length."""
+
+    length: Any
+    fluctuation: ClassVar[float] = 4.0
+
+    def __call__(self, lag: Any) -> Any:
+        ratio = abs(lag) / self.length
+        return (1 + ratio) * _namespace(ratio).exp(-ratio)
+
+    def spectral_density(self, wavenumber: Any) -> Any:
+        return 4 * self.length / (1 + (wavenumber * self.length) ** 2) ** 2
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class CosineExponential:
+    """c(t) = exp(-|t|/l) cos(t/l), with negative correlation at half a bed's thickness; theta = l."""
+
+    length: Any
+    fluctuation: ClassVar[float] = 1.0
+
+    def __call__(self, lag: Any) -> Any:
+        ratio = abs(lag) / self.length
+        return _namespace(ratio).exp(-ratio) * _namespace(ratio).cos(ratio)
+
+    def spectral_density(self, wavenumber: Any) -> Any:
+        phase = wavenumber * self.length
+        return self.length / (1 + (phase - 1) ** 2) + self.length / (1 + (phase + 1) ** 2)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Triangular:
+    """c(t) = max(0, 1 - |t|/l); theta = l."""
+
+    length: Any
+    fluctuation: ClassVar[float] = 1.0
+
+    def __call__(self, lag: Any) -> Any:
+        ratio = abs(lag) / self.length
+        return _namespace(ratio).maximum(1 - ratio, 0)
+
+    def spectral_density(self, wavenumber: Any) -> Any:
+        phase = wavenumber * self.length / 2
+        return self.length * _namespace(phase).sinc(phase / math.pi) ** 2
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Infinite:
+    """c(t) = 1: the field does not vary along this axis (plane strain)."""
+
+    def __call__(self, lag: Any) -> Any:
+        return _namespace(lag).ones_like(lag)
+
+    def spectral_density(self, wavenumber: Any) -> Any:
+        """Not a function (a point mass at 0)."""
+        raise ValueError("Infinite has no spectral density: it has one mode along its axis, the constant")
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Periodic:
+    """c(t) = sum over k of b(t + kP) / sum over k of b(kP), for a family b and a period P in metres.
+
+    Wrapping keeps it positive definite: its Fourier coefficients are samples of b's spectral density.
+    Raises ValueError in `expand` where P is not the extent of the axis or b's length exceeds 20 P.
+    """
+
+    base: Any
+    period: float = field(metadata={"static": True})
+
+    def _images(self, lag: Any) -> Any:
+        shifts = np.arange(-_IMAGES, _IMAGES + 1) * self.period
+        return self.base(lag[..., None] + shifts).sum(-1)
+
+    def __call__(self, lag: Any) -> Any:
+        return self._images(lag) / self.variance()
+
+    def variance(self) -> Any:
+        """Sum of the images at lag 0, by which the wrapped sum is divided."""
+        namespace = _namespace(jax.tree.leaves(self.base)[0])
+        return self._images(namespace.zeros(()))
+
+    def spectral_density(self, wavenumber: Any) -> Any:
+        """At multiples of 2 pi / P only: the Fourier integral over one period."""
+        return self.base.spectral_density(wavenumber) / self.variance()
+
+
+_Family = TypeVar("_Family")
+
+
+def from_scale_of_fluctuation(family: type[_Family], scale: Any) -> _Family:
+    """The covariance of `family` whose scale of fluctuation is `scale` (m)."""
+    return family(scale / family.fluctuation)  # type: ignore[call-arg, attr-defined]
+
+
+def scale_of_fluctuation(covariance: Any) -> Any:
+    """2 * integral of the correlation over positive lags (m)."""
+    return covariance.fluctuation * covariance.length
+
+
+def on_host(covariance: Any) -> Any:
+    """The same covariance with its lengths as Python floats, to evaluate in NumPy at float64."""
+    return jax.tree.map(float, covariance)
+
+
+def correlation(covariance: tuple[Covariance, ...], lag: Any) -> Any:
+    """Product of the axes' correlations at `lag` (d, ...), in metres."""
+    product = covariance[0](lag[0])
+    for axis_covariance, axis_lag in zip(covariance[1:], lag[1:], strict=True):
+        product = product * axis_covariance(axis_lag)
+    return product

@@ -1,0 +1,106 @@
+"""Eigenpairs of one axis in the three forms that the solvers produce, and their evaluation anywhere.
+
+`fractions` (n,) are the eigenvalues divided by the extent of the axis, so that they sum to at most 1.
+Functions have mean square 1 over the axis; `scaled_functions` multiplies them by the root of their
+fraction, so that the captured variance at a point is the sum of squares. A form is a pytree: fractions
+and coefficients may be differentiated and vmapped; the axis' origin and extent (m) are static.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+# Rounding of a coordinate in float32 may put a point on the boundary just outside it.
+_SLACK = 1e-5
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class LegendreModes:
+    """f_m(x) = sum over k of coefficients[m, k] p_k(t), t in [-1, 1] along the axis, p_k of mean square 1."""
+
+    fractions: Any
+    coefficients: Any
+    origin: float = field(metadata={"static": True})
+    extent: float = field(metadata={"static": True})
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class CellModes:
+    """f_m(x) = levels[m, cell of x]: piecewise constant on equal cells."""
+
+    fractions: Any
+    levels: Any
+    origin: float = field(metadata={"static": True})
+    extent: float = field(metadata={"static": True})
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class SineModes:
+    """f_m(x) = amplitudes[m] cos(wavenumbers[m] (x - middle of the axis) - phases[m]); wavenumbers in 1/m."""
+
+    fractions: Any
+    wavenumbers: Any
+    phases: Any
+    amplitudes: Any
+    origin: float = field(metadata={"static": True})
+    extent: float = field(metadata={"static": True})
+
+
+AxisModes = LegendreModes | CellModes | SineModes
+
+
+def legendre(order: int, t: Any) -> Any:
+    """Legendre polynomials of degree 0 to order - 1 at `t` (N,), scaled to mean square 1: (order, N)."""
+    if order == 1:
+        return jnp.ones_like(t)[None]
+
+    def following(pair: Any, degree: Any) -> Any:
+        before, last = pair
+        return (last, ((2 * degree + 1) * t * last - degree * before) / (degree + 1)), last
+
+    degrees = jnp.arange(1, order, dtype=t.dtype)
+    _, rows = jax.lax.scan(following, (jnp.ones_like(t), t), degrees)
+    roots = jnp.asarray(np.sqrt(2 * np.arange(order) + 1), t.dtype)
+    return jnp.concatenate([jnp.ones_like(t)[None], rows]) * roots[:, None]
+
+
+def along_axis(modes: AxisModes, x: Any) -> Any:
+    """Position of `x` (N,) on the axis as t in [-1, 1]; NaN outside, where no form is valid."""
+    t = 2 * (x - modes.origin) / modes.extent - 1
+    return jnp.where(jnp.abs(t) <= 1 + _SLACK, t, jnp.nan)
+
+
+def functions(modes: AxisModes, x: Any) -> Any:
+    """Eigenfunctions of mean square 1 at `x` (N,), in metres: (n, N). NaN outside the axis."""
+    t = along_axis(modes, x)
+    match modes:
+        case LegendreModes():
+            return modes.coefficients @ legendre(modes.coefficients.shape[1], t)
+        case CellModes():
+            cells = modes.levels.shape[1]
+            cell = jnp.clip(jnp.floor((t + 1) * (cells / 2)), 0, cells - 1)
+            inside = jnp.isfinite(t)
+            return jnp.where(inside, modes.levels[:, jnp.where(inside, cell, 0).astype(int)], jnp.nan)
+        case SineModes():
+            angle = modes.wavenumbers[:, None] * (t * (modes.extent / 2)) - modes.phases[:, None]
+            return modes.amplitudes[:, None] * jnp.cos(angle)
+
+
+def scaled_functions(modes: AxisModes, x: Any) -> Any:
+    """Eigenfunctions times the root of their fraction of the variance at `x` (N,): (n, N)."""
+    positive = modes.fractions > 0
+    root = jnp.where(positive, jnp.sqrt(jnp.where(positive, modes.fractions, 1)), 0)
+    return root[:, None] * functions(modes, x)
+
+
+def leading(modes: AxisModes, count: int) -> AxisModes:
+    """The first `count` modes."""
+    return jax.tree.map(lambda leaf: leaf[:count], modes)

@@ -1,0 +1,214 @@
+"""Quantile functions in terms of a standard Gaussian score g, stable in both tails in float32.
+
+Gamma and beta have no closed inverse. Their density, in the logarithm or logit of the variable, is integrated panel
+by panel from both ends, which gives scores at equal steps of the variable with full relative accuracy in either tail;
+that table is turned round to equal steps of the score and interpolated by cubics with exact slopes. All of it is
+differentiable in the parameters, and a field of any size costs one look-up a point.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.special import betaln, digamma, gammaln, log_ndtr, ndtr, ndtri, polygamma
+from jax.scipy.stats import norm
+
+from kl.checks import require
+
+# Scores of the tables; Phi(-9) = 1e-19. Beyond, the quantile goes on along its tangent.
+_REACH = 9.0
+_LOG_REACH = -43.6 - 4.0
+_PANELS = 1024
+_SCORES = 513
+_HALVINGS = 50
+
+
+def log_normal_cdf(gaussian: Any) -> Any:
+    """log Phi(g), to full relative accuracy where Phi is near 1 too."""
+    below, above = jnp.minimum(gaussian, 0), jnp.maximum(gaussian, 0)
+    return jnp.where(gaussian > 0, jnp.log1p(-ndtr(-above)), log_ndtr(below))
+
+
+def normal_mass(low: Any, high: Any) -> Any:
+    """Phi(high) - Phi(low), subtracted in whichever tail keeps its digits."""
+    return jnp.where(low > 0, ndtr(-low) - ndtr(-high), ndtr(high) - ndtr(low))
+
+
+def from_both_tails(below: Any, above: Any) -> Any:
+    """Score of a value from its probabilities below and above."""
+    lower = below < above
+    return jnp.where(lower, ndtri(jnp.where(lower, below, 0.5)), -ndtri(jnp.where(lower, 0.5, above)))
+
+
+def log_gamma_quantile(shape: Any, gaussian: Any) -> Any:
+    """Logarithm of (quantile of a gamma variable of scale 1 over its shape) at the scores `gaussian`.
+
+    `shape` is a number above 0; any shape of `gaussian`.
+    """
+    require(jnp.ndim(shape) == 0, "shape of a gamma as an array: give numbers for cov, power and lower")
+    shape = jnp.asarray(shape)
+    low = (_LOG_REACH + gammaln(shape + 1)) / shape - jnp.log(shape)
+    # Chernoff's bound: a gamma variable exceeds a + sqrt(2 a t) + t with probability below exp(-t).
+    high = jnp.log1p(jnp.sqrt(-2 * _LOG_REACH / shape) - _LOG_REACH / shape)
+    return _quantile(lambda w: shape * (w - jnp.expm1(w)), low, high, gaussian)
+
+
+def logit_beta_quantile(first: Any, second: Any, gaussian: Any) -> Any:
+    """Logit of the quantile of a beta variable on (0, 1) with shapes `first`, `second` (numbers above 0)."""
+    require(jnp.ndim(first) == 0 and jnp.ndim(second) == 0, "moments of a beta as arrays: give numbers")
+    first, second = jnp.asarray(first), jnp.asarray(second)
+    norm_constant = betaln(first, second)
+    low = (_LOG_REACH + jnp.log(first) + norm_constant) / first
+    high = -(_LOG_REACH + jnp.log(second) + norm_constant) / second
+    log_sigmoid = jax.nn.log_sigmoid
+    return _quantile(lambda u: first * log_sigmoid(u) + second * log_sigmoid(-u), low, high, gaussian)
+
+
+def _quantile(log_density: Callable[[Any], Any], low: Any, high: Any, gaussian: Any) -> Any:
+    """Variable at the scores `gaussian`, from its unnormalised log density, which falls off on both sides."""
+    gaussian = jnp.asarray(gaussian)
+    low, high = jax.lax.stop_gradient((low, high))
+    dtype = jnp.result_type(low, float)
+    width = (high - low) / _PANELS
+    edges = low + width * jnp.arange(_PANELS + 1, dtype=dtype)
+    points, weights = np.polynomial.legendre.leggauss(4)
+    inner = edges[:-1, None] + width * jnp.asarray((points + 1) / 2, dtype)
+    top = jax.lax.stop_gradient(log_density(inner).max())
+    panels = jnp.exp(log_density(inner) - top) @ jnp.asarray(weights / 2, dtype) * width
+    at_edges = jnp.exp(log_density(edges) - top)
+    # Beyond the ends the density falls exponentially.
+    rate = jax.vmap(jax.grad(log_density))(edges[jnp.array([0, -1])])
+    tails = at_edges[jnp.array([0, -1])] / jnp.abs(rate)
+    below = jnp.concatenate([tails[:1], tails[0] + jnp.cumsum(panels)])
+    above = jnp.concatenate([tails[1] + jnp.cumsum(panels[::-1])[::-1], tails[1:]])
+    total = below[-1] + tails[1]
+    scores = from_both_tails(below / total, above / total)
+    slopes = jnp.exp(norm.logpdf(scores) + jnp.log(total) + top - log_density(edges))
+    even = jnp.linspace(-_REACH, _REACH, _SCORES, dtype=dtype)
+    panel = jnp.clip(jnp.searchsorted(scores, even) - 1, 0, _PANELS - 1)
+    values, value_slopes = _cubic(edges, slopes, scores, panel, even)
+    place = jnp.floor((gaussian + _REACH) * ((_SCORES - 1) / (2 * _REACH)))
+    place = jnp.clip(place, 0, _SCORES - 2).astype(int)
+    within = jnp.clip(gaussian, -_REACH, _REACH)
+    value, slope = _cubic(values, value_slopes, even, place, within.astype(dtype))
+    return value + slope * (gaussian - within)
+
+
+def _cubic(values: Any, slopes: Any, knots: Any, panel: Any, at: Any) -> tuple[Any, Any]:
+    """Hermite's cubic and its slope in the given panel of `knots`."""
+    step = knots[panel + 1] - knots[panel]
+    s = (at - knots[panel]) / step
+    left, right = values[panel], values[panel + 1]
+    left_slope, right_slope = slopes[panel] * step, slopes[panel + 1] * step
+    rise = right - left
+    bend, twist = 3 * rise - 2 * left_slope - right_slope, left_slope + right_slope - 2 * rise
+    return left + s * (left_slope + s * (bend + s * twist)), (left_slope + s * (2 * bend + 3 * s * twist)) / step
+
+
+def log_gamma_rise(shape: Any, step: Any) -> Any:
+    """log Gamma(shape + step) - log Gamma(shape), without their cancellation."""
+    points, weights = np.polynomial.legendre.leggauss(24)
+    shape, step = jnp.asarray(shape), jnp.asarray(step)
+    values = digamma(shape[..., None] + step[..., None] * (points + 1) / 2)
+    return step * (values @ jnp.asarray(weights / 2, values.dtype))
+
+
+def log_moment_ratio(shape: Any, power: Any) -> Any:
+    """log of E[x^2] / E[x]^2 of x = G^(1/power), G gamma of `shape`: log(1 + cov^2), without cancellation.
+
+    The second difference of log Gamma is the integral of its second derivative against a hat.
+    """
+    step = 1 / jnp.asarray(power)
+    points, weights = np.polynomial.legendre.leggauss(24)
+    ramp = (points + 1) / 2
+    shape, step = jnp.broadcast_arrays(jnp.asarray(shape), step)
+    rising = polygamma(1, shape[..., None] + step[..., None] * ramp)
+    falling = polygamma(1, shape[..., None] + step[..., None] * (2 - ramp))
+    return step**2 * ((rising + falling) @ jnp.asarray(ramp * weights / 2, rising.dtype))
+
+
+def gamma_shape(cov: Any, power: Any) -> Any:
+    """Shape of the generalised gamma of exponent `power` with coefficient of variation `cov`."""
+    return _falling_root(lambda shape: log_moment_ratio(shape, power), jnp.log1p(jnp.square(cov)))
+
+
+def weibull_power(cov: Any, shape: Any) -> Any:
+    """Exponent of the generalised gamma of `shape` with coefficient of variation `cov`."""
+    return _falling_root(lambda power: log_moment_ratio(shape, power), jnp.log1p(jnp.square(cov)))
+
+
+def _falling_root(function: Callable[[Any], Any], target: Any) -> Any:
+    """x in (1e-2, 1e8) with function(x) = target, function falling; differentiable by one last Newton step."""
+
+    def halve(_: Any, bracket: Any) -> Any:
+        low, high = bracket
+        middle = (low + high) / 2
+        above = function(jnp.exp(middle)) > target
+        return jnp.where(above, middle, low), jnp.where(above, high, middle)
+
+    target = jnp.asarray(target)
+    bracket = (jnp.full_like(target, math.log(1e-2)), jnp.full_like(target, math.log(1e8)))
+    low, high = jax.lax.stop_gradient(jax.lax.fori_loop(0, _HALVINGS, halve, bracket))
+    root = jax.lax.stop_gradient((low + high) / 2)
+    slope = jax.lax.stop_gradient(jax.grad(lambda w: function(jnp.exp(w)).sum())(root))
+    return jnp.exp(root - (function(jnp.exp(root)) - target) / slope)
+
+
+def cov_above(mean: Any, cov: Any, lower: Any) -> Any:
+    """Coefficient of variation of x - lower, checked."""
+    require(jnp.isfinite(mean) & (jnp.asarray(mean) > lower), f"mean = {mean} must be above the lower bound {lower}")
+    require(
+        jnp.isfinite(cov) & (jnp.asarray(cov) > 0),
+        f"cov = {cov} must be above 0 for this family: use Normal or Lognormal for a constant",
+    )
+    return cov * abs(mean) / (mean - lower)
+
+
+def truncated_parent(mean: Any, deviation: Any, lower: Any, upper: Any) -> tuple[Any, Any, Any, Any]:
+    """Centre and scale of the Gaussian that has this mean and deviation once cut to [lower, upper].
+
+    Also the bounds as scores of that Gaussian; an absent one (None) lies 40 deviations out. ValueError where no
+    such Gaussian is found: the deviation is too large for the bounds.
+    """
+
+    def scores(centre: Any, scale: Any) -> tuple[Any, Any]:
+        low = jnp.full_like(centre, -40.0) if lower is None else (lower - centre) / scale
+        high = jnp.full_like(centre, 40.0) if upper is None else (upper - centre) / scale
+        return low, high
+
+    def residual(unknown: Any, mean: Any, deviation: Any) -> Any:
+        shift, log_scale = unknown
+        scale = deviation * jnp.exp(log_scale)
+        centre = mean + shift * deviation
+        low, high = scores(centre, scale)
+        mass = normal_mass(low, high)
+        low_pull, high_pull = norm.pdf(low) / mass, norm.pdf(high) / mass
+        pull = low_pull - high_pull
+        variance = 1 + low * low_pull - high * high_pull - pull**2
+        return jnp.stack([(centre + scale * pull - mean) / deviation, jnp.log(variance) / 2 + log_scale])
+
+    slopes = jax.jacfwd(residual)
+
+    def step(_: Any, unknown: Any) -> Any:
+        change = jnp.linalg.solve(slopes(unknown, mean, deviation), residual(unknown, mean, deviation))
+        return unknown - change / jnp.maximum(1, jnp.abs(change).max() / 0.5)
+
+    mean, deviation = jnp.asarray(mean, float), jnp.asarray(deviation, float)
+    require(
+        mean.ndim == 0 and deviation.ndim == 0, "moments of a truncated normal as arrays: give numbers for mean and cov"
+    )
+    unknown = jax.lax.stop_gradient(jax.lax.fori_loop(0, 60, step, jnp.zeros(2, mean.dtype)))
+    require(
+        jnp.abs(residual(unknown, mean, deviation)).max() < 1e-3,
+        f"deviation = {deviation} about mean = {mean} cannot be had within the bounds {lower} and {upper}: "
+        "lower the cov or widen the bounds",
+    )
+    jacobian = jax.lax.stop_gradient(slopes(unknown, mean, deviation))
+    shift, log_scale = unknown - jnp.linalg.solve(jacobian, residual(unknown, mean, deviation))
+    centre, scale = mean + shift * deviation, deviation * jnp.exp(log_scale)
+    return centre, scale, *scores(centre, scale)

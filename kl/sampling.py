@@ -1,0 +1,78 @@
+"""Coefficients of realisations: standard normal, (n_samples, n_modes), one row for each sample.
+
+A row depends on the key, the number of its sample and the design's size, never on the batch it is drawn in:
+`rows` picks samples by number and gives the same rows as the whole design.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.special import ndtri
+from scipy.stats import qmc
+
+from kl.checks import require
+from kl.quantiles import from_both_tails
+
+_SOBOL_BITS = 53
+
+
+def _numbers(n_samples: int, n_modes: int, rows: Any) -> Any:
+    require(n_samples >= 1, f"n_samples = {n_samples} must be 1 or more")
+    require(n_modes >= 1, f"n_modes = {n_modes} must be 1 or more")
+    if rows is None:
+        return np.arange(n_samples)
+    numbers = np.asarray(rows)
+    require((numbers >= 0) & (numbers < n_samples), f"rows reach outside 0 to {n_samples - 1}: give numbers of samples")
+    return numbers
+
+
+def monte_carlo(key: Any, n_samples: int, n_modes: int, *, rows: Any = None) -> Any:
+    """Independent normals: (n_samples, n_modes), or (len(rows), n_modes). `key` is a typed key."""
+    return _normal_rows(key, jnp.asarray(_numbers(n_samples, n_modes, rows)), n_modes)
+
+
+@partial(jax.jit, static_argnames="n_modes")
+def _normal_rows(key: Any, numbers: Any, n_modes: int) -> Any:
+    return jax.vmap(lambda number: jax.random.normal(jax.random.fold_in(key, number), (n_modes,)))(numbers)
+
+
+def latin_hypercube(key: Any, n_samples: int, n_modes: int, *, rows: Any = None) -> Any:
+    """Latin hypercube: in every mode one sample in each of n_samples equiprobable strata, at random within it.
+
+    McKay, Beckman and Conover (1979), doi:10.1080/00401706.1979.10489755. Each mode has its own stream, so a
+    design with more modes begins with the columns of one with fewer. Shape as in `monte_carlo`.
+    """
+    return _stratified_rows(key, jnp.asarray(_numbers(n_samples, n_modes, rows)), n_samples, n_modes)
+
+
+@partial(jax.jit, static_argnames=("n_samples", "n_modes"))
+def _stratified_rows(key: Any, numbers: Any, n_samples: int, n_modes: int) -> Any:
+    def column(mode: Any) -> Any:
+        order_key, place_key = jax.random.split(jax.random.fold_in(key, mode))
+        stratum = jax.random.permutation(order_key, n_samples)[numbers]
+        place = jax.random.uniform(place_key, (n_samples,), minval=1e-6, maxval=1 - 1e-6)[numbers]
+        below = (stratum + place) / n_samples
+        above = ((n_samples - 1 - stratum) + (1 - place)) / n_samples
+        return from_both_tails(below, above)
+
+    return jax.lax.map(column, jnp.arange(n_modes)).T
+
+
+def sobol(key: Any, n_samples: int, n_modes: int, *, rows: Any = None) -> Any:
+    """Scrambled Sobol points (Owen 1998, doi:10.1006/jcom.1998.0487; directions of Joe and Kuo 2008).
+
+    Best at n_samples a power of 2; at most 21,201 modes, the most important first. Shape as in `monte_carlo`.
+    """
+    numbers = _numbers(n_samples, n_modes, rows)
+    require(n_modes <= qmc.Sobol.MAXDIM, f"n_modes = {n_modes} exceeds Sobol's {qmc.Sobol.MAXDIM}: use latin_hypercube")
+    seed = np.asarray(jax.random.key_data(key)).ravel()
+    engine = qmc.Sobol(n_modes, scramble=True, bits=_SOBOL_BITS, rng=np.random.default_rng(seed))
+    # Padding to a power of 2 keeps the sequence: its first n points are the same.
+    points = engine.random_base2(max(0, int(n_samples - 1).bit_length()))[numbers]
+    centred = points + 0.5 ** (_SOBOL_BITS + 1)
+    return jnp.asarray(ndtri(centred), jnp.result_type(float))
