@@ -8,7 +8,7 @@ from jaxmpm.reduction import FactorOfSafety, factor_of_safety, reduced
 from jaxmpm.scenes import Discretisation, Slope, bar, block, column, slope, with_strength
 from jaxmpm.soil import PlasticStrain, Soil
 from jaxmpm.step import step
-from jaxmpm.types import GIMP, Grid, Linear, Material, Particles, Scene, Scheme, State, Status, Wall
+from jaxmpm.types import GIMP, Engine, Grid, Linear, Material, Particles, Scene, Scheme, State, Status, Wall
 
 __all__ = [
     "GIMP",
@@ -16,6 +16,7 @@ __all__ = [
     "Chunk",
     "Discretisation",
     "Elastic",
+    "Engine",
     "FactorOfSafety",
     "Grid",
     "Linear",

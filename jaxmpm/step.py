@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import jax.numpy as jnp
 from jax import Array
@@ -25,18 +26,20 @@ def step(scene: Scene, state: State, dt: Array) -> State:
     grid, kernel, d = scene.grid, scene.kernel, scene.grid.dimension
     m = scene.particles.mass
     x = scene.particles.position + state.displacement
+    to_grid = partial(p2g, grid, kernel, x, engine=scene.engine)
+    to_particles = partial(g2p, grid, kernel, x, engine=scene.engine)
 
     # Particles to grid: mass, momentum and internal force.
     momentum_p = jnp.concatenate([m[None], m * state.velocity])
     if scene.scheme is Scheme.USF:
-        nodal = p2g(grid, kernel, x, momentum_p, None)
+        nodal = to_grid(momentum_p, None)
         mass = nodal[:, :1]
         velocity = nodal_velocity(scene, mass, nodal[:, 1:])
-        _, gradient = g2p(grid, kernel, x, velocity, values=0, gradients=d)
+        _, gradient = to_particles(velocity, values=0, gradients=d)
         state = update_stress(scene, state, gradient, dt)
-        force = p2g(grid, kernel, x, None, acting_stress(scene, state))
+        force = to_grid(None, acting_stress(scene, state))
     else:
-        nodal = p2g(grid, kernel, x, momentum_p, acting_stress(scene, state))
+        nodal = to_grid(momentum_p, acting_stress(scene, state))
         mass, force = nodal[:, :1], nodal[:, 1 + d :]
         velocity = nodal_velocity(scene, mass, nodal[:, 1 : 1 + d])
 
@@ -46,7 +49,7 @@ def step(scene: Scene, state: State, dt: Array) -> State:
 
     # Grid to particles: move them.
     fields = jnp.concatenate([velocity, acceleration], axis=1)
-    values, gradient = g2p(grid, kernel, x, fields, values=2 * d, gradients=d if scene.scheme is Scheme.USL else 0)
+    values, gradient = to_particles(fields, values=2 * d, gradients=d if scene.scheme is Scheme.USL else 0)
     flip_velocity = state.velocity + dt * values[d:]
     state = replace(
         state,
@@ -56,8 +59,8 @@ def step(scene: Scene, state: State, dt: Array) -> State:
 
     # Stress from the velocity field at the end of the step.
     if scene.scheme is Scheme.MUSL:
-        velocity = nodal_velocity(scene, mass, p2g(grid, kernel, x, m * state.velocity, None))
-        _, gradient = g2p(grid, kernel, x, velocity, values=0, gradients=d)
+        velocity = nodal_velocity(scene, mass, to_grid(m * state.velocity, None))
+        _, gradient = to_particles(velocity, values=0, gradients=d)
     if scene.scheme is not Scheme.USF:
         state = update_stress(scene, state, gradient, dt)
     return state

@@ -153,7 +153,8 @@ class Scene:
     """All that defines a run except the state it starts from.
 
     gravity: (d) m/s2. time_step: s. flip: share of FLIP in the particle velocity update, the rest is PIC;
-    None is pure FLIP. damping: mass-proportional damping (1/s); None is undamped.
+    None is pure FLIP. damping: mass-proportional damping (1/s); None is undamped. engine: of the transfers, None
+    takes the fastest there is.
     """
 
     grid: Grid
@@ -164,6 +165,7 @@ class Scene:
     kernel: Kernel = static()
     walls: tuple[Wall, ...] = static(default=())
     scheme: Scheme = static(default=Scheme.MUSL)
+    engine: Engine | None = static(default=None)
     flip: Array | None = None
     damping: Array | None = None
 
