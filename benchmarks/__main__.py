@@ -1,14 +1,16 @@
-"""`python -m benchmarks NAME [--json] [--quick]`: run one benchmark and print its figures."""
+"""`python -m benchmarks NAME [--json] [--quick]`: run one benchmark and print its figures; `all` writes RESULTS.md."""
 
 from __future__ import annotations
 
 import argparse
 import importlib
+import sys
 
-from benchmarks.measure import Report, as_json
+from benchmarks.measure import ROOT, Report, as_json
+from benchmarks.results import run_all
 
 # Each module has `run(quick: bool) -> Report`; the order is that of RESULTS.md.
-NAMES = ("slope", "fields", "estimators")
+NAMES = ("slope", "throughput", "screening", "leave_out", "fields", "estimators")
 
 
 def _table(report: Report) -> str:
@@ -18,16 +20,21 @@ def _table(report: Report) -> str:
     return "\n".join(lines)
 
 
-def main() -> None:
+def main() -> int:
     """Parse the command line, run the benchmark, print it for people or as one JSON object."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    parser.add_argument("name", choices=NAMES)
+    parser.add_argument("name", choices=(*NAMES, "all"))
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--quick", action="store_true", help="smaller and coarser, to see that it runs")
     arguments = parser.parse_args()
+    if arguments.name == "all":
+        failed = run_all(NAMES, ROOT / "out" / "bench")
+        print("\n".join(["benchmarks/RESULTS.md written", *(f"failed: {line}" for line in failed)]))
+        return 1 if failed else 0
     report: Report = importlib.import_module(f"benchmarks.{arguments.name}").run(quick=arguments.quick)
     print(as_json(arguments.name, report) if arguments.json else _table(report))
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

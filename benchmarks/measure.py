@@ -16,6 +16,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from cooperative.config import Config, parse
+
 ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -55,6 +57,11 @@ def timed(run: Callable[[], Any], repeats: int = 5) -> Timing:
         run()
         seconds.append(time.perf_counter() - start)
     return Timing(statistics.median(seconds), min(seconds), max(seconds), repeats)
+
+
+def scene_config(name: str) -> Config:
+    """A scene that stands in benchmarks/scenes."""
+    return parse((ROOT / "benchmarks" / "scenes" / f"{name}.toml").read_text())
 
 
 def peak_memory_mb() -> float:

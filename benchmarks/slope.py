@@ -12,17 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.measure import ROOT, Report
-from cooperative.config import Config, parse
+from benchmarks.measure import Report, scene_config
+from cooperative.config import Config
 from cooperative.consequences import SlopeGeometry, consequences
 from jaxmpm import PlasticStrain, Settle, factor_of_safety, reduced, slope, solve
 
 PUBLISHED = {"rough": {"stable": 1.25, "fails": 1.26}, "refined": {"stable": 1.14, "fails": 1.15, "runout_m": 14.17}}
-
-
-def scene_config(name: str) -> Config:
-    """A scene that stands in benchmarks/scenes."""
-    return parse((ROOT / "benchmarks" / "scenes" / f"{name}.toml").read_text())
 
 
 def particles(config: Config, grid: str) -> int:

@@ -57,7 +57,8 @@ class Run:
 class Plan:
     """What the campaign does: samples and their coefficients, the stopping rule k_t, lanes of the screening.
 
-    look_ahead: refined runs under way at once, in rank order; the answer does not depend on it.
+    lanes: samples in one program at a time; None takes 1 on CPU, where lanes gain nothing, and 64 elsewhere.
+    look_ahead: refined runs under way at once, in rank order; the answer depends on neither.
     screening_stop: displacement (m) at which a rough lane is decided and ends, None runs it to its end.
     fields: grids whose final displacement and plastic strain are kept.
     """
@@ -66,7 +67,7 @@ class Plan:
     seed: int
     coefficients: Any
     k_t: int
-    lanes: int
+    lanes: int | None
     look_ahead: int
     screening_stop: float | None
     fields: tuple[str, ...]
@@ -135,8 +136,8 @@ _PLAN = {
     "seed": _Key(int, 0),
     "coefficients": _Key(COEFFICIENTS, "latin hypercube"),
     "k_t": _Key(int),
-    "lanes": _Key(int, 2),
-    "look_ahead": _Key(int, 2),
+    "lanes": _Key(int, None),
+    "look_ahead": _Key(int, 1),
     "screening_stop": _Key(float, None),
     "fields": _Key(FIELDS, "refined"),
 }
@@ -266,7 +267,7 @@ def _check(config: Config) -> None:
     for name, value in (
         ("samples", plan.samples),
         ("k_t", plan.k_t),
-        ("lanes", plan.lanes),
+        ("lanes", 1 if plan.lanes is None else plan.lanes),
         ("look_ahead", plan.look_ahead),
     ):
         if value < 1:

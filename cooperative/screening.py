@@ -77,11 +77,16 @@ def run_samples(
     coefficients: np.ndarray,
     numbers: Iterable[int],
     *,
-    width: int,
+    width: int | None = None,
     stop_at: float | None = None,
     on_chunk: Callable[[Chunk], None] | None = None,
 ) -> Iterator[Sample]:
-    """Run the samples with these numbers and yield each as it ends. `seconds` share the wall time by steps."""
+    """Run the samples with these numbers and yield each as it ends, `seconds` after the one before.
+
+    width: lanes at a time; None takes 1 on CPU, where lanes run in turn, and 64 elsewhere.
+    """
+    if width is None:
+        width = 1 if jax.default_backend() == "cpu" else 64
     run, started = model.config.run, time.perf_counter()
     strengths = ((number, model.strength(jnp.asarray(coefficients[number]))) for number in numbers)
     for number, result in solve_each(

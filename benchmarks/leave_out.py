@@ -1,0 +1,132 @@
+"""What a scene does not need is not there: operations, bytes and time of a step with and without each feature.
+
+Operations and bytes are XLA's own count for the compiled step (with the XLA engine, whose transfers it can see); time
+is that of the fastest engine. The scene is the rough published slope, or its section.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from benchmarks.measure import Report, scene_config
+from jaxmpm import Elastic, Engine, Scene, Scheme, State, advance_lanes, slope, step
+
+Variant = Callable[[Scene, State], tuple[Scene, State]]
+
+
+def without_softening(scene: Scene, state: State) -> tuple[Scene, State]:
+    """Peak strength for ever: no history array."""
+    return replace(scene, material=replace(scene.material, softening=None)), replace(state, history=None)
+
+
+def without_yielding(scene: Scene, state: State) -> tuple[Scene, State]:
+    """Elastic: no return mapping, no history."""
+    material = Elastic(scene.material.bulk, scene.material.shear)
+    return replace(scene, material=material), replace(state, history=None)
+
+
+def without_cutoff(scene: Scene, state: State) -> tuple[Scene, State]:
+    """No limit to the mean stress."""
+    return replace(scene, material=replace(scene.material, tension_cutoff=None)), state
+
+
+def homogeneous(scene: Scene, state: State) -> tuple[Scene, State]:
+    """One strength for all particles: a scalar."""
+    return replace(scene, material=replace(scene.material, strength=scene.material.strength[0])), state
+
+
+def with_damping(scene: Scene, state: State) -> tuple[Scene, State]:
+    """Mass-proportional damping."""
+    return replace(scene, damping=jnp.asarray(0.1, state.stress.dtype)), state
+
+
+def with_pic(scene: Scene, state: State) -> tuple[Scene, State]:
+    """A blend of FLIP and PIC."""
+    return replace(scene, flip=jnp.asarray(0.95, state.stress.dtype)), state
+
+
+def single_mapping(scene: Scene, state: State) -> tuple[Scene, State]:
+    """USL: no second pass of transfers."""
+    return replace(scene, scheme=Scheme.USL), state
+
+
+def unchanged(scene: Scene, state: State) -> tuple[Scene, State]:
+    """The scene as it is."""
+    return scene, state
+
+
+# feature -> (with it, without it)
+FEATURES: dict[str, tuple[Variant, Variant]] = {
+    "softening": (unchanged, without_softening),
+    "yielding": (without_softening, without_yielding),
+    "tension cutoff": (unchanged, without_cutoff),
+    "strength per particle": (unchanged, homogeneous),
+    "second mapping (MUSL)": (unchanged, single_mapping),
+    "damping": (with_damping, unchanged),
+    "PIC blend": (with_pic, unchanged),
+}
+
+
+def cost(scene: Scene, state: State) -> tuple[float, float]:
+    """Operations and bytes accessed of one compiled step, as XLA counts them."""
+    compiled = jax.jit(step).lower(replace(scene, engine=Engine.XLA), state, scene.time_step).compile()
+    analysis: Any = compiled.cost_analysis()
+    counted = analysis[0] if isinstance(analysis, list) else analysis
+    return float(counted["flops"]), float(counted["bytes accessed"])
+
+
+def microseconds(variants: list[tuple[Scene, State]], repeats: int) -> list[float]:
+    """Microseconds per step of each variant, taken in turn so that a noisy moment hits all alike."""
+    steps = 30
+    spent: list[list[float]] = [[] for _ in variants]
+    states = [jax.tree.map(jnp.copy, state) for _, state in variants]
+    for turn in range(repeats + 1):
+        for k, (scene, _) in enumerate(variants):
+            clock = time.perf_counter()
+            states[k] = jax.block_until_ready(advance_lanes(scene, states[k], jnp.asarray(steps), None))
+            if turn:
+                spent[k].append((time.perf_counter() - clock) / steps * 1e6)
+    return [statistics.median(values) for values in spent]
+
+
+def rows_of(name: str, repeats: int) -> list[dict[str, Any]]:
+    """A row per feature for one scene of benchmarks/scenes on its rough grid."""
+    config = scene_config(name)
+    scene, state = slope(config.slope, config.soil, config.grids["rough"], y_ends=config.y_ends)
+    uneven = scene.material.strength * (1 + 0.3 * jnp.sin(jnp.arange(scene.particles.mass.size)))
+    scene = replace(scene, material=replace(scene.material, strength=uneven))
+    rows = []
+    for feature, (present, absent) in FEATURES.items():
+        pair = [present(scene, state), absent(scene, state)]
+        (flops, size), (flops_without, size_without) = (cost(*variant) for variant in pair)
+        us, us_without = microseconds(pair, repeats)
+        rows.append(
+            {
+                "scene": name,
+                "feature": feature,
+                "flops": flops,
+                "flops_without": flops_without,
+                "bytes": size,
+                "bytes_without": size_without,
+                "us_per_step": round(us, 1),
+                "us_per_step_without": round(us_without, 1),
+            }
+        )
+    return rows
+
+
+def run(quick: bool) -> Report:
+    """Every feature, in the section and in 3D."""
+    rows = [row for name in (["paper_section"] if quick else ["paper_section", "paper"]) for row in rows_of(name, 7)]
+    saved = {
+        f"{row['scene']}, {row['feature']}": round(1 - row["us_per_step_without"] / row["us_per_step"], 3)
+        for row in rows
+    }
+    return Report({"share_of_step_saved_without": saved}, rows)

@@ -1,0 +1,81 @@
+"""Particle-steps per second: microseconds per particle and step, per scene, scheme, dtype, engine and core count.
+
+Each case runs in a process of its own, bound to its cores. Ratios pair cases of the same run, taken alternately.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+from typing import Any
+
+from benchmarks.measure import Report, on_cores
+
+ROUGH = {"scene": "paper", "grid": "rough"}
+REFINED = {"scene": "paper", "grid": "refined"}
+SECTION = {"scene": "paper_section", "grid": "refined"}
+
+# name -> (cores, case); a case on more cores than there are is left out.
+CASES: dict[str, tuple[int, dict[str, Any]]] = {
+    "rough MUSL": (1, ROUGH),
+    "rough MUSL, 2 cores": (2, ROUGH),
+    "rough USL": (1, ROUGH | {"scheme": "USL"}),
+    "rough USF": (1, ROUGH | {"scheme": "USF"}),
+    "rough MUSL, 16 lanes": (1, ROUGH | {"batch": 16}),
+    "rough MUSL, 16 lanes, 2 cores": (2, ROUGH | {"batch": 16}),
+    "rough MUSL, float64": (1, ROUGH | {"dtype": "float64"}),
+    "rough MUSL, XLA": (1, ROUGH | {"engine": "XLA", "repeats": 3}),
+    "section MUSL": (1, SECTION),
+    "refined MUSL": (1, REFINED | {"seconds": 2.0, "repeats": 5}),
+    "refined MUSL, 2 cores": (2, REFINED | {"seconds": 2.0, "repeats": 5}),
+}
+QUICK = ("section MUSL", "rough MUSL", "rough USL")
+
+
+def row(name: str, cores: int, case: dict[str, Any], rounds: int) -> dict[str, Any]:
+    """One case, run `rounds` times; the repeats of all rounds together."""
+    answers = [on_cores(cores, "benchmarks.throughput_case", json.dumps(case)) for _ in range(rounds)]
+    us = sorted(value for answer in answers for value in answer["us"])
+    return {
+        "case": name,
+        "cores": cores,
+        "particles": answers[0]["particles"],
+        "us_per_particle_step": round(statistics.median(us), 4),
+        "smallest": round(us[0], 4),
+        "largest": round(us[-1], 4),
+        "repeats": len(us),
+        "compile_s": round(max(answer["compile_s"] for answer in answers), 2),
+        "peak_mb": round(max(answer["peak_mb"] for answer in answers)),
+        "particle_steps_per_second": round(1e6 / statistics.median(us)),
+        "device": answers[0]["device"],
+    }
+
+
+def run(quick: bool) -> Report:
+    """All cases that this machine has the cores for, and the ratios between them."""
+    available = len(os.sched_getaffinity(0))
+    chosen = {
+        name: (cores, case)
+        for name, (cores, case) in CASES.items()
+        if cores <= available and (not quick or name in QUICK)
+    }
+    rows = [row(name, cores, case, rounds=1 if quick else 2) for name, (cores, case) in chosen.items()]
+    us = {r["case"]: r["us_per_particle_step"] for r in rows}
+
+    def ratio(a: str, b: str) -> float | None:
+        return round(us[a] / us[b], 3) if a in us and b in us else None
+
+    values = {
+        "rough_musl_f32_1core_us": us.get("rough MUSL"),
+        "rough_usl_f32_1core_us": us.get("rough USL"),
+        "rough_two_core_ratio": ratio("rough MUSL, 2 cores", "rough MUSL"),
+        "batch16_two_core_ratio": ratio("rough MUSL, 16 lanes, 2 cores", "rough MUSL, 16 lanes"),
+        "refined_musl_f32_1core_us": us.get("refined MUSL"),
+        "refined_peak_mb": next((r["peak_mb"] for r in rows if r["case"] == "refined MUSL"), None),
+        "f64_over_f32": ratio("rough MUSL, float64", "rough MUSL"),
+        "xla_over_native": ratio("rough MUSL, XLA", "rough MUSL"),
+        "batch16_per_lane_over_single": ratio("rough MUSL, 16 lanes", "rough MUSL"),
+        "compile_s": max(r["compile_s"] for r in rows),
+    }
+    return Report({name: value for name, value in values.items() if value is not None}, rows)

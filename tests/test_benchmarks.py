@@ -1,0 +1,56 @@
+"""Benchmarks: their report is one JSON object, and RESULTS.md says what it holds."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from benchmarks import measure, results
+from benchmarks.throughput_case import Case
+from benchmarks.throughput_case import measure as measure_case
+
+
+def test_report_is_one_json_object_with_machine_and_versions():
+    answer = json.loads(measure.as_json("slope", measure.Report({"a": 1.5}, [{"x": 1}])))
+    assert answer["benchmark"] == "slope"
+    assert answer["values"] == {"a": 1.5}
+    assert answer["machine"]["cores"] >= 1
+    assert answer["machine"]["versions"]["jax"]
+
+
+def test_timing_has_median_and_spread():
+    timing = measure.timed(lambda: sum(range(1000)), repeats=5)
+    assert 0 < timing.smallest <= timing.median <= timing.largest
+    assert timing.scaled(2.0)["median"] == 2 * timing.median
+
+
+def test_results_hold_every_value_and_row():
+    answer = json.loads(
+        measure.as_json("slope", measure.Report({"fos": 1.234567}, [{"x": 1, "y": [1.0, 2.0]}, {"z": "a"}]))
+    )
+    page = results.document([answer])
+    assert "| [slope](#slope) | fos | 1.235 |" in page
+    assert "| 1 | 1, 2 |" in page
+    assert "| z |" in page
+
+
+def test_throughput_case_measures_a_lane_that_runs():
+    found = measure_case(Case(scene="paper_section", seconds=0.05, repeats=2))
+    assert found["running"]
+    assert found["particles"] == 888
+    assert len(found["us"]) == 2
+    assert all(us > 0 for us in found["us"])
+
+
+def test_core_counts_beyond_the_machine_are_refused():
+    with pytest.raises(ValueError, match="4096 cores asked for"):
+        measure.on_cores(4096, "benchmarks.throughput_case", "{}")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["slope", "leave_out", "screening"])
+def test_quick_benchmarks_print_json(name):
+    command = [sys.executable, "-m", "benchmarks", name, "--json", "--quick"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=measure.ROOT, check=True)
+    assert json.loads(done.stdout)["values"]
