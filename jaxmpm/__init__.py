@@ -1,11 +1,13 @@
 """Batched, differentiable generalised-interpolation material point method in 1D, 2D and 3D."""
 
 from jaxmpm import diagnostics, tensors
-from jaxmpm.integrate import Result, Settle, advance, lanes, repeat, solve
+from jaxmpm.frictional import DruckerPrager, Matching, MohrCoulomb, cone
+from jaxmpm.integrate import Result, Settle, advance, advance_lanes, lanes, repeat, solve
 from jaxmpm.many import Chunk, solve_each
-from jaxmpm.materials import J2, Elastic, Softening, reduce_strength
+from jaxmpm.materials import J2, Elastic, reduce_strength
 from jaxmpm.reduction import FactorOfSafety, factor_of_safety, reduced
 from jaxmpm.scenes import Discretisation, Slope, bar, block, column, slope, with_strength
+from jaxmpm.softening import Decay, ExponentialSoftening, FrictionalSoftening, RateEffect, Softening
 from jaxmpm.soil import PlasticStrain, Soil
 from jaxmpm.step import step
 from jaxmpm.types import GIMP, Engine, Grid, Linear, Material, Particles, Scene, Scheme, State, Status, Wall
@@ -14,15 +16,22 @@ __all__ = [
     "GIMP",
     "J2",
     "Chunk",
+    "Decay",
     "Discretisation",
+    "DruckerPrager",
     "Elastic",
     "Engine",
+    "ExponentialSoftening",
     "FactorOfSafety",
+    "FrictionalSoftening",
     "Grid",
     "Linear",
+    "Matching",
     "Material",
+    "MohrCoulomb",
     "Particles",
     "PlasticStrain",
+    "RateEffect",
     "Result",
     "Scene",
     "Scheme",
@@ -34,9 +43,11 @@ __all__ = [
     "Status",
     "Wall",
     "advance",
+    "advance_lanes",
     "bar",
     "block",
     "column",
+    "cone",
     "diagnostics",
     "factor_of_safety",
     "lanes",

@@ -6,13 +6,14 @@ Every parameter is a scalar or one value per particle. Tension is positive.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxmpm.softening import ExponentialSoftening, RateEffect, Softening
 from jaxmpm.tensors import deviator, mean, safe_sqrt, second_invariant
 from jaxmpm.types import Particles, Tensor
 
@@ -32,7 +33,8 @@ def elastic_increment(bulk: Array, shear: Array, strain_increment: Tensor) -> Te
     )
 
 
-def _add(a: Tensor, b: Tensor) -> Tensor:
+def add(a: Tensor, b: Tensor) -> Tensor:
+    """Sum of two tensors."""
     return tuple(x + y for x, y in zip(a, b, strict=True))  # type: ignore[return-value]
 
 
@@ -52,22 +54,11 @@ class Elastic:
     def initial_history(self, particles: Particles) -> None:
         """Elasticity has no history."""
 
-    def update(self, strain_increment: Tensor, stress: Tensor, history: None) -> tuple[Tensor, None]:
+    def update(
+        self, strain_increment: Tensor, stress: Tensor, history: None, dt: Array | None = None
+    ) -> tuple[Tensor, None]:
         """Add the elastic increment."""
-        return _add(stress, elastic_increment(self.bulk, self.shear, strain_increment)), None
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Softening:
-    """Linear loss of strength with plastic shear strain g: S = max(S_0 - modulus g, residual_ratio S_0).
-
-    modulus: Pa per unit engineering shear strain, below the shear modulus. residual_ratio: in [0, 1].
-    Source: Jiang et al. (2024), 10.1016/j.compgeo.2024.106413, Eq. 23.
-    """
-
-    modulus: Array
-    residual_ratio: Array
+        return add(stress, elastic_increment(self.bulk, self.shear, strain_increment)), None
 
 
 @jax.tree_util.register_dataclass
@@ -77,6 +68,7 @@ class J2:
 
     In plane strain this is Tresca's criterion. bulk, shear: Pa. strength: peak undrained shear strength S_u (Pa).
     softening: None keeps the peak. tension_cutoff: largest mean stress (Pa); None sets no limit.
+    rate: how strength rises with the rate of shear; None is rate-independent.
     The history variable is the accumulated engineering plastic shear strain g (in simple shear, the plastic
     part of gamma), kept only where the soil softens.
     """
@@ -84,8 +76,9 @@ class J2:
     bulk: Array
     shear: Array
     strength: Array
-    softening: Softening | None = None
+    softening: Softening | ExponentialSoftening | None = None
     tension_cutoff: Array | None = None
+    rate: RateEffect | None = None
 
     @property
     def p_wave_modulus(self) -> Array:
@@ -96,26 +89,33 @@ class J2:
         """No plastic strain yet; None without softening."""
         return None if self.softening is None else jnp.zeros_like(particles.mass)
 
-    def update(self, strain_increment: Tensor, stress: Tensor, history: Array | None) -> tuple[Tensor, Array | None]:
+    def reduced(self, factor: Array) -> J2:
+        """Peak and residual strength divided by `factor`; the softening modulus stays."""
+        return replace(self, strength=self.strength / factor)
+
+    def update(
+        self, strain_increment: Tensor, stress: Tensor, history: Array | None, dt: Array | None = None
+    ) -> tuple[Tensor, Array | None]:
         """Elastic predictor and implicit radial return.
 
-        With t the trial sqrt(J2), plastic flow of dg lowers it by G dg, and softening lowers the strength by
-        H dg, so that on the sloping branch dg = (t - S(g)) / (G - H), and on the residual one (t - S_r) / G.
+        With t the trial sqrt(J2), plastic flow of dg lowers it by G dg: the softening law solves t - G dg = S(g + dg).
+        A rate factor on S divides t and G there.
         """
-        trial = _add(stress, elastic_increment(self.bulk, self.shear, strain_increment))
+        trial = add(stress, elastic_increment(self.bulk, self.shear, strain_increment))
         t = safe_sqrt(second_invariant(deviator(trial)))
+        rate: Any = 1.0
+        if self.rate is not None:
+            if dt is None:
+                raise ValueError("a rate effect needs the time step: call update(..., dt)")
+            rate = self.rate.factor(strain_increment, dt)
         if self.softening is None or history is None:
-            strength = self.strength
+            strength = self.strength * rate
             yielding = t > strength
         else:
-            h = self.softening.modulus
-            residual = self.softening.residual_ratio * self.strength
-            current = jnp.maximum(self.strength - h * history, residual)
+            current = self.softening.strength(self.strength, history) * rate
             yielding = t > current
-            sloping = (t - current) / (self.shear - h)
-            flat = (t - residual) / self.shear
-            # Where the sloping branch would end below the residual strength, the flat one gives more flow.
-            dg = jnp.where(yielding, jnp.maximum(jnp.minimum(sloping, flat), 0), 0)
+            flow = self.softening.flow(self.strength, history, t / rate, self.shear / rate)
+            dg = jnp.where(yielding, jnp.maximum(flow, 0), 0)
             strength = jnp.where(yielding, t - self.shear * dg, current)
             history = history + dg
         scale = jnp.where(yielding, strength / jnp.where(yielding, t, 1.0), 1.0)
@@ -126,6 +126,6 @@ class J2:
         return (xx + pressure, yy + pressure, zz + pressure, xy, yz, xz), history
 
 
-def reduce_strength(material: J2, factor: Array) -> J2:
-    """Divide peak and residual strength by `factor` (the strength reduction method); the softening modulus stays."""
-    return J2(material.bulk, material.shear, material.strength / factor, material.softening, material.tension_cutoff)
+def reduce_strength(material: Any, factor: Array) -> Any:
+    """The strength reduction method: a law's peak and residual strength, tan(phi) too, divided by `factor`."""
+    return material.reduced(factor)

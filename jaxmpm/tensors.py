@@ -72,14 +72,15 @@ def rotate(stress: Tensor, gradient: Array, dt: Array) -> Tensor:
         change: Any = 0.0
         for k in range(3):
             for s, t in ((spin[i][k], component(k, j)), (spin[j][k], component(k, i))):
-                if not _absent(s) and not _absent(t):
+                if not absent(s) and not absent(t):
                     change = change + s * t
-        if not _absent(change):
+        if not absent(change):
             rotated[VOIGT[i][j]] = component(i, j) + change
     return tuple(rotated)
 
 
-def _absent(component: Any) -> bool:
+def absent(component: Any) -> bool:
+    """Whether a component is the number 0.0 that stands for one that the dimension cannot have."""
     return isinstance(component, float) and component == 0.0
 
 

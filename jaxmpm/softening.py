@@ -1,0 +1,128 @@
+"""How strength falls with plastic shear strain and rises with the rate of strain.
+
+The plastic shear strain g is engineering strain, sqrt(2 e:e) of the deviatoric plastic part: gamma in simple shear.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass, field
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxmpm.tensors import deviator, safe_sqrt, second_invariant
+from jaxmpm.types import Tensor
+
+NEWTON_STEPS = 8
+"""From the residual branch Newton's steps fall monotonically to the root of a convex law; 8 reach rounding."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Softening:
+    """Linear loss of undrained strength: S = max(S_0 - modulus g, residual_ratio S_0).
+
+    modulus: Pa per unit engineering shear strain, below the shear modulus. residual_ratio: in [0, 1].
+    Source: Jiang et al. (2024), 10.1016/j.compgeo.2024.106413, Eq. 23.
+    """
+
+    modulus: Array
+    residual_ratio: Array
+
+    def strength(self, peak: Array, g: Array) -> Array:
+        """Strength (Pa) after the plastic shear strain g."""
+        return jnp.maximum(peak - self.modulus * g, self.residual_ratio * peak)
+
+    def flow(self, peak: Array, g: Array, trial: Array, shear: Array) -> Array:
+        """The dg that solves trial - shear dg = S(g + dg), of either sign where the trial does not yield.
+
+        Where the sloping branch would end below the residual strength, the flat one gives more flow.
+        """
+        sloping = (trial - self.strength(peak, g)) / (shear - self.modulus)
+        flat = (trial - self.residual_ratio * peak) / shear
+        return jnp.minimum(sloping, flat)
+
+    def steepest(self, peak: Array) -> Array:
+        """Largest loss of strength per unit of g (Pa)."""
+        return self.modulus
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class ExponentialSoftening:
+    """Loss of undrained strength of sensitive clay: S = S_0 (r + (1 - r) exp(-3 g / strain_95)).
+
+    residual_ratio: r, remoulded over peak strength, in [0, 1]. strain_95: plastic shear strain at which 95 per cent
+    of the loss is done. Source: Einav and Randolph (2005), 10.1002/nme.1350, the softening part.
+    """
+
+    residual_ratio: Array
+    strain_95: Array
+
+    def strength(self, peak: Array, g: Array) -> Array:
+        """Strength (Pa) after the plastic shear strain g."""
+        return peak * (self.residual_ratio + (1 - self.residual_ratio) * jnp.exp(-3 * g / self.strain_95))
+
+    def flow(self, peak: Array, g: Array, trial: Array, shear: Array) -> Array:
+        """The dg that solves trial - shear dg = S(g + dg), by Newton's method from above."""
+        dg = jnp.maximum((trial - self.residual_ratio * peak) / shear, 0)
+        for _ in range(NEWTON_STEPS):
+            strength = self.strength(peak, g + dg)
+            slope = shear - 3 / self.strain_95 * (strength - self.residual_ratio * peak)
+            dg = dg + (trial - shear * dg - strength) / slope
+        return dg
+
+    def steepest(self, peak: Array) -> Array:
+        """Largest loss of strength per unit of g (Pa), at g = 0."""
+        return 3 * (1 - self.residual_ratio) * peak / self.strain_95
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class RateEffect:
+    """Strength rises by `coefficient` per tenfold rate of shear above `reference_rate` (1/s).
+
+    The rate is that of the total engineering shear strain. Source: Einav and Randolph (2005), 10.1002/nme.1350.
+    """
+
+    coefficient: Array
+    reference_rate: Array
+
+    def factor(self, strain_increment: Tensor, dt: Array) -> Array:
+        """Strength over that at the reference rate, for a strain increment within dt (s)."""
+        rate = 2 * safe_sqrt(second_invariant(deviator(strain_increment))) / dt
+        return 1 + self.coefficient * jnp.log(jnp.maximum(rate / self.reference_rate, 1)) / math.log(10)
+
+
+class Decay(enum.Enum):
+    """How cohesion and friction go from peak to residual over a plastic shear strain."""
+
+    LINEAR = "linear"
+    EXPONENTIAL = "exponential"
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class FrictionalSoftening:
+    """Cohesion, friction and dilation that decay with plastic shear strain, the last to nothing.
+
+    cohesion (Pa), friction (rad): residual. strain: at which LINEAR ends and EXPONENTIAL, exp(-3 g/strain), has done
+    95 per cent. A step takes the strength at its start.
+    """
+
+    cohesion: Array
+    friction: Array
+    strain: Array
+    decay: Decay = field(default=Decay.LINEAR, metadata={"static": True})
+
+    def strength(self, cohesion: Array, friction: Array, dilation: Array, g: Array) -> tuple[Array, Array, Array]:
+        """Cohesion (Pa), friction and dilation (rad) after the plastic shear strain g, from their peak values."""
+        left = jnp.exp(-3 * g / self.strain) if self.decay is Decay.EXPONENTIAL else jnp.maximum(1 - g / self.strain, 0)
+        return (
+            self.cohesion + (cohesion - self.cohesion) * left,
+            self.friction + (friction - self.friction) * left,
+            dilation * left,
+        )
