@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
 
+import jax
+
 from cooperative import campaign
 from cooperative.report import report
+
+
+def default_workers() -> int:
+    """One process per core on CPU; on other devices one process for all lanes."""
+    return len(os.sched_getaffinity(0)) if jax.default_backend() == "cpu" else 1
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -17,12 +25,13 @@ def main(arguments: list[str] | None = None) -> int:
     run = commands.add_parser("run", help="run a campaign, or go on where it was")
     run.add_argument("scene", type=Path, help="scene in TOML")
     run.add_argument("--out", type=Path, required=True, help="folder of the campaign")
+    run.add_argument("--workers", type=int, default=default_workers(), help="processes to run samples in (%(default)s)")
     show = commands.add_parser("report", help="draw the figures of a campaign and print its summary")
     show.add_argument("folder", type=Path, help="folder of the campaign")
     given = parser.parse_args(arguments)
     try:
         if given.command == "run":
-            campaign.run(given.scene.read_text(), given.out, progress=True)
+            campaign.run(given.scene.read_text(), given.out, workers=given.workers, progress=True)
         print(report(given.out if given.command == "run" else given.folder))
     except (ValueError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)

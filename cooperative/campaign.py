@@ -8,6 +8,9 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from concurrent.futures import Executor
+from contextlib import closing, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,29 +20,45 @@ from tqdm import tqdm
 from cooperative import screening
 from cooperative.config import Config, parse
 from cooperative.estimators import Estimate, published
+from cooperative.executors import Workers, process_pool, run_through
 from cooperative.ranking import next_refined
 from cooperative.store import Rows, Sample, Store, open_store, read_rows, write_aside, write_sample
 
 NOT_BROKEN = ("FINISHED", "SETTLED", "DECIDED")
 
 
-def run(text: str, folder: str | Path, *, progress: bool = False) -> dict[str, Any]:
+def run(
+    text: str,
+    folder: str | Path,
+    *,
+    workers: int = 1,
+    executor: Callable[[], Executor] | None = None,
+    progress: bool = False,
+) -> dict[str, Any]:
     """Run the campaign of a scene (TOML text) in its folder, or go on where it was; returns the summary.
 
+    workers: 1 runs in this process, more in as many processes, each bound to its share of the cores. executor: makes
+    another `concurrent.futures.Executor` (Dask's, for a cluster) that takes `workers` samples at a time. The answer
+    depends on neither.
     Raises ValueError for a scene or a folder that will not do, before anything is run or written.
     """
     config = parse(text)
     expansion = screening.expansion_of(config)
     coefficients = screening.coefficients_of(config, expansion)
-    rough = screening.build(config, "rough", expansion)
-    refined = screening.build(config, "refined", expansion)
+    models = {grid: screening.build(config, grid, expansion) for grid in ("rough", "refined")}
+    crew = None if executor is None and workers == 1 else Workers(executor or partial(process_pool, workers), workers)
+    stop_at = {"rough": config.plan.screening_stop, "refined": None}
+    width = {"rough": config.plan.lanes, "refined": config.plan.look_ahead}
+    ahead = config.plan.look_ahead if crew is None else workers
 
-    with open_store(folder, text) as store:
+    def samples(grid: str, numbers: Iterable[int]) -> Iterator[Sample]:
+        if crew is None:
+            return screening.run_samples(models[grid], coefficients, numbers, width=width[grid], stop_at=stop_at[grid])
+        return run_through(crew, text, grid, numbers, stop_at=stop_at[grid])
+
+    with open_store(folder, text) as store, closing(crew) if crew else nullcontext():
         missing = sorted(set(range(config.plan.samples)) - set(read_rows(store, "rough").numbers))
-        screened = screening.run_samples(
-            rough, coefficients, missing, width=config.plan.lanes, stop_at=config.plan.screening_stop
-        )
-        for _ in _keep(store, "rough", screened, "screening, rough grid", len(missing), progress):
+        for _ in _keep(store, "rough", samples("rough", missing), "screening, rough grid", len(missing), progress):
             pass
 
         displacement, broke_off = (read_rows(store, "rough").columns[name] for name in ("displacement", "broke_off"))
@@ -47,18 +66,11 @@ def run(text: str, folder: str | Path, *, progress: bool = False) -> dict[str, A
 
         def wanted(under_way: Collection[int]) -> list[int]:
             return next_refined(
-                displacement,
-                answers,
-                config.plan.k_t,
-                config.plan.look_ahead,
-                failed_lanes=broke_off,
-                under_way=under_way,
+                displacement, answers, config.plan.k_t, ahead, failed_lanes=broke_off, under_way=under_way
             )
 
         while wanted(()):
-            ranked = screening.run_samples(
-                refined, coefficients, _in_rank_order(wanted, answers), width=config.plan.look_ahead
-            )
+            ranked = samples("refined", _in_rank_order(wanted, answers))
             for sample in _keep(store, "refined", ranked, "ranked runs, refined grid", None, progress):
                 answers[sample.number] = answer(
                     config, float(sample.row["displacement"]), bool(sample.row["broke_off"])
