@@ -22,6 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 
 _IMAGES = 2000
+_HALVINGS = 45
 
 
 class Covariance(Protocol):
@@ -193,6 +194,65 @@ class Periodic:
         return self.base.spectral_density(wavenumber) / self.variance()
 
 
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Corrected:
+    """c(t) = the Gaussian correlation whose transform has the correlation b(t): Nataf's correction along an axis.
+
+    Made by `nataf_corrected`; `hermite` (K,) are the marginal's Hermite coefficients, of sum of squares 1. Raises
+    ValueError in `expand` where the corrected function is not positive definite.
+    """
+
+    base: Any
+    hermite: Any
+
+    def __call__(self, lag: Any) -> Any:
+        return gaussian_correlation(self.hermite**2, self.base(lag))
+
+    def spectral_density(self, wavenumber: Any) -> Any:
+        """Unknown in closed form."""
+        raise ValueError("a corrected covariance has no closed spectral density: use Nystrom() or Legendre()")
+
+
+def transformed_correlation(powers: Any, gaussian: Any) -> Any:
+    """sum over k of powers[k - 1] gaussian^k: correlation of two transformed variables of Gaussian correlation."""
+    total = 0 * gaussian
+    for coefficient in powers[::-1]:
+        total = (total + coefficient) * gaussian
+    return total
+
+
+def gaussian_correlation(powers: Any, target: Any) -> Any:
+    """Gaussian correlation in [-1, 1] at which `transformed_correlation` is `target`, by bisection.
+
+    One Newton step after it carries the derivatives.
+    """
+    if isinstance(target, jax.Array) or isinstance(powers, jax.Array):
+        return _gaussian_correlation(jnp.asarray(powers), jnp.asarray(target))
+    low, high = -np.ones_like(target), np.ones_like(target)
+    for _ in range(_HALVINGS):
+        low, high = _halved(np, powers, target, low, high)
+    return (low + high) / 2
+
+
+@jax.jit
+def _gaussian_correlation(powers: Any, target: Any) -> Any:
+    fixed = jax.lax.stop_gradient((powers, target))
+    bracket = (-jnp.ones_like(target), jnp.ones_like(target))
+    low, high = jax.lax.fori_loop(0, _HALVINGS, lambda _, ends: _halved(jnp, *fixed, *ends), bracket)
+    root = jax.lax.stop_gradient((low + high) / 2)
+    # d/dr of sum p_k r^k is the sum of k p_k r^(k - 1).
+    order = jnp.arange(1, powers.shape[0] + 1)
+    slope = fixed[0][0] + transformed_correlation((fixed[0] * order)[1:], root)
+    return root - (transformed_correlation(powers, root) - target) / slope
+
+
+def _halved(namespace: Any, powers: Any, target: Any, low: Any, high: Any) -> tuple[Any, Any]:
+    middle = (low + high) / 2
+    below = transformed_correlation(powers, middle) < target
+    return namespace.where(below, middle, low), namespace.where(below, high, middle)
+
+
 _Family = TypeVar("_Family")
 
 
@@ -206,9 +266,14 @@ def scale_of_fluctuation(covariance: Any) -> Any:
     return covariance.fluctuation * covariance.length
 
 
+def length_leaves(covariance: Any) -> list[Any]:
+    """The correlation length, or nothing for `Infinite`; that of the base for a wrapped family."""
+    return jax.tree.leaves(getattr(covariance, "base", covariance))
+
+
 def on_host(covariance: Any) -> Any:
-    """The same covariance with its lengths as Python floats, to evaluate in NumPy at float64."""
-    return jax.tree.map(float, covariance)
+    """The same covariance with NumPy numbers, to evaluate on the host at float64."""
+    return jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), covariance)
 
 
 def correlation(covariance: tuple[Covariance, ...], lag: Any) -> Any:

@@ -11,6 +11,7 @@ host which modes there are; all else is pure and may be jitted, vmapped and diff
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -21,13 +22,15 @@ import numpy as np
 
 from kl import fredholm
 from kl.checks import is_traced, real_dtype, require, require_positive
-from kl.covariance import Periodic
+from kl.covariance import Corrected, Periodic, length_leaves
 from kl.modes import AxisModes, leading, scaled_functions
 from kl.rotation import Bedding, rotate, rotated_box
 from kl.selection import select
 
 # Floats of one chunk's intermediate: fits the second-level cache of a core.
-_CHUNK_FLOATS = 2**18
+_CHUNK_FLOATS = 2**16
+# Share of the variance in negative eigenvalues that a corrected correlation may have.
+_INDEFINITE = 0.02
 
 
 @jax.tree_util.register_dataclass
@@ -39,14 +42,14 @@ class Expansion:
         covariance: one per axis; lengths (m) may be differentiated through `with_covariance`.
         axes: eigenpairs of each axis, n_i of them.
         index: (d, M) which of the axes' modes make up each mode, largest variance first.
-        bedding: orientation of the axes of `covariance` for inclined strata, or None.
+        bedding: orientation of the axes of `covariance` for inclined strata, or None; static.
         solvers, origin, extent: static; the box (m) is that of the rotated axes where there is bedding.
     """
 
     covariance: tuple[Any, ...]
     axes: tuple[AxisModes, ...]
     index: Any
-    bedding: Bedding | None
+    bedding: Bedding | None = field(metadata={"static": True})
     solvers: tuple[fredholm.Solver, ...] = field(metadata={"static": True})
     origin: tuple[float, ...] = field(metadata={"static": True})
     extent: tuple[float, ...] = field(metadata={"static": True})
@@ -146,7 +149,7 @@ def _checked(covariance: Any, origin: Any, extent: Any) -> tuple[tuple[Any, ...]
     for axis, size in zip(covariance, extent, strict=True):
         if isinstance(axis, Periodic):
             require(axis.period == size, f"period = {axis.period} must be the extent of its axis, {size}")
-        for length in jax.tree.leaves(axis):
+        for length in length_leaves(axis):
             require(np.ndim(length) == 0, f"correlation length of shape {np.shape(length)}: give one number")
             require_positive(
                 "correlation length", length, "give metres; `Infinite()` is a field constant along an axis"
@@ -159,11 +162,20 @@ def _checked(covariance: Any, origin: Any, extent: Any) -> tuple[tuple[Any, ...]
 def _require_positive_definite(covariance: tuple[Any, ...], fractions: list[Any]) -> None:
     for axis, shares in zip(covariance, fractions, strict=True):
         limit = 1e2 * np.finfo(shares.dtype).eps * max(1.0, float(shares.max()))
+        lost = -float(shares[shares < -limit].sum())
+        # Nataf's correction often is indefinite by a little; the nearest covariance lacks the negative modes.
+        allowed = _INDEFINITE if isinstance(axis, Corrected) else 0.0
         require(
-            np.isfinite(shares).all() and shares.min() >= -limit,
-            f"{type(axis).__name__} is not positive definite (smallest eigenvalue {shares.min():.2e} of the variance): "
+            np.isfinite(shares).all() and lost <= allowed,
+            f"{type(axis).__name__} is not positive definite (negative eigenvalues of {lost:.2e} of the variance): "
             "change the correlation function",
         )
+        if lost > 0:
+            warnings.warn(
+                f"{type(axis).__name__} is not quite positive definite: negative eigenvalues of {lost:.2e} of the "
+                "variance are left out",
+                stacklevel=3,
+            )
 
 
 def with_covariance(expansion: Expansion, covariance: tuple[Any, ...]) -> Expansion:
@@ -189,18 +201,21 @@ def coefficient_tensor(expansion: Expansion, coefficients: Any) -> Any:
     return flat.at[..., position].set(coefficients, unique_indices=True).reshape(*coefficients.shape[:-1], *shape)
 
 
-def field_on_lattice(expansion: Expansion, coefficients: Any, axes: tuple[Any, ...]) -> Any:
+def field_on_lattice(expansion: Expansion, coefficients: Any, axes: tuple[Any, ...], *, out: Any = None) -> Any:
     """Standard Gaussian field on the lattice with coordinates `axes` (m), by one contraction per axis.
 
     Args:
         expansion: without bedding (rotated strata have no lattice of products: use `field_at`).
         coefficients: (M,) or (B, M), standard normal.
         axes: d arrays of coordinates (N_1,), ..., (N_d,).
+        out: array of the result's shape and dtype whose memory is reused, and which is given up by it. Touching
+            fresh memory costs more than the field.
 
     Returns:
         (N_1, .., N_d) or (B, N_1, .., N_d).
 
-    Raises ValueError for a wrong number of coefficients or axes, or coordinates outside the box.
+    Raises ValueError for a wrong number of coefficients or axes, or coordinates outside the box. Warns of a lattice
+    too coarse for the correlation lengths.
     """
     if expansion.bedding is not None:
         raise ValueError("an expansion with bedding is separable only along the strata: use `field_at`")
@@ -208,7 +223,13 @@ def field_on_lattice(expansion: Expansion, coefficients: Any, axes: tuple[Any, .
     axes = tuple(jnp.asarray(axis) for axis in axes)
     for number, axis in enumerate(axes):
         _require_inside(expansion, number, axis)
-    return lattice_sum(expansion, _batch_checked(expansion, coefficients), axes)
+        warn_if_coarse(expansion.covariance[number], axis)
+    coefficients = _batch_checked(expansion, coefficients)
+    if out is None:
+        return lattice_sum(expansion, coefficients, axes)
+    shape = (*coefficients.shape[:-1], *(axis.shape[0] for axis in axes))
+    require(out.shape == shape, f"out has shape {out.shape}, the result {shape}: give an array of that shape")
+    return _lattice_sum_into(expansion, coefficients, axes, out)
 
 
 @partial(jax.jit, static_argnames="power")
@@ -217,13 +238,40 @@ def lattice_sum(expansion: Expansion, coefficients: Any, axes: tuple[Any, ...], 
 
     Power 1 is the field; power 2 with coefficients of 1 is the captured variance.
     """
-    lead = coefficients.ndim - 1
-    tensor = coefficient_tensor(expansion, coefficients)
-    # Last axis first: the full lattice then appears only in the last, cheapest contraction, unpermuted.
-    for number in reversed(range(len(axes))):
-        values = scaled_functions(expansion.axes[number], axes[number]) ** power
-        tensor = jnp.moveaxis(jnp.tensordot(values, tensor, (0, lead + number)), 0, lead + number)
-    return tensor
+    factors = [scaled_functions(modes, x) ** power for modes, x in zip(expansion.axes, axes, strict=True)]
+
+    def realisation(coefficients: Any) -> Any:
+        # Last axis first: the full lattice then appears only in the last, cheapest contraction, unpermuted.
+        tensor = coefficient_tensor(expansion, coefficients)
+        after = 1
+        for factor in reversed(factors):
+            tensor = factor.T @ tensor.reshape(-1, factor.shape[0], after)
+            after *= factor.shape[1]
+        return tensor.reshape([factor.shape[1] for factor in factors])
+
+    flat = coefficients.reshape(-1, coefficients.shape[-1])
+    # One realisation at a time keeps the intermediates in cache.
+    fields = jax.lax.map(realisation, flat)
+    return fields.reshape(*coefficients.shape[:-1], *fields.shape[1:])
+
+
+@partial(jax.jit, donate_argnums=3, keep_unused=True)
+def _lattice_sum_into(expansion: Expansion, coefficients: Any, axes: tuple[Any, ...], out: Any) -> Any:
+    return lattice_sum(expansion, coefficients, axes)
+
+
+def warn_if_coarse(covariance: Any, x: Any) -> None:
+    """Warn where the spacing of lattice coordinates `x` (N,) exceeds twice a correlation length."""
+    length = jnp.asarray([float("inf"), *length_leaves(covariance)]).min()
+    if is_traced(x, length) or x.shape[0] < 2:
+        return
+    spacing = float(jnp.abs(jnp.diff(x)).min())
+    if spacing > 2 * float(length):
+        warnings.warn(
+            f"lattice spacing {spacing} m exceeds twice the correlation length {float(length)} m: neighbouring points "
+            "are independent and cells hold no average; refine the lattice",
+            stacklevel=3,
+        )
 
 
 def field_at(expansion: Expansion, coefficients: Any, points: Any) -> Any:
@@ -260,18 +308,23 @@ def point_sum(expansion: Expansion, coefficients: Any, points: Any, power: int =
     """As `lattice_sum`, at scattered points (d, N) of the box: (..., N)."""
     batch = coefficients.shape[:-1]
     shape = tuple(axis.fractions.shape[0] for axis in expansion.axes)
-    tensor = coefficient_tensor(expansion, coefficients).reshape(-1, int(np.prod(shape[:-1])), shape[-1])
+    tensor = coefficient_tensor(expansion, coefficients).reshape(-1, shape[-1])
 
     def chunk(block: Any) -> Any:
         factors = [scaled_functions(axis, x) ** power for axis, x in zip(expansion.axes, block, strict=True)]
-        along_last = tensor.reshape(-1, shape[-1]) @ factors[-1]
-        along_last = along_last.reshape(tensor.shape[0], *shape[:-1], block.shape[1])
-        for factor in factors[-2::-1]:
-            along_last = (along_last * factor).sum(axis=-2)
-        return along_last
+        # Kept apart from what follows, or the compiler makes it anew for each of its uses.
+        sums = jax.lax.optimization_barrier(tensor @ factors[-1])
+        for number in reversed(range(len(shape) - 1)):
+            sums = _weighted_sum(factors[number], sums.reshape(-1, shape[number], block.shape[1]))
+        return sums
 
-    values = _in_chunks(chunk, points, _CHUNK_FLOATS // (tensor.shape[0] * tensor.shape[1]))
+    values = _in_chunks(chunk, points, _CHUNK_FLOATS // tensor.shape[0])
     return values.reshape(*batch, points.shape[1])
+
+
+def _weighted_sum(weights: Any, stack: Any) -> Any:
+    """Sum over n of weights (n, N) times stack (.., n, N), written out: XLA's reduction does not vectorise it."""
+    return sum(weight * stack[..., number, :] for number, weight in enumerate(weights))
 
 
 def _in_chunks(function: Any, points: Any, size: int) -> Any:

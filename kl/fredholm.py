@@ -23,7 +23,7 @@ import numpy as np
 
 from kl.checks import is_traced, require
 from kl.closed_form import exponential_modes, periodic_modes, triangular_modes
-from kl.covariance import Exponential, Infinite, Periodic, SquaredExponential, Triangular, on_host
+from kl.covariance import Corrected, Exponential, Infinite, Periodic, SquaredExponential, Triangular, on_host
 from kl.modes import AxisModes, CellModes, LegendreModes, SineModes
 
 
@@ -86,23 +86,23 @@ class ClosedForm:
 
 
 @dataclass(frozen=True)
-class _Constant:
+class Constant:
     """The one mode of an axis along which the field does not vary."""
 
 
-Solver = Nystrom | Legendre | Haar | ClosedForm | _Constant
+Solver = Nystrom | Legendre | Haar | ClosedForm | Constant
 
 
 def default_solver(covariance: Any, extent: float) -> Solver:
     """The most accurate solver for a concrete `covariance` on an axis of `extent` metres."""
     match covariance:
         case Infinite():
-            return _Constant()
+            return Constant()
         case Periodic() | Exponential():
             return ClosedForm()
         case Triangular() if covariance.length >= extent:
             return ClosedForm()
-        case SquaredExponential():
+        case SquaredExponential() | Corrected(base=SquaredExponential()):
             return Nystrom()
     return Legendre()
 
@@ -115,7 +115,7 @@ def resolved(solver: Solver | None, covariance: Any, extent: float, remainder: f
     or count is out of range.
     """
     if isinstance(covariance, Infinite):
-        return _Constant()
+        return Constant()
     solver = default_solver(covariance, extent) if solver is None else solver
     if isinstance(covariance, Periodic) and not isinstance(solver, ClosedForm):
         raise ValueError(f"{type(solver).__name__} cannot take a Periodic axis: leave solver=None (Fourier modes)")
@@ -150,7 +150,7 @@ def _resolved_order(solver: Nystrom | Legendre, covariance: Any, extent: float, 
         return np.linalg.eigvalsh(assemble(order, extent, host))[::-1]
 
     # A kernel of length l holds wavenumbers up to about 9 / l; Legendre needs two points in a wave.
-    length = getattr(host, "length", extent)
+    length = getattr(getattr(host, "base", host), "length", extent)
     order = min(solver.largest, 8 + math.ceil(3.5 * extent / length))
     coarse = spectrum(order)
     while True:
@@ -163,6 +163,11 @@ def _resolved_order(solver: Nystrom | Legendre, covariance: Any, extent: float, 
         if converged and (coarse.sum() >= 1 - remainder - 1e-9 or finer > solver.largest):
             return replace(solver, order=order)
         if finer > solver.largest:
+            require(
+                change < 1e-3,
+                f"{type(solver).__name__}: order {order} does not resolve the correlation length {length} m on an axis "
+                f"of {extent} m: raise `largest`, use a longer length, or `exact_lattice`",
+            )
             warnings.warn(
                 f"{type(solver).__name__}: eigenvalues still move by {change:.1e} of the variance at order {order} "
                 f"(tolerance {solver.tolerance:.0e}): raise `largest`, loosen the tolerance or shorten the axis",
@@ -207,7 +212,7 @@ def axis_modes(covariance: Any, solver: Solver, origin: float, extent: float) ->
     origin, so that coefficients mean the same whatever solver, precision or machine.
     """
     match solver:
-        case _Constant():
+        case Constant():
             one = jnp.ones(1)
             return SineModes(one, 0 * one, 0 * one, one, origin, extent)
         case ClosedForm(count=int() as count):

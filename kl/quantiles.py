@@ -51,7 +51,11 @@ def log_gamma_quantile(shape: Any, gaussian: Any) -> Any:
     `shape` is a number above 0; any shape of `gaussian`.
     """
     require(jnp.ndim(shape) == 0, "shape of a gamma as an array: give numbers for cov, power and lower")
-    shape = jnp.asarray(shape)
+    return _log_gamma_quantile(jnp.asarray(shape), gaussian)
+
+
+@jax.jit
+def _log_gamma_quantile(shape: Any, gaussian: Any) -> Any:
     low = (_LOG_REACH + gammaln(shape + 1)) / shape - jnp.log(shape)
     # Chernoff's bound: a gamma variable exceeds a + sqrt(2 a t) + t with probability below exp(-t).
     high = jnp.log1p(jnp.sqrt(-2 * _LOG_REACH / shape) - _LOG_REACH / shape)
@@ -61,7 +65,11 @@ def log_gamma_quantile(shape: Any, gaussian: Any) -> Any:
 def logit_beta_quantile(first: Any, second: Any, gaussian: Any) -> Any:
     """Logit of the quantile of a beta variable on (0, 1) with shapes `first`, `second` (numbers above 0)."""
     require(jnp.ndim(first) == 0 and jnp.ndim(second) == 0, "moments of a beta as arrays: give numbers")
-    first, second = jnp.asarray(first), jnp.asarray(second)
+    return _logit_beta_quantile(jnp.asarray(first), jnp.asarray(second), gaussian)
+
+
+@jax.jit
+def _logit_beta_quantile(first: Any, second: Any, gaussian: Any) -> Any:
     norm_constant = betaln(first, second)
     low = (_LOG_REACH + jnp.log(first) + norm_constant) / first
     high = -(_LOG_REACH + jnp.log(second) + norm_constant) / second
@@ -110,6 +118,7 @@ def _cubic(values: Any, slopes: Any, knots: Any, panel: Any, at: Any) -> tuple[A
     return left + s * (left_slope + s * (bend + s * twist)), (left_slope + s * (2 * bend + 3 * s * twist)) / step
 
 
+@jax.jit
 def log_gamma_rise(shape: Any, step: Any) -> Any:
     """log Gamma(shape + step) - log Gamma(shape), without their cancellation."""
     points, weights = np.polynomial.legendre.leggauss(24)
@@ -132,11 +141,13 @@ def log_moment_ratio(shape: Any, power: Any) -> Any:
     return step**2 * ((rising + falling) @ jnp.asarray(ramp * weights / 2, rising.dtype))
 
 
+@jax.jit
 def gamma_shape(cov: Any, power: Any) -> Any:
     """Shape of the generalised gamma of exponent `power` with coefficient of variation `cov`."""
     return _falling_root(lambda shape: log_moment_ratio(shape, power), jnp.log1p(jnp.square(cov)))
 
 
+@jax.jit
 def weibull_power(cov: Any, shape: Any) -> Any:
     """Exponent of the generalised gamma of `shape` with coefficient of variation `cov`."""
     return _falling_root(lambda power: log_moment_ratio(shape, power), jnp.log1p(jnp.square(cov)))
@@ -166,7 +177,8 @@ def cov_above(mean: Any, cov: Any, lower: Any) -> Any:
         jnp.isfinite(cov) & (jnp.asarray(cov) > 0),
         f"cov = {cov} must be above 0 for this family: use Normal or Lognormal for a constant",
     )
-    return cov * abs(mean) / (mean - lower)
+    # Exactly cov where there is no bound, so that the mean may be an array.
+    return cov if isinstance(lower, int | float) and lower == 0 else cov * abs(mean) / (mean - lower)
 
 
 def truncated_parent(mean: Any, deviation: Any, lower: Any, upper: Any) -> tuple[Any, Any, Any, Any]:
@@ -175,22 +187,37 @@ def truncated_parent(mean: Any, deviation: Any, lower: Any, upper: Any) -> tuple
     Also the bounds as scores of that Gaussian; an absent one (None) lies 40 deviations out. ValueError where no
     such Gaussian is found: the deviation is too large for the bounds.
     """
+    mean, deviation = jnp.asarray(mean, float), jnp.asarray(deviation, float)
+    require(
+        mean.ndim == 0 and deviation.ndim == 0, "moments of a truncated normal as arrays: give numbers for mean and cov"
+    )
+    *parent, mismatch = _solve_parent(mean, deviation, lower, upper)
+    require(
+        mismatch < 1e-3,
+        f"deviation = {deviation} about mean = {mean} cannot be had within the bounds {lower} and {upper}: "
+        "lower the cov or widen the bounds",
+    )
+    centre, scale, low, high = parent
+    return centre, scale, low, high
 
-    def scores(centre: Any, scale: Any) -> tuple[Any, Any]:
+
+@jax.jit
+def _solve_parent(mean: Any, deviation: Any, lower: Any, upper: Any) -> tuple[Any, ...]:
+    """Newton's method on both moments; centre, scale, scores of the bounds, and the moments' largest mismatch."""
+
+    def parent(unknown: Any, mean: Any, deviation: Any) -> tuple[Any, Any, Any, Any]:
+        centre, scale = mean + unknown[0] * deviation, deviation * jnp.exp(unknown[1])
         low = jnp.full_like(centre, -40.0) if lower is None else (lower - centre) / scale
         high = jnp.full_like(centre, 40.0) if upper is None else (upper - centre) / scale
-        return low, high
+        return centre, scale, low, high
 
     def residual(unknown: Any, mean: Any, deviation: Any) -> Any:
-        shift, log_scale = unknown
-        scale = deviation * jnp.exp(log_scale)
-        centre = mean + shift * deviation
-        low, high = scores(centre, scale)
+        centre, scale, low, high = parent(unknown, mean, deviation)
         mass = normal_mass(low, high)
         low_pull, high_pull = norm.pdf(low) / mass, norm.pdf(high) / mass
         pull = low_pull - high_pull
         variance = 1 + low * low_pull - high * high_pull - pull**2
-        return jnp.stack([(centre + scale * pull - mean) / deviation, jnp.log(variance) / 2 + log_scale])
+        return jnp.stack([(centre + scale * pull - mean) / deviation, jnp.log(variance) / 2 + unknown[1]])
 
     slopes = jax.jacfwd(residual)
 
@@ -198,17 +225,9 @@ def truncated_parent(mean: Any, deviation: Any, lower: Any, upper: Any) -> tuple
         change = jnp.linalg.solve(slopes(unknown, mean, deviation), residual(unknown, mean, deviation))
         return unknown - change / jnp.maximum(1, jnp.abs(change).max() / 0.5)
 
-    mean, deviation = jnp.asarray(mean, float), jnp.asarray(deviation, float)
-    require(
-        mean.ndim == 0 and deviation.ndim == 0, "moments of a truncated normal as arrays: give numbers for mean and cov"
-    )
     unknown = jax.lax.stop_gradient(jax.lax.fori_loop(0, 60, step, jnp.zeros(2, mean.dtype)))
-    require(
-        jnp.abs(residual(unknown, mean, deviation)).max() < 1e-3,
-        f"deviation = {deviation} about mean = {mean} cannot be had within the bounds {lower} and {upper}: "
-        "lower the cov or widen the bounds",
-    )
+    mismatch = jnp.nan_to_num(jnp.abs(residual(unknown, mean, deviation)).max(), nan=jnp.inf)
+    # One step more carries the derivatives by the implicit function theorem.
     jacobian = jax.lax.stop_gradient(slopes(unknown, mean, deviation))
-    shift, log_scale = unknown - jnp.linalg.solve(jacobian, residual(unknown, mean, deviation))
-    centre, scale = mean + shift * deviation, deviation * jnp.exp(log_scale)
-    return centre, scale, *scores(centre, scale)
+    unknown = unknown - jnp.linalg.solve(jacobian, residual(unknown, mean, deviation))
+    return *parent(unknown, mean, deviation), jax.lax.stop_gradient(mismatch)
