@@ -3,8 +3,18 @@
 from cooperative import open_store, rank_samples, next_refined, published, consequences
 """
 
+from cooperative.audit import AuditPlan
 from cooperative.consequences import Consequences, SlopeGeometry, consequences
-from cooperative.estimators import Estimate, published, wilson_interval
+from cooperative.distributions import Fit, Fits, Severity, fit_distributions, severity_ranking
+from cooperative.estimators import (
+    Estimate,
+    after_more_runs,
+    control_variate,
+    monte_carlo,
+    published,
+    wilson_interval,
+)
+from cooperative.modes import FailureMode, ModeRules, failure_mode
 from cooperative.ranking import Ranking, next_refined, rank_samples, stopping_rank
 from cooperative.store import (
     DamagedFile,
@@ -20,17 +30,36 @@ from cooperative.store import (
     write_aside,
     write_sample,
 )
+from cooperative.subset import SubsetPlan, SubsetSamples, subset_simulation
+from cooperative.tables import consolidate, write_table
+from cooperative.twophase import Population, next_audit, two_phase
 
 __all__ = [
+    "AuditPlan",
     "Consequences",
     "DamagedFile",
     "Estimate",
+    "FailureMode",
+    "Fit",
+    "Fits",
+    "ModeRules",
+    "Population",
     "Ranking",
     "Rows",
     "Sample",
+    "Severity",
     "SlopeGeometry",
     "Store",
+    "SubsetPlan",
+    "SubsetSamples",
+    "after_more_runs",
     "consequences",
+    "consolidate",
+    "control_variate",
+    "failure_mode",
+    "fit_distributions",
+    "monte_carlo",
+    "next_audit",
     "next_refined",
     "open_store",
     "published",
@@ -40,8 +69,12 @@ __all__ = [
     "read_store",
     "sample_path",
     "scene_digest",
+    "severity_ranking",
     "stopping_rank",
+    "subset_simulation",
+    "two_phase",
     "wilson_interval",
     "write_aside",
     "write_sample",
+    "write_table",
 ]

@@ -101,15 +101,34 @@ def consequences(
     )
 
 
+def overlapped_slices(
+    y: np.ndarray, half: float, *, origin: float, slice_width: float, slices: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """First and last slice across the slope that particle domains [y - half, y + half] reach into, two (N,) of int.
+
+    Slice i is [origin + i slice_width, origin + (i + 1) slice_width]. A domain that only touches a slice does not
+    reach into it, so that splitting a domain reaches the same slices.
+    """
+    rounding = 1e-9
+    first = np.floor((y - half - origin) / slice_width + rounding).astype(int)
+    last = np.ceil((y + half - origin) / slice_width - rounding).astype(int) - 1
+    return np.clip(first, 0, slices - 1), np.clip(np.maximum(last, first), 0, slices - 1)
+
+
+def largest_per_slice(first: np.ndarray, last: np.ndarray, values: np.ndarray, slices: int) -> np.ndarray:
+    """Largest of `values` (N,) among the particles that reach into each slice (slices,); 0 where none does."""
+    largest = np.zeros(slices)
+    for step in range(int((last - first).max(initial=0)) + 1):
+        np.maximum.at(largest, np.minimum(first + step, last), values)
+    return largest
+
+
 def _swept_area(y: np.ndarray, half: float, beyond: np.ndarray, slice_width: float) -> float:
     """Sum over slices across y of the largest run-out of any particle domain that reaches into them [m2]."""
-    rounding = 1e-9  # a domain that only touches a slice does not reach into it
-    first = np.floor((y - half) / slice_width + rounding).astype(int)
-    last = np.maximum(np.ceil((y + half) / slice_width - rounding).astype(int) - 1, first)
-    reach = np.zeros(int(last.max() - first.min()) + 1)
-    for step in range(int((last - first).max()) + 1):
-        np.maximum.at(reach, np.minimum(first + step, last) - first.min(), beyond)
-    return float(reach.sum() * slice_width)
+    origin = float(np.floor((y.min() - half) / slice_width)) * slice_width
+    slices = int(np.ceil((y.max() + half - origin) / slice_width)) + 1
+    first, last = overlapped_slices(y, half, origin=origin, slice_width=slice_width, slices=slices)
+    return float(largest_per_slice(first, last, beyond, slices).sum() * slice_width)
 
 
 def _check(

@@ -245,9 +245,9 @@ def write_aside(path: Path, data: bytes | memoryview) -> None:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        _rename_synced(part, path)
+        rename_synced(part, path)
     except OSError as error:
-        raise _refused(path, part, error) from error
+        raise refused(path, part, error) from error
 
 
 def package_versions() -> dict[str, str]:
@@ -284,7 +284,8 @@ def _take_lock(folder: Path) -> int:
     return descriptor
 
 
-def _rename_synced(part: Path, path: Path) -> None:
+def rename_synced(part: Path, path: Path) -> None:
+    """Give a finished file its name, and make sure that the folder knows."""
     os.replace(part, path)
     folder = os.open(path.parent, os.O_RDONLY)
     try:
@@ -293,7 +294,8 @@ def _rename_synced(part: Path, path: Path) -> None:
         os.close(folder)
 
 
-def _refused(path: Path, part: Path, error: OSError) -> OSError:
+def refused(path: Path, part: Path, error: OSError) -> OSError:
+    """The error to raise for a write that failed, with the half file removed."""
     part.unlink(missing_ok=True)
     reason = error.strerror or str(error)
     remedy = "make room" if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG) else "see to the disk"

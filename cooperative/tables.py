@@ -1,0 +1,68 @@
+"""A campaign in one file: a table for people, and one HDF5 file with every sample."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from cooperative.store import GRIDS, Store, read_rows, read_sample, refused, rename_synced, sample_path, write_aside
+
+
+def write_table(store: Store, path: str | Path | None = None) -> Path:
+    """Write one CSV line per finished sample and grid, `table.csv` in the campaign's folder by default.
+
+    Columns: grid, sample, status, steps, seconds, then all scalars by name; empty where a sample has none.
+    Damaged files are left out; `read_rows` names them. OSError if the disk refuses.
+    """
+    path = store.folder / "table.csv" if path is None else Path(path)
+    tables = {grid: read_rows(store, grid).columns for grid in GRIDS}
+    names = list(dict.fromkeys(name for columns in tables.values() for name in columns))
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["grid", *names])
+    for grid, columns in tables.items():
+        for at in range(columns["sample"].size):
+            writer.writerow([grid, *(_cell(columns.get(name), at) for name in names)])
+    write_aside(path, text.getvalue().encode())
+    return path
+
+
+def consolidate(store: Store, path: str | Path | None = None) -> Path:
+    """Write all verified samples into one HDF5 file, `campaign.h5` in the campaign's folder by default.
+
+    The scene is the attribute `scene`; each sample is a group `rough/000123` or `refined/000123` with the content
+    of its own file; `tables/rough/...` are the columns of the rows. One sample is in memory at a time. OSError if
+    the disk refuses; what was there before stays.
+    """
+    path = store.folder / "campaign.h5" if path is None else Path(path)
+    part = path.with_name(f".{path.name}.part")
+    try:
+        with h5py.File(part, "w", libver=("v110", "v110")) as file:
+            file.attrs["scene"] = store.scene_text
+            for grid in GRIDS:
+                rows = read_rows(store, grid)
+                for name, values in rows.columns.items():
+                    text = values.dtype.kind == "U"
+                    file[f"tables/{grid}/{name}"] = values.astype(h5py.string_dtype()) if text else values
+                for number in rows.numbers:
+                    read_sample(store, grid, number)
+                    with h5py.File(sample_path(store, grid, number), "r") as source:
+                        source.copy(source, file, name=f"{grid}/{number:06d}")
+        with open(part, "rb") as written:
+            os.fsync(written.fileno())
+        rename_synced(part, path)
+    except OSError as error:
+        raise refused(path, part, error) from error
+    return path
+
+
+def _cell(column: np.ndarray | None, at: int) -> object:
+    if column is None:
+        return ""
+    value = column[at].item()
+    return "" if isinstance(value, float) and np.isnan(value) else value

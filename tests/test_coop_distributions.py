@@ -1,0 +1,109 @@
+"""Fits of known samples, against closed forms and against the truth; severity with its uncertainty."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import optimize, special, stats
+
+from cooperative.distributions import CANDIDATES, fit_distributions, severity_ranking
+
+TRUTHS = {
+    "normal": stats.norm(12, 2),
+    "logistic": stats.logistic(50, 4),
+    "gamma": stats.gamma(1.5, scale=200),
+    "Weibull": stats.weibull_min(1.8, scale=400),
+    "lognormal": stats.lognorm(0.8, scale=10),
+    "Gumbel": stats.gumbel_r(-5, 3),
+}
+
+
+@pytest.mark.parametrize("name", TRUTHS)
+def test_the_true_family_is_found_in_many_samples(name):
+    values = TRUTHS[name].rvs(4000, random_state=3)
+    found = fit_distributions(values)
+    assert found.best_aic == found.best_bic == name
+    at = np.quantile(values, [0.1, 0.5, 0.9])
+    np.testing.assert_allclose(found.fits[0].frozen.cdf(at), TRUTHS[name].cdf(at), atol=0.03)
+
+
+def test_normal_lognormal_and_gamma_fits_meet_their_closed_forms():
+    values = stats.gamma(3, scale=1e5).rvs(200, random_state=1)
+    fits = {fit.name: fit for fit in fit_distributions(values).fits}
+    np.testing.assert_allclose(fits["normal"].parameters, (values.mean(), values.std()), rtol=1e-6)
+    log = np.log(values)
+    np.testing.assert_allclose(fits["lognormal"].parameters, (log.std(), 0, np.exp(log.mean())), rtol=1e-4, atol=1e-9)
+    gap = np.log(values.mean()) - log.mean()
+    shape = optimize.brentq(lambda k: np.log(k) - special.digamma(k) - gap, 1e-2, 1e3)
+    np.testing.assert_allclose(fits["gamma"].parameters, (shape, 0, values.mean() / shape), rtol=1e-6, atol=1e-9)
+    for fit in fits.values():
+        assert fit.aic == pytest.approx(4 - 2 * fit.log_likelihood)
+        assert fit.bic == pytest.approx(2 * np.log(200) - 2 * fit.log_likelihood)
+
+
+@pytest.mark.parametrize("name", TRUTHS)
+def test_no_nearby_parameters_are_more_likely(name):
+    values = TRUTHS["gamma"].rvs(150, random_state=2)
+    fit = {fit.name: fit for fit in fit_distributions(values).fits}[name]
+    family, free = CANDIDATES[name].family, [at for at, value in enumerate(fit.parameters) if value != 0]
+    for at in free:
+        for factor in (0.99, 1.01):
+            moved = list(fit.parameters)
+            moved[at] *= factor
+            assert family.logpdf(values, *moved).sum() < fit.log_likelihood + 1e-6
+
+
+@given(st.floats(1e-3, 1e6))
+def test_the_choice_does_not_depend_on_the_unit(factor):
+    values = TRUTHS["lognormal"].rvs(60, random_state=4)
+    here, there = fit_distributions(values), fit_distributions(values * factor)
+    assert [fit.name for fit in here.fits] == [fit.name for fit in there.fits]
+    assert here.fits[0].aic - here.fits[1].aic == pytest.approx(there.fits[0].aic - there.fits[1].aic, abs=1e-3)
+
+
+def test_too_few_and_not_positive_are_said():
+    few = fit_distributions(np.array([1.0, 2.0, 4.0]))
+    assert few.best_aic is not None
+    assert "3 samples are too few" in few.notes[0]
+    none = fit_distributions(np.array([3.0, 3.0]))
+    assert (none.best_aic, none.fits) == (None, ())
+    assert "too few for a fit" in none.notes[0]
+    touched = fit_distributions(np.append(TRUTHS["normal"].rvs(40, random_state=0), 0.0))
+    assert {fit.name for fit in touched.fits} == {"normal", "logistic", "Gumbel"}
+    assert sum("is for positive values" in note for note in touched.notes) == 3
+
+
+def test_fits_refuse_what_is_not_finite():
+    with pytest.raises(ValueError, match="not finite"):
+        fit_distributions(np.array([1.0, np.nan]))
+
+
+def test_severity_order_and_its_doubt():
+    generator = np.random.default_rng(0)
+    groups = {
+        "shallow": generator.normal(5, 1, 60),
+        "deep": generator.normal(12, 2, 80),
+        "compound": generator.normal(12.1, 2, 8),
+        "progressive": generator.normal(30, 3, 20),
+        "lone": np.array([1.0]),
+    }
+    ranked = severity_ranking(groups)
+    assert ranked[0].group == "progressive"
+    assert ranked[0].rank_interval == (1, 1)
+    assert {ranked[1].group, ranked[2].group} == {"deep", "compound"}
+    for entry in ranked[1:3]:
+        assert entry.rank_interval == (2, 3)
+    lone = next(entry for entry in ranked if entry.group == "lone")
+    assert lone.rank_interval == (1, 5)
+    assert lone.interval == (-np.inf, np.inf)
+    with pytest.raises(ValueError, match="'none' is empty"):
+        severity_ranking({"none": np.array([])})
+
+
+def test_bootstrap_interval_covers_the_mean():
+    generator = np.random.default_rng(5)
+    hits = 0
+    for seed in range(200):
+        entry = severity_ranking({"a": generator.normal(0, 1, 50)}, statistic=np.mean, resamples=400, seed=seed)[0]
+        hits += entry.interval[0] <= 0 <= entry.interval[1]
+    assert 0.83 <= hits / 200 <= 0.96
