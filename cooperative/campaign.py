@@ -18,11 +18,13 @@ import numpy as np
 from tqdm import tqdm
 
 from cooperative import screening
-from cooperative.config import Config, parse
+from cooperative.audit import AuditPlan
+from cooperative.config import Config, Plan, parse
 from cooperative.estimators import Estimate, published
 from cooperative.executors import Workers, process_pool, run_through
 from cooperative.ranking import next_refined
 from cooperative.store import Rows, Sample, Store, open_store, read_rows, write_aside, write_sample
+from cooperative.twophase import Population, next_audit, two_phase
 
 NOT_BROKEN = ("FINISHED", "SETTLED", "DECIDED")
 
@@ -65,9 +67,12 @@ def run(
         answers = refined_answers(config, read_rows(store, "refined"))
 
         def wanted(under_way: Collection[int]) -> list[int]:
-            return next_refined(
-                displacement, answers, config.plan.k_t, ahead, failed_lanes=broke_off, under_way=under_way
-            )
+            if config.plan.estimator == "published":
+                return next_refined(
+                    displacement, answers, config.plan.k_t, ahead, failed_lanes=broke_off, under_way=under_way
+                )
+            asked = next_audit(Population(displacement, broke_off), answers, audit_plan(config.plan))
+            return [number for number in asked if number not in under_way]
 
         while wanted(()):
             ranked = samples("refined", _in_rank_order(wanted, answers))
@@ -113,19 +118,25 @@ def answer(config: Config, displacement: float, broke_off: float | bool) -> bool
     return fails if fails or not broke_off else None
 
 
-def estimate(config: Config, rough: Rows, refined: Rows) -> Estimate:
-    """Probability of failure from what is known."""
-    return published(
-        rough.columns["displacement"],
-        refined_answers(config, refined),
-        config.plan.k_t,
-        failed_lanes=rough.columns["broke_off"].astype(bool),
-    )
+def audit_plan(plan: Plan) -> AuditPlan:
+    """How the two-phase estimator spends its refined runs."""
+    runs = min(plan.refined_runs or max(20, plan.samples // 5), plan.samples)
+    return AuditPlan(runs, seed=plan.seed, k_t=plan.k_t, target_cov=plan.target_cov)
+
+
+def estimates(config: Config, rough: Rows, refined: Rows) -> list[Estimate]:
+    """Probability of failure from what is known: by the estimator asked for, and n/N beside it."""
+    displacement, broke_off = rough.columns["displacement"], rough.columns["broke_off"].astype(bool)
+    answers = refined_answers(config, refined)
+    by_rule = published(displacement, answers, config.plan.k_t, failed_lanes=broke_off)
+    if config.plan.estimator == "published":
+        return [by_rule]
+    return [two_phase(Population(displacement, broke_off), answers, audit_plan(config.plan)), by_rule]
 
 
 def summarise(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
     """The campaign in numbers, ready for JSON: probability, counts, consequences, time, and what to beware of."""
-    found = estimate(config, rough, refined)
+    found, *others = estimates(config, rough, refined)
     answers = refined_answers(config, refined)
     failed = np.asarray([answers[number] is True for number in refined.numbers], bool)
     limit = config.run.failure_displacement
@@ -140,6 +151,8 @@ def summarise(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
         "interval": list(found.interval),
         "level": found.level,
         "estimator": found.method,
+        "coefficient_of_variation": found.cov if np.isfinite(found.cov) else None,
+        "other_estimates": {e.method: {"probability": e.probability, "interval": list(e.interval)} for e in others},
         "samples": len(rough.numbers),
         "failures_rough": int(np.sum(rough.columns["displacement"] > limit)),
         "refined_runs": len(refined.numbers),

@@ -26,6 +26,7 @@ KERNELS = {"gimp": GIMP, "linear": Linear}
 SCHEMES = {scheme.name.lower(): scheme for scheme in Scheme}
 PLASTIC_STRAINS = {measure.value: measure for measure in PlasticStrain}
 Y_ENDS = {"fixed": "fixed", "roller": "roller"}
+ESTIMATORS = {"two-phase": "two-phase", "published": "published"}
 FIELDS = {"none": (), "refined": ("refined",), "both": ("rough", "refined")}
 
 REQUIRED = object()
@@ -59,6 +60,8 @@ class Plan:
 
     lanes: samples in one program at a time; None takes 1 on CPU, where lanes gain nothing, and 64 elsewhere.
     look_ahead: refined runs under way at once, in rank order; the answer depends on neither.
+    estimator: "two-phase" audits what the ranked prefix leaves out, within a budget of refined_runs (None: a fifth of
+    the samples, at least 20) or until target_cov; "published" stops at k_t and counts n/N.
     screening_stop: displacement (m) at which a rough lane is decided and ends, None runs it to its end.
     fields: grids whose final displacement and plastic strain are kept.
     """
@@ -67,6 +70,9 @@ class Plan:
     seed: int
     coefficients: Any
     k_t: int
+    estimator: Literal["two-phase", "published"]
+    refined_runs: int | None
+    target_cov: float | None
     lanes: int | None
     look_ahead: int
     screening_stop: float | None
@@ -136,6 +142,9 @@ _PLAN = {
     "seed": _Key(int, 0),
     "coefficients": _Key(COEFFICIENTS, "latin hypercube"),
     "k_t": _Key(int),
+    "estimator": _Key(ESTIMATORS, "two-phase"),
+    "refined_runs": _Key(int, None),
+    "target_cov": _Key(float, None),
     "lanes": _Key(int, None),
     "look_ahead": _Key(int, 1),
     "screening_stop": _Key(float, None),
@@ -272,6 +281,10 @@ def _check(config: Config) -> None:
     ):
         if value < 1:
             raise ValueError(f"[campaign] {name} = {value}: give 1 or more")
+    if plan.refined_runs is not None and plan.refined_runs < 10:
+        raise ValueError(f"[campaign] refined_runs = {plan.refined_runs}: give 10 or more, the audit needs some")
+    if plan.target_cov is not None and not 0 < plan.target_cov < 1:
+        raise ValueError(f"[campaign] target_cov = {plan.target_cov:g}: give a value above 0 and below 1")
     if plan.seed < 0:
         raise ValueError(f"[campaign] seed = {plan.seed}: give 0 or more")
     if plan.screening_stop is not None and plan.screening_stop < run.failure_displacement:

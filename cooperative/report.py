@@ -78,6 +78,9 @@ def words(summary: dict[str, Any], figures_folder: Path) -> str:
         f"  refined grid   {summary['refined_runs']} runs, {summary['failures_refined']} failures, "
         f"{summary['seconds']['refined']:.0f} s",
     ]
+    for method, other in summary["other_estimates"].items():
+        low, high = other["interval"]
+        lines.insert(2, f"  beside it: {method:<14} {other['probability']:.3f}  ({low:.3f} to {high:.3f})")
     for name, spread in summary["consequences_of_failures"].items():
         if spread:
             lines.append(

@@ -54,6 +54,7 @@ t_end = 4.0
 samples = 6
 seed = 3
 k_t = 2
+estimator = "published"
 fields = "both"
 """
 
@@ -91,6 +92,17 @@ def test_refined_runs_are_the_worst_ranked_and_end_with_k_t_that_stand(done):
     if len(ran) < 6:
         by_rank = [refined.columns["displacement"][ran.index(n)] > 1.0 for n in order[: len(ran)].tolist()]
         assert by_rank[-2:] == [False, False]
+
+
+def test_two_phase_campaign_spends_its_budget_and_reports_both_estimates(tmp_path):
+    text = changed('estimator = "published"', "refined_runs = 10").replace("samples = 6", "samples = 14")
+    summary = campaign.run(text, tmp_path / "two-phase")
+    assert summary["estimator"] == "two-phase"
+    assert summary["refined_runs"] == 10
+    low, high = summary["interval"]
+    assert 0 <= low < summary["probability_of_failure"] < high <= 1
+    assert "published n/N" in summary["other_estimates"]
+    assert campaign.run(text, tmp_path / "two-phase") == summary
 
 
 def test_a_sample_can_be_made_again_from_its_number(done):
@@ -196,6 +208,8 @@ BAD_SCENES = [
     (("length = [20.0, 4.0]", "length = [20.0, 4.0]\nenergy = 0.0"), r"energy = 0: give a share of the variance"),
     (("length = [20.0, 4.0]", "length = [20.0, 4.0]\nenergy = 1.5"), r"energy = 1.5"),
     (("cov = 0.4", "cov = 0.4\nmarginal = 'normal'"), r"marginal = 'normal': give one of 'lognormal'"),
+    (('estimator = "published"', "estimator = 'twophase'"), r"estimator = 'twophase': .*did you mean 'two-phase'"),
+    (('estimator = "published"', "refined_runs = 3"), r"refined_runs = 3: give 10 or more"),
     (("t_end = 4.0", "t_end = -4.0"), r"t_end = -4: give a finite value above 0"),
     (("poisson = 0.3", "poisson = 0.5"), r"poisson = 0.5"),
     (("young = 2e7", "young = 0"), r"young = 0 Pa"),
