@@ -8,9 +8,22 @@ from jaxmpm.materials import J2, Elastic, reduce_strength
 from jaxmpm.reduction import FactorOfSafety, factor_of_safety, reduced
 from jaxmpm.scenes import Discretisation, Slope, bar, block, column, slope, with_strength
 from jaxmpm.softening import Decay, ExponentialSoftening, FrictionalSoftening, RateEffect, Softening
-from jaxmpm.soil import PlasticStrain, Soil
+from jaxmpm.soil import FrictionalSoil, PlasticStrain, Soil
 from jaxmpm.step import step
-from jaxmpm.types import GIMP, Engine, Grid, Linear, Material, Particles, Scene, Scheme, State, Status, Wall
+from jaxmpm.types import (
+    GIMP,
+    Engine,
+    Grid,
+    Linear,
+    Material,
+    Particles,
+    QuadraticBSpline,
+    Scene,
+    Scheme,
+    State,
+    Status,
+    Wall,
+)
 
 __all__ = [
     "GIMP",
@@ -24,6 +37,7 @@ __all__ = [
     "ExponentialSoftening",
     "FactorOfSafety",
     "FrictionalSoftening",
+    "FrictionalSoil",
     "Grid",
     "Linear",
     "Matching",
@@ -31,6 +45,7 @@ __all__ = [
     "MohrCoulomb",
     "Particles",
     "PlasticStrain",
+    "QuadraticBSpline",
     "RateEffect",
     "Result",
     "Scene",

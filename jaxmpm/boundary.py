@@ -1,4 +1,4 @@
-"""Nodal walls: what they hold is zero on and beyond their plane."""
+"""Nodal walls: what they hold is zero on and beyond their plane; those with friction act by impulses."""
 
 from __future__ import annotations
 
@@ -8,16 +8,19 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxmpm.tensors import safe_sqrt
 from jaxmpm.types import Grid, Wall
 
 
 def hold(walls: Sequence[Wall], grid: Grid, nodal: Array) -> Array:
     """Velocities or accelerations (nodes, d) with the held components set to 0."""
-    if not walls:
+    if all(wall.hold == "friction" for wall in walls):
         return nodal
     shape = (*grid.shape, grid.dimension)
     field = nodal.reshape(shape)
     for wall in walls:
+        if wall.hold == "friction":
+            continue
         # Index arithmetic, not a stored mask: it is fused into the nodal update and costs no memory.
         along = jax.lax.broadcasted_iota(jnp.int32, shape, wall.axis)
         held = along <= wall.index if wall.side == "low" else along >= wall.index
@@ -25,3 +28,31 @@ def hold(walls: Sequence[Wall], grid: Grid, nodal: Array) -> Array:
             held &= jax.lax.broadcasted_iota(jnp.int32, shape, grid.dimension) == wall.axis
         field = jnp.where(held, 0, field)
     return field.reshape(nodal.shape)
+
+
+def slide(walls: Sequence[Wall], grid: Grid, velocity: Array, friction: Array | None) -> Array:
+    """Velocities (nodes, d) after the impulses of the walls with friction.
+
+    A wall takes away the velocity into it, and of the velocity along it up to `friction` times as much; it does not
+    hold back what leaves. Source: Coulomb's law for impulses, as in Bardenhagen et al. (2000),
+    10.1016/S0045-7825(99)00338-2, section 3.
+    """
+    shape = (*grid.shape, grid.dimension)
+    field = velocity.reshape(shape)
+    for wall in walls:
+        if wall.hold != "friction":
+            continue
+        along = jax.lax.broadcasted_iota(jnp.int32, grid.shape, wall.axis)
+        inward = 1 if wall.side == "low" else -1
+        beyond = along <= wall.index if wall.side == "low" else along >= wall.index
+        push = jnp.where(beyond, jnp.maximum(-inward * field[..., wall.axis], 0), 0)
+        normal = jax.lax.broadcasted_iota(jnp.int32, shape, grid.dimension) == wall.axis
+        tangential = jnp.where(normal, 0, field)
+        left: Array | float = 1.0
+        if friction is not None:
+            speed = safe_sqrt(jnp.sum(tangential**2, axis=-1))
+            left = jnp.where(speed > 0, jnp.maximum(1 - friction * push / jnp.where(speed > 0, speed, 1), 0), 1)[
+                ..., None
+            ]
+        field = jnp.where(normal, field + inward * push[..., None], left * tangential)
+    return field.reshape(velocity.shape)

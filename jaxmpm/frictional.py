@@ -10,7 +10,7 @@ import enum
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -69,6 +69,8 @@ class DruckerPrager:
     mean stress (Pa); None leaves it to the cone's apex. matching: see `Matching`.
     """
 
+    STRENGTH: ClassVar = ("cohesion", "friction", "dilation", "softening")
+
     bulk: Array
     shear: Array
     cohesion: Array
@@ -124,6 +126,8 @@ class MohrCoulomb:
     bulk, shear: Pa. cohesion: Pa. friction, dilation: rad, the dilation at most the friction. softening: None keeps
     the peak. tension_cutoff: largest principal stress (Pa), its flow associated; None leaves it to the apex.
     """
+
+    STRENGTH: ClassVar = ("cohesion", "friction", "dilation", "softening")
 
     bulk: Array
     shear: Array

@@ -1,13 +1,14 @@
 """Constitutive laws: (parameters, strain increment, stress, history) -> (stress, history).
 
-A law is a frozen pytree with `p_wave_modulus`, `initial_history` and `update`, see `jaxmpm.types.Material`.
+A law is a frozen pytree with `p_wave_modulus`, `initial_history` and `update`, see `jaxmpm.types.Material`. For
+strength reduction it also has `reduced`, and STRENGTH, the names of the parameters that this changes.
 Every parameter is a scalar or one value per particle. Tension is positive.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -72,6 +73,8 @@ class J2:
     The history variable is the accumulated engineering plastic shear strain g (in simple shear, the plastic
     part of gamma), kept only where the soil softens.
     """
+
+    STRENGTH: ClassVar = ("strength",)
 
     bulk: Array
     shear: Array

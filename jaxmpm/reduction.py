@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from jaxmpm import check, diagnostics
 from jaxmpm.integrate import Settle, lanes, repeat, solve
@@ -56,8 +57,7 @@ def factor_of_safety(
     points = sorted({round(p) for p in np.linspace(low, high, batch)})
     while points:
         factors = jnp.asarray([p * resolution for p in points], scene.particles.mass.dtype)
-        reduced = jax.vmap(lambda r: reduce_strength(scene.material, r).strength)(factors)
-        varied, axes = lanes(scene, strength=reduced)
+        varied, axes = reductions(scene, factors)
         result = solve(
             varied,
             repeat(state, len(points)),
@@ -84,6 +84,13 @@ def factor_of_safety(
     digits = max(0, -math.floor(math.log10(resolution)) + 2)
     tried = tuple((round(p * resolution, digits), moved[p]) for p in sorted(moved))
     return FactorOfSafety(round(low * resolution, digits), round(high * resolution, digits), tried)
+
+
+def reductions(scene: Scene, factors: Array) -> tuple[Scene, Scene]:
+    """The scene with a lane for every factor (B) by which the strength is divided, and its axes for `solve`."""
+    material = jax.vmap(lambda factor: reduce_strength(scene.material, factor))(factors)
+    found = {name: getattr(material, name) for name in material.STRENGTH}
+    return lanes(scene, **{name: value for name, value in found.items() if value is not None})
 
 
 def reduced(scene: Scene, factor: float) -> Scene:

@@ -12,10 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxmpm import check
+from jaxmpm.averages import passes_for
 from jaxmpm.equilibrium import settled_elastically
-from jaxmpm.soil import Soil, material_of
+from jaxmpm.soil import Ground, material_of, refuse_snap_back
 from jaxmpm.tensors import CARRIED
-from jaxmpm.types import GIMP, Grid, Kernel, Linear, Particles, Scene, Scheme, State, Status, Wall
+from jaxmpm.types import GIMP, Grid, Kernel, Linear, Particles, QuadraticBSpline, Scene, Scheme, State, Status, Wall
 
 PADDING = 1
 """Cells of grid beyond a wall."""
@@ -25,18 +26,24 @@ PADDING = 1
 class Discretisation:
     """Cell (m), particle spacing per axis (m), and the numerical choices.
 
-    kernel: GIMP (domain of one spacing) or Linear. cfl: dt = cfl cell / (c + speed), c the elastic wave speed.
-    flip: share of FLIP, 1 is pure FLIP. damping: mass-proportional (1/s).
+    kernel: GIMP (domain of one spacing), Linear or QuadraticBSpline. cfl: dt = cfl cell / (c + speed), c the elastic
+    wave speed. flip: share of FLIP, 1 is pure FLIP. apic: carry the velocity's gradient, with quadratic B-splines
+    and flip = 0. damping: mass-proportional (1/s). fbar: average the volumetric strain over neighbours, against
+    locking. internal_length: standard deviation (m) of the average of the plastic strain over neighbours, which
+    keeps softening from localising into single cells; None keeps it local.
     dtype: float32 or float64, as JAX is set if None.
     """
 
     cell: float
     spacing: tuple[float, ...]
-    kernel: type[GIMP] | type[Linear] = GIMP
+    kernel: type[GIMP] | type[Linear] | type[QuadraticBSpline] = GIMP
     scheme: Scheme = Scheme.MUSL
     cfl: float = 0.5
     flip: float = 1.0
+    apic: bool = False
     damping: float = 0.0
+    fbar: bool = False
+    internal_length: float | None = None
     dtype: Any = None
 
 
@@ -87,7 +94,7 @@ class Slope:
 
 def slope(
     shape: Slope,
-    soil: Soil,
+    soil: Ground,
     discretisation: Discretisation,
     *,
     gravity: float = 9.81,
@@ -146,7 +153,12 @@ def slope(
 
 
 def column(
-    height: float, soil: Soil, discretisation: Discretisation, *, gravity: float = 9.81, at_rest: bool = True
+    height: float,
+    soil: Ground,
+    discretisation: Discretisation,
+    *,
+    gravity: float = 9.81,
+    at_rest: bool = True,
 ) -> tuple[Scene, State]:
     """A column on a fixed base, in 1D, or in 2D and 3D one cell wide between rollers; vertical is the last axis.
 
@@ -172,7 +184,7 @@ def column(
 
 
 def bar(
-    length: float, soil: Soil, discretisation: Discretisation, *, velocity: float, mode: int = 1
+    length: float, soil: Ground, discretisation: Discretisation, *, velocity: float, mode: int = 1
 ) -> tuple[Scene, State]:
     """A 1D bar fixed at x = 0, free at x = length, without gravity, vibrating in one of its modes.
 
@@ -201,20 +213,22 @@ def bar(
 
 def block(
     size: Sequence[float],
-    soil: Soil,
+    soil: Ground,
     discretisation: Discretisation,
     *,
     domain: Sequence[float],
     corner: Sequence[float],
     velocity: Sequence[float] | None = None,
     gravity: Sequence[float] | None = None,
-    walls: Literal["none", "fixed", "roller"] = "none",
+    walls: Literal["none", "fixed", "roller", "friction"] = "none",
+    friction: float = 0.0,
     speed: float | None = None,
 ) -> tuple[Scene, State]:
     """A box of soil in a box-shaped domain, free of stress, moving at `velocity` (m/s).
 
     size, domain: edges (m). corner: lowest corner of the block in the domain. gravity: vector (m/s2).
     walls: what stands on all faces of the domain; with "none" a lane that leaves it fails with OUTSIDE_GRID.
+    friction: coefficient of walls with "friction", tan of the wall's friction angle; they hold nothing back.
     speed: largest particle speed allowed for in the time step (m/s), by default that of the start.
     """
     d, cell = len(size), discretisation.cell
@@ -237,8 +251,11 @@ def block(
                 f"the block ends at {corner[a] + size[a]:g} m along axis {a}, beyond the domain of {domain[a]:g} m: "
                 "enlarge the domain"
             )
-    if walls not in ("none", "fixed", "roller"):
-        raise ValueError(f"walls = {walls!r}: give 'none', 'fixed' or 'roller'")
+    if walls not in ("none", "fixed", "roller", "friction"):
+        raise ValueError(f"walls = {walls!r}: give 'none', 'fixed', 'roller' or 'friction'")
+    check.not_negative("friction", friction)
+    if friction and walls != "friction":
+        raise ValueError(f"friction = {friction:g} with walls = {walls!r}: give walls = 'friction'")
     cells = [check.multiple(f"domain[{a}]", domain[a], "cell", cell) for a in range(d)]
     held = () if walls == "none" else tuple(wall for a in range(d) for wall in _ends(a, cells[a], walls))
     scene, state = _build(
@@ -250,6 +267,8 @@ def block(
         gravity=gravity,
         speed=float(np.linalg.norm(velocity)) if speed is None else speed,
     )
+    if walls == "friction":
+        scene = replace(scene, wall_friction=jnp.asarray(friction, state.velocity.dtype))
     start = jnp.asarray(velocity, state.velocity.dtype)[:, None]
     return scene, replace(state, velocity=jnp.broadcast_to(start, state.velocity.shape))
 
@@ -263,10 +282,12 @@ def with_strength(scene: Scene, strength: Any) -> Scene:
             f"strength has shape {shape}: give a number or {scene.particles.mass.shape}, one value per particle"
         )
     value = jnp.asarray(strength, scene.particles.mass.dtype)
-    return replace(scene, material=replace(scene.material, strength=value))
+    varied = replace(scene, material=replace(scene.material, strength=value))
+    refuse_snap_back(varied.material)
+    return varied
 
 
-def _ends(axis: int, cells: int, hold: Literal["fixed", "roller"]) -> list[Wall]:
+def _ends(axis: int, cells: int, hold: Literal["fixed", "roller", "friction"]) -> list[Wall]:
     """Walls at both ends of an axis that is `cells` cells long."""
     return [Wall(axis, "low", PADDING, hold), Wall(axis, "high", PADDING + cells, hold)]
 
@@ -285,7 +306,7 @@ def _lattice(
 def _build(
     position: np.ndarray,
     grid: Grid,
-    soil: Soil,
+    soil: Ground,
     discretisation: Discretisation,
     *,
     walls: tuple[Wall, ...],
@@ -309,9 +330,14 @@ def _build(
         mass=jnp.full(count, density * volume, dtype),
         volume=jnp.full(count, volume, dtype),
     )
-    material = material_of(soil, dtype)
+    material = material_of(soil, dtype, grid.cell)
     wave_speed = math.sqrt(float(material.p_wave_modulus) / density)
-    kernel: Kernel = Linear() if discretisation.kernel is Linear else GIMP(tuple(s / 2 for s in discretisation.spacing))
+    half_size = tuple(s / 2 for s in discretisation.spacing)
+    kind = discretisation.kernel
+    kernel: Kernel = GIMP(half_size) if kind is GIMP else Linear() if kind is Linear else QuadraticBSpline()
+    length = discretisation.internal_length
+    if length is not None and material.initial_history(particles) is None:
+        raise ValueError(f"internal_length = {length:g} m, but the soil does not soften: leave it out")
     scene = Scene(
         grid=grid,
         particles=particles,
@@ -321,15 +347,17 @@ def _build(
         kernel=kernel,
         walls=walls,
         scheme=discretisation.scheme,
+        fbar=discretisation.fbar,
+        nonlocal_passes=None if length is None else passes_for(length, kernel, grid.cell),
         flip=None if discretisation.flip == 1 else jnp.asarray(discretisation.flip, dtype),
         damping=None if discretisation.damping == 0 else jnp.asarray(discretisation.damping, dtype),
     )
-    return scene, at_rest(scene)
+    return scene, at_rest(scene, apic=discretisation.apic)
 
 
-def at_rest(scene: Scene) -> State:
-    """The state of no motion, no stress and no history."""
-    particles = scene.particles
+def at_rest(scene: Scene, *, apic: bool = False) -> State:
+    """The state of no motion, no stress and no history; apic: with a velocity gradient per particle."""
+    particles, d = scene.particles, scene.grid.dimension
     return State(
         displacement=jnp.zeros_like(particles.position),
         velocity=jnp.zeros_like(particles.position),
@@ -338,6 +366,7 @@ def at_rest(scene: Scene) -> State:
         history=scene.material.initial_history(particles),
         step=jnp.zeros((), jnp.int32),
         status=jnp.asarray(int(Status.RUNNING), jnp.int32),
+        affine=jnp.zeros((d, *particles.position.shape), particles.mass.dtype) if apic else None,
     )
 
 
@@ -350,8 +379,10 @@ def _check_discretisation(discretisation: Discretisation, dimension: int) -> Non
         raise ValueError(
             f"spacing = {wide[0]:g} m leaves gaps in cells of {discretisation.cell:g} m: give at most the cell"
         )
-    if discretisation.kernel not in (GIMP, Linear):
-        raise ValueError(f"kernel = {discretisation.kernel!r}: give GIMP or Linear")
+    if discretisation.kernel not in (GIMP, Linear, QuadraticBSpline):
+        raise ValueError(f"kernel = {discretisation.kernel!r}: give GIMP, Linear or QuadraticBSpline")
+    if discretisation.apic and (discretisation.kernel is not QuadraticBSpline or discretisation.flip != 0):
+        raise ValueError("apic = True: give kernel = QuadraticBSpline and flip = 0 with it")
     if not isinstance(discretisation.scheme, Scheme):
         raise ValueError(f"scheme = {discretisation.scheme!r}: give a member of Scheme")
     check.between("cfl", discretisation.cfl, 0.0, 1.0)

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
 from jaxmpm import tensors
-from jaxmpm.boundary import hold
+from jaxmpm.affine import momentum, nodal_momentum, velocity_gradient
+from jaxmpm.averages import filtered
+from jaxmpm.boundary import hold, slide
 from jaxmpm.transfer import g2p, p2g
 from jaxmpm.types import Scene, Scheme, State
+
+Transfer = Callable[..., Any]
 
 # Nodes with less than this share of the mean particle mass carry nothing: their weights are rounding noise.
 MASS_FLOOR = 1e-6
@@ -28,24 +35,33 @@ def step(scene: Scene, state: State, dt: Array) -> State:
     x = scene.particles.position + state.displacement
     to_grid = partial(p2g, grid, kernel, x, engine=scene.engine)
     to_particles = partial(g2p, grid, kernel, x, engine=scene.engine)
+    average = partial(neighbour_average, scene, to_grid, to_particles)
 
-    # Particles to grid: mass, momentum and internal force.
-    momentum_p = jnp.concatenate([m[None], m * state.velocity])
+    # Particles to grid: mass, momentum and force.
+    carried = [m[None], momentum(scene, state, x)]
+    if scene.body_force is not None:
+        carried.append(m * scene.body_force(scene.particles.position, state.step * dt))
+    channels = 1 + len(carried[1])
     if scene.scheme is Scheme.USF:
-        nodal = to_grid(momentum_p, None)
-        mass = nodal[:, :1]
-        velocity = nodal_velocity(scene, mass, nodal[:, 1:])
+        nodal = to_grid(jnp.concatenate(carried), None)
+        velocity = nodal_velocity(scene, nodal[:, :1], nodal[:, 1:channels])
         _, gradient = to_particles(velocity, values=0, gradients=d)
-        state = update_stress(scene, state, gradient, dt)
-        force = to_grid(None, acting_stress(scene, state))
+        state = update_stress(scene, state, gradient, dt, average)
+        nodal = jnp.concatenate([nodal, to_grid(None, acting_stress(scene, state))], axis=1)
     else:
-        nodal = to_grid(momentum_p, acting_stress(scene, state))
-        mass, force = nodal[:, :1], nodal[:, 1 + d :]
-        velocity = nodal_velocity(scene, mass, nodal[:, 1 : 1 + d])
+        nodal = to_grid(jnp.concatenate(carried), acting_stress(scene, state))
+        velocity = nodal_velocity(scene, nodal[:, :1], nodal[:, 1:channels])
+    mass, force = nodal[:, :1], nodal[:, -d:]
+    if scene.body_force is not None:
+        force = force + nodal[:, channels:-d]
 
     # Motion of the grid.
     acceleration = nodal_acceleration(scene, mass, force, velocity)
-    velocity = velocity + dt * acceleration
+    if scene.wall_friction is None:
+        velocity = velocity + dt * acceleration
+    else:
+        before, velocity = velocity, slide(scene.walls, grid, velocity + dt * acceleration, scene.wall_friction)
+        acceleration = (velocity - before) / dt
 
     # Grid to particles: move them.
     fields = jnp.concatenate([velocity, acceleration], axis=1)
@@ -56,13 +72,17 @@ def step(scene: Scene, state: State, dt: Array) -> State:
         displacement=state.displacement + dt * values[:d],
         velocity=flip_velocity if scene.flip is None else scene.flip * flip_velocity + (1 - scene.flip) * values[:d],
     )
+    if state.affine is not None:
+        state = replace(state, affine=velocity_gradient(grid, x, velocity, to_particles))
 
     # Stress from the velocity field at the end of the step.
     if scene.scheme is Scheme.MUSL:
-        velocity = nodal_velocity(scene, mass, to_grid(m * state.velocity, None))
+        velocity = nodal_velocity(scene, mass, to_grid(momentum(scene, state, x), None))
+        if scene.wall_friction is not None:
+            velocity = slide(scene.walls, grid, velocity, None)
         _, gradient = to_particles(velocity, values=0, gradients=d)
     if scene.scheme is not Scheme.USF:
-        state = update_stress(scene, state, gradient, dt)
+        state = update_stress(scene, state, gradient, dt, average)
     return state
 
 
@@ -79,9 +99,9 @@ def per_mass(scene: Scene, mass: Array, nodal: Array) -> Array:
     return jnp.where(carries, nodal / jnp.where(carries, mass, 1), 0)
 
 
-def nodal_velocity(scene: Scene, mass: Array, momentum: Array) -> Array:
+def nodal_velocity(scene: Scene, mass: Array, channels: Array) -> Array:
     """Velocity (nodes, d) of the nodes, walls held."""
-    return hold(scene.walls, scene.grid, per_mass(scene, mass, momentum))
+    return hold(scene.walls, scene.grid, per_mass(scene, mass, nodal_momentum(scene.grid, channels)))
 
 
 def nodal_acceleration(scene: Scene, mass: Array, force: Array, velocity: Array) -> Array:
@@ -92,15 +112,28 @@ def nodal_acceleration(scene: Scene, mass: Array, force: Array, velocity: Array)
     return hold(scene.walls, scene.grid, acceleration)
 
 
-def update_stress(scene: Scene, state: State, gradient: Array, dt: Array) -> State:
+def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, average: Transfer) -> State:
     """Stress, history and volume after a step in the velocity gradient (d, d, N), by the Jaumann rate."""
     d = scene.grid.dimension
     rotated = tensors.rotate(tensors.expand(state.stress, d), gradient, dt)
     strain = tensors.strain_increment(gradient, dt)
-    stress, history = scene.material.update(strain, rotated, state.history)
+    if scene.fbar:
+        strain = tensors.with_mean(strain, average(tensors.mean(strain), 0))
+    stress, history = scene.material.update(strain, rotated, state.history, dt)
+    if scene.nonlocal_passes is not None:
+        smooth = partial(average, passes=scene.nonlocal_passes)
+        history = jax.tree.map(lambda new, old: old + smooth(new - old), history, state.history)
     return replace(
         state,
         stress=tensors.compress(stress, d),
         history=history,
         volume_ratio=state.volume_ratio * (1 + 3 * tensors.mean(strain)),
     )
+
+
+def neighbour_average(scene: Scene, to_grid: Transfer, to_particles: Transfer, values: Array, passes: int) -> Array:
+    """Average of `values` (N) over the particles around each one, weighted by mass: see `jaxmpm.averages`."""
+    m = scene.particles.mass
+    nodal = filtered(scene.grid, to_grid(jnp.stack([m, m * values]), None), passes)
+    averaged, _ = to_particles(per_mass(scene, nodal[:, :1], nodal[:, 1:]), values=1, gradients=0)
+    return averaged[0]

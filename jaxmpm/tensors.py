@@ -95,6 +95,13 @@ def deviator(tensor: Tensor) -> Tensor:
     return (tensor[0] - m, tensor[1] - m, tensor[2] - m, tensor[3], tensor[4], tensor[5])
 
 
+def with_mean(tensor: Tensor, value: Array) -> Tensor:
+    """The tensor with another mean, its deviator kept."""
+    change = value - mean(tensor)
+    xx, yy, zz, xy, yz, xz = tensor
+    return (xx + change, yy + change, zz + change, xy, yz, xz)
+
+
 def second_invariant(deviatoric: Tensor) -> Array:
     """J2 = s:s / 2 of a deviator."""
     xx, yy, zz, xy, yz, xz = deviatoric

@@ -7,6 +7,7 @@ Axes are x in 1D, (x, z) in 2D plane strain and (x, y, z) in 3D. Absent physics 
 from __future__ import annotations
 
 import enum
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
@@ -111,13 +112,14 @@ class Wall:
     """A plane normal to one axis that holds the nodes on it and beyond it.
 
     axis: index of the normal's axis. side: "low" holds nodes up to `index`, "high" from `index` on.
-    index: node number of the plane along the axis. hold: "fixed" stops all motion, "roller" the normal one.
+    index: node number of the plane along the axis. hold: "fixed" stops all motion, "roller" the normal one, "friction"
+    what goes into it, and brakes what slides along it (Coulomb).
     """
 
     axis: int
     side: Literal["low", "high"]
     index: int
-    hold: Literal["fixed", "roller"]
+    hold: Literal["fixed", "roller", "friction"]
 
 
 @jax.tree_util.register_dataclass
@@ -140,11 +142,13 @@ class Material(Protocol):
     def p_wave_modulus(self) -> Array:
         """Modulus of the fastest elastic wave, K + 4G/3 (Pa)."""
 
-    def initial_history(self, particles: Particles) -> Array | None:
-        """The history variable of undisturbed particles, or None where the law has none."""
+    def initial_history(self, particles: Particles) -> Any:
+        """The history of undisturbed particles, an array (N) or a pytree of them, or None where the law has none."""
 
-    def update(self, strain_increment: Tensor, stress: Tensor, history: Array | None) -> tuple[Tensor, Array | None]:
-        """Stress (Pa) and history after a strain increment."""
+    def update(
+        self, strain_increment: Tensor, stress: Tensor, history: Any, dt: Array | None = None
+    ) -> tuple[Tensor, Any]:
+        """Stress (Pa) and history after a strain increment within dt (s), which rate-dependent laws need."""
 
 
 @jax.tree_util.register_dataclass
@@ -154,7 +158,10 @@ class Scene:
 
     gravity: (d) m/s2. time_step: s. flip: share of FLIP in the particle velocity update, the rest is PIC;
     None is pure FLIP. damping: mass-proportional damping (1/s); None is undamped. engine: of the transfers, None
-    takes the fastest there is.
+    takes the fastest there is. wall_friction: coefficient of the walls with friction.
+    fbar: whether the volumetric strain is averaged over neighbouring particles, against locking. nonlocal_passes:
+    filters in the average of the plastic strain over neighbours, see `jaxmpm.averages`; None keeps it local.
+    body_force: (initial positions (d, N) m, time s) -> acceleration (d, N) m/s2 added to gravity's.
     """
 
     grid: Grid
@@ -166,8 +173,12 @@ class Scene:
     walls: tuple[Wall, ...] = static(default=())
     scheme: Scheme = static(default=Scheme.MUSL)
     engine: Engine | None = static(default=None)
+    fbar: bool = static(default=False)
+    nonlocal_passes: int | None = static(default=None)
+    body_force: Callable[[Array, Array], Array] | None = static(default=None)
     flip: Array | None = None
     damping: Array | None = None
+    wall_friction: Array | None = None
 
 
 @jax.tree_util.register_dataclass
@@ -178,13 +189,15 @@ class State:
     displacement: (d, N) m from the initial position. velocity: (d, N) m/s.
     stress: (s, N) Pa, the components that the dimension can have: xx, yy, zz in 1D, with xz in 2D, all six
     (xx, yy, zz, xy, yz, xz) in 3D. volume_ratio: (N) current over initial volume.
-    history: (N) of the material, or None. step: steps taken so far. status: of the lane, see `Status`.
+    history: of the material, (N), or None. step: steps taken so far. status: of the lane, see `Status`.
+    affine: (d, d, N) gradient of the velocity that APIC carries (1/s), None without.
     """
 
     displacement: Array
     velocity: Array
     stress: Array
     volume_ratio: Array
-    history: Array | None
+    history: Any
     step: Array
     status: Array
+    affine: Array | None = None

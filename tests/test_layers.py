@@ -21,6 +21,8 @@ JAXMPM = [
     "materials",
     "frictional",
     "boundary",
+    "affine",
+    "averages",
     "soil",
     "step",
     "diagnostics",

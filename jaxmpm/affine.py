@@ -1,0 +1,50 @@
+"""APIC: particles carry the gradient of the velocity around them, so that transfers keep angular momentum.
+
+Source: Jiang, Schroeder, Selle, Teran and Stomakhin (2015), 10.1145/2766996, section 5, for quadratic B-splines, whose
+weights have the second moment cell^2 / 4 wherever the particle stands. A momentum field m (v + C (x_node - x)) is
+mapped as its value and gradient at the grid's origin, which needs no transfer of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxmpm.types import Grid, Scene, State
+
+
+def momentum(scene: Scene, state: State, position: Array) -> Array:
+    """What particles at `position` (d, N) map to the grid: m v (d, N), and with an affine part (d + d d, N)."""
+    m = scene.particles.mass
+    if state.affine is None:
+        return m * state.velocity
+    x = position - jnp.asarray(scene.grid.origin, position.dtype)[:, None]
+    at_origin = m * (state.velocity - jnp.sum(state.affine * x[None], axis=1))
+    return jnp.concatenate([at_origin, (m * state.affine).reshape(-1, m.size)])
+
+
+def nodal_momentum(grid: Grid, nodal: Array) -> Array:
+    """The momentum (nodes, d) of the nodes, from the channels that `momentum` gave."""
+    d = grid.dimension
+    if nodal.shape[1] == d:
+        return nodal
+    slopes = nodal[:, d:].reshape(-1, d, d)
+    return nodal[:, :d] + jnp.sum(slopes * _nodes(grid, nodal.dtype)[:, None, :], axis=2)
+
+
+def velocity_gradient(grid: Grid, position: Array, velocity: Array, to_particles: Callable[..., Any]) -> Array:
+    """C (d, d, N) of particles at `position` (d, N) in the nodal velocities (nodes, d)."""
+    d = grid.dimension
+    moments = (velocity[:, :, None] * _nodes(grid, velocity.dtype)[:, None, :]).reshape(-1, d * d)
+    values, _ = to_particles(jnp.concatenate([velocity, moments], axis=1), values=d + d * d, gradients=0)
+    x = position - jnp.asarray(grid.origin, position.dtype)[:, None]
+    return 4 / grid.cell**2 * (values[d:].reshape(d, d, -1) - values[:d, None] * x[None])
+
+
+def _nodes(grid: Grid, dtype: Any) -> Array:
+    """Positions of the nodes from the first one (nodes, d), m."""
+    return jnp.asarray(np.stack(np.unravel_index(np.arange(grid.nodes), grid.shape), axis=1) * grid.cell, dtype)

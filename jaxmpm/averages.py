@@ -1,0 +1,43 @@
+"""Averages over neighbouring particles, by way of the grid: the cure for volumetric locking and for mesh dependence."""
+
+from __future__ import annotations
+
+import math
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxmpm import check
+from jaxmpm.types import GIMP, Grid, Kernel, QuadraticBSpline
+
+
+def filtered(grid: Grid, nodal: Array, passes: int) -> Array:
+    """Nodal sums (nodes, c) after `passes` binomial filters (1, 2, 1) / 4 along each axis: each adds a variance of
+    cell^2 / 2 to how far a particle's share reaches. Sums at the grid's outermost nodes lose what leaves the grid."""
+    field = nodal.reshape(*grid.shape, -1)
+    for axis in range(grid.dimension):
+        for _ in range(passes):
+            low = jnp.roll(field, 1, axis)
+            high = jnp.roll(field, -1, axis)
+            field = 0.5 * field + 0.25 * (low + high)
+    return field.reshape(nodal.shape)
+
+
+def passes_for(length: float, kernel: Kernel, cell: float) -> int:
+    """Filters that make the weights of the average a bell of standard deviation `length` (m).
+
+    Mapping to the grid and back is a bell by itself: of cell^2 / 3 for hats, wider by the particle's box.
+    Raises ValueError where that is already wider than `length`.
+    """
+    check.positive("internal_length", length, "m")
+    if isinstance(kernel, QuadraticBSpline):
+        own = cell**2 / 2
+    else:
+        box = max(kernel.half_size) if isinstance(kernel, GIMP) else 0.0
+        own = cell**2 / 3 + 2 * box**2 / 3
+    if length**2 < own:
+        raise ValueError(
+            f"internal_length = {length:g} m is less than cells of {cell:g} m resolve ({math.sqrt(own):.2g} m): "
+            "give a longer one, or smaller cells"
+        )
+    return round((length**2 - own) / (cell**2 / 2))
