@@ -1,0 +1,121 @@
+"""What a scene does not need is not in its compiled program, its arguments or its state."""
+
+import logging
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+import jaxmpm as mpm
+
+SHAPE = mpm.Slope(crest=6, height=4, run_per_rise=1.0, toe=8, foundation=2)
+SOIL = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3)
+NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5))
+
+
+def section(soil=SOIL, **numerics):
+    return mpm.slope(SHAPE, soil, replace(NUMERICS, **numerics))
+
+
+def program(scene, state):
+    """The step as traced, with the transfers spelt out."""
+    scene = replace(scene, engine=mpm.Engine.XLA)
+    return jax.jit(mpm.step).lower(scene, state, scene.time_step).as_text()
+
+
+def count(text, operation):
+    return text.count(f"stablehlo.{operation} ")
+
+
+def test_elastic_scene_has_no_return_mapping_and_no_history():
+    scene, state = section(replace(SOIL, strength=None))
+    assert state.history is None
+    text = program(scene, state)
+    assert count(text, "sqrt") == 0
+    assert count(program(*section()), "sqrt") > 0
+
+
+def test_without_softening_there_is_no_history_in_state_or_program():
+    perfect, soft = section(replace(SOIL, softening_modulus=None)), section()
+    assert perfect[1].history is None
+    assert len(jax.tree.leaves(perfect[1])) == len(jax.tree.leaves(soft[1])) - 1
+    assert count(program(*perfect), "divide") < count(program(*soft), "divide")
+
+
+def test_without_tension_cutoff_nothing_limits_the_mean_stress():
+    with_it, without = program(*section()), program(*section(replace(SOIL, tension_cutoff=None)))
+    assert count(without, "minimum") == count(with_it, "minimum") - 1
+
+
+def test_homogeneous_strength_is_one_number():
+    scene, state = section()
+    assert scene.material.strength.shape == ()
+    uneven = mpm.with_strength(scene, jnp.full_like(scene.particles.mass, 9e3))
+    arrays = f"tensor<{scene.particles.mass.size}xf32>"
+
+    def arguments(scene):
+        return next(line for line in program(scene, state).splitlines() if "@main" in line).split("->")[0].count(arrays)
+
+    assert arguments(uneven) == arguments(scene) + 1
+
+
+@pytest.mark.parametrize(("name", "value"), [("damping", 0.5), ("flip", 0.9)])
+def test_damping_and_pic_are_absent_unless_asked_for(name, value):
+    plain, asked = section(), section(**{name: value})
+    assert getattr(plain[0], name) is None
+    assert len(program(*plain)) < len(program(*asked))
+
+
+def test_section_carries_no_out_of_plane_shear():
+    for d, components in ((1, 3), (2, 4), (3, 6)):
+        _, state = mpm.column(4.0, SOIL, mpm.Discretisation(1.0, (0.5,) * d))
+        assert state.stress.shape[0] == components
+
+
+def test_single_mapping_schemes_map_once():
+    double, single = program(*section()), program(*section(scheme=mpm.Scheme.USL))
+    assert count(single, '"stablehlo.scatter"(') <= count(double, '"stablehlo.scatter"(')
+    assert single.count("stablehlo.scatter") < double.count("stablehlo.scatter")
+
+
+def test_walls_cost_no_memory():
+    scene, state = section()
+    nodes = scene.grid.nodes
+    # Held components are found by index arithmetic: no constant of the grid's size is stored.
+    assert 'dense<"0x' not in program(scene, state)
+    assert all(leaf.size != nodes for leaf in jax.tree.leaves(scene))
+
+
+def test_grid_spans_what_particles_can_reach():
+    scene, _ = mpm.slope(mpm.Slope(width=96.0), mpm.Soil(), mpm.Discretisation(2.0, (1.0, 2.0, 1.0)))
+    # 96 m of cells, one beyond each wall; above the crest one cell and the stencil's reach.
+    assert scene.grid.shape == (51, 51, 12)
+
+
+def test_second_sample_compiles_nothing(caplog):
+    scene, state = section()
+    strengths = [(i, jnp.full_like(scene.particles.mass, 9e3 + 100 * i)) for i in range(3)]
+    run = mpm.solve_each(scene, state, iter(strengths), width=1, t_end=0.2)
+    next(run)
+    with jax.log_compiles(True), caplog.at_level(logging.WARNING):
+        # The first refill compiles the refill itself; after it everything is there.
+        next(run)
+        caplog.clear()
+        next(run)
+    assert not [record for record in caplog.records if "Compiling" in record.getMessage()]
+
+
+def test_many_samples_end_the_same_whatever_the_width():
+    scene, state = section()
+    found = []
+    for width in (1, 3):
+        strengths = ((i, 9e3 * (0.5 + 0.25 * i)) for i in range(5))
+        found.append(
+            {n: r.state.displacement for n, r in mpm.solve_each(scene, state, strengths, width=width, t_end=0.4)}
+        )
+    assert sorted(found[0]) == list(range(5))
+    for number in found[0]:
+        assert (found[0][number] == found[1][number]).all()
+    with pytest.raises(ValueError, match="width = 0 lanes"):
+        next(mpm.solve_each(scene, state, iter([]), width=0, t_end=1.0))
