@@ -22,6 +22,8 @@ from kl.modes import scaled_functions
 
 # Two data closer than this share of the box are at one place.
 _SAME_PLACE = 1e-6
+# Share of the variance along a direction below which the data say nothing of it.
+_NOTHING = 1e-12
 
 
 @jax.tree_util.register_dataclass
@@ -85,10 +87,12 @@ def condition(expansion: Expansion, points: Any, values: Any, *, error: Any = 0.
         f"{count} data on {modes.shape[1]} modes cannot be told apart (smallest eigenvalue {shares[0]:.1e}, limit "
         f"{limit:.1e}): give an error, keep more modes, use float64 or thin the data",
     )
-    inverse_root = directions / np.sqrt(shares)
     # I - A^T K^-1 A = I - W W^T with W = A^T K^(-1/2), whose singular values lie in [0, 1].
-    basis, singular, _ = np.linalg.svd(modes.T @ inverse_root, full_matrices=False)
-    shrink = 1 - np.sqrt(np.maximum(1 - singular**2, 0))
+    gain = modes.T @ (directions / np.sqrt(shares))
+    removed, turns = np.linalg.eigh(gain.T @ gain)
+    told = removed > _NOTHING
+    basis = gain @ (turns[:, told] / np.sqrt(removed[told]))
+    shrink = 1 - np.sqrt(np.maximum(1 - removed[told], 0))
     mean = modes.T @ (directions @ ((directions.T @ values) / shares))
     real = expansion.axes[0].fractions.dtype
     return Conditioning(jnp.asarray(mean, real), jnp.asarray(basis, real), jnp.asarray(shrink, real))
