@@ -44,19 +44,21 @@ def step(scene: Scene, state: State, dt: Array) -> State:
     channels = 1 + len(carried[1])
     if scene.scheme is Scheme.USF:
         nodal = to_grid(jnp.concatenate(carried), None)
-        velocity = nodal_velocity(scene, nodal[:, :1], nodal[:, 1:channels])
+        inverse_mass = reciprocal(scene, nodal[:, :1])
+        velocity = nodal_velocity(scene, inverse_mass, nodal[:, 1:channels])
         _, gradient = to_particles(velocity, values=0, gradients=d)
         state = update_stress(scene, state, gradient, dt, average)
         nodal = jnp.concatenate([nodal, to_grid(None, acting_stress(scene, state))], axis=1)
     else:
         nodal = to_grid(jnp.concatenate(carried), acting_stress(scene, state))
-        velocity = nodal_velocity(scene, nodal[:, :1], nodal[:, 1:channels])
+        inverse_mass = reciprocal(scene, nodal[:, :1])
+        velocity = nodal_velocity(scene, inverse_mass, nodal[:, 1:channels])
     mass, force = nodal[:, :1], nodal[:, -d:]
     if scene.body_force is not None:
         force = force + nodal[:, channels:-d]
 
     # Motion of the grid.
-    acceleration = nodal_acceleration(scene, mass, force, velocity)
+    acceleration = nodal_acceleration(scene, inverse_mass, force + mass * scene.gravity, velocity)
     if scene.wall_friction is None:
         velocity = velocity + dt * acceleration
     else:
@@ -77,7 +79,7 @@ def step(scene: Scene, state: State, dt: Array) -> State:
 
     # Stress from the velocity field at the end of the step.
     if scene.scheme is Scheme.MUSL:
-        velocity = nodal_velocity(scene, mass, to_grid(momentum(scene, state, x), None))
+        velocity = nodal_velocity(scene, inverse_mass, to_grid(momentum(scene, state, x), None))
         if scene.wall_friction is not None:
             velocity = slide(scene.walls, grid, velocity, None)
         _, gradient = to_particles(velocity, values=0, gradients=d)
@@ -93,20 +95,20 @@ def acting_stress(scene: Scene, state: State) -> Array:
     return scene.particles.volume * state.volume_ratio * jnp.stack([state.stress[k] for k in acting])
 
 
-def per_mass(scene: Scene, mass: Array, nodal: Array) -> Array:
-    """nodal / mass where a node has mass, else 0."""
+def reciprocal(scene: Scene, mass: Array) -> Array:
+    """1 / mass where a node has mass, else 0."""
     carries = mass > MASS_FLOOR * jnp.mean(scene.particles.mass)
-    return jnp.where(carries, nodal / jnp.where(carries, mass, 1), 0)
+    return jnp.where(carries, 1 / jnp.where(carries, mass, 1), 0)
 
 
-def nodal_velocity(scene: Scene, mass: Array, channels: Array) -> Array:
+def nodal_velocity(scene: Scene, inverse_mass: Array, channels: Array) -> Array:
     """Velocity (nodes, d) of the nodes, walls held."""
-    return hold(scene.walls, scene.grid, per_mass(scene, mass, nodal_momentum(scene.grid, channels)))
+    return hold(scene.walls, scene.grid, inverse_mass * nodal_momentum(scene.grid, channels))
 
 
-def nodal_acceleration(scene: Scene, mass: Array, force: Array, velocity: Array) -> Array:
-    """Acceleration (nodes, d) by internal force, gravity and damping, walls held."""
-    acceleration = per_mass(scene, mass, force + mass * scene.gravity)
+def nodal_acceleration(scene: Scene, inverse_mass: Array, force: Array, velocity: Array) -> Array:
+    """Acceleration (nodes, d) by the force on a node and damping, walls held."""
+    acceleration = inverse_mass * force
     if scene.damping is not None:
         acceleration = acceleration - scene.damping * velocity
     return hold(scene.walls, scene.grid, acceleration)
@@ -135,5 +137,5 @@ def neighbour_average(scene: Scene, to_grid: Transfer, to_particles: Transfer, v
     """Average of `values` (N) over the particles around each one, weighted by mass: see `jaxmpm.averages`."""
     m = scene.particles.mass
     nodal = filtered(scene.grid, to_grid(jnp.stack([m, m * values]), None), passes)
-    averaged, _ = to_particles(per_mass(scene, nodal[:, :1], nodal[:, 1:]), values=1, gradients=0)
+    averaged, _ = to_particles(reciprocal(scene, nodal[:, :1]) * nodal[:, 1:], values=1, gradients=0)
     return averaged[0]
