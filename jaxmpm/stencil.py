@@ -7,8 +7,7 @@ terms are each other's transpose.
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import jax
@@ -33,18 +32,18 @@ def scatter(
 ) -> Array:
     """Particles to nodes: position (d, N) m and rows, each (N), to (nodes, channels)."""
     nodal = jnp.zeros((grid.nodes, channels), position.dtype)
-    for node, weight in _stencil(grid, kernel, position, terms):
-        contribution = [(t.channel, t.factor * rows[t.row] * weight[t.axes]) for t in terms]
-        nodal = nodal.at[node].add(jnp.stack(_sums(contribution, channels, position[0]), axis=-1))
+    for node, weight in _layers(grid, kernel, position, terms):
+        contribution = _sums([(t.channel, t.factor * rows[t.row] * weight[t.axes]) for t in terms], channels, node)
+        nodal = nodal.at[node].add(jnp.stack(contribution, axis=-1))
     return nodal
 
 
 def gather(grid: Grid, kernel: Kernel, position: Array, nodal: Array, *, terms: Sequence[Term], rows: int) -> Array:
     """Nodes to particles: position (d, N) m and nodal (nodes, channels) to (rows, N)."""
     products = []
-    for node, weight in _stencil(grid, kernel, position, terms):
+    for node, weight in _layers(grid, kernel, position, terms):
         values = nodal[node]
-        products += [(t.row, t.factor * values[:, t.channel] * weight[t.axes]) for t in terms]
+        products += [(t.row, (t.factor * values[..., t.channel] * weight[t.axes]).sum(0)) for t in terms]
     return jnp.stack(_sums(products, rows, position[0]))
 
 
@@ -54,33 +53,38 @@ def _sums(products: Sequence[tuple[int, Array]], count: int, like: Array) -> lis
     for number, product in products:
         before = sums[number]
         sums[number] = product if before is None else before + product
-    return [jnp.zeros_like(like) if s is None else s for s in sums]
+    dtype = next(s.dtype for s in sums if s is not None)
+    return [jnp.zeros(like.shape, dtype) if s is None else s for s in sums]
 
 
-def _stencil(grid: Grid, kernel: Kernel, position: Array, terms: Sequence[Term]):
-    """Yield (node (N), {axes: weight derived along them (N)}) for each node of the product stencil."""
+def _layers(
+    grid: Grid, kernel: Kernel, position: Array, terms: Sequence[Term]
+) -> Iterator[tuple[Array, dict[tuple[int, ...], Array]]]:
+    """The stencil in three layers across the first axis, each as (nodes (m, N), {axes: weight derived so (m, N)}).
+
+    A layer at a time compiles to a small program, and to arrays nine times the particles' rather than 27.
+    """
     cells = locate(grid, position)
     base = base_node(grid, cells)
     wanted = {term.axes for term in terms}
     order = max((len(axes) for axes in wanted), default=0)
+    nodes = base[:, None] + jnp.arange(WIDTH, dtype=base.dtype)[:, None]
     factors = [
-        [
-            _derivatives(kernel, axis, grid.cell, cells[axis] - (base[axis] + k).astype(cells.dtype), order)
-            for k in range(WIDTH)
-        ]
-        for axis in range(grid.dimension)
+        _derivatives(kernel, a, grid.cell, cells[a] - nodes[a].astype(cells.dtype), order)
+        for a in range(grid.dimension)
     ]
-    for offsets in itertools.product(range(WIDTH), repeat=grid.dimension):
-        node = base[0] + offsets[0]
-        for axis in range(1, grid.dimension):
-            node = node * grid.shape[axis] + base[axis] + offsets[axis]
-        weights = {}
-        for axes in wanted:
-            weight = factors[0][offsets[0]][axes.count(0)]
-            for axis in range(1, grid.dimension):
-                weight = weight * factors[axis][offsets[axis]][axes.count(axis)]
-            weights[axes] = weight
+    for k in range(WIDTH):
+        node = nodes[0, k : k + 1]
+        weights = {axes: factors[0][axes.count(0)][k : k + 1] for axes in wanted}
+        for a in range(1, grid.dimension):
+            node = _outer(jnp.add, node * grid.shape[a], nodes[a])
+            weights = {axes: _outer(jnp.multiply, w, factors[a][axes.count(a)]) for axes, w in weights.items()}
         yield node, weights
+
+
+def _outer(operation: Callable[[Array, Array], Array], a: Array, b: Array) -> Array:
+    """All pairs of (m, N) and (n, N): (m n, N)."""
+    return operation(a[:, None], b[None]).reshape(-1, a.shape[-1])
 
 
 def _derivatives(kernel: Kernel, axis: int, cell: float, r: Array, order: int) -> list[Array]:

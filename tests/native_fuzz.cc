@@ -1,0 +1,128 @@
+// Runs the native engine on cases from standard input, for a build with sanitizers: see test_native_fuzz.py.
+//
+// A case is a line `dimension n0 n1 n2 function half particles threads`, then the particles' coordinates (in cells,
+// axis by axis) as hexadecimal floats or nan and inf. Arrays are as large as the engine is promised and no larger.
+// Exit status 1 tells that threads or instruction sets disagree.
+
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <iostream>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "engine.h"
+
+using namespace jaxmpm;
+
+namespace {
+
+struct Threads {
+  std::vector<std::thread> running;
+  Pool pool;
+  explicit Threads(int64_t count) {
+    pool.threads = count;
+    pool.schedule = [this](std::function<void()> task) { running.emplace_back(std::move(task)); };
+  }
+  ~Threads() {
+    for (std::thread& thread : running) thread.join();
+  }
+};
+
+// Every derivative of order up to `order` of one channel each, as far as channels go, and one row used twice.
+std::vector<Term> some_terms(int dimension, int order, int channels) {
+  const int jets[] = {1, 1 + dimension, 1 + dimension + dimension * (dimension + 1) / 2};
+  std::vector<Term> terms;
+  for (int jet = 0; jet < jets[order]; ++jet) terms.push_back({jet, jet % channels, jet, true, true, 1.0});
+  terms.push_back({0, channels - 1, jets[order] - 1, jets[order] == 1 ? channels > 1 : (jets[order] - 1) % channels != channels - 1, false, -1.0});
+  return terms;
+}
+
+template <class T>
+bool close(const std::vector<T>& a, const std::vector<T>& b) {
+  T largest = 0;
+  for (T x : a) largest = std::isfinite(x) && std::abs(x) > largest ? std::abs(x) : largest;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    if (!(std::abs(a[i] - b[i]) <= (sizeof(T) == 4 ? 1e-4 : 1e-11) * (1 + largest))) return false;
+  }
+  return true;
+}
+
+template <class T>
+bool run(Plan plan, Scalar scalar, const std::vector<double>& cells, int64_t threads) {
+  const std::vector<T> position(cells.begin(), cells.end());
+  int64_t nodes = 1;
+  for (int axis = 0; axis < plan.dimension; ++axis) nodes *= plan.shape[axis];
+  bool good = true;
+  for (int order = 0; order <= 2; ++order) {
+    for (int channels : {1, 3, 7}) {
+      const std::vector<Term> terms = some_terms(plan.dimension, order, channels);
+      plan.terms = terms.data();
+      plan.term_count = static_cast<int32_t>(terms.size());
+      plan.order = order;
+      plan.channels = channels;
+      plan.width = padded(channels);
+      plan.rows = static_cast<int32_t>(terms.size()) - 1;
+      std::vector<T> rows(plan.rows * plan.particles), nodal(nodes * channels);
+      for (std::size_t i = 0; i < rows.size(); ++i) rows[i] = T(1 + i % 7);
+      for (std::size_t i = 0; i < nodal.size(); ++i) nodal[i] = T(1 + i % 5);
+      std::vector<std::vector<T>> scattered, gathered;
+      for (const InstructionSet* set : runnable_instructions()) {
+        for (int64_t count : {int64_t{1}, threads}) {
+          Threads pool(count);
+          std::vector<T> onto(nodes * plan.width, T(NAN)), from(rows.size(), T(NAN));
+          plan.stride = plan.width;
+          std::vector<const void*> pointers;
+          for (int row = 0; row < plan.rows; ++row) pointers.push_back(rows.data() + row * plan.particles);
+          scatter(*set, pool.pool, scalar, plan, {{position.data(), pointers, onto.data()}});
+          plan.stride = channels;
+          gather(*set, pool.pool, scalar, plan, {{position.data(), nodal.data(), from.data()}});
+          scattered.push_back(onto);
+          gathered.push_back(from);
+        }
+        const std::size_t n = scattered.size();
+        const auto same = [](const std::vector<T>& a, const std::vector<T>& b) {
+          return a.empty() || std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0;
+        };
+        if (!same(scattered[n - 2], scattered[n - 1]) || !same(gathered[n - 2], gathered[n - 1])) {
+          std::printf("%s: threads disagree, order %d, %d channels\n", set->name, order, channels);
+          good = false;
+        }
+        if (!close(scattered[0], scattered[n - 1]) || !close(gathered[0], gathered[n - 1])) {
+          std::printf("%s: not as portable, order %d, %d channels\n", set->name, order, channels);
+          good = false;
+        }
+      }
+    }
+  }
+  return good;
+}
+
+}  // namespace
+
+int main() {
+  Plan plan{};
+  int function, cases = 0;
+  int64_t threads;
+  double half;
+  bool good = true;
+  while (std::cin >> plan.dimension >> plan.shape[0] >> plan.shape[1] >> plan.shape[2] >> function >> half >> plan.particles >>
+         threads) {
+    plan.function = static_cast<ShapeFunction>(function);
+    plan.cell = 1;
+    for (int axis = 0; axis < kAxes; ++axis) plan.half[axis] = half;
+    std::vector<double> cells(plan.dimension * plan.particles);
+    for (double& x : cells) {
+      std::string word;
+      std::cin >> word;
+      x = std::strtod(word.c_str(), nullptr);
+    }
+    good = run<float>(plan, Scalar::kFloat, cells, threads) && good;
+    good = run<double>(plan, Scalar::kDouble, cells, threads) && good;
+    ++cases;
+  }
+  std::printf("%d cases\n", cases);
+  return good ? 0 : 1;
+}
