@@ -20,8 +20,8 @@ class SubsetPlan:
     """per_level: samples per level of one run. levels: levels above plain sampling, each `share` as probable as
     the one below. replicates: independent runs. correlation: of a chain's step with its start, 0 to 1.
 
-    Subset simulation is biased by an order of 1 / per_level: at 1e-3, measured, 8 % with 250 samples a level and a
-    correlation of 0.8, 1 % (give or take 1.2 %) with 500 and 0.7."""
+    Subset simulation is biased by an order of 1 / per_level: with these defaults, at a failure probability of 1e-3,
+    measured, 2 to 4 % too high, beside a coefficient of variation of 17 to 52 %; twice that with 250 per level."""
 
     per_level: int = 500
     levels: int = 3
