@@ -13,7 +13,6 @@ BIN := .venv/bin
 
 demo: .venv
 	$(BIN)/python -m cooperative run benchmarks/scenes/demo.toml --out out/demo
-	$(BIN)/python -m cooperative report out/demo
 
 # The README's figures are those of the demo.
 figures: demo
@@ -25,7 +24,7 @@ lint: .venv
 	$(BIN)/mypy
 
 test: lint
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto
 
 test-slow: .venv
 	$(BIN)/python -m pytest -m slow
