@@ -22,7 +22,7 @@ from cooperative.audit import AuditPlan
 from cooperative.config import Config, Plan, parse
 from cooperative.estimators import Estimate, published
 from cooperative.executors import Workers, process_pool, run_through
-from cooperative.ranking import next_refined
+from cooperative.ranking import next_refined, rank_samples, stopping_rank
 from cooperative.store import Rows, Sample, Store, open_store, read_rows, write_aside, write_sample
 from cooperative.twophase import Population, next_audit, two_phase
 
@@ -119,19 +119,21 @@ def answer(config: Config, displacement: float, broke_off: float | bool) -> bool
 
 
 def audit_plan(plan: Plan) -> AuditPlan:
-    """How the two-phase estimator spends its refined runs."""
+    """How the two-phase estimator spends its refined runs; without a ranked prefix, which costs more than it tells."""
     runs = min(plan.refined_runs or max(20, plan.samples // 5), plan.samples)
-    return AuditPlan(runs, seed=plan.seed, k_t=plan.k_t, target_cov=plan.target_cov)
+    return AuditPlan(runs, seed=plan.seed, target_cov=plan.target_cov)
 
 
 def estimates(config: Config, rough: Rows, refined: Rows) -> list[Estimate]:
-    """Probability of failure from what is known: by the estimator asked for, and n/N beside it."""
+    """Probability of failure from what is known: by the estimator asked for, and n/N where its rule is met."""
     displacement, broke_off = rough.columns["displacement"], rough.columns["broke_off"].astype(bool)
     answers = refined_answers(config, refined)
     by_rule = published(displacement, answers, config.plan.k_t, failed_lanes=broke_off)
     if config.plan.estimator == "published":
         return [by_rule]
-    return [two_phase(Population(displacement, broke_off), answers, audit_plan(config.plan)), by_rule]
+    found = two_phase(Population(displacement, broke_off), answers, audit_plan(config.plan))
+    met = stopping_rank(rank_samples(displacement, broke_off).order, answers, config.plan.k_t) is not None
+    return [found, by_rule] if met else [found]
 
 
 def summarise(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
