@@ -164,7 +164,7 @@ def _resolved_order(solver: Nystrom | Legendre, covariance: Any, extent: float, 
             return replace(solver, order=order)
         if finer > solver.largest:
             require(
-                change < 1e-3,
+                change < 0.01 * fine[0],
                 f"{type(solver).__name__}: order {order} does not resolve the correlation length {length} m on an axis "
                 f"of {extent} m: raise `largest`, use a longer length, or `exact_lattice`",
             )

@@ -1,0 +1,231 @@
+"""Bad input to the fields: each raises a ValueError that names the value and the remedy, or warns."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import kl
+
+BOX = ((0.0, 0.0), (10.0, 5.0))
+SE = kl.SquaredExponential
+GAUSSIAN = jnp.zeros(3)
+
+
+@pytest.fixture(scope="module")
+def expansion():
+    return kl.expand((SE(10.0), SE(2.0)), *BOX)
+
+
+def field_points(*columns):
+    return jnp.array(columns).T
+
+
+@pytest.mark.parametrize(
+    ("covariance", "options", "message"),
+    [
+        ((SE(0.0), SE(2.0)), {}, r"correlation length = 0.0 must be above 0.*Infinite"),
+        ((SE(-1.0), SE(2.0)), {}, r"correlation length = -1.0"),
+        ((SE(float("nan")), SE(2.0)), {}, r"correlation length = nan"),
+        ((SE(jnp.ones(2)), SE(2.0)), {}, r"shape \(2,\): give one number"),
+        ((SE(1.0),), {}, r"one number for each of 1 axes"),
+        ((SE(1.0),) * 4, {}, r"4 axes: give a covariance for each of 1 to 3"),
+        ((SE(10.0), SE(2.0)), {"energy": 0.0}, r"energy = 0.0 is outside \(0, 1\]"),
+        ((SE(10.0), SE(2.0)), {"energy": 1.5}, r"energy = 1.5 is outside \(0, 1\]"),
+        ((SE(10.0), SE(2.0)), {"energy": 0.9, "modes": 3}, r"energy = 0.9 and modes = 3: give one"),
+        ((SE(10.0), SE(2.0)), {"modes": 0}, r"modes = 0 must be 1 or more"),
+        ((SE(10.0), SE(2.0)), {"modes": 99, "solver": kl.Haar(2)}, r"modes = 99 asked for, .* give 16: raise"),
+        ((SE(10.0), SE(2.0)), {"energy": 0.9999, "solver": kl.Haar(2)}, r"energy = 0.9999 cannot be reached.*level"),
+        ((SE(10.0), SE(2.0)), {"solver": kl.Haar(13)}, r"level = 13 must be 0 to 12"),
+        ((SE(10.0), SE(2.0)), {"solver": kl.Nystrom(0)}, r"order = 0 must be 1 to 2000"),
+        ((SE(10.0), SE(2.0)), {"solver": kl.ClosedForm()}, r"no closed form for SquaredExponential: use Nystrom"),
+        ((SE(10.0), SE(2.0)), {"solver": "nystrom"}, r"solver = 'nystrom' is none of"),
+        ((SE(10.0), SE(2.0)), {"solver": (kl.Haar(3),)}, r"1 solvers for 2 axes"),
+        ((SE(10.0), SE(2.0)), {"dtype": jnp.float64}, r"float64, but JAX has 64 bits disabled"),
+        ((SE(10.0), SE(2.0)), {"dtype": jnp.int32}, r"no floating type"),
+        ((kl.Triangular(3.0), SE(2.0)), {"solver": (kl.ClosedForm(), None)}, r"3.0 is below the extent 10.0"),
+        ((kl.Periodic(SE(2.0), 9.0), SE(2.0)), {}, r"period = 9.0 must be the extent of its axis, 10.0"),
+        ((kl.Periodic(SE(300.0), 10.0), SE(2.0)), {}, r"exceeds 20 periods: use `Infinite"),
+        ((kl.Periodic(SE(2.0), 10.0), SE(2.0)), {"solver": kl.Haar(4)}, r"Haar cannot take a Periodic axis"),
+        ((SE(1e-3), SE(2.0)), {}, r"does not resolve the correlation length 0.001 m"),
+        ((SE(10.0), SE(2.0)), {"bedding": kl.Bedding(100.0)}, r"dip = 100.0 degrees is outside \[0, 90\]"),
+        ((SE(10.0), SE(2.0)), {"bedding": kl.Bedding(10.0, strike=30.0)}, r"strike = 30.0: in two dimensions"),
+    ],
+)
+def test_expand_refuses(covariance, options, message):
+    with pytest.raises(ValueError, match=message):
+        kl.expand(covariance, *BOX, **options)
+
+
+@pytest.mark.parametrize("extent", [(0.0, 5.0), (-1.0, 5.0), (float("inf"), 5.0)])
+def test_expand_refuses_empty_boxes(extent):
+    with pytest.raises(ValueError, match=r"extent = .* must be above 0"):
+        kl.expand((SE(10.0), SE(2.0)), (0.0, 0.0), extent)
+
+
+def test_expand_refuses_traced_lengths_and_names_the_way():
+    with pytest.raises(ValueError, match="with_covariance"):
+        jax.grad(lambda length: kl.expand((SE(length),), (0.0,), (1.0,)).fractions.sum())(1.0)
+
+
+def test_expand_refuses_what_is_not_positive_definite():
+    hat = kl.Corrected(kl.Triangular(4.0), jnp.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
+    with pytest.raises(ValueError, match=r"not positive definite \(negative eigenvalues"):
+        kl.expand((hat,), (0.0,), (10.0,), solver=kl.Nystrom(40))
+
+
+def test_fields_refuse_points_outside_and_wrong_shapes(expansion):
+    ones = jnp.ones(expansion.modes)
+    with pytest.raises(ValueError, match=r"reach from 1.0 to 10.5 along axis 0.*box that holds all points"):
+        kl.field_at(expansion, ones, field_points((1.0, 1.0), (10.5, 1.0)))
+    with pytest.raises(ValueError, match=r"points of shape \(3, 2\): give \(2, N\)"):
+        kl.field_at(expansion, ones, jnp.ones((3, 2)))
+    with pytest.raises(ValueError, match="one for each mode"):
+        kl.field_at(expansion, ones[:-1], field_points((1.0, 1.0)))
+    with pytest.raises(ValueError, match="1 axes for an expansion of 2"):
+        kl.field_on_lattice(expansion, ones, (jnp.ones(3),))
+    with pytest.raises(ValueError, match=r"along axis 1"):
+        kl.field_on_lattice(expansion, ones, (jnp.ones(3), jnp.array([4.0, 6.0])))
+    with pytest.raises(ValueError, match=r"out has shape \(2,\)"):
+        kl.field_on_lattice(expansion, ones, (jnp.ones(3), jnp.ones(2)), out=jnp.ones(2))
+    inclined = kl.expand((SE(10.0), SE(2.0)), *BOX, bedding=kl.Bedding(10.0))
+    with pytest.raises(ValueError, match="use `field_at`"):
+        kl.field_on_lattice(inclined, jnp.ones(inclined.modes), (jnp.ones(3), jnp.ones(2)))
+
+
+def test_lengths_far_below_the_lattice_are_warned_of(expansion):
+    ones = jnp.ones(expansion.modes)
+    with pytest.warns(UserWarning, match=r"spacing 5.0 m exceeds twice the correlation length 2.0 m.*refine"):
+        kl.field_on_lattice(expansion, ones, (jnp.arange(0.0, 10.0), jnp.array([0.0, 5.0])))
+    with pytest.warns(UserWarning, match="exceeds twice"):
+        kl.exact_lattice((SE(0.2),), (np.arange(4.0),))
+    with pytest.warns(UserWarning, match=r"far below the Haar cell of 5.0 m"):
+        kl.expand((SE(0.5),), (0.0,), (10.0,), modes=1, solver=kl.Haar(1))
+
+
+@pytest.mark.parametrize(
+    ("marginal", "message"),
+    [
+        (kl.Normal(1.0, -0.1), r"cov = -0.1 is negative: give a coefficient of variation of 0 or more"),
+        (kl.Lognormal(1.0, -0.1), r"cov = -0.1 is negative"),
+        (kl.Lognormal(-1.0, 0.1), r"mean = -1.0 must be above 0"),
+        (kl.Lognormal(float("nan"), 0.1), r"give finite numbers"),
+        (kl.Beta(40.0, 0.3, 0.0, 30.0), r"mean = 40.0 must lie between the beta's bounds 0.0 and 30.0: widen"),
+        (kl.Beta(10.0, 1.5, 0.0, 30.0), r"cov = 1.5 must be above 0 and below 1.414.*widen the bounds"),
+        (kl.Beta(10.0, 0.3, 30.0, 0.0), r"must lie between"),
+        (kl.TruncatedNormal(10.0, 0.3, lower=12.0), r"mean = 10.0 must lie between the bounds 12.0"),
+        (kl.TruncatedNormal(10.0, 1.2), r"cannot be had within the bounds 0.0 and None: lower the cov"),
+        (kl.Gamma(10.0, 0.3, lower=11.0), r"mean = 10.0 must be above the lower bound 11.0"),
+        (kl.Gamma(10.0, 0.0), r"cov = 0.0 must be above 0 for this family"),
+        (kl.Gamma(10.0, 0.3, power=0.0), r"power = 0.0 must be above 0"),
+        (kl.Weibull(10.0, 0.3, shape=-1.0), r"shape = -1.0 must be above 0"),
+        (kl.Empirical(jnp.array([1.0])), r"n of 2 or more"),
+        (kl.Empirical(jnp.array([1.0, jnp.nan])), r"not finite"),
+    ],
+)
+def test_impossible_marginals(marginal, message):
+    with pytest.raises(ValueError, match=message):
+        marginal.transform(GAUSSIAN)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "message"),
+    [
+        ([[1.0, 1.2], [1.2, 1.0]], r"not positive definite \(smallest eigenvalue -0.2\)"),
+        ([[1.0, 0.2], [0.3, 1.0]], r"not symmetric"),
+        ([[2.0, 0.2], [0.2, 1.0]], r"must be 1"),
+        ([[1.0]], r"give one row each"),
+    ],
+)
+def test_bad_correlation_matrices(matrix, message):
+    with pytest.raises(ValueError, match=message):
+        kl.correlate(jnp.ones((2, 5)), matrix)
+
+
+def test_unreachable_correlation_between_marginals():
+    with pytest.raises(ValueError, match=r"cannot be had between these marginals"):
+        kl.nataf_matrix([[1.0, -0.95], [-0.95, 1.0]], (kl.Lognormal(1.0, 1.0), kl.Lognormal(1.0, 1.0)))
+
+
+@pytest.mark.parametrize(
+    ("points", "values", "error", "message"),
+    [
+        ([(11.0, 1.0)], [0.0], 0.0, r"reach from 11.0 to 11.0 along axis 0"),
+        ([(1.0, 1.0), (2.0, 2.0), (1.0, 1.0)], [0.0, 1.0, 2.0], 0.0, r"data 0 and 2 lie at one place"),
+        ([(1.0, 1.0)], [float("nan")], 0.0, r"a datum is not finite"),
+        ([(1.0, 1.0)], [0.0], -1.0, r"error = -1.0 is negative"),
+        ([(1.0, 1.0)], [0.0, 1.0], 0.0, r"give \(d, n\) and \(n,\)"),
+        ([(1.0, 1.0), (1.0, 1.001)], [0.0, 1.0], 0.0, r"cannot be told apart"),
+    ],
+)
+def test_bad_borehole_data(expansion, points, values, error, message):
+    with pytest.raises(ValueError, match=message):
+        kl.condition(expansion, field_points(*points), values, error=error)
+
+
+def test_no_data_at_all(expansion):
+    with pytest.raises(ValueError, match="at least one point"):
+        kl.condition(expansion, jnp.zeros((2, 0)), [])
+
+
+@pytest.mark.parametrize("design", [kl.monte_carlo, kl.latin_hypercube, kl.sobol])
+def test_bad_designs(design):
+    key = jax.random.key(0)
+    with pytest.raises(ValueError, match="n_samples = 0 must be 1 or more"):
+        design(key, 0, 3)
+    with pytest.raises(ValueError, match="n_modes = 0 must be 1 or more"):
+        design(key, 3, 0)
+    with pytest.raises(ValueError, match="rows reach outside 0 to 2"):
+        design(key, 3, 3, rows=[3])
+
+
+def test_sobol_has_a_largest_dimension():
+    with pytest.raises(ValueError, match=r"exceeds Sobol's 21201: use latin_hypercube"):
+        kl.sobol(jax.random.key(0), 2, 30_000)
+
+
+def test_bad_strata_and_trends():
+    with pytest.raises(ValueError, match="give one fewer than strata"):
+        kl.in_strata(jnp.zeros(3), (1.0, 2.0), (GAUSSIAN, GAUSSIAN))
+    with pytest.raises(ValueError, match="order from the top"):
+        kl.in_strata(jnp.zeros(3), (1.0, 2.0), (GAUSSIAN,) * 3)
+    with pytest.raises(ValueError, match=r"deviation of the trend falls below 0"):
+        kl.with_trend(kl.Normal(1.0, 0.1), GAUSSIAN, mean=GAUSSIAN, deviation=GAUSSIAN - 1)
+
+
+def test_exact_lattice_and_noise():
+    with pytest.raises(ValueError, match="1 covariances for 2 axes"):
+        kl.exact_lattice((SE(1.0),), (np.arange(3.0),) * 2)
+    with pytest.raises(ValueError, match=r"correlation length = 0\.0"):
+        kl.exact_lattice((SE(0.0),), (np.arange(3.0),))
+    with pytest.raises(ValueError, match=r"noise of shape \(4,\): give \(3,\)"):
+        kl.exact_field(kl.exact_lattice((SE(1.0),), (np.arange(3.0),)), jnp.ones(4))
+
+
+def test_damaged_stores(tmp_path, expansion):
+    path = tmp_path / "field.h5"
+    path.write_bytes(b"not HDF5")
+    with pytest.raises(ValueError, match="holds no complete expansion"):
+        kl.load(path)
+    with pytest.raises(FileNotFoundError):
+        kl.load(tmp_path / "absent.h5")
+    kl.save(expansion, path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ValueError, match="make it again"):
+        kl.load(path)
+    h5py = pytest.importorskip("h5py")
+    for name, value in (("index", np.full((2, 4), 999)), ("axis0/fractions", np.array([np.nan]))):
+        path.write_bytes(whole)
+        with h5py.File(path, "a") as file:
+            del file[name]
+            file[name] = value
+        with pytest.raises(ValueError, match="make the file again"):
+            kl.load(path)
+    path.write_bytes(whole)
+    with h5py.File(path, "a") as file:
+        file.attrs["format"] = "something else"
+    with pytest.raises(ValueError, match=r"is not an expansion of version 1"):
+        kl.load(path)
+    with pytest.raises(OSError, match="No such file"):
+        kl.save(expansion, tmp_path / "absent" / "field.h5")
