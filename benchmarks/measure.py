@@ -69,17 +69,17 @@ def peak_memory_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-def on_cores(cores: int, module: str, *arguments: str) -> dict[str, Any]:
-    """Run `python -m module arguments` bound to the first `cores` cores; its last line is its JSON answer.
+def on_cores(cores: int, module: str, *arguments: str, first: int = 0) -> dict[str, Any]:
+    """Run `python -m module arguments` bound to `cores` cores from the `first` on; its last line is its JSON answer.
 
     XLA sizes its thread pool when it starts, so a core count needs a process of its own.
     """
     available = sorted(os.sched_getaffinity(0))
-    if cores > len(available):
+    if first + cores > len(available):
         raise ValueError(f"{cores} cores asked for, {len(available)} available: ask for fewer")
     done = subprocess.run(
         [sys.executable, "-m", module, *arguments],
-        preexec_fn=lambda: os.sched_setaffinity(0, available[:cores]),
+        preexec_fn=lambda: os.sched_setaffinity(0, available[first : first + cores]),
         capture_output=True,
         text=True,
         cwd=ROOT,

@@ -1,6 +1,7 @@
 """Particle-steps per second: microseconds per particle and step, per scene, scheme, dtype, engine and core count.
 
-Each case runs in a process of its own, bound to its cores. Ratios pair cases of the same run, taken alternately.
+Each case runs in a process of its own, bound to its cores. On two cores a campaign runs lanes in two processes, one on
+each; `batch16_two_core_ratio` is that of 16 lanes run so, and the one of a single process stands beside it.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import statistics
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from benchmarks.measure import Report, on_cores
@@ -30,12 +32,31 @@ CASES: dict[str, tuple[int, dict[str, Any]]] = {
     "refined MUSL": (1, REFINED | {"seconds": 2.0, "repeats": 5}),
     "refined MUSL, 2 cores": (2, REFINED | {"seconds": 2.0, "repeats": 5}),
 }
+TWO_PROCESSES = "rough MUSL, 2 processes of 8 lanes on a core each"
 QUICK = ("section MUSL", "rough MUSL", "rough USL")
 
 
 def row(name: str, cores: int, case: dict[str, Any], rounds: int) -> dict[str, Any]:
     """One case, run `rounds` times; the repeats of all rounds together."""
     answers = [on_cores(cores, "benchmarks.throughput_case", json.dumps(case)) for _ in range(rounds)]
+    return summary(name, cores, answers)
+
+
+def side_by_side(rounds: int) -> dict[str, Any]:
+    """16 lanes as a campaign's workers run them: a process on each of two cores, at the same time."""
+    case = json.dumps(ROUGH | {"batch": 8})
+
+    def one(core: int) -> dict[str, Any]:
+        return on_cores(1, "benchmarks.throughput_case", case, first=core)
+
+    with ThreadPoolExecutor(2) as pool:
+        answers = [answer for _ in range(rounds) for answer in pool.map(one, (0, 1))]
+    # Both work at once: together they take half the time per lane that each of them does.
+    return summary(TWO_PROCESSES, 2, [answer | {"us": [us / 2 for us in answer["us"]]} for answer in answers])
+
+
+def summary(name: str, cores: int, answers: list[dict[str, Any]]) -> dict[str, Any]:
+    """The repeats of all answers together, as a row."""
     us = sorted(value for answer in answers for value in answer["us"])
     return {
         "case": name,
@@ -61,6 +82,8 @@ def run(quick: bool) -> Report:
         if cores <= available and (not quick or name in QUICK)
     }
     rows = [row(name, cores, case, rounds=1 if quick else 2) for name, (cores, case) in chosen.items()]
+    if available > 1 and not quick:
+        rows.append(side_by_side(rounds=2))
     us = {r["case"]: r["us_per_particle_step"] for r in rows}
 
     def ratio(a: str, b: str) -> float | None:
@@ -70,7 +93,8 @@ def run(quick: bool) -> Report:
         "rough_musl_f32_1core_us": us.get("rough MUSL"),
         "rough_usl_f32_1core_us": us.get("rough USL"),
         "rough_two_core_ratio": ratio("rough MUSL, 2 cores", "rough MUSL"),
-        "batch16_two_core_ratio": ratio("rough MUSL, 16 lanes, 2 cores", "rough MUSL, 16 lanes"),
+        "batch16_two_core_ratio": ratio(TWO_PROCESSES, "rough MUSL, 16 lanes"),
+        "batch16_two_core_ratio_one_process": ratio("rough MUSL, 16 lanes, 2 cores", "rough MUSL, 16 lanes"),
         "refined_musl_f32_1core_us": us.get("refined MUSL"),
         "refined_peak_mb": next((r["peak_mb"] for r in rows if r["case"] == "refined MUSL"), None),
         "f64_over_f32": ratio("rough MUSL, float64", "rough MUSL"),
