@@ -18,7 +18,7 @@ from scipy.stats import spearmanr
 from benchmarks.measure import Report, scene_config
 from cooperative import screening
 from cooperative.store import open_store, write_sample
-from jaxmpm import Chunk, advance_lanes
+from jaxmpm import Chunk, Result
 from jaxmpm.transfer import g2p, p2g
 
 
@@ -49,10 +49,9 @@ def screened(config: Any, count: int) -> dict[str, Any]:
         total = time.perf_counter() - start
     lane_steps = sum(chunk.lanes * chunk.steps for chunk in chunks)
     busy = sum(chunk.busy * chunk.steps for chunk in chunks)
-    step, transfers = seconds_per_step(model)
-    seconds["transfers"] = transfers * busy
-    seconds["rest of the step"] = (step - transfers) * busy
-    seconds["lane handling"] = total - seconds["storing"] - step * busy
+    seconds["transfers"] = seconds_of_transfers(model) * busy
+    seconds["lane handling"] = seconds_of_handling(model, coefficients) * count
+    seconds["rest of the step"] = total - sum(seconds.values())
     return {
         "total": total,
         "seconds": seconds,
@@ -62,15 +61,22 @@ def screened(config: Any, count: int) -> dict[str, Any]:
     }
 
 
-def seconds_per_step(model: screening.GridModel) -> tuple[float, float]:
-    """Seconds of a whole step of one lane, and of its transfers alone (median of some repeats, both compiled)."""
-    scene, particles = model.scene, model.scene.particles
-    state = jax.tree.map(jnp.copy, model.state)
-    steps, spent = 40, []
-    for _ in range(6):
+def seconds_of_handling(model: screening.GridModel, coefficients: np.ndarray) -> float:
+    """Seconds that a sample takes beside its steps: its field, and its consequences (median of some)."""
+    still = Result(jax.device_get(model.state), model.scene.time_step)
+    spent = []
+    for number in range(6):
         clock = time.perf_counter()
-        state = jax.block_until_ready(advance_lanes(scene, state, jnp.asarray(steps), None))
-        spent.append((time.perf_counter() - clock) / steps)
+        jax.block_until_ready(model.strength(jnp.asarray(coefficients[number % len(coefficients)])))
+        screening.finished(model, number, coefficients[0], still, 0.0)
+        spent.append(time.perf_counter() - clock)
+    return float(np.median(spent[1:]))
+
+
+def seconds_of_transfers(model: screening.GridModel) -> float:
+    """Seconds per step of the transfers of MUSL alone, compiled as one loop (median of some repeats)."""
+    scene, particles = model.scene, model.scene.particles
+    steps = 40
     d = scene.grid.dimension
     mass, vectors = particles.mass[None], jnp.zeros_like(particles.position)
 
@@ -94,7 +100,7 @@ def seconds_per_step(model: screening.GridModel) -> tuple[float, float]:
         clock = time.perf_counter()
         jax.block_until_ready(transfers(particles.position, model.state.stress, jnp.asarray(steps)))
         alone.append((time.perf_counter() - clock) / steps)
-    return float(np.median(spent[1:])), float(np.median(alone[1:]))
+    return float(np.median(alone[1:]))
 
 
 def early_stop_effect(config: Any, count: int) -> list[dict[str, Any]]:
