@@ -97,9 +97,7 @@ def test_store_gives_back_the_same_field(tmp_path, covariance):
 
 def test_store_keeps_corrected_and_bedded_fields(tmp_path):
     covariance = (kl.nataf_corrected(kl.SquaredExponential(10.0), kl.Lognormal(1.0, 0.3)), kl.SquaredExponential(3.0))
-    expansion = kl.expand(
-        covariance, (0.0, 0.0), (20.0, 6.0), solver=kl.Haar(6), bedding=kl.Bedding(10.0), energy=0.99
-    )
+    expansion = kl.expand(covariance, (0.0, 0.0), (20.0, 6.0), solver=kl.Haar(6), bedding=kl.Bedding(10.0), energy=0.99)
     kl.save(expansion, tmp_path / "field.h5")
     again = kl.load(tmp_path / "field.h5")
     assert again.bedding == expansion.bedding
