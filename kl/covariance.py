@@ -1,4 +1,4 @@
-"""Correlation functions of lag along one axis, and what they are over a product of axes.
+"""Correlation functions of lag along one axis; a field's covariance is their product over the axes.
 
 Each is a frozen dataclass whose `length` may be differentiated; called with a lag it gives the
 correlation, and `spectral_density` gives its Fourier transform S(w) = integral of c(t) exp(-i w t) dt.
@@ -274,11 +274,3 @@ def length_leaves(covariance: Any) -> list[Any]:
 def on_host(covariance: Any) -> Any:
     """The same covariance with NumPy numbers, to evaluate on the host at float64."""
     return jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), covariance)
-
-
-def correlation(covariance: tuple[Covariance, ...], lag: Any) -> Any:
-    """Product of the axes' correlations at `lag` (d, ...), in metres."""
-    product = covariance[0](lag[0])
-    for axis_covariance, axis_lag in zip(covariance[1:], lag[1:], strict=True):
-        product = product * axis_covariance(axis_lag)
-    return product
