@@ -69,7 +69,7 @@ struct Weights {
 
 // Value and derivatives at distance r (in cells) of a shape function; zero for NaN. See jaxmpm/shape.py.
 template <class T, int ORDER>
-JAXMPM_INLINE void shape(ShapeFunction function, T l, T r, T* value, T* slope, T* curvature) {
+JAXMPM_INLINE void shape(ShapeFunction function, T l, T per_l, T r, T* value, T* slope, T* curvature) {
   const T a = r < 0 ? -r : r;
   const T sign = r < 0 ? T(1) : T(-1);
   if (function == kLinear) {
@@ -81,9 +81,9 @@ JAXMPM_INLINE void shape(ShapeFunction function, T l, T r, T* value, T* slope, T
     const T reach = 1 + l - a;
     const T tail = reach > 0 ? reach : T(0);
     const bool core = a < l, flank = a < 1 - l;
-    *value = core ? 1 - (r * r + l * l) / (2 * l) : flank ? 1 - a : tail * tail / (4 * l);
-    if (ORDER > 0) *slope = core ? -r / l : flank ? sign : sign * tail / (2 * l);
-    if (ORDER > 1) *curvature = core ? -1 / l : flank | !(reach > 0) ? T(0) : 1 / (2 * l);
+    *value = core ? 1 - (r * r + l * l) * (T(0.5) * per_l) : flank ? 1 - a : tail * tail * (T(0.25) * per_l);
+    if (ORDER > 0) *slope = core ? -r * per_l : flank ? sign : sign * tail * (T(0.5) * per_l);
+    if (ORDER > 1) *curvature = core ? -per_l : flank | !(reach > 0) ? T(0) : T(0.5) * per_l;
   } else {
     const T reach = T(1.5) - a;
     const T tail = reach > 0 ? reach : T(0);
@@ -96,10 +96,11 @@ JAXMPM_INLINE void shape(ShapeFunction function, T l, T r, T* value, T* slope, T
 
 template <class T, int ORDER, ShapeFunction F>
 JAXMPM_INLINE void axis_weights(T l, T per_cell, const T* cells, const T* base, T (*of)[ORDER + 1][kBlock]) {
+  const T per_l = 1 / l;
   for (int k = 0; k < kStencil; ++k) {
     for (int p = 0; p < kBlock; ++p) {
       T slope = 0, curvature = 0;
-      shape<T, ORDER>(F, l, cells[p] - (base[p] + k), &of[k][0][p], &slope, &curvature);
+      shape<T, ORDER>(F, l, per_l, cells[p] - (base[p] + k), &of[k][0][p], &slope, &curvature);
       if constexpr (ORDER > 0) of[k][1][p] = slope * per_cell;
       if constexpr (ORDER > 1) of[k][2][p] = curvature * per_cell * per_cell;
     }
