@@ -356,6 +356,15 @@ def test_runs_on_xla_and_says_so_once_without_the_library(x64, monkeypatch):
             native.available()
 
 
+@pytest.mark.parametrize("platform", ["cuda", "cpu"])
+def test_devices_other_than_the_cpu_get_xla(platform):
+    """Lowering needs no such device. In a batch, and differentiated."""
+    grid, position, carried, stress = data(2, 5, dtype="float32")
+    f = jax.jit(jax.vmap(jax.grad(partial(loss, grid, Linear(), None)), (0, None, None)))
+    text = f.trace(position[None], carried, stress).lower(lowering_platforms=(platform,)).as_text()
+    assert ("jaxmpm_scatter" in text) == ("jaxmpm_gather" in text) == (platform == "cpu" and native.available())
+
+
 def test_errors_name_the_value_and_the_remedy():
     grid, position, carried, stress = data(2, 5, dtype="float32")
     with pytest.raises(ValueError, match="fewer than 3 nodes"):
