@@ -14,7 +14,7 @@ import numpy as np
 from jaxmpm import check
 from jaxmpm.averages import passes_for
 from jaxmpm.equilibrium import settled_elastically
-from jaxmpm.soil import Ground, material_of, refuse_snap_back
+from jaxmpm.soil import FrictionalSoil, Ground, material_of, refuse_snap_back
 from jaxmpm.tensors import CARRIED
 from jaxmpm.types import GIMP, Grid, Kernel, Linear, Particles, QuadraticBSpline, Scene, Scheme, State, Status, Wall
 
@@ -28,9 +28,9 @@ class Discretisation:
 
     kernel: GIMP (domain of one spacing), Linear or QuadraticBSpline. cfl: dt = cfl cell / (c + speed), c the elastic
     wave speed. flip: share of FLIP, 1 is pure FLIP. apic: carry the velocity's gradient, with quadratic B-splines
-    and flip = 0. damping: mass-proportional (1/s). fbar: average the volumetric strain over neighbours, against
-    locking. internal_length: standard deviation (m) of the average of the plastic strain over neighbours, which
-    keeps softening from localising into single cells; None keeps it local.
+    and flip = 0. damping: mass-proportional (1/s). fbar: average volumetric strain and mean stress over neighbours,
+    against locking; not for frictional soils. internal_length: standard deviation (m) of the average of the plastic
+    strain over neighbours, which keeps softening from localising into single cells; None keeps it local.
     dtype: float32 or float64, as JAX is set if None.
     """
 
@@ -338,6 +338,11 @@ def _build(
     length = discretisation.internal_length
     if length is not None and material.initial_history(particles) is None:
         raise ValueError(f"internal_length = {length:g} m, but the soil does not soften: leave it out")
+    if discretisation.fbar and isinstance(soil, FrictionalSoil):
+        raise ValueError(
+            "fbar = True with a frictional soil: it averages the mean stress, on which friction depends, and soil at a "
+            "free surface would lose its strength; leave fbar out"
+        )
     scene = Scene(
         grid=grid,
         particles=particles,

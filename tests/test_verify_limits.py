@@ -128,11 +128,16 @@ def test_bad_frictional_soils_are_refused(soil, message):
         )
 
 
+def test_fbar_is_refused_where_strength_depends_on_the_mean_stress():
+    with pytest.raises(ValueError, match="fbar = True with a frictional soil"):
+        mpm.slope(CUT, mpm.FrictionalSoil(cohesion=1e3, friction=30.0), mpm.Discretisation(0.5, (0.25,) * 2, fbar=True))
+
+
 @pytest.mark.parametrize("criterion", [mpm.MohrCoulomb, mpm.DruckerPrager])
 def test_frictional_slope_has_the_factor_of_safety_of_its_infinite_slope_bound(criterion):
     # Without cohesion a slope of 1:2 fails at tan(phi) = 1/2 near its surface; with a little cohesion a little later.
     shape = mpm.Slope(crest=6.0, height=4.0, run_per_rise=2.0, toe=8.0, foundation=2.0)
     soil = mpm.FrictionalSoil(cohesion=1e3, friction=30.0, criterion=criterion, young=2e7)
-    scene, state = mpm.slope(shape, soil, mpm.Discretisation(1.0, (0.5, 0.5), fbar=True))
+    scene, state = mpm.slope(shape, soil, mpm.Discretisation(1.0, (0.5, 0.5)))
     found = mpm.factor_of_safety(scene, state, bracket=(0.6, 3.0), resolution=0.1, t_end=4.0, batch=4, criterion=0.2)
     assert np.tan(np.radians(30)) / 0.5 - 0.1 < found.fails < 2.2
