@@ -44,7 +44,11 @@ class Conditioning:
 
 def mode_matrix(expansion: Expansion, points: Any) -> Any:
     """Value of every mode at `points` (d, N): (N, M)."""
-    points = points_in_box(expansion, points)
+    return _mode_matrix(expansion, points_in_box(expansion, points))
+
+
+@jax.jit
+def _mode_matrix(expansion: Expansion, points: Any) -> Any:
     product = jnp.ones((1, 1), points.dtype)
     for modes, row, x in zip(expansion.axes, expansion.index, points, strict=True):
         product = product * scaled_functions(modes, x)[row]
@@ -111,6 +115,7 @@ def _require_apart(points: Any, extent: Any) -> None:
         )
 
 
+@jax.jit
 def conditioned(conditioning: Conditioning, coefficients: Any) -> Any:
     """Coefficients (..., M) of fields that honour the data, from unconditioned ones (..., M)."""
     along = coefficients @ conditioning.basis

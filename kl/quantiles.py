@@ -222,12 +222,18 @@ def _solve_parent(mean: Any, deviation: Any, lower: Any, upper: Any) -> tuple[An
     slopes = jax.jacfwd(residual)
 
     def step(_: Any, unknown: Any) -> Any:
-        change = jnp.linalg.solve(slopes(unknown, mean, deviation), residual(unknown, mean, deviation))
+        change = _solved(slopes(unknown, mean, deviation), residual(unknown, mean, deviation))
         return unknown - change / jnp.maximum(1, jnp.abs(change).max() / 0.5)
 
     unknown = jax.lax.stop_gradient(jax.lax.fori_loop(0, 60, step, jnp.zeros(2, mean.dtype)))
     mismatch = jnp.nan_to_num(jnp.abs(residual(unknown, mean, deviation)).max(), nan=jnp.inf)
     # One step more carries the derivatives by the implicit function theorem.
     jacobian = jax.lax.stop_gradient(slopes(unknown, mean, deviation))
-    unknown = unknown - jnp.linalg.solve(jacobian, residual(unknown, mean, deviation))
+    unknown = unknown - _solved(jacobian, residual(unknown, mean, deviation))
     return *parent(unknown, mean, deviation), jax.lax.stop_gradient(mismatch)
+
+
+def _solved(matrix: Any, right: Any) -> Any:
+    """Solution of two linear equations by Cramer's rule."""
+    (a, b), (c, d) = matrix
+    return jnp.stack([d * right[0] - b * right[1], a * right[1] - c * right[0]]) / (a * d - b * c)

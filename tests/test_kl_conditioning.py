@@ -69,6 +69,7 @@ def test_measured_strength_comes_back_through_the_marginal():
     np.testing.assert_allclose(strength, np.broadcast_to(measured, (5, 3)), rtol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("precision", "modes", "error"), [(False, 1500, 0.1), (True, 5000, 0.0)])
 def test_a_thousand_data(precision, modes, error):
     with jax.enable_x64(precision):

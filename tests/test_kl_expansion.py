@@ -2,6 +2,8 @@
 
 import itertools
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import jax
@@ -216,3 +218,12 @@ def test_thousands_of_modes_are_selected():
     expansion = kl.expand(paper((10.0, 10.0, 2.0)), ORIGIN, EXTENT)
     assert 3000 < expansion.modes < 6000
     assert expansion.variance_mean == pytest.approx(0.999, abs=1e-4)
+
+
+@pytest.mark.slow
+def test_the_refined_grid_fits_in_a_gigabyte():
+    case = '{"method": "points", "parameter": 681984, "repeats": 1, "lengths": [60, 60, 2], "extent": [96, 96, 24]}'
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks.fields_case", case], capture_output=True, text=True, check=True
+    )
+    assert json.loads(done.stdout.splitlines()[-1])["memory_mb"] < 1000

@@ -109,7 +109,7 @@ def test_four_parameter_gamma_keeps_its_moments(x64, power):
         assert float(values.min()) >= 3
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(st.floats(0.05, 1.0), st.sampled_from(["Lognormal", "Gamma", "Weibull", "Gumbel"]))
 def test_transforms_rise_and_stay_finite(cov, family):
     values = getattr(kl, family)(4e4, cov).transform(jnp.linspace(-9.5, 9.5, 200))
@@ -120,14 +120,11 @@ def test_transforms_rise_and_stay_finite(cov, family):
 @pytest.mark.parametrize(
     "make",
     [
-        lambda m, c: kl.Normal(m, c),
         lambda m, c: kl.Lognormal(m, c),
         lambda m, c: kl.Gamma(m, c),
         lambda m, c: kl.Weibull(m, c),
         lambda m, c: kl.Beta(m, c, 0.0, 30.0),
         lambda m, c: kl.TruncatedNormal(m, c),
-        lambda m, c: kl.Gumbel(m, c),
-        lambda m, c: kl.Uniform(m, c),
     ],
 )
 def test_derivatives_by_mean_and_cov(x64, make):
