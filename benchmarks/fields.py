@@ -58,19 +58,38 @@ def _curves(quick: bool) -> list[dict[str, Any]]:
     return [_case(method, parameter, domain, **options) for method, parameter, domain, options in cases]
 
 
+# Colours that the colour-blind can tell apart (Okabe and Ito).
+LOOK = {
+    "truncated": ("#0072B2", "o", "truncated by energy"),
+    "haar": ("#E69F00", "s", "Haar, by level"),
+    "nystrom": ("#009E73", "^", "Nystrom, by order"),
+    "untruncated": ("#D55E00", "D", "untruncated, on the lattice"),
+    "circulant": ("#CC79A7", "v", "circulant embedding, by padding"),
+    "randomization": ("#000000", "x", "randomization (GSTools), by modes"),
+    "dense": ("#56B4E9", "P", "dense decomposition"),
+}
+
+
 def _figure(rows: list[dict[str, Any]]) -> None:
-    """Worst and rms error against seconds per realisation, on the paper's lattice."""
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    """Worst and rms error against seconds per realisation: the paper's lattice, and the small box with open marks."""
+    figure = Figure(figsize=(9, 5), layout="constrained")
     panels = figure.subplots(1, 2, sharex=True)
     for panel, measure in zip(panels, ("error_worst", "error_rms"), strict=True):
-        for method in dict.fromkeys(row["method"] for row in rows):
-            chosen = [r for r in rows if r["method"] == method and r["domain"] == PAPER["name"]]
-            chosen.sort(key=lambda row: row["parameter"] or 0)
-            if chosen and method != "points":
+        for method, (colour, marker, label) in LOOK.items():
+            for domain, filled in ((PAPER["name"], True), (SMALL["name"], False)):
+                chosen = [r for r in rows if (r["method"], r["domain"]) == (method, domain)]
+                chosen.sort(key=lambda row: row["parameter"] or 0)
+                if not chosen:
+                    continue
                 seconds = [row["realisation_s"]["median"] for row in chosen]
-                panel.loglog(seconds, [row[measure] for row in chosen], "o-", ms=4, label=method)
+                face = None if filled else "none"
+                name = label if filled else f"{label}, {' x '.join(f'{e:g}' for e in SMALL['extent'])} m only"
+                panel.loglog(
+                    seconds, [row[measure] for row in chosen], marker + "-", color=colour, mfc=face, ms=5, label=name
+                )
         panel.set(xlabel="seconds per realisation, one core", ylabel=measure.replace("_", " of covariance, "))
-    panels[0].legend(fontsize=8)
+        panel.grid(alpha=0.3)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
     figure.savefig(FIGURES / "fields_error_time.png", dpi=90)
 
 

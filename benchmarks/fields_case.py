@@ -205,7 +205,11 @@ def randomization(case: dict[str, Any]) -> Made:
 def points(case: dict[str, Any]) -> Made:
     """Scattered points (`parameter` of them) at 99.9 % of the variance, one realisation at a time."""
     lengths, extent = case["lengths"], case["extent"]
-    expansion = kl.expand(covariance_of(lengths), (0.0,) * len(extent), tuple(extent))
+
+    def setup() -> Any:
+        return jax.block_until_ready(kl.expand(covariance_of(lengths), (0.0,) * len(extent), tuple(extent)))
+
+    expansion = setup()
     unit = np.random.default_rng(0).uniform(size=(len(extent), case["parameter"]))
     where = jnp.asarray(unit * np.array(extent)[:, None], jnp.float32)
     coefficients = kl.monte_carlo(jax.random.key(0), 1, expansion.modes)[0]
@@ -215,7 +219,7 @@ def points(case: dict[str, Any]) -> Made:
         return kl.field_at(expansion, coefficients, where).block_until_ready()
 
     return (
-        (lambda: None),
+        setup,
         batch,
         1,
         {
