@@ -1,9 +1,7 @@
 """A campaign on disk: a folder with its scene and one HDF5 file per finished sample and grid.
 
-A file is written aside, synced and renamed, and the folder is synced too, so that a process killed at any
-moment leaves either the whole file or none. Every file starts with a checksum of all the rest (in the HDF5
-user block, which HDF5 readers skip); a file that does not match is named, set aside and counted as not done.
-It is checked before the HDF5 library sees the file: one flipped bit can send that library into a loop.
+Files are written aside and sealed with a checksum (`jaxmpm.files`); one that does not match is named, set aside and
+counted as not done.
 
     scene.toml                    the scene, verbatim
     samples/rough/000123.h5       coefficients, row, fields, provenance of sample 123 on the rough grid
@@ -13,10 +11,8 @@ It is checked before the HDF5 library sees the file: one flipped bit can send th
 
 from __future__ import annotations
 
-import errno
 import fcntl
 import hashlib
-import io
 import json
 import os
 import socket
@@ -31,15 +27,12 @@ from typing import Any, Self
 import h5py
 import numpy as np
 
+from jaxmpm import DamagedFile, files, write_aside
+
 GRIDS = ("rough", "refined")
 SCHEMA = 1
 KIND = "cooperative sample"
-USER_BLOCK = 512
 Scalar = float | int | bool | str
-
-
-class DamagedFile(ValueError):
-    """A sample file that is truncated, altered, or of another campaign; the message names it and says why."""
 
 
 @dataclass(frozen=True)
@@ -175,9 +168,8 @@ def write_sample(store: Store, grid: str, sample: Sample) -> Path:
         raise ValueError(f"{store.folder} is open for reading: use open_store to write {path.name}")
     if path.exists():
         raise ValueError(f"{path} is finished already: results are never overwritten, delete it to redo it")
-    # The HDF5 image is made in memory: the disk then sees plain writes, whose errors are plain too.
-    image = io.BytesIO()
-    with h5py.File(image, "w", libver=("v110", "v110"), userblock_size=USER_BLOCK) as file:
+
+    def fill(file: h5py.File) -> None:
         file.attrs.update(
             schema=SCHEMA,
             scene=store.digest,
@@ -195,9 +187,8 @@ def write_sample(store: Store, grid: str, sample: Sample) -> Path:
         fields = file.create_group("fields")
         for name, values in sample.fields.items():
             fields[name] = np.asarray(values)
-    content = image.getbuffer()
-    content[:USER_BLOCK] = _seal(content[USER_BLOCK:])
-    write_aside(path, content)
+
+    files.write_sealed(path, KIND, SCHEMA, fill)
     return path
 
 
@@ -234,22 +225,6 @@ def read_rows(store: Store, grid: str) -> Rows:
     return Rows(columns, tuple(damaged))
 
 
-def write_aside(path: Path, data: bytes | memoryview) -> None:
-    """Write `data` to `path`, whole or not at all: aside, synced, renamed, folder synced.
-
-    Raises OSError with the system's errno, the file's name and a remedy; what was there before stays.
-    """
-    part = path.with_name(f".{path.name}.part")
-    try:
-        with open(part, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        rename_synced(part, path)
-    except OSError as error:
-        raise refused(path, part, error) from error
-
-
 def package_versions() -> dict[str, str]:
     """Versions of the packages that a result depends on."""
     return dict(_package_versions())
@@ -284,27 +259,6 @@ def _take_lock(folder: Path) -> int:
     return descriptor
 
 
-def rename_synced(part: Path, path: Path) -> None:
-    """Give a finished file its name, and make sure that the folder knows."""
-    os.replace(part, path)
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
-
-
-def refused(path: Path, part: Path, error: OSError) -> OSError:
-    """The error to raise for a write that failed, with the half file removed."""
-    part.unlink(missing_ok=True)
-    reason = error.strerror or str(error)
-    remedy = "make room" if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG) else "see to the disk"
-    return OSError(
-        error.errno,
-        f"cannot write {path} ({reason}): {remedy} and start the same command again, finished samples are kept",
-    )
-
-
 def _set_aside(path: Path) -> None:
     target, again = path.with_name(path.name + ".damaged"), 1
     while target.exists():
@@ -313,40 +267,24 @@ def _set_aside(path: Path) -> None:
 
 
 def _read(store: Store, grid: str, path: Path) -> Sample:
-    data = path.read_bytes()
-    if not data.startswith(KIND.encode()):
-        raise DamagedFile(f"{path} is not a sample file")
-    if data[:USER_BLOCK] != _seal(memoryview(data)[USER_BLOCK:]):
-        raise DamagedFile(f"{path} does not match its checksum, or is not of schema {SCHEMA}")
-    try:
-        with h5py.File(io.BytesIO(data), "r") as file:
-            attributes = dict(file.attrs)
-            if attributes["scene"] != store.digest:
-                raise DamagedFile(f"{path} belongs to another scene")
-            if (attributes["grid"], f"{attributes['sample']:06d}.h5") != (grid, path.name):
-                raise DamagedFile(f"{path} holds sample {attributes['sample']} of grid {attributes['grid']}")
-            return Sample(
-                number=int(attributes["sample"]),
-                status=attributes["status"],
-                steps=int(attributes["steps"]),
-                seconds=float(attributes["seconds"]),
-                coefficients=file["coefficients"][()],
-                row={name: _plain(value) for name, value in file["row"].attrs.items()},
-                fields={name: values[()] for name, values in file["fields"].items()},
-                dtype=attributes["dtype"],
-                device=attributes["device"],
-                versions=json.loads(attributes["versions"]),
-            )
-    except DamagedFile:
-        raise
-    except (OSError, KeyError, RuntimeError) as error:
-        raise DamagedFile(f"{path} lacks what a sample file holds ({error})") from error
-
-
-def _seal(content: memoryview) -> bytes:
-    """User block: what the file is and the SHA-256 of everything after the block."""
-    text = f"{KIND}, schema {SCHEMA}, SHA-256 of all after these {USER_BLOCK} bytes:\n"
-    return (text + hashlib.sha256(content).hexdigest() + "\n").encode().ljust(USER_BLOCK, b"\0")
+    with files.read_sealed(path, KIND, SCHEMA) as file:
+        attributes = dict(file.attrs)
+        if attributes["scene"] != store.digest:
+            raise DamagedFile(f"{path} belongs to another scene")
+        if (attributes["grid"], f"{attributes['sample']:06d}.h5") != (grid, path.name):
+            raise DamagedFile(f"{path} holds sample {attributes['sample']} of grid {attributes['grid']}")
+        return Sample(
+            number=int(attributes["sample"]),
+            status=attributes["status"],
+            steps=int(attributes["steps"]),
+            seconds=float(attributes["seconds"]),
+            coefficients=file["coefficients"][()],
+            row={name: _plain(value) for name, value in file["row"].attrs.items()},
+            fields={name: values[()] for name, values in file["fields"].items()},
+            dtype=attributes["dtype"],
+            device=attributes["device"],
+            versions=json.loads(attributes["versions"]),
+        )
 
 
 def _plain(value: Any) -> Scalar:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
-import os
 from pathlib import Path
 
 import h5py
 import numpy as np
 
-from cooperative.store import GRIDS, Store, read_rows, read_sample, refused, rename_synced, sample_path, write_aside
+from cooperative.store import GRIDS, Store, read_rows, read_sample, sample_path
+from jaxmpm import files, write_aside
 
 
 def write_table(store: Store, path: str | Path | None = None) -> Path:
@@ -40,24 +40,17 @@ def consolidate(store: Store, path: str | Path | None = None) -> Path:
     the disk refuses; what was there before stays.
     """
     path = store.folder / "campaign.h5" if path is None else Path(path)
-    part = path.with_name(f".{path.name}.part")
-    try:
-        with h5py.File(part, "w", libver=("v110", "v110")) as file:
-            file.attrs["scene"] = store.scene_text
-            for grid in GRIDS:
-                rows = read_rows(store, grid)
-                for name, values in rows.columns.items():
-                    text = values.dtype.kind == "U"
-                    file[f"tables/{grid}/{name}"] = values.astype(h5py.string_dtype()) if text else values
-                for number in rows.numbers:
-                    read_sample(store, grid, number)
-                    with h5py.File(sample_path(store, grid, number), "r") as source:
-                        source.copy(source, file, name=f"{grid}/{number:06d}")
-        with open(part, "rb") as written:
-            os.fsync(written.fileno())
-        rename_synced(part, path)
-    except OSError as error:
-        raise refused(path, part, error) from error
+    with files.aside(path) as part, h5py.File(part, "w", libver=("v110", "v110")) as file:
+        file.attrs["scene"] = store.scene_text
+        for grid in GRIDS:
+            rows = read_rows(store, grid)
+            for name, values in rows.columns.items():
+                text = values.dtype.kind == "U"
+                file[f"tables/{grid}/{name}"] = values.astype(h5py.string_dtype()) if text else values
+            for number in rows.numbers:
+                read_sample(store, grid, number)
+                with h5py.File(sample_path(store, grid, number), "r") as source:
+                    source.copy(source, file, name=f"{grid}/{number:06d}")
     return path
 
 

@@ -1,6 +1,7 @@
 """Batched, differentiable generalised-interpolation material point method in 1D, 2D and 3D."""
 
-from jaxmpm import diagnostics, tensors
+from jaxmpm import diagnostics, files, tensors
+from jaxmpm.files import DamagedFile, write_aside
 from jaxmpm.frictional import DruckerPrager, Matching, MohrCoulomb, cone
 from jaxmpm.integrate import Result, Settle, advance, advance_lanes, lanes, repeat, solve
 from jaxmpm.many import Chunk, solve_each
@@ -29,6 +30,7 @@ __all__ = [
     "GIMP",
     "J2",
     "Chunk",
+    "DamagedFile",
     "Decay",
     "Discretisation",
     "DruckerPrager",
@@ -65,6 +67,7 @@ __all__ = [
     "cone",
     "diagnostics",
     "factor_of_safety",
+    "files",
     "lanes",
     "reduce_strength",
     "reduced",
@@ -75,4 +78,5 @@ __all__ = [
     "step",
     "tensors",
     "with_strength",
+    "write_aside",
 ]

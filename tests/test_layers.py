@@ -10,6 +10,7 @@ ROOT = Path(__file__).resolve().parent.parent
 # From the bottom up: a module may import what stands before it.
 JAXMPM = [
     "types",
+    "files",
     "check",
     "tensors",
     "shape",
