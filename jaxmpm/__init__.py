@@ -4,6 +4,7 @@ from jaxmpm import diagnostics, files, tensors
 from jaxmpm.files import DamagedFile, write_aside
 from jaxmpm.frictional import DruckerPrager, Matching, MohrCoulomb, cone
 from jaxmpm.integrate import Result, Settle, advance, advance_lanes, lanes, repeat, solve
+from jaxmpm.io import load_state, save_state, write_particles, write_vtkhdf
 from jaxmpm.many import Chunk, solve_each
 from jaxmpm.materials import J2, Elastic, reduce_strength
 from jaxmpm.reduction import FactorOfSafety, factor_of_safety, reduced
@@ -69,9 +70,11 @@ __all__ = [
     "factor_of_safety",
     "files",
     "lanes",
+    "load_state",
     "reduce_strength",
     "reduced",
     "repeat",
+    "save_state",
     "slope",
     "solve",
     "solve_each",
@@ -79,4 +82,6 @@ __all__ = [
     "tensors",
     "with_strength",
     "write_aside",
+    "write_particles",
+    "write_vtkhdf",
 ]

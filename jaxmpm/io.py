@@ -1,0 +1,194 @@
+"""States on disk: restart points, and series of particles that ParaView opens.
+
+A restart point is HDF5, sealed (see `jaxmpm.files`), with every leaf of the state by its name; nothing in it is ever
+executed. A series is VTKHDF 2.0: an unstructured grid of one vertex per particle, with a `Steps` group for the times.
+Source: VTK file formats, VTKHDF specification, https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import h5py
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxmpm import files
+from jaxmpm.types import Scene, State
+
+KIND = "jaxmpm restart point"
+SCHEMA = 1
+
+VERTEX = 1
+"""VTK's number of a cell that is one point."""
+
+PLACES = {
+    ("vector", 1): (3, [0]),
+    ("vector", 2): (3, [0, 2]),
+    ("vector", 3): (3, [0, 1, 2]),
+    ("tensor", 3): (6, [0, 1, 2]),
+    ("tensor", 4): (6, [0, 1, 2, 5]),
+    ("tensor", 6): (6, [0, 1, 2, 3, 4, 5]),
+}
+"""Where the components that a dimension has stand among VTK's 3 or 6."""
+
+Fields = Mapping[str, np.ndarray]
+
+
+def save_state(path: str | Path, state: State, *, about: Mapping[str, Any] | None = None) -> None:
+    """Write a restart point, whole or not at all: every leaf of `state` bit for bit, and what the caller adds.
+
+    about: name -> number, text or array, given back by `load_state`. OSError where the disk refuses; what was there
+    before stays.
+    """
+
+    def fill(file: h5py.File) -> None:
+        leaves = file.create_group("state")
+        for name, leaf in _named(state).items():
+            leaves[name] = np.asarray(leaf)
+        rest = file.create_group("about")
+        for name, value in (about or {}).items():
+            rest[name] = value
+
+    files.write_sealed(path, KIND, SCHEMA, fill)
+
+
+def load_state(path: str | Path, like: State) -> tuple[State, dict[str, Any]]:
+    """Read a restart point into a state built as `like`, and what was added to it.
+
+    Raises `DamagedFile` for a file that cannot be trusted, ValueError where a leaf is absent, left over or of another
+    shape or dtype than that of `like`, naming it.
+    """
+    with files.read_sealed(path, KIND, SCHEMA) as file:
+        kept = {name: values[()] for name, values in file["state"].items()}
+        about = {name: _value(values) for name, values in file["about"].items()}
+    wanted = _named(like)
+    if kept.keys() != wanted.keys():
+        raise ValueError(f"{path} holds {sorted(kept)}, the scene's state has {sorted(wanted)}: give its own scene")
+    for name, leaf in wanted.items():
+        found, asked = (kept[name].shape, kept[name].dtype), (np.shape(leaf), np.dtype(leaf.dtype))
+        if found != asked:
+            raise ValueError(f"{path} holds {name} as {found}, the scene's state as {asked}: give its own scene")
+    leaves = [jnp.asarray(kept[name]) for name in wanted]
+    return jax.tree.unflatten(jax.tree.structure(like), leaves), about
+
+
+def write_vtkhdf(path: str | Path, scene: Scene, states: Iterable[State], times: Sequence[float]) -> None:
+    """Write a run as a series of particles for ParaView: one state at each of `times` (s), taken one by one.
+
+    Points are current positions (m). Fields: displacement (m), velocity (m/s), stress (Pa, xx yy zz xy yz xz),
+    plastic_strain or the leaves of the material's history, volume_ratio, and the strength (Pa) where the material
+    has one. Raises ValueError for lanes, or as many states as there are not times; OSError where the disk refuses.
+    """
+    strength = getattr(scene.material, "strength", None)
+    count = scene.particles.mass.shape[-1]
+    constant = {} if strength is None else {"strength": np.broadcast_to(np.asarray(strength), (count,))}
+    write_particles(path, np.asarray(scene.particles.position), times, map(_fields_of, states), constant=constant)
+
+
+def write_particles(
+    path: str | Path,
+    position: np.ndarray,
+    times: Sequence[float],
+    steps: Iterable[Fields],
+    *,
+    constant: Fields | None = None,
+) -> None:
+    """Write a series of particles as VTKHDF.
+
+    position: initial (d, N) m. times: T moments (s), ascending. steps: T mappings, taken one by one, name -> values of
+    the particles: (N,), (d, N) for vectors or, named `stress`, (s, N) as `State.stress` has them; `displacement` moves
+    the points. constant: name -> values (N,) that hold at all times.
+    Raises ValueError for shapes or numbers of steps that do not fit; OSError where the disk refuses.
+    """
+    if position.ndim != 2 or not len(times) or not (np.diff(times) > 0).all():
+        raise ValueError(
+            f"position has shape {position.shape} and times are {list(times)}: give (d, N) and ascending times"
+        )
+    count = position.shape[1]
+    with files.aside(path) as part, h5py.File(part, "w", libver=("v110", "v110")) as file:
+        root = file.create_group("VTKHDF", track_order=True)
+        root.attrs["Version"] = (2, 0)
+        root.attrs.create("Type", b"UnstructuredGrid", dtype="S16")
+        for name, number in (("NumberOfPoints", count), ("NumberOfCells", count), ("NumberOfConnectivityIds", count)):
+            root[name] = np.array([number], np.int64)
+        root["Connectivity"], root["Offsets"] = np.arange(count), np.arange(count + 1)
+        root["Types"] = np.full(count, VERTEX, np.uint8)
+        data, offsets = root.create_group("PointData"), {}
+        for name, values in (constant or {}).items():
+            data[name], offsets[name] = _rows(name, values, count), np.zeros(len(times), np.int64)
+        every = np.arange(len(times)) * count
+        for step, fields in enumerate(_exactly(steps, len(times))):
+            moved = fields.get("displacement", np.zeros_like(position))
+            _put(root, "Points", step, len(times), _rows("position", position + moved, count))
+            for name, values in fields.items():
+                _put(data, name, step, len(times), _rows(name, values, count))
+                offsets[name] = every
+        group = root.create_group("Steps")
+        group.attrs["NSteps"] = len(times)
+        group["Values"] = np.asarray(times, np.float64)
+        group["PointOffsets"] = every
+        group["NumberOfParts"] = np.ones(len(times), np.int64)
+        for name, shape in (("PartOffsets", ()), ("CellOffsets", (1,)), ("ConnectivityIdOffsets", (1,))):
+            group[name] = np.zeros((len(times), *shape), np.int64)
+        for name, offset in offsets.items():
+            group[f"PointDataOffsets/{name}"] = offset
+
+
+def _put(group: h5py.Group, name: str, step: int, steps: int, rows: np.ndarray) -> None:
+    """Write the rows (N, ...) of one step into the data set of all steps, which the first one makes."""
+    if step == 0:
+        shape = (steps * len(rows), *rows.shape[1:])
+        group.create_dataset(name, shape, rows.dtype, chunks=rows.shape, compression="gzip", compression_opts=1)
+    group[name][step * len(rows) : (step + 1) * len(rows)] = rows
+
+
+def _exactly(steps: Iterable[Fields], count: int) -> Iterator[Fields]:
+    """The steps, one by one; ValueError unless there are `count`, all with the same fields."""
+    names, given = None, 0
+    for fields in islice(steps, count + 1):
+        names = names or fields.keys()
+        if fields.keys() != names:
+            raise ValueError(f"fields {sorted(names ^ fields.keys())} are not there at all times: give them at each")
+        given += 1
+        if given <= count:
+            yield fields
+    if given != count:
+        raise ValueError(f"{given if given < count else 'more'} states for {count} times: give one for each")
+
+
+def _rows(name: str, values: np.ndarray, count: int) -> np.ndarray:
+    """Values of one field as VTK wants them, (N,), (N, 3) or (N, 6), from whatever components there are."""
+    values = np.asarray(values)
+    if values.shape == (count,):
+        return values
+    kind = ("tensor" if name == "stress" else "vector", len(values) if values.ndim == 2 else 0)
+    if values.shape[-1:] != (count,) or kind not in PLACES:
+        raise ValueError(f"{name} has shape {values.shape}: give one value or column for each of {count} particles")
+    size, places = PLACES[kind]
+    rows = np.zeros((count, size), values.dtype)
+    rows[:, places] = values.T
+    return rows
+
+
+def _fields_of(state: State) -> dict[str, np.ndarray]:
+    history = {} if state.history is None else _named(state.history)
+    if list(history) == [""]:
+        history = {"plastic_strain": history[""]}
+    fields = {name: getattr(state, name) for name in ("displacement", "velocity", "stress", "volume_ratio")}
+    return {name: np.asarray(values) for name, values in (fields | history).items()}
+
+
+def _named(tree: Any) -> dict[str, Any]:
+    """Leaves of a pytree by their path in it ("history" or "history.x"), in the order of its flattening."""
+    paths, _ = jax.tree_util.tree_flatten_with_path(tree)
+    return {jax.tree_util.keystr(path, simple=True, separator="."): leaf for path, leaf in paths}
+
+
+def _value(values: h5py.Dataset) -> Any:
+    found = values[()]
+    return found.decode() if isinstance(found, bytes) else found.item() if isinstance(found, np.generic) else found
