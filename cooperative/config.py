@@ -28,6 +28,7 @@ PLASTIC_STRAINS = {measure.value: measure for measure in PlasticStrain}
 Y_ENDS = {"fixed": "fixed", "roller": "roller"}
 ESTIMATORS = {"two-phase": "two-phase", "published": "published"}
 FIELDS = {"none": (), "refined": ("refined",), "both": ("rough", "refined")}
+MODES = {"refined": ("refined",), "both": ("rough", "refined")}
 
 REQUIRED = object()
 
@@ -63,7 +64,7 @@ class Plan:
     estimator: "two-phase" audits what the ranked prefix leaves out, within a budget of refined_runs (None: a fifth of
     the samples, at least 20) or until target_cov; "published" stops at k_t and counts n/N.
     screening_stop: displacement (m) at which a rough lane is decided and ends, None runs it to its end.
-    fields: grids whose final displacement and plastic strain are kept.
+    fields: grids whose final displacement and plastic strain are kept. modes: grids whose failures get a mode.
     """
 
     samples: int
@@ -77,6 +78,7 @@ class Plan:
     look_ahead: int
     screening_stop: float | None
     fields: tuple[str, ...]
+    modes: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -149,6 +151,7 @@ _PLAN = {
     "look_ahead": _Key(int, 1),
     "screening_stop": _Key(float, None),
     "fields": _Key(FIELDS, "refined"),
+    "modes": _Key(MODES, "refined"),
 }
 _SECTIONS = {
     "slope": _SLOPE,
@@ -291,4 +294,9 @@ def _check(config: Config) -> None:
         raise ValueError(
             f"[campaign] screening_stop = {plan.screening_stop:g} m is below the failure displacement of "
             f"{run.failure_displacement:g} m: give more, or leave it out"
+        )
+    if plan.screening_stop is not None and "rough" in plan.modes:
+        raise ValueError(
+            f"[campaign] screening_stop = {plan.screening_stop:g} m ends rough runs before their mode shows: "
+            "leave it out, or modes = 'both'"
         )

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.signal import find_peaks
 
 from cooperative.consequences import SlopeGeometry, largest_per_slice, overlapped_slices
+from cooperative.onsets import Motion, releases
 
 SEVERITY = ("progressive", "compound", "deep", "shallow")
 
@@ -33,7 +34,7 @@ class ModeRules:
         share of the slope height.
     smallest_share: share of the sliding volume below which a mass does not count.
     lull: time [s] in which less than `lull_share` of the sliding volume lets go, between two releases.
-    slowed: the first mass has slowed when its mean speed is at most this share of its peak.
+    slowed: the first mass has slowed when its mean speed, over a snapshot, is at most this share of its peak.
     """
 
     sliding_displacement: float = 1.0
@@ -65,20 +66,19 @@ def failure_mode(
     geometry: SlopeGeometry,
     *,
     half_size: np.ndarray,
-    times: np.ndarray | None = None,
-    history: np.ndarray | None = None,
+    motion: Motion | None = None,
     rules: ModeRules | None = None,
 ) -> FailureMode:
     """Mode of one final state.
 
     position, displacement: (d, N) [m], rows (x, y, z) or, in a section, (x, z). volume: (N,). half_size: half the
-    initial particle spacing (d,) [m]. times: (T,) [s], ascending; history: how far each particle had moved by then,
-    (T, N) [m]; without them progressive failure cannot be told, and a note says so.
-    Raises ValueError for shapes that do not fit or times that do not ascend.
+    initial particle spacing (d,) [m]. motion: the run's past; without it progressive failure cannot be told, and a
+    note says so.
+    Raises ValueError for shapes that do not fit, or a past with another threshold than that of the rules.
     """
     rules = rules or ModeRules()
     position, displacement, volume = (np.asarray(a, dtype=float) for a in (position, displacement, volume))
-    _check(position, displacement, volume, times, history)
+    _check(position, displacement, volume, motion, rules)
     sliding = np.linalg.norm(displacement, axis=0) >= rules.sliding_displacement
     depth, share = depth_profile(position, sliding, volume, geometry, half_size=half_size, rules=rules)
     if not sliding.any():
@@ -86,10 +86,13 @@ def failure_mode(
     masses = separate_masses(depth, share, geometry.height, rules)
     released: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()
-    if times is None or history is None:
+    if motion is None:
         notes = ("no displacement history: progressive failure cannot be told",)
     else:
-        released = releases(np.asarray(times, float), np.asarray(history)[:, sliding], volume[sliding], rules)
+        released = releases(
+            motion, sliding, smallest_share=rules.smallest_share, lull=rules.lull, lull_share=rules.lull_share,
+            slowed=rules.slowed,
+        )  # fmt: skip
     return FailureMode(name_mode(masses, geometry.height, len(released) > 1), depth, masses, released, notes)
 
 
@@ -154,64 +157,8 @@ def separate_masses(depth: np.ndarray, share: np.ndarray, slope_height: float, r
     return tuple(kept) or (float(depth.max()),)
 
 
-def onset_times(times: np.ndarray, history: np.ndarray, threshold: float) -> np.ndarray:
-    """When each particle had moved by `threshold` [m] (N,) [s], linear between snapshots; inf if it never had.
-
-    times: (T,) [s]. history: (T, N) [m].
-    """
-    times, history = np.asarray(times, dtype=float), np.asarray(history, dtype=float)
-    reached = history >= threshold
-    after = np.argmax(reached, axis=0)
-    before = np.maximum(after - 1, 0)
-    column = np.arange(history.shape[1])
-    low, high = history[before, column], history[after, column]
-    part = np.where(high > low, (threshold - low) / np.where(high > low, high - low, 1.0), 1.0)
-    onset = times[before] + np.clip(part, 0.0, 1.0) * (times[after] - times[before])
-    return np.where(reached.any(axis=0), onset, np.inf)
-
-
-def releases(times: np.ndarray, history: np.ndarray, volume: np.ndarray, rules: ModeRules) -> tuple[float, ...]:
-    """Times [s] at which masses began to let go: one, or two if a second followed when the first had slowed.
-
-    times: (T,) [s]. history: (T, M) [m] and volume: (M,) of the sliding particles. Soil lets go when it has moved by
-    `sliding_displacement`. Two releases are separated by a lull, and by the mean speed of the first mass.
-    """
-    onset = onset_times(times, history, rules.sliding_displacement)
-    order = np.argsort(onset, kind="stable")
-    at, share = onset[order], np.cumsum(volume[order]) / volume.sum()
-    finite = at[np.isfinite(at)]
-    if finite.size == 0:
-        return ()
-    # Shares released up to each onset, and up to one lull later.
-    resumed = np.searchsorted(at, at + rules.lull, side="left")
-    by_then = share[np.maximum(resumed - 1, 0)]
-    lulls = (
-        (share >= rules.smallest_share)
-        & (1 - by_then >= rules.smallest_share)
-        & (by_then - share <= rules.lull_share)
-        & (resumed < finite.size)
-    )
-    for candidate in np.flatnonzero(lulls):
-        second = float(at[resumed[candidate]])
-        first_mass = onset <= at[candidate]
-        if _slowed(times, history[:, first_mass], volume[first_mass], second, rules.slowed):
-            return (float(at[0]), second)
-    return (float(at[0]),)
-
-
-def _slowed(times: np.ndarray, history: np.ndarray, volume: np.ndarray, moment: float, share: float) -> bool:
-    """Whether the mean speed of a mass, over the snapshot before `moment`, is at most `share` of its peak so far."""
-    speed = np.diff(history @ (volume / volume.sum())) / np.diff(times)
-    until = max(int(np.searchsorted(times[1:], moment, side="right")), 1)
-    return bool(speed[until - 1] <= share * speed[:until].max())
-
-
 def _check(
-    position: np.ndarray,
-    displacement: np.ndarray,
-    volume: np.ndarray,
-    times: np.ndarray | None,
-    history: np.ndarray | None,
+    position: np.ndarray, displacement: np.ndarray, volume: np.ndarray, motion: Motion | None, rules: ModeRules
 ) -> None:
     if position.ndim != 2 or len(position) not in (2, 3) or position.shape[1] == 0:
         raise ValueError(f"position has shape {position.shape}: give (2, N) in a section or (3, N) in 3D, N at least 1")
@@ -219,8 +166,8 @@ def _check(
         raise ValueError(
             f"displacement {displacement.shape} and volume {volume.shape} do not fit position {position.shape}"
         )
-    if times is not None and history is not None:
-        if np.shape(history) != (np.size(times), position.shape[1]) or np.size(times) < 2:
-            raise ValueError(f"history has shape {np.shape(history)}: {np.size(times)} times (2 or more) by particles")
-        if not (np.diff(times) > 0).all():
-            raise ValueError("times do not ascend: give snapshots in order")
+    if motion is not None and motion.volume.shape != volume.shape:
+        raise ValueError(f"motion is of {motion.volume.size} particles: give that of the run's {volume.size}")
+    if motion is not None and motion.threshold != rules.sliding_displacement:
+        limit = rules.sliding_displacement
+        raise ValueError(f"motion has the threshold {motion.threshold:g} m: start it with the rules' {limit:g} m")

@@ -14,7 +14,9 @@ import numpy as np
 import kl
 from cooperative.config import Config
 from cooperative.consequences import SlopeGeometry, consequences
-from cooperative.store import Sample
+from cooperative.modes import FailureMode, ModeRules, failure_mode
+from cooperative.onsets import Motion
+from cooperative.store import Sample, Scalar
 from jaxmpm import Chunk, Result, Scene, State, Status, slope, solve_each
 
 
@@ -88,39 +90,64 @@ def run_samples(
     if width is None:
         width = 1 if jax.default_backend() == "cpu" else 64
     run, started = model.config.run, time.perf_counter()
+    motions: dict[int, Motion] = {}
+    volume = np.asarray(model.scene.particles.volume)
+
+    def remember(number: int, seconds: float, state: State) -> None:
+        past = motions.get(number) or Motion.start(volume, run.failure_displacement)
+        motions[number] = past.after(seconds, np.asarray(_moved(state.displacement)))
+
     strengths = ((number, model.strength(jnp.asarray(coefficients[number]))) for number in numbers)
     for number, result in solve_each(
         model.scene, model.state, strengths, width=width, t_end=run.t_end, settle=run.settle, stop_at=stop_at,
-        on_chunk=on_chunk,
+        on_chunk=on_chunk, observe=remember if model.grid in model.config.plan.modes else None,
     ):  # fmt: skip
         seconds, started = time.perf_counter() - started, time.perf_counter()
-        yield finished(model, number, coefficients[number], result, seconds)
+        yield finished(model, number, coefficients[number], result, seconds, motions.pop(number, None))
 
 
-def finished(model: GridModel, number: int, coefficients: np.ndarray, result: Result, seconds: float) -> Sample:
-    """The record of a run. A run that broke off has no consequences, only the displacement it had reached."""
+@jax.jit
+def _moved(displacement: jax.Array) -> jax.Array:
+    return jnp.linalg.norm(displacement, axis=0)
+
+
+def finished(
+    model: GridModel,
+    number: int,
+    coefficients: np.ndarray,
+    result: Result,
+    seconds: float,
+    motion: Motion | None = None,
+) -> Sample:
+    """The record of a run; its mode too, where its past was remembered. A run that broke off has no consequences,
+    only the displacement it had reached."""
     scene, config = model.scene, model.config
     displacement = np.asarray(result.state.displacement)
     history = result.state.history
-    fields = {}
+    fields: dict[str, np.ndarray] = {}
     if model.grid in config.plan.fields:
         fields["displacement"] = displacement.astype(np.float32)
         if history is not None:
             fields["plastic_strain"] = np.asarray(history, np.float32)
-    row: dict[str, float | bool]
+    row: dict[str, Scalar]
     if bool(result.failed):
         reached = np.linalg.norm(displacement, axis=0)
         row = {"displacement": float(np.max(reached, where=np.isfinite(reached), initial=0.0)), "broke_off": True}
     else:
-        measured = consequences(
+        run = (
             np.asarray(scene.particles.position),
             displacement,
             np.asarray(scene.particles.volume),
             geometry_of(config),
-            half_size=model.half_size,
-            sliding_displacement=config.run.failure_displacement,
         )
+        limit = config.run.failure_displacement
+        measured = consequences(*run, half_size=model.half_size, sliding_displacement=limit)
         row = {**measured.as_row(), "broke_off": False}
+        if motion is not None:
+            rules = ModeRules(sliding_displacement=limit)
+            mode = failure_mode(*run, half_size=model.half_size, motion=motion, rules=rules)
+            row |= mode_row(mode)
+            fields["slice_depth"] = mode.depth.astype(np.float32)
     return Sample(
         number=number,
         status=Status(int(result.status)).name,
@@ -132,6 +159,15 @@ def finished(model: GridModel, number: int, coefficients: np.ndarray, result: Re
         dtype=str(displacement.dtype),
         device=jax.devices()[0].device_kind,
     )
+
+
+def mode_row(mode: FailureMode) -> dict[str, Scalar]:
+    """A mode's scalars: its name, how many masses slide, depth of the shallowest and deepest [m], and when the first
+    and, if progressive, the second began to let go [s]. What a mode does not have is left out."""
+    row: dict[str, Scalar] = {"mode": mode.name, "masses": len(mode.masses)}
+    if mode.masses:
+        row |= {"depth_shallowest": min(mode.masses), "depth_deepest": max(mode.masses)}
+    return row | dict(zip(("onset", "onset_second"), mode.released, strict=False))
 
 
 def geometry_of(config: Config) -> SlopeGeometry:

@@ -36,11 +36,13 @@ def solve_each(
     settle: Settle | None = None,
     stop_at: float | None = None,
     on_chunk: Callable[[Chunk], None] | None = None,
+    observe: Callable[[int, float, State], None] | None = None,
 ) -> Iterator[tuple[int, Result]]:
     """Run every (number, strength) from the same `state` and yield (number, result) as each ends, not in order.
 
     strengths: drawn lazily, one when a lane becomes free; strength is a scalar or (N) Pa. width: number of lanes.
     t_end, settle, stop_at: as for `solve`; t_end is reached to within a few steps. on_chunk: told of every chunk.
+    observe: shown (number, seconds simulated, state) of every sample after every chunk, about each `settle.every`.
     Results do not depend on `width`, nor on the samples that run beside. Towards the end, when at most half the
     lanes hold a sample, the batch shrinks to those.
     Raises ValueError for a width below 1.
@@ -65,6 +67,10 @@ def solve_each(
         batch = replace(batch, status=jnp.asarray(status, jnp.int32))
         if on_chunk is not None:
             on_chunk(Chunk(len(numbers), sum(number is not None for number in numbers), chunk))
+        if observe is not None:
+            for lane, number in enumerate(numbers):
+                if number is not None:
+                    observe(number, int(batch.step[lane]) * dt, _lane(batch, lane))
         for lane in np.flatnonzero(status != Status.RUNNING).tolist():
             number = numbers[lane]
             if number is None:
@@ -94,6 +100,11 @@ def _take(tree: Any, index: int | np.ndarray, axes: Any = None) -> Any:
     return jax.tree.map(
         lambda axis, leaf: leaf if axis is None else leaf[index], axes, tree, is_leaf=lambda node: node is None
     )
+
+
+@jax.jit
+def _lane(batch: State, lane: int) -> State:
+    return jax.tree.map(lambda leaf: leaf[lane], batch)
 
 
 @partial(jax.jit, donate_argnums=(1,))

@@ -117,6 +117,32 @@ def test_a_sample_can_be_made_again_from_its_number(done):
     assert dict(kept.row) == dict(again.row)
 
 
+def test_refined_failures_get_a_mode_and_its_onset(done):
+    store = read_store(done[0])
+    refined = read_rows(store, "refined").columns
+    failed = refined["displacement"] > 1.0
+    assert set(refined["mode"][~failed]) <= {"none"}
+    assert set(refined["mode"][failed]) <= {"shallow", "deep", "progressive"}
+    assert (refined["onset"][failed] > 0).all()
+    assert (refined["onset"][failed] < 4.0).all()
+    assert np.isnan(refined["onset"][~failed]).all()
+    np.testing.assert_allclose(refined["depth_deepest"][failed], refined["depth"][failed], rtol=1e-6)
+    assert "mode" not in read_rows(store, "rough").columns
+
+
+def test_the_past_of_a_sample_does_not_depend_on_its_neighbours():
+    config = parse(changed('fields = "both"', 'modes = "both"'))
+    expansion = screening.expansion_of(config)
+    model = screening.build(config, "rough", expansion)
+    coefficients = screening.coefficients_of(config, expansion)
+    rows = [
+        {s.number: dict(s.row) for s in screening.run_samples(model, coefficients, range(5), width=width)}
+        for width in (1, 2)
+    ]
+    assert rows[0] == rows[1]
+    assert any(row["mode"] != "none" for row in rows[0].values())
+
+
 def test_both_grids_see_the_same_field(done):
     config = parse(TINY)
     expansion = screening.expansion_of(config)
@@ -210,6 +236,7 @@ BAD_SCENES = [
     (("cov = 0.4", "cov = 0.4\nmarginal = 'normal'"), r"marginal = 'normal': give one of 'lognormal'"),
     (('estimator = "published"', "estimator = 'twophase'"), r"estimator = 'twophase': .*did you mean 'two-phase'"),
     (('estimator = "published"', "refined_runs = 3"), r"refined_runs = 3: give 10 or more"),
+    (('fields = "both"', 'modes = "both"\nscreening_stop = 2.0'), r"screening_stop = 2 m ends rough runs before"),
     (("t_end = 4.0", "t_end = -4.0"), r"t_end = -4: give a finite value above 0"),
     (("poisson = 0.3", "poisson = 0.5"), r"poisson = 0.5"),
     (("young = 2e7", "young = 0"), r"young = 0 Pa"),

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cooperative.consequences import SlopeGeometry
-from cooperative.modes import SEVERITY, ModeRules, failure_mode, name_mode, onset_times
+from cooperative.modes import SEVERITY, ModeRules, failure_mode, name_mode
+from cooperative.onsets import Motion
 
 SLOPE = SlopeGeometry(toe_x=54.0, toe_z=4.0, height=12.0)
 LENGTH = 96.0
@@ -59,9 +60,16 @@ def slide(masses, spacing=(2.0, 2.0, 1.0), fine=1):
     return position, displacement, volume, spacing / 2 / fine, history
 
 
+def motion_of(history, volume, times=TIMES):
+    motion = Motion.start(volume, 1.0)
+    for time, moved in zip(times[1:], history[1:], strict=True):
+        motion = motion.after(float(time), moved)
+    return motion
+
+
 def mode_of(masses, history=True, **kwargs):
     position, displacement, volume, half, moved = slide(masses, **kwargs)
-    past = {"times": TIMES, "history": moved} if history else {}
+    past = {"motion": motion_of(moved, volume)} if history else {}
     return failure_mode(position, displacement, volume, SLOPE, half_size=half, **past)
 
 
@@ -100,10 +108,10 @@ def test_a_second_release_while_the_first_still_runs_is_not_progressive():
     second = (history[-1] > 0) & (position[1] >= 42)
     history[:, first] = TIMES[:, None]
     history[:, second] = np.maximum(TIMES - 6.0, 0.0)[:, None] * 4
-    running = failure_mode(position, displacement, volume, SLOPE, half_size=half, times=TIMES, history=history)
+    running = failure_mode(position, displacement, volume, SLOPE, half_size=half, motion=motion_of(history, volume))
     assert running.name == "compound"
     history[:, first] = np.minimum(TIMES, 4.0)[:, None]
-    stopped = failure_mode(position, displacement, volume, SLOPE, half_size=half, times=TIMES, history=history)
+    stopped = failure_mode(position, displacement, volume, SLOPE, half_size=half, motion=motion_of(history, volume))
     assert stopped.name == "progressive"
     assert stopped.released == pytest.approx((1.0, 6.25))
 
@@ -132,8 +140,7 @@ def test_a_section_is_one_slice():
         volume[kept],
         SLOPE,
         half_size=half[[0, 2]],
-        times=TIMES,
-        history=history[:, kept],
+        motion=motion_of(history[:, kept], volume[kept]),
     )
     assert section.name == "deep"
     assert section.depth.shape == (1,)
@@ -174,7 +181,7 @@ def test_moving_mirroring_and_finer_sampling_leave_the_class_alone(masses, shift
         position, displacement = position * [[1], [-1], [1]], displacement * [[1], [-1], [1]]
     position = position + np.array([[shift], [2 * shift], [0.0]])
     geometry = replace(SLOPE, toe_x=SLOPE.toe_x + shift)
-    found = failure_mode(position, displacement, volume, geometry, half_size=half, times=TIMES, history=history)
+    found = failure_mode(position, displacement, volume, geometry, half_size=half, motion=motion_of(history, volume))
     assert found.name == known.name
     assert sorted(found.masses) == pytest.approx(sorted(known.masses))
     assert found.released == pytest.approx(known.released)
@@ -190,8 +197,16 @@ def test_the_lattice_does_not_name_the_mode(shallow, deep, spacing):
 
 
 def test_onset_is_interpolated_between_snapshots():
-    history = np.array([[0.0, 0.0, 2.0], [0.5, 0.0, 2.0], [1.5, 0.0, 2.0]])
-    np.testing.assert_allclose(onset_times([0.0, 1.0, 2.0], history, 1.0), [1.5, np.inf, 0.0])
+    history = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 2.0], [1.5, 0.0, 2.0]])
+    motion = motion_of(history, np.ones(3), times=[0.0, 1.0, 2.0])
+    np.testing.assert_allclose(motion.onset, [1.5, np.inf, 0.5])
+    np.testing.assert_array_equal(motion.seen, [2, -1, 1])
+
+
+def test_travel_is_that_of_the_soil_that_has_let_go():
+    history = np.array([[0.0, 0.0, 0.0], [0.5, 1.0, 0.9], [1.5, 3.0, 0.9], [4.5, 3.5, 0.9]])
+    motion = motion_of(history, np.array([2.0, 1.0, 5.0]), times=[0.0, 1.0, 2.0, 3.0])
+    assert [travel.tolist() for travel in motion.travel] == [[0, 1], [0, 2, 2], [0, 0.5, 6, 0]]
 
 
 @pytest.mark.parametrize(
@@ -199,8 +214,8 @@ def test_onset_is_interpolated_between_snapshots():
     [
         ({"position": np.zeros((4, 3))}, r"shape \(4, 3\)"),
         ({"volume": np.ones(2)}, "do not fit"),
-        ({"history": np.zeros((3, 3))}, "history has shape"),
-        ({"times": np.array([1.0, 0.0])}, "do not ascend"),
+        ({"motion": Motion.start(np.ones(2), 1.0)}, "motion is of 2 particles"),
+        ({"motion": Motion.start(np.ones(3), 0.5)}, r"threshold 0.5 m: start it with the rules' 1 m"),
     ],
 )
 def test_bad_input_is_named(change, match):
@@ -210,9 +225,13 @@ def test_bad_input_is_named(change, match):
         "volume": np.ones(3),
         "geometry": SLOPE,
         "half_size": np.ones(3),
-        "times": np.array([0.0, 1.0]),
-        "history": np.zeros((2, 3)),
+        "motion": Motion.start(np.ones(3), 1.0),
         "rules": ModeRules(),
     }
     with pytest.raises(ValueError, match=match):
         failure_mode(**{**good, **change})
+
+
+def test_snapshots_come_in_order():
+    with pytest.raises(ValueError, match="times do not ascend"):
+        Motion.start(np.ones(2), 1.0).after(1.0, np.zeros(2)).after(1.0, np.zeros(2))
