@@ -1,16 +1,20 @@
-"""`python -m cooperative run SCENE.toml --out DIR` and `python -m cooperative report DIR`."""
+"""`python -m cooperative run | resume | status | report | export | sweep`, see `--help` of each."""
 
 from __future__ import annotations
 
 import argparse
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import jax
 
-from cooperative import campaign
+from cooperative import campaign, exports, progress
 from cooperative.report import report
+from cooperative.store import GRIDS, read_store
+
+Command = Callable[[argparse.Namespace], None]
 
 
 def default_workers() -> int:
@@ -18,21 +22,74 @@ def default_workers() -> int:
     return len(os.sched_getaffinity(0)) if jax.default_backend() == "cpu" else 1
 
 
+def run(given: argparse.Namespace) -> None:
+    """Run a campaign of a scene, or go on where it was."""
+    campaign.run(given.scene.read_text(), given.out, workers=given.workers, progress=True)
+    print(report(given.out))
+
+
+def resume(given: argparse.Namespace) -> None:
+    """Go on with a campaign from its folder, which holds its scene."""
+    campaign.run(read_store(given.folder).scene_text, given.folder, workers=given.workers, progress=True)
+    print(report(given.folder))
+
+
+def status(given: argparse.Namespace) -> None:
+    """Say how far a campaign is; it may be running."""
+    print(progress.words(progress.progress_of(given.folder)))
+
+
+def show(given: argparse.Namespace) -> None:
+    """Draw the figures of a campaign and print its summary."""
+    print(report(given.folder))
+
+
+def export(given: argparse.Namespace) -> None:
+    """Write what a campaign holds as CSV, one HDF5 file and VTKHDF for ParaView."""
+    if given.sample is None and given.frames is not None:
+        raise ValueError(f"--frames {given.frames} is for one sample: give --sample too")
+    if given.sample is None:
+        for path in exports.export(given.folder):
+            print(path)
+    else:
+        print(exports.export_sample(given.folder, given.sample, given.grid, frames=given.frames))
+
+
+def parser() -> argparse.ArgumentParser:
+    """The commands and their arguments."""
+    whole = argparse.ArgumentParser(prog="python -m cooperative", description="Campaigns of random slopes.")
+    commands = whole.add_subparsers(required=True, metavar="COMMAND")
+
+    def command(
+        name: str, does: Callable[[argparse.Namespace], None], *, scene: bool = False
+    ) -> argparse.ArgumentParser:
+        added = commands.add_parser(name, help=does.__doc__, description=does.__doc__)
+        added.set_defaults(does=does)
+        if scene:
+            added.add_argument("scene", type=Path, help="scene in TOML")
+            added.add_argument("--out", type=Path, required=True, help="folder to write to")
+        else:
+            added.add_argument("folder", type=Path, help="folder of the campaign")
+        return added
+
+    for heavy in (command("run", run, scene=True), command("resume", resume)):
+        heavy.add_argument(
+            "--workers", type=int, default=default_workers(), help="processes to run samples in (%(default)s)"
+        )
+    command("status", status)
+    command("report", show)
+    writes = command("export", export)
+    writes.add_argument("--sample", type=int, help="write this sample's series alone")
+    writes.add_argument("--grid", choices=GRIDS, default="refined", help="grid of that sample (%(default)s)")
+    writes.add_argument("--frames", type=int, help="run the sample again and write so many moments")
+    return whole
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; errors of the user's making are one line on stderr and exit code 2."""
-    parser = argparse.ArgumentParser(prog="python -m cooperative", description="Campaigns of random slopes.")
-    commands = parser.add_subparsers(dest="command", required=True)
-    run = commands.add_parser("run", help="run a campaign, or go on where it was")
-    run.add_argument("scene", type=Path, help="scene in TOML")
-    run.add_argument("--out", type=Path, required=True, help="folder of the campaign")
-    run.add_argument("--workers", type=int, default=default_workers(), help="processes to run samples in (%(default)s)")
-    show = commands.add_parser("report", help="draw the figures of a campaign and print its summary")
-    show.add_argument("folder", type=Path, help="folder of the campaign")
-    given = parser.parse_args(arguments)
+    given = parser().parse_args(arguments)
     try:
-        if given.command == "run":
-            campaign.run(given.scene.read_text(), given.out, workers=given.workers, progress=True)
-        print(report(given.out if given.command == "run" else given.folder))
+        given.does(given)
     except (ValueError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
