@@ -46,7 +46,7 @@ def elastic_equilibrium(
 
     def stress_of(nodal_displacement: Array) -> Array:
         _, gradient = g2p(grid, kernel, particles.position, nodal_displacement, values=0, gradients=d)
-        strain = tensors.strain_increment(gradient, jnp.ones((), stress.dtype))
+        strain = tensors.strain_increment(tensors.entries(gradient), jnp.ones((), stress.dtype))
         return tensors.compress(elastic_increment(scene.material.bulk, scene.material.shear, strain), d)
 
     weight = free(mass * scene.gravity)

@@ -9,6 +9,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxmpm import tensors
@@ -42,21 +43,20 @@ def step(scene: Scene, state: State, dt: Array) -> State:
     carried = [m[None], momentum(scene, state, x)]
     if scene.body_force is not None:
         carried.append(m * scene.body_force(scene.particles.position, state.step * dt))
-    channels = 1 + len(carried[1])
+    ends = np.cumsum([len(block) for block in carried])
     if scene.scheme is Scheme.USF:
-        nodal = to_grid(jnp.concatenate(carried), None)
-        inverse_mass = reciprocal(scene, nodal[:, :1])
-        velocity = nodal_velocity(scene, inverse_mass, nodal[:, 1:channels])
+        mass, moving, *pushed = jnp.split(to_grid(jnp.concatenate(carried), None), ends[:-1], axis=1)
+        inverse_mass = reciprocal(scene, mass)
+        velocity = nodal_velocity(scene, inverse_mass, moving)
         _, gradient = to_particles(velocity, values=0, gradients=d)
         state = update_stress(scene, state, gradient, dt, average)
-        nodal = jnp.concatenate([nodal, to_grid(None, acting_stress(scene, state, average))], axis=1)
+        force = sum(pushed, to_grid(None, acting_stress(scene, state, average)))
     else:
         nodal = to_grid(jnp.concatenate(carried), acting_stress(scene, state, average))
-        inverse_mass = reciprocal(scene, nodal[:, :1])
-        velocity = nodal_velocity(scene, inverse_mass, nodal[:, 1:channels])
-    mass, force = nodal[:, :1], nodal[:, -d:]
-    if scene.body_force is not None:
-        force = force + nodal[:, channels:-d]
+        mass, moving, *pushed = jnp.split(nodal, ends, axis=1)
+        inverse_mass = reciprocal(scene, mass)
+        velocity = nodal_velocity(scene, inverse_mass, moving)
+        force = sum(pushed[1:], pushed[0])
 
     # Motion of the grid.
     acceleration = nodal_acceleration(scene, inverse_mass, force + mass * scene.gravity, velocity)
@@ -69,11 +69,12 @@ def step(scene: Scene, state: State, dt: Array) -> State:
     # Grid to particles: move them.
     fields = jnp.concatenate([velocity, acceleration], axis=1)
     values, gradient = to_particles(fields, values=2 * d, gradients=d if scene.scheme is Scheme.USL else 0)
-    flip_velocity = state.velocity + dt * values[d:]
+    pic_velocity, change = jnp.split(values, 2)
+    flip_velocity = state.velocity + dt * change
     state = replace(
         state,
-        displacement=state.displacement + dt * values[:d],
-        velocity=flip_velocity if scene.flip is None else scene.flip * flip_velocity + (1 - scene.flip) * values[:d],
+        displacement=state.displacement + dt * pic_velocity,
+        velocity=flip_velocity if scene.flip is None else scene.flip * flip_velocity + (1 - scene.flip) * pic_velocity,
     )
     if state.affine is not None:
         state = replace(state, affine=velocity_gradient(grid, x, velocity, to_particles))
@@ -96,13 +97,11 @@ def acting_stress(scene: Scene, state: State, average: Transfer | None = None) -
     averaged strain stores. Without this the energy grows in a long run.
     """
     d = scene.grid.dimension
-    volume, stress = scene.particles.volume * state.volume_ratio, state.stress
+    volume, stress = scene.particles.volume * state.volume_ratio, tensors.expand(state.stress, d)
     if scene.fbar and average is not None:
-        full, specific = tensors.expand(stress, d), volume / scene.particles.mass
-        mean = average(tensors.mean(full) * specific, 0) / specific
-        stress = tensors.compress(tensors.with_mean(full, mean), d)
-    acting = [tensors.CARRIED[d].index(c) for c in tensors.ACTING[d]]
-    return volume * jnp.stack([stress[k] for k in acting])
+        specific = volume / scene.particles.mass
+        stress = tensors.with_mean(stress, average(tensors.mean(stress) * specific, 0) / specific)
+    return jnp.stack([volume * stress[k] for k in tensors.ACTING[d]])
 
 
 def reciprocal(scene: Scene, mass: Array) -> Array:
@@ -127,8 +126,9 @@ def nodal_acceleration(scene: Scene, inverse_mass: Array, force: Array, velocity
 def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, average: Transfer) -> State:
     """Stress, history and volume after a step in the velocity gradient (d, d, N), by the Jaumann rate."""
     d = scene.grid.dimension
-    rotated = tensors.rotate(tensors.expand(state.stress, d), gradient, dt)
-    strain = tensors.strain_increment(gradient, dt)
+    entries = tensors.entries(gradient)
+    rotated = tensors.rotate(tensors.expand(state.stress, d), entries, dt)
+    strain = tensors.strain_increment(entries, dt)
     if scene.fbar:
         strain = tensors.with_mean(strain, average(tensors.mean(strain), 0))
     stress, history = scene.material.update(strain, rotated, state.history, dt)

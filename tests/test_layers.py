@@ -16,6 +16,7 @@ JAXMPM = [
     "shape",
     "stencil",
     "native",
+    "primitives",
     "transfer",
     "spectral",
     "softening",

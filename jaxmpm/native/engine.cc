@@ -32,6 +32,16 @@ void* at(void* base, int64_t element, Scalar scalar) {
 
 int64_t chunks(int64_t particles) { return (particles + kChunk - 1) / kChunk; }
 
+// Calls `f(lane, begin, end)` for every chunk of particles of every lane.
+template <class Lane, class F>
+void over_chunks(const Pool& pool, const Plan& plan, const std::vector<Lane>& lanes, F f) {
+  const int64_t parts = chunks(plan.particles), items = static_cast<int64_t>(lanes.size()) * parts;
+  run_phases(pool, {{items, [&](int64_t item) {
+    const int64_t begin = item % parts * kChunk;
+    f(lanes[item / parts], begin, std::min(begin + kChunk, plan.particles));
+  }}});
+}
+
 // The phases of one lane's scatter. Owns the particle lists.
 class Scatter {
  public:
@@ -169,15 +179,20 @@ void gather(const InstructionSet& set, const Pool& pool, Scalar scalar, const Pl
   const Kernels& kernels = kernels_of(set, scalar);
   std::vector<bool> met(plan.rows);
   for (int32_t t = 0; t < plan.term_count; ++t) met[plan.terms[t].row] = true;
-  const int64_t parts = chunks(plan.particles), items = static_cast<int64_t>(lanes.size()) * parts;
-  run_phases(pool, {{items, [&](int64_t item) {
-    const GatherLane& lane = lanes[item / parts];
-    const int64_t begin = item % parts * kChunk, end = std::min(begin + kChunk, plan.particles);
+  over_chunks(pool, plan, lanes, [&](const GatherLane& lane, int64_t begin, int64_t end) {
     for (int64_t row = 0; row < plan.rows; ++row) {
       if (!met[row]) std::memset(at(lane.rows, row * plan.particles + begin, scalar), 0, (end - begin) * size_of(scalar));
     }
     kernels.gather(plan, lane.position, lane.nodal, begin, end, lane.rows);
-  }}});
+  });
+}
+
+void contract(const InstructionSet& set, const Pool& pool, Scalar scalar, const Plan& plan,
+              const std::vector<ContractLane>& lanes) {
+  const Kernels& kernels = kernels_of(set, scalar);
+  over_chunks(pool, plan, lanes, [&](const ContractLane& lane, int64_t begin, int64_t end) {
+    kernels.contract(plan, lane.position, lane.nodal, lane.rows.data(), begin, end, lane.slope);
+  });
 }
 
 }  // namespace jaxmpm

@@ -23,6 +23,13 @@ struct GatherLane {
   void* rows;
 };
 
+struct ContractLane {
+  const void* position;
+  const void* nodal;
+  std::vector<const void*> rows;
+  void* slope;
+};
+
 // Best instruction set of this machine, and all that it can run.
 const InstructionSet& best_instructions();
 std::vector<const InstructionSet*> runnable_instructions();
@@ -35,5 +42,8 @@ void scatter(const InstructionSet&, const Pool&, Scalar, const Plan&, const std:
 
 // Nodes to particles. Every element of `rows` is written.
 void gather(const InstructionSet&, const Pool&, Scalar, const Plan&, const std::vector<GatherLane>&);
+
+// Derivative along the position of rows times what they meet at the nodes. Every element of `slope` is written.
+void contract(const InstructionSet&, const Pool&, Scalar, const Plan&, const std::vector<ContractLane>&);
 
 }  // namespace jaxmpm

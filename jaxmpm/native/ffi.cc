@@ -114,30 +114,43 @@ Pool pool_of(ffi::ThreadPool& threads) {
           [&threads](std::function<void()> task) { threads.Schedule(std::move(task)); }};
 }
 
-ffi::Error scatter_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ffi::RemainingArgs rest,
-                           ffi::Result<ffi::AnyBuffer> nodal, Integers shape, Reals origin, double cell, int64_t function,
-                           Reals half, Integers terms) {
+// The arrays that a handler takes as its last arguments.
+ffi::ErrorOr<std::vector<ffi::AnyBuffer>> remaining(ffi::RemainingArgs& rest) {
   std::vector<ffi::AnyBuffer> blocks;
   for (std::size_t i = 0; i < rest.size(); ++i) {
     const auto block = rest.get<ffi::AnyBuffer>(i);
-    if (!block.has_value()) return block.error();
+    if (!block.has_value()) return ffi::Unexpected(block.error());
     blocks.push_back(*block);
   }
-  const Checked c = check(position, blocks, *nodal, shape, origin, cell, function, half, terms);
+  return blocks;
+}
+
+// Adds pointers to every row of the blocks to each lane's.
+template <class Lane>
+void add_rows(const std::vector<ffi::AnyBuffer>& blocks, ffi::AnyBuffer::Dimensions batch, std::vector<Lane>& lanes) {
+  for (const ffi::AnyBuffer& block : blocks) {
+    const auto starts = lane_starts(block, batch);
+    const auto of = block.dimensions();
+    const int64_t row_bytes = (block.element_type() == ffi::F32 ? 4 : 8) * of[of.size() - 1];
+    for (std::size_t i = 0; i < lanes.size(); ++i) {
+      for (int64_t row = 0; row < of[of.size() - 2]; ++row) lanes[i].rows.push_back(starts[i] + row * row_bytes);
+    }
+  }
+}
+
+ffi::Error scatter_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ffi::RemainingArgs rest,
+                           ffi::Result<ffi::AnyBuffer> nodal, Integers shape, Reals origin, double cell, int64_t function,
+                           Reals half, Integers terms) {
+  const auto blocks = remaining(rest);
+  if (!blocks.has_value()) return blocks.error();
+  const Checked c = check(position, *blocks, *nodal, shape, origin, cell, function, half, terms);
   if (!c.error.empty()) return invalid(c.error);
   if (c.plan.stride != c.plan.width) return invalid("the nodal array is not padded to the kernels' width");
   const auto batch = nodal->dimensions();
   const auto positions = lane_starts(position, batch), nodals = lane_starts(*nodal, batch);
   std::vector<ScatterLane> lanes(positions.size());
   for (std::size_t i = 0; i < lanes.size(); ++i) lanes[i] = {positions[i], {}, nodals[i]};
-  const int64_t row_bytes = position.size_bytes() / std::max<int64_t>(position.element_count(), 1) * c.plan.particles;
-  for (const ffi::AnyBuffer& block : blocks) {
-    const auto starts = lane_starts(block, batch);
-    const int64_t rows = block.dimensions()[block.dimensions().size() - 2];
-    for (std::size_t i = 0; i < lanes.size(); ++i) {
-      for (int64_t row = 0; row < rows; ++row) lanes[i].rows.push_back(starts[i] + row * row_bytes);
-    }
-  }
+  add_rows(*blocks, batch, lanes);
   scatter(best_instructions(), pool_of(threads), c.scalar, c.plan, lanes);
   return ffi::Error::Success();
 }
@@ -152,6 +165,23 @@ ffi::Error gather_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ffi:
   std::vector<GatherLane> lanes(positions.size());
   for (std::size_t i = 0; i < lanes.size(); ++i) lanes[i] = {positions[i], nodals[i], out[i]};
   gather(best_instructions(), pool_of(threads), c.scalar, c.plan, lanes);
+  return ffi::Error::Success();
+}
+
+ffi::Error contract_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ffi::AnyBuffer nodal,
+                            ffi::RemainingArgs rest, ffi::Result<ffi::AnyBuffer> slope, Integers shape, Reals origin,
+                            double cell, int64_t function, Reals half, Integers terms) {
+  const auto blocks = remaining(rest);
+  if (!blocks.has_value()) return blocks.error();
+  Checked c = check(position, *blocks, nodal, shape, origin, cell, function, half, terms);
+  if (!c.error.empty()) return invalid(c.error);
+  if (++c.plan.order > 2) return invalid("the kernels have no third derivatives");
+  const auto batch = slope->dimensions();
+  const auto positions = lane_starts(position, batch), nodals = lane_starts(nodal, batch), out = lane_starts(*slope, batch);
+  std::vector<ContractLane> lanes(positions.size());
+  for (std::size_t i = 0; i < lanes.size(); ++i) lanes[i] = {positions[i], nodals[i], {}, out[i]};
+  add_rows(*blocks, batch, lanes);
+  contract(best_instructions(), pool_of(threads), c.scalar, c.plan, lanes);
   return ffi::Error::Success();
 }
 
@@ -176,10 +206,20 @@ auto gather_binding() {
       ffi::Ffi::Bind().Ctx<ffi::ThreadPool>().Arg<ffi::AnyBuffer>().Arg<ffi::AnyBuffer>().Ret<ffi::AnyBuffer>());
 }
 
+auto contract_binding() {
+  return with_attributes(ffi::Ffi::Bind()
+                             .Ctx<ffi::ThreadPool>()
+                             .Arg<ffi::AnyBuffer>()
+                             .Arg<ffi::AnyBuffer>()
+                             .RemainingArgs()
+                             .Ret<ffi::AnyBuffer>());
+}
+
 }  // namespace
 }  // namespace jaxmpm
 
 #pragma GCC visibility push(default)
 XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxmpm_scatter, jaxmpm::scatter_handler, jaxmpm::scatter_binding());
 XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxmpm_gather, jaxmpm::gather_handler, jaxmpm::gather_binding());
+XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxmpm_contract, jaxmpm::contract_handler, jaxmpm::contract_binding());
 #pragma GCC visibility pop

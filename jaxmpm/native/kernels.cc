@@ -273,8 +273,9 @@ void scatter(const Plan& plan, const T* position, const void* const* rows, const
   }
 }
 
-template <class T, int D, int W, int ORDER>
-void gather(const Plan& plan, const T* position, const T* nodal, int64_t begin, int64_t end, T* rows) {
+// Calls `f(block, count, sums)` for blocks of particles with each one's sums over its stencil, a pack per derivative.
+template <class T, int D, int W, int ORDER, class F>
+JAXMPM_INLINE void for_sums(const Plan& plan, const T* position, const T* nodal, int64_t begin, int64_t end, F f) {
   constexpr int J = jets(D, ORDER);
   constexpr int kNodes = D == 1 ? 3 : D == 2 ? 9 : 27;
   Weights<T, D, ORDER> weights;
@@ -307,6 +308,13 @@ void gather(const Plan& plan, const T* position, const T* nodal, int64_t begin, 
 #pragma GCC unroll 10
       for (int j = 0; j < J; ++j) store<T, W>(sums[j][p], r.d[j]);
     }
+    f(block, count, sums);
+  }
+}
+
+template <class T, int D, int W, int ORDER>
+void gather(const Plan& plan, const T* position, const T* nodal, int64_t begin, int64_t end, T* rows) {
+  for_sums<T, D, W, ORDER>(plan, position, nodal, begin, end, [&](int64_t block, int count, auto& sums) {
     for (int t = 0; t < plan.term_count; ++t) {
       const Term& term = plan.terms[t];
       T* to = rows + term.row * plan.particles + block;
@@ -318,7 +326,36 @@ void gather(const Plan& plan, const T* position, const T* nodal, int64_t begin, 
         for (int p = 0; p < count; ++p) to[p] += factor * from[p * W];
       }
     }
-  }
+  });
+}
+
+// The jet that is `jet` derived once more along `axis`.
+template <int D>
+JAXMPM_INLINE int derived(int jet, int axis) {
+  if (jet == 0) return 1 + axis;
+  const int i = jet - 1 < axis ? jet - 1 : axis, j = jet - 1 < axis ? axis : jet - 1;
+  return 1 + D + i * D - i * (i - 1) / 2 + j - i;
+}
+
+// Rows times the nodal field that they meet, derived along the position; the weights have one order more than the terms.
+template <class T, int D, int W, int ORDER>
+void contract(const Plan& plan, const T* position, const T* nodal, const void* const* rows, int64_t begin, int64_t end,
+              T* slope) {
+  for_sums<T, D, W, ORDER>(plan, position, nodal, begin, end, [&](int64_t block, int count, auto& sums) {
+    alignas(64) T along[D][kBlock] = {};
+    for (int t = 0; t < plan.term_count; ++t) {
+      const Term& term = plan.terms[t];
+      const T* row = static_cast<const T*>(rows[term.row]) + block;
+      const T factor = T(term.factor);
+      for (int axis = 0; axis < D; ++axis) {
+        const T* from = &sums[derived<D>(term.jet, axis)][0][term.channel];
+        for (int p = 0; p < count; ++p) along[axis][p] += factor * row[p] * from[p * W];
+      }
+    }
+    for (int axis = 0; axis < D; ++axis) {
+      for (int p = 0; p < count; ++p) slope[axis * plan.particles + block + p] = along[axis][p];
+    }
+  });
 }
 
 // Calls `f` with the plan's dimension, width and order as constants.
@@ -351,6 +388,17 @@ void gather_any(const Plan& plan, const void* position, const void* nodal, int64
 }
 
 template <class T>
+void contract_any(const Plan& plan, const void* position, const void* nodal, const void* const* rows, int64_t begin,
+                  int64_t end, void* slope) {
+  with_constants(plan, [&]<int D, int W, int ORDER>() {
+    if constexpr (ORDER > 0) {
+      contract<T, D, W, ORDER>(plan, static_cast<const T*>(position), static_cast<const T*>(nodal), rows, begin, end,
+                               static_cast<T*>(slope));
+    }
+  });
+}
+
+template <class T>
 void slabs(const Plan& plan, const void* position, int64_t begin, int64_t end, uint8_t* slab) {
   alignas(64) T cells[kBlock], base[kBlock];
   for (int64_t block = begin; block < end; block += kBlock) {
@@ -362,7 +410,7 @@ void slabs(const Plan& plan, const void* position, int64_t begin, int64_t end, u
 }
 
 template <class T>
-constexpr Kernels kernels = {scatter_any<T>, gather_any<T>, slabs<T>};
+constexpr Kernels kernels = {scatter_any<T>, gather_any<T>, contract_any<T>, slabs<T>};
 
 }  // namespace
 
