@@ -54,9 +54,12 @@ def run(
     ahead = config.plan.look_ahead if crew is None else workers
 
     def samples(grid: str, numbers: Iterable[int]) -> Iterator[Sample]:
-        if crew is None:
-            return screening.run_samples(models[grid], coefficients, numbers, width=width[grid], stop_at=stop_at[grid])
-        return run_through(crew, text, grid, numbers, stop_at=stop_at[grid])
+        limit, restart_in = stop_at[grid], Path(folder) if grid == "refined" else None
+        if crew is not None:
+            return run_through(crew, text, grid, numbers, stop_at=limit, restart_in=restart_in)
+        return screening.run_samples(
+            models[grid], coefficients, numbers, width=width[grid], stop_at=limit, restart_in=restart_in
+        )
 
     with open_store(folder, text) as store, closing(crew) if crew else nullcontext():
         missing = sorted(set(range(config.plan.samples)) - set(read_rows(store, "rough").numbers))

@@ -64,6 +64,7 @@ class Plan:
     estimator: "two-phase" audits what the ranked prefix leaves out, within a budget of refined_runs (None: a fifth of
     the samples, at least 20) or until target_cov; "published" stops at k_t and counts n/N.
     screening_stop: displacement (m) at which a rough lane is decided and ends, None runs it to its end.
+    restart_every: seconds of wall time after which a refined run writes a restart point, and again after as many.
     fields: grids whose final displacement and plastic strain are kept. modes: grids whose failures get a mode.
     """
 
@@ -77,6 +78,7 @@ class Plan:
     lanes: int | None
     look_ahead: int
     screening_stop: float | None
+    restart_every: float
     fields: tuple[str, ...]
     modes: tuple[str, ...]
 
@@ -150,6 +152,7 @@ _PLAN = {
     "lanes": _Key(int, None),
     "look_ahead": _Key(int, 1),
     "screening_stop": _Key(float, None),
+    "restart_every": _Key(float, 600.0),
     "fields": _Key(FIELDS, "refined"),
     "modes": _Key(MODES, "refined"),
 }
@@ -266,6 +269,7 @@ def _check(config: Config) -> None:
         ("[run] t_end", run.t_end),
         ("[run] gravity", run.gravity),
         ("[run] failure_displacement", run.failure_displacement),
+        ("[campaign] restart_every", plan.restart_every),
         *((f"[strength] length of axis {axis}", length) for axis, length in enumerate(strength.length)),
     ):
         if not 0 < value < float("inf"):

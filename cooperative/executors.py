@@ -1,7 +1,8 @@
 """Samples through worker processes, or through any `concurrent.futures.Executor`.
 
 A task is a scene's text, a grid and a sample's number: a worker makes everything else again from these, once per scene
-and grid, and sends back the finished sample. Only the controller writes to the store.
+and grid, and sends back the finished sample. Only the controller writes samples; a worker that sees the campaign's
+folder keeps the restart point of its long run there.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -49,10 +51,11 @@ def _bind(shares: Any) -> None:
         os.sched_setaffinity(0, shares.get())
 
 
-def run_sample(text: str, grid: str, number: int, stop_at: float | None) -> Sample:
-    """Run one sample of a scene on one of its grids; what a worker does."""
+def run_sample(text: str, grid: str, number: int, stop_at: float | None, restart_in: Path | None) -> Sample:
+    """Run one sample of a scene on one of its grids; what a worker does. restart_in: see `screening.run_samples`."""
     model, coefficients = _prepared(text, grid)
-    return next(iter(screening.run_samples(model, coefficients, [number], width=1, stop_at=stop_at)))
+    run = screening.run_samples(model, coefficients, [number], width=1, stop_at=stop_at, restart_in=restart_in)
+    return next(iter(run))
 
 
 @lru_cache(maxsize=2)
@@ -87,7 +90,13 @@ class Workers:
 
 
 def run_through(
-    workers: Workers, text: str, grid: str, numbers: Iterable[int], *, stop_at: float | None = None
+    workers: Workers,
+    text: str,
+    grid: str,
+    numbers: Iterable[int],
+    *,
+    stop_at: float | None = None,
+    restart_in: Path | None = None,
 ) -> Iterator[Sample]:
     """Run the samples with these numbers through an executor; yields each as it ends.
 
@@ -100,7 +109,7 @@ def run_through(
 
     def submit(number: int) -> None:
         tries[number] += 1
-        pending[workers.submit(text, grid, number, stop_at)] = number
+        pending[workers.submit(text, grid, number, stop_at, restart_in)] = number
 
     while True:
         for number in islice(waiting, workers.count - len(pending)):

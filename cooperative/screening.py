@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -16,8 +17,9 @@ from cooperative.config import Config
 from cooperative.consequences import SlopeGeometry, consequences
 from cooperative.modes import FailureMode, ModeRules, failure_mode
 from cooperative.onsets import Motion
-from cooperative.store import Sample, Scalar
-from jaxmpm import Chunk, Result, Scene, State, Status, slope, solve_each
+from cooperative.restart import RestartPoint, read_restart, write_restart
+from cooperative.store import Sample, Scalar, scene_digest
+from jaxmpm import Chunk, Midway, Result, Scene, State, Status, slope, solve_each
 
 
 @dataclass(frozen=True)
@@ -82,28 +84,51 @@ def run_samples(
     width: int | None = None,
     stop_at: float | None = None,
     on_chunk: Callable[[Chunk], None] | None = None,
+    restart_in: Path | None = None,
 ) -> Iterator[Sample]:
     """Run the samples with these numbers and yield each as it ends, `seconds` after the one before.
 
-    width: lanes at a time; None takes 1 on CPU, where lanes run in turn, and 64 elsewhere.
+    width: lanes at a time; None takes 1 on CPU, where lanes run in turn, and 64 elsewhere. restart_in: folder of the
+    campaign, where runs longer than `restart_every` write restart points and go on from those that are there; None, or
+    a folder that is not there, is for runs without.
     """
     if width is None:
         width = 1 if jax.default_backend() == "cpu" else 64
-    run, started = model.config.run, time.perf_counter()
+    config, run, started = model.config, model.config.run, time.perf_counter()
+    at_rest = Motion.start(np.asarray(model.scene.particles.volume), run.failure_displacement)
     motions: dict[int, Motion] = {}
-    volume = np.asarray(model.scene.particles.volume)
+    written: dict[int, float] = {}
+    before: dict[int, float] = {}
+    folder = restart_in if restart_in is not None and restart_in.is_dir() else None
+    digest = scene_digest(config.text)
 
-    def remember(number: int, seconds: float, state: State) -> None:
-        past = motions.get(number) or Motion.start(volume, run.failure_displacement)
-        motions[number] = past.after(seconds, np.asarray(_moved(state.displacement)))
+    def begin(number: int) -> Midway | None:
+        written[number] = time.perf_counter()
+        point = None
+        if folder is not None:
+            point = read_restart(folder, model.grid, number, digest, like=model.state, start=at_rest)
+        motions[number] = at_rest if point is None else point.motion
+        before[number] = 0.0 if point is None else point.seconds
+        return None if point is None else point.midway
 
+    def remember(number: int, seconds: float, midway: Midway) -> None:
+        motions[number] = motions[number].after(seconds, np.asarray(_moved(midway.state.displacement)))
+        now = time.perf_counter()
+        due = now - written[number] > config.plan.restart_every
+        if folder is not None and due and midway.state.status == Status.RUNNING:
+            point = RestartPoint(midway, motions[number], before[number] + now - started)
+            write_restart(folder, model.grid, number, digest, point)
+            written[number] = now
+
+    remembers = folder is not None or model.grid in config.plan.modes
     strengths = ((number, model.strength(jnp.asarray(coefficients[number]))) for number in numbers)
     for number, result in solve_each(
         model.scene, model.state, strengths, width=width, t_end=run.t_end, settle=run.settle, stop_at=stop_at,
-        on_chunk=on_chunk, observe=remember if model.grid in model.config.plan.modes else None,
+        on_chunk=on_chunk, observe=remember if remembers else None, resume=begin,
     ):  # fmt: skip
-        seconds, started = time.perf_counter() - started, time.perf_counter()
-        yield finished(model, number, coefficients[number], result, seconds, motions.pop(number, None))
+        seconds, started = before[number] + time.perf_counter() - started, time.perf_counter()
+        motion = motions.pop(number) if model.grid in config.plan.modes else None
+        yield finished(model, number, coefficients[number], result, seconds, motion)
 
 
 @jax.jit

@@ -6,6 +6,7 @@ counted as not done.
     scene.toml                    the scene, verbatim
     samples/rough/000123.h5       coefficients, row, fields, provenance of sample 123 on the rough grid
     samples/refined/000123.h5
+    restart/refined-000123.h5     a long run under way (`cooperative.restart`), removed once it has ended
     .lock                         held by the one controller; the kernel frees it when the process ends
 """
 
@@ -17,6 +18,7 @@ import json
 import os
 import socket
 import tomllib
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
@@ -157,8 +159,13 @@ def sample_path(store: Store, grid: str, number: int) -> Path:
     return store.folder / "samples" / grid / f"{number:06d}.h5"
 
 
+def restart_path(folder: str | Path, grid: str, number: int) -> Path:
+    """Restart point of one sample, in the campaign's folder."""
+    return Path(folder) / "restart" / f"{grid}-{number:06d}.h5"
+
+
 def write_sample(store: Store, grid: str, sample: Sample) -> Path:
-    """Write one finished sample, whole or not at all.
+    """Write one finished sample, whole or not at all; its restart point is removed.
 
     Raises ValueError for a store opened for reading or a sample that is there already, OSError (with the
     errno of the system, for example ENOSPC) when the disk refuses; no half file is left then.
@@ -189,6 +196,7 @@ def write_sample(store: Store, grid: str, sample: Sample) -> Path:
             fields[name] = np.asarray(values)
 
     files.write_sealed(path, KIND, SCHEMA, fill)
+    restart_path(store.folder, grid, sample.number).unlink(missing_ok=True)
     return path
 
 
@@ -212,7 +220,8 @@ def read_rows(store: Store, grid: str) -> Rows:
         except DamagedFile as error:
             damaged.append(str(error))
             if store.lock is not None:
-                _set_aside(path)
+                warnings.warn(f"{error}: set aside, the sample is run again", stacklevel=2)
+                set_aside(path)
     samples.sort(key=lambda sample: sample.number)
     columns = {
         "sample": np.array([sample.number for sample in samples], dtype=int),
@@ -259,7 +268,8 @@ def _take_lock(folder: Path) -> int:
     return descriptor
 
 
-def _set_aside(path: Path) -> None:
+def set_aside(path: Path) -> None:
+    """Rename a damaged file to `*.damaged`, so that it is kept and in nobody's way."""
     target, again = path.with_name(path.name + ".damaged"), 1
     while target.exists():
         target, again = path.with_name(f"{path.name}.{again}.damaged"), again + 1

@@ -5,7 +5,7 @@ from jaxmpm.files import DamagedFile, write_aside
 from jaxmpm.frictional import DruckerPrager, Matching, MohrCoulomb, cone
 from jaxmpm.integrate import Result, Settle, advance, advance_lanes, lanes, repeat, solve
 from jaxmpm.io import load_state, save_state, write_particles, write_vtkhdf
-from jaxmpm.many import Chunk, solve_each
+from jaxmpm.many import Chunk, Midway, solve_each
 from jaxmpm.materials import J2, Elastic, reduce_strength
 from jaxmpm.reduction import FactorOfSafety, factor_of_safety, reduced
 from jaxmpm.scenes import Discretisation, Slope, bar, block, column, slope, with_strength
@@ -45,6 +45,7 @@ __all__ = [
     "Linear",
     "Matching",
     "Material",
+    "Midway",
     "MohrCoulomb",
     "Particles",
     "PlasticStrain",

@@ -240,10 +240,10 @@ class Watch:
         """Nothing seen yet, for lanes of this shape."""
         return cls(np.zeros(shape), np.zeros(shape))
 
-    def restarted(self, lane: int) -> Watch:
-        """The watch with one lane as if never seen."""
+    def restarted(self, lane: int, quiet: float, reference: float) -> Watch:
+        """The watch with another sample in one lane, of which it remembers this."""
         fresh = np.arange(self.quiet.size) == lane
-        return Watch(np.where(fresh, 0.0, self.quiet), np.where(fresh, 0.0, self.reference))
+        return Watch(np.where(fresh, quiet, self.quiet), np.where(fresh, reference, self.reference))
 
     def look(
         self,

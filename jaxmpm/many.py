@@ -26,6 +26,16 @@ class Chunk:
     steps: int
 
 
+@dataclass(frozen=True)
+class Midway:
+    """A sample under way: its state, and what the watch remembers of it, seconds of quiet and the displacement (m)
+    that they are counted from (see `Settle`)."""
+
+    state: State
+    quiet: float = 0.0
+    reference: float = 0.0
+
+
 def solve_each(
     scene: Scene,
     state: State,
@@ -36,13 +46,15 @@ def solve_each(
     settle: Settle | None = None,
     stop_at: float | None = None,
     on_chunk: Callable[[Chunk], None] | None = None,
-    observe: Callable[[int, float, State], None] | None = None,
+    observe: Callable[[int, float, Midway], None] | None = None,
+    resume: Callable[[int], Midway | None] | None = None,
 ) -> Iterator[tuple[int, Result]]:
     """Run every (number, strength) from the same `state` and yield (number, result) as each ends, not in order.
 
     strengths: drawn lazily, one when a lane becomes free; strength is a scalar or (N) Pa. width: number of lanes.
     t_end, settle, stop_at: as for `solve`; t_end is reached to within a few steps. on_chunk: told of every chunk.
-    observe: shown (number, seconds simulated, state) of every sample after every chunk, about each `settle.every`.
+    observe: shown (number, seconds simulated, midway) of every sample after every chunk, about each `settle.every`.
+    resume: gives what `observe` was shown of a sample in an earlier run, or None; it goes on from there, bit for bit.
     Results do not depend on `width`, nor on the samples that run beside. Towards the end, when at most half the
     lanes hold a sample, the batch shrinks to those.
     Raises ValueError for a width below 1.
@@ -53,13 +65,23 @@ def solve_each(
     first = list(islice(waiting, width))
     if not first:
         return
+    dtype = scene.particles.mass.dtype
     numbers: list[int | None] = [number for number, _ in first]
-    varied, axes = lanes(scene, strength=jnp.stack([jnp.asarray(s, scene.particles.mass.dtype) for _, s in first]))
+    varied, axes = lanes(scene, strength=jnp.stack([jnp.asarray(s, dtype) for _, s in first]))
     batch = jax.tree.map(jnp.copy, repeat(state, len(first)))
     dt = float(scene.time_step)
     total = steps_until(t_end, dt)
     chunk = even_chunk(total, max(1, round((settle or Settle()).every / dt)))
     watch = Watch.start((len(first),))
+
+    def begin(number: int) -> Midway:
+        return (resume(number) if resume is not None else None) or Midway(state)
+
+    for lane, (sample, strength) in enumerate(first):
+        midway = begin(sample)
+        if midway.state is not state:
+            varied, batch = _refill(varied, batch, midway.state, jnp.asarray(strength, dtype), lane)
+            watch = watch.restarted(lane, midway.quiet, midway.reference)
     while any(number is not None for number in numbers):
         batch = advance_lanes(varied, batch, jnp.asarray(chunk), axes)
         watch, status = watch.look(varied, batch, axes, chunk * dt, settle, stop_at)
@@ -70,16 +92,20 @@ def solve_each(
         if observe is not None:
             for lane, number in enumerate(numbers):
                 if number is not None:
-                    observe(number, int(batch.step[lane]) * dt, _lane(batch, lane))
+                    midway = Midway(_lane(batch, lane), float(watch.quiet[lane]), float(watch.reference[lane]))
+                    observe(number, int(midway.state.step) * dt, midway)
         for lane in np.flatnonzero(status != Status.RUNNING).tolist():
             number = numbers[lane]
             if number is None:
                 continue
             yield number, Result(jax.device_get(_take(batch, lane)), scene.time_step)
-            numbers[lane], strength = next(waiting, (None, None))
-            if strength is not None:
-                varied, batch = _refill(varied, batch, state, jnp.asarray(strength, scene.particles.mass.dtype), lane)
-                watch = watch.restarted(lane)
+            after = next(waiting, None)
+            numbers[lane] = None
+            if after is not None:
+                numbers[lane], strength = after
+                midway = begin(after[0])
+                varied, batch = _refill(varied, batch, midway.state, jnp.asarray(strength, dtype), lane)
+                watch = watch.restarted(lane, midway.quiet, midway.reference)
         held = [lane for lane, number in enumerate(numbers) if number is not None]
         if 0 < len(held) <= len(numbers) // 2:
             keep = np.asarray(held)

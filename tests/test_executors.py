@@ -23,7 +23,7 @@ class Breaking(Executor):
     def __init__(self, deadly):
         self.deadly = deadly
 
-    def submit(self, function, text, grid, number, stop_at):
+    def submit(self, function, text, grid, number, *_):
         future: Future = Future()
         if number in self.deadly:
             future.set_exception(BrokenExecutor("killed"))

@@ -1,0 +1,151 @@
+"""Restart points: a long run that was stopped or killed ends as if nothing had happened, bit for bit."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from cooperative import campaign, screening
+from cooperative.config import parse
+from cooperative.store import open_store, read_rows, read_sample, read_store, restart_path, write_sample
+from tests.test_campaign import TINY, changed
+
+OFTEN = changed("k_t = 2", "k_t = 2\nrestart_every = 1e-6")
+
+
+class Stopped(Exception):
+    pass
+
+
+def model_of(text, grid="refined"):
+    config = parse(text)
+    expansion = screening.expansion_of(config)
+    return screening.build(config, grid, expansion), screening.coefficients_of(config, expansion)
+
+
+def stop_after(chunks):
+    seen = []
+
+    def on_chunk(_):
+        seen.append(None)
+        if len(seen) > chunks:
+            raise Stopped
+
+    return on_chunk, seen
+
+
+def assert_same_sample(first, second):
+    assert (first.number, first.status, first.steps) == (second.number, second.status, second.steps)
+    assert dict(first.row) == dict(second.row)
+    assert first.fields.keys() == second.fields.keys()
+    for name, values in first.fields.items():
+        assert values.tobytes() == second.fields[name].tobytes()
+
+
+@pytest.fixture(scope="module")
+def undisturbed():
+    """Refined runs of all samples without any restart point; first one that slides, then one that settles."""
+    model, coefficients = model_of(OFTEN)
+    found = {s.number: s for s in screening.run_samples(model, coefficients, range(6), width=1)}
+    slides = next(n for n, s in found.items() if s.row["displacement"] > 1)
+    stands = next(n for n, s in found.items() if s.status == "SETTLED" and s.row["displacement"] < 1)
+    return model, coefficients, {n: found[n] for n in (slides, stands, *sorted(found.keys() - {slides, stands}))}
+
+
+@pytest.mark.parametrize("which", [0, 1], ids=["slides", "settles"])
+def test_an_interrupted_run_ends_as_the_undisturbed_one(which, undisturbed, tmp_path):
+    model, coefficients, found = undisturbed
+    number = list(found)[which]
+    whole, all_chunks = stop_after(10_000)
+    list(screening.run_samples(model, coefficients, [number], width=1, on_chunk=whole))
+    done = 0
+    # Stopped twice, each time after going on from the restart point before.
+    for chunks in (len(all_chunks) // 3, len(all_chunks) // 4):
+        on_chunk, _ = stop_after(chunks)
+        with pytest.raises(Stopped):
+            list(screening.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=tmp_path))
+        assert restart_path(tmp_path, "refined", number).exists()
+        done += chunks
+    on_chunk, left = stop_after(10_000)
+    (again,) = screening.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=tmp_path)
+    assert len(left) == len(all_chunks) - done
+    assert_same_sample(again, found[number])
+
+
+def test_lanes_go_on_from_restart_points_beside_fresh_ones(undisturbed, tmp_path):
+    model, coefficients, found = undisturbed
+    first, second, *_ = found
+    on_chunk, _ = stop_after(3)
+    with pytest.raises(Stopped):
+        list(screening.run_samples(model, coefficients, [second], width=1, on_chunk=on_chunk, restart_in=tmp_path))
+    for width in (1, 2):
+        again = screening.run_samples(model, coefficients, [first, second], width=width, restart_in=tmp_path)
+        for sample in again:
+            assert_same_sample(sample, found[sample.number])
+
+
+def test_short_runs_write_none(undisturbed, tmp_path):
+    model, coefficients = model_of(TINY)
+    list(screening.run_samples(model, coefficients, [0], width=1, restart_in=tmp_path))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_damaged_and_foreign_restart_points_are_named_and_the_run_starts_afresh(undisturbed, tmp_path):
+    model, coefficients, found = undisturbed
+    number = next(iter(found))
+    on_chunk, _ = stop_after(3)
+    with pytest.raises(Stopped):
+        list(screening.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=tmp_path))
+    path = restart_path(tmp_path, "refined", number)
+    whole = path.read_bytes()
+    other = next(n for n in found if n != number)
+    for content, at, reason in (
+        (whole[:-7], number, "does not match its checksum"),
+        (whole, other, "another scene or sample"),
+    ):
+        path.unlink(missing_ok=True)
+        there = restart_path(tmp_path, "refined", at)
+        there.write_bytes(content)
+        with pytest.warns(UserWarning, match=rf"{there.name} .*{reason}.*starts afresh"):
+            (again,) = screening.run_samples(model, coefficients, [at], width=1, restart_in=tmp_path)
+        assert_same_sample(again, found[at])
+        assert there.with_name(there.name + ".damaged").read_bytes() == content
+
+
+def test_a_finished_sample_has_no_restart_point(undisturbed, tmp_path):
+    _, _, found = undisturbed
+    sample = next(iter(found.values()))
+    with open_store(tmp_path / "c", OFTEN) as store:
+        path = restart_path(store.folder, "refined", sample.number)
+        path.parent.mkdir()
+        path.write_bytes(b"")
+        write_sample(store, "refined", sample)
+        assert not path.exists()
+
+
+def test_a_campaign_killed_within_a_refined_run_ends_the_same(undisturbed, tmp_path):
+    scene, folder = tmp_path / "tiny.toml", tmp_path / "killed"
+    scene.write_text(OFTEN)
+    command = [sys.executable, "-m", "cooperative", "run", str(scene), "--out", str(folder), "--workers", "1"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ)
+    deadline = time.monotonic() + 120
+    while not list(folder.glob("restart/*.h5")) and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.005)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    left = list(folder.glob("restart/refined-*.h5"))
+    assert len(left) == 1
+    campaign.run(OFTEN, folder)
+    assert not list(folder.glob("restart/*"))
+    _, coefficients, found = undisturbed
+    store = read_store(folder)
+    numbers = read_rows(store, "refined").numbers
+    assert numbers
+    for number in numbers:
+        sample = read_sample(store, "refined", number)
+        assert_same_sample(sample, found[number])
+        assert np.array_equal(sample.coefficients, coefficients[number])
