@@ -26,7 +26,7 @@ KERNELS = {"gimp": GIMP, "linear": Linear}
 SCHEMES = {scheme.name.lower(): scheme for scheme in Scheme}
 PLASTIC_STRAINS = {measure.value: measure for measure in PlasticStrain}
 Y_ENDS = {"fixed": "fixed", "roller": "roller"}
-ESTIMATORS = {"two-phase": "two-phase", "published": "published"}
+ESTIMATORS = {name: name for name in ("two-phase", "published", "control variate", "monte carlo", "subset")}
 FIELDS = {"none": (), "refined": ("refined",), "both": ("rough", "refined")}
 MODES = {"refined": ("refined",), "both": ("rough", "refined")}
 
@@ -56,14 +56,31 @@ class Run:
 
 
 @dataclass(frozen=True)
+class Calibration:
+    """Factors of safety of the homogeneous slope on both grids; the rough strength is multiplied by `factor`."""
+
+    rough: float
+    refined: float
+
+    @property
+    def factor(self) -> float:
+        """Refined over rough factor of safety."""
+        return self.refined / self.rough
+
+
+@dataclass(frozen=True)
 class Plan:
     """What the campaign does: samples and their coefficients, the stopping rule k_t, lanes of the screening.
 
     lanes: samples in one program at a time; None takes 1 on CPU, where lanes gain nothing, and 64 elsewhere.
     look_ahead: refined runs under way at once, in rank order; the answer depends on neither.
-    estimator: "two-phase" audits what the ranked prefix leaves out, within a budget of refined_runs (None: a fifth of
-    the samples, at least 20) or until target_cov; "published" stops at k_t and counts n/N.
+    estimator: "two-phase" audits the rough grid's answer; "published" stops at k_t and counts n/N; "control variate"
+    and "monte carlo" refine the first samples; "subset" goes to rare failures by subset simulation on the rough grid,
+    with `samples` per level in all `replicates`, and audits that. See `cooperative.designs`.
+    refined_runs, target_cov: budget, and the coefficient of variation at which to stop before it is spent. Without
+    either the budget is a fifth of the samples, at least 20 (all of them for "monte carlo").
     screening_stop: displacement (m) at which a rough lane is decided and ends, None runs it to its end.
+    calibrate: measure the factors of safety of both grids first, and bring the rough strength down (or up) by them.
     restart_every: seconds of wall time after which a refined run writes a restart point, and again after as many.
     fields: grids whose final displacement and plastic strain are kept. modes: grids whose failures get a mode.
     """
@@ -72,12 +89,15 @@ class Plan:
     seed: int
     coefficients: Any
     k_t: int
-    estimator: Literal["two-phase", "published"]
+    estimator: Literal["two-phase", "published", "control variate", "monte carlo", "subset"]
     refined_runs: int | None
     target_cov: float | None
+    levels: int | None
+    replicates: int | None
     lanes: int | None
     look_ahead: int
     screening_stop: float | None
+    calibrate: bool
     restart_every: float
     fields: tuple[str, ...]
     modes: tuple[str, ...]
@@ -85,7 +105,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Config:
-    """A checked scene. `text` is the TOML it came from."""
+    """A checked scene. `text` is the TOML it came from; `calibration` its own table, where the factors are known."""
 
     text: str
     name: str
@@ -96,6 +116,7 @@ class Config:
     grids: Mapping[str, Discretisation]
     run: Run
     plan: Plan
+    calibration: Calibration | None = None
 
 
 @dataclass(frozen=True)
@@ -149,13 +170,17 @@ _PLAN = {
     "estimator": _Key(ESTIMATORS, "two-phase"),
     "refined_runs": _Key(int, None),
     "target_cov": _Key(float, None),
+    "levels": _Key(int, None),
+    "replicates": _Key(int, None),
     "lanes": _Key(int, None),
     "look_ahead": _Key(int, 1),
     "screening_stop": _Key(float, None),
+    "calibrate": _Key(bool, False),
     "restart_every": _Key(float, 600.0),
     "fields": _Key(FIELDS, "refined"),
     "modes": _Key(MODES, "refined"),
 }
+_CALIBRATION = {"rough": _Key(float), "refined": _Key(float)}
 _SECTIONS = {
     "slope": _SLOPE,
     "soil": _SOIL,
@@ -180,7 +205,7 @@ def parse(text: str) -> Config:
     name = tables.pop("name", "campaign")
     if not isinstance(name, str):
         raise ValueError(f"name = {name!r} is {_article(name)}: give text in quotes")
-    _refuse_unknown("the scene", tables, {**_SECTIONS, "name": None})
+    _refuse_unknown("the scene", tables, {**_SECTIONS, "calibration": None, "name": None})
     read = {section: _read(section, tables.get(section, {}), keys) for section, keys in _SECTIONS.items()}
     slope, y_ends = read["slope"], read["slope"].pop("y_ends")
     plan, run, strength = read["campaign"], read["run"], read["strength"]
@@ -194,6 +219,11 @@ def parse(text: str) -> Config:
         grids={grid: Discretisation(**read[grid], dtype="float32") for grid in ("rough", "refined")},
         run=Run(**{**run, "settle": Settle() if run["settle"] else None}),
         plan=Plan(**plan),
+        calibration=(
+            Calibration(**_read("calibration", tables["calibration"], _CALIBRATION))
+            if "calibration" in tables
+            else None
+        ),
     )
     _check(config)
     return config
@@ -270,6 +300,7 @@ def _check(config: Config) -> None:
         ("[run] gravity", run.gravity),
         ("[run] failure_displacement", run.failure_displacement),
         ("[campaign] restart_every", plan.restart_every),
+        *((f"[calibration] {grid}", factor) for grid, factor in vars(config.calibration or Calibration(1, 1)).items()),
         *((f"[strength] length of axis {axis}", length) for axis, length in enumerate(strength.length)),
     ):
         if not 0 < value < float("inf"):
@@ -288,6 +319,7 @@ def _check(config: Config) -> None:
     ):
         if value < 1:
             raise ValueError(f"[campaign] {name} = {value}: give 1 or more")
+    _check_estimator(plan)
     if plan.refined_runs is not None and plan.refined_runs < 10:
         raise ValueError(f"[campaign] refined_runs = {plan.refined_runs}: give 10 or more, the audit needs some")
     if plan.target_cov is not None and not 0 < plan.target_cov < 1:
@@ -304,3 +336,26 @@ def _check(config: Config) -> None:
             f"[campaign] screening_stop = {plan.screening_stop:g} m ends rough runs before their mode shows: "
             "leave it out, or modes = 'both'"
         )
+
+
+def _check_estimator(plan: Plan) -> None:
+    """What goes with which estimator."""
+    if plan.estimator == "published" and (plan.refined_runs is not None or plan.target_cov is not None):
+        raise ValueError(
+            "[campaign] refined_runs and target_cov do not rule estimator = 'published', k_t does: leave them out"
+        )
+    if plan.estimator != "subset":
+        for name, value in (("levels", plan.levels), ("replicates", plan.replicates)):
+            if value is not None:
+                raise ValueError(f"[campaign] {name} = {value} is for estimator = 'subset': leave it out")
+        return
+    replicates = 8 if plan.replicates is None else plan.replicates
+    if replicates < 2 or (plan.levels is not None and plan.levels < 1):
+        raise ValueError(f"[campaign] replicates = {replicates}, levels = {plan.levels}: give 2 or more, 1 or more")
+    if plan.samples % (10 * replicates) or plan.samples < 20 * replicates:
+        raise ValueError(
+            f"[campaign] samples = {plan.samples} per level with {replicates} replicates: give a multiple of "
+            f"{10 * replicates}, at least {20 * replicates}"
+        )
+    if plan.screening_stop is not None:
+        raise ValueError("[campaign] screening_stop cuts off what subset simulation ranks by: leave it out")

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy import optimize, stats
+
+from cooperative.shares import effective_size
 
 # Fewer samples than this tell six two-parameter distributions apart no better than chance would.
 ENOUGH = 30
@@ -63,17 +65,27 @@ class Fits:
     notes: tuple[str, ...]
 
 
-def fit_distributions(values: np.ndarray) -> Fits:
+def fit_distributions(values: np.ndarray, weight: np.ndarray | None = None) -> Fits:
     """Fit all candidates to `values` (n,) by maximum likelihood.
+
+    weight: what each value stands for (n,), above 0; the likelihood is then that of as many values as tell as much
+    (pseudo-likelihood: Binder 1983, International Statistical Review 51, 279-292). None is all alike.
 
     Every candidate has two free parameters; gamma, Weibull and lognormal start at 0 and are left out, and said to
     be, where a value is not positive. With fewer than 2 distinct values nothing is fitted; with fewer than 30 the
     notes say that the choice means little, as they do when the runner-up is within 2 of the best AIC.
-    Raises ValueError for values that are not finite.
+    Raises ValueError for values that are not finite, or weights that do not fit them.
     """
     values = np.asarray(values, dtype=float)
     if values.ndim != 1 or not np.isfinite(values).all():
         raise ValueError(f"values of shape {values.shape}, some not finite: give one finite number per sample")
+    share = np.ones(values.shape) if weight is None else np.asarray(weight, dtype=float)
+    if share.shape != values.shape or not (share > 0).all():
+        raise ValueError(
+            f"weight of shape {share.shape}, smallest {share.min(initial=np.inf):g}: give one above 0 each"
+        )
+    size = effective_size(share)
+    share = share * size / share.sum() if values.size else share
     if np.unique(values).size < 2:
         notes = (f"{values.size} samples with fewer than 2 distinct values: too few for a fit",)
         return Fits((), values.size, None, None, notes)
@@ -83,11 +95,12 @@ def fit_distributions(values: np.ndarray) -> Fits:
         if candidate.positive and values.min() <= 0:
             notes_list.append(f"{name} is for positive values; the smallest is {values.min():.3g}")
         else:
-            fits.append(_fit(name, candidate, values))
+            fits.append(_fit(name, candidate, values, share))
     fits.sort(key=lambda fit: fit.aic)
-    if values.size < ENOUGH:
+    if size < ENOUGH:
+        worth = "" if np.ptp(share) == 0 else f", worth {size:.3g} of equal weight,"
         notes_list.insert(
-            0, f"{values.size} samples are too few to tell distributions apart: {ENOUGH} or more would do"
+            0, f"{values.size} samples{worth} are too few to tell distributions apart: {ENOUGH} or more would do"
         )
     close = [fit.name for fit in fits[1:] if fit.aic - fits[0].aic < 2]
     if close:
@@ -114,6 +127,7 @@ class Severity:
 def severity_ranking(
     groups: Mapping[str, np.ndarray],
     *,
+    weights: Mapping[str, np.ndarray] | None = None,
     statistic: Callable[..., np.ndarray] = np.median,
     level: float = 0.9,
     resamples: int = 2000,
@@ -121,7 +135,8 @@ def severity_ranking(
 ) -> list[Severity]:
     """Order groups of failures by a consequence, most severe first, with the uncertainty of the order.
 
-    groups: name -> values (n,) of one consequence. statistic: function of (values, axis=...). Percentile bootstrap of
+    groups: name -> values (n,) of one consequence. weights: name -> what each value stands for (n,); None is all alike.
+    statistic: function of (values, axis=...). Percentile bootstrap of
     Efron (1979), Annals of Statistics 7, 1-26: groups are resampled independently, ranked each time. A group of
     one has no spread that a bootstrap could see: its interval is (-inf, inf) and its rank anything.
     Raises ValueError for an empty group.
@@ -131,15 +146,16 @@ def severity_ranking(
         if np.size(groups[name]) == 0:
             raise ValueError(f"group {name!r} is empty: leave it out")
     generator = np.random.default_rng(seed)
-    middle = np.array([float(statistic(np.asarray(groups[name]), axis=0)) for name in names])
-    draws = np.stack(
-        [
-            statistic(
-                generator.choice(np.asarray(groups[name], dtype=float), (resamples, np.size(groups[name]))), axis=1
-            )
-            for name in names
-        ]
-    )
+    drawn, middles = [], []
+    for name in names:
+        values = np.asarray(groups[name], dtype=float)
+        share = None if weights is None else np.asarray(weights[name]) / np.sum(weights[name])
+        drawn.append(statistic(generator.choice(values, (resamples, values.size), p=share), axis=1))
+        # A weighted statistic is that of a resample large enough not to scatter.
+        middles.append(
+            float(statistic(values if share is None else generator.choice(values, 100_000, p=share), axis=0))
+        )
+    draws, middle = np.stack(drawn), np.array(middles)
     ranks = 1 + np.argsort(np.argsort(-draws, axis=0, kind="stable"), axis=0)
     tails = (0.5 - level / 2, 0.5 + level / 2)
     found = []
@@ -160,17 +176,38 @@ def severity_ranking(
     return found
 
 
-def _fit(name: str, candidate: Candidate, values: np.ndarray) -> Fit:
+def _fit(name: str, candidate: Candidate, values: np.ndarray, weight: np.ndarray) -> Fit:
     # scipy's optimisers stop on absolute tolerances, so the values are brought to the order of 1 first.
     scale = float(np.abs(values).mean())
     parameters = candidate.family.fit(values / scale, **candidate.fixed)
+    if np.ptp(weight) > 0:
+        parameters = _weighted(candidate, values / scale, weight, parameters)
     parameters = (*parameters[:-2], parameters[-2] * scale, parameters[-1] * scale)
-    log_likelihood = float(candidate.family.logpdf(values, *parameters).sum())
+    log_likelihood = float(weight @ candidate.family.logpdf(values, *parameters))
     free = len(parameters) - len(candidate.fixed)
     return Fit(
         name,
         tuple(float(parameter) for parameter in parameters),
         log_likelihood,
         2 * free - 2 * log_likelihood,
-        free * float(np.log(values.size)) - 2 * log_likelihood,
+        free * float(np.log(weight.sum())) - 2 * log_likelihood,
     )
+
+
+def _weighted(
+    candidate: Candidate, values: np.ndarray, weight: np.ndarray, start: tuple[float, ...]
+) -> tuple[float, ...]:
+    """Parameters of largest weighted likelihood, from those of the plain one. Shape and scale go by their logarithm."""
+
+    def parameters(at: np.ndarray) -> tuple[float, ...]:
+        first, scale = (np.exp(at[0]), np.exp(at[1])) if candidate.fixed else (at[0], np.exp(at[1]))
+        return (float(first), 0.0, float(scale)) if candidate.fixed else (float(first), float(scale))
+
+    first = np.log(start[0]) if candidate.fixed else start[0]
+    found = optimize.minimize(
+        lambda at: -float(weight @ candidate.family.logpdf(values, *parameters(at))) / weight.sum(),
+        np.array([first, np.log(start[-1])]),
+        method="Nelder-Mead",
+        options={"xatol": 1e-5, "fatol": 1e-8, "maxiter": 400},
+    )
+    return parameters(found.x)

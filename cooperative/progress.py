@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cooperative import campaign
+from cooperative import designs, summary
 from cooperative.config import Config, parse
 from cooperative.estimators import Estimate, wilson_interval
 from cooperative.store import GRIDS, Rows, Store, read_rows, read_store, sample_path
@@ -63,8 +63,8 @@ def progress_of(folder: str | Path) -> Progress:
 
 def current_estimate(config: Config, rough: Rows, refined: Rows) -> Estimate | None:
     """The estimate so far; before the screening is complete it is the share that fails on the rough grid."""
-    if len(rough.numbers) == config.plan.samples:
-        return campaign.estimates(config, rough, refined)[0]
+    if len(rough.numbers) == designs.rough_runs(config.plan):
+        return summary.estimates(config, rough, refined)[0]
     if not rough.numbers:
         return None
     fails = int(np.sum(rough.columns["displacement"] > config.run.failure_displacement))
@@ -75,14 +75,13 @@ def current_estimate(config: Config, rough: Rows, refined: Rows) -> Estimate | N
 
 
 def planned_refined(config: Config, rough: Rows, refined: Rows) -> int:
-    """Refined runs of the campaign in all: the audit's budget, or what the published rule asks for so far."""
+    """Refined runs of the campaign in all: the budget, or what the published rule asks for so far."""
     if config.plan.estimator != "published":
-        return campaign.audit_plan(config.plan).runs
+        return designs.budget(config.plan, designs.rough_runs(config.plan))
     if len(rough.numbers) < config.plan.samples:
         return config.plan.k_t
-    displacement, broke_off = rough.columns["displacement"], rough.columns["broke_off"]
-    answers = campaign.refined_answers(config, refined)
-    missing = campaign.next_refined(displacement, answers, config.plan.k_t, config.plan.samples, failed_lanes=broke_off)
+    answers = summary.refined_answers(config, refined)
+    missing = summary.next_runs(config, summary.phases_of(config, rough, answers), config.plan.samples, ())
     return len(answers) + len(missing)
 
 
@@ -140,7 +139,9 @@ def duration(seconds: float) -> str:
 def _grid(config: Config, grid: str, rows: dict[str, Rows], pace: float) -> GridProgress:
     mine = rows[grid]
     done = len(mine.numbers)
-    planned = config.plan.samples if grid == "rough" else planned_refined(config, rows["rough"], rows["refined"])
+    planned = (
+        designs.rough_runs(config.plan) if grid == "rough" else planned_refined(config, rows["rough"], rows["refined"])
+    )
     return GridProgress(
         grid,
         done,

@@ -15,6 +15,7 @@ import numpy as np
 import kl
 from cooperative.config import Config
 from cooperative.consequences import SlopeGeometry, consequences
+from cooperative.designs import rough_runs
 from cooperative.modes import FailureMode, ModeRules, failure_mode
 from cooperative.onsets import Motion
 from cooperative.restart import RestartPoint, read_restart, write_restart
@@ -24,13 +25,15 @@ from jaxmpm import Chunk, Midway, Result, Scene, State, Status, slope, solve_eac
 
 @dataclass(frozen=True)
 class GridModel:
-    """One grid of a campaign, ready to run: its scene, the shared initial state, the field's expansion."""
+    """One grid of a campaign, ready to run: its scene, the shared initial state, the field's expansion; the factor on
+    its strength where the grids are calibrated."""
 
     grid: str
     config: Config
     scene: Scene
     state: State
     expansion: kl.Expansion
+    strength_factor: float = 1.0
 
     @property
     def half_size(self) -> np.ndarray:
@@ -40,9 +43,9 @@ class GridModel:
     def strength(self, coefficients: Any) -> jax.Array:
         """Undrained strength at the particles (N,) Pa, for coefficients (M,)."""
         strength = self.config.strength
-        return _strength(
-            self.expansion, strength.marginal(strength.mean, strength.cov), coefficients, self.scene.particles.position
-        )
+        marginal = strength.marginal(strength.mean, strength.cov)
+        field = _strength(self.expansion, marginal, coefficients, self.scene.particles.position)
+        return field if self.strength_factor == 1 else field * self.strength_factor
 
 
 @jax.jit
@@ -64,7 +67,9 @@ def expansion_of(config: Config) -> kl.Expansion:
 
 
 def coefficients_of(config: Config, expansion: kl.Expansion) -> np.ndarray:
-    """Coefficients of every sample (samples, modes)."""
+    """Coefficients of every sample (samples, modes); nan under subset simulation, where one sample makes another."""
+    if config.plan.estimator == "subset":
+        return np.full((rough_runs(config.plan), expansion.modes), np.nan)
     return np.asarray(config.plan.coefficients(jax.random.key(config.plan.seed), config.plan.samples, expansion.modes))
 
 
@@ -73,7 +78,8 @@ def build(config: Config, grid: str, expansion: kl.Expansion) -> GridModel:
     scene, state = slope(
         config.slope, config.soil, config.grids[grid], gravity=config.run.gravity, y_ends=config.y_ends
     )
-    return GridModel(grid, config, scene, state, expansion)
+    factor = config.calibration.factor if config.calibration and grid == "rough" else 1.0
+    return GridModel(grid, config, scene, state, expansion, factor)
 
 
 def run_samples(

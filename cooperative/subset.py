@@ -33,19 +33,23 @@ class SubsetPlan:
 
 @dataclass(frozen=True)
 class SubsetSamples:
-    """coefficients: standard normal (N, modes). rough_displacement: (N,) [m]. weight: (N,), summing to 1.
-    replicate: (N,) independent run of each sample. rough_runs: rough solutions spent."""
+    """coefficients: standard normal (N, modes). rough_displacement: (N,) [m]. weight: (N,), summing to 1; a sample at
+    which a chain stayed weighs that much more. replicate: (N,) independent run of each sample. number: (N,) which of
+    all the rough solutions it is, in the order asked for; those that no chain accepted are left out. rough_runs: rough
+    solutions spent."""
 
     coefficients: np.ndarray
     rough_displacement: np.ndarray
     weight: np.ndarray
     replicate: np.ndarray
+    number: np.ndarray
     rough_runs: int
 
 
 def subset_simulation(rough: Callable[[np.ndarray], np.ndarray], modes: int, plan: SubsetPlan) -> SubsetSamples:
     """Sample the coefficients ever deeper into large rough displacements.
 
+    The same plan and the same answers ask for the same solutions, so that an interrupted run can be gone through again.
     rough: coefficients (n, modes) -> rough displacement (n,) [m], run for many samples at once; failed lanes are
     nan and count as the largest. Raises ValueError for a plan that leaves fewer than 2 chains, or a share or
     correlation outside (0, 1).
@@ -60,60 +64,47 @@ def subset_simulation(rough: Callable[[np.ndarray], np.ndarray], modes: int, pla
             f"per_level = {plan.per_level} with share = {plan.share} makes {chains} chains: "
             "give a per_level that at least 2 chains divide evenly"
         )
+    each = plan.per_level + plan.levels * (plan.per_level - chains)
     parts = [_one_run(rough, modes, plan, chains, replicate) for replicate in range(plan.replicates)]
-    coefficients, displacement, weight = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    coefficients, displacement, weight, number = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     return SubsetSamples(
         coefficients,
         displacement,
         weight / plan.replicates,
         np.repeat(np.arange(plan.replicates), [len(part[1]) for part in parts]),
-        plan.replicates * (plan.per_level + plan.levels * (plan.per_level - chains)),
+        number + each * np.repeat(np.arange(plan.replicates), [len(part[1]) for part in parts]),
+        plan.replicates * each,
     )
 
 
 def _one_run(
     rough: Callable[[np.ndarray], np.ndarray], modes: int, plan: SubsetPlan, chains: int, replicate: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Coefficients, responses, weights and numbers, each sample once."""
     generator = np.random.default_rng([plan.seed, replicate])
-    xi = generator.standard_normal((plan.per_level, modes))
-    response = np.nan_to_num(rough(xi), nan=np.inf)
-    kept_xi, kept_response, kept_weight = [], [], []
+    asked, answered = [generator.standard_normal((plan.per_level, modes))], []
+    answered.append(np.nan_to_num(rough(asked[0]), nan=np.inf))
+    state, response = np.arange(plan.per_level), answered[0]
+    weight = np.zeros(plan.per_level + plan.levels * (plan.per_level - chains))
     mass = 1.0
     for _ in range(plan.levels):
         order = np.argsort(-response, kind="stable")
         seeds, below = order[:chains], order[chains:]
         # What lies below the threshold stays as this level's stratum; the chains go on from what lies above.
-        kept_xi.append(xi[below])
-        kept_response.append(response[below])
-        kept_weight.append(np.full(below.size, mass / plan.per_level))
-        xi, response = _chains(
-            rough, xi[seeds], response[seeds], threshold=response[seeds[-1]], plan=plan, generator=generator
-        )
+        np.add.at(weight, state[below], mass / plan.per_level)
+        threshold, state = response[seeds[-1]], state[seeds]
+        visited = [state]
+        for _ in range(plan.per_level // chains - 1):
+            known = np.concatenate(asked)
+            noise = generator.standard_normal((chains, modes))
+            proposal = plan.correlation * known[state] + np.sqrt(1 - plan.correlation**2) * noise
+            asked.append(proposal)
+            answered.append(np.nan_to_num(rough(proposal), nan=np.inf))
+            state = np.where(answered[-1] >= threshold, len(known) + np.arange(chains), state)
+            visited.append(state)
+        state = np.concatenate(visited)
+        response = np.concatenate(answered)[state]
         mass *= chains / plan.per_level
-    kept_xi.append(xi)
-    kept_response.append(response)
-    kept_weight.append(np.full(plan.per_level, mass / plan.per_level))
-    return np.concatenate(kept_xi), np.concatenate(kept_response), np.concatenate(kept_weight)
-
-
-def _chains(
-    rough: Callable[[np.ndarray], np.ndarray],
-    xi: np.ndarray,
-    response: np.ndarray,
-    *,
-    threshold: float,
-    plan: SubsetPlan,
-    generator: np.random.Generator,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Markov chains above the threshold, all chains advanced together, the seeds being their first states."""
-    all_xi, all_response = [xi], [response]
-    for _ in range(plan.per_level // len(xi) - 1):
-        noise = generator.standard_normal(xi.shape)
-        proposal = plan.correlation * xi + np.sqrt(1 - plan.correlation**2) * noise
-        proposed = np.nan_to_num(rough(proposal), nan=np.inf)
-        accepted = proposed >= threshold
-        xi = np.where(accepted[:, None], proposal, xi)
-        response = np.where(accepted, proposed, response)
-        all_xi.append(xi)
-        all_response.append(response)
-    return np.concatenate(all_xi), np.concatenate(all_response)
+    np.add.at(weight, state, mass / plan.per_level)
+    kept = np.flatnonzero(weight)
+    return np.concatenate(asked)[kept], np.concatenate(answered)[kept], weight[kept], kept

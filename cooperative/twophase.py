@@ -9,7 +9,7 @@ whatever ran at once, in whatever order, and after any interruption.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -75,6 +75,30 @@ def two_phase(
     of it. Before the first wave is complete the interval is (0, 1).
     """
     return _estimate(population, _replay(population, refined, plan), level)
+
+
+def path(
+    population: Population, refined: Mapping[int, bool | None], plan: AuditPlan, *, level: float = 0.95
+) -> list[Estimate]:
+    """The estimate after every complete wave, first to last: how it came to where it is."""
+    replay = _replay(population, refined, plan)
+    spent = replay.certain.size + np.cumsum([wave.ranks.size for wave in replay.waves], dtype=int)
+    return [two_phase(population, refined, replace(plan, runs=max(int(runs), 2)), level=level) for runs in spent]
+
+
+def sample_weights(population: Population, refined: Mapping[int, bool | None], plan: AuditPlan) -> dict[int, float]:
+    """What each refined run stands for: sample -> weight, so that sums of weight times outcome are unbiased totals.
+
+    The weights of the ordered draws without a model; for a share among the failures, or any other mean over samples,
+    divide by their sum. Runs that gave no answer, and those of an incomplete wave, have none.
+    """
+    replay = _replay(population, refined, plan)
+    count, nothing = replay.order.size, np.zeros(replay.order.size)
+    waves = [replace(wave, model=nothing) for wave in replay.waves]
+    known = np.where(np.isnan(replay.outcome), 0.0, 1.0)
+    total = audit_total(waves, known, replay.certain, weight=replay.weight, model=nothing, group=np.arange(count))
+    counted = np.flatnonzero(total.by_group > 0)
+    return {int(replay.order[rank]): float(total.by_group[rank]) for rank in counted}
 
 
 def _replay(population: Population, refined: Mapping[int, bool | None], plan: AuditPlan) -> _Replay:

@@ -1,0 +1,313 @@
+"""A campaign in numbers, from its rows alone: probability, modes, consequences, how well the grids agree."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from cooperative import designs, screening
+from cooperative.config import Config
+from cooperative.designs import DESIGNS, Design
+from cooperative.distributions import fit_distributions, severity_ranking
+from cooperative.estimators import Estimate, after_more_runs, published
+from cooperative.modes import SEVERITY
+from cooperative.ranking import rank_samples, stopping_rank
+from cooperative.shares import correlation, shares
+from cooperative.store import Rows
+from cooperative.twophase import Population
+
+NOT_BROKEN = ("FINISHED", "SETTLED", "DECIDED")
+MEASURES = ("displacement", "depth", "runout", "volume", "area")
+MORE = 50
+"""What so many more refined runs would buy is told."""
+
+
+@dataclass(frozen=True)
+class Phases:
+    """Both phases of a campaign as its estimator sees them. population: samples of the first phase. numbers: (N,) their
+    numbers in the campaign. answers: place in the population -> failed."""
+
+    design: Design
+    population: Population
+    numbers: np.ndarray
+    answers: dict[int, bool | None]
+
+
+def refined_answers(config: Config, refined: Rows) -> dict[int, bool | None]:
+    """Sample -> whether it failed on the refined grid; None where the run broke off before it could tell."""
+    columns = refined.columns
+    displacement, broke_off = columns.get("displacement", ()), columns.get("broke_off", ())
+    return {n: answer(config, u, b) for n, u, b in zip(refined.numbers, displacement, broke_off, strict=True)}
+
+
+def answer(config: Config, displacement: float, broke_off: float | bool) -> bool | None:
+    """Whether a run says that its sample fails; a run that broke off can say yes, but not no."""
+    fails = bool(displacement > config.run.failure_displacement)
+    return fails if fails or not broke_off else None
+
+
+def rough_answers(rough: Rows) -> dict[int, float]:
+    """Sample -> its rough displacement (m), nan where the run broke off."""
+    broke_off = rough.columns.get("broke_off", np.zeros(0)).astype(bool)
+    displacement = np.where(broke_off, np.nan, rough.columns.get("displacement", np.zeros(0)))
+    return dict(zip(rough.numbers, displacement.tolist(), strict=True))
+
+
+def next_runs(config: Config, phases: Phases | None, places: int, under_way: Collection[int]) -> list[int]:
+    """Numbers of the samples to start on the refined grid now; empty when there is nothing to start."""
+    if phases is None:
+        return []
+    started = {place for place, number in enumerate(phases.numbers.tolist()) if number in under_way}
+    asked = phases.design.wanted(config.plan, phases.population, phases.answers, places, started)
+    return [int(phases.numbers[place]) for place in asked]
+
+
+def population_of(config: Config, rough: Rows) -> tuple[Population, np.ndarray] | None:
+    """First phase of a campaign and the samples' numbers; None while the levels of subset simulation are not done."""
+    if config.plan.estimator != "subset":
+        broke_off = rough.columns["broke_off"].astype(bool)
+        return Population(rough.columns["displacement"], broke_off), np.array(rough.numbers)
+    try:
+        found = designs.replay_subset(config.plan, screening.expansion_of(config).modes, rough_answers(rough))
+    except KeyError:
+        return None
+    return Population(found.rough_displacement, weight=found.weight, replicate=found.replicate), found.number
+
+
+def phases_of(config: Config, rough: Rows, answers: Mapping[int, bool | None]) -> Phases | None:
+    """Both phases; None while there is no first one. answers: by number of the sample."""
+    found = population_of(config, rough) if rough.numbers else None
+    if found is None:
+        return None
+    population, numbers = found
+    placed = {place: answers[number] for place, number in enumerate(numbers.tolist()) if number in answers}
+    return Phases(DESIGNS[config.plan.estimator], population, numbers, placed)
+
+
+def estimates(config: Config, rough: Rows, refined: Rows) -> list[Estimate]:
+    """Probability of failure from what is known: by the estimator asked for, and by others where the data allow."""
+    phases = phases_of(config, rough, refined_answers(config, refined))
+    if phases is None:
+        note = "the first phase is not complete"
+        return [Estimate(0.0, (0.0, 1.0), np.inf, 0, config.plan.estimator, notes=(note,))]
+    plan, population, answers = config.plan, phases.population, phases.answers
+    found = [phases.design.estimate(plan, population, answers)]
+    if plan.estimator == "subset":
+        return found
+    order = rank_samples(population.rough_displacement, population.failed_lanes).order
+    if plan.estimator != "published" and stopping_rank(order, answers, plan.k_t) is not None:
+        found.append(published(population.rough_displacement, answers, plan.k_t, failed_lanes=population.failed_lanes))
+    # The first samples are a random subset of all only where nobody chose them.
+    whole = len(answers) == len(order) and None not in answers.values()
+    if plan.estimator == "control variate" or (whole and plan.estimator != "monte carlo"):
+        found.append(DESIGNS["monte carlo"].estimate(plan, population, answers))
+    if plan.estimator == "monte carlo" and not whole:
+        found.append(DESIGNS["control variate"].estimate(plan, population, answers))
+    return found
+
+
+def summarise(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
+    """The campaign in numbers, ready for JSON. Means, shares and fits weigh every refined run by what it stands for.
+
+    What there is too little of is None or says so: modes of rows that have none (written before modes were kept), fits
+    of fewer than two failures, a correlation without spread.
+    """
+    found, *others = estimates(config, rough, refined)
+    answers = refined_answers(config, refined)
+    phases = phases_of(config, rough, answers)
+    weight = _weights(config, phases, refined)
+    failed = np.asarray([answers[number] is True for number in refined.numbers], bool)
+    limit = config.run.failure_displacement
+    return {
+        "name": config.name,
+        "probability_of_failure": found.probability,
+        "interval": list(found.interval),
+        "level": found.level,
+        "estimator": found.method,
+        "coefficient_of_variation": _finite(found.cov),
+        "finished": finished(config, phases, found),
+        "after_more_runs": {"runs": MORE, "coefficient_of_variation": _finite(after_more_runs(found, MORE))},
+        "other_estimates": {e.method: {"probability": e.probability, "interval": list(e.interval)} for e in others},
+        "convergence": _convergence(config, phases),
+        "samples": len(rough.numbers),
+        "failures_rough": int(np.sum(rough.columns["displacement"] > limit)),
+        "refined_runs": len(refined.numbers),
+        "failures_refined": int(failed.sum()),
+        "calibration": config.calibration and {**asdict(config.calibration), "factor": config.calibration.factor},
+        "grids": _grids(config, rough, refined, weight),
+        "modes": _modes(found, refined, failed, weight),
+        "status": {"rough": _counts(rough), "refined": _counts(refined)},
+        "broke_off": {grid: _broken(rows) for grid, rows in (("rough", rough), ("refined", refined))},
+        "consequences_of_failures": {
+            name: _spread(refined.columns[name][failed], weight[failed]) for name in MEASURES if failed.any()
+        },
+        "fits": _fits(refined, failed, weight),
+        "severity": _severity(refined, failed, weight),
+        "seconds": {
+            grid: float(np.sum(rows.columns["seconds"])) for grid, rows in (("rough", rough), ("refined", refined))
+        },
+        "notes": [*found.notes, *_warnings(config, refined, failed)],
+    }
+
+
+def finished(config: Config, phases: Phases | None, found: Estimate) -> str | None:
+    """Why no further refined run is asked for, in words; None where some still are."""
+    plan = config.plan
+    if phases is None or next_runs(config, phases, 1, ()):
+        return None
+    if len(phases.answers) == phases.numbers.size:
+        return "all samples ran on the refined grid"
+    if plan.estimator == "published":
+        return f"{plan.k_t} samples in a row stand"
+    if plan.target_cov is not None and found.cov <= plan.target_cov:
+        return f"the coefficient of variation is at most {plan.target_cov:g}"
+    if len(phases.answers) < designs.budget(plan, phases.numbers.size):
+        return (
+            f"a coefficient of variation of {plan.target_cov:g} is out of reach with {phases.numbers.size} samples, "
+            "however many run refined: give more samples"
+        )
+    return "the refined runs allowed are spent"
+
+
+def _weights(config: Config, phases: Phases | None, refined: Rows) -> np.ndarray:
+    """What each refined run stands for, 0 where it stands for nothing (runs,)."""
+    weight = np.zeros(len(refined.numbers))
+    if phases is not None:
+        place = {number: at for at, number in enumerate(refined.numbers)}
+        for member, stands_for in phases.design.weights(config.plan, phases.population, phases.answers).items():
+            weight[place[int(phases.numbers[member])]] += stands_for
+    return weight
+
+
+def _convergence(config: Config, phases: Phases | None) -> dict[str, list[float]]:
+    """The estimate against the refined runs spent."""
+    way = [] if phases is None else phases.design.path(config.plan, phases.population, phases.answers)
+    return {
+        "refined_runs": [estimate.refined_runs for estimate in way],
+        "probability": [estimate.probability for estimate in way],
+        "low": [estimate.interval[0] for estimate in way],
+        "high": [estimate.interval[1] for estimate in way],
+    }
+
+
+def _grids(config: Config, rough: Rows, refined: Rows, weight: np.ndarray) -> dict[str, Any] | None:
+    """How well the rough grid tells the refined one, over runs that ended on both."""
+    on_rough = {number: at for at, number in enumerate(rough.numbers)}
+    place = np.array([on_rough[number] for number in refined.numbers], int)
+    if not place.size:
+        return None
+    ended = ~(rough.columns["broke_off"][place].astype(bool) | refined.columns["broke_off"].astype(bool))
+    ended &= weight > 0
+    found = correlation(
+        rough.columns["displacement"][place][ended],
+        refined.columns["displacement"][ended],
+        weight[ended],
+        limit=config.run.failure_displacement,
+    )
+    return None if found is None else {name: _plain(value) for name, value in asdict(found).items()}
+
+
+def _modes(found: Estimate, refined: Rows, failed: np.ndarray, weight: np.ndarray) -> dict[str, Any] | None:
+    """Count, ratio among the failures and probability of each mode."""
+    if "mode" not in refined.columns:
+        return None
+    told = failed & (refined.columns["mode"] != "") & (weight > 0)
+    if not told.any():
+        return {}
+    parts = shares(refined.columns["mode"][told], weight[told], SEVERITY, level=found.level)
+    return {
+        mode: {
+            "count": part.count,
+            "ratio": part.share,
+            "interval": list(part.interval),
+            "probability": found.probability * part.share,
+        }
+        for mode, part in parts.items()
+    }
+
+
+def _groups(refined: Rows, failed: np.ndarray, weight: np.ndarray) -> dict[str, np.ndarray]:
+    """Failed runs of each mode that occurs, (runs,) bool each."""
+    told = failed & (weight > 0) & ~refined.columns.get("broke_off", np.zeros(failed.size)).astype(bool)
+    modes = refined.columns.get("mode", np.full(failed.size, ""))
+    return {"all": told} | {mode: told & (modes == mode) for mode in SEVERITY if (told & (modes == mode)).any()}
+
+
+def _fits(refined: Rows, failed: np.ndarray, weight: np.ndarray) -> dict[str, dict[str, Any]]:
+    """Fitted distributions of each consequence, of all failures and of each mode, best by AIC first."""
+    found: dict[str, dict[str, Any]] = {}
+    for group, mine in _groups(refined, failed, weight).items():
+        fits = {name: fit_distributions(refined.columns[name][mine], weight[mine]) for name in MEASURES if mine.any()}
+        found[group] = {name: _plain(asdict(fit)) for name, fit in fits.items()}
+    return found
+
+
+def _severity(refined: Rows, failed: np.ndarray, weight: np.ndarray) -> dict[str, list[dict[str, Any]]]:
+    """Modes by the median of each consequence, most severe first."""
+    groups = {mode: mine for mode, mine in _groups(refined, failed, weight).items() if mode != "all"}
+    if not groups:
+        return {}
+    return {
+        name: [
+            _plain(asdict(place))
+            for place in severity_ranking(
+                {mode: refined.columns[name][mine] for mode, mine in groups.items()},
+                weights={mode: weight[mine] for mode, mine in groups.items()},
+            )
+        ]
+        for name in MEASURES
+    }
+
+
+def _warnings(config: Config, refined: Rows, failed: np.ndarray) -> list[str]:
+    if not failed.any():
+        return []
+    reach = config.slope.toe - config.grids["refined"].cell
+    stopped = int(np.sum(refined.columns["runout"][failed] >= reach))
+    if not stopped:
+        return []
+    return [
+        f"run-out reached the wall {config.slope.toe:g} m beyond the toe, which held it, in {stopped} refined runs: "
+        "lengthen [slope] toe"
+    ]
+
+
+def _counts(rows: Rows) -> dict[str, int]:
+    return dict(Counter(rows.columns["status"].tolist()))
+
+
+def _broken(rows: Rows) -> dict[str, str]:
+    """Samples whose run broke off: why, and at which step."""
+    columns = rows.columns
+    return {
+        str(number): f"{status} at step {steps}"
+        for number, status, steps in zip(rows.numbers, columns["status"], columns["steps"], strict=True)
+        if status not in NOT_BROKEN
+    }
+
+
+def _spread(values: np.ndarray, weight: np.ndarray) -> dict[str, float]:
+    """Weighted mean, smallest and largest; of runs that broke off or stand for nothing only the last two."""
+    known = np.isfinite(values)
+    values, weight = values[known], weight[known]
+    if not values.size:
+        return {}
+    mean = float(weight @ values / weight.sum()) if weight.any() else float(values.mean())
+    return {"mean": mean, "smallest": float(values.min()), "largest": float(values.max())}
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _plain(value: Any) -> Any:
+    """Ready for JSON, which has no infinity and no nan: None stands for them."""
+    if isinstance(value, dict):
+        return {name: _plain(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return _finite(value) if isinstance(value, float) else value
