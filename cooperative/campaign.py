@@ -45,9 +45,6 @@ def run(
     coefficients = screening.coefficients_of(config, expansion)
     models = {grid: screening.build(config, grid, expansion) for grid in ("rough", "refined")}
     crew = None if executor is None and workers == 1 else Workers(executor or partial(process_pool, workers), workers)
-    if config.plan.estimator == "subset":
-        # A sample comes from those before it, so that its number alone does not tell a worker what it is.
-        crew = None
     stop_at = {"rough": config.plan.screening_stop, "refined": None}
     width = {"rough": config.plan.lanes, "refined": config.plan.look_ahead}
     ahead = config.plan.look_ahead if crew is None else workers
@@ -55,7 +52,7 @@ def run(
     def samples(grid: str, numbers: Iterable[int]) -> Iterator[Sample]:
         limit, restart_in = stop_at[grid], Path(folder) if grid == "refined" else None
         if crew is not None:
-            return run_through(crew, config.text, grid, numbers, stop_at=limit, restart_in=restart_in)
+            return run_through(crew, config.text, grid, numbers, coefficients, stop_at=limit, restart_in=restart_in)
         return screening.run_samples(
             models[grid], coefficients, numbers, width=width[grid], stop_at=limit, restart_in=restart_in
         )

@@ -1,8 +1,8 @@
 """Samples through worker processes, or through any `concurrent.futures.Executor`.
 
-A task is a scene's text, a grid and a sample's number: a worker makes everything else again from these, once per scene
-and grid, and sends back the finished sample. Only the controller writes samples; a worker that sees the campaign's
-folder keeps the restart point of its long run there.
+A task is a scene's text, a grid, a sample's number and its coefficients: a worker makes everything else again from
+these, once per scene and grid, and sends back the finished sample. Only the controller writes samples; a worker that
+sees the campaign's folder keeps the restart point of its long run there.
 """
 
 from __future__ import annotations
@@ -51,18 +51,18 @@ def _bind(shares: Any) -> None:
         os.sched_setaffinity(0, shares.get())
 
 
-def run_sample(text: str, grid: str, number: int, stop_at: float | None, restart_in: Path | None) -> Sample:
+def run_sample(
+    text: str, grid: str, number: int, coefficients: np.ndarray, stop_at: float | None, restart_in: Path | None
+) -> Sample:
     """Run one sample of a scene on one of its grids; what a worker does. restart_in: see `screening.run_samples`."""
-    model, coefficients = _prepared(text, grid)
-    run = screening.run_samples(model, coefficients, [number], width=1, stop_at=stop_at, restart_in=restart_in)
-    return next(iter(run))
+    one, model = {number: coefficients}, _prepared(text, grid)
+    return next(iter(screening.run_samples(model, one, one, width=1, stop_at=stop_at, restart_in=restart_in)))
 
 
 @lru_cache(maxsize=2)
-def _prepared(text: str, grid: str) -> tuple[screening.GridModel, np.ndarray]:
+def _prepared(text: str, grid: str) -> screening.GridModel:
     config = parse(text)
-    expansion = screening.expansion_of(config)
-    return screening.build(config, grid, expansion), screening.coefficients_of(config, expansion)
+    return screening.build(config, grid, screening.expansion_of(config))
 
 
 @dataclass
@@ -94,11 +94,12 @@ def run_through(
     text: str,
     grid: str,
     numbers: Iterable[int],
+    coefficients: np.ndarray,
     *,
     stop_at: float | None = None,
     restart_in: Path | None = None,
 ) -> Iterator[Sample]:
-    """Run the samples with these numbers through an executor; yields each as it ends.
+    """Run the samples with these numbers, rows of `coefficients`, through an executor; yields each as it ends.
 
     Numbers are drawn one by one as places become free. The samples of a worker that was killed are handed out again;
     one whose worker dies three times is given back with status WORKER_LOST, so that it is reported, not tried for ever.
@@ -109,7 +110,7 @@ def run_through(
 
     def submit(number: int) -> None:
         tries[number] += 1
-        pending[workers.submit(text, grid, number, stop_at, restart_in)] = number
+        pending[workers.submit(text, grid, number, coefficients[number], stop_at, restart_in)] = number
 
     while True:
         for number in islice(waiting, workers.count - len(pending)):

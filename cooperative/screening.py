@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -84,7 +84,7 @@ def build(config: Config, grid: str, expansion: kl.Expansion) -> GridModel:
 
 def run_samples(
     model: GridModel,
-    coefficients: np.ndarray,
+    coefficients: np.ndarray | Mapping[int, np.ndarray],
     numbers: Iterable[int],
     *,
     width: int | None = None,
@@ -92,7 +92,8 @@ def run_samples(
     on_chunk: Callable[[Chunk], None] | None = None,
     restart_in: Path | None = None,
 ) -> Iterator[Sample]:
-    """Run the samples with these numbers and yield each as it ends, `seconds` after the one before.
+    """Run the samples with these numbers, whose coefficients are (modes,) each, and yield each as it ends, `seconds`
+    after the one before.
 
     width: lanes at a time; None takes 1 on CPU, where lanes run in turn, and 64 elsewhere. restart_in: folder of the
     campaign, where runs longer than `restart_every` write restart points and go on from those that are there; None, or

@@ -7,10 +7,13 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecu
 import numpy as np
 import pytest
 
-from cooperative import campaign, executors
+from cooperative import campaign, executors, screening
+from cooperative.config import parse
 from cooperative.executors import ATTEMPTS, LOST, Workers, process_pool, run_through
 from cooperative.store import Sample
 from tests.test_campaign import TINY
+
+XI = np.zeros((6, 1))
 
 
 def sample(number):
@@ -42,7 +45,7 @@ def test_samples_of_a_killed_worker_are_redone():
         made.append(Breaking({3} if not made else set()))
         return made[-1]
 
-    got = list(run_through(Workers(make, 2), "", "rough", range(6)))
+    got = list(run_through(Workers(make, 2), "", "rough", range(6), XI))
     assert sorted(s.number for s in got) == list(range(6))
     assert {s.status for s in got} == {"FINISHED"}
     assert len(made) == 2
@@ -55,7 +58,7 @@ def test_a_sample_that_kills_its_worker_three_times_is_reported():
         made.append(None)
         return Breaking({3})
 
-    got = {s.number: s for s in run_through(Workers(make, 1), "", "rough", range(5))}
+    got = {s.number: s for s in run_through(Workers(make, 1), "", "rough", range(5), XI)}
     assert got[3].status == LOST
     assert got[3].row["broke_off"]
     assert sorted(got) == list(range(5))
@@ -71,7 +74,7 @@ def test_errors_of_a_run_are_not_taken_for_dead_workers():
     original, executors.run_sample = executors.run_sample, failing
     try:
         with pytest.raises(ZeroDivisionError):
-            list(run_through(workers, "", "rough", [0]))
+            list(run_through(workers, "", "rough", [0], XI))
     finally:
         executors.run_sample = original
         workers.close()
@@ -91,7 +94,9 @@ def test_a_killed_worker_process_is_replaced_and_its_sample_redone():
 
     crew = Workers(make, 1)
     got = []
-    for done in run_through(crew, TINY, "rough", range(3)):
+    config = parse(TINY)
+    coefficients = screening.coefficients_of(config, screening.expansion_of(config))
+    for done in run_through(crew, TINY, "rough", range(3), coefficients):
         got.append(done.number)
         if len(got) == 1:
             os.kill(next(iter(pools[0]._processes)), signal.SIGKILL)

@@ -1,0 +1,173 @@
+"""What a scene can ask of a campaign beyond the usual: estimators, calibration, modes of old folders."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cooperative import calibration, campaign, screening
+from cooperative.config import parse
+from cooperative.progress import progress_of
+from cooperative.store import Rows, read_rows, read_store
+from cooperative.summary import summarise
+from tests.test_campaign import TINY, changed
+
+SUBSET = changed(
+    'estimator = "published"', 'estimator = "subset"\nlevels = 1\nreplicates = 2\nrefined_runs = 12'
+).replace("samples = 6", "samples = 40")
+
+
+@pytest.fixture(scope="module")
+def subset(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("subset") / "rare"
+    return folder, campaign.run(SUBSET, folder)
+
+
+def test_subset_simulation_runs_from_a_scene(subset):
+    folder, summary = subset
+    store = read_store(folder)
+    rough = read_rows(store, "rough")
+    assert rough.numbers == list(range(76))
+    assert 0 < summary["refined_runs"] <= 12
+    assert summary["finished"] == "the refined runs allowed are spent"
+    low, high = summary["interval"]
+    assert 0 <= low < summary["probability_of_failure"] < high <= 1
+    assert set(summary["other_estimates"]) == set()
+    assert progress_of(folder).grids[0].planned == 76
+    # The chains of the upper level lie above the rough threshold of the lower one.
+    displacement = rough.columns["displacement"]
+    assert np.median(displacement[20:38]) > np.median(displacement[:20])
+
+
+def test_subset_simulation_goes_on_where_it_was(subset, tmp_path):
+    summary, again = subset[1], tmp_path / "again"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(campaign, "write_sample", failing_after(campaign.write_sample, 50))
+        with pytest.raises(KeyboardInterrupt):
+            campaign.run(SUBSET, again)
+    assert len(read_rows(read_store(again), "rough").numbers) == 50
+    assert progress_of(again).estimate is not None
+    resumed = campaign.run(SUBSET, again)
+    assert resumed["probability_of_failure"] == summary["probability_of_failure"]
+    assert resumed["interval"] == summary["interval"]
+
+
+def failing_after(function, count):
+    calls = []
+
+    def limited(*arguments):
+        if len(calls) == count:
+            raise KeyboardInterrupt
+        calls.append(None)
+        return function(*arguments)
+
+    return limited
+
+
+@pytest.mark.slow
+def test_workers_give_the_answer_of_one_process_in_subset_simulation(subset, tmp_path):
+    together = campaign.run(SUBSET, tmp_path / "two", workers=2)
+    assert together["probability_of_failure"] == subset[1]["probability_of_failure"]
+
+
+@pytest.mark.parametrize("estimator", ["control variate", "monte carlo"])
+def test_the_first_samples_run_refined(estimator, tmp_path):
+    text = changed('estimator = "published"', f'estimator = "{estimator}"\nrefined_runs = 10')
+    summary = campaign.run(text.replace("samples = 6", "samples = 12"), tmp_path / "out")
+    assert read_rows(read_store(tmp_path / "out"), "refined").numbers == list(range(10))
+    assert summary["finished"] == "the refined runs allowed are spent"
+    assert summary["convergence"]["refined_runs"] == [10]
+    assert {"Monte Carlo", "multifidelity control variate"} == {summary["estimator"], *summary["other_estimates"]} - {
+        "published n/N"
+    }
+
+
+def test_calibration_is_measured_once_and_lowers_the_rough_strength(tmp_path):
+    text = changed('estimator = "published"', 'estimator = "published"\ncalibrate = true')
+    summary = campaign.run(text, tmp_path / "out")
+    found = summary["calibration"]
+    assert found["factor"] == pytest.approx(found["refined"] / found["rough"])
+    assert 0.5 < found["factor"] < 1
+    stamp = (tmp_path / "out" / "calibration.json").stat().st_mtime_ns
+    assert campaign.run(text, tmp_path / "out") == summary
+    assert (tmp_path / "out" / "calibration.json").stat().st_mtime_ns == stamp
+    # The same samples as without, moved farther.
+    config = calibration.calibrated(parse(text), calibration.kept(tmp_path / "out"))
+    assert parse(config.text).calibration == config.calibration
+    expansion = screening.expansion_of(config)
+    coefficients = screening.coefficients_of(config, expansion)
+    plain, weaker = (screening.build(c, "rough", expansion) for c in (parse(text), config))
+    np.testing.assert_allclose(
+        weaker.strength(coefficients[0]), found["factor"] * plain.strength(coefficients[0]), rtol=1e-5
+    )
+    assert screening.build(config, "refined", expansion).strength_factor == 1.0
+    moved = read_rows(read_store(tmp_path / "out"), "rough").columns["displacement"]
+    standing = int(np.argmin(moved))
+    without = next(iter(screening.run_samples(plain, coefficients, [standing])))
+    assert moved[standing] > without.row["displacement"]
+
+
+def test_known_factors_of_safety_are_taken_from_the_scene(tmp_path):
+    text = changed('fields = "both"', "calibrate = true\n[calibration]\nrough = 1.2\nrefined = 1.1")
+    summary = campaign.run(text, tmp_path / "out")
+    assert summary["calibration"] == {"rough": 1.2, "refined": 1.1, "factor": pytest.approx(1.1 / 1.2)}
+    assert not (tmp_path / "out" / "calibration.json").exists()
+
+
+def test_a_damaged_calibration_is_named(tmp_path):
+    (tmp_path / "calibration.json").write_text("[1.0")
+    with pytest.raises(ValueError, match=r"calibration.json holds no two factors of safety: delete it"):
+        calibration.kept(tmp_path)
+
+
+def test_summary_tells_modes_fits_severity_and_what_more_runs_would_buy(tmp_path):
+    summary = campaign.run(TINY, tmp_path / "out")
+    modes = summary["modes"]
+    assert sum(part["count"] for part in modes.values()) == summary["failures_refined"]
+    assert sum(part["ratio"] for part in modes.values()) == pytest.approx(1.0)
+    assert sum(part["probability"] for part in modes.values()) == pytest.approx(summary["probability_of_failure"])
+    for part in modes.values():
+        assert part["interval"][0] <= part["ratio"] <= part["interval"][1]
+    occurring = {mode for mode, part in modes.items() if part["count"]}
+    assert summary["fits"].keys() == {"all", *occurring}
+    assert "too few" in summary["fits"]["all"]["displacement"]["notes"][0]
+    assert {place["group"] for place in summary["severity"]["volume"]} == occurring
+    assert summary["after_more_runs"]["runs"] == 50
+    assert -1 <= summary["grids"]["spearman"] <= 1
+    assert summary["convergence"]["probability"][-1] == summary["probability_of_failure"]
+    assert "NaN" not in (tmp_path / "out" / "summary.json").read_text()
+    assert json.loads((tmp_path / "out" / "summary.json").read_text()) == summary
+
+
+def test_rows_written_before_modes_were_kept_still_read(tmp_path):
+    campaign.run(TINY, tmp_path / "out")
+    config, store = parse(TINY), read_store(tmp_path / "out")
+    rough, refined = read_rows(store, "rough"), read_rows(store, "refined")
+    new = ("mode", "masses", "depth_shallowest", "depth_deepest", "onset", "onset_second")
+    old = Rows({name: column for name, column in refined.columns.items() if name not in new}, ())
+    summary = summarise(config, rough, old)
+    assert summary["modes"] is None
+    assert summary["fits"].keys() == {"all"}
+    assert summary["probability_of_failure"] == summarise(config, rough, refined)["probability_of_failure"]
+    nothing = Rows({name: column[:0] for name, column in refined.columns.items()}, ())
+    assert summarise(replace(config), rough, nothing)["grids"] is None
+
+
+BAD = [
+    ("levels = 2", r"levels = 2 is for estimator = 'subset'"),
+    ("refined_runs = 20", r"do not rule estimator = 'published'"),
+    ('estimator = "subset"', r"samples = 6 per level with 8 replicates: give a multiple of 80, at least 160"),
+    ('estimator = "subset"\nreplicates = 1', r"replicates = 1"),
+    ("calibrate = 1", r"calibrate = 1 is a whole number: give true or false"),
+    ("[calibration]\nrough = 1.2", r"\[calibration\] lacks refined"),
+    ("[calibration]\nrough = 1.2\nrefined = 0", r"\[calibration\] refined = 0: give a finite value above 0"),
+    ("[calibration]\nrough = 1.2\nrefine = 1", r"unknown key 'refine' \(did you mean 'refined'\?\)"),
+]
+
+
+@pytest.mark.parametrize(("lines", "message"), BAD, ids=[lines.replace("\n", ", ") for lines, _ in BAD])
+def test_options_that_do_not_go_together_are_refused(lines, message):
+    text = TINY.replace('estimator = "published"', "") if lines.startswith("estimator") else TINY
+    with pytest.raises(ValueError, match=message):
+        parse(f"{text}\n{lines}\n")
