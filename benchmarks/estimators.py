@@ -8,6 +8,9 @@ rough run counts 1/30.
 The bias is measured against the failures of the very samples drawn, whose mean is P_f exactly: that takes the
 sampling noise of phase one out of it (not for Monte Carlo and subset simulation, measured against P_f itself).
 `bias_error` is the standard error of what is left.
+
+A second table takes campaigns from a real population, the plane-strain section with all its samples run on both grids
+(`benchmarks.estimators_section`): there error stands against run time, in the figure too.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
+from benchmarks import estimators_section as section
 from benchmarks.measure import Report
 from cooperative import AuditPlan, Estimate, Population, control_variate, monte_carlo, published, two_phase
 from cooperative.subset import SubsetPlan, subset_simulation
@@ -152,7 +156,7 @@ def runs_for_cov(rows: list[dict[str, Any]], samples: int, target: float) -> flo
 
 
 def run(quick: bool = False) -> Report:
-    """Study all cases with 2000 repetitions each (40 if quick)."""
+    """Study all cases with 2000 repetitions each (40 if quick), the synthetic ones and the section's."""
     repetitions = 40 if quick else 2000
     study = cases()
     budgets = [Case("two-phase", 0.244, 0.95, 750, runs) for runs in (52, 64, 90)]
@@ -162,9 +166,20 @@ def run(quick: bool = False) -> Report:
     pieces = [(case, at, repetitions // 20) for case in todo for at in range(0, repetitions, repetitions // 20)]
     pieces.sort(key=lambda piece: -piece[0].samples)
     answers: dict[Case, list[np.ndarray]] = {case: [] for case in todo}
+    real = [
+        (method, runs, at, repetitions // 20)
+        for method in section.METHODS
+        for runs in section.BUDGETS
+        for at in range(0, repetitions, repetitions // 20)
+    ]
+    on_section: dict[tuple[str, int], list[np.ndarray]] = {(method, runs): [] for method, runs, *_ in real}
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
         for (case, *_), rows in zip(pieces, pool.map(repeat, *zip(*pieces, strict=True)), strict=True):
             answers[case].append(rows)
+        for (method, runs, *_), rows in zip(real, pool.map(section.repeat, *zip(*real, strict=True)), strict=True):
+            on_section[method, runs].append(rows)
+    population = [section.summarise(*key, np.concatenate(rows)) for key, rows in on_section.items()]
+    section.draw(population)
     table = {case: summarise(case, np.concatenate(rows)) for case, rows in answers.items()}
     ours = [
         row for case, row in table.items() if case.method == "two-phase" and not case.contaminated and case in study
@@ -177,5 +192,6 @@ def run(quick: bool = False) -> Report:
         "two_phase_coverage_min": min(row["coverage"] for row in ours),
         "two_phase_coverage_max": max(row["coverage"] for row in ours),
         "two_phase_runs_pf0244_r095": runs_for_cov(curve, 750, 0.1),
+        **section.values(population),
     }
-    return Report(values, list(table.values()))
+    return Report(values, [*table.values(), *population])

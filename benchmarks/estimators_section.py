@@ -1,0 +1,208 @@
+"""Estimators on a real population: the 400 pairs of `benchmarks.section_pairs`, campaigns resampled from it.
+
+A campaign draws its samples from the 400 with replacement, so that the share of them that fails on the refined grid is
+the truth, and spends the seconds that those runs took. Every method at several budgets gives error against run time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from benchmarks.measure import ROOT
+from benchmarks.section_pairs import Pairs, read
+from cooperative import (
+    AuditPlan,
+    Estimate,
+    Population,
+    control_variate,
+    monte_carlo,
+    published,
+    rank_samples,
+    stopping_rank,
+    two_phase,
+)
+from cooperative.estimators import wilson_interval
+from cooperative.shares import correlation
+from cooperative.twophase import sample_weights
+
+LIMIT = 1.0
+BUDGETS = (20, 40, 80, 160)
+FIGURE = ROOT / "benchmarks" / "figures" / "estimators_error_time.png"
+Spent = tuple[Estimate, float]
+
+
+@lru_cache(maxsize=1)
+def population() -> Pairs:
+    """The data file, read once per process."""
+    return read()
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Samples of one campaign: their places in the population (N,), which grid screens them, refined runs allowed."""
+
+    at: np.ndarray
+    grid: str
+    runs: int
+    seed: int
+
+    @property
+    def rough(self) -> np.ndarray:
+        """Displacements of the screening (N,) m."""
+        return population().displacement[self.grid][self.at]
+
+    @property
+    def failed(self) -> np.ndarray:
+        """Whether each sample fails on the refined grid (N,)."""
+        return population().displacement["refined"][self.at] > LIMIT
+
+    def seconds(self, refined: np.ndarray) -> float:
+        """What the screening took, the factors of safety where it is calibrated, and the runs `refined` (places)."""
+        spent = population().seconds
+        fixed = population().calibration_seconds if self.grid == "calibrated" else 0.0
+        return float(spent[self.grid][self.at].sum() + spent["refined"][self.at[refined]].sum()) + fixed
+
+
+def _audited(drawn: Drawn) -> Spent:
+    refined, plan = dict(enumerate(drawn.failed.tolist())), AuditPlan(runs=drawn.runs, seed=drawn.seed)
+    screened = Population(drawn.rough)
+    return two_phase(screened, refined, plan), drawn.seconds(np.array(list(sample_weights(screened, refined, plan))))
+
+
+def _published(drawn: Drawn) -> Spent:
+    refined, k_t = dict(enumerate(drawn.failed.tolist())), max(drawn.at.size // 50, 3)
+    order = rank_samples(drawn.rough).order
+    return published(drawn.rough, refined, k_t), drawn.seconds(order[: stopping_rank(order, refined, k_t)])
+
+
+def _control_variate(drawn: Drawn) -> Spent:
+    first = np.arange(drawn.runs)
+    return control_variate(drawn.rough, dict(enumerate(drawn.failed[first].tolist()))), drawn.seconds(first)
+
+
+def _screening_alone(drawn: Drawn) -> Spent:
+    fails, count = int(np.sum(drawn.rough > LIMIT)), drawn.at.size
+    found = Estimate(fails / count, wilson_interval(fails, count), np.nan, 0, "screening alone")
+    return found, drawn.seconds(np.zeros(0, int))
+
+
+def _monte_carlo(drawn: Drawn) -> Spent:
+    spent = population().seconds["refined"][drawn.at]
+    return monte_carlo(drawn.failed), float(spent.sum())
+
+
+METHODS: dict[str, tuple[Callable[[Drawn], Spent], str, int]] = {
+    "two-phase": (_audited, "rough", 10),
+    "two-phase, calibrated": (_audited, "calibrated", 10),
+    "control variate": (_control_variate, "rough", 10),
+    "control variate, calibrated": (_control_variate, "calibrated", 10),
+    "published n/N": (_published, "rough", 5),
+    "published n/N, calibrated": (_published, "calibrated", 5),
+    "screening alone": (_screening_alone, "rough", 10),
+    "screening alone, calibrated": (_screening_alone, "calibrated", 10),
+    "Monte Carlo": (_monte_carlo, "refined", 1),
+}
+"""What each does, the grid that screens, samples per refined run of the budget."""
+
+
+def repeat(method: str, runs: int, first: int, count: int) -> np.ndarray:
+    """Campaigns number `first` to `first + count`: rows of P_f, limits, refined runs, seconds."""
+    act, grid, per_run = METHODS[method]
+    size = population().displacement[grid].size
+    rows = []
+    for number in range(first, first + count):
+        generator = np.random.default_rng([number, runs, list(METHODS).index(method)])
+        found, seconds = act(Drawn(generator.integers(size, size=per_run * runs), grid, runs, number))
+        refined = runs if method == "Monte Carlo" else found.refined_runs
+        rows.append((found.probability, *found.interval, refined, seconds))
+    return np.array(rows)
+
+
+def summarise(method: str, runs: int, rows: np.ndarray) -> dict[str, Any]:
+    """Bias, error, coverage and run time of one method at one budget, relative to the population's P_f."""
+    truth = float(np.mean(population().displacement["refined"] > LIMIT))
+    probability, low, high, refined, seconds = rows.T
+    off = probability / truth - 1
+    return {
+        "population": "section",
+        "method": method,
+        "samples": METHODS[method][2] * runs,
+        "refined_runs": float(refined.mean()),
+        "seconds": float(seconds.mean()),
+        "bias": float(off.mean()),
+        "bias_error": float(off.std() / np.sqrt(len(rows))),
+        "rmse": float(np.sqrt(np.mean(off**2))),
+        "coverage": float(np.mean((low <= truth) & (truth <= high))),
+    }
+
+
+def values(rows: list[dict[str, Any]]) -> dict[str, float]:
+    """Named figures: the population, what calibration does to it, and seconds for an error of 10 %."""
+    pairs = population()
+    refined, even = pairs.displacement["refined"], np.ones(pairs.displacement["refined"].size)
+    named: dict[str, float] = {"section_pf": float(np.mean(refined > LIMIT))}
+    for grid in ("rough", "calibrated"):
+        found = correlation(pairs.displacement[grid], refined, even, limit=LIMIT)
+        if found is None:
+            raise ValueError(
+                f"the {grid} displacements of {len(refined)} pairs do not differ: make the data file again"
+            )
+        named[f"section_{grid}_pf"] = float(np.mean(pairs.displacement[grid] > LIMIT))
+        named[f"section_{grid}_spearman"] = found.spearman
+        named[f"section_{grid}_pearson_log"] = found.pearson_log
+        named[f"section_{grid}_same_class"] = found.same_class
+    for method, name in (
+        ("Monte Carlo", "monte_carlo"),
+        ("control variate", "control_variate"),
+        ("two-phase", "two_phase"),
+        ("two-phase, calibrated", "two_phase_calibrated"),
+    ):
+        mine = [row for row in rows if row["method"] == method]
+        named[f"section_{name}_seconds_for_10_percent"] = seconds_for(mine, 0.1)
+    return named
+
+
+def seconds_for(rows: list[dict[str, Any]], error: float) -> float:
+    """Run time at which the error meets `error`, from a fit of rmse^2 = c / (seconds - fixed cost)."""
+    seconds, square = (np.array([row[name] for row in rows]) for name in ("seconds", "rmse"))
+    slope, fixed = np.polyfit(1 / square**2, seconds, 1)
+    return float(fixed + slope / error**2)
+
+
+def draw(rows: list[dict[str, Any]]) -> None:
+    """Error and bias against run time, one line per method."""
+    colours = {"two-phase": "#0072B2", "control variate": "#009E73", "published n/N": "#D55E00"}
+    colours |= {"screening alone": "#CC79A7", "Monte Carlo": "#5A5A5A"}
+    markers = dict(zip(colours, "os^vD", strict=True))
+    figure = Figure(figsize=(10.5, 4.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    error, bias = figure.subplots(1, 2)
+    for method in METHODS:
+        mine = sorted((row for row in rows if row["method"] == method), key=lambda row: row["seconds"])
+        kind, calibrated = method.removesuffix(", calibrated"), method.endswith("calibrated")
+        look = {
+            "color": colours[kind], "marker": markers[kind], "ls": "--" if calibrated else "-", "ms": 6,
+            "mfc": "none" if calibrated else colours[kind],
+        }  # fmt: skip
+        seconds = [row["seconds"] for row in mine]
+        error.plot(seconds, [100 * row["rmse"] for row in mine], label=method, **look)
+        bias.errorbar(
+            seconds, [100 * row["bias"] for row in mine], [200 * row["bias_error"] for row in mine], capsize=2, **look
+        )
+    error.set(xscale="log", yscale="log", ylabel="root mean square error of $P_f$ [%]")
+    bias.set(xscale="log", ylabel="bias of $P_f$ [%], bars of 2 standard errors")
+    bias.axhline(0, color="#5A5A5A", lw=0.8)
+    for ax in (error, bias):
+        ax.set_xlabel("run time of a campaign, one process [s]")
+        ax.spines[["top", "right"]].set_visible(False)
+    error.set_yticks([2, 5, 10, 20, 50], ["2", "5", "10", "20", "50"])
+    error.minorticks_off()
+    figure.legend(*error.get_legend_handles_labels(), loc="outside right upper", frameon=False)
+    figure.savefig(FIGURE, dpi=110)
