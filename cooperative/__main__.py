@@ -11,7 +11,7 @@ from pathlib import Path
 import jax
 
 from cooperative import campaign, exports, progress
-from cooperative.report import report
+from cooperative.report import SLIDES, report
 from cooperative.store import GRIDS, read_store
 
 Command = Callable[[argparse.Namespace], None]
@@ -40,8 +40,8 @@ def status(given: argparse.Namespace) -> None:
 
 
 def show(given: argparse.Namespace) -> None:
-    """Draw the figures of a campaign and print its summary."""
-    print(report(given.folder))
+    """Write report.html with all figures of a campaign, and print its summary."""
+    print(report(given.folder, slides=given.slides, again=given.again))
 
 
 def export(given: argparse.Namespace) -> None:
@@ -77,7 +77,9 @@ def parser() -> argparse.ArgumentParser:
             "--workers", type=int, default=default_workers(), help="processes to run samples in (%(default)s)"
         )
     command("status", status)
-    command("report", show)
+    shows = command("report", show)
+    shows.add_argument("--slides", type=int, default=SLIDES, help="slides drawn at several times (%(default)s)")
+    shows.add_argument("--again", action="store_true", help="run these samples again even if that takes long")
     writes = command("export", export)
     writes.add_argument("--sample", type=int, help="write this sample's series alone")
     writes.add_argument("--grid", choices=GRIDS, default="refined", help="grid of that sample (%(default)s)")

@@ -12,9 +12,11 @@ from pathlib import Path
 
 import jax
 
-from cooperative.config import Calibration, Config
-from cooperative.store import write_aside
+from cooperative.config import Calibration, Config, parse
+from cooperative.store import Store, write_aside
 from jaxmpm import factor_of_safety, slope
+
+KEPT = "calibration.json"
 
 
 def measure(config: Config) -> Calibration:
@@ -30,7 +32,7 @@ def measured(config: Config, folder: Path) -> Calibration:
 
     Raises ValueError for a file that holds something else.
     """
-    path = folder / "calibration.json"
+    path = folder / KEPT
     if not path.exists():
         found = measure(config)
         write_aside(path, json.dumps({"rough": found.rough, "refined": found.refined}).encode())
@@ -39,7 +41,7 @@ def measured(config: Config, folder: Path) -> Calibration:
 
 def kept(folder: Path) -> Calibration:
     """Factors of safety in `calibration.json`. Raises ValueError where it is damaged, OSError where it is missing."""
-    path = folder / "calibration.json"
+    path = folder / KEPT
     try:
         found = json.loads(path.read_text())
         return Calibration(float(found["rough"]), float(found["refined"]))
@@ -51,6 +53,13 @@ def calibrated(config: Config, found: Calibration) -> Config:
     """The scene with these factors in it, in its text too, so that whoever reads the text has them."""
     table = f"\n[calibration]\nrough = {found.rough!r}\nrefined = {found.refined!r}\n"
     return replace(config, text=config.text + table, calibration=found)
+
+
+def config_of(store: Store) -> Config:
+    """The scene of a campaign's folder, with its factors of safety where they were measured."""
+    config = parse(store.scene_text)
+    wants = config.plan.calibrate and config.calibration is None and (store.folder / KEPT).exists()
+    return calibrated(config, kept(store.folder)) if wants else config
 
 
 def _factor_of_safety(config: Config, grid: str) -> float:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cooperative import screening
-from cooperative.config import parse
+from cooperative.calibration import config_of
 from cooperative.screening import GridModel
 from cooperative.store import GRIDS, Sample, Store, read_rows, read_sample, read_store, sample_path
 from cooperative.tables import consolidate, write_table
@@ -93,7 +93,7 @@ def _series_path(store: Store, grid: str, number: int) -> Path:
 
 
 def _model(store: Store, grid: str) -> GridModel:
-    config = parse(store.scene_text)
+    config = config_of(store)
     return screening.build(config, grid, screening.expansion_of(config))
 
 

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from cooperative import designs, summary
-from cooperative.config import Config, parse
+from cooperative.calibration import config_of
+from cooperative.config import Config
 from cooperative.estimators import Estimate, wilson_interval
 from cooperative.store import GRIDS, Rows, Store, read_rows, read_store, sample_path
 
@@ -52,7 +53,7 @@ class Progress:
 def progress_of(folder: str | Path) -> Progress:
     """Read how far the campaign in `folder` is. ValueError if the folder is none."""
     store = read_store(folder)
-    config = parse(store.scene_text)
+    config = config_of(store)
     rows = {grid: read_rows(store, grid) for grid in GRIDS}
     pace = {grid: seconds_per_sample(*_ends(store, grid, rows[grid])) for grid in GRIDS}
     if not np.isfinite(pace["refined"]):

@@ -173,8 +173,12 @@ def finished(config: Config, phases: Phases | None, found: Estimate) -> str | No
     return "the refined runs allowed are spent"
 
 
-def _weights(config: Config, phases: Phases | None, refined: Rows) -> np.ndarray:
+def run_weights(config: Config, rough: Rows, refined: Rows) -> np.ndarray:
     """What each refined run stands for, 0 where it stands for nothing (runs,)."""
+    return _weights(config, phases_of(config, rough, refined_answers(config, refined)), refined)
+
+
+def _weights(config: Config, phases: Phases | None, refined: Rows) -> np.ndarray:
     weight = np.zeros(len(refined.numbers))
     if phases is not None:
         place = {number: at for at, number in enumerate(refined.numbers)}

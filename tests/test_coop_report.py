@@ -1,0 +1,205 @@
+"""The report: one page that needs nothing else, with every figure drawn, and the same numbers as the summary."""
+
+import base64
+import json
+import re
+import shutil
+from dataclasses import replace
+from html.parser import HTMLParser
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from cooperative import campaign, page, pictures
+from cooperative.__main__ import main
+from cooperative.config import parse
+from cooperative.report import report
+from cooperative.store import open_store, read_rows, read_sample, read_store, sample_path, write_sample
+from tests.test_campaign import TINY
+
+SCENE = TINY.replace("samples = 6", "samples = 14").replace('estimator = "published"', "refined_runs = 10")
+
+
+class Page(HTMLParser):
+    """Tags, sources and text of a page; raises where tags do not close in order."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.tags, self.images, self.links, self.text = [], [], [], [], []
+        self.feed(text)
+        assert not self.open
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append(tag)
+        given = dict(attributes)
+        self.links += [given[name] for name in ("href", "src", "action", "data") if name in given]
+        if tag == "img":
+            self.images.append(given)
+        if tag not in ("meta", "link", "img"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open[-1:] != ["style"]:
+            self.text.append(data)
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """A finished campaign: its folder and summary."""
+    folder = tmp_path_factory.mktemp("campaign") / "tiny"
+    summary = campaign.run(SCENE, folder)
+    report(folder)
+    return folder, summary
+
+
+def test_the_page_needs_nothing_else_and_every_figure_is_drawn(done):
+    folder, _ = done
+    shown = Page((folder / "report.html").read_text())
+    assert all(link.startswith("data:") for link in shown.links)
+    assert "script" not in shown.tags
+    assert not re.search(r"url\(|@import", (folder / "report.html").read_text().split("</style>")[0])
+    names = {path.stem for path in (folder / "figures").iterdir()}
+    assert {"ranked", "convergence", "grids", "modes", "fits-all", "field", "slope"} <= names
+    assert len([name for name in names if name.startswith("slide-")]) == 3
+    assert len(shown.images) == len(names)
+    for image in shown.images:
+        assert image["alt"]
+        kind, _, data = image["src"].partition(",")
+        assert kind == "data:image/svg+xml;base64"
+        drawing = ElementTree.fromstring(base64.b64decode(data))
+        assert drawing.tag.endswith("svg")
+        assert sum(element.tag.endswith("path") for element in drawing.iter()) > 10
+
+
+def test_the_page_says_what_the_summary_holds(done):
+    folder, summary = done
+    text = " ".join(Page((folder / "report.html").read_text()).text)
+    low, high = summary["interval"]
+    assert f"{summary['probability_of_failure']:.3g}" in text
+    assert f"{low:.3g} to {high:.3g}" in text
+    assert f"{summary['grids']['spearman']:.2f}" in text
+    assert "Another 50 refined runs" in text
+    for mode, share in summary["modes"].items():
+        assert (mode in text) == (share["count"] > 0)
+    for fits in summary["fits"]["all"].values():
+        assert (fits["best_aic"] or "–") in text
+    for status in summary["status"]["refined"]:
+        assert status in text
+    assert "jaxlib" in text
+    assert "run_per_rise = 1.0" in text
+    assert json.loads((folder / "summary.json").read_text()) == json.loads(json.dumps(summary))
+
+
+def test_the_same_folder_gives_the_same_page(done):
+    folder, _ = done
+    first = (folder / "report.html").read_bytes()
+    report(folder)
+    assert (folder / "report.html").read_bytes() == first
+
+
+def test_names_with_markup_stay_text(tmp_path, done):
+    text = SCENE.replace('name = "tiny"', "name = '<script>alert(1)</script> & co'")
+    with open_store(tmp_path / "odd", text) as store:
+        for number in range(14):
+            write_sample(store, "rough", read_sample(read_store(done[0]), "rough", number))
+    report(tmp_path / "odd", slides=0)
+    shown = Page((tmp_path / "odd" / "report.html").read_text())
+    assert "script" not in shown.tags
+    assert any("<script>alert(1)</script> & co" in text for text in shown.text)
+
+
+def test_runs_that_broke_off_and_damaged_files_are_on_the_page(tmp_path, done):
+    with open_store(tmp_path / "c", SCENE) as store:
+        for number in range(14):
+            sample = read_sample(read_store(done[0]), "rough", number)
+            if number == 4:
+                row = {"displacement": 0.3, "broke_off": True}
+                sample = replace(sample, status="NOT_FINITE", row=row, fields={})
+            write_sample(store, "rough", sample)
+        path = sample_path(store, "rough", 7)
+        path.write_bytes(path.read_bytes()[:-1])
+    report(tmp_path / "c", slides=0)
+    text = " ".join(Page((tmp_path / "c" / "report.html").read_text()).text)
+    assert "sample 4 on the rough grid: NOT_FINITE at step" in text
+    assert "000007.h5 does not match its checksum" in text
+
+
+def test_slides_are_chosen_by_mode_then_by_distance(done):
+    folder, summary = done
+    rows = read_rows(read_store(folder), "refined")
+    failed = rows.columns["displacement"] > 1
+    chosen = pictures.choose(rows, failed, 3)
+    assert len(chosen) == len(set(chosen)) == 3
+    modes = dict(zip(rows.numbers, rows.columns["mode"], strict=True))
+    occur = {mode for mode, share in summary["modes"].items() if share["count"]}
+    assert {modes[number] for number in chosen} == occur or len(occur) > 3
+    assert chosen[0] == rows.numbers[int(np.argmax(rows.columns["displacement"]))]
+    none = pictures.choose(rows, np.zeros(failed.size, bool), 3)
+    assert none == [chosen[0]]
+
+
+def test_a_sample_run_again_ends_where_it_ended(done):
+    folder, _ = done
+    store = read_store(folder)
+    rows = read_rows(store, "refined")
+    sample = read_sample(store, "refined", rows.numbers[int(np.argmax(rows.columns["displacement"]))])
+    shown = pictures.moments(pictures.models_of(parse(SCENE))["refined"], sample)
+    assert np.array_equal(shown.displacement[-1], sample.fields["displacement"])
+    far = np.linalg.norm(shown.displacement, axis=1).max(axis=1)
+    reach = sample.row["displacement"]
+    assert len(shown.times) == 3
+    assert 0.1 * reach <= far[0] < far[1] < far[2]
+    assert far[1] >= 0.5 * reach
+
+
+def test_no_slides_and_bad_numbers_of_slides(done, capsys):
+    folder, _ = done
+    assert main(["report", str(folder), "--slides", "-1"]) == 2
+    assert "slides = -1: give 0 or more" in capsys.readouterr().err
+
+
+def test_tables_set_numbers_apart_from_text():
+    made = page.table(["a", "b"], [["x < y", 1.23456], [None, 7]])
+    assert '<td>x &lt; y</td><td class="number">1.235</td>' in made
+    assert '<td class="number">–</td><td class="number">7</td>' in made
+
+
+@pytest.mark.slow
+def test_a_browser_opens_the_page_without_a_complaint(done, tmp_path):
+    playwright = pytest.importorskip("playwright.sync_api", reason="extra `browser` is not installed")
+    folder, _ = done
+    images = len(Page((folder / "report.html").read_text()).images)
+    with playwright.sync_playwright() as driver:
+        try:
+            browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        except playwright.Error as error:
+            pytest.skip(
+                f"no Chromium here ({error.message.splitlines()[0]}): playwright install chromium, or a system one"
+            )
+        complaints: list[str] = []
+        asked: list[str] = []
+        shown = browser.new_page(viewport={"width": 1000, "height": 1400})
+        shown.on("console", lambda message: complaints.append(message.text))
+        shown.on("pageerror", lambda error: complaints.append(str(error)))
+        shown.on("request", lambda request: asked.append(request.url))
+        shown.goto((folder / "report.html").as_uri())
+        sizes = shown.evaluate("[...document.images].map(i => [i.complete, i.naturalWidth, i.naturalHeight])")
+        assert complaints == []
+        assert all(url.startswith(("file:", "data:")) for url in asked)
+        assert len(sizes) == images
+        for at, (complete, width, height) in enumerate(sizes):
+            assert complete
+            assert min(width, height) > 100
+            path = tmp_path / f"{at}.png"
+            shown.locator("img").nth(at).screenshot(path=path)
+            assert imread(path)[..., :3].std() > 0.02
+        # Nothing is wider than the page, on the screen or on paper.
+        assert shown.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+        shown.emulate_media(media="print")
+        assert shown.pdf(prefer_css_page_size=True).startswith(b"%PDF")
+        browser.close()
