@@ -20,9 +20,9 @@ from benchmarks.measure import ROOT, Report, on_cores
 from kl import plots
 
 FIGURES = ROOT / "benchmarks" / "figures"
-PAPER = {"name": "paper", "lengths": [60.0, 60.0, 2.0], "extent": [96.0, 96.0, 24.0], "cell": 1.0}
+PAPER: dict[str, Any] = {"name": "paper", "lengths": [60.0, 60.0, 2.0], "extent": [96.0, 96.0, 24.0], "cell": 1.0}
 SHORT = {**PAPER, "name": "short lengths", "lengths": [10.0, 10.0, 2.0], "batch": 20}
-SMALL = {"name": "small box", "lengths": [10.0, 10.0, 2.0], "extent": [16.0, 16.0, 8.0], "cell": 1.0}
+SMALL: dict[str, Any] = {"name": "small box", "lengths": [10.0, 10.0, 2.0], "extent": [16.0, 16.0, 8.0], "cell": 1.0}
 POINTS = 681_984
 
 

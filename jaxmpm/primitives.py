@@ -4,7 +4,7 @@ A transfer's terms define B(x, rows, nodal), the sum over particles of a row tim
 what a channel of the nodes holds. `scatter` is the gradient of B by the nodal field, `gather` the one by the rows,
 `contract` the one by the position x. So reverse mode needs these three and nothing else:
 
-    scatter  is transposed by gather (along the rows) and contract (along the position),
+    scatter  is transposed by gather (along the rows) and contract (along the position), both in one kernel,
     gather   is transposed by scatter (along the nodes) and contract (along the position).
 
 Forward mode along the position has weights derived once more. Everything differentiates to any order, on either
@@ -29,9 +29,11 @@ from jaxmpm.stencil import Term
 # The primitives. Arrays may have any number of leading batch axes, of length 1 where lanes share the array.
 scatter_p = Primitive("jaxmpm_scatter")  # position (d, N), blocks of rows (r, N) -> (nodes, channels)
 gather_p = Primitive("jaxmpm_gather")  # position (d, N), nodal (nodes, channels) -> (rows, N)
-contract_p = Primitive("jaxmpm_contract")  # position, nodal, blocks -> (d, N)
-# Tangents along the position, linear in `moved` (d, N).
-scatter_moved_p = Primitive("jaxmpm_scatter_moved")  # position, moved, blocks -> (nodes, channels)
+contract_p = Primitive("jaxmpm_contract")  # position, nodal, blocks -> (d, N), and what gather gives if rows > 0
+contract_p.multiple_results = True
+# Tangents: of scatter, linear in `moved` (d, N) and in as many changed blocks as there are blocks; of gather along the
+# position, linear in `moved`.
+scatter_tangent_p = Primitive("jaxmpm_scatter_tangent")  # position, moved, changed blocks, blocks -> (nodes, channels)
 gather_moved_p = Primitive("jaxmpm_gather_moved")  # position, moved, nodal -> (rows, N)
 
 _STATICS = ("grid", "kernel", "native_only", "terms")
@@ -49,8 +51,9 @@ def _rows_shape(position, *others, rows, **_):
     return jax.core.ShapedArray((*_batch(position, *others), rows, position.shape[-1]), position.dtype)
 
 
-def _position_shape(position, *others, **_):
-    return jax.core.ShapedArray((*_batch(position, *others), *position.shape[-2:]), position.dtype)
+def _contract_shape(position, *others, rows, **statics):
+    slope = jax.core.ShapedArray((*_batch(position, *others), *position.shape[-2:]), position.dtype)
+    return [slope, _rows_shape(position, *others, rows=rows)]
 
 
 def rows_of(blocks: Sequence[Array]) -> list[Array]:
@@ -101,10 +104,10 @@ def _gather_cpu(position, nodal, *, native_only, grid, kernel, terms, rows):
     return _gather_xla(position, nodal, native_only=native_only, grid=grid, kernel=kernel, terms=terms, rows=rows)
 
 
-def _contract_cpu(position, nodal, *blocks, native_only, grid, kernel, terms):
+def _contract_cpu(position, nodal, *blocks, native_only, grid, kernel, terms, rows):
     if native.available() and native.supports(position, _raised(terms, position.shape[-2])):
-        return native.contract(grid, kernel, position, nodal, blocks, terms=terms)
-    statics = {"native_only": native_only, "grid": grid, "kernel": kernel, "terms": terms}
+        return native.contract(grid, kernel, position, nodal, blocks, terms=terms, rows=rows)
+    statics = {"native_only": native_only, "grid": grid, "kernel": kernel, "terms": terms, "rows": rows}
     return _contract_expanded(position, nodal, *blocks, **statics)
 
 
@@ -122,30 +125,36 @@ def _slopes(position, nodal, *, terms, rows, **statics):
     return found.reshape(*found.shape[:-2], rows, d, found.shape[-1])
 
 
-def _scatter_moved_expanded(position, moved, *blocks, terms, **statics):
-    products = [(block[..., :, None, :] * moved[..., None, :, :]) for block in blocks]
+def _scatter_tangent_expanded(position, moved, *both, terms, **statics):
+    changed, blocks = both[: len(both) // 2], both[len(both) // 2 :]
+    count = sum(block.shape[-2] for block in blocks)
+    products = [block[..., :, None, :] * moved[..., None, :, :] for block in blocks]
     products = [p.reshape(*p.shape[:-3], -1, p.shape[-1]) for p in products]
-    return scatter_p.bind(position, *products, terms=_raised(terms, moved.shape[-2]), **statics)
+    raised = tuple(t._replace(row=count + t.row) for t in _raised(terms, moved.shape[-2]))
+    return scatter_p.bind(position, *changed, *products, terms=terms + raised, **statics)
 
 
 def _gather_moved_expanded(position, moved, nodal, **statics):
     return (_slopes(position, nodal, **statics) * moved[..., None, :, :]).sum(-2)
 
 
-def _contract_expanded(position, nodal, *blocks, **statics):
-    rows = jnp.concatenate([jnp.broadcast_to(b, (*_batch(*blocks), *b.shape[-2:])) for b in blocks], axis=-2)
-    return (_slopes(position, nodal, rows=rows.shape[-2], **statics) * rows[..., :, None, :]).sum(-3)
+def _contract_expanded(position, nodal, *blocks, rows, **statics):
+    given = jnp.concatenate([jnp.broadcast_to(b, (*_batch(*blocks), *b.shape[-2:])) for b in blocks], axis=-2)
+    slope = (_slopes(position, nodal, rows=given.shape[-2], **statics) * given[..., :, None, :]).sum(-3)
+    if rows:
+        return [slope, gather_p.bind(position, nodal, rows=rows, **statics)]
+    return [slope, jnp.zeros((*slope.shape[:-2], 0, slope.shape[-1]), slope.dtype)]
 
 
 def _scatter_jvp(primals, tangents, **statics):
     position, *blocks = primals
     moved, *changed = tangents
-    parts = []
-    if not all(isinstance(t, ad.Zero) for t in changed):
-        parts.append(scatter_p.bind(position, *map(ad.instantiate_zeros, changed), **statics))
-    if not isinstance(moved, ad.Zero):
-        parts.append(scatter_moved_p.bind(position, moved, *blocks, **statics))
-    return scatter_p.bind(*primals, **statics), sum(parts[1:], parts[0])
+    changed = map(ad.instantiate_zeros, changed)
+    if isinstance(moved, ad.Zero):
+        tangent = scatter_p.bind(position, *changed, **statics)
+    else:
+        tangent = scatter_tangent_p.bind(position, moved, *changed, *blocks, **statics)
+    return scatter_p.bind(*primals, **statics), tangent
 
 
 def _gather_jvp(primals, tangents, **statics):
@@ -169,20 +178,39 @@ def _summed(cotangent: Array, shape: tuple[int, ...]) -> Array:
     return cotangent.sum(shared, keepdims=True) if shared else cotangent
 
 
-def _scatter_transpose(cotangent, position, *blocks, channels, **statics):
+def _split(rows: Array, blocks: Sequence[Array]) -> list[Array | None]:
+    """The rows as blocks like the linear ones given; None for those that are not linear."""
     shapes = [b.aval.shape if ad.is_undefined_primal(b) else b.shape for b in blocks]
-    if isinstance(cotangent, ad.Zero):
-        return (None, *(ad.Zero(b.aval) if ad.is_undefined_primal(b) else None for b in blocks))
     ends = np.cumsum([shape[-2] for shape in shapes])
-    rows = gather_p.bind(position, cotangent, rows=int(ends[-1]), **statics)
-    parts = jnp.split(rows, ends[:-1], axis=-2)
-    return (
-        None,
-        *(
-            _summed(part, shape) if ad.is_undefined_primal(block) else None
-            for part, block, shape in zip(parts, blocks, shapes, strict=True)
-        ),
-    )
+    return [
+        _summed(part, shape) if ad.is_undefined_primal(block) else None
+        for part, block, shape in zip(jnp.split(rows, ends[:-1], axis=-2), blocks, shapes, strict=True)
+    ]
+
+
+def _count(blocks: Sequence[Array]) -> int:
+    return sum((b.aval if ad.is_undefined_primal(b) else b).shape[-2] for b in blocks)
+
+
+def _zeros(*arrays):
+    return tuple(ad.Zero(a.aval) if ad.is_undefined_primal(a) else None for a in arrays)
+
+
+def _scatter_transpose(cotangent, position, *blocks, channels, **statics):
+    if isinstance(cotangent, ad.Zero):
+        return (None, *_zeros(*blocks))
+    return (None, *_split(gather_p.bind(position, cotangent, rows=_count(blocks), **statics), blocks))
+
+
+def _scatter_tangent_transpose(cotangent, position, moved, *both, channels, **statics):
+    changed, blocks = both[: len(both) // 2], both[len(both) // 2 :]
+    none = [None] * len(blocks)
+    if isinstance(cotangent, ad.Zero):
+        return (None, *_zeros(moved, *changed), *none)
+    rows = _count(blocks) if any(map(ad.is_undefined_primal, changed)) else 0
+    slope, gathered = contract_p.bind(position, cotangent, *blocks, rows=rows, **statics)
+    along = _summed(slope, moved.aval.shape) if ad.is_undefined_primal(moved) else None
+    return (None, along, *(_split(gathered, changed) if rows else none), *none)
 
 
 def _gather_transpose(cotangent, position, nodal, *, rows, **statics):
@@ -192,23 +220,17 @@ def _gather_transpose(cotangent, position, nodal, *, rows, **statics):
     return None, _summed(spread, nodal.aval.shape)
 
 
-def _scatter_moved_transpose(cotangent, position, moved, *blocks, channels, **statics):
-    if isinstance(cotangent, ad.Zero):
-        return (None, ad.Zero(moved.aval), *[None] * len(blocks))
-    slope = contract_p.bind(position, cotangent, *blocks, **statics)
-    return (None, _summed(slope, moved.aval.shape), *[None] * len(blocks))
-
-
 def _gather_moved_transpose(cotangent, position, moved, nodal, *, rows, **statics):
     if isinstance(cotangent, ad.Zero):
         return None, ad.Zero(moved.aval), None
-    slope = contract_p.bind(position, nodal, cotangent, **statics)
+    slope, _ = contract_p.bind(position, nodal, cotangent, rows=0, **statics)
     return None, _summed(slope, moved.aval.shape), None
 
 
 def _batched(primitive: Primitive, arrays: Sequence[Array], axes: Sequence[int | None], **statics):
     lanes = [a[None] if axis is None else jnp.moveaxis(a, axis, 0) for a, axis in zip(arrays, axes, strict=True)]
-    return primitive.bind(*lanes, **statics), 0
+    out = primitive.bind(*lanes, **statics)
+    return (out, [0] * len(out)) if primitive.multiple_results else (out, 0)
 
 
 def _register(primitive, shape, counts, *, jvp, transpose, on_cpu, elsewhere):
@@ -218,8 +240,9 @@ def _register(primitive, shape, counts, *, jvp, transpose, on_cpu, elsewhere):
     if transpose is not None:
         ad.primitive_transposes[primitive] = transpose
     batching.primitive_batchers[primitive] = partial(_batched, primitive)
-    mlir.register_lowering(primitive, mlir.lower_fun(elsewhere, multiple_results=False))
-    mlir.register_lowering(primitive, mlir.lower_fun(on_cpu, multiple_results=False), platform="cpu")
+    lowered = partial(mlir.lower_fun, multiple_results=primitive.multiple_results)
+    mlir.register_lowering(primitive, lowered(elsewhere))
+    mlir.register_lowering(primitive, lowered(on_cpu), platform="cpu")
 
 
 def _register_expanded(primitive, shape, counts, expanded, *, transpose, on_cpu=None):
@@ -237,7 +260,7 @@ _register(
     jvp=_gather_jvp, transpose=_gather_transpose, on_cpu=_gather_cpu, elsewhere=_gather_xla,
 )  # fmt: skip
 _register_expanded(
-    scatter_moved_p, _nodal_shape, ("channels",), _scatter_moved_expanded, transpose=_scatter_moved_transpose
+    scatter_tangent_p, _nodal_shape, ("channels",), _scatter_tangent_expanded, transpose=_scatter_tangent_transpose
 )
 _register_expanded(gather_moved_p, _rows_shape, ("rows",), _gather_moved_expanded, transpose=_gather_moved_transpose)
-_register_expanded(contract_p, _position_shape, (), _contract_expanded, transpose=None, on_cpu=_contract_cpu)
+_register_expanded(contract_p, _contract_shape, ("rows",), _contract_expanded, transpose=None, on_cpu=_contract_cpu)

@@ -68,7 +68,7 @@ bool run(Plan plan, Scalar scalar, const std::vector<double>& cells, int64_t thr
       std::vector<T> rows(plan.rows * plan.particles), nodal(nodes * channels);
       for (std::size_t i = 0; i < rows.size(); ++i) rows[i] = T(1 + i % 7);
       for (std::size_t i = 0; i < nodal.size(); ++i) nodal[i] = T(1 + i % 5);
-      std::vector<std::vector<T>> scattered, gathered;
+      std::vector<std::vector<T>> scattered, gathered, slopes;
       for (const InstructionSet* set : runnable_instructions()) {
         for (int64_t count : {int64_t{1}, threads}) {
           Threads pool(count);
@@ -79,6 +79,19 @@ bool run(Plan plan, Scalar scalar, const std::vector<double>& cells, int64_t thr
           scatter(*set, pool.pool, scalar, plan, {{position.data(), pointers, onto.data()}});
           plan.stride = channels;
           gather(*set, pool.pool, scalar, plan, {{position.data(), nodal.data(), from.data()}});
+          std::vector<T> slope(plan.dimension * plan.particles, T(NAN)), again(rows.size(), T(NAN));
+          if (order < 2) {
+            ++plan.order;
+            contract(*set, pool.pool, scalar, plan, {{position.data(), nodal.data(), pointers, slope.data(), again.data()}});
+            --plan.order;
+            if (!close(from, again)) {
+              std::printf("%s: contract gathers otherwise than gather, order %d, %d channels\n", set->name, order, channels);
+              good = false;
+            }
+          } else {
+            slope.clear();
+          }
+          slopes.push_back(slope);
           scattered.push_back(onto);
           gathered.push_back(from);
         }
@@ -86,11 +99,13 @@ bool run(Plan plan, Scalar scalar, const std::vector<double>& cells, int64_t thr
         const auto same = [](const std::vector<T>& a, const std::vector<T>& b) {
           return a.empty() || std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0;
         };
-        if (!same(scattered[n - 2], scattered[n - 1]) || !same(gathered[n - 2], gathered[n - 1])) {
+        if (!same(scattered[n - 2], scattered[n - 1]) || !same(gathered[n - 2], gathered[n - 1]) ||
+            !same(slopes[n - 2], slopes[n - 1])) {
           std::printf("%s: threads disagree, order %d, %d channels\n", set->name, order, channels);
           good = false;
         }
-        if (!close(scattered[0], scattered[n - 1]) || !close(gathered[0], gathered[n - 1])) {
+        if (!close(scattered[0], scattered[n - 1]) || !close(gathered[0], gathered[n - 1]) ||
+            !close(slopes[0], slopes[n - 1])) {
           std::printf("%s: not as portable, order %d, %d channels\n", set->name, order, channels);
           good = false;
         }

@@ -76,12 +76,22 @@ def gather(grid: Grid, kernel: Kernel, position: Array, nodal: Array, *, terms: 
 
 
 def contract(
-    grid: Grid, kernel: Kernel, position: Array, nodal: Array, blocks: Sequence[Array], *, terms: Sequence[Term]
-) -> Array:
-    """Derivative along the position, (d, N), of the sum of the rows in `blocks` times what `gather` gives for them."""
+    grid: Grid,
+    kernel: Kernel,
+    position: Array,
+    nodal: Array,
+    blocks: Sequence[Array],
+    *,
+    terms: Sequence[Term],
+    rows: int,
+) -> list[Array]:
+    """Derivative along the position, (d, N), of the sum of the rows in `blocks` times what `gather` gives for them;
+    and that itself, (rows, N), where `rows` is their number and not 0."""
     batch = np.broadcast_shapes(*(a.shape[:-2] for a in (position, nodal, *blocks)))
-    result = jax.ShapeDtypeStruct((*batch, *position.shape[-2:]), position.dtype)
-    call = jax.ffi.ffi_call("jaxmpm_contract", result)
+    results = [
+        jax.ShapeDtypeStruct((*batch, count, position.shape[-1]), position.dtype) for count in (grid.dimension, rows)
+    ]
+    call = jax.ffi.ffi_call("jaxmpm_contract", results)
     return _by_channels(call, grid, kernel, position, nodal, blocks, terms)
 
 
@@ -93,14 +103,14 @@ def _by_channels(
     nodal: Array,
     blocks: Sequence[Array],
     terms: Sequence[Term],
-) -> Array:
+) -> Any:
     """Sum of a kernel's answers, called for as many channels of the nodes at a time as it takes."""
     parts = []
     for first in range(0, nodal.shape[-1], MAX_CHANNELS):
         count = min(nodal.shape[-1] - first, MAX_CHANNELS)
         part = nodal if count == nodal.shape[-1] else nodal[..., first : first + count]
         parts.append(call(position, part, *blocks, **_attributes(grid, kernel, _shifted(terms, first, count))))
-    return functools.reduce(jnp.add, parts)
+    return functools.reduce(functools.partial(jax.tree.map, jnp.add), parts)
 
 
 def _shifted(terms: Sequence[Term], first: int, count: int) -> list[Term]:

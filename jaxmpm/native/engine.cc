@@ -42,6 +42,14 @@ void over_chunks(const Pool& pool, const Plan& plan, const std::vector<Lane>& la
   }}});
 }
 
+void clear_rows_without_terms(const Plan& plan, Scalar scalar, int64_t begin, int64_t end, void* rows) {
+  for (int64_t row = 0; row < plan.rows; ++row) {
+    bool met = false;
+    for (int32_t t = 0; t < plan.term_count; ++t) met |= plan.terms[t].row == row;
+    if (!met) std::memset(at(rows, row * plan.particles + begin, scalar), 0, (end - begin) * size_of(scalar));
+  }
+}
+
 // The phases of one lane's scatter. Owns the particle lists.
 class Scatter {
  public:
@@ -177,12 +185,8 @@ void scatter(const InstructionSet& set, const Pool& pool, Scalar scalar, const P
 void gather(const InstructionSet& set, const Pool& pool, Scalar scalar, const Plan& plan,
             const std::vector<GatherLane>& lanes) {
   const Kernels& kernels = kernels_of(set, scalar);
-  std::vector<bool> met(plan.rows);
-  for (int32_t t = 0; t < plan.term_count; ++t) met[plan.terms[t].row] = true;
   over_chunks(pool, plan, lanes, [&](const GatherLane& lane, int64_t begin, int64_t end) {
-    for (int64_t row = 0; row < plan.rows; ++row) {
-      if (!met[row]) std::memset(at(lane.rows, row * plan.particles + begin, scalar), 0, (end - begin) * size_of(scalar));
-    }
+    clear_rows_without_terms(plan, scalar, begin, end, lane.rows);
     kernels.gather(plan, lane.position, lane.nodal, begin, end, lane.rows);
   });
 }
@@ -191,7 +195,8 @@ void contract(const InstructionSet& set, const Pool& pool, Scalar scalar, const 
               const std::vector<ContractLane>& lanes) {
   const Kernels& kernels = kernels_of(set, scalar);
   over_chunks(pool, plan, lanes, [&](const ContractLane& lane, int64_t begin, int64_t end) {
-    kernels.contract(plan, lane.position, lane.nodal, lane.rows.data(), begin, end, lane.slope);
+    if (lane.gathered) clear_rows_without_terms(plan, scalar, begin, end, lane.gathered);
+    kernels.contract(plan, lane.position, lane.nodal, lane.rows.data(), begin, end, lane.slope, lane.gathered);
   });
 }
 

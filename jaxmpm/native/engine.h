@@ -28,6 +28,7 @@ struct ContractLane {
   const void* nodal;
   std::vector<const void*> rows;
   void* slope;
+  void* gathered;  // or null
 };
 
 // Best instruction set of this machine, and all that it can run.
@@ -43,7 +44,8 @@ void scatter(const InstructionSet&, const Pool&, Scalar, const Plan&, const std:
 // Nodes to particles. Every element of `rows` is written.
 void gather(const InstructionSet&, const Pool&, Scalar, const Plan&, const std::vector<GatherLane>&);
 
-// Derivative along the position of rows times what they meet at the nodes. Every element of `slope` is written.
+// Derivative along the position of rows times what they meet at the nodes, and that itself. Every
+// element of `slope` and `gathered` is written.
 void contract(const InstructionSet&, const Pool&, Scalar, const Plan&, const std::vector<ContractLane>&);
 
 }  // namespace jaxmpm

@@ -169,17 +169,23 @@ ffi::Error gather_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ffi:
 }
 
 ffi::Error contract_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ffi::AnyBuffer nodal,
-                            ffi::RemainingArgs rest, ffi::Result<ffi::AnyBuffer> slope, Integers shape, Reals origin,
-                            double cell, int64_t function, Reals half, Integers terms) {
+                            ffi::RemainingArgs rest, ffi::Result<ffi::AnyBuffer> slope,
+                            ffi::Result<ffi::AnyBuffer> gathered, Integers shape, Reals origin, double cell,
+                            int64_t function, Reals half, Integers terms) {
   const auto blocks = remaining(rest);
   if (!blocks.has_value()) return blocks.error();
   Checked c = check(position, *blocks, nodal, shape, origin, cell, function, half, terms);
   if (!c.error.empty()) return invalid(c.error);
   if (++c.plan.order > 2) return invalid("the kernels have no third derivatives");
   const auto batch = slope->dimensions();
-  const auto positions = lane_starts(position, batch), nodals = lane_starts(nodal, batch), out = lane_starts(*slope, batch);
+  const auto positions = lane_starts(position, batch), nodals = lane_starts(nodal, batch);
+  const auto slopes = lane_starts(*slope, batch), rows = lane_starts(*gathered, batch);
+  const int64_t asked = gathered->dimensions()[batch.size() - 2];
+  if (asked != 0 && asked != c.plan.rows) return invalid("the gathered rows are not as many as the rows given");
   std::vector<ContractLane> lanes(positions.size());
-  for (std::size_t i = 0; i < lanes.size(); ++i) lanes[i] = {positions[i], nodals[i], {}, out[i]};
+  for (std::size_t i = 0; i < lanes.size(); ++i) {
+    lanes[i] = {positions[i], nodals[i], {}, slopes[i], asked ? rows[i] : nullptr};
+  }
   add_rows(*blocks, batch, lanes);
   contract(best_instructions(), pool_of(threads), c.scalar, c.plan, lanes);
   return ffi::Error::Success();
@@ -212,6 +218,7 @@ auto contract_binding() {
                              .Arg<ffi::AnyBuffer>()
                              .Arg<ffi::AnyBuffer>()
                              .RemainingArgs()
+                             .Ret<ffi::AnyBuffer>()
                              .Ret<ffi::AnyBuffer>());
 }
 

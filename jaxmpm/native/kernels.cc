@@ -33,6 +33,7 @@ struct Pack {
 };
 
 #define JAXMPM_INLINE static inline __attribute__((always_inline))
+#define JAXMPM_MEMBER inline __attribute__((always_inline))
 #define JAXMPM_PARTS _Pragma("GCC unroll 4") for (int i = 0; i < Pack<T, W>::kParts; ++i)
 
 template <class T, int W>
@@ -55,6 +56,12 @@ template <class T, int W>
 JAXMPM_INLINE Pack<T, W> operator+(const Pack<T, W>& a, const Pack<T, W>& b) {
   Pack<T, W> r;
   JAXMPM_PARTS r.part[i] = a.part[i] + b.part[i];
+  return r;
+}
+template <class T, int W>
+JAXMPM_INLINE Pack<T, W> operator*(const Pack<T, W>& a, const Pack<T, W>& b) {
+  Pack<T, W> r;
+  JAXMPM_PARTS r.part[i] = a.part[i] * b.part[i];
   return r;
 }
 JAXMPM_INLINE float floor_of(float x) { return __builtin_floorf(x); }
@@ -236,6 +243,25 @@ JAXMPM_INLINE void node_strides(const Plan& plan, int64_t* strides) {
   }
 }
 
+// The packs that a block of particles brings to its nodes, one per derivative; `to` starts as zeros.
+template <class T, int W, int J>
+JAXMPM_INLINE void fill_coefficients(const Plan& plan, const void* const* rows, const int32_t* list, int64_t start, int count,
+                                     T (&coefficients)[J][kBlock][W]) {
+  for (int t = 0; t < plan.term_count; ++t) {
+    const Term& term = plan.terms[t];
+    const T* from = static_cast<const T*>(rows[term.row]);
+    const T factor = T(term.factor);
+    T* to = &coefficients[term.jet][0][term.channel];
+    if (!term.first_at_node) {
+      for (int p = 0; p < count; ++p) to[p * W] += factor * from[list ? list[start + p] : start + p];
+    } else if (list) {
+      for (int p = 0; p < count; ++p) to[p * W] = factor * from[list[start + p]];
+    } else {
+      for (int p = 0; p < count; ++p) to[p * W] = factor * from[start + p];
+    }
+  }
+}
+
 template <class T, int D, int W, int ORDER>
 void scatter(const Plan& plan, const T* position, const void* const* rows, const int32_t* index, int64_t begin, int64_t end,
              T* nodal) {
@@ -251,19 +277,7 @@ void scatter(const Plan& plan, const T* position, const void* const* rows, const
     const int32_t* list = listed ? index : nullptr;
     const int64_t start = index && !listed ? index[block] : block;
     fill_weights<T, D, ORDER>(plan, position, list, start, count, weights);
-    for (int t = 0; t < plan.term_count; ++t) {
-      const Term& term = plan.terms[t];
-      const T* from = static_cast<const T*>(rows[term.row]);
-      const T factor = T(term.factor);
-      T* to = &coefficients[term.jet][0][term.channel];
-      if (!term.first_at_node) {
-        for (int p = 0; p < count; ++p) to[p * W] += factor * from[list ? list[start + p] : start + p];
-      } else if (list) {
-        for (int p = 0; p < count; ++p) to[p * W] = factor * from[list[start + p]];
-      } else {
-        for (int p = 0; p < count; ++p) to[p * W] = factor * from[start + p];
-      }
-    }
+    fill_coefficients(plan, rows, list, start, count, coefficients);
     for (int p = 0; p < count; ++p) {
       Jet<T, W, J> a;
 #pragma GCC unroll 10
@@ -273,13 +287,14 @@ void scatter(const Plan& plan, const T* position, const void* const* rows, const
   }
 }
 
-// Calls `f(block, count, sums)` for blocks of particles with each one's sums over its stencil, a pack per derivative.
-template <class T, int D, int W, int ORDER, class F>
-JAXMPM_INLINE void for_sums(const Plan& plan, const T* position, const T* nodal, int64_t begin, int64_t end, F f) {
+// Blocks of particles with their sums over the stencil, a pack per derivative: calls `before(block, count)` for a block,
+// `each(p, sums)` for its particles, `after(block, count)`.
+template <class T, int D, int W, int ORDER, class Before, class Each, class After>
+JAXMPM_INLINE void for_sums(const Plan& plan, const T* position, const T* nodal, int64_t begin, int64_t end, Before before,
+                            Each each, After after) {
   constexpr int J = jets(D, ORDER);
   constexpr int kNodes = D == 1 ? 3 : D == 2 ? 9 : 27;
   Weights<T, D, ORDER> weights;
-  alignas(64) T sums[J][kBlock][W];
   alignas(64) T edge[kNodes * W] = {};
   int64_t strides[D], edge_strides[D], last = 0, total = plan.stride;
   node_strides<D>(plan, strides);
@@ -291,6 +306,7 @@ JAXMPM_INLINE void for_sums(const Plan& plan, const T* position, const T* nodal,
   for (int64_t block = begin; block < end; block += kBlock) {
     const int count = end - block < kBlock ? static_cast<int>(end - block) : kBlock;
     fill_weights<T, D, ORDER>(plan, position, nullptr, block, count, weights);
+    before(block, count);
     for (int p = 0; p < count; ++p) {
       const T* node = nodal + weights.node[p] * plan.stride;
       Jet<T, W, J> r;
@@ -305,16 +321,24 @@ JAXMPM_INLINE void for_sums(const Plan& plan, const T* position, const T* nodal,
         }
         r = collect<T, W, D, ORDER, D>(weights, p, edge_strides, edge);
       }
-#pragma GCC unroll 10
-      for (int j = 0; j < J; ++j) store<T, W>(sums[j][p], r.d[j]);
+      each(p, r);
     }
-    f(block, count, sums);
+    after(block, count);
   }
 }
 
-template <class T, int D, int W, int ORDER>
-void gather(const Plan& plan, const T* position, const T* nodal, int64_t begin, int64_t end, T* rows) {
-  for_sums<T, D, W, ORDER>(plan, position, nodal, begin, end, [&](int64_t block, int count, auto& sums) {
+// The sums of a block, kept for `write_rows`.
+template <class T, int W, int J>
+struct Kept {
+  alignas(64) T sums[J][kBlock][W];
+
+  JAXMPM_MEMBER void keep(int p, const Jet<T, W, J>& r) {
+#pragma GCC unroll 10
+    for (int j = 0; j < J; ++j) store<T, W>(sums[j][p], r.d[j]);
+  }
+
+  // What `gather` answers with.
+  JAXMPM_MEMBER void write_rows(const Plan& plan, int64_t block, int count, T* rows) const {
     for (int t = 0; t < plan.term_count; ++t) {
       const Term& term = plan.terms[t];
       T* to = rows + term.row * plan.particles + block;
@@ -326,36 +350,62 @@ void gather(const Plan& plan, const T* position, const T* nodal, int64_t begin, 
         for (int p = 0; p < count; ++p) to[p] += factor * from[p * W];
       }
     }
-  });
+  }
+};
+
+template <class T, int D, int W, int ORDER>
+void gather(const Plan& plan, const T* position, const T* nodal, int64_t begin, int64_t end, T* rows) {
+  Kept<T, W, jets(D, ORDER)> kept;
+  for_sums<T, D, W, ORDER>(
+      plan, position, nodal, begin, end, [](int64_t, int) {}, [&](int p, const auto& sums) { kept.keep(p, sums); },
+      [&](int64_t block, int count) { kept.write_rows(plan, block, count, rows); });
 }
 
 // The jet that is `jet` derived once more along `axis`.
 template <int D>
-JAXMPM_INLINE int derived(int jet, int axis) {
+constexpr int derived(int jet, int axis) {
   if (jet == 0) return 1 + axis;
   const int i = jet - 1 < axis ? jet - 1 : axis, j = jet - 1 < axis ? axis : jet - 1;
   return 1 + D + i * D - i * (i - 1) / 2 + j - i;
 }
 
-// Rows times the nodal field that they meet, derived along the position; the weights have one order more than the terms.
+template <class T, int W>
+JAXMPM_INLINE T total(const Pack<T, W>& a) {
+  T of[W], sum = 0;
+  store<T, W>(of, a);
+#pragma GCC unroll 8
+  for (int i = 0; i < W; ++i) sum += of[i];
+  return sum;
+}
+
+// Rows times the nodal field that they meet, derived along the position, and what `gather` answers with unless
+// `gathered` is null; the weights have one order more than the terms.
 template <class T, int D, int W, int ORDER>
 void contract(const Plan& plan, const T* position, const T* nodal, const void* const* rows, int64_t begin, int64_t end,
-              T* slope) {
-  for_sums<T, D, W, ORDER>(plan, position, nodal, begin, end, [&](int64_t block, int count, auto& sums) {
-    alignas(64) T along[D][kBlock] = {};
-    for (int t = 0; t < plan.term_count; ++t) {
-      const Term& term = plan.terms[t];
-      const T* row = static_cast<const T*>(rows[term.row]) + block;
-      const T factor = T(term.factor);
-      for (int axis = 0; axis < D; ++axis) {
-        const T* from = &sums[derived<D>(term.jet, axis)][0][term.channel];
-        for (int p = 0; p < count; ++p) along[axis][p] += factor * row[p] * from[p * W];
-      }
-    }
-    for (int axis = 0; axis < D; ++axis) {
-      for (int p = 0; p < count; ++p) slope[axis * plan.particles + block + p] = along[axis][p];
-    }
-  });
+              T* slope, T* gathered) {
+  constexpr int J = jets(D, ORDER - 1);
+  alignas(64) T coefficients[J][kBlock][W] = {};
+  alignas(64) T along[D][kBlock];
+  Kept<T, W, jets(D, ORDER)> kept;
+  for_sums<T, D, W, ORDER>(
+      plan, position, nodal, begin, end,
+      [&](int64_t block, int count) { fill_coefficients(plan, rows, nullptr, block, count, coefficients); },
+      [&](int p, const auto& sums) {
+#pragma GCC unroll 3
+        for (int axis = 0; axis < D; ++axis) {
+          Pack<T, W> product = load<T, W>(coefficients[0][p]) * sums.d[derived<D>(0, axis)];
+#pragma GCC unroll 4
+          for (int j = 1; j < J; ++j) product = product + load<T, W>(coefficients[j][p]) * sums.d[derived<D>(j, axis)];
+          along[axis][p] = total<T, W>(product);
+        }
+        if (gathered) kept.keep(p, sums);
+      },
+      [&](int64_t block, int count) {
+        if (gathered) kept.write_rows(plan, block, count, gathered);
+        for (int axis = 0; axis < D; ++axis) {
+          for (int p = 0; p < count; ++p) slope[axis * plan.particles + block + p] = along[axis][p];
+        }
+      });
 }
 
 // Calls `f` with the plan's dimension, width and order as constants.
@@ -389,11 +439,11 @@ void gather_any(const Plan& plan, const void* position, const void* nodal, int64
 
 template <class T>
 void contract_any(const Plan& plan, const void* position, const void* nodal, const void* const* rows, int64_t begin,
-                  int64_t end, void* slope) {
+                  int64_t end, void* slope, void* gathered) {
   with_constants(plan, [&]<int D, int W, int ORDER>() {
     if constexpr (ORDER > 0) {
       contract<T, D, W, ORDER>(plan, static_cast<const T*>(position), static_cast<const T*>(nodal), rows, begin, end,
-                               static_cast<T*>(slope));
+                               static_cast<T*>(slope), static_cast<T*>(gathered));
     }
   });
 }

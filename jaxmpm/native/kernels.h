@@ -51,10 +51,10 @@ struct Kernels {
   void (*scatter)(const Plan&, const void* position, const void* const* rows, const int32_t* index, int64_t begin,
                   int64_t end, void* nodal);
   void (*gather)(const Plan&, const void* position, const void* nodal, int64_t begin, int64_t end, void* rows);
-  // Derivative along the position (d, particles) of the sum of rows times what `gather` gives for them; `order` is one
-  // above that of the terms.
+  // Derivative along the position (d, particles) of the sum of rows times what `gather` gives for them, and that itself
+  // unless `gathered` is null; `order` is one above that of the terms.
   void (*contract)(const Plan&, const void* position, const void* nodal, const void* const* rows, int64_t begin,
-                   int64_t end, void* slope);
+                   int64_t end, void* slope, void* gathered);
   // The slab of each particle's lowest node.
   void (*slabs)(const Plan&, const void* position, int64_t begin, int64_t end, uint8_t* slab);
 };
