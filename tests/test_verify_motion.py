@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
+from benchmarks.manufactured import manufactured_error
 from jaxmpm import diagnostics
-from tests.verification import manufactured_error, order
+from tests.verification import order
 
 SCHEMES = list(mpm.Scheme)
 CELLS = (8, 16, 32)
