@@ -205,6 +205,8 @@ def parse(text: str) -> Config:
     name = tables.pop("name", "campaign")
     if not isinstance(name, str):
         raise ValueError(f"name = {name!r} is {_article(name)}: give text in quotes")
+    if "sweep" in tables:
+        raise ValueError("the scene has a table [sweep], so it is many campaigns: run it as a sweep")
     _refuse_unknown("the scene", tables, {**_SECTIONS, "calibration": None, "name": None})
     read = {section: _read(section, tables.get(section, {}), keys) for section, keys in _SECTIONS.items()}
     slope, y_ends = read["slope"], read["slope"].pop("y_ends")

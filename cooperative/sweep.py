@@ -1,0 +1,230 @@
+"""A parameter sweep: one folder of campaigns that share their coefficients, and P_f and modes against each parameter.
+
+A sweep is a scene with a table `[sweep]`: lists of lx, ly, lz (correlation lengths, m), cov and k_t. One parameter is
+changed at a time, the others stay as the scene has them, as in Jiang, Li, Ma and Rezania (2024), Computers and
+Geotechnics 172, 106413, Figs. 10 and 20. Sample n has the same coefficients in every campaign, so that differences
+between campaigns scatter less than the campaigns do.
+
+    sweep.toml                    the scene, verbatim
+    campaigns/base, lx-10 ...     campaigns, each as `cooperative.campaign.run` leaves it
+    sweep.json                    P_f and mode ratios, with intervals, by parameter and value
+    figures/probability.png, figures/modes.png
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import kl
+from cooperative import campaign, plots
+from cooperative.calibration import kept
+from cooperative.config import parse
+from cooperative.modes import SEVERITY
+from cooperative.ranking import rank_samples, stopping_rank
+from cooperative.store import Rows, read_rows, read_store, write_aside
+from cooperative.summary import refined_answers, summarise
+
+LENGTHS = ("lx", "ly", "lz")
+LABELS = {
+    "lx": "correlation length $l_x$ [m]",
+    "ly": "correlation length $l_y$ [m]",
+    "lz": "correlation length $l_z$ [m]",
+    "cov": "coefficient of variation of $S_u$ [-]",
+    "k_t": "standing samples in a row $k_t$ [-]",
+}
+STYLES = dict(zip(SEVERITY, (("#D55E00", "o"), ("#CC79A7", "s"), ("#0072B2", "^"), ("#009E73", "v")), strict=True))
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One campaign of a sweep. name: its folder. text: its scene. points: the (parameter, value) it answers for."""
+
+    name: str
+    text: str
+    points: tuple[tuple[str, float], ...]
+
+
+def run(text: str, folder: Path, *, workers: int = 1, progress: bool = False) -> dict[str, Any]:
+    """Run all campaigns of a sweep (TOML text) in its folder, or go on where it was; returns what `sweep.json` holds.
+
+    workers, progress: as for `cooperative.campaign.run`. Raises ValueError for a sweep that will not do, before
+    anything is run, and for a folder of another sweep.
+    """
+    folder = Path(folder)
+    parts = variants(text)
+    for part in parts:
+        parse(part.text)
+    _claim(folder, text)
+    points: dict[str, list[dict[str, Any]]] = {name: [] for name in _sweep(text)}
+    name = "sweep"
+    for part in parts:
+        where = folder / "campaigns" / part.name
+        if progress:
+            print(f"{part.name}:", flush=True)
+        summary = campaign.run(_with_factors(part, folder), where, workers=workers, progress=progress)
+        name = summary["name"]
+        for parameter, value in part.points:
+            answer = _ranked(where, int(value)) if parameter == "k_t" else summary
+            points[parameter].append({"value": value, "campaign": part.name, **_point(answer)})
+    parameters = {parameter: sorted(rows, key=lambda row: row["value"]) for parameter, rows in points.items()}
+    found = {"name": name, "parameters": parameters}
+    write_aside(folder / "sweep.json", json.dumps(found, indent=1).encode())
+    target = folder / "figures"
+    target.mkdir(exist_ok=True)
+    plots.save(probabilities(parameters), target / "probability.png")
+    plots.save(mode_ratios(parameters), target / "modes.png")
+    return found
+
+
+def variants(text: str) -> list[Variant]:
+    """The campaigns of a sweep. ValueError where the table `[sweep]` is missing or holds what cannot be swept."""
+    sweep = _sweep(text)
+    scene = {name: table for name, table in tomllib.loads(text).items() if name != "sweep"}
+    config = parse(to_toml(scene))
+    if config.plan.coefficients is not kl.latin_hypercube:
+        raise ValueError("[sweep] shares coefficients between fields of different lengths: take 'latin hypercube'")
+    if config.plan.estimator == "subset":
+        raise ValueError("[sweep] shares samples, which estimator = 'subset' makes one by one: take another estimator")
+    base = {"cov": config.strength.cov, **dict(zip(_axes(config.slope.dimension), config.strength.length, strict=True))}
+    unknown = [name for name in sweep if name not in base and name != "k_t"]
+    if unknown:
+        raise ValueError(f"[sweep] {unknown[0]} cannot be swept in this scene: give {', '.join((*base, 'k_t'))}")
+    at_base: list[tuple[str, float]] = []
+    found = []
+    for name, values in sweep.items():
+        for value in values if name != "k_t" else ():
+            if value == base[name]:
+                at_base.append((name, value))
+            else:
+                changed = {**scene, "strength": _changed(scene["strength"], name, value, config.slope.dimension)}
+                found.append(Variant(f"{name}-{value:g}", to_toml(changed), ((name, value),)))
+    found.insert(0, Variant("base", to_toml(scene), tuple(at_base)))
+    if "k_t" in sweep:
+        # All values of k_t can be told from the runs that the largest asks for.
+        plan = {k: v for k, v in scene["campaign"].items() if k not in ("refined_runs", "target_cov")}
+        plan |= {"estimator": "published", "k_t": int(max(sweep["k_t"]))}
+        points = tuple(("k_t", value) for value in sweep["k_t"])
+        found.append(Variant("ranked", to_toml({**scene, "campaign": plan}), points))
+    return found
+
+
+def to_toml(tables: dict[str, Any]) -> str:
+    """TOML of texts, numbers, true and false, lists of numbers, and flat tables of these."""
+    plain = [f"{name} = {json.dumps(value)}" for name, value in tables.items() if not isinstance(value, dict)]
+    for name, table in tables.items():
+        if isinstance(table, dict):
+            plain += ["", f"[{name}]", *(f"{key} = {json.dumps(value)}" for key, value in table.items())]
+    return "\n".join(plain) + "\n"
+
+
+def probabilities(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
+    """P_f with its interval against each parameter, one panel each."""
+    figure, axes = plots.panels(1, len(parameters), size=(3.6, 3.2))
+    for ax, (name, rows) in zip(axes, parameters.items(), strict=True):
+        _errorbar(ax, rows, [row["probability"] for row in rows], [row["interval"] for row in rows], "#0072B2", "o", "")
+        ax.set(xlabel=LABELS[name], ylabel="probability of failure $P_f$ [-]")
+        ax.set_ylim(bottom=0)
+    return figure
+
+
+def mode_ratios(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
+    """Share of each mode among the failures, with its interval, against each parameter, one panel each."""
+    figure, axes = plots.panels(1, len(parameters), size=(3.6, 3.4))
+    for ax, (name, rows) in zip(axes, parameters.items(), strict=True):
+        with_failures = [row for row in rows if row["modes"]]
+        for place, (mode, (colour, marker)) in enumerate(STYLES.items()):
+            parts = [row["modes"][mode] for row in with_failures]
+            if any(part["count"] for part in parts):
+                ratio, limits = [part["ratio"] for part in parts], [part["interval"] for part in parts]
+                _errorbar(ax, with_failures, ratio, limits, colour, marker, mode, shift=place - 1.5)
+        ax.set(xlabel=LABELS[name], ylabel="share of the failures [-]", ylim=(-0.02, 1.02))
+        if ax.get_legend_handles_labels()[0]:
+            ax.legend(fontsize=8, frameon=False)
+    return figure
+
+
+def _errorbar(
+    ax: Any, rows: list[dict[str, Any]], middle: list[float], limits: list[list[float]], colour: str, marker: str,
+    label: str, *, shift: float = 0.0,
+) -> None:  # fmt: skip
+    """A line with intervals, moved a little sideways so that intervals do not lie on each other."""
+    at = np.array([row["value"] for row in rows], float)
+    at = at + shift * 0.008 * (np.ptp(at) if at.size > 1 else 1.0)
+    off = [[m - low for m, (low, _) in zip(middle, limits, strict=True)],
+           [high - m for m, (_, high) in zip(middle, limits, strict=True)]]  # fmt: skip
+    ax.errorbar(at, middle, np.maximum(off, 0.0), color=colour, marker=marker, ms=5, lw=1.4, capsize=2, label=label)
+
+
+def _axes(dimension: int) -> tuple[str, ...]:
+    return LENGTHS if dimension == 3 else ("lx", "lz")
+
+
+def _sweep(text: str) -> dict[str, list[float]]:
+    """The table `[sweep]`, checked as far as it can be without the scene."""
+    try:
+        table = tomllib.loads(text).get("sweep")
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"the scene is not valid TOML: {error}") from error
+    if not isinstance(table, dict) or not table:
+        raise ValueError("the scene has no table [sweep]: give one, for example with lx = [10, 30, 60, 120]")
+    for name, values in table.items():
+        numbers = isinstance(values, list) and all(type(value) in (int, float) for value in values)
+        if not numbers or not values or len(set(values)) < len(values):
+            raise ValueError(f"[sweep] {name} = {values!r}: give a list of different numbers")
+        if name == "k_t" and not all(isinstance(value, int) and value >= 1 for value in values):
+            raise ValueError(f"[sweep] k_t = {values!r}: give whole numbers of 1 or more")
+    return table
+
+
+def _changed(strength: dict[str, Any], name: str, value: float, dimension: int) -> dict[str, Any]:
+    """The table `[strength]` with one parameter changed."""
+    if name == "cov":
+        return {**strength, "cov": value}
+    length = list(strength["length"])
+    length[_axes(dimension).index(name)] = value
+    return {**strength, "length": length}
+
+
+def _claim(folder: Path, text: str) -> None:
+    """Make the folder, or see that it is this sweep's."""
+    path = folder / "sweep.toml"
+    if path.exists() and tomllib.loads(path.read_text()) != tomllib.loads(text):
+        raise ValueError(f"folder {folder} belongs to another sweep: give another folder, or the scene it has")
+    if not path.exists() and folder.exists() and any(folder.iterdir()):
+        raise ValueError(f"folder {folder} holds something, but no sweep.toml: give a new or empty folder")
+    (folder / "campaigns").mkdir(parents=True, exist_ok=True)
+    if not path.exists():
+        write_aside(path, text.encode())
+
+
+def _with_factors(part: Variant, folder: Path) -> str:
+    """The variant's scene; where it is calibrated, with the factors of safety that the base campaign measured."""
+    config = parse(part.text)
+    if part.name == "base" or not config.plan.calibrate or config.calibration is not None:
+        return part.text
+    found = kept(folder / "campaigns" / "base")
+    return part.text + to_toml({"calibration": {"rough": found.rough, "refined": found.refined}})
+
+
+def _ranked(folder: Path, k_t: int) -> dict[str, Any]:
+    """Summary that a campaign by the published rule would have had with this k_t."""
+    store = read_store(folder)
+    config = parse(store.scene_text)
+    config = replace(config, plan=replace(config.plan, k_t=k_t))
+    rough, refined = read_rows(store, "rough"), read_rows(store, "refined")
+    order = rank_samples(rough.columns["displacement"], rough.columns["broke_off"].astype(bool)).order
+    ran = order[: stopping_rank(order, refined_answers(config, refined), k_t)]
+    kept_rows = np.isin(refined.columns["sample"], ran)
+    return summarise(config, rough, Rows({name: c[kept_rows] for name, c in refined.columns.items()}, ()))
+
+
+def _point(summary: dict[str, Any]) -> dict[str, Any]:
+    names = ("interval", "level", "estimator", "refined_runs", "samples", "failures_refined", "modes", "finished")
+    return {"probability": summary["probability_of_failure"], **{name: summary[name] for name in names}}

@@ -1,0 +1,121 @@
+"""Sweeps: which campaigns they are, what these share, and going on."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+
+from cooperative import screening, sweep
+from cooperative.config import parse
+from cooperative.store import read_rows, read_store
+from tests.test_campaign import TINY
+
+TABLE = "[sweep]\nlx = [10, 20.0]\ncov = [0.2, 0.4]\nk_t = [1, 2]\n"
+SWEEP = TINY.replace('fields = "both"', 'fields = "none"') + TABLE
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sweep") / "tiny"
+    return folder, sweep.run(SWEEP, folder)
+
+
+def test_one_parameter_is_changed_at_a_time_and_the_scene_itself_runs_once():
+    found = {part.name: part for part in sweep.variants(SWEEP)}
+    assert list(found) == ["base", "lx-10", "cov-0.2", "ranked"]
+    assert found["base"].points == (("lx", 20.0), ("cov", 0.4))
+    base, longer = parse(found["base"].text), parse(found["lx-10"].text)
+    assert base.strength.length == (20.0, 4.0)
+    assert longer.strength.length == (10.0, 4.0)
+    assert longer.strength.cov == base.strength.cov
+    assert parse(found["cov-0.2"].text).strength.cov == 0.2
+    assert parse(found["ranked"].text).plan.k_t == 2
+
+
+def test_campaigns_share_their_coefficients():
+    designs = {}
+    for part in sweep.variants(SWEEP):
+        config = parse(part.text)
+        designs[part.name] = screening.coefficients_of(config, screening.expansion_of(config))
+    modes = min(design.shape[1] for design in designs.values())
+    assert len({design.shape[1] for design in designs.values()}) > 1
+    for design in designs.values():
+        np.testing.assert_array_equal(design[:, :modes], designs["base"][:, :modes])
+
+
+def test_a_sweep_answers_for_every_value(swept):
+    folder, found = swept
+    assert json.loads((folder / "sweep.json").read_text()) == found
+    assert {name: [row["value"] for row in rows] for name, rows in found["parameters"].items()} == {
+        "lx": [10, 20.0],
+        "cov": [0.2, 0.4],
+        "k_t": [1, 2],
+    }
+    for rows in found["parameters"].values():
+        for row in rows:
+            assert row["interval"][0] <= row["probability"] <= row["interval"][1]
+            if row["modes"]:
+                assert sum(part["ratio"] for part in row["modes"].values()) == pytest.approx(1.0)
+    # Both come from the runs of the base campaign or the same samples.
+    base = found["parameters"]["lx"][1]
+    assert found["parameters"]["cov"][1]["probability"] == base["probability"]
+    assert found["parameters"]["k_t"][1]["probability"] == base["probability"]
+    fewer, more = found["parameters"]["k_t"]
+    assert fewer["refined_runs"] <= more["refined_runs"]
+    assert fewer["probability"] <= more["probability"]
+    for name in ("probability", "modes"):
+        assert (folder / "figures" / f"{name}.png").stat().st_size > 5000
+
+
+def test_a_sweep_goes_on_where_it_was(swept):
+    folder, found = swept
+    files = sorted(folder.glob("campaigns/*/samples/*/*.h5"))
+    stamps = [path.stat().st_mtime_ns for path in files]
+    files[3].unlink()
+    assert sweep.run(SWEEP, folder) == found
+    changed = [path for path, stamp in zip(files, stamps, strict=True) if path.stat().st_mtime_ns != stamp]
+    assert changed == [files[3]]
+    assert len(read_rows(read_store(folder / "campaigns" / "base"), "rough").numbers) == 6
+
+
+def test_the_folder_of_another_sweep_is_refused(swept, tmp_path):
+    with pytest.raises(ValueError, match="belongs to another sweep"):
+        sweep.run(SWEEP.replace("[10, 20.0]", "[10, 30]"), swept[0])
+    (tmp_path / "letter").write_text("")
+    with pytest.raises(ValueError, match=r"no sweep\.toml"):
+        sweep.run(SWEEP, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("[sweep]", "[sweeps]"), "no table"),
+        (("lx = [10, 20.0]", "ly = [10, 20.0]"), r"ly cannot be swept in this scene: give cov, lx, lz, k_t"),
+        (("lx = [10, 20.0]", "lx = [10, 10]"), "list of different numbers"),
+        (("lx = [10, 20.0]", "lx = []"), "list of different numbers"),
+        (("lx = [10, 20.0]", "lx = 10"), "list of different numbers"),
+        (("lx = [10, 20.0]", "lx = [-1]"), r"length of axis 0 = -1"),
+        (("k_t = [1, 2]", "k_t = [0, 2]"), "whole numbers of 1 or more"),
+        (("seed = 3", 'seed = 3\ncoefficients = "sobol"'), "take 'latin hypercube'"),
+        (("samples = 6", "samples = 40\nreplicates = 2"), "replicates = 2 is for"),
+        (("samples = 6", "samples = six"), "not valid TOML"),
+    ],
+)
+def test_bad_sweeps_are_refused(change, message, tmp_path):
+    assert change[0] in SWEEP
+    with pytest.raises(ValueError, match=message):
+        sweep.run(SWEEP.replace(*change), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_campaign_refuses_a_sweep():
+    with pytest.raises(ValueError, match=r"has a table \[sweep\]"):
+        parse(SWEEP)
+
+
+def test_toml_written_reads_back_the_same():
+    tables = tomllib.loads(TINY)
+    assert tomllib.loads(sweep.to_toml(tables)) == tables
+    odd = {"name": 'a "quoted" name, ü', "run": {"settle": False, "t_end": 1e22, "x": [1, 2.5]}}
+    assert tomllib.loads(sweep.to_toml(odd)) == odd
