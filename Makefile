@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: .venv demo figures test test-slow bench lint clean
+.PHONY: .venv demo figures notebooks test test-slow bench lint clean
 
 .venv: .venv/installed
 
@@ -17,6 +17,11 @@ demo: .venv
 # The README's figures are those of the demo.
 figures: demo
 	cp out/demo/figures/field.png out/demo/figures/slope.png out/demo/figures/ranked.png benchmarks/figures/
+
+# Runs the scripts at full size; `.venv/bin/python -m notebooks 03` makes one.
+notebooks: .venv
+	$(BIN)/pip install --quiet --editable '.[notebooks]'
+	$(BIN)/python -m notebooks
 
 lint: .venv
 	$(BIN)/ruff check .

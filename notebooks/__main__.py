@@ -1,0 +1,44 @@
+"""Make the notebooks: every percent script becomes an .ipynb beside it, is run, and keeps what it showed.
+
+`python -m notebooks` makes all of them, `python -m notebooks 01 03` those whose names begin so.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import jupytext
+from nbclient import NotebookClient
+
+FOLDER = Path(__file__).parent
+
+
+def make(script: Path) -> Path:
+    """Run a script as a notebook in its own folder, and write it with its outputs."""
+    notebook = jupytext.read(script, fmt="py:percent")
+    notebook.metadata = {
+        "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
+        "jupytext": {"formats": "ipynb,py:percent"},
+    }
+    # Cells are numbered, so that making a notebook again changes only what it shows.
+    for number, cell in enumerate(notebook.cells):
+        cell.id = f"cell-{number}"
+    client = NotebookClient(
+        notebook,
+        timeout=None,
+        kernel_name="python3",
+        record_timing=False,
+        resources={"metadata": {"path": str(FOLDER)}},
+    )
+    client.execute()
+    notebook.metadata.pop("language_info", None)
+    target = script.with_suffix(".ipynb")
+    jupytext.write(notebook, target)
+    return target
+
+
+if __name__ == "__main__":
+    for path in sorted(FOLDER.glob("[0-9][0-9]_*.py")):
+        if len(sys.argv) == 1 or path.name.startswith(tuple(sys.argv[1:])):
+            print(make(path).relative_to(FOLDER.parent), flush=True)

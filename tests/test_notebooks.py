@@ -1,0 +1,70 @@
+"""The notebooks: every script runs at small size and finds what theory or experience asks for; pairs are in step."""
+
+import ast
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import jupytext
+import pytest
+
+FOLDER = Path(__file__).resolve().parent.parent / "notebooks"
+SCRIPTS = sorted(FOLDER.glob("[0-9][0-9]_*.py"))
+MOST_BYTES = 400_000
+
+# What each notebook's `results` must lie between, at small size.
+BOUNDS = {
+    "01_first_slope": {
+        "stress_error": (0.0, 0.02),  # of the weight above, behind the crest
+        "standing_displacement": (1e-3, 0.1),
+        "stable": (1.15, 1.2501),  # 1.22 and 1.23 in steps of 0.01
+        "fails": (1.2, 1.3001),
+        "runout": (14.0, 21.0),
+        "speed_at_end": (0.0, 0.2),
+        "gif_bytes": (1e4, 1e6),
+    },
+}
+
+
+def small_run(name: str) -> dict[str, float]:
+    """Run a script at small size and give back the `results` that it prints last."""
+    done = subprocess.run(
+        [sys.executable, f"{name}.py"],
+        cwd=FOLDER,
+        env=os.environ | {"JAXMPM_SMALL": "1", "MPLBACKEND": "Agg"},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    return ast.literal_eval(done.stdout.strip().splitlines()[-1])
+
+
+@pytest.mark.parametrize("name", BOUNDS)
+def test_results_at_small_size(name):
+    results = small_run(name)
+    assert results.keys() == BOUNDS[name].keys()
+    outside = {
+        key: value for key, value in results.items() if not BOUNDS[name][key][0] <= value <= BOUNDS[name][key][1]
+    }
+    assert not outside
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
+def test_script_and_notebook_are_one(script):
+    def cells(path: Path, **how: str) -> list[tuple[str, str]]:
+        return [(cell.cell_type, cell.source) for cell in jupytext.read(path, **how).cells]
+
+    assert cells(script, fmt="py:percent") == cells(script.with_suffix(".ipynb"))
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
+def test_notebook_keeps_outputs_and_is_light(script):
+    path = script.with_suffix(".ipynb")
+    assert path.stat().st_size < MOST_BYTES
+    cells = json.loads(path.read_text())["cells"]
+    outputs = [output for cell in cells if cell["cell_type"] == "code" for output in cell["outputs"]]
+    assert any("image/png" in output.get("data", {}) for output in outputs)
+    assert not any(output["output_type"] == "error" or output.get("name") == "stderr" for output in outputs)
