@@ -197,12 +197,15 @@ def draw(rows: list[dict[str, Any]]) -> None:
             seconds, [100 * row["bias"] for row in mine], [200 * row["bias_error"] for row in mine], capsize=2, **look
         )
     error.set(xscale="log", yscale="log", ylabel="root mean square error of $P_f$ [%]")
-    bias.set(xscale="log", ylabel="bias of $P_f$ [%], bars of 2 standard errors")
+    bias.set(xscale="log", ylim=(-9, 9), ylabel="bias of $P_f$ [%], bars of 2 standard errors")
     bias.axhline(0, color="#5A5A5A", lw=0.8)
+    alone = next(row for row in rows if row["method"] == "screening alone")["bias"]
+    bias.annotate(f"screening alone: {100 * alone:.0f} %", (0.03, 0.03), xycoords="axes fraction", color="#CC79A7")
     for ax in (error, bias):
         ax.set_xlabel("run time of a campaign, one process [s]")
         ax.spines[["top", "right"]].set_visible(False)
+        ax.set_xticks([10, 30, 100, 300, 1000], ["10", "30", "100", "300", "1000"])
+        ax.minorticks_off()
     error.set_yticks([2, 5, 10, 20, 50], ["2", "5", "10", "20", "50"])
-    error.minorticks_off()
     figure.legend(*error.get_legend_handles_labels(), loc="outside right upper", frameon=False)
     figure.savefig(FIGURE, dpi=110)

@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.measure import ROOT, machine, scene_config
 from cooperative import screening
 from cooperative.calibration import measure
-from cooperative.config import Calibration
+from cooperative.config import Calibration, Config
 from cooperative.store import Sample
 
 PATH = ROOT / "benchmarks" / "data" / "section_pairs.csv"
@@ -60,10 +60,14 @@ def _rows(path: Path) -> Iterator[dict[str, str]]:
         yield from csv.DictReader(line for line in file if not line.startswith("#"))
 
 
+def study(config: Config) -> Config:
+    """A scene with the samples of this study, all of which get a mode."""
+    return replace(config, plan=replace(config.plan, samples=SAMPLES, modes=("rough", "refined")))
+
+
 def main() -> None:
     """Run what is missing, one sample after the other."""
-    config = scene_config("paper_section")
-    config = replace(config, plan=replace(config.plan, samples=SAMPLES, modes=("rough", "refined")))
+    config = study(scene_config("paper_section"))
     expansion = screening.expansion_of(config)
     coefficients = screening.coefficients_of(config, expansion)
     if not PATH.exists():

@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -119,3 +120,12 @@ def test_toml_written_reads_back_the_same():
     assert tomllib.loads(sweep.to_toml(tables)) == tables
     odd = {"name": 'a "quoted" name, ü', "run": {"settle": False, "t_end": 1e22, "x": [1, 2.5]}}
     assert tomllib.loads(sweep.to_toml(odd)) == odd
+
+
+@pytest.mark.parametrize(("scene", "campaigns"), [("section_sweep", 7), ("paper_sweep", 11)])
+def test_sweeps_that_come_along_are_sound(scene, campaigns):
+    path = Path(__file__).resolve().parent.parent / "benchmarks" / "scenes" / f"{scene}.toml"
+    parts = sweep.variants(path.read_text())
+    assert len(parts) == len({part.name for part in parts}) == campaigns
+    for part in parts:
+        parse(part.text)
