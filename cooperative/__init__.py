@@ -15,7 +15,9 @@ from cooperative.estimators import (
     wilson_interval,
 )
 from cooperative.modes import FailureMode, ModeRules, failure_mode
+from cooperative.onsets import Motion
 from cooperative.ranking import Ranking, next_refined, rank_samples, stopping_rank
+from cooperative.shares import Correlation, Share, correlation, shares
 from cooperative.store import (
     DamagedFile,
     Rows,
@@ -32,22 +34,25 @@ from cooperative.store import (
 )
 from cooperative.subset import SubsetPlan, SubsetSamples, subset_simulation
 from cooperative.tables import consolidate, write_table
-from cooperative.twophase import Population, next_audit, two_phase
+from cooperative.twophase import Population, next_audit, sample_weights, two_phase
 
 __all__ = [
     "AuditPlan",
     "Consequences",
+    "Correlation",
     "DamagedFile",
     "Estimate",
     "FailureMode",
     "Fit",
     "Fits",
     "ModeRules",
+    "Motion",
     "Population",
     "Ranking",
     "Rows",
     "Sample",
     "Severity",
+    "Share",
     "SlopeGeometry",
     "Store",
     "SubsetPlan",
@@ -56,6 +61,7 @@ __all__ = [
     "consequences",
     "consolidate",
     "control_variate",
+    "correlation",
     "failure_mode",
     "fit_distributions",
     "monte_carlo",
@@ -68,8 +74,10 @@ __all__ = [
     "read_sample",
     "read_store",
     "sample_path",
+    "sample_weights",
     "scene_digest",
     "severity_ranking",
+    "shares",
     "stopping_rank",
     "subset_simulation",
     "two_phase",
