@@ -49,7 +49,7 @@ def test_core_counts_beyond_the_machine_are_refused():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["slope", "leave_out", "screening"])
+@pytest.mark.parametrize("name", ["stability", "work_precision", "slope", "leave_out", "screening"])
 def test_quick_benchmarks_print_json(name):
     command = [sys.executable, "-m", "benchmarks", name, "--json", "--quick"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=measure.ROOT, check=True)
