@@ -10,7 +10,8 @@ from pathlib import Path
 
 import jax
 
-from cooperative import campaign, exports, progress
+from cooperative import campaign, exports, progress, sweep
+from cooperative.executors import dask_executor
 from cooperative.report import SLIDES, report
 from cooperative.store import GRIDS, read_store
 
@@ -24,14 +25,18 @@ def default_workers() -> int:
 
 def run(given: argparse.Namespace) -> None:
     """Run a campaign of a scene, or go on where it was."""
-    campaign.run(given.scene.read_text(), given.out, workers=given.workers, progress=True)
-    print(report(given.out))
+    _run(given.scene.read_text(), given.out, given)
 
 
 def resume(given: argparse.Namespace) -> None:
     """Go on with a campaign from its folder, which holds its scene."""
-    campaign.run(read_store(given.folder).scene_text, given.folder, workers=given.workers, progress=True)
-    print(report(given.folder))
+    _run(read_store(given.folder).scene_text, given.folder, given)
+
+
+def _run(text: str, folder: Path, given: argparse.Namespace) -> None:
+    executor = None if given.dask is None else dask_executor(given.dask)
+    campaign.run(text, folder, workers=given.workers, executor=executor, progress=True)
+    print(report(folder))
 
 
 def status(given: argparse.Namespace) -> None:
@@ -55,6 +60,12 @@ def export(given: argparse.Namespace) -> None:
         print(exports.export_sample(given.folder, given.sample, given.grid, frames=given.frames))
 
 
+def sweep_over(given: argparse.Namespace) -> None:
+    """Run a campaign for each value of each parameter in the scene's [sweep], or go on where it was."""
+    sweep.run(given.scene.read_text(), given.out, workers=given.workers, progress=True)
+    print(f"{given.out / 'sweep.json'}, figures in {given.out / 'figures'}")
+
+
 def parser() -> argparse.ArgumentParser:
     """The commands and their arguments."""
     whole = argparse.ArgumentParser(prog="python -m cooperative", description="Campaigns of random slopes.")
@@ -72,10 +83,16 @@ def parser() -> argparse.ArgumentParser:
             added.add_argument("folder", type=Path, help="folder of the campaign")
         return added
 
-    for heavy in (command("run", run, scene=True), command("resume", resume)):
+    runs, sweeps = (
+        (command("run", run, scene=True), command("resume", resume)),
+        command("sweep", sweep_over, scene=True),
+    )
+    for heavy in (*runs, sweeps):
         heavy.add_argument(
-            "--workers", type=int, default=default_workers(), help="processes to run samples in (%(default)s)"
+            "--workers", type=int, default=default_workers(), help="samples to run at a time (%(default)s)"
         )
+    for each in runs:
+        each.add_argument("--dask", metavar="ADDRESS", help="run them on the Dask cluster of this scheduler")
     command("status", status)
     shows = command("report", show)
     shows.add_argument("--slides", type=int, default=SLIDES, help="slides drawn at several times (%(default)s)")

@@ -50,7 +50,7 @@ def run(
     ahead = config.plan.look_ahead if crew is None else workers
 
     def samples(grid: str, numbers: Iterable[int]) -> Iterator[Sample]:
-        limit, restart_in = stop_at[grid], Path(folder) if grid == "refined" else None
+        limit, restart_in = stop_at[grid], Path(folder).resolve() if grid == "refined" else None
         if crew is not None:
             return run_through(crew, config.text, grid, numbers, coefficients, stop_at=limit, restart_in=restart_in)
         return screening.run_samples(

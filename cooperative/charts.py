@@ -17,7 +17,7 @@ from cooperative.distributions import CANDIDATES
 from cooperative.plots import panels
 
 ROUGH, REFINED, FAILED, GREY = "#0072B2", "#D55E00", "#CC79A7", "#5A5A5A"
-MODE_COLOURS = {"progressive": "#CC79A7", "compound": "#D55E00", "deep": "#0072B2", "shallow": "#009E73"}
+MODE_COLOURS = {"progressive": "#D55E00", "compound": "#CC79A7", "deep": "#0072B2", "shallow": "#009E73"}
 FIT_STYLES = (("#D55E00", "-"), ("#009E73", "--"), ("#56B4E9", "-."))
 
 

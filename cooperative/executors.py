@@ -65,6 +65,10 @@ def _prepared(text: str, grid: str) -> screening.GridModel:
     return screening.build(config, grid, screening.expansion_of(config))
 
 
+class WorkerLost(RuntimeError):
+    """Every worker that was given a task died of it, as often as its executor allows; other tasks go on."""
+
+
 @dataclass
 class Workers:
     """An executor that is made when first needed, kept from one stage to the next, and made anew when it breaks.
@@ -123,6 +127,8 @@ def run_through(
             number = pending.pop(future)
             try:
                 sample = future.result()
+            except WorkerLost:
+                sample = _given_up(number)
             except BrokenExecutor:
                 lost.append(number)
                 continue
@@ -137,6 +143,62 @@ def run_through(
                     submit(number)
                 else:
                     yield _given_up(number)
+
+
+def dask_executor(client: Any) -> Callable[[], Executor]:
+    """Makes the executor that runs samples on a Dask cluster, for `campaign.run(..., executor=...)`.
+
+    client: a `distributed.Client`, which stays open, or the address of a scheduler, "tcp://host:8786". Dask itself runs
+    the sample of a dead worker again, on another one; a sample that kills as many as Dask's `allowed-failures` is given
+    back with status WORKER_LOST. Needs the extra `dask`; raises ValueError where that is not installed.
+    """
+    try:
+        import distributed
+    except ImportError as error:
+        raise ValueError("Dask is not installed: install jaxmpm[dask]") from error
+
+    def make() -> Executor:
+        if isinstance(client, str):
+            return _DaskExecutor(distributed.Client(client), owned=True)
+        return _DaskExecutor(client, owned=False)
+
+    return make
+
+
+class _DaskExecutor(Executor):
+    """A Dask client as `concurrent.futures` knows executors. owned: whether the client ends with it."""
+
+    def __init__(self, client: Any, *, owned: bool) -> None:
+        self.client, self.owned = client, owned
+        self.tasks: set[Any] = set()
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        task = self.client.submit(function, *args, **kwargs, pure=False)
+        # Dask drops a task that nobody holds.
+        self.tasks.add(task)
+
+        def hand_over(task: Any) -> None:
+            self.tasks.discard(task)
+            error = None if task.cancelled() else task.exception()
+            if task.cancelled():
+                future.cancel()
+                future.set_running_or_notify_cancel()
+            elif type(error).__name__ == "KilledWorker":
+                future.set_exception(WorkerLost(str(error)))
+            elif error is not None:
+                future.set_exception(error)
+            else:
+                future.set_result(task.result())
+
+        task.add_done_callback(hand_over)
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        if cancel_futures:
+            self.client.cancel(list(self.tasks))
+        if self.owned:
+            self.client.close()
 
 
 def _given_up(number: int) -> Sample:

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from cooperative import campaign, exports, progress, screening
+from cooperative import campaign, exports, progress, screening, sweep
 from cooperative.__main__ import main
 from cooperative.config import parse
 from cooperative.store import Sample, open_store, read_rows, read_sample, read_store, sample_path, write_sample
@@ -173,6 +173,23 @@ def test_errors_are_one_line_and_exit_code_2(arguments, message, done, tmp_path,
     assert said.startswith("error: ")
     assert message in said
     assert said.count("\n") == 1
+
+
+def test_sweep_runs_its_campaigns(tmp_path, capsys, monkeypatch):
+    asked = {}
+
+    def run(text, folder, *, workers, progress):
+        asked.update(text=text, folder=folder, workers=workers, progress=progress)
+
+    monkeypatch.setattr(sweep, "run", run)
+    scene = tmp_path / "sweep.toml"
+    scene.write_text("[sweep]\n")
+    assert main(["sweep", str(scene), "--out", str(tmp_path / "out"), "--workers", "2"]) == 0
+    assert asked == {"text": "[sweep]\n", "folder": tmp_path / "out", "workers": 2, "progress": True}
+    assert "sweep.json" in capsys.readouterr().out
+    monkeypatch.undo()
+    assert main(["sweep", str(scene), "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err.startswith("error: ")
 
 
 def test_status_of_a_folder_without_samples(tmp_path, capsys):

@@ -1,16 +1,19 @@
 """Samples through worker processes: the same answer, workers that die, samples that are given up."""
 
+import json
 import os
 import signal
+import sys
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
 from cooperative import campaign, executors, screening
+from cooperative.__main__ import main
 from cooperative.config import parse
-from cooperative.executors import ATTEMPTS, LOST, Workers, process_pool, run_through
-from cooperative.store import Sample
+from cooperative.executors import ATTEMPTS, LOST, WorkerLost, Workers, dask_executor, process_pool, run_through
+from cooperative.store import Sample, read_rows, read_sample, read_store
 from tests.test_campaign import TINY
 
 XI = np.zeros((6, 1))
@@ -105,10 +108,106 @@ def test_a_killed_worker_process_is_replaced_and_its_sample_redone():
     assert len(pools) == 2
 
 
+@pytest.fixture
+def dask():
+    return pytest.importorskip("distributed", reason="extra `dask` is not installed")
+
+
+def local_cluster(dask, workers, processes=True):
+    return dask.LocalCluster(
+        n_workers=workers, threads_per_worker=1, processes=processes, dashboard_address=None, silence_logs=50
+    )
+
+
+def assert_same_answer(first, second, folders):
+    timed = ("seconds",)
+    assert {k: v for k, v in first.items() if k not in timed} == {k: v for k, v in second.items() if k not in timed}
+    stores = [read_store(folder) for folder in folders]
+    for grid in ("rough", "refined"):
+        numbers = read_rows(stores[0], grid).numbers
+        assert numbers == read_rows(stores[1], grid).numbers
+        for number in numbers:
+            one, other = (read_sample(store, grid, number) for store in stores)
+            assert dict(one.row) == dict(other.row)
+            assert one.coefficients.tobytes() == other.coefficients.tobytes()
+            for name, values in one.fields.items():
+                assert values.tobytes() == other.fields[name].tobytes()
+
+
+def test_a_campaign_on_dask_gives_the_answer_of_one_process(dask, tmp_path):
+    with local_cluster(dask, 2, processes=False) as cluster, dask.Client(cluster) as client:
+        together = campaign.run(TINY, tmp_path / "dask", executor=dask_executor(client), workers=2)
+        assert client.status == "running"
+    alone = campaign.run(TINY, tmp_path / "one")
+    assert_same_answer(together, alone, (tmp_path / "dask", tmp_path / "one"))
+
+
+def test_errors_of_a_run_on_dask_are_errors(dask):
+    def failing(number):
+        raise ZeroDivisionError(f"in the run of sample {number}")
+
+    with local_cluster(dask, 1, processes=False) as cluster:
+        executor = dask_executor(cluster.scheduler_address)()
+        with pytest.raises(ZeroDivisionError, match="sample 3"):
+            executor.submit(failing, 3).result()
+        assert executor.submit(pow, 2, 5).result() == 32
+        executor.shutdown(cancel_futures=True)
+        assert executor.client.status == "closed"
+
+
+def test_a_sample_that_kills_dask_workers_is_given_up_and_the_others_go_on():
+    class Killing(Breaking):
+        def submit(self, function, text, grid, number, *_):
+            future = super().submit(function, text, grid, number)
+            if future.exception() is not None:
+                future = Future()
+                future.set_exception(WorkerLost(f"sample {number}"))
+            return future
+
+    got = {s.number: s.status for s in run_through(Workers(lambda: Killing({3}), 2), "", "rough", range(6), XI)}
+    assert got == {n: LOST if n == 3 else "FINISHED" for n in range(6)}
+
+
+def test_dask_that_is_not_installed_is_said_to_be(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ValueError, match=r"install jaxmpm\[dask\]"):
+        dask_executor("tcp://127.0.0.1:1")
+
+
+@pytest.mark.slow
+def test_the_sample_of_a_killed_dask_worker_is_redone(dask):
+    config = parse(TINY)
+    coefficients = screening.coefficients_of(config, screening.expansion_of(config))
+    with local_cluster(dask, 2) as cluster, dask.Client(cluster) as client:
+        crew = Workers(dask_executor(client), 2)
+        before = client.run(os.getpid)
+        got = {}
+        for done in run_through(crew, TINY, "rough", range(6), coefficients):
+            got[done.number] = done.status
+            if len(got) == 1:
+                os.kill(next(iter(before.values())), signal.SIGKILL)
+        client.wait_for_workers(2, timeout=60)
+        assert set(client.run(os.getpid).values()) != set(before.values())
+        crew.close()
+    assert sorted(got) == list(range(6))
+    assert LOST not in got.values()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [2, 4])
 def test_workers_give_the_answer_of_one_process(workers, tmp_path):
     alone = campaign.run(TINY, tmp_path / "one")
     together = campaign.run(TINY, tmp_path / "more", workers=workers)
-    for key in ("probability_of_failure", "failures_rough", "failures_refined", "consequences_of_failures"):
-        assert together[key] == alone[key]
+    assert_same_answer(together, alone, (tmp_path / "more", tmp_path / "one"))
+
+
+@pytest.mark.slow
+def test_dask_processes_give_the_answer_of_one_process(dask, tmp_path):
+    with local_cluster(dask, 2) as cluster:
+        address = cluster.scheduler_address
+        scene = tmp_path / "tiny.toml"
+        scene.write_text(TINY)
+        assert main(["run", str(scene), "--out", str(tmp_path / "dask"), "--dask", address, "--workers", "2"]) == 0
+    together = json.loads((tmp_path / "dask" / "summary.json").read_text())
+    alone = campaign.run(TINY, tmp_path / "one")
+    assert_same_answer(together, json.loads(json.dumps(alone)), (tmp_path / "dask", tmp_path / "one"))
