@@ -1,6 +1,6 @@
 """Batched, differentiable generalised-interpolation material point method in 1D, 2D and 3D."""
 
-from jaxmpm import diagnostics, files, tensors
+from jaxmpm import diagnostics, files, objectives, tensors
 from jaxmpm.files import DamagedFile, write_aside
 from jaxmpm.frictional import DruckerPrager, Matching, MohrCoulomb, cone
 from jaxmpm.integrate import Result, Settle, advance, advance_lanes, lanes, repeat, solve
@@ -8,7 +8,9 @@ from jaxmpm.io import load_state, save_state, write_particles, write_vtkhdf
 from jaxmpm.many import Chunk, Midway, solve_each
 from jaxmpm.materials import J2, Elastic, reduce_strength
 from jaxmpm.reduction import FactorOfSafety, factor_of_safety, reduced
+from jaxmpm.replay import Checkpoints, checkpoints, replay
 from jaxmpm.scenes import Discretisation, Slope, bar, block, column, slope, with_strength
+from jaxmpm.sensitivity import strength_sensitivity
 from jaxmpm.softening import Decay, ExponentialSoftening, FrictionalSoftening, RateEffect, Softening
 from jaxmpm.soil import FrictionalSoil, PlasticStrain, Soil
 from jaxmpm.step import step
@@ -30,6 +32,7 @@ from jaxmpm.types import (
 __all__ = [
     "GIMP",
     "J2",
+    "Checkpoints",
     "Chunk",
     "DamagedFile",
     "Decay",
@@ -65,6 +68,7 @@ __all__ = [
     "advance_lanes",
     "bar",
     "block",
+    "checkpoints",
     "column",
     "cone",
     "diagnostics",
@@ -72,14 +76,17 @@ __all__ = [
     "files",
     "lanes",
     "load_state",
+    "objectives",
     "reduce_strength",
     "reduced",
     "repeat",
+    "replay",
     "save_state",
     "slope",
     "solve",
     "solve_each",
     "step",
+    "strength_sensitivity",
     "tensors",
     "with_strength",
     "write_aside",

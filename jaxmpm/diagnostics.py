@@ -19,7 +19,7 @@ def position(scene: Scene, state: State) -> Array:
 
 def displacement(state: State) -> Array:
     """Length of the displacement of each particle (N) m."""
-    return jnp.sqrt(jnp.sum(state.displacement**2, axis=0))
+    return tensors.safe_sqrt(jnp.sum(state.displacement**2, axis=0))
 
 
 def largest_displacement(state: State) -> Array:
@@ -52,7 +52,7 @@ def potential_energy(scene: Scene, state: State) -> Array:
 
 def speed(scene: Scene, state: State) -> Array:
     """Root mean square of the particle speed, weighted by mass (m/s)."""
-    return jnp.sqrt(2 * kinetic_energy(scene, state) / jnp.sum(scene.particles.mass))
+    return tensors.safe_sqrt(2 * kinetic_energy(scene, state) / jnp.sum(scene.particles.mass))
 
 
 def unbalanced_force(scene: Scene, state: State) -> Array:

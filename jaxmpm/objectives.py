@@ -1,0 +1,59 @@
+"""Smooth measures of a slide, for derivatives; each states how far it lies from the hard one."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxmpm import diagnostics
+from jaxmpm.types import Scene, State
+
+
+def soft_largest_displacement(state: State, width: float = 0.1) -> Array:
+    """Smooth largest displacement (m): width * log of the sum of exp(u / width) over the particles.
+
+    Lies above the largest displacement, by at most width * log(N): 0.8 m for 2000 particles and 0.1 m at rest, where
+    all are alike, and by width * log(n) where n particles share the largest.
+    The largest itself (`diagnostics.largest_displacement`) has the derivative of the one particle that leads.
+    """
+    return width * jax.nn.logsumexp(diagnostics.displacement(state) / width)
+
+
+def front(scene: Scene, state: State, share: float = 0.01, width: float = 0.5) -> Array:
+    """Where along x (m) the foremost `share` of the mass begins: run-out as a smooth quantile.
+
+    Solves mass share of (1 + tanh((x - front) / width)) / 2 = share by bisection, and differentiates the equation
+    itself. Lies behind the foremost particle; the quantile of particles spread over much more than `width` is met to
+    second order in it. Raises ValueError for a share outside 0 to 1/2.
+    """
+    if not 0 < share < 0.5:
+        raise ValueError(f"share = {share}: give a share of the mass between 0 and 0.5")
+    x, m = diagnostics.position(scene, state)[0], scene.particles.mass / jnp.sum(scene.particles.mass)
+
+    def beyond(at: Array, x: Array) -> Array:
+        return jnp.sum(m * 0.5 * (1 + jnp.tanh((x - at) / width))) - share
+
+    def halve(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
+        low, high = ends
+        middle = (low + high) / 2
+        right = beyond(middle, fixed) > 0
+        return jnp.where(right, middle, low), jnp.where(right, high, middle)
+
+    fixed = jax.lax.stop_gradient(x)
+    reach = width * float(np.arctanh(1 - 2 * share)) + 1
+    low, high = jax.lax.fori_loop(0, 50, halve, (jnp.min(fixed) - reach, jnp.max(fixed) + reach))
+    at = jax.lax.stop_gradient((low + high) / 2)
+    # One Newton step, exact at the solution, carries the derivative of the implicit equation.
+    slope = jax.lax.stop_gradient(jax.grad(beyond)(at, fixed))
+    return at - beyond(at, x) / slope
+
+
+def log_displacement(state: State, floor: float = 1e-3) -> Array:
+    """Logarithm of the root mean square displacement over `floor` (m): smooth from rest to slide.
+
+    log(1 + mean of u^2 / floor^2) / 2, which is 0 at rest and log(u / floor) for a mean square of u^2 far above
+    floor^2. Ranks slides by their whole mass, where the largest displacement ranks them by one particle.
+    """
+    return 0.5 * jnp.log1p(jnp.mean(jnp.sum(state.displacement**2, axis=0)) / floor**2)

@@ -1,0 +1,214 @@
+"""Differentiable runs: against `solve`, central differences, budgets of bytes; smooth objectives; sensitivities."""
+
+from dataclasses import replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxmpm as mpm
+from jaxmpm import objectives
+from jaxmpm.types import Engine
+
+SLOPE = mpm.Slope(crest=8.0, height=4.0, run_per_rise=1.0, toe=10.0, foundation=2.0)
+CLAY = mpm.Soil(young=1e7, strength=14e3, softening_modulus=60e3, tension_cutoff=None)
+
+
+def slide(reduction=1.3, engine=None, **choices):
+    scene, state = mpm.slope(SLOPE, CLAY, mpm.Discretisation(1.0, (0.5, 0.5), **choices))
+    return replace(mpm.reduced(scene, reduction), engine=engine), state
+
+
+def scaled(scene, state, steps, objective, memory=1e9):
+    """Objective after `steps` as a function of a factor on the strength of every particle."""
+    strength = jnp.broadcast_to(scene.material.strength, scene.particles.mass.shape)
+
+    def reached(factor):
+        varied = replace(scene, material=replace(scene.material, strength=strength * factor))
+        return objective(mpm.replay(varied, state, steps, memory=memory)[0])
+
+    return reached
+
+
+def central(function, x, h):
+    return (float(function(x + h)) - float(function(x - h))) / (2 * h)
+
+
+@pytest.mark.usefixtures("x64")
+@pytest.mark.parametrize("memory_in_states", [10_000, 60, 24])
+def test_replay_is_the_run_that_was_whatever_the_checkpoints(memory_in_states):
+    scene, state = slide()
+    result = mpm.solve(scene, state, t_end=0.4)
+    steps = int(result.state.step)
+    size = sum(leaf.nbytes for leaf in jax.tree.leaves(state))
+    final, seen = jax.jit(partial(mpm.replay, steps=steps, memory=memory_in_states * size))(scene, state)
+    assert seen is None
+    assert int(final.step) == steps
+    np.testing.assert_allclose(final.displacement, result.state.displacement, rtol=1e-9, atol=1e-13)
+
+
+@pytest.mark.usefixtures("x64")
+def test_observations_are_the_snapshots_of_the_run():
+    scene, state = slide()
+    dt = float(scene.time_step)
+    result = mpm.solve(scene, state, t_end=60 * dt, snapshots=[20 * dt, 40 * dt, 60 * dt])
+    _, seen = mpm.replay(scene, state, 60, observe=mpm.diagnostics.largest_displacement, every=20)
+    expected = [float(mpm.diagnostics.largest_displacement(s)) for s in result.snapshots]
+    np.testing.assert_allclose(seen, expected, rtol=1e-9)
+
+
+@pytest.mark.usefixtures("x64")
+@pytest.mark.parametrize("engine", [None, Engine.XLA])
+def test_reverse_over_a_thousand_elastic_steps_against_central_differences(engine):
+    scene, state = mpm.bar(
+        20.0, mpm.Soil(unit_weight=9.81e3, young=1e6, poisson=0.0), mpm.Discretisation(1.0, (0.5,)), velocity=0.1
+    )
+    scene = replace(scene, engine=engine)
+
+    def tip(stiffer):
+        material = replace(scene.material, bulk=scene.material.bulk * stiffer, shear=scene.material.shear * stiffer)
+        final, _ = mpm.replay(replace(scene, material=material), state, 1000)
+        return final.displacement[0, -1]
+
+    reverse = float(jax.jit(jax.grad(tip))(1.0))
+    assert reverse == pytest.approx(central(jax.jit(tip), 1.0, 1e-6), rel=1e-6)
+    _, forward = jax.jit(lambda x: jax.jvp(tip, (x,), (1.0,)))(1.0)
+    assert float(forward) == pytest.approx(reverse, rel=1e-9)
+
+
+@pytest.mark.usefixtures("x64")
+def test_reverse_over_softening_steps_against_central_differences():
+    scene, state = slide()
+    reached = scaled(scene, state, 300, objectives.log_displacement)
+    assert float(jax.jit(jax.grad(reached))(1.0)) == pytest.approx(central(jax.jit(reached), 1.0, 1e-7), rel=1e-4)
+
+
+@pytest.mark.usefixtures("x64")
+def test_derivatives_by_gravity_softening_and_starting_velocity():
+    scene, state = slide()
+
+    def reached(angle, modulus, push):
+        turned = jnp.stack([jnp.sin(angle), -jnp.cos(angle)]) * 9.81
+        material = replace(scene.material, softening=replace(scene.material.softening, modulus=modulus))
+        start = replace(state, velocity=state.velocity.at[0].add(push))
+        final, _ = mpm.replay(replace(scene, gravity=turned, material=material), start, 120)
+        return objectives.log_displacement(final)
+
+    at = (0.02, float(scene.material.softening.modulus), 1e-3)
+    gradient = jax.jit(jax.grad(reached, argnums=(0, 1, 2)))(*at)
+    function = jax.jit(reached)
+    for k, h in enumerate((1e-7, 1e-2, 1e-8)):
+        one = partial(lambda k, x: function(*at[:k], x, *at[k + 1 :]), k)
+        assert float(gradient[k]) == pytest.approx(central(one, at[k], h), rel=2e-5)
+
+
+def test_reverse_mode_stays_within_its_bytes():
+    scene, state = slide()
+    for memory in (4.5e5, 8e5, 6e6):
+        reached = scaled(scene, state, 400, objectives.log_displacement, memory=memory)
+        compiled = jax.jit(jax.grad(reached)).lower(1.0).compile()
+        assert compiled.memory_analysis().temp_size_in_bytes <= memory
+    with pytest.raises(ValueError, match="is too small for 400 steps"):
+        mpm.checkpoints(state, 400, 1e4)
+
+
+def test_a_failed_lane_leaves_the_derivatives_of_its_neighbours_as_they_are():
+    scene, state = slide()
+
+    def reached(push):
+        start = replace(state, velocity=state.velocity + push)
+        final, _ = mpm.replay(scene, start, 30)
+        return objectives.log_displacement(final), final.status
+
+    gradients = jax.jit(jax.vmap(jax.grad(reached, has_aux=True)))
+    pushes = jnp.asarray([0.01, 0.02, 0.03])
+    whole, status = gradients(pushes)
+    broken, told = gradients(pushes.at[1].set(jnp.nan))
+    assert np.isfinite(np.asarray(whole)).all()
+    np.testing.assert_array_equal(np.asarray(whole)[[0, 2]], np.asarray(broken)[[0, 2]])
+    assert status.tolist() == [mpm.Status.RUNNING] * 3
+    assert told.tolist() == [mpm.Status.RUNNING, mpm.Status.NOT_FINITE, mpm.Status.RUNNING]
+
+
+def test_a_lane_stays_where_its_recorded_number_of_steps_ends():
+    scene, state = slide()
+    lanes = jax.jit(jax.vmap(lambda limit: mpm.replay(scene, state, 40, limit=limit)[0]))(jnp.asarray([15, 40]))
+    short, _ = jax.jit(partial(mpm.replay, steps=15))(scene, state)
+    np.testing.assert_allclose(lanes.displacement[0], short.displacement, rtol=1e-5, atol=1e-9)
+    assert lanes.step.tolist() == [15, 40]
+
+
+@pytest.mark.usefixtures("x64")
+def test_where_strength_matters_against_central_differences():
+    scene, state = slide()
+    value, map_ = mpm.strength_sensitivity(scene, state, 200, objectives.soft_largest_displacement)
+    strength = jnp.broadcast_to(scene.material.strength, scene.particles.mass.shape)
+
+    @jax.jit
+    def reached(strength):
+        varied = replace(scene, material=replace(scene.material, strength=strength))
+        return objectives.soft_largest_displacement(mpm.replay(varied, state, 200)[0])
+
+    assert float(value) == pytest.approx(float(reached(strength)), rel=1e-9)
+    significant = np.argsort(-np.abs(np.asarray(map_)))[:100]
+    for p in np.random.default_rng(0).choice(significant, 20, replace=False):
+        h = 1e-3
+        difference = float(reached(strength.at[p].add(h)) - reached(strength.at[p].add(-h))) / (2 * h)
+        assert float(map_[p]) == pytest.approx(difference, rel=1e-4)
+    # Strength holds: on the whole more of it means less displacement.
+    assert float(jnp.sum(map_)) < 0
+
+
+@pytest.mark.usefixtures("x64")
+def test_smooth_objectives_are_as_far_from_the_hard_ones_as_they_say():
+    scene, state = slide()
+    final = mpm.solve(scene, state, t_end=1.5).state
+    hard = float(mpm.diagnostics.largest_displacement(final))
+    count = scene.particles.mass.size
+    for width in (0.2, 0.02):
+        soft = float(objectives.soft_largest_displacement(final, width))
+        assert hard <= soft <= hard + width * np.log(count)
+    x = np.sort(np.asarray(mpm.diagnostics.position(scene, final))[0])
+    quantile = x[int(0.95 * count)]
+    assert abs(float(objectives.front(scene, final, share=0.05, width=0.2)) - quantile) < 0.3
+    rms = float(jnp.sqrt(jnp.mean(jnp.sum(final.displacement**2, axis=0))))
+    assert float(objectives.log_displacement(final)) == pytest.approx(np.log(rms / 1e-3), rel=1e-3)
+
+
+@pytest.mark.usefixtures("x64")
+def test_the_front_moves_with_the_mass():
+    scene, state = slide()
+    final = mpm.solve(scene, state, t_end=1.5).state
+
+    def moved(shift):
+        return objectives.front(scene, replace(final, displacement=final.displacement.at[0].add(shift)))
+
+    assert float(jax.grad(moved)(0.0)) == pytest.approx(1.0, rel=1e-6)
+    assert float(moved(0.7) - moved(0.0)) == pytest.approx(0.7, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"steps": 2.5}, "give a Python integer"),
+        ({"steps": 0}, "give a Python integer of 1 or more"),
+        ({"steps": 10, "every": 5}, "observe and every go together"),
+        ({"steps": 10, "every": 3, "observe": mpm.diagnostics.displacement}, "does not divide"),
+        ({"steps": 10, "memory": 10.0}, "too small for 10 steps"),
+    ],
+)
+def test_bad_replays_are_refused(options, message):
+    scene, state = slide()
+    with pytest.raises(ValueError, match=message):
+        mpm.replay(scene, state, **options)
+
+
+def test_bad_objectives_are_refused():
+    scene, state = slide()
+    with pytest.raises(ValueError, match="share = 0\\.7"):
+        objectives.front(scene, state, share=0.7)
+    elastic, rest = mpm.column(4.0, mpm.Soil(), mpm.Discretisation(1.0, (0.5, 0.5)))
+    with pytest.raises(ValueError, match="Elastic has no strength"):
+        mpm.strength_sensitivity(elastic, rest, 10, mpm.diagnostics.largest_displacement)
