@@ -10,7 +10,17 @@ from benchmarks.measure import ROOT, Report, as_json
 from benchmarks.results import run_all
 
 # Each module has `run(quick: bool) -> Report`; the order is that of RESULTS.md.
-NAMES = ("stability", "work_precision", "slope", "throughput", "screening", "leave_out", "fields", "estimators")
+NAMES = (
+    "stability",
+    "work_precision",
+    "slope",
+    "throughput",
+    "screening",
+    "leave_out",
+    "fields",
+    "estimators",
+    "gradients",
+)
 
 
 def _table(report: Report) -> str:
