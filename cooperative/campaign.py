@@ -19,10 +19,11 @@ from tqdm import tqdm
 from cooperative import calibration, designs, screening
 from cooperative.config import Config, parse
 from cooperative.designs import Answers
+from cooperative.estimators import wilson_interval
 from cooperative.executors import Workers, process_pool, run_through
 from cooperative.store import Sample, Store, open_store, read_rows, write_aside, write_sample
 from cooperative.subset import subset_simulation
-from cooperative.summary import answer, next_runs, phases_of, refined_answers, rough_answers, summarise
+from cooperative.summary import answer, estimate_of, next_runs, phases_of, refined_answers, rough_answers, summarise
 
 
 def run(
@@ -68,12 +69,19 @@ def run(
         def wanted(under_way: Collection[int]) -> list[int]:
             return next_runs(config, phases_of(config, rough, answers), ahead, under_way)
 
-        while wanted(()):
-            ranked = samples("refined", _in_rank_order(wanted, answers))
-            for sample in _keep(store, "refined", ranked, "refined grid", None, progress):
-                answers[sample.number] = answer(
-                    config, float(sample.row["displacement"]), bool(sample.row["broke_off"])
-                )
+        def known() -> str:
+            found = estimate_of(config, phases_of(config, rough, answers))
+            return "P_f {:.3f} ({:.3f} to {:.3f})".format(found.probability, *found.interval)
+
+        most = None if config.plan.estimator == "published" else designs.budget(config.plan, len(rough.numbers))
+        with _bar("refined grid", most, len(answers), progress) as bar:
+            while wanted(()):
+                for sample in samples("refined", _in_rank_order(wanted, answers)):
+                    write_sample(store, "refined", sample)
+                    answers[sample.number] = answer(
+                        config, float(sample.row["displacement"]), bool(sample.row["broke_off"])
+                    )
+                    _advance(bar, known)
 
         summary = summarise(config, rough, read_rows(store, "refined"))
         write_aside(Path(folder) / "summary.json", json.dumps(summary, indent=1).encode())
@@ -88,40 +96,50 @@ def _screen(
     progress: bool,
 ) -> None:
     """Run every sample of the first phase that is not there yet. Subset simulation fills in the coefficients."""
-    rows = read_rows(store, "rough")
+    known = rough_answers(read_rows(store, "rough"))
     total = designs.rough_runs(config.plan)
-    if config.plan.estimator != "subset":
-        missing = sorted(set(range(total)) - set(rows.numbers))
-        for _ in _keep(store, "rough", samples("rough", missing), "screening, rough grid", len(missing), progress):
-            pass
-        return
-    known = rough_answers(rows)
+
+    def share() -> str:
+        fails = sum(not displacement <= config.run.failure_displacement for displacement in known.values())
+        return "{:.3f} fail ({:.3f} to {:.3f})".format(fails / len(known), *wilson_interval(fails, len(known)))
+
+    def screen(numbers: Iterable[int]) -> None:
+        for sample in samples("rough", [number for number in numbers if number not in known]):
+            write_sample(store, "rough", sample)
+            known[sample.number] = np.nan if sample.row["broke_off"] else float(sample.row["displacement"])
+            _advance(bar, share)
+
     asked = 0
 
-    def rough(xi: np.ndarray) -> np.ndarray:
+    def level(xi: np.ndarray) -> np.ndarray:
         nonlocal asked
         numbers = range(asked, asked + len(xi))
         asked += len(xi)
         coefficients[numbers] = xi
-        missing = [number for number in numbers if number not in known]
-        for sample in _keep(store, "rough", samples("rough", missing), "", None, False):
-            known[sample.number] = np.nan if sample.row["broke_off"] else float(sample.row["displacement"])
-        bar.update(len(xi))
+        screen(numbers)
         return np.array([known[number] for number in numbers])
 
-    with tqdm(desc="subset simulation, rough grid", total=total, unit="run", disable=not progress) as bar:
-        subset_simulation(rough, coefficients.shape[1], designs.subset_plan(config.plan))
+    with _bar("rough grid", total, len(known), progress) as bar:
+        if config.plan.estimator == "subset":
+            subset_simulation(level, coefficients.shape[1], designs.subset_plan(config.plan))
+        else:
+            screen(range(total))
 
 
-def _keep(
-    store: Store, grid: str, samples: Iterable[Sample], title: str, total: int | None, progress: bool
-) -> Iterator[Sample]:
-    """Write every sample as it comes, and pass it on."""
-    with tqdm(samples, desc=title, total=total, unit="run", disable=not progress) as bar:
-        for sample in bar:
-            write_sample(store, grid, sample)
-            bar.set_postfix_str(f"sample {sample.number}: {sample.row['displacement']:.3g} m")
-            yield sample
+def _bar(title: str, total: int | None, done: int, progress: bool) -> tqdm:
+    """A bar that goes on from `done` samples and tells the time left."""
+    return tqdm(
+        desc=title, total=total, initial=done, disable=not progress, dynamic_ncols=True,
+        bar_format="{desc} {n_fmt}/{total_fmt} |{bar:20}| {elapsed}, {remaining} left{postfix}",
+    )  # fmt: skip
+
+
+def _advance(bar: tqdm, known: Callable[[], str]) -> None:
+    """One more sample: how many there are per hour, and what is known by now."""
+    bar.update()
+    if not bar.disable:
+        hourly = 3600 * (bar.n - bar.initial) / max(bar.format_dict["elapsed"], 1e-9)
+        bar.set_postfix_str(f"{hourly:.3g} per hour, {known()}")
 
 
 def _in_rank_order(wanted: Callable[[Collection[int]], list[int]], answers: Answers) -> Iterator[int]:

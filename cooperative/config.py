@@ -324,6 +324,10 @@ def _check(config: Config) -> None:
     _check_estimator(plan)
     if plan.refined_runs is not None and plan.refined_runs < 10:
         raise ValueError(f"[campaign] refined_runs = {plan.refined_runs}: give 10 or more, the audit needs some")
+    if plan.estimator == "two-phase" and plan.samples < 10:
+        raise ValueError(
+            f"[campaign] samples = {plan.samples}: give 10 or more for the audit, or estimator = 'published'"
+        )
     if plan.target_cov is not None and not 0 < plan.target_cov < 1:
         raise ValueError(f"[campaign] target_cov = {plan.target_cov:g}: give a value above 0 and below 1")
     if plan.seed < 0:

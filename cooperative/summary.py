@@ -88,16 +88,21 @@ def phases_of(config: Config, rough: Rows, answers: Mapping[int, bool | None]) -
     return Phases(DESIGNS[config.plan.estimator], population, numbers, placed)
 
 
+def estimate_of(config: Config, phases: Phases | None) -> Estimate:
+    """Probability of failure by the estimator asked for."""
+    if phases is None:
+        note = "the first phase is not complete"
+        return Estimate(0.0, (0.0, 1.0), np.inf, 0, config.plan.estimator, notes=(note,))
+    return phases.design.estimate(config.plan, phases.population, phases.answers)
+
+
 def estimates(config: Config, rough: Rows, refined: Rows) -> list[Estimate]:
     """Probability of failure from what is known: by the estimator asked for, and by others where the data allow."""
     phases = phases_of(config, rough, refined_answers(config, refined))
-    if phases is None:
-        note = "the first phase is not complete"
-        return [Estimate(0.0, (0.0, 1.0), np.inf, 0, config.plan.estimator, notes=(note,))]
-    plan, population, answers = config.plan, phases.population, phases.answers
-    found = [phases.design.estimate(plan, population, answers)]
-    if plan.estimator == "subset":
+    found = [estimate_of(config, phases)]
+    if phases is None or config.plan.estimator == "subset":
         return found
+    plan, population, answers = config.plan, phases.population, phases.answers
     order = rank_samples(population.rough_displacement, population.failed_lanes).order
     if plan.estimator != "published" and stopping_rank(order, answers, plan.k_t) is not None:
         found.append(published(population.rough_displacement, answers, plan.k_t, failed_lanes=population.failed_lanes))

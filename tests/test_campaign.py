@@ -235,6 +235,7 @@ BAD_SCENES = [
     (("length = [20.0, 4.0]", "length = [20.0, 4.0]\nenergy = 1.5"), r"energy = 1.5"),
     (("cov = 0.4", "cov = 0.4\nmarginal = 'normal'"), r"marginal = 'normal': give one of 'lognormal'"),
     (('estimator = "published"', "estimator = 'twophase'"), r"estimator = 'twophase': .*did you mean 'two-phase'"),
+    (('estimator = "published"\n', ""), r"samples = 6: give 10 or more for the audit"),
     (('estimator = "published"', "refined_runs = 3"), r"refined_runs = 3: give 10 or more"),
     (('fields = "both"', 'modes = "both"\nscreening_stop = 2.0'), r"screening_stop = 2 m ends rough runs before"),
     (("t_end = 4.0", "t_end = -4.0"), r"t_end = -4: give a finite value above 0"),
