@@ -1,0 +1,129 @@
+"""The summary of made-up campaigns whose truth is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cooperative.config import parse
+from cooperative.store import Rows
+from cooperative.summary import next_runs, phases_of, refined_answers, summarise
+from tests.test_campaign import TINY
+from tests.test_coop_twophase import pair
+
+BASE = parse(TINY)
+
+
+def config_with(**plan):
+    return replace(BASE, plan=replace(BASE.plan, **{"estimator": "two-phase", **plan}))
+
+
+def rows(numbers, displacement, **columns):
+    count = len(numbers)
+    return Rows(
+        {
+            "sample": np.asarray(numbers, int),
+            "status": np.full(count, "FINISHED"),
+            "steps": np.ones(count, int),
+            "seconds": np.ones(count),
+            "displacement": np.asarray(displacement, float),
+            "broke_off": np.zeros(count),
+            **columns,
+        },
+        (),
+    )
+
+
+def made_up(count, pf, seed):
+    """Rough rows, and a refined grid that can be asked for any samples. The worse a sample, the likelier it is deep."""
+    displacement, failed = pair(count, pf, 0.95, seed)
+    generator = np.random.default_rng(seed + 1)
+    moved = np.where(failed, 5 + 10 * generator.random(count), 0.05 * displacement / displacement.max())
+    deep = generator.random(count) < np.clip(0.4 + 0.5 * np.log(displacement), 0.1, 0.95)
+    mode = np.where(failed, np.where(deep, "deep", "shallow"), "none")
+    size = np.where(deep, 500.0, 200.0) * np.exp(0.3 * generator.standard_normal(count))
+
+    def refined(numbers):
+        at = np.asarray(sorted(numbers), int)
+        own = {name: np.where(failed[at], size[at], 0.0) for name in ("depth", "runout", "volume", "area")}
+        return rows(at, moved[at], mode=mode[at], **own)
+
+    return rows(np.arange(count), displacement), refined, failed, mode, size
+
+
+def play(config, rough, refined):
+    numbers: list[int] = []
+    while asked := next_runs(config, phases_of(config, rough, refined_answers(config, refined(numbers))), 1, ()):
+        numbers += asked
+    return summarise(config, rough, refined(numbers))
+
+
+def test_ratios_means_and_fits_are_those_of_the_population_not_of_the_runs():
+    ratio, mean, plain, covered = [], [], [], 0
+    for seed in range(20):
+        rough, refined, failed, mode, size = made_up(500, 0.25, seed)
+        found = play(config_with(samples=500, refined_runs=100), rough, refined)
+        truth = np.mean(mode[failed] == "deep")
+        deep = found["modes"]["deep"]
+        ratio.append(deep["ratio"] - truth)
+        covered += deep["interval"][0] <= truth <= deep["interval"][1]
+        mean.append(found["consequences_of_failures"]["volume"]["mean"] / size[failed].mean() - 1)
+        plain.append(deep["count"] / found["failures_refined"] - truth)
+    assert abs(np.mean(ratio)) < 4 * np.std(ratio) / np.sqrt(20)
+    assert abs(np.mean(mean)) < 4 * np.std(mean) / np.sqrt(20)
+    # Counting the runs alone would be off: the audit looks where failure is in doubt, and there fewer are deep.
+    assert np.mean(plain) < -2 * np.std(plain) / np.sqrt(20)
+    assert covered >= 16
+
+
+def test_fits_find_the_family_and_severity_the_larger_mode():
+    rough, refined, *_ = made_up(3000, 0.25, 0)
+    found = summarise(config_with(samples=3000, estimator="monte carlo"), rough, refined(range(3000)))
+    assert found["fits"]["deep"]["volume"]["best_aic"] == "lognormal"
+    assert [place["group"] for place in found["severity"]["volume"]] == ["deep", "shallow"]
+    assert found["severity"]["volume"][0]["rank_interval"] == [1, 1]
+    assert found["grids"]["spearman"] > 0.5
+    assert found["modes"]["deep"]["probability"] + found["modes"]["shallow"]["probability"] == pytest.approx(
+        found["probability_of_failure"]
+    )
+
+
+@pytest.mark.parametrize(
+    ("plan", "said"),
+    [
+        ({"refined_runs": 60}, "the refined runs allowed are spent"),
+        ({"target_cov": 0.14}, "the coefficient of variation is at most 0.14"),
+        ({"target_cov": 0.02}, "out of reach with 600 samples"),
+        ({"estimator": "published", "k_t": 9}, "9 samples in a row stand"),
+        ({"estimator": "monte carlo"}, "all samples ran on the refined grid"),
+        ({"estimator": "monte carlo", "target_cov": 0.2}, "the coefficient of variation is at most 0.2"),
+        ({"estimator": "control variate", "refined_runs": 40}, "the refined runs allowed are spent"),
+    ],
+)
+def test_the_campaign_says_why_it_ended(plan, said):
+    rough, refined, failed, *_ = made_up(600, 0.25, 3)
+    config = config_with(samples=600, **plan)
+    found = play(config, rough, refined)
+    assert said in found["finished"]
+    if "target_cov" in plan and "out of reach" not in said:
+        assert found["coefficient_of_variation"] <= plan["target_cov"]
+    if plan.get("estimator") != "published":
+        assert found["interval"][0] <= failed.mean() <= found["interval"][1]
+    if found["refined_runs"] < 600 and plan.get("estimator") != "published":
+        assert found["after_more_runs"]["coefficient_of_variation"] < found["coefficient_of_variation"]
+    assert summarise(config, rough, refined([0]))["finished"] is None
+
+
+def test_a_run_that_broke_off_has_no_part_in_modes_and_fits():
+    rough, refined, failed, *_ = made_up(60, 0.4, 1)
+    table = refined(range(60))
+    lost = int(np.flatnonzero(failed)[0])
+    for name in ("depth", "runout", "volume", "area"):
+        table.columns[name][lost] = np.nan
+    table.columns["mode"] = table.columns["mode"].copy()
+    table.columns["mode"][lost] = ""
+    table.columns["broke_off"][lost] = 1.0
+    found = summarise(config_with(samples=60, estimator="monte carlo"), rough, table)
+    assert found["failures_refined"] == failed.sum()
+    assert sum(part["count"] for part in found["modes"].values()) == failed.sum() - 1
+    assert found["fits"]["all"]["volume"]["samples"] == failed.sum() - 1
