@@ -19,7 +19,7 @@ from cooperative.designs import rough_runs
 from cooperative.modes import FailureMode, ModeRules, failure_mode
 from cooperative.onsets import Motion
 from cooperative.restart import RestartPoint, read_restart, write_restart
-from cooperative.store import Sample, Scalar, scene_digest
+from cooperative.store import Sample, Scalar, read_store
 from jaxmpm import Chunk, Midway, Result, Scene, State, Status, slope, solve_each
 
 
@@ -106,8 +106,8 @@ def run_samples(
     motions: dict[int, Motion] = {}
     written: dict[int, float] = {}
     before: dict[int, float] = {}
-    folder = restart_in if restart_in is not None and restart_in.is_dir() else None
-    digest = scene_digest(config.text)
+    folder = restart_in if restart_in is not None and (restart_in / "scene.toml").is_file() else None
+    digest = "" if folder is None else read_store(folder).digest
 
     def begin(number: int) -> Midway | None:
         written[number] = time.perf_counter()

@@ -46,6 +46,13 @@ def assert_same_sample(first, second):
         assert values.tobytes() == second.fields[name].tobytes()
 
 
+@pytest.fixture
+def folder(tmp_path):
+    """A campaign's folder, for restart points."""
+    open_store(tmp_path / "campaign", OFTEN).close()
+    return tmp_path / "campaign"
+
+
 @pytest.fixture(scope="module")
 def undisturbed():
     """Refined runs of all samples without any restart point; first one that slides, then one that settles."""
@@ -57,7 +64,7 @@ def undisturbed():
 
 
 @pytest.mark.parametrize("which", [0, 1], ids=["slides", "settles"])
-def test_an_interrupted_run_ends_as_the_undisturbed_one(which, undisturbed, tmp_path):
+def test_an_interrupted_run_ends_as_the_undisturbed_one(which, undisturbed, folder):
     model, coefficients, found = undisturbed
     number = list(found)[which]
     whole, all_chunks = stop_after(10_000)
@@ -67,40 +74,48 @@ def test_an_interrupted_run_ends_as_the_undisturbed_one(which, undisturbed, tmp_
     for chunks in (len(all_chunks) // 3, len(all_chunks) // 4):
         on_chunk, _ = stop_after(chunks)
         with pytest.raises(Stopped):
-            list(screening.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=tmp_path))
-        assert restart_path(tmp_path, "refined", number).exists()
+            list(screening.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=folder))
+        assert restart_path(folder, "refined", number).exists()
         done += chunks
     on_chunk, left = stop_after(10_000)
-    (again,) = screening.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=tmp_path)
+    (again,) = screening.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=folder)
     assert len(left) == len(all_chunks) - done
     assert_same_sample(again, found[number])
 
 
-def test_lanes_go_on_from_restart_points_beside_fresh_ones(undisturbed, tmp_path):
+def test_lanes_go_on_from_restart_points_beside_fresh_ones(undisturbed, folder):
     model, coefficients, found = undisturbed
     first, second, *_ = found
     on_chunk, _ = stop_after(3)
     with pytest.raises(Stopped):
-        list(screening.run_samples(model, coefficients, [second], width=1, on_chunk=on_chunk, restart_in=tmp_path))
+        list(screening.run_samples(model, coefficients, [second], width=1, on_chunk=on_chunk, restart_in=folder))
     for width in (1, 2):
-        again = screening.run_samples(model, coefficients, [first, second], width=width, restart_in=tmp_path)
+        again = screening.run_samples(model, coefficients, [first, second], width=width, restart_in=folder)
         for sample in again:
             assert_same_sample(sample, found[sample.number])
 
 
-def test_short_runs_write_none(undisturbed, tmp_path):
+def test_short_runs_write_none(folder):
     model, coefficients = model_of(TINY)
-    list(screening.run_samples(model, coefficients, [0], width=1, restart_in=tmp_path))
+    list(screening.run_samples(model, coefficients, [0], width=1, restart_in=folder))
+    assert not (folder / "restart").exists()
+
+
+def test_a_folder_that_a_worker_does_not_see_is_run_without(undisturbed, tmp_path):
+    model, coefficients, found = undisturbed
+    number = next(iter(found))
+    (alone,) = screening.run_samples(model, coefficients, [number], width=1, restart_in=tmp_path / "elsewhere")
+    assert_same_sample(alone, found[number])
     assert list(tmp_path.iterdir()) == []
 
 
-def test_damaged_and_foreign_restart_points_are_named_and_the_run_starts_afresh(undisturbed, tmp_path):
+def test_damaged_and_foreign_restart_points_are_named_and_the_run_starts_afresh(undisturbed, folder):
     model, coefficients, found = undisturbed
     number = next(iter(found))
     on_chunk, _ = stop_after(3)
     with pytest.raises(Stopped):
-        list(screening.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=tmp_path))
-    path = restart_path(tmp_path, "refined", number)
+        list(screening.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=folder))
+    path = restart_path(folder, "refined", number)
     whole = path.read_bytes()
     other = next(n for n in found if n != number)
     for content, at, reason in (
@@ -108,10 +123,10 @@ def test_damaged_and_foreign_restart_points_are_named_and_the_run_starts_afresh(
         (whole, other, "another scene or sample"),
     ):
         path.unlink(missing_ok=True)
-        there = restart_path(tmp_path, "refined", at)
+        there = restart_path(folder, "refined", at)
         there.write_bytes(content)
         with pytest.warns(UserWarning, match=rf"{there.name} .*{reason}.*starts afresh"):
-            (again,) = screening.run_samples(model, coefficients, [at], width=1, restart_in=tmp_path)
+            (again,) = screening.run_samples(model, coefficients, [at], width=1, restart_in=folder)
         assert_same_sample(again, found[at])
         assert there.with_name(there.name + ".damaged").read_bytes() == content
 
