@@ -136,7 +136,8 @@ def probabilities(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
 
 def mode_ratios(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
     """Share of each mode among the failures, with its interval, against each parameter, one panel each."""
-    figure, axes = plots.panels(1, len(parameters), size=(3.6, 3.4))
+    figure, axes = plots.panels(1, len(parameters), size=(3.6, 3.5))
+    handles: dict[str, Any] = {}
     for ax, (name, rows) in zip(axes, parameters.items(), strict=True):
         with_failures = [row for row in rows if row["modes"]]
         for place, (mode, (colour, marker)) in enumerate(STYLES.items()):
@@ -145,8 +146,10 @@ def mode_ratios(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
                 ratio, limits = [part["ratio"] for part in parts], [part["interval"] for part in parts]
                 _errorbar(ax, with_failures, ratio, limits, colour, marker, mode, shift=place - 1.5)
         ax.set(xlabel=LABELS[name], ylabel="share of the failures [-]", ylim=(-0.02, 1.02))
-        if ax.get_legend_handles_labels()[0]:
-            ax.legend(fontsize=8, frameon=False)
+        handles |= {label: handle for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    if handles:
+        shown = [mode for mode in STYLES if mode in handles]
+        figure.legend([handles[mode] for mode in shown], shown, loc="outside upper center", ncols=4, frameon=False)
     return figure
 
 
@@ -159,6 +162,7 @@ def _errorbar(
     at = at + shift * 0.008 * (np.ptp(at) if at.size > 1 else 1.0)
     off = [[m - low for m, (low, _) in zip(middle, limits, strict=True)],
            [high - m for m, (_, high) in zip(middle, limits, strict=True)]]  # fmt: skip
+    ax.margins(x=0.08)
     ax.errorbar(at, middle, np.maximum(off, 0.0), color=colour, marker=marker, ms=5, lw=1.4, capsize=2, label=label)
 
 
