@@ -207,7 +207,7 @@ def _weighted(
     found = optimize.minimize(
         lambda at: -float(weight @ candidate.family.logpdf(values, *parameters(at))) / weight.sum(),
         np.array([first, np.log(start[-1])]),
-        method="Nelder-Mead",
-        options={"xatol": 1e-5, "fatol": 1e-8, "maxiter": 400},
+        method="BFGS",
+        options={"gtol": 1e-4},
     )
     return parameters(found.x)

@@ -107,3 +107,32 @@ def test_bootstrap_interval_covers_the_mean():
         entry = severity_ranking({"a": generator.normal(0, 1, 50)}, statistic=np.mean, resamples=400, seed=seed)[0]
         hits += entry.interval[0] <= 0 <= entry.interval[1]
     assert 0.83 <= hits / 200 <= 0.96
+
+
+@pytest.mark.parametrize("name", TRUTHS)
+def test_a_weight_counts_as_so_many_values(name):
+    values = TRUTHS[name].rvs(60, random_state=5)
+    weight = np.random.default_rng(0).integers(1, 4, 60)
+    weighted = {fit.name: fit for fit in fit_distributions(values, weight).fits}[name]
+    repeated = {fit.name: fit for fit in fit_distributions(np.repeat(values, weight)).fits}[name]
+    at = np.quantile(values, [0.1, 0.5, 0.9])
+    np.testing.assert_allclose(weighted.frozen.cdf(at), repeated.frozen.cdf(at), atol=2e-3)
+    # Log-likelihoods are those of the values' worth, which is less than their weights' sum.
+    worth = weight.sum() ** 2 / (weight @ weight)
+    assert weighted.log_likelihood / worth == pytest.approx(repeated.log_likelihood / weight.sum(), rel=1e-3)
+
+
+def test_weights_that_do_not_fit_are_named():
+    with pytest.raises(ValueError, match="give one above 0 each"):
+        fit_distributions(np.arange(4.0), np.ones(3))
+    with pytest.raises(ValueError, match="give one above 0 each"):
+        fit_distributions(np.arange(4.0), np.array([1.0, 1, 0, 1]))
+
+
+def test_weighted_severity_is_that_of_what_the_values_stand_for():
+    groups = {"a": np.array([1.0, 9.0]), "b": np.array([5.0, 5.0])}
+    plain = severity_ranking(groups, statistic=np.mean)
+    assert {place.group: place.middle for place in plain} == {"a": 5.0, "b": 5.0}
+    weighted = severity_ranking(groups, statistic=np.mean, weights={"a": np.array([1.0, 9.0]), "b": np.ones(2)})
+    assert weighted[0].group == "a"
+    assert weighted[0].middle == pytest.approx(8.2, abs=0.1)

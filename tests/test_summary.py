@@ -60,7 +60,7 @@ def play(config, rough, refined):
 
 def test_ratios_means_and_fits_are_those_of_the_population_not_of_the_runs():
     ratio, mean, plain, covered = [], [], [], 0
-    for seed in range(20):
+    for seed in range(14):
         rough, refined, failed, mode, size = made_up(500, 0.25, seed)
         found = play(config_with(samples=500, refined_runs=100), rough, refined)
         truth = np.mean(mode[failed] == "deep")
@@ -69,11 +69,11 @@ def test_ratios_means_and_fits_are_those_of_the_population_not_of_the_runs():
         covered += deep["interval"][0] <= truth <= deep["interval"][1]
         mean.append(found["consequences_of_failures"]["volume"]["mean"] / size[failed].mean() - 1)
         plain.append(deep["count"] / found["failures_refined"] - truth)
-    assert abs(np.mean(ratio)) < 4 * np.std(ratio) / np.sqrt(20)
-    assert abs(np.mean(mean)) < 4 * np.std(mean) / np.sqrt(20)
+    assert abs(np.mean(ratio)) < 4 * np.std(ratio) / np.sqrt(14)
+    assert abs(np.mean(mean)) < 4 * np.std(mean) / np.sqrt(14)
     # Counting the runs alone would be off: the audit looks where failure is in doubt, and there fewer are deep.
-    assert np.mean(plain) < -2 * np.std(plain) / np.sqrt(20)
-    assert covered >= 16
+    assert np.mean(plain) < -2 * np.std(plain) / np.sqrt(14)
+    assert covered >= 11
 
 
 def test_fits_find_the_family_and_severity_the_larger_mode():
