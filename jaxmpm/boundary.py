@@ -30,11 +30,15 @@ def hold(walls: Sequence[Wall], grid: Grid, nodal: Array) -> Array:
     return field.reshape(nodal.shape)
 
 
-def slide(walls: Sequence[Wall], grid: Grid, velocity: Array, friction: Array | None) -> Array:
+def slide(
+    walls: Sequence[Wall], grid: Grid, velocity: Array, friction: Array | None, pressed: Array | None = None
+) -> Array:
     """Velocities (nodes, d) after the impulses of the walls with friction.
 
     A wall takes away the velocity into it, and of the velocity along it up to `friction` times as much; it does not
-    hold back what leaves. Source: Coulomb's law for impulses, as in Bardenhagen et al. (2000),
+    hold back what leaves. pressed: velocities (nodes, d) of which those into a wall say that it holds the node, which
+    then has no normal velocity at all: strains of a body that rebounds must not let go of a wall before its forces do,
+    or energy is made. Source: Coulomb's law for impulses, as in Bardenhagen et al. (2000),
     10.1016/S0045-7825(99)00338-2, section 3.
     """
     shape = (*grid.shape, grid.dimension)
@@ -45,7 +49,11 @@ def slide(walls: Sequence[Wall], grid: Grid, velocity: Array, friction: Array | 
         along = jax.lax.broadcasted_iota(jnp.int32, grid.shape, wall.axis)
         inward = 1 if wall.side == "low" else -1
         beyond = along <= wall.index if wall.side == "low" else along >= wall.index
-        push = jnp.where(beyond, jnp.maximum(-inward * field[..., wall.axis], 0), 0)
+        into = -inward * field[..., wall.axis]
+        push = jnp.maximum(into, 0)
+        if pressed is not None:
+            push = jnp.where(inward * pressed.reshape(shape)[..., wall.axis] < 0, into, push)
+        push = jnp.where(beyond, push, 0)
         normal = jax.lax.broadcasted_iota(jnp.int32, shape, grid.dimension) == wall.axis
         tangential = jnp.where(normal, 0, field)
         left: Array | float = 1.0

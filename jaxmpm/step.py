@@ -48,7 +48,12 @@ def step(scene: Scene, state: State, dt: Array) -> State:
         mass, moving, *pushed = jnp.split(to_grid(jnp.concatenate(carried), None), ends[:-1], axis=1)
         inverse_mass = reciprocal(scene, mass)
         velocity = nodal_velocity(scene, inverse_mass, moving)
-        _, gradient = to_particles(velocity, values=0, gradients=d)
+        straining = velocity
+        if scene.wall_friction is not None:
+            stress_force = to_grid(None, acting_stress(scene, state, average))
+            pressed = velocity + dt * (inverse_mass * stress_force + scene.gravity)
+            straining = slide(scene.walls, grid, velocity, None, pressed)
+        _, gradient = to_particles(straining, values=0, gradients=d)
         state = update_stress(scene, state, gradient, dt, average)
         force = sum(pushed, to_grid(None, acting_stress(scene, state, average)))
     else:
@@ -63,7 +68,8 @@ def step(scene: Scene, state: State, dt: Array) -> State:
     if scene.wall_friction is None:
         velocity = velocity + dt * acceleration
     else:
-        before, velocity = velocity, slide(scene.walls, grid, velocity + dt * acceleration, scene.wall_friction)
+        before, pressed = velocity, velocity + dt * acceleration
+        velocity = slide(scene.walls, grid, pressed, scene.wall_friction)
         acceleration = (velocity - before) / dt
 
     # Grid to particles: move them.
@@ -83,7 +89,7 @@ def step(scene: Scene, state: State, dt: Array) -> State:
     if scene.scheme is Scheme.MUSL:
         velocity = nodal_velocity(scene, inverse_mass, to_grid(momentum(scene, state, x), None))
         if scene.wall_friction is not None:
-            velocity = slide(scene.walls, grid, velocity, None)
+            velocity = slide(scene.walls, grid, velocity, None, pressed)
         _, gradient = to_particles(velocity, values=0, gradients=d)
     if scene.scheme is not Scheme.USF:
         state = update_stress(scene, state, gradient, dt, average)

@@ -179,3 +179,28 @@ def test_block_slides_on_a_plane_as_coulomb_says(scheme):
     time = int(final.step) * float(scene.time_step)
     expected = 9.81 * (np.sin(slope) - np.cos(slope) * np.tan(friction)) * time**2 / 2
     assert abs(float(jnp.mean(final.displacement[0])) / expected - 1) < 1e-3
+
+
+@pytest.mark.usefixtures("x64")
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_rebound_from_a_frictional_wall_makes_no_energy(scheme):
+    soil = mpm.Soil(unit_weight=20e3, young=1e7)
+    scene, state = mpm.block(
+        (2.0,),
+        soil,
+        mpm.Discretisation(1.0, (0.5,), scheme=scheme),
+        domain=(5.0,),
+        corner=(1.0,),
+        velocity=(-2.0,),
+        gravity=(-9.81,),
+        walls="friction",
+        speed=8.0,
+    )
+
+    def energy(s):
+        stored = diagnostics.kinetic_energy(scene, s) + diagnostics.elastic_energy(scene, s)
+        return float(stored + diagnostics.potential_energy(scene, s))
+
+    final = mpm.advance(scene, state, 100)
+    assert float(jnp.min(diagnostics.position(scene, final))) > 0
+    assert energy(final) < energy(state)
