@@ -1,4 +1,4 @@
-"""`benchmarks/RESULTS.md` from the benchmarks' JSON: the named figures first, then the tables behind them."""
+"""`benchmarks/RESULTS.md` from the benchmarks' JSON: one page to judge by, all figures, the tables behind."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.measure import ROOT
+from benchmarks.summary import lead
 
 HEAD = """# Results
 
@@ -37,7 +38,7 @@ def run_all(names: tuple[str, ...], folder: Path) -> list[str]:
 
 def document(answers: list[dict[str, Any]]) -> str:
     """The whole page."""
-    parts = [HEAD, "| benchmark | figure | value |\n|---|---|---|"]
+    parts = [HEAD, *lead(answers), "\n## All named figures\n", "| benchmark | figure | value |\n|---|---|---|"]
     for answer in answers:
         for name, value in answer["values"].items():
             parts.append(f"| [{answer['benchmark']}](#{answer['benchmark']}) | {name} | {_cell(value)} |")

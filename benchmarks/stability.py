@@ -118,7 +118,8 @@ def collapse_rows(quick: bool) -> Iterator[Row]:
     apic: dict[str, Any] = {"kernel": mpm.QuadraticBSpline, "apic": True, "flip": 0.0}
     for name, choices in (*usl, ("APIC", apic), ("5 % PIC", {"flip": 0.95})):
         row = collapse(f"collapse at R = 2, {name}", **choices)
-        made = -row["figure"] if row["sign"] == "lost" else row["figure"]
+        size = row["figure"] if row["figure"] is not None else float("nan")
+        made = -size if row["sign"] == "lost" else size
         case = f"collapse at R = 2, {name}, which dissipates by design: energy made"
         found = judged(case, made, CLOSED, row["unit"], **{key: row[key] for key in list(row)[6:]})
         if not found["passed"]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -20,11 +21,12 @@ NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5))
 
 
 def judged(case: str, figure: float, bound: float, unit: str, *, at_least: bool = False, **more: Any) -> Row:
-    """A case passes if its figure is at most the bound (or at least, where that is asked); NaN never passes."""
+    """A case passes if its figure is at most the bound (or at least, where that is asked); one that is not finite never does, and is
+    given as None."""
     passed = (operator.ge if at_least else operator.le)(figure, bound)
     return {
         "case": case,
-        "figure": float(f"{figure:.3g}"),
+        "figure": float(f"{figure:.3g}") if math.isfinite(figure) else None,
         "sense": ">=" if at_least else "<=",
         "bound": bound,
         "unit": unit,

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from benchmarks import measure, results
+from benchmarks import measure, results, summary
 from benchmarks.throughput_case import Case
 from benchmarks.throughput_case import measure as measure_case
 
@@ -33,6 +33,24 @@ def test_results_hold_every_value_and_row():
     assert "| [slope](#slope) | fos | 1.235 |" in page
     assert "| 1 | 1, 2 |" in page
     assert "| z |" in page
+
+
+def test_results_lead_with_broken_bounds_their_reasons_and_the_best_buy():
+    case = {"case": "a", "figure": 0.5, "sense": "<=", "bound": 0.1, "unit": "1", "passed": False, "why": "hats"}
+    close = case | {"case": "b", "figure": 0.09, "passed": True}
+    row = {"setting": "plain", "cell_m": 1.0, "fails_at_R": 1.13, "runout_m": 14.3, "seconds": 9.0, "published": "none"}
+    reports = {
+        "slope": measure.Report({"fos_rough": 1.23, "fos_refined": 1.3}, []),
+        "stability": measure.Report({"cases_failed": 1}, [case, close]),
+        "work_precision": measure.Report({"best_buy": "plain"}, [row]),
+    }
+    page = "\n".join(summary.lead([json.loads(measure.as_json(name, report)) for name, report in reports.items()]))
+    lines = page.splitlines()
+    assert "| 1.3 | 1.1 to 1.18 | no |" in page
+    assert lines.index(next(x for x in lines if "| no |" in x)) < lines.index(next(x for x in lines if "| yes |" in x))
+    assert "| a | 0.5 1 | <= 0.1 | hats |" in page
+    assert "| b | 0.09 1 | <= 0.1 |" in page
+    assert "| plain | 1.0 | 1.13 | 14.3 | 9.0 |  |" in page
 
 
 def test_throughput_case_measures_a_lane_that_runs():

@@ -1,0 +1,132 @@
+"""The page that RESULTS.md leads with: what was asked, what was found, against which bound; worst first; best buy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+Answer = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Question:
+    """One question to one named figure of a benchmark; low and high: the bounds it should keep, None without."""
+
+    text: str
+    benchmark: str
+    value: str
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+
+
+QUESTIONS = (
+    Question("Stability cases beyond their bound", "stability", "cases_failed", high=0),
+    Question("Factor of safety, spread over cells of 1 to 0.5 m", "work_precision", "slope_fos_spread_cells_1_to_05"),
+    Question("Run-out, spread over cells of 1 to 0.5 m", "work_precision", "slope_runout_spread_cells_1_to_05", "m"),
+    Question("Factor of safety, cells of 2 m (published 1.26)", "slope", "fos_rough", "", 1.20, 1.28),
+    Question("Factor of safety, cells of 1 m (published 1.15)", "slope", "fos_refined", "", 1.10, 1.18),
+    Question("Run-out, cells of 1 m (published 14.17 m)", "slope", "runout_refined_m", "m", 12.5, 16.0),
+    Question(
+        "A step in 3D, rough, MUSL, one core", "throughput", "rough_musl_f32_1core_us", "us per particle", high=0.13
+    ),
+    Question("The same, refined", "throughput", "refined_musl_f32_1core_us", "us per particle", high=0.16),
+    Question("Peak memory, refined", "throughput", "refined_peak_mb", "MB", high=600),
+    Question("Two cores over one, 16 lanes", "throughput", "batch16_two_core_ratio", high=0.60),
+    Question("1000 rough samples on 2 cores", "screening", "hours_per_1000_samples", "h", high=1.5),
+    Question("Realisation of a random field", "fields", "ms_per_realisation_999", "ms", high=0.35),
+    Question("Its worst error in correlation", "fields", "ms_per_realisation_999_error_in_correlation"),
+    Question("Bias of the probability of failure, of itself", "estimators", "two_phase_bias_max", high=0.01),
+    Question("Least coverage of its 95 % interval", "estimators", "two_phase_coverage_min", "", 0.93, 0.97),
+    Question(
+        "Refined runs for a COV of 10 % (Monte Carlo 310)", "estimators", "two_phase_runs_pf0244_r095", "", high=110
+    ),
+    Question("Gradient against differences, elastic", "gradients", "fd_rel_elastic", "relative", high=1e-6),
+    Question("Gradient against differences, softening", "gradients", "fd_rel_softening", "relative", high=1e-4),
+    Question("Reverse over forward step, native", "gradients", "reverse_over_forward_native", high=4),
+)
+CLOSEST = 6
+"""Cases that keep their bound but come closest to it, shown beside those that do not."""
+
+
+def lead(answers: list[Answer]) -> list[str]:
+    """The lines of the page, of those benchmarks that have an answer."""
+    by_name = {answer["benchmark"]: answer for answer in answers}
+    found = [(q, by_name[q.benchmark]["values"]) for q in QUESTIONS if q.benchmark in by_name]
+    judged = [(q, values[q.value]) for q, values in found if q.value in values]
+    judged.sort(key=lambda pair: keeps(*pair) != "no")
+    lines = ["## In one page", "", "| question | answer | bound | kept | from |", "|---|---|---|---|---|"]
+    for question, value in judged:
+        unit = f" {question.unit}" if question.unit else ""
+        link = f"[{question.benchmark}](#{question.benchmark})"
+        lines.append(
+            f"| {question.text} | {value:.4g}{unit} | {bounds(question)} | {keeps(question, value)} | {link} |"
+        )
+    if "stability" in by_name:
+        lines += breaks(by_name["stability"]["rows"])
+    if "work_precision" in by_name and "best_buy" in by_name["work_precision"]["values"]:
+        lines += best_buy(by_name["work_precision"])
+    return lines
+
+
+def bounds(question: Question) -> str:
+    """The bound in words."""
+    if question.low is None:
+        return "none set" if question.high is None else f"at most {question.high:g}"
+    return f"{question.low:g} to {question.high:g}"
+
+
+def keeps(question: Question, value: float) -> str:
+    """yes, no, or a dash where no bound is set."""
+    if question.low is None and question.high is None:
+        return "-"
+    above = question.low is None or value >= question.low
+    return "yes" if above and (question.high is None or value <= question.high) else "no"
+
+
+def breaks(rows: list[Answer]) -> list[str]:
+    """Where it breaks: stability cases beyond their bound with the reason, then those closest to it."""
+    failed = [row for row in rows if not row["passed"]]
+    kept = sorted((row for row in rows if row["passed"]), key=closeness, reverse=True)[:CLOSEST]
+    lines = ["", "### Where it breaks", "", "| case | figure | bound | why |", "|---|---|---|---|"]
+    for row in failed:
+        lines.append(f"| {row['case']} | {figure(row)} | {limit(row)} | {row.get('why', 'not understood yet')} |")
+    lines += ["", f"Of the other {len(rows) - len(failed)} cases these come closest to their bound:", ""]
+    lines += ["| case | figure | bound |", "|---|---|---|"]
+    return lines + [f"| {row['case']} | {figure(row)} | {limit(row)} |" for row in kept]
+
+
+def closeness(row: Answer) -> float:
+    """1 at the bound, less the farther within it."""
+    if row["figure"] == row["bound"] or not row["bound"]:  # a count that is as it should be
+        return 0.0
+    share = row["figure"] / row["bound"]
+    return share if row["sense"] == "<=" else 1 / share
+
+
+def figure(row: Answer) -> str:
+    """The figure with its unit; a lane that broke off has none."""
+    return str(row.get("status", "none")) if row["figure"] is None else f"{row['figure']:.3g} {row['unit']}"
+
+
+def limit(row: Answer) -> str:
+    """The bound with its sense."""
+    return f"{row['sense']} {row['bound']:g}"
+
+
+def best_buy(answer: Answer) -> list[str]:
+    """What each cell costs and gives in the setting recommended, beside the plain one and the published."""
+    chosen = answer["values"]["best_buy"]
+    lines = ["", "### Best buy", "", answer["values"].get("advice", ""), ""]
+    lines += [
+        "| setting | cell (m) | fails at R | run-out (m) | seconds | published R, m, s |",
+        "|---|---|---|---|---|---|",
+    ]
+    for setting in dict.fromkeys((chosen, "plain")):
+        for row in answer["rows"]:
+            if row.get("setting") == setting:
+                published = row["published"]
+                beside = "" if published == "none" else ", ".join(f"{value:g}" for value in published.values())
+                cells = (setting, row["cell_m"], row["fails_at_R"], row["runout_m"], row["seconds"], beside)
+                lines.append("| " + " | ".join(map(str, cells)) + " |")
+    return lines
