@@ -21,8 +21,10 @@ NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5))
 
 
 def judged(case: str, figure: float, bound: float, unit: str, *, at_least: bool = False, **more: Any) -> Row:
-    """A case passes if its figure is at most the bound (or at least, where that is asked); one that is not finite never does, and is
-    given as None."""
+    """A case passes if its figure is at most the bound (or at least, where that is asked).
+
+    A figure that is not finite never passes, and is given as None.
+    """
     passed = (operator.ge if at_least else operator.le)(figure, bound)
     return {
         "case": case,

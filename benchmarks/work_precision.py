@@ -69,7 +69,7 @@ def made(problem: str, choice: str, cell: float, error: float, error_of: str, se
         "problem": problem,
         "choice": choice,
         "cell_m": cell,
-        "error": float(f"{error:.3g}"),
+        "error": float(f"{error:.3g}") if np.isfinite(error) else None,
         "error_of": error_of,
         "seconds": float(f"{seconds:.3g}"),
     }
@@ -225,7 +225,7 @@ def draw(rows: list[Row]) -> None:
     axes[0, 0].legend(fontsize=8)
     for axis, problem in zip(axes[1], dict.fromkeys(r["problem"] for r in rows if "choice" in r), strict=True):
         for number, name in enumerate(dict.fromkeys(r["choice"] for r in rows if r["problem"] == problem)):
-            lines = [r for r in rows if (r["problem"], r.get("choice")) == (problem, name) and np.isfinite(r["error"])]
+            lines = [r for r in rows if (r["problem"], r.get("choice")) == (problem, name) and r["error"] is not None]
             style = ("o-", "s--", "^:")[number % 3]
             axis.loglog([r["seconds"] for r in lines], [r["error"] for r in lines], style, markersize=4, label=name)
         axis.set(xlabel="seconds", ylabel="error", title=problem)
