@@ -20,6 +20,7 @@ NAMES = (
     "fields",
     "estimators",
     "gradients",
+    "rare_events",
 )
 
 

@@ -57,3 +57,17 @@ def log_displacement(state: State, floor: float = 1e-3) -> Array:
     floor^2. Ranks slides by their whole mass, where the largest displacement ranks them by one particle.
     """
     return 0.5 * jnp.log1p(jnp.mean(jnp.sum(state.displacement**2, axis=0)) / floor**2)
+
+
+def column_height(scene: Scene, state: State, stations: Array, width: float) -> Array:
+    """Height of the soil (m) above the base at `stations` (k) along x, of a section or per metre of width.
+
+    The soil's volume under a Gaussian of deviation `width` / 2 (m) about each station, over what that holds of a unit
+    height: the surface where nothing overhangs, averaged over some `width`, and too low within it of the ends. With
+    particles a width apart it ripples by 1.4 per cent, half a width apart not at all.
+    """
+    x = diagnostics.position(scene, state)[0]
+    sigma = width / 2
+    share = jnp.exp(-0.5 * ((x - stations[:, None]) / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
+    across = (scene.grid.shape[1] - 3) * scene.grid.cell if scene.grid.dimension == 3 else 1.0
+    return share @ (scene.particles.volume * state.volume_ratio) / across
