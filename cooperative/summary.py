@@ -206,15 +206,18 @@ def _convergence(config: Config, phases: Phases | None) -> dict[str, list[float]
 def _grids(config: Config, rough: Rows, refined: Rows, weight: np.ndarray) -> dict[str, Any] | None:
     """How well the rough grid tells the refined one, over runs that ended on both."""
     on_rough = {number: at for at, number in enumerate(rough.numbers)}
-    place = np.array([on_rough[number] for number in refined.numbers], int)
-    if not place.size:
+    # A rough sample may lack while its damaged file waits to be redone.
+    both = np.array([at for at, number in enumerate(refined.numbers) if number in on_rough], int)
+    if not both.size:
         return None
-    ended = ~(rough.columns["broke_off"][place].astype(bool) | refined.columns["broke_off"].astype(bool))
-    ended &= weight > 0
+    place = np.array([on_rough[refined.numbers[at]] for at in both])
+    ended = ~(rough.columns["broke_off"][place].astype(bool) | refined.columns["broke_off"][both].astype(bool))
+    ended &= weight[both] > 0
+    both, place = both[ended], place[ended]
     found = correlation(
-        rough.columns["displacement"][place][ended],
-        refined.columns["displacement"][ended],
-        weight[ended],
+        rough.columns["displacement"][place],
+        refined.columns["displacement"][both],
+        weight[both],
         limit=config.run.failure_displacement,
     )
     return None if found is None else {name: _plain(value) for name, value in asdict(found).items()}

@@ -127,3 +127,11 @@ def test_a_run_that_broke_off_has_no_part_in_modes_and_fits():
     assert found["failures_refined"] == failed.sum()
     assert sum(part["count"] for part in found["modes"].values()) == failed.sum() - 1
     assert found["fits"]["all"]["volume"]["samples"] == failed.sum() - 1
+
+
+def test_a_rough_sample_that_is_to_be_redone_is_no_obstacle():
+    rough, refined, *_ = made_up(60, 0.4, 1)
+    fewer = Rows({name: np.delete(column, 7) for name, column in rough.columns.items()}, ("000007.h5 is damaged",))
+    found = summarise(config_with(samples=60, estimator="monte carlo"), fewer, refined(range(60)))
+    assert found["grids"]["samples"] <= 59
+    assert found["refined_runs"] == 60
