@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 from jax import Array
+from jax.flatten_util import ravel_pytree
 
 from cooperative.screening import GridModel
 from jaxmpm import objectives, replay
@@ -115,8 +116,8 @@ def recover(
 ) -> Recovery:
     """The most probable parameters behind `observed`, with `modes` leading coefficients, from the prior's middle.
 
-    noise: standard deviation of every reading (m). optimiser: of optax, L-BFGS with its line search by default. report: is
-    told the number and the loss of every iteration.
+    noise: standard deviation of every reading (m). optimiser: of optax, L-BFGS with its line search by default.
+    report: is told the number and the loss of every iteration.
     Raises ValueError for a noise that is not positive, more modes than the field has, or a loss that is not finite.
     """
     if not noise > 0:
@@ -154,7 +155,7 @@ def recover(
             best, least = before, losses[-1]
         if report is not None:
             report(number, losses[-1])
-    flat, restore = jax.flatten_util.ravel_pytree(best)
+    flat, restore = ravel_pytree(best)
     # Few parameters and many readings: forward mode.
     jacobian = np.asarray(jax.jit(jax.jacfwd(lambda p: residuals(restore(p))))(flat), float)
     deviation = restore(jnp.asarray(np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian))), dtype))
