@@ -25,6 +25,36 @@ BOUNDS = {
         "speed_at_end": (0.0, 0.2),
         "gif_bytes": (1e4, 1e6),
     },
+    "02_batched_screening": {
+        "same_in_any_batch": (1, 1),
+        "failed": (1, 10),  # of 24, at a probability of 0.155 with 1000 samples
+        "broke_off": (0, 0),
+        "settled_share_of_steps": (0.03, 0.3),
+        "rank_correlation_overall": (-1.0, -0.6),
+        "rank_correlation_band": (-1.0, -0.8),
+        "rank_correlation_own": (-1.0, -0.8),
+        "deepest_correlation_at": (0.0, 4.0),  # in the foundation
+        "worst_over_best": (50.0, 1e6),
+    },
+    "03_random_fields": {
+        "modes": (40, 56),
+        "worst_variance_95": (0.6, 0.85),  # 26 % are lacking in the corners
+        "worst_variance_999": (0.95, 0.999),
+        "correlation_error": (0.0, 0.15),  # three standard errors of 400 realisations
+        "mean_error": (0.0, 0.02),
+        "cov_error": (0.0, 0.02),
+        "same_field": (0.0, 1e-5),
+        "borehole_misfit_over_error": (0.1, 1.1),
+        "derivative_error": (0.0, 5e-3),
+    },
+    "07_your_own_material_and_scene": {
+        "flow_error": (0.0, 1e-4),
+        "wave_error": (0.0, 0.03),
+        "wave_order": (1.0, 2.2),
+        "dimensions_differ": (0.0, 1e-4),
+        "front_plane": (0.85, 1.1),  # of a closed form without inertia
+        "front_round": (0.85, 1.1),
+    },
 }
 
 
