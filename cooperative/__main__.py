@@ -110,7 +110,9 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         given.does(given)
     except (ValueError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
+        # The text of an OSError of our own stands alone; that of the system's needs the file's name beside it.
+        own = isinstance(error, OSError) and error.filename is None and error.strerror
+        print(f"error: {own or error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("stopped; the same command goes on from here", file=sys.stderr)

@@ -109,9 +109,9 @@ def plan(
         boxes = _draw_particles(ax, now[:2, upwards], half_size[:2], far[upwards], "viridis", norm, vertical="y [m]")
         ax.axvline(toe, color="white", lw=1.2, ls="--")
         ax.set_title(f"t = {time:.3g} s", loc="left")
-    axes[0].annotate("toe", (toe, axes[0].get_ylim()[1]), xytext=(2, -10), textcoords="offset points", color="white")
+    axes[0].text(toe, position[1].max(), " toe", va="top", color="white")
     _share_limits(axes)
-    figure.colorbar(boxes, ax=axes, label="displacement [m]")
+    figure.colorbar(boxes, ax=axes, label="displacement [m]", shrink=0.7)
     return figure
 
 

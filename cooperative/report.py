@@ -47,6 +47,18 @@ class Told:
         }
 
     @property
+    def units(self) -> dict[str, str]:
+        """Unit of each consequence in words."""
+        each = "" if self.config.slope.dimension == 3 else " per metre of width"
+        return {
+            "displacement": "m",
+            "depth": "m below the crest",
+            "runout": "m beyond the toe",
+            "volume": f"m³{each}",
+            "area": f"m² beyond the toe{each}",
+        }
+
+    @property
     def failed(self) -> np.ndarray:
         """Refined runs that failed and have consequences (runs,) bool."""
         answers = summary.refined_answers(self.config, self.refined)
@@ -76,11 +88,12 @@ def report(folder: str | Path, *, slides: int = SLIDES, again: bool = False) -> 
     for drawn in [*numbers, *slopes]:
         plots.save(drawn.figure, target / f"{drawn.name}.png")
     write_aside(store.folder / "report.html", page.document(config.name, _parts(told, numbers, slopes)).encode())
-    return words(told.summary, store.folder)
+    return words(told)
 
 
-def words(told: dict[str, Any], folder: Path) -> str:
+def words(campaign: Told) -> str:
     """The summary for people."""
+    told = campaign.summary
     low, high = told["interval"]
     lines = [
         f"{told['name']}",
@@ -105,20 +118,11 @@ def words(told: dict[str, Any], folder: Path) -> str:
         if spread:
             lines.append(
                 f"  {name:<13}  mean {spread['mean']:.4g}, {spread['smallest']:.4g} to {spread['largest']:.4g} "
-                f"({_UNITS[name]}, failed samples)"
+                f"({campaign.units[name]}, failed samples)"
             )
     lines += [f"  BROKE OFF      {line}" for line in _broken(told)]
     lines += [f"  note: {note}" for note in told["notes"]]
-    return "\n".join([*lines, f"  all of it, with figures: {folder / 'report.html'}"])
-
-
-_UNITS = {
-    "displacement": "m",
-    "depth": "m below the crest",
-    "runout": "m beyond the toe",
-    "volume": "m³, per metre of width in a section",
-    "area": "m² beyond the toe, per metre of width in a section",
-}
+    return "\n".join([*lines, f"  all of it, with figures: {campaign.store.folder / 'report.html'}"])
 
 
 def _numbers(told: Told) -> Iterator[Drawn]:
@@ -211,7 +215,7 @@ def _parts(told: Told, numbers: Sequence[Drawn], slopes: Sequence[Drawn]) -> Ite
     yield page.paragraph(" ".join(line for line in (_more(found), _finished(found)) if line))
     yield from shown("convergence", "ranked", "grids")
     yield page.heading("What the slides do")
-    yield _consequences(found)
+    yield _consequences(told)
     yield from shown("modes", "severity", "consequences")
     if "fits-all" in figures:
         yield page.heading("Distributions", 3)
@@ -243,10 +247,10 @@ def _estimates(found: dict[str, Any]) -> str:
     )
 
 
-def _consequences(found: dict[str, Any]) -> str:
+def _consequences(told: Told) -> str:
     rows = [
-        [name, _UNITS[name], *(spread[key] for key in ("mean", "smallest", "largest"))]
-        for name, spread in found["consequences_of_failures"].items()
+        [name, told.units[name], *(spread[key] for key in ("mean", "smallest", "largest"))]
+        for name, spread in told.summary["consequences_of_failures"].items()
         if spread
     ]
     if not rows:
@@ -295,9 +299,11 @@ def _more(found: dict[str, Any]) -> str:
     """What further refined runs would buy, in words; empty where nothing can be said."""
     more, now = found["after_more_runs"], found["coefficient_of_variation"]
     then = more["coefficient_of_variation"]
+    left = found["samples"] - found["refined_runs"]
     if now is None or then is None:
         return ""
-    return f"Another {more['runs']} refined runs would bring the coefficient of variation from {now:.1%} to {then:.1%}."
+    said = f"Another {more['runs']} refined runs would bring the coefficient of variation from {now:.1%} to {then:.1%}"
+    return f"{said}; {left} samples are left for them." if left < more["runs"] else f"{said}."
 
 
 def _finished(found: dict[str, Any]) -> str:

@@ -1,0 +1,45 @@
+"""Campaigns whose runs are made up in milliseconds: the controller and its folder are real, only the solver is not."""
+
+import time
+from types import SimpleNamespace
+
+import numpy as np
+
+from cooperative import screening
+from cooperative.store import Sample
+from tests.test_campaign import TINY
+
+SCENE = TINY.replace("samples = 6", "samples = 50").replace('estimator = "published"', "refined_runs = 15")
+LONG = SCENE.replace("samples = 50", "samples = 200").replace("refined_runs = 15", "refined_runs = 40")
+
+
+def expansion_of(config):
+    return SimpleNamespace(modes=20)
+
+
+def coefficients_of(config, expansion):
+    return np.random.default_rng(config.plan.seed).standard_normal((config.plan.samples, expansion.modes))
+
+
+def build(config, grid, expansion):
+    return SimpleNamespace(grid=grid, config=config)
+
+
+def run_samples(model, coefficients, numbers, *, seconds=0.0, **_):
+    """Displacements that both grids see alike, with some scatter of their own."""
+    for number in numbers:
+        time.sleep(seconds)
+        xi = np.asarray(coefficients[number])
+        own = xi[1] if model.grid == "rough" else xi[2]
+        displacement = float(np.exp(2.0 * (0.95 * xi[0] + 0.3 * own) - 1.0))
+        row = {"displacement": displacement, "broke_off": False}
+        row |= dict.fromkeys(("depth", "runout", "volume", "area"), displacement)
+        fields = {"displacement": np.full((3, 4000), displacement)}
+        yield Sample(number, "SETTLED", 10, seconds, xi, row, fields)
+
+
+def invent(seconds=0.0, replace=setattr):
+    """Put made-up runs of so many seconds in place of the solver's."""
+    for function in (expansion_of, coefficients_of, build):
+        replace(screening, function.__name__, function)
+    replace(screening, "run_samples", lambda *a, **k: run_samples(*a, **k, seconds=seconds))
