@@ -59,7 +59,7 @@ print("the state holds", {name: np.shape(value) for name, value in vars(state).i
 #
 # The state starts in equilibrium with gravity: the stress of elastic loading. Far behind the crest nothing varies
 # along x, so that the vertical stress there must be the weight above, $\sigma_{zz} = -\gamma\,(h - z)$. What matters
-# for stability is the share of the strength in use, $\sqrt{J_2}/S_u$. Where elasticity asks for more than 1, at depth,
+# for stability is the share of the strength in use, $\sqrt{J_2}/S_u$. Where elasticity asks for more than 1 (yellow),
 # the soil will yield a little in the first moment of the run.
 
 # %%

@@ -1,5 +1,5 @@
 # %% [markdown]
-# # 02 A thousand slopes on one core
+# # 02 A thousand slopes in some minutes
 #
 # The strength of a soil varies from place to place, and nobody knows it everywhere. So one slope becomes a thousand
 # possible ones: the same geometry, each with another field of strength. Here we run them all on a rough grid, rank
