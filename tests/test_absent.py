@@ -67,6 +67,50 @@ def test_damping_and_pic_are_absent_unless_asked_for(name, value):
     assert len(program(*plain)) < len(program(*asked))
 
 
+def scatters(scene, state):
+    return program(scene, state).count("stablehlo.scatter")
+
+
+@pytest.mark.parametrize(("choice", "more"), [({"fbar": True}, 2), ({"internal_length": 1.5}, 1)])
+def test_averages_over_neighbours_map_nothing_unless_asked_for(choice, more):
+    # F-bar maps the strain and the mean stress, averaged plastic strain itself.
+    plain, asked = section(), section(**choice)
+    assert plain[0].nonlocal_passes is None
+    assert not plain[0].fbar
+    once = scatters(*plain) / 2  # MUSL maps twice
+    assert scatters(*asked) == scatters(*plain) + more * once
+    assert len(jax.tree.leaves(asked)) == len(jax.tree.leaves(plain))
+
+
+def test_affine_transfers_are_absent_from_state_and_program_unless_asked_for():
+    splines = {"kernel": mpm.QuadraticBSpline, "flip": 0.0}
+    plain, asked = section(**splines), section(**splines, apic=True)
+    assert plain[1].affine is None
+    assert len(jax.tree.leaves(asked[1])) == len(jax.tree.leaves(plain[1])) + 1
+    assert len(program(*plain)) < len(program(*asked))
+
+
+def test_rate_effect_and_body_force_leave_no_operation_behind():
+    scene, state = section()
+    assert count(program(scene, state), "log") == 0
+    assert count(program(*section(replace(SOIL, rate_coefficient=0.1))), "log") == 1
+    assert scene.body_force is None
+    assert count(program(scene, state), "sine") == 0
+    shaken = replace(scene, body_force=lambda x, t: jnp.zeros_like(x) + jnp.sin(t))
+    assert count(program(shaken, state), "sine") == 1
+
+
+def test_walls_with_friction_leave_no_operation_behind():
+    soil, sizes = replace(SOIL, strength=None), {"domain": (4, 4), "corner": (1, 0)}
+    held, sliding = (
+        mpm.block((2, 2), soil, NUMERICS, walls=walls, friction=friction, **sizes)
+        for walls, friction in (("fixed", 0.0), ("friction", 0.3))
+    )
+    assert held[0].wall_friction is None
+    assert count(program(*held), "sqrt") == 0  # the speed along the wall
+    assert count(program(*sliding), "sqrt") > 0
+
+
 def test_section_carries_no_out_of_plane_shear():
     for d, components in ((1, 3), (2, 4), (3, 6)):
         _, state = mpm.column(4.0, SOIL, mpm.Discretisation(1.0, (0.5,) * d))
