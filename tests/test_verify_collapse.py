@@ -43,7 +43,7 @@ def runout(aspect):
 
 @pytest.mark.slow
 def test_low_columns_run_out_as_lube_and_others_found():
-    # Lube et al. (2005), 10.1103/PhysRevE.72.041301: 1.2 a for a < 1.8, whatever the grains. Columns 4 and 8 cells high.
+    # Lube et al. (2005), 10.1103/PhysRevE.72.041301: 1.2 a for a < 1.8, whatever the grains. Four and eight cells high.
     aspects = np.array([0.5, 1.0])
     measured = np.array([runout(a) for a in aspects])
     assert np.all(np.abs(measured / (1.2 * aspects) - 1) < 0.3)
