@@ -21,6 +21,7 @@ NAMES = (
     "estimators",
     "gradients",
     "rare_events",
+    "derivative_screening",
 )
 
 

@@ -90,7 +90,7 @@ def draw(rows: list[dict[str, Any]]) -> None:
     colours = {"moduli": "#0072B2", "gravity": "#E69F00", "strength": "#009E73", "softening": "#D55E00"}
     shown = {
         "elastic": [r for r in rows if r["problem"] == "elastic"],
-        "softening": [r for r in rows if r["problem"] == "softening" and r["steps"] <= 500],
+        "softening": [r for r in rows if r["problem"] == "softening" and r["steps"] == 500],
     }
     for panel, (problem, chosen) in zip(panels, shown.items(), strict=False):
         for row in chosen:
