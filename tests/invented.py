@@ -10,7 +10,7 @@ from cooperative.store import Sample
 from tests.test_campaign import TINY
 
 SCENE = TINY.replace("samples = 6", "samples = 50").replace('estimator = "published"', "refined_runs = 15")
-LONG = SCENE.replace("samples = 50", "samples = 200").replace("refined_runs = 15", "refined_runs = 40")
+LONG = SCENE.replace("samples = 50", "samples = 300").replace("refined_runs = 15", "refined_runs = 40")
 
 
 def expansion_of(config):

@@ -111,37 +111,51 @@ def test_a_second_controller_is_refused_and_harms_nothing(undisturbed, tmp_path,
     assert without_times(campaign.run(SCENE, folder)) == without_times(undisturbed[1])
 
 
-LIFE = textwrap.dedent("""
-    import sys
+LIVES = textwrap.dedent("""
+    import os, sys, warnings
     from cooperative import campaign
     from tests import invented
-    invented.invent(seconds=0.03)
-    print("begins", flush=True)
-    campaign.run(sys.argv[2], sys.argv[1])
-    print("ends", flush=True)
+    warnings.simplefilter("ignore")
+    invented.invent(seconds=0.01)
+    for _ in sys.stdin:
+        life = os.fork()
+        if life == 0:
+            campaign.run(sys.argv[2], sys.argv[1])
+            os._exit(0)
+        print(life, flush=True)
+        os.waitpid(life, 0)
+        print("gone", flush=True)
 """)
 
 
 def kill_again_and_again(text, folder, kills, seed):
-    """Start the campaign and kill it, `kills` times; returns how many were killed within a write."""
+    """Start the campaign and kill it after a few samples, `kills` times; returns how many left a file half written."""
     generator = random.Random(seed)
     torn = 0
-    finished: set[Path] = set()
-    for _ in range(kills):
-        life = subprocess.Popen([sys.executable, "-c", LIFE, str(folder), text], stdout=subprocess.PIPE, cwd=ROOT)
-        assert life.stdout.readline() == b"begins\n"
-        time.sleep(generator.uniform(0.0, 0.15))
-        life.send_signal(signal.SIGKILL)
-        life.communicate()
-        there = set(folder.glob("samples/*/*.h5"))
-        assert finished <= there
-        finished = there
-        torn += bool(list(folder.rglob(".*.part")))
+    command = [sys.executable, "-c", LIVES, str(folder), text]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=ROOT, text=True) as lives:
+        finished: set[Path] = set()
+        for _ in range(kills):
+            lives.stdin.write("once more\n")
+            lives.stdin.flush()
+            life = int(lives.stdout.readline())
+            enough = len(finished) + generator.randrange(4)
+            deadline = time.monotonic() + 60
+            while len(list(folder.glob("samples/*/*.h5"))) < enough and time.monotonic() < deadline:
+                time.sleep(0.001)
+            time.sleep(generator.uniform(0.0, 0.02))
+            os.kill(life, signal.SIGKILL)
+            assert lives.stdout.readline() == "gone\n"
+            there = set(folder.glob("samples/*/*.h5"))
+            assert finished <= there
+            finished = there
+            torn += bool(list(folder.rglob(".*.part")))
+        lives.stdin.close()
     return torn
 
 
-def test_a_campaign_killed_three_times_loses_nothing(undisturbed, tmp_path):
-    kill_again_and_again(SCENE, tmp_path / "killed", 3, seed=0)
+def test_a_campaign_killed_ten_times_loses_nothing(undisturbed, tmp_path):
+    kill_again_and_again(SCENE, tmp_path / "killed", 10, seed=0)
     assert without_times(campaign.run(SCENE, tmp_path / "killed")) == without_times(undisturbed[1])
     assert_same_folders(tmp_path / "killed", undisturbed[0])
 
