@@ -14,7 +14,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class SlopeGeometry:
-    """Where the slope is [m]: x and elevation z of its toe, height from toe to crest."""
+    """Where the slope is [m]. toe_x, toe_z: place and elevation of its toe. height: from toe to crest."""
 
     toe_x: float
     toe_z: float

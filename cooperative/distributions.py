@@ -40,7 +40,8 @@ CANDIDATES: dict[str, Candidate] = {
 
 @dataclass(frozen=True)
 class Fit:
-    """One fitted distribution. frozen: scipy's distribution with its parameters, for pdf, cdf and quantiles."""
+    """One fitted distribution. name: of the family. parameters: scipy's, in its order. log_likelihood: at the maximum.
+    aic, bic: Akaike's and Schwarz's criteria. frozen: scipy's distribution with its parameters, for pdf and quantiles."""
 
     name: str
     parameters: tuple[float, ...]
@@ -56,7 +57,8 @@ class Fit:
 
 @dataclass(frozen=True)
 class Fits:
-    """All fits to one set of samples, best AIC first. notes: what to beware of, in words."""
+    """All fits to one set of samples, best AIC first. samples: how many they are. best_aic, best_bic: names of the best
+    fits, None without any. notes: what to beware of, in words."""
 
     fits: tuple[Fit, ...]
     samples: int

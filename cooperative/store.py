@@ -61,7 +61,8 @@ class Sample:
 
 @dataclass(frozen=True)
 class Store:
-    """An open campaign folder. `lock` is the file descriptor that holds it, None when opened for reading."""
+    """An open campaign `folder`. scene_text: its TOML. digest: of the text. lock: the file descriptor that holds the
+    folder, None when opened for reading."""
 
     folder: Path
     scene_text: str
@@ -82,7 +83,7 @@ class Store:
 
 @dataclass(frozen=True)
 class Rows:
-    """The table of one grid: equally long columns, and the files that could not be trusted."""
+    """The table of one grid. columns: equally long, by name. damaged: the files that could not be trusted."""
 
     columns: dict[str, np.ndarray]
     damaged: tuple[str, ...]

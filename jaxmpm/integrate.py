@@ -39,7 +39,8 @@ class Settle:
 class Result:
     """Outcome of `solve`; of a batch, every array has the lanes first.
 
-    state: at the end. status: `Status` and step: steps taken, per lane. snapshots: states on the host, at `times` (s).
+    state: at the end. time_step: s. status: `Status` and step: steps taken, per lane. snapshots: states on the host,
+    at `times` (s).
     """
 
     state: State

@@ -19,7 +19,7 @@ from jaxmpm.types import Scene, State, Status
 
 @dataclass(frozen=True)
 class Chunk:
-    """What one chunk of steps did: lanes in the program, those of them that held a sample, steps taken by each."""
+    """What one chunk of steps did. lanes: in the program. busy: those that held a sample. steps: taken by each."""
 
     lanes: int
     busy: int
@@ -28,8 +28,10 @@ class Chunk:
 
 @dataclass(frozen=True)
 class Midway:
-    """A sample under way: its state, and what the watch remembers of it, seconds of quiet and the displacement (m)
-    that they are counted from (see `Settle`)."""
+    """A sample under way: its state, and what the watch remembers of it (see `Settle`).
+
+    quiet: seconds of it so far. reference: the displacement (m) that they are counted from.
+    """
 
     state: State
     quiet: float = 0.0

@@ -18,7 +18,7 @@ from jaxmpm.types import Scene, State
 
 @dataclass(frozen=True)
 class FactorOfSafety:
-    """Largest strength reduction R that stands and smallest that fails, one resolution apart.
+    """stable: largest strength reduction R that stands. fails: smallest that fails, one resolution above.
 
     tried: every (R, largest displacement in m) that was run, by R; of a lane that failed the displacement is the
     one at which it was decided.

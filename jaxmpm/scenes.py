@@ -26,12 +26,12 @@ PADDING = 1
 class Discretisation:
     """Cell (m), particle spacing per axis (m), and the numerical choices.
 
-    kernel: GIMP (domain of one spacing), Linear or QuadraticBSpline. cfl: dt = cfl cell / (c + speed), c the elastic
-    wave speed. flip: share of FLIP, 1 is pure FLIP. apic: carry the velocity's gradient, with quadratic B-splines
-    and flip = 0. damping: mass-proportional (1/s). fbar: average volumetric strain and mean stress over neighbours,
-    against locking; not for frictional soils. internal_length: standard deviation (m) of the average of the plastic
-    strain over neighbours, which keeps softening from localising into single cells; None keeps it local.
-    dtype: float32 or float64, as JAX is set if None.
+    kernel: GIMP (domain of one spacing), Linear or QuadraticBSpline. scheme: when the stress is updated. cfl: dt = cfl
+    cell / (c + speed), c the elastic wave speed. flip: share of FLIP, 1 is pure FLIP. apic: carry the velocity's
+    gradient, with quadratic B-splines and flip = 0. damping: mass-proportional (1/s). fbar: average volumetric strain
+    and mean stress over neighbours, against locking; not for frictional soils. internal_length: standard deviation (m)
+    of the average of the plastic strain over neighbours, which keeps softening from localising into single cells; None
+    keeps it local. dtype: float32 or float64, as JAX is set if None.
     """
 
     cell: float

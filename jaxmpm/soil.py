@@ -33,13 +33,13 @@ class PlasticStrain(enum.Enum):
 class Soil:
     """An elastic soil with undrained strength, in SI units.
 
-    strength: peak undrained shear strength S_u (Pa), None for an elastic soil. softening_modulus: loss of strength
-    per unit of plastic strain (Pa). strain_95: instead of it, the plastic strain at which 95 per cent of an exponential
-    loss is done. residual_ratio: residual over peak strength. plastic_strain: the measure of both.
-    softening_length: thickness of the shear band (m) to which they refer; softening is then scaled by cell over
-    softening_length, so that a band one cell wide takes the same work whatever the cell. None leaves them as they are.
-    rate_coefficient: gain of strength per tenfold shear rate above reference_rate (1/s), None without.
-    tension_cutoff: largest mean stress (Pa) or None.
+    unit_weight: N/m3. young, poisson: Young's modulus (Pa) and Poisson's ratio. strength: peak undrained shear strength
+    S_u (Pa), None for an elastic soil. softening_modulus: loss of strength per unit of plastic strain (Pa). strain_95:
+    instead of it, the plastic strain at which 95 per cent of an exponential loss is done. residual_ratio: residual over
+    peak strength. plastic_strain: the measure of both. softening_length: thickness of the shear band (m) to which they
+    refer; softening is then scaled by cell over softening_length, so that a band one cell wide takes the same work
+    whatever the cell. None leaves them as they are. rate_coefficient: gain of strength per tenfold shear rate above
+    reference_rate (1/s), None without. tension_cutoff: largest mean stress (Pa) or None.
     """
 
     unit_weight: float = 20e3
@@ -60,10 +60,11 @@ class Soil:
 class FrictionalSoil:
     """An elastic soil with cohesion (Pa) and friction (degrees), in SI units.
 
-    dilation: degrees, at most the friction. criterion: the law. matching: of Drucker-Prager's cone. residual_cohesion,
-    residual_friction: reached over the engineering plastic shear strain `softening_strain`, in the manner of `decay`;
-    softening_strain None keeps the peak. softening_length: as for `Soil`. tension_cutoff: largest mean stress of
-    Drucker-Prager, largest principal stress of Mohr-Coulomb (Pa); None leaves it to the apex.
+    unit_weight: N/m3. young, poisson: Young's modulus (Pa) and Poisson's ratio. dilation: degrees, at most the
+    friction. criterion: the law. matching: of Drucker-Prager's cone. residual_cohesion, residual_friction: reached over
+    the engineering plastic shear strain `softening_strain`, in the manner of `decay`; softening_strain None keeps the
+    peak. softening_length: as for `Soil`. tension_cutoff: largest mean stress of Drucker-Prager, largest principal
+    stress of Mohr-Coulomb (Pa); None leaves it to the apex.
     """
 
     cohesion: float

@@ -156,6 +156,8 @@ class Material(Protocol):
 class Scene:
     """All that defines a run except the state it starts from.
 
+    grid: of nodes. particles: their initial positions, masses and volumes. material: their constitutive law. kernel:
+    shape function. walls: where nodes are held. scheme: when the stress is updated.
     gravity: (d) m/s2. time_step: s. flip: share of FLIP in the particle velocity update, the rest is PIC;
     None is pure FLIP. damping: mass-proportional damping (1/s); None is undamped. engine: of the transfers, None
     takes the fastest there is. wall_friction: coefficient of the walls with friction.

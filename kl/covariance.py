@@ -40,7 +40,7 @@ def _namespace(array: Any) -> Any:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class SquaredExponential:
-    """c(t) = exp(-(t/l)^2); theta = sqrt(pi) l. Note: no factor 2 under the square."""
+    """c(t) = exp(-(t/l)^2); theta = sqrt(pi) l. `length` is l (m): no factor 2 under the square."""
 
     length: Any
     fluctuation: ClassVar[float] = math.sqrt(math.pi)
@@ -57,7 +57,7 @@ class SquaredExponential:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Exponential:
-    """c(t) = exp(-|t|/l), first-order Markov; theta = 2 l."""
+    """c(t) = exp(-|t|/l), first-order Markov; theta = 2 l. `length` is l (m)."""
 
     length: Any
     fluctuation: ClassVar[float] = 2.0
@@ -73,7 +73,7 @@ class Exponential:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Matern32:
-    """c(t) = (1 + s) exp(-s) with s = sqrt(3) |t|/l, smoothness 3/2; theta = 4 l / sqrt(3)."""
+    """c(t) = (1 + s) exp(-s) with s = sqrt(3) |t|/l, smoothness 3/2; theta = 4 l / sqrt(3). `length` is l (m)."""
 
     length: Any
     fluctuation: ClassVar[float] = 4 / math.sqrt(3)
@@ -88,7 +88,10 @@ class Matern32:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Matern52:
-    """c(t) = (1 + s + s^2/3) exp(-s) with s = sqrt(5) |t|/l, smoothness 5/2; theta = 16 l / (3 sqrt(5))."""
+    """c(t) = (1 + s + s^2/3) exp(-s) with s = sqrt(5) |t|/l, smoothness 5/2; theta = 16 l / (3 sqrt(5)).
+
+    `length` is l (m).
+    """
 
     length: Any
     fluctuation: ClassVar[float] = 16 / (3 * math.sqrt(5))
@@ -105,7 +108,7 @@ class Matern52:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class SecondOrderMarkov:
-    """c(t) = (1 + |t|/l) exp(-|t|/l); theta = 4 l. Matern 3/2 in Vanmarcke's length."""
+    """c(t) = (1 + |t|/l) exp(-|t|/l); theta = 4 l. Matern 3/2 in Vanmarcke's `length` l (m)."""
 
     length: Any
     fluctuation: ClassVar[float] = 4.0
@@ -121,7 +124,10 @@ class SecondOrderMarkov:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class CosineExponential:
-    """c(t) = exp(-|t|/l) cos(t/l), with negative correlation at half a bed's thickness; theta = l."""
+    """c(t) = exp(-|t|/l) cos(t/l), with negative correlation at half a bed's thickness; theta = l.
+
+    `length` is l (m).
+    """
 
     length: Any
     fluctuation: ClassVar[float] = 1.0
@@ -138,7 +144,7 @@ class CosineExponential:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Triangular:
-    """c(t) = max(0, 1 - |t|/l); theta = l."""
+    """c(t) = max(0, 1 - |t|/l); theta = l. `length` is l (m)."""
 
     length: Any
     fluctuation: ClassVar[float] = 1.0
@@ -168,7 +174,7 @@ class Infinite:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Periodic:
-    """c(t) = sum over k of b(t + kP) / sum over k of b(kP), for a family b and a period P in metres.
+    """c(t) = sum over k of b(t + kP) / sum over k of b(kP), for a family b (`base`) and a `period` P in metres.
 
     Wrapping keeps it positive definite: its Fourier coefficients are samples of b's spectral density.
     Raises ValueError in `expand` where P is not the extent of the axis or b's length exceeds 20 P.
@@ -199,8 +205,8 @@ class Periodic:
 class Corrected:
     """c(t) = the Gaussian correlation whose transform has the correlation b(t): Nataf's correction along an axis.
 
-    Made by `nataf_corrected`; `hermite` (K,) are the marginal's Hermite coefficients, of sum of squares 1. Raises
-    ValueError in `expand` where the corrected function is not positive definite.
+    Made by `nataf_corrected`; `base` is b, `hermite` (K,) are the marginal's Hermite coefficients, of sum of squares 1.
+    Raises ValueError in `expand` where the corrected function is not positive definite.
     """
 
     base: Any

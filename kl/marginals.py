@@ -145,7 +145,10 @@ class Uniform:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Gumbel:
-    """Largest values: F(x) = exp(-exp(-(x - u)/b)), b = deviation sqrt(6)/pi, u = mean - 0.5772 b."""
+    """Largest values: F(x) = exp(-exp(-(x - u)/b)), b = deviation sqrt(6)/pi, u = mean - 0.5772 b.
+
+    mean, cov: of the property, cov over the mean; arrays too.
+    """
 
     mean: Any
     cov: Any
@@ -237,7 +240,7 @@ def _generalised_gamma_score(marginal: Gamma | Weibull, shape: Any, power: Any, 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Beta:
-    """Beta between `lower` and `upper` (four parameters); numbers, not arrays."""
+    """Beta of this `mean` and `cov` between `lower` and `upper` (four parameters); numbers, not arrays."""
 
     mean: Any
     cov: Any
