@@ -41,7 +41,7 @@ CANDIDATES: dict[str, Candidate] = {
 @dataclass(frozen=True)
 class Fit:
     """One fitted distribution. name: of the family. parameters: scipy's, in its order. log_likelihood: at the maximum.
-    aic, bic: Akaike's and Schwarz's criteria. frozen: scipy's distribution with its parameters, for pdf and quantiles."""
+    aic, bic: Akaike's and Schwarz's criteria. frozen: scipy's distribution with its parameters."""
 
     name: str
     parameters: tuple[float, ...]
