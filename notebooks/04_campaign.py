@@ -1,0 +1,243 @@
+# %% [markdown]
+# # 04 A whole campaign: how likely, in which way, how far
+#
+# A refined run costs some twenty rough ones, and the rough grid is wrong about the class of many samples, though
+# seldom about their rank ([02](02_batched_screening.ipynb)). A campaign spends refined runs where they tell most: it
+# runs all samples on the rough grid, draws some of them for the refined grid, most where the rough result leaves most
+# doubt, and corrects the rough answer with what they say. The result is a probability of failure *of the refined
+# grid* with an honest interval, the modes in which the slope fails, and what the slides do.
+#
+# No JAX is needed here, and of the material point method only what [01](01_first_slope.ipynb) says.
+
+# %%
+import contextlib
+import os
+import sys
+import tempfile
+import warnings
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from drawing import draw_section, style
+
+import cooperative
+import jaxmpm as mpm
+from cooperative import campaign, charts
+from cooperative.config import parse
+from cooperative.summary import run_weights
+
+# %matplotlib inline
+SMALL = os.environ.get("JAXMPM_SMALL") == "1"  # small sizes, for a quick look and for the tests
+samples, refined_runs, cell = (20, 10, 2.0) if SMALL else (200, 60, 1.0)
+style()
+
+# %% [markdown]
+# ## The scene
+#
+# A campaign is described by a TOML file, checked before anything runs: an unknown key or a length that does not fit
+# the grid is named at once. This is the section of `benchmarks/scenes/paper_section.toml` with a budget of refined
+# runs.
+
+# %%
+scene = f"""
+name = "plane-strain section of the published slope"
+
+[slope]
+crest = 30.0          # m
+height = 12.0
+run_per_rise = 2.0
+toe = 42.0
+foundation = 4.0
+
+[soil]
+unit_weight = 20e3    # N/m3
+young = 1e8           # Pa
+poisson = 0.3
+softening_modulus = 85e3   # Pa per unit of plastic shear strain
+residual_ratio = 0.5
+tension_cutoff = 0.0
+
+[strength]            # undrained shear strength, a random field
+mean = 42e3           # Pa
+cov = 0.3
+marginal = "lognormal"
+correlation = "squared exponential"
+length = [60.0, 2.0]  # m
+
+[rough]
+cell = {2 * cell}
+spacing = [{cell}, {cell}]
+
+[refined]
+cell = {cell}
+spacing = [{cell / 2}, {cell / 2}]
+
+[run]
+t_end = 20.0
+failure_displacement = 1.0
+
+[campaign]
+samples = {samples}
+refined_runs = {refined_runs}
+seed = 7
+k_t = 10
+"""
+config = parse(scene)
+
+# %% [markdown]
+# ## Run it
+#
+# `campaign.run` does all of it, in a folder that holds the scene and one file per finished sample. From a shell it is
+# `python -m cooperative run scene.toml --out folder`, with `--workers` for more processes.
+
+# %%
+folder = Path(tempfile.mkdtemp()) / "section"
+with contextlib.redirect_stderr(sys.stdout):
+    summary = campaign.run(scene, folder, progress=True)
+print()
+low, high = summary["interval"]
+print(f"P_f = {summary['probability_of_failure']:.3f}, 95 % interval {low:.3f} to {high:.3f}: {summary['finished']}")
+print(f"rough grid: {summary['failures_rough']} of {summary['samples']} failed, {summary['seconds']['rough']:.0f} s")
+print(
+    f"refined grid: {summary['failures_refined']} of {summary['refined_runs']} chosen samples failed, "
+    f"{summary['seconds']['refined']:.0f} s"
+)
+
+# %% [markdown]
+# ## By rank
+#
+# The rough displacement orders the samples. The refined runs, drawn at random with a probability that is largest
+# where the rough displacement leaves most doubt, should fail at the left, stand at the right, and change over
+# somewhere between. Where they do not, the rough grid tells little, and the interval shows it.
+
+# %%
+store = cooperative.read_store(folder)
+rough, refined = cooperative.read_rows(store, "rough"), cooperative.read_rows(store, "refined")
+on_refined = np.full(samples, np.nan)
+on_refined[list(refined.numbers)] = refined.columns["displacement"]
+charts.ranked_displacements({"rough": rough.columns["displacement"], "refined": on_refined})
+
+# %% [markdown]
+# How alike the grids are, in one number: the rank correlation of their displacements, here over the samples that ran
+# on both. Its neighbour is the share that the rough grid puts in the same class.
+
+# %%
+grids = summary["grids"]
+print({name: value for name, value in grids.items() if not isinstance(value, (list, dict))})
+charts.grids(
+    rough.columns["displacement"][list(refined.numbers)], refined.columns["displacement"], threshold=1.0,
+    title="samples that ran on both grids",
+)  # fmt: skip
+
+# %% [markdown]
+# ## The probability, and what more runs would buy
+#
+# With $p_i$ the probability that sample $i$ fails as a logistic model of its rough displacement sees it, and $\pi_i$
+# the probability with which it was drawn for a refined run, the estimate is
+#
+# $$\hat P_f = \frac1N\sum_{i=1}^N p_i + \frac1N\sum_{i\ \mathrm{refined}} \frac{1[\text{fails}] - p_i}{\pi_i}.$$
+#
+# The second sum corrects whatever the model gets wrong, so that the estimate is unbiased however bad the rough grid;
+# a good one makes the interval narrow.
+
+# %%
+way = {name: np.array(values) for name, values in summary["convergence"].items()}
+method = summary["estimator"]
+more = summary["after_more_runs"]
+print(
+    f"coefficient of variation {summary['coefficient_of_variation']:.2f}; after {more['runs']} more refined runs "
+    f"{more['coefficient_of_variation']:.2f} is to be expected"
+)
+charts.convergence(
+    {method: way["refined_runs"]}, {method: way["probability"]}, {method: np.stack([way["low"], way["high"]])}
+)
+
+# %% [markdown]
+# ## In which way
+#
+# In a section a slide is shallow where it passes above the toe, deep where it passes below, progressive where a
+# second mass lets go after the first has slowed. The rules look at where and when soil starts to move
+# (`cooperative.failure_mode`). Shares and consequences weigh every refined run by what it stands for.
+
+# %%
+modes, columns = summary["modes"], refined.columns
+failed = columns["displacement"] > 1.0
+modes = {mode: part for mode, part in modes.items() if part["count"]}
+for mode, part in modes.items():
+    mine = failed & (columns["mode"] == mode)
+    print(
+        f"{mode}: {part['count']} runs, P = {part['probability']:.3f}; run-out {columns['runout'][mine].mean():.1f} m, "
+        f"depth {columns['depth'][mine].mean():.1f} m, volume {columns['volume'][mine].mean():.0f} m3/m"
+    )
+charts.mode_shares(modes)
+
+# %% [markdown]
+# The farthest slide of each mode, as its refined run left it:
+
+# %%
+model, _ = mpm.slope(config.slope, config.soil, config.grids["refined"])
+farthest = {
+    mode: int(columns["sample"][np.argmax(np.where(failed & (columns["mode"] == mode), columns["displacement"], -1))])
+    for mode in modes
+}
+fig, axes = plt.subplots(len(farthest), 1, figsize=(9, 1.8 * len(farthest)), sharex=True, squeeze=False)
+for ax, (mode, number) in zip(axes[:, 0], farthest.items(), strict=True):
+    sample = cooperative.read_sample(store, "refined", number)
+    boxes = draw_section(
+        ax, model.particles.position + sample.fields["displacement"], model.kernel.half_size,
+        sample.fields["plastic_strain"], limits=(0.0, 2.0),
+        title=f"{mode}, sample {number}: moved up to {sample.row['displacement']:.1f} m",
+    )  # fmt: skip
+    ax.label_outer()
+fig.colorbar(boxes, ax=axes, label="plastic shear strain [-]", extend="max")
+plt.show()
+
+# %% [markdown]
+# ## How far
+#
+# Distributions fitted to the consequences of the failures, best by Akaike's criterion first. With few failures
+# several fit alike: the criterion says how much better one is than the next.
+
+# %%
+labels = {"displacement": "displacement [m]", "runout": "run-out beyond the toe [m]", "volume": "volume [m3/m]"}
+fits = summary["fits"]["all"]
+for name in labels:
+    print(name, {fit["name"]: round(fit["aic"], 1) for fit in fits[name].get("fits", ())[:3]})
+ended = failed & ~columns["broke_off"].astype(bool)
+weights = run_weights(config, rough, refined)[ended]
+charts.fitted({name: columns[name][ended] for name in labels}, weights, fits, labels)
+
+# %% [markdown]
+# ## Stop it at any time
+#
+# All that is known is in the folder. Run the same scene again and it goes on from there: here nothing is left to do.
+# A damaged file is named, set aside, and its sample is run again.
+
+# %%
+victim = next((folder / "samples" / "rough").glob("*.h5"))
+victim.write_bytes(victim.read_bytes()[:1000])
+with warnings.catch_warnings(action="ignore"):  # that names the file, with its path
+    again = campaign.run(scene, folder)
+same = again["probability_of_failure"] == summary["probability_of_failure"]
+print("the same answer after the damage:", same)
+print("set aside:", [path.name for path in folder.glob("samples/*/*.damaged")])
+
+# %% [markdown]
+# ## What to remember
+#
+# - One TOML file, one folder, one command; `python -m cooperative report folder` writes figures and words of it.
+# - Look at the ranked figure first: it shows whether the rough grid earns its trust.
+# - The interval holds the sampling of fields and the choice of refined runs, not the error of the refined grid.
+
+# %%
+results = {
+    "probability": summary["probability_of_failure"],
+    "interval_holds": bool(low < summary["probability_of_failure"] < high),
+    "refined_runs": summary["refined_runs"],
+    "rough_share": summary["failures_rough"] / samples,
+    "rank_correlation": grids["spearman"],
+    "mode_ratios": float(sum(part["ratio"] for part in modes.values())),
+    "same_after_damage": same,
+}
+print(results)
