@@ -31,10 +31,13 @@ lint: .venv
 test: lint
 	$(BIN)/python -m pytest -n auto
 
+# With VTK to read exports back, and playwright to drive a Chromium if there is one.
 test-slow: .venv
+	$(BIN)/pip install --quiet --editable '.[test,vtk,browser]'
 	$(BIN)/python -m pytest -m slow
 
 bench: .venv
+	$(BIN)/pip install --quiet --editable '.[test,peers]'
 	$(BIN)/python -m benchmarks all
 
 clean:
