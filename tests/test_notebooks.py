@@ -38,14 +38,23 @@ BOUNDS = {
     },
     "03_random_fields": {
         "modes": (40, 56),
-        "worst_variance_95": (0.6, 0.85),  # 26 % are lacking in the corners
-        "worst_variance_999": (0.95, 0.999),
+        "lost_at_worst_of_95": (0.15, 0.4),  # in the corners
+        "lost_at_worst_of_999": (0.001, 0.05),
         "correlation_error": (0.0, 0.15),  # three standard errors of 400 realisations
         "mean_error": (0.0, 0.02),
         "cov_error": (0.0, 0.02),
         "same_field": (0.0, 1e-5),
         "borehole_misfit_over_error": (0.1, 1.1),
         "derivative_error": (0.0, 5e-3),
+    },
+    "04_campaign": {
+        "probability": (0.02, 0.5),
+        "interval_holds": (1, 1),
+        "refined_runs": (10, 10),
+        "rough_share": (0.0, 0.1),  # cells of 4 m hold what cells of 2 m let go
+        "rank_correlation": (0.7, 1.0),
+        "mode_ratios": (0.999, 1.001),
+        "same_after_damage": (1, 1),
     },
     "07_your_own_material_and_scene": {
         "flow_error": (0.0, 1e-4),
@@ -54,6 +63,23 @@ BOUNDS = {
         "dimensions_differ": (0.0, 1e-4),
         "front_plane": (0.85, 1.1),  # of a closed form without inertia
         "front_round": (0.85, 1.1),
+    },
+    "05_sensitivity_and_back_analysis": {
+        "derivative_over_difference": (0.95, 1.05),
+        "share_of_map_in_a_tenth": (0.15, 0.6),
+        "predicted_over_true": (0.9, 1.1),
+        "elsewhere_over_where_it_matters": (0.0, 0.7),
+        "loss_per_reading": (0.2, 0.8),  # a half, if readings are explained to their noise
+        "strength_error": (0.0, 0.06),
+    },
+    "06_rare_events": {
+        "beta": (1.7, 2.7),
+        "converged": (1, 1),
+        "gradients": (3, 25),
+        "failing_share": (0.3, 0.95),
+        "probability_over_form": (0.5, 10.0),  # other slip surfaces fail too
+        "cov_over_monte_carlo": (0.1, 1.0),
+        "weakest_layer_ratio": (0.4, 0.9),
     },
 }
 
