@@ -103,6 +103,7 @@ print(
     f"refined grid: {summary['failures_refined']} of {summary['refined_runs']} chosen samples failed, "
     f"{summary['seconds']['refined']:.0f} s"
 )
+print(*summary["notes"], sep="\n")
 
 # %% [markdown]
 # ## By rank
@@ -124,7 +125,7 @@ charts.ranked_displacements({"rough": rough.columns["displacement"], "refined": 
 
 # %%
 grids = summary["grids"]
-print({name: value for name, value in grids.items() if not isinstance(value, (list, dict))})
+print(f"rank correlation {grids['spearman']:.2f}, same class {grids['same_class']:.0%} of {grids['samples']} samples")
 charts.grids(
     rough.columns["displacement"][list(refined.numbers)], refined.columns["displacement"], threshold=1.0,
     title="samples that ran on both grids",
