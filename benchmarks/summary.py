@@ -32,6 +32,7 @@ QUESTIONS = (
     ),
     Question("The same, refined", "throughput", "refined_musl_f32_1core_us", "us per particle", high=0.16),
     Question("Peak memory, refined", "throughput", "refined_peak_mb", "MB", high=600),
+    Question("Two cores over one, one lane", "throughput", "rough_two_core_ratio", high=0.60),
     Question("Two cores over one, 16 lanes", "throughput", "batch16_two_core_ratio", high=0.60),
     Question("1000 rough samples on 2 cores", "screening", "hours_per_1000_samples", "h", high=1.5),
     Question("Realisation of a random field", "fields", "ms_per_realisation_999", "ms", high=0.35),
@@ -44,6 +45,11 @@ QUESTIONS = (
     Question("Gradient against differences, elastic", "gradients", "fd_rel_elastic", "relative", high=1e-6),
     Question("Gradient against differences, softening", "gradients", "fd_rel_softening", "relative", high=1e-4),
     Question("Reverse over forward step, native", "gradients", "reverse_over_forward_native", high=4),
+    Question("The same on XLA", "gradients", "reverse_over_forward_xla", high=8),
+    Question("Reverse over 5000 steps, rough 3D: peak memory", "gradients", "rough_reverse_peak_gb", "GB", high=4),
+    Question(
+        "Monte Carlo's work over importance sampling's, P_f 1.5e-3", "rare_events", "work_monte_carlo_over_importance"
+    ),
 )
 CLOSEST = 6
 """Cases that keep their bound but come closest to it, shown beside those that do not."""
