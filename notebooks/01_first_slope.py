@@ -161,7 +161,8 @@ print(f"depth below the crest {measured.depth:.1f} m, volume {measured.volume:.0
 # ## The slide as an animation
 
 # %%
-path = Path(tempfile.mkdtemp() if SMALL else "figures") / "slide.gif"
+scratch = tempfile.TemporaryDirectory()
+path = Path(scratch.name if SMALL else "figures") / "slide.gif"
 fig, ax = plt.subplots(figsize=(8, 2.2))
 boxes = draw_section(ax, scene.particles.position, half_size, slide.snapshots[0].history, limits=strain_limits)
 ax.set(xlim=(0, shape.length), ylim=(0, 17))

@@ -92,7 +92,8 @@ config = parse(scene)
 # `python -m cooperative run scene.toml --out folder`, with `--workers` for more processes.
 
 # %%
-folder = Path(tempfile.mkdtemp()) / "section"
+scratch = tempfile.TemporaryDirectory()
+folder = Path(scratch.name) / "section"
 with contextlib.redirect_stderr(sys.stdout):
     summary = campaign.run(scene, folder, progress=True)
 print()
