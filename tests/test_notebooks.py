@@ -108,6 +108,10 @@ def test_results_at_small_size(name):
     assert not outside
 
 
+def test_every_notebook_has_bounds():
+    assert {script.stem for script in SCRIPTS} == BOUNDS.keys()
+
+
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
 def test_script_and_notebook_are_one(script):
     def cells(path: Path, **how: str) -> list[tuple[str, str]]:
