@@ -10,7 +10,7 @@ import enum
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -155,11 +155,9 @@ class MohrCoulomb:
     ) -> tuple[Tensor, Array | None]:
         """Elastic predictor, then back to the pyramid in principal stresses: see `principal_drop`."""
         trial = add(stress, elastic_increment(self.bulk, self.shear, strain_increment))
-        parameters = [self.bulk, self.shear, *_strength(self, history)]
-        if self.tension_cutoff is not None:
-            parameters.append(self.tension_cutoff)
-        parameters = [jnp.asarray(p, jnp.result_type(self.bulk)) for p in parameters]
-        drop, g = isotropic(principal_drop, trial, *parameters)
+        law = PyramidLaw(self.bulk, self.shear, *_strength(self, history), tension=self.tension_cutoff)
+        law = jax.tree.map(lambda p: jnp.asarray(p, jnp.result_type(self.bulk)), law)
+        drop, g = isotropic(principal_drop, trial, law)
         result: Tensor = tuple(t - d for t, d in zip(trial, drop, strict=True))  # type: ignore[assignment]
         return result, None if history is None else history + g
 
@@ -185,17 +183,21 @@ def _reduced(material: Any, factor: Array) -> Any:
     )
 
 
-def principal_drop(
-    x1: Array,
-    x2: Array,
-    x3: Array,
-    bulk: Array,
-    shear: Array,
-    cohesion: Array,
-    friction: Array,
-    dilation: Array,
-    tension: Array | None = None,
-) -> tuple[Array, Array, Array, Array]:
+class PyramidLaw(NamedTuple):
+    """What a return to the pyramid depends on, per particle.
+
+    bulk, shear: Pa. cohesion: Pa. friction, dilation: rad. tension: largest principal stress (Pa), None without cutoff.
+    """
+
+    bulk: Array
+    shear: Array
+    cohesion: Array
+    friction: Array
+    dilation: Array
+    tension: Array | None = None
+
+
+def principal_drop(x1: Array, x2: Array, x3: Array, law: PyramidLaw) -> tuple[Array, Array, Array, Array]:
     """How far the principal trial stresses x1 >= x2 >= x3 stand beyond the pyramid (Pa), and the plastic shear strain.
 
     The pyramid is made of planes, so every set of active planes gives a return in closed form: the main plane, its
@@ -204,6 +206,7 @@ def principal_drop(
     needed and the stress is continuous where regions meet.
     Source: de Souza Neto, Peric and Owen (2008), section 8.2; Koiter (1953) for several active planes.
     """
+    bulk, shear, cohesion, friction, dilation, tension = law
     s, r = jnp.sin(friction), jnp.sin(dilation)
     a, b = bulk + 4 * shear / 3, bulk - 2 * shear / 3
     limit = 2 * cohesion * jnp.cos(friction)
