@@ -109,18 +109,11 @@ CHOSEN = covering()
 FEW = 12  # the first hold most pairs
 
 
-@pytest.mark.parametrize("choice", CHOSEN[:FEW], ids=name)
+SPREAD = [pytest.param(c, id=name(c), marks=[] if i < FEW else pytest.mark.slow) for i, c in enumerate(CHOSEN)]
+
+
+@pytest.mark.parametrize("choice", SPREAD)
 def test_features_run_together(choice):
-    check(choice)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("choice", CHOSEN[FEW:], ids=name)
-def test_every_pair_of_features_runs_together(choice):
-    check(choice)
-
-
-def check(choice):
     with jax.enable_x64(choice["dtype"] == "float64"):
         scene, state = built(choice)
         final = jax.jit(mpm.advance)(scene, state, jnp.asarray(120))
