@@ -64,11 +64,15 @@ def changed(old, new):
     return TINY.replace(old, new)
 
 
+def finished(text, tmp_path_factory):
+    """A campaign that has run: its folder and summary."""
+    folder = tmp_path_factory.mktemp("campaign") / "out"
+    return folder, campaign.run(text, folder)
+
+
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
-    """A finished campaign: its folder and summary."""
-    folder = tmp_path_factory.mktemp("campaign") / "tiny"
-    return folder, campaign.run(TINY, folder)
+    return finished(TINY, tmp_path_factory)
 
 
 def test_campaign_counts_what_it_ran(done):
@@ -130,15 +134,20 @@ def test_refined_failures_get_a_mode_and_its_onset(done):
     assert "mode" not in read_rows(store, "rough").columns
 
 
-def test_the_past_of_a_sample_does_not_depend_on_its_neighbours():
-    config = parse(changed('fields = "both"', 'modes = "both"'))
+def rough_rows(text, samples, widths):
+    """Rows of the first rough samples by their number, run with each of these numbers of lanes."""
+    config = parse(text)
     expansion = screening.expansion_of(config)
     model = screening.build(config, "rough", expansion)
     coefficients = screening.coefficients_of(config, expansion)
-    rows = [
-        {s.number: dict(s.row) for s in screening.run_samples(model, coefficients, range(5), width=width)}
-        for width in (1, 2)
+    return [
+        {s.number: dict(s.row) for s in screening.run_samples(model, coefficients, range(samples), width=width)}
+        for width in widths
     ]
+
+
+def test_the_past_of_a_sample_does_not_depend_on_its_neighbours():
+    rows = rough_rows(changed('fields = "both"', 'modes = "both"'), samples=5, widths=(1, 2))
     assert rows[0] == rows[1]
     assert any(row["mode"] != "none" for row in rows[0].values())
 
@@ -306,13 +315,6 @@ def test_paper_scene_holds_the_published_numbers():
 
 
 def test_lanes_do_not_change_a_sample():
-    config = parse(TINY)
-    expansion = screening.expansion_of(config)
-    model = screening.build(config, "rough", expansion)
-    coefficients = screening.coefficients_of(config, expansion)
-    rows = [
-        {s.number: dict(s.row) for s in screening.run_samples(model, coefficients, range(4), width=width)}
-        for width in (1, 3)
-    ]
+    rows = rough_rows(TINY, samples=4, widths=(1, 3))
     assert rows[0] == rows[1]
     assert jax.tree.structure(rows[0]) == jax.tree.structure(rows[1])

@@ -11,7 +11,7 @@ from cooperative.config import parse
 from cooperative.progress import progress_of
 from cooperative.store import Rows, read_rows, read_store
 from cooperative.summary import summarise
-from tests.test_campaign import TINY, changed
+from tests.test_campaign import TINY, changed, finished
 
 SUBSET = changed(
     'estimator = "published"', 'estimator = "subset"\nlevels = 1\nreplicates = 2\nrefined_runs = 12'
@@ -20,8 +20,7 @@ SUBSET = changed(
 
 @pytest.fixture(scope="module")
 def subset(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("subset") / "rare"
-    return folder, campaign.run(SUBSET, folder)
+    return finished(SUBSET, tmp_path_factory)
 
 
 def test_subset_simulation_runs_from_a_scene(subset):
