@@ -32,7 +32,10 @@ def measure(scene: str, engine: str | None, steps: int, memory: float, repeats: 
         return objectives.log_displacement(mpm.replay(varied, state, steps, memory=memory)[0])
 
     forward, both = jax.jit(reached), jax.jit(jax.value_and_grad(reached))
-    found: dict[str, Any] = {"levels": list(mpm.checkpoints(state, steps, memory).levels), "particles": particles}
+    found: dict[str, Any] = {
+        "levels": list(mpm.checkpoints(built, state, steps, memory).levels),
+        "particles": particles,
+    }
     if repeats:
         for name, run in (("forward", forward), ("value_and_gradient", both)):
             timing = timed(lambda run=run: jax.block_until_ready(run(strength)), repeats)  # type: ignore[misc]

@@ -46,6 +46,7 @@ def step(scene: Scene, state: State, dt: Array) -> State:
     ends = np.cumsum([len(block) for block in carried])
     if scene.scheme is Scheme.USF:
         mass, moving, *pushed = jnp.split(to_grid(jnp.concatenate(carried), None), ends[:-1], axis=1)
+        mass = tensors.spread(mass, d, axis=1)
         inverse_mass = reciprocal(scene, mass)
         velocity = nodal_velocity(scene, inverse_mass, moving)
         straining = velocity
@@ -59,6 +60,7 @@ def step(scene: Scene, state: State, dt: Array) -> State:
     else:
         nodal = to_grid(jnp.concatenate(carried), acting_stress(scene, state, average))
         mass, moving, *pushed = jnp.split(nodal, ends, axis=1)
+        mass = tensors.spread(mass, d, axis=1)
         inverse_mass = reciprocal(scene, mass)
         velocity = nodal_velocity(scene, inverse_mass, moving)
         force = sum(pushed[1:], pushed[0])
@@ -102,12 +104,14 @@ def acting_stress(scene: Scene, state: State, average: Transfer | None = None) -
     With F-bar its mean is averaged as well, by the transpose of the strain's average: forces then do the work that the
     averaged strain stores. Without this the energy grows in a long run.
     """
-    d = scene.grid.dimension
-    volume, stress = scene.particles.volume * state.volume_ratio, tensors.expand(state.stress, d)
+    d, stress = scene.grid.dimension, state.stress
+    volume = scene.particles.volume * state.volume_ratio
     if scene.fbar and average is not None:
-        specific = volume / scene.particles.mass
-        stress = tensors.with_mean(stress, average(tensors.mean(stress) * specific, 0) / specific)
-    return jnp.stack([volume * stress[k] for k in tensors.ACTING[d]])
+        specific, full = volume / scene.particles.mass, tensors.expand(stress, d)
+        full = tensors.with_mean(full, average(tensors.mean(full) * specific, 0) / specific)
+        stress = tensors.compress(full, d)
+    acting = tensors.acting(stress, d)
+    return tensors.spread(volume[None], len(acting), axis=0) * acting
 
 
 def reciprocal(scene: Scene, mass: Array) -> Array:

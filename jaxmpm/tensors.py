@@ -6,6 +6,7 @@ A component that a dimension cannot have is the Python number 0.0, which vanishe
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import jax
@@ -34,6 +35,18 @@ def rows(array: Array) -> list[Array]:
     return [row.reshape(array.shape[1:]) for row in jax.lax.split(array, (1,) * len(array))]
 
 
+@partial(jax.custom_jvp, nondiff_argnums=(1, 2))
+def spread(array: Array, count: int, axis: int) -> Array:
+    """An array of length 1 along `axis`, repeated to length `count`."""
+    return jnp.broadcast_to(array, [count if i == axis else n for i, n in enumerate(array.shape)])
+
+
+@spread.defjvp
+def _(count: int, axis: int, primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    # Transposed, a concatenation adds slices; a broadcast sums along a short axis, which takes XLA ten times as long.
+    return spread(*primals, count, axis), jnp.concatenate(tangents * count, axis=axis)
+
+
 def expand(components: Array, dimension: int) -> Tensor:
     """The carried components (s, N) as a full tensor, absent ones as 0.0."""
     full: list[Any] = [0.0] * 6
@@ -52,6 +65,14 @@ def entries(gradient: Array) -> list[list[Array]]:
 def compress(tensor: Tensor, dimension: int) -> Array:
     """The components that `dimension` carries, stacked: (s, N)."""
     return jnp.stack([tensor[index] for index in CARRIED[dimension]])
+
+
+def acting(components: Array, dimension: int) -> Array:
+    """Those of the carried components (s, N) that act on the grid: (d (d + 1) / 2, N)."""
+    if ACTING[dimension] == CARRIED[dimension]:
+        return components
+    full = expand(components, dimension)
+    return jnp.stack([full[index] for index in ACTING[dimension]])
 
 
 def strain_increment(gradient: Sequence[Sequence[Array]], dt: Array) -> Tensor:

@@ -111,7 +111,7 @@ def test_reverse_mode_stays_within_its_bytes():
         compiled = jax.jit(jax.grad(reached)).lower(1.0).compile()
         assert compiled.memory_analysis().temp_size_in_bytes <= memory
     with pytest.raises(ValueError, match="is too small for 400 steps"):
-        mpm.checkpoints(state, 400, 1e4)
+        mpm.checkpoints(scene, state, 400, 1e4)
 
 
 def test_a_failed_lane_leaves_the_derivatives_of_its_neighbours_as_they_are():
