@@ -1,6 +1,6 @@
 """Initial stress: where elastic loading by gravity comes to rest.
 
-Damped elastic loading with small strains converges to one linear problem on the grid, K u = f(stress_0) + weight.
+Damped elastic loading with small strains converges to one linear problem on the grid, K u = f(stress_0) + load.
 It is solved directly, by conjugate gradients without a matrix, on the particles' initial positions: the stress
 balances gravity exactly there, so that velocities and displacements start from zero.
 """
@@ -18,7 +18,7 @@ from jax import Array
 from jaxmpm import tensors
 from jaxmpm.boundary import hold
 from jaxmpm.materials import elastic_increment
-from jaxmpm.step import MASS_FLOOR
+from jaxmpm.step import MASS_FLOOR, neighbour_average
 from jaxmpm.transfer import g2p, p2g
 from jaxmpm.types import Scene, State
 
@@ -27,31 +27,47 @@ from jaxmpm.types import Scene, State
 def elastic_equilibrium(
     scene: Scene, stress: Array, *, tolerance: float = 1e-5, iterations: int = 2000
 ) -> tuple[Array, Array]:
-    """Stress (s, N) Pa in balance with gravity, reached elastically from `stress` (s, N), and the residual left.
+    """Stress (s, N) Pa in balance with the load, reached elastically from `stress` (s, N), and the residual left.
 
-    The residual is the norm of the net force over that of the weight, on free nodes. It depends on the elastic
-    moduli (`bulk`, `shear` of the material), never on strength. Preconditioned by the nodal mass.
+    The load is gravity's and the body force's at time 0. The residual is the norm of the net force over that of the
+    load, on free nodes. It depends on the elastic moduli (`bulk`, `shear` of the material), never on strength.
+    Preconditioned by the nodal mass. With F-bar, strain and mean stress are averaged as a step averages them: else its
+    first forces would be out of balance.
     """
     grid, kernel, particles = scene.grid, scene.kernel, scene.particles
     d = grid.dimension
+    to_grid = partial(p2g, grid, kernel, particles.position)
+    to_particles = partial(g2p, grid, kernel, particles.position)
+    average = partial(neighbour_average, scene, to_grid, to_particles, passes=0)
+    specific = particles.volume / particles.mass
     acting = jnp.asarray([tensors.CARRIED[d].index(c) for c in tensors.ACTING[d]])
-    mass = p2g(grid, kernel, particles.position, particles.mass[None], None)
+    mass = to_grid(particles.mass[None], None)
     carries = mass > MASS_FLOOR * jnp.mean(particles.mass)
 
     def free(nodal: Array) -> Array:
         return hold(scene.walls, grid, jnp.where(carries, nodal, 0))
 
     def internal_force(stress: Array) -> Array:
-        return free(p2g(grid, kernel, particles.position, None, particles.volume * stress[acting]))
+        if scene.fbar:
+            full = tensors.expand(stress, d)
+            mean = average(tensors.mean(full) * specific) / specific
+            stress = tensors.compress(tensors.with_mean(full, mean), d)
+        return free(to_grid(None, particles.volume * stress[acting]))
 
     def stress_of(nodal_displacement: Array) -> Array:
-        _, gradient = g2p(grid, kernel, particles.position, nodal_displacement, values=0, gradients=d)
+        _, gradient = to_particles(nodal_displacement, values=0, gradients=d)
         strain = tensors.strain_increment(tensors.entries(gradient), jnp.ones((), stress.dtype))
+        if scene.fbar:
+            strain = tensors.with_mean(strain, average(tensors.mean(strain)))
         return tensors.compress(elastic_increment(scene.material.bulk, scene.material.shear, strain), d)
 
-    weight = free(mass * scene.gravity)
-    net = weight + internal_force(stress)
-    norm = jnp.linalg.norm(weight)
+    load = mass * scene.gravity
+    if scene.body_force is not None:
+        pushed = particles.mass * scene.body_force(particles.position, jnp.zeros((), stress.dtype))
+        load = load + to_grid(pushed, None)
+    load = free(load)
+    net = load + internal_force(stress)
+    norm = jnp.linalg.norm(load)
     solution, _ = jax.scipy.sparse.linalg.cg(
         lambda u: -internal_force(stress_of(u)),
         net,
@@ -61,7 +77,7 @@ def elastic_equilibrium(
         maxiter=iterations,
     )
     balanced = stress + stress_of(solution)
-    return balanced, jnp.linalg.norm(weight + internal_force(balanced)) / norm
+    return balanced, jnp.linalg.norm(load + internal_force(balanced)) / norm
 
 
 def settled_elastically(scene: Scene, state: State, spacing: float) -> State:

@@ -1,0 +1,169 @@
+"""Cook's membrane in plane strain, nearly incompressible: F-bar against locking, beside finite elements of order 4.
+
+A panel held along a vertical edge carries a vertical load on the strip at its other end. The mean deflection of that
+strip is twice the elastic energy over the load, by Clapeyron's theorem, so that its error is that of the energy: it
+falls in the order 2 lambda of the cell, lambda the exponent of the displacements around the re-entrant held corner.
+Sources: Cook (1974), J. Struct. Div. 100(9), 1851-1863 (the panel); Williams (1952), 10.1115/1.4010553 (lambda).
+"""
+
+from dataclasses import replace
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import skfem
+from scipy.optimize import brentq
+from scipy.sparse.linalg import splu
+from skfem.helpers import ddot, div, sym_grad
+
+import jaxmpm as mpm
+from jaxmpm import tensors
+from jaxmpm.equilibrium import elastic_equilibrium
+from jaxmpm.types import Wall
+from tests.verification import order
+
+LENGTH, HELD, RISE, END_RISE = 48.0, 44.0, 44.0, 16.0  # the panel, m: from 44 m high to 16 m
+STRIP = 8.0  # of the load, m
+DOMAIN_HEIGHT = 64.0  # of whole cells, m
+YOUNG, FORCE = 1e7, 1e3  # Pa, N/m: deflections of 1e-3 m, so that the geometry stays as it is
+SOIL = mpm.Soil(young=YOUNG)
+POISSON = [0.3, 0.49, 0.499]
+CELLS = [8.0, 4.0, 2.0, 1.0]
+
+
+def lower(x):
+    return RISE / LENGTH * x
+
+
+def upper(x):
+    return HELD + END_RISE / LENGTH * x
+
+
+AREA = STRIP * (upper(LENGTH - STRIP / 2) - lower(LENGTH - STRIP / 2))
+
+
+def pushed(x, t):
+    """Acceleration (m/s2) of what stands at x: of the strip, upwards."""
+    upwards = FORCE / (AREA * SOIL.unit_weight / 9.81)
+    return jnp.stack([jnp.zeros_like(x[0]), jnp.where(x[0] > LENGTH - STRIP, upwards, 0.0)])
+
+
+def share_inside(position, spacing):
+    """Share of the boxes around the points (2, N) that lies between the two slanted edges."""
+    x = position[0] + spacing * ((np.arange(64) + 0.5) / 64 - 0.5)[:, None]
+    z = position[1]
+    inside = np.minimum(upper(x), z + spacing / 2) - np.maximum(lower(x), z - spacing / 2)
+    return np.maximum(inside, 0).mean(axis=0) / spacing
+
+
+def membrane(cell, poisson, fbar):
+    """The panel of four particles a cell, those on an edge with the mass and volume of what lies inside."""
+    spacing = cell / 2
+    scene, state = mpm.block(
+        (LENGTH, DOMAIN_HEIGHT),
+        replace(SOIL, poisson=poisson),
+        mpm.Discretisation(cell, (spacing,) * 2, fbar=fbar),
+        domain=(LENGTH, DOMAIN_HEIGHT),
+        corner=(0.0, 0.0),
+        speed=1.0,
+    )
+    share = share_inside(np.asarray(scene.particles.position), spacing)
+    kept = np.flatnonzero(share)
+    particles, state = jax.tree.map(lambda leaf: leaf[..., kept] if leaf.ndim else leaf, (scene.particles, state))
+    particles = replace(particles, mass=particles.mass * share[kept], volume=particles.volume * share[kept])
+    return replace(scene, particles=particles, walls=(Wall(0, "low", 1, "fixed"),), body_force=pushed), state
+
+
+def deflection(scene, state):
+    """Mean deflection (m) of the loaded strip: twice the energy of the stress in balance, over the load."""
+    stress, residual = elastic_equilibrium(scene, state.stress, tolerance=1e-7, iterations=20000)
+    assert float(residual) < 1e-6
+    full = tensors.expand(stress, 2)
+    shearing = tensors.second_invariant(tensors.deviator(full)) / scene.material.shear
+    twice_energy = jnp.sum(scene.particles.volume * (shearing + tensors.mean(full) ** 2 / scene.material.bulk))
+    return float(twice_energy) / FORCE
+
+
+@cache
+def reference(poisson):
+    """The same by triangles of order 4, which do not lock, with small ones at the re-entrant corner."""
+    mesh = skfem.MeshTri.init_tensor(np.linspace(0, 1, 25), np.linspace(0, 1, 17))
+    x, s = LENGTH * mesh.p[0], mesh.p[1]
+    mesh = skfem.MeshTri(np.stack([x, (1 - s) * lower(x) + s * upper(x)]), mesh.t)
+    for _ in range(14):
+        corner = np.flatnonzero(np.isclose(mesh.p[0], 0) & np.isclose(mesh.p[1], HELD))
+        mesh = mesh.refined(np.flatnonzero(np.isin(mesh.t, corner).any(axis=0)))
+    bulk, shear = YOUNG / (3 * (1 - 2 * poisson)), YOUNG / (2 * (1 + poisson))
+    basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTriP4()), intorder=8)
+
+    @skfem.BilinearForm
+    def stiffness(u, v, _):
+        return 2 * shear * ddot(sym_grad(u), sym_grad(v)) + (bulk - 2 * shear / 3) * div(u) * div(v)
+
+    @skfem.LinearForm
+    def load(v, w):
+        return np.where(w.x[0] > LENGTH - STRIP, FORCE / AREA, 0.0) * v[1]
+
+    free = basis.complement_dofs(basis.get_dofs(lambda x: np.isclose(x[0], 0)))
+    matrix, force = stiffness.assemble(basis)[free][:, free].tocsc(), load.assemble(basis)[free]
+    solve = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}).solve
+    return force @ solve(force) / FORCE
+
+
+def singular_order(poisson):
+    """2 lambda of the corner between the held edge and the upper one (Williams 1952, held and free edges)."""
+    angle, kappa = np.pi / 2 + np.arctan(END_RISE / LENGTH), 3 - 4 * poisson
+
+    def characteristic(a):
+        return np.sin(a * angle) ** 2 - ((kappa + 1) ** 2 - 4 * (a * np.sin(angle)) ** 2) / (4 * kappa)
+
+    return 2 * brentq(characteristic, 0.3, 0.9)
+
+
+def error(cell, poisson, fbar):
+    """Relative error of the deflection."""
+    return deflection(*membrane(cell, poisson, fbar)) / reference(poisson) - 1
+
+
+@pytest.mark.parametrize("poisson", POISSON)
+def test_fbar_converges_as_fast_as_the_corner_lets_any_method(x64, poisson):
+    errors = np.abs([error(cell, poisson, True) for cell in CELLS])
+    assert np.all(np.log2(errors[:-1] / errors[1:]) > singular_order(poisson))
+
+
+def test_error_with_fbar_does_not_grow_with_the_bulk_modulus_and_without_it_does(x64):
+    # From 0.49 to 0.4999 the bulk modulus grows a hundredfold, the reference by 1 per cent.
+    cured, plain = (np.abs([error(2.0, poisson, fbar) for poisson in (0.49, 0.4999)]) for fbar in (True, False))
+    assert cured[1] < 2 * cured[0]
+    assert plain[1] > 5 * plain[0]
+
+
+def test_without_fbar_the_panel_locks_near_incompressibility_only(x64):
+    cells = CELLS[:3]
+    compressible, locked = (-np.array([error(cell, poisson, False) for cell in cells]) for poisson in (0.3, 0.499))
+    cured = -np.array([error(cell, 0.499, True) for cell in cells])
+    assert order(cells, compressible) > singular_order(0.3)
+    assert order(cells, locked) < singular_order(0.499)
+    assert np.all(locked > 4 * cured)
+
+
+@pytest.mark.parametrize("fbar", [False, True])
+def test_damped_steps_end_at_the_same_deflection(x64, fbar):
+    scene, state = membrane(4.0, 0.499, fbar)
+    direct = deflection(scene, state)
+    # Near the critical rate of the first mode, of some 8 s.
+    result = mpm.solve(replace(scene, damping=jnp.asarray(1.6)), state, t_end=20.0).raise_if_failed()
+    weight = scene.particles.mass * (scene.particles.position[0] > LENGTH - STRIP)
+    stepped = float(jnp.sum(weight * result.state.displacement[1]) / jnp.sum(weight))
+    assert abs(stepped / direct - 1) < 1e-4
+
+
+@pytest.mark.parametrize("poisson", [0.3, 0.49])
+def test_slope_with_fbar_starts_in_balance(x64, poisson):
+    soil = mpm.Soil(poisson=poisson)
+    scene, state = mpm.slope(mpm.Slope(), soil, mpm.Discretisation(1.0, (0.5, 0.5), fbar=True))
+    moved = mpm.step(scene, state, scene.time_step)
+    acceleration = jnp.linalg.norm(moved.velocity, axis=0) / scene.time_step
+    assert float(jnp.max(acceleration)) < 1e-3 * 9.81
