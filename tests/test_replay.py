@@ -152,11 +152,12 @@ def test_where_strength_matters_against_central_differences():
         return objectives.soft_largest_displacement(mpm.replay(varied, state, 200)[0])
 
     assert float(value) == pytest.approx(float(reached(strength)), rel=1e-9)
-    significant = np.argsort(-np.abs(np.asarray(map_)))[:100]
-    for p in np.random.default_rng(0).choice(significant, 20, replace=False):
+    # Twenty of all particles, many of which never yield, and the five that matter most.
+    largest = np.argsort(-np.abs(np.asarray(map_)))[:5]
+    for p in [*np.random.default_rng(0).choice(strength.size, 20, replace=False), *largest]:
         h = 1e-3
         difference = float(reached(strength.at[p].add(h)) - reached(strength.at[p].add(-h))) / (2 * h)
-        assert float(map_[p]) == pytest.approx(difference, rel=1e-4)
+        assert float(map_[p]) == pytest.approx(difference, rel=1e-4, abs=1e-6 * float(abs(map_[largest[0]])))
     # Strength holds: on the whole more of it means less displacement.
     assert float(jnp.sum(map_)) < 0
 
