@@ -1,9 +1,14 @@
-"""Cook's membrane in plane strain, nearly incompressible: F-bar against locking, beside finite elements of order 4.
+"""Locking, which F-bar cures: Cook's membrane, elastic, beside finite elements of order 4, and a notched strip of clay.
 
-A panel held along a vertical edge carries a vertical load on the strip at its other end. The mean deflection of that
-strip is twice the elastic energy over the load, by Clapeyron's theorem, so that its error is that of the energy: it
-falls in the order 2 lambda of the cell, lambda the exponent of the displacements around the re-entrant held corner.
-Sources: Cook (1974), J. Struct. Div. 100(9), 1851-1863 (the panel); Williams (1952), 10.1115/1.4010553 (lambda).
+The membrane, in plane strain, is held along a vertical edge and carries a vertical load on the strip at its other end.
+The mean deflection of that strip is twice the elastic energy over the load, by Clapeyron's theorem, so that its error
+is that of the energy: it falls in the order 2 lambda of the cell, lambda the exponent of the displacements around the
+re-entrant held corner. Sources: Cook (1974), J. Struct. Div. 100(9), 1851-1863 (the panel); Williams (1952),
+10.1115/1.4010553 (lambda).
+
+The strip, torn apart between two deep notches, is the case in which Nagtegaal, Parks and Rice (1974),
+10.1016/0045-7825(74)90032-2, found no limit load with elements that lock. Sources of its load: Ewing and Hill (1967),
+J. Mech. Phys. Solids 15, 115-124; Hill (1950), The Mathematical Theory of Plasticity, chapter IX (round roots).
 """
 
 from dataclasses import replace
@@ -167,3 +172,64 @@ def test_slope_with_fbar_starts_in_balance(x64, poisson):
     moved = mpm.step(scene, state, scene.time_step)
     acceleration = jnp.linalg.norm(moved.velocity, axis=0) / scene.time_step
     assert float(jnp.max(acceleration)) < 1e-3 * 9.81
+
+
+LIGAMENT, WIDTH, ARM, GRIP = 1.0, 9.0, 2.0, 0.5  # half of the ligament and of the strip, length either side, m
+STRENGTH, PULL = 10e3, 0.016  # Pa, m/s
+CAPACITY = 2 + np.pi
+
+
+@cache
+def notched_loads(cell, poisson, fbar):
+    """Load over strength and half ligament in ten parts of a pull: the strip is torn by a grip of great mass.
+
+    Half of it, beside a plane of symmetry. The notch is a slot one cell high, its sides on faces of cells.
+    """
+    soil = mpm.Soil(young=5000 * STRENGTH, poisson=poisson, strength=STRENGTH, tension_cutoff=None)
+    top = 2 * ARM + cell
+    with jax.enable_x64(True):
+        scene, state = mpm.block(
+            (WIDTH, top + GRIP),
+            soil,
+            mpm.Discretisation(cell, (cell / 2,) * 2, fbar=fbar),
+            domain=(WIDTH + cell, top + 2 * GRIP),
+            corner=(0.0, 0.0),
+            speed=1.0,
+        )
+        x, z = np.asarray(scene.particles.position)
+        kept = np.flatnonzero((x < LIGAMENT) | (np.abs(z - top / 2) > cell / 2))
+        particles, state = jax.tree.map(lambda leaf: leaf[..., kept] if leaf.ndim else leaf, (scene.particles, state))
+        z = particles.position[1]
+        grip = z > top
+        scene = replace(
+            scene,
+            particles=replace(particles, mass=jnp.where(grip, 1e4, 1.0) * particles.mass),
+            material=replace(scene.material, strength=jnp.where(grip, 1e3, 1.0) * STRENGTH),
+            walls=(Wall(0, "low", 1, "roller"), Wall(1, "low", 1, "fixed")),
+        )
+        state = replace(state, velocity=state.velocity.at[1].set(PULL * jnp.minimum(z / top, 1.0)))
+        times = np.linspace(0.0, 0.96, 11)
+        run = mpm.solve(scene, state, t_end=times[-1], snapshots=times).raise_if_failed()
+        momentum = [float(jnp.sum(scene.particles.mass * grip * s.velocity[1])) for s in run.snapshots]
+        elapsed = np.diff([int(s.step) for s in run.snapshots]) * float(scene.time_step)
+        return -np.diff(momentum) / elapsed / (STRENGTH * LIGAMENT)
+
+
+def round_root_loss(radius):
+    """What a round root takes off the load, over the strength: stress is 2 c (1 + log(1 + distance / radius)) there."""
+    return 2 * radius * (np.exp(np.pi / 2) - 1 - np.pi / 2)
+
+
+@pytest.mark.parametrize("poisson", [0.3, 0.49])
+@pytest.mark.parametrize("cell", [0.5, 0.25, pytest.param(0.125, marks=pytest.mark.slow)])
+def test_notched_strip_has_its_limit_load_with_fbar_and_none_without(cell, poisson):
+    # Between sharp notches as deep as these (ligament below 0.116 of the width) the load is (2 + pi) c, by Prandtl's
+    # field. A slot bears no more, nor less than a notch around it: that with the round root through the slot's corners.
+    radius = cell / np.sqrt(2)
+    deeper = radius - cell / 2
+    least = CAPACITY * (1 - deeper / LIGAMENT) - round_root_loss(radius)
+    cured, plain = (notched_loads(cell, poisson, fbar) for fbar in (True, False))
+    assert least < cured.max() < CAPACITY
+    assert abs(cured[-1] / cured[-4] - 1) < 0.02
+    assert plain[-1] > CAPACITY
+    assert plain[-1] / plain[-4] - 1 > 0.03
