@@ -24,6 +24,7 @@ QUESTIONS = (
     Question("Stability cases beyond their bound", "stability", "cases_failed", high=0),
     Question("Factor of safety, spread over cells of 1 to 0.5 m", "work_precision", "slope_fos_spread_cells_1_to_05"),
     Question("Run-out, spread over cells of 1 to 0.5 m", "work_precision", "slope_runout_spread_cells_1_to_05", "m"),
+    Question("The same where all fail (R = 1.4)", "work_precision", "slope_runout_at_R_1.4_spread_cells_1_to_05", "m"),
     Question("Factor of safety, cells of 2 m (published 1.26)", "slope", "fos_rough", "", 1.20, 1.28),
     Question("Factor of safety, cells of 1 m (published 1.15)", "slope", "fos_refined", "", 1.10, 1.18),
     Question("Run-out, cells of 1 m (published 14.17 m)", "slope", "runout_refined_m", "m", 12.5, 16.0),
@@ -125,14 +126,14 @@ def best_buy(answer: Answer) -> list[str]:
     chosen = answer["values"]["best_buy"]
     lines = ["", "### Best buy", "", answer["values"].get("advice", ""), ""]
     lines += [
-        "| setting | cell (m) | fails at R | run-out (m) | seconds | published R, m, s |",
-        "|---|---|---|---|---|---|",
+        "| setting | cell (m) | fails at R | run-out there (m) | at R = 1.4 (m) | seconds | published R, m, s |",
+        "|---|---|---|---|---|---|---|",
     ]
     for setting in dict.fromkeys((chosen, "plain")):
         for row in answer["rows"]:
             if row.get("setting") == setting:
                 published = row["published"]
                 beside = "" if published == "none" else ", ".join(f"{value:g}" for value in published.values())
-                cells = (setting, row["cell_m"], row["fails_at_R"], row["runout_m"], row["seconds"], beside)
-                lines.append("| " + " | ".join(map(str, cells)) + " |")
+                found = (row[key] for key in ("cell_m", "fails_at_R", "runout_m", "runout_at_R_1.4_m", "seconds"))
+                lines.append("| " + " | ".join(map(str, (setting, *found, beside))) + " |")
     return lines

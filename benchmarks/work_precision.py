@@ -27,7 +27,7 @@ import jaxmpm as mpm
 from benchmarks.footing import CAPACITY, capacity
 from benchmarks.manufactured import manufactured_run
 from benchmarks.measure import ROOT, Report, scene_config, timed
-from cooperative.consequences import SlopeGeometry, consequences
+from cooperative.consequences import Consequences, SlopeGeometry, consequences
 from jaxmpm import diagnostics
 
 Row = dict[str, Any]
@@ -48,11 +48,15 @@ SETTINGS: dict[str, tuple[dict[str, Any], dict[str, Any], float]] = {
     "scaled softening": ({"softening_length": BAND}, {}, 3.0),
     "F-bar, scaled softening": ({"softening_length": BAND}, {"fbar": True}, 3.0),
     "averaged plastic strain": ({}, {"internal_length": BAND}, 1.5),
+    "F-bar, averaged plastic strain": ({}, {"fbar": True, "internal_length": BAND}, 1.5),
 }
-BEST_BUY = "F-bar, scaled softening"
+BEST_BUY = "F-bar, averaged plastic strain"
+FIXED = 1.4
+"""Strength reduction at which every setting fails at every cell: there run-outs are of one soil."""
 ADVICE = (
-    "Screening and refined runs: GIMP, MUSL, CFL 0.5, two particles a cell, float32. Where answers must not follow the "
-    "cell: F-bar, and softening scaled to the thickness of a shear band."
+    "Screening and refined runs: GIMP, MUSL, CFL 0.5, two particles a cell, float32 (the defaults). Where answers must "
+    "not follow the cell: F-bar, and plastic strain averaged over the thickness of a shear band (internal_length); on "
+    "cells too large for that, F-bar and softening scaled to it (softening_length), which keeps the factor of safety."
 )
 CHOICES: dict[str, dict[str, Any]] = {
     "default: GIMP, MUSL, 2 a cell, CFL 0.5, float32": {},
@@ -139,10 +143,11 @@ def slope_row(
     choice: dict[str, Any],
     resolution: float,
     guess: float | None = None,
+    also_at: float | None = None,
 ) -> Row:
     """Factor of safety of the published section without random field, and the run-out of its first failing slide.
 
-    guess: near which the factor is sought first.
+    guess: near which the factor is sought first. also_at: a strength reduction whose slide is reported too.
     """
     config = scene_config("paper_section")
     start = time.perf_counter()
@@ -152,28 +157,41 @@ def slope_row(
         numerics = replace(config.grids["rough"], cell=cell, **choice)
         scene, state = mpm.slope(config.slope, soil, numerics)
         found = factor(scene, state, resolution, guess)
-        slide = mpm.solve(mpm.reduced(scene, found.fails), state, t_end=config.run.t_end, settle=mpm.Settle())
-        slide.raise_if_failed()
-        seconds = time.perf_counter() - start
-        shape = config.slope
-        done = consequences(
-            np.asarray(scene.particles.position),
-            np.asarray(slide.state.displacement),
-            np.asarray(scene.particles.volume),
-            SlopeGeometry(shape.toe_x, shape.foundation, shape.height),
-            half_size=np.asarray(numerics.spacing) / 2,
-        )
-    return {
-        "problem": "slope",
-        "setting": "plain",
-        "cell_m": cell,
-        "particles_a_cell": round(cell / numerics.spacing[0]),
-        "stands_at_R": found.stable,
-        "fails_at_R": found.fails,
-        "runout_m": round(done.runout, 2),
-        "seconds": round(seconds, 1),
-        "published": PUBLISHED.get(cell, "none"),
-    }
+        first = slide(scene, state, found.fails, numerics)
+        row: Row = {
+            "problem": "slope",
+            "setting": "plain",
+            "cell_m": cell,
+            "particles_a_cell": round(cell / numerics.spacing[0]),
+            "stands_at_R": found.stable,
+            "fails_at_R": found.fails,
+            "runout_m": round(first.runout, 2),
+            "seconds": round(time.perf_counter() - start, 1),
+            "published": PUBLISHED.get(cell, "none"),
+        }
+        if also_at is not None:
+            start = time.perf_counter()
+            fixed = slide(scene, state, also_at, numerics)
+            row |= {
+                f"runout_at_R_{also_at:g}_m": round(fixed.runout, 2),
+                f"volume_at_R_{also_at:g}_m3_per_m": round(fixed.volume, 1),
+                f"seconds_at_R_{also_at:g}": round(time.perf_counter() - start, 1),
+            }
+    return row
+
+
+def slide(scene: mpm.Scene, state: mpm.State, reduction: float, numerics: mpm.Discretisation) -> Consequences:
+    """What the section's slide at this strength reduction leaves."""
+    config = scene_config("paper_section")
+    ended = mpm.solve(mpm.reduced(scene, reduction), state, t_end=config.run.t_end, settle=mpm.Settle())
+    shape = config.slope
+    return consequences(
+        np.asarray(scene.particles.position),
+        np.asarray(ended.raise_if_failed().state.displacement),
+        np.asarray(scene.particles.volume),
+        SlopeGeometry(shape.toe_x, shape.foundation, shape.height),
+        half_size=np.asarray(numerics.spacing) / 2,
+    )
 
 
 def factor(scene: mpm.Scene, state: mpm.State, resolution: float, guess: float | None) -> mpm.FactorOfSafety:
@@ -199,7 +217,7 @@ def slope_rows(quick: bool) -> Iterator[Row]:
         for cell, spacing in GRIDS:
             if cell > largest:
                 continue
-            row = slope_row(cell, spacing, soil, choice, 0.01, guess)
+            row = slope_row(cell, spacing, soil, choice, 0.01, guess, FIXED)
             guess = row["fails_at_R"]
             yield row | {"setting": setting}
     guess = 1.23
@@ -215,22 +233,32 @@ def slope_rows(quick: bool) -> Iterator[Row]:
 
 def draw(rows: list[Row]) -> None:
     """Factor of safety and run-out against cell size and time, a line per setting; error against seconds."""
-    figure, axes = plt.subplots(2, 3, figsize=(14, 8), layout="constrained")
-    for setting, marker in zip(SETTINGS, "os^Dv", strict=True):
-        lines = [row for row in rows if row.get("setting") == setting]
-        for axis, across, key in (
-            (axes[0, 0], "cell_m", "fails_at_R"),
-            (axes[0, 1], "cell_m", "runout_m"),
-            (axes[0, 2], "seconds", "fails_at_R"),
-        ):
+    figure, axes = plt.subplots(2, 4, figsize=(18, 8), layout="constrained")
+    at_fixed = f"runout_at_R_{FIXED:g}_m"
+    names = {
+        "cell_m": "cell (m)",
+        "seconds": "seconds",
+        "fails_at_R": "smallest R that fails",
+        "runout_m": "run-out at that R (m)",
+        at_fixed: f"run-out at R = {FIXED:g} (m)",
+        f"seconds_at_R_{FIXED:g}": "seconds",
+    }
+    panels = (
+        (axes[0, 0], "cell_m", "fails_at_R"),
+        (axes[0, 1], "cell_m", "runout_m"),
+        (axes[0, 2], "cell_m", at_fixed),
+        (axes[0, 3], "seconds", "fails_at_R"),
+        (axes[1, 3], f"seconds_at_R_{FIXED:g}", at_fixed),
+    )
+    for axis, across, key in panels:
+        for setting, marker in zip(SETTINGS, "os^Dv*", strict=True):
+            lines = [row for row in rows if row.get("setting") == setting]
             axis.plot([row[across] for row in lines], [row[key] for row in lines], marker=marker, label=setting)
-    axes[0, 0].plot(list(PUBLISHED), [p["fos"] for p in PUBLISHED.values()], "k*", label="published")
-    axes[0, 1].plot(list(PUBLISHED), [p["runout_m"] for p in PUBLISHED.values()], "k*", label="published")
-    axes[0, 0].set(xlabel="cell (m)", ylabel="smallest R that fails")
-    axes[0, 1].set(xlabel="cell (m)", ylabel="run-out at that R (m)")
-    axes[0, 2].set(xlabel="seconds", ylabel="smallest R that fails", xscale="log")
+        axis.set(xlabel=names[across], ylabel=names[key], xscale="linear" if across == "cell_m" else "log")
+    axes[0, 0].plot(list(PUBLISHED), [p["fos"] for p in PUBLISHED.values()], "kP", label="published")
+    axes[0, 1].plot(list(PUBLISHED), [p["runout_m"] for p in PUBLISHED.values()], "kP", label="published")
     axes[0, 0].legend(fontsize=8)
-    for axis, problem in zip(axes[1], dict.fromkeys(r["problem"] for r in rows if "choice" in r), strict=True):
+    for axis, problem in zip(axes[1, :3], dict.fromkeys(r["problem"] for r in rows if "choice" in r), strict=True):
         for number, name in enumerate(dict.fromkeys(r["choice"] for r in rows if r["problem"] == problem)):
             lines = [r for r in rows if (r["problem"], r.get("choice")) == (problem, name) and r["error"] is not None]
             style = ("o-", "s--", "^:")[number % 3]
@@ -257,7 +285,8 @@ def run(quick: bool) -> Report:
         return Report({"rows": len(rows)}, rows)
     draw(rows)
     values: dict[str, Any] = {"best_buy": BEST_BUY, "advice": ADVICE}
-    for key, name in (("fails_at_R", "fos"), ("runout_m", "runout")):
+    at_fixed = f"runout_at_R_{FIXED:g}"
+    for key, name in (("fails_at_R", "fos"), ("runout_m", "runout"), (f"{at_fixed}_m", at_fixed)):
         for setting in SETTINGS:
             fine = [row for row in rows if row.get("setting") == setting and row["cell_m"] <= 1.0]
             spread = round(max(row[key] for row in fine) - min(row[key] for row in fine), 3)
