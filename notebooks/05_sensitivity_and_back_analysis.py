@@ -83,7 +83,7 @@ density = np.asarray(by_particle / scene.particles.volume) * 1e3
 position, half_size = np.asarray(scene.particles.position), scene.kernel.half_size
 final = mpm.replay(scene, state, steps)[0]
 
-fig, (above, below) = plt.subplots(2, 1, figsize=(9, 6), sharex=True)
+fig, (above, below) = plt.subplots(2, 1, figsize=(9, 3.7), sharex=True)
 boxes = draw_section(
     above,
     position + np.asarray(final.displacement),
@@ -199,7 +199,7 @@ fields = []
 for parameters in (truth, recovery.parameters):
     padded = jnp.zeros(model.expansion.modes).at[:modes].set(parameters.coefficients)
     fields.append(np.asarray(model.strength(padded)) * float(np.exp(parameters.strength)) / 1e3)
-fig, axes = plt.subplots(2, 1, figsize=(9, 6), sharex=True)
+fig, axes = plt.subplots(2, 1, figsize=(9, 3.7), sharex=True)
 limits = (min(f.min() for f in fields), max(f.max() for f in fields))
 for ax, field, title in zip(axes, fields, ("true strength", "recovered strength"), strict=True):
     boxes = draw_section(ax, position, half_size, field, limits=limits, title=title)

@@ -76,7 +76,7 @@ plt.show()
 median, worst = (
     np.asarray(model.strength(np.asarray(xi, np.float32))) / 1e3 for xi in (0 * point.coefficients, point.coefficients)
 )
-fig, ax = plt.subplots(figsize=(9, 3.2))
+fig, ax = plt.subplots(figsize=(9, 2.2))
 boxes = draw_section(ax, position, half_size, worst / median, title="most likely failing field, over the median one")
 fig.colorbar(boxes, ax=ax, label="strength ratio [-]")
 plt.show()
