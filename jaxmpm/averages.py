@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -15,11 +16,13 @@ def filtered(grid: Grid, nodal: Array, passes: int) -> Array:
     """Nodal sums (nodes, c) after `passes` binomial filters (1, 2, 1) / 4 along each axis: each adds a variance of
     cell^2 / 2 to how far a particle's share reaches. Sums at the grid's outermost nodes lose what leaves the grid."""
     field = nodal.reshape(*grid.shape, -1)
-    for axis in range(grid.dimension):
-        for _ in range(passes):
-            low = jnp.roll(field, 1, axis)
-            high = jnp.roll(field, -1, axis)
-            field = 0.5 * field + 0.25 * (low + high)
+    for axis in range(grid.dimension if passes else 0):
+
+        def smoothed(_: int, field: Array, axis: int = axis) -> Array:
+            return 0.5 * field + 0.25 * (jnp.roll(field, 1, axis) + jnp.roll(field, -1, axis))
+
+        # A loop: filters written out one by one are fused, and each computes those before it again at three nodes.
+        field = jax.lax.fori_loop(0, passes, smoothed, field)
     return field.reshape(nodal.shape)
 
 
