@@ -18,7 +18,7 @@ from jax import Array
 from jaxmpm import tensors
 from jaxmpm.boundary import hold
 from jaxmpm.materials import elastic_increment
-from jaxmpm.step import MASS_FLOOR, neighbour_average
+from jaxmpm.step import MASS_FLOOR, acting_stress, neighbour_average
 from jaxmpm.transfer import g2p, p2g
 from jaxmpm.types import Scene, State
 
@@ -38,9 +38,7 @@ def elastic_equilibrium(
     d = grid.dimension
     to_grid = partial(p2g, grid, kernel, particles.position)
     to_particles = partial(g2p, grid, kernel, particles.position)
-    average = partial(neighbour_average, scene, to_grid, to_particles, passes=0)
-    specific = particles.volume / particles.mass
-    acting = jnp.asarray([tensors.CARRIED[d].index(c) for c in tensors.ACTING[d]])
+    average = partial(neighbour_average, scene, to_grid, to_particles)
     mass = to_grid(particles.mass[None], None)
     carries = mass > MASS_FLOOR * jnp.mean(particles.mass)
 
@@ -48,17 +46,13 @@ def elastic_equilibrium(
         return hold(scene.walls, grid, jnp.where(carries, nodal, 0))
 
     def internal_force(stress: Array) -> Array:
-        if scene.fbar:
-            full = tensors.expand(stress, d)
-            mean = average(tensors.mean(full) * specific) / specific
-            stress = tensors.compress(tensors.with_mean(full, mean), d)
-        return free(to_grid(None, particles.volume * stress[acting]))
+        return free(to_grid(None, acting_stress(scene, stress, particles.volume, average)))
 
     def stress_of(nodal_displacement: Array) -> Array:
         _, gradient = to_particles(nodal_displacement, values=0, gradients=d)
         strain = tensors.strain_increment(tensors.entries(gradient), jnp.ones((), stress.dtype))
         if scene.fbar:
-            strain = tensors.with_mean(strain, average(tensors.mean(strain)))
+            strain = tensors.with_mean(strain, average(tensors.mean(strain), 0))
         return tensors.compress(elastic_increment(scene.material.bulk, scene.material.shear, strain), d)
 
     load = mass * scene.gravity

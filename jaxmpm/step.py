@@ -39,6 +39,9 @@ def step(scene: Scene, state: State, dt: Array) -> State:
     to_particles = partial(g2p, grid, kernel, x, engine=scene.engine)
     average = partial(neighbour_average, scene, to_grid, to_particles)
 
+    def acting(state: State) -> Array:
+        return acting_stress(scene, state.stress, scene.particles.volume * state.volume_ratio, average)
+
     # Particles to grid: mass, momentum and force.
     carried = [m[None], momentum(scene, state, x)]
     if scene.body_force is not None:
@@ -51,14 +54,14 @@ def step(scene: Scene, state: State, dt: Array) -> State:
         velocity = nodal_velocity(scene, inverse_mass, moving)
         straining = velocity
         if scene.wall_friction is not None:
-            stress_force = to_grid(None, acting_stress(scene, state, average))
+            stress_force = to_grid(None, acting(state))
             pressed = velocity + dt * (inverse_mass * stress_force + scene.gravity)
             straining = slide(scene.walls, grid, velocity, None, pressed)
         _, gradient = to_particles(straining, values=0, gradients=d)
         state = update_stress(scene, state, gradient, dt, average)
-        force = sum(pushed, to_grid(None, acting_stress(scene, state, average)))
+        force = sum(pushed, to_grid(None, acting(state)))
     else:
-        nodal = to_grid(jnp.concatenate(carried), acting_stress(scene, state, average))
+        nodal = to_grid(jnp.concatenate(carried), acting(state))
         mass, moving, *pushed = jnp.split(nodal, ends, axis=1)
         mass = tensors.spread(mass, d, axis=1)
         inverse_mass = reciprocal(scene, mass)
@@ -98,15 +101,14 @@ def step(scene: Scene, state: State, dt: Array) -> State:
     return state
 
 
-def acting_stress(scene: Scene, state: State, average: Transfer | None = None) -> Array:
-    """Current volume times the stress components that act on the grid (J).
+def acting_stress(scene: Scene, stress: Array, volume: Array, average: Transfer) -> Array:
+    """The components of the stress (s, N) that act on the grid (J), times the current volume (N).
 
     With F-bar its mean is averaged as well, by the transpose of the strain's average: forces then do the work that the
     averaged strain stores. Without this the energy grows in a long run.
     """
-    d, stress = scene.grid.dimension, state.stress
-    volume = scene.particles.volume * state.volume_ratio
-    if scene.fbar and average is not None:
+    d = scene.grid.dimension
+    if scene.fbar:
         specific, full = volume / scene.particles.mass, tensors.expand(stress, d)
         full = tensors.with_mean(full, average(tensors.mean(full) * specific, 0) / specific)
         stress = tensors.compress(full, d)

@@ -172,6 +172,7 @@ def test_slope_with_fbar_starts_in_balance(x64, poisson):
     moved = mpm.step(scene, state, scene.time_step)
     acceleration = jnp.linalg.norm(moved.velocity, axis=0) / scene.time_step
     assert float(jnp.max(acceleration)) < 1e-3 * 9.81
+    assert float(mpm.diagnostics.unbalanced_force(scene, state)) < 1e-4
 
 
 LIGAMENT, WIDTH, ARM, GRIP = 1.0, 9.0, 2.0, 0.5  # half of the ligament and of the strip, length either side, m
