@@ -143,7 +143,9 @@ def recover(
         change, memory = optimiser.update(gradient, memory, parameters, value=value, grad=gradient, value_fn=loss)
         return optax.apply_updates(parameters, change), memory, value
 
-    parameters, memory, losses = start, optimiser.init(start), []
+    # Of strong type, as a step returns it: a weak one in between would have the second step compiled anew.
+    memory = jax.tree.map(lambda leaf: jnp.asarray(leaf, leaf.dtype), optimiser.init(start))
+    parameters, losses = start, []
     best, least = start, np.inf
     for number in range(iterations):
         before = parameters
