@@ -25,6 +25,7 @@ from skfem.helpers import ddot, div, sym_grad
 
 import jaxmpm as mpm
 from jaxmpm import tensors
+from jaxmpm.diagnostics import unbalanced_force
 from jaxmpm.equilibrium import elastic_equilibrium
 from jaxmpm.types import Wall
 from tests.verification import order
@@ -172,6 +173,7 @@ def test_slope_with_fbar_starts_in_balance(x64, poisson):
     moved = mpm.step(scene, state, scene.time_step)
     acceleration = jnp.linalg.norm(moved.velocity, axis=0) / scene.time_step
     assert float(jnp.max(acceleration)) < 1e-3 * 9.81
+    assert float(unbalanced_force(scene, state)) < 1e-4
     assert float(mpm.diagnostics.unbalanced_force(scene, state)) < 1e-4
 
 
