@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from functools import partial
 
-from functools import partial
-
 import jax.numpy as jnp
 from jax import Array
 
 from jaxmpm import tensors
 from jaxmpm.boundary import hold
-from jaxmpm.step import acting_stress, neighbour_average, neighbour_average
+from jaxmpm.step import acting_stress, neighbour_average
 from jaxmpm.transfer import g2p, p2g
 from jaxmpm.types import Scene, State
 
