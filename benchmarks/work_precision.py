@@ -209,8 +209,9 @@ def slope_rows(quick: bool) -> Iterator[Row]:
     """Every setting over cells, coarse to fine; and at cells of 2 m one numerical choice at a time."""
     if quick:
         for setting in ("plain", BEST_BUY):
-            soil, choice, _ = SETTINGS[setting]
-            yield slope_row(*GRIDS[1], soil, choice, 0.05) | {"setting": setting}
+            soil, choice, largest = SETTINGS[setting]
+            grid = next(grid for grid in GRIDS[1:] if grid[0] <= largest)
+            yield slope_row(*grid, soil, choice, 0.05) | {"setting": setting}
         return
     for setting, (soil, choice, largest) in SETTINGS.items():
         guess = None
