@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import jax
@@ -129,13 +128,13 @@ def recover(
     prior = Parameters(LOG_DEVIATION, LOG_DEVIATION, np.ones(modes))
     optimiser = optax.with_extra_args_support(optimiser or optax.lbfgs())
 
-    def residuals(parameters: Parameters) -> Array:
+    def residuals(parameters: Parameters) -> tuple[Array, Observed]:
         found = predict(model, survey, parameters)
         parts = jax.tree.map(lambda a, b: jnp.ravel(a - b) / noise, found, observed)
-        return jnp.concatenate([*jax.tree.leaves(parts), *jax.tree.leaves(_scaled(parameters, prior))])
+        return jnp.concatenate([*jax.tree.leaves(parts), *jax.tree.leaves(_scaled(parameters, prior))]), found
 
     def loss(parameters: Parameters) -> Array:
-        return 0.5 * jnp.sum(residuals(parameters) ** 2)
+        return 0.5 * jnp.sum(residuals(parameters)[0] ** 2)
 
     @jax.jit
     def step(parameters: Parameters, memory: Any) -> tuple[Parameters, Any, Array]:
@@ -159,9 +158,10 @@ def recover(
             report(number, losses[-1])
     flat, restore = ravel_pytree(best)
     # Few parameters and many readings: forward mode.
-    jacobian = np.asarray(jax.jit(jax.jacfwd(lambda p: residuals(restore(p))))(flat), float)
+    derivatives, fitted = jax.jit(jax.jacfwd(lambda p: residuals(restore(p)), has_aux=True))(flat)
+    jacobian = np.asarray(derivatives, float)
     deviation = restore(jnp.asarray(np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian))), dtype))
-    return Recovery(best, np.array(losses), deviation, prior, jax.jit(partial(predict, model, survey))(best))
+    return Recovery(best, np.array(losses), deviation, prior, fitted)
 
 
 def _scaled(parameters: Parameters, prior: Parameters) -> Parameters:
