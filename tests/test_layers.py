@@ -13,6 +13,7 @@ JAXMPM = [
     "files",
     "check",
     "tensors",
+    "rowwise",
     "shape",
     "stencil",
     "native",
