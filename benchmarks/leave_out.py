@@ -16,7 +16,18 @@ import jax
 import jax.numpy as jnp
 
 from benchmarks.measure import Report, scene_config
-from jaxmpm import Elastic, Engine, Scene, Scheme, State, advance_lanes, slope, step
+from jaxmpm import (
+    DruckerPrager,
+    Elastic,
+    Engine,
+    MohrCoulomb,
+    Scene,
+    Scheme,
+    State,
+    advance_lanes,
+    slope,
+    step,
+)
 
 Variant = Callable[[Scene, State], tuple[Scene, State]]
 
@@ -57,6 +68,35 @@ def single_mapping(scene: Scene, state: State) -> tuple[Scene, State]:
     return replace(scene, scheme=Scheme.USL), state
 
 
+def on_a_cone(scene: Scene, state: State) -> tuple[Scene, State]:
+    """Drucker-Prager with 25 degrees of friction, the clay's strength its cohesion."""
+    law, friction = scene.material, jnp.radians(jnp.asarray(25.0, state.stress.dtype))
+    material = DruckerPrager(
+        bulk=law.bulk,
+        shear=law.shear,
+        cohesion=law.strength,
+        friction=friction,
+        dilation=jnp.zeros_like(friction),
+        tension_cutoff=law.tension_cutoff,
+    )
+    return replace(scene, material=material), replace(state, history=None)
+
+
+def on_a_pyramid(scene: Scene, state: State) -> tuple[Scene, State]:
+    """The same with Mohr-Coulomb."""
+    scene, state = on_a_cone(scene, state)
+    cone = scene.material
+    material = MohrCoulomb(
+        bulk=cone.bulk,
+        shear=cone.shear,
+        cohesion=cone.cohesion,
+        friction=cone.friction,
+        dilation=cone.dilation,
+        tension_cutoff=cone.tension_cutoff,
+    )
+    return replace(scene, material=material), state
+
+
 def unchanged(scene: Scene, state: State) -> tuple[Scene, State]:
     """The scene as it is."""
     return scene, state
@@ -66,6 +106,8 @@ def unchanged(scene: Scene, state: State) -> tuple[Scene, State]:
 FEATURES: dict[str, tuple[Variant, Variant]] = {
     "softening": (unchanged, without_softening),
     "yielding": (without_softening, without_yielding),
+    "friction (Drucker-Prager)": (on_a_cone, without_softening),
+    "edges (Mohr-Coulomb)": (on_a_pyramid, on_a_cone),
     "tension cutoff": (unchanged, without_cutoff),
     "strength per particle": (unchanged, homogeneous),
     "second mapping (MUSL)": (unchanged, single_mapping),
