@@ -80,14 +80,14 @@ def settled_elastically(scene: Scene, state: State, spacing: float) -> State:
     spacing: of the particles along the vertical axis (m), for the weight above each.
     """
     d = scene.grid.dimension
-    position = np.asarray(scene.particles.position, float)
+    position, dtype = np.asarray(scene.particles.position), state.stress.dtype
     unit_weight = -float(scene.gravity[-1]) * float(scene.particles.mass[0] / scene.particles.volume[0])
-    vertical = -unit_weight * spacing * (_above(position, spacing) + 0.5)
+    vertical = (-unit_weight * spacing * (_above(position, spacing) + 0.5)).astype(dtype)
     k = np.asarray(scene.material.bulk - 2 * scene.material.shear / 3)
-    k0 = k / (k + 2 * np.asarray(scene.material.shear))
+    k0 = (k / (k + 2 * np.asarray(scene.material.shear))).astype(dtype)
     upright = {1: 0, 2: 2, 3: 2}[d]
-    stress = np.stack([vertical * (1.0 if c == upright else k0 if c < 3 else 0.0) for c in tensors.CARRIED[d]])
-    balanced, residual = elastic_equilibrium(scene, jnp.asarray(stress, state.stress.dtype))
+    stress = jnp.stack([vertical * (1 if c == upright else k0 if c < 3 else 0) for c in tensors.CARRIED[d]])
+    balanced, residual = elastic_equilibrium(scene, stress)
     if not float(residual) < 1e-3:
         raise ValueError(
             f"the initial stress leaves {float(residual):.1e} of the weight unbalanced (limit 1e-3): "
@@ -103,6 +103,6 @@ def _above(position: np.ndarray, spacing: float) -> np.ndarray:
     ordered = columns[:, order]
     new = np.r_[True, np.any(ordered[:, 1:] != ordered[:, :-1], axis=0)]
     start = np.maximum.accumulate(np.where(new, np.arange(len(order)), 0))
-    above = np.empty(len(order))
+    above = np.empty(len(order), np.int64)
     above[order] = np.arange(len(order)) - start
     return above

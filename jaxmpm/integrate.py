@@ -15,7 +15,6 @@ from jax import Array
 from tqdm import tqdm
 
 from jaxmpm import diagnostics
-from jaxmpm.rowwise import split, whole
 from jaxmpm.shape import inside, locate
 from jaxmpm.step import step
 from jaxmpm.types import Scene, State, Status
@@ -104,16 +103,16 @@ def advance(scene: Scene, state: State, steps: int | Array) -> State:
     """
 
     def advanced(old: State) -> State:
-        new = step(scene, whole(old), scene.time_step)
-        return split(replace(new, step=old.step + 1, status=lane_status(scene, new)))
+        new = step(scene, old, scene.time_step)
+        return replace(new, step=old.step + 1, status=lane_status(scene, new))
 
     def frozen_unless_running(_: Any, old: State) -> State:
         return jax.tree.map(partial(jnp.where, old.status == Status.RUNNING), advanced(old), old)
 
     if isinstance(steps, int):
-        return whole(jax.lax.fori_loop(0, steps, frozen_unless_running, split(state)))
+        return jax.lax.fori_loop(0, steps, frozen_unless_running, state)
     last = state.step + steps
-    return whole(jax.lax.while_loop(lambda s: (s.status == Status.RUNNING) & (s.step < last), advanced, split(state)))
+    return jax.lax.while_loop(lambda s: (s.status == Status.RUNNING) & (s.step < last), advanced, state)
 
 
 def lanes(scene: Scene, **strength: Array) -> tuple[Scene, Scene]:

@@ -13,7 +13,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.special import ndtri
-from scipy.stats import qmc
 
 from kl.checks import require
 from kl.quantiles import from_both_tails
@@ -69,6 +68,8 @@ def sobol(key: Any, n_samples: int, n_modes: int, *, rows: Any = None) -> Any:
     Best at n_samples a power of 2; at most 21,201 modes, the most important first. Shape as in `monte_carlo`.
     """
     numbers = _numbers(n_samples, n_modes, rows)
+    from scipy.stats import qmc  # takes half a second and 60 MB, which nothing else here needs
+
     require(n_modes <= qmc.Sobol.MAXDIM, f"n_modes = {n_modes} exceeds Sobol's {qmc.Sobol.MAXDIM}: use latin_hypercube")
     seed = np.asarray(jax.random.key_data(key)).ravel()
     engine = qmc.Sobol(n_modes, scramble=True, bits=_SOBOL_BITS, rng=np.random.default_rng(seed))

@@ -13,7 +13,6 @@ JAXMPM = [
     "files",
     "check",
     "tensors",
-    "rowwise",
     "shape",
     "stencil",
     "native",
