@@ -19,7 +19,7 @@ from jax import Array
 from jaxmpm.materials import add, elastic_increment
 from jaxmpm.softening import FrictionalSoftening
 from jaxmpm.spectral import isotropic
-from jaxmpm.tensors import deviator, mean, safe_sqrt, second_invariant
+from jaxmpm.tensors import deviator, mean, row_by_row, safe_sqrt, second_invariant
 from jaxmpm.types import Particles, Tensor
 
 SMALLEST = 1e-6
@@ -112,7 +112,7 @@ class DruckerPrager:
         )
         scale = jnp.where(q > 0, shear_stress / jnp.where(q > 0, q, 1), 1)
         xx, yy, zz, xy, yz, xz = (scale * s for s in deviator(trial))
-        result: Tensor = (xx + mean_stress, yy + mean_stress, zz + mean_stress, xy, yz, xz)
+        result = row_by_row((xx + mean_stress, yy + mean_stress, zz + mean_stress, xy, yz, xz))
         if history is None:
             return result, None
         return result, history + (q - shear_stress) / self.shear
@@ -158,7 +158,7 @@ class MohrCoulomb:
         law = PyramidLaw(self.bulk, self.shear, *_strength(self, history), tension=self.tension_cutoff)
         law = jax.tree.map(lambda p: jnp.asarray(p, jnp.result_type(self.bulk)), law)
         drop, g = isotropic(principal_drop, trial, law)
-        result: Tensor = tuple(t - d for t, d in zip(trial, drop, strict=True))  # type: ignore[assignment]
+        result = row_by_row(tuple(t - d for t, d in zip(trial, drop, strict=True)))
         return result, None if history is None else history + g
 
 

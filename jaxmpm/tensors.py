@@ -47,25 +47,6 @@ def _(count: int, axis: int, primals: tuple[Array], tangents: tuple[Array]) -> t
     return spread(*primals, count, axis), jnp.concatenate(tangents * count, axis=axis)
 
 
-@jax.custom_jvp
-def stacked(rows: Sequence[Array]) -> Array:
-    """Rows (N), all of one shape and dtype, as one array.
-
-    Written one after the other: where XLA on CPU concatenates, it computes all that goes into each of the rows in one
-    loop, unvectorised. A step with Mohr-Coulomb took seventy times as long.
-    """
-    array = jnp.zeros((len(rows), *rows[0].shape), rows[0].dtype)
-    for i, row in enumerate(rows):
-        array = jax.lax.dynamic_update_index_in_dim(array, row, i, axis=0)
-    return array
-
-
-@stacked.defjvp
-def _(primals: tuple[Sequence[Array]], tangents: tuple[Sequence[Array]]) -> tuple[Array, Array]:
-    # Its transpose is a split; that of an update would copy the array for every row.
-    return stacked(*primals), jnp.stack(tangents[0])
-
-
 def expand(components: Array, dimension: int) -> Tensor:
     """The carried components (s, N) as a full tensor, absent ones as 0.0."""
     full: list[Any] = [0.0] * 6
@@ -83,7 +64,7 @@ def entries(gradient: Array) -> list[list[Array]]:
 
 def compress(tensor: Tensor, dimension: int) -> Array:
     """The components that `dimension` carries, stacked: (s, N)."""
-    return stacked(jnp.broadcast_arrays(*(tensor[index] for index in CARRIED[dimension])))
+    return jnp.stack([tensor[index] for index in CARRIED[dimension]])
 
 
 def acting(components: Array, dimension: int) -> Array:
@@ -139,6 +120,32 @@ def rotate(stress: Tensor, gradient: Sequence[Sequence[Array]], dt: Array) -> Te
 def absent(component: Any) -> bool:
     """Whether a component is the number 0.0 that stands for one that the dimension cannot have."""
     return isinstance(component, float) and component == 0.0
+
+
+def row_by_row(tensor: Tensor) -> Tensor:
+    """The same tensor, each of its components written before any is used.
+
+    For costly ones: a step stacks them, and XLA on CPU would compute all that goes into any of them in one loop, which
+    it does not vectorise. A step with Mohr-Coulomb took seventy times as long.
+    """
+    present = [k for k in range(6) if not absent(tensor[k])]
+    full: list[Any] = [0.0] * 6
+    for k, row in zip(present, _written(jnp.broadcast_arrays(*(tensor[k] for k in present))), strict=True):
+        full[k] = row
+    return tuple(full)
+
+
+@jax.custom_jvp
+def _written(components: Sequence[Array]) -> list[Array]:
+    array = jnp.zeros((len(components), *components[0].shape), components[0].dtype)
+    for i, component in enumerate(components):
+        array = jax.lax.dynamic_update_index_in_dim(array, component, i, axis=0)
+    return rows(array)
+
+
+@_written.defjvp
+def _(primals: tuple[Sequence[Array]], tangents: tuple[Sequence[Array]]) -> tuple[list[Array], list[Array]]:
+    return _written(*primals), list(tangents[0])
 
 
 def mean(tensor: Tensor) -> Array:
