@@ -265,7 +265,8 @@ def draw(rows: list[Row]) -> None:
             style = ("o-", "s--", "^:")[number % 3]
             axis.loglog([r["seconds"] for r in lines], [r["error"] for r in lines], style, markersize=4, label=name)
         axis.set(xlabel="seconds", ylabel="error", title=problem)
-    axes[1, 0].legend(fontsize=6)
+    cured = [line for line in axes[1, 2].lines if line.get_label().startswith("F-bar")]
+    figure.legend(handles=[*axes[1, 0].lines, *cured], loc="outside lower center", ncols=7, fontsize=8)
     figure.savefig(ROOT / "benchmarks" / "figures" / "work_precision.png", dpi=120)
     plt.close(figure)
 
