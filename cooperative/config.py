@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import kl
-from jaxmpm import GIMP, Discretisation, Linear, PlasticStrain, Scheme, Settle, Slope, Soil
+from jaxmpm import GIMP, Discretisation, Linear, PlasticStrain, QuadraticBSpline, Scheme, Settle, Slope, Soil
 
 CORRELATIONS = {
     "squared exponential": kl.SquaredExponential,
@@ -22,7 +22,7 @@ CORRELATIONS = {
 }
 MARGINALS = {"lognormal": kl.Lognormal, "truncated normal": kl.TruncatedNormal}
 COEFFICIENTS = {"latin hypercube": kl.latin_hypercube, "monte carlo": kl.monte_carlo, "sobol": kl.sobol}
-KERNELS = {"gimp": GIMP, "linear": Linear}
+KERNELS = {"gimp": GIMP, "linear": Linear, "quadratic b-spline": QuadraticBSpline}
 SCHEMES = {scheme.name.lower(): scheme for scheme in Scheme}
 PLASTIC_STRAINS = {measure.value: measure for measure in PlasticStrain}
 Y_ENDS = {"fixed": "fixed", "roller": "roller"}
@@ -139,6 +139,10 @@ _SOIL = {
     "residual_ratio": _Key(float, 1.0),
     "tension_cutoff": _Key(float, None),
     "plastic_strain": _Key(PLASTIC_STRAINS, "engineering"),
+    "strain_95": _Key(float, None),
+    "softening_length": _Key(float, None),
+    "rate_coefficient": _Key(float, None),
+    "reference_rate": _Key(float, Soil.reference_rate),
 }
 _STRENGTH = {
     "mean": _Key(float),
@@ -155,6 +159,10 @@ _GRID = {
     "scheme": _Key(SCHEMES, "musl"),
     "cfl": _Key(float, 0.5),
     "flip": _Key(float, 1.0),
+    "apic": _Key(bool, False),
+    "damping": _Key(float, 0.0),
+    "fbar": _Key(bool, False),
+    "internal_length": _Key(float, None),
 }
 _RUN = {
     "gravity": _Key(float, 9.81),

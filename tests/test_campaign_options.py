@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import jaxmpm as mpm
 from cooperative import calibration, campaign, screening
 from cooperative.config import parse
 from cooperative.progress import progress_of
@@ -13,6 +14,9 @@ from cooperative.store import Rows, read_rows, read_store
 from cooperative.summary import summarise
 from tests.test_campaign import TINY, changed, finished
 
+REGULAR = changed("spacing = [0.5, 0.5]", "spacing = [0.5, 0.5]\nfbar = true\ninternal_length = 1.0").replace(
+    "samples = 6", "samples = 3"
+)
 SUBSET = changed(
     'estimator = "published"', 'estimator = "subset"\nlevels = 1\nreplicates = 2\nrefined_runs = 12'
 ).replace("samples = 6", "samples = 40")
@@ -50,6 +54,28 @@ def test_subset_simulation_goes_on_where_it_was(subset, tmp_path):
     resumed = campaign.run(SUBSET, again)
     assert resumed["probability_of_failure"] == summary["probability_of_failure"]
     assert resumed["interval"] == summary["interval"]
+
+
+def test_a_scene_can_keep_its_answers_from_following_the_cell(tmp_path):
+    summary = campaign.run(REGULAR, tmp_path / "regular")
+    campaign.run(changed("samples = 6", "samples = 3"), tmp_path / "plain")
+    regular, plain = (read_rows(read_store(tmp_path / name), "refined") for name in ("regular", "plain"))
+    number = next(n for n in regular.numbers if n in plain.numbers)
+    moved = [rows.columns["displacement"][rows.numbers.index(number)] for rows in (regular, plain)]
+    assert summary["samples"] == 3
+    assert abs(moved[0] / moved[1] - 1) > 1e-3
+    with pytest.raises(ValueError, match=r"internal_length = 0\.1 m is less than cells"):
+        campaign.run(REGULAR.replace("internal_length = 1.0", "internal_length = 0.1"), tmp_path / "short")
+
+
+def test_a_scene_knows_every_choice_of_clay_and_grid():
+    text = changed("tension_cutoff = 0.0", "strain_95 = 0.5\nrate_coefficient = 0.1\nsoftening_length = 1.0").replace(
+        "cell = 2.0", 'cell = 2.0\nkernel = "quadratic b-spline"\napic = true\nflip = 0.0\ndamping = 0.1'
+    )
+    config = parse(text)
+    assert (config.soil.strain_95, config.soil.rate_coefficient, config.soil.softening_length) == (0.5, 0.1, 1.0)
+    rough = config.grids["rough"]
+    assert (rough.kernel, rough.apic, rough.flip, rough.damping) == (mpm.QuadraticBSpline, True, 0.0, 0.1)
 
 
 def failing_after(function, count):
