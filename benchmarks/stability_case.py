@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 
 import jaxmpm as mpm
-from jaxmpm import diagnostics, tensors
+from jaxmpm import diagnostics, pytree, tensors
 
 Row = dict[str, Any]
 SLOPE = mpm.Slope(crest=10, height=6, run_per_rise=1.0, toe=14, foundation=2)
@@ -42,7 +42,7 @@ def status_of(state: mpm.State) -> str:
     return mpm.Status(int(state.status)).name
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Metered:
     """A law with linear elasticity, and with it what it dissipates per initial volume (J/m3).
@@ -94,7 +94,7 @@ def elastic_density(bulk: Array, shear: Array, stress: Any) -> Array:
     return pressure**2 / (2 * bulk) + tensors.second_invariant(tensors.deviator(stress)) / (2 * shear)
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Energies:
     """Where the energy of a run went (J): what is stored at its end less at its start, what is spent, what came in.

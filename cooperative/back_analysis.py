@@ -19,13 +19,13 @@ from jax import Array
 from jax.flatten_util import ravel_pytree
 
 from cooperative.screening import GridModel
-from jaxmpm import objectives, replay
+from jaxmpm import objectives, pytree, replay
 
 # Prior deviation of the logarithms of strength and softening: a factor of 1.3 either way.
 LOG_DEVIATION = 0.3
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Parameters:
     """What is looked for. strength, softening: logarithms of factors on the model's mean strength and softening
@@ -52,7 +52,7 @@ class Survey:
     width: float = 2.0
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Observed:
     """surface: (k,) height of the soil column at each station in the end (m). histories: (times, d, m) displacement of

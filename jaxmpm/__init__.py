@@ -7,6 +7,7 @@ from jaxmpm.integrate import Result, Settle, advance, advance_lanes, lanes, repe
 from jaxmpm.io import load_state, save_state, write_particles, write_vtkhdf
 from jaxmpm.many import Chunk, Midway, solve_each
 from jaxmpm.materials import J2, Elastic, reduce_strength
+from jaxmpm.pytrees import pytree
 from jaxmpm.reduction import FactorOfSafety, factor_of_safety, reduced
 from jaxmpm.replay import Checkpoints, checkpoints, replay
 from jaxmpm.scenes import Discretisation, Slope, bar, block, column, slope, with_strength
@@ -77,6 +78,7 @@ __all__ = [
     "lanes",
     "load_state",
     "objectives",
+    "pytree",
     "reduce_strength",
     "reduced",
     "repeat",

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxmpm.materials import add, elastic_increment
+from jaxmpm.pytrees import pytree
 from jaxmpm.softening import FrictionalSoftening
 from jaxmpm.spectral import isotropic
 from jaxmpm.tensors import deviator, mean, row_by_row, safe_sqrt, second_invariant
@@ -60,7 +61,7 @@ def cone(matching: Matching, cohesion: Array, friction: Array, dilation: Array) 
     )
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class DruckerPrager:
     """Elastic soil that yields on a cone matched to Mohr-Coulomb.
@@ -118,7 +119,7 @@ class DruckerPrager:
         return result, history + (q - shear_stress) / self.shear
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class MohrCoulomb:
     """Elastic soil that yields on Mohr-Coulomb's pyramid, non-associated, cut off where a principal stress is tension.

@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxmpm.pytrees import pytree
 from jaxmpm.softening import ExponentialSoftening, RateEffect, Softening
 from jaxmpm.tensors import deviator, mean, safe_sqrt, second_invariant
 from jaxmpm.types import Particles, Tensor
@@ -39,7 +39,7 @@ def add(a: Tensor, b: Tensor) -> Tensor:
     return tuple(x + y for x, y in zip(a, b, strict=True))  # type: ignore[return-value]
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Elastic:
     """Isotropic linear (hypo)elasticity. bulk, shear: moduli K and G (Pa)."""
@@ -62,7 +62,7 @@ class Elastic:
         return add(stress, elastic_increment(self.bulk, self.shear, strain_increment)), None
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class J2:
     """Undrained soil: elastic, yielding where sqrt(J2) reaches the shear strength (Drucker-Prager without friction).

@@ -9,10 +9,10 @@ import enum
 import math
 from dataclasses import dataclass, field
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxmpm.pytrees import pytree
 from jaxmpm.tensors import deviator, safe_sqrt, second_invariant
 from jaxmpm.types import Tensor
 
@@ -20,7 +20,7 @@ NEWTON_STEPS = 8
 """From the residual branch Newton's steps fall monotonically to the root of a convex law; 8 reach rounding."""
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Softening:
     """Linear loss of undrained strength: S = max(S_0 - modulus g, residual_ratio S_0).
@@ -50,7 +50,7 @@ class Softening:
         return self.modulus
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class ExponentialSoftening:
     """Loss of undrained strength of sensitive clay: S = S_0 (r + (1 - r) exp(-3 g / strain_95)).
@@ -80,7 +80,7 @@ class ExponentialSoftening:
         return 3 * (1 - self.residual_ratio) * peak / self.strain_95
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class RateEffect:
     """Strength rises by `coefficient` per tenfold rate of shear above `reference_rate` (1/s).
@@ -104,7 +104,7 @@ class Decay(enum.Enum):
     EXPONENTIAL = "exponential"
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class FrictionalSoftening:
     """Cohesion, friction and dilation that decay with plastic shear strain, the last to nothing.

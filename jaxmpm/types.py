@@ -11,8 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
-import jax
 from jax import Array
+
+from jaxmpm.pytrees import pytree
 
 Tensor = tuple[Any, Any, Any, Any, Any, Any]
 """Symmetric tensor as its six components (xx, yy, zz, xy, yz, xz); a component absent in 1D or 2D is 0.0."""
@@ -81,7 +82,7 @@ class Status(enum.IntEnum):
     TIME_STEP_TOO_LARGE = 7
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Grid:
     """Regular background grid.
@@ -122,7 +123,7 @@ class Wall:
     hold: Literal["fixed", "roller", "friction"]
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Particles:
     """What a particle keeps throughout: initial position (d, N) m, mass (N) kg, initial volume (N) m3.
@@ -151,7 +152,7 @@ class Material(Protocol):
         """Stress (Pa) and history after a strain increment within dt (s), which rate-dependent laws need."""
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Scene:
     """All that defines a run except the state it starts from.
@@ -183,7 +184,7 @@ class Scene:
     wall_friction: Array | None = None
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class State:
     """What changes in time, per particle unless said otherwise.

@@ -19,6 +19,7 @@ import numpy as np
 from kl.checks import require
 from kl.expansion import Expansion, points_in_box
 from kl.modes import scaled_functions
+from kl.pytrees import pytree
 
 # Two data closer than this share of the box are at one place.
 _SAME_PLACE = 1e-6
@@ -26,7 +27,7 @@ _SAME_PLACE = 1e-6
 _NOTHING = 1e-12
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Conditioning:
     """What the data say of the coefficients.

@@ -21,6 +21,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from kl.pytrees import pytree
+
 _IMAGES = 2000
 _HALVINGS = 45
 
@@ -37,7 +39,7 @@ def _namespace(array: Any) -> Any:
     return jnp if isinstance(array, jax.Array) else np
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class SquaredExponential:
     """c(t) = exp(-(t/l)^2); theta = sqrt(pi) l. `length` is l (m): no factor 2 under the square."""
@@ -54,7 +56,7 @@ class SquaredExponential:
         return math.sqrt(math.pi) * self.length * _namespace(phase).exp(-(phase**2) / 4)
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Exponential:
     """c(t) = exp(-|t|/l), first-order Markov; theta = 2 l. `length` is l (m)."""
@@ -70,7 +72,7 @@ class Exponential:
         return 2 * self.length / (1 + (wavenumber * self.length) ** 2)
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Matern32:
     """c(t) = (1 + s) exp(-s) with s = sqrt(3) |t|/l, smoothness 3/2; theta = 4 l / sqrt(3). `length` is l (m)."""
@@ -85,7 +87,7 @@ class Matern32:
         return SecondOrderMarkov(self.length / math.sqrt(3)).spectral_density(wavenumber)
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Matern52:
     """c(t) = (1 + s + s^2/3) exp(-s) with s = sqrt(5) |t|/l, smoothness 5/2; theta = 16 l / (3 sqrt(5)).
@@ -105,7 +107,7 @@ class Matern52:
         return 16 / 3 * scale / (1 + (wavenumber * scale) ** 2) ** 3
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class SecondOrderMarkov:
     """c(t) = (1 + |t|/l) exp(-|t|/l); theta = 4 l. Matern 3/2 in Vanmarcke's `length` l (m)."""
@@ -121,7 +123,7 @@ class SecondOrderMarkov:
         return 4 * self.length / (1 + (wavenumber * self.length) ** 2) ** 2
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class CosineExponential:
     """c(t) = exp(-|t|/l) cos(t/l), with negative correlation at half a bed's thickness; theta = l.
@@ -141,7 +143,7 @@ class CosineExponential:
         return self.length / (1 + (phase - 1) ** 2) + self.length / (1 + (phase + 1) ** 2)
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Triangular:
     """c(t) = max(0, 1 - |t|/l); theta = l. `length` is l (m)."""
@@ -158,7 +160,7 @@ class Triangular:
         return self.length * _namespace(phase).sinc(phase / math.pi) ** 2
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Infinite:
     """c(t) = 1: the field does not vary along this axis (plane strain)."""
@@ -171,7 +173,7 @@ class Infinite:
         raise ValueError("Infinite has no spectral density: it has one mode along its axis, the constant")
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Periodic:
     """c(t) = sum over k of b(t + kP) / sum over k of b(kP), for a family b (`base`) and a `period` P in metres.
@@ -200,7 +202,7 @@ class Periodic:
         return self.base.spectral_density(wavenumber) / self.variance()
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Corrected:
     """c(t) = the Gaussian correlation whose transform has the correlation b(t): Nataf's correction along an axis.

@@ -24,6 +24,7 @@ from kl import fredholm
 from kl.checks import is_traced, real_dtype, require, require_positive
 from kl.covariance import Corrected, Periodic, length_leaves
 from kl.modes import AxisModes, leading, scaled_functions
+from kl.pytrees import pytree
 from kl.rotation import Bedding, rotate, rotated_box
 from kl.selection import select
 
@@ -33,7 +34,7 @@ _CHUNK_FLOATS = 2**16
 _INDEFINITE = 0.02
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Expansion:
     """Modes of a field on a box.

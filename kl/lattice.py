@@ -17,9 +17,10 @@ import numpy as np
 from kl.checks import require, require_positive
 from kl.covariance import length_leaves, on_host
 from kl.expansion import warn_if_coarse
+from kl.pytrees import pytree
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class LatticeRoots:
     """Symmetric roots of the axes' covariance matrices, (N_i, N_i) each."""

@@ -23,6 +23,7 @@ from jax.scipy.special import betainc, gammainc, gammaincc, ndtr, ndtri
 
 from kl import quantiles
 from kl.checks import require
+from kl.pytrees import pytree
 
 
 class Marginal(Protocol):
@@ -41,7 +42,7 @@ def check_moments(mean: Any, cov: Any, *, positive: bool) -> None:
         require(jnp.asarray(mean) > 0, f"mean = {mean} must be above 0 for a positive property: or use Normal")
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Normal:
     """Gaussian, of deviation cov |mean|; reaches below 0, where strength has no meaning (`TruncatedNormal`)."""
@@ -57,7 +58,7 @@ class Normal:
         return (value - self.mean) / (abs(self.mean) * self.cov)
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Lognormal:
     """ln x is Gaussian of variance s^2 = ln(1 + cov^2) and mean ln(mean) - s^2 / 2."""
@@ -81,7 +82,7 @@ class Lognormal:
         return variance, jnp.where(positive, jnp.sqrt(jnp.where(positive, variance, 1)), 0)
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class TruncatedNormal:
     """Gaussian cut to [lower, upper], whose mean and cov after the cut are those given.
@@ -125,7 +126,7 @@ class TruncatedNormal:
         return quantiles.truncated_parent(self.mean, abs(self.mean) * self.cov, self.lower, self.upper)
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Uniform:
     """Even between mean (1 - sqrt(3) cov) and mean (1 + sqrt(3) cov)."""
@@ -142,7 +143,7 @@ class Uniform:
         return quantiles.from_both_tails((1 + share) / 2, (1 - share) / 2)
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Gumbel:
     """Largest values: F(x) = exp(-exp(-(x - u)/b)), b = deviation sqrt(6)/pi, u = mean - 0.5772 b.
@@ -168,7 +169,7 @@ class Gumbel:
         return scale, self.mean - 0.5772156649015329 * scale
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Gamma:
     """Four-parameter (generalised) gamma: ((x - lower)/scale)^power has a gamma distribution.
@@ -195,7 +196,7 @@ class Gamma:
         return quantiles.gamma_shape(cov, self.power), self.power
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Weibull:
     """Four-parameter Weibull: ((x - lower)/scale)^power has a gamma distribution of the given `shape`.
@@ -237,7 +238,7 @@ def _generalised_gamma_score(marginal: Gamma | Weibull, shape: Any, power: Any, 
     return quantiles.from_both_tails(gammainc(shape, at), gammaincc(shape, at))
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Beta:
     """Beta of this `mean` and `cov` between `lower` and `upper` (four parameters); numbers, not arrays."""
@@ -276,7 +277,7 @@ class Beta:
         return share * total, (1 - share) * total
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class Empirical:
     """Quantiles of `data` (n,), linear between the ordered values at probabilities (k - 1/2)/n.

@@ -15,11 +15,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from kl.pytrees import pytree
+
 # Rounding of a coordinate in float32 may put a point on the boundary just outside it.
 _SLACK = 1e-5
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class LegendreModes:
     """f_m(x) = sum over k of coefficients[m, k] p_k(t), t in [-1, 1] along the axis, p_k of mean square 1."""
@@ -30,7 +32,7 @@ class LegendreModes:
     extent: float = field(metadata={"static": True})
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class CellModes:
     """f_m(x) = levels[m, cell of x]: piecewise constant on equal cells."""
@@ -41,7 +43,7 @@ class CellModes:
     extent: float = field(metadata={"static": True})
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
 class SineModes:
     """f_m(x) = amplitudes[m] cos(wavenumbers[m] (x - middle of the axis) - phases[m]); wavenumbers in 1/m."""

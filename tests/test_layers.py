@@ -9,6 +9,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 # From the bottom up: a module may import what stands before it.
 JAXMPM = [
+    "pytrees",
     "types",
     "files",
     "check",

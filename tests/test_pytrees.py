@@ -1,0 +1,37 @@
+"""Laws, covariances and marginals of as many parameters are different structures, or jit would confuse them."""
+
+import dataclasses
+import itertools
+
+import jax
+import pytest
+
+import jaxmpm
+import kl
+
+
+def structures(package):
+    """Structure of each class of a package whose fields all can be numbers."""
+    found = {}
+    for name in dir(package):
+        cls = getattr(package, name)
+        if isinstance(cls, type) and dataclasses.is_dataclass(cls):
+            value = cls(**{f.name: 1.0 for f in dataclasses.fields(cls)})
+            if jax.tree.leaves(value) != [value]:
+                found[name] = jax.tree.structure(value)
+    return found
+
+
+@pytest.mark.parametrize("package", [jaxmpm, kl])
+def test_no_two_classes_have_one_structure(package):
+    found = structures(package)
+    assert len(found) > 5
+    alike = [(a, b) for (a, x), (b, y) in itertools.combinations(found.items(), 2) if x == y]
+    assert alike == []
+
+
+def test_a_static_field_is_part_of_the_structure():
+    value = jaxmpm.DruckerPrager(1.0, 1.0, 1.0, 0.5, 0.0)
+    other = dataclasses.replace(value, matching=jaxmpm.Matching.COMPRESSION)
+    assert jax.tree.structure(value) != jax.tree.structure(other)
+    assert jax.tree.map(lambda leaf: leaf, other) == other
