@@ -46,10 +46,11 @@ style()
 #
 # Tensors are tuples of six components (xx, yy, zz, xy, yz, xz), tension positive. Those that a dimension cannot have
 # are the number 0.0 and vanish when the program is compiled: that is why one law serves all dimensions.
+# `mpm.pytree` makes a dataclass of arrays something that JAX can trace, batch and differentiate.
 
 
 # %%
-@jax.tree_util.register_dataclass
+@mpm.pytree
 @dataclass(frozen=True)
 class Bingham:
     """Moduli K and G, strength S (Pa) and viscosity (Pa s)."""
