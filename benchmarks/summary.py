@@ -123,13 +123,13 @@ def limit(row: Answer) -> str:
 
 def best_buy(answer: Answer) -> list[str]:
     """What each cell costs and gives in the setting recommended, beside the plain one and the published."""
-    chosen = answer["values"]["best_buy"]
-    lines = ["", "### Best buy", "", answer["values"].get("advice", ""), ""]
+    values = answer["values"]
+    lines = ["", "### Best buy", "", values.get("advice", ""), ""]
     lines += [
         "| setting | cell (m) | fails at R | run-out there (m) | at R = 1.4 (m) | seconds | published R, m, s |",
         "|---|---|---|---|---|---|---|",
     ]
-    for setting in dict.fromkeys((chosen, "plain")):
+    for setting in dict.fromkeys((values["best_buy"], values.get("best_buy_on_large_cells"), "plain")):
         for row in answer["rows"]:
             if row.get("setting") == setting:
                 published = row["published"]

@@ -5,11 +5,22 @@ from __future__ import annotations
 import difflib
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import kl
-from jaxmpm import GIMP, Discretisation, Linear, PlasticStrain, QuadraticBSpline, Scheme, Settle, Slope, Soil
+from jaxmpm import (
+    GIMP,
+    Discretisation,
+    Linear,
+    PlasticStrain,
+    QuadraticBSpline,
+    Scheme,
+    Settle,
+    Slope,
+    Soil,
+    cell_independent,
+)
 
 CORRELATIONS = {
     "squared exponential": kl.SquaredExponential,
@@ -31,6 +42,9 @@ FIELDS = {"none": (), "refined": ("refined",), "both": ("rough", "refined")}
 MODES = {"refined": ("refined",), "both": ("rough", "refined")}
 
 REQUIRED = object()
+UNSAID = object()
+BAND = 1 / 5
+"""Thickness of the band to which softening refers, over the slope's height, where a scene does not say."""
 
 
 @dataclass(frozen=True)
@@ -121,10 +135,11 @@ class Config:
 
 @dataclass(frozen=True)
 class _Key:
-    """What a key holds: a type, `choices` of names, or numbers per axis; its default."""
+    """What a key holds: a type, `choices` of names, or numbers per axis; its default; the word for having none."""
 
     kind: Any
     default: Any = REQUIRED
+    none: str | None = None
 
 
 _SLOPE = {name: _Key(float) for name in ("crest", "height", "run_per_rise", "toe", "foundation")} | {
@@ -140,7 +155,7 @@ _SOIL = {
     "tension_cutoff": _Key(float, None),
     "plastic_strain": _Key(PLASTIC_STRAINS, "engineering"),
     "strain_95": _Key(float, None),
-    "softening_length": _Key(float, None),
+    "softening_length": _Key(float, UNSAID, none="cell"),
     "rate_coefficient": _Key(float, None),
     "reference_rate": _Key(float, Soil.reference_rate),
 }
@@ -161,8 +176,8 @@ _GRID = {
     "flip": _Key(float, 1.0),
     "apic": _Key(bool, False),
     "damping": _Key(float, 0.0),
-    "fbar": _Key(bool, False),
-    "internal_length": _Key(float, None),
+    "fbar": _Key(bool, UNSAID),
+    "internal_length": _Key(float, UNSAID, none="none"),
 }
 _RUN = {
     "gravity": _Key(float, 9.81),
@@ -219,14 +234,15 @@ def parse(text: str) -> Config:
     read = {section: _read(section, tables.get(section, {}), keys) for section, keys in _SECTIONS.items()}
     slope, y_ends = read["slope"], read["slope"].pop("y_ends")
     plan, run, strength = read["campaign"], read["run"], read["strength"]
+    soil = _soil({**read["soil"], "strength": strength["mean"]}, slope["height"])
     config = Config(
         text=text,
         name=name,
         slope=Slope(**slope),
         y_ends=y_ends,
-        soil=Soil(**read["soil"], strength=strength["mean"]),
+        soil=soil,
         strength=Strength(**strength),
-        grids={grid: Discretisation(**read[grid], dtype="float32") for grid in ("rough", "refined")},
+        grids={grid: _grid(read[grid], soil) for grid in ("rough", "refined")},
         run=Run(**{**run, "settle": Settle() if run["settle"] else None}),
         plan=Plan(**plan),
         calibration=(
@@ -239,6 +255,20 @@ def parse(text: str) -> Config:
     return config
 
 
+def _soil(table: dict[str, Any], height: float) -> Soil:
+    """Softening refers to a band of known thickness, unless the scene has it follow the cell."""
+    if table["softening_length"] is not UNSAID:
+        return Soil(**table)
+    soil = Soil(**{**table, "softening_length": None})
+    return replace(soil, softening_length=BAND * height) if soil.softens else soil
+
+
+def _grid(table: dict[str, Any], soil: Soil) -> Discretisation:
+    """Answers do not follow the cell, unless the scene says so."""
+    said = {key: value for key, value in table.items() if value is not UNSAID}
+    return replace(cell_independent(Discretisation(**said, dtype="float32"), soil), **said)
+
+
 def _read(section: str, table: Any, keys: Mapping[str, _Key]) -> dict[str, Any]:
     if not isinstance(table, dict):
         raise ValueError(f"{section} = {table!r} is {_article(table)}: make it a table, [{section}]")
@@ -247,12 +277,13 @@ def _read(section: str, table: Any, keys: Mapping[str, _Key]) -> dict[str, Any]:
     if missing:
         raise ValueError(f"[{section}] lacks {', '.join(missing)}: add it")
     return {
-        key: _value(f"[{section}] {key}", table.get(key, what.default), what.kind, key in table)
+        key: _value(f"[{section}] {key}", table.get(key, what.default), what, key in table)
         for key, what in keys.items()
     }
 
 
-def _value(where: str, value: Any, kind: Any, given: bool) -> Any:
+def _value(where: str, value: Any, key: _Key, given: bool) -> Any:
+    kind = key.kind
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if isinstance(kind, dict):
         if not isinstance(value, str) or value not in kind:
@@ -260,6 +291,8 @@ def _value(where: str, value: Any, kind: Any, given: bool) -> Any:
         return kind[value]
     if not given:
         return value
+    if key.none is not None and value == key.none:
+        return None
     if kind is float and number:
         return float(value)
     if kind is int and number and isinstance(value, int):
@@ -274,7 +307,8 @@ def _value(where: str, value: Any, kind: Any, given: bool) -> Any:
     ):
         return tuple(map(float, value))
     wanted = {float: "a number", int: "a whole number", bool: "true or false", tuple: "a list of numbers, one per axis"}
-    raise ValueError(f"{where} = {value!r} is {_article(value)}: give {wanted[kind]}")
+    otherwise = "" if key.none is None else f", or {key.none!r}"
+    raise ValueError(f"{where} = {value!r} is {_article(value)}: give {wanted[kind]}{otherwise}")
 
 
 def _refuse_unknown(where: str, table: Mapping[str, Any], known: Mapping[str, Any]) -> None:

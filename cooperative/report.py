@@ -281,6 +281,7 @@ def _runs(told: Told) -> str:
     for grid, of in zip(GRIDS, (told.rough, told.refined), strict=True):
         statuses = ", ".join(f"{count} {status}" for status, count in told.summary["status"][grid].items())
         rows.append([f"{grid} grid", f"{statuses or 'none'}; {duration(told.summary['seconds'][grid])} of runs"])
+        rows.append([f"{grid} grid", _bands(told.config, grid)])
         rows += [[f"{grid} grid, damaged file", why] for why in of.damaged]
         for number in of.numbers[-1:]:
             last = read_sample(told.store, grid, number)
@@ -293,6 +294,17 @@ def _runs(told: Told) -> str:
     if factors:
         rows.append(["calibration", f"rough strength times {factors['factor']:.3f}"])
     return page.table([], rows)
+
+
+def _bands(config: Config, grid: str) -> str:
+    """How a grid's answers depend on its cell, in words."""
+    numerics, thickness = config.grids[grid], config.soil.softening_length
+    said = f"cells of {numerics.cell:g} m, {'F-bar' if numerics.fbar else 'no F-bar'}"
+    if not config.soil.softens:
+        return said
+    if numerics.internal_length is not None:
+        said += f", plastic strain averaged over {numerics.internal_length:.3g} m"
+    return f"{said}, softening " + ("per cell" if thickness is None else f"of a band {thickness:g} m thick")
 
 
 def _more(found: dict[str, Any]) -> str:

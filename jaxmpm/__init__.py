@@ -10,7 +10,7 @@ from jaxmpm.materials import J2, Elastic, reduce_strength
 from jaxmpm.pytrees import pytree
 from jaxmpm.reduction import FactorOfSafety, factor_of_safety, reduced
 from jaxmpm.replay import Checkpoints, checkpoints, replay
-from jaxmpm.scenes import Discretisation, Slope, bar, block, column, slope, with_strength
+from jaxmpm.scenes import Discretisation, Slope, bar, block, cell_independent, column, slope, with_strength
 from jaxmpm.sensitivity import strength_sensitivity
 from jaxmpm.softening import Decay, ExponentialSoftening, FrictionalSoftening, RateEffect, Softening
 from jaxmpm.soil import FrictionalSoil, PlasticStrain, Soil
@@ -69,6 +69,7 @@ __all__ = [
     "advance_lanes",
     "bar",
     "block",
+    "cell_independent",
     "checkpoints",
     "column",
     "cone",

@@ -26,21 +26,36 @@ def filtered(grid: Grid, nodal: Array, passes: int) -> Array:
     return field.reshape(nodal.shape)
 
 
+def band_thickness(length: float) -> float:
+    """Thickness (m) of a band of softening soil whose plastic strain is averaged over `length` (m): that of the box
+    which has the peak and the area of the average's bell."""
+    return math.sqrt(2 * math.pi) * length
+
+
+def length_of_band(thickness: float) -> float:
+    """The internal length (m) with which bands are as thick as `thickness` (m)."""
+    return thickness / math.sqrt(2 * math.pi)
+
+
+def least_length(kernel: Kernel, cell: float) -> float:
+    """The standard deviation (m) of the bell that mapping to the grid and back is by itself: cell / sqrt(3) for hats,
+    wider by the particle's box."""
+    if isinstance(kernel, QuadraticBSpline):
+        return cell / math.sqrt(2)
+    box = max(kernel.half_size) if isinstance(kernel, GIMP) else 0.0
+    return math.sqrt((cell**2 + 2 * box**2) / 3)
+
+
 def passes_for(length: float, kernel: Kernel, cell: float) -> int:
     """Filters that make the weights of the average a bell of standard deviation `length` (m).
 
-    Mapping to the grid and back is a bell by itself: of cell^2 / 3 for hats, wider by the particle's box.
-    Raises ValueError where that is already wider than `length`.
+    Raises ValueError where `length` is below `least_length`.
     """
     check.positive("internal_length", length, "m")
-    if isinstance(kernel, QuadraticBSpline):
-        own = cell**2 / 2
-    else:
-        box = max(kernel.half_size) if isinstance(kernel, GIMP) else 0.0
-        own = cell**2 / 3 + 2 * box**2 / 3
-    if length**2 < own:
+    least = least_length(kernel, cell)
+    if length < least:
         raise ValueError(
-            f"internal_length = {length:g} m is less than cells of {cell:g} m resolve ({math.sqrt(own):.2g} m): "
+            f"internal_length = {length:g} m is less than cells of {cell:g} m resolve ({least:.2g} m): "
             "give a longer one, or smaller cells"
         )
-    return round((length**2 - own) / (cell**2 / 2))
+    return round((length**2 - least**2) / (cell**2 / 2))

@@ -12,9 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxmpm import check
-from jaxmpm.averages import passes_for
+from jaxmpm.averages import band_thickness, least_length, length_of_band, passes_for
 from jaxmpm.equilibrium import settled_elastically
-from jaxmpm.soil import FrictionalSoil, Ground, material_of, refuse_snap_back
+from jaxmpm.soil import FrictionalSoil, Ground, Soil, material_of, refuse_snap_back
 from jaxmpm.tensors import CARRIED
 from jaxmpm.types import GIMP, Grid, Kernel, Linear, Particles, QuadraticBSpline, Scene, Scheme, State, Status, Wall
 
@@ -30,8 +30,9 @@ class Discretisation:
     cell / (c + speed), c the elastic wave speed. flip: share of FLIP, 1 is pure FLIP. apic: carry the velocity's
     gradient, with quadratic B-splines and flip = 0. damping: mass-proportional (1/s). fbar: average volumetric strain
     and mean stress over neighbours, against locking; not for frictional soils. internal_length: standard deviation (m)
-    of the average of the plastic strain over neighbours, which keeps softening from localising into single cells; None
-    keeps it local. dtype: float32 or float64, as JAX is set if None.
+    of the average of the plastic strain over neighbours, which keeps softening from localising into single cells: its
+    bands are then 2.5 times as thick; None keeps it local. See `cell_independent` for both. dtype: float32 or float64,
+    as JAX is set if None.
     """
 
     cell: float
@@ -330,12 +331,10 @@ def _build(
         mass=jnp.full(count, density * volume, dtype),
         volume=jnp.full(count, volume, dtype),
     )
-    material = material_of(soil, dtype, grid.cell)
-    wave_speed = math.sqrt(float(material.p_wave_modulus) / density)
-    half_size = tuple(s / 2 for s in discretisation.spacing)
-    kind = discretisation.kernel
-    kernel: Kernel = GIMP(half_size) if kind is GIMP else Linear() if kind is Linear else QuadraticBSpline()
     length = discretisation.internal_length
+    material = material_of(soil, dtype, grid.cell if length is None else band_thickness(length))
+    wave_speed = math.sqrt(float(material.p_wave_modulus) / density)
+    kernel = _kernel(discretisation)
     if length is not None and material.initial_history(particles) is None:
         raise ValueError(f"internal_length = {length:g} m, but the soil does not soften: leave it out")
     if discretisation.fbar and isinstance(soil, FrictionalSoil):
@@ -358,6 +357,26 @@ def _build(
         damping=None if discretisation.damping == 0 else jnp.asarray(discretisation.damping, dtype),
     )
     return scene, at_rest(scene, apic=discretisation.apic)
+
+
+def _kernel(discretisation: Discretisation) -> Kernel:
+    kind = discretisation.kernel
+    if kind is GIMP:
+        return GIMP(tuple(s / 2 for s in discretisation.spacing))
+    return Linear() if kind is Linear else QuadraticBSpline()
+
+
+def cell_independent(discretisation: Discretisation, soil: Ground) -> Discretisation:
+    """These choices, with F-bar and averaged plastic strain where they keep the answers from following the cell.
+
+    F-bar for all but frictional soil. Plastic strain is averaged where soil softens and has a `softening_length`, so
+    that its bands become as thick as that; on cells too large for it they stay a cell thick, and softening is scaled.
+    """
+    length = None
+    if soil.softens and soil.softening_length is not None:
+        wanted = length_of_band(soil.softening_length)
+        length = wanted if wanted >= least_length(_kernel(discretisation), discretisation.cell) else None
+    return replace(discretisation, fbar=isinstance(soil, Soil), internal_length=length)
 
 
 def at_rest(scene: Scene, *, apic: bool = False) -> State:

@@ -37,9 +37,10 @@ class Soil:
     S_u (Pa), None for an elastic soil. softening_modulus: loss of strength per unit of plastic strain (Pa). strain_95:
     instead of it, the plastic strain at which 95 per cent of an exponential loss is done. residual_ratio: residual over
     peak strength. plastic_strain: the measure of both. softening_length: thickness of the shear band (m) to which they
-    refer; softening is then scaled by cell over softening_length, so that a band one cell wide takes the same work
-    whatever the cell. None leaves them as they are. rate_coefficient: gain of strength per tenfold shear rate above
-    reference_rate (1/s), None without. tension_cutoff: largest mean stress (Pa) or None.
+    refer; softening is then scaled by the thickness of the grid's bands (a cell, or what an internal_length makes of
+    them) over it, so that a band takes the same work whatever the grid. None leaves them as they are. rate_coefficient:
+    gain of strength per tenfold shear rate above reference_rate (1/s), None without. tension_cutoff: largest mean
+    stress (Pa) or None.
     """
 
     unit_weight: float = 20e3
@@ -54,6 +55,11 @@ class Soil:
     softening_length: float | None = None
     rate_coefficient: float | None = None
     reference_rate: float = 3e-6
+
+    @property
+    def softens(self) -> bool:
+        """Whether strength falls with plastic strain."""
+        return self.strength is not None and (self.softening_modulus is not None or self.strain_95 is not None)
 
 
 @dataclass(frozen=True)
@@ -82,12 +88,20 @@ class FrictionalSoil:
     softening_length: float | None = None
     tension_cutoff: float | None = None
 
+    @property
+    def softens(self) -> bool:
+        """Whether cohesion and friction fall with plastic strain."""
+        return self.softening_strain is not None
+
 
 Ground = Soil | FrictionalSoil
 
 
-def material_of(soil: Ground, dtype: np.dtype, cell: float) -> Elastic | J2 | MohrCoulomb | DruckerPrager:
-    """The law of a soil on cells of `cell` (m); raises ValueError for what no soil can have, and for snap-back."""
+def material_of(soil: Ground, dtype: np.dtype, band: float) -> Elastic | J2 | MohrCoulomb | DruckerPrager:
+    """The law of a soil on a grid whose shear bands are `band` (m) thick.
+
+    Raises ValueError for what no soil can have, and for snap-back.
+    """
     check.positive("young", soil.young, "Pa")
     check.between("poisson", soil.poisson, -1.0, 0.5)
     if soil.tension_cutoff is not None:
@@ -98,7 +112,7 @@ def material_of(soil: Ground, dtype: np.dtype, cell: float) -> Elastic | J2 | Mo
     bulk = number(soil.young / (3 * (1 - 2 * soil.poisson)))
     shear = number(soil.young / (2 * (1 + soil.poisson)))
     cutoff = None if soil.tension_cutoff is None else number(soil.tension_cutoff)
-    scale = 1.0 if soil.softening_length is None else cell / soil.softening_length
+    scale = 1.0 if soil.softening_length is None else band / soil.softening_length
     if isinstance(soil, FrictionalSoil):
         return _frictional(soil, bulk, shear, cutoff, scale, number)
     if soil.strength is None:

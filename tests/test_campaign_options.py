@@ -14,8 +14,8 @@ from cooperative.store import Rows, read_rows, read_store
 from cooperative.summary import summarise
 from tests.test_campaign import TINY, changed, finished
 
-REGULAR = changed("spacing = [0.5, 0.5]", "spacing = [0.5, 0.5]\nfbar = true\ninternal_length = 1.0").replace(
-    "samples = 6", "samples = 3"
+AS_PUBLISHED = TINY.replace("tension_cutoff = 0.0", 'tension_cutoff = 0.0\nsoftening_length = "cell"').replace(
+    "spacing = [", "fbar = false\nspacing = ["
 )
 SUBSET = changed(
     'estimator = "published"', 'estimator = "subset"\nlevels = 1\nreplicates = 2\nrefined_runs = 12'
@@ -56,16 +56,35 @@ def test_subset_simulation_goes_on_where_it_was(subset, tmp_path):
     assert resumed["interval"] == summary["interval"]
 
 
-def test_a_scene_can_keep_its_answers_from_following_the_cell(tmp_path):
-    summary = campaign.run(REGULAR, tmp_path / "regular")
-    campaign.run(changed("samples = 6", "samples = 3"), tmp_path / "plain")
-    regular, plain = (read_rows(read_store(tmp_path / name), "refined") for name in ("regular", "plain"))
-    number = next(n for n in regular.numbers if n in plain.numbers)
-    moved = [rows.columns["displacement"][rows.numbers.index(number)] for rows in (regular, plain)]
-    assert summary["samples"] == 3
-    assert abs(moved[0] / moved[1] - 1) > 1e-3
+def test_answers_of_a_scene_do_not_follow_the_cell_unless_it_says_so(tmp_path):
+    rough, refined = (parse(TINY).grids[grid] for grid in ("rough", "refined"))
+    assert parse(TINY).soil.softening_length == 8.0 / 5
+    assert (rough.fbar, rough.internal_length) == (True, None)
+    assert refined.fbar
+    assert refined.internal_length == pytest.approx(8.0 / 5 / np.sqrt(2 * np.pi))
+    published = parse(AS_PUBLISHED)
+    assert published.soil.softening_length is None
+    assert {(grid.fbar, grid.internal_length) for grid in published.grids.values()} == {(False, None)}
+    assert parse(changed("softening_modulus = 85e3\n", "")).soil.softening_length is None
+    moved = []
+    for name, text in (("default", TINY), ("published", AS_PUBLISHED)):
+        campaign.run(text.replace("samples = 6", "samples = 3"), tmp_path / name)
+        moved.append(read_rows(read_store(tmp_path / name), "rough").columns["displacement"])
+    assert np.all(np.abs(moved[0] / moved[1] - 1) > 1e-3)
+
+
+def test_a_scene_can_choose_how_its_answers_follow_the_cell():
+    said = 'spacing = [0.5, 0.5]\nfbar = false\ninternal_length = "none"'
+    config = parse(changed("spacing = [0.5, 0.5]", said))
+    assert not config.grids["refined"].fbar
+    assert config.grids["refined"].internal_length is None
+    assert config.grids["rough"].fbar
+    assert config.soil.softening_length == 8.0 / 5
+    short = parse(changed("spacing = [0.5, 0.5]", "spacing = [0.5, 0.5]\ninternal_length = 0.1"))
     with pytest.raises(ValueError, match=r"internal_length = 0\.1 m is less than cells"):
-        campaign.run(REGULAR.replace("internal_length = 1.0", "internal_length = 0.1"), tmp_path / "short")
+        screening.build(short, "refined", screening.expansion_of(short))
+    with pytest.raises(ValueError, match=r"softening_length = 'mesh' is text: give a number, or 'cell'"):
+        parse(changed("tension_cutoff = 0.0", 'softening_length = "mesh"'))
 
 
 def test_a_scene_knows_every_choice_of_clay_and_grid():

@@ -51,7 +51,7 @@ BOUNDS = {
         "probability": (0.02, 0.5),
         "interval_holds": (1, 1),
         "refined_runs": (10, 10),
-        "rough_share": (0.0, 0.1),  # cells of 4 m hold what cells of 2 m let go
+        "rough_share": (0.05, 0.4),  # cells of 4 m hold some of what cells of 2 m let go
         "rank_correlation": (0.7, 1.0),
         "mode_ratios": (0.999, 1.001),
         "same_after_damage": (1, 1),

@@ -104,6 +104,31 @@ def test_work_of_a_band_is_that_of_the_internal_length_whatever_the_cell(x64):
     # The averaged strain in the band is the slip times the peak of the bell. A whole number of filters makes a bell
     # whose variance is off by up to cell^2 / 4, and its peak by half that share of the variance.
     for cell in (0.125, 0.0625):
+        bound = 0.01 + cell**2 / (8 * LENGTH**2)
         work, _ = softening_work(cell, internal_length=LENGTH)
-        expected = FALL**2 * np.sqrt(2 * np.pi) * LENGTH / (2 * MODULUS)
-        assert abs(work / expected - 1) < 0.01 + cell**2 / (8 * LENGTH**2)
+        assert abs(work / (FALL**2 * np.sqrt(2 * np.pi) * LENGTH / (2 * MODULUS)) - 1) < bound
+        # A soil that knows its own band takes that one's work, however thick the average makes it.
+        work, _ = softening_work(cell, internal_length=LENGTH, softening_length=0.3)
+        assert abs(work / (FALL**2 * 0.3 / (2 * MODULUS)) - 1) < bound
+
+
+@pytest.mark.parametrize("cell", [2.0, 1.0, 0.5])
+def test_cell_independent_choices_give_bands_the_thickness_that_the_soil_asks_for(cell):
+    clay = replace(CLAY, softening_length=2.4)
+    numerics = mpm.cell_independent(mpm.Discretisation(cell, (cell / 2,) * 2), clay)
+    assert numerics.fbar
+    shape = mpm.Slope(crest=8.0, height=8.0, run_per_rise=1.0, toe=8.0, foundation=2.0)
+    modulus = float(mpm.slope(shape, clay, numerics)[0].material.softening.modulus)
+    if cell > 1.5:  # too large for an average: the band is a cell thick
+        assert numerics.internal_length is None
+        assert np.isclose(modulus, CLAY.softening_modulus * cell / 2.4)
+    else:
+        assert np.isclose(numerics.internal_length * np.sqrt(2 * np.pi), 2.4)
+        assert np.isclose(modulus, CLAY.softening_modulus)
+
+
+def test_cell_independent_choices_leave_out_what_a_soil_cannot_have():
+    numerics = mpm.Discretisation(0.5, (0.25, 0.25))
+    for soil in (CLAY, replace(CLAY, softening_modulus=None, softening_length=2.4), mpm.Soil()):
+        assert mpm.cell_independent(numerics, soil) == replace(numerics, fbar=True)
+    assert mpm.cell_independent(numerics, mpm.FrictionalSoil(cohesion=1e3, friction=30.0)) == numerics
