@@ -1,6 +1,7 @@
-"""Estimators on a real population: the 400 pairs of `benchmarks.section_pairs`, campaigns resampled from it.
+"""Estimators on real populations: the 400 pairs of `benchmarks.section_pairs`, campaigns resampled from them.
 
-A campaign draws its samples from the 400 with replacement, so that the share of them that fails on the refined grid is
+One population has the published settings, the other those that a scene has by default. A campaign draws its samples
+from the 400 with replacement, so that the share of them that fails on the refined grid is
 the truth, and spends the seconds that those runs took. Every method at several budgets gives error against run time.
 """
 
@@ -38,16 +39,17 @@ FIGURE = ROOT / "benchmarks" / "figures" / "estimators_error_time.png"
 Spent = tuple[Estimate, float]
 
 
-@lru_cache(maxsize=1)
-def population() -> Pairs:
-    """The data file, read once per process."""
-    return read()
+@lru_cache
+def population(study: str) -> Pairs:
+    """The data file of a study, read once per process."""
+    return read(study)
 
 
 @dataclass(frozen=True)
 class Drawn:
     """Samples of one campaign: their places in the population (N,), which grid screens them, refined runs allowed."""
 
+    of: Pairs
     at: np.ndarray
     grid: str
     runs: int
@@ -56,17 +58,17 @@ class Drawn:
     @property
     def rough(self) -> np.ndarray:
         """Displacements of the screening (N,) m."""
-        return population().displacement[self.grid][self.at]
+        return self.of.displacement[self.grid][self.at]
 
     @property
     def failed(self) -> np.ndarray:
         """Whether each sample fails on the refined grid (N,)."""
-        return population().displacement["refined"][self.at] > LIMIT
+        return self.of.displacement["refined"][self.at] > LIMIT
 
     def seconds(self, refined: np.ndarray) -> float:
         """What the screening took, the factors of safety where it is calibrated, and the runs `refined` (places)."""
-        spent = population().seconds
-        fixed = population().calibration_seconds if self.grid == "calibrated" else 0.0
+        spent = self.of.seconds
+        fixed = self.of.calibration_seconds if self.grid == "calibrated" else 0.0
         return float(spent[self.grid][self.at].sum() + spent["refined"][self.at[refined]].sum()) + fixed
 
 
@@ -94,46 +96,60 @@ def _screening_alone(drawn: Drawn) -> Spent:
 
 
 def _monte_carlo(drawn: Drawn) -> Spent:
-    spent = population().seconds["refined"][drawn.at]
+    spent = drawn.of.seconds["refined"][drawn.at]
     return monte_carlo(drawn.failed), float(spent.sum())
 
 
-METHODS: dict[str, tuple[Callable[[Drawn], Spent], str, int]] = {
-    "two-phase": (_audited, "rough", 10),
-    "two-phase, calibrated": (_audited, "calibrated", 10),
-    "control variate": (_control_variate, "rough", 10),
-    "control variate, calibrated": (_control_variate, "calibrated", 10),
-    "published n/N": (_published, "rough", 5),
-    "published n/N, calibrated": (_published, "calibrated", 5),
-    "screening alone": (_screening_alone, "rough", 10),
-    "screening alone, calibrated": (_screening_alone, "calibrated", 10),
-    "Monte Carlo": (_monte_carlo, "refined", 1),
+@dataclass(frozen=True)
+class Method:
+    """What a campaign does, the grid that screens, samples per refined run of the budget, and the population."""
+
+    act: Callable[[Drawn], Spent]
+    grid: str = "rough"
+    per_run: int = 10
+    study: str = "published"
+
+
+METHODS = {
+    "two-phase": Method(_audited),
+    "two-phase, calibrated": Method(_audited, "calibrated"),
+    "control variate": Method(_control_variate),
+    "control variate, calibrated": Method(_control_variate, "calibrated"),
+    "published n/N": Method(_published, per_run=5),
+    "published n/N, calibrated": Method(_published, "calibrated", per_run=5),
+    "screening alone": Method(_screening_alone),
+    "screening alone, calibrated": Method(_screening_alone, "calibrated"),
+    "Monte Carlo": Method(_monte_carlo, "refined", per_run=1),
+    "two-phase, default settings": Method(_audited, study="default"),
+    "screening alone, default settings": Method(_screening_alone, study="default"),
+    "Monte Carlo, default settings": Method(_monte_carlo, "refined", per_run=1, study="default"),
 }
-"""What each does, the grid that screens, samples per refined run of the budget."""
 
 
 def repeat(method: str, runs: int, first: int, count: int) -> np.ndarray:
     """Campaigns number `first` to `first + count`: rows of P_f, limits, refined runs, seconds."""
-    act, grid, per_run = METHODS[method]
-    size = population().displacement[grid].size
+    how = METHODS[method]
+    pairs = population(how.study)
+    size = pairs.displacement[how.grid].size
     rows = []
     for number in range(first, first + count):
         generator = np.random.default_rng([number, runs, list(METHODS).index(method)])
-        found, seconds = act(Drawn(generator.integers(size, size=per_run * runs), grid, runs, number))
-        refined = runs if method == "Monte Carlo" else found.refined_runs
+        drawn = Drawn(pairs, generator.integers(size, size=how.per_run * runs), how.grid, runs, number)
+        found, seconds = how.act(drawn)
+        refined = runs if how.grid == "refined" else found.refined_runs
         rows.append((found.probability, *found.interval, refined, seconds))
     return np.array(rows)
 
 
 def summarise(method: str, runs: int, rows: np.ndarray) -> dict[str, Any]:
     """Bias, error, coverage and run time of one method at one budget, relative to the population's P_f."""
-    truth = float(np.mean(population().displacement["refined"] > LIMIT))
+    truth = float(np.mean(population(METHODS[method].study).displacement["refined"] > LIMIT))
     probability, low, high, refined, seconds = rows.T
     off = probability / truth - 1
     return {
         "population": "section",
         "method": method,
-        "samples": METHODS[method][2] * runs,
+        "samples": METHODS[method].per_run * runs,
         "refined_runs": float(refined.mean()),
         "seconds": float(seconds.mean()),
         "bias": float(off.mean()),
@@ -144,28 +160,35 @@ def summarise(method: str, runs: int, rows: np.ndarray) -> dict[str, Any]:
 
 
 def values(rows: list[dict[str, Any]]) -> dict[str, float]:
-    """Named figures: the population, what calibration does to it, and seconds for an error of 10 %."""
-    pairs = population()
+    """Named figures: the populations, what calibration does to them, and seconds for an error of 10 %."""
+    named = _agreement(population("published"), "section") | _agreement(population("default"), "section_default")
+    for method, name in (
+        ("Monte Carlo", "monte_carlo"),
+        ("control variate", "control_variate"),
+        ("two-phase", "two_phase"),
+        ("two-phase, calibrated", "two_phase_calibrated"),
+        ("Monte Carlo, default settings", "default_monte_carlo"),
+        ("two-phase, default settings", "default_two_phase"),
+    ):
+        mine = [row for row in rows if row["method"] == method]
+        named[f"section_{name}_seconds_for_10_percent"] = seconds_for(mine, 0.1)
+    return named
+
+
+def _agreement(pairs: Pairs, name: str) -> dict[str, float]:
+    """Shares that fail, and how far the rough grid, plain and calibrated, agrees with the refined one."""
     refined, even = pairs.displacement["refined"], np.ones(pairs.displacement["refined"].size)
-    named: dict[str, float] = {"section_pf": float(np.mean(refined > LIMIT))}
+    named = {f"{name}_pf": float(np.mean(refined > LIMIT))}
     for grid in ("rough", "calibrated"):
         found = correlation(pairs.displacement[grid], refined, even, limit=LIMIT)
         if found is None:
             raise ValueError(
                 f"the {grid} displacements of {len(refined)} pairs do not differ: make the data file again"
             )
-        named[f"section_{grid}_pf"] = float(np.mean(pairs.displacement[grid] > LIMIT))
-        named[f"section_{grid}_spearman"] = found.spearman
-        named[f"section_{grid}_pearson_log"] = found.pearson_log
-        named[f"section_{grid}_same_class"] = found.same_class
-    for method, name in (
-        ("Monte Carlo", "monte_carlo"),
-        ("control variate", "control_variate"),
-        ("two-phase", "two_phase"),
-        ("two-phase, calibrated", "two_phase_calibrated"),
-    ):
-        mine = [row for row in rows if row["method"] == method]
-        named[f"section_{name}_seconds_for_10_percent"] = seconds_for(mine, 0.1)
+        named[f"{name}_{grid}_pf"] = float(np.mean(pairs.displacement[grid] > LIMIT))
+        named[f"{name}_{grid}_spearman"] = found.spearman
+        named[f"{name}_{grid}_pearson_log"] = found.pearson_log
+        named[f"{name}_{grid}_same_class"] = found.same_class
     return named
 
 
@@ -184,7 +207,7 @@ def draw(rows: list[dict[str, Any]]) -> None:
     figure = Figure(figsize=(10.5, 4.6), layout="constrained")
     FigureCanvasAgg(figure)
     error, bias = figure.subplots(1, 2)
-    for method in METHODS:
+    for method in (name for name, how in METHODS.items() if how.study == "published"):
         mine = sorted((row for row in rows if row["method"] == method), key=lambda row: row["seconds"])
         kind, calibrated = method.removesuffix(", calibrated"), method.endswith("calibrated")
         look = {

@@ -1,8 +1,9 @@
-"""The plane-strain section with 400 samples, all run on both grids: the population that estimators are compared on.
+"""The plane-strain section with 400 samples, all run on both grids: the populations that estimators are compared on.
 
-`python -m benchmarks.section_pairs` writes `benchmarks/data/section_pairs.csv`, and goes on where it was stopped. Each
-sample runs three times: on the rough grid, on the rough grid with its strength calibrated by the factors of safety,
-and on the refined grid.
+`python -m benchmarks.section_pairs` writes `benchmarks/data/section_pairs.csv`, with the published settings, and
+`section_pairs_default.csv`, with those that a scene has by default; it goes on where it was stopped. Each sample runs
+three times: on the rough grid, on the rough grid with its strength calibrated by the factors of safety, and on the
+refined grid.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ from cooperative.calibration import measure
 from cooperative.config import Calibration, Config
 from cooperative.store import Sample
 
-PATH = ROOT / "benchmarks" / "data" / "section_pairs.csv"
+DATA = ROOT / "benchmarks" / "data"
+STUDIES = {"published": ("paper_section", DATA / "section_pairs.csv")}
+STUDIES |= {"default": ("section", DATA / "section_pairs_default.csv")}
 SAMPLES = 400
 GRIDS = ("rough", "calibrated", "refined")
 COLUMNS = ("number", *(f"{grid}_{what}" for what in ("displacement", "mode", "steps", "seconds") for grid in GRIDS))
@@ -40,8 +43,9 @@ class Pairs:
     calibration_seconds: float
 
 
-def read(path: Path = PATH) -> Pairs:
-    """The data file."""
+def read(of: str = "published") -> Pairs:
+    """The data file of a study."""
+    path = STUDIES[of][1]
     rows = list(_rows(path))
     spent = {}
     for grid in GRIDS:
@@ -67,25 +71,29 @@ def study(config: Config) -> Config:
 
 def main() -> None:
     """Run what is missing, one sample after the other."""
-    config = study(scene_config("paper_section"))
+    for scene, path in STUDIES.values():
+        _complete(study(scene_config(scene)), path)
+
+
+def _complete(config: Config, path: Path) -> None:
     expansion = screening.expansion_of(config)
     coefficients = screening.coefficients_of(config, expansion)
-    if not PATH.exists():
+    if not path.exists():
         clock, here = time.perf_counter(), machine()
         factors = measure(config)
         seconds = round(time.perf_counter() - clock, 1)
-        PATH.write_text(
+        path.write_text(
             f"# {json.dumps({'factors_of_safety': vars(factors), 'seconds': seconds})}\n"
             f"# displacement in m, seconds of one process on {here['processor']}, {here['versions']}\n"
             f"{','.join(COLUMNS)}\n"
         )
-    factors = Calibration(**json.loads(PATH.read_text().splitlines()[0].removeprefix("# "))["factors_of_safety"])
+    factors = Calibration(**json.loads(path.read_text().splitlines()[0].removeprefix("# "))["factors_of_safety"])
     models = {grid: screening.build(config, grid, expansion) for grid in ("rough", "refined")}
     models["calibrated"] = replace(models["rough"], strength_factor=factors.factor)
     for model in models.values():
         _run(model, coefficients, 0)  # compiles
-    done = {int(row["number"]) for row in _rows(PATH)}
-    with PATH.open("a") as file:
+    done = {int(row["number"]) for row in _rows(path)}
+    with path.open("a") as file:
         writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         for number in sorted(set(range(SAMPLES)) - done):
             row: dict[str, object] = {"number": number}

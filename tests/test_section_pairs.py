@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks import estimators_section as section
 from benchmarks.measure import scene_config
-from benchmarks.section_pairs import SAMPLES, read, study
+from benchmarks.section_pairs import SAMPLES, STUDIES, read, study
 from cooperative import screening
 from cooperative.shares import correlation
 
@@ -13,6 +13,15 @@ from cooperative.shares import correlation
 @pytest.fixture(scope="module")
 def pairs():
     return read()
+
+
+def test_default_settings_bring_the_grids_together(pairs):
+    default, even = read("default"), np.ones(SAMPLES)
+    same = [
+        correlation(of.displacement["rough"], of.displacement["refined"], even, limit=1.0) for of in (pairs, default)
+    ]
+    assert same[1].same_class > same[0].same_class
+    assert same[1].pearson_log > same[0].pearson_log
 
 
 def test_the_rough_grid_ranks_well_and_fails_too_seldom(pairs):
@@ -38,8 +47,9 @@ def test_every_refined_failure_has_a_mode(pairs):
     assert set(pairs.mode["refined"][~fails]) == {"none"}
 
 
-def test_its_samples_can_be_made_again(pairs):
-    config = study(scene_config("paper_section"))
+@pytest.mark.parametrize("of", STUDIES)
+def test_its_samples_can_be_made_again(of):
+    pairs, config = read(of), study(scene_config(STUDIES[of][0]))
     expansion = screening.expansion_of(config)
     coefficients = screening.coefficients_of(config, expansion)
     standing = [int(n) for n in np.flatnonzero(pairs.displacement["rough"] < 0.03)[:3]]
