@@ -98,8 +98,13 @@ def collapse_rows(quick: bool) -> Iterator[Row]:
 
     yield collapse("collapse at R = 2")
     yield collapse("collapse at R = 5 to the far wall", reduction=5.0)
-    # What has no strength at all splashes: room for it.
+    # What has hardly any strength splashes, at a near wall to above the crest and out of the grid: room for it.
     room = SLOPE if quick else replace(SLOPE, toe=54)
+    clay = replace(CLAY, softening_length=SLOPE.height / 5)
+    length = mpm.cell_independent(NUMERICS, clay).internal_length
+    for reduction, shape in ((2.0, SLOPE), (5.0, room)):
+        name = f"collapse at R = {reduction:g}, default settings of scenes"
+        yield collapse(name, clay, reduction, shape, fbar=True, internal_length=length)
     yield collapse("residual strength 0", replace(CLAY, residual_ratio=0.0), shape=room)
     for fbar in (True,) if quick else (False, True):
         yield collapse(f"nu = 0.499, F-bar {'on' if fbar else 'off'}", replace(CLAY, poisson=0.499), fbar=fbar)

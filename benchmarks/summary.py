@@ -43,6 +43,11 @@ QUESTIONS = (
     Question(
         "Refined runs for a COV of 10 % (Monte Carlo 310)", "estimators", "two_phase_runs_pf0244_r095", "", high=110
     ),
+    Question(
+        "Classes that both grids agree on, default settings (published settings 0.80)",
+        "estimators",
+        "section_default_rough_same_class",
+    ),
     Question("Gradient against differences, elastic", "gradients", "fd_rel_elastic", "relative", high=1e-6),
     Question("Gradient against differences, softening", "gradients", "fd_rel_softening", "relative", high=1e-4),
     Question("Reverse over forward step, native", "gradients", "reverse_over_forward_native", high=4),

@@ -16,6 +16,8 @@ from benchmarks.measure import Report, on_cores
 
 ROUGH = {"scene": "paper", "grid": "rough"}
 REFINED = {"scene": "paper", "grid": "refined"}
+DEFAULT = {"scene": "slope"}
+"""F-bar and bands as thick on every grid, which the published scenes do without."""
 SECTION = {"scene": "paper_section", "grid": "refined"}
 
 # name -> (cores, case); a case on more cores than there are is left out.
@@ -31,6 +33,8 @@ CASES: dict[str, tuple[int, dict[str, Any]]] = {
     "section MUSL": (1, SECTION),
     "refined MUSL": (1, REFINED | {"seconds": 2.0, "repeats": 5}),
     "refined MUSL, 2 cores": (2, REFINED | {"seconds": 2.0, "repeats": 5}),
+    "rough MUSL, default settings": (1, ROUGH | DEFAULT),
+    "refined MUSL, default settings": (1, REFINED | DEFAULT | {"seconds": 2.0, "repeats": 5}),
 }
 TWO_PROCESSES = "rough MUSL, 2 processes of 8 lanes on a core each"
 QUICK = ("section MUSL", "rough MUSL", "rough USL")
@@ -85,6 +89,7 @@ def run(quick: bool) -> Report:
     if available > 1 and not quick:
         rows.append(side_by_side(rounds=2))
     us = {r["case"]: r["us_per_particle_step"] for r in rows}
+    mb = {r["case"]: r["peak_mb"] for r in rows}
 
     def ratio(a: str, b: str) -> float | None:
         return round(us[a] / us[b], 3) if a in us and b in us else None
@@ -96,7 +101,10 @@ def run(quick: bool) -> Report:
         "batch16_two_core_ratio": ratio(TWO_PROCESSES, "rough MUSL, 16 lanes"),
         "batch16_two_core_ratio_one_process": ratio("rough MUSL, 16 lanes, 2 cores", "rough MUSL, 16 lanes"),
         "refined_musl_f32_1core_us": us.get("refined MUSL"),
-        "refined_peak_mb": next((r["peak_mb"] for r in rows if r["case"] == "refined MUSL"), None),
+        "refined_peak_mb": mb.get("refined MUSL"),
+        "rough_default_us": us.get("rough MUSL, default settings"),
+        "refined_default_us": us.get("refined MUSL, default settings"),
+        "refined_default_peak_mb": mb.get("refined MUSL, default settings"),
         "f64_over_f32": ratio("rough MUSL, float64", "rough MUSL"),
         "xla_over_native": ratio("rough MUSL, XLA", "rough MUSL"),
         "batch16_per_lane_over_single": ratio("rough MUSL, 16 lanes", "rough MUSL"),

@@ -283,7 +283,7 @@ def test_errors_are_one_line_for_people(tmp_path, capsys):
     assert main(["run", str(tmp_path / "none.toml"), "--out", str(tmp_path / "out")]) == 2
 
 
-@pytest.mark.parametrize("name", ["paper", "paper_section", "demo"])
+@pytest.mark.parametrize("name", ["paper", "paper_section", "slope", "section", "demo"])
 def test_scenes_that_come_along_are_sound(name):
     config = parse((SCENES / f"{name}.toml").read_text())
     expansion = screening.expansion_of(config)
