@@ -1,8 +1,8 @@
 """Estimators on real populations: the 400 pairs of `benchmarks.section_pairs`, campaigns resampled from them.
 
 One population has the published settings, the other those that a scene has by default. A campaign draws its samples
-from the 400 with replacement, so that the share of them that fails on the refined grid is
-the truth, and spends the seconds that those runs took. Every method at several budgets gives error against run time.
+from the 400 with replacement, so that the share of them that fails on the refined grid is the truth, and spends the
+seconds that those runs took. Every method at several budgets gives error against run time.
 """
 
 from __future__ import annotations

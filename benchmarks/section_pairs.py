@@ -24,8 +24,10 @@ from cooperative.config import Calibration, Config
 from cooperative.store import Sample
 
 DATA = ROOT / "benchmarks" / "data"
-STUDIES = {"published": ("paper_section", DATA / "section_pairs.csv")}
-STUDIES |= {"default": ("section", DATA / "section_pairs_default.csv")}
+STUDIES = {
+    "published": ("paper_section", DATA / "section_pairs.csv"),
+    "default": ("section", DATA / "section_pairs_default.csv"),
+}
 SAMPLES = 400
 GRIDS = ("rough", "calibrated", "refined")
 COLUMNS = ("number", *(f"{grid}_{what}" for what in ("displacement", "mode", "steps", "seconds") for grid in GRIDS))

@@ -20,6 +20,7 @@ import kl
 from benchmarks.measure import Report
 from benchmarks.stability_case import CLAY, NUMERICS, SLOPE, Row, energy_row, judged, metered_run, status_of
 from benchmarks.stability_cfl import KERNELS, cfl_rows
+from cooperative.config import BAND
 from jaxmpm import diagnostics
 from jaxmpm.transfer import p2g
 
@@ -100,7 +101,7 @@ def collapse_rows(quick: bool) -> Iterator[Row]:
     yield collapse("collapse at R = 5 to the far wall", reduction=5.0)
     # What has hardly any strength splashes, at a near wall to above the crest and out of the grid: room for it.
     room = SLOPE if quick else replace(SLOPE, toe=54)
-    clay = replace(CLAY, softening_length=SLOPE.height / 5)
+    clay = replace(CLAY, softening_length=BAND * SLOPE.height)
     length = mpm.cell_independent(NUMERICS, clay).internal_length
     for reduction, shape in ((2.0, SLOPE), (5.0, room)):
         name = f"collapse at R = {reduction:g}, default settings of scenes"

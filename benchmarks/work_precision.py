@@ -40,11 +40,12 @@ PUBLISHED = {
     0.75: {"fos": 1.15, "runout_m": 14.52, "seconds": 24503},
     0.5: {"fos": 1.15, "runout_m": 14.76, "seconds": 48976},
 }
-BAND = 2.4
+DEFAULT = scene_config("section")
+BAND = DEFAULT.soil.softening_length
 """Thickness of the shear band (m) to which the published softening is taken to refer, where a setting has one: a fifth
 of the slope's height, as in scenes that do not say."""
 # What of the soil and of the discretisation a setting changes, and the largest cell that can have it (m).
-AVERAGED = {"internal_length": BAND / np.sqrt(2 * np.pi)}
+AVERAGED = {"internal_length": DEFAULT.grids["refined"].internal_length}
 SETTINGS: dict[str, tuple[dict[str, Any], dict[str, Any], float]] = {
     "plain": ({}, {}, 3.0),
     "F-bar": ({}, {"fbar": True}, 3.0),

@@ -28,7 +28,8 @@ def filtered(grid: Grid, nodal: Array, passes: int) -> Array:
 
 def band_thickness(length: float) -> float:
     """Thickness (m) of a band of softening soil whose plastic strain is averaged over `length` (m): that of the box
-    which has the peak and the area of the average's bell."""
+    which has the peak and the area of the average's bell. Raises ValueError for what is no length."""
+    check.positive("internal_length", length, "m")
     return math.sqrt(2 * math.pi) * length
 
 
@@ -51,7 +52,6 @@ def passes_for(length: float, kernel: Kernel, cell: float) -> int:
 
     Raises ValueError where `length` is below `least_length`.
     """
-    check.positive("internal_length", length, "m")
     least = least_length(kernel, cell)
     if length < least:
         raise ValueError(

@@ -156,7 +156,8 @@ print(f"depth below the crest {measured.depth:.1f} m, volume {measured.volume:.0
 # The slide is a deep one: the shear band follows the base below the slope, rises behind the crest and comes up beyond
 # the toe. The wedge above it moves as two blocks, breaks up, and comes to rest on the flat ground. Grids are not
 # innocent: run this again with `cell = 2.0` and the factor of safety is 0.1 higher, because softening without an
-# internal length depends on the mesh. Compare like with like.
+# internal length depends on the mesh. A `softening_length` of the soil and `mpm.cell_independent(discretisation, soil)`
+# halve that; campaigns have both by default.
 #
 # ## The slide as an animation
 

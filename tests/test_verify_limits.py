@@ -96,6 +96,7 @@ def test_softening_scaled_by_the_cell_takes_the_same_work_per_band():
     ("soil", "numerics", "message"),
     [
         ({}, {"internal_length": 0.1}, "less than cells of 0.5 m resolve"),
+        ({"softening_modulus": None, "strain_95": 0.1, "softening_length": 1.0}, {"internal_length": 0.0}, "= 0 m"),
         ({"softening_modulus": None}, {"internal_length": 2.0}, "does not soften"),
         ({"strain_95": 0.1}, {}, "both softening_modulus and strain_95"),
         ({"softening_modulus": None, "strain_95": 1e-3}, {}, "snaps back"),
