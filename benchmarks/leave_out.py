@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from benchmarks.measure import Report, scene_config
+from cooperative.config import built
 from jaxmpm import (
     DruckerPrager,
     Elastic,
@@ -25,7 +26,6 @@ from jaxmpm import (
     Scheme,
     State,
     advance_lanes,
-    slope,
     step,
 )
 
@@ -156,7 +156,7 @@ def microseconds(variants: list[tuple[Scene, State]], repeats: int) -> list[floa
 def rows_of(name: str, repeats: int) -> list[dict[str, Any]]:
     """A row per feature for one scene of benchmarks/scenes on its rough grid."""
     config = scene_config(name)
-    scene, state = slope(config.slope, config.soil, config.grids["rough"], y_ends=config.y_ends)
+    scene, state = built(config, "rough")
     uneven = scene.material.strength * (1 + 0.3 * jnp.sin(jnp.arange(scene.particles.mass.size)))
     scene = replace(scene, material=replace(scene.material, strength=uneven))
     rows = []

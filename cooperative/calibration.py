@@ -12,9 +12,9 @@ from pathlib import Path
 
 import jax
 
-from cooperative.config import Calibration, Config, parse
+from cooperative.config import Calibration, Config, built, parse
 from cooperative.store import Store, write_aside
-from jaxmpm import factor_of_safety, slope
+from jaxmpm import factor_of_safety
 
 KEPT = "calibration.json"
 
@@ -63,9 +63,7 @@ def config_of(store: Store) -> Config:
 
 
 def _factor_of_safety(config: Config, grid: str) -> float:
-    scene, state = slope(
-        config.slope, config.soil, config.grids[grid], gravity=config.run.gravity, y_ends=config.y_ends
-    )
+    scene, state = built(config, grid)
     # On CPU lanes run in turn, and bisection takes the fewest; elsewhere a batch costs as much time as one.
     batch = 2 if jax.default_backend() == "cpu" else 8
     return factor_of_safety(

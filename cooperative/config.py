@@ -2,47 +2,14 @@
 
 from __future__ import annotations
 
-import difflib
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-import kl
-from jaxmpm import (
-    GIMP,
-    Discretisation,
-    Linear,
-    PlasticStrain,
-    QuadraticBSpline,
-    Scheme,
-    Settle,
-    Slope,
-    Soil,
-    cell_independent,
-)
+from cooperative.schema import CALIBRATION, SECTIONS, UNSAID, in_words, read, refuse_unknown
+from jaxmpm import Discretisation, Scene, Settle, Slope, Soil, State, cell_independent, slope
 
-CORRELATIONS = {
-    "squared exponential": kl.SquaredExponential,
-    "exponential": kl.Exponential,
-    "matern 3/2": kl.Matern32,
-    "matern 5/2": kl.Matern52,
-    "second-order markov": kl.SecondOrderMarkov,
-    "cosine exponential": kl.CosineExponential,
-    "triangular": kl.Triangular,
-}
-MARGINALS = {"lognormal": kl.Lognormal, "truncated normal": kl.TruncatedNormal}
-COEFFICIENTS = {"latin hypercube": kl.latin_hypercube, "monte carlo": kl.monte_carlo, "sobol": kl.sobol}
-KERNELS = {"gimp": GIMP, "linear": Linear, "quadratic b-spline": QuadraticBSpline}
-SCHEMES = {scheme.name.lower(): scheme for scheme in Scheme}
-PLASTIC_STRAINS = {measure.value: measure for measure in PlasticStrain}
-Y_ENDS = {"fixed": "fixed", "roller": "roller"}
-ESTIMATORS = {name: name for name in ("two-phase", "published", "control variate", "monte carlo", "subset")}
-FIELDS = {"none": (), "refined": ("refined",), "both": ("rough", "refined")}
-MODES = {"refined": ("refined",), "both": ("rough", "refined")}
-
-REQUIRED = object()
-UNSAID = object()
 BAND = 1 / 5
 """Thickness of the band to which softening refers, over the slope's height, where a scene does not say."""
 
@@ -133,88 +100,6 @@ class Config:
     calibration: Calibration | None = None
 
 
-@dataclass(frozen=True)
-class _Key:
-    """What a key holds: a type, `choices` of names, or numbers per axis; its default; the word for having none."""
-
-    kind: Any
-    default: Any = REQUIRED
-    none: str | None = None
-
-
-_SLOPE = {name: _Key(float) for name in ("crest", "height", "run_per_rise", "toe", "foundation")} | {
-    "width": _Key(float, None),
-    "y_ends": _Key(Y_ENDS, "fixed"),
-}
-_SOIL = {
-    "unit_weight": _Key(float),
-    "young": _Key(float),
-    "poisson": _Key(float),
-    "softening_modulus": _Key(float, None),
-    "residual_ratio": _Key(float, 1.0),
-    "tension_cutoff": _Key(float, None),
-    "plastic_strain": _Key(PLASTIC_STRAINS, "engineering"),
-    "strain_95": _Key(float, None),
-    "softening_length": _Key(float, UNSAID, none="cell"),
-    "rate_coefficient": _Key(float, None),
-    "reference_rate": _Key(float, Soil.reference_rate),
-}
-_STRENGTH = {
-    "mean": _Key(float),
-    "cov": _Key(float),
-    "marginal": _Key(MARGINALS, "lognormal"),
-    "correlation": _Key(CORRELATIONS, "squared exponential"),
-    "length": _Key(tuple),
-    "energy": _Key(float, 0.999),
-}
-_GRID = {
-    "cell": _Key(float),
-    "spacing": _Key(tuple),
-    "kernel": _Key(KERNELS, "gimp"),
-    "scheme": _Key(SCHEMES, "musl"),
-    "cfl": _Key(float, 0.5),
-    "flip": _Key(float, 1.0),
-    "apic": _Key(bool, False),
-    "damping": _Key(float, 0.0),
-    "fbar": _Key(bool, UNSAID),
-    "internal_length": _Key(float, UNSAID, none="none"),
-}
-_RUN = {
-    "gravity": _Key(float, 9.81),
-    "t_end": _Key(float, 20.0),
-    "failure_displacement": _Key(float, 1.0),
-    "settle": _Key(bool, True),
-}
-_PLAN = {
-    "samples": _Key(int),
-    "seed": _Key(int, 0),
-    "coefficients": _Key(COEFFICIENTS, "latin hypercube"),
-    "k_t": _Key(int),
-    "estimator": _Key(ESTIMATORS, "two-phase"),
-    "refined_runs": _Key(int, None),
-    "target_cov": _Key(float, None),
-    "levels": _Key(int, None),
-    "replicates": _Key(int, None),
-    "lanes": _Key(int, None),
-    "look_ahead": _Key(int, 1),
-    "screening_stop": _Key(float, None),
-    "calibrate": _Key(bool, False),
-    "restart_every": _Key(float, 600.0),
-    "fields": _Key(FIELDS, "refined"),
-    "modes": _Key(MODES, "refined"),
-}
-_CALIBRATION = {"rough": _Key(float), "refined": _Key(float)}
-_SECTIONS = {
-    "slope": _SLOPE,
-    "soil": _SOIL,
-    "strength": _STRENGTH,
-    "rough": _GRID,
-    "refined": _GRID,
-    "run": _RUN,
-    "campaign": _PLAN,
-}
-
-
 def parse(text: str) -> Config:
     """Read and check a scene.
 
@@ -227,32 +112,35 @@ def parse(text: str) -> Config:
         raise ValueError(f"the scene is not valid TOML: {error}") from error
     name = tables.pop("name", "campaign")
     if not isinstance(name, str):
-        raise ValueError(f"name = {name!r} is {_article(name)}: give text in quotes")
+        raise ValueError(f"name = {name!r} is {in_words(name)}: give text in quotes")
     if "sweep" in tables:
         raise ValueError("the scene has a table [sweep], so it is many campaigns: run it as a sweep")
-    _refuse_unknown("the scene", tables, {**_SECTIONS, "calibration": None, "name": None})
-    read = {section: _read(section, tables.get(section, {}), keys) for section, keys in _SECTIONS.items()}
-    slope, y_ends = read["slope"], read["slope"].pop("y_ends")
-    plan, run, strength = read["campaign"], read["run"], read["strength"]
-    soil = _soil({**read["soil"], "strength": strength["mean"]}, slope["height"])
+    refuse_unknown("the scene", tables, {**SECTIONS, "calibration": None, "name": None})
+    said = {section: read(section, tables.get(section, {}), keys) for section, keys in SECTIONS.items()}
+    shape, y_ends = said["slope"], said["slope"].pop("y_ends")
+    plan, run, strength = said["campaign"], said["run"], said["strength"]
+    soil = _soil({**said["soil"], "strength": strength["mean"]}, shape["height"])
     config = Config(
         text=text,
         name=name,
-        slope=Slope(**slope),
+        slope=Slope(**shape),
         y_ends=y_ends,
         soil=soil,
         strength=Strength(**strength),
-        grids={grid: _grid(read[grid], soil) for grid in ("rough", "refined")},
+        grids={grid: _grid(said[grid], soil) for grid in ("rough", "refined")},
         run=Run(**{**run, "settle": Settle() if run["settle"] else None}),
         plan=Plan(**plan),
         calibration=(
-            Calibration(**_read("calibration", tables["calibration"], _CALIBRATION))
-            if "calibration" in tables
-            else None
+            Calibration(**read("calibration", tables["calibration"], CALIBRATION)) if "calibration" in tables else None
         ),
     )
     _check(config)
     return config
+
+
+def built(config: Config, grid: str) -> tuple[Scene, State]:
+    """Scene and initial state of one grid; ValueError where slope, soil and grid do not fit together."""
+    return slope(config.slope, config.soil, config.grids[grid], gravity=config.run.gravity, y_ends=config.y_ends)
 
 
 def _soil(table: dict[str, Any], height: float) -> Soil:
@@ -267,71 +155,6 @@ def _grid(table: dict[str, Any], soil: Soil) -> Discretisation:
     """Answers do not follow the cell, unless the scene says so."""
     said = {key: value for key, value in table.items() if value is not UNSAID}
     return replace(cell_independent(Discretisation(**said, dtype="float32"), soil), **said)
-
-
-def _read(section: str, table: Any, keys: Mapping[str, _Key]) -> dict[str, Any]:
-    if not isinstance(table, dict):
-        raise ValueError(f"{section} = {table!r} is {_article(table)}: make it a table, [{section}]")
-    _refuse_unknown(f"[{section}]", table, keys)
-    missing = [key for key, what in keys.items() if what.default is REQUIRED and key not in table]
-    if missing:
-        raise ValueError(f"[{section}] lacks {', '.join(missing)}: add it")
-    return {
-        key: _value(f"[{section}] {key}", table.get(key, what.default), what, key in table)
-        for key, what in keys.items()
-    }
-
-
-def _value(where: str, value: Any, key: _Key, given: bool) -> Any:
-    kind = key.kind
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if isinstance(kind, dict):
-        if not isinstance(value, str) or value not in kind:
-            raise ValueError(f"{where} = {value!r}: give one of {', '.join(map(repr, kind))}{_nearest(value, kind)}")
-        return kind[value]
-    if not given:
-        return value
-    if key.none is not None and value == key.none:
-        return None
-    if kind is float and number:
-        return float(value)
-    if kind is int and number and isinstance(value, int):
-        return value
-    if kind is bool and isinstance(value, bool):
-        return value
-    if (
-        kind is tuple
-        and isinstance(value, list)
-        and value
-        and all(isinstance(v, int | float) and not isinstance(v, bool) for v in value)
-    ):
-        return tuple(map(float, value))
-    wanted = {float: "a number", int: "a whole number", bool: "true or false", tuple: "a list of numbers, one per axis"}
-    otherwise = "" if key.none is None else f", or {key.none!r}"
-    raise ValueError(f"{where} = {value!r} is {_article(value)}: give {wanted[kind]}{otherwise}")
-
-
-def _refuse_unknown(where: str, table: Mapping[str, Any], known: Mapping[str, Any]) -> None:
-    for key in table:
-        if key not in known:
-            raise ValueError(f"{where} has an unknown key {key!r}{_nearest(key, known)}; it knows {', '.join(known)}")
-
-
-def _nearest(word: Any, known: Mapping[str, Any]) -> str:
-    close = difflib.get_close_matches(str(word), known, n=1)
-    return f" (did you mean {close[0]!r}?)" if close else ""
-
-
-def _article(value: Any) -> str:
-    names = {
-        str: "text",
-        bool: "true or false",
-        int: "a whole number",
-        float: "a number",
-        list: "a list",
-        dict: "a table",
-    }
-    return names.get(type(value), f"a {type(value).__name__}")
 
 
 def _check(config: Config) -> None:

@@ -13,14 +13,14 @@ import jax.numpy as jnp
 import numpy as np
 
 import kl
-from cooperative.config import Config
+from cooperative.config import Config, built
 from cooperative.consequences import SlopeGeometry, consequences
 from cooperative.designs import rough_runs
 from cooperative.modes import FailureMode, ModeRules, failure_mode
 from cooperative.onsets import Motion
 from cooperative.restart import RestartPoint, read_restart, write_restart
 from cooperative.store import Sample, Scalar, read_store
-from jaxmpm import Chunk, Midway, Result, Scene, State, Status, slope, solve_each
+from jaxmpm import Chunk, Midway, Result, Scene, State, Status, solve_each
 
 
 @dataclass(frozen=True)
@@ -75,9 +75,7 @@ def coefficients_of(config: Config, expansion: kl.Expansion) -> np.ndarray:
 
 def build(config: Config, grid: str, expansion: kl.Expansion) -> GridModel:
     """Scene and initial state of one grid; ValueError where slope, soil and grid do not fit together."""
-    scene, state = slope(
-        config.slope, config.soil, config.grids[grid], gravity=config.run.gravity, y_ends=config.y_ends
-    )
+    scene, state = built(config, grid)
     factor = config.calibration.factor if config.calibration and grid == "rough" else 1.0
     return GridModel(grid, config, scene, state, expansion, factor)
 

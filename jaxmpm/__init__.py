@@ -1,6 +1,7 @@
 """Batched, differentiable generalised-interpolation material point method in 1D, 2D and 3D."""
 
 from jaxmpm import diagnostics, files, objectives, tensors
+from jaxmpm.discretisation import Discretisation, cell_independent
 from jaxmpm.files import DamagedFile, write_aside
 from jaxmpm.frictional import DruckerPrager, Matching, MohrCoulomb, cone
 from jaxmpm.integrate import Result, Settle, advance, advance_lanes, lanes, repeat, solve
@@ -10,7 +11,7 @@ from jaxmpm.materials import J2, Elastic, reduce_strength
 from jaxmpm.pytrees import pytree
 from jaxmpm.reduction import FactorOfSafety, factor_of_safety, reduced
 from jaxmpm.replay import Checkpoints, checkpoints, replay
-from jaxmpm.scenes import Discretisation, Slope, bar, block, cell_independent, column, slope, with_strength
+from jaxmpm.scenes import Slope, bar, block, column, slope, with_strength
 from jaxmpm.sensitivity import strength_sensitivity
 from jaxmpm.softening import Decay, ExponentialSoftening, FrictionalSoftening, RateEffect, Softening
 from jaxmpm.soil import FrictionalSoil, PlasticStrain, Soil

@@ -12,40 +12,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxmpm import check
-from jaxmpm.averages import band_thickness, least_length, length_of_band, passes_for
+from jaxmpm.averages import band_thickness, passes_for
+from jaxmpm.discretisation import Discretisation, check_discretisation, kernel_of
 from jaxmpm.equilibrium import settled_elastically
-from jaxmpm.soil import FrictionalSoil, Ground, Soil, material_of, refuse_snap_back
+from jaxmpm.soil import FrictionalSoil, Ground, material_of, refuse_snap_back
 from jaxmpm.tensors import CARRIED
-from jaxmpm.types import GIMP, Grid, Kernel, Linear, Particles, QuadraticBSpline, Scene, Scheme, State, Status, Wall
+from jaxmpm.types import Grid, Particles, Scene, State, Status, Wall
 
 PADDING = 1
 """Cells of grid beyond a wall."""
-
-
-@dataclass(frozen=True)
-class Discretisation:
-    """Cell (m), particle spacing per axis (m), and the numerical choices.
-
-    kernel: GIMP (domain of one spacing), Linear or QuadraticBSpline. scheme: when the stress is updated. cfl: dt = cfl
-    cell / (c + speed), c the elastic wave speed. flip: share of FLIP, 1 is pure FLIP. apic: carry the velocity's
-    gradient, with quadratic B-splines and flip = 0. damping: mass-proportional (1/s). fbar: average volumetric strain
-    and mean stress over neighbours, against locking; not for frictional soils. internal_length: standard deviation (m)
-    of the average of the plastic strain over neighbours, which keeps softening from localising into single cells: its
-    bands are then 2.5 times as thick; None keeps it local. See `cell_independent` for both. dtype: float32 or float64,
-    as JAX is set if None.
-    """
-
-    cell: float
-    spacing: tuple[float, ...]
-    kernel: type[GIMP] | type[Linear] | type[QuadraticBSpline] = GIMP
-    scheme: Scheme = Scheme.MUSL
-    cfl: float = 0.5
-    flip: float = 1.0
-    apic: bool = False
-    damping: float = 0.0
-    fbar: bool = False
-    internal_length: float | None = None
-    dtype: Any = None
 
 
 @dataclass(frozen=True)
@@ -109,7 +84,7 @@ def slope(
     Raises ValueError for sizes, moduli, spacings and walls that do not fit (each message says which and why).
     """
     d, cell = shape.dimension, discretisation.cell
-    _check_discretisation(discretisation, d)
+    check_discretisation(discretisation, d)
     shape.check()
     if y_ends not in ("fixed", "roller"):
         raise ValueError(f"y_ends = {y_ends!r}: give 'fixed' or 'roller'")
@@ -166,7 +141,7 @@ def column(
     at_rest: with the stress of elastic gravity loading, else free of stress (gravity then acts suddenly).
     """
     d, cell = len(discretisation.spacing), discretisation.cell
-    _check_discretisation(discretisation, d)
+    check_discretisation(discretisation, d)
     check.positive("height", height, "m")
     check.multiple("height", height, "the spacing along the height", discretisation.spacing[-1])
     walls = [wall for a in range(d - 1) for wall in _ends(a, 1, "roller")]
@@ -192,7 +167,7 @@ def bar(
     Starts with v = velocity sin(b x), b = (2 mode - 1) pi / (2 length) (m/s): the tip's amplitude.
     In 1D the strain is uniaxial: for the bar of Young's modulus E, give a Poisson's ratio of 0.
     """
-    _check_discretisation(discretisation, 1)
+    check_discretisation(discretisation, 1)
     check.positive("length", length, "m")
     check.multiple("length", length, "the spacing", discretisation.spacing[0])
     if mode < 1:
@@ -233,7 +208,7 @@ def block(
     speed: largest particle speed allowed for in the time step (m/s), by default that of the start.
     """
     d, cell = len(size), discretisation.cell
-    _check_discretisation(discretisation, d)
+    check_discretisation(discretisation, d)
     zero = (0.0,) * d
     velocity, gravity = velocity or zero, gravity or zero
     for name, values in (
@@ -334,7 +309,7 @@ def _build(
     length = discretisation.internal_length
     material = material_of(soil, dtype, grid.cell if length is None else band_thickness(length))
     wave_speed = math.sqrt(float(material.p_wave_modulus) / density)
-    kernel = _kernel(discretisation)
+    kernel = kernel_of(discretisation)
     if length is not None and material.initial_history(particles) is None:
         raise ValueError(f"internal_length = {length:g} m, but the soil does not soften: leave it out")
     if discretisation.fbar and isinstance(soil, FrictionalSoil):
@@ -359,26 +334,6 @@ def _build(
     return scene, at_rest(scene, apic=discretisation.apic)
 
 
-def _kernel(discretisation: Discretisation) -> Kernel:
-    kind = discretisation.kernel
-    if kind is GIMP:
-        return GIMP(tuple(s / 2 for s in discretisation.spacing))
-    return Linear() if kind is Linear else QuadraticBSpline()
-
-
-def cell_independent(discretisation: Discretisation, soil: Ground) -> Discretisation:
-    """These choices, with F-bar and averaged plastic strain where they keep the answers from following the cell.
-
-    F-bar for all but frictional soil. Plastic strain is averaged where soil softens and has a `softening_length`, so
-    that its bands become as thick as that; on cells too large for it they stay a cell thick, and softening is scaled.
-    """
-    length = None
-    if soil.softens and soil.softening_length is not None:
-        wanted = length_of_band(soil.softening_length)
-        length = wanted if wanted >= least_length(_kernel(discretisation), discretisation.cell) else None
-    return replace(discretisation, fbar=isinstance(soil, Soil), internal_length=length)
-
-
 def at_rest(scene: Scene, *, apic: bool = False) -> State:
     """The state of no motion, no stress and no history; apic: with a velocity gradient per particle."""
     particles, d = scene.particles, scene.grid.dimension
@@ -392,23 +347,3 @@ def at_rest(scene: Scene, *, apic: bool = False) -> State:
         status=jnp.asarray(int(Status.RUNNING), jnp.int32),
         affine=jnp.zeros((d, *particles.position.shape), particles.mass.dtype) if apic else None,
     )
-
-
-def _check_discretisation(discretisation: Discretisation, dimension: int) -> None:
-    check.positive("cell", discretisation.cell, "m")
-    check.axes("spacing", discretisation.spacing, dimension)
-    check.positive("spacing", discretisation.spacing, "m")
-    wide = [s for s in discretisation.spacing if s > discretisation.cell * (1 + 1e-12)]
-    if wide:
-        raise ValueError(
-            f"spacing = {wide[0]:g} m leaves gaps in cells of {discretisation.cell:g} m: give at most the cell"
-        )
-    if discretisation.kernel not in (GIMP, Linear, QuadraticBSpline):
-        raise ValueError(f"kernel = {discretisation.kernel!r}: give GIMP, Linear or QuadraticBSpline")
-    if discretisation.apic and (discretisation.kernel is not QuadraticBSpline or discretisation.flip != 0):
-        raise ValueError("apic = True: give kernel = QuadraticBSpline and flip = 0 with it")
-    if not isinstance(discretisation.scheme, Scheme):
-        raise ValueError(f"scheme = {discretisation.scheme!r}: give a member of Scheme")
-    check.between("cfl", discretisation.cfl, 0.0, 1.0)
-    check.between("flip", discretisation.flip, 0.0, 1.0, ends=True)
-    check.not_negative("damping", discretisation.damping, "1/s")

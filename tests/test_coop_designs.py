@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cooperative.config import ESTIMATORS, parse
+from cooperative.config import parse
 from cooperative.designs import DESIGNS, budget, replay_subset, rough_runs, subset_plan
 from cooperative.estimators import after_more_runs, monte_carlo
+from cooperative.schema import ESTIMATORS
 from cooperative.subset import subset_simulation
 from cooperative.twophase import Population
 from tests.test_campaign import TINY

@@ -27,6 +27,7 @@ JAXMPM = [
     "affine",
     "averages",
     "soil",
+    "discretisation",
     "step",
     "diagnostics",
     "equilibrium",
