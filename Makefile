@@ -6,7 +6,7 @@ BIN := .venv/bin
 
 .venv: .venv/installed
 
-.venv/installed: pyproject.toml CMakeLists.txt $(wildcard jaxmpm/native/*.cc jaxmpm/native/*.h)
+.venv/installed: pyproject.toml CMakeLists.txt $(wildcard jaxmpm/transfer/native/*.cc jaxmpm/transfer/native/*.h)
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --editable '.[test]'
 	touch $@

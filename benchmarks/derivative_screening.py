@@ -22,8 +22,9 @@ from scipy.stats import norm, rankdata
 
 from benchmarks.measure import Report, scene_config
 from benchmarks.section_pairs import SAMPLES, read
-from cooperative import screening
-from jaxmpm import objectives, replay
+from cooperative.runs import _model as screening
+from jaxmpm import replay
+from jaxmpm.run import objectives
 
 SECONDS = 2.0
 FOLDS = 20

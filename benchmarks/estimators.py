@@ -27,7 +27,7 @@ from scipy.stats import norm
 from benchmarks import estimators_section as section
 from benchmarks.measure import Report
 from cooperative import AuditPlan, Estimate, Population, control_variate, monte_carlo, published, two_phase
-from cooperative.subset import SubsetPlan, subset_simulation
+from cooperative.estimate import SubsetPlan, subset_simulation
 
 ROUGH_COST = 1 / 30
 CORRELATIONS = (0.8, 0.9, 0.95, 0.98)

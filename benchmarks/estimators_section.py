@@ -29,9 +29,7 @@ from cooperative import (
     stopping_rank,
     two_phase,
 )
-from cooperative.estimators import wilson_interval
-from cooperative.shares import correlation
-from cooperative.twophase import sample_weights
+from cooperative.estimate import correlation, sample_weights, wilson_interval
 
 LIMIT = 1.0
 BUDGETS = (20, 40, 80, 160)

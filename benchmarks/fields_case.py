@@ -20,6 +20,7 @@ import scipy.fft
 
 import kl
 from benchmarks.measure import peak_memory_mb, timed
+from kl.axis._fredholm import axis_modes
 
 BATCH = 100
 PROBES = 7
@@ -82,7 +83,7 @@ def haar(case: dict[str, Any]) -> Made:
     level = case["parameter"]
     held = 1.0
     for each, size in zip(covariance_of(case["lengths"]), case["extent"], strict=True):
-        held *= float(kl.fredholm.axis_modes(each, kl.Haar(level), 0.0, size).fractions.sum())
+        held *= float(axis_modes(each, kl.Haar(level), 0.0, size).fractions.sum())
     return expansion_case(case, kl.Haar(level), energy=min(0.9999, held * 0.9999))
 
 

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 
 import jaxmpm as mpm
 from benchmarks.measure import ROOT, Report, on_cores
-from jaxmpm import objectives
+from jaxmpm.run import objectives
 
 SLOPE = mpm.Slope(crest=10.0, height=6.0, run_per_rise=1.0, toe=14.0, foundation=2.0)
 CLAY = mpm.Soil(young=1e7, strength=20e3, softening_modulus=60e3, tension_cutoff=None)

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 
 import jaxmpm as mpm
 from benchmarks.measure import peak_memory_mb, scene_config, timed
-from jaxmpm import objectives
+from jaxmpm.run import objectives
 
 # The slope is made to slide, so that the plastic branches do their work.
 REDUCTION = 1.3

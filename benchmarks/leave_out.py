@@ -16,18 +16,8 @@ import jax
 import jax.numpy as jnp
 
 from benchmarks.measure import Report, scene_config
-from cooperative.config import built
-from jaxmpm import (
-    DruckerPrager,
-    Elastic,
-    Engine,
-    MohrCoulomb,
-    Scene,
-    Scheme,
-    State,
-    advance_lanes,
-    step,
-)
+from cooperative.scene import built
+from jaxmpm import DruckerPrager, Elastic, Engine, MohrCoulomb, Scene, Scheme, State, advance_lanes, step
 
 Variant = Callable[[Scene, State], tuple[Scene, State]]
 

@@ -16,7 +16,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from cooperative.config import Config, parse
+from cooperative.scene import Config, parse
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -18,9 +18,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.measure import ROOT, machine, scene_config
-from cooperative import screening
-from cooperative.calibration import measure
-from cooperative.config import Calibration, Config
+from cooperative.runs import _model as screening
+from cooperative.scene import Config
+from cooperative.scene._calibration import measure
+from cooperative.scene._typed import Calibration
 from cooperative.store import Sample
 
 DATA = ROOT / "benchmarks" / "data"

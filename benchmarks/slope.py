@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.measure import Report, scene_config
-from cooperative.config import Config
-from cooperative.consequences import SlopeGeometry, consequences
+from cooperative.measure import SlopeGeometry, consequences
+from cooperative.scene import Config
 from jaxmpm import PlasticStrain, Settle, factor_of_safety, reduced, slope, solve
 
 PUBLISHED = {"rough": {"stable": 1.25, "fails": 1.26}, "refined": {"stable": 1.14, "fails": 1.15, "runout_m": 14.17}}

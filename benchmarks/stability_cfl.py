@@ -18,7 +18,8 @@ import numpy as np
 import jaxmpm as mpm
 from benchmarks.stability_case import Row, judged
 from jaxmpm import diagnostics
-from jaxmpm.shape import locate, shape_1d
+from jaxmpm.transfer import locate
+from jaxmpm.transfer._shape import shape_1d
 
 KERNELS = (mpm.GIMP, mpm.Linear, mpm.QuadraticBSpline)
 # Particles per cell, and by how many cells they are shifted: by 0.24 two a cell come to 0.01 from nodes and faces.

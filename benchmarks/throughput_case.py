@@ -17,7 +17,7 @@ import jax.numpy as jnp
 
 from benchmarks.measure import peak_memory_mb, scene_config
 from jaxmpm import Engine, Scene, Scheme, State, lanes, reduced, repeat, slope
-from jaxmpm.integrate import advance_lanes
+from jaxmpm.run import advance_lanes
 
 # The slope is made to slide, so that the plastic branches do their work.
 REDUCTION = 1.3

@@ -28,7 +28,7 @@ from benchmarks.collapse import collapsed
 from benchmarks.footing import CAPACITY, capacity
 from benchmarks.manufactured import manufactured_run
 from benchmarks.measure import ROOT, Report, scene_config, timed
-from cooperative.consequences import Consequences, SlopeGeometry, consequences
+from cooperative.measure import Consequences, SlopeGeometry, consequences
 from jaxmpm import diagnostics
 
 Row = dict[str, Any]

@@ -3,21 +3,37 @@
 from cooperative import open_store, rank_samples, next_refined, published, consequences
 """
 
-from cooperative.audit import AuditPlan
-from cooperative.consequences import Consequences, SlopeGeometry, consequences
-from cooperative.distributions import Fit, Fits, Severity, fit_distributions, severity_ranking
-from cooperative.estimators import (
+from cooperative.estimate import (
+    AuditPlan,
+    Correlation,
     Estimate,
+    Fit,
+    Fits,
+    Population,
+    Ranking,
+    Severity,
+    Share,
+    SubsetPlan,
+    SubsetSamples,
     after_more_runs,
     control_variate,
+    correlation,
+    fit_distributions,
     monte_carlo,
+    next_audit,
+    next_refined,
     published,
+    rank_samples,
+    sample_weights,
+    severity_ranking,
+    shares,
+    stopping_rank,
+    subset_simulation,
+    two_phase,
     wilson_interval,
 )
-from cooperative.modes import FailureMode, ModeRules, failure_mode
-from cooperative.onsets import Motion
-from cooperative.ranking import Ranking, next_refined, rank_samples, stopping_rank
-from cooperative.shares import Correlation, Share, correlation, shares
+from cooperative.measure import Consequences, FailureMode, ModeRules, Motion, SlopeGeometry, consequences, failure_mode
+from cooperative.reporting import consolidate, write_table
 from cooperative.store import (
     DamagedFile,
     Rows,
@@ -32,9 +48,6 @@ from cooperative.store import (
     write_aside,
     write_sample,
 )
-from cooperative.subset import SubsetPlan, SubsetSamples, subset_simulation
-from cooperative.tables import consolidate, write_table
-from cooperative.twophase import Population, next_audit, sample_weights, two_phase
 
 __all__ = [
     "AuditPlan",

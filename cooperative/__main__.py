@@ -10,9 +10,10 @@ from pathlib import Path
 
 import jax
 
-from cooperative import campaign, exports, progress, sweep
-from cooperative.executors import dask_executor
-from cooperative.report import SLIDES, report
+from cooperative import campaign, sweep
+from cooperative.reporting import SLIDES, progress_of, report, words
+from cooperative.reporting import _exports as exports
+from cooperative.runs import dask_executor
 from cooperative.store import GRIDS, read_store
 
 Command = Callable[[argparse.Namespace], None]
@@ -41,7 +42,7 @@ def _run(text: str, folder: Path, given: argparse.Namespace) -> None:
 
 def status(given: argparse.Namespace) -> None:
     """Say how far a campaign is; it may be running."""
-    print(progress.words(progress.progress_of(given.folder)))
+    print(words(progress_of(given.folder)))
 
 
 def show(given: argparse.Namespace) -> None:

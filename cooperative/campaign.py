@@ -16,13 +16,10 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from cooperative import calibration, designs, screening
-from cooperative.config import Config, parse
-from cooperative.designs import Answers
-from cooperative.estimators import wilson_interval
-from cooperative.executors import Workers, process_pool, run_through
+from cooperative.estimate import Answers, budget, rough_runs, subset_plan, subset_simulation, wilson_interval
+from cooperative.runs import Workers, build, coefficients_of, expansion_of, process_pool, run_samples, run_through
+from cooperative.scene import Config, calibrated, measured, parse
 from cooperative.store import Sample, Store, open_store, read_rows, write_aside, write_sample
-from cooperative.subset import subset_simulation
 from cooperative.summary import answer, estimate_of, next_runs, phases_of, refined_answers, rough_answers, summarise
 
 
@@ -42,9 +39,9 @@ def run(
     Raises ValueError for a scene or a folder that will not do, before anything is run or written.
     """
     config = parse(text)
-    expansion = screening.expansion_of(config)
-    coefficients = screening.coefficients_of(config, expansion)
-    models = {grid: screening.build(config, grid, expansion) for grid in ("rough", "refined")}
+    expansion = expansion_of(config)
+    coefficients = coefficients_of(config, expansion)
+    models = {grid: build(config, grid, expansion) for grid in ("rough", "refined")}
     crew = None if executor is None and workers == 1 else Workers(executor or partial(process_pool, workers), workers)
     stop_at = {"rough": config.plan.screening_stop, "refined": None}
     width = {"rough": config.plan.lanes, "refined": config.plan.look_ahead}
@@ -54,14 +51,12 @@ def run(
         limit, restart_in = stop_at[grid], Path(folder).resolve() if grid == "refined" else None
         if crew is not None:
             return run_through(crew, config.text, grid, numbers, coefficients, stop_at=limit, restart_in=restart_in)
-        return screening.run_samples(
-            models[grid], coefficients, numbers, width=width[grid], stop_at=limit, restart_in=restart_in
-        )
+        return run_samples(models[grid], coefficients, numbers, width=width[grid], stop_at=limit, restart_in=restart_in)
 
     with open_store(folder, text) as store, closing(crew) if crew else nullcontext():
         if config.plan.calibrate and config.calibration is None:
-            config = calibration.calibrated(config, calibration.measured(config, Path(folder)))
-            models["rough"] = screening.build(config, "rough", expansion)
+            config = calibrated(config, measured(config, Path(folder)))
+            models["rough"] = build(config, "rough", expansion)
         _screen(config, store, samples, coefficients, progress)
         rough = read_rows(store, "rough")
         answers = refined_answers(config, read_rows(store, "refined"))
@@ -73,7 +68,7 @@ def run(
             found = estimate_of(config, phases_of(config, rough, answers))
             return "P_f {:.3f} ({:.3f} to {:.3f})".format(found.probability, *found.interval)
 
-        most = None if config.plan.estimator == "published" else designs.budget(config.plan, len(rough.numbers))
+        most = None if config.plan.estimator == "published" else budget(config.plan, len(rough.numbers))
         with _bar("refined grid", most, len(answers), progress) as bar:
             while wanted(()):
                 for sample in samples("refined", _in_rank_order(wanted, answers)):
@@ -97,7 +92,7 @@ def _screen(
 ) -> None:
     """Run every sample of the first phase that is not there yet. Subset simulation fills in the coefficients."""
     known = rough_answers(read_rows(store, "rough"))
-    total = designs.rough_runs(config.plan)
+    total = rough_runs(config.plan)
 
     def share() -> str:
         fails = sum(not displacement <= config.run.failure_displacement for displacement in known.values())
@@ -121,7 +116,7 @@ def _screen(
 
     with _bar("rough grid", total, len(known), progress) as bar:
         if config.plan.estimator == "subset":
-            subset_simulation(level, coefficients.shape[1], designs.subset_plan(config.plan))
+            subset_simulation(level, coefficients.shape[1], subset_plan(config.plan))
         else:
             screen(range(total))
 

@@ -9,16 +9,26 @@ from typing import Any
 
 import numpy as np
 
-from cooperative import designs, screening
-from cooperative.config import Config
-from cooperative.designs import DESIGNS, Design
-from cooperative.distributions import fit_distributions, severity_ranking
-from cooperative.estimators import Estimate, after_more_runs, published
-from cooperative.modes import SEVERITY
-from cooperative.ranking import rank_samples, stopping_rank
-from cooperative.shares import correlation, shares
+from cooperative.estimate import (
+    DESIGNS,
+    Design,
+    Estimate,
+    Population,
+    after_more_runs,
+    budget,
+    correlation,
+    fit_distributions,
+    published,
+    rank_samples,
+    replay_subset,
+    severity_ranking,
+    shares,
+    stopping_rank,
+)
+from cooperative.measure import SEVERITY
+from cooperative.runs import expansion_of
+from cooperative.scene import Config
 from cooperative.store import Rows
-from cooperative.twophase import Population
 
 NOT_BROKEN = ("FINISHED", "SETTLED", "DECIDED")
 MEASURES = ("displacement", "depth", "runout", "volume", "area")
@@ -72,7 +82,7 @@ def population_of(config: Config, rough: Rows) -> tuple[Population, np.ndarray] 
         broke_off = rough.columns["broke_off"].astype(bool)
         return Population(rough.columns["displacement"], broke_off), np.array(rough.numbers)
     try:
-        found = designs.replay_subset(config.plan, screening.expansion_of(config).modes, rough_answers(rough))
+        found = replay_subset(config.plan, expansion_of(config).modes, rough_answers(rough))
     except KeyError:
         return None
     return Population(found.rough_displacement, weight=found.weight, replicate=found.replicate), found.number
@@ -170,7 +180,7 @@ def finished(config: Config, phases: Phases | None, found: Estimate) -> str | No
         return f"{plan.k_t} samples in a row stand"
     if plan.target_cov is not None and found.cov <= plan.target_cov:
         return f"the coefficient of variation is at most {plan.target_cov:g}"
-    if len(phases.answers) < designs.budget(plan, phases.numbers.size):
+    if len(phases.answers) < budget(plan, phases.numbers.size):
         return (
             f"a coefficient of variation of {plan.target_cov:g} is out of reach with {phases.numbers.size} samples, "
             "however many run refined: give more samples"

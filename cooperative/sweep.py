@@ -23,11 +23,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import kl
-from cooperative import campaign, plots
-from cooperative.calibration import kept
-from cooperative.config import parse
-from cooperative.modes import SEVERITY
-from cooperative.ranking import rank_samples, stopping_rank
+from cooperative import campaign
+from cooperative.estimate import rank_samples, stopping_rank
+from cooperative.measure import SEVERITY
+from cooperative.reporting import panels, save
+from cooperative.scene import kept, parse
 from cooperative.store import Rows, read_rows, read_store, write_aside
 from cooperative.summary import refined_answers, summarise
 
@@ -78,8 +78,8 @@ def run(text: str, folder: Path, *, workers: int = 1, progress: bool = False) ->
     write_aside(folder / "sweep.json", json.dumps(found, indent=1).encode())
     target = folder / "figures"
     target.mkdir(exist_ok=True)
-    plots.save(probabilities(parameters), target / "probability.png")
-    plots.save(mode_ratios(parameters), target / "modes.png")
+    save(probabilities(parameters), target / "probability.png")
+    save(mode_ratios(parameters), target / "modes.png")
     return found
 
 
@@ -126,7 +126,7 @@ def to_toml(tables: dict[str, Any]) -> str:
 
 def probabilities(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
     """P_f with its interval against each parameter, one panel each."""
-    figure, axes = plots.panels(1, len(parameters), size=(3.6, 3.2))
+    figure, axes = panels(1, len(parameters), size=(3.6, 3.2))
     for ax, (name, rows) in zip(axes, parameters.items(), strict=True):
         _errorbar(ax, rows, [row["probability"] for row in rows], [row["interval"] for row in rows], "#0072B2", "o", "")
         ax.set(xlabel=LABELS[name], ylabel="probability of failure $P_f$ [-]")
@@ -136,7 +136,7 @@ def probabilities(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
 
 def mode_ratios(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
     """Share of each mode among the failures, with its interval, against each parameter, one panel each."""
-    figure, axes = plots.panels(1, len(parameters), size=(3.6, 3.5))
+    figure, axes = panels(1, len(parameters), size=(3.6, 3.5))
     handles: dict[str, Any] = {}
     for ax, (name, rows) in zip(axes, parameters.items(), strict=True):
         with_failures = [row for row in rows if row["modes"]]

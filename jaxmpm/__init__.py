@@ -1,21 +1,57 @@
 """Batched, differentiable generalised-interpolation material point method in 1D, 2D and 3D."""
 
-from jaxmpm import diagnostics, files, objectives, tensors
-from jaxmpm.discretisation import Discretisation, cell_independent
+from jaxmpm import diagnostics, files, tensors
+from jaxmpm._step import step
 from jaxmpm.files import DamagedFile, write_aside
-from jaxmpm.frictional import DruckerPrager, Matching, MohrCoulomb, cone
-from jaxmpm.integrate import Result, Settle, advance, advance_lanes, lanes, repeat, solve
 from jaxmpm.io import load_state, save_state, write_particles, write_vtkhdf
-from jaxmpm.many import Chunk, Midway, solve_each
-from jaxmpm.materials import J2, Elastic, reduce_strength
+from jaxmpm.laws import (
+    J2,
+    Decay,
+    DruckerPrager,
+    Elastic,
+    ExponentialSoftening,
+    FrictionalSoftening,
+    Matching,
+    MohrCoulomb,
+    RateEffect,
+    Softening,
+    cone,
+    reduce_strength,
+)
 from jaxmpm.pytrees import pytree
-from jaxmpm.reduction import FactorOfSafety, factor_of_safety, reduced
-from jaxmpm.replay import Checkpoints, checkpoints, replay
-from jaxmpm.scenes import Slope, bar, block, column, slope, with_strength
-from jaxmpm.sensitivity import strength_sensitivity
-from jaxmpm.softening import Decay, ExponentialSoftening, FrictionalSoftening, RateEffect, Softening
-from jaxmpm.soil import FrictionalSoil, PlasticStrain, Soil
-from jaxmpm.step import step
+from jaxmpm.run import (
+    Checkpoints,
+    Chunk,
+    FactorOfSafety,
+    Midway,
+    Result,
+    Settle,
+    advance,
+    advance_lanes,
+    checkpoints,
+    factor_of_safety,
+    lanes,
+    objectives,
+    reduced,
+    repeat,
+    replay,
+    solve,
+    solve_each,
+    strength_sensitivity,
+)
+from jaxmpm.site import (
+    Discretisation,
+    FrictionalSoil,
+    PlasticStrain,
+    Slope,
+    Soil,
+    bar,
+    block,
+    cell_independent,
+    column,
+    slope,
+    with_strength,
+)
 from jaxmpm.types import (
     GIMP,
     Engine,

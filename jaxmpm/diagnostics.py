@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxmpm import tensors
+from jaxmpm._step import acting_stress, neighbour_average
 from jaxmpm.boundary import hold
-from jaxmpm.step import acting_stress, neighbour_average
 from jaxmpm.transfer import g2p, p2g
 from jaxmpm.types import Scene, State
 

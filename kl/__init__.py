@@ -3,48 +3,68 @@
 Figures are in `kl.plots`, which is imported by name only.
 """
 
-from kl.conditioning import Conditioning, condition, conditioned, kriging_variance, mode_matrix
-from kl.covariance import (
+from kl.axis import (
+    ClosedForm,
     Corrected,
     CosineExponential,
     Exponential,
+    Haar,
     Infinite,
+    Legendre,
     Matern32,
     Matern52,
+    Nystrom,
     Periodic,
     SecondOrderMarkov,
     SquaredExponential,
     Triangular,
     from_scale_of_fluctuation,
+    haar_transform,
     scale_of_fluctuation,
 )
-from kl.expansion import Expansion, expand, field_at, field_on_lattice, with_covariance
-from kl.fredholm import ClosedForm, Haar, Legendre, Nystrom, haar_transform
-from kl.lattice import LatticeRoots, exact_field, exact_lattice
-from kl.marginals import (
+from kl.field import (
+    Bedding,
+    CapturedVariance,
+    Conditioning,
+    Expansion,
+    LatticeRoots,
+    captured_variance,
+    condition,
+    conditioned,
+    exact_field,
+    exact_lattice,
+    expand,
+    field_at,
+    field_on_lattice,
+    kriging_variance,
+    load,
+    mode_matrix,
+    rescaled,
+    rotate,
+    save,
+    variance_at,
+    variance_on_lattice,
+    with_covariance,
+    with_residual,
+)
+from kl.marginal import (
     Beta,
     Empirical,
     Gamma,
     Gumbel,
     Lognormal,
+    NatafError,
     Normal,
     TruncatedNormal,
     Uniform,
     Weibull,
+    hermite_coefficients,
+    nataf_corrected,
+    nataf_correlation,
+    nataf_error,
 )
-from kl.nataf import NatafError, hermite_coefficients, nataf_corrected, nataf_correlation, nataf_error
-from kl.rotation import Bedding, rotate
 from kl.sampling import latin_hypercube, monte_carlo, sobol
 from kl.soil import correlate, in_strata, linear_with_depth, nataf_matrix, with_trend
-from kl.store import load, save
-from kl.truncation import (
-    CapturedVariance,
-    captured_variance,
-    rescaled,
-    variance_at,
-    variance_on_lattice,
-    with_residual,
-)
 
 __all__ = [
     "Bedding",

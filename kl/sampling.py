@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from kl.checks import require
-from kl.quantiles import from_both_tails
+from kl.marginal import from_both_tails
 
 _SOBOL_BITS = 53
 

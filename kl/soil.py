@@ -9,8 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from kl.checks import require
-from kl.marginals import Marginal
-from kl.nataf import nataf_correlation
+from kl.marginal import Marginal, nataf_correlation
 
 
 def correlate(coefficients: Any, matrix: Any) -> Any:

@@ -23,8 +23,9 @@ from drawing import draw_section, style
 
 import cooperative
 import jaxmpm as mpm
-from cooperative import campaign, charts
-from cooperative.config import parse
+from cooperative import campaign
+from cooperative.reporting import _charts as charts
+from cooperative.scene import parse
 from cooperative.summary import run_weights
 
 # %matplotlib inline

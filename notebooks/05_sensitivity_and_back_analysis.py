@@ -24,9 +24,10 @@ import numpy as np
 from drawing import BLACK, BLUE, ORANGE, RED, SKY, draw_section, style
 
 import jaxmpm as mpm
-from cooperative import back_analysis, screening
-from cooperative.config import parse
-from jaxmpm import objectives
+from cooperative.research import back_analysis
+from cooperative.runs import _model as screening
+from cooperative.scene import parse
+from jaxmpm.run import objectives
 
 SMALL = os.environ.get("JAXMPM_SMALL") == "1"  # small sizes, for a quick look and for the tests
 style()

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from cooperative import screening
+from cooperative.runs import _model as screening
 from cooperative.store import Sample
 from tests.test_campaign import TINY
 

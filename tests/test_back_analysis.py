@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from cooperative import screening
-from cooperative.back_analysis import Observed, Parameters, Survey, predict, recover
-from cooperative.config import parse
-from cooperative.rare import design_point, slide_limit_state
+from cooperative.research.back_analysis import Observed, Parameters, Survey, predict, recover
+from cooperative.research.rare import design_point, slide_limit_state
+from cooperative.runs import _model as screening
+from cooperative.scene import parse
 from tests.test_campaign import TINY
 
 SURVEY = Survey(seconds=1.5, times=5, markers=np.array([40, 90, 140]), stations=np.arange(4.0, 30.0, 3.0))

@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 
 import kl
-from cooperative import campaign, screening
+from cooperative import campaign
 from cooperative.__main__ import main
-from cooperative.config import parse
+from cooperative.runs import _model as screening
+from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, write_sample
 from jaxmpm import Status
 

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from cooperative import calibration, campaign, screening
-from cooperative.config import parse
-from cooperative.progress import progress_of
+from cooperative import campaign
+from cooperative.reporting._progress import progress_of
+from cooperative.runs import _model as screening
+from cooperative.scene import _calibration as calibration
+from cooperative.scene import parse
 from cooperative.store import Rows, read_rows, read_store
 from cooperative.summary import summarise
 from tests.test_campaign import TINY, changed, finished

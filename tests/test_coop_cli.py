@@ -9,9 +9,12 @@ import h5py
 import numpy as np
 import pytest
 
-from cooperative import campaign, exports, progress, screening, sweep
+from cooperative import campaign, sweep
 from cooperative.__main__ import main
-from cooperative.config import parse
+from cooperative.reporting import _exports as exports
+from cooperative.reporting import _progress as progress
+from cooperative.runs import _model as screening
+from cooperative.scene import parse
 from cooperative.store import Sample, open_store, read_rows, read_sample, read_store, sample_path, write_sample
 from tests.test_campaign import TINY
 from tests.test_io import vtk_steps

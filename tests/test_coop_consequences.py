@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cooperative.consequences import SlopeGeometry, consequences
+from cooperative.measure import SlopeGeometry, consequences
 
 # Crest level 16 m, toe at x = 54 m and z = 4 m, as in the published slope.
 SLOPE = SlopeGeometry(toe_x=54.0, toe_z=4.0, height=12.0)

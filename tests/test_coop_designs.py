@@ -5,12 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cooperative.config import parse
-from cooperative.designs import DESIGNS, budget, replay_subset, rough_runs, subset_plan
-from cooperative.estimators import after_more_runs, monte_carlo
-from cooperative.schema import ESTIMATORS
-from cooperative.subset import subset_simulation
-from cooperative.twophase import Population
+from cooperative.estimate import DESIGNS, Population, after_more_runs, monte_carlo, rough_runs, subset_simulation
+from cooperative.estimate._designs import budget, replay_subset, subset_plan
+from cooperative.scene import parse
+from cooperative.scene._schema import ESTIMATORS
 from tests.test_campaign import TINY
 from tests.test_coop_twophase import pair
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import optimize, special, stats
 
-from cooperative.distributions import CANDIDATES, fit_distributions, severity_ranking
+from cooperative.estimate import CANDIDATES, fit_distributions, severity_ranking
 
 TRUTHS = {
     "normal": stats.norm(12, 2),

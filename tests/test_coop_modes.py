@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cooperative.consequences import SlopeGeometry
-from cooperative.modes import SEVERITY, ModeRules, failure_mode, name_mode
-from cooperative.onsets import Motion
+from cooperative.measure import SEVERITY, ModeRules, Motion, SlopeGeometry, failure_mode
+from cooperative.measure._modes import name_mode
 
 SLOPE = SlopeGeometry(toe_x=54.0, toe_z=4.0, height=12.0)
 LENGTH = 96.0

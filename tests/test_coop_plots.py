@@ -5,8 +5,9 @@ import pytest
 from matplotlib.collections import PolyCollection
 from matplotlib.image import imread
 
-from cooperative import charts, plots
-from cooperative.distributions import fit_distributions, severity_ranking
+from cooperative.estimate import fit_distributions, severity_ranking
+from cooperative.reporting import _charts as charts
+from cooperative.reporting import _plots as plots
 
 HALF = np.array([0.5, 0.5])
 X, Z = (grid.ravel() for grid in np.meshgrid(np.arange(0.5, 24), np.arange(0.5, 8), indexing="ij"))

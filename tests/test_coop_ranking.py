@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cooperative.ranking import next_refined, rank_samples, stopping_rank
+from cooperative.estimate import next_refined, rank_samples, stopping_rank
 
 
 def test_rank_is_by_displacement_then_number():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from cooperative.rare import Search, design_point, importance_sampling
+from cooperative.research.rare import Search, design_point, importance_sampling
 
 
 def plane(beta, modes, seed=0):

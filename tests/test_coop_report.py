@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from cooperative import campaign, page, pictures
+from cooperative import campaign
 from cooperative.__main__ import main
-from cooperative.config import parse
-from cooperative.report import report
+from cooperative.reporting import _page as page
+from cooperative.reporting import _pictures as pictures
+from cooperative.reporting import report
+from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, sample_path, write_sample
 from tests.test_campaign import TINY
 

@@ -6,10 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import pearsonr, spearmanr
 
-from cooperative.audit import AuditPlan
-from cooperative.estimators import wilson_interval
-from cooperative.shares import correlation, effective_size, shares
-from cooperative.twophase import Population, path, sample_weights, two_phase
+from cooperative.estimate import AuditPlan, Population, correlation, sample_weights, shares, two_phase, wilson_interval
+from cooperative.estimate._shares import effective_size
+from cooperative.estimate._twophase import path
 from tests.test_coop_twophase import answers, pair
 
 

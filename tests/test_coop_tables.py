@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 import pytest
 
+from cooperative.reporting import consolidate, write_table
 from cooperative.store import Sample, open_store, read_sample, sample_path, write_sample
-from cooperative.tables import consolidate, write_table
 
 SCENE = "[soil]\nSu_cov = 0.3\n"
 

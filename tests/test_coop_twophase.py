@@ -8,12 +8,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from cooperative import audit as audit_module
-from cooperative.audit import AuditPlan, audit_total, draw_wave, fit_logistic, normal_scores, predict_logistic
-from cooperative.estimators import after_more_runs, control_variate, monte_carlo, wilson_interval
-from cooperative.ranking import rank_samples
-from cooperative.subset import SubsetPlan, subset_simulation
-from cooperative.twophase import Population, next_audit, two_phase
+from cooperative.estimate import (
+    AuditPlan,
+    Population,
+    SubsetPlan,
+    after_more_runs,
+    control_variate,
+    monte_carlo,
+    next_audit,
+    rank_samples,
+    subset_simulation,
+    two_phase,
+    wilson_interval,
+)
+from cooperative.estimate import _audit as audit_module
+from cooperative.estimate._audit import audit_total, draw_wave, fit_logistic, normal_scores, predict_logistic
 
 
 def pair(count, pf, correlation, seed):

@@ -9,10 +9,13 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecu
 import numpy as np
 import pytest
 
-from cooperative import campaign, executors, screening
+from cooperative import campaign
 from cooperative.__main__ import main
-from cooperative.config import parse
-from cooperative.executors import ATTEMPTS, LOST, WorkerLost, Workers, dask_executor, process_pool, run_through
+from cooperative.runs import Workers, dask_executor, process_pool, run_through
+from cooperative.runs import _executors as executors
+from cooperative.runs import _model as screening
+from cooperative.runs._executors import ATTEMPTS, LOST, WorkerLost
+from cooperative.scene import parse
 from cooperative.store import Sample, read_rows, read_sample, read_store
 from tests.test_campaign import TINY
 

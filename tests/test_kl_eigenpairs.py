@@ -10,8 +10,9 @@ import pytest
 from scipy.optimize import brentq
 
 import kl
-from kl.fredholm import _haar_matrix, all_axis_modes
-from kl.modes import functions, scaled_functions
+from kl.axis import scaled_functions
+from kl.axis._fredholm import _haar_matrix, all_axis_modes
+from kl.axis._modes import functions
 
 REFERENCE = json.loads((Path(__file__).parent / "reference" / "verification.json").read_text())["kl_eigenvalues"]
 SMOOTH = kl.SquaredExponential(2.0)

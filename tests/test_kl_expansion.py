@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kl
-from kl.selection import select
+from kl.field._selection import select
 
 COST = json.loads((Path(__file__).parent / "reference" / "verification.json").read_text())
 COST = COST["kl_cost_on_one_core_of_a_2_core_EPYC"]

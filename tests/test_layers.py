@@ -1,4 +1,4 @@
-"""Imports go down only, and each package stands alone."""
+"""Imports go down only, from room to room, and each package stands alone."""
 
 import ast
 from pathlib import Path
@@ -7,39 +7,18 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 
-# From the bottom up: a module may import what stands before it.
-JAXMPM = [
-    "pytrees",
-    "types",
-    "files",
-    "check",
-    "tensors",
-    "shape",
-    "stencil",
-    "native",
-    "primitives",
-    "transfer",
-    "spectral",
-    "softening",
-    "materials",
-    "frictional",
-    "boundary",
-    "affine",
-    "averages",
-    "soil",
-    "discretisation",
-    "step",
-    "diagnostics",
-    "equilibrium",
-    "integrate",
-    "replay",
-    "objectives",
-    "sensitivity",
-    "many",
-    "reduction",
-    "scenes",
-    "io",
-]
+# From the bottom up: a room, or a module that stands alone, may import what stands before it.
+ROOMS = {
+    "jaxmpm": "pytrees types files check tensors transfer laws boundary _step diagnostics run site io",
+    "kl": "pytrees checks axis marginal sampling field soil plots",
+    "cooperative": "store scene measure estimate runs summary campaign reporting sweep research",
+}
+ENTRANCES = {"cooperative": {"__main__"}}
+FOREIGN = {
+    "jaxmpm": {"kl", "cooperative", "benchmarks", "tests"},
+    "kl": {"jaxmpm", "cooperative", "benchmarks", "tests"},
+    "cooperative": {"benchmarks", "tests"},
+}
 
 
 def imported(path: Path) -> set[str]:
@@ -57,30 +36,40 @@ def modules(package: str) -> list[Path]:
     return sorted((ROOT / package).rglob("*.py"))
 
 
-def test_every_module_of_the_solver_has_its_layer():
-    found = {path.relative_to(ROOT / "jaxmpm").parts[0].removesuffix(".py") for path in modules("jaxmpm")}
-    assert found - {"__init__"} <= set(JAXMPM)
+def room_of(path: Path) -> str:
+    """The room or lone module that a file belongs to; "__init__" for that of the package."""
+    return path.relative_to(ROOT).parts[1].removesuffix(".py")
 
 
-@pytest.mark.parametrize("path", modules("jaxmpm"), ids=lambda p: p.stem)
-def test_imports_of_the_solver_go_down(path):
-    name = path.relative_to(ROOT / "jaxmpm").parts[0].removesuffix(".py")
-    if name == "__init__":
+MODULES = [path for package in ROOMS for path in modules(package)]
+
+
+@pytest.mark.parametrize("package", ROOMS)
+def test_every_module_stands_in_a_room(package):
+    found = {room_of(path) for path in modules(package)} - {"__init__"} - ENTRANCES.get(package, set())
+    assert found == set(ROOMS[package].split())
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_imports_go_down_and_stay_out_of_other_rooms_insides(path):
+    package, room = path.relative_to(ROOT).parts[0], room_of(path)
+    if room == "__init__" or room in ENTRANCES.get(package, set()):
         return
-    below = JAXMPM[: JAXMPM.index(name) + 1]
+    order = ROOMS[package].split()
     for module in imported(path):
-        if module.startswith("jaxmpm."):
-            assert module.split(".")[1] in below, f"{name} imports {module}, which stands above it"
+        top, *inside = module.split(".")
+        if top != package or not inside or inside[0] not in order:
+            continue
+        assert inside[0] in order[: order.index(room) + 1], f"{path} imports {module}, which stands above it"
+        if inside[0] != room:
+            private = [name for name in inside[1:-1] if name.startswith("_")] or inside[-1].startswith("_")
+            assert not private, f"{path} imports {module}, which is the inside of another room"
 
 
-@pytest.mark.parametrize(
-    ("package", "foreign"),
-    [("jaxmpm", ("kl", "cooperative", "benchmarks")), ("kl", ("jaxmpm", "cooperative", "benchmarks"))],
-)
-def test_lower_packages_know_nothing_of_the_upper(package, foreign):
-    for path in modules(package):
-        tops = {module.split(".")[0] for module in imported(path)}
-        assert not tops & set(foreign), f"{path.name} imports {tops & set(foreign)}"
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_packages_know_nothing_of_those_above(path):
+    tops = {module.split(".")[0] for module in imported(path)}
+    assert not tops & FOREIGN[path.relative_to(ROOT).parts[0]]
 
 
 def test_campaigns_use_only_what_the_packages_export():
@@ -94,3 +83,9 @@ def test_campaigns_use_only_what_the_packages_export():
             top, _, rest = module.partition(".")
             if top in exported and rest:
                 assert rest in exported[top], f"{path.name} imports {module}, which {top} does not export"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_no_function_has_its_modules_name(path):
+    functions = {node.name for node in ast.parse(path.read_text()).body if isinstance(node, ast.FunctionDef)}
+    assert path.stem.removeprefix("_") not in functions or path.stem.startswith("_")

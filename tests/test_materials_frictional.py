@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 
 import jaxmpm as mpm
-from jaxmpm.spectral import principal
+from jaxmpm.laws._spectral import principal
 
 K, G, C = 8e6, 3e6, 10e3
 PHI = np.radians(30)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from jaxmpm import objectives
+from jaxmpm.run import objectives
 from jaxmpm.types import Engine
 
 SLOPE = mpm.Slope(crest=8.0, height=4.0, run_per_rise=1.0, toe=10.0, foundation=2.0)

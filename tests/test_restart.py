@@ -9,8 +9,9 @@ import time
 import numpy as np
 import pytest
 
-from cooperative import campaign, screening
-from cooperative.config import parse
+from cooperative import campaign
+from cooperative.runs import _model as screening
+from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, restart_path, write_sample
 from tests.test_campaign import TINY, changed
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 import jaxmpm as mpm
 from jaxmpm import diagnostics
-from jaxmpm.equilibrium import elastic_equilibrium
-from jaxmpm.scenes import at_rest
+from jaxmpm.site._builders import at_rest
+from jaxmpm.site._initial_stress import elastic_equilibrium
 
 PAPER_SOIL = mpm.Soil(strength=42e3, softening_modulus=85e3)
 SECTION = mpm.Discretisation(2.0, (1.0, 1.0))

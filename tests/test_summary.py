@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cooperative.config import parse
+from cooperative.scene import parse
 from cooperative.store import Rows
 from cooperative.summary import next_runs, phases_of, refined_answers, summarise
 from tests.test_campaign import TINY

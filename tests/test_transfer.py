@@ -18,8 +18,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from jaxmpm import native, transfer
-from jaxmpm.shape import shape_1d
+from jaxmpm.transfer import _transfers as transfer
+from jaxmpm.transfer import native
+from jaxmpm.transfer._shape import shape_1d
 from jaxmpm.types import GIMP, Engine, Grid, Linear, QuadraticBSpline
 
 CELL = 1.3

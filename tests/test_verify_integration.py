@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxmpm as mpm
-from jaxmpm.frictional import cone
+from jaxmpm.laws import cone
 from tests.test_materials_frictional import PEAK_AND_RESIDUAL, law, tensor
 
 K, G = 8e6, 3e6

@@ -57,7 +57,7 @@ def test_averaged_plastic_strain_peaks_less_and_its_sum_stays():
 
 
 def test_average_over_neighbours_keeps_a_constant_and_widens_a_spike_to_its_length():
-    from jaxmpm.step import neighbour_average
+    from jaxmpm._step import neighbour_average
     from jaxmpm.transfer import g2p, p2g
 
     length, cell = 2.0, 0.5

@@ -1,0 +1,95 @@
+"""Shares and correlations of samples that do not all stand for the same number of others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from cooperative.estimate._estimates import wilson_interval
+
+
+def effective_size(weight: np.ndarray) -> float:
+    """How many equally weighted samples tell as much as these (n,): Kish (1965), Survey Sampling, Section 11.7."""
+    weight = np.asarray(weight, dtype=float)
+    return float(weight.sum() ** 2 / (weight @ weight)) if weight.size else 0.0
+
+
+@dataclass(frozen=True)
+class Share:
+    """A part of a whole. count: samples in it. share: weighted. interval: confidence limits."""
+
+    count: int
+    share: float
+    interval: tuple[float, float]
+
+
+def shares(group: np.ndarray, weight: np.ndarray, names: tuple[str, ...], *, level: float = 0.95) -> dict[str, Share]:
+    """Share of each named group among samples (n,), n at least 1, with the Wilson interval of their effective size."""
+    size, total = effective_size(weight), float(np.sum(weight))
+    found = {}
+    for name in names:
+        mine = np.asarray(group) == name
+        share = min(float(np.sum(weight[mine])) / total, 1.0)
+        found[name] = Share(int(mine.sum()), share, wilson_interval(share * size, size, level))
+    return found
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """How well the rough grid tells the refined one, over samples run on both, each with its weight.
+
+    samples: run on both. spearman: of the ranks, with its interval. pearson_log: of the logarithm of the largest
+    displacement. same_class: share of samples that both grids call failed or both standing. phi: correlation of the
+    two classes, nan where either grid has one class only.
+    """
+
+    samples: int
+    spearman: float
+    interval: tuple[float, float]
+    pearson_log: float
+    same_class: float
+    phi: float
+
+
+def correlation(
+    rough: np.ndarray, refined: np.ndarray, weight: np.ndarray, *, limit: float, level: float = 0.95
+) -> Correlation | None:
+    """Correlation between the grids; None for fewer than 4 samples, or without any spread.
+
+    rough, refined: largest displacements (n,) [m] of the same samples. weight: (n,). limit: displacement beyond which
+    a sample has failed [m]. The interval of the rank correlation is Fisher's, with the variance of Bonett and Wright
+    (2000), Psychometrika 65, 23-28, for the effective number of samples.
+    """
+    if rough.size < 4 or np.ptp(rough) == 0 or np.ptp(refined) == 0:
+        return None
+    ranks = _ranks(rough, weight), _ranks(refined, weight)
+    spearman = min(max(_pearson(*ranks, weight), -1.0), 1.0)
+    size = max(effective_size(weight), 3.5)
+    half = float(norm.ppf(0.5 + level / 2) * np.sqrt((1 + spearman**2 / 2) / (size - 3)))
+    middle = np.arctanh(min(max(spearman, -1 + 1e-12), 1 - 1e-12))
+    fails = (rough > limit).astype(float), (refined > limit).astype(float)
+    both = np.ptp(fails[0]) > 0 and np.ptp(fails[1]) > 0
+    tiny = np.finfo(float).tiny
+    return Correlation(
+        samples=rough.size,
+        spearman=spearman,
+        interval=(float(np.tanh(middle - half)), float(np.tanh(middle + half))),
+        pearson_log=_pearson(np.log(np.maximum(rough, tiny)), np.log(np.maximum(refined, tiny)), weight),
+        same_class=float(weight[fails[0] == fails[1]].sum() / weight.sum()),
+        phi=_pearson(*fails, weight) if both else float("nan"),
+    )
+
+
+def _ranks(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Weighted ranks from 0 to 1: the share below, and half of that which is equal."""
+    distinct, place = np.unique(values, return_inverse=True)
+    share = np.bincount(place, weight, distinct.size) / weight.sum()
+    return (np.cumsum(share) - share / 2)[place]
+
+
+def _pearson(a: np.ndarray, b: np.ndarray, weight: np.ndarray) -> float:
+    share = weight / weight.sum()
+    a, b = a - share @ a, b - share @ b
+    return float((share @ (a * b)) / np.sqrt((share @ a**2) * (share @ b**2)))

@@ -1,0 +1,231 @@
+"""The two-phase estimator: all samples on the rough grid, an audited few on the refined one.
+
+Phase one is the sampling of the N fields, phase two the audit of `cooperative.audit`; the interval holds both.
+Two-phase sampling: Sarndal, Swensson and Wretman (1992), Model Assisted Survey Sampling, Chapter 9.
+Everything is a pure function of the rows and the plan: what to run next and the estimate come out the same
+whatever ran at once, in whatever order, and after any interruption.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cooperative.estimate._audit import (
+    AuditPlan,
+    AuditTotal,
+    Wave,
+    audit_total,
+    check_plan,
+    draw_wave,
+    fit_logistic,
+    normal_scores,
+    predict_logistic,
+    rough_centre,
+)
+from cooperative.estimate._estimates import Estimate, with_variance
+from cooperative.estimate._ranking import next_refined, rank_samples, stopping_rank
+
+
+@dataclass(frozen=True)
+class Population:
+    """Samples of the first phase. rough_displacement: (N,) [m]. failed_lanes: (N,) bool, rough lanes without a
+    result. weight: (N,), summing to 1, equal if None. replicate: (N,) int, the independent runs of subset
+    simulation that the samples came from; None if all N samples are independent."""
+
+    rough_displacement: np.ndarray
+    failed_lanes: np.ndarray | None = None
+    weight: np.ndarray | None = None
+    replicate: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class _Replay:
+    """The campaign so far, by rank (N,): order of samples, weights, scores, outcomes (nan where none), ranks of
+    the certainty stratum, complete waves, ranks to run next, and the model of all results."""
+
+    order: np.ndarray
+    weight: np.ndarray
+    outcome: np.ndarray
+    certain: np.ndarray
+    waves: tuple[Wave, ...]
+    missing: np.ndarray
+    model: np.ndarray
+    unanswered: int
+
+
+def next_audit(population: Population, refined: Mapping[int, bool | None], plan: AuditPlan) -> list[int]:
+    """Samples to run on the refined grid next, in the order drawn; all may run at once. Empty when finished.
+
+    First failed rough lanes and the ranked prefix, then wave by wave. refined: sample -> failed, None for a run
+    that gave no answer. Raises ValueError for a plan or population that makes no sense.
+    """
+    replay = _replay(population, refined, plan)
+    return [int(sample) for sample in replay.order[replay.missing]]
+
+
+def two_phase(
+    population: Population, refined: Mapping[int, bool | None], plan: AuditPlan, *, level: float = 0.95
+) -> Estimate:
+    """Estimate from the complete waves; see `next_audit` for the arguments.
+
+    Unbiased for any relation between the grids. A run without an answer is replaced by what the model expected
+    of it. Before the first wave is complete the interval is (0, 1).
+    """
+    return _estimate(population, _replay(population, refined, plan), level)
+
+
+def path(
+    population: Population, refined: Mapping[int, bool | None], plan: AuditPlan, *, level: float = 0.95
+) -> list[Estimate]:
+    """The estimate after every complete wave, first to last: how it came to where it is."""
+    replay = _replay(population, refined, plan)
+    spent = replay.certain.size + np.cumsum([wave.ranks.size for wave in replay.waves], dtype=int)
+    return [two_phase(population, refined, replace(plan, runs=max(int(runs), 2)), level=level) for runs in spent]
+
+
+def sample_weights(population: Population, refined: Mapping[int, bool | None], plan: AuditPlan) -> dict[int, float]:
+    """What each refined run stands for: sample -> weight, so that sums of weight times outcome are unbiased totals.
+
+    The weights of the ordered draws without a model; for a share among the failures, or any other mean over samples,
+    divide by their sum. Runs that gave no answer, and those of an incomplete wave, have none.
+    """
+    replay = _replay(population, refined, plan)
+    count, nothing = replay.order.size, np.zeros(replay.order.size)
+    waves = [replace(wave, model=nothing) for wave in replay.waves]
+    known = np.where(np.isnan(replay.outcome), 0.0, 1.0)
+    total = audit_total(waves, known, replay.certain, weight=replay.weight, model=nothing, group=np.arange(count))
+    counted = np.flatnonzero(total.by_group > 0)
+    return {int(replay.order[rank]): float(total.by_group[rank]) for rank in counted}
+
+
+def _replay(population: Population, refined: Mapping[int, bool | None], plan: AuditPlan) -> _Replay:
+    check_plan(plan)
+    ranking = rank_samples(population.rough_displacement, population.failed_lanes)
+    order, count, lost = ranking.order, ranking.order.size, ranking.failed_lanes.size
+    weight = np.full(count, 1 / count) if population.weight is None else np.asarray(population.weight)[order]
+    _check_weights(population, weight, count)
+    if lost > plan.runs - plan.first_wave:
+        raise ValueError(
+            f"{lost} rough lanes failed and want a refined run each, of {plan.runs} runs in all: "
+            "give more runs, or repair the rough lanes"
+        )
+    score = normal_scores(weight)
+    centre = rough_centre(population.rough_displacement[order], weight, plan.rough_threshold)
+    outcome = np.full(count, np.nan)
+    answered = np.zeros(count, dtype=bool)
+
+    def look_up(ranks: np.ndarray) -> np.ndarray:
+        """Take over the results of these ranks; those that are still missing come back."""
+        for rank in ranks:
+            answer = refined.get(int(order[rank]), "missing")
+            if answer != "missing":
+                answered[rank] = True
+                outcome[rank] = np.nan if answer is None else float(answer)
+        return ranks[~answered[ranks]]
+
+    def model() -> np.ndarray:
+        # A failed rough lane has no rank of its own, so it teaches the model nothing.
+        usable = np.flatnonzero(~np.isnan(outcome))
+        usable = usable[usable >= lost]
+        return predict_logistic(fit_logistic(score[usable], outcome[usable], centre), score, centre)
+
+    certain, missing = _certainty_stratum(population, refined, plan, order, lost)
+    missing = np.union1d(missing, look_up(certain))
+    waves: list[Wave] = []
+    drawn = 0
+    generator = np.random.default_rng(plan.seed)
+
+    def state() -> _Replay:
+        unanswered = int((answered & np.isnan(outcome)).sum())
+        return _Replay(order, weight, outcome, certain, tuple(waves), missing, model(), unanswered)
+
+    while not missing.size and certain.size + drawn < min(plan.runs, count):
+        if plan.target_cov is not None and len(waves) > 1 and _estimate(population, state()).cov <= plan.target_cov:
+            break
+        size = min(plan.wave(drawn), plan.runs - certain.size - drawn)
+        wave = draw_wave(generator, model(), weight=weight, known=answered, size=size, floor=plan.floor)
+        missing = look_up(wave.ranks)
+        if missing.size:
+            # Results of an incomplete wave wait for the others.
+            outcome[wave.ranks], answered[wave.ranks] = np.nan, False
+            missing = wave.ranks[np.isin(wave.ranks, missing)]
+        else:
+            waves.append(wave)
+            drawn += wave.ranks.size
+    return state()
+
+
+def _certainty_stratum(
+    population: Population, refined: Mapping[int, bool | None], plan: AuditPlan, order: np.ndarray, lost: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Ranks known with certainty, and those among them that are still to run."""
+    if plan.k_t is None:
+        return np.arange(lost), np.zeros(0, dtype=int)
+    most = max(plan.runs // 2, lost)
+    rank = stopping_rank(order[:most], refined, plan.k_t)
+    if rank is not None:
+        return np.arange(max(rank, lost)), np.zeros(0, dtype=int)
+    displacement = -np.arange(most, dtype=float)
+    ranked = {at: refined[int(sample)] for at, sample in enumerate(order[:most]) if int(sample) in refined}
+    missing = np.array(next_refined(displacement, ranked, plan.k_t, most), dtype=int)
+    known = np.array([at for at in ranked if at < missing.min()], dtype=int)
+    return np.union1d(known, np.arange(lost)), missing
+
+
+def _estimate(population: Population, replay: _Replay, level: float = 0.95) -> Estimate:
+    weight, model = replay.weight, replay.model
+    group = None
+    if population.replicate is not None:
+        group = np.unique(population.replicate[replay.order], return_inverse=True)[1]
+    audit = audit_total(replay.waves, replay.outcome, replay.certain, weight=weight, model=model, group=group)
+    runs = replay.certain.size + sum(wave.ranks.size for wave in replay.waves)
+    notes = []
+    if replay.unanswered:
+        notes.append(f"{replay.unanswered} refined runs gave no answer: the model stands in for them")
+    if np.isnan(audit.variance):
+        notes.append("no wave of the audit is complete yet: this is the model's guess")
+        return Estimate(audit.total, (0.0, 1.0), np.inf, runs, "two-phase", level, tuple(notes), np.nan)
+    variance, total = audit.variance, audit.total
+    if np.nansum(replay.outcome) == 0 and not np.isinf(audit.effective_draws):
+        notes.append("no refined failure found yet: the interval rests on the model")
+        variance, total = max(variance, audit.doubt), max(total, float(weight @ model))
+    both, freedom = _whole_variance(audit, variance, min(max(total, 0.0), 1.0), weight.size, group)
+    return with_variance(
+        "two-phase",
+        total,
+        both,
+        runs,
+        freedom=freedom,
+        audit_variance=variance,
+        level=level,
+        notes=tuple(notes),
+    )
+
+
+def _whole_variance(
+    audit: AuditTotal, variance: float, share: float, samples: int, group: np.ndarray | None
+) -> tuple[float, float]:
+    """Variance of both phases and its degrees of freedom; `variance` is that of the audit.
+
+    Independent samples scatter binomially. Replicates of subset simulation show by their own scatter what chains,
+    levels and audit do together, whatever depends on what within them (random groups; Wolter 2007, Introduction to
+    Variance Estimation, Chapter 2).
+    """
+    if group is not None:
+        each = audit.by_group * audit.by_group.size
+        return max(float(each.var(ddof=1)) / each.size, variance), each.size - 1.0
+    both = variance + share * (1 - share) / samples
+    # Welch and Satterthwaite, the binomial part being as good as known.
+    return both, audit.effective_draws * (both / variance) ** 2 if variance > 0 else np.inf
+
+
+def _check_weights(population: Population, weight: np.ndarray, count: int) -> None:
+    if weight.shape != (count,) or not (weight > 0).all() or not np.isclose(weight.sum(), 1.0):
+        raise ValueError(f"weight sums to {weight.sum():.6g}: give {count} positive weights that sum to 1")
+    if population.replicate is None and population.weight is not None:
+        raise ValueError("weighted samples are not independent: give the replicate that each came from")
+    if population.replicate is not None and np.unique(population.replicate).size < 2:
+        raise ValueError("replicate names fewer than 2 independent runs: give at least 2, better 8")

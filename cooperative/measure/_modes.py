@@ -1,0 +1,173 @@
+"""Failure modes: shallow, deep, compound and progressive, from depths across the slope and times of release.
+
+The four modes are those of Jiang, Li, Ma and Rezania (2024), Computers and Geotechnics 172, 106413, who tell them
+apart by eye. The rules here need no eye. Where several hold, the gravest name wins: progressive, compound, deep,
+shallow.
+
+    shallow       no mass slides deeper below the crest than the slope is high: it passes above the toe
+    deep          all masses slide deeper
+    compound      masses of both kinds at different places along the slope
+    progressive   a second mass lets go after the first has slowed
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.signal import find_peaks
+
+from cooperative.measure._consequences import SlopeGeometry, largest_per_slice, overlapped_slices
+from cooperative.measure._onsets import Motion, releases
+
+SEVERITY = ("progressive", "compound", "deep", "shallow")
+
+
+@dataclass(frozen=True)
+class ModeRules:
+    """Limits of the rules.
+
+    sliding_displacement: displacement from which on soil counts as sliding, and as let go [m].
+    slice_width: width of the slices across the slope [m].
+    separation: two masses side by side are two if the depth between them is less than that of the lesser by this
+        share of the slope height.
+    smallest_share: share of the sliding volume below which a mass does not count.
+    lull: time [s] in which less than `lull_share` of the sliding volume lets go, between two releases.
+    slowed: the first mass has slowed when its mean speed, over a snapshot, is at most this share of its peak.
+    """
+
+    sliding_displacement: float = 1.0
+    slice_width: float = 2.0
+    separation: float = 0.2
+    smallest_share: float = 0.05
+    lull: float = 1.0
+    lull_share: float = 0.02
+    slowed: float = 0.5
+
+
+@dataclass(frozen=True)
+class FailureMode:
+    """name: one of SEVERITY, or "none" if nothing slides. depth: sliding depth below the crest of each slice along the
+    slope (slices,) [m], 0 where nothing slides; one slice in a section. masses: the depth of each mass [m]. released:
+    when the first and, if progressive, the second mass began to let go [s]. notes: in words."""
+
+    name: str
+    depth: np.ndarray
+    masses: tuple[float, ...]
+    released: tuple[float, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def failure_mode(
+    position: np.ndarray,
+    displacement: np.ndarray,
+    volume: np.ndarray,
+    geometry: SlopeGeometry,
+    *,
+    half_size: np.ndarray,
+    motion: Motion | None = None,
+    rules: ModeRules | None = None,
+) -> FailureMode:
+    """Mode of one final state.
+
+    position, displacement: (d, N) [m], rows (x, y, z) or, in a section, (x, z). volume: (N,). half_size: half the
+    initial particle spacing (d,) [m]. motion: the run's past; without it progressive failure cannot be told, and a
+    note says so.
+    Raises ValueError for shapes that do not fit, or a past with another threshold than that of the rules.
+    """
+    rules = rules or ModeRules()
+    position, displacement, volume = (np.asarray(a, dtype=float) for a in (position, displacement, volume))
+    _check(position, displacement, volume, motion, rules)
+    sliding = np.linalg.norm(displacement, axis=0) >= rules.sliding_displacement
+    depth, share = depth_profile(position, sliding, volume, geometry, half_size=half_size, rules=rules)
+    if not sliding.any():
+        return FailureMode("none", depth, ())
+    masses = separate_masses(depth, share, geometry.height, rules)
+    released: tuple[float, ...] = ()
+    notes: tuple[str, ...] = ()
+    if motion is None:
+        notes = ("no displacement history: progressive failure cannot be told",)
+    else:
+        released = releases(
+            motion, sliding, smallest_share=rules.smallest_share, lull=rules.lull, lull_share=rules.lull_share,
+            slowed=rules.slowed,
+        )  # fmt: skip
+    return FailureMode(name_mode(masses, geometry.height, len(released) > 1), depth, masses, released, notes)
+
+
+def name_mode(masses: tuple[float, ...], slope_height: float, progressive: bool) -> str:
+    """Name from the depths of the masses [m]: the precedence of the rules, nothing else."""
+    deep = [depth > slope_height for depth in masses]
+    if progressive:
+        return "progressive"
+    if any(deep):
+        return "deep" if all(deep) else "compound"
+    return "shallow"
+
+
+def depth_profile(
+    position: np.ndarray,
+    sliding: np.ndarray,
+    volume: np.ndarray,
+    geometry: SlopeGeometry,
+    *,
+    half_size: np.ndarray,
+    rules: ModeRules,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Sliding depth below the crest [m] and share of the sliding volume of each slice along the slope, (slices,) each.
+
+    The slices divide the slope evenly from end to end, so that moving or mirroring it changes nothing.
+    """
+    below = geometry.crest_z - (position[-1, sliding] - half_size[-1])
+    if len(position) == 2:
+        return np.array([below.max(initial=0.0)]), np.ones(1)
+    y, half = position[1], float(half_size[1])
+    low, high = float(y.min() - half), float(y.max() + half)
+    slices = max(round((high - low) / rules.slice_width), 1)
+    if not sliding.any():
+        return np.zeros(slices), np.zeros(slices)
+    y, width = y[sliding], (high - low) / slices
+    first, last = overlapped_slices(y, half, origin=low, slice_width=width, slices=slices)
+    share = np.zeros(slices)
+    for step in range(int((last - first).max()) + 1):
+        at = first + step
+        left = low + at * width
+        overlap = np.minimum(y + half, left + width) - np.maximum(y - half, left)
+        np.add.at(share, np.minimum(at, last), volume[sliding] * np.maximum(overlap, 0.0))
+    return largest_per_slice(first, last, below, slices), share / share.sum()
+
+
+def separate_masses(depth: np.ndarray, share: np.ndarray, slope_height: float, rules: ModeRules) -> tuple[float, ...]:
+    """Depths [m] of the masses side by side: peaks of the depth profile that stand out from what lies between them.
+
+    depth, share: (slices,), from `depth_profile`. The flank of a deep slide gets shallower and is no mass of its own.
+    """
+    padded = np.concatenate([[0.0], depth, [0.0]])
+    peaks = find_peaks(padded, prominence=rules.separation * slope_height)[0] - 1
+    if peaks.size == 0:
+        return (float(depth.max()),)
+    saddles = [a + int(np.argmin(depth[a:b])) for a, b in pairwise(peaks)]
+    edges = [0, *saddles, depth.size]
+    kept = [
+        float(depth[peak])
+        for peak, a, b in zip(peaks, edges[:-1], edges[1:], strict=True)
+        if share[a:b].sum() >= rules.smallest_share
+    ]
+    return tuple(kept) or (float(depth.max()),)
+
+
+def _check(
+    position: np.ndarray, displacement: np.ndarray, volume: np.ndarray, motion: Motion | None, rules: ModeRules
+) -> None:
+    if position.ndim != 2 or len(position) not in (2, 3) or position.shape[1] == 0:
+        raise ValueError(f"position has shape {position.shape}: give (2, N) in a section or (3, N) in 3D, N at least 1")
+    if displacement.shape != position.shape or volume.shape != position.shape[1:]:
+        raise ValueError(
+            f"displacement {displacement.shape} and volume {volume.shape} do not fit position {position.shape}"
+        )
+    if motion is not None and motion.volume.shape != volume.shape:
+        raise ValueError(f"motion is of {motion.volume.size} particles: give that of the run's {volume.size}")
+    if motion is not None and motion.threshold != rules.sliding_displacement:
+        limit = rules.sliding_displacement
+        raise ValueError(f"motion has the threshold {motion.threshold:g} m: start it with the rules' {limit:g} m")

@@ -1,0 +1,17 @@
+"""What people see of a campaign: words, charts, pictures, one page, exports, progress."""
+
+from cooperative.reporting._plots import panels, save
+from cooperative.reporting._progress import progress_of, words
+from cooperative.reporting._tables import consolidate, write_table
+from cooperative.reporting._words import SLIDES, report
+
+__all__ = [
+    "SLIDES",
+    "consolidate",
+    "panels",
+    "progress_of",
+    "report",
+    "save",
+    "words",
+    "write_table",
+]

@@ -1,0 +1,209 @@
+"""Figures of a campaign's numbers. Each takes arrays or parts of its summary and gives a matplotlib Figure.
+
+Units stand on every axis. The colours are those of Okabe and Ito (2008), distinct for all kinds of colour vision; what
+colour tells, shape or position tells too. Pictures of the slope itself are in `cooperative.plots`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from cooperative.estimate import CANDIDATES
+from cooperative.reporting._plots import panels
+
+ROUGH, REFINED, FAILED, GREY = "#0072B2", "#D55E00", "#CC79A7", "#5A5A5A"
+MODE_COLOURS = {"progressive": "#D55E00", "compound": "#CC79A7", "deep": "#0072B2", "shallow": "#009E73"}
+FIT_STYLES = (("#D55E00", "-"), ("#009E73", "--"), ("#56B4E9", "-."))
+
+
+def ranked_displacements(rows: Mapping[str, np.ndarray], *, threshold: float = 1.0) -> Figure:
+    """Largest displacement of every sample, by rank on the rough grid, with its refined result.
+
+    rows: rough (N,) [m] and refined (N,) [m], nan where a sample has no result on that grid; optionally
+    audited (N,) bool, samples drawn by the audit. threshold: displacement that counts as failure [m].
+    """
+    figure, (ax,) = panels(1, size=(7.0, 4.2))
+    rough, refined = (np.asarray(rows[name], dtype=float) for name in ("rough", "refined"))
+    order = np.argsort(-np.where(np.isfinite(rough), rough, np.inf), kind="stable")
+    rank = np.arange(1, rough.size + 1)
+    rough, refined = rough[order], refined[order]
+    audited = np.asarray(rows.get("audited", np.zeros(rough.size, dtype=bool)))[order]
+    ax.plot(rank, rough, ".", color=ROUGH, ms=4, label=f"rough grid ({np.isfinite(rough).sum()} samples)")
+    for chosen, marker, name in ((~audited, "^", "refined grid"), (audited, "s", "refined grid, audit")):
+        if np.isfinite(refined[chosen]).any():
+            count = np.isfinite(refined[chosen]).sum()
+            ax.plot(
+                rank[chosen],
+                refined[chosen],
+                marker,
+                color=REFINED if marker == "^" else FAILED,
+                ms=5,
+                mfc="none",
+                label=f"{name} ({count} samples)",
+            )
+    lost = ~np.isfinite(rough)
+    if lost.any():
+        ax.plot(
+            rank[lost],
+            np.full(lost.sum(), np.nanmax(rough)),
+            "x",
+            color=GREY,
+            label=f"rough lane failed ({lost.sum()})",
+        )
+    ax.axhline(threshold, color=GREY, lw=1, ls=":")
+    ax.annotate(f"failure from {threshold:g} m", (rank[-1], threshold), ha="right", va="bottom", color=GREY, fontsize=9)
+    ax.set(yscale="log", xlabel="rank on the rough grid [-]", ylabel="largest displacement $R_d$ [m]")
+    ax.legend()
+    return figure
+
+
+def histograms(samples: Mapping[str, np.ndarray], labels: Mapping[str, str]) -> Figure:
+    """Histograms of consequences, one panel each.
+
+    samples: name -> values (n,). labels: name -> axis label with its unit.
+    """
+    columns = min(len(samples), 3)
+    figure, axes = panels(-(-len(samples) // columns), columns, size=(3.2, 2.7))
+    for ax, (name, values) in zip(axes, samples.items(), strict=False):
+        values = np.asarray(values, dtype=float)
+        values = values[np.isfinite(values)]
+        if values.size:
+            ax.hist(values, bins="sqrt", color="#BBD5E8", edgecolor=ROUGH, lw=0.6)
+            ax.yaxis.set_major_locator(MaxNLocator(integer=True))
+        else:
+            ax.annotate("no samples", (0.5, 0.5), xycoords="axes fraction", ha="center", color=GREY)
+        ax.set(xlabel=labels[name], ylabel="samples [-]")
+        ax.set_title(f"{values.size} samples", loc="left", fontsize=9)
+    for ax in axes[len(samples) :]:
+        ax.set_axis_off()
+    return figure
+
+
+def convergence(
+    spent: Mapping[str, np.ndarray],
+    probability: Mapping[str, np.ndarray],
+    interval: Mapping[str, np.ndarray],
+    *,
+    truth: float | None = None,
+) -> Figure:
+    """Probability of failure against refined runs spent, one band per estimator.
+
+    spent: method -> refined runs (m,). probability: method -> P_f (m,). interval: method -> limits (2, m).
+    truth: a known answer, drawn as a line.
+    """
+    figure, (ax,) = panels(1, size=(7.0, 4.2))
+    for (method, runs), (colour, style) in zip(
+        spent.items(), ((ROUGH, "-"), (REFINED, "--"), ("#009E73", "-."), (FAILED, ":")), strict=False
+    ):
+        ax.fill_between(runs, *interval[method], color=colour, alpha=0.15, lw=0)
+        ax.plot(
+            runs, probability[method], style, color=colour, lw=2, marker="o", ms=4, label=f"{method}, 95 % interval"
+        )
+    if truth is not None:
+        ax.axhline(truth, color=GREY, lw=1, label=f"all samples refined: {truth:.3g}")
+    ax.set(xlabel="refined runs spent [-]", ylabel="probability of failure $P_f$ [-]")
+    ax.set_ylim(bottom=0)
+    ax.legend()
+    return figure
+
+
+def grids(rough: np.ndarray, refined: np.ndarray, *, threshold: float, title: str = "") -> Figure:
+    """Refined against rough displacement of the samples that ran on both: how well the rough grid tells.
+
+    rough, refined: (n,) [m]. threshold: displacement that counts as failure [m]. title: what is known of it, in words.
+    """
+    figure, (ax,) = panels(1, size=(5.2, 4.6))
+    fails = refined > threshold
+    for mine, marker, colour, name in (
+        (fails, "^", REFINED, "fails on the refined grid"),
+        (~fails, "o", ROUGH, "stands on the refined grid"),
+    ):
+        ax.plot(rough[mine], refined[mine], marker, color=colour, mfc="none", ms=5, label=f"{name} ({mine.sum()})")
+    ends = np.array([min(rough.min(), refined.min()), max(rough.max(), refined.max())])
+    ax.plot(ends, ends, "-", color=GREY, lw=0.8, label="both alike")
+    ax.axhline(threshold, color=GREY, lw=1, ls=":")
+    ax.axvline(threshold, color=GREY, lw=1, ls=":")
+    ax.set(xscale="log", yscale="log", xlabel="$R_d$ on the rough grid [m]", ylabel="$R_d$ on the refined grid [m]")
+    ax.set_title(title, loc="left", fontsize=9)
+    ax.legend(fontsize=8)
+    return figure
+
+
+def mode_shares(modes: Mapping[str, Mapping[str, Any]]) -> Figure:
+    """Share of each failure mode among the failures, with its interval.
+
+    modes: name -> count, ratio, interval, as in the summary.
+    """
+    figure, (ax,) = panels(1, size=(6.0, 3.2))
+    names = list(modes)
+    ratio = np.array([modes[name]["ratio"] for name in names])
+    low, high = np.array([modes[name]["interval"] for name in names]).T
+    at = np.arange(len(names))
+    # An estimate at the end of its interval may round beyond it.
+    spread = np.maximum([ratio - low, high - ratio], 0.0)
+    ax.bar(at, ratio, 0.6, color=[MODE_COLOURS[name] for name in names], alpha=0.8)
+    ax.errorbar(at, ratio, spread, fmt="none", ecolor="black", capsize=5, lw=1.2, label="95 % interval")
+    ax.set_xticks(at, [f"{name}\n{modes[name]['count']} runs" for name in names])
+    ax.set(ylabel="share of the failures [-]", xlabel="failure mode [-]", ylim=(0, 1.02))
+    ax.legend()
+    return figure
+
+
+def fitted(
+    samples: Mapping[str, np.ndarray],
+    weights: np.ndarray,
+    fits: Mapping[str, Mapping[str, Any]],
+    labels: Mapping[str, str],
+    *,
+    most: int = 3,
+) -> Figure:
+    """Cumulative distribution of each consequence with the best fits, one panel each.
+
+    samples: name -> values (n,) of the failures. weights: what each stands for (n,). fits: name -> the summary's fits,
+    best first. labels: name -> axis label with its unit. most: fits drawn in each panel.
+    """
+    columns = min(len(samples), 3)
+    figure, axes = panels(-(-len(samples) // columns), columns, size=(3.5, 2.9))
+    for ax, (name, values) in zip(axes, samples.items(), strict=False):
+        order = np.argsort(values, kind="stable")
+        share = np.cumsum(weights[order]) / weights.sum()
+        at = np.concatenate([values[order][:1], values[order]])
+        ax.step(at, np.concatenate([[0.0], share]), where="post", color="black", lw=1.4, label="runs")
+        reach = np.ptp(values)
+        curve = np.linspace(values.min() - 0.15 * reach, values.max() + 0.15 * reach, 200)
+        for fit, (colour, style) in zip(fits.get(name, {}).get("fits", ())[:most], FIT_STYLES, strict=False):
+            cumulative = CANDIDATES[fit["name"]].family(*fit["parameters"]).cdf(curve)
+            ax.plot(curve, cumulative, style, color=colour, lw=1.6, label=f"{fit['name']}, AIC {fit['aic']:.1f}")
+        ax.set(xlabel=labels[name], ylabel="cumulative share [-]", ylim=(-0.02, 1.02))
+        ax.legend(fontsize=7)
+    for ax in axes[len(samples) :]:
+        ax.set_axis_off()
+    return figure
+
+
+def severity(places: Mapping[str, Sequence[Mapping[str, Any]]], labels: Mapping[str, str]) -> Figure:
+    """Median of each consequence by failure mode, most severe on top, with its bootstrap interval.
+
+    places: consequence -> modes by rank, as in the summary. labels: name -> axis label with its unit.
+    """
+    columns = min(len(places), 3)
+    figure, axes = panels(-(-len(places) // columns), columns, size=(3.5, 2.4))
+    for ax, (name, ranked) in zip(axes, places.items(), strict=False):
+        for height, place in enumerate(reversed(ranked)):
+            colour = MODE_COLOURS[place["group"]]
+            low, high = place["interval"]
+            # A mode seen once has no interval.
+            if low is not None and high is not None:
+                ax.plot([low, high], [height, height], "-", color=colour, lw=2.5, alpha=0.6)
+            ax.plot(place["middle"], height, "o", color=colour, ms=7)
+        ax.set_yticks(range(len(ranked)), [f"{place['group']} ({place['count']})" for place in reversed(ranked)])
+        ax.set(xlabel=labels[name], ylim=(-0.6, len(ranked) - 0.4))
+        ax.set_ylabel("failure mode (runs) [-]")
+    for ax in axes[len(places) :]:
+        ax.set_axis_off()
+    return figure

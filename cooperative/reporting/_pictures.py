@@ -1,0 +1,152 @@
+"""Pictures of chosen samples: the field that both grids see, the slide at several times, from the side and above."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cooperative.measure import SEVERITY
+from cooperative.reporting import _plots as plots
+from cooperative.reporting._plots import Drawn
+from cooperative.runs import GridModel, build, expansion_of
+from cooperative.scene import Config
+from cooperative.store import Rows, Sample
+from jaxmpm import Midway, solve_each
+
+PATIENCE = 60.0
+"""Seconds of running samples again for their pictures that nobody is asked about."""
+
+SHARES = (0.1, 0.5)
+"""Shares of the largest displacement at which a slide is drawn, and at its end."""
+
+
+@dataclass(frozen=True)
+class Moments:
+    """A run at some of its times. times: (T,) s. displacement: (T, d, N) m."""
+
+    times: tuple[float, ...]
+    displacement: np.ndarray
+
+
+def choose(rows: Rows, failed: np.ndarray, most: int) -> list[int]:
+    """Numbers of the samples to draw: the farthest of each failure mode that occurs, then the next farthest.
+
+    failed: (runs,) bool. Where nothing failed it is the sample that moved farthest.
+    """
+    moved = rows.columns["displacement"]
+    modes = rows.columns.get("mode", np.full(moved.size, ""))
+    order = np.argsort(-moved, kind="stable").tolist()
+    if not failed.any():
+        return [rows.numbers[order[0]]]
+    falls = [at for at in order if failed[at]]
+    leaders = [next((at for at in falls if modes[at] == mode), None) for mode in SEVERITY]
+    chosen = dict.fromkeys([falls[0], *(at for at in leaders if at is not None), *falls])
+    return [rows.numbers[at] for at in list(chosen)[:most]]
+
+
+def fields(models: dict[str, GridModel], sample: Sample) -> Drawn:
+    """The strength that both grids see for one sample."""
+    planes = {grid: _plane(model, sample) for grid, model in models.items()}
+    figure = plots.strength_fields(
+        {grid: _section(models[grid], planes[grid]) for grid in models},
+        {grid: _strength(model, sample)[planes[grid]] for grid, model in models.items()},
+    )
+    return Drawn("field", f"Sample {sample.number}: the same random field of strength on both grids.", figure)
+
+
+def before_and_after(model: GridModel, sample: Sample) -> Drawn:
+    """One sample's section before and after, by the plastic strain that was kept."""
+    plane = _plane(model, sample)
+    section, half = _section(model, plane)
+    figure = plots.before_and_after(
+        section, sample.fields["displacement"][[0, -1]][:, plane], sample.fields["plastic_strain"][plane], half
+    )
+    return Drawn("slope", f"Sample {sample.number} before and after its slide, by plastic strain.", figure)
+
+
+def slides(model: GridModel, samples: Sequence[Sample], *, again: bool) -> Iterator[Drawn]:
+    """Each sample's strength and slide at several times, in 3D from above too.
+
+    again: run the samples again for it whatever that costs; otherwise only where they took less than a minute in all,
+    and the fields that were kept serve instead. A sample without either is left out.
+    """
+    again = again or sum(sample.seconds for sample in samples) <= PATIENCE
+    for sample in samples:
+        if again:
+            shown = moments(model, sample)
+        elif "displacement" in sample.fields:
+            shown = Moments((sample.steps * float(model.scene.time_step),), sample.fields["displacement"][None])
+        else:
+            continue
+        mode = f", {sample.row['mode']}" if sample.row.get("mode") not in (None, "none") else ""
+        plane = _plane(model, sample)
+        figure = plots.slide(
+            _section(model, plane),
+            _strength(model, sample)[plane],
+            shown.displacement[:, [0, -1]][:, :, plane],
+            shown.times,
+        )
+        where = " Section where it moved farthest." if len(model.half_size) == 3 else ""
+        yield Drawn(f"slide-{sample.number:06d}", f"Sample {sample.number}{mode}: strength and slide.{where}", figure)
+        if len(model.half_size) == 3:
+            position = np.asarray(model.scene.particles.position, float)
+            toe = model.config.slope.toe_x
+            figure = plots.plan(position, shown.displacement, shown.times, model.half_size, toe=toe)
+            yield Drawn(f"plan-{sample.number:06d}", f"Sample {sample.number}{mode} from above.", figure)
+
+
+def moments(model: GridModel, sample: Sample) -> Moments:
+    """Run a finished sample again and keep its displacement when it has moved the given shares of its largest one, and
+    at its end."""
+    reach = float(sample.row["displacement"])
+    due = [share * reach for share in SHARES]
+    times: list[float] = []
+    kept: list[np.ndarray] = []
+
+    def look(_: int, seconds: float, midway: Midway) -> None:
+        displacement = midway.state.displacement
+        if due and float(np.linalg.norm(displacement, axis=0).max()) >= due[0]:
+            del due[0]
+            times.append(seconds)
+            kept.append(np.asarray(displacement))
+
+    run = model.config.run
+    strength = [(sample.number, model.strength(sample.coefficients))]
+    for _, result in solve_each(
+        model.scene, model.state, strength, width=1, t_end=run.t_end, settle=run.settle, observe=look
+    ):
+        end = int(result.state.step) * float(model.scene.time_step)
+        if not times or end > times[-1]:
+            times.append(end)
+            kept.append(np.asarray(result.state.displacement))
+    return Moments(tuple(times), np.stack(kept))
+
+
+def models_of(config: Config) -> dict[str, GridModel]:
+    """Both grids of a campaign."""
+    expansion = expansion_of(config)
+    return {grid: build(config, grid, expansion) for grid in ("rough", "refined")}
+
+
+def _strength(model: GridModel, sample: Sample) -> np.ndarray:
+    return np.asarray(model.strength(sample.coefficients), float)
+
+
+def _plane(model: GridModel, sample: Sample) -> np.ndarray:
+    """Particles (N,) of the section to draw: all of them in 2D, in 3D the slice that moved farthest."""
+    position = np.asarray(model.scene.particles.position)
+    if len(position) == 2:
+        return np.ones(position.shape[1], bool)
+    centre = (model.config.slope.width or 0.0) / 2
+    moved = sample.fields.get("displacement")
+    if moved is not None and moved.shape == position.shape:
+        centre = float(position[1, np.argmax(np.linalg.norm(moved, axis=0))])
+    nearest = position[1, np.argmin(np.abs(position[1] - centre))]
+    return np.abs(position[1] - nearest) < model.half_size[1]
+
+
+def _section(model: GridModel, plane: np.ndarray) -> plots.Section:
+    """Positions (2, n) of a section's particles and half their spacing (2,) [m]."""
+    return np.asarray(model.scene.particles.position, float)[[0, -1]][:, plane], model.half_size[[0, -1]]

@@ -1,0 +1,181 @@
+"""How far a campaign is: samples done, how fast, how long still, and what is known by now. Read from its folder alone.
+
+The folder's lock is not touched, so a campaign may be looked at while it runs, or after it was killed.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cooperative import estimate as designs
+from cooperative import summary
+from cooperative.estimate import Estimate, wilson_interval
+from cooperative.scene import Config, config_of
+from cooperative.store import GRIDS, Rows, Store, read_rows, read_store, sample_path
+
+RECENT = 20
+"""How many of the last finished samples the pace is taken from."""
+
+
+@dataclass(frozen=True)
+class GridProgress:
+    """One grid. done: finished samples. planned: of how many, None where the stopping rule alone will tell. at_least:
+    whether `planned` may grow. hourly: samples per hour of late, nan before the second. seconds_left: to go, nan where
+    nothing tells. broke_off: runs that broke off. damaged: files that cannot be trusted and will be redone."""
+
+    grid: str
+    done: int
+    planned: int
+    at_least: bool
+    hourly: float
+    seconds_left: float
+    broke_off: int
+    damaged: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Progress:
+    """name: of the campaign. controller: who holds the folder, in words. grids: rough, then refined. estimate: from
+    the refined runs so far, or while screening the share of rough failures; None before the first sample."""
+
+    name: str
+    controller: str
+    grids: tuple[GridProgress, ...]
+    estimate: Estimate | None
+
+
+def progress_of(folder: str | Path) -> Progress:
+    """Read how far the campaign in `folder` is. ValueError if the folder is none."""
+    store = read_store(folder)
+    config = config_of(store)
+    rows = {grid: read_rows(store, grid) for grid in GRIDS}
+    pace = {grid: seconds_per_sample(*_ends(store, grid, rows[grid])) for grid in GRIDS}
+    if not np.isfinite(pace["refined"]):
+        pace["refined"] = pace["rough"] * cost_ratio(config)
+    grids = tuple(_grid(config, grid, rows, pace[grid]) for grid in GRIDS)
+    return Progress(config.name, _controller(store), grids, current_estimate(config, rows["rough"], rows["refined"]))
+
+
+def current_estimate(config: Config, rough: Rows, refined: Rows) -> Estimate | None:
+    """The estimate so far; before the screening is complete it is the share that fails on the rough grid."""
+    if len(rough.numbers) == designs.rough_runs(config.plan):
+        return summary.estimates(config, rough, refined)[0]
+    if not rough.numbers:
+        return None
+    fails = int(np.sum(rough.columns["displacement"] > config.run.failure_displacement))
+    count = len(rough.numbers)
+    cov = float(np.sqrt((1 - fails / count) / fails)) if fails else float("inf")
+    notes = ("screening is not complete: the share that fails on the rough grid alone",)
+    return Estimate(fails / count, wilson_interval(fails, count), cov, 0, "rough grid alone", notes=notes)
+
+
+def planned_refined(config: Config, rough: Rows, refined: Rows) -> int:
+    """Refined runs of the campaign in all: the budget, or what the published rule asks for so far."""
+    if config.plan.estimator != "published":
+        return designs.budget(config.plan, designs.rough_runs(config.plan))
+    if len(rough.numbers) < config.plan.samples:
+        return config.plan.k_t
+    answers = summary.refined_answers(config, refined)
+    missing = summary.next_runs(config, summary.phases_of(config, rough, answers), config.plan.samples, ())
+    return len(answers) + len(missing)
+
+
+def seconds_per_sample(ended: Sequence[float], seconds: Sequence[float]) -> float:
+    """Seconds from one finished sample to the next, of late; nan for fewer than two.
+
+    ended: when each sample was finished (s, ascending). seconds: how long each ran. A gap far longer than any run is a
+    pause of the campaign and does not count.
+    """
+    gaps = np.diff(np.asarray(ended, float))[-RECENT:]
+    gaps = gaps[gaps <= 3 * max(seconds, default=0.0) + 60.0]
+    return float(gaps.mean()) if gaps.size else float("nan")
+
+
+def cost_ratio(config: Config) -> float:
+    """What a refined run should cost in rough ones: particles times steps."""
+    rough, refined = (config.grids[grid] for grid in GRIDS)
+    particles = float(np.prod(np.asarray(rough.spacing) / np.asarray(refined.spacing)))
+    return particles * (rough.cell * rough.cfl) / (refined.cell * refined.cfl)
+
+
+def words(progress: Progress) -> str:
+    """The progress for people."""
+    lines = [progress.name, f"  controller     {progress.controller}"]
+    for grid in progress.grids:
+        most = f"at least {grid.planned}" if grid.at_least else f"{grid.planned}"
+        line = f"  {grid.grid + ' grid':<14} {grid.done} of {most} samples"
+        if np.isfinite(grid.hourly):
+            line += f", {grid.hourly:.3g} per hour"
+        if grid.done < grid.planned and np.isfinite(grid.seconds_left):
+            line += f", {duration(grid.seconds_left)} left"
+        lines.append(line)
+        if grid.broke_off:
+            lines.append(f"                 {grid.broke_off} broke off")
+        lines += [f"  DAMAGED        {why}: will be run again" for why in grid.damaged]
+    found = progress.estimate
+    if found is None:
+        return "\n".join([*lines, "  no finished sample yet"])
+    low, high = found.interval
+    lines.append(
+        f"  probability of failure so far  {found.probability:.3f}  "
+        f"({found.level:.0%} interval {low:.3f} to {high:.3f}; {found.method})"
+    )
+    return "\n".join([*lines, *(f"  note: {note}" for note in found.notes)])
+
+
+def duration(seconds: float) -> str:
+    """Seconds as people say them: 45 s, 12 min, 3.5 h, 2.1 days."""
+    for limit, unit, name in ((90, 1, "s"), (5400, 60, "min"), (172_800, 3600, "h")):
+        if seconds < limit:
+            return f"{seconds / unit:.2g} {name}"
+    return f"{seconds / 86_400:.2g} days"
+
+
+def _grid(config: Config, grid: str, rows: dict[str, Rows], pace: float) -> GridProgress:
+    mine = rows[grid]
+    done = len(mine.numbers)
+    planned = (
+        designs.rough_runs(config.plan) if grid == "rough" else planned_refined(config, rows["rough"], rows["refined"])
+    )
+    return GridProgress(
+        grid,
+        done,
+        planned,
+        at_least=grid == "refined" and config.plan.estimator == "published" and done < planned,
+        hourly=3600 / pace if done > 1 and pace > 0 else float("nan"),
+        seconds_left=max(planned - done, 0) * pace,
+        broke_off=int(np.sum(mine.columns.get("broke_off", np.zeros(0)))),
+        damaged=mine.damaged,
+    )
+
+
+def _ends(store: Store, grid: str, rows: Rows) -> tuple[list[float], list[float]]:
+    """When each finished sample was written, ascending, and how long each ran (s)."""
+    return (
+        sorted(sample_path(store, grid, number).stat().st_mtime for number in rows.numbers),
+        rows.columns["seconds"].tolist(),
+    )
+
+
+def _controller(store: Store) -> str:
+    """Who holds the folder. The lock itself is left alone: taking it, even for a moment, could refuse a controller."""
+    try:
+        said = (store.folder / ".lock").read_text().strip()
+        process, host = said.removeprefix("process ").split(" on ")
+    except (OSError, ValueError):
+        return "none yet"
+    if host != socket.gethostname():
+        return f"{said} (whether it still runs cannot be seen from here)"
+    try:
+        os.kill(int(process), 0)
+    except ProcessLookupError:
+        return f"none, the last one ({said}) has ended"
+    except PermissionError:
+        pass
+    return said

@@ -1,0 +1,345 @@
+"""What a person sees of a campaign, read from its folder alone: a summary in words, figures, and one page with all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cooperative import summary
+from cooperative.estimate import ENOUGH
+from cooperative.reporting import _charts as charts
+from cooperative.reporting import _page as page
+from cooperative.reporting import _pictures as pictures
+from cooperative.reporting import _plots as plots
+from cooperative.reporting._plots import Drawn
+from cooperative.reporting._progress import duration
+from cooperative.scene import Config, config_of
+from cooperative.store import GRIDS, Rows, Store, read_rows, read_sample, read_store, write_aside
+
+INDISTINCT = 2.0
+"""Difference in AIC below which two distributions are as good as each other."""
+
+SLIDES = 3
+"""Slides drawn at several times, unless the caller says otherwise."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """A campaign read once: its rows, and its summary as `summary.json` has it."""
+
+    store: Store
+    config: Config
+    rough: Rows
+    refined: Rows
+    summary: dict[str, Any]
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """Axis label of each consequence, with its unit."""
+        solid = self.config.slope.dimension == 3
+        return {
+            "displacement": "largest displacement $R_d$ [m]",
+            "depth": "sliding depth $H$ [m]",
+            "runout": "run-out $L$ [m]",
+            "volume": f"sliding volume $V$ [{'m$^3$' if solid else 'm$^3$/m'}]",
+            "area": f"influence area $S$ [{'m$^2$' if solid else 'm$^2$/m'}]",
+        }
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each consequence in words."""
+        each = "" if self.config.slope.dimension == 3 else " per metre of width"
+        return {
+            "displacement": "m",
+            "depth": "m below the crest",
+            "runout": "m beyond the toe",
+            "volume": f"m³{each}",
+            "area": f"m² beyond the toe{each}",
+        }
+
+    @property
+    def failed(self) -> np.ndarray:
+        """Refined runs that failed and have consequences (runs,) bool."""
+        answers = summary.refined_answers(self.config, self.refined)
+        ended = ~self.refined.columns.get("broke_off", np.zeros(len(answers))).astype(bool)
+        return ended & np.array([answers[number] is True for number in self.refined.numbers], bool)
+
+
+def report(folder: str | Path, *, slides: int = SLIDES, again: bool = False) -> str:
+    """Draw the figures of a campaign into `figures/`, write `report.html` with all of them, and return its summary in
+    words.
+
+    slides: how many slides to draw at several times, the farthest of each mode. For that they are run again: where that
+    takes longer than a minute only if `again` says so, and otherwise drawn from the fields that were kept.
+    Raises ValueError where the folder holds no campaign, or none with a finished sample.
+    """
+    if slides < 0:
+        raise ValueError(f"slides = {slides}: give 0 or more")
+    store = read_store(folder)
+    config = config_of(store)
+    rough, refined = read_rows(store, "rough"), read_rows(store, "refined")
+    if not rough.numbers:
+        raise ValueError(f"folder {folder} has no finished sample yet: start the run first")
+    told = Told(store, config, rough, refined, summary.summarise(config, rough, refined))
+    numbers, slopes = list(_numbers(told)), list(_slopes(told, slides, again))
+    target = store.folder / "figures"
+    target.mkdir(exist_ok=True)
+    for drawn in [*numbers, *slopes]:
+        plots.save(drawn.figure, target / f"{drawn.name}.png")
+    write_aside(store.folder / "report.html", page.document(config.name, _parts(told, numbers, slopes)).encode())
+    return words(told)
+
+
+def words(campaign: Told) -> str:
+    """The summary for people."""
+    told = campaign.summary
+    low, high = told["interval"]
+    lines = [
+        f"{told['name']}",
+        f"  probability of failure  {told['probability_of_failure']:.3f}  "
+        f"({told['level']:.0%} interval {low:.3f} to {high:.3f}; {told['estimator']})",
+    ]
+    for method, other in told["other_estimates"].items():
+        low, high = other["interval"]
+        lines.append(f"  beside it: {method:<14} {other['probability']:.3f}  ({low:.3f} to {high:.3f})")
+    lines += [
+        f"  rough grid     {told['samples']} samples, {told['failures_rough']} beyond the failure displacement, "
+        f"{told['seconds']['rough']:.0f} s",
+        f"  refined grid   {told['refined_runs']} runs, {told['failures_refined']} failures, "
+        f"{told['seconds']['refined']:.0f} s",
+    ]
+    lines += [f"  {line}" for line in (_more(told), _agreement(told)) if line]
+    for mode, share in (told["modes"] or {}).items():
+        if share["count"]:
+            low, high = share["interval"]
+            lines.append(f"  {mode:<13}  {share['ratio']:.0%} of the failures ({low:.0%} to {high:.0%})")
+    for name, spread in told["consequences_of_failures"].items():
+        if spread:
+            lines.append(
+                f"  {name:<13}  mean {spread['mean']:.4g}, {spread['smallest']:.4g} to {spread['largest']:.4g} "
+                f"({campaign.units[name]}, failed samples)"
+            )
+    lines += [f"  BROKE OFF      {line}" for line in _broken(told)]
+    lines += [f"  note: {note}" for note in told["notes"]]
+    return "\n".join([*lines, f"  all of it, with figures: {campaign.store.folder / 'report.html'}"])
+
+
+def _numbers(told: Told) -> Iterator[Drawn]:
+    """Figures of the numbers, those that there are data for."""
+    rough, refined, limit = told.rough, told.refined, told.config.run.failure_displacement
+    place = {number: at for at, number in enumerate(rough.numbers)}
+    both = np.full(len(place), np.nan)
+    both[[place[number] for number in refined.numbers]] = refined.columns.get("displacement", np.zeros(0))
+    first = np.where(rough.columns["broke_off"].astype(bool), np.nan, rough.columns["displacement"])
+    yield Drawn(
+        "ranked",
+        "Largest displacement of every sample by its rank on the rough grid, with the refined runs. Refined failures "
+        "should thin out down the ranks.",
+        charts.ranked_displacements({"rough": first, "refined": both}, threshold=limit),
+    )
+    way = told.summary["convergence"]
+    if len(way["refined_runs"]) > 1:
+        yield Drawn(
+            "convergence",
+            "Probability of failure and its interval as refined runs came in.",
+            charts.convergence(
+                {told.summary["estimator"]: np.array(way["refined_runs"])},
+                {told.summary["estimator"]: np.array(way["probability"])},
+                {told.summary["estimator"]: np.array([way["low"], way["high"]])},
+            ),
+        )
+    ended = np.isfinite(first) & np.isfinite(both)
+    if ended.any():
+        figure = charts.grids(first[ended], both[ended], threshold=limit)
+        yield Drawn("grids", f"Samples that ran on both grids. {_agreement(told.summary)}", figure)
+    modes = {mode: share for mode, share in (told.summary["modes"] or {}).items() if share["count"]}
+    if modes:
+        yield Drawn("modes", "Failure modes, by what the runs stand for.", charts.mode_shares(modes))
+    if told.failed.any():
+        consequences = {name: refined.columns[name][told.failed] for name in told.labels}
+        figure = charts.histograms(consequences, told.labels)
+        yield Drawn("consequences", "Consequences of the refined runs that failed, each run counted once.", figure)
+    if told.summary["severity"] and len(modes) > 1:
+        yield Drawn(
+            "severity",
+            "Median of each consequence by failure mode, with its 90 % bootstrap interval.",
+            charts.severity(told.summary["severity"], told.labels),
+        )
+    weight = summary.run_weights(told.config, rough, refined)
+    for group, fits in told.summary["fits"].items():
+        mine = told.failed & (weight > 0)
+        mine &= (refined.columns["mode"] == group) if group != "all" else True
+        if any(fit["fits"] for fit in fits.values()):
+            yield Drawn(
+                f"fits-{group}",
+                f"Distribution of the consequences of {group} failures ({mine.sum()} runs), with the three best fits.",
+                charts.fitted({name: refined.columns[name][mine] for name in fits}, weight[mine], fits, told.labels),
+            )
+
+
+def _slopes(told: Told, slides: int, again: bool) -> Iterator[Drawn]:
+    """Pictures of chosen samples."""
+    models = pictures.models_of(told.config)
+    grid, rows = ("refined", told.refined) if told.refined.numbers else ("rough", told.rough)
+    failed = told.failed if grid == "refined" else np.zeros(len(rows.numbers), bool)
+    chosen = [read_sample(told.store, grid, n) for n in pictures.choose(rows, failed, max(slides, 1))]
+    yield pictures.fields(models, chosen[0])
+    if {"displacement", "plastic_strain"} <= chosen[0].fields.keys():
+        yield pictures.before_and_after(models[grid], chosen[0])
+    yield from pictures.slides(models[grid], chosen[:slides], again=again)
+
+
+def _parts(told: Told, numbers: Sequence[Drawn], slopes: Sequence[Drawn]) -> Iterator[str]:
+    """The page from top to bottom."""
+    found = told.summary
+    low, high = found["interval"]
+    figures = {drawn.name: page.picture(drawn.figure, drawn.caption) for drawn in [*numbers, *slopes]}
+
+    def shown(*names: str) -> Iterator[str]:
+        yield from (figure for name, figure in figures.items() if name.startswith(names))
+
+    yield page.heading(told.config.name, 1)
+    yield page.answer(
+        f"{found['probability_of_failure']:.3g}",
+        f"probability of failure, {found['level']:.0%} interval {low:.3g} to {high:.3g}",
+    )
+    yield page.paragraph(
+        f"{found['samples']} samples ran on the rough grid, {found['refined_runs']} of them refined, where "
+        f"{found['failures_refined']} moved farther than {told.config.run.failure_displacement:g} m."
+    )
+    for note in [*found["notes"], *(f"broke off: {line}" for line in _broken(found))]:
+        yield page.paragraph(note, "note")
+    yield page.heading("Probability of failure")
+    yield _estimates(found)
+    yield page.paragraph(" ".join(line for line in (_more(found), _finished(found)) if line))
+    yield from shown("convergence", "ranked", "grids")
+    yield page.heading("What the slides do")
+    yield _consequences(told)
+    yield from shown("modes", "severity", "consequences")
+    if "fits-all" in figures:
+        yield page.heading("Distributions", 3)
+        yield from _fits(found)
+        yield from shown("fits")
+    yield page.heading("Slides")
+    yield from shown("slide", "plan", "slope", "field")
+    yield page.heading("How it was run")
+    yield _runs(told)
+    yield page.heading("Scene", 3)
+    yield page.preformatted(told.config.text.strip())
+
+
+def _estimates(found: dict[str, Any]) -> str:
+    own = {"probability": found["probability_of_failure"], "interval": found["interval"]}
+    methods = {found["estimator"]: own} | found["other_estimates"]
+    cov = found["coefficient_of_variation"]
+    return page.table(
+        ["estimator", "probability", f"{found['level']:.0%} interval", "coefficient of variation"],
+        [
+            [
+                name,
+                float(each["probability"]),
+                "{:.3g} to {:.3g}".format(*each["interval"]),
+                cov if name == found["estimator"] else None,
+            ]
+            for name, each in methods.items()
+        ],
+    )
+
+
+def _consequences(told: Told) -> str:
+    rows = [
+        [name, told.units[name], *(spread[key] for key in ("mean", "smallest", "largest"))]
+        for name, spread in told.summary["consequences_of_failures"].items()
+        if spread
+    ]
+    if not rows:
+        return page.paragraph("No refined run failed.")
+    return page.table(["of the failed samples", "unit", "mean", "smallest", "largest"], rows)
+
+
+def _fits(found: dict[str, Any]) -> Iterator[str]:
+    rows: list[list[str | float | int | None]] = []
+    few: dict[str, int] = {}
+    for group, fits in found["fits"].items():
+        for name, fit in fits.items():
+            best, *others = fit["fits"] or [None]
+            close = [other["name"] for other in others if other["aic"] - best["aic"] < INDISTINCT]
+            rows.append([group, name, fit["best_aic"], fit["best_bic"], ", ".join(close) or None])
+            few |= {group: fit["samples"]} if fit["samples"] < ENOUGH else {}
+    if few:
+        said = ", ".join(f"{count} {group}" for group, count in few.items())
+        yield page.paragraph(
+            f"Too few failures to tell distributions apart ({said}): {ENOUGH} or more would do.", "note"
+        )
+    yield page.table(["failures", "consequence", "best by AIC", "best by BIC", "hardly worse by AIC"], rows)
+
+
+def _runs(told: Told) -> str:
+    rows: list[list[str | float | int | None]] = []
+    made: dict[str, str] = {}
+    for grid, of in zip(GRIDS, (told.rough, told.refined), strict=True):
+        statuses = ", ".join(f"{count} {status}" for status, count in told.summary["status"][grid].items())
+        rows.append([f"{grid} grid", f"{statuses or 'none'}; {duration(told.summary['seconds'][grid])} of runs"])
+        rows.append([f"{grid} grid", _bands(told.config, grid)])
+        rows += [[f"{grid} grid, damaged file", why] for why in of.damaged]
+        for number in of.numbers[-1:]:
+            last = read_sample(told.store, grid, number)
+            versions = ", ".join(f"{name} {version}" for name, version in last.versions.items())
+            made[grid] = f"{last.dtype} on {last.device}; {versions}"
+    rows += [
+        [f"last sample, {' and '.join(g for g in made if made[g] == how)} grid", how] for how in set(made.values())
+    ]
+    factors = told.summary["calibration"]
+    if factors:
+        rows.append(["calibration", f"rough strength times {factors['factor']:.3f}"])
+    return page.table([], rows)
+
+
+def _bands(config: Config, grid: str) -> str:
+    """How a grid's answers depend on its cell, in words."""
+    numerics, thickness = config.grids[grid], config.soil.softening_length
+    said = f"cells of {numerics.cell:g} m, {'F-bar' if numerics.fbar else 'no F-bar'}"
+    if not config.soil.softens:
+        return said
+    if numerics.internal_length is not None:
+        said += f", plastic strain averaged over {numerics.internal_length:.3g} m"
+    return f"{said}, softening " + ("per cell" if thickness is None else f"of a band {thickness:g} m thick")
+
+
+def _more(found: dict[str, Any]) -> str:
+    """What further refined runs would buy, in words; empty where nothing can be said."""
+    more, now = found["after_more_runs"], found["coefficient_of_variation"]
+    then = more["coefficient_of_variation"]
+    left = found["samples"] - found["refined_runs"]
+    if now is None or then is None:
+        return ""
+    said = f"Another {more['runs']} refined runs would bring the coefficient of variation from {now:.1%} to {then:.1%}"
+    return f"{said}; {left} samples are left for them." if left < more["runs"] else f"{said}."
+
+
+def _finished(found: dict[str, Any]) -> str:
+    return f"The campaign has ended: {found['finished']}." if found["finished"] else "The campaign has not ended yet."
+
+
+def _agreement(found: dict[str, Any]) -> str:
+    """How well the grids agree, in words."""
+    grids = found["grids"]
+    if not grids:
+        return ""
+    low, high = grids["interval"]
+    return (
+        f"Rank correlation of both grids {grids['spearman']:.2f} ({low:.2f} to {high:.2f}), same class in "
+        f"{grids['same_class']:.0%}, over {grids['samples']} samples."
+    )
+
+
+def _broken(found: dict[str, Any]) -> list[str]:
+    return [
+        f"sample {number} on the {grid} grid: {why}"
+        for grid, broken in found["broke_off"].items()
+        for number, why in broken.items()
+    ]

@@ -1,0 +1,1 @@
+"""Research on top of campaigns: rare events by importance sampling, back-analysis."""

@@ -1,0 +1,81 @@
+"""Restart points of long runs: a run that is killed goes on from its last one, bit for bit.
+
+A restart point holds the state, what the settle watch remembers and what the modes need of the past. It lies in the
+campaign's folder, which a worker must see; where it does not, its runs start afresh.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cooperative.measure import Motion
+from cooperative.store import restart_path, set_aside
+from jaxmpm import Midway, State, load_state, save_state
+
+
+@dataclass(frozen=True)
+class RestartPoint:
+    """A run under way. seconds: of wall time that it has taken so far."""
+
+    midway: Midway
+    motion: Motion
+    seconds: float
+
+
+def write_restart(folder: Path, grid: str, number: int, digest: str, point: RestartPoint) -> None:
+    """Write the restart point of a sample, in place of its last one. digest: of the scene. OSError if the disk
+    refuses; the last one then stays."""
+    path = restart_path(folder, grid, number)
+    path.parent.mkdir(exist_ok=True)
+    motion = point.motion
+    about = {
+        "scene": digest,
+        "grid": grid,
+        "sample": number,
+        "seconds": point.seconds,
+        "quiet": point.midway.quiet,
+        "reference": point.midway.reference,
+        "times": np.asarray(motion.times),
+        "moved": motion.moved,
+        "onset": motion.onset,
+        "seen": motion.seen,
+        "travel": np.concatenate([np.zeros(0), *motion.travel]),
+    }
+    save_state(path, point.midway.state, about=about)
+
+
+def read_restart(
+    folder: Path, grid: str, number: int, digest: str, *, like: State, start: Motion
+) -> RestartPoint | None:
+    """The restart point of a sample, or None where there is none: the run starts afresh.
+
+    like: a state of that grid. start: the motion of a run that has not begun. One that is damaged, or of another scene
+    or sample, is named in a warning and renamed to `*.damaged`.
+    """
+    path = restart_path(folder, grid, number)
+    if not path.exists():
+        return None
+    try:
+        state, about = load_state(path, like)
+        if (about["scene"], about["grid"], about["sample"]) != (digest, grid, number):
+            raise ValueError(f"{path} is of another scene or sample")
+    except ValueError as error:
+        warnings.warn(f"{error}: set aside, the run starts afresh", stacklevel=2)
+        set_aside(path)
+        return None
+    # Snapshot k has one travel for each snapshot up to it.
+    ends = np.cumsum(np.arange(2, len(about["times"]) + 1))
+    motion = Motion(
+        start.volume,
+        start.threshold,
+        tuple(about["times"].tolist()),
+        about["moved"],
+        about["onset"],
+        about["seen"],
+        tuple(np.split(about["travel"], ends)[: len(ends)]),
+    )
+    return RestartPoint(Midway(state, about["quiet"], about["reference"]), motion, about["seconds"])

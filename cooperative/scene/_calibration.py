@@ -1,0 +1,72 @@
+"""Making the rough grid fail as easily as the refined one: its strength times the ratio of their factors of safety.
+
+A rough grid is stiffer and stands where the refined one fails. The factors are those of the homogeneous slope of mean
+strength, by strength reduction, and cost some ten runs on each grid.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+
+from cooperative.scene._typed import Calibration, Config, built, parse
+from cooperative.store import Store, write_aside
+from jaxmpm import factor_of_safety
+
+KEPT = "calibration.json"
+
+
+def measure(config: Config) -> Calibration:
+    """Factors of safety of the scene's slope with its mean strength everywhere, on both grids.
+
+    Raises ValueError where a factor lies outside 0.5 to 3.
+    """
+    return Calibration(**{grid: _factor_of_safety(config, grid) for grid in ("rough", "refined")})
+
+
+def measured(config: Config, folder: Path) -> Calibration:
+    """Factors of safety kept in `calibration.json` of the campaign's folder, measured and written there at first.
+
+    Raises ValueError for a file that holds something else.
+    """
+    path = folder / KEPT
+    if not path.exists():
+        found = measure(config)
+        write_aside(path, json.dumps({"rough": found.rough, "refined": found.refined}).encode())
+    return kept(folder)
+
+
+def kept(folder: Path) -> Calibration:
+    """Factors of safety in `calibration.json`. Raises ValueError where it is damaged, OSError where it is missing."""
+    path = folder / KEPT
+    try:
+        found = json.loads(path.read_text())
+        return Calibration(float(found["rough"]), float(found["refined"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path} holds no two factors of safety: delete it to measure them again") from error
+
+
+def calibrated(config: Config, found: Calibration) -> Config:
+    """The scene with these factors in it, in its text too, so that whoever reads the text has them."""
+    table = f"\n[calibration]\nrough = {found.rough!r}\nrefined = {found.refined!r}\n"
+    return replace(config, text=config.text + table, calibration=found)
+
+
+def config_of(store: Store) -> Config:
+    """The scene of a campaign's folder, with its factors of safety where they were measured."""
+    config = parse(store.scene_text)
+    wants = config.plan.calibrate and config.calibration is None and (store.folder / KEPT).exists()
+    return calibrated(config, kept(store.folder)) if wants else config
+
+
+def _factor_of_safety(config: Config, grid: str) -> float:
+    scene, state = built(config, grid)
+    # On CPU lanes run in turn, and bisection takes the fewest; elsewhere a batch costs as much time as one.
+    batch = 2 if jax.default_backend() == "cpu" else 8
+    return factor_of_safety(
+        scene, state, criterion=config.run.failure_displacement, t_end=config.run.t_end, batch=batch,
+        settle=config.run.settle,
+    ).stable  # fmt: skip

@@ -1,0 +1,232 @@
+"""A campaign's scene: TOML in, checked once, typed values out. Nothing in the file is executed."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from cooperative.scene._schema import CALIBRATION, SECTIONS, UNSAID, in_words, read, refuse_unknown
+from jaxmpm import Discretisation, Scene, Settle, Slope, Soil, State, cell_independent, slope
+
+BAND = 1 / 5
+"""Thickness of the band to which softening refers, over the slope's height, where a scene does not say."""
+
+
+@dataclass(frozen=True)
+class Strength:
+    """The random field of undrained strength: mean (Pa), cov, and per axis a correlation length (m)."""
+
+    mean: float
+    cov: float
+    marginal: type
+    correlation: type
+    length: tuple[float, ...]
+    energy: float
+
+
+@dataclass(frozen=True)
+class Run:
+    """How each sample runs: gravity (m/s2), t_end (s), what displacement is failure (m), when a lane has settled."""
+
+    gravity: float
+    t_end: float
+    failure_displacement: float
+    settle: Settle | None
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Factors of safety of the homogeneous slope on both grids; the rough strength is multiplied by `factor`."""
+
+    rough: float
+    refined: float
+
+    @property
+    def factor(self) -> float:
+        """Refined over rough factor of safety."""
+        return self.refined / self.rough
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What the campaign does: samples and their coefficients, the stopping rule k_t, lanes of the screening.
+
+    lanes: samples in one program at a time; None takes 1 on CPU, where lanes gain nothing, and 64 elsewhere.
+    look_ahead: refined runs under way at once, in rank order; the answer depends on neither.
+    estimator: "two-phase" audits the rough grid's answer; "published" stops at k_t and counts n/N; "control variate"
+    and "monte carlo" refine the first samples; "subset" goes to rare failures by subset simulation on the rough grid,
+    with `samples` per level in all `replicates`, and audits that. See `cooperative.designs`.
+    refined_runs, target_cov: budget, and the coefficient of variation at which to stop before it is spent. Without
+    either the budget is a fifth of the samples, at least 20 (all of them for "monte carlo").
+    screening_stop: displacement (m) at which a rough lane is decided and ends, None runs it to its end.
+    calibrate: measure the factors of safety of both grids first, and bring the rough strength down (or up) by them.
+    restart_every: seconds of wall time after which a refined run writes a restart point, and again after as many.
+    fields: grids whose final displacement and plastic strain are kept. modes: grids whose failures get a mode.
+    """
+
+    samples: int
+    seed: int
+    coefficients: Any
+    k_t: int
+    estimator: Literal["two-phase", "published", "control variate", "monte carlo", "subset"]
+    refined_runs: int | None
+    target_cov: float | None
+    levels: int | None
+    replicates: int | None
+    lanes: int | None
+    look_ahead: int
+    screening_stop: float | None
+    calibrate: bool
+    restart_every: float
+    fields: tuple[str, ...]
+    modes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Config:
+    """A checked scene. `text` is the TOML it came from; `calibration` its own table, where the factors are known."""
+
+    text: str
+    name: str
+    slope: Slope
+    y_ends: Literal["fixed", "roller"]
+    soil: Soil
+    strength: Strength
+    grids: Mapping[str, Discretisation]
+    run: Run
+    plan: Plan
+    calibration: Calibration | None = None
+
+
+def parse(text: str) -> Config:
+    """Read and check a scene.
+
+    Raises ValueError for TOML that does not parse, unknown keys (naming the nearest one), missing keys, wrong
+    types and values out of range. What depends on the geometry is checked when the grids are built.
+    """
+    try:
+        tables = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"the scene is not valid TOML: {error}") from error
+    name = tables.pop("name", "campaign")
+    if not isinstance(name, str):
+        raise ValueError(f"name = {name!r} is {in_words(name)}: give text in quotes")
+    if "sweep" in tables:
+        raise ValueError("the scene has a table [sweep], so it is many campaigns: run it as a sweep")
+    refuse_unknown("the scene", tables, {**SECTIONS, "calibration": None, "name": None})
+    said = {section: read(section, tables.get(section, {}), keys) for section, keys in SECTIONS.items()}
+    shape, y_ends = said["slope"], said["slope"].pop("y_ends")
+    plan, run, strength = said["campaign"], said["run"], said["strength"]
+    soil = _soil({**said["soil"], "strength": strength["mean"]}, shape["height"])
+    config = Config(
+        text=text,
+        name=name,
+        slope=Slope(**shape),
+        y_ends=y_ends,
+        soil=soil,
+        strength=Strength(**strength),
+        grids={grid: _grid(said[grid], soil) for grid in ("rough", "refined")},
+        run=Run(**{**run, "settle": Settle() if run["settle"] else None}),
+        plan=Plan(**plan),
+        calibration=(
+            Calibration(**read("calibration", tables["calibration"], CALIBRATION)) if "calibration" in tables else None
+        ),
+    )
+    _check(config)
+    return config
+
+
+def built(config: Config, grid: str) -> tuple[Scene, State]:
+    """Scene and initial state of one grid; ValueError where slope, soil and grid do not fit together."""
+    return slope(config.slope, config.soil, config.grids[grid], gravity=config.run.gravity, y_ends=config.y_ends)
+
+
+def _soil(table: dict[str, Any], height: float) -> Soil:
+    """Softening refers to a band of known thickness, unless the scene has it follow the cell."""
+    if table["softening_length"] is not UNSAID:
+        return Soil(**table)
+    soil = Soil(**{**table, "softening_length": None})
+    return replace(soil, softening_length=BAND * height) if soil.softens else soil
+
+
+def _grid(table: dict[str, Any], soil: Soil) -> Discretisation:
+    """Answers do not follow the cell, unless the scene says so."""
+    said = {key: value for key, value in table.items() if value is not UNSAID}
+    return replace(cell_independent(Discretisation(**said, dtype="float32"), soil), **said)
+
+
+def _check(config: Config) -> None:
+    """Ranges that no builder looks at."""
+    config.slope.check()
+    strength, run, plan, dimension = config.strength, config.run, config.plan, config.slope.dimension
+    for name, value in (
+        ("[strength] mean", strength.mean),
+        ("[run] t_end", run.t_end),
+        ("[run] gravity", run.gravity),
+        ("[run] failure_displacement", run.failure_displacement),
+        ("[campaign] restart_every", plan.restart_every),
+        *((f"[calibration] {grid}", factor) for grid, factor in vars(config.calibration or Calibration(1, 1)).items()),
+        *((f"[strength] length of axis {axis}", length) for axis, length in enumerate(strength.length)),
+    ):
+        if not 0 < value < float("inf"):
+            raise ValueError(f"{name} = {value:g}: give a finite value above 0")
+    if len(strength.length) != dimension:
+        raise ValueError(f"[strength] length has {len(strength.length)} values: give {dimension}, one per axis")
+    if not 0 <= strength.cov < float("inf"):
+        raise ValueError(f"[strength] cov = {strength.cov:g}: give a coefficient of variation of 0 or more")
+    if not 0 < strength.energy <= 1:
+        raise ValueError(f"[strength] energy = {strength.energy:g}: give a share of the variance above 0, up to 1")
+    for name, value in (
+        ("samples", plan.samples),
+        ("k_t", plan.k_t),
+        ("lanes", 1 if plan.lanes is None else plan.lanes),
+        ("look_ahead", plan.look_ahead),
+    ):
+        if value < 1:
+            raise ValueError(f"[campaign] {name} = {value}: give 1 or more")
+    _check_estimator(plan)
+    if plan.refined_runs is not None and plan.refined_runs < 10:
+        raise ValueError(f"[campaign] refined_runs = {plan.refined_runs}: give 10 or more, the audit needs some")
+    if plan.estimator == "two-phase" and plan.samples < 10:
+        raise ValueError(
+            f"[campaign] samples = {plan.samples}: give 10 or more for the audit, or estimator = 'published'"
+        )
+    if plan.target_cov is not None and not 0 < plan.target_cov < 1:
+        raise ValueError(f"[campaign] target_cov = {plan.target_cov:g}: give a value above 0 and below 1")
+    if plan.seed < 0:
+        raise ValueError(f"[campaign] seed = {plan.seed}: give 0 or more")
+    if plan.screening_stop is not None and plan.screening_stop < run.failure_displacement:
+        raise ValueError(
+            f"[campaign] screening_stop = {plan.screening_stop:g} m is below the failure displacement of "
+            f"{run.failure_displacement:g} m: give more, or leave it out"
+        )
+    if plan.screening_stop is not None and "rough" in plan.modes:
+        raise ValueError(
+            f"[campaign] screening_stop = {plan.screening_stop:g} m ends rough runs before their mode shows: "
+            "leave it out, or modes = 'both'"
+        )
+
+
+def _check_estimator(plan: Plan) -> None:
+    """What goes with which estimator."""
+    if plan.estimator == "published" and (plan.refined_runs is not None or plan.target_cov is not None):
+        raise ValueError(
+            "[campaign] refined_runs and target_cov do not rule estimator = 'published', k_t does: leave them out"
+        )
+    if plan.estimator != "subset":
+        for name, value in (("levels", plan.levels), ("replicates", plan.replicates)):
+            if value is not None:
+                raise ValueError(f"[campaign] {name} = {value} is for estimator = 'subset': leave it out")
+        return
+    replicates = 8 if plan.replicates is None else plan.replicates
+    if replicates < 2 or (plan.levels is not None and plan.levels < 1):
+        raise ValueError(f"[campaign] replicates = {replicates}, levels = {plan.levels}: give 2 or more, 1 or more")
+    if plan.samples % (10 * replicates) or plan.samples < 20 * replicates:
+        raise ValueError(
+            f"[campaign] samples = {plan.samples} per level with {replicates} replicates: give a multiple of "
+            f"{10 * replicates}, at least {20 * replicates}"
+        )
+    if plan.screening_stop is not None:
+        raise ValueError("[campaign] screening_stop cuts off what subset simulation ranks by: leave it out")

@@ -1,0 +1,27 @@
+"""Runs: steps in chunks on the device, stops and looks between them on the host, many samples, derivatives."""
+
+from jaxmpm.run._checkpointed import Checkpoints, checkpoints, replay
+from jaxmpm.run._integrate import Result, Settle, advance, advance_lanes, lanes, repeat, solve
+from jaxmpm.run._many import Chunk, Midway, solve_each
+from jaxmpm.run._sensitivity import strength_sensitivity
+from jaxmpm.run._strength_reduction import FactorOfSafety, factor_of_safety, reduced
+
+__all__ = [
+    "Checkpoints",
+    "Chunk",
+    "FactorOfSafety",
+    "Midway",
+    "Result",
+    "Settle",
+    "advance",
+    "advance_lanes",
+    "checkpoints",
+    "factor_of_safety",
+    "lanes",
+    "reduced",
+    "repeat",
+    "replay",
+    "solve",
+    "solve_each",
+    "strength_sensitivity",
+]

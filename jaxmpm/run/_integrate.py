@@ -1,0 +1,268 @@
+"""Runs: chunks of steps on the device, and between them on the host the stops, snapshots and progress."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from tqdm import tqdm
+
+from jaxmpm import diagnostics
+from jaxmpm._step import step
+from jaxmpm.transfer import inside, locate
+from jaxmpm.types import Scene, State, Status
+
+
+@dataclass(frozen=True)
+class Settle:
+    """A lane has settled once for `hold` seconds it has been slow and its largest displacement has stayed put.
+
+    speed: root mean square of the particle speed to stay below (m/s). drift: change of the largest displacement (m)
+    that counts as a move. every: seconds between two looks. The unbalanced force is no part of it: an undamped
+    slope rings elastically for ever, with 5 to 15 per cent of its weight unbalanced, while it stands.
+    """
+
+    speed: float = 0.05
+    drift: float = 2e-3
+    hold: float = 1.0
+    every: float = 0.25
+
+
+@dataclass(frozen=True)
+class Result:
+    """Outcome of `solve`; of a batch, every array has the lanes first.
+
+    state: at the end. time_step: s. status: `Status` and step: steps taken, per lane. snapshots: states on the host,
+    at `times` (s).
+    """
+
+    state: State
+    time_step: Array
+    times: tuple[float, ...] = ()
+    snapshots: tuple[State, ...] = field(default=(), repr=False)
+
+    @property
+    def status(self) -> np.ndarray:
+        """`Status` of each lane."""
+        return np.asarray(self.state.status)
+
+    @property
+    def failed(self) -> np.ndarray:
+        """Whether a lane's run broke off (numerically; a slope that slides is no failed run)."""
+        return np.asarray(self.status > Status.DECIDED)
+
+    def raise_if_failed(self) -> Result:
+        """Return self, or raise FloatingPointError naming the lanes that broke off, why and at which step."""
+        if np.any(self.failed):
+            status, steps = np.atleast_1d(self.status), np.atleast_1d(np.asarray(self.state.step))
+            lanes = [
+                f"lane {i}: {_ADVICE[Status(int(s))]} (step {n})"
+                for i, (s, n) in enumerate(zip(status, steps, strict=True))
+                if s > Status.DECIDED
+            ]
+            raise FloatingPointError("; ".join(lanes))
+        return self
+
+
+_ADVICE = {
+    Status.NOT_FINITE: "a particle's motion is not finite: lower the CFL number, or look at the material's parameters",
+    Status.OUTSIDE_GRID: "a particle has left the grid: enlarge the domain, or put a wall there",
+    Status.INVERTED: "a particle's volume is no longer positive: refine the grid, or lower the CFL number",
+    Status.TIME_STEP_TOO_LARGE: "a particle is faster than the time step allows: build the scene with a larger `speed`",
+}
+
+
+def lane_status(scene: Scene, state: State) -> Array:
+    """`Status` of a running lane after a step: RUNNING, or why it must end.
+
+    Extremes over the particles tell all, and carry NaN along: every comparison with NaN is false.
+    """
+    cells = locate(scene.grid, diagnostics.position(scene, state))
+    ends = jnp.stack([jnp.min(cells, axis=1), jnp.max(cells, axis=1)], axis=1)
+    speed2 = jnp.max(jnp.sum(state.velocity**2, axis=0))
+    finite = jnp.isfinite(speed2) & jnp.all(jnp.isfinite(ends))
+    slow = speed2 * scene.time_step**2 < scene.grid.cell**2
+    status = jnp.where(slow, Status.RUNNING, Status.TIME_STEP_TOO_LARGE)
+    status = jnp.where(jnp.min(state.volume_ratio) > 0, status, Status.INVERTED)
+    status = jnp.where(jnp.all(inside(scene.grid, ends)), status, Status.OUTSIDE_GRID)
+    return jnp.where(finite, status, Status.NOT_FINITE).astype(jnp.int32)
+
+
+def advance(scene: Scene, state: State, steps: int | Array) -> State:
+    """Take `steps` steps; a lane that is not running stays as it is.
+
+    A Python number of steps makes a loop of that length, differentiable in reverse. A traced one compiles once for
+    all counts, and ends when the lane does.
+    """
+
+    def advanced(old: State) -> State:
+        new = step(scene, old, scene.time_step)
+        return replace(new, step=old.step + 1, status=lane_status(scene, new))
+
+    def frozen_unless_running(_: Any, old: State) -> State:
+        return jax.tree.map(partial(jnp.where, old.status == Status.RUNNING), advanced(old), old)
+
+    if isinstance(steps, int):
+        return jax.lax.fori_loop(0, steps, frozen_unless_running, state)
+    last = state.step + steps
+    return jax.lax.while_loop(lambda s: (s.status == Status.RUNNING) & (s.step < last), advanced, state)
+
+
+def lanes(scene: Scene, **strength: Array) -> tuple[Scene, Scene]:
+    """A scene whose material differs between lanes, and the axes that say so, for `solve(..., axes=axes)`.
+
+    Keywords name parameters of the material, with the lanes as leading axis: `lanes(scene, strength=...)` with
+    strength (B,) or (B, N) Pa.
+    """
+    unknown = set(strength) - set(vars(scene.material))
+    if unknown:
+        raise ValueError(
+            f"{sorted(unknown)} is no parameter of {type(scene.material).__name__}: "
+            f"use one of {sorted(vars(scene.material))}"
+        )
+    shared = jax.tree.map(lambda _: None, scene)
+    axes = replace(shared, material=replace(shared.material, **dict.fromkeys(strength, 0)))
+    return replace(scene, material=replace(scene.material, **strength)), axes
+
+
+def repeat(state: State, count: int) -> State:
+    """`count` lanes that start from the same state."""
+    return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (count, *leaf.shape)), state)
+
+
+@partial(jax.jit, static_argnames="axes", donate_argnames="state")
+def advance_lanes(scene: Scene, state: State, steps: Array, axes: Scene | None) -> State:
+    """`advance`, compiled, over the lanes that `axes` names; the state given is used up.
+
+    On CPU lanes run one after the other, each for all its steps: a lane stays in cache, where a vmapped step would
+    stream all lanes through memory. On other devices they run side by side.
+    """
+    in_turn = jax.custom_batching.sequential_vmap(advance)
+    return _over_lanes(in_turn if jax.default_backend() == "cpu" else advance, axes, extra=1)(scene, state, steps)
+
+
+@partial(jax.jit, static_argnames="axes")
+def _look(scene: Scene, state: State, axes: Scene | None) -> tuple[Array, Array]:
+    def measures(scene: Scene, state: State) -> tuple[Array, Array]:
+        return diagnostics.speed(scene, state), diagnostics.largest_displacement(state)
+
+    return _over_lanes(measures, axes, extra=0)(scene, state)
+
+
+def _over_lanes(function: Callable[..., Any], axes: Scene | None, *, extra: int) -> Callable[..., Any]:
+    return function if axes is None else jax.vmap(function, in_axes=(axes, 0, *[None] * extra))
+
+
+def solve(
+    scene: Scene,
+    state: State,
+    *,
+    t_end: float,
+    snapshots: Sequence[float] = (),
+    settle: Settle | None = None,
+    stop_at: float | None = None,
+    axes: Scene | None = None,
+    progress: bool = False,
+) -> Result:
+    """Run from `state` for `t_end` seconds, or until every lane has come to an end.
+
+    snapshots: times (s) at which the state is kept; a lane that has ended keeps its last one.
+    settle: end a lane once it is quiet. stop_at: end a lane once its largest displacement exceeds this (m).
+    axes: which leaves of `scene` have lanes as leading axis (see `lanes`); then every leaf of `state` has.
+    progress: show a bar with the simulated time.
+    Raises ValueError for times below 0, snapshots after t_end, or lanes of different time steps.
+    Lanes that break off say so in the result: see `Result.raise_if_failed`.
+    """
+    if np.ndim(scene.time_step):
+        raise ValueError("time_step differs between lanes: give one number, the smallest of them")
+    if not t_end > 0:
+        raise ValueError(f"t_end = {t_end} s: give a time above 0")
+    outside = [t for t in snapshots if not 0 <= t <= t_end]
+    if outside:
+        raise ValueError(f"snapshots at {outside} s lie outside the run: give times from 0 to t_end = {t_end} s")
+    dt = float(scene.time_step)
+    total = steps_until(t_end, dt)
+    wanted = {steps_until(t, dt): t for t in sorted(snapshots)}
+    rule = settle or Settle()
+    look_every = max(1, round(rule.every / dt))
+    looks = settle is not None or stop_at is not None
+    stops = sorted({*wanted, *(range(look_every, total, look_every) if looks or progress else ()), total})
+
+    kept: dict[int, State] = {}
+    watch = Watch.start(np.shape(state.status))
+    state = jax.tree.map(jnp.copy, state)
+    done = 0
+    with tqdm(total=round(t_end, 6), unit="s", disable=not progress, bar_format=_BAR) as bar:
+        for stop in stops:
+            state = advance_lanes(scene, state, jnp.asarray(stop - done), axes)
+            bar.update(min((stop - done) * dt, t_end - bar.n))
+            if looks:
+                watch, ended = watch.look(scene, state, axes, (stop - done) * dt, settle, stop_at)
+                state = replace(state, status=jnp.asarray(ended))
+            done = stop
+            if stop in wanted:
+                kept[stop] = jax.device_get(state)
+            if not np.any(np.asarray(state.status) == Status.RUNNING):
+                break
+    last = jax.device_get(state)
+    final = jnp.where(state.status == Status.RUNNING, Status.FINISHED, state.status).astype(jnp.int32)
+    return Result(
+        state=replace(state, status=final),
+        time_step=scene.time_step,
+        times=tuple(wanted.values()),
+        snapshots=tuple(kept.get(n, last) for n in wanted),
+    )
+
+
+_BAR = "{l_bar}{bar}| {n:.2f}/{total:.2f} s simulated [{elapsed}<{remaining}]"
+
+
+def steps_until(time: float, dt: float) -> int:
+    """Steps of dt (s) that reach `time` (s)."""
+    return math.ceil(time / dt * (1 - 1e-6))
+
+
+@dataclass(frozen=True)
+class Watch:
+    """What the host remembers between looks, per lane: seconds of quiet, and the displacement they are counted from."""
+
+    quiet: np.ndarray
+    reference: np.ndarray
+
+    @classmethod
+    def start(cls, shape: tuple[int, ...]) -> Watch:
+        """Nothing seen yet, for lanes of this shape."""
+        return cls(np.zeros(shape), np.zeros(shape))
+
+    def restarted(self, lane: int, quiet: float, reference: float) -> Watch:
+        """The watch with another sample in one lane, of which it remembers this."""
+        fresh = np.arange(self.quiet.size) == lane
+        return Watch(np.where(fresh, quiet, self.quiet), np.where(fresh, reference, self.reference))
+
+    def look(
+        self,
+        scene: Scene,
+        state: State,
+        axes: Scene | None,
+        elapsed: float,
+        settle: Settle | None,
+        stop_at: float | None,
+    ) -> tuple[Watch, np.ndarray]:
+        """The watch after `elapsed` more seconds, and the status of each lane: settled and decided ones have ended."""
+        speed, displacement = (np.asarray(measure) for measure in _look(scene, state, axes))
+        status, watch = np.asarray(state.status), self
+        if settle is not None:
+            moved = np.abs(displacement - self.reference) > settle.drift
+            quiet = np.where(moved | (speed > settle.speed), 0.0, self.quiet + elapsed)
+            watch = Watch(quiet, np.where(moved, displacement, self.reference))
+            status = np.where((status == Status.RUNNING) & (quiet >= settle.hold), Status.SETTLED, status)
+        if stop_at is not None:
+            status = np.where((status == Status.RUNNING) & (displacement > stop_at), Status.DECIDED, status)
+        return watch, status.astype(np.int32)

@@ -1,0 +1,349 @@
+"""Builders on the host: from sizes in metres to a Scene and the State it starts from. All validation lives here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxmpm import check
+from jaxmpm.site._discretisation import Discretisation, check_discretisation, kernel_of
+from jaxmpm.site._initial_stress import settled_elastically
+from jaxmpm.site._soil import FrictionalSoil, Ground, material_of, refuse_snap_back
+from jaxmpm.tensors import CARRIED
+from jaxmpm.transfer import band_thickness, passes_for
+from jaxmpm.types import Grid, Particles, Scene, State, Status, Wall
+
+PADDING = 1
+"""Cells of grid beyond a wall."""
+
+
+@dataclass(frozen=True)
+class Slope:
+    """A slope over a foundation, falling along x from the crest at x = 0 (m).
+
+    crest: flat length behind the slope. height: of the slope. run_per_rise: 2 is 1:2. toe: flat length before it.
+    foundation: thickness below the toe. width: along y, None for a section in plane strain.
+    """
+
+    crest: float = 30.0
+    height: float = 12.0
+    run_per_rise: float = 2.0
+    toe: float = 42.0
+    foundation: float = 4.0
+    width: float | None = None
+
+    @property
+    def toe_x(self) -> float:
+        """Where the slope meets the flat ground (m)."""
+        return self.crest + self.run_per_rise * self.height
+
+    @property
+    def length(self) -> float:
+        """Length along x (m)."""
+        return self.toe_x + self.toe
+
+    @property
+    def dimension(self) -> int:
+        """2 for a section, 3 with a width."""
+        return 2 if self.width is None else 3
+
+    def check(self) -> None:
+        """Raise ValueError for sizes that no slope has."""
+        for name in ("crest", "height", "toe", "foundation"):
+            check.positive(name, getattr(self, name), "m")
+        check.not_negative("run_per_rise", self.run_per_rise)
+        if self.width is not None:
+            check.positive("width", self.width, "m")
+
+    def surface(self, x: np.ndarray) -> np.ndarray:
+        """Height of the ground above the base (m) at x."""
+        if self.run_per_rise == 0:
+            return self.foundation + self.height * (x <= self.crest)
+        return self.foundation + np.clip(self.height - (x - self.crest) / self.run_per_rise, 0.0, self.height)
+
+
+def slope(
+    shape: Slope,
+    soil: Ground,
+    discretisation: Discretisation,
+    *,
+    gravity: float = 9.81,
+    y_ends: Literal["fixed", "roller"] = "fixed",
+    speed: float | None = None,
+) -> tuple[Scene, State]:
+    """A slope at rest: base fixed, x ends on rollers, y ends as asked, stress from elastic gravity loading.
+
+    speed: largest particle speed that the time step allows for (m/s), by default of a fall
+    through half the relief.
+    Raises ValueError for sizes, moduli, spacings and walls that do not fit (each message says which and why).
+    """
+    d, cell = shape.dimension, discretisation.cell
+    check_discretisation(discretisation, d)
+    shape.check()
+    if y_ends not in ("fixed", "roller"):
+        raise ValueError(f"y_ends = {y_ends!r}: give 'fixed' or 'roller'")
+    if shape.toe < 2 * cell:
+        raise ValueError(
+            f"toe = {shape.toe:g} m leaves no room for a run-out: give at least two cells ({2 * cell:g} m)"
+        )
+    dx, dz = discretisation.spacing[0], discretisation.spacing[-1]
+    for name, value in (
+        ("crest", shape.crest),
+        ("slope's run", shape.run_per_rise * shape.height),
+        ("toe", shape.toe),
+    ):
+        if value > 0:
+            check.multiple(name, value, "the spacing along x", dx)
+    for name, value in (("height", shape.height), ("foundation", shape.foundation)):
+        check.multiple(name, value, "the spacing along z", dz)
+
+    top = shape.foundation + shape.height
+    extent = [shape.length, top] if shape.width is None else [shape.length, shape.width, top]
+    if shape.width is not None:
+        check.multiple("width", shape.width, "the spacing along y", discretisation.spacing[1])
+    cells = [check.multiple("length", shape.length, "cell", cell)]
+    if shape.width is not None:
+        cells.append(check.multiple("width", shape.width, "cell", cell))
+    walls = _ends(0, cells[0], "roller")
+    if shape.width is not None:
+        walls += _ends(1, cells[1], y_ends)
+    walls.append(Wall(d - 1, "low", PADDING, "fixed"))
+    cells.append(math.ceil(top / cell) + 1)
+
+    scene, state = _build(
+        _lattice(extent, discretisation.spacing, lambda x: x[-1] < shape.surface(x[0])),
+        Grid(tuple(n + 1 + 2 * PADDING for n in cells), cell, (-PADDING * cell,) * d),
+        soil,
+        discretisation,
+        walls=tuple(walls),
+        gravity=gravity,
+        speed=math.sqrt(gravity * top) if speed is None else speed,
+    )
+    return scene, settled_elastically(scene, state, discretisation.spacing[-1])
+
+
+def column(
+    height: float,
+    soil: Ground,
+    discretisation: Discretisation,
+    *,
+    gravity: float = 9.81,
+    at_rest: bool = True,
+) -> tuple[Scene, State]:
+    """A column on a fixed base, in 1D, or in 2D and 3D one cell wide between rollers; vertical is the last axis.
+
+    at_rest: with the stress of elastic gravity loading, else free of stress (gravity then acts suddenly).
+    """
+    d, cell = len(discretisation.spacing), discretisation.cell
+    check_discretisation(discretisation, d)
+    check.positive("height", height, "m")
+    check.multiple("height", height, "the spacing along the height", discretisation.spacing[-1])
+    walls = [wall for a in range(d - 1) for wall in _ends(a, 1, "roller")]
+    walls.append(Wall(d - 1, "low", PADDING, "fixed"))
+    cells = [1] * (d - 1) + [math.ceil(height / cell * (1 - 1e-12)) + 1]
+    scene, state = _build(
+        _lattice([cell] * (d - 1) + [height], discretisation.spacing),
+        Grid(tuple(n + 1 + 2 * PADDING for n in cells), cell, (-PADDING * cell,) * d),
+        soil,
+        discretisation,
+        walls=tuple(walls),
+        gravity=gravity,
+        speed=math.sqrt(gravity * height),
+    )
+    return scene, settled_elastically(scene, state, discretisation.spacing[-1]) if at_rest else state
+
+
+def bar(
+    length: float, soil: Ground, discretisation: Discretisation, *, velocity: float, mode: int = 1
+) -> tuple[Scene, State]:
+    """A 1D bar fixed at x = 0, free at x = length, without gravity, vibrating in one of its modes.
+
+    Starts with v = velocity sin(b x), b = (2 mode - 1) pi / (2 length) (m/s): the tip's amplitude.
+    In 1D the strain is uniaxial: for the bar of Young's modulus E, give a Poisson's ratio of 0.
+    """
+    check_discretisation(discretisation, 1)
+    check.positive("length", length, "m")
+    check.multiple("length", length, "the spacing", discretisation.spacing[0])
+    if mode < 1:
+        raise ValueError(f"mode = {mode}: give 1 or more")
+    cell = discretisation.cell
+    cells = math.ceil(length / cell * (1 - 1e-12)) + 1
+    scene, state = _build(
+        _lattice([length], discretisation.spacing),
+        Grid((cells + 1 + 2 * PADDING,), cell, (-PADDING * cell,)),
+        soil,
+        discretisation,
+        walls=(Wall(0, "low", PADDING, "fixed"),),
+        gravity=0.0,
+        speed=abs(velocity),
+    )
+    wave = (2 * mode - 1) * math.pi / (2 * length)
+    return scene, replace(state, velocity=velocity * jnp.sin(wave * scene.particles.position))
+
+
+def block(
+    size: Sequence[float],
+    soil: Ground,
+    discretisation: Discretisation,
+    *,
+    domain: Sequence[float],
+    corner: Sequence[float],
+    velocity: Sequence[float] | None = None,
+    gravity: Sequence[float] | None = None,
+    walls: Literal["none", "fixed", "roller", "friction"] = "none",
+    friction: float = 0.0,
+    speed: float | None = None,
+) -> tuple[Scene, State]:
+    """A box of soil in a box-shaped domain, free of stress, moving at `velocity` (m/s).
+
+    size, domain: edges (m). corner: lowest corner of the block in the domain. gravity: vector (m/s2).
+    walls: what stands on all faces of the domain; with "none" a lane that leaves it fails with OUTSIDE_GRID.
+    friction: coefficient of walls with "friction", tan of the wall's friction angle; they hold nothing back.
+    speed: largest particle speed allowed for in the time step (m/s), by default that of the start.
+    """
+    d, cell = len(size), discretisation.cell
+    check_discretisation(discretisation, d)
+    zero = (0.0,) * d
+    velocity, gravity = velocity or zero, gravity or zero
+    for name, values in (
+        ("domain", domain),
+        ("corner", corner),
+        ("velocity", velocity),
+        ("gravity", gravity),
+    ):
+        check.axes(name, values, d)
+    check.positive("size", size, "m")
+    check.not_negative("corner", corner, "m")
+    for a in range(d):
+        check.multiple(f"size[{a}]", size[a], f"spacing[{a}]", discretisation.spacing[a])
+        if corner[a] + size[a] > domain[a] * (1 + 1e-12):
+            raise ValueError(
+                f"the block ends at {corner[a] + size[a]:g} m along axis {a}, beyond the domain of {domain[a]:g} m: "
+                "enlarge the domain"
+            )
+    if walls not in ("none", "fixed", "roller", "friction"):
+        raise ValueError(f"walls = {walls!r}: give 'none', 'fixed', 'roller' or 'friction'")
+    check.not_negative("friction", friction)
+    if friction and walls != "friction":
+        raise ValueError(f"friction = {friction:g} with walls = {walls!r}: give walls = 'friction'")
+    cells = [check.multiple(f"domain[{a}]", domain[a], "cell", cell) for a in range(d)]
+    held = () if walls == "none" else tuple(wall for a in range(d) for wall in _ends(a, cells[a], walls))
+    scene, state = _build(
+        _lattice(size, discretisation.spacing) + np.asarray(corner, float)[:, None],
+        Grid(tuple(n + 1 + 2 * PADDING for n in cells), cell, (-PADDING * cell,) * d),
+        soil,
+        discretisation,
+        walls=held,
+        gravity=gravity,
+        speed=float(np.linalg.norm(velocity)) if speed is None else speed,
+    )
+    if walls == "friction":
+        scene = replace(scene, wall_friction=jnp.asarray(friction, state.velocity.dtype))
+    start = jnp.asarray(velocity, state.velocity.dtype)[:, None]
+    return scene, replace(state, velocity=jnp.broadcast_to(start, state.velocity.shape))
+
+
+def with_strength(scene: Scene, strength: Any) -> Scene:
+    """The scene with another strength (Pa), a number or one value per particle (N)."""
+    check.positive("strength", strength, "Pa")
+    shape = np.shape(strength)
+    if shape not in ((), scene.particles.mass.shape):
+        raise ValueError(
+            f"strength has shape {shape}: give a number or {scene.particles.mass.shape}, one value per particle"
+        )
+    value = jnp.asarray(strength, scene.particles.mass.dtype)
+    varied = replace(scene, material=replace(scene.material, strength=value))
+    refuse_snap_back(varied.material)
+    return varied
+
+
+def _ends(axis: int, cells: int, hold: Literal["fixed", "roller", "friction"]) -> list[Wall]:
+    """Walls at both ends of an axis that is `cells` cells long."""
+    return [Wall(axis, "low", PADDING, hold), Wall(axis, "high", PADDING + cells, hold)]
+
+
+def _lattice(
+    extent: Sequence[float],
+    spacing: Sequence[float],
+    inside: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> np.ndarray:
+    """Centres (d, N) of the boxes of size `spacing` that fill `extent`, those that lie `inside`."""
+    axes = [(np.arange(round(e / s)) + 0.5) * s for e, s in zip(extent, spacing, strict=True)]
+    points = np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")])
+    return points if inside is None else points[:, inside(points)]
+
+
+def _build(
+    position: np.ndarray,
+    grid: Grid,
+    soil: Ground,
+    discretisation: Discretisation,
+    *,
+    walls: tuple[Wall, ...],
+    gravity: float | Sequence[float],
+    speed: float,
+) -> tuple[Scene, State]:
+    """Scene and motionless, stress-free state of equal particles at `position`, sorted by cell."""
+    dtype = check.dtype(discretisation.dtype or jax.dtypes.canonicalize_dtype(float))
+    check.positive("unit_weight", soil.unit_weight, "N/m3")
+    if isinstance(gravity, (int, float)):
+        check.not_negative("gravity", gravity, "m/s2")
+        gravity = [0.0] * (grid.dimension - 1) + [-gravity]
+    check.positive("speed", max(speed, 1e-12), "m/s")
+    cell_of = np.floor((position - np.asarray(grid.origin)[:, None]) / grid.cell).astype(np.int64)
+    position = position[:, np.lexsort(cell_of[::-1])]
+    count = position.shape[1]
+    volume = float(np.prod(discretisation.spacing))
+    density = soil.unit_weight / 9.81
+    particles = Particles(
+        position=jnp.asarray(position, dtype),
+        mass=jnp.full(count, density * volume, dtype),
+        volume=jnp.full(count, volume, dtype),
+    )
+    length = discretisation.internal_length
+    material = material_of(soil, dtype, grid.cell if length is None else band_thickness(length))
+    wave_speed = math.sqrt(float(material.p_wave_modulus) / density)
+    kernel = kernel_of(discretisation)
+    if length is not None and material.initial_history(particles) is None:
+        raise ValueError(f"internal_length = {length:g} m, but the soil does not soften: leave it out")
+    if discretisation.fbar and isinstance(soil, FrictionalSoil):
+        raise ValueError(
+            "fbar = True with a frictional soil: it averages the mean stress, on which friction depends, and soil at a "
+            "free surface would lose its strength; leave fbar out"
+        )
+    scene = Scene(
+        grid=grid,
+        particles=particles,
+        material=material,
+        gravity=jnp.asarray(gravity, dtype),
+        time_step=jnp.asarray(discretisation.cfl * grid.cell / (wave_speed + speed), dtype),
+        kernel=kernel,
+        walls=walls,
+        scheme=discretisation.scheme,
+        fbar=discretisation.fbar,
+        nonlocal_passes=None if length is None else passes_for(length, kernel, grid.cell),
+        flip=None if discretisation.flip == 1 else jnp.asarray(discretisation.flip, dtype),
+        damping=None if discretisation.damping == 0 else jnp.asarray(discretisation.damping, dtype),
+    )
+    return scene, at_rest(scene, apic=discretisation.apic)
+
+
+def at_rest(scene: Scene, *, apic: bool = False) -> State:
+    """The state of no motion, no stress and no history; apic: with a velocity gradient per particle."""
+    particles, d = scene.particles, scene.grid.dimension
+    return State(
+        displacement=jnp.zeros_like(particles.position),
+        velocity=jnp.zeros_like(particles.position),
+        stress=jnp.zeros((len(CARRIED[scene.grid.dimension]), *particles.mass.shape), particles.mass.dtype),
+        volume_ratio=jnp.ones_like(particles.mass),
+        history=scene.material.initial_history(particles),
+        step=jnp.zeros((), jnp.int32),
+        status=jnp.asarray(int(Status.RUNNING), jnp.int32),
+        affine=jnp.zeros((d, *particles.position.shape), particles.mass.dtype) if apic else None,
+    )

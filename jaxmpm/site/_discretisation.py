@@ -1,0 +1,79 @@
+"""The numerical choices: cell, particles, kernel, scheme, and what keeps answers from locking or following the cell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from jaxmpm import check
+from jaxmpm.site._soil import Ground, Soil
+from jaxmpm.transfer import least_length, length_of_band
+from jaxmpm.types import GIMP, Kernel, Linear, QuadraticBSpline, Scheme
+
+
+@dataclass(frozen=True)
+class Discretisation:
+    """Cell (m), particle spacing per axis (m), and the numerical choices.
+
+    kernel: GIMP (domain of one spacing), Linear or QuadraticBSpline. scheme: when the stress is updated. cfl: dt = cfl
+    cell / (c + speed), c the elastic wave speed. flip: share of FLIP, 1 is pure FLIP. apic: carry the velocity's
+    gradient, with quadratic B-splines and flip = 0. damping: mass-proportional (1/s). fbar: average volumetric strain
+    and mean stress over neighbours, against locking; not for frictional soils. internal_length: standard deviation (m)
+    of the average of the plastic strain over neighbours, which keeps softening from localising into single cells: its
+    bands are then 2.5 times as thick; None keeps it local. See `cell_independent` for both. dtype: float32 or float64,
+    as JAX is set if None.
+    """
+
+    cell: float
+    spacing: tuple[float, ...]
+    kernel: type[GIMP] | type[Linear] | type[QuadraticBSpline] = GIMP
+    scheme: Scheme = Scheme.MUSL
+    cfl: float = 0.5
+    flip: float = 1.0
+    apic: bool = False
+    damping: float = 0.0
+    fbar: bool = False
+    internal_length: float | None = None
+    dtype: Any = None
+
+
+def kernel_of(discretisation: Discretisation) -> Kernel:
+    """The kernel, with the box of one particle where it has one."""
+    kind = discretisation.kernel
+    if kind is GIMP:
+        return GIMP(tuple(s / 2 for s in discretisation.spacing))
+    return Linear() if kind is Linear else QuadraticBSpline()
+
+
+def cell_independent(discretisation: Discretisation, soil: Ground) -> Discretisation:
+    """These choices, with F-bar and averaged plastic strain where they keep the answers from following the cell.
+
+    F-bar for all but frictional soil. Plastic strain is averaged where soil softens and has a `softening_length`, so
+    that its bands become as thick as that; on cells too large for it they stay a cell thick, and softening is scaled.
+    """
+    length = None
+    if soil.softens and soil.softening_length is not None:
+        wanted = length_of_band(soil.softening_length)
+        length = wanted if wanted >= least_length(kernel_of(discretisation), discretisation.cell) else None
+    return replace(discretisation, fbar=isinstance(soil, Soil), internal_length=length)
+
+
+def check_discretisation(discretisation: Discretisation, dimension: int) -> None:
+    """Raise ValueError for choices that are none, or do not go together."""
+    check.positive("cell", discretisation.cell, "m")
+    check.axes("spacing", discretisation.spacing, dimension)
+    check.positive("spacing", discretisation.spacing, "m")
+    wide = [s for s in discretisation.spacing if s > discretisation.cell * (1 + 1e-12)]
+    if wide:
+        raise ValueError(
+            f"spacing = {wide[0]:g} m leaves gaps in cells of {discretisation.cell:g} m: give at most the cell"
+        )
+    if discretisation.kernel not in (GIMP, Linear, QuadraticBSpline):
+        raise ValueError(f"kernel = {discretisation.kernel!r}: give GIMP, Linear or QuadraticBSpline")
+    if discretisation.apic and (discretisation.kernel is not QuadraticBSpline or discretisation.flip != 0):
+        raise ValueError("apic = True: give kernel = QuadraticBSpline and flip = 0 with it")
+    if not isinstance(discretisation.scheme, Scheme):
+        raise ValueError(f"scheme = {discretisation.scheme!r}: give a member of Scheme")
+    check.between("cfl", discretisation.cfl, 0.0, 1.0)
+    check.between("flip", discretisation.flip, 0.0, 1.0, ends=True)
+    check.not_negative("damping", discretisation.damping, "1/s")

@@ -1,0 +1,267 @@
+"""The transfers as JAX primitives: one trilinear form, its three gradients, and their derivatives.
+
+A transfer's terms define B(x, rows, nodal), the sum over particles of a row times a derivative of the weights times
+what a channel of the nodes holds. `scatter` is the gradient of B by the nodal field, `gather` the one by the rows,
+`contract` the one by the position x. So reverse mode needs these three and nothing else:
+
+    scatter  is transposed by gather (along the rows) and contract (along the position), both in one kernel,
+    gather   is transposed by scatter (along the nodes) and contract (along the position).
+
+Forward mode along the position has weights derived once more. Everything differentiates to any order, on either
+engine; native kernels stop at second derivatives of the weights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
+
+from jaxmpm.transfer import _stencil as stencil
+from jaxmpm.transfer import native
+from jaxmpm.transfer._stencil import Term
+
+# The primitives. Arrays may have any number of leading batch axes, of length 1 where lanes share the array.
+scatter_p = Primitive("jaxmpm_scatter")  # position (d, N), blocks of rows (r, N) -> (nodes, channels)
+gather_p = Primitive("jaxmpm_gather")  # position (d, N), nodal (nodes, channels) -> (rows, N)
+contract_p = Primitive("jaxmpm_contract")  # position, nodal, blocks -> (d, N), and what gather gives if rows > 0
+contract_p.multiple_results = True
+# Tangents: of scatter, linear in `moved` (d, N) and in as many changed blocks as there are blocks; of gather along the
+# position, linear in `moved`.
+scatter_tangent_p = Primitive("jaxmpm_scatter_tangent")  # position, moved, changed blocks, blocks -> (nodes, channels)
+gather_moved_p = Primitive("jaxmpm_gather_moved")  # position, moved, nodal -> (rows, N)
+
+_STATICS = ("grid", "kernel", "native_only", "terms")
+
+
+def _batch(*arrays: Array) -> tuple[int, ...]:
+    return np.broadcast_shapes(*(a.shape[:-2] for a in arrays))
+
+
+def _nodal_shape(position, *others, grid, channels, **_):
+    return jax.core.ShapedArray((*_batch(position, *others), grid.nodes, channels), position.dtype)
+
+
+def _rows_shape(position, *others, rows, **_):
+    return jax.core.ShapedArray((*_batch(position, *others), rows, position.shape[-1]), position.dtype)
+
+
+def _contract_shape(position, *others, rows, **statics):
+    slope = jax.core.ShapedArray((*_batch(position, *others), *position.shape[-2:]), position.dtype)
+    return [slope, _rows_shape(position, *others, rows=rows)]
+
+
+def rows_of(blocks: Sequence[Array]) -> list[Array]:
+    """The rows (N) of blocks (r, N), one after the other."""
+    return [row for block in blocks for row in block]
+
+
+def _over_lanes(function: Callable[..., Array], *arrays: Array) -> Array:
+    """Map over the leading batch axes of arrays that share lanes by axes of length 1."""
+    if arrays[0].ndim == 2:
+        return function(*arrays)
+    shared = [a.shape[0] == 1 for a in arrays]
+    lanes = [a[0] if s else a for a, s in zip(arrays, shared, strict=True)]
+    if all(shared):
+        return _over_lanes(function, *lanes)[None]
+    return jax.vmap(partial(_over_lanes, function), in_axes=[None if s else 0 for s in shared])(*lanes)
+
+
+def _scatter_xla(position, *blocks, native_only, grid, kernel, terms, channels):
+    def one_lane(position, *blocks):
+        return stencil.scatter(grid, kernel, position, rows_of(blocks), terms=terms, channels=channels)
+
+    _refuse(native_only)
+    return _over_lanes(one_lane, position, *blocks)
+
+
+def _gather_xla(position, nodal, *, native_only, grid, kernel, terms, rows):
+    _refuse(native_only)
+    return _over_lanes(partial(stencil.gather, grid, kernel, terms=terms, rows=rows), position, nodal)
+
+
+def _refuse(native_only: bool) -> None:
+    if native_only:
+        raise ValueError("Engine.NATIVE has no kernels for this device, dtype or order of derivative: take Engine.XLA")
+
+
+def _scatter_cpu(position, *blocks, native_only, grid, kernel, terms, channels):
+    if native.available() and native.supports(position, terms):
+        return native.scatter(grid, kernel, position, blocks, terms=terms, channels=channels)
+    return _scatter_xla(
+        position, *blocks, native_only=native_only, grid=grid, kernel=kernel, terms=terms, channels=channels
+    )
+
+
+def _gather_cpu(position, nodal, *, native_only, grid, kernel, terms, rows):
+    if native.available() and native.supports(position, terms):
+        return native.gather(grid, kernel, position, nodal, terms=terms, rows=rows)
+    return _gather_xla(position, nodal, native_only=native_only, grid=grid, kernel=kernel, terms=terms, rows=rows)
+
+
+def _contract_cpu(position, nodal, *blocks, native_only, grid, kernel, terms, rows):
+    if native.available() and native.supports(position, _raised(terms, position.shape[-2])):
+        return native.contract(grid, kernel, position, nodal, blocks, terms=terms, rows=rows)
+    statics = {"native_only": native_only, "grid": grid, "kernel": kernel, "terms": terms, "rows": rows}
+    return _contract_expanded(position, nodal, *blocks, **statics)
+
+
+def _raised(terms: Sequence[Term], dimension: int) -> tuple[Term, ...]:
+    """The terms derived along the position: row r becomes rows r d + a, one for each axis a."""
+    return tuple(
+        t._replace(row=t.row * dimension + a, axes=tuple(sorted((*t.axes, a)))) for t in terms for a in range(dimension)
+    )
+
+
+def _slopes(position, nodal, *, terms, rows, **statics):
+    """What `gather` gives, derived along the position: (.., rows, d, N)."""
+    d = position.shape[-2]
+    found = gather_p.bind(position, nodal, terms=_raised(terms, d), rows=rows * d, **statics)
+    return found.reshape(*found.shape[:-2], rows, d, found.shape[-1])
+
+
+def _scatter_tangent_expanded(position, moved, *both, terms, **statics):
+    changed, blocks = both[: len(both) // 2], both[len(both) // 2 :]
+    count = sum(block.shape[-2] for block in blocks)
+    products = [block[..., :, None, :] * moved[..., None, :, :] for block in blocks]
+    products = [p.reshape(*p.shape[:-3], -1, p.shape[-1]) for p in products]
+    raised = tuple(t._replace(row=count + t.row) for t in _raised(terms, moved.shape[-2]))
+    return scatter_p.bind(position, *changed, *products, terms=terms + raised, **statics)
+
+
+def _gather_moved_expanded(position, moved, nodal, **statics):
+    return (_slopes(position, nodal, **statics) * moved[..., None, :, :]).sum(-2)
+
+
+def _contract_expanded(position, nodal, *blocks, rows, **statics):
+    given = jnp.concatenate([jnp.broadcast_to(b, (*_batch(*blocks), *b.shape[-2:])) for b in blocks], axis=-2)
+    slope = (_slopes(position, nodal, rows=given.shape[-2], **statics) * given[..., :, None, :]).sum(-3)
+    if rows:
+        return [slope, gather_p.bind(position, nodal, rows=rows, **statics)]
+    return [slope, jnp.zeros((*slope.shape[:-2], 0, slope.shape[-1]), slope.dtype)]
+
+
+def _scatter_jvp(primals, tangents, **statics):
+    position, *blocks = primals
+    moved, *changed = tangents
+    changed = map(ad.instantiate_zeros, changed)
+    if isinstance(moved, ad.Zero):
+        tangent = scatter_p.bind(position, *changed, **statics)
+    else:
+        tangent = scatter_tangent_p.bind(position, moved, *changed, *blocks, **statics)
+    return scatter_p.bind(*primals, **statics), tangent
+
+
+def _gather_jvp(primals, tangents, **statics):
+    position, nodal = primals
+    moved, changed = tangents
+    parts = []
+    if not isinstance(changed, ad.Zero):
+        parts.append(gather_p.bind(position, changed, **statics))
+    if not isinstance(moved, ad.Zero):
+        parts.append(gather_moved_p.bind(position, moved, nodal, **statics))
+    return gather_p.bind(position, nodal, **statics), sum(parts[1:], parts[0])
+
+
+def _expanded_jvp(expanded, primals, tangents, **statics):
+    return jax.jvp(partial(expanded, **statics), primals, tuple(map(ad.instantiate_zeros, tangents)))
+
+
+def _summed(cotangent: Array, shape: tuple[int, ...]) -> Array:
+    """Cotangent of an array that lanes may have shared."""
+    shared = tuple(i for i, n in enumerate(shape) if n == 1 and cotangent.shape[i] != 1)
+    return cotangent.sum(shared, keepdims=True) if shared else cotangent
+
+
+def _split(rows: Array, blocks: Sequence[Array]) -> list[Array | None]:
+    """The rows as blocks like the linear ones given; None for those that are not linear."""
+    shapes = [b.aval.shape if ad.is_undefined_primal(b) else b.shape for b in blocks]
+    ends = np.cumsum([shape[-2] for shape in shapes])
+    return [
+        _summed(part, shape) if ad.is_undefined_primal(block) else None
+        for part, block, shape in zip(jnp.split(rows, ends[:-1], axis=-2), blocks, shapes, strict=True)
+    ]
+
+
+def _count(blocks: Sequence[Array]) -> int:
+    return sum((b.aval if ad.is_undefined_primal(b) else b).shape[-2] for b in blocks)
+
+
+def _zeros(*arrays):
+    return tuple(ad.Zero(a.aval) if ad.is_undefined_primal(a) else None for a in arrays)
+
+
+def _scatter_transpose(cotangent, position, *blocks, channels, **statics):
+    if isinstance(cotangent, ad.Zero):
+        return (None, *_zeros(*blocks))
+    return (None, *_split(gather_p.bind(position, cotangent, rows=_count(blocks), **statics), blocks))
+
+
+def _scatter_tangent_transpose(cotangent, position, moved, *both, channels, **statics):
+    changed, blocks = both[: len(both) // 2], both[len(both) // 2 :]
+    none = [None] * len(blocks)
+    if isinstance(cotangent, ad.Zero):
+        return (None, *_zeros(moved, *changed), *none)
+    rows = _count(blocks) if any(map(ad.is_undefined_primal, changed)) else 0
+    slope, gathered = contract_p.bind(position, cotangent, *blocks, rows=rows, **statics)
+    along = _summed(slope, moved.aval.shape) if ad.is_undefined_primal(moved) else None
+    return (None, along, *(_split(gathered, changed) if rows else none), *none)
+
+
+def _gather_transpose(cotangent, position, nodal, *, rows, **statics):
+    if isinstance(cotangent, ad.Zero):
+        return None, ad.Zero(nodal.aval)
+    spread = scatter_p.bind(position, cotangent, channels=nodal.aval.shape[-1], **statics)
+    return None, _summed(spread, nodal.aval.shape)
+
+
+def _gather_moved_transpose(cotangent, position, moved, nodal, *, rows, **statics):
+    if isinstance(cotangent, ad.Zero):
+        return None, ad.Zero(moved.aval), None
+    slope, _ = contract_p.bind(position, nodal, cotangent, rows=0, **statics)
+    return None, _summed(slope, moved.aval.shape), None
+
+
+def _batched(primitive: Primitive, arrays: Sequence[Array], axes: Sequence[int | None], **statics):
+    lanes = [a[None] if axis is None else jnp.moveaxis(a, axis, 0) for a, axis in zip(arrays, axes, strict=True)]
+    out = primitive.bind(*lanes, **statics)
+    return (out, [0] * len(out)) if primitive.multiple_results else (out, 0)
+
+
+def _register(primitive, shape, counts, *, jvp, transpose, on_cpu, elsewhere):
+    primitive.def_abstract_eval(shape)
+    primitive.def_impl(jax.jit(primitive.bind, static_argnames=(*_STATICS, *counts)))
+    ad.primitive_jvps[primitive] = jvp
+    if transpose is not None:
+        ad.primitive_transposes[primitive] = transpose
+    batching.primitive_batchers[primitive] = partial(_batched, primitive)
+    lowered = partial(mlir.lower_fun, multiple_results=primitive.multiple_results)
+    mlir.register_lowering(primitive, lowered(elsewhere))
+    mlir.register_lowering(primitive, lowered(on_cpu), platform="cpu")
+
+
+def _register_expanded(primitive, shape, counts, expanded, *, transpose, on_cpu=None):
+    """A primitive that is other primitives put together, where it is not a kernel of its own."""
+    jvp = partial(_expanded_jvp, expanded)
+    _register(primitive, shape, counts, jvp=jvp, transpose=transpose, on_cpu=on_cpu or expanded, elsewhere=expanded)
+
+
+_register(
+    scatter_p, _nodal_shape, ("channels",),
+    jvp=_scatter_jvp, transpose=_scatter_transpose, on_cpu=_scatter_cpu, elsewhere=_scatter_xla,
+)  # fmt: skip
+_register(
+    gather_p, _rows_shape, ("rows",),
+    jvp=_gather_jvp, transpose=_gather_transpose, on_cpu=_gather_cpu, elsewhere=_gather_xla,
+)  # fmt: skip
+_register_expanded(
+    scatter_tangent_p, _nodal_shape, ("channels",), _scatter_tangent_expanded, transpose=_scatter_tangent_transpose
+)
+_register_expanded(gather_moved_p, _rows_shape, ("rows",), _gather_moved_expanded, transpose=_gather_moved_transpose)
+_register_expanded(contract_p, _contract_shape, ("rows",), _contract_expanded, transpose=None, on_cpu=_contract_cpu)

@@ -1,0 +1,102 @@
+"""Sums over the particles' stencils in plain jnp: what a transfer means, and how it runs without the native engine.
+
+A transfer is a list of terms. Each joins a row of a particle array to a channel of the nodal array through the weight
+of a node, or one of the weight's derivatives along some axes. Particles to nodes and nodes to particles under the same
+terms are each other's transpose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxmpm.transfer._shape import WIDTH, base_node, locate, shape_1d
+from jaxmpm.types import Grid, Kernel
+
+
+class Term(NamedTuple):
+    """One product in a transfer: factor * row * (weight derived once along each of `axes`, sorted) <-> channel."""
+
+    row: int
+    channel: int
+    axes: tuple[int, ...] = ()
+    factor: int = 1
+
+
+def scatter(
+    grid: Grid, kernel: Kernel, position: Array, rows: Sequence[Array], *, terms: Sequence[Term], channels: int
+) -> Array:
+    """Particles to nodes: position (d, N) m and rows, each (N), to (nodes, channels)."""
+    nodal = jnp.zeros((grid.nodes, channels), position.dtype)
+    for node, weight in _layers(grid, kernel, position, terms):
+        contribution = _sums([(t.channel, t.factor * rows[t.row] * weight[t.axes]) for t in terms], channels, node)
+        nodal = nodal.at[node].add(jnp.stack(contribution, axis=-1))
+    return nodal
+
+
+def gather(grid: Grid, kernel: Kernel, position: Array, nodal: Array, *, terms: Sequence[Term], rows: int) -> Array:
+    """Nodes to particles: position (d, N) m and nodal (nodes, channels) to (rows, N)."""
+    products = []
+    for node, weight in _layers(grid, kernel, position, terms):
+        values = nodal[node]
+        products += [(t.row, (t.factor * values[..., t.channel] * weight[t.axes]).sum(0)) for t in terms]
+    return jnp.stack(_sums(products, rows, position[0]))
+
+
+def _sums(products: Sequence[tuple[int, Array]], count: int, like: Array) -> list[Array]:
+    """Sum of the products with each number below `count`; zeros where there is none."""
+    sums: list[Array | None] = [None] * count
+    for number, product in products:
+        before = sums[number]
+        sums[number] = product if before is None else before + product
+    dtype = next(s.dtype for s in sums if s is not None)
+    return [jnp.zeros(like.shape, dtype) if s is None else s for s in sums]
+
+
+def _layers(
+    grid: Grid, kernel: Kernel, position: Array, terms: Sequence[Term]
+) -> Iterator[tuple[Array, dict[tuple[int, ...], Array]]]:
+    """The stencil in three layers across the first axis, each as (nodes (m, N), {axes: weight derived so (m, N)}).
+
+    A layer at a time compiles to a small program, and to arrays nine times the particles' rather than 27.
+    """
+    cells = locate(grid, position)
+    base = base_node(grid, cells)
+    wanted = {term.axes for term in terms}
+    order = max((len(axes) for axes in wanted), default=0)
+    nodes = base[:, None] + jnp.arange(WIDTH, dtype=base.dtype)[:, None]
+    factors = [
+        _derivatives(kernel, a, grid.cell, cells[a] - nodes[a].astype(cells.dtype), order)
+        for a in range(grid.dimension)
+    ]
+    for k in range(WIDTH):
+        node = nodes[0, k : k + 1]
+        weights = {axes: factors[0][axes.count(0)][k : k + 1] for axes in wanted}
+        for a in range(1, grid.dimension):
+            node = _outer(jnp.add, node * grid.shape[a], nodes[a])
+            weights = {axes: _outer(jnp.multiply, w, factors[a][axes.count(a)]) for axes, w in weights.items()}
+        yield node, weights
+
+
+def _outer(operation: Callable[[Array, Array], Array], a: Array, b: Array) -> Array:
+    """All pairs of (m, N) and (n, N): (m n, N)."""
+    return operation(a[:, None], b[None]).reshape(-1, a.shape[-1])
+
+
+def _derivatives(kernel: Kernel, axis: int, cell: float, r: Array, order: int) -> list[Array]:
+    """A 1D shape function at r cells from its node, and its derivatives (1/m^n) up to `order`."""
+    value, slope = shape_1d(kernel, axis, cell, r)
+    found = [value, slope]
+    nth: Callable[[Array], Array] = lambda r: shape_1d(kernel, axis, cell, r)[1]  # noqa: E731
+    for _ in range(order - 1):
+        nth = _derivative(nth, cell)
+        found.append(nth(r))
+    return found
+
+
+def _derivative(function: Callable[[Array], Array], cell: float) -> Callable[[Array], Array]:
+    return lambda r: jax.jvp(function, (r,), (jnp.ones_like(r),))[1] / cell

@@ -1,0 +1,110 @@
+"""Particles to grid and grid to particles: one meaning, two engines, their derivatives.
+
+Both maps are linear in what they carry. A node's row in a grid array interleaves its channels: (nodes, channels),
+nodes numbered fastest along the last axis.
+
+By default a transfer is a JAX primitive (`jaxmpm.primitives`) that lowers to native kernels on CPU and to
+`jaxmpm.stencil` elsewhere, as do its derivatives.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from jax import Array
+
+from jaxmpm.tensors import ACTING, AXES, VOIGT
+from jaxmpm.transfer import _stencil as stencil
+from jaxmpm.transfer import native
+from jaxmpm.transfer._primitives import gather_p, rows_of, scatter_p
+from jaxmpm.transfer._shape import WIDTH
+from jaxmpm.transfer._stencil import Term
+from jaxmpm.types import Engine, Grid, Kernel
+
+
+def p2g(
+    grid: Grid,
+    kernel: Kernel,
+    position: Array,
+    carried: Array | None,
+    stress: Array | None,
+    *,
+    engine: Engine | None = None,
+) -> Array:
+    """Map particles to nodes: sum of weight * carried, and of -stress . weight gradient.
+
+    position: (d, N) m. carried: (k, N), e.g. mass and momentum, or None. stress: volume times the stress
+    components that act on the grid (J), (d (d + 1) / 2, N) in the order xx, yy, zz, xy, yz, xz of those that the
+    dimension has, or None.
+    engine: None takes native kernels on CPU where they were built, else XLA.
+    Returns (nodes, k + d), (nodes, k) or (nodes, d): first the carried channels, then the force (N).
+    Raises ValueError where the grid has fewer than 3 nodes along an axis, dtypes differ, or the engine is missing.
+    Source: Bardenhagen and Kober (2004); Jiang et al. (2024), 10.1016/j.compgeo.2024.106413, Eqs. 20 to 22.
+    """
+    d, blocks, terms = grid.dimension, [], []
+    k = 0 if carried is None else len(carried)
+    if carried is not None:
+        blocks.append(carried)
+        terms += [Term(c, c) for c in range(k)]
+    if stress is not None:
+        blocks.append(stress)
+        terms += [Term(k + _acting(i, j, d), k + i, (j,), -1) for i in range(d) for j in range(d)]
+    _check(grid, position, *blocks)
+    channels = k if stress is None else k + d
+    if engine is Engine.XLA:
+        return stencil.scatter(grid, kernel, position, rows_of(blocks), terms=terms, channels=channels)
+    native_only = _native_only(engine)
+    statics = {"grid": grid, "kernel": kernel, "terms": tuple(terms), "native_only": native_only}
+    return scatter_p.bind(position, *blocks, channels=channels, **statics)
+
+
+def g2p(
+    grid: Grid,
+    kernel: Kernel,
+    position: Array,
+    nodal: Array,
+    *,
+    values: int,
+    gradients: int,
+    engine: Engine | None = None,
+) -> tuple[Any, Any]:
+    """Interpolate nodal fields at particles.
+
+    position: (d, N) m. nodal: (nodes, c). The first `values` channels are interpolated to (values, N), the
+    gradients (1/m) of the first `gradients` channels to (gradients, d, N); None where the count is 0.
+    engine and errors: as for `p2g`.
+    """
+    d = grid.dimension
+    _check(grid, position, nodal)
+    terms = [Term(c, c) for c in range(values)]
+    terms += [Term(values + c * d + j, c, (j,)) for c in range(gradients) for j in range(d)]
+    count = values + gradients * d
+    if engine is Engine.XLA:
+        rows = stencil.gather(grid, kernel, position, nodal, terms=terms, rows=count)
+    else:
+        native_only = _native_only(engine)
+        statics = {"grid": grid, "kernel": kernel, "terms": tuple(terms), "native_only": native_only}
+        rows = gather_p.bind(position, nodal, rows=count, **statics)
+    gradient = rows[values:].reshape(gradients, d, position.shape[-1])
+    return rows[:values] if values else None, gradient if gradients else None
+
+
+def _acting(i: int, j: int, dimension: int) -> int:
+    """Place of the stress component (i, j) among those that act on a grid of this dimension."""
+    axes = AXES[dimension]
+    return ACTING[dimension].index(VOIGT[axes[i]][axes[j]])
+
+
+def _check(grid: Grid, *arrays: Array) -> None:
+    if min(grid.shape) < WIDTH:
+        raise ValueError(f"grid shape {grid.shape} has an axis of fewer than {WIDTH} nodes: enlarge the grid")
+    dtypes = {a.dtype for a in arrays}
+    if len(dtypes) > 1:
+        names = ", ".join(sorted(str(t) for t in dtypes))
+        raise ValueError(f"arrays of a transfer mix {names}: give all of them one dtype")
+
+
+def _native_only(engine: Engine | None) -> bool:
+    if not native.available() and engine is Engine.NATIVE:
+        raise ValueError("Engine.NATIVE was not built: install a C++ compiler and jaxmpm again, or take Engine.XLA")
+    return engine is Engine.NATIVE

@@ -1,0 +1,133 @@
+"""The native engine: finds the compiled library, registers its kernels with XLA, and calls them.
+
+The library is optional. Without it `available()` is False and transfers run on XLA.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import itertools
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxmpm.transfer._stencil import Term
+from jaxmpm.types import GIMP, Grid, Kernel, Linear, QuadraticBSpline
+
+LIBRARY = "libjaxmpm_transfer.so"
+FUNCTIONS = {Linear: 0, GIMP: 1, QuadraticBSpline: 2}
+MAX_CHANNELS = 8
+MAX_ORDER = 2
+
+
+@functools.cache
+def available() -> bool:
+    """Whether the compiled kernels are there; registers them. Warns, once, where they are not."""
+    for folder in __path__:
+        path = Path(folder) / LIBRARY
+        if path.exists():
+            library = ctypes.CDLL(str(path))
+            for name in ("jaxmpm_scatter", "jaxmpm_gather", "jaxmpm_contract"):
+                jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(getattr(library, name)), platform="cpu")
+            return True
+    warnings.warn(
+        f"{LIBRARY} was not built: particle-grid transfers run on XLA, at some fortieth of the speed on CPU. "
+        "Install a C++ compiler and install jaxmpm again.",
+        stacklevel=2,
+    )
+    return False
+
+
+def supports(position: Array, terms: Sequence[Term]) -> bool:
+    """Whether the kernels have this precision and these derivatives."""
+    return position.dtype in (jnp.float32, jnp.float64) and all(len(term.axes) <= MAX_ORDER for term in terms)
+
+
+def scatter(
+    grid: Grid, kernel: Kernel, position: Array, blocks: Sequence[Array], *, terms: Sequence[Term], channels: int
+) -> Array:
+    """As `jaxmpm.stencil.scatter`, with rows given as blocks (rows, N); arrays may have leading batch axes, of
+    length 1 where lanes share them."""
+    arrays = (position, *blocks)
+    batch = np.broadcast_shapes(*(a.shape[:-2] for a in arrays))
+    parts = []
+    for first in range(0, channels, MAX_CHANNELS):
+        count = min(channels - first, MAX_CHANNELS)
+        padded = 4 if count <= 4 else MAX_CHANNELS
+        result = jax.ShapeDtypeStruct((*batch, grid.nodes, padded), position.dtype)
+        call = jax.ffi.ffi_call("jaxmpm_scatter", result)
+        parts.append(call(*arrays, **_attributes(grid, kernel, _shifted(terms, first, count)))[..., :count])
+    return parts[0] if len(parts) == 1 else jnp.concatenate(parts, axis=-1)
+
+
+def gather(grid: Grid, kernel: Kernel, position: Array, nodal: Array, *, terms: Sequence[Term], rows: int) -> Array:
+    """As `jaxmpm.stencil.gather`; arrays may have leading batch axes, of length 1 where lanes share them."""
+    batch = np.broadcast_shapes(position.shape[:-2], nodal.shape[:-2])
+    result = jax.ShapeDtypeStruct((*batch, rows, position.shape[-1]), position.dtype)
+    call = jax.ffi.ffi_call("jaxmpm_gather", result)
+    return _by_channels(call, grid, kernel, position, nodal, (), terms)
+
+
+def contract(
+    grid: Grid,
+    kernel: Kernel,
+    position: Array,
+    nodal: Array,
+    blocks: Sequence[Array],
+    *,
+    terms: Sequence[Term],
+    rows: int,
+) -> list[Array]:
+    """Derivative along the position, (d, N), of the sum of the rows in `blocks` times what `gather` gives for them;
+    and that itself, (rows, N), where `rows` is their number and not 0."""
+    batch = np.broadcast_shapes(*(a.shape[:-2] for a in (position, nodal, *blocks)))
+    results = [
+        jax.ShapeDtypeStruct((*batch, count, position.shape[-1]), position.dtype) for count in (grid.dimension, rows)
+    ]
+    call = jax.ffi.ffi_call("jaxmpm_contract", results)
+    return _by_channels(call, grid, kernel, position, nodal, blocks, terms)
+
+
+def _by_channels(
+    call: Callable[..., Any],
+    grid: Grid,
+    kernel: Kernel,
+    position: Array,
+    nodal: Array,
+    blocks: Sequence[Array],
+    terms: Sequence[Term],
+) -> Any:
+    """Sum of a kernel's answers, called for as many channels of the nodes at a time as it takes."""
+    parts = []
+    for first in range(0, nodal.shape[-1], MAX_CHANNELS):
+        count = min(nodal.shape[-1] - first, MAX_CHANNELS)
+        part = nodal if count == nodal.shape[-1] else nodal[..., first : first + count]
+        parts.append(call(position, part, *blocks, **_attributes(grid, kernel, _shifted(terms, first, count))))
+    return functools.reduce(functools.partial(jax.tree.map, jnp.add), parts)
+
+
+def _shifted(terms: Sequence[Term], first: int, count: int) -> list[Term]:
+    """The terms of channels first .. first + count - 1, these numbered from 0."""
+    return [t._replace(channel=t.channel - first) for t in terms if first <= t.channel < first + count]
+
+
+def _attributes(grid: Grid, kernel: Kernel, terms: Sequence[Term]) -> dict[str, np.ndarray | np.generic]:
+    d = grid.dimension
+    axes = [axes for order in range(MAX_ORDER + 1) for axes in itertools.combinations_with_replacement(range(d), order)]
+    half = kernel.half_size if isinstance(kernel, GIMP) else (0.0,) * d
+    numbers = [(t.row, t.channel, axes.index(t.axes), t.factor) for t in terms]
+    return {
+        "shape": np.array(grid.shape, np.int64),
+        "origin": np.array(grid.origin, np.float64),
+        "cell": np.float64(grid.cell),
+        "function": np.int64(FUNCTIONS[type(kernel)]),
+        "half": np.array([h / grid.cell for h in half], np.float64),
+        "terms": np.array(numbers, np.int64).reshape(-1),
+    }

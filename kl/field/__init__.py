@@ -1,0 +1,41 @@
+"""Fields: products of the axes' modes, selected by energy, evaluated anywhere, conditioned, kept."""
+
+from kl.field._bedding import Bedding, rotate
+from kl.field._conditioning import Conditioning, condition, conditioned, kriging_variance, mode_matrix
+from kl.field._expansion import Expansion, expand, field_at, field_on_lattice, with_covariance
+from kl.field._files import load, save
+from kl.field._lattice import LatticeRoots, exact_field, exact_lattice
+from kl.field._truncation import (
+    CapturedVariance,
+    captured_variance,
+    rescaled,
+    variance_at,
+    variance_on_lattice,
+    with_residual,
+)
+
+__all__ = [
+    "Bedding",
+    "CapturedVariance",
+    "Conditioning",
+    "Expansion",
+    "LatticeRoots",
+    "captured_variance",
+    "condition",
+    "conditioned",
+    "exact_field",
+    "exact_lattice",
+    "expand",
+    "field_at",
+    "field_on_lattice",
+    "kriging_variance",
+    "load",
+    "mode_matrix",
+    "rescaled",
+    "rotate",
+    "save",
+    "variance_at",
+    "variance_on_lattice",
+    "with_covariance",
+    "with_residual",
+]

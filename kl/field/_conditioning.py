@@ -1,0 +1,130 @@
+"""Fields that honour borehole data, by conditioning the coefficients.
+
+The field is linear in its coefficients, so given data y = A xi + e the coefficients are Gaussian again, with mean
+A^T K^-1 y and covariance I - A^T K^-1 A, K = A A^T + diag(error^2): simple kriging in the space of the modes
+(Rasmussen and Williams 2006, Section 2.1; Journel and Huijbregts 1978, Mining Geostatistics, Section VII.A). A
+realisation is mean + (covariance)^(1/2) xi with the symmetric root, so conditioned coefficients go everywhere that
+coefficients go, on any grid, and a sample remains its number.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from kl.axis import scaled_functions
+from kl.checks import require
+from kl.field._expansion import Expansion, points_in_box
+from kl.pytrees import pytree
+
+# Two data closer than this share of the box are at one place.
+_SAME_PLACE = 1e-6
+# Share of the variance along a direction below which the data say nothing of it.
+_NOTHING = 1e-12
+
+
+@pytree
+@dataclass(frozen=True)
+class Conditioning:
+    """What the data say of the coefficients.
+
+    Attributes:
+        mean: (M,) coefficients of the kriged field.
+        basis: (M, r) orthonormal directions that the data constrain.
+        shrink: (r,) in [0, 1], how much of the deviation along each they remove; 1 is all of it.
+    """
+
+    mean: Any
+    basis: Any
+    shrink: Any
+
+
+def mode_matrix(expansion: Expansion, points: Any) -> Any:
+    """Value of every mode at `points` (d, N): (N, M)."""
+    return _mode_matrix(expansion, points_in_box(expansion, points))
+
+
+@jax.jit
+def _mode_matrix(expansion: Expansion, points: Any) -> Any:
+    product = jnp.ones((1, 1), points.dtype)
+    for modes, row, x in zip(expansion.axes, expansion.index, points, strict=True):
+        product = product * scaled_functions(modes, x)[row]
+    return product.T
+
+
+def condition(expansion: Expansion, points: Any, values: Any, *, error: Any = 0.0) -> Conditioning:
+    """Condition the standard Gaussian field on data.
+
+    Args:
+        expansion: of the field; with data without error it needs more modes than data.
+        points: (d, n) positions of the data (m), at most a few thousand.
+        values: (n,) in Gaussian scores: `marginal.standardise(measured)`.
+        error: standard deviation of the measurement, in scores, a number or (n,).
+
+    Returns:
+        Conditioning. On the host in float64, once for all realisations.
+
+    Raises ValueError for data outside the box, two at one place, values that are not finite, a negative error, or
+    data without error that the modes cannot tell apart.
+    """
+    points, values = jnp.asarray(points), np.asarray(values, np.float64)
+    require(
+        points.ndim == 2 and values.shape == points.shape[1:],
+        f"data at points of shape {points.shape} with values of shape {values.shape}: give (d, n) and (n,)",
+    )
+    require(values.size > 0, "no data: give at least one point, or leave the field unconditioned")
+    require(np.isfinite(values), "a datum is not finite: the marginal cannot take that value, or it is missing")
+    noise = np.broadcast_to(np.asarray(error, np.float64), values.shape)
+    require(noise >= 0, f"error = {error} is negative: give a standard deviation of 0 or more")
+    _require_apart(np.asarray(points, np.float64), np.asarray(expansion.extent))
+    modes = np.asarray(mode_matrix(expansion, points), np.float64)
+    count = len(values)
+    kernel = modes @ modes.T + np.diag(noise**2)
+    shares, directions = np.linalg.eigh(kernel)
+    # Field values are only as exact as the dtype of the modes.
+    limit = 100 * np.finfo(expansion.axes[0].fractions.dtype).eps * shares[-1]
+    require(
+        shares[0] > limit,
+        f"{count} data on {modes.shape[1]} modes cannot be told apart (smallest eigenvalue {shares[0]:.1e}, limit "
+        f"{limit:.1e}): give an error, keep more modes, use float64 or thin the data",
+    )
+    # I - A^T K^-1 A = I - W W^T with W = A^T K^(-1/2), whose singular values lie in [0, 1].
+    gain = modes.T @ (directions / np.sqrt(shares))
+    removed, turns = np.linalg.eigh(gain.T @ gain)
+    told = removed > _NOTHING
+    basis = gain @ (turns[:, told] / np.sqrt(removed[told]))
+    shrink = 1 - np.sqrt(np.maximum(1 - removed[told], 0))
+    mean = modes.T @ (directions @ ((directions.T @ values) / shares))
+    real = expansion.axes[0].fractions.dtype
+    return Conditioning(jnp.asarray(mean, real), jnp.asarray(basis, real), jnp.asarray(shrink, real))
+
+
+def _require_apart(points: Any, extent: Any) -> None:
+    scaled = points / extent[:, None]
+    order = np.lexsort(scaled)
+    ordered = scaled[:, order]
+    close = np.abs(np.diff(ordered, axis=1)).max(axis=0) < _SAME_PLACE
+    if close.any():
+        first = int(np.argmax(close))
+        pair = sorted((int(order[first]), int(order[first + 1])))
+        raise ValueError(
+            f"data {pair[0]} and {pair[1]} lie at one place, {points[:, pair[0]]}: keep one or average them"
+        )
+
+
+@jax.jit
+def conditioned(conditioning: Conditioning, coefficients: Any) -> Any:
+    """Coefficients (..., M) of fields that honour the data, from unconditioned ones (..., M)."""
+    along = coefficients @ conditioning.basis
+    return conditioning.mean + coefficients - (along * conditioning.shrink) @ conditioning.basis.T
+
+
+def kriging_variance(conditioning: Conditioning, expansion: Expansion, points: Any) -> Any:
+    """Variance of the conditioned standard field at `points` (d, N): (N,)."""
+    modes = mode_matrix(expansion, points)
+    removed = 1 - (1 - conditioning.shrink) ** 2
+    return (modes**2).sum(axis=1) - ((modes @ conditioning.basis) ** 2) @ removed

@@ -1,0 +1,371 @@
+"""Karhunen-Loeve expansion of a standard Gaussian field on a box, from one-dimensional eigenpairs.
+
+With separable covariance the eigenpairs are products of the axes' (Ghanem and Spanos 1991,
+doi:10.1007/978-1-4612-3094-6, Section 2.3; Jiang et al. 2024, doi:10.1016/j.compgeo.2024.106413, Eqs. 4 to 6):
+
+    H(x, y, z) = sum over modes of xi_m psi_i(x) psi_j(y) psi_k(z),  psi scaled by the root of its eigenvalue.
+
+The expansion is grid free: the same coefficients give the same field at any points. `expand` decides on the
+host which modes there are; all else is pure and may be jitted, vmapped and differentiated.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from kl.axis import (
+    AxisModes,
+    Corrected,
+    Periodic,
+    Solver,
+    all_axis_modes,
+    leading,
+    length_leaves,
+    resolved,
+    scaled_functions,
+)
+from kl.checks import is_traced, real_dtype, require, require_positive
+from kl.field._bedding import Bedding, rotate, rotated_box
+from kl.field._selection import select
+from kl.pytrees import pytree
+
+# Floats of one chunk's intermediate: fits the second-level cache of a core.
+_CHUNK_FLOATS = 2**16
+# Share of the variance in negative eigenvalues that a corrected correlation may have.
+_INDEFINITE = 0.02
+
+
+@pytree
+@dataclass(frozen=True)
+class Expansion:
+    """Modes of a field on a box.
+
+    Attributes:
+        covariance: one per axis; lengths (m) may be differentiated through `with_covariance`.
+        axes: eigenpairs of each axis, n_i of them.
+        index: (d, M) which of the axes' modes make up each mode, largest variance first.
+        bedding: orientation of the axes of `covariance` for inclined strata, or None; static.
+        solvers, origin, extent: static; the box (m) is that of the rotated axes where there is bedding.
+    """
+
+    covariance: tuple[Any, ...]
+    axes: tuple[AxisModes, ...]
+    index: Any
+    bedding: Bedding | None = field(metadata={"static": True})
+    solvers: tuple[Solver, ...] = field(metadata={"static": True})
+    origin: tuple[float, ...] = field(metadata={"static": True})
+    extent: tuple[float, ...] = field(metadata={"static": True})
+
+    @property
+    def modes(self) -> int:
+        """Number of modes M, the number of coefficients of a realisation."""
+        return self.index.shape[1]
+
+    @property
+    def fractions(self) -> Any:
+        """Share of the total variance in each mode (M,), largest first."""
+        shares = [axis.fractions[row] for axis, row in zip(self.axes, self.index, strict=True)]
+        return jnp.stack(shares).prod(axis=0)
+
+    @property
+    def variance_mean(self) -> float:
+        """Captured variance, averaged over the box; 1 for the exact field."""
+        return float(self.fractions.sum())
+
+
+def expand(
+    covariance: tuple[Any, ...],
+    origin: tuple[float, ...],
+    extent: tuple[float, ...],
+    *,
+    energy: float | None = None,
+    modes: int | None = None,
+    solver: Any = None,
+    bedding: Bedding | None = None,
+    dtype: Any = None,
+) -> Expansion:
+    """Expand a field with the product of `covariance` over the axes of a box.
+
+    Args:
+        covariance: one per axis, d = 1 to 3; in two dimensions the axes are (x, z).
+        origin, extent: lowest corner and size of the box (m).
+        energy: share of the variance to keep, in (0, 1]; 0.999 unless `modes` is given.
+        modes: number of modes to keep instead.
+        solver: `Nystrom`, `Legendre`, `Haar` or `ClosedForm`, one for all axes or a tuple; None takes the most
+            accurate for each axis.
+        bedding: dip and strike of inclined strata; `covariance` then runs along strike, dip and normal.
+        dtype: float32 or float64; by default that of the lengths.
+
+    Returns:
+        Expansion. `captured_variance` reports what the truncation lost.
+
+    Raises:
+        ValueError: for lengths or extents of 0 or less, energy outside (0, 1], more energy or modes than the
+            solver gives, a solver that does not fit, a covariance that is not positive definite, float64 while
+            disabled, traced lengths (expand outside the traced function and call `with_covariance` in it).
+    """
+    covariance, origin, extent = _checked(covariance, origin, extent)
+    if energy is not None and modes is not None:
+        raise ValueError(f"energy = {energy} and modes = {modes}: give one of them")
+    if modes is None:
+        energy = 0.999 if energy is None else energy
+        require(0 < energy <= 1, f"energy = {energy} is outside (0, 1]: give a share of the variance such as 0.999")
+    else:
+        require(modes >= 1, f"modes = {modes} must be 1 or more")
+    if bedding is not None:
+        origin, extent = rotated_box(bedding, origin, extent)
+    solvers = solver if isinstance(solver, tuple) else (solver,) * len(covariance)
+    require(len(solvers) == len(covariance), f"{len(solvers)} solvers for {len(covariance)} axes: give one each")
+    remainder = 0.0 if energy is None else (1 - energy) / (3 * len(covariance))
+    most = modes if modes is not None else 2**31
+    solvers = tuple(
+        resolved(each, axis, size, remainder, most)
+        for each, axis, size in zip(solvers, covariance, extent, strict=True)
+    )
+    real = real_dtype(dtype, *jax.tree.leaves(covariance))
+    covariance = jax.tree.map(lambda length: jnp.asarray(length, real), covariance)
+    axes = all_axis_modes(covariance, solvers, origin, extent)
+    fractions = [np.asarray(axis.fractions) for axis in axes]
+    _require_positive_definite(covariance, fractions)
+    index, _ = select(fractions, energy=energy, modes=modes)
+    used = index.max(axis=1) + 1
+    host_axes = jax.device_get(axes)
+    axes = tuple(
+        jax.tree.map(jnp.asarray, leading(axis, int(count))) for axis, count in zip(host_axes, used, strict=True)
+    )
+    return Expansion(covariance, axes, jnp.asarray(index, jnp.int32), bedding, solvers, origin, extent)
+
+
+def _checked(covariance: Any, origin: Any, extent: Any) -> tuple[tuple[Any, ...], tuple[float, ...], tuple[float, ...]]:
+    covariance = tuple(covariance) if isinstance(covariance, tuple | list) else (covariance,)
+    axes = len(covariance)
+    require(1 <= axes <= 3, f"{axes} axes: give a covariance for each of 1 to 3 axes")
+    require(
+        len(origin) == axes and len(extent) == axes,
+        f"origin {origin} and extent {extent} must have one number for each of {axes} axes",
+    )
+    if is_traced(covariance):
+        raise ValueError("a correlation length is traced: expand outside and call `with_covariance` in the function")
+    for size in extent:
+        require_positive("extent", size, "give the size of the box in metres")
+    for axis, size in zip(covariance, extent, strict=True):
+        if isinstance(axis, Periodic):
+            require(axis.period == size, f"period = {axis.period} must be the extent of its axis, {size}")
+        for length in length_leaves(axis):
+            require(np.ndim(length) == 0, f"correlation length of shape {np.shape(length)}: give one number")
+            require_positive(
+                "correlation length", length, "give metres; `Infinite()` is a field constant along an axis"
+            )
+            if isinstance(axis, Periodic):
+                require(length <= 20 * axis.period, f"length = {length} exceeds 20 periods: use `Infinite()`")
+    return covariance, tuple(map(float, origin)), tuple(map(float, extent))
+
+
+def _require_positive_definite(covariance: tuple[Any, ...], fractions: list[Any]) -> None:
+    for axis, shares in zip(covariance, fractions, strict=True):
+        limit = 1e2 * np.finfo(shares.dtype).eps * max(1.0, float(shares.max()))
+        lost = -float(shares[shares < -limit].sum())
+        # Nataf's correction often is indefinite by a little; the nearest covariance lacks the negative modes.
+        allowed = _INDEFINITE if isinstance(axis, Corrected) else 0.0
+        require(
+            np.isfinite(shares).all() and lost <= allowed,
+            f"{type(axis).__name__} is not positive definite (negative eigenvalues of {lost:.2e} of the variance): "
+            "change the correlation function",
+        )
+        if lost > 0:
+            warnings.warn(
+                f"{type(axis).__name__} is not quite positive definite: negative eigenvalues of {lost:.2e} of the "
+                "variance are left out",
+                stacklevel=3,
+            )
+
+
+def with_covariance(expansion: Expansion, covariance: tuple[Any, ...]) -> Expansion:
+    """The same modes (numbers, order, box) for another covariance of the same families; pure, differentiable.
+
+    This is how a field is differentiated by its correlation lengths: the eigenpairs are decomposed again, which
+    products are kept stays as it was.
+    """
+    axes = all_axis_modes(covariance, expansion.solvers, expansion.origin, expansion.extent)
+    counts = [axis.fractions.shape[0] for axis in expansion.axes]
+    return replace(
+        expansion,
+        covariance=covariance,
+        axes=tuple(leading(axis, count) for axis, count in zip(axes, counts, strict=True)),
+    )
+
+
+def coefficient_tensor(expansion: Expansion, coefficients: Any) -> Any:
+    """Coefficients (..., M) scattered into the tensor of the axes' modes (..., n_1, .., n_d)."""
+    shape = tuple(axis.fractions.shape[0] for axis in expansion.axes)
+    flat = jnp.zeros((*coefficients.shape[:-1], int(np.prod(shape))), coefficients.dtype)
+    position = jnp.ravel_multi_index(tuple(expansion.index), shape, mode="clip")
+    return flat.at[..., position].set(coefficients, unique_indices=True).reshape(*coefficients.shape[:-1], *shape)
+
+
+def field_on_lattice(expansion: Expansion, coefficients: Any, axes: tuple[Any, ...], *, out: Any = None) -> Any:
+    """Standard Gaussian field on the lattice with coordinates `axes` (m), by one contraction per axis.
+
+    Args:
+        expansion: without bedding (rotated strata have no lattice of products: use `field_at`).
+        coefficients: (M,) or (B, M), standard normal.
+        axes: d arrays of coordinates (N_1,), ..., (N_d,).
+        out: array of the result's shape and dtype whose memory is reused, and which is given up by it. Touching
+            fresh memory costs more than the field.
+
+    Returns:
+        (N_1, .., N_d) or (B, N_1, .., N_d).
+
+    Raises ValueError for a wrong number of coefficients or axes, or coordinates outside the box. Warns of a lattice
+    too coarse for the correlation lengths.
+    """
+    if expansion.bedding is not None:
+        raise ValueError("an expansion with bedding is separable only along the strata: use `field_at`")
+    require(len(axes) == len(expansion.axes), f"{len(axes)} axes for an expansion of {len(expansion.axes)}")
+    axes = tuple(jnp.asarray(axis) for axis in axes)
+    for number, axis in enumerate(axes):
+        _require_inside(expansion, number, axis)
+        warn_if_coarse(expansion.covariance[number], axis)
+    coefficients = _batch_checked(expansion, coefficients)
+    if out is None:
+        return lattice_sum(expansion, coefficients, axes)
+    shape = (*coefficients.shape[:-1], *(axis.shape[0] for axis in axes))
+    require(out.shape == shape, f"out has shape {out.shape}, the result {shape}: give an array of that shape")
+    return _lattice_sum_into(expansion, coefficients, axes, out)
+
+
+@partial(jax.jit, static_argnames="power")
+def lattice_sum(expansion: Expansion, coefficients: Any, axes: tuple[Any, ...], power: int = 1) -> Any:
+    """Sum over modes of coefficients (..., M) times the modes to `power` on the lattice (..., N_1, .., N_d).
+
+    Power 1 is the field; power 2 with coefficients of 1 is the captured variance.
+    """
+    factors = [scaled_functions(modes, x) ** power for modes, x in zip(expansion.axes, axes, strict=True)]
+
+    def realisation(coefficients: Any) -> Any:
+        # Last axis first: the full lattice then appears only in the last, cheapest contraction, unpermuted.
+        tensor = coefficient_tensor(expansion, coefficients)
+        after = 1
+        for factor in reversed(factors):
+            tensor = factor.T @ tensor.reshape(-1, factor.shape[0], after)
+            after *= factor.shape[1]
+        return tensor.reshape([factor.shape[1] for factor in factors])
+
+    flat = coefficients.reshape(-1, coefficients.shape[-1])
+    # One realisation at a time keeps the intermediates in cache.
+    fields = jax.lax.map(realisation, flat)
+    return fields.reshape(*coefficients.shape[:-1], *fields.shape[1:])
+
+
+@partial(jax.jit, donate_argnums=3, keep_unused=True)
+def _lattice_sum_into(expansion: Expansion, coefficients: Any, axes: tuple[Any, ...], out: Any) -> Any:
+    return lattice_sum(expansion, coefficients, axes)
+
+
+def warn_if_coarse(covariance: Any, x: Any) -> None:
+    """Warn where the spacing of lattice coordinates `x` (N,) exceeds twice a correlation length."""
+    length = jnp.asarray([float("inf"), *length_leaves(covariance)]).min()
+    if is_traced(x, length) or x.shape[0] < 2:
+        return
+    spacing = float(jnp.abs(jnp.diff(x)).min())
+    if spacing > 2 * float(length):
+        warnings.warn(
+            f"lattice spacing {spacing} m exceeds twice the correlation length {float(length)} m: neighbouring points "
+            "are independent and cells hold no average; refine the lattice",
+            stacklevel=3,
+        )
+
+
+def field_at(expansion: Expansion, coefficients: Any, points: Any) -> Any:
+    """Standard Gaussian field at scattered points, chunk by chunk.
+
+    Args:
+        expansion: of dimension d.
+        coefficients: (M,) or (B, M), standard normal.
+        points: (d, N), in metres.
+
+    Returns:
+        (N,) or (B, N).
+
+    Raises ValueError for a wrong number of coefficients or rows, or points outside the box; where points are
+    traced and cannot be seen, those outside give NaN.
+    """
+    return point_sum(expansion, _batch_checked(expansion, coefficients), points_in_box(expansion, points))
+
+
+def points_in_box(expansion: Expansion, points: Any) -> Any:
+    """`points` (d, N) in the axes of the expansion's box; ValueError for those outside it."""
+    points = jnp.asarray(points)
+    dimension = len(expansion.origin)
+    require(points.ndim == 2 and points.shape[0] == dimension, f"points of shape {points.shape}: give ({dimension}, N)")
+    if expansion.bedding is not None:
+        points = rotate(expansion.bedding, points)
+    for number in range(dimension):
+        _require_inside(expansion, number, points[number])
+    return points
+
+
+@partial(jax.jit, static_argnames="power")
+def point_sum(expansion: Expansion, coefficients: Any, points: Any, power: int = 1) -> Any:
+    """As `lattice_sum`, at scattered points (d, N) of the box: (..., N)."""
+    batch = coefficients.shape[:-1]
+    shape = tuple(axis.fractions.shape[0] for axis in expansion.axes)
+    tensor = coefficient_tensor(expansion, coefficients).reshape(-1, shape[-1])
+
+    def chunk(block: Any) -> Any:
+        factors = [scaled_functions(axis, x) ** power for axis, x in zip(expansion.axes, block, strict=True)]
+        # Kept apart from what follows, or the compiler makes it anew for each of its uses.
+        sums = jax.lax.optimization_barrier(tensor @ factors[-1])
+        for number in reversed(range(len(shape) - 1)):
+            sums = _weighted_sum(factors[number], sums.reshape(-1, shape[number], block.shape[1]))
+        return sums
+
+    values = _in_chunks(chunk, points, _CHUNK_FLOATS // tensor.shape[0])
+    return values.reshape(*batch, points.shape[1])
+
+
+def _weighted_sum(weights: Any, stack: Any) -> Any:
+    """Sum over n of weights (n, N) times stack (.., n, N), written out: XLA's reduction does not vectorise it."""
+    return sum(weight * stack[..., number, :] for number, weight in enumerate(weights))
+
+
+def _in_chunks(function: Any, points: Any, size: int) -> Any:
+    """`function` (d, n) -> (..., n) over the columns of `points` (d, N), about `size` at a time."""
+    count = points.shape[1]
+    chunks = max(1, -(-count // max(64, size)))
+    size = -(-count // chunks)
+    # The last chunk is filled up with copies of the last point.
+    padded = jnp.pad(points, ((0, 0), (0, chunks * size - count)), mode="edge")
+    blocks = jnp.moveaxis(padded.reshape(points.shape[0], chunks, size), 1, 0)
+    values = jnp.moveaxis(jax.lax.map(function, blocks), 0, -2)
+    return values.reshape(*values.shape[:-2], chunks * size)[..., :count]
+
+
+def _batch_checked(expansion: Expansion, coefficients: Any) -> Any:
+    coefficients = jnp.asarray(coefficients)
+    if coefficients.ndim not in (1, 2) or coefficients.shape[-1] != expansion.modes:
+        raise ValueError(
+            f"coefficients of shape {coefficients.shape}: give ({expansion.modes},) or (B, {expansion.modes}), "
+            "one for each mode"
+        )
+    return coefficients
+
+
+def _require_inside(expansion: Expansion, axis: int, x: Any) -> None:
+    if is_traced(x) or x.size == 0:
+        return
+    low, size = expansion.origin[axis], expansion.extent[axis]
+    least, most = float(x.min()), float(x.max())
+    slack = 5e-6 * size
+    require(
+        low - slack <= least and most <= low + size + slack,
+        f"points reach from {least} to {most} along axis {axis}, the expansion from {low} to {low + size}: "
+        "expand on a box that holds all points",
+    )

@@ -1,0 +1,67 @@
+"""The exact, untruncated field on a lattice by Kronecker factors of its covariance.
+
+The covariance matrix of a separable field on a lattice is the Kronecker product of the axes' matrices, and so is a
+root of it: a realisation is white noise multiplied by a small matrix along each axis. Exact in covariance at the
+lattice points, but bound to them: noise on another lattice gives another field.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from kl.axis import length_leaves, on_host
+from kl.checks import require, require_positive
+from kl.field._expansion import warn_if_coarse
+from kl.pytrees import pytree
+
+
+@pytree
+@dataclass(frozen=True)
+class LatticeRoots:
+    """Symmetric roots of the axes' covariance matrices, (N_i, N_i) each."""
+
+    roots: tuple[Any, ...]
+
+
+def exact_lattice(covariance: tuple[Any, ...], axes: tuple[Any, ...]) -> LatticeRoots:
+    """Roots of the covariance on the lattice of coordinates `axes` (N_i,), in metres; set up on the host.
+
+    Raises ValueError for a covariance that is not positive definite on the lattice, or lengths of 0 or less.
+    """
+    require(len(covariance) == len(axes), f"{len(covariance)} covariances for {len(axes)} axes: give one each")
+    roots = []
+    for each, axis in zip(covariance, axes, strict=True):
+        for length in length_leaves(each):
+            require_positive("correlation length", length, "give metres; `Infinite()` is constant along an axis")
+        x = np.asarray(axis, np.float64)
+        warn_if_coarse(each, jnp.asarray(axis))
+        shares, vectors = np.linalg.eigh(on_host(each)(np.abs(x[:, None] - x)))
+        require(
+            shares[0] > -1e-9 * shares[-1],
+            f"{type(each).__name__} is not positive definite on the lattice (smallest eigenvalue {shares[0]:.2e})",
+        )
+        roots.append(jnp.asarray((vectors * np.sqrt(np.maximum(shares, 0))) @ vectors.T, jnp.result_type(float)))
+    return LatticeRoots(tuple(roots))
+
+
+@jax.jit
+def exact_field(lattice: LatticeRoots, noise: Any) -> Any:
+    """Standard Gaussian field from white noise, both (N_1, .., N_d) or (B, N_1, .., N_d)."""
+    shape = tuple(root.shape[0] for root in lattice.roots)
+    if noise.shape[-len(shape) :] != shape or noise.ndim > len(shape) + 1:
+        raise ValueError(f"noise of shape {noise.shape}: give {shape}, or a batch of it")
+
+    def realisation(tensor: Any) -> Any:
+        after = 1
+        for root in reversed(lattice.roots):
+            tensor = root @ tensor.reshape(-1, root.shape[0], after)
+            after *= root.shape[0]
+        return tensor.reshape(shape)
+
+    fields = jax.lax.map(realisation, noise.reshape(-1, *shape))
+    return fields.reshape(noise.shape)

@@ -1,0 +1,35 @@
+"""Marginal distributions by equiprobable transform, and what the transform does to correlation."""
+
+from kl.marginal._marginals import (
+    Beta,
+    Empirical,
+    Gamma,
+    Gumbel,
+    Lognormal,
+    Marginal,
+    Normal,
+    TruncatedNormal,
+    Uniform,
+    Weibull,
+)
+from kl.marginal._nataf import NatafError, hermite_coefficients, nataf_corrected, nataf_correlation, nataf_error
+from kl.marginal._quantiles import from_both_tails
+
+__all__ = [
+    "Beta",
+    "Empirical",
+    "Gamma",
+    "Gumbel",
+    "Lognormal",
+    "Marginal",
+    "NatafError",
+    "Normal",
+    "TruncatedNormal",
+    "Uniform",
+    "Weibull",
+    "from_both_tails",
+    "hermite_coefficients",
+    "nataf_corrected",
+    "nataf_correlation",
+    "nataf_error",
+]

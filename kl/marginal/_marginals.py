@@ -1,0 +1,304 @@
+"""Marginal distributions by equiprobable transform of a standard Gaussian field: x = F^-1(Phi(g)).
+
+Each is a frozen dataclass of a mean and a coefficient of variation of the soil property itself (and bounds where
+the family has them), all dynamic: numbers, or arrays that broadcast against the points for a trend. `transform`
+takes the Gaussian field (..., N) to the property and `standardise` takes values back, both stable in either tail in
+float32: probabilities near 1 are never formed, the upper tail goes through 1 - Phi(g) = Phi(-g).
+
+Source of the method: Grigoriu (1995), Applied Non-Gaussian Processes, Section 3.1 (translation fields); families
+as in Ang and Tang (2007), Probability Concepts in Engineering, Chapter 3.
+
+ValueError where the host can see a cov below 0, a mean of the wrong sign or bounds that exclude the mean.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import jax
+import jax.numpy as jnp
+from jax.scipy.special import betainc, gammainc, gammaincc, ndtr, ndtri
+
+from kl.checks import require
+from kl.marginal import _quantiles as quantiles
+from kl.pytrees import pytree
+
+
+class Marginal(Protocol):
+    """Anything that maps a standard Gaussian field to a soil property and back."""
+
+    def transform(self, gaussian: Any) -> Any: ...
+
+    def standardise(self, value: Any) -> Any: ...
+
+
+def check_moments(mean: Any, cov: Any, *, positive: bool) -> None:
+    """Raise ValueError for moments that no marginal has (`positive`: or none on the positive axis)."""
+    require(jnp.isfinite(mean) & jnp.isfinite(cov), f"mean = {mean}, cov = {cov}: give finite numbers")
+    require(jnp.asarray(cov) >= 0, f"cov = {cov} is negative: give a coefficient of variation of 0 or more")
+    if positive:
+        require(jnp.asarray(mean) > 0, f"mean = {mean} must be above 0 for a positive property: or use Normal")
+
+
+@pytree
+@dataclass(frozen=True)
+class Normal:
+    """Gaussian, of deviation cov |mean|; reaches below 0, where strength has no meaning (`TruncatedNormal`)."""
+
+    mean: Any
+    cov: Any
+
+    def transform(self, gaussian: Any) -> Any:
+        check_moments(self.mean, self.cov, positive=False)
+        return self.mean + abs(self.mean) * self.cov * gaussian
+
+    def standardise(self, value: Any) -> Any:
+        return (value - self.mean) / (abs(self.mean) * self.cov)
+
+
+@pytree
+@dataclass(frozen=True)
+class Lognormal:
+    """ln x is Gaussian of variance s^2 = ln(1 + cov^2) and mean ln(mean) - s^2 / 2."""
+
+    mean: Any
+    cov: Any
+
+    def transform(self, gaussian: Any) -> Any:
+        check_moments(self.mean, self.cov, positive=True)
+        variance, deviation = self._log_moments()
+        return self.mean * jnp.exp(deviation * gaussian - variance / 2)
+
+    def standardise(self, value: Any) -> Any:
+        variance, deviation = self._log_moments()
+        return (jnp.log(value / self.mean) + variance / 2) / deviation
+
+    def _log_moments(self) -> tuple[Any, Any]:
+        variance = jnp.log1p(jnp.square(self.cov))
+        # The root of 0 has no derivative, a cov of 0 is allowed.
+        positive = variance > 0
+        return variance, jnp.where(positive, jnp.sqrt(jnp.where(positive, variance, 1)), 0)
+
+
+@pytree
+@dataclass(frozen=True)
+class TruncatedNormal:
+    """Gaussian cut to [lower, upper], whose mean and cov after the cut are those given.
+
+    A bound of None is absent. With the lower bound at 0, cov must stay below 1 (the limit is an exponential
+    distribution). All are numbers, not arrays. Moments: Johnson, Kotz and Balakrishnan (1994), Continuous
+    Univariate Distributions 1, Section 13.10.1.
+    """
+
+    mean: Any
+    cov: Any
+    lower: Any = 0.0
+    upper: Any = None
+
+    def transform(self, gaussian: Any) -> Any:
+        centre, scale, low, high = self._parent()
+        inside = quantiles.normal_mass(low, high)
+        below, above = jnp.minimum(gaussian, 0), jnp.maximum(gaussian, 0)
+        left = ndtri(ndtr(low) + ndtr(below) * inside)
+        right = -ndtri(ndtr(-high) + ndtr(-above) * inside)
+        # Rounding at the end of a tail must not leave the bounds.
+        return centre + scale * jnp.clip(jnp.where(gaussian < 0, left, right), low, high)
+
+    def standardise(self, value: Any) -> Any:
+        centre, scale, low, high = self._parent()
+        at = (value - centre) / scale
+        inside = quantiles.normal_mass(low, high)
+        below, above = quantiles.normal_mass(low, at), quantiles.normal_mass(at, high)
+        return quantiles.from_both_tails(below / inside, above / inside)
+
+    def _parent(self) -> tuple[Any, Any, Any, Any]:
+        """Centre and scale of the uncut Gaussian, and the bounds as its scores."""
+        check_moments(self.mean, self.cov, positive=False)
+        lower = -math.inf if self.lower is None else self.lower
+        upper = math.inf if self.upper is None else self.upper
+        require(
+            (jnp.asarray(lower) < self.mean) & (jnp.asarray(self.mean) < upper),
+            f"mean = {self.mean} must lie between the bounds {lower} and {upper}: move them",
+        )
+        require(jnp.asarray(self.cov) > 0, f"cov = {self.cov} must be above 0: use Normal for a constant")
+        return quantiles.truncated_parent(self.mean, abs(self.mean) * self.cov, self.lower, self.upper)
+
+
+@pytree
+@dataclass(frozen=True)
+class Uniform:
+    """Even between mean (1 - sqrt(3) cov) and mean (1 + sqrt(3) cov)."""
+
+    mean: Any
+    cov: Any
+
+    def transform(self, gaussian: Any) -> Any:
+        check_moments(self.mean, self.cov, positive=False)
+        return self.mean + math.sqrt(3) * abs(self.mean) * self.cov * (ndtr(gaussian) - ndtr(-gaussian))
+
+    def standardise(self, value: Any) -> Any:
+        share = (value - self.mean) / (math.sqrt(3) * abs(self.mean) * self.cov)
+        return quantiles.from_both_tails((1 + share) / 2, (1 - share) / 2)
+
+
+@pytree
+@dataclass(frozen=True)
+class Gumbel:
+    """Largest values: F(x) = exp(-exp(-(x - u)/b)), b = deviation sqrt(6)/pi, u = mean - 0.5772 b.
+
+    mean, cov: of the property, cov over the mean; arrays too.
+    """
+
+    mean: Any
+    cov: Any
+
+    def transform(self, gaussian: Any) -> Any:
+        scale, mode = self._parameters()
+        return mode - scale * jnp.log(-quantiles.log_normal_cdf(gaussian))
+
+    def standardise(self, value: Any) -> Any:
+        scale, mode = self._parameters()
+        minus_log = jnp.exp(-(value - mode) / scale)
+        return quantiles.from_both_tails(jnp.exp(-minus_log), -jnp.expm1(-minus_log))
+
+    def _parameters(self) -> tuple[Any, Any]:
+        check_moments(self.mean, self.cov, positive=False)
+        scale = abs(self.mean) * self.cov * (math.sqrt(6) / math.pi)
+        return scale, self.mean - 0.5772156649015329 * scale
+
+
+@pytree
+@dataclass(frozen=True)
+class Gamma:
+    """Four-parameter (generalised) gamma: ((x - lower)/scale)^power has a gamma distribution.
+
+    Shape and scale follow from mean and cov; power 1 and lower 0 give the ordinary gamma. Stacy (1962),
+    doi:10.1214/aoms/1177704481. `cov` above 0; mean and cov are numbers, except that the mean may be an array where
+    lower is 0.
+    """
+
+    mean: Any
+    cov: Any
+    lower: Any = 0.0
+    power: Any = 1.0
+
+    def transform(self, gaussian: Any) -> Any:
+        return _generalised_gamma(self, *self._exponents(), gaussian)
+
+    def standardise(self, value: Any) -> Any:
+        return _generalised_gamma_score(self, *self._exponents(), value)
+
+    def _exponents(self) -> tuple[Any, Any]:
+        cov = quantiles.cov_above(self.mean, self.cov, self.lower)
+        require(jnp.asarray(self.power) > 0, f"power = {self.power} must be above 0: 1 is the ordinary gamma")
+        return quantiles.gamma_shape(cov, self.power), self.power
+
+
+@pytree
+@dataclass(frozen=True)
+class Weibull:
+    """Four-parameter Weibull: ((x - lower)/scale)^power has a gamma distribution of the given `shape`.
+
+    Power and scale follow from mean and cov; shape 1 and lower 0 give the ordinary Weibull. The same family as
+    `Gamma` with the other exponent free. Limits as there.
+    """
+
+    mean: Any
+    cov: Any
+    lower: Any = 0.0
+    shape: Any = 1.0
+
+    def transform(self, gaussian: Any) -> Any:
+        return _generalised_gamma(self, *self._exponents(), gaussian)
+
+    def standardise(self, value: Any) -> Any:
+        return _generalised_gamma_score(self, *self._exponents(), value)
+
+    def _exponents(self) -> tuple[Any, Any]:
+        cov = quantiles.cov_above(self.mean, self.cov, self.lower)
+        require(jnp.asarray(self.shape) > 0, f"shape = {self.shape} must be above 0: 1 is the ordinary Weibull")
+        return self.shape, quantiles.weibull_power(cov, self.shape)
+
+
+def _log_scale(marginal: Gamma | Weibull, shape: Any, power: Any) -> Any:
+    """log of the value at which the gamma variable equals its shape."""
+    rise = quantiles.log_gamma_rise(shape, 1 / jnp.asarray(power))
+    return jnp.log(marginal.mean - marginal.lower) + jnp.log(shape) / power - rise
+
+
+def _generalised_gamma(marginal: Gamma | Weibull, shape: Any, power: Any, gaussian: Any) -> Any:
+    quantile = quantiles.log_gamma_quantile(shape, gaussian)
+    return marginal.lower + jnp.exp(_log_scale(marginal, shape, power) + quantile / power)
+
+
+def _generalised_gamma_score(marginal: Gamma | Weibull, shape: Any, power: Any, value: Any) -> Any:
+    at = shape * jnp.exp((jnp.log(value - marginal.lower) - _log_scale(marginal, shape, power)) * power)
+    return quantiles.from_both_tails(gammainc(shape, at), gammaincc(shape, at))
+
+
+@pytree
+@dataclass(frozen=True)
+class Beta:
+    """Beta of this `mean` and `cov` between `lower` and `upper` (four parameters); numbers, not arrays."""
+
+    mean: Any
+    cov: Any
+    lower: Any
+    upper: Any
+
+    def transform(self, gaussian: Any) -> Any:
+        first, second = self._shapes()
+        return self.lower + (self.upper - self.lower) * jax.nn.sigmoid(
+            quantiles.logit_beta_quantile(first, second, gaussian)
+        )
+
+    def standardise(self, value: Any) -> Any:
+        first, second = self._shapes()
+        at = (value - self.lower) / (self.upper - self.lower)
+        return quantiles.from_both_tails(betainc(first, second, at), betainc(second, first, 1 - at))
+
+    def _shapes(self) -> tuple[Any, Any]:
+        check_moments(self.mean, self.cov, positive=False)
+        share = (self.mean - self.lower) / (self.upper - self.lower)
+        require(
+            (jnp.asarray(self.upper) > self.lower) & (share > 0) & (share < 1),
+            f"mean = {self.mean} must lie between the beta's bounds {self.lower} and {self.upper}: widen them",
+        )
+        variance = (self.mean * self.cov / (self.upper - self.lower)) ** 2
+        most = jnp.sqrt(share * (1 - share)) * (self.upper - self.lower) / abs(self.mean)
+        require(
+            (variance > 0) & (variance < share * (1 - share)),
+            f"cov = {self.cov} must be above 0 and below {most}, the most that bounds {self.lower} and {self.upper} "
+            "allow: lower it or widen the bounds",
+        )
+        total = share * (1 - share) / variance - 1
+        return share * total, (1 - share) * total
+
+
+@pytree
+@dataclass(frozen=True)
+class Empirical:
+    """Quantiles of `data` (n,), linear between the ordered values at probabilities (k - 1/2)/n.
+
+    The field is bounded by the smallest and the largest datum: nothing is known beyond them.
+    """
+
+    data: Any
+
+    def transform(self, gaussian: Any) -> Any:
+        scores, ordered = self._table()
+        return jnp.interp(gaussian, scores, ordered)
+
+    def standardise(self, value: Any) -> Any:
+        scores, ordered = self._table()
+        return jnp.interp(value, ordered, scores)
+
+    def _table(self) -> tuple[Any, Any]:
+        ordered = jnp.sort(jnp.asarray(self.data))
+        count = ordered.shape[0]
+        require(count >= 2 and ordered.ndim == 1, f"data of shape {ordered.shape}: give (n,) with n of 2 or more")
+        require(jnp.isfinite(ordered), "data hold a value that is not finite: remove it")
+        below = (jnp.arange(count) + 0.5) / count
+        return quantiles.from_both_tails(below, below[::-1]).astype(ordered.dtype), ordered

@@ -1,0 +1,84 @@
+"""Nataf's correction: which Gaussian correlation gives the correlation asked for after the marginal transform.
+
+With the transform expanded in Hermite polynomials, x = sum of a_k He_k(g) / sqrt(k!), two transformed variables of
+Gaussian correlation r correlate by the sum of a_k b_k r^k over the root of the sums of squares: Grigoriu (1995),
+Applied Non-Gaussian Processes, Section 3.1; Liu and Der Kiureghian (1986), doi:10.1016/0266-8920(86)90033-0.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from kl.axis import Corrected, gaussian_correlation, transformed_correlation
+from kl.checks import require
+from kl.marginal._marginals import Marginal
+
+_TERMS = 20
+_POINTS = 80
+
+
+def hermite_coefficients(marginal: Marginal) -> Any:
+    """Coefficients (20,) of the standardised transform in normalised Hermite polynomials, degree 1 up.
+
+    Scaled to a sum of squares of 1, which counts what the higher degrees hold as if it lay in these.
+    """
+    points, weights = np.polynomial.hermite_e.hermegauss(_POINTS)
+    keep = weights > 1e-30
+    points, weights = points[keep], weights[keep] / weights.sum()
+    basis = [np.ones_like(points), points]
+    for degree in range(1, _TERMS):
+        basis.append((points * basis[-1] - np.sqrt(degree) * basis[-2]) / np.sqrt(degree + 1))
+    values = marginal.transform(jnp.asarray(points))
+    coefficients = jnp.asarray(np.stack(basis[1:]) * weights) @ values
+    return coefficients / jnp.linalg.norm(coefficients)
+
+
+def nataf_correlation(first: Marginal, second: Marginal, correlation: Any) -> Any:
+    """Gaussian correlation that gives `correlation` (any shape) between two properties.
+
+    Raises ValueError where no Gaussian correlation reaches it.
+    """
+    powers = hermite_coefficients(first) * hermite_coefficients(second)
+    correlation = jnp.asarray(correlation)
+    reach = transformed_correlation(powers, jnp.array([-1.0, 1.0]))
+    require(
+        (correlation >= reach[0] - 1e-5) & (correlation <= reach[1] + 1e-5),
+        f"correlation {correlation} cannot be had between these marginals: stay in {reach[0]:.4f} to {reach[1]:.4f}",
+    )
+    return gaussian_correlation(powers, correlation)
+
+
+def nataf_corrected(covariance: Any, marginal: Marginal) -> Corrected:
+    """`covariance` of one axis, corrected so that the property, not the Gaussian field, has it along that axis."""
+    return Corrected(covariance, hermite_coefficients(marginal))
+
+
+@dataclass(frozen=True)
+class NatafError:
+    """Largest error in the property's correlation, over all target correlations in [0, 1].
+
+    Attributes:
+        uncorrected: with the target used for the Gaussian field as it is.
+        corrected: with every axis corrected by `nataf_corrected`; 0 along an axis, but products of corrected
+            correlations are not the corrected product, so not 0 across axes.
+    """
+
+    uncorrected: float
+    corrected: float
+
+
+def nataf_error(marginal: Marginal, axes: int = 3) -> NatafError:
+    """Size of the Nataf effect for `marginal` in a field with a product covariance over `axes` axes."""
+    powers = hermite_coefficients(marginal) ** 2
+    line = jnp.linspace(0, 1, 101)
+    uncorrected = jnp.abs(transformed_correlation(powers, line) - line).max()
+    coarse = np.linspace(0, 1, 21)
+    targets = jnp.asarray(list(itertools.product(coarse, repeat=axes)))
+    gaussian = gaussian_correlation(powers, targets).prod(axis=1)
+    corrected = jnp.abs(transformed_correlation(powers, gaussian) - targets.prod(axis=1)).max()
+    return NatafError(float(uncorrected), float(corrected))
