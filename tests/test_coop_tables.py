@@ -63,7 +63,7 @@ def test_a_full_disk_leaves_the_old_file(tmp_path):
     script = f"""if True:
         import resource
         from cooperative.store import read_store
-        from cooperative.tables import consolidate
+        from cooperative.reporting import consolidate
         resource.setrlimit(resource.RLIMIT_FSIZE, (65536, 65536))
         consolidate(read_store({str(tmp_path)!r}))
     """

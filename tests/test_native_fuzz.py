@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 ROOT = Path(__file__).resolve().parent.parent
-NATIVE = ROOT / "jaxmpm" / "native"
+NATIVE = ROOT / "jaxmpm" / "transfer" / "native"
 COMPILER = shutil.which("c++") or shutil.which("g++") or shutil.which("clang++")
 
 BASE = {"portable": []}
