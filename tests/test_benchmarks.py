@@ -47,7 +47,7 @@ def test_results_lead_with_broken_bounds_their_reasons_and_the_best_buy():
     }
     page = "\n".join(summary.lead([json.loads(measure.as_json(name, report)) for name, report in reports.items()]))
     lines = page.splitlines()
-    assert "| 1.3 | 1.1 to 1.18 | no |" in page
+    assert "| 1.3 | regression: 1.1 to 1.18 | no | 1.15, off by +13.0% |" in page
     assert lines.index(next(x for x in lines if "| no |" in x)) < lines.index(next(x for x in lines if "| yes |" in x))
     assert "| a | 0.5 1 | <= 0.1 | hats |" in page
     assert "| b | 0.09 1 | <= 0.1 |" in page

@@ -1,0 +1,46 @@
+"""The README and the pages of docs/: they are short, their blocks run, their links and figures are there."""
+
+import tomllib
+
+import pytest
+
+from benchmarks import docs
+from benchmarks.measure import ROOT
+
+README = docs.page("README.md")
+BLOCKS = [(path, n, block) for path in docs.pages() for n, block in enumerate(docs.blocks(path, "python"))]
+
+
+def test_readme_opens_with_its_two_commands():
+    assert README.index("make demo") < README.index("make test") < 400
+
+
+def test_readme_is_short():
+    assert docs.words("README.md") <= 1500
+    assert len(README.splitlines()) <= 160
+
+
+@pytest.mark.parametrize("path", docs.pages())
+def test_links_lead_somewhere(path):
+    assert not docs.broken_links(path)
+
+
+def test_a_broken_link_is_seen(tmp_path, monkeypatch):
+    (tmp_path / "a.md").write_text("# One\n[gone](nowhere.md) [here](a.md#one) ![there](b.png) [lost](a.md#two)\n")
+    monkeypatch.setattr(docs, "ROOT", tmp_path)
+    assert docs.broken_links("a.md") == ["nowhere.md", "b.png", "a.md#two"]
+
+
+def test_scene_in_the_readme_is_the_demos():
+    (scene,) = docs.blocks("README.md", "toml")
+    demo = tomllib.loads((ROOT / "benchmarks" / "scenes" / "demo.toml").read_text())
+    shown = tomllib.loads(scene)
+    assert shown
+    for section, keys in shown.items():
+        assert keys == {key: demo[section][key] for key in keys}
+
+
+@pytest.mark.parametrize(("path", "block"), [(p, b) for p, _, b in BLOCKS], ids=[f"{p}-{n}" for p, n, _ in BLOCKS])
+def test_python_block_runs(path, block, capsys):
+    exec(compile(block, path, "exec"), {})
+    assert capsys.readouterr().out.strip()
