@@ -1,6 +1,6 @@
 """A campaign on disk: a folder with its scene and one HDF5 file per finished sample and grid.
 
-Files are written aside and sealed with a checksum (`jaxmpm.files`); one that does not match is named, set aside and
+Files are written aside and sealed with a checksum (`foundation.files`); one that does not match is named, set aside and
 counted as not done.
 
     scene.toml                    the scene, verbatim

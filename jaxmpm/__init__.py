@@ -1,8 +1,10 @@
 """Batched, differentiable generalised-interpolation material point method in 1D, 2D and 3D."""
 
-from jaxmpm import diagnostics, files, tensors
+from foundation import files
+from foundation.files import DamagedFile, write_aside
+from foundation.pytrees import pytree
+from jaxmpm import diagnostics, tensors
 from jaxmpm._step import step
-from jaxmpm.files import DamagedFile, write_aside
 from jaxmpm.io import load_state, save_state, write_particles, write_vtkhdf
 from jaxmpm.laws import (
     J2,
@@ -18,7 +20,6 @@ from jaxmpm.laws import (
     cone,
     reduce_strength,
 )
-from jaxmpm.pytrees import pytree
 from jaxmpm.run import (
     Checkpoints,
     Chunk,

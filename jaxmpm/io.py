@@ -1,7 +1,8 @@
 """States on disk: restart points, and series of particles that ParaView opens.
 
-A restart point is HDF5, sealed (see `jaxmpm.files`), with every leaf of the state by its name; nothing in it is ever
-executed. A series is VTKHDF 2.0: an unstructured grid of one vertex per particle, with a `Steps` group for the times.
+A restart point is HDF5, sealed (see `foundation.files`), with every leaf of the state by its name; nothing in it is
+ever executed. A series is VTKHDF 2.0: an unstructured grid of one vertex per particle, with a `Steps` group for the
+times.
 Source: VTK file formats, VTKHDF specification, https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/.
 """
 
@@ -17,7 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxmpm import files
+from foundation import files
 from jaxmpm.types import Scene, State
 
 KIND = "jaxmpm restart point"

@@ -13,7 +13,7 @@ from typing import Any, Literal, Protocol
 
 from jax import Array
 
-from jaxmpm.pytrees import pytree
+from foundation.pytrees import pytree
 
 Tensor = tuple[Any, Any, Any, Any, Any, Any]
 """Symmetric tensor as its six components (xx, yy, zz, xy, yz, xz); a component absent in 1D or 2D is 0.0."""

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from kl.checks import require
+from foundation.check import require
 
 
 def slices(field: Any, axes: tuple[Any, ...], *, label: str = "field", at: tuple[int, ...] | None = None) -> Figure:

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.special import ndtri
 
-from kl.checks import require
+from foundation.check import require
 from kl.marginal import from_both_tails
 
 _SOBOL_BITS = 53

@@ -76,13 +76,13 @@ bool run(Plan plan, Scalar scalar, const std::vector<double>& cells, int64_t thr
           plan.stride = plan.width;
           std::vector<const void*> pointers;
           for (int row = 0; row < plan.rows; ++row) pointers.push_back(rows.data() + row * plan.particles);
-          scatter(*set, pool.pool, scalar, plan, {{position.data(), pointers, onto.data()}});
+          bool done = scatter(*set, pool.pool, scalar, plan, {{position.data(), pointers, onto.data()}});
           plan.stride = channels;
-          gather(*set, pool.pool, scalar, plan, {{position.data(), nodal.data(), from.data()}});
+          done = gather(*set, pool.pool, scalar, plan, {{position.data(), nodal.data(), from.data()}}) && done;
           std::vector<T> slope(plan.dimension * plan.particles, T(NAN)), again(rows.size(), T(NAN));
           if (order < 2) {
             ++plan.order;
-            contract(*set, pool.pool, scalar, plan, {{position.data(), nodal.data(), pointers, slope.data(), again.data()}});
+            done = contract(*set, pool.pool, scalar, plan, {{position.data(), nodal.data(), pointers, slope.data(), again.data()}}) && done;
             --plan.order;
             if (!close(from, again)) {
               std::printf("%s: contract gathers otherwise than gather, order %d, %d channels\n", set->name, order, channels);
@@ -90,6 +90,10 @@ bool run(Plan plan, Scalar scalar, const std::vector<double>& cells, int64_t thr
             }
           } else {
             slope.clear();
+          }
+          if (!done) {
+            std::printf("%s: no kernel, order %d, %d channels\n", set->name, order, channels);
+            good = false;
           }
           slopes.push_back(slope);
           scattered.push_back(onto);
@@ -115,6 +119,33 @@ bool run(Plan plan, Scalar scalar, const std::vector<double>& cells, int64_t thr
   return good;
 }
 
+// Whether each transfer refuses a plan that no kernel was compiled for, and writes nothing. The plan has no particles and
+// one row; a kernel that ran all the same would clear the nodes.
+bool refuses(int dimension, int width, int order) {
+  Plan plan{};
+  plan.dimension = dimension;
+  plan.width = plan.stride = plan.channels = width;
+  plan.order = order;
+  plan.rows = 1;
+  plan.cell = 1;
+  for (int axis = 0; axis < kAxes; ++axis) plan.shape[axis] = 3;
+  std::vector<float> nodal(27 * 16, 1.0f), empty;
+  bool good = true;
+  for (const InstructionSet* set : runnable_instructions()) {
+    const bool scattered = scatter(*set, Pool{}, Scalar::kFloat, plan, {{empty.data(), {empty.data()}, nodal.data()}});
+    const bool gathered = gather(*set, Pool{}, Scalar::kFloat, plan, {{empty.data(), nodal.data(), empty.data()}});
+    const bool contracted = contract(*set, Pool{}, Scalar::kFloat, plan,
+                                     {{empty.data(), nodal.data(), {empty.data()}, empty.data(), empty.data()}});
+    bool untouched = true;
+    for (float x : nodal) untouched = untouched && x == 1.0f;
+    if (scattered || gathered || contracted || !untouched) {
+      std::printf("%s: takes %d axes, width %d, order %d\n", set->name, dimension, width, order);
+      good = false;
+    }
+  }
+  return good;
+}
+
 }  // namespace
 
 int main() {
@@ -122,7 +153,8 @@ int main() {
   int function, cases = 0;
   int64_t threads;
   double half;
-  bool good = true;
+  bool good = refuses(0, 4, 1) && refuses(4, 4, 1) && refuses(2, 5, 1) && refuses(2, 16, 1) && refuses(2, 4, 3) &&
+              refuses(2, 4, -1);
   while (std::cin >> plan.dimension >> plan.shape[0] >> plan.shape[1] >> plan.shape[2] >> function >> half >> plan.particles >>
          threads) {
     plan.function = static_cast<ShapeFunction>(function);

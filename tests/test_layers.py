@@ -9,12 +9,14 @@ ROOT = Path(__file__).resolve().parent.parent
 
 # From the bottom up: a room, or a module that stands alone, may import what stands before it.
 ROOMS = {
-    "jaxmpm": "pytrees types files check tensors transfer laws boundary _step diagnostics run site io",
-    "kl": "pytrees checks axis marginal sampling field soil plots",
+    "foundation": "pytrees check files",
+    "jaxmpm": "types tensors transfer laws boundary _step diagnostics run site io",
+    "kl": "axis marginal sampling field soil plots",
     "cooperative": "store scene measure estimate runs summary campaign reporting sweep research",
 }
 ENTRANCES = {"cooperative": {"__main__"}}
 FOREIGN = {
+    "foundation": {"jaxmpm", "kl", "cooperative", "benchmarks", "tests"},
     "jaxmpm": {"kl", "cooperative", "benchmarks", "tests"},
     "kl": {"jaxmpm", "cooperative", "benchmarks", "tests"},
     "cooperative": {"benchmarks", "tests"},

@@ -366,6 +366,45 @@ def test_devices_other_than_the_cpu_get_xla(platform):
     assert ("jaxmpm_scatter" in text) == ("jaxmpm_gather" in text) == (platform == "cpu" and native.available())
 
 
+REFUSED = [
+    ({}, None),
+    ({"function": 3}, "shape function"),
+    ({"half": (0.0, 0.25)}, "half size"),
+    ({"half": (0.25, 0.6)}, "half size"),
+    ({"cell": 0.0}, "cell is not above 0"),
+    ({"shape": (9, 2)}, "fewer than 3 nodes"),
+    ({"shape": (9, 8)}, "as many nodes as the grid"),
+    ({"shape": (9,)}, "differ in dimension"),
+    ({"origin": (0.0,)}, "differ in dimension"),
+    ({"terms": (0, 0, 0)}, "four numbers"),
+    ({"terms": (3, 0, 0, 1)}, "does not exist"),
+    ({"terms": (0, 4, 0, 1)}, "does not exist"),
+    ({"terms": (0, 0, 6, 1)}, "does not exist"),
+    ({"position": (2, 2, 5)}, "leading axes"),
+    ({"rows": (1, 3, 4)}, "number of particles"),
+    ({"padded": 8}, "not padded"),
+]
+
+
+@needs_native
+@pytest.mark.parametrize(("changed", "message"), REFUSED, ids=[f"{list(c)}: {m}" for c, m in REFUSED])
+def test_kernels_refuse_what_they_cannot_do(changed, message):
+    """Straight to the library, past the checks in Python: three lanes of five particles on 9 x 7 nodes."""
+    given = {"position": (3, 2, 5), "rows": (1, 3, 5), "padded": 4, "shape": (9, 7), "origin": (0.0, 0.0), "cell": 1.0}
+    given |= {"function": 1, "half": (0.25, 0.25), "terms": (0, 0, 0, 1)} | changed
+    nodal = jax.ShapeDtypeStruct((3, 63, given["padded"]), jnp.float32)
+    attributes = {name: np.array(given[name], np.int64) for name in ("shape", "terms")}
+    attributes |= {name: np.array(given[name], np.float64) for name in ("origin", "half")}
+    attributes |= {"cell": np.float64(given["cell"]), "function": np.int64(given["function"])}
+    call = jax.ffi.ffi_call("jaxmpm_scatter", nodal)
+    arrays = [jnp.ones(given[name], jnp.float32) for name in ("position", "rows")]
+    if message is None:
+        assert call(*arrays, **attributes).shape == nodal.shape
+        return
+    with pytest.raises(Exception, match=f"jaxmpm: .*{message}"):
+        call(*arrays, **attributes)
+
+
 def test_errors_name_the_value_and_the_remedy():
     grid, position, carried, stress = data(2, 5, dtype="float32")
     with pytest.raises(ValueError, match="fewer than 3 nodes"):

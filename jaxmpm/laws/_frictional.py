@@ -16,10 +16,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from foundation.pytrees import pytree
 from jaxmpm.laws._softening import FrictionalSoftening
 from jaxmpm.laws._spectral import isotropic
 from jaxmpm.laws._undrained import add, elastic_increment
-from jaxmpm.pytrees import pytree
 from jaxmpm.tensors import deviator, mean, row_by_row, safe_sqrt, second_invariant
 from jaxmpm.types import Particles, Tensor
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmpm.pytrees import pytree
+from foundation.pytrees import pytree
 from jaxmpm.tensors import deviator, safe_sqrt, second_invariant
 from jaxmpm.types import Tensor
 

@@ -13,8 +13,8 @@ from typing import Any, ClassVar
 import jax.numpy as jnp
 from jax import Array
 
+from foundation.pytrees import pytree
 from jaxmpm.laws._softening import ExponentialSoftening, RateEffect, Softening
-from jaxmpm.pytrees import pytree
 from jaxmpm.tensors import deviator, mean, safe_sqrt, second_invariant
 from jaxmpm.types import Particles, Tensor
 

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxmpm import check, diagnostics
+from foundation import check
+from jaxmpm import diagnostics
 from jaxmpm.laws import reduce_strength
 from jaxmpm.run._integrate import Settle, lanes, repeat, solve
 from jaxmpm.types import Scene, State

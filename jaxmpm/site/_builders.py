@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxmpm import check
+from foundation import check
 from jaxmpm.site._discretisation import Discretisation, check_discretisation, kernel_of
 from jaxmpm.site._initial_stress import settled_elastically
 from jaxmpm.site._soil import FrictionalSoil, Ground, material_of, refuse_snap_back

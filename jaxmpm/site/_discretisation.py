@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from jaxmpm import check
+from foundation import check
 from jaxmpm.site._soil import Ground, Soil
 from jaxmpm.transfer import least_length, length_of_band
 from jaxmpm.types import GIMP, Kernel, Linear, QuadraticBSpline, Scheme

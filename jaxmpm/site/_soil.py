@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxmpm import check
+from foundation import check
 from jaxmpm.laws import (
     J2,
     Decay,

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmpm import check
+from foundation import check
 from jaxmpm.types import GIMP, Grid, Kernel, QuadraticBSpline
 
 

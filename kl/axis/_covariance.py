@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from kl.pytrees import pytree
+from foundation.pytrees import pytree
 
 _IMAGES = 2000
 _HALVINGS = 45

@@ -21,10 +21,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from foundation.check import is_traced, require
 from kl.axis._closed_form import exponential_modes, periodic_modes, triangular_modes
 from kl.axis._covariance import Corrected, Exponential, Infinite, Periodic, SquaredExponential, Triangular, on_host
 from kl.axis._modes import AxisModes, CellModes, LegendreModes, SineModes
-from kl.checks import is_traced, require
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from kl.pytrees import pytree
+from foundation.pytrees import pytree
 
 # Rounding of a coordinate in float32 may put a point on the boundary just outside it.
 _SLACK = 1e-5

@@ -14,7 +14,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from kl.checks import require
+from foundation.check import require
 
 
 @dataclass(frozen=True)

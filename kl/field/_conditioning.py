@@ -16,10 +16,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from foundation.check import require
+from foundation.pytrees import pytree
 from kl.axis import scaled_functions
-from kl.checks import require
 from kl.field._expansion import Expansion, points_in_box
-from kl.pytrees import pytree
 
 # Two data closer than this share of the box are at one place.
 _SAME_PLACE = 1e-6

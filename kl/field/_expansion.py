@@ -20,6 +20,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from foundation import check
+from foundation.check import is_traced, require
+from foundation.pytrees import pytree
 from kl.axis import (
     AxisModes,
     Corrected,
@@ -31,13 +34,12 @@ from kl.axis import (
     resolved,
     scaled_functions,
 )
-from kl.checks import is_traced, real_dtype, require, require_positive
 from kl.field._bedding import Bedding, rotate, rotated_box
 from kl.field._selection import select
-from kl.pytrees import pytree
 
 # Floats of one chunk's intermediate: fits the second-level cache of a core.
 _CHUNK_FLOATS = 2**16
+_CONSTANT = "`Infinite()` is a field constant along an axis"
 # Share of the variance in negative eigenvalues that a corrected correlation may have.
 _INDEFINITE = 0.02
 
@@ -129,7 +131,7 @@ def expand(
         resolved(each, axis, size, remainder, most)
         for each, axis, size in zip(solvers, covariance, extent, strict=True)
     )
-    real = real_dtype(dtype, *jax.tree.leaves(covariance))
+    real = jnp.result_type(float, *jax.tree.leaves(covariance)) if dtype is None else check.dtype(dtype)
     covariance = jax.tree.map(lambda length: jnp.asarray(length, real), covariance)
     axes = all_axis_modes(covariance, solvers, origin, extent)
     fractions = [np.asarray(axis.fractions) for axis in axes]
@@ -154,15 +156,13 @@ def _checked(covariance: Any, origin: Any, extent: Any) -> tuple[tuple[Any, ...]
     if is_traced(covariance):
         raise ValueError("a correlation length is traced: expand outside and call `with_covariance` in the function")
     for size in extent:
-        require_positive("extent", size, "give the size of the box in metres")
+        check.positive("extent", size, "m", remedy="it is the size of the box")
     for axis, size in zip(covariance, extent, strict=True):
         if isinstance(axis, Periodic):
             require(axis.period == size, f"period = {axis.period} must be the extent of its axis, {size}")
         for length in length_leaves(axis):
             require(np.ndim(length) == 0, f"correlation length of shape {np.shape(length)}: give one number")
-            require_positive(
-                "correlation length", length, "give metres; `Infinite()` is a field constant along an axis"
-            )
+            check.positive("correlation length", length, "m", remedy=_CONSTANT)
             if isinstance(axis, Periodic):
                 require(length <= 20 * axis.period, f"length = {length} exceeds 20 periods: use `Infinite()`")
     return covariance, tuple(map(float, origin)), tuple(map(float, extent))

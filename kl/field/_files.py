@@ -1,4 +1,4 @@
-"""An expansion in an HDF5 file, written aside and renamed; nothing read is executed.
+"""An expansion in an HDF5 file, whole or not there at all; nothing read is executed.
 
 Layout: attributes `format`, `version`; datasets `index`, `origin`, `extent`; groups `axis0`, ... with the modes'
 arrays and form, and under each a group `covariance` and an attribute `solver` (JSON).
@@ -6,8 +6,8 @@ arrays and form, and under each a group `covariance` and an attribute `solver` (
 
 from __future__ import annotations
 
+import io
 import json
-import os
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,8 @@ import h5py
 import jax.numpy as jnp
 import numpy as np
 
+from foundation.check import require
+from foundation.files import write_aside
 from kl.axis import (
     CellModes,
     ClosedForm,
@@ -36,7 +38,6 @@ from kl.axis import (
     SquaredExponential,
     Triangular,
 )
-from kl.checks import require
 from kl.field._bedding import Bedding
 from kl.field._expansion import Expansion
 
@@ -65,27 +66,23 @@ _SOLVERS = _by_name(Nystrom, Legendre, Haar, ClosedForm, Constant)
 
 
 def save(expansion: Expansion, path: str | Path) -> None:
-    """Write `expansion` to `path`, replacing it whole or not at all. OSError where the folder cannot be written."""
-    path = Path(path)
-    aside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with h5py.File(aside, "w") as file:
-            file.attrs.update(format=_FORMAT, version=_VERSION)
-            file["index"] = np.asarray(expansion.index)
-            file["origin"], file["extent"] = expansion.origin, expansion.extent
-            if expansion.bedding is not None:
-                file.attrs["bedding"] = json.dumps(asdict(expansion.bedding))
-            parts = zip(expansion.axes, expansion.covariance, expansion.solvers, strict=True)
-            for number, (modes, covariance, solver) in enumerate(parts):
-                group = file.create_group(f"axis{number}")
-                group.attrs["form"] = type(modes).__name__
-                group.attrs["solver"] = json.dumps({"name": type(solver).__name__, **asdict(solver)})
-                for name in _arrays(type(modes)):
-                    group[name] = np.asarray(getattr(modes, name))
-                _write_covariance(group.create_group("covariance"), covariance)
-        os.replace(aside, path)
-    finally:
-        aside.unlink(missing_ok=True)
+    """Write `expansion` to `path`, replacing it whole or not at all; raises what `foundation.files.aside` raises."""
+    image = io.BytesIO()
+    with h5py.File(image, "w") as file:
+        file.attrs.update(format=_FORMAT, version=_VERSION)
+        file["index"] = np.asarray(expansion.index)
+        file["origin"], file["extent"] = expansion.origin, expansion.extent
+        if expansion.bedding is not None:
+            file.attrs["bedding"] = json.dumps(asdict(expansion.bedding))
+        parts = zip(expansion.axes, expansion.covariance, expansion.solvers, strict=True)
+        for number, (modes, covariance, solver) in enumerate(parts):
+            group = file.create_group(f"axis{number}")
+            group.attrs["form"] = type(modes).__name__
+            group.attrs["solver"] = json.dumps({"name": type(solver).__name__, **asdict(solver)})
+            for name in _arrays(type(modes)):
+                group[name] = np.asarray(getattr(modes, name))
+            _write_covariance(group.create_group("covariance"), covariance)
+    write_aside(path, image.getbuffer())
 
 
 def load(path: str | Path) -> Expansion:

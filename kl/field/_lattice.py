@@ -14,10 +14,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from foundation import check
+from foundation.check import require
+from foundation.pytrees import pytree
 from kl.axis import length_leaves, on_host
-from kl.checks import require, require_positive
 from kl.field._expansion import warn_if_coarse
-from kl.pytrees import pytree
 
 
 @pytree
@@ -37,7 +38,7 @@ def exact_lattice(covariance: tuple[Any, ...], axes: tuple[Any, ...]) -> Lattice
     roots = []
     for each, axis in zip(covariance, axes, strict=True):
         for length in length_leaves(each):
-            require_positive("correlation length", length, "give metres; `Infinite()` is constant along an axis")
+            check.positive("correlation length", length, "m", remedy="`Infinite()` is a field constant along an axis")
         x = np.asarray(axis, np.float64)
         warn_if_coarse(each, jnp.asarray(axis))
         shares, vectors = np.linalg.eigh(on_host(each)(np.abs(x[:, None] - x)))

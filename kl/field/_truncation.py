@@ -14,8 +14,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from foundation.check import require
 from kl.axis import scaled_functions
-from kl.checks import require
 from kl.field._expansion import Expansion, coefficient_tensor, lattice_sum, point_sum, points_in_box
 
 

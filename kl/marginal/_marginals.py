@@ -21,9 +21,9 @@ import jax
 import jax.numpy as jnp
 from jax.scipy.special import betainc, gammainc, gammaincc, ndtr, ndtri
 
-from kl.checks import require
+from foundation.check import require
+from foundation.pytrees import pytree
 from kl.marginal import _quantiles as quantiles
-from kl.pytrees import pytree
 
 
 class Marginal(Protocol):

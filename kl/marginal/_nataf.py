@@ -14,8 +14,8 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from foundation.check import require
 from kl.axis import Corrected, gaussian_correlation, transformed_correlation
-from kl.checks import require
 from kl.marginal._marginals import Marginal
 
 _TERMS = 20

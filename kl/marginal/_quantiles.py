@@ -18,7 +18,7 @@ import numpy as np
 from jax.scipy.special import betaln, digamma, gammaln, log_ndtr, ndtr, ndtri, polygamma
 from jax.scipy.stats import norm
 
-from kl.checks import require
+from foundation.check import require
 
 # Scores of the tables; Phi(-9) = 1e-19. Beyond, the quantile goes on along its tangent.
 _REACH = 9.0

@@ -72,7 +72,7 @@ def gather(grid: Grid, kernel: Kernel, position: Array, nodal: Array, *, terms: 
     batch = np.broadcast_shapes(position.shape[:-2], nodal.shape[:-2])
     result = jax.ShapeDtypeStruct((*batch, rows, position.shape[-1]), position.dtype)
     call = jax.ffi.ffi_call("jaxmpm_gather", result)
-    return _by_channels(call, grid, kernel, position, nodal, (), terms)
+    return _by_channels(call, grid, kernel, (position, nodal), terms)
 
 
 def contract(
@@ -92,19 +92,14 @@ def contract(
         jax.ShapeDtypeStruct((*batch, count, position.shape[-1]), position.dtype) for count in (grid.dimension, rows)
     ]
     call = jax.ffi.ffi_call("jaxmpm_contract", results)
-    return _by_channels(call, grid, kernel, position, nodal, blocks, terms)
+    return _by_channels(call, grid, kernel, (position, nodal, *blocks), terms)
 
 
 def _by_channels(
-    call: Callable[..., Any],
-    grid: Grid,
-    kernel: Kernel,
-    position: Array,
-    nodal: Array,
-    blocks: Sequence[Array],
-    terms: Sequence[Term],
+    call: Callable[..., Any], grid: Grid, kernel: Kernel, arrays: Sequence[Array], terms: Sequence[Term]
 ) -> Any:
-    """Sum of a kernel's answers, called for as many channels of the nodes at a time as it takes."""
+    """Sum of a kernel's answers, called for as many channels of the nodes, its second array, at a time as it takes."""
+    position, nodal, *blocks = arrays
     parts = []
     for first in range(0, nodal.shape[-1], MAX_CHANNELS):
         count = min(nodal.shape[-1] - first, MAX_CHANNELS)

@@ -53,8 +53,8 @@ void clear_rows_without_terms(const Plan& plan, Scalar scalar, int64_t begin, in
 // The phases of one lane's scatter. Owns the particle lists.
 class Scatter {
  public:
-  Scatter(const Kernels& kernels, Scalar scalar, const Plan& plan, const ScatterLane& lane)
-      : kernels_(kernels), scalar_(scalar), plan_(plan), lane_(lane) {
+  Scatter(ScatterKernel kernel, SlabsKernel slabs_kernel, Scalar scalar, const Plan& plan, const ScatterLane& lane)
+      : kernel_(kernel), slabs_kernel_(slabs_kernel), scalar_(scalar), plan_(plan), lane_(lane) {
     plan_.slab = plan.shape[0];
     if (plan.particles >= kFewest) {
       plan_.slab = std::max(kThinnest, (plan.shape[0] + kMostSlabs - 1) / kMostSlabs);
@@ -73,7 +73,7 @@ class Scatter {
     if (slabs_ == 1) {
       return {{1, [this](int64_t) {
                  clear(0);
-                 kernels_.scatter(plan_, lane_.position, lane_.rows.data(), nullptr, 0, plan_.particles, lane_.nodal);
+                 kernel_(plan_, lane_.position, lane_.rows.data(), nullptr, 0, plan_.particles, lane_.nodal);
                }}};
     }
     const int64_t parts = chunks(plan_.particles);
@@ -95,7 +95,7 @@ class Scatter {
 
   void count(int64_t chunk) {
     const int64_t begin = chunk * kChunk, end = std::min(begin + kChunk, plan_.particles);
-    kernels_.slabs(plan_, lane_.position, begin, end, slab_of_.get());
+    slabs_kernel_(plan_, lane_.position, begin, end, slab_of_.get());
     Starts& counts = starts_[chunk];
     counts.fill(0);
     for (int64_t p = begin; p < end;) {
@@ -132,10 +132,11 @@ class Scatter {
   }
 
   void spread(int64_t slab) {
-    kernels_.scatter(plan_, lane_.position, lane_.rows.data(), list_.get(), first_[slab], first_[slab + 1], lane_.nodal);
+    kernel_(plan_, lane_.position, lane_.rows.data(), list_.get(), first_[slab], first_[slab + 1], lane_.nodal);
   }
 
-  const Kernels& kernels_;
+  ScatterKernel kernel_;
+  SlabsKernel slabs_kernel_;
   Scalar scalar_;
   Plan plan_;
   const ScatterLane& lane_;
@@ -167,11 +168,13 @@ const InstructionSet& best_instructions() {
   return best;
 }
 
-void scatter(const InstructionSet& set, const Pool& pool, Scalar scalar, const Plan& plan,
+bool scatter(const InstructionSet& set, const Pool& pool, Scalar scalar, const Plan& plan,
              const std::vector<ScatterLane>& lanes) {
   const Kernels& kernels = kernels_of(set, scalar);
+  const ScatterKernel kernel = kernels.scatter(plan);
+  if (!kernel) return false;
   const auto run = [&](const Pool& on, const ScatterLane& lane) {
-    Scatter work(kernels, scalar, plan, lane);
+    Scatter work(kernel, kernels.slabs, scalar, plan, lane);
     run_phases(on, work.phases());
   };
   const int64_t count = static_cast<int64_t>(lanes.size());
@@ -180,24 +183,29 @@ void scatter(const InstructionSet& set, const Pool& pool, Scalar scalar, const P
   } else {
     for (const ScatterLane& lane : lanes) run(pool, lane);
   }
+  return true;
 }
 
-void gather(const InstructionSet& set, const Pool& pool, Scalar scalar, const Plan& plan,
+bool gather(const InstructionSet& set, const Pool& pool, Scalar scalar, const Plan& plan,
             const std::vector<GatherLane>& lanes) {
-  const Kernels& kernels = kernels_of(set, scalar);
+  const GatherKernel kernel = kernels_of(set, scalar).gather(plan);
+  if (!kernel) return false;
   over_chunks(pool, plan, lanes, [&](const GatherLane& lane, int64_t begin, int64_t end) {
     clear_rows_without_terms(plan, scalar, begin, end, lane.rows);
-    kernels.gather(plan, lane.position, lane.nodal, begin, end, lane.rows);
+    kernel(plan, lane.position, lane.nodal, begin, end, lane.rows);
   });
+  return true;
 }
 
-void contract(const InstructionSet& set, const Pool& pool, Scalar scalar, const Plan& plan,
+bool contract(const InstructionSet& set, const Pool& pool, Scalar scalar, const Plan& plan,
               const std::vector<ContractLane>& lanes) {
-  const Kernels& kernels = kernels_of(set, scalar);
+  const ContractKernel kernel = kernels_of(set, scalar).contract(plan);
+  if (!kernel) return false;
   over_chunks(pool, plan, lanes, [&](const ContractLane& lane, int64_t begin, int64_t end) {
     if (lane.gathered) clear_rows_without_terms(plan, scalar, begin, end, lane.gathered);
-    kernels.contract(plan, lane.position, lane.nodal, lane.rows.data(), begin, end, lane.slope, lane.gathered);
+    kernel(plan, lane.position, lane.nodal, lane.rows.data(), begin, end, lane.slope, lane.gathered);
   });
+  return true;
 }
 
 }  // namespace jaxmpm

@@ -38,14 +38,16 @@ std::vector<const InstructionSet*> runnable_instructions();
 // Smallest width that the kernels have for this many channels.
 inline int32_t padded(int32_t channels) { return channels <= 4 ? 4 : 8; }
 
+// Each transfer returns false, and writes nothing, where no kernel was compiled for the plan.
+
 // Particles to nodes. `plan.stride` equals `plan.width`; every element of `nodal` is written.
-void scatter(const InstructionSet&, const Pool&, Scalar, const Plan&, const std::vector<ScatterLane>&);
+[[nodiscard]] bool scatter(const InstructionSet&, const Pool&, Scalar, const Plan&, const std::vector<ScatterLane>&);
 
 // Nodes to particles. Every element of `rows` is written.
-void gather(const InstructionSet&, const Pool&, Scalar, const Plan&, const std::vector<GatherLane>&);
+[[nodiscard]] bool gather(const InstructionSet&, const Pool&, Scalar, const Plan&, const std::vector<GatherLane>&);
 
 // Derivative along the position of rows times what they meet at the nodes, and that itself. Every
 // element of `slope` and `gathered` is written.
-void contract(const InstructionSet&, const Pool&, Scalar, const Plan&, const std::vector<ContractLane>&);
+[[nodiscard]] bool contract(const InstructionSet&, const Pool&, Scalar, const Plan&, const std::vector<ContractLane>&);
 
 }  // namespace jaxmpm

@@ -17,11 +17,12 @@ using Reals = ffi::Span<const double>;
 
 ffi::Error invalid(const std::string& what) { return ffi::Error(ffi::ErrorCode::kInvalidArgument, "jaxmpm: " + what); }
 
+int64_t bytes_of(ffi::AnyBuffer buffer) { return buffer.element_type() == ffi::F32 ? 4 : 8; }
+
 // Each lane's array in a buffer whose leading axes are those of the batch, or 1 where lanes share it.
 std::vector<char*> lane_starts(ffi::AnyBuffer buffer, ffi::AnyBuffer::Dimensions batch) {
   const auto of = buffer.dimensions();
-  const int64_t bytes = buffer.element_type() == ffi::F32 ? 4 : 8;
-  int64_t step = bytes * of[of.size() - 2] * of[of.size() - 1];
+  int64_t step = bytes_of(buffer) * of[of.size() - 2] * of[of.size() - 1];
   std::vector<char*> starts = {static_cast<char*>(buffer.untyped_data())};
   for (std::size_t axis = batch.size() - 2; axis-- > 0;) {
     std::vector<char*> lanes;
@@ -34,79 +35,138 @@ std::vector<char*> lane_starts(ffi::AnyBuffer buffer, ffi::AnyBuffer::Dimensions
   return starts;
 }
 
+// What a handler is told of the transfer; `terms` holds (row, channel, jet, factor) one after the other.
+struct Attributes {
+  Integers shape;
+  Reals origin;
+  double cell;
+  int64_t function;
+  Reals half;
+  Integers terms;
+};
+
+// The plan behind a handler's arrays and attributes, made piece by piece. Each piece checks what it takes, and returns
+// what is wrong with it or nothing.
 struct Checked {
   Plan plan{};
   std::vector<Term> terms;
-  Scalar scalar;
-  std::string error;
+  Scalar scalar = Scalar::kFloat;
+
+  std::string take_grid(const Attributes& given) {
+    plan.dimension = static_cast<int32_t>(given.shape.size());
+    if (plan.dimension < 1 || plan.dimension > kAxes || given.origin.size() != given.shape.size() ||
+        given.half.size() != given.shape.size()) {
+      return "shape, origin and half size differ in dimension, or it is not 1 to 3";
+    }
+    for (int axis = 0; axis < plan.dimension; ++axis) {
+      if (given.shape[axis] < kStencil || given.shape[axis] >= INT32_MAX) {
+        return "an axis of the grid has fewer than 3 nodes, or more than 2^31";
+      }
+      plan.shape[axis] = static_cast<int32_t>(given.shape[axis]);
+      plan.origin[axis] = given.origin[axis];
+      plan.half[axis] = given.half[axis];
+      if (nodes() > INT32_MAX) return "the grid has more than 2^31 nodes";
+    }
+    plan.cell = given.cell;
+    return plan.cell > 0 ? "" : "the cell is not above 0";
+  }
+
+  std::string take_function(int64_t function) {
+    if (function < kLinear || function > kQuadraticBSpline) return "no shape function has this number";
+    plan.function = static_cast<ShapeFunction>(function);
+    for (int axis = 0; axis < plan.dimension; ++axis) {
+      if (plan.function == kGimp && !(plan.half[axis] > 0 && plan.half[axis] <= 0.5 + 1e-6)) {
+        return "the half size of a GIMP particle is not above 0, or exceeds half a cell";
+      }
+    }
+    return "";
+  }
+
+  std::string take_position_and_nodal(ffi::AnyBuffer position, ffi::AnyBuffer nodal) {
+    const auto type = position.element_type();
+    const auto at = position.dimensions(), node = nodal.dimensions();
+    const std::size_t rank = at.size();
+    if ((type != ffi::F32 && type != ffi::F64) || nodal.element_type() != type || rank < 2 || node.size() != rank) {
+      return "arrays must have one rank and all be float32 or all float64";
+    }
+    scalar = type == ffi::F32 ? Scalar::kFloat : Scalar::kDouble;
+    if (at[rank - 2] != plan.dimension) return "position and grid differ in dimension";
+    if (at[rank - 1] > INT32_MAX) return "there are more than 2^31 particles";
+    if (node[rank - 2] != nodes()) return "the nodal array has not as many nodes as the grid";
+    plan.particles = at[rank - 1];
+    plan.stride = static_cast<int32_t>(node[rank - 1]);
+    return "";
+  }
+
+  // Rows of the particle array, or arrays of `count` rows each that a kernel writes.
+  std::string check_rows(ffi::AnyBuffer block, ffi::AnyBuffer position) const {
+    const auto of = block.dimensions(), at = position.dimensions();
+    const bool alike = block.element_type() == position.element_type() && of.size() == at.size();
+    return alike && of[of.size() - 1] == plan.particles ? "" : "arrays differ in type, rank or number of particles";
+  }
+
+  std::string take_rows(const std::vector<ffi::AnyBuffer>& blocks, ffi::AnyBuffer position) {
+    for (const ffi::AnyBuffer& block : blocks) {
+      if (const std::string wrong = check_rows(block, position); !wrong.empty()) return wrong;
+      const auto of = block.dimensions();
+      plan.rows += static_cast<int32_t>(of[of.size() - 2]);
+    }
+    return "";
+  }
+
+  std::string take_terms(Integers numbers) {
+    if (numbers.size() % 4 != 0) return "a term is not four numbers";
+    const int jets[] = {1, 1 + plan.dimension, 1 + plan.dimension + plan.dimension * (plan.dimension + 1) / 2};
+    std::vector<bool> met_row(plan.rows), met_node(kMaxChannels * jets[2]);
+    for (std::size_t t = 0; t < numbers.size(); t += 4) {
+      const int64_t row = numbers[t], channel = numbers[t + 1], jet = numbers[t + 2];
+      if (row < 0 || row >= plan.rows || channel < 0 || channel >= kMaxChannels || channel >= plan.stride || jet < 0 ||
+          jet >= jets[2]) {
+        return "a term names a row, channel or derivative that does not exist";
+      }
+      while (jet >= jets[plan.order]) ++plan.order;
+      if (channel >= plan.channels) plan.channels = static_cast<int32_t>(channel) + 1;
+      terms.push_back({static_cast<int32_t>(row), static_cast<int32_t>(channel), static_cast<int32_t>(jet),
+                       !met_node[jet * kMaxChannels + channel], !met_row[row], static_cast<double>(numbers[t + 3])});
+      met_row[row] = met_node[jet * kMaxChannels + channel] = true;
+    }
+    plan.width = padded(plan.channels);
+    plan.terms = terms.data();
+    plan.term_count = static_cast<int32_t>(terms.size());
+    return "";
+  }
+
+  int64_t nodes() const {
+    int64_t product = 1;
+    for (int axis = 0; axis < plan.dimension && plan.shape[axis] > 0; ++axis) product *= plan.shape[axis];
+    return product;
+  }
 };
 
-// The plan behind the attributes; `terms` holds (row, channel, jet, factor) one after the other.
-Checked check(ffi::AnyBuffer position, const std::vector<ffi::AnyBuffer>& blocks, ffi::AnyBuffer nodal, Integers shape, Reals origin, double cell,
-              int64_t function, Reals half, Integers terms) {
-  Checked c;
-  const auto type = position.element_type();
-  const auto at = position.dimensions(), node = nodal.dimensions();
-  const std::size_t rank = at.size();
-  if ((type != ffi::F32 && type != ffi::F64) || nodal.element_type() != type || rank < 2 || node.size() != rank) {
-    c.error = "arrays must have one rank and all be float32 or all float64";
-    return c;
-  }
-  c.scalar = type == ffi::F32 ? Scalar::kFloat : Scalar::kDouble;
-  Plan& plan = c.plan;
-  plan.dimension = static_cast<int32_t>(shape.size());
-  if (plan.dimension < 1 || plan.dimension > kAxes || origin.size() != shape.size() || half.size() != shape.size() ||
-      at[rank - 2] != plan.dimension) {
-    c.error = "position, shape, origin and half size differ in dimension";
-    return c;
-  }
-  int64_t nodes = 1;
-  for (int axis = 0; axis < plan.dimension; ++axis) {
-    if (shape[axis] < kStencil || shape[axis] >= INT32_MAX) {
-      c.error = "an axis of the grid has fewer than 3 nodes";
-      return c;
+std::string check(Checked& c, const Attributes& given, ffi::AnyBuffer position, ffi::AnyBuffer nodal,
+                  const std::vector<ffi::AnyBuffer>& blocks) {
+  std::string wrong = c.take_grid(given);
+  if (wrong.empty()) wrong = c.take_function(given.function);
+  if (wrong.empty()) wrong = c.take_position_and_nodal(position, nodal);
+  if (wrong.empty()) wrong = c.take_rows(blocks, position);
+  if (wrong.empty()) wrong = c.take_terms(given.terms);
+  return wrong;
+}
+
+// What is wrong with the leading axes of arrays that a batch of lanes reads: each is the batch's, or 1.
+std::string check_lanes(const std::vector<ffi::AnyBuffer>& read, ffi::AnyBuffer::Dimensions batch) {
+  for (const ffi::AnyBuffer& buffer : read) {
+    const auto of = buffer.dimensions();
+    if (of.size() != batch.size()) return "arrays differ in rank";
+    for (std::size_t axis = 0; axis + 2 < batch.size(); ++axis) {
+      if (of[axis] != 1 && of[axis] != batch[axis]) return "the leading axes of an array are not those of the batch";
     }
-    plan.shape[axis] = static_cast<int32_t>(shape[axis]);
-    plan.origin[axis] = origin[axis];
-    plan.half[axis] = half[axis];
-    nodes *= shape[axis];
   }
-  plan.particles = at[rank - 1];
-  plan.stride = static_cast<int32_t>(node[rank - 1]);
-  if (node[rank - 2] != nodes || nodes > INT32_MAX || plan.particles > INT32_MAX) {
-    c.error = "the nodal array has not as many nodes as the grid, or there are more than 2^31 of them or of particles";
-    return c;
-  }
-  for (const ffi::AnyBuffer& block : blocks) {
-    const auto of = block.dimensions();
-    if (block.element_type() != type || of.size() != rank || of[rank - 1] != plan.particles) {
-      c.error = "arrays differ in type, rank or number of particles";
-      return c;
-    }
-    plan.rows += static_cast<int32_t>(of[rank - 2]);
-  }
-  plan.cell = cell;
-  plan.function = static_cast<ShapeFunction>(function);
-  plan.order = 0;
-  const int jets[] = {1, 1 + plan.dimension, 1 + plan.dimension + plan.dimension * (plan.dimension + 1) / 2};
-  std::vector<bool> met_row(plan.rows), met_node(kMaxChannels * 10);
-  for (std::size_t t = 0; t + 3 < terms.size(); t += 4) {
-    const int64_t row = terms[t], channel = terms[t + 1], jet = terms[t + 2];
-    if (row < 0 || row >= plan.rows || channel < 0 || channel >= kMaxChannels || channel >= plan.stride || jet < 0 ||
-        jet >= jets[2]) {
-      c.error = "a term names a row, channel or derivative that does not exist";
-      return c;
-    }
-    while (jet >= jets[plan.order]) ++plan.order;
-    if (channel >= plan.channels) plan.channels = static_cast<int32_t>(channel) + 1;
-    c.terms.push_back({static_cast<int32_t>(row), static_cast<int32_t>(channel), static_cast<int32_t>(jet),
-                       !met_node[jet * kMaxChannels + channel], !met_row[row], static_cast<double>(terms[t + 3])});
-    met_row[row] = met_node[jet * kMaxChannels + channel] = true;
-  }
-  plan.width = padded(plan.channels);
-  plan.terms = c.terms.data();
-  plan.term_count = static_cast<int32_t>(c.terms.size());
-  return c;
+  return "";
+}
+
+ffi::Error answer(bool done) {
+  return done ? ffi::Error::Success() : invalid("no kernel was compiled for these channels and derivatives");
 }
 
 Pool pool_of(ffi::ThreadPool& threads) {
@@ -131,7 +191,7 @@ void add_rows(const std::vector<ffi::AnyBuffer>& blocks, ffi::AnyBuffer::Dimensi
   for (const ffi::AnyBuffer& block : blocks) {
     const auto starts = lane_starts(block, batch);
     const auto of = block.dimensions();
-    const int64_t row_bytes = (block.element_type() == ffi::F32 ? 4 : 8) * of[of.size() - 1];
+    const int64_t row_bytes = bytes_of(block) * of[of.size() - 1];
     for (std::size_t i = 0; i < lanes.size(); ++i) {
       for (int64_t row = 0; row < of[of.size() - 2]; ++row) lanes[i].rows.push_back(starts[i] + row * row_bytes);
     }
@@ -143,29 +203,32 @@ ffi::Error scatter_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ffi
                            Reals half, Integers terms) {
   const auto blocks = remaining(rest);
   if (!blocks.has_value()) return blocks.error();
-  const Checked c = check(position, *blocks, *nodal, shape, origin, cell, function, half, terms);
-  if (!c.error.empty()) return invalid(c.error);
-  if (c.plan.stride != c.plan.width) return invalid("the nodal array is not padded to the kernels' width");
+  Checked c;
+  std::string wrong = check(c, {shape, origin, cell, function, half, terms}, position, *nodal, *blocks);
   const auto batch = nodal->dimensions();
+  if (wrong.empty()) wrong = check_lanes({position}, batch);
+  if (wrong.empty()) wrong = check_lanes(*blocks, batch);
+  if (wrong.empty() && c.plan.stride != c.plan.width) wrong = "the nodal array is not padded to the kernels' width";
+  if (!wrong.empty()) return invalid(wrong);
   const auto positions = lane_starts(position, batch), nodals = lane_starts(*nodal, batch);
   std::vector<ScatterLane> lanes(positions.size());
   for (std::size_t i = 0; i < lanes.size(); ++i) lanes[i] = {positions[i], {}, nodals[i]};
   add_rows(*blocks, batch, lanes);
-  scatter(best_instructions(), pool_of(threads), c.scalar, c.plan, lanes);
-  return ffi::Error::Success();
+  return answer(scatter(best_instructions(), pool_of(threads), c.scalar, c.plan, lanes));
 }
 
 ffi::Error gather_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ffi::AnyBuffer nodal,
                           ffi::Result<ffi::AnyBuffer> rows, Integers shape, Reals origin, double cell, int64_t function,
                           Reals half, Integers terms) {
-  const Checked c = check(position, {*rows}, nodal, shape, origin, cell, function, half, terms);
-  if (!c.error.empty()) return invalid(c.error);
+  Checked c;
+  std::string wrong = check(c, {shape, origin, cell, function, half, terms}, position, nodal, {*rows});
   const auto batch = rows->dimensions();
+  if (wrong.empty()) wrong = check_lanes({position, nodal}, batch);
+  if (!wrong.empty()) return invalid(wrong);
   const auto positions = lane_starts(position, batch), nodals = lane_starts(nodal, batch), out = lane_starts(*rows, batch);
   std::vector<GatherLane> lanes(positions.size());
   for (std::size_t i = 0; i < lanes.size(); ++i) lanes[i] = {positions[i], nodals[i], out[i]};
-  gather(best_instructions(), pool_of(threads), c.scalar, c.plan, lanes);
-  return ffi::Error::Success();
+  return answer(gather(best_instructions(), pool_of(threads), c.scalar, c.plan, lanes));
 }
 
 ffi::Error contract_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ffi::AnyBuffer nodal,
@@ -174,21 +237,26 @@ ffi::Error contract_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ff
                             int64_t function, Reals half, Integers terms) {
   const auto blocks = remaining(rest);
   if (!blocks.has_value()) return blocks.error();
-  Checked c = check(position, *blocks, nodal, shape, origin, cell, function, half, terms);
-  if (!c.error.empty()) return invalid(c.error);
-  if (++c.plan.order > 2) return invalid("the kernels have no third derivatives");
+  Checked c;
+  std::string wrong = check(c, {shape, origin, cell, function, half, terms}, position, nodal, *blocks);
+  if (wrong.empty()) wrong = c.check_rows(*slope, position);
+  if (wrong.empty()) wrong = c.check_rows(*gathered, position);
   const auto batch = slope->dimensions();
+  if (wrong.empty()) wrong = check_lanes({position, nodal, *gathered}, batch);
+  if (wrong.empty()) wrong = check_lanes(*blocks, batch);
+  if (!wrong.empty()) return invalid(wrong);
+  const int64_t asked = gathered->dimensions()[batch.size() - 2];
+  if (batch[batch.size() - 2] != c.plan.dimension) return invalid("the slope has not one row for each axis");
+  if (asked != 0 && asked != c.plan.rows) return invalid("the gathered rows are not as many as the rows given");
+  ++c.plan.order;
   const auto positions = lane_starts(position, batch), nodals = lane_starts(nodal, batch);
   const auto slopes = lane_starts(*slope, batch), rows = lane_starts(*gathered, batch);
-  const int64_t asked = gathered->dimensions()[batch.size() - 2];
-  if (asked != 0 && asked != c.plan.rows) return invalid("the gathered rows are not as many as the rows given");
   std::vector<ContractLane> lanes(positions.size());
   for (std::size_t i = 0; i < lanes.size(); ++i) {
     lanes[i] = {positions[i], nodals[i], {}, slopes[i], asked ? rows[i] : nullptr};
   }
   add_rows(*blocks, batch, lanes);
-  contract(best_instructions(), pool_of(threads), c.scalar, c.plan, lanes);
-  return ffi::Error::Success();
+  return answer(contract(best_instructions(), pool_of(threads), c.scalar, c.plan, lanes));
 }
 
 template <class Binding>

@@ -34,34 +34,38 @@ struct Pack {
 
 #define JAXMPM_INLINE static inline __attribute__((always_inline))
 #define JAXMPM_MEMBER inline __attribute__((always_inline))
-#define JAXMPM_PARTS _Pragma("GCC unroll 4") for (int i = 0; i < Pack<T, W>::kParts; ++i)
 
 template <class T, int W>
 JAXMPM_INLINE Pack<T, W> load(const T* from) {
   Pack<T, W> r;
-  JAXMPM_PARTS __builtin_memcpy(&r.part[i], from + i * (W / Pack<T, W>::kParts), sizeof r.part[i]);
+#pragma GCC unroll 4
+  for (int i = 0; i < Pack<T, W>::kParts; ++i) __builtin_memcpy(&r.part[i], from + i * (W / Pack<T, W>::kParts), sizeof r.part[i]);
   return r;
 }
 template <class T, int W>
 JAXMPM_INLINE void store(T* to, const Pack<T, W>& a) {
-  JAXMPM_PARTS __builtin_memcpy(to + i * (W / Pack<T, W>::kParts), &a.part[i], sizeof a.part[i]);
+#pragma GCC unroll 4
+  for (int i = 0; i < Pack<T, W>::kParts; ++i) __builtin_memcpy(to + i * (W / Pack<T, W>::kParts), &a.part[i], sizeof a.part[i]);
 }
 template <class T, int W>
 JAXMPM_INLINE Pack<T, W> operator*(T s, const Pack<T, W>& a) {
   Pack<T, W> r;
-  JAXMPM_PARTS r.part[i] = s * a.part[i];
+#pragma GCC unroll 4
+  for (int i = 0; i < Pack<T, W>::kParts; ++i) r.part[i] = s * a.part[i];
   return r;
 }
 template <class T, int W>
 JAXMPM_INLINE Pack<T, W> operator+(const Pack<T, W>& a, const Pack<T, W>& b) {
   Pack<T, W> r;
-  JAXMPM_PARTS r.part[i] = a.part[i] + b.part[i];
+#pragma GCC unroll 4
+  for (int i = 0; i < Pack<T, W>::kParts; ++i) r.part[i] = a.part[i] + b.part[i];
   return r;
 }
 template <class T, int W>
 JAXMPM_INLINE Pack<T, W> operator*(const Pack<T, W>& a, const Pack<T, W>& b) {
   Pack<T, W> r;
-  JAXMPM_PARTS r.part[i] = a.part[i] * b.part[i];
+#pragma GCC unroll 4
+  for (int i = 0; i < Pack<T, W>::kParts; ++i) r.part[i] = a.part[i] * b.part[i];
   return r;
 }
 JAXMPM_INLINE float floor_of(float x) { return __builtin_floorf(x); }
@@ -74,7 +78,7 @@ struct Weights {
   alignas(64) int64_t node[kBlock];  // lowest node of the stencil
 };
 
-// Value and derivatives at distance r (in cells) of a shape function; zero for NaN. See jaxmpm/shape.py.
+// Value and derivatives at distance r (in cells) of a shape function; zero for NaN. See jaxmpm/transfer/_shape.py.
 template <class T, int ORDER>
 JAXMPM_INLINE void shape(ShapeFunction function, T l, T per_l, T r, T* value, T* slope, T* curvature) {
   const T a = r < 0 ? -r : r;
@@ -156,6 +160,18 @@ JAXMPM_INLINE void fill_weights(const Plan& plan, const T* position, const int32
   }
 }
 
+// What one node of an axis gives a particle: weight, slope (1/m) and curvature (1/m2).
+template <class T>
+struct AxisWeight {
+  T w, s, c;
+};
+
+template <class T, int D, int ORDER>
+JAXMPM_INLINE AxisWeight<T> weight_of(const Weights<T, D, ORDER>& weights, int axis, int node, int p) {
+  const auto& of = weights.of[axis][node];
+  return {of[0][p], ORDER > 0 ? of[ORDER > 0 ? 1 : 0][p] : T(0), ORDER > 1 ? of[ORDER > 1 ? 2 : 0][p] : T(0)};
+}
+
 // A particle's coefficients, one pack per derivative. Second derivatives stand in the order
 // 3D: xx, xy, xz, yy, yz, zz; 2D: xx, xz, zz; 1D: xx.
 template <class T, int W, int J>
@@ -163,36 +179,35 @@ struct Jet {
   Pack<T, W> d[J];
 };
 
-// Sum over the first of D axes, which leaves coefficients of the D - 1 others: the product rule on one axis with the
-// node's weight (w), slope (s) and curvature (c).
+// Sum over the first of D axes, which leaves coefficients of the D - 1 others: the product rule on one axis.
 template <class T, int W, int D, int ORDER>
-JAXMPM_INLINE Jet<T, W, jets(D - 1, ORDER)> lower(const Jet<T, W, jets(D, ORDER)>& a, T w, T s, T c) {
+JAXMPM_INLINE Jet<T, W, jets(D - 1, ORDER)> lower(const Jet<T, W, jets(D, ORDER)>& a, AxisWeight<T> at) {
   Jet<T, W, jets(D - 1, ORDER)> r;
-  r.d[0] = w * a.d[0];
+  r.d[0] = at.w * a.d[0];
   if constexpr (ORDER > 0) {
-    r.d[0] = r.d[0] + s * a.d[1];
-    for (int j = 1; j < D; ++j) r.d[j] = w * a.d[1 + j];
+    r.d[0] = r.d[0] + at.s * a.d[1];
+    for (int j = 1; j < D; ++j) r.d[j] = at.w * a.d[1 + j];
   }
   if constexpr (ORDER > 1) {
-    r.d[0] = r.d[0] + c * a.d[1 + D];
-    for (int j = 1; j < D; ++j) r.d[j] = r.d[j] + s * a.d[1 + D + j];
-    for (int j = 0; j < D * (D - 1) / 2; ++j) r.d[D + j] = w * a.d[1 + 2 * D + j];
+    r.d[0] = r.d[0] + at.c * a.d[1 + D];
+    for (int j = 1; j < D; ++j) r.d[j] = r.d[j] + at.s * a.d[1 + D + j];
+    for (int j = 0; j < D * (D - 1) / 2; ++j) r.d[D + j] = at.w * a.d[1 + 2 * D + j];
   }
   return r;
 }
 
 // The transpose of `lower`: adds what one node of the first axis holds to the sums of D axes.
 template <class T, int W, int D, int ORDER>
-JAXMPM_INLINE void raise(const Jet<T, W, jets(D - 1, ORDER)>& a, T w, T s, T c, Jet<T, W, jets(D, ORDER)>& r) {
-  r.d[0] = r.d[0] + w * a.d[0];
+JAXMPM_INLINE void raise(const Jet<T, W, jets(D - 1, ORDER)>& a, AxisWeight<T> at, Jet<T, W, jets(D, ORDER)>& r) {
+  r.d[0] = r.d[0] + at.w * a.d[0];
   if constexpr (ORDER > 0) {
-    r.d[1] = r.d[1] + s * a.d[0];
-    for (int j = 1; j < D; ++j) r.d[1 + j] = r.d[1 + j] + w * a.d[j];
+    r.d[1] = r.d[1] + at.s * a.d[0];
+    for (int j = 1; j < D; ++j) r.d[1 + j] = r.d[1 + j] + at.w * a.d[j];
   }
   if constexpr (ORDER > 1) {
-    r.d[1 + D] = r.d[1 + D] + c * a.d[0];
-    for (int j = 1; j < D; ++j) r.d[1 + D + j] = r.d[1 + D + j] + s * a.d[j];
-    for (int j = 0; j < D * (D - 1) / 2; ++j) r.d[1 + 2 * D + j] = r.d[1 + 2 * D + j] + w * a.d[D + j];
+    r.d[1 + D] = r.d[1 + D] + at.c * a.d[0];
+    for (int j = 1; j < D; ++j) r.d[1 + D + j] = r.d[1 + D + j] + at.s * a.d[j];
+    for (int j = 0; j < D * (D - 1) / 2; ++j) r.d[1 + 2 * D + j] = r.d[1 + 2 * D + j] + at.w * a.d[D + j];
   }
 }
 
@@ -206,10 +221,8 @@ JAXMPM_INLINE void spread(const Jet<T, W, jets(D, ORDER)>& a, const Weights<T, D
     constexpr int axis = D_ALL - D;
 #pragma GCC unroll 3
     for (int k = 0; k < kStencil; ++k) {
-      const T w = weights.of[axis][k][0][p];
-      const T s = ORDER > 0 ? weights.of[axis][k][ORDER > 0 ? 1 : 0][p] : T(0);
-      const T c = ORDER > 1 ? weights.of[axis][k][ORDER > 1 ? 2 : 0][p] : T(0);
-      spread<T, W, D - 1, ORDER, D_ALL>(lower<T, W, D, ORDER>(a, w, s, c), weights, p, strides, node + k * strides[axis]);
+      const AxisWeight<T> at = weight_of(weights, axis, k, p);
+      spread<T, W, D - 1, ORDER, D_ALL>(lower<T, W, D, ORDER>(a, at), weights, p, strides, node + k * strides[axis]);
     }
   }
 }
@@ -225,10 +238,8 @@ JAXMPM_INLINE Jet<T, W, jets(D, ORDER)> collect(const Weights<T, D_ALL, ORDER>& 
     constexpr int axis = D_ALL - D;
 #pragma GCC unroll 3
     for (int k = 0; k < kStencil; ++k) {
-      const T w = weights.of[axis][k][0][p];
-      const T s = ORDER > 0 ? weights.of[axis][k][ORDER > 0 ? 1 : 0][p] : T(0);
-      const T c = ORDER > 1 ? weights.of[axis][k][ORDER > 1 ? 2 : 0][p] : T(0);
-      raise<T, W, D, ORDER>(collect<T, W, D - 1, ORDER, D_ALL>(weights, p, strides, node + k * strides[axis]), w, s, c, r);
+      const AxisWeight<T> at = weight_of(weights, axis, k, p);
+      raise<T, W, D, ORDER>(collect<T, W, D - 1, ORDER, D_ALL>(weights, p, strides, node + k * strides[axis]), at, r);
     }
   }
   return r;
@@ -408,44 +419,76 @@ void contract(const Plan& plan, const T* position, const T* nodal, const void* c
       });
 }
 
-// Calls `f` with the plan's dimension, width and order as constants.
-template <class F>
-JAXMPM_INLINE void with_constants(const Plan& plan, F f) {
-#define JAXMPM_CASE(D, W, O) \
-  case D * 100 + W * 10 + O: return f.template operator()<D, W, O>();
-#define JAXMPM_CASES(D)                                                                          \
-  JAXMPM_CASE(D, 4, 0) JAXMPM_CASE(D, 4, 1) JAXMPM_CASE(D, 4, 2) JAXMPM_CASE(D, 8, 0) JAXMPM_CASE(D, 8, 1) \
-  JAXMPM_CASE(D, 8, 2)
-  switch (plan.dimension * 100 + plan.width * 10 + plan.order) { JAXMPM_CASES(1) JAXMPM_CASES(2) JAXMPM_CASES(3) }
-#undef JAXMPM_CASES
-#undef JAXMPM_CASE
-}
+// Kernels of one scalar type by the constants that they are compiled for; `of` is null where there is none.
+template <class T>
+struct ScatterOf {
+  using Kernel = ScatterKernel;
+  template <int D, int W, int ORDER>
+  static constexpr Kernel of() {
+    return [](const Plan& plan, const void* position, const void* const* rows, const int32_t* index, int64_t begin,
+              int64_t end, void* nodal) {
+      scatter<T, D, W, ORDER>(plan, static_cast<const T*>(position), rows, index, begin, end, static_cast<T*>(nodal));
+    };
+  }
+};
 
 template <class T>
-void scatter_any(const Plan& plan, const void* position, const void* const* rows, const int32_t* index, int64_t begin,
-                 int64_t end, void* nodal) {
-  with_constants(plan, [&]<int D, int W, int ORDER>() {
-    scatter<T, D, W, ORDER>(plan, static_cast<const T*>(position), rows, index, begin, end, static_cast<T*>(nodal));
-  });
-}
+struct GatherOf {
+  using Kernel = GatherKernel;
+  template <int D, int W, int ORDER>
+  static constexpr Kernel of() {
+    return [](const Plan& plan, const void* position, const void* nodal, int64_t begin, int64_t end, void* rows) {
+      gather<T, D, W, ORDER>(plan, static_cast<const T*>(position), static_cast<const T*>(nodal), begin, end,
+                             static_cast<T*>(rows));
+    };
+  }
+};
 
 template <class T>
-void gather_any(const Plan& plan, const void* position, const void* nodal, int64_t begin, int64_t end, void* rows) {
-  with_constants(plan, [&]<int D, int W, int ORDER>() {
-    gather<T, D, W, ORDER>(plan, static_cast<const T*>(position), static_cast<const T*>(nodal), begin, end,
-                           static_cast<T*>(rows));
-  });
-}
-
-template <class T>
-void contract_any(const Plan& plan, const void* position, const void* nodal, const void* const* rows, int64_t begin,
-                  int64_t end, void* slope, void* gathered) {
-  with_constants(plan, [&]<int D, int W, int ORDER>() {
-    if constexpr (ORDER > 0) {
-      contract<T, D, W, ORDER>(plan, static_cast<const T*>(position), static_cast<const T*>(nodal), rows, begin, end,
-                               static_cast<T*>(slope), static_cast<T*>(gathered));
+struct ContractOf {
+  using Kernel = ContractKernel;
+  template <int D, int W, int ORDER>
+  static constexpr Kernel of() {
+    if constexpr (ORDER == 0) {
+      return nullptr;  // the weights have one order more than the terms
+    } else {
+      return [](const Plan& plan, const void* position, const void* nodal, const void* const* rows, int64_t begin,
+                int64_t end, void* slope, void* gathered) {
+        contract<T, D, W, ORDER>(plan, static_cast<const T*>(position), static_cast<const T*>(nodal), rows, begin, end,
+                                 static_cast<T*>(slope), static_cast<T*>(gathered));
+      };
     }
-  });
+  }
+};
+
+template <class Of, int D, int W>
+typename Of::Kernel of_order(const Plan& plan) {
+  switch (plan.order) {
+    case 0: return Of::template of<D, W, 0>();
+    case 1: return Of::template of<D, W, 1>();
+    case 2: return Of::template of<D, W, 2>();
+    default: return nullptr;
+  }
+}
+
+template <class Of, int D>
+typename Of::Kernel of_width(const Plan& plan) {
+  switch (plan.width) {
+    case 4: return of_order<Of, D, 4>(plan);
+    case 8: return of_order<Of, D, 8>(plan);
+    default: return nullptr;
+  }
+}
+
+// The kernel for the plan's dimension, width and order, or null where there is none.
+template <class Of>
+typename Of::Kernel chosen(const Plan& plan) {
+  switch (plan.dimension) {
+    case 1: return of_width<Of, 1>(plan);
+    case 2: return of_width<Of, 2>(plan);
+    case 3: return of_width<Of, 3>(plan);
+    default: return nullptr;
+  }
 }
 
 template <class T>
@@ -460,7 +503,7 @@ void slabs(const Plan& plan, const void* position, int64_t begin, int64_t end, u
 }
 
 template <class T>
-constexpr Kernels kernels = {scatter_any<T>, gather_any<T>, contract_any<T>, slabs<T>};
+constexpr Kernels kernels = {chosen<ScatterOf<T>>, chosen<GatherOf<T>>, chosen<ContractOf<T>>, slabs<T>};
 
 }  // namespace
 

@@ -45,18 +45,25 @@ struct Plan {
   int32_t term_count;
 };
 
-// Kernels of one scalar type. Particle arrays are (components, particles), or one pointer per row; `index` lists
-// particles or is null for all in their order; [begin, end) is a range of that list, or of particles.
+// Particle arrays are (components, particles), or one pointer per row; `index` lists particles or is null for all in their
+// order; [begin, end) is a range of that list, or of particles.
+using ScatterKernel = void (*)(const Plan&, const void* position, const void* const* rows, const int32_t* index,
+                               int64_t begin, int64_t end, void* nodal);
+using GatherKernel = void (*)(const Plan&, const void* position, const void* nodal, int64_t begin, int64_t end, void* rows);
+// Derivative along the position (d, particles) of the sum of rows times what `gather` gives for them, and that itself
+// unless `gathered` is null; `order` is one above that of the terms.
+using ContractKernel = void (*)(const Plan&, const void* position, const void* nodal, const void* const* rows,
+                                int64_t begin, int64_t end, void* slope, void* gathered);
+// The slab of each particle's lowest node.
+using SlabsKernel = void (*)(const Plan&, const void* position, int64_t begin, int64_t end, uint8_t* slab);
+
+// Kernels of one scalar type. The first three are chosen by a plan's dimension, width and order, and null for a plan
+// that no kernel was compiled for.
 struct Kernels {
-  void (*scatter)(const Plan&, const void* position, const void* const* rows, const int32_t* index, int64_t begin,
-                  int64_t end, void* nodal);
-  void (*gather)(const Plan&, const void* position, const void* nodal, int64_t begin, int64_t end, void* rows);
-  // Derivative along the position (d, particles) of the sum of rows times what `gather` gives for them, and that itself
-  // unless `gathered` is null; `order` is one above that of the terms.
-  void (*contract)(const Plan&, const void* position, const void* nodal, const void* const* rows, int64_t begin,
-                   int64_t end, void* slope, void* gathered);
-  // The slab of each particle's lowest node.
-  void (*slabs)(const Plan&, const void* position, int64_t begin, int64_t end, uint8_t* slab);
+  ScatterKernel (*scatter)(const Plan&);
+  GatherKernel (*gather)(const Plan&);
+  ContractKernel (*contract)(const Plan&);
+  SlabsKernel slabs;
 };
 
 struct InstructionSet {

@@ -1,0 +1,1 @@
+"""What `jaxmpm` and `kl` both stand on, so that neither needs the other: pytrees, checks of input, atomic files."""
