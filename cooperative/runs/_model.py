@@ -18,7 +18,7 @@ from cooperative.measure import FailureMode, ModeRules, Motion, SlopeGeometry, c
 from cooperative.runs._restart import RestartPoint, read_restart, write_restart
 from cooperative.scene import Config, built
 from cooperative.store import Sample, Scalar, read_store
-from jaxmpm import Chunk, Midway, Result, Scene, State, Status, solve_each
+from jaxmpm import Chunk, Midway, Result, Scene, Slope, State, Status, solve_each
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,16 @@ class GridModel:
         """Undrained strength at the particles (N,) Pa, for coefficients (M,)."""
         strength = self.config.strength
         marginal = strength.marginal(strength.mean, strength.cov)
-        field = _strength(self.expansion, marginal, coefficients, self.scene.particles.position)
+        points = self.scene.particles.position if strength.sampled_at == "particles" else self._cell_centres()
+        field = _strength(self.expansion, marginal, coefficients, points)
         return field if self.strength_factor == 1 else field * self.strength_factor
+
+    def _cell_centres(self) -> jax.Array:
+        """Centre of the cell that each particle starts in (d, N) m, kept in the slope's box where that ends in it."""
+        grid, shape = self.scene.grid, self.config.slope
+        origin = jnp.asarray(grid.origin)[:, None]
+        centre = origin + (jnp.floor((self.scene.particles.position - origin) / grid.cell) + 0.5) * grid.cell
+        return jnp.minimum(centre, jnp.asarray(box_of(shape))[:, None])
 
 
 @jax.jit
@@ -53,15 +61,19 @@ def _strength(expansion: kl.Expansion, marginal: Any, coefficients: Any, positio
 
 def expansion_of(config: Config) -> kl.Expansion:
     """The strength's expansion over the whole box of the slope, the same for every grid."""
-    shape, strength = config.slope, config.strength
-    top = shape.foundation + shape.height
-    extent = (shape.length, top) if shape.width is None else (shape.length, shape.width, top)
+    strength, extent = config.strength, box_of(config.slope)
     return kl.expand(
         tuple(strength.correlation(length) for length in strength.length),
         origin=(0.0,) * len(extent),
         extent=extent,
         energy=strength.energy,
     )
+
+
+def box_of(shape: Slope) -> tuple[float, ...]:
+    """Edges of the box from the origin that holds the slope (d,) m."""
+    top = shape.foundation + shape.height
+    return (shape.length, top) if shape.width is None else (shape.length, shape.width, top)
 
 
 def coefficients_of(config: Config, expansion: kl.Expansion) -> np.ndarray:

@@ -24,6 +24,7 @@ COEFFICIENTS = {"latin hypercube": kl.latin_hypercube, "monte carlo": kl.monte_c
 KERNELS = {"gimp": GIMP, "linear": Linear, "quadratic b-spline": QuadraticBSpline}
 SCHEMES = {scheme.name.lower(): scheme for scheme in Scheme}
 PLASTIC_STRAINS = {measure.value: measure for measure in PlasticStrain}
+SAMPLED_AT = {"particles": "particles", "cells": "cells"}
 Y_ENDS = {"fixed": "fixed", "roller": "roller"}
 ESTIMATORS = {name: name for name in ("two-phase", "published", "control variate", "monte carlo", "subset")}
 FIELDS = {"none": (), "refined": ("refined",), "both": ("rough", "refined")}
@@ -68,6 +69,7 @@ _STRENGTH = {
     "correlation": Key(CORRELATIONS, "squared exponential"),
     "length": Key(tuple),
     "energy": Key(float, 0.999),
+    "sampled_at": Key(SAMPLED_AT, "particles"),
 }
 _GRID = {
     "cell": Key(float),

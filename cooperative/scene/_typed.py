@@ -16,7 +16,11 @@ BAND = 1 / 5
 
 @dataclass(frozen=True)
 class Strength:
-    """The random field of undrained strength: mean (Pa), cov, and per axis a correlation length (m)."""
+    """The random field of undrained strength: mean (Pa), cov, and per axis a correlation length (m).
+
+    sampled_at: "particles", or "cells" for one value per cell of the background grid, that at its centre: then the grid
+    of the field is the background grid, and all particles that start in a cell are equally strong.
+    """
 
     mean: float
     cov: float
@@ -24,6 +28,7 @@ class Strength:
     correlation: type
     length: tuple[float, ...]
     energy: float
+    sampled_at: Literal["particles", "cells"]
 
 
 @dataclass(frozen=True)

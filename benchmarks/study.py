@@ -1,0 +1,142 @@
+"""`python -m benchmarks.study [PIECE ...]`: the published study in 3D, in pieces that go on where they were stopped.
+
+A run is one row of a small CSV file, `study_PIECE.csv` in the folder, written as soon as the run has ended; a process
+that is killed loses only the runs under way. `python -m benchmarks published` makes tables and verdicts of the files.
+"""
+
+from __future__ import annotations
+
+import argparse
+import fcntl
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from pathlib import Path
+
+from benchmarks.measure import ROOT
+from benchmarks.study_pieces import PIECES, missing
+from benchmarks.study_runs import CASES, carry_out
+from benchmarks.study_table import Outcome, Rows, Run, merged, read_table, write_table
+from cooperative.runs import process_pool
+
+DATA = ROOT / "benchmarks" / "data"
+
+
+def file_of(folder: Path, piece: str) -> Path:
+    """Where the rows of a piece stand."""
+    return folder / f"study_{piece}.csv"
+
+
+def read_study(folder: Path) -> dict[str, Rows]:
+    """The rows of every piece. ValueError naming file and line for one that does not parse."""
+    return {piece: read_table(file_of(folder, piece), CASES) for piece in PIECES}
+
+
+def study(
+    folder: Path,
+    pieces: Sequence[str],
+    *,
+    workers: int = 1,
+    minutes: float = float("inf"),
+    do: Callable[[Run], Outcome] = carry_out,
+) -> None:
+    """Do what is missing of the pieces, in their order; no run begins after `minutes`.
+
+    workers: processes, each bound to its share of the cores; 1 runs in this one. ValueError for a piece that is none,
+    for a file that does not parse, and where another process is at work in the folder.
+    """
+    unknown = [piece for piece in pieces if piece not in PIECES]
+    if unknown:
+        raise ValueError(f"piece {unknown[0]!r}: give some of {', '.join(PIECES)}")
+    if workers < 1 or not minutes > 0:
+        raise ValueError(f"workers = {workers}, minutes = {minutes:g}: give 1 or more, and minutes above 0")
+    end = time.monotonic() + 60 * minutes
+    with _alone_in(folder), ThreadPoolExecutor(1) if workers == 1 else process_pool(workers) as crew:
+        tables = read_study(folder)
+        for piece in pieces:
+            for run, outcome in _done(crew, workers, lambda piece=piece: missing(piece, merged(tables.values())), end, do):
+                tables[piece][run] = outcome
+                write_table(file_of(folder, piece), tables[piece], CASES)
+                print(f"{time.strftime('%H:%M:%S')} {piece}: {run} {outcome}", flush=True)
+
+
+def _done(
+    crew: Executor, workers: int, wanted: Callable[[], Iterator[Run]], end: float, do: Callable[[Run], Outcome]
+) -> Iterator[tuple[Run, Outcome]]:
+    """Runs as they end. What is wanted is asked anew after each, since it may depend on the answers."""
+    under_way: dict[Future[Outcome], Run] = {}
+    while True:
+        if time.monotonic() < end:
+            held = set(under_way.values())
+            waiting = (run for run in wanted() if run not in held)
+            while len(under_way) < workers and (run := next(waiting, None)):
+                under_way[crew.submit(do, run)] = run
+        if not under_way:
+            return
+        for future in wait(under_way, return_when=FIRST_COMPLETED).done:
+            yield under_way.pop(future), future.result()
+
+
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / ".study.lock").open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise ValueError(f"{folder}: another process is at work here: wait for it, or give another folder") from error
+        yield
+
+
+def collect(source: Path, target: Path) -> dict[str, int]:
+    """Take over the rows of another folder's files; returns how many are new, by piece. Rows that the target has stay
+    as they are. ValueError for a file that does not parse, before anything is written."""
+    found, known = read_study(source), read_study(target)
+    new = {}
+    for piece in PIECES:
+        both = merged([known[piece], found[piece]])
+        if added := len(both) - len(known[piece]):
+            write_table(file_of(target, piece), both, CASES)
+            new[piece] = added
+    return new
+
+
+def progress(folder: Path) -> Iterator[str]:
+    """One line per piece: runs there, and runs that can be told to be missing by now."""
+    tables = read_study(folder)
+    everything = merged(tables.values())
+    for piece, rows in tables.items():
+        left = sum(1 for _ in missing(piece, everything))
+        hours = sum(outcome.core_seconds for outcome in rows.values()) / 3600
+        yield f"{piece:20} {len(rows):5} runs, {hours:6.2f} core hours; {left} more wanted now"
+
+
+def main() -> int:
+    """Parse the command line and go on with the study, collect rows, or list them."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.study", description=__doc__)
+    parser.add_argument("pieces", nargs="*", metavar="PIECE", help=f"some of {', '.join(PIECES)}; all if none is named")
+    parser.add_argument("--folder", type=Path, default=DATA, help="where the rows go (benchmarks/data)")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no run after as many")
+    parser.add_argument("--workers", type=int, default=1, help="processes, each with its share of the cores")
+    parser.add_argument("--collect", type=Path, metavar="FOLDER", help="take over the rows that stand there, run nothing")
+    parser.add_argument("--list", action="store_true", help="say what is there, run nothing")
+    arguments = parser.parse_args()
+    try:
+        if arguments.collect is not None:
+            print(collect(arguments.collect, arguments.folder) or "nothing new")
+        elif arguments.list:
+            print("\n".join(progress(arguments.folder)))
+        else:
+            study(
+                arguments.folder, arguments.pieces or list(PIECES), workers=arguments.workers, minutes=arguments.minutes
+            )
+    except ValueError as error:
+        print(error, file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,145 @@
+"""The cases of the study and how one run of them is done."""
+
+from __future__ import annotations
+
+import time
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import jax
+import numpy as np
+
+from benchmarks.measure import ROOT
+from benchmarks.study_table import Outcome, Run
+from cooperative.runs import GridModel, build, coefficients_of, expansion_of, run_samples
+from cooperative.scene import Config, parse
+from cooperative.sweep import to_toml
+
+Changes = Mapping[str, Mapping[str, Any]]
+
+SAMPLES = 750
+"""Random slopes of the headline campaign; the publication ran 1000."""
+SWEEP_SAMPLES = 200
+"""Random slopes at each correlation length, the same ones at all of them."""
+SECTION_SAMPLES = 400
+LENGTHS = (10, 30, 60, 120)
+"""Horizontal correlation lengths (m) of the sweep, one axis at a time, the other at 60 m."""
+
+EVEN = {"strength": {"cov": 0.0}}
+ROLLERS = {"slope": {"y_ends": "roller"}}
+FAST = {"rough": {"cfl": 0.9}, "refined": {"cfl": 0.9}}
+"""Time steps of 0.9 of the limit: on the section no class changes (reading "CFL 0.9")."""
+
+
+def _both(key: str, value: Any) -> Changes:
+    return {"rough": {key: value}, "refined": {key: value}}
+
+
+READINGS: dict[str, Changes] = {
+    "as here": {},
+    "one strength per cell": {"strength": {"sampled_at": "cells"}},
+    "equivalent plastic strain": {"soil": {"plastic_strain": "equivalent"}},
+    "published time step": {"rough": {"cfl": 0.111}, "refined": {"cfl": 0.222}},
+    "CFL 0.9": FAST,
+    "one particle a cell": {"rough": {"spacing": [2.0, 2.0]}, "refined": {"spacing": [1.0, 1.0]}},
+    "stress first (USF)": _both("scheme", "usf"),
+    "stress last (USL)": _both("scheme", "usl"),
+    "F-bar": _both("fbar", True),
+}
+"""What the publication leaves open, each as a change of the section; F-bar and one particle show what locking is worth."""
+
+
+def _case(scene: str, samples: int | None, *changes: Changes) -> dict[str, Any]:
+    plan = {} if samples is None else {"campaign": {"samples": samples}}
+    tables: dict[str, dict[str, Any]] = {}
+    for change in (plan, *changes):
+        for table, keys in change.items():
+            tables[table] = {**tables.get(table, {}), **keys}
+    return {"scene": scene, "changes": tables}
+
+
+def sweep_case(axis: str, length: float) -> str:
+    """Name of the case with this horizontal correlation length (m) along "lx" or "ly"."""
+    return "lx = ly = 60" if length == 60 else f"{axis} = {length:g}"
+
+
+def _sweep_cases() -> dict[str, dict[str, Any]]:
+    lengths = {sweep_case("lx", lx): [float(lx), 60.0, 2.0] for lx in LENGTHS}
+    lengths |= {sweep_case("ly", ly): [60.0, float(ly), 2.0] for ly in LENGTHS}
+    return {name: _case("paper", SWEEP_SAMPLES, FAST, {"strength": {"length": to}}) for name, to in lengths.items()}
+
+
+def _cell(cell: float, spacing: float, dimension: int) -> Changes:
+    return {"refined": {"cell": cell, "spacing": [spacing] * dimension}}
+
+
+CASES: dict[str, dict[str, Any]] = {
+    "mean strength": _case("paper", None, EVEN),
+    "mean strength, rollers": _case("paper", None, EVEN, ROLLERS),
+    "mean strength, default": _case("slope", None, EVEN),
+    "mean strength, default, rollers": _case("slope", None, EVEN, ROLLERS),
+    "mean strength, cells of 0.75 m": _case("paper", None, EVEN, _cell(0.75, 0.25, 3)),
+    "section of mean strength": _case("paper_section", None, EVEN),
+    "section of mean strength, cells of 0.75 m": _case("paper_section", None, EVEN, _cell(0.75, 0.25, 2)),
+    "section of mean strength, cells of 0.5 m": _case("paper_section", None, EVEN, _cell(0.5, 0.25, 2)),
+    "published": _case("paper", SAMPLES, FAST),
+    "default": _case("slope", SAMPLES, FAST),
+    "rollers": _case("paper", SAMPLES, FAST, ROLLERS),
+    **_sweep_cases(),
+    **{f"section, {name}": _case("paper_section", SECTION_SAMPLES, change) for name, change in READINGS.items()},
+    "section, default": _case("section", SECTION_SAMPLES),
+}
+"""Scene of `benchmarks/scenes` and what is changed in it, by name. A case that rows rest on is never changed: another
+one gets another name."""
+
+
+def config_of(case: str) -> Config:
+    """The scene of a case. ValueError for a case that is none."""
+    if case not in CASES:
+        raise ValueError(f"case {case!r}: give one of {', '.join(CASES)}")
+    return _config(CASES[case]["scene"], CASES[case]["changes"])
+
+
+def _config(scene: str, changes: Changes) -> Config:
+    tables = tomllib.loads((ROOT / "benchmarks" / "scenes" / f"{scene}.toml").read_text())
+    for table, keys in changes.items():
+        tables[table] |= keys
+    return parse(to_toml(tables))
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    model: GridModel
+    coefficients: np.ndarray
+
+
+@lru_cache(maxsize=3)
+def _prepared(case: str, grid: str) -> _Prepared:
+    config = config_of(case)
+    expansion = expansion_of(config)
+    return _Prepared(build(config, grid, expansion), coefficients_of(config, expansion))
+
+
+def carry_out(run: Run) -> Outcome:
+    """Do one run. A run that breaks off says so in its status."""
+    prepared = _prepared(run.case, run.grid)
+    model, config = prepared.model, prepared.model.config
+    plan = replace(config.plan, fields=(), modes=("rough", "refined") if run.until == "end" else ())
+    model = replace(model, config=replace(config, plan=plan), strength_factor=1 / run.reduction)
+    stop_at = config.run.failure_displacement if run.until == "class" else None
+    clock = time.process_time()
+    sample = next(iter(run_samples(model, prepared.coefficients, [run.sample], width=1, stop_at=stop_at)))
+    row = sample.row
+    slid = run.until == "end" and not row["broke_off"] and row["displacement"] > config.run.failure_displacement
+    kept = ("runout", "depth", "volume", "area", "mode", "masses", "onset", "onset_second") if slid else ()
+    return Outcome(
+        status=sample.status,
+        displacement=float(row["displacement"]),
+        time=sample.steps * float(jax.device_get(model.scene.time_step)),
+        steps=sample.steps,
+        core_seconds=time.process_time() - clock,
+        **{name: row.get(name) for name in kept},  # type: ignore[arg-type]
+    )

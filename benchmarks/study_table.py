@@ -1,0 +1,139 @@
+"""Rows of the study, one per run, in small CSV files that survive being cut off and never lose a row."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from jaxmpm.files import write_aside
+
+Until = Literal["class", "end"]
+
+
+@dataclass(frozen=True)
+class Run:
+    """One simulation. case: its name in `study_runs.CASES`. grid: "rough" or "refined". sample: number of the random
+    field, 0 where the case has none. reduction: factor by which the strength is divided. until: "class" ends it once it
+    has passed the failure displacement or settled, "end" lets it go on to its end."""
+
+    case: str
+    grid: str
+    sample: int = 0
+    reduction: float = 1.0
+    until: Until = "class"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run left. status: of `jaxmpm.Status`. displacement: the largest (m), where the run ended. time: simulated
+    (s). runout, depth (m), volume (m3), area (m2), mode, masses, onset, onset_second (s): of a slide, as
+    `cooperative.measure` has them, None where the run went on to its class only or stood. core_seconds: processor time."""
+
+    status: str
+    displacement: float
+    time: float
+    steps: int
+    core_seconds: float
+    runout: float | None = None
+    depth: float | None = None
+    volume: float | None = None
+    area: float | None = None
+    mode: str | None = None
+    masses: int | None = None
+    onset: float | None = None
+    onset_second: float | None = None
+
+
+Rows = dict[Run, Outcome]
+"""What is known of the study."""
+
+_KINDS = {"str": str, "int": int, "float": float, "Until": str}
+_COLUMNS = tuple(field.name for kind in (Run, Outcome) for field in fields(kind))
+
+
+def read_table(path: Path, definitions: Mapping[str, Any]) -> Rows:
+    """The rows of a file, none where it is not there.
+
+    definitions: what each case is. Raises ValueError naming file and line for a row that does not parse or that
+    stands there twice, and for a case that the file's first line defines otherwise. Nothing is changed.
+    """
+    if not path.exists():
+        return {}
+    lines = path.read_text().splitlines()
+    try:
+        head = json.loads(lines[0].removeprefix("# "))["cases"]
+        columns = tuple(lines[1].split(","))
+    except (IndexError, KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path}, line 1: no definitions of its cases: put back the file from before") from error
+    if columns != _COLUMNS:
+        raise ValueError(f"{path}, line 2: columns {', '.join(columns)}: the study has {', '.join(_COLUMNS)}")
+    rows: Rows = {}
+    for number, line in enumerate(lines[2:], start=3):
+        where = f"{path}, line {number}"
+        run, outcome = _parsed(line, where)
+        if run in rows:
+            raise ValueError(f"{where}: {run} stands there twice: delete one of the two")
+        if head.get(run.case) != json.loads(json.dumps(definitions.get(run.case))):
+            raise ValueError(
+                f"{where}: case {run.case!r} was {head.get(run.case)} and is {definitions.get(run.case)} now: "
+                "move the file away, or give the new case another name"
+            )
+        rows[run] = outcome
+    return rows
+
+
+def write_table(path: Path, rows: Mapping[Run, Outcome], definitions: Mapping[str, Any]) -> None:
+    """All rows, written aside and renamed; the first line says what each of their cases is."""
+    used = {case: definitions[case] for case in sorted({run.case for run in rows})}
+    text = io.StringIO()
+    text.write(f"# {json.dumps({'cases': used})}\n")
+    writer = csv.DictWriter(text, _COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    for run, outcome in rows.items():
+        writer.writerow({name: _cell(value) for name, value in (asdict(run) | asdict(outcome)).items()})
+    write_aside(path, text.getvalue().encode())
+
+
+def merged(tables: Iterable[Rows]) -> Rows:
+    """The rows of several tables; of a run that several have, the first stands."""
+    together: Rows = {}
+    for table in tables:
+        together = table | together
+    return together
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return "" if value is None else str(value)
+
+
+def _parsed(line: str, where: str) -> tuple[Run, Outcome]:
+    cells = next(csv.reader([line]), [])
+    if len(cells) != len(_COLUMNS):
+        raise ValueError(f"{where}: {len(cells)} cells instead of {len(_COLUMNS)}: mend or delete the line")
+    row = dict(zip(_COLUMNS, cells, strict=True))
+    run, outcome = (
+        kind(**{field.name: _value(row[field.name], str(field.type), f"{where}: {field.name}") for field in fields(kind)})
+        for kind in (Run, Outcome)
+    )
+    if run.grid not in ("rough", "refined") or run.until not in get_args(Until):
+        raise ValueError(f"{where}: grid = {run.grid!r}, until = {run.until!r}: mend or delete the line")
+    return run, outcome
+
+
+def _value(cell: str, kind: str, where: str) -> Any:
+    if cell == "" and "None" in kind:
+        return None
+    try:
+        value = _KINDS[kind.removesuffix(" | None")](cell)
+    except ValueError as error:
+        raise ValueError(f"{where} = {cell!r} is no {kind}: mend or delete the line") from error
+    if cell == "" or value != value:
+        raise ValueError(f"{where} = {cell!r} says nothing: mend or delete the line")
+    return value
