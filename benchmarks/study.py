@@ -10,9 +10,10 @@ import argparse
 import fcntl
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from benchmarks.measure import ROOT
@@ -56,10 +57,22 @@ def study(
     with _alone_in(folder), ThreadPoolExecutor(1) if workers == 1 else process_pool(workers) as crew:
         tables = read_study(folder)
         for piece in pieces:
-            for run, outcome in _done(crew, workers, lambda piece=piece: missing(piece, merged(tables.values())), end, do):
+            for run, outcome in _done(crew, workers, partial(_missing, piece, tables), end, do):
                 tables[piece][run] = outcome
                 write_table(file_of(folder, piece), tables[piece], CASES)
-                print(f"{time.strftime('%H:%M:%S')} {piece}: {run} {outcome}", flush=True)
+                print(f"{time.strftime('%H:%M:%S')} {piece}: {in_words(run, outcome)}", flush=True)
+
+
+def _missing(piece: str, tables: Mapping[str, Rows]) -> Iterator[Run]:
+    return missing(piece, merged(tables.values()))
+
+
+def in_words(run: Run, outcome: Outcome) -> str:
+    """One line on a run that has ended."""
+    return (
+        f"{run.case}, {run.grid}, sample {run.sample}, R = {run.reduction:g}, to its {run.until}: {outcome.status} at "
+        f"{outcome.displacement:.3g} m after {outcome.time:.2f} s, {outcome.core_seconds:.1f} core seconds"
+    )
 
 
 def _done(
@@ -86,7 +99,7 @@ def _alone_in(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise ValueError(f"{folder}: another process is at work here: wait for it, or give another folder") from error
+            raise ValueError(f"{folder}: another process is at work here: wait, or give another folder") from error
         yield
 
 
@@ -120,7 +133,7 @@ def main() -> int:
     parser.add_argument("--folder", type=Path, default=DATA, help="where the rows go (benchmarks/data)")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no run after as many")
     parser.add_argument("--workers", type=int, default=1, help="processes, each with its share of the cores")
-    parser.add_argument("--collect", type=Path, metavar="FOLDER", help="take over the rows that stand there, run nothing")
+    parser.add_argument("--collect", type=Path, metavar="FOLDER", help="take over the rows there, run nothing")
     parser.add_argument("--list", action="store_true", help="say what is there, run nothing")
     arguments = parser.parse_args()
     try:

@@ -51,12 +51,14 @@ def _bracket(rows: Rows, case: str, grid: str) -> tuple[int, int]:
         for run, outcome in rows.items()
         if run.case == case and run.grid == grid and run.until == "class"
     }
-    fails = min((step for step, answer in tried.items() if answer is not False), default=BRACKET[1] + 1)
-    return max((step for step, answer in tried.items() if answer is False and step < fails), default=BRACKET[0] - 1), fails
+    fails = min((step for step, answer in tried.items() if answer is True), default=BRACKET[1] + 1)
+    stands = (step for step, answer in tried.items() if answer is False and step < fails)
+    return max(stands, default=BRACKET[0] - 1), fails
 
 
 def bisection(rows: Rows, case: str, grid: str) -> list[Run]:
-    """The next run of the search for a factor of safety; none when it is found or not within the bracket."""
+    """The next run of the search for a factor of safety; none when it is found or not within the bracket. A run that
+    broke off answers nothing, and the search ends with it."""
     stands, fails = _bracket(rows, case, grid)
     return [] if fails - stands == 1 else [Run(case, grid, reduction=(stands + fails) // 2 / STEP)]
 
@@ -144,8 +146,11 @@ def sweep_screening(rows: Rows) -> list[Run]:
 
 def sweep_audit(rows: Rows) -> list[Run]:
     """A small audit of every correlation length."""
-    factor, wanted = calibration(rows), []
-    for case in sweep_cases() if factor is not None else ():
+    factor = calibration(rows)
+    if factor is None:
+        return []
+    wanted = []
+    for case in sweep_cases():
         screened = population(rows, case, SWEEP_SAMPLES, factor)
         if screened is not None:
             numbers = next_audit(screened, refined_classes(rows, case), SWEEP_AUDIT)
@@ -170,9 +175,12 @@ def slides(rows: Rows) -> list[Run]:
 
 
 def section(rows: Rows) -> list[Run]:
-    """Every sample of the section on both grids, under each reading of what the publication leaves open."""
-    cases = (*(f"section, {name}" for name in READINGS), "section, default")
-    return [Run(case, grid, n) for case in cases for grid in ("rough", "refined") for n in range(SECTION_SAMPLES)]
+    """Every sample of the section under each reading of what the publication leaves open; on the rough grid too under
+    those that random fields enter."""
+    refined = [(f"section, {name}", "refined") for name in READINGS]
+    rough = [(f"section, {name}", "rough") for name in ("as here", "one strength per cell")]
+    default = [("section, default", grid) for grid in ("refined", "rough")]
+    return [Run(case, grid, number) for case, grid in refined + rough + default for number in range(SECTION_SAMPLES)]
 
 
 SECTION_OF_TABLE_3 = (

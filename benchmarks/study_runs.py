@@ -49,7 +49,7 @@ READINGS: dict[str, Changes] = {
     "stress last (USL)": _both("scheme", "usl"),
     "F-bar": _both("fbar", True),
 }
-"""What the publication leaves open, each as a change of the section; F-bar and one particle show what locking is worth."""
+"""What the publication leaves open, each as a change of the section; F-bar and one particle show what locking costs."""
 
 
 def _case(scene: str, samples: int | None, *changes: Changes) -> dict[str, Any]:
@@ -133,11 +133,12 @@ def carry_out(run: Run) -> Outcome:
     clock = time.process_time()
     sample = next(iter(run_samples(model, prepared.coefficients, [run.sample], width=1, stop_at=stop_at)))
     row = sample.row
-    slid = run.until == "end" and not row["broke_off"] and row["displacement"] > config.run.failure_displacement
+    displacement = float(row["displacement"])
+    slid = run.until == "end" and not row["broke_off"] and displacement > config.run.failure_displacement
     kept = ("runout", "depth", "volume", "area", "mode", "masses", "onset", "onset_second") if slid else ()
     return Outcome(
         status=sample.status,
-        displacement=float(row["displacement"]),
+        displacement=displacement,
         time=sample.steps * float(jax.device_get(model.scene.time_step)),
         steps=sample.steps,
         core_seconds=time.process_time() - clock,

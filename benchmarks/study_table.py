@@ -32,7 +32,7 @@ class Run:
 class Outcome:
     """What a run left. status: of `jaxmpm.Status`. displacement: the largest (m), where the run ended. time: simulated
     (s). runout, depth (m), volume (m3), area (m2), mode, masses, onset, onset_second (s): of a slide, as
-    `cooperative.measure` has them, None where the run went on to its class only or stood. core_seconds: processor time."""
+    `cooperative.measure` has them, None where the run went to its class only or stood. core_seconds: processor time."""
 
     status: str
     displacement: float
@@ -118,10 +118,13 @@ def _parsed(line: str, where: str) -> tuple[Run, Outcome]:
     if len(cells) != len(_COLUMNS):
         raise ValueError(f"{where}: {len(cells)} cells instead of {len(_COLUMNS)}: mend or delete the line")
     row = dict(zip(_COLUMNS, cells, strict=True))
-    run, outcome = (
-        kind(**{field.name: _value(row[field.name], str(field.type), f"{where}: {field.name}") for field in fields(kind)})
+    values = {
+        field.name: _value(row[field.name], str(field.type), f"{where}: {field.name}")
         for kind in (Run, Outcome)
-    )
+        for field in fields(kind)
+    }
+    run = Run(**{field.name: values.pop(field.name) for field in fields(Run)})
+    outcome = Outcome(**values)
     if run.grid not in ("rough", "refined") or run.until not in get_args(Until):
         raise ValueError(f"{where}: grid = {run.grid!r}, until = {run.until!r}: mend or delete the line")
     return run, outcome
