@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
+import kl
 from cooperative import campaign
 from cooperative.reporting._progress import progress_of
 from cooperative.runs import _model as screening
@@ -73,6 +74,28 @@ def test_answers_of_a_scene_do_not_follow_the_cell_unless_it_says_so(tmp_path):
         campaign.run(text.replace("samples = 6", "samples = 3"), tmp_path / name)
         moved.append(read_rows(read_store(tmp_path / name), "rough").columns["displacement"])
     assert np.all(np.abs(moved[0] / moved[1] - 1) > 1e-3)
+
+
+@pytest.mark.parametrize(("cell", "toe"), [(2.0, 16.0), (3.0, 17.0)])
+def test_strength_is_the_fields_at_each_particle_or_at_the_centre_of_its_cell(cell, toe):
+    text = changed("toe = 16.0", f"toe = {toe}").replace("cell = 2.0", f"cell = {cell}")
+    said = "length = [20.0, 4.0]"
+    per_particle, per_cell = (parse(text.replace(said, f"{said}\n{line}")) for line in ("", 'sampled_at = "cells"'))
+    with pytest.raises(
+        ValueError, match=r"sampled_at = 'cell': give one of 'particles', 'cells' \(did you mean 'cells'"
+    ):
+        parse(text.replace(said, f'{said}\nsampled_at = "cell"'))
+    expansion = screening.expansion_of(per_particle)
+    xi = np.random.default_rng(1).standard_normal(expansion.modes)
+    models = [screening.build(config, "rough", expansion) for config in (per_particle, per_cell)]
+    plain, even = (np.asarray(model.strength(xi)) for model in models)
+    position = np.asarray(models[0].scene.particles.position)
+    centre = np.minimum((np.floor(position / cell) + 0.5) * cell, np.array([[16.0 + toe], [10.0]]))
+    marginal = per_particle.strength.marginal(30e3, 0.4)
+    assert even == pytest.approx(np.asarray(marginal.transform(kl.field_at(expansion, xi, centre))), rel=1e-5)
+    assert plain == pytest.approx(np.asarray(marginal.transform(kl.field_at(expansion, xi, position))), rel=1e-5)
+    cells = np.unique(centre, axis=1).shape[1]
+    assert np.unique(even).size == cells < np.unique(plain).size
 
 
 def test_a_scene_can_choose_how_its_answers_follow_the_cell():

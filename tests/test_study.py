@@ -1,0 +1,241 @@
+"""The study's pieces: rows that survive, damage that is named, resuming, and what each piece wants next."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from benchmarks import study, study_pieces, study_runs
+from benchmarks.study_table import Outcome, Run, merged, read_table, write_table
+from cooperative.estimate import AuditPlan, two_phase
+
+ROOT = Path(__file__).resolve().parent.parent
+STOOD = Outcome("SETTLED", 0.05, 2.0, 500, 1.5)
+FAILED = Outcome("DECIDED", 1.2, 3.0, 800, 2.5)
+SLID = Outcome("FINISHED", 14.0, 20.0, 5000, 9.0, 12.5, 13.0, 4e3, 900.0, "deep", 1, 1.5)
+
+
+@pytest.fixture
+def table(tmp_path):
+    path = tmp_path / "study_fos.csv"
+    rows = {Run("mean strength", "rough", reduction=1.26): STOOD, Run("published", "refined", 7, until="end"): SLID}
+    write_table(path, rows, study_runs.CASES)
+    return path, rows
+
+
+def test_rows_come_back_as_they_were(table):
+    path, rows = table
+    assert read_table(path, study_runs.CASES) == rows
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    displacement=st.floats(0, 1e3), sample=st.integers(0, 10**6), reduction=st.integers(1, 300).map(lambda n: n / 100)
+)
+def test_any_row_comes_back_to_six_digits(tmp_path_factory, displacement, sample, reduction):
+    path = tmp_path_factory.mktemp("rows") / "study_fos.csv"
+    run = Run("published", "rough", sample, reduction)
+    write_table(path, {run: Outcome("SETTLED", displacement, 1.0, 1, 0.0)}, study_runs.CASES)
+    assert read_table(path, study_runs.CASES)[run].displacement == pytest.approx(displacement, rel=1e-5, abs=1e-300)
+
+
+@pytest.mark.parametrize(
+    ("was", "becomes", "message"),
+    [
+        ("0.05", "0.05x", r"study_fos\.csv, line 3: displacement = '0.05x' is no float"),
+        ("0.05", "", r"line 3: displacement = '' is no float"),
+        ("0.05", "nan", r"line 3: displacement = 'nan' says nothing"),
+        ("mean strength,rough,", "mean strength,", r"line 3: 17 cells instead of 18"),
+        ("published,refined", "published,fine", r"line 4: grid = 'fine'"),
+        ("published,refined", '"published,refined', r"line 4: "),
+        ("case,grid", "case,Grid", r"line 2: columns case, Grid"),
+        ("# {", "# ", r"line 1: no definitions"),
+        ('"cov": 0.0', '"cov": 0.1', r"line 3: case 'mean strength' was .*0\.1.* and is .*0\.0"),
+    ],
+)
+def test_a_damaged_row_is_named_and_nothing_is_lost(table, tmp_path, was, becomes, message):
+    path = table[0]
+    damaged = path.read_text().replace(was, becomes, 1)
+    path.rename(tmp_path / "study_fos_rough.csv")
+    (tmp_path / "study_fos_rough.csv").write_text(damaged)
+    with pytest.raises(ValueError, match=message.replace("study_fos", "study_fos_rough")):
+        study.study(tmp_path, ["fos_rough"], do=lambda run: pytest.fail("ran"))
+    with pytest.raises(ValueError, match="line"):
+        study.collect(tmp_path, tmp_path / "other")
+    assert (tmp_path / "study_fos_rough.csv").read_text() == damaged
+
+
+def test_a_row_that_stands_there_twice_is_refused(table):
+    path = table[0]
+    path.write_text(path.read_text() + path.read_text().splitlines()[2] + "\n")
+    with pytest.raises(ValueError, match=r"line 5: .* stands there twice"):
+        read_table(path, study_runs.CASES)
+
+
+def model_slope(run):
+    """Fails from R = 1.29 on the rough grid and 1.17 on the refined one."""
+    return FAILED if run.reduction >= (1.285 if run.grid == "rough" else 1.165) else STOOD
+
+
+def test_the_search_finds_the_least_factor_that_fails_with_few_runs(tmp_path):
+    study.study(tmp_path, ["fos_rough", "fos_refined", "slide"], do=model_slope)
+    tables = study.read_study(tmp_path)
+    rows = merged(tables.values())
+    assert study_pieces.factor_of_safety(rows, "mean strength", "rough") == 1.29
+    assert study_pieces.factor_of_safety(rows, "mean strength", "refined") == 1.17
+    assert study_pieces.factor_of_safety(rows, "mean strength, default", "rough") is None
+    assert study_pieces.calibration(rows) == pytest.approx(1.29 / 1.17, abs=5e-4)
+    assert len(tables["fos_refined"]) <= 6
+    assert list(tables["slide"]) == [Run("mean strength", "refined", reduction=1.17, until="end")]
+
+
+@pytest.mark.parametrize("answer", [STOOD, FAILED, Outcome("INVERTED", 0.5, 1.0, 10, 1.0)])
+def test_no_factor_is_made_up_beyond_the_bracket_or_after_a_run_that_broke_off(tmp_path, answer):
+    study.study(tmp_path, ["fos_rough", "slide"], do=lambda run: answer)
+    rows = merged(study.read_study(tmp_path).values())
+    assert rows
+    assert study_pieces.factor_of_safety(rows, "mean strength", "rough") is None
+    assert list(study_pieces.missing("slide", rows)) == []
+
+
+def test_a_second_call_runs_nothing_again_and_a_budget_begins_nothing(tmp_path):
+    study.study(tmp_path, ["fos_rough"], minutes=1e-9, do=lambda run: pytest.fail("ran"))
+    study.study(tmp_path, ["fos_rough"], do=model_slope)
+    before = (tmp_path / "study_fos_rough.csv").read_text()
+    study.study(tmp_path, ["fos_rough"], do=lambda run: pytest.fail("ran"))
+    assert (tmp_path / "study_fos_rough.csv").read_text() == before
+
+
+def test_runs_that_failed_in_python_leave_the_others(tmp_path):
+    def breaks(run):
+        if run.reduction == 1.22:
+            raise MemoryError("no room")
+        return model_slope(run)
+
+    with pytest.raises(MemoryError):
+        study.study(tmp_path, ["fos_rough"], do=breaks)
+    assert len(study.read_study(tmp_path)["fos_rough"]) == 2
+
+
+def test_bad_calls_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="piece 'fos': give some of fos_rough"):
+        study.study(tmp_path, ["fos"])
+    with pytest.raises(ValueError, match="workers = 0"):
+        study.study(tmp_path, ["slide"], workers=0)
+    with study._alone_in(tmp_path), pytest.raises(ValueError, match="another process is at work"):
+        study.study(tmp_path, ["fos_rough"], do=model_slope)
+    with pytest.raises(ValueError, match="case 'none': give one of"):
+        study_runs.config_of("none")
+
+
+def test_every_case_is_a_scene():
+    for case in study_runs.CASES:
+        study_runs.config_of(case)
+
+
+def made_up(sample):
+    """Rough and refined outcome of one of 60 samples whose ranks agree but for a little."""
+    strength = (sample * 37 % 60) / 60
+    return (
+        Outcome("SETTLED", 0.2 - 0.15 * strength, 2.0, 1, 2.0) if strength > 0.1 else FAILED,
+        FAILED if strength + 0.1 * np.sin(sample) < 0.4 else STOOD,
+    )
+
+
+def test_audit_wants_what_the_estimator_draws_and_ends(tmp_path):
+    rows = {Run("published", "rough", n): made_up(n)[0] for n in range(60)}
+    wanted = study_pieces.audit("published", 60, AuditPlan(runs=30, seed=3))
+    assert wanted({run: outcome for run, outcome in rows.items() if run.sample}) == []
+    while runs := [run for run in wanted(rows) if run not in rows]:
+        rows[runs[0]] = made_up(runs[0].sample)[1]
+    refined = study_pieces.refined_classes(rows, "published")
+    assert len(refined) == 30
+    found = two_phase(study_pieces.population(rows, "published", 60), refined, AuditPlan(runs=30, seed=3))
+    assert found.refined_runs == 30
+    assert found.interval[0] <= np.mean([made_up(n)[1] is FAILED for n in range(60)]) <= found.interval[1]
+
+
+def test_the_published_rule_ends_after_k_t_that_stand():
+    rows = {Run("published", "rough", n): made_up(n)[0] for n in range(60)}
+    wanted = study_pieces.in_rank_order("published", 60, 5)
+    while runs := [run for run in wanted(rows) if run not in rows]:
+        rows[runs[0]] = made_up(runs[0].sample)[1]
+    ranked = sorted(range(60), key=lambda n: -study_pieces.score(rows[Run("published", "rough", n)]))
+    ran = [n for n in ranked if Run("published", "refined", n) in rows]
+    assert ran == ranked[: len(ran)]
+    assert [made_up(n)[1] for n in ran[-5:]] == [STOOD] * 5
+
+
+def test_slopes_that_fail_sooner_rank_above_and_all_above_those_that_stand():
+    sooner, later = Outcome("DECIDED", 1.1, 2.0, 1, 1.0), Outcome("DECIDED", 1.3, 4.0, 1, 1.0)
+    assert study_pieces.score(sooner) > study_pieces.score(later) > 1.0 > study_pieces.score(STOOD)
+    assert np.isnan(study_pieces.score(Outcome("INVERTED", 3.0, 1.0, 1, 1.0)))
+
+
+def test_collecting_adds_rows_and_changes_none(tmp_path):
+    here, there = tmp_path / "here", tmp_path / "there"
+    study.study(there, ["fos_rough"], do=model_slope)
+    other = Outcome("SETTLED", 0.5, 2.0, 500, 1.5)
+    first = Run("mean strength", "rough", reduction=1.3)
+    here.mkdir()
+    write_table(here / "study_fos_rough.csv", {first: other}, study_runs.CASES)
+    count = len(study.read_study(there)["fos_rough"])
+    assert study.collect(there, here) == {"fos_rough": count - 1}
+    assert study.read_study(here)["fos_rough"][first] == other
+    assert study.collect(there, here) == {}
+
+
+TINY = {"scene": "demo", "changes": {"rough": {"cell": 4.0, "spacing": [2.0, 2.0]}, "run": {"t_end": 2.0}}}
+RUNS = [Run("tiny", "rough", number, 1.4) for number in range(6)]
+PROCESS = f"""
+import sys
+from pathlib import Path
+from benchmarks import study, study_pieces, study_runs
+from benchmarks.study_table import Run
+study_runs.CASES["tiny"] = {TINY!r}
+study_pieces.PIECES["tiny"] = lambda rows: {RUNS!r}
+study.study(Path(sys.argv[1]), ["tiny"])
+"""
+
+
+@pytest.fixture
+def tiny(monkeypatch):
+    monkeypatch.setitem(study_runs.CASES, "tiny", TINY)
+    monkeypatch.setitem(study_pieces.PIECES, "tiny", lambda rows: RUNS)
+
+
+def test_a_killed_study_goes_on_with_the_same_answers(tiny, tmp_path):
+    killed, whole = tmp_path / "killed", tmp_path / "whole"
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROCESS, str(killed)], stdout=subprocess.PIPE, text=True, cwd=ROOT
+    )
+    for _ in range(2):
+        assert "sample" in process.stdout.readline()
+    os.kill(process.pid, signal.SIGKILL)
+    process.communicate()
+    before = study.read_study(killed)["tiny"]
+    assert len(before) >= 2
+    for folder in (killed, whole):
+        study.study(folder, ["tiny"])
+    after, expected = study.read_study(killed)["tiny"], study.read_study(whole)["tiny"]
+    assert {run: after[run] for run in before} == before
+    assert list(expected) == RUNS
+    assert [after[run].displacement for run in RUNS] == [expected[run].displacement for run in RUNS]
+    assert len({outcome.displacement for outcome in expected.values()}) == len(RUNS)
+
+
+def test_a_slide_has_consequences_and_a_mode_and_a_class_has_none(tiny):
+    to_the_end = study_runs.carry_out(Run("tiny", "rough", 0, 4.0, "end"))
+    to_its_class = study_runs.carry_out(Run("tiny", "rough", 0, 4.0))
+    assert to_the_end.time > to_its_class.time
+    assert to_the_end.displacement > to_its_class.displacement > 1
+    assert to_the_end.volume > 0
+    assert to_the_end.mode in ("shallow", "deep", "compound", "progressive")
+    assert to_its_class.volume is None
+    assert to_its_class.mode is None
