@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from jaxmpm.files import write_aside
+from cooperative import write_aside
 
 Until = Literal["class", "end"]
 
