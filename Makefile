@@ -29,7 +29,7 @@ lint: .venv
 	$(BIN)/mypy
 
 test: lint
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 # With VTK to read exports back, and playwright to drive a Chromium if there is one.
 test-slow: .venv
@@ -41,4 +41,4 @@ bench: .venv
 	$(BIN)/python -m benchmarks all
 
 clean:
-	rm -rf .venv build out .pytest_cache .hypothesis .mypy_cache .ruff_cache
+	rm -rf .venv build out .cache .pytest_cache .hypothesis .mypy_cache .ruff_cache

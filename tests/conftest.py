@@ -1,10 +1,52 @@
-"""Fixtures and settings that all tests share."""
+"""Fixtures and settings that all tests share: one cache of compiled programs, and no process left behind.
 
+The processes of a session (pytest-xdist's, and those that tests start) share the programs they compile. JAX names an
+entry by program, flags and version, but on CPU by neither the processor's instructions nor what a library called from
+the program is, so the folder is named by these two: code built for one machine may be illegal on another.
+"""
+
+import hashlib
+import os
+import platform
+import time
 from collections.abc import Iterator
+from pathlib import Path
 
-import jax
-import pytest
-from hypothesis import settings
+ROOT = Path(__file__).resolve().parent.parent
+SESSION = "JAXMPM_TEST_SESSION"
+"""Environment variable by which a session knows the processes that it started, theirs too."""
+
+
+# Before jax reads them; what the environment says already stands, here and below.
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.05")
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "0")
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA writes to stderr about tuning flags of entries that it reads
+STARTED = SESSION not in os.environ
+os.environ.setdefault(SESSION, f"{os.getpid()}-{time.time_ns()}")
+
+import jax  # noqa: E402
+import pytest  # noqa: E402
+from hypothesis import settings  # noqa: E402
+
+from jaxmpm.transfer import native  # noqa: E402
+
+
+def _cache() -> Path:
+    """Folder of the compiled programs of this machine and of this build of the native library."""
+    told = hashlib.sha256(platform.machine().encode())
+    processor = Path("/proc/cpuinfo")
+    if processor.exists():
+        lines = processor.read_text().splitlines()
+        told.update("".join(sorted({x for x in lines if x.startswith(("model name", "flags", "Features"))})).encode())
+    for folder in native.__path__:
+        for library in sorted(Path(folder).glob("*.so")):
+            told.update(library.read_bytes())
+    return ROOT / ".cache" / told.hexdigest()[:16]
+
+
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = str(_cache())
+    jax.config.update("jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"])
 
 # A first call compiles, so a deadline per example means nothing; the same examples every time keep main green.
 settings.register_profile("project", deadline=None, derandomize=True)
@@ -16,3 +58,36 @@ def x64() -> Iterator[None]:
     """Run the test in float64."""
     with jax.enable_x64(True):
         yield
+
+
+def left_behind(session: str, seconds: float = 10.0) -> list[str]:
+    """Processes of a session that still run after so many seconds: their commands, and the tests that began them."""
+    until = time.monotonic() + seconds
+    while (found := list(_running(session))) and time.monotonic() < until:
+        time.sleep(0.1)
+    return found
+
+
+def _running(session: str) -> Iterator[str]:
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            environment = dict(
+                entry.split("=", 1) for entry in (process / "environ").read_text().split("\0") if "=" in entry
+            )
+            command = (process / "cmdline").read_text().replace("\0", " ")
+        except (OSError, UnicodeDecodeError):
+            continue
+        # A process that has ended and waits for its parent has no command any more; the tracker ends with its owner.
+        ours = environment.get(SESSION) == session and int(process.name) != os.getpid()
+        if ours and command and "resource_tracker" not in command:
+            yield f"process {process.name}, begun by {environment.get('PYTEST_CURRENT_TEST', 'no test')}: {command}"
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Fail the session if a process that it started outlives it."""
+    if STARTED and (found := left_behind(os.environ[SESSION])):
+        reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+        for line in found:
+            reporter.write_line(f"left behind: {line[:400]}", red=True)
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED

@@ -33,7 +33,9 @@ def undisturbed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("campaign") / "undisturbed"
     with pytest.MonkeyPatch.context() as patched:
         invented.invent(replace=patched.setattr)
-        return folder, campaign.run(SCENE, folder)
+        summary = campaign.run(SCENE, folder)
+    assert set(read_rows(read_store(folder), "rough").columns["steps"]) == {invented.STEPS}
+    return folder, summary
 
 
 def without_times(summary):
