@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from cooperative.estimate import Answers, budget, rough_runs, subset_plan, subset_simulation, wilson_interval
-from cooperative.runs import Workers, build, coefficients_of, expansion_of, process_pool, run_samples, run_through
+from cooperative.estimate import Answers, Estimator, wilson_interval
+from cooperative.runs import Workers, build, expansion_of, process_pool, run_samples, run_through, sampling_of
 from cooperative.scene import Config, calibrated, measured, parse
 from cooperative.store import Sample, Store, open_store, read_rows, write_aside, write_sample
-from cooperative.summary import answer, estimate_of, next_runs, phases_of, refined_answers, rough_answers, summarise
+from cooperative.summary import answer, estimate_of, next_runs, phases_of, refined_answers, screened, summarise
 
 
 def run(
@@ -30,48 +30,50 @@ def run(
     workers: int = 1,
     executor: Callable[[], Executor] | None = None,
     progress: bool = False,
+    estimator: Estimator | None = None,
 ) -> dict[str, Any]:
     """Run the campaign of a scene (TOML text) in its folder, or go on where it was; returns the summary.
 
     workers: 1 runs in this process, more in as many processes, each bound to its share of the cores. executor: makes
     another `concurrent.futures.Executor` (Dask's, for a cluster) that takes `workers` samples at a time. The answer
-    depends on neither.
+    depends on neither. estimator: a frozen dataclass with the methods of `cooperative.Estimator`, in place of one that
+    the scene names. The folder remembers it in words: whoever goes on with it, reports it or asks for its progress
+    has to give the same one.
     Raises ValueError for a scene or a folder that will not do, before anything is run or written.
     """
-    config = parse(text)
-    expansion = expansion_of(config)
-    coefficients = coefficients_of(config, expansion)
+    config = parse(text, estimator)
+    expansion, chosen = expansion_of(config), config.estimator
     models = {grid: build(config, grid, expansion) for grid in ("rough", "refined")}
     crew = None if executor is None and workers == 1 else Workers(executor or partial(process_pool, workers), workers)
     stop_at = {"rough": config.plan.screening_stop, "refined": None}
     width = {"rough": config.plan.lanes, "refined": config.plan.look_ahead}
     ahead = config.plan.look_ahead if crew is None else workers
 
-    def samples(grid: str, numbers: Iterable[int]) -> Iterator[Sample]:
+    def samples(grid: str, numbers: Iterable[int], coefficients: np.ndarray) -> Iterator[Sample]:
         limit, restart_in = stop_at[grid], Path(folder).resolve() if grid == "refined" else None
         if crew is not None:
             return run_through(crew, config.text, grid, numbers, coefficients, stop_at=limit, restart_in=restart_in)
         return run_samples(models[grid], coefficients, numbers, width=width[grid], stop_at=limit, restart_in=restart_in)
 
-    with open_store(folder, text) as store, closing(crew) if crew else nullcontext():
+    with open_store(folder, config.text) as store, closing(crew) if crew else nullcontext():
         if config.plan.calibrate and config.calibration is None:
             config = calibrated(config, measured(config, Path(folder)))
             models["rough"] = build(config, "rough", expansion)
-        _screen(config, store, samples, coefficients, progress)
+        coefficients = _screen(config, store, samples, progress)
         rough = read_rows(store, "rough")
+        first = screened(rough)
         answers = refined_answers(config, read_rows(store, "refined"))
 
         def wanted(under_way: Collection[int]) -> list[int]:
-            return next_runs(config, phases_of(config, rough, answers), ahead, under_way)
+            return next_runs(config, phases_of(config, first, answers), ahead, under_way)
 
         def known() -> str:
-            found = estimate_of(config, phases_of(config, rough, answers))
+            found = estimate_of(config, phases_of(config, first, answers))
             return "P_f {:.3f} ({:.3f} to {:.3f})".format(found.probability, *found.interval)
 
-        most = None if config.plan.estimator == "published" else budget(config.plan, len(rough.numbers))
-        with _bar("refined grid", most, len(answers), progress) as bar:
+        with _bar("refined grid", chosen.budget(len(first)), len(answers), progress) as bar:
             while wanted(()):
-                for sample in samples("refined", _in_rank_order(wanted, answers)):
+                for sample in samples("refined", _in_rank_order(wanted, answers), coefficients):
                     write_sample(store, "refined", sample)
                     answers[sample.number] = answer(
                         config, float(sample.row["displacement"]), bool(sample.row["broke_off"])
@@ -86,39 +88,28 @@ def run(
 def _screen(
     config: Config,
     store: Store,
-    samples: Callable[[str, Iterable[int]], Iterator[Sample]],
-    coefficients: np.ndarray,
+    samples: Callable[[str, Iterable[int], np.ndarray], Iterator[Sample]],
     progress: bool,
-) -> None:
-    """Run every sample of the first phase that is not there yet. Subset simulation fills in the coefficients."""
-    known = rough_answers(read_rows(store, "rough"))
-    total = rough_runs(config.plan)
+) -> np.ndarray:
+    """Run every sample of the first phase that is not there yet, and give the coefficients of all (n, modes)."""
+    estimator, sampling, known = config.estimator, sampling_of(config), screened(read_rows(store, "rough"))
 
     def share() -> str:
-        fails = sum(not displacement <= config.run.failure_displacement for displacement in known.values())
+        fails = sum(
+            broke_off or displacement > config.run.failure_displacement for displacement, broke_off in known.values()
+        )
         return "{:.3f} fail ({:.3f} to {:.3f})".format(fails / len(known), *wilson_interval(fails, len(known)))
 
-    def screen(numbers: Iterable[int]) -> None:
-        for sample in samples("rough", [number for number in numbers if number not in known]):
-            write_sample(store, "rough", sample)
-            known[sample.number] = np.nan if sample.row["broke_off"] else float(sample.row["displacement"])
-            _advance(bar, share)
-
-    asked = 0
-
-    def level(xi: np.ndarray) -> np.ndarray:
-        nonlocal asked
-        numbers = range(asked, asked + len(xi))
-        asked += len(xi)
-        coefficients[numbers] = xi
-        screen(numbers)
-        return np.array([known[number] for number in numbers])
-
-    with _bar("rough grid", total, len(known), progress) as bar:
-        if config.plan.estimator == "subset":
-            subset_simulation(level, coefficients.shape[1], subset_plan(config.plan))
-        else:
-            screen(range(total))
+    with _bar("rough grid", estimator.rough_runs(sampling), len(known), progress) as bar:
+        while True:
+            coefficients = estimator.coefficients(sampling, known)
+            missing = [number for number in range(len(coefficients)) if number not in known]
+            if not missing:
+                return coefficients
+            for sample in samples("rough", missing, coefficients):
+                write_sample(store, "rough", sample)
+                known[sample.number] = float(sample.row["displacement"]), bool(sample.row["broke_off"])
+                _advance(bar, share)
 
 
 def _bar(title: str, total: int | None, done: int, progress: bool) -> tqdm:

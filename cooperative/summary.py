@@ -3,30 +3,25 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from cooperative.estimate import (
-    DESIGNS,
-    Design,
+    Answers,
     Estimate,
     Population,
+    Screened,
     after_more_runs,
-    budget,
     correlation,
     fit_distributions,
-    published,
-    rank_samples,
-    replay_subset,
     severity_ranking,
     shares,
-    stopping_rank,
 )
 from cooperative.measure import SEVERITY
-from cooperative.runs import expansion_of
+from cooperative.runs import sampling_of
 from cooperative.scene import Config
 from cooperative.store import Rows
 
@@ -38,12 +33,10 @@ MORE = 50
 
 @dataclass(frozen=True)
 class Phases:
-    """Both phases of a campaign as its estimator sees them. population: samples of the first phase. numbers: (N,) their
-    numbers in the campaign. answers: place in the population -> failed."""
+    """Both phases of a campaign as its estimator sees them. population: samples of the first phase. answers: place in
+    the population -> failed."""
 
-    design: Design
     population: Population
-    numbers: np.ndarray
     answers: dict[int, bool | None]
 
 
@@ -60,69 +53,44 @@ def answer(config: Config, displacement: float, broke_off: float | bool) -> bool
     return fails if fails or not broke_off else None
 
 
-def rough_answers(rough: Rows) -> dict[int, float]:
-    """Sample -> its rough displacement (m), nan where the run broke off."""
-    broke_off = rough.columns.get("broke_off", np.zeros(0)).astype(bool)
-    displacement = np.where(broke_off, np.nan, rough.columns.get("displacement", np.zeros(0)))
-    return dict(zip(rough.numbers, displacement.tolist(), strict=True))
+def screened(rough: Rows) -> dict[int, tuple[float, bool]]:
+    """Sample -> its rough displacement (m), and whether the run broke off."""
+    columns = (rough.columns.get(name, np.zeros(0)) for name in ("displacement", "broke_off"))
+    return {n: (float(u), bool(b)) for n, u, b in zip(rough.numbers, *columns, strict=True)}
 
 
 def next_runs(config: Config, phases: Phases | None, places: int, under_way: Collection[int]) -> list[int]:
     """Numbers of the samples to start on the refined grid now; empty when there is nothing to start."""
     if phases is None:
         return []
-    started = {place for place, number in enumerate(phases.numbers.tolist()) if number in under_way}
-    asked = phases.design.wanted(config.plan, phases.population, phases.answers, places, started)
-    return [int(phases.numbers[place]) for place in asked]
+    numbers = phases.population.numbers
+    started = {place for place, number in enumerate(numbers.tolist()) if number in under_way}
+    asked = config.estimator.wanted(phases.population, phases.answers, places, started)
+    return [int(numbers[place]) for place in asked]
 
 
-def population_of(config: Config, rough: Rows) -> tuple[Population, np.ndarray] | None:
-    """First phase of a campaign and the samples' numbers; None while the levels of subset simulation are not done."""
-    if config.plan.estimator != "subset":
-        broke_off = rough.columns["broke_off"].astype(bool)
-        return Population(rough.columns["displacement"], broke_off), np.array(rough.numbers)
-    try:
-        found = replay_subset(config.plan, expansion_of(config).modes, rough_answers(rough))
-    except KeyError:
+def phases_of(config: Config, rough: Screened, answers: Answers) -> Phases | None:
+    """Both phases; None while there is no first one. rough, answers: by number of the sample."""
+    population = config.estimator.population(sampling_of(config), rough)
+    if population is None:
         return None
-    return Population(found.rough_displacement, weight=found.weight, replicate=found.replicate), found.number
-
-
-def phases_of(config: Config, rough: Rows, answers: Mapping[int, bool | None]) -> Phases | None:
-    """Both phases; None while there is no first one. answers: by number of the sample."""
-    found = population_of(config, rough) if rough.numbers else None
-    if found is None:
-        return None
-    population, numbers = found
-    placed = {place: answers[number] for place, number in enumerate(numbers.tolist()) if number in answers}
-    return Phases(DESIGNS[config.plan.estimator], population, numbers, placed)
+    numbers = population.numbers.tolist()
+    return Phases(population, {place: answers[n] for place, n in enumerate(numbers) if n in answers})
 
 
 def estimate_of(config: Config, phases: Phases | None) -> Estimate:
     """Probability of failure by the estimator asked for."""
     if phases is None:
         note = "the first phase is not complete"
-        return Estimate(0.0, (0.0, 1.0), np.inf, 0, config.plan.estimator, notes=(note,))
-    return phases.design.estimate(config.plan, phases.population, phases.answers)
+        return Estimate(0.0, (0.0, 1.0), np.inf, 0, config.estimator.name, notes=(note,))
+    return config.estimator.estimate(phases.population, phases.answers)
 
 
 def estimates(config: Config, rough: Rows, refined: Rows) -> list[Estimate]:
     """Probability of failure from what is known: by the estimator asked for, and by others where the data allow."""
-    phases = phases_of(config, rough, refined_answers(config, refined))
-    found = [estimate_of(config, phases)]
-    if phases is None or config.plan.estimator == "subset":
-        return found
-    plan, population, answers = config.plan, phases.population, phases.answers
-    order = rank_samples(population.rough_displacement, population.failed_lanes).order
-    if plan.estimator != "published" and stopping_rank(order, answers, plan.k_t) is not None:
-        found.append(published(population.rough_displacement, answers, plan.k_t, failed_lanes=population.failed_lanes))
-    # The first samples are a random subset of all only where nobody chose them.
-    whole = len(answers) == len(order) and None not in answers.values()
-    if plan.estimator == "control variate" or (whole and plan.estimator != "monte carlo"):
-        found.append(DESIGNS["monte carlo"].estimate(plan, population, answers))
-    if plan.estimator == "monte carlo" and not whole:
-        found.append(DESIGNS["control variate"].estimate(plan, population, answers))
-    return found
+    phases = phases_of(config, screened(rough), refined_answers(config, refined))
+    others = [] if phases is None else config.estimator.beside(phases.population, phases.answers)
+    return [estimate_of(config, phases), *others]
 
 
 def summarise(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
@@ -133,7 +101,7 @@ def summarise(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
     """
     found, *others = estimates(config, rough, refined)
     answers = refined_answers(config, refined)
-    phases = phases_of(config, rough, answers)
+    phases = phases_of(config, screened(rough), answers)
     weight = _weights(config, phases, refined)
     failed = np.asarray([answers[number] is True for number in refined.numbers], bool)
     limit = config.run.failure_displacement
@@ -144,7 +112,7 @@ def summarise(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
         "level": found.level,
         "estimator": found.method,
         "coefficient_of_variation": _finite(found.cov),
-        "finished": finished(config, phases, found),
+        "finished": phases and config.estimator.why_finished(phases.population, phases.answers),
         "after_more_runs": {"runs": MORE, "coefficient_of_variation": _finite(after_more_runs(found, MORE))},
         "other_estimates": {e.method: {"probability": e.probability, "interval": list(e.interval)} for e in others},
         "convergence": _convergence(config, phases),
@@ -169,42 +137,24 @@ def summarise(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
     }
 
 
-def finished(config: Config, phases: Phases | None, found: Estimate) -> str | None:
-    """Why no further refined run is asked for, in words; None where some still are."""
-    plan = config.plan
-    if phases is None or next_runs(config, phases, 1, ()):
-        return None
-    if len(phases.answers) == phases.numbers.size:
-        return "all samples ran on the refined grid"
-    if plan.estimator == "published":
-        return f"{plan.k_t} samples in a row stand"
-    if plan.target_cov is not None and found.cov <= plan.target_cov:
-        return f"the coefficient of variation is at most {plan.target_cov:g}"
-    if len(phases.answers) < budget(plan, phases.numbers.size):
-        return (
-            f"a coefficient of variation of {plan.target_cov:g} is out of reach with {phases.numbers.size} samples, "
-            "however many run refined: give more samples"
-        )
-    return "the refined runs allowed are spent"
-
-
 def run_weights(config: Config, rough: Rows, refined: Rows) -> np.ndarray:
     """What each refined run stands for, 0 where it stands for nothing (runs,)."""
-    return _weights(config, phases_of(config, rough, refined_answers(config, refined)), refined)
+    return _weights(config, phases_of(config, screened(rough), refined_answers(config, refined)), refined)
 
 
 def _weights(config: Config, phases: Phases | None, refined: Rows) -> np.ndarray:
     weight = np.zeros(len(refined.numbers))
     if phases is not None:
         place = {number: at for at, number in enumerate(refined.numbers)}
-        for member, stands_for in phases.design.weights(config.plan, phases.population, phases.answers).items():
-            weight[place[int(phases.numbers[member])]] += stands_for
+        numbers = phases.population.numbers
+        for member, stands_for in config.estimator.weights(phases.population, phases.answers).items():
+            weight[place[int(numbers[member])]] += stands_for
     return weight
 
 
 def _convergence(config: Config, phases: Phases | None) -> dict[str, list[float]]:
     """The estimate against the refined runs spent."""
-    way = [] if phases is None else phases.design.path(config.plan, phases.population, phases.answers)
+    way = [] if phases is None else config.estimator.path(phases.population, phases.answers)
     return {
         "refined_runs": [estimate.refined_runs for estimate in way],
         "probability": [estimate.probability for estimate in way],

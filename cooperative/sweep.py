@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 
 import kl
 from cooperative import campaign
-from cooperative.estimate import rank_samples, stopping_rank
+from cooperative.estimate import Published, Sampling, rank_samples, stopping_rank
 from cooperative.measure import SEVERITY
 from cooperative.reporting import panels, save
 from cooperative.scene import kept, parse
@@ -90,8 +90,10 @@ def variants(text: str) -> list[Variant]:
     config = parse(to_toml(scene))
     if config.plan.coefficients is not kl.latin_hypercube:
         raise ValueError("[sweep] shares coefficients between fields of different lengths: take 'latin hypercube'")
-    if config.plan.estimator == "subset":
-        raise ValueError("[sweep] shares samples, which estimator = 'subset' makes one by one: take another estimator")
+    estimator, first = config.estimator, Sampling(config.plan.samples, config.run.failure_displacement)
+    if estimator.rough_runs(first) != config.plan.samples:
+        name = estimator.name
+        raise ValueError(f"[sweep] shares samples, which estimator = {name!r} makes one by one: take another estimator")
     base = {"cov": config.strength.cov, **dict(zip(_axes(config.slope.dimension), config.strength.length, strict=True))}
     unknown = [name for name in sweep if name not in base and name != "k_t"]
     if unknown:
@@ -221,7 +223,7 @@ def _ranked(folder: Path, k_t: int) -> dict[str, Any]:
     """Summary that a campaign by the published rule would have had with this k_t."""
     store = read_store(folder)
     config = parse(store.scene_text)
-    config = replace(config, plan=replace(config.plan, k_t=k_t))
+    config = replace(config, plan=replace(config.plan, estimator=Published(k_t)))
     rough, refined = read_rows(store, "rough"), read_rows(store, "refined")
     order = rank_samples(rough.columns["displacement"], rough.columns["broke_off"].astype(bool)).order
     ran = order[: stopping_rank(order, refined_answers(config, refined), k_t)]

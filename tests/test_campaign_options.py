@@ -225,7 +225,7 @@ def test_rows_written_before_modes_were_kept_still_read(tmp_path):
 
 BAD = [
     ("levels = 2", r"levels = 2 is for estimator = 'subset'"),
-    ("refined_runs = 20", r"do not rule estimator = 'published'"),
+    ("refined_runs = 20", r"refined_runs = 20 is for estimator = 'two-phase' or .*, not 'published'"),
     ('estimator = "subset"', r"samples = 6 per level with 8 replicates: give a multiple of 80, at least 160"),
     ('estimator = "subset"\nreplicates = 1', r"replicates = 1"),
     ("calibrate = 1", r"calibrate = 1 is a whole number: give true or false"),

@@ -12,7 +12,7 @@ ROOMS = {
     "foundation": "pytrees check files",
     "jaxmpm": "types tensors transfer laws boundary _step diagnostics run site io",
     "kl": "axis marginal sampling field soil plots",
-    "cooperative": "store scene measure estimate runs summary campaign reporting sweep research",
+    "cooperative": "store measure estimate scene runs summary campaign reporting sweep research",
 }
 ENTRANCES = {"cooperative": {"__main__"}}
 FOREIGN = {

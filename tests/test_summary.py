@@ -5,17 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cooperative.estimate import named_estimator
 from cooperative.scene import parse
 from cooperative.store import Rows
-from cooperative.summary import next_runs, phases_of, refined_answers, summarise
+from cooperative.summary import next_runs, phases_of, refined_answers, screened, summarise
 from tests.test_campaign import TINY
 from tests.test_coop_twophase import pair
 
 BASE = parse(TINY)
 
 
-def config_with(**plan):
-    return replace(BASE, plan=replace(BASE.plan, **{"estimator": "two-phase", **plan}))
+def config_with(*, samples, estimator="two-phase", **settings):
+    chosen = named_estimator(estimator, {"seed": BASE.plan.seed, **settings})
+    return replace(BASE, plan=replace(BASE.plan, samples=samples, estimator=chosen))
 
 
 def rows(numbers, displacement, **columns):
@@ -53,7 +55,8 @@ def made_up(count, pf, seed):
 
 def play(config, rough, refined):
     numbers: list[int] = []
-    while asked := next_runs(config, phases_of(config, rough, refined_answers(config, refined(numbers))), 1, ()):
+    first = screened(rough)
+    while asked := next_runs(config, phases_of(config, first, refined_answers(config, refined(numbers))), 1, ()):
         numbers += asked
     return summarise(config, rough, refined(numbers))
 

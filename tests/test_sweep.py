@@ -32,7 +32,7 @@ def test_one_parameter_is_changed_at_a_time_and_the_scene_itself_runs_once():
     assert longer.strength.length == (10.0, 4.0)
     assert longer.strength.cov == base.strength.cov
     assert parse(found["cov-0.2"].text).strength.cov == 0.2
-    assert parse(found["ranked"].text).plan.k_t == 2
+    assert parse(found["ranked"].text).estimator.k_t == 2
 
 
 def test_campaigns_share_their_coefficients():

@@ -1,7 +1,6 @@
-"""Estimates from rows: which refined runs are wanted, probability of failure, weights, shares, fits."""
+"""Estimators, one class each: which runs they want, probability of failure, weights; shares and fits beside."""
 
 from cooperative.estimate._audit import AuditPlan
-from cooperative.estimate._designs import DESIGNS, Answers, Design, budget, replay_subset, rough_runs, subset_plan
 from cooperative.estimate._estimates import (
     Estimate,
     after_more_runs,
@@ -11,46 +10,63 @@ from cooperative.estimate._estimates import (
     wilson_interval,
     with_variance,
 )
+from cooperative.estimate._estimators import (
+    ESTIMATORS,
+    SETTINGS,
+    ControlVariate,
+    MonteCarlo,
+    Published,
+    Subset,
+    TwoPhase,
+    named_estimator,
+)
 from cooperative.estimate._fits import CANDIDATES, ENOUGH, Fit, Fits, Severity, fit_distributions, severity_ranking
+from cooperative.estimate._protocol import Answers, Estimator, Population, Sampling, Screened, all_samples
 from cooperative.estimate._ranking import Ranking, next_refined, rank_samples, stopping_rank
 from cooperative.estimate._shares import Correlation, Share, correlation, shares
 from cooperative.estimate._subset import SubsetPlan, SubsetSamples, subset_simulation
-from cooperative.estimate._twophase import Population, next_audit, sample_weights, two_phase
+from cooperative.estimate._twophase import next_audit, sample_weights, two_phase
 
 __all__ = [
     "CANDIDATES",
-    "DESIGNS",
     "ENOUGH",
+    "ESTIMATORS",
+    "SETTINGS",
     "Answers",
     "AuditPlan",
+    "ControlVariate",
     "Correlation",
-    "Design",
     "Estimate",
+    "Estimator",
     "Fit",
     "Fits",
+    "MonteCarlo",
     "Population",
+    "Published",
     "Ranking",
+    "Sampling",
+    "Screened",
     "Severity",
     "Share",
+    "Subset",
     "SubsetPlan",
     "SubsetSamples",
+    "TwoPhase",
     "after_more_runs",
-    "budget",
+    "all_samples",
     "control_variate",
     "correlation",
     "fit_distributions",
     "monte_carlo",
+    "named_estimator",
     "next_audit",
     "next_refined",
     "published",
     "rank_samples",
-    "replay_subset",
-    "rough_runs",
     "sample_weights",
     "severity_ranking",
     "shares",
     "stopping_rank",
-    "subset_plan",
     "subset_simulation",
     "two_phase",
     "wilson_interval",

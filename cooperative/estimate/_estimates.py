@@ -1,7 +1,7 @@
 """Probability of failure with an interval: published n/N, full Monte Carlo, control variate.
 
 Estimators read rows only: a rough displacement per sample and the refined results known so far. The default,
-the two-phase estimator, is in `cooperative.twophase`.
+the two-phase estimator, is in the module beside.
 """
 
 from __future__ import annotations

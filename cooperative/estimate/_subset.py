@@ -31,6 +31,12 @@ class SubsetPlan:
     correlation: float = 0.7
     seed: int = 0
 
+    @property
+    def rough_runs(self) -> int:
+        """Rough solutions that all runs take together."""
+        chains = round(self.per_level * self.share)
+        return self.replicates * (self.per_level + self.levels * (self.per_level - chains))
+
 
 @dataclass(frozen=True)
 class SubsetSamples:
@@ -65,7 +71,7 @@ def subset_simulation(rough: Callable[[np.ndarray], np.ndarray], modes: int, pla
             f"per_level = {plan.per_level} with share = {plan.share} makes {chains} chains: "
             "give a per_level that at least 2 chains divide evenly"
         )
-    each = plan.per_level + plan.levels * (plan.per_level - chains)
+    each = plan.rough_runs // plan.replicates
     parts = [_one_run(rough, modes, plan, chains, replicate) for replicate in range(plan.replicates)]
     coefficients, displacement, weight, number = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     return SubsetSamples(
@@ -74,7 +80,7 @@ def subset_simulation(rough: Callable[[np.ndarray], np.ndarray], modes: int, pla
         weight / plan.replicates,
         np.repeat(np.arange(plan.replicates), [len(part[1]) for part in parts]),
         number + each * np.repeat(np.arange(plan.replicates), [len(part[1]) for part in parts]),
-        plan.replicates * each,
+        plan.rough_runs,
     )
 
 

@@ -1,6 +1,7 @@
 """The two-phase estimator: all samples on the rough grid, an audited few on the refined one.
 
-Phase one is the sampling of the N fields, phase two the audit of `cooperative.audit`; the interval holds both.
+Phase one is the sampling of the N fields, phase two the audit of `cooperative.estimate._audit`; the interval holds
+both.
 Two-phase sampling: Sarndal, Swensson and Wretman (1992), Model Assisted Survey Sampling, Chapter 9.
 Everything is a pure function of the rows and the plan: what to run next and the estimate come out the same
 whatever ran at once, in whatever order, and after any interruption.
@@ -26,19 +27,8 @@ from cooperative.estimate._audit import (
     rough_centre,
 )
 from cooperative.estimate._estimates import Estimate, with_variance
+from cooperative.estimate._protocol import Population
 from cooperative.estimate._ranking import next_refined, rank_samples, stopping_rank
-
-
-@dataclass(frozen=True)
-class Population:
-    """Samples of the first phase. rough_displacement: (N,) [m]. failed_lanes: (N,) bool, rough lanes without a
-    result. weight: (N,), summing to 1, equal if None. replicate: (N,) int, the independent runs of subset
-    simulation that the samples came from; None if all N samples are independent."""
-
-    rough_displacement: np.ndarray
-    failed_lanes: np.ndarray | None = None
-    weight: np.ndarray | None = None
-    replicate: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cooperative import estimate as designs
 from cooperative import summary
-from cooperative.estimate import Estimate, wilson_interval
+from cooperative.estimate import Estimate, Estimator, wilson_interval
+from cooperative.runs import sampling_of
 from cooperative.scene import Config, config_of
 from cooperative.store import GRIDS, Rows, Store, read_rows, read_store, sample_path
 
@@ -50,10 +50,13 @@ class Progress:
     estimate: Estimate | None
 
 
-def progress_of(folder: str | Path) -> Progress:
-    """Read how far the campaign in `folder` is. ValueError if the folder is none."""
+def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Progress:
+    """Read how far the campaign in `folder` is. ValueError if the folder is none.
+
+    estimator: the one that `cooperative.campaign.run` was given, where it was given one.
+    """
     store = read_store(folder)
-    config = config_of(store)
+    config = config_of(store, estimator)
     rows = {grid: read_rows(store, grid) for grid in GRIDS}
     pace = {grid: seconds_per_sample(*_ends(store, grid, rows[grid])) for grid in GRIDS}
     if not np.isfinite(pace["refined"]):
@@ -64,7 +67,7 @@ def progress_of(folder: str | Path) -> Progress:
 
 def current_estimate(config: Config, rough: Rows, refined: Rows) -> Estimate | None:
     """The estimate so far; before the screening is complete it is the share that fails on the rough grid."""
-    if len(rough.numbers) == designs.rough_runs(config.plan):
+    if len(rough.numbers) == _planned_rough(config):
         return summary.estimates(config, rough, refined)[0]
     if not rough.numbers:
         return None
@@ -75,15 +78,22 @@ def current_estimate(config: Config, rough: Rows, refined: Rows) -> Estimate | N
     return Estimate(fails / count, wilson_interval(fails, count), cov, 0, "rough grid alone", notes=notes)
 
 
-def planned_refined(config: Config, rough: Rows, refined: Rows) -> int:
-    """Refined runs of the campaign in all: the budget, or what the published rule asks for so far."""
-    if config.plan.estimator != "published":
-        return designs.budget(config.plan, designs.rough_runs(config.plan))
-    if len(rough.numbers) < config.plan.samples:
-        return config.plan.k_t
+def planned_refined(config: Config, rough: Rows, refined: Rows) -> tuple[int, bool]:
+    """Refined runs of the campaign in all, and whether they may become more: the budget, or where there is none what
+    is asked for so far."""
+    most = config.estimator.budget(_planned_rough(config))
+    if most is not None:
+        return most, False
     answers = summary.refined_answers(config, refined)
-    missing = summary.next_runs(config, summary.phases_of(config, rough, answers), config.plan.samples, ())
-    return len(answers) + len(missing)
+    if len(rough.numbers) < _planned_rough(config):
+        return len(answers) + 1, True
+    phases = summary.phases_of(config, summary.screened(rough), answers)
+    missing = summary.next_runs(config, phases, config.plan.samples, ())
+    return len(answers) + len(missing), bool(missing)
+
+
+def _planned_rough(config: Config) -> int:
+    return config.estimator.rough_runs(sampling_of(config))
 
 
 def seconds_per_sample(ended: Sequence[float], seconds: Sequence[float]) -> float:
@@ -140,14 +150,14 @@ def duration(seconds: float) -> str:
 def _grid(config: Config, grid: str, rows: dict[str, Rows], pace: float) -> GridProgress:
     mine = rows[grid]
     done = len(mine.numbers)
-    planned = (
-        designs.rough_runs(config.plan) if grid == "rough" else planned_refined(config, rows["rough"], rows["refined"])
-    )
+    planned, at_least = _planned_rough(config), False
+    if grid == "refined":
+        planned, at_least = planned_refined(config, rows["rough"], rows["refined"])
     return GridProgress(
         grid,
         done,
         planned,
-        at_least=grid == "refined" and config.plan.estimator == "published" and done < planned,
+        at_least=at_least,
         hourly=3600 / pace if done > 1 and pace > 0 else float("nan"),
         seconds_left=max(planned - done, 0) * pace,
         broke_off=int(np.sum(mine.columns.get("broke_off", np.zeros(0)))),

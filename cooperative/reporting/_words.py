@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cooperative import summary
-from cooperative.estimate import ENOUGH
+from cooperative.estimate import ENOUGH, Estimator
 from cooperative.reporting import _charts as charts
 from cooperative.reporting import _page as page
 from cooperative.reporting import _pictures as pictures
@@ -69,18 +69,19 @@ class Told:
         return ended & np.array([answers[number] is True for number in self.refined.numbers], bool)
 
 
-def report(folder: str | Path, *, slides: int = SLIDES, again: bool = False) -> str:
+def report(folder: str | Path, *, slides: int = SLIDES, again: bool = False, estimator: Estimator | None = None) -> str:
     """Draw the figures of a campaign into `figures/`, write `report.html` with all of them, and return its summary in
     words.
 
     slides: how many slides to draw at several times, the farthest of each mode. For that they are run again: where that
     takes longer than a minute only if `again` says so, and otherwise drawn from the fields that were kept.
+    estimator: the one that `cooperative.campaign.run` was given, where it was given one.
     Raises ValueError where the folder holds no campaign, or none with a finished sample.
     """
     if slides < 0:
         raise ValueError(f"slides = {slides}: give 0 or more")
     store = read_store(folder)
-    config = config_of(store)
+    config = config_of(store, estimator)
     rough, refined = read_rows(store, "rough"), read_rows(store, "refined")
     if not rough.numbers:
         raise ValueError(f"folder {folder} has no finished sample yet: start the run first")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import kl
-from cooperative.estimate import rough_runs
+from cooperative.estimate import Sampling
 from cooperative.measure import FailureMode, ModeRules, Motion, SlopeGeometry, consequences, failure_mode
 from cooperative.runs._restart import RestartPoint, read_restart, write_restart
 from cooperative.scene import Config, built
@@ -77,10 +78,20 @@ def box_of(shape: Slope) -> tuple[float, ...]:
 
 
 def coefficients_of(config: Config, expansion: kl.Expansion) -> np.ndarray:
-    """Coefficients of every sample (samples, modes); nan under subset simulation, where one sample makes another."""
-    if config.plan.estimator == "subset":
-        return np.full((rough_runs(config.plan), expansion.modes), np.nan)
+    """Coefficients of the scene's samples (samples, modes), by the design that it asks for."""
     return np.asarray(config.plan.coefficients(jax.random.key(config.plan.seed), config.plan.samples, expansion.modes))
+
+
+def sampling_of(config: Config) -> Sampling:
+    """The first phase as the campaign's estimator sees it; the random field is expanded when first asked for."""
+    expansion = lru_cache(maxsize=1)(lambda: expansion_of(config))
+    return Sampling(
+        config.plan.samples,
+        config.run.failure_displacement,
+        config.plan.screening_stop,
+        modes=lambda: int(expansion().modes),
+        draw=lambda: coefficients_of(config, expansion()),
+    )
 
 
 def build(config: Config, grid: str, expansion: kl.Expansion) -> GridModel:

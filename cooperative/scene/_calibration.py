@@ -12,6 +12,7 @@ from pathlib import Path
 
 import jax
 
+from cooperative.estimate import Estimator
 from cooperative.scene._typed import Calibration, Config, built, parse
 from cooperative.store import Store, write_aside
 from jaxmpm import factor_of_safety
@@ -55,9 +56,12 @@ def calibrated(config: Config, found: Calibration) -> Config:
     return replace(config, text=config.text + table, calibration=found)
 
 
-def config_of(store: Store) -> Config:
-    """The scene of a campaign's folder, with its factors of safety where they were measured."""
-    config = parse(store.scene_text)
+def config_of(store: Store, estimator: Estimator | None = None) -> Config:
+    """The scene of a campaign's folder, with its factors of safety where they were measured.
+
+    estimator: that of the script, where one gave it.
+    """
+    config = parse(store.scene_text, estimator)
     wants = config.plan.calibrate and config.calibration is None and (store.folder / KEPT).exists()
     return calibrated(config, kept(store.folder)) if wants else config
 

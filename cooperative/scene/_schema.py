@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import kl
+from cooperative.estimate import ESTIMATORS
 from jaxmpm import GIMP, Linear, PlasticStrain, QuadraticBSpline, Scheme, Soil
 
 CORRELATIONS = {
@@ -26,7 +27,6 @@ SCHEMES = {scheme.name.lower(): scheme for scheme in Scheme}
 PLASTIC_STRAINS = {measure.value: measure for measure in PlasticStrain}
 SAMPLED_AT = {"particles": "particles", "cells": "cells"}
 Y_ENDS = {"fixed": "fixed", "roller": "roller"}
-ESTIMATORS = {name: name for name in ("two-phase", "published", "control variate", "monte carlo", "subset")}
 FIELDS = {"none": (), "refined": ("refined",), "both": ("rough", "refined")}
 MODES = {"refined": ("refined",), "both": ("rough", "refined")}
 
@@ -93,8 +93,8 @@ _PLAN = {
     "samples": Key(int),
     "seed": Key(int, 0),
     "coefficients": Key(COEFFICIENTS, "latin hypercube"),
-    "k_t": Key(int),
-    "estimator": Key(ESTIMATORS, "two-phase"),
+    "k_t": Key(int, None),
+    "estimator": Key({name: name for name in ESTIMATORS}, "two-phase"),
     "refined_runs": Key(int, None),
     "target_cov": Key(float, None),
     "levels": Key(int, None),
@@ -107,6 +107,8 @@ _PLAN = {
     "fields": Key(FIELDS, "refined"),
     "modes": Key(MODES, "refined"),
 }
+GIVEN = {"given": Key(str)}
+"""The table [estimator] of a stored scene, whose estimator a script gave: how it describes itself."""
 CALIBRATION = {"rough": Key(float), "refined": Key(float)}
 SECTIONS = {
     "slope": _SLOPE,
@@ -148,7 +150,7 @@ def _value(where: str, value: Any, key: Key, given: bool) -> Any:
         return float(value)
     if kind is int and number and isinstance(value, int):
         return value
-    if kind is bool and isinstance(value, bool):
+    if kind in (bool, str) and isinstance(value, kind):
         return value
     if (
         kind is tuple
@@ -157,7 +159,13 @@ def _value(where: str, value: Any, key: Key, given: bool) -> Any:
         and all(isinstance(v, int | float) and not isinstance(v, bool) for v in value)
     ):
         return tuple(map(float, value))
-    wanted = {float: "a number", int: "a whole number", bool: "true or false", tuple: "a list of numbers, one per axis"}
+    wanted = {
+        float: "a number",
+        int: "a whole number",
+        bool: "true or false",
+        str: "text",
+        tuple: "a list of numbers, one per axis",
+    }
     otherwise = "" if key.none is None else f", or {key.none!r}"
     raise ValueError(f"{where} = {value!r} is {in_words(value)}: give {wanted[kind]}{otherwise}")
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, is_dataclass, replace
 from typing import Any, Literal
 
-from cooperative.scene._schema import CALIBRATION, SECTIONS, UNSAID, in_words, read, refuse_unknown
+from cooperative.estimate import SETTINGS, Estimator, Sampling, named_estimator
+from cooperative.scene._schema import CALIBRATION, GIVEN, SECTIONS, UNSAID, in_words, read, refuse_unknown
 from jaxmpm import Discretisation, Scene, Settle, Slope, Soil, State, cell_independent, slope
 
 BAND = 1 / 5
@@ -56,15 +58,12 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Plan:
-    """What the campaign does: samples and their coefficients, the stopping rule k_t, lanes of the screening.
+    """What the campaign does: samples and their coefficients, the estimator, lanes of the screening.
 
     lanes: samples in one program at a time; None takes 1 on CPU, where lanes gain nothing, and 64 elsewhere.
     look_ahead: refined runs under way at once, in rank order; the answer depends on neither.
-    estimator: "two-phase" audits the rough grid's answer; "published" stops at k_t and counts n/N; "control variate"
-    and "monte carlo" refine the first samples; "subset" goes to rare failures by subset simulation on the rough grid,
-    with `samples` per level in all `replicates`, and audits that. See `cooperative.designs`.
-    refined_runs, target_cov: budget, and the coefficient of variation at which to stop before it is spent. Without
-    either the budget is a fifth of the samples, at least 20 (all of them for "monte carlo").
+    estimator: which refined runs there are and what is made of them, with its settings; see `cooperative.estimate`.
+    None where a script gave it and the scene is read without the script.
     screening_stop: displacement (m) at which a rough lane is decided and ends, None runs it to its end.
     calibrate: measure the factors of safety of both grids first, and bring the rough strength down (or up) by them.
     restart_every: seconds of wall time after which a refined run writes a restart point, and again after as many.
@@ -74,12 +73,7 @@ class Plan:
     samples: int
     seed: int
     coefficients: Any
-    k_t: int
-    estimator: Literal["two-phase", "published", "control variate", "monte carlo", "subset"]
-    refined_runs: int | None
-    target_cov: float | None
-    levels: int | None
-    replicates: int | None
+    estimator: Estimator | None
     lanes: int | None
     look_ahead: int
     screening_stop: float | None
@@ -104,10 +98,20 @@ class Config:
     plan: Plan
     calibration: Calibration | None = None
 
+    @property
+    def estimator(self) -> Estimator:
+        """The campaign's estimator. ValueError where a script gave one that is not here."""
+        if self.plan.estimator is None:
+            given = tomllib.loads(self.text)["estimator"]["given"]
+            raise ValueError(f"the campaign's estimator is {given}, which a script gave: give it, estimator={given}")
+        return self.plan.estimator
 
-def parse(text: str) -> Config:
+
+def parse(text: str, estimator: Estimator | None = None) -> Config:
     """Read and check a scene.
 
+    estimator: takes the place of the one that the scene names. It is written into the text in words, so that a folder
+    knows which estimator it belongs to.
     Raises ValueError for TOML that does not parse, unknown keys (naming the nearest one), missing keys, wrong
     types and values out of range. What depends on the geometry is checked when the grids are built.
     """
@@ -120,10 +124,18 @@ def parse(text: str) -> Config:
         raise ValueError(f"name = {name!r} is {in_words(name)}: give text in quotes")
     if "sweep" in tables:
         raise ValueError("the scene has a table [sweep], so it is many campaigns: run it as a sweep")
-    refuse_unknown("the scene", tables, {**SECTIONS, "calibration": None, "name": None})
+    refuse_unknown("the scene", tables, {**SECTIONS, "calibration": None, "estimator": None, "name": None})
+    given = _given(tables, estimator)
+    if given is not None and "estimator" not in tables:
+        text += f"\n[estimator]\ngiven = {json.dumps(given)}\n"
     said = {section: read(section, tables.get(section, {}), keys) for section, keys in SECTIONS.items()}
     shape, y_ends = said["slope"], said["slope"].pop("y_ends")
     plan, run, strength = said["campaign"], said["run"], said["strength"]
+    settings = {key: plan.pop(key) for key in SETTINGS}
+    if given is None:
+        plan["estimator"] = named_estimator(plan["estimator"], {**settings, "seed": plan["seed"]})
+    else:
+        plan["estimator"] = estimator
     soil = _soil({**said["soil"], "strength": strength["mean"]}, shape["height"])
     config = Config(
         text=text,
@@ -185,21 +197,13 @@ def _check(config: Config) -> None:
         raise ValueError(f"[strength] energy = {strength.energy:g}: give a share of the variance above 0, up to 1")
     for name, value in (
         ("samples", plan.samples),
-        ("k_t", plan.k_t),
         ("lanes", 1 if plan.lanes is None else plan.lanes),
         ("look_ahead", plan.look_ahead),
     ):
         if value < 1:
             raise ValueError(f"[campaign] {name} = {value}: give 1 or more")
-    _check_estimator(plan)
-    if plan.refined_runs is not None and plan.refined_runs < 10:
-        raise ValueError(f"[campaign] refined_runs = {plan.refined_runs}: give 10 or more, the audit needs some")
-    if plan.estimator == "two-phase" and plan.samples < 10:
-        raise ValueError(
-            f"[campaign] samples = {plan.samples}: give 10 or more for the audit, or estimator = 'published'"
-        )
-    if plan.target_cov is not None and not 0 < plan.target_cov < 1:
-        raise ValueError(f"[campaign] target_cov = {plan.target_cov:g}: give a value above 0 and below 1")
+    if plan.estimator is not None:
+        plan.estimator.check(Sampling(plan.samples, run.failure_displacement, plan.screening_stop))
     if plan.seed < 0:
         raise ValueError(f"[campaign] seed = {plan.seed}: give 0 or more")
     if plan.screening_stop is not None and plan.screening_stop < run.failure_displacement:
@@ -214,24 +218,17 @@ def _check(config: Config) -> None:
         )
 
 
-def _check_estimator(plan: Plan) -> None:
-    """What goes with which estimator."""
-    if plan.estimator == "published" and (plan.refined_runs is not None or plan.target_cov is not None):
-        raise ValueError(
-            "[campaign] refined_runs and target_cov do not rule estimator = 'published', k_t does: leave them out"
-        )
-    if plan.estimator != "subset":
-        for name, value in (("levels", plan.levels), ("replicates", plan.replicates)):
-            if value is not None:
-                raise ValueError(f"[campaign] {name} = {value} is for estimator = 'subset': leave it out")
-        return
-    replicates = 8 if plan.replicates is None else plan.replicates
-    if replicates < 2 or (plan.levels is not None and plan.levels < 1):
-        raise ValueError(f"[campaign] replicates = {replicates}, levels = {plan.levels}: give 2 or more, 1 or more")
-    if plan.samples % (10 * replicates) or plan.samples < 20 * replicates:
-        raise ValueError(
-            f"[campaign] samples = {plan.samples} per level with {replicates} replicates: give a multiple of "
-            f"{10 * replicates}, at least {20 * replicates}"
-        )
-    if plan.screening_stop is not None:
-        raise ValueError("[campaign] screening_stop cuts off what subset simulation ranks by: leave it out")
+def _given(tables: Mapping[str, Any], estimator: Estimator | None) -> str | None:
+    """How an estimator describes itself that the scene does not name; None where the scene names its own."""
+    kept = read("estimator", tables["estimator"], GIVEN)["given"] if "estimator" in tables else None
+    if estimator is None:
+        return kept
+    if not is_dataclass(estimator) or isinstance(estimator, type):
+        raise ValueError(f"estimator = {estimator!r}: give an object of a frozen dataclass, whose fields tell it apart")
+    if kept is not None and kept != repr(estimator):
+        raise ValueError(f"the campaign's estimator is {kept}, not {estimator!r}: give that one, or another folder")
+    # A k_t is let be, since every scene used to have one.
+    said = [key for key in ("estimator", *SETTINGS) if key in tables.get("campaign", {}) and key != "k_t"]
+    if said:
+        raise ValueError(f"[campaign] {said[0]} has no say beside estimator = {estimator!r}: leave it out of the scene")
+    return repr(estimator)

@@ -1,0 +1,125 @@
+"""What a campaign and its estimator ask of each other.
+
+An estimator is one frozen dataclass. Its fields are its settings, and those that a scene can give have the names of
+keys of `[campaign]`; a script may hand over an object of its own instead. All its methods are pure functions of what
+is known, so that the answer does not depend on what ran at once, in which order, or after which interruption.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from cooperative.estimate._estimates import Estimate
+
+Answers = Mapping[int, bool | None]
+"""Sample -> whether it failed on the refined grid; None where the run broke off before it could tell."""
+
+Screened = Mapping[int, tuple[float, bool]]
+"""Sample -> its largest displacement on the rough grid (m), and whether that run broke off."""
+
+
+def _no_field() -> Any:
+    raise ValueError("the random field is not known yet: ask for coefficients once the scene is read")
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """What a scene says of the first phase. samples: [campaign] samples. failure_displacement: beyond which a sample
+    has failed (m). screening_stop: displacement at which a rough run ends (m), None where none does. modes: gives the
+    number of coefficients of a sample. draw: gives the coefficients of all samples (samples, modes), by the design
+    that the scene asks for, Latin hypercube or another. `check` does without the last two."""
+
+    samples: int
+    failure_displacement: float
+    screening_stop: float | None = None
+    modes: Callable[[], int] = _no_field
+    draw: Callable[[], np.ndarray] = _no_field
+
+
+@dataclass(frozen=True)
+class Population:
+    """Samples of the first phase. rough_displacement: (N,) [m]. failed_lanes: (N,) bool, rough lanes without a
+    result. weight: (N,), summing to 1, equal if None. replicate: (N,) int, the independent runs of subset
+    simulation that the samples came from; None if all N samples are independent. number: (N,) int, of each sample in
+    the campaign, 0 to N - 1 if None. failure_displacement: beyond which a sample has failed [m]."""
+
+    rough_displacement: np.ndarray
+    failed_lanes: np.ndarray | None = None
+    weight: np.ndarray | None = None
+    replicate: np.ndarray | None = None
+    number: np.ndarray | None = None
+    failure_displacement: float = 1.0
+
+    @property
+    def size(self) -> int:
+        """How many samples there are, N."""
+        return int(np.size(self.rough_displacement))
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """Number of each sample in the campaign (N,)."""
+        return np.arange(self.size) if self.number is None else np.asarray(self.number)
+
+
+class Estimator(Protocol):
+    """One way to a probability of failure. `Population` and `Answers` number the samples by their place in the
+    population.
+
+    Anything that has these methods and is a frozen dataclass runs in a campaign, see `cooperative.campaign.run`. One
+    that refines some of the scene's own samples takes `Sampling.draw` for `coefficients` and `all_samples` for
+    `population`.
+    """
+
+    @property
+    def name(self) -> str:
+        """What a scene and messages call it."""
+
+    def check(self, sampling: Sampling) -> None:
+        """ValueError for settings that make no sense with this first phase, naming value, limit and remedy."""
+
+    def rough_runs(self, sampling: Sampling) -> int:
+        """Rough runs that the first phase takes in all."""
+
+    def coefficients(self, sampling: Sampling, screened: Screened) -> np.ndarray:
+        """Coefficients (n, modes) of the samples 0 to n - 1 of the first phase, as many as can be told from the rough
+        results so far. Those without a result are run, and then it is asked again."""
+
+    def population(self, sampling: Sampling, screened: Screened) -> Population | None:
+        """The first phase as the second sees it; None while it is not complete enough for that."""
+
+    def budget(self, samples: int) -> int | None:
+        """Most refined runs of a population of so many samples; None where only the results will tell."""
+
+    def wanted(self, population: Population, answers: Answers, places: int, under_way: Collection[int]) -> list[int]:
+        """Samples to start on the refined grid now, with `places` lanes in all; empty when nothing is to start, and
+        with nothing under way when the campaign has ended."""
+
+    def estimate(self, population: Population, answers: Answers) -> Estimate:
+        """Probability of failure from what is known."""
+
+    def path(self, population: Population, answers: Answers) -> list[Estimate]:
+        """Estimates on the way, first to last: how it came to where it is."""
+
+    def weights(self, population: Population, answers: Answers) -> dict[int, float]:
+        """What each refined run stands for; runs that stand for nothing may be left out."""
+
+    def beside(self, population: Population, answers: Answers) -> list[Estimate]:
+        """What other estimators make of the same runs, where that is allowed."""
+
+    def why_finished(self, population: Population, answers: Answers) -> str | None:
+        """Why no further refined run is asked for, in words; None where some still are."""
+
+
+def all_samples(sampling: Sampling, screened: Screened) -> Population | None:
+    """A first phase that is the scene's own samples, each as good as another; None before the first result."""
+    if not screened:
+        return None
+    number = np.array(sorted(screened), dtype=int)
+    displacement, broke_off = (np.array([screened[int(n)][which] for n in number]) for which in (0, 1))
+    return Population(
+        displacement, broke_off.astype(bool), number=number, failure_displacement=sampling.failure_displacement
+    )
