@@ -111,8 +111,8 @@ class TwoPhase:
 class Subset:
     """Subset simulation on the rough grid, for rare failures, and the audit of its samples: `subset_simulation`.
 
-    The scene's `samples` are per level, in all replicates together. levels, replicates: as in `SubsetPlan`. The other
-    settings are those of `TwoPhase`.
+    The scene's `samples` are per level, in all replicates together. levels, replicates: as in `SubsetPlan`.
+    refined_runs, target_cov: as for `TwoPhase`. seed: of all draws.
     """
 
     name: ClassVar[str] = "subset"
