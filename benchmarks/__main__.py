@@ -22,6 +22,7 @@ NAMES = (
     "gradients",
     "rare_events",
     "derivative_screening",
+    "published",
     "docs",
 )
 

@@ -82,9 +82,15 @@ CASES: dict[str, dict[str, Any]] = {
     "mean strength, default": _case("slope", None, EVEN),
     "mean strength, default, rollers": _case("slope", None, EVEN, ROLLERS),
     "mean strength, cells of 0.75 m": _case("paper", None, EVEN, _cell(0.75, 0.25, 3)),
-    "section of mean strength": _case("paper_section", None, EVEN),
-    "section of mean strength, cells of 0.75 m": _case("paper_section", None, EVEN, _cell(0.75, 0.25, 2)),
-    "section of mean strength, cells of 0.5 m": _case("paper_section", None, EVEN, _cell(0.5, 0.25, 2)),
+    **{
+        f"section of mean strength{setting}{words}": _case(scene, None, EVEN, change)
+        for setting, scene in (("", "paper_section"), (", default", "section"))
+        for words, change in (
+            ("", {}),
+            (", cells of 0.75 m", _cell(0.75, 0.25, 2)),
+            (", cells of 0.5 m", _cell(0.5, 0.25, 2)),
+        )
+    },
     "published": _case("paper", SAMPLES, FAST),
     "default": _case("slope", SAMPLES, FAST),
     "rollers": _case("paper", SAMPLES, FAST, ROLLERS),

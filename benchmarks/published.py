@@ -1,0 +1,514 @@
+"""The published study beside ours: every table and figure of Jiang et al. (2024), from the files of `benchmarks.study`.
+
+Source: Jiang, Li, Ma and Rezania (2024), Computers and Geotechnics 172, 106413. Nothing is run here: what the files
+`benchmarks/data/study_*.csv` do not hold is not run yet, and has no value. An interval is that of 95 per cent; of a
+factor of safety, one step of the search. Core hours are processor time of one core.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks import study_figures as figures
+from benchmarks.measure import ROOT, Report
+from benchmarks.study import DATA, read_study
+from benchmarks.study_pieces import (
+    AUDIT,
+    CELLS,
+    K_T,
+    LIMIT,
+    STEP,
+    SWEEP_AUDIT,
+    calibration,
+    factor_of_safety,
+    failed,
+    of_cell,
+    population,
+    refined_classes,
+    score,
+)
+from benchmarks.study_runs import LENGTHS, READINGS, SAMPLES, SECTION_SAMPLES, SWEEP_SAMPLES, sweep_case
+from benchmarks.study_table import Outcome, Rows, Run, merged
+from cooperative.estimate import (
+    ENOUGH,
+    AuditPlan,
+    Estimate,
+    correlation,
+    fit_distributions,
+    published,
+    sample_weights,
+    severity_ranking,
+    shares,
+    two_phase,
+    wilson_interval,
+)
+from cooperative.measure import SEVERITY
+
+FIGURES = ROOT / "benchmarks" / "figures"
+FEWEST = 20
+"""Pairs from which on a reading is judged."""
+BEST_FITS = {
+    "shallow": {"area": "normal", "volume": "logistic", "runout": "normal"},
+    "deep": {"area": "normal", "volume": "logistic", "runout": "normal"},
+    "compound": {"area": "normal", "volume": "logistic", "runout": "normal"},
+    "progressive": {"area": "logistic", "volume": "Weibull", "runout": "normal"},
+}
+"""Distribution of least AIC that is printed for each mode and consequence (Tables 4 and 5, Fig. 19)."""
+POOLED = {"shallow": 14, "deep": 1043, "compound": 177, "progressive": 353}
+"""Failures of each mode behind Table 4, as BIC - AIC = 2 (ln N - 2) implies: all correlation lengths together."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """One answer of ours: its value, interval, what it rests on, and what that took."""
+
+    value: float
+    interval: tuple[float, float]
+    rests_on: str
+    core_hours: float
+
+
+@dataclass(frozen=True)
+class Line:
+    """One row of the table. name: of the value, None for a row without one. printed: the published value, None if
+    there is none. found: ours, or why there is none yet. cause: what was measured of the reasons of a difference."""
+
+    what: str
+    name: str | None
+    printed: float | None
+    found: Found | str
+    cause: str = ""
+
+    def verdict(self) -> str:
+        """Whether the published value lies in our interval, and if not, why."""
+        if isinstance(self.found, str):
+            return f"not run yet: {self.found}"
+        low, high = self.found.interval
+        if self.printed is None:
+            return self.cause or "not published"
+        if low - 1e-9 <= self.printed <= high + 1e-9:
+            return "agrees"
+        return f"differs by {self.found.value - self.printed:+.3g}: {self.cause or 'cause not measured yet'}"
+
+    def as_row(self) -> dict[str, Any]:
+        """The line with the same columns for all."""
+        found = self.found if isinstance(self.found, Found) else None
+        return {
+            "what": self.what,
+            "published": "none" if self.printed is None else self.printed,
+            "ours": "none" if found is None else round(found.value, 4),
+            "low": "none" if found is None else round(found.interval[0], 4),
+            "high": "none" if found is None else round(found.interval[1], 4),
+            "rests on": "nothing" if found is None else found.rests_on,
+            "core hours": "none" if found is None else round(found.core_hours, 3),
+            "verdict": self.verdict(),
+        }
+
+
+def run(quick: bool) -> Report:
+    """All rows, from the files; the figures are drawn beside. `quick` changes nothing, there is nothing to run."""
+    del quick
+    return report(DATA, FIGURES)
+
+
+def report(folder: Path, draw_in: Path) -> Report:
+    """Rows and values from the files in a folder, the figures of what is there. ValueError for a damaged file."""
+    rows = merged(read_study(folder).values())
+    lines = [*factors(rows), *table_3(rows), *probabilities(rows), *readings(rows), *lengths(rows), *modes(rows)]
+    lines += hours(rows)
+    figures.draw(rows, [(line.what, line.found) for line in lines], draw_in)
+    values = {line.name: line.found.value for line in lines if line.name and isinstance(line.found, Found)}
+    for line in lines:
+        if line.name == "pf_3d" and isinstance(line.found, Found):
+            values |= dict(zip(("pf_3d_low", "pf_3d_high"), line.found.interval, strict=True))
+    return Report({name: round(value, 4) for name, value in values.items()}, [line.as_row() for line in lines])
+
+
+def hours_of(rows: Mapping[Run, Outcome], **which: Any) -> float:
+    """Core hours of the runs whose fields are as said."""
+    chosen = (o for run, o in rows.items() if all(getattr(run, name) == value for name, value in which.items()))
+    return sum(outcome.core_seconds for outcome in chosen) / 3600
+
+
+# Factors of safety, run-out, Table 3
+
+FACTORS = (
+    ("rough", "mean strength", "", 1.26),
+    ("refined", "mean strength", "", 1.15),
+    ("rough", "mean strength, rollers", "_rollers", None),
+    ("refined", "mean strength, rollers", "_rollers", None),
+    ("rough", "mean strength, default", "_default", None),
+    ("refined", "mean strength, default", "_default", None),
+    ("rough", "mean strength, default, rollers", "_default_rollers", None),
+    ("refined", "mean strength, default, rollers", "_default_rollers", None),
+)
+
+
+def factors(rows: Rows) -> Iterator[Line]:
+    """First R that fails, both grids, and the run-out of the refined slide there."""
+    for grid, case, suffix, printed in FACTORS:
+        words = case.removeprefix("mean strength").removeprefix(", ") or "as published"
+        yield Line(
+            f"factor of safety in 3D, {grid}, {words}",
+            f"fos_{grid}_3d{suffix}",
+            printed,
+            factor(rows, case, grid),
+            others(rows, grid) if printed is not None else "",
+        )
+    slide = slide_of(rows, "mean strength")
+    yield Line("run-out in 3D at that factor, refined (m)", "runout_refined_3d_m", 14.17, slide, beside(rows))
+
+
+def factor(rows: Rows, case: str, grid: str) -> Found | str:
+    """A factor of safety, agreeing with what lies one step of the search from it."""
+    tried = [run for run in rows if (run.case, run.grid, run.until) == (case, grid, "class")]
+    value = factor_of_safety(rows, case, grid)
+    if value is None:
+        return f"{len(tried)} runs of the search are there"
+    spent = hours_of(rows, case=case, grid=grid, until="class")
+    return Found(value, (value - 1 / STEP, value + 1 / STEP), f"{len(tried)} runs", spent)
+
+
+def others(rows: Rows, grid: str) -> str:
+    """What the same slope has with other y ends and other settings, as far as measured."""
+    told = []
+    for case, words in (
+        ("mean strength", "y ends fixed"),
+        ("mean strength, rollers", "y ends on rollers"),
+        ("mean strength, default", "default settings"),
+        ("section of mean strength", "section"),
+    ):
+        value = factor_of_safety(rows, case, grid)
+        if value is not None:
+            told.append(f"{words} {value:.2f}")
+    return "measured with " + ", ".join(told) if len(told) > 1 else ""
+
+
+def beside(rows: Rows) -> str:
+    """Run-outs of the section at its own factors, beside that in 3D."""
+    found = slide_of(rows, "section of mean strength")
+    return "" if isinstance(found, str) else f"the section, at its own factor, runs out {found.value:.2f} m"
+
+
+def slide_of(rows: Rows, case: str) -> Found | str:
+    """Run-out of the slide at the factor of safety, agreeing within half a cell."""
+    value = factor_of_safety(rows, case, "refined")
+    run = Run(case, "refined", reduction=value or 0.0, until="end")
+    if value is None or run not in rows:
+        return "the slide at the factor of safety" if value else "the factor of safety comes first"
+    runout, half = rows[run].runout, cell_of(case) / 2
+    if runout is None:
+        return f"the slide ended {rows[run].status} at {rows[run].displacement:.2g} m"
+    words = f"one slide at R = {value:.2f}, {rows[run].mode}; the interval is half a cell"
+    return Found(runout, (runout - half, runout + half), words, rows[run].core_seconds / 3600)
+
+
+def cell_of(case: str) -> float:
+    """Cell of the refined grid of a case without random field (m)."""
+    return float(case.split("cells of ")[1].split()[0]) if "cells of" in case else 1.0
+
+
+def table_3(rows: Rows) -> Iterator[Line]:
+    """The grid study: factor and run-out against the cell, in 3D as published and in the section."""
+    for kind, dimension in (("mean strength", "3D"), ("section of mean strength", "section")):
+        for cell, printed in zip(CELLS, (14.17, 14.52, 14.76), strict=True):
+            if dimension == "3D" and cell != 0.75:
+                continue
+            case, words = of_cell(kind, cell), f"Table 3 with cells of {cell:g} m, {dimension}"
+            yield Line(f"{words}: factor of safety", None, 1.15, factor(rows, case, "refined"), over_cells(rows))
+            yield Line(f"{words}: run-out (m)", None, printed, slide_of(rows, case), over_cells(rows))
+
+
+def over_cells(rows: Rows) -> str:
+    """How factor and run-out of the section follow the cell, with published and with default settings."""
+    told = []
+    for case, words in (
+        ("", "published settings, whose bands of softening soil are a cell thick"),
+        (", default", "default"),
+    ):
+        cases = [of_cell(f"section of mean strength{case}", cell) for cell in CELLS]
+        values = [factor_of_safety(rows, each, "refined") for each in cases]
+        slides = [slide_of(rows, each) for each in cases]
+        runouts = [f" (runs out {slide.value:.1f} m)" if isinstance(slide, Found) else "" for slide in slides]
+        if all(value is not None for value in values):
+            found = ", ".join(f"{value:.2f}{runout}" for value, runout in zip(values, runouts, strict=True))
+            told.append(f"{words}: {found}")
+    return f"the section at cells of 1, 0.75, 0.5 m, {'; '.join(told)}" if told else ""
+
+
+# Probability of failure
+
+
+def estimated(
+    rows: Rows, case: str, samples: int, plan: AuditPlan, reduction: float = 1.0
+) -> tuple[Estimate | None, str]:
+    """The two-phase estimate of a case; None, and what is there, before its first wave is whole."""
+    there = sum(run.case == case and run.grid == "rough" and run.until == "class" for run in rows)
+    screened = population(rows, case, samples, reduction)
+    if screened is None:
+        return None, f"{there} of {samples} rough samples are there"
+    refined = refined_classes(rows, case)
+    found = two_phase(screened, refined, plan)
+    if found.interval == (0.0, 1.0):
+        return None, f"{samples} rough samples and {len(refined)} refined ones are there, no wave of the audit is whole"
+    return found, f"{samples} rough samples, {found.refined_runs} refined"
+
+
+def probability(rows: Rows, case: str, samples: int, plan: AuditPlan, reduction: float = 1.0) -> Found | str:
+    """P_f of a case with its interval, by the two-phase estimator."""
+    found, words = estimated(rows, case, samples, plan, reduction)
+    if found is None:
+        return words
+    notes = "".join(f"; {note}" for note in found.notes)
+    return Found(found.probability, found.interval, words + notes, hours_of(rows, case=case, until="class"))
+
+
+def probabilities(rows: Rows) -> Iterator[Line]:
+    """P_f, the published rule on the same ranks, and how the grids agree."""
+    low, high = wilson_interval(244, 1000)
+    worth = "; ".join(f"{line.what.split(': ')[-1]} {line.cause}" for line in readings(rows) if line.cause)
+    cause = f"the published 244 of 1000 has an interval of its own, {low:.3f} to {high:.3f}"
+    cause += f"; on the section: {worth}" if worth else ""
+    headline = probability(rows, "published", SAMPLES, AUDIT)
+    yield Line("P_f in 3D", "pf_3d", 0.244, headline, cause)
+    runs = "refined runs behind P_f in 3D"
+    found, words = estimated(rows, "published", SAMPLES, AUDIT)
+    spent = hours_of(rows, case="published", grid="refined", until="class")
+    count = words if found is None else Found(found.refined_runs, (found.refined_runs,) * 2, words, spent)
+    yield Line(
+        runs, "refined_runs_3d", 280, count, "an audit draws where the ranks leave doubt, the rule runs all above"
+    )
+    yield published_rule(rows)
+    yield from agreement(rows)
+    for case, words in (("default", "default settings"), ("rollers", "y ends on rollers")):
+        answer = probability(rows, case, SWEEP_SAMPLES, SWEEP_AUDIT)
+        yield Line(f"P_f in 3D, {words}", f"pf_3d_{case}", 0.244, answer, "a setting that is not the published one")
+
+
+def published_rule(rows: Rows) -> Line:
+    """What n/N down to k_t standing samples in a row makes of the same ranks."""
+    what = f"P_f in 3D by the published rule (k_t = {K_T})"
+    screened = population(rows, "published", SAMPLES)
+    if screened is None:
+        return Line(what, None, 0.244, estimated(rows, "published", SAMPLES, AUDIT)[1])
+    found = published(screened.rough_displacement, refined_classes(rows, "published"), K_T)
+    if any("not met yet" in note for note in found.notes):
+        return Line(what, None, 0.244, f"{found.refined_runs} refined runs are there, the rule is not met yet")
+    spent = hours_of(rows, case="published", until="class")
+    words = f"{SAMPLES} rough samples, {found.refined_runs} refined"
+    return Line(what, None, 0.244, Found(found.probability, found.interval, words, spent), "it counts no failure below")
+
+
+def agreement(rows: Rows) -> Iterator[Line]:
+    """Rank correlation and classes of the two grids in 3D, over the audited samples with their weights."""
+    names = ("rank correlation of the grids in 3D (Spearman)", "share of samples that both grids class alike in 3D")
+    found, words = estimated(rows, "published", SAMPLES, AUDIT)
+    screened = population(rows, "published", SAMPLES)
+    both = None
+    if found is not None and screened is not None:
+        weights = sample_weights(screened, refined_classes(rows, "published"), AUDIT)
+        pairs = [[score(rows[Run("published", grid, n)]) for n in weights] for grid in ("rough", "refined")]
+        each = np.array(list(weights.values()))
+        both = correlation(np.array(pairs[0]), np.array(pairs[1]), each, limit=LIMIT)
+    if both is None:
+        yield from (Line(name, value, None, words) for name, value in zip(names, ("spearman_3d", None), strict=True))
+        return
+    words = f"{both.samples} samples on both grids; of failures the rank is that of their speed to 1 m"
+    spent = hours_of(rows, case="published", until="class")
+    yield Line(names[0], "spearman_3d", None, Found(both.spearman, both.interval, words, spent))
+    size = each.sum() ** 2 / (each @ each)
+    limits = wilson_interval(min(both.same_class, 1.0) * size, size)
+    yield Line(names[1], "same_class_3d", None, Found(both.same_class, limits, words, spent))
+
+
+# Readings of what is left open, on the section
+
+
+def readings(rows: Rows) -> Iterator[Line]:
+    """What each reading is worth in P_f, from common samples of the section on the refined grid."""
+    base = classes(rows, "section, as here", "refined")
+    share = Found(
+        float(np.mean(list(base.values()))) if base else np.nan,
+        wilson_interval(sum(base.values()), len(base)) if base else (0.0, 1.0),
+        f"{len(base)} refined samples",
+        hours_of(rows, case="section, as here", grid="refined"),
+    )
+    yield Line("P_f of the section", None, None, share if len(base) >= FEWEST else f"{len(base)} samples are there")
+    for name in (*READINGS, "default"):
+        if name == "as here":
+            continue
+        other = classes(rows, f"section, {name}", "refined")
+        common = sorted(base.keys() & other.keys())
+        what = f"P_f of the section, change by: {name}"
+        if len(common) < FEWEST:
+            yield Line(what, None, None, f"{len(common)} of {SECTION_SAMPLES} samples are there")
+            continue
+        change, limits = paired_change([base[n] for n in common], [other[n] for n in common])
+        spent = hours_of(rows, case=f"section, {name}", grid="refined")
+        found = Found(change, limits, f"{len(common)} common samples", spent)
+        yield Line(what, None, None, found, f"is worth {change:+.3f} ({limits[0]:+.3f} to {limits[1]:+.3f})")
+
+
+def classes(rows: Rows, case: str, grid: str) -> dict[int, bool]:
+    """Samples of a case that have a class on a grid."""
+    mine = {
+        run.sample: failed(o) for run, o in rows.items() if (run.case, run.grid, run.until) == (case, grid, "class")
+    }
+    return {sample: answer for sample, answer in mine.items() if answer is not None}
+
+
+def paired_change(before: list[bool], after: list[bool]) -> tuple[float, tuple[float, float]]:
+    """Change of a share between two answers for the same samples, with its interval.
+
+    The adjusted Wald interval of Agresti and Min (2005), Statistics in Medicine 24, 729-740: half a sample more in each
+    of the four kinds of pairs, so that pairs without any change still leave room for one.
+    """
+    first, second = np.asarray(before, float), np.asarray(after, float)
+    gained, lost = float(np.sum(second > first)), float(np.sum(second < first))
+    size = first.size + 2.0
+    middle = (gained - lost) / size
+    deviation = np.sqrt((gained + lost + 1.0) - (gained - lost) ** 2 / size) / size
+    half = 1.959964 * deviation
+    return (gained - lost) / first.size, (middle - half, middle + half)
+
+
+# Correlation lengths and modes
+
+
+def lengths(rows: Rows) -> Iterator[Line]:
+    """P_f against lx and ly (Fig. 10), each from the same samples, by a small audit of the calibrated rough grid."""
+    factor = calibration(rows)
+    for axis in ("lx", "ly"):
+        ends: list[Found] = []
+        for length in LENGTHS:
+            answer: Found | str = "the factors of safety come first, they calibrate the rough grid"
+            if factor is not None:
+                answer = probability(rows, sweep_case(axis, length), SWEEP_SAMPLES, SWEEP_AUDIT, factor)
+            if isinstance(answer, Found) and length in (LENGTHS[0], LENGTHS[-1]):
+                ends.append(answer)
+            yield Line(f"P_f in 3D, {axis} = {length:g} m, the other 60 m", f"pf_{axis}_{length:g}", None, answer)
+        what = f"rise of P_f from {axis} = {LENGTHS[0]} m to {LENGTHS[-1]} m"
+        if len(ends) < 2:
+            yield Line(what, None, None, "both ends of the range come first")
+            continue
+        rise = ends[1].value - ends[0].value
+        half = float(np.hypot(*(np.ptp(end.interval) / 2 for end in ends)))
+        words = (
+            "rises, as published" if rise > half else "falls, published as rising" if rise < -half else "not resolved"
+        )
+        found = Found(rise, (rise - half, rise + half), "the two ends, taken as independent", 0.0)
+        yield Line(what, None, None, found, words)
+
+
+def weighted_slides(rows: Rows) -> tuple[list[Outcome], np.ndarray, str]:
+    """Refined slides of the headline campaign with their weights: all failures of as many draws as are whole."""
+    screened = population(rows, "published", SAMPLES)
+    there = sum(run.case == "published" and run.grid == "refined" and run.until == "end" for run in rows)
+    words = f"{there} refined slides are there"
+    if screened is None:
+        return [], np.zeros(0), words
+    refined = refined_classes(rows, "published")
+    fewest = AUDIT.first_wave + int(np.isnan(screened.rough_displacement).sum())
+    for runs in range(AUDIT.runs, fewest - 1, -1):
+        weights = sample_weights(screened, refined, replace(AUDIT, runs=runs))
+        fallen = {sample: weight for sample, weight in weights.items() if refined[sample]}
+        slides = [rows.get(Run("published", "refined", sample, 1.0, "end")) for sample in fallen]
+        known = [slide for slide in slides if slide is not None and slide.mode is not None]
+        if fallen and len(known) == len(slides):
+            return known, np.array(list(fallen.values())), f"{len(known)} refined slides, all failures of {runs} draws"
+    return [], np.zeros(0), words
+
+
+def modes(rows: Rows) -> Iterator[Line]:
+    """Shares, severity and fits of the modes at lx = ly = 60 m, and their shares on the calibrated rough grid."""
+    slides, weight, words = weighted_slides(rows)
+    names = np.array([slide.mode for slide in slides])
+    spent = hours_of(rows, case="published", grid="refined", until="end")
+    found = shares(names, weight, SEVERITY) if len(slides) > 1 else {}
+    pool = sum(POOLED.values())
+    for mode in ("deep", "progressive", "compound", "shallow"):
+        what, printed = f"share of {mode} failures", POOLED[mode] / pool
+        cause = f"the published share pools all correlation lengths ({POOLED[mode]} of some {pool} failures)"
+        answer: Found | str = words
+        if mode in found:
+            answer = Found(found[mode].share, found[mode].interval, f"{words}, {found[mode].count} {mode}", spent)
+        yield Line(what, f"share_{mode}", printed, answer, cause)
+    groups = {mode: names == mode for mode in SEVERITY if found and found[mode].count}
+    areas = np.array([slide.area for slide in slides], float)
+    if len(groups) > 1:
+        places = severity_ranking(
+            {mode: areas[mine] for mode, mine in groups.items()}, weights={m: weight[i] for m, i in groups.items()}
+        )
+        for place in places:
+            limits = (float(place.interval[0]), float(place.interval[1]))
+            answer = Found(place.middle, limits, f"{place.count} slides; 90 per cent interval", spent)
+            yield Line(f"median area of {place.group} failures (m2)", None, None, answer, f"rank {place.rank}")
+    for mode, mine in groups.items():
+        if mine.sum() >= 20:
+            yield from fits(mode, [slide for slide in slides if slide.mode == mode], weight[mine], spent)
+    yield from rough_modes(rows)
+
+
+def fits(mode: str, slides: list[Outcome], weight: np.ndarray, spent: float) -> Iterator[Line]:
+    """Best distribution of each consequence of a mode beside the printed one."""
+    for measure, printed in BEST_FITS[mode].items():
+        values = np.array([getattr(slide, measure) for slide in slides], float)
+        done = fit_distributions(values, weight)
+        by_name = {fit.name: fit.aic for fit in done.fits}
+        if done.best_aic is None or printed not in by_name:
+            continue
+        behind = by_name[printed] - by_name[done.best_aic]
+        words = "agrees" if printed == done.best_aic else f"{done.best_aic} fits best, {printed} by {behind:.1f} worse"
+        few = f", fewer than the {ENOUGH} that a choice needs" if len(slides) < ENOUGH else ""
+        found = Found(behind, (behind, behind), f"{len(slides)} slides{few}", spent)
+        yield Line(
+            f"AIC of the printed {printed} over the best, {measure} of {mode} failures", None, None, found, words
+        )
+
+
+def rough_modes(rows: Rows) -> Iterator[Line]:
+    """Fig. 20: shares of the modes against lx and ly, from slides of the calibrated rough grid."""
+    factor = calibration(rows)
+    for axis in ("lx", "ly"):
+        for length in LENGTHS:
+            case = sweep_case(axis, length)
+            known = [o.mode for run, o in rows.items() if run.case == case and run.grid == "rough" and o.mode]
+            fallen = sum(classes(rows, case, "rough").values())
+            what = f"share of deep failures, rough grid calibrated, {axis} = {length:g} m"
+            if factor is None or not known or len(known) < fallen:
+                yield Line(what, None, None, f"{len(known)} of {fallen} slides are there")
+                continue
+            found = shares(np.array(known), np.ones(len(known)), SEVERITY)
+            rest = ", ".join(f"{mode} {share.share:.2f}" for mode, share in found.items() if mode != "deep")
+            spent = hours_of(rows, case=case, grid="rough", until="end")
+            deep = Found(found["deep"].share, found["deep"].interval, f"{len(known)} rough slides", spent)
+            yield Line(what, None, None, deep, rest)
+
+
+def hours(rows: Rows) -> Iterator[Line]:
+    """What the study took, beside the published hours."""
+    for grid, printed in (("rough", 11.3), ("refined", 92.4)):
+        done = [o for run, o in rows.items() if run.case == "published" and run.grid == grid and run.until == "class"]
+        spent = hours_of(rows, case="published", grid=grid, until="class")
+        answer: Found | str = "no run is there"
+        if done:
+            wanted = 1000 if grid == "rough" else 280
+            per_run = spent / len(done) * wanted
+            spread = 1.96 * np.std([o.core_seconds for o in done]) / 3600 / np.sqrt(len(done)) * wanted
+            words = f"{len(done)} runs to their class, scaled to {wanted}"
+            answer = Found(per_run, (per_run - spread, per_run + spread), words, spent)
+        yield Line(
+            f"hours of {grid} runs",
+            None,
+            printed,
+            answer,
+            "theirs ran on to 20 s, ten at a time on a desktop with 12 cores; ours are hours of one core",
+        )
+    total = hours_of(rows)
+    everything = Found(total, (total, total), f"{len(rows)} runs, all pieces", total) if rows else "no run is there"
+    yield Line("core hours of the whole study", "hours_total", None, everything)
