@@ -67,9 +67,44 @@ def test_a_slide_that_stops_on_the_slope_has_no_runout():
 def test_a_standing_slope_has_only_its_displacement():
     position, volume, half = block((40.0, 10.0), (45.0, 12.0), (1.0, 1.0))
     got = consequences(position, np.full(position.shape, 0.1), volume, SLOPE, half_size=half)
-    assert got.as_row() == pytest.approx(
-        {"displacement": np.hypot(0.1, 0.1), "depth": 0.0, "runout": 0.0, "volume": 0.0, "area": 0.0}
-    )
+    moved = np.hypot(0.1, 0.1)
+    nothing = dict.fromkeys(("depth", "runout", "volume", "area", "runout_any"), 0.0)
+    assert got.as_row() == pytest.approx({"displacement": moved, "displacement_any": moved, **nothing})
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_grains_that_came_off_do_not_decide(dimension):
+    axes = [0, 2] if dimension == 2 else [0, 1, 2]
+    low, high, spacing = (np.array(v)[axes] for v in ((40.0, 0.0, 4.0), (56.0, 4.0, 12.0), (1.0, 1.0, 1.0)))
+    position, volume, half = block(low, high, spacing)
+    displacement = np.zeros(position.shape)
+    displacement[0] = 10.0
+    whole = consequences(position, displacement, volume, SLOPE, half_size=half, reach=1.5)
+    assert (whole.displacement, whole.runout) == (whole.displacement_any, whole.runout_any)
+    front = np.argmax(position[0])
+    displacement[0, front] += 0.4
+    still_there = consequences(position, displacement, volume, SLOPE, half_size=half, reach=1.5)
+    assert still_there.runout == pytest.approx(whole.runout + 0.4)
+    displacement[0, front] += 20.0
+    gone = consequences(position, displacement, volume, SLOPE, half_size=half, reach=1.5)
+    assert (gone.displacement, gone.runout) == (whole.displacement, whole.runout)
+    assert (gone.displacement_any, gone.runout_any) == pytest.approx((30.4, whole.runout + 20.4))
+    assert (gone.volume, gone.depth) == (whole.volume, whole.depth)
+    assert gone.area <= whole.area
+    plain = consequences(position, displacement, volume, SLOPE, half_size=half)
+    assert (plain.displacement, plain.runout) == (gone.displacement_any, gone.runout_any)
+
+
+def test_a_second_mass_counts_and_the_largest_always_does():
+    position, volume, half = block((40.0, 4.0), (56.0, 12.0), (1.0, 1.0))
+    displacement = np.zeros(position.shape)
+    displacement[0] = np.where(position[0] > 54.0, 30.0, 10.0)
+    got = consequences(position, displacement, volume, SLOPE, half_size=half, reach=1.5)
+    assert got.displacement == 30.0
+    apart = np.stack([10.0 * np.arange(400), np.full(400, 10.0)])
+    spread = consequences(apart, np.full(apart.shape, 2.0), np.ones(400), SLOPE, half_size=half, reach=1.5)
+    assert spread.volume == 400.0
+    assert spread.runout == spread.runout_any
 
 
 def test_the_threshold_is_the_callers():
@@ -130,6 +165,7 @@ def test_a_curved_front_is_integrated():
         ({"half_size": np.zeros(3)}, "half_size has shape"),
         ({"displacement": np.full((2, 2), np.nan)}, "displacement is not finite"),
         ({"slice_width": 0.0}, "slice_width = 0.0"),
+        ({"reach": 0.0}, "reach = 0.0"),
         ({"sliding_displacement": -1.0}, "sliding_displacement = -1.0"),
         ({"width": -1.0}, "width = -1.0"),
     ],

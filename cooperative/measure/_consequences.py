@@ -3,6 +3,10 @@
 The five measures are those of Jiang, Li, Ma and Rezania (2024), Computers and Geotechnics 172, 106413. The
 paper names them without formulae; the definitions used here are in `Consequences`. They integrate or take
 edges of particle domains, not counts of particles, so that they do not depend on the sampling density.
+
+A few grains that have come off the mass do not decide how far it went: clay has no friction, and a lone particle hovers
+up to a cell above the ground, where its pressure grows as the overlap with the ground's nodes shrinks and its shear
+stress cannot, so that it glides on for ever.
 """
 
 from __future__ import annotations
@@ -10,6 +14,12 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+SMALLEST_SHARE = 0.01
+"""Share of the sliding volume from which on soil that came off the rest is a mass of its own."""
 
 
 @dataclass(frozen=True)
@@ -28,15 +38,17 @@ class SlopeGeometry:
 
 @dataclass(frozen=True)
 class Consequences:
-    """Consequences of one sample. The sliding mass is all soil displaced by `sliding_displacement` or more.
+    """Consequences of one sample. The sliding soil is all that is displaced by `sliding_displacement` or more, the
+    sliding mass all of it but detached grains, see `consequences`.
 
-    displacement: R_d [m], the largest displacement of any particle.
-    depth: H [m], from crest level down to the deepest point of the sliding mass before it slid. Measured from
+    displacement: R_d [m], the largest displacement of a particle of the sliding mass, of any where nothing slides.
+    depth: H [m], from crest level down to the deepest point of the sliding soil before it slid. Measured from
         the crest, it exceeds the slope height exactly if the slip surface passes below the toe.
     runout: L [m], horizontally from the toe to the front of the sliding mass; 0 if it stays behind the toe.
-    volume: V, of the sliding mass [m3], in a section [m2], that is m3 per metre of width.
+    volume: V, of the sliding soil [m3], in a section [m2], that is m3 per metre of width.
     area: S, plan area beyond the toe that the sliding mass overruns [m2]: the run-out of each slice across
         the slope, times its width, summed. In a section [m], that is m2 per metre of width.
+    displacement_any, runout_any: displacement and run-out with detached grains [m].
     """
 
     displacement: float
@@ -44,6 +56,8 @@ class Consequences:
     runout: float
     volume: float
     area: float
+    displacement_any: float
+    runout_any: float
 
     def as_row(self) -> dict[str, float]:
         """The measures by name, for a table row."""
@@ -60,6 +74,7 @@ def consequences(
     width: float | None = None,
     slice_width: float = 0.5,
     sliding_displacement: float = 1.0,
+    reach: float | None = None,
 ) -> Consequences:
     """Consequences of one final state.
 
@@ -71,34 +86,53 @@ def consequences(
     width: width of a section [m]; volume and area are then multiplied by it. Not allowed in 3D.
     slice_width: width of the slices across the slope in 3D [m]; the area is that much too wide at most.
     sliding_displacement: displacement from which on soil counts as sliding [m]; 1 m in the paper.
+    reach: distance of two particles up to which they hang together [m]. Sliding soil that hangs together with less than
+        a hundredth of the sliding volume is detached grains. None counts none as detached.
 
     Raises ValueError for shapes that do not fit, values that are not finite, thresholds that are not positive.
     """
     position, displacement, volume = (np.asarray(a, dtype=float) for a in (position, displacement, volume))
     half = np.asarray(half_size, dtype=float)
-    _check(position, displacement, volume, half, width, slice_width, sliding_displacement)
+    _check(position, displacement, volume, half, width, slice_width, sliding_displacement, reach)
 
     moved = np.linalg.norm(displacement, axis=0)
     sliding = moved >= sliding_displacement
+    largest = float(moved.max())
     if not sliding.any():
-        return Consequences(float(moved.max()), 0.0, 0.0, 0.0, 0.0)
+        return Consequences(largest, 0.0, 0.0, 0.0, 0.0, largest, 0.0)
 
     lowest = position[-1, sliding].min() - half[-1]
-    front = position[0, sliding] + displacement[0, sliding] + half[0] - geometry.toe_x
-    beyond = np.maximum(front, 0.0)
+    now = (position + displacement)[:, sliding]
+    beyond = np.maximum(now[0] + half[0] - geometry.toe_x, 0.0)
+    mass = slice(None) if reach is None else hangs_together(now, volume[sliding], reach)
     if len(position) == 2:
         scale = 1.0 if width is None else width
-        area = beyond.max()
+        area = beyond[mass].max()
     else:
         scale = 1.0
-        area = _swept_area(position[1, sliding] + displacement[1, sliding], half[1], beyond, slice_width)
+        area = _swept_area(now[1, mass], half[1], beyond[mass], slice_width)
     return Consequences(
-        displacement=float(moved.max()),
+        displacement=float(moved[sliding][mass].max()),
         depth=float(geometry.crest_z - lowest),
-        runout=float(beyond.max()),
+        runout=float(beyond[mass].max()),
         volume=float(volume[sliding].sum() * scale),
         area=float(area * scale),
+        displacement_any=largest,
+        runout_any=float(beyond.max()),
     )
+
+
+def hangs_together(position: np.ndarray, volume: np.ndarray, reach: float) -> np.ndarray:
+    """Which particles at position (d, N) [m] are not detached: (N,) bool, at least the largest group.
+
+    Groups are particles joined by chains whose links are at most `reach` long [m]. Those with less than SMALLEST_SHARE
+    of the volume (N,) are detached.
+    """
+    count = position.shape[1]
+    links = cKDTree(position.T).query_pairs(reach, output_type="ndarray").T
+    _, group = connected_components(coo_array((np.ones(links.shape[1], bool), tuple(links)), shape=(count, count)))
+    share = np.bincount(group, volume) / volume.sum()
+    return (share >= min(SMALLEST_SHARE, share.max()))[group]
 
 
 def overlapped_slices(
@@ -139,6 +173,7 @@ def _check(
     width: float | None,
     slice_width: float,
     sliding_displacement: float,
+    reach: float | None,
 ) -> None:
     if position.ndim != 2 or len(position) not in (2, 3) or position.shape[1] == 0:
         raise ValueError(f"position has shape {position.shape}: give (2, N) in a section or (3, N) in 3D, N at least 1")
@@ -152,8 +187,9 @@ def _check(
     for name, array in (("position", position), ("displacement", displacement), ("volume", volume)):
         if not np.isfinite(array).all():
             raise ValueError(f"{name} is not finite: pass only samples whose lane did not fail")
-    for name, value in (("slice_width", slice_width), ("sliding_displacement", sliding_displacement)):
-        if not value > 0:
+    lengths = {"slice_width": slice_width, "sliding_displacement": sliding_displacement, "reach": reach}
+    for name, value in lengths.items():
+        if value is not None and not value > 0:
             raise ValueError(f"{name} = {value} is not positive: give metres above 0")
     if width is not None and (len(position) == 3 or not width > 0):
         raise ValueError(f"width = {width}: give a positive width in a section, and none in 3D")

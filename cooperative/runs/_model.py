@@ -39,6 +39,11 @@ class GridModel:
         """Half the particle spacing per axis (d,) m."""
         return np.asarray(self.config.grids[self.grid].spacing) / 2
 
+    @property
+    def reach(self) -> float:
+        """Distance up to which two particles hang together [m]: a little more than the diagonal of a cell."""
+        return 1.5 * self.scene.grid.cell
+
     def strength(self, coefficients: Any) -> jax.Array:
         """Undrained strength at the particles (N,) Pa, for coefficients (M,)."""
         strength = self.config.strength
@@ -192,7 +197,7 @@ def finished(
             geometry_of(config),
         )
         limit = config.run.failure_displacement
-        measured = consequences(*run, half_size=model.half_size, sliding_displacement=limit)
+        measured = consequences(*run, half_size=model.half_size, sliding_displacement=limit, reach=model.reach)
         row = {**measured.as_row(), "broke_off": False}
         if motion is not None:
             rules = ModeRules(sliding_displacement=limit)
