@@ -2,20 +2,35 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
+from jax.typing import ArrayLike
 from matplotlib.figure import Figure
 
 from foundation.check import require
+from kl.field import Expansion
 
 
-def slices(field: Any, axes: tuple[Any, ...], *, label: str = "field", at: tuple[int, ...] | None = None) -> Figure:
-    """Three orthogonal slices of a realisation (N_x, N_y, N_z) through the lattice point `at` (the middle)."""
+def slices(
+    field: ArrayLike, axes: Sequence[ArrayLike], *, label: str = "field", at: tuple[int, ...] | None = None
+) -> Figure:
+    """Three orthogonal slices of a realisation (N_x, N_y, N_z) through the lattice point `at` (the middle).
+
+    Raises ValueError for another number of axes, coordinates of another number, or a point outside the lattice.
+    """
     values = np.asarray(field)
     require(values.ndim == 3, f"field of shape {values.shape}: give one realisation on a lattice of three axes")
+    shapes = [np.shape(axis) for axis in axes]
+    require(
+        shapes == [(size,) for size in values.shape],
+        f"axes of shapes {shapes} for a field of shape {values.shape}: give the coordinates of each",
+    )
     x, y, z = (np.asarray(axis) for axis in axes)
-    i, j, k = at or tuple(size // 2 for size in values.shape)
+    place = at or tuple(size // 2 for size in values.shape)
+    inside = len(place) == 3 and all(0 <= n < size for n, size in zip(place, values.shape, strict=True))
+    require(inside, f"at = {place} is no point of a lattice of shape {values.shape}: give three numbers from 0")
+    i, j, k = place
     figure = Figure(figsize=(11, 3.2), layout="constrained")
     panels = figure.subplots(1, 3)
     sections = (
@@ -31,9 +46,9 @@ def slices(field: Any, axes: tuple[Any, ...], *, label: str = "field", at: tuple
 
 
 def correlation(
-    lags: tuple[Any, ...],
-    estimates: tuple[Any, ...],
-    targets: tuple[Any, ...],
+    lags: Sequence[ArrayLike],
+    estimates: Sequence[ArrayLike],
+    targets: Sequence[ArrayLike],
     *,
     samples: int,
     names: tuple[str, ...] = ("x", "y", "z"),
@@ -43,7 +58,12 @@ def correlation(
     Args:
         lags, estimates, targets: per axis (N,): lag in metres, sample and target correlation.
         samples: number of independent realisations behind an estimate r, of standard error (1 - r^2)/sqrt(samples).
+
+    Raises ValueError for another number of lags, estimates, targets or names, or no samples.
     """
+    counts = [len(lags), len(estimates), len(targets)]
+    require(counts == [counts[0]] * 3 and len(names) >= counts[0], f"{counts} lags, estimates and targets: one an axis")
+    require(samples >= 1, f"samples = {samples}: give the number of realisations, 1 or more")
     figure = Figure(figsize=(4 * len(lags), 3.2), layout="constrained")
     panels = np.atleast_1d(figure.subplots(1, len(lags), sharey=True))
     for panel, lag, estimate, target, name in zip(panels, lags, estimates, targets, names, strict=False):
@@ -58,7 +78,7 @@ def correlation(
     return figure
 
 
-def spectrum(expansion: Any) -> Figure:
+def spectrum(expansion: Expansion) -> Figure:
     """Fractions of the variance of each axis' modes, and the variance lacking against the number of modes kept."""
     figure = Figure(figsize=(8, 3.2), layout="constrained")
     left, right = figure.subplots(1, 2)
@@ -73,13 +93,21 @@ def spectrum(expansion: Any) -> Figure:
     return figure
 
 
-def two_grids(fields: tuple[Any, Any], points: tuple[Any, Any], *, label: str = "field") -> Figure:
+def two_grids(fields: Sequence[ArrayLike], points: Sequence[ArrayLike], *, label: str = "field") -> Figure:
     """One sample on two grids, in section.
 
     Args:
         fields: (N,) on each grid.
         points: (2, N), (x, z) in metres, on each.
+
+    Raises ValueError for another number of fields or points.
     """
+    require(len(fields) == len(points) == 2, f"{len(fields)} fields at {len(points)} sets of points: give two of each")
+    for field, place in zip(fields, points, strict=True):
+        require(
+            np.shape(place) == (2, *np.shape(field)),
+            f"points of shape {np.shape(place)} for a field of shape {np.shape(field)}: give (2, N) and (N,)",
+        )
     figure = Figure(figsize=(9, 3.2), layout="constrained")
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     low = min(float(np.min(field)) for field in fields)

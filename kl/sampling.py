@@ -6,41 +6,51 @@ A row depends on the key, the number of its sample and the design's size, never 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
 from scipy.special import ndtri
 
 from foundation.check import require
 from kl.marginal import from_both_tails
+from kl.types import HostIndex
 
 _SOBOL_BITS = 53
+Rows: TypeAlias = ArrayLike | Sequence[int]
 
 
-def _numbers(n_samples: int, n_modes: int, rows: Any) -> Any:
-    require(n_samples >= 1, f"n_samples = {n_samples} must be 1 or more")
-    require(n_modes >= 1, f"n_modes = {n_modes} must be 1 or more")
+def _numbers(n_samples: int, n_modes: int, rows: Rows | None) -> HostIndex:
+    for name, count in (("n_samples", n_samples), ("n_modes", n_modes)):
+        whole = isinstance(count, int | np.integer)
+        require(whole and count >= 1, f"{name} = {count} must be 1 or more, a whole number")
     if rows is None:
         return np.arange(n_samples)
     numbers = np.asarray(rows)
+    require(
+        numbers.ndim == 1 and (numbers.size == 0 or np.issubdtype(numbers.dtype, np.integer)),
+        f"rows of shape {numbers.shape} and type {numbers.dtype}: give a list of sample numbers",
+    )
     require((numbers >= 0) & (numbers < n_samples), f"rows reach outside 0 to {n_samples - 1}: give numbers of samples")
     return numbers
 
 
-def monte_carlo(key: Any, n_samples: int, n_modes: int, *, rows: Any = None) -> Any:
+def monte_carlo(key: Array, n_samples: int, n_modes: int, *, rows: Rows | None = None) -> Array:
     """Independent normals: (n_samples, n_modes), or (len(rows), n_modes). `key` is a typed key."""
     return _normal_rows(key, jnp.asarray(_numbers(n_samples, n_modes, rows)), n_modes)
 
 
 @partial(jax.jit, static_argnames="n_modes")
-def _normal_rows(key: Any, numbers: Any, n_modes: int) -> Any:
+def _normal_rows(key: Array, numbers: Array, n_modes: int) -> Array:
     return jax.vmap(lambda number: jax.random.normal(jax.random.fold_in(key, number), (n_modes,)))(numbers)
 
 
-def latin_hypercube(key: Any, n_samples: int, n_modes: int, *, rows: Any = None) -> Any:
+def latin_hypercube(key: Array, n_samples: int, n_modes: int, *, rows: Rows | None = None) -> Array:
     """Latin hypercube: in every mode one sample in each of n_samples equiprobable strata, at random within it.
 
     McKay, Beckman and Conover (1979), doi:10.1080/00401706.1979.10489755. Each mode has its own stream, so a
@@ -50,8 +60,8 @@ def latin_hypercube(key: Any, n_samples: int, n_modes: int, *, rows: Any = None)
 
 
 @partial(jax.jit, static_argnames=("n_samples", "n_modes"))
-def _stratified_rows(key: Any, numbers: Any, n_samples: int, n_modes: int) -> Any:
-    def column(mode: Any) -> Any:
+def _stratified_rows(key: Array, numbers: Array, n_samples: int, n_modes: int) -> Array:
+    def column(mode: Array) -> Array:
         order_key, place_key = jax.random.split(jax.random.fold_in(key, mode))
         stratum = jax.random.permutation(order_key, n_samples)[numbers]
         place = jax.random.uniform(place_key, (n_samples,), minval=1e-6, maxval=1 - 1e-6)[numbers]
@@ -62,7 +72,7 @@ def _stratified_rows(key: Any, numbers: Any, n_samples: int, n_modes: int) -> An
     return jax.lax.map(column, jnp.arange(n_modes)).T
 
 
-def sobol(key: Any, n_samples: int, n_modes: int, *, rows: Any = None) -> Any:
+def sobol(key: Array, n_samples: int, n_modes: int, *, rows: Rows | None = None) -> Array:
     """Scrambled Sobol points (Owen 1998, doi:10.1006/jcom.1998.0487; directions of Joe and Kuo 2008).
 
     Best at n_samples a power of 2; at most 21,201 modes, the most important first. Shape as in `monte_carlo`.

@@ -3,16 +3,31 @@
 from __future__ import annotations
 
 import itertools
-from typing import Any
+from collections.abc import Sequence
+from typing import Protocol
 
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
 
+from foundation import check
 from foundation.check import require
 from kl.marginal import Marginal, nataf_correlation
+from kl.types import HostArray, Parameter, size_of
 
 
-def correlate(coefficients: Any, matrix: Any) -> Any:
+class Moments(Marginal, Protocol):
+    """A marginal of given mean and coefficient of variation."""
+
+    @property
+    def mean(self) -> Parameter: ...
+
+    @property
+    def cov(self) -> Parameter: ...
+
+
+def correlate(coefficients: Array, matrix: ArrayLike | Sequence[Sequence[float]]) -> Array:
     """Coefficients of cross-correlated fields of one expansion, from independent ones.
 
     Args:
@@ -22,9 +37,11 @@ def correlate(coefficients: Any, matrix: Any) -> Any:
     Returns:
         (P, ..., M); parameter p depends on the sets up to p alone.
 
-    Raises ValueError unless the matrix is symmetric, of unit diagonal and positive definite.
+    Raises ValueError unless the matrix is finite, symmetric, of unit diagonal and positive definite.
     """
     host = np.asarray(matrix, np.float64)
+    check.finite("correlation matrix", host)
+    require(coefficients.ndim >= 2, f"coefficients of shape {coefficients.shape}: give (P, ..., M), a set for each")
     require(
         host.ndim == 2 and host.shape[0] == host.shape[1] == coefficients.shape[0],
         f"correlation matrix of shape {host.shape} for {coefficients.shape[0]} sets of coefficients: give one row each",
@@ -40,41 +57,61 @@ def correlate(coefficients: Any, matrix: Any) -> Any:
     return jnp.tensordot(root, coefficients, (1, 0))
 
 
-def nataf_matrix(matrix: Any, marginals: tuple[Marginal, ...]) -> Any:
+def nataf_matrix(matrix: ArrayLike | Sequence[Sequence[float]], marginals: tuple[Marginal, ...]) -> HostArray:
     """Gaussian correlation (P, P) that gives the properties' correlation `matrix` (P, P).
 
-    Raises ValueError for a correlation that the marginals cannot have.
+    Raises ValueError for a matrix of another shape, or a correlation that the marginals cannot have.
     """
     count = len(marginals)
+    asked = np.asarray(matrix, np.float64)
+    require(
+        asked.shape == (count, count),
+        f"correlation matrix of shape {asked.shape} for {count} marginals: give ({count}, {count})",
+    )
     gaussian = np.eye(count)
     for i in range(count):
         for j in range(i):
-            gaussian[i, j] = gaussian[j, i] = float(nataf_correlation(marginals[i], marginals[j], matrix[i][j]))
+            gaussian[i, j] = gaussian[j, i] = float(nataf_correlation(marginals[i], marginals[j], asked[i, j]))
     return gaussian
 
 
-def linear_with_depth(depth: Any, surface: Any, gradient: Any) -> Any:
-    """Value at `depth` (N,) below the surface (m, downwards): surface + gradient * depth."""
+def linear_with_depth(depth: Array, surface: Parameter, gradient: Parameter) -> Array:
+    """Value at `depth` (N,) below the surface (m, downwards): surface + gradient * depth.
+
+    Raises ValueError for values that are not finite.
+    """
+    for name, value in (("depth", depth), ("surface", surface), ("gradient", gradient)):
+        check.finite(name, value)
     return surface + gradient * depth
 
 
-def with_trend(marginal: Any, gaussian: Any, *, mean: Any, deviation: Any) -> Any:
+def with_trend(marginal: Moments, gaussian: Array, *, mean: Parameter, deviation: Parameter) -> Array:
     """Field with the shape of `marginal` but its own mean and deviation at each point.
 
     Args:
-        marginal: of mean and cov as numbers; its standardised values are shifted and scaled.
+        marginal: of mean and cov as numbers, neither 0; its standardised values are shifted and scaled.
         gaussian: (..., N), the standard field.
         mean, deviation: (N,) in the property's unit, for example from `linear_with_depth`.
 
     Returns:
-        (..., N). Raises ValueError for a deviation below 0.
+        (..., N). Raises ValueError for a mean or deviation of another shape or not finite, a deviation below 0, or a
+        marginal that does not vary.
     """
+    points = jnp.shape(gaussian)[-1:]
+    for name, value in (("mean", mean), ("deviation", deviation)):
+        require(
+            jnp.shape(value) in ((), (1,), points),
+            f"{name} of the trend of shape {jnp.shape(value)} for a field of {points} points: give one value for each",
+        )
+        check.finite(f"{name} of the trend", value)
     require(jnp.asarray(deviation) >= 0, "deviation of the trend falls below 0: check its gradient and the depth")
-    standard = (marginal.transform(gaussian) - marginal.mean) / (marginal.cov * abs(marginal.mean))
+    spread = marginal.cov * size_of(marginal.mean)
+    require(jnp.asarray(spread) > 0, f"{marginal} does not vary, no trend can scale it: give a mean and a cov above 0")
+    standard = (marginal.transform(gaussian) - marginal.mean) / spread
     return mean + deviation * standard
 
 
-def in_strata(elevation: Any, interfaces: Any, fields: tuple[Any, ...]) -> Any:
+def in_strata(elevation: Array, interfaces: Sequence[Parameter], fields: Sequence[Array]) -> Array:
     """Field of each point's stratum.
 
     Args:
@@ -84,8 +121,15 @@ def in_strata(elevation: Any, interfaces: Any, fields: tuple[Any, ...]) -> Any:
         fields: K arrays (..., N) from the top stratum down, each made with its own expansion and marginal.
 
     Returns:
-        (..., N). Raises ValueError for a wrong number of interfaces or interfaces that cross.
+        (..., N). Raises ValueError for a wrong number of interfaces, interfaces that cross, arrays whose points are not
+        those of `elevation`, or elevations that are not finite.
     """
+    check.finite("elevation", elevation)
+    for name, values in [("field", each) for each in fields] + [("interface", each) for each in interfaces]:
+        require(
+            jnp.shape(values)[-1:] in ((), jnp.shape(elevation)[-1:]),
+            f"{name} of shape {jnp.shape(values)} for an elevation of {jnp.shape(elevation)}: give the same points",
+        )
     require(
         len(interfaces) == len(fields) - 1,
         f"{len(interfaces)} interfaces between {len(fields)} strata: give one fewer than strata",

@@ -4,12 +4,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import kl
 
 BOX = ((0.0, 0.0), (10.0, 5.0))
 SE = kl.SquaredExponential
 GAUSSIAN = jnp.zeros(3)
+NAN = float("nan")
 
 
 @pytest.fixture(scope="module")
@@ -93,6 +96,52 @@ def test_fields_refuse_points_outside_and_wrong_shapes(expansion):
         kl.field_on_lattice(inclined, jnp.ones(inclined.modes), (jnp.ones(3), jnp.ones(2)))
 
 
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda e, c: kl.field_at(e, c, jnp.zeros((2, 0))), r"no points along axis 0: give at least one"),
+        (lambda e, c: kl.field_at(e, c, jnp.array([[NAN], [1.0]])), r"points along axis 0 = .*give finite values"),
+        (lambda e, c: kl.field_at(e, c.at[0].set(NAN), jnp.ones((2, 1))), r"coefficients = array of .* 1 not finite"),
+        (lambda e, c: kl.field_on_lattice(e, c, (jnp.ones(3), jnp.ones((2, 2)))), r"shape \(2, 2\) along axis 1"),
+        (lambda e, c: kl.field_on_lattice(e, c, (jnp.ones(3), jnp.zeros(0))), r"no points along axis 1"),
+        (
+            lambda e, c: kl.variance_on_lattice(e, (jnp.ones(3), jnp.array([6.0]))),
+            r"from 6.0 to 6.0 along axis 1",
+        ),
+        (lambda e, c: kl.variance_on_lattice(e, (jnp.ones(3),)), r"1 axes for an expansion of 2"),
+        (lambda e, c: kl.variance_at(e, jnp.zeros((2, 0))), r"no points"),
+        (lambda e, c: kl.rescaled(jnp.ones((2, 3)), jnp.ones(2)), r"variance of shape \(2,\) for a field"),
+        (lambda e, c: kl.rescaled(jnp.ones(3), jnp.zeros(3)), r"captured variance = .*above 0; keep more modes"),
+        (lambda e, c: kl.with_residual(jnp.ones(3), -jnp.ones(3), jax.random.key(0)), r"of 0 or more"),
+        (lambda e, c: kl.with_covariance(e, (SE(1.0),)), r"of \['SquaredExponential'\] for an expansion"),
+        (lambda e, c: kl.with_covariance(e, (SE(1.0), kl.Matern32(1.0))), r"give the same families"),
+        (lambda e, c: kl.with_covariance(e, (SE(1.0), SE(-1.0))), r"correlation length = -1 m"),
+        (lambda e, c: kl.captured_variance(e, probes=1), r"probes = 1"),
+        (lambda e, c: kl.rotate(kl.Bedding(10.0), jnp.array([[NAN], [1.0]])), r"points = .*give finite values"),
+        (lambda e, c: kl.rotate(kl.Bedding(10.0, NAN), jnp.ones((3, 1))), r"strike = nan: give finite values"),
+        (lambda e, c: kl.rotate(kl.Bedding(10.0), jnp.ones(3)), r"points of shape \(3,\)"),
+        (lambda e, c: kl.expand((SE(1.0),), (NAN,), (1.0,)), r"origin = .*finite values; it is the lowest corner"),
+        (lambda e, c: kl.conditioned(kl.condition(e, jnp.ones((2, 1)), [0.5]), c[:-1]), r"one a mode"),
+        (lambda e, c: kl.conditioned(kl.condition(e, jnp.ones((2, 1)), [0.5]), c * NAN), r"coefficients = not finite"),
+        (lambda e, c: kl.condition(e, jnp.ones((2, 1)), [0.5], error=[0.1, 0.2]), r"error of shape \(2,\) for 1 data"),
+        (lambda e, c: kl.haar_transform(jnp.ones(3)), r"3 values along the last axis: give 2\^level"),
+        (lambda e, c: kl.haar_transform(jnp.ones(0)), r"0 values along the last axis"),
+        (lambda e, c: kl.from_scale_of_fluctuation(SE, -2.0), r"scale of fluctuation = -2 m"),
+        (lambda e, c: kl.scale_of_fluctuation(kl.Infinite()), r"Infinite has no scale of fluctuation"),
+        (lambda e, c: kl.exact_lattice((SE(1.0),), (np.zeros(0),)), r"coordinates of shape \(0,\): give \(N,\)"),
+        (lambda e, c: kl.exact_lattice((SE(1.0),), (np.array([0.0, NAN]),)), r"lattice coordinates = .*1 not finite"),
+        (lambda e, c: kl.linear_with_depth(jnp.array([1.0, NAN]), 1.0, 2.0), r"depth = .*1 not finite"),
+        (lambda e, c: kl.monte_carlo(jax.random.key(0), 3, 2, rows=[0.5]), r"type float64: give a list of sample"),
+        (lambda e, c: kl.latin_hypercube(jax.random.key(0), 2.5, 2), r"n_samples = 2.5 must be 1 or more, a whole"),
+        (lambda e, c: kl.nataf_matrix(np.eye(3), (kl.Normal(1.0, 0.1),) * 2), r"\(3, 3\) for 2 marginals"),
+        (lambda e, c: kl.correlate(jnp.ones((2, 5)), [[1.0, NAN], [NAN, 1.0]]), r"correlation matrix = .*2 not finite"),
+    ],
+)
+def test_no_public_function_takes_what_it_cannot_use(expansion, call, message):
+    with pytest.raises(ValueError, match=message):
+        call(expansion, jnp.ones(expansion.modes))
+
+
 def test_lengths_far_below_the_lattice_are_warned_of(expansion):
     ones = jnp.ones(expansion.modes)
     with pytest.warns(UserWarning, match=r"spacing 5.0 m exceeds twice the correlation length 2.0 m.*refine"):
@@ -119,6 +168,11 @@ def test_lengths_far_below_the_lattice_are_warned_of(expansion):
         (kl.Gamma(10.0, 0.0), r"cov = 0.0 must be above 0 for this family"),
         (kl.Gamma(10.0, 0.3, power=0.0), r"power = 0.0 must be above 0"),
         (kl.Weibull(10.0, 0.3, shape=-1.0), r"shape = -1.0 must be above 0"),
+        (kl.Normal(25e3, 1e38), r"cov = 1e\+38: values 9 deviations out come to .*float32 holds up to 3.4e\+38: lower"),
+        (kl.Lognormal(25e3, 1e30), r"values 9 deviations down come to 1e-.*float32 holds down to .*lower the cov"),
+        (kl.Gumbel(25e3, NAN), r"cov = nan: give finite numbers"),
+        (kl.Gamma(10.0, 1e30), r"cov = 1e\+30 asks for a shape of .*outside 0.01 to 1e8"),
+        (kl.Weibull(10.0, 1e30), r"cov = 1e\+30 asks for a power of"),
         (kl.Empirical(jnp.array([1.0])), r"n of 2 or more"),
         (kl.Empirical(jnp.array([1.0, jnp.nan])), r"not finite"),
     ],
@@ -126,6 +180,29 @@ def test_lengths_far_below_the_lattice_are_warned_of(expansion):
 def test_impossible_marginals(marginal, message):
     with pytest.raises(ValueError, match=message):
         marginal.transform(GAUSSIAN)
+
+
+FAMILIES = [kl.Normal, kl.Lognormal, kl.TruncatedNormal, kl.Uniform, kl.Gumbel, kl.Gamma, kl.Weibull]
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@given(power_of_ten=st.floats(-2, 38), score=st.floats(-6, 6))
+@settings(max_examples=15, deadline=None)
+def test_a_marginal_gives_finite_values_or_refuses(family, power_of_ten, score):
+    try:
+        value = family(25e3, 10**power_of_ten).transform(jnp.array([score]))
+    except ValueError:
+        return
+    assert np.isfinite(value).all()
+
+
+def test_a_marginal_is_checked_before_it_is_traced():
+    for proper in (kl.Lognormal(25e3, 0.3), kl.Normal(1.0, 0.0), kl.Beta(10.0, 0.3, 0.0, 30.0)):
+        kl.check_marginal(proper)
+    with pytest.raises(ValueError, match="lower the cov"):
+        kl.check_marginal(kl.Lognormal(25e3, 1e30))
+    with pytest.raises(ValueError, match=r"gaussian field = .*1 not finite"):
+        kl.Lognormal(1.0, 0.1).transform(jnp.array([0.0, NAN]))
 
 
 @pytest.mark.parametrize(
@@ -153,7 +230,7 @@ def test_unreachable_correlation_between_marginals():
         ([(11.0, 1.0)], [0.0], 0.0, r"reach from 11.0 to 11.0 along axis 0"),
         ([(1.0, 1.0), (2.0, 2.0), (1.0, 1.0)], [0.0, 1.0, 2.0], 0.0, r"data 0 and 2 lie at one place"),
         ([(1.0, 1.0)], [float("nan")], 0.0, r"a datum is not finite"),
-        ([(1.0, 1.0)], [0.0], -1.0, r"error = -1.0 is negative"),
+        ([(1.0, 1.0)], [0.0], -1.0, r"error = .*give a finite value of 0 or more"),
         ([(1.0, 1.0)], [0.0, 1.0], 0.0, r"give \(d, n\) and \(n,\)"),
         ([(1.0, 1.0), (1.0, 1.001)], [0.0, 1.0], 0.0, r"cannot be told apart"),
     ],
@@ -193,7 +270,20 @@ def test_bad_strata_and_trends():
         kl.with_trend(kl.Normal(1.0, 0.1), GAUSSIAN, mean=GAUSSIAN, deviation=GAUSSIAN - 1)
 
 
+def test_strata_and_trends_of_other_points():
+    with pytest.raises(ValueError, match=r"field of shape \(2,\) for an elevation of \(3,\)"):
+        kl.in_strata(GAUSSIAN, (1.0,), (GAUSSIAN, GAUSSIAN[:2]))
+    with pytest.raises(ValueError, match=r"elevation = .*1 not finite"):
+        kl.in_strata(GAUSSIAN.at[0].set(NAN), (1.0,), (GAUSSIAN, GAUSSIAN))
+    with pytest.raises(ValueError, match=r"mean of the trend of shape \(2,\)"):
+        kl.with_trend(kl.Normal(1.0, 0.1), GAUSSIAN, mean=GAUSSIAN[:2], deviation=1.0)
+    with pytest.raises(ValueError, match=r"does not vary"):
+        kl.with_trend(kl.Normal(1.0, 0.0), GAUSSIAN, mean=GAUSSIAN, deviation=1.0)
+
+
 def test_exact_lattice_and_noise():
+    with pytest.raises(ValueError, match=r"noise = .*not finite"):
+        kl.exact_field(kl.exact_lattice((SE(1.0),), (np.arange(3.0),)), jnp.ones(3) * NAN)
     with pytest.raises(ValueError, match="1 covariances for 2 axes"):
         kl.exact_lattice((SE(1.0),), (np.arange(3.0),) * 2)
     with pytest.raises(ValueError, match=r"correlation length = 0 m"):

@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parent.parent
 ROOMS = {
     "foundation": "pytrees check files",
     "jaxmpm": "types tensors transfer laws boundary _step diagnostics run site io",
-    "kl": "axis marginal sampling field soil plots",
+    "kl": "types axis marginal sampling field soil plots",
     "cooperative": "store measure estimate scene runs summary campaign reporting sweep research",
 }
 ENTRANCES = {"cooperative": {"__main__"}}

@@ -3,6 +3,7 @@
 from kl.axis._covariance import (
     Corrected,
     CosineExponential,
+    Covariance,
     Exponential,
     Infinite,
     Matern32,
@@ -38,6 +39,7 @@ __all__ = [
     "Constant",
     "Corrected",
     "CosineExponential",
+    "Covariance",
     "Exponential",
     "Haar",
     "Infinite",

@@ -8,22 +8,23 @@ One more Newton step outside the loop carries the exact derivative of the root b
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from kl.axis._covariance import Exponential, Periodic, Triangular
 from kl.axis._modes import SineModes
+from kl.types import Parameter
 
 _NEWTON_STEPS = 60
 
 
-def _roots(extent: float, breadth: Any, turns: Any) -> Any:
+def _roots(extent: float, breadth: Parameter, turns: Array) -> Array:
     """w > 0 with w extent + 2 arctan(w breadth) = turns * pi, for each of `turns` (n,), 1 or more."""
 
-    def step(w: Any, breadth: Any) -> Any:
+    def step(w: Array, breadth: Parameter) -> Array:
         value = w * extent + 2 * jnp.arctan(w * breadth) - turns * math.pi
         slope = extent + 2 * breadth / (1 + (w * breadth) ** 2)
         return w - value / slope
@@ -34,7 +35,7 @@ def _roots(extent: float, breadth: Any, turns: Any) -> Any:
     return step(jax.lax.stop_gradient(w), breadth)
 
 
-def _sines(fractions: Any, w: Any, origin: float, extent: float) -> SineModes:
+def _sines(fractions: Array, w: Array, origin: float, extent: float) -> SineModes:
     """Even functions cos(w x) and odd ones sin(w x), alternating from the even, x from the middle."""
     number = jnp.arange(w.shape[0])
     even = number % 2 == 0
@@ -81,4 +82,4 @@ def periodic_modes(covariance: Periodic, count: int, origin: float, extent: floa
     sine = np.arange(count) % 2 == 0
     phases = jnp.asarray(np.where(sine & (wave > 0), np.pi / 2, 0), length.dtype)
     amplitudes = jnp.asarray(np.where(wave > 0, math.sqrt(2), 1), length.dtype)
-    return SineModes(covariance.spectral_density(w) / extent, w, phases, amplitudes, origin, extent)
+    return SineModes(jnp.asarray(covariance.spectral_density(w)) / extent, w, phases, amplitudes, origin, extent)

@@ -15,13 +15,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Protocol, TypeVar
+from types import ModuleType
+from typing import ClassVar, Protocol, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
+from foundation import check
 from foundation.pytrees import pytree
+from kl.types import EitherArray, Parameter
 
 _IMAGES = 2000
 _HALVINGS = 45
@@ -30,12 +34,12 @@ _HALVINGS = 45
 class Covariance(Protocol):
     """What an axis needs: the correlation at a lag and its spectral density."""
 
-    def __call__(self, lag: Any) -> Any: ...
+    def __call__(self, lag: EitherArray) -> EitherArray: ...
 
-    def spectral_density(self, wavenumber: Any) -> Any: ...
+    def spectral_density(self, wavenumber: EitherArray) -> EitherArray: ...
 
 
-def _namespace(array: Any) -> Any:
+def _namespace(array: EitherArray | float) -> ModuleType:
     return jnp if isinstance(array, jax.Array) else np
 
 
@@ -44,14 +48,14 @@ def _namespace(array: Any) -> Any:
 class SquaredExponential:
     """c(t) = exp(-(t/l)^2); theta = sqrt(pi) l. `length` is l (m): no factor 2 under the square."""
 
-    length: Any
+    length: Parameter
     fluctuation: ClassVar[float] = math.sqrt(math.pi)
 
-    def __call__(self, lag: Any) -> Any:
+    def __call__(self, lag: EitherArray) -> EitherArray:
         ratio = lag / self.length
         return _namespace(ratio).exp(-(ratio**2))
 
-    def spectral_density(self, wavenumber: Any) -> Any:
+    def spectral_density(self, wavenumber: EitherArray) -> EitherArray:
         phase = wavenumber * self.length
         return math.sqrt(math.pi) * self.length * _namespace(phase).exp(-(phase**2) / 4)
 
@@ -61,14 +65,14 @@ class SquaredExponential:
 class Exponential:
     """c(t) = exp(-|t|/l), first-order Markov; theta = 2 l. `length` is l (m)."""
 
-    length: Any
+    length: Parameter
     fluctuation: ClassVar[float] = 2.0
 
-    def __call__(self, lag: Any) -> Any:
-        ratio = abs(lag) / self.length
+    def __call__(self, lag: EitherArray) -> EitherArray:
+        ratio = _namespace(lag).abs(lag) / self.length
         return _namespace(ratio).exp(-ratio)
 
-    def spectral_density(self, wavenumber: Any) -> Any:
+    def spectral_density(self, wavenumber: EitherArray) -> EitherArray:
         return 2 * self.length / (1 + (wavenumber * self.length) ** 2)
 
 
@@ -77,13 +81,13 @@ class Exponential:
 class Matern32:
     """c(t) = (1 + s) exp(-s) with s = sqrt(3) |t|/l, smoothness 3/2; theta = 4 l / sqrt(3). `length` is l (m)."""
 
-    length: Any
+    length: Parameter
     fluctuation: ClassVar[float] = 4 / math.sqrt(3)
 
-    def __call__(self, lag: Any) -> Any:
+    def __call__(self, lag: EitherArray) -> EitherArray:
         return SecondOrderMarkov(self.length / math.sqrt(3))(lag)
 
-    def spectral_density(self, wavenumber: Any) -> Any:
+    def spectral_density(self, wavenumber: EitherArray) -> EitherArray:
         return SecondOrderMarkov(self.length / math.sqrt(3)).spectral_density(wavenumber)
 
 
@@ -95,14 +99,14 @@ class Matern52:
     `length` is l (m).
     """
 
-    length: Any
+    length: Parameter
     fluctuation: ClassVar[float] = 16 / (3 * math.sqrt(5))
 
-    def __call__(self, lag: Any) -> Any:
-        ratio = math.sqrt(5) * abs(lag) / self.length
+    def __call__(self, lag: EitherArray) -> EitherArray:
+        ratio = math.sqrt(5) * _namespace(lag).abs(lag) / self.length
         return (1 + ratio + ratio**2 / 3) * _namespace(ratio).exp(-ratio)
 
-    def spectral_density(self, wavenumber: Any) -> Any:
+    def spectral_density(self, wavenumber: EitherArray) -> EitherArray:
         scale = self.length / math.sqrt(5)
         return 16 / 3 * scale / (1 + (wavenumber * scale) ** 2) ** 3
 
@@ -112,14 +116,14 @@ class Matern52:
 class SecondOrderMarkov:
     """c(t) = (1 + |t|/l) exp(-|t|/l); theta = 4 l. Matern 3/2 in Vanmarcke's `length` l (m)."""
 
-    length: Any
+    length: Parameter
     fluctuation: ClassVar[float] = 4.0
 
-    def __call__(self, lag: Any) -> Any:
-        ratio = abs(lag) / self.length
+    def __call__(self, lag: EitherArray) -> EitherArray:
+        ratio = _namespace(lag).abs(lag) / self.length
         return (1 + ratio) * _namespace(ratio).exp(-ratio)
 
-    def spectral_density(self, wavenumber: Any) -> Any:
+    def spectral_density(self, wavenumber: EitherArray) -> EitherArray:
         return 4 * self.length / (1 + (wavenumber * self.length) ** 2) ** 2
 
 
@@ -131,14 +135,14 @@ class CosineExponential:
     `length` is l (m).
     """
 
-    length: Any
+    length: Parameter
     fluctuation: ClassVar[float] = 1.0
 
-    def __call__(self, lag: Any) -> Any:
-        ratio = abs(lag) / self.length
+    def __call__(self, lag: EitherArray) -> EitherArray:
+        ratio = _namespace(lag).abs(lag) / self.length
         return _namespace(ratio).exp(-ratio) * _namespace(ratio).cos(ratio)
 
-    def spectral_density(self, wavenumber: Any) -> Any:
+    def spectral_density(self, wavenumber: EitherArray) -> EitherArray:
         phase = wavenumber * self.length
         return self.length / (1 + (phase - 1) ** 2) + self.length / (1 + (phase + 1) ** 2)
 
@@ -148,14 +152,14 @@ class CosineExponential:
 class Triangular:
     """c(t) = max(0, 1 - |t|/l); theta = l. `length` is l (m)."""
 
-    length: Any
+    length: Parameter
     fluctuation: ClassVar[float] = 1.0
 
-    def __call__(self, lag: Any) -> Any:
-        ratio = abs(lag) / self.length
+    def __call__(self, lag: EitherArray) -> EitherArray:
+        ratio = _namespace(lag).abs(lag) / self.length
         return _namespace(ratio).maximum(1 - ratio, 0)
 
-    def spectral_density(self, wavenumber: Any) -> Any:
+    def spectral_density(self, wavenumber: EitherArray) -> EitherArray:
         phase = wavenumber * self.length / 2
         return self.length * _namespace(phase).sinc(phase / math.pi) ** 2
 
@@ -165,10 +169,10 @@ class Triangular:
 class Infinite:
     """c(t) = 1: the field does not vary along this axis (plane strain)."""
 
-    def __call__(self, lag: Any) -> Any:
+    def __call__(self, lag: EitherArray) -> EitherArray:
         return _namespace(lag).ones_like(lag)
 
-    def spectral_density(self, wavenumber: Any) -> Any:
+    def spectral_density(self, wavenumber: EitherArray) -> EitherArray:
         """Not a function (a point mass at 0)."""
         raise ValueError("Infinite has no spectral density: it has one mode along its axis, the constant")
 
@@ -182,22 +186,22 @@ class Periodic:
     Raises ValueError in `expand` where P is not the extent of the axis or b's length exceeds 20 P.
     """
 
-    base: Any
+    base: Covariance
     period: float = field(metadata={"static": True})
 
-    def _images(self, lag: Any) -> Any:
+    def _images(self, lag: EitherArray) -> EitherArray:
         shifts = np.arange(-_IMAGES, _IMAGES + 1) * self.period
         return self.base(lag[..., None] + shifts).sum(-1)
 
-    def __call__(self, lag: Any) -> Any:
+    def __call__(self, lag: EitherArray) -> EitherArray:
         return self._images(lag) / self.variance()
 
-    def variance(self) -> Any:
+    def variance(self) -> EitherArray:
         """Sum of the images at lag 0, by which the wrapped sum is divided."""
         namespace = _namespace(jax.tree.leaves(self.base)[0])
         return self._images(namespace.zeros(()))
 
-    def spectral_density(self, wavenumber: Any) -> Any:
+    def spectral_density(self, wavenumber: EitherArray) -> EitherArray:
         """At multiples of 2 pi / P only: the Fourier integral over one period."""
         return self.base.spectral_density(wavenumber) / self.variance()
 
@@ -211,18 +215,18 @@ class Corrected:
     Raises ValueError in `expand` where the corrected function is not positive definite.
     """
 
-    base: Any
-    hermite: Any
+    base: Covariance
+    hermite: Array
 
-    def __call__(self, lag: Any) -> Any:
+    def __call__(self, lag: EitherArray) -> EitherArray:
         return gaussian_correlation(self.hermite**2, self.base(lag))
 
-    def spectral_density(self, wavenumber: Any) -> Any:
+    def spectral_density(self, wavenumber: EitherArray) -> EitherArray:
         """Unknown in closed form."""
         raise ValueError("a corrected covariance has no closed spectral density: use Nystrom() or Legendre()")
 
 
-def transformed_correlation(powers: Any, gaussian: Any) -> Any:
+def transformed_correlation(powers: EitherArray, gaussian: EitherArray) -> EitherArray:
     """sum over k of powers[k - 1] gaussian^k: correlation of two transformed variables of Gaussian correlation."""
     total = 0 * gaussian
     for coefficient in powers[::-1]:
@@ -230,21 +234,22 @@ def transformed_correlation(powers: Any, gaussian: Any) -> Any:
     return total
 
 
-def gaussian_correlation(powers: Any, target: Any) -> Any:
+def gaussian_correlation(powers: EitherArray, target: EitherArray) -> EitherArray:
     """Gaussian correlation in [-1, 1] at which `transformed_correlation` is `target`, by bisection.
 
     One Newton step after it carries the derivatives.
     """
     if isinstance(target, jax.Array) or isinstance(powers, jax.Array):
         return _gaussian_correlation(jnp.asarray(powers), jnp.asarray(target))
-    low, high = -np.ones_like(target), np.ones_like(target)
+    low: EitherArray = -np.ones_like(target)
+    high: EitherArray = np.ones_like(target)
     for _ in range(_HALVINGS):
         low, high = _halved(np, powers, target, low, high)
     return (low + high) / 2
 
 
 @jax.jit
-def _gaussian_correlation(powers: Any, target: Any) -> Any:
+def _gaussian_correlation(powers: Array, target: Array) -> Array:
     fixed = jax.lax.stop_gradient((powers, target))
     bracket = (-jnp.ones_like(target), jnp.ones_like(target))
     low, high = jax.lax.fori_loop(0, _HALVINGS, lambda _, ends: _halved(jnp, *fixed, *ends), bracket)
@@ -255,30 +260,47 @@ def _gaussian_correlation(powers: Any, target: Any) -> Any:
     return root - (transformed_correlation(powers, root) - target) / slope
 
 
-def _halved(namespace: Any, powers: Any, target: Any, low: Any, high: Any) -> tuple[Any, Any]:
+def _halved(
+    namespace: ModuleType, powers: EitherArray, target: EitherArray, low: EitherArray, high: EitherArray
+) -> tuple[EitherArray, EitherArray]:
     middle = (low + high) / 2
     below = transformed_correlation(powers, middle) < target
     return namespace.where(below, middle, low), namespace.where(below, high, middle)
 
 
-_Family = TypeVar("_Family")
+class Scaled(Covariance, Protocol):
+    """A family with a correlation `length` (m), of which its scale of fluctuation is a fixed multiple."""
+
+    fluctuation: ClassVar[float]
+
+    def __init__(self, length: Parameter) -> None: ...
+
+    @property
+    def length(self) -> Parameter: ...
 
 
-def from_scale_of_fluctuation(family: type[_Family], scale: Any) -> _Family:
-    """The covariance of `family` whose scale of fluctuation is `scale` (m)."""
-    return family(scale / family.fluctuation)  # type: ignore[call-arg, attr-defined]
+_Family = TypeVar("_Family", bound=Scaled)
+_Some = TypeVar("_Some", bound=Covariance)
 
 
-def scale_of_fluctuation(covariance: Any) -> Any:
-    """2 * integral of the correlation over positive lags (m)."""
+def from_scale_of_fluctuation(family: type[_Family], scale: Parameter) -> _Family:
+    """The covariance of `family` whose scale of fluctuation is `scale` (m). ValueError unless it is above 0."""
+    check.positive("scale of fluctuation", scale, "m")
+    return family(scale / family.fluctuation)
+
+
+def scale_of_fluctuation(covariance: Scaled) -> Parameter:
+    """2 * integral of the correlation over positive lags (m). ValueError for a covariance that has no such scale."""
+    if not hasattr(covariance, "fluctuation"):
+        raise ValueError(f"{type(covariance).__name__} has no scale of fluctuation: give a family with a length")
     return covariance.fluctuation * covariance.length
 
 
-def length_leaves(covariance: Any) -> list[Any]:
+def length_leaves(covariance: Covariance) -> list[Parameter]:
     """The correlation length, or nothing for `Infinite`; that of the base for a wrapped family."""
     return jax.tree.leaves(getattr(covariance, "base", covariance))
 
 
-def on_host(covariance: Any) -> Any:
+def on_host(covariance: _Some) -> _Some:
     """The same covariance with NumPy numbers, to evaluate on the host at float64."""
     return jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), covariance)

@@ -15,16 +15,28 @@ import math
 import warnings
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
 
+from foundation import check
 from foundation.check import is_traced, require
 from kl.axis._closed_form import exponential_modes, periodic_modes, triangular_modes
-from kl.axis._covariance import Corrected, Exponential, Infinite, Periodic, SquaredExponential, Triangular, on_host
+from kl.axis._covariance import (
+    Corrected,
+    Covariance,
+    Exponential,
+    Infinite,
+    Periodic,
+    SquaredExponential,
+    Triangular,
+    on_host,
+)
 from kl.axis._modes import AxisModes, CellModes, LegendreModes, SineModes
+from kl.types import EitherArray, HostArray
 
 
 @dataclass(frozen=True)
@@ -93,7 +105,7 @@ class Constant:
 Solver = Nystrom | Legendre | Haar | ClosedForm | Constant
 
 
-def default_solver(covariance: Any, extent: float) -> Solver:
+def default_solver(covariance: Covariance, extent: float) -> Solver:
     """The most accurate solver for a concrete `covariance` on an axis of `extent` metres."""
     match covariance:
         case Infinite():
@@ -107,7 +119,7 @@ def default_solver(covariance: Any, extent: float) -> Solver:
     return Legendre()
 
 
-def resolved(solver: Solver | None, covariance: Any, extent: float, remainder: float, most: int) -> Solver:
+def resolved(solver: Solver | None, covariance: Covariance, extent: float, remainder: float, most: int) -> Solver:
     """`solver` with its order fixed on the host, ready to shape the program.
 
     Where a series has no end, modes are counted until `remainder` of the variance is left along this axis, and
@@ -140,14 +152,14 @@ def resolved(solver: Solver | None, covariance: Any, extent: float, remainder: f
     raise ValueError(f"solver = {solver!r} is none of Nystrom, Legendre, Haar, ClosedForm")
 
 
-def _resolved_order(solver: Nystrom | Legendre, covariance: Any, extent: float, remainder: float) -> Solver:
+def _resolved_order(solver: Nystrom | Legendre, covariance: Covariance, extent: float, remainder: float) -> Solver:
     if is_traced(covariance):
         raise ValueError("the order cannot be chosen for a traced length: give the solver's order")
     host = on_host(covariance)
     assemble = _nystrom_matrix if isinstance(solver, Nystrom) else _legendre_matrix
 
-    def spectrum(order: int) -> Any:
-        return np.linalg.eigvalsh(assemble(order, extent, host))[::-1]
+    def spectrum(order: int) -> HostArray:
+        return np.asarray(np.linalg.eigvalsh(assemble(order, extent, host))[::-1], np.float64)
 
     # A kernel of length l holds wavenumbers up to about 9 / l; Legendre needs two points in a wave.
     length = getattr(getattr(host, "base", host), "length", extent)
@@ -177,7 +189,9 @@ def _resolved_order(solver: Nystrom | Legendre, covariance: Any, extent: float, 
         order, coarse = finer, fine
 
 
-def _resolved_closed_form(solver: ClosedForm, covariance: Any, extent: float, remainder: float, most: int) -> Solver:
+def _resolved_closed_form(
+    solver: ClosedForm, covariance: Covariance, extent: float, remainder: float, most: int
+) -> Solver:
     match covariance:
         case Exponential() | Periodic():
             pass
@@ -196,7 +210,7 @@ def _resolved_closed_form(solver: ClosedForm, covariance: Any, extent: float, re
         raise ValueError("the number of modes cannot be chosen for a traced length: give ClosedForm(count=...)")
     most = min(most, solver.largest)
     if isinstance(covariance, Periodic):
-        wave = 2 * np.pi * np.arange(1, most + 1) / extent
+        wave: HostArray = 2 * np.pi * np.arange(1, most + 1, dtype=np.float64) / extent
         host = on_host(covariance)
         held = np.cumsum(np.append(host.spectral_density(np.zeros(1)), 2 * host.spectral_density(wave))) / extent
         return replace(solver, count=min(2 * int(np.searchsorted(held, 1 - remainder)) + 1, most))
@@ -205,7 +219,7 @@ def _resolved_closed_form(solver: ClosedForm, covariance: Any, extent: float, re
     return replace(solver, count=min(math.ceil(needed), most))
 
 
-def axis_modes(covariance: Any, solver: Solver, origin: float, extent: float) -> AxisModes:
+def axis_modes(covariance: Covariance, solver: Solver, origin: float, extent: float) -> AxisModes:
     """All eigenpairs that a resolved `solver` gives on [origin, origin + extent] (m), largest first.
 
     Pure jnp in the covariance's length, whose dtype it follows. The sign of each function is positive at the
@@ -221,7 +235,8 @@ def axis_modes(covariance: Any, solver: Solver, origin: float, extent: float) ->
                     return exponential_modes(covariance, count, origin, extent)
                 case Triangular():
                     return triangular_modes(covariance, count, origin, extent)
-            return periodic_modes(covariance, count, origin, extent)
+                case Periodic():
+                    return periodic_modes(covariance, count, origin, extent)
         case Haar(level):
             fractions, vectors = _eigenpairs(_haar_matrix(level, extent, covariance))
             cells = vectors.shape[0]
@@ -240,20 +255,20 @@ def axis_modes(covariance: Any, solver: Solver, origin: float, extent: float) ->
     return LegendreModes(fractions, (vectors * _signs(at_origin)).T, origin, extent)
 
 
-def _signs(values: Any) -> Any:
+def _signs(values: Array) -> Array:
     return jnp.where(jax.lax.stop_gradient(values) < 0, -1, 1).astype(values.dtype)
 
 
 @lru_cache(maxsize=64)
-def _gauss(order: int) -> tuple[Any, Any, Any]:
+def _gauss(order: int) -> tuple[HostArray, HostArray, HostArray]:
     """Gauss points and weights on [0, 1], and p_k(point q) sqrt(weight q) (order, order), orthogonal."""
     points, weights = np.polynomial.legendre.leggauss(order)
     values = np.polynomial.legendre.legvander(points, order - 1).T * np.sqrt(2 * np.arange(order) + 1)[:, None]
-    weights = weights / 2
-    return (points + 1) / 2, weights, values * np.sqrt(weights)
+    weights = np.asarray(weights / 2, np.float64)
+    return (points + 1) / 2, weights, np.asarray(values * np.sqrt(weights), np.float64)
 
 
-def _nystrom_matrix(order: int, extent: float, covariance: Any) -> Any:
+def _nystrom_matrix(order: int, extent: float, covariance: Covariance) -> EitherArray:
     """sqrt(w_i) c(x_i - x_j) sqrt(w_j), whose eigenvalues are fractions of the variance."""
     points, weights, _ = _gauss(order)
     roots = np.sqrt(weights)
@@ -261,7 +276,7 @@ def _nystrom_matrix(order: int, extent: float, covariance: Any) -> Any:
 
 
 @lru_cache(maxsize=4)
-def _split_rule(order: int) -> tuple[Any, Any, Any]:
+def _split_rule(order: int) -> tuple[HostArray, HostArray, HostArray]:
     """Quadrature over 0 < y < x < 1: lags (q, s), p_m(x_q) w_q x_q (order, q), p_n(y_qs) w_s (order, q, s)."""
     points, weights, _ = _gauss(order + 8)
     inner = points[:, None] * points
@@ -275,13 +290,13 @@ def _split_rule(order: int) -> tuple[Any, Any, Any]:
     )
 
 
-def _legendre_matrix(order: int, extent: float, covariance: Any) -> Any:
+def _legendre_matrix(order: int, extent: float, covariance: Covariance) -> EitherArray:
     """Galerkin matrix in Legendre polynomials; the part y > x mirrors y < x with sign (-1)^(m + n)."""
     lags, outer, inner = _split_rule(order)
     kernel = covariance(lags * extent)
     if isinstance(kernel, jax.Array):
-        inner, outer = jnp.asarray(inner, kernel.dtype), jnp.asarray(outer, kernel.dtype)
-        lower = outer @ (inner * kernel).sum(-1).T
+        sums = (jnp.asarray(inner, kernel.dtype) * kernel).sum(-1)
+        lower: EitherArray = jnp.asarray(outer, kernel.dtype) @ sums.T
     else:
         lower = outer @ np.einsum("nqs,qs->qn", inner, kernel)
     parity = (-1.0) ** np.arange(order)
@@ -289,7 +304,7 @@ def _legendre_matrix(order: int, extent: float, covariance: Any) -> Any:
     return (matrix + matrix.T) / 2
 
 
-def _haar_matrix(level: int, extent: float, covariance: Any) -> Any:
+def _haar_matrix(level: int, extent: float, covariance: Covariance) -> EitherArray:
     """Averages of the covariance over pairs of cells, over the number of cells; a Toeplitz matrix.
 
     The average over cells k apart is the integral of (1 - |s|) c((k + s) h), s in [-1, 1], by Gauss's rule on
@@ -305,16 +320,16 @@ def _haar_matrix(level: int, extent: float, covariance: Any) -> Any:
     return averages[np.abs(np.arange(cells)[:, None] - np.arange(cells))] / cells
 
 
-def haar_transform(cell_values: Any) -> Any:
+def haar_transform(cell_values: ArrayLike) -> Array:
     """Fast wavelet transform along the last axis (2^level values on cells) to orthonormal Haar coefficients.
 
     Coarsest first: the mean, then 1, 2, 4 ... wavelets. O(n); orthogonal, so its transpose inverts it.
     """
     details = []
     smooth = jnp.asarray(cell_values)
-    require(
-        smooth.shape[-1] & (smooth.shape[-1] - 1) == 0, f"{smooth.shape[-1]} values: Haar's transform needs 2^level"
-    )
+    count = smooth.shape[-1] if smooth.ndim else 0
+    require(count >= 1 and count & (count - 1) == 0, f"{count} values along the last axis: give 2^level of them")
+    check.finite("cell values", smooth)
     while smooth.shape[-1] > 1:
         left, right = smooth[..., 0::2], smooth[..., 1::2]
         details.append((left - right) / math.sqrt(2))
@@ -323,14 +338,16 @@ def haar_transform(cell_values: Any) -> Any:
 
 
 @jax.custom_jvp
-def _eigenpairs(matrix: Any) -> tuple[Any, Any]:
+def _eigenpairs(matrix: Array) -> tuple[Array, Array]:
     """Eigenvalues (n,) descending and eigenvectors (n, n) in columns of a symmetric matrix."""
     values, vectors = jnp.linalg.eigh(matrix)
     return values[::-1], vectors[:, ::-1]
 
 
 @_eigenpairs.defjvp
-def _eigenpairs_derivative(primals: Any, tangents: Any) -> Any:
+def _eigenpairs_derivative(
+    primals: tuple[Array], tangents: tuple[Array]
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """First-order perturbation, finite where eigenvalues agree to rounding.
 
     1 / gap becomes gap / (gap^2 + width^2): vectors within a cluster narrower than rounding can resolve do not
@@ -346,7 +363,12 @@ def _eigenpairs_derivative(primals: Any, tangents: Any) -> Any:
 
 
 @partial(jax.jit, static_argnames=("solvers", "origin", "extent"))
-def all_axis_modes(covariance: Any, solvers: Any, origin: Any, extent: Any) -> tuple[AxisModes, ...]:
+def all_axis_modes(
+    covariance: tuple[Covariance, ...],
+    solvers: tuple[Solver, ...],
+    origin: tuple[float, ...],
+    extent: tuple[float, ...],
+) -> tuple[AxisModes, ...]:
     """`axis_modes` of every axis in one program."""
     axes = zip(covariance, solvers, origin, extent, strict=True)
     return tuple(axis_modes(*axis) for axis in axes)

@@ -9,11 +9,11 @@ and coefficients may be differentiated and vmapped; the axis' origin and extent 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from foundation.pytrees import pytree
 
@@ -26,8 +26,8 @@ _SLACK = 1e-5
 class LegendreModes:
     """f_m(x) = sum over k of coefficients[m, k] p_k(t), t in [-1, 1] along the axis, p_k of mean square 1."""
 
-    fractions: Any
-    coefficients: Any
+    fractions: Array
+    coefficients: Array
     origin: float = field(metadata={"static": True})
     extent: float = field(metadata={"static": True})
 
@@ -37,8 +37,8 @@ class LegendreModes:
 class CellModes:
     """f_m(x) = levels[m, cell of x]: piecewise constant on equal cells."""
 
-    fractions: Any
-    levels: Any
+    fractions: Array
+    levels: Array
     origin: float = field(metadata={"static": True})
     extent: float = field(metadata={"static": True})
 
@@ -48,10 +48,10 @@ class CellModes:
 class SineModes:
     """f_m(x) = amplitudes[m] cos(wavenumbers[m] (x - middle of the axis) - phases[m]); wavenumbers in 1/m."""
 
-    fractions: Any
-    wavenumbers: Any
-    phases: Any
-    amplitudes: Any
+    fractions: Array
+    wavenumbers: Array
+    phases: Array
+    amplitudes: Array
     origin: float = field(metadata={"static": True})
     extent: float = field(metadata={"static": True})
 
@@ -59,12 +59,12 @@ class SineModes:
 AxisModes = LegendreModes | CellModes | SineModes
 
 
-def legendre(order: int, t: Any) -> Any:
+def legendre(order: int, t: Array) -> Array:
     """Legendre polynomials of degree 0 to order - 1 at `t` (N,), scaled to mean square 1: (order, N)."""
     if order == 1:
         return jnp.ones_like(t)[None]
 
-    def following(pair: Any, degree: Any) -> Any:
+    def following(pair: tuple[Array, Array], degree: Array) -> tuple[tuple[Array, Array], Array]:
         before, last = pair
         return (last, ((2 * degree + 1) * t * last - degree * before) / (degree + 1)), last
 
@@ -74,13 +74,13 @@ def legendre(order: int, t: Any) -> Any:
     return jnp.concatenate([jnp.ones_like(t)[None], rows]) * roots[:, None]
 
 
-def along_axis(modes: AxisModes, x: Any) -> Any:
+def along_axis(modes: AxisModes, x: Array) -> Array:
     """Position of `x` (N,) on the axis as t in [-1, 1]; NaN outside, where no form is valid."""
     t = 2 * (x - modes.origin) / modes.extent - 1
     return jnp.where(jnp.abs(t) <= 1 + _SLACK, t, jnp.nan)
 
 
-def functions(modes: AxisModes, x: Any) -> Any:
+def functions(modes: AxisModes, x: Array) -> Array:
     """Eigenfunctions of mean square 1 at `x` (N,), in metres: (n, N). NaN outside the axis."""
     t = along_axis(modes, x)
     match modes:
@@ -96,7 +96,7 @@ def functions(modes: AxisModes, x: Any) -> Any:
             return modes.amplitudes[:, None] * jnp.cos(angle)
 
 
-def scaled_functions(modes: AxisModes, x: Any) -> Any:
+def scaled_functions(modes: AxisModes, x: Array) -> Array:
     """Eigenfunctions times the root of their fraction of the variance at `x` (N,): (n, N)."""
     positive = modes.fractions > 0
     root = jnp.where(positive, jnp.sqrt(jnp.where(positive, modes.fractions, 1)), 0)

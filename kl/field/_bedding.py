@@ -9,12 +9,14 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
+from foundation import check
 from foundation.check import require
+from kl.types import HostArray
 
 
 @dataclass(frozen=True)
@@ -31,9 +33,10 @@ class Bedding:
     strike: float = 90.0
 
 
-def rotation_matrix(bedding: Bedding, dimension: int) -> Any:
+def rotation_matrix(bedding: Bedding, dimension: int) -> HostArray:
     """Rows are the unit vectors down dip, along strike and normal (d, d); `matrix @ points` rotates (d, N)."""
     require(dimension in (2, 3), f"bedding in {dimension} dimension: it needs 2 or 3")
+    check.finite("strike", bedding.strike, remedy="it is an angle in degrees")
     require(0 <= bedding.dip <= 90, f"dip = {bedding.dip} degrees is outside [0, 90]: turn the strike by 180 instead")
     dip, strike = math.radians(bedding.dip), math.radians(bedding.strike)
     if dimension == 2:
@@ -60,6 +63,8 @@ def rotated_box(
     return tuple(map(float, low)), tuple(map(float, turned.max(axis=1) - low))
 
 
-def rotate(bedding: Bedding, points: Any) -> Any:
-    """Points (d, N) in the axes of the strata (m)."""
+def rotate(bedding: Bedding, points: Array) -> Array:
+    """Points (d, N) in the axes of the strata (m). ValueError for another shape, or points that are not finite."""
+    require(points.ndim == 2, f"points of shape {points.shape}: give (2, N) or (3, N)")
+    check.finite("points", points)
     return jnp.asarray(rotation_matrix(bedding, points.shape[0]), points.dtype) @ points

@@ -9,18 +9,24 @@ coefficients go, on any grid, and a sample remains its number.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
 
+from foundation import check
 from foundation.check import require
 from foundation.pytrees import pytree
 from kl.axis import scaled_functions
 from kl.field._expansion import Expansion, points_in_box
+from kl.types import HostArray
 
+Values: TypeAlias = ArrayLike | Sequence[float]
 # Two data closer than this share of the box are at one place.
 _SAME_PLACE = 1e-6
 # Share of the variance along a direction below which the data say nothing of it.
@@ -38,25 +44,31 @@ class Conditioning:
         shrink: (r,) in [0, 1], how much of the deviation along each they remove; 1 is all of it.
     """
 
-    mean: Any
-    basis: Any
-    shrink: Any
+    mean: Array
+    basis: Array
+    shrink: Array
 
 
-def mode_matrix(expansion: Expansion, points: Any) -> Any:
+def mode_matrix(expansion: Expansion, points: ArrayLike) -> Array:
     """Value of every mode at `points` (d, N): (N, M)."""
     return _mode_matrix(expansion, points_in_box(expansion, points))
 
 
 @jax.jit
-def _mode_matrix(expansion: Expansion, points: Any) -> Any:
+def _mode_matrix(expansion: Expansion, points: Array) -> Array:
     product = jnp.ones((1, 1), points.dtype)
     for modes, row, x in zip(expansion.axes, expansion.index, points, strict=True):
         product = product * scaled_functions(modes, x)[row]
     return product.T
 
 
-def condition(expansion: Expansion, points: Any, values: Any, *, error: Any = 0.0) -> Conditioning:
+def condition(
+    expansion: Expansion,
+    points: ArrayLike,
+    values: Values,
+    *,
+    error: Values = 0.0,
+) -> Conditioning:
     """Condition the standard Gaussian field on data.
 
     Args:
@@ -78,8 +90,10 @@ def condition(expansion: Expansion, points: Any, values: Any, *, error: Any = 0.
     )
     require(values.size > 0, "no data: give at least one point, or leave the field unconditioned")
     require(np.isfinite(values), "a datum is not finite: the marginal cannot take that value, or it is missing")
-    noise = np.broadcast_to(np.asarray(error, np.float64), values.shape)
-    require(noise >= 0, f"error = {error} is negative: give a standard deviation of 0 or more")
+    noise = np.asarray(error, np.float64)
+    require(noise.shape in ((), values.shape), f"error of shape {noise.shape} for {values.size} data: give one each")
+    noise = np.broadcast_to(noise, values.shape)
+    check.not_negative("error", noise, remedy="it is a standard deviation in scores")
     _require_apart(np.asarray(points, np.float64), np.asarray(expansion.extent))
     modes = np.asarray(mode_matrix(expansion, points), np.float64)
     count = len(values)
@@ -103,7 +117,7 @@ def condition(expansion: Expansion, points: Any, values: Any, *, error: Any = 0.
     return Conditioning(jnp.asarray(mean, real), jnp.asarray(basis, real), jnp.asarray(shrink, real))
 
 
-def _require_apart(points: Any, extent: Any) -> None:
+def _require_apart(points: HostArray, extent: HostArray) -> None:
     scaled = points / extent[:, None]
     order = np.lexsort(scaled)
     ordered = scaled[:, order]
@@ -116,14 +130,25 @@ def _require_apart(points: Any, extent: Any) -> None:
         )
 
 
+def conditioned(conditioning: Conditioning, coefficients: ArrayLike) -> Array:
+    """Coefficients (..., M) of fields that honour the data, from unconditioned ones (..., M).
+
+    Raises ValueError for another number of coefficients, or some that are not finite.
+    """
+    given = jnp.asarray(coefficients)
+    modes = conditioning.mean.shape[0]
+    require(given.shape[-1:] == (modes,), f"coefficients of shape {given.shape}: give (..., {modes}), one a mode")
+    check.finite("coefficients", given)
+    return _conditioned(conditioning, given)
+
+
 @jax.jit
-def conditioned(conditioning: Conditioning, coefficients: Any) -> Any:
-    """Coefficients (..., M) of fields that honour the data, from unconditioned ones (..., M)."""
+def _conditioned(conditioning: Conditioning, coefficients: Array) -> Array:
     along = coefficients @ conditioning.basis
     return conditioning.mean + coefficients - (along * conditioning.shrink) @ conditioning.basis.T
 
 
-def kriging_variance(conditioning: Conditioning, expansion: Expansion, points: Any) -> Any:
+def kriging_variance(conditioning: Conditioning, expansion: Expansion, points: ArrayLike) -> Array:
     """Variance of the conditioned standard field at `points` (d, N): (N,)."""
     modes = mode_matrix(expansion, points)
     removed = 1 - (1 - conditioning.shrink) ** 2

@@ -12,13 +12,15 @@ host which modes there are; all else is pure and may be jitted, vmapped and diff
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
+from jax.typing import ArrayLike, DTypeLike
 
 from foundation import check
 from foundation.check import is_traced, require
@@ -26,6 +28,7 @@ from foundation.pytrees import pytree
 from kl.axis import (
     AxisModes,
     Corrected,
+    Covariance,
     Periodic,
     Solver,
     all_axis_modes,
@@ -36,6 +39,7 @@ from kl.axis import (
 )
 from kl.field._bedding import Bedding, rotate, rotated_box
 from kl.field._selection import select
+from kl.types import HostArray
 
 # Floats of one chunk's intermediate: fits the second-level cache of a core.
 _CHUNK_FLOATS = 2**16
@@ -57,9 +61,9 @@ class Expansion:
         solvers, origin, extent: static; the box (m) is that of the rotated axes where there is bedding.
     """
 
-    covariance: tuple[Any, ...]
+    covariance: tuple[Covariance, ...]
     axes: tuple[AxisModes, ...]
-    index: Any
+    index: Array
     bedding: Bedding | None = field(metadata={"static": True})
     solvers: tuple[Solver, ...] = field(metadata={"static": True})
     origin: tuple[float, ...] = field(metadata={"static": True})
@@ -71,7 +75,7 @@ class Expansion:
         return self.index.shape[1]
 
     @property
-    def fractions(self) -> Any:
+    def fractions(self) -> Array:
         """Share of the total variance in each mode (M,), largest first."""
         shares = [axis.fractions[row] for axis, row in zip(self.axes, self.index, strict=True)]
         return jnp.stack(shares).prod(axis=0)
@@ -83,15 +87,15 @@ class Expansion:
 
 
 def expand(
-    covariance: tuple[Any, ...],
+    covariance: tuple[Covariance, ...],
     origin: tuple[float, ...],
     extent: tuple[float, ...],
     *,
     energy: float | None = None,
     modes: int | None = None,
-    solver: Any = None,
+    solver: Solver | tuple[Solver | None, ...] | None = None,
     bedding: Bedding | None = None,
-    dtype: Any = None,
+    dtype: DTypeLike | None = None,
 ) -> Expansion:
     """Expand a field with the product of `covariance` over the axes of a box.
 
@@ -123,13 +127,12 @@ def expand(
         require(modes >= 1, f"modes = {modes} must be 1 or more")
     if bedding is not None:
         origin, extent = rotated_box(bedding, origin, extent)
-    solvers = solver if isinstance(solver, tuple) else (solver,) * len(covariance)
-    require(len(solvers) == len(covariance), f"{len(solvers)} solvers for {len(covariance)} axes: give one each")
+    asked = solver if isinstance(solver, tuple) else (solver,) * len(covariance)
+    require(len(asked) == len(covariance), f"{len(asked)} solvers for {len(covariance)} axes: give one each")
     remainder = 0.0 if energy is None else (1 - energy) / (3 * len(covariance))
     most = modes if modes is not None else 2**31
     solvers = tuple(
-        resolved(each, axis, size, remainder, most)
-        for each, axis, size in zip(solvers, covariance, extent, strict=True)
+        resolved(each, axis, size, remainder, most) for each, axis, size in zip(asked, covariance, extent, strict=True)
     )
     real = jnp.result_type(float, *jax.tree.leaves(covariance)) if dtype is None else check.dtype(dtype)
     covariance = jax.tree.map(lambda length: jnp.asarray(length, real), covariance)
@@ -145,7 +148,9 @@ def expand(
     return Expansion(covariance, axes, jnp.asarray(index, jnp.int32), bedding, solvers, origin, extent)
 
 
-def _checked(covariance: Any, origin: Any, extent: Any) -> tuple[tuple[Any, ...], tuple[float, ...], tuple[float, ...]]:
+def _checked(
+    covariance: tuple[Covariance, ...], origin: tuple[float, ...], extent: tuple[float, ...]
+) -> tuple[tuple[Covariance, ...], tuple[float, ...], tuple[float, ...]]:
     covariance = tuple(covariance) if isinstance(covariance, tuple | list) else (covariance,)
     axes = len(covariance)
     require(1 <= axes <= 3, f"{axes} axes: give a covariance for each of 1 to 3 axes")
@@ -155,6 +160,7 @@ def _checked(covariance: Any, origin: Any, extent: Any) -> tuple[tuple[Any, ...]
     )
     if is_traced(covariance):
         raise ValueError("a correlation length is traced: expand outside and call `with_covariance` in the function")
+    check.finite("origin", origin, remedy="it is the lowest corner of the box in metres")
     for size in extent:
         check.positive("extent", size, "m", remedy="it is the size of the box")
     for axis, size in zip(covariance, extent, strict=True):
@@ -168,7 +174,7 @@ def _checked(covariance: Any, origin: Any, extent: Any) -> tuple[tuple[Any, ...]
     return covariance, tuple(map(float, origin)), tuple(map(float, extent))
 
 
-def _require_positive_definite(covariance: tuple[Any, ...], fractions: list[Any]) -> None:
+def _require_positive_definite(covariance: tuple[Covariance, ...], fractions: list[HostArray]) -> None:
     for axis, shares in zip(covariance, fractions, strict=True):
         limit = 1e2 * np.finfo(shares.dtype).eps * max(1.0, float(shares.max()))
         lost = -float(shares[shares < -limit].sum())
@@ -187,12 +193,20 @@ def _require_positive_definite(covariance: tuple[Any, ...], fractions: list[Any]
             )
 
 
-def with_covariance(expansion: Expansion, covariance: tuple[Any, ...]) -> Expansion:
+def with_covariance(expansion: Expansion, covariance: tuple[Covariance, ...]) -> Expansion:
     """The same modes (numbers, order, box) for another covariance of the same families; pure, differentiable.
 
     This is how a field is differentiated by its correlation lengths: the eigenpairs are decomposed again, which
     products are kept stays as it was.
+
+    Raises ValueError for covariances of other families, or lengths of 0 or less.
     """
+    families = [type(each).__name__ for each in expansion.covariance]
+    given = [type(each).__name__ for each in covariance]
+    require(given == families, f"covariance of {given} for an expansion of {families}: give the same families")
+    for each in covariance:
+        for length in length_leaves(each):
+            check.positive("correlation length", length, "m", remedy=_CONSTANT)
     axes = all_axis_modes(covariance, expansion.solvers, expansion.origin, expansion.extent)
     counts = [axis.fractions.shape[0] for axis in expansion.axes]
     return replace(
@@ -202,7 +216,7 @@ def with_covariance(expansion: Expansion, covariance: tuple[Any, ...]) -> Expans
     )
 
 
-def coefficient_tensor(expansion: Expansion, coefficients: Any) -> Any:
+def coefficient_tensor(expansion: Expansion, coefficients: Array) -> Array:
     """Coefficients (..., M) scattered into the tensor of the axes' modes (..., n_1, .., n_d)."""
     shape = tuple(axis.fractions.shape[0] for axis in expansion.axes)
     flat = jnp.zeros((*coefficients.shape[:-1], int(np.prod(shape))), coefficients.dtype)
@@ -210,7 +224,9 @@ def coefficient_tensor(expansion: Expansion, coefficients: Any) -> Any:
     return flat.at[..., position].set(coefficients, unique_indices=True).reshape(*coefficients.shape[:-1], *shape)
 
 
-def field_on_lattice(expansion: Expansion, coefficients: Any, axes: tuple[Any, ...], *, out: Any = None) -> Any:
+def field_on_lattice(
+    expansion: Expansion, coefficients: ArrayLike, axes: Sequence[ArrayLike], *, out: Array | None = None
+) -> Array:
     """Standard Gaussian field on the lattice with coordinates `axes` (m), by one contraction per axis.
 
     Args:
@@ -228,28 +244,36 @@ def field_on_lattice(expansion: Expansion, coefficients: Any, axes: tuple[Any, .
     """
     if expansion.bedding is not None:
         raise ValueError("an expansion with bedding is separable only along the strata: use `field_at`")
-    require(len(axes) == len(expansion.axes), f"{len(axes)} axes for an expansion of {len(expansion.axes)}")
-    axes = tuple(jnp.asarray(axis) for axis in axes)
-    for number, axis in enumerate(axes):
-        _require_inside(expansion, number, axis)
-        warn_if_coarse(expansion.covariance[number], axis)
-    coefficients = _batch_checked(expansion, coefficients)
+    lattice = lattice_in_box(expansion, axes)
+    for covariance, axis in zip(expansion.covariance, lattice, strict=True):
+        warn_if_coarse(covariance, axis)
+    given = _batch_checked(expansion, coefficients)
     if out is None:
-        return lattice_sum(expansion, coefficients, axes)
-    shape = (*coefficients.shape[:-1], *(axis.shape[0] for axis in axes))
+        return lattice_sum(expansion, given, lattice)
+    shape = (*given.shape[:-1], *(axis.shape[0] for axis in lattice))
     require(out.shape == shape, f"out has shape {out.shape}, the result {shape}: give an array of that shape")
-    return _lattice_sum_into(expansion, coefficients, axes, out)
+    return _lattice_sum_into(expansion, given, lattice, out)
+
+
+def lattice_in_box(expansion: Expansion, axes: Sequence[ArrayLike]) -> tuple[Array, ...]:
+    """Coordinates `axes` (N_1,), ..., (N_d,) as arrays (m); ValueError for those outside the box."""
+    require(len(axes) == len(expansion.axes), f"{len(axes)} axes for an expansion of {len(expansion.axes)}: give each")
+    lattice = tuple(jnp.asarray(axis) for axis in axes)
+    for number, axis in enumerate(lattice):
+        require(axis.ndim == 1, f"coordinates of shape {axis.shape} along axis {number}: give (N,)")
+        _require_inside(expansion, number, axis)
+    return lattice
 
 
 @partial(jax.jit, static_argnames="power")
-def lattice_sum(expansion: Expansion, coefficients: Any, axes: tuple[Any, ...], power: int = 1) -> Any:
+def lattice_sum(expansion: Expansion, coefficients: Array, axes: tuple[Array, ...], power: int = 1) -> Array:
     """Sum over modes of coefficients (..., M) times the modes to `power` on the lattice (..., N_1, .., N_d).
 
     Power 1 is the field; power 2 with coefficients of 1 is the captured variance.
     """
     factors = [scaled_functions(modes, x) ** power for modes, x in zip(expansion.axes, axes, strict=True)]
 
-    def realisation(coefficients: Any) -> Any:
+    def realisation(coefficients: Array) -> Array:
         # Last axis first: the full lattice then appears only in the last, cheapest contraction, unpermuted.
         tensor = coefficient_tensor(expansion, coefficients)
         after = 1
@@ -265,11 +289,11 @@ def lattice_sum(expansion: Expansion, coefficients: Any, axes: tuple[Any, ...], 
 
 
 @partial(jax.jit, donate_argnums=3, keep_unused=True)
-def _lattice_sum_into(expansion: Expansion, coefficients: Any, axes: tuple[Any, ...], out: Any) -> Any:
+def _lattice_sum_into(expansion: Expansion, coefficients: Array, axes: tuple[Array, ...], out: Array) -> Array:
     return lattice_sum(expansion, coefficients, axes)
 
 
-def warn_if_coarse(covariance: Any, x: Any) -> None:
+def warn_if_coarse(covariance: Covariance, x: Array) -> None:
     """Warn where the spacing of lattice coordinates `x` (N,) exceeds twice a correlation length."""
     length = jnp.asarray([float("inf"), *length_leaves(covariance)]).min()
     if is_traced(x, length) or x.shape[0] < 2:
@@ -283,7 +307,7 @@ def warn_if_coarse(covariance: Any, x: Any) -> None:
         )
 
 
-def field_at(expansion: Expansion, coefficients: Any, points: Any) -> Any:
+def field_at(expansion: Expansion, coefficients: ArrayLike, points: ArrayLike) -> Array:
     """Standard Gaussian field at scattered points, chunk by chunk.
 
     Args:
@@ -294,32 +318,32 @@ def field_at(expansion: Expansion, coefficients: Any, points: Any) -> Any:
     Returns:
         (N,) or (B, N).
 
-    Raises ValueError for a wrong number of coefficients or rows, or points outside the box; where points are
-    traced and cannot be seen, those outside give NaN.
+    Raises ValueError for a wrong number of coefficients or rows, no points, or points outside the box; where points
+    are traced and cannot be seen, those outside give NaN.
     """
     return point_sum(expansion, _batch_checked(expansion, coefficients), points_in_box(expansion, points))
 
 
-def points_in_box(expansion: Expansion, points: Any) -> Any:
+def points_in_box(expansion: Expansion, points: ArrayLike) -> Array:
     """`points` (d, N) in the axes of the expansion's box; ValueError for those outside it."""
-    points = jnp.asarray(points)
+    given = jnp.asarray(points)
     dimension = len(expansion.origin)
-    require(points.ndim == 2 and points.shape[0] == dimension, f"points of shape {points.shape}: give ({dimension}, N)")
+    require(given.ndim == 2 and given.shape[0] == dimension, f"points of shape {given.shape}: give ({dimension}, N)")
     if expansion.bedding is not None:
-        points = rotate(expansion.bedding, points)
+        given = rotate(expansion.bedding, given)
     for number in range(dimension):
-        _require_inside(expansion, number, points[number])
-    return points
+        _require_inside(expansion, number, given[number])
+    return given
 
 
 @partial(jax.jit, static_argnames="power")
-def point_sum(expansion: Expansion, coefficients: Any, points: Any, power: int = 1) -> Any:
+def point_sum(expansion: Expansion, coefficients: Array, points: Array, power: int = 1) -> Array:
     """As `lattice_sum`, at scattered points (d, N) of the box: (..., N)."""
     batch = coefficients.shape[:-1]
     shape = tuple(axis.fractions.shape[0] for axis in expansion.axes)
     tensor = coefficient_tensor(expansion, coefficients).reshape(-1, shape[-1])
 
-    def chunk(block: Any) -> Any:
+    def chunk(block: Array) -> Array:
         factors = [scaled_functions(axis, x) ** power for axis, x in zip(expansion.axes, block, strict=True)]
         # Kept apart from what follows, or the compiler makes it anew for each of its uses.
         sums = jax.lax.optimization_barrier(tensor @ factors[-1])
@@ -331,12 +355,12 @@ def point_sum(expansion: Expansion, coefficients: Any, points: Any, power: int =
     return values.reshape(*batch, points.shape[1])
 
 
-def _weighted_sum(weights: Any, stack: Any) -> Any:
+def _weighted_sum(weights: Array, stack: Array) -> Array:
     """Sum over n of weights (n, N) times stack (.., n, N), written out: XLA's reduction does not vectorise it."""
     return sum(weight * stack[..., number, :] for number, weight in enumerate(weights))
 
 
-def _in_chunks(function: Any, points: Any, size: int) -> Any:
+def _in_chunks(function: Callable[[Array], Array], points: Array, size: int) -> Array:
     """`function` (d, n) -> (..., n) over the columns of `points` (d, N), about `size` at a time."""
     count = points.shape[1]
     chunks = max(1, -(-count // max(64, size)))
@@ -348,19 +372,21 @@ def _in_chunks(function: Any, points: Any, size: int) -> Any:
     return values.reshape(*values.shape[:-2], chunks * size)[..., :count]
 
 
-def _batch_checked(expansion: Expansion, coefficients: Any) -> Any:
-    coefficients = jnp.asarray(coefficients)
-    if coefficients.ndim not in (1, 2) or coefficients.shape[-1] != expansion.modes:
-        raise ValueError(
-            f"coefficients of shape {coefficients.shape}: give ({expansion.modes},) or (B, {expansion.modes}), "
-            "one for each mode"
-        )
-    return coefficients
+def _batch_checked(expansion: Expansion, coefficients: ArrayLike) -> Array:
+    given = jnp.asarray(coefficients)
+    require(
+        given.ndim in (1, 2) and given.shape[-1] == expansion.modes,
+        f"coefficients of shape {given.shape}: give ({expansion.modes},) or (B, {expansion.modes}), one for each mode",
+    )
+    check.finite("coefficients", given)
+    return given
 
 
-def _require_inside(expansion: Expansion, axis: int, x: Any) -> None:
-    if is_traced(x) or x.size == 0:
+def _require_inside(expansion: Expansion, axis: int, x: Array) -> None:
+    require(x.size > 0, f"no points along axis {axis}: give at least one")
+    if is_traced(x):
         return
+    check.finite(f"points along axis {axis}", x)
     low, size = expansion.origin[axis], expansion.extent[axis]
     least, most = float(x.min()), float(x.max())
     slack = 5e-6 * size

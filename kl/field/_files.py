@@ -15,6 +15,7 @@ from typing import Any
 import h5py
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from foundation.check import require
 from foundation.files import write_aside
@@ -24,6 +25,7 @@ from kl.axis import (
     Constant,
     Corrected,
     CosineExponential,
+    Covariance,
     Exponential,
     Haar,
     Infinite,
@@ -40,6 +42,7 @@ from kl.axis import (
 )
 from kl.field._bedding import Bedding
 from kl.field._expansion import Expansion
+from kl.types import HostArray
 
 _FORMAT = "Karhunen-Loeve expansion"
 _VERSION = 1
@@ -99,7 +102,7 @@ def load(path: str | Path) -> Expansion:
         raise ValueError(f"{path} holds no complete expansion ({error}): make it again with `save`") from error
 
 
-def _read(file: Any) -> Expansion:
+def _read(file: h5py.File) -> Expansion:
     require(
         file.attrs.get("format") == _FORMAT and file.attrs.get("version") == _VERSION,
         f"{file.filename} is not an expansion of version {_VERSION}: make it again with `save`",
@@ -130,7 +133,7 @@ def _read(file: Any) -> Expansion:
     return Expansion(tuple(covariances), tuple(axes), jnp.asarray(index), bedding, tuple(solvers), origin, extent)
 
 
-def _as_written(array: Any) -> Any:
+def _as_written(array: HostArray) -> Array:
     kept = jnp.asarray(array)
     require(
         kept.dtype == array.dtype,
@@ -143,9 +146,9 @@ def _arrays(form: type) -> list[str]:
     return [each.name for each in fields(form) if not each.metadata.get("static")]
 
 
-def _write_covariance(group: Any, covariance: Any) -> None:
+def _write_covariance(group: h5py.Group, covariance: Covariance) -> None:
     group.attrs["family"] = type(covariance).__name__
-    for each in fields(covariance):
+    for each in fields(_FAMILIES[type(covariance).__name__]):
         value = getattr(covariance, each.name)
         if each.name == "base":
             _write_covariance(group.create_group("base"), value)
@@ -155,9 +158,9 @@ def _write_covariance(group: Any, covariance: Any) -> None:
             group[each.name] = np.asarray(value)
 
 
-def _read_covariance(group: Any) -> Any:
+def _read_covariance(group: h5py.Group) -> Covariance:
     family = _FAMILIES[group.attrs["family"]]
-    values = {}
+    values: dict[str, Covariance | Array | float] = {}
     for each in fields(family):
         if each.name == "base":
             values[each.name] = _read_covariance(group["base"])

@@ -7,17 +7,19 @@ lattice points, but bound to them: noise on another lattice gives another field.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
 
 from foundation import check
 from foundation.check import require
 from foundation.pytrees import pytree
-from kl.axis import length_leaves, on_host
+from kl.axis import Covariance, length_leaves, on_host
 from kl.field._expansion import warn_if_coarse
 
 
@@ -26,10 +28,10 @@ from kl.field._expansion import warn_if_coarse
 class LatticeRoots:
     """Symmetric roots of the axes' covariance matrices, (N_i, N_i) each."""
 
-    roots: tuple[Any, ...]
+    roots: tuple[Array, ...]
 
 
-def exact_lattice(covariance: tuple[Any, ...], axes: tuple[Any, ...]) -> LatticeRoots:
+def exact_lattice(covariance: Sequence[Covariance], axes: Sequence[ArrayLike]) -> LatticeRoots:
     """Roots of the covariance on the lattice of coordinates `axes` (N_i,), in metres; set up on the host.
 
     Raises ValueError for a covariance that is not positive definite on the lattice, or lengths of 0 or less.
@@ -40,6 +42,8 @@ def exact_lattice(covariance: tuple[Any, ...], axes: tuple[Any, ...]) -> Lattice
         for length in length_leaves(each):
             check.positive("correlation length", length, "m", remedy="`Infinite()` is a field constant along an axis")
         x = np.asarray(axis, np.float64)
+        require(x.ndim == 1 and x.size > 0, f"coordinates of shape {x.shape}: give (N,) with N of 1 or more")
+        check.finite("lattice coordinates", x)
         warn_if_coarse(each, jnp.asarray(axis))
         shares, vectors = np.linalg.eigh(on_host(each)(np.abs(x[:, None] - x)))
         require(
@@ -50,14 +54,26 @@ def exact_lattice(covariance: tuple[Any, ...], axes: tuple[Any, ...]) -> Lattice
     return LatticeRoots(tuple(roots))
 
 
-@jax.jit
-def exact_field(lattice: LatticeRoots, noise: Any) -> Any:
-    """Standard Gaussian field from white noise, both (N_1, .., N_d) or (B, N_1, .., N_d)."""
-    shape = tuple(root.shape[0] for root in lattice.roots)
-    if noise.shape[-len(shape) :] != shape or noise.ndim > len(shape) + 1:
-        raise ValueError(f"noise of shape {noise.shape}: give {shape}, or a batch of it")
+def exact_field(lattice: LatticeRoots, noise: ArrayLike) -> Array:
+    """Standard Gaussian field from white noise, both (N_1, .., N_d) or (B, N_1, .., N_d).
 
-    def realisation(tensor: Any) -> Any:
+    Raises ValueError for noise of another shape or not finite.
+    """
+    given = jnp.asarray(noise)
+    shape = tuple(root.shape[0] for root in lattice.roots)
+    require(
+        given.shape[-len(shape) :] == shape and given.ndim <= len(shape) + 1,
+        f"noise of shape {given.shape}: give {shape}, or a batch of it",
+    )
+    check.finite("noise", given)
+    return _exact_field(lattice, given)
+
+
+@jax.jit
+def _exact_field(lattice: LatticeRoots, noise: Array) -> Array:
+    shape = tuple(root.shape[0] for root in lattice.roots)
+
+    def realisation(tensor: Array) -> Array:
         after = 1
         for root in reversed(lattice.roots):
             tensor = root @ tensor.reshape(-1, root.shape[0], after)

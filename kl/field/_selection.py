@@ -7,9 +7,12 @@ the threshold is bisected, so the cost is pairs x log(n), not n^3.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
+from jax.typing import ArrayLike
+
+from kl.types import HostArray, HostIndex
 
 LARGEST_NUMBER_OF_MODES = 400_000
 
@@ -17,23 +20,23 @@ LARGEST_NUMBER_OF_MODES = 400_000
 class _Products:
     """Products of up to three descending spectra, addressed by pair and depth."""
 
-    def __init__(self, fractions: list[Any]) -> None:
-        padded = [np.ones(1)] * (3 - len(fractions)) + fractions
+    def __init__(self, fractions: list[HostArray]) -> None:
+        padded = [np.ones(1) for _ in range(3 - len(fractions))] + fractions
         first, second, self.last = padded
         self.pairs = np.multiply.outer(first, second).ravel()
         self.width = len(second)
         self.ascending = self.last[::-1]
         self.held = np.concatenate([[0.0], np.cumsum(self.last)])
 
-    def depths(self, threshold: float) -> Any:
+    def depths(self, threshold: float) -> HostIndex:
         """For each pair, how many of the last axis' modes give a product of at least `threshold`."""
         limits = np.divide(threshold, self.pairs, out=np.full_like(self.pairs, np.inf), where=self.pairs > 0)
         return len(self.last) - np.searchsorted(self.ascending, limits, side="left")
 
-    def energy(self, depths: Any) -> float:
+    def energy(self, depths: HostIndex) -> float:
         return float(self.pairs @ self.held[depths])
 
-    def triples(self, depths: Any) -> tuple[Any, Any]:
+    def triples(self, depths: HostIndex) -> tuple[HostIndex, HostArray]:
         """Indices (3, M) and products (M,) of the modes down to `depths`, largest first."""
         pair = np.repeat(np.arange(len(depths)), depths)
         starts = np.repeat(np.cumsum(depths) - depths, depths)
@@ -47,7 +50,7 @@ class _Products:
         return index[:, order], products[order]
 
 
-def select(fractions: list[Any], *, energy: float | None, modes: int | None) -> tuple[Any, Any]:
+def select(fractions: Sequence[ArrayLike], *, energy: float | None, modes: int | None) -> tuple[HostIndex, HostArray]:
     """Largest products by `energy` (share of the variance, counted exactly) or by number.
 
     Args:
@@ -75,7 +78,7 @@ def select(fractions: list[Any], *, energy: float | None, modes: int | None) -> 
             "raise the level, order or count along the axes, or lower the energy"
         )
 
-    def enough(depths: Any) -> bool:
+    def enough(depths: HostIndex) -> bool:
         if modes is not None:
             return int(depths.sum()) >= modes
         return products.energy(depths) >= wanted * (1 - 1e-12)

@@ -7,16 +7,19 @@ other 5 % are lacking: corners lose most.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
 
+from foundation import check
 from foundation.check import require
 from kl.axis import scaled_functions
-from kl.field._expansion import Expansion, coefficient_tensor, lattice_sum, point_sum, points_in_box
+from kl.field._expansion import Expansion, coefficient_tensor, lattice_in_box, lattice_sum, point_sum, points_in_box
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,7 @@ class CapturedVariance:
 def captured_variance(expansion: Expansion, *, probes: int = 33, pair_probes: int = 7) -> CapturedVariance:
     """Report what the expansion holds, from `probes` points per axis and all pairs of `pair_probes` per axis.
 
-    The ends of every axis are among the probes.
+    The ends of every axis are among the probes. Raises ValueError for fewer than 2 of either.
     """
     require(probes >= 2 and pair_probes >= 2, f"probes = {probes}, {pair_probes}: 2 or more, to reach the ends")
     ends = list(zip(expansion.origin, expansion.extent, strict=True))
@@ -60,41 +63,57 @@ def captured_variance(expansion: Expansion, *, probes: int = 33, pair_probes: in
     )
 
 
-def _ones(expansion: Expansion) -> Any:
+def _ones(expansion: Expansion) -> Array:
     return jnp.ones(expansion.modes, expansion.axes[0].fractions.dtype)
 
 
-def variance_on_lattice(expansion: Expansion, axes: tuple[Any, ...]) -> Any:
+def variance_on_lattice(expansion: Expansion, axes: Sequence[ArrayLike]) -> Array:
     """Captured variance on a lattice (N_1, .., N_d); arguments as in `field_on_lattice`."""
     require(expansion.bedding is None, "an expansion with bedding has no lattice: use `variance_at`")
-    return lattice_sum(expansion, _ones(expansion), tuple(jnp.asarray(axis) for axis in axes), power=2)
+    return lattice_sum(expansion, _ones(expansion), lattice_in_box(expansion, axes), power=2)
 
 
-def variance_at(expansion: Expansion, points: Any) -> Any:
+def variance_at(expansion: Expansion, points: ArrayLike) -> Array:
     """Captured variance at `points` (d, N): (N,)."""
     return point_sum(expansion, _ones(expansion), points_in_box(expansion, points), power=2)
 
 
-def rescaled(field: Any, variance: Any) -> Any:
+def rescaled(field: Array, variance: Array) -> Array:
     """`field` (..., N) divided by the root of its captured variance (N,): unit variance at every point.
 
     Marginals become exact; correlations change by what `CapturedVariance.rescaled_error` says.
+
+    Raises ValueError for a variance of other points, or one of 0 or less.
     """
+    _require_of_field(variance, field)
+    check.positive("captured variance", variance, remedy="keep more modes, or points inside the box")
     return field / jnp.sqrt(variance)
 
 
-def with_residual(field: Any, variance: Any, key: Any) -> Any:
+def with_residual(field: Array, variance: Array, key: Array) -> Array:
     """`field` plus the missing variance as independent noise, one draw for each point and realisation.
 
     Unit variance at every point and correlations as truncated, but the noise belongs to these points: another
     grid gets another draw.
+
+    Raises ValueError for a variance of other points, or one below 0.
     """
+    _require_of_field(variance, field)
+    check.not_negative("captured variance", variance)
     missing = jnp.maximum(1 - variance, 0)
     return field + jnp.sqrt(missing) * jax.random.normal(key, field.shape, field.dtype)
 
 
+def _require_of_field(variance: Array, field: Array) -> None:
+    points = jnp.shape(field)[jnp.ndim(field) - jnp.ndim(variance) :]
+    require(
+        jnp.ndim(variance) <= jnp.ndim(field) and jnp.shape(variance) == points,
+        f"variance of shape {jnp.shape(variance)} for a field of shape {jnp.shape(field)}: give the same points",
+    )
+
+
 @jax.jit
-def _pair_errors(expansion: Expansion, axes: tuple[Any, ...]) -> tuple[Any, Any, Any]:
+def _pair_errors(expansion: Expansion, axes: tuple[Array, ...]) -> tuple[Array, Array, Array]:
     """Largest and rms error of the covariance over all pairs of lattice points, and largest once rescaled."""
     shape = tuple(axis.fractions.shape[0] for axis in expansion.axes)
     held = coefficient_tensor(expansion, _ones(expansion)).reshape(shape)

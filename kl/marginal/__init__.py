@@ -11,6 +11,7 @@ from kl.marginal._marginals import (
     TruncatedNormal,
     Uniform,
     Weibull,
+    check_marginal,
 )
 from kl.marginal._nataf import NatafError, hermite_coefficients, nataf_corrected, nataf_correlation, nataf_error
 from kl.marginal._quantiles import from_both_tails
@@ -27,6 +28,7 @@ __all__ = [
     "TruncatedNormal",
     "Uniform",
     "Weibull",
+    "check_marginal",
     "from_both_tails",
     "hermite_coefficients",
     "nataf_corrected",

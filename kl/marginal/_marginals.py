@@ -15,31 +15,65 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax import Array
 from jax.scipy.special import betainc, gammainc, gammaincc, ndtr, ndtri
 
-from foundation.check import require
+from foundation import check
+from foundation.check import is_traced, require
 from foundation.pytrees import pytree
 from kl.marginal import _quantiles as quantiles
+from kl.types import Parameter, size_of
 
 
 class Marginal(Protocol):
     """Anything that maps a standard Gaussian field to a soil property and back."""
 
-    def transform(self, gaussian: Any) -> Any: ...
+    def transform(self, gaussian: Array) -> Array: ...
 
-    def standardise(self, value: Any) -> Any: ...
+    def standardise(self, value: Array) -> Array: ...
 
 
-def check_moments(mean: Any, cov: Any, *, positive: bool) -> None:
-    """Raise ValueError for moments that no marginal has (`positive`: or none on the positive axis)."""
+# Deviations from the mean within which a marginal's values must be numbers of the working precision.
+_REACH = 9.0
+
+
+def check_moments(mean: Parameter, cov: Parameter, *, positive: bool) -> None:
+    """Raise ValueError for moments that overflow or that no marginal has (`positive`: none on the positive axis)."""
     require(jnp.isfinite(mean) & jnp.isfinite(cov), f"mean = {mean}, cov = {cov}: give finite numbers")
     require(jnp.asarray(cov) >= 0, f"cov = {cov} is negative: give a coefficient of variation of 0 or more")
     if positive:
         require(jnp.asarray(mean) > 0, f"mean = {mean} must be above 0 for a positive property: or use Normal")
+    if not is_traced(mean, cov):
+        farthest = float(np.max(np.abs(np.asarray(mean, np.float64)) * (1 + _REACH * np.asarray(cov, np.float64))))
+        precision = jnp.finfo(jnp.result_type(float))
+        require(
+            farthest < float(precision.max),
+            f"mean = {mean}, cov = {cov}: values {_REACH:g} deviations out come to {farthest:.3g}, {precision.dtype} "
+            f"holds up to {float(precision.max):.3g}: lower the cov",
+        )
+
+
+def check_marginal(marginal: Marginal) -> None:
+    """Raise ValueError, on the host, for a marginal that does not exist or leaves the working precision.
+
+    `transform` checks the same where it sees numbers; within a traced function it sees none, so call this before.
+    """
+    ends = np.asarray(marginal.transform(jnp.asarray([-_REACH, 0.0, _REACH])), np.float64)
+    require(
+        np.isfinite(ends) & (np.diff(ends, prepend=ends[0]) >= 0),
+        f"{marginal}: its values at -9, 0 and 9 deviations come to {ends.tolist()}: lower its cov",
+    )
+
+
+def _seen(gaussian: Array) -> Array:
+    """The field, once the host has found it finite."""
+    check.finite("gaussian field", gaussian, remedy="see to the coefficients or the points")
+    return gaussian
 
 
 @pytree
@@ -47,15 +81,15 @@ def check_moments(mean: Any, cov: Any, *, positive: bool) -> None:
 class Normal:
     """Gaussian, of deviation cov |mean|; reaches below 0, where strength has no meaning (`TruncatedNormal`)."""
 
-    mean: Any
-    cov: Any
+    mean: Parameter
+    cov: Parameter
 
-    def transform(self, gaussian: Any) -> Any:
+    def transform(self, gaussian: Array) -> Array:
         check_moments(self.mean, self.cov, positive=False)
-        return self.mean + abs(self.mean) * self.cov * gaussian
+        return self.mean + size_of(self.mean) * self.cov * _seen(gaussian)
 
-    def standardise(self, value: Any) -> Any:
-        return (value - self.mean) / (abs(self.mean) * self.cov)
+    def standardise(self, value: Array) -> Array:
+        return (value - self.mean) / (size_of(self.mean) * self.cov)
 
 
 @pytree
@@ -63,19 +97,33 @@ class Normal:
 class Lognormal:
     """ln x is Gaussian of variance s^2 = ln(1 + cov^2) and mean ln(mean) - s^2 / 2."""
 
-    mean: Any
-    cov: Any
+    mean: Parameter
+    cov: Parameter
 
-    def transform(self, gaussian: Any) -> Any:
+    def transform(self, gaussian: Array) -> Array:
         check_moments(self.mean, self.cov, positive=True)
         variance, deviation = self._log_moments()
-        return self.mean * jnp.exp(deviation * gaussian - variance / 2)
+        self._check_range()
+        return self.mean * jnp.exp(deviation * _seen(gaussian) - variance / 2)
 
-    def standardise(self, value: Any) -> Any:
+    def standardise(self, value: Array) -> Array:
         variance, deviation = self._log_moments()
         return (jnp.log(value / self.mean) + variance / 2) / deviation
 
-    def _log_moments(self) -> tuple[Any, Any]:
+    def _check_range(self) -> None:
+        if is_traced(self.mean, self.cov):
+            return
+        mean, cov = np.asarray(self.mean, np.float64), np.asarray(self.cov, np.float64)
+        variance = np.log1p(cov**2)
+        lowest = float(np.min(np.log10(mean) - (_REACH * np.sqrt(variance) + variance / 2) / math.log(10)))
+        precision = jnp.finfo(jnp.result_type(float))
+        require(
+            lowest > math.log10(float(precision.tiny)),
+            f"mean = {self.mean}, cov = {self.cov}: values {_REACH:g} deviations down come to 1e{lowest:.0f}, "
+            f"{precision.dtype} holds down to {float(precision.tiny):.3g}: lower the cov",
+        )
+
+    def _log_moments(self) -> tuple[Array, Array]:
         variance = jnp.log1p(jnp.square(self.cov))
         # The root of 0 has no derivative, a cov of 0 is allowed.
         positive = variance > 0
@@ -92,28 +140,28 @@ class TruncatedNormal:
     Univariate Distributions 1, Section 13.10.1.
     """
 
-    mean: Any
-    cov: Any
-    lower: Any = 0.0
-    upper: Any = None
+    mean: Parameter
+    cov: Parameter
+    lower: Parameter | None = 0.0
+    upper: Parameter | None = None
 
-    def transform(self, gaussian: Any) -> Any:
+    def transform(self, gaussian: Array) -> Array:
         centre, scale, low, high = self._parent()
         inside = quantiles.normal_mass(low, high)
-        below, above = jnp.minimum(gaussian, 0), jnp.maximum(gaussian, 0)
+        below, above = jnp.minimum(_seen(gaussian), 0), jnp.maximum(gaussian, 0)
         left = ndtri(ndtr(low) + ndtr(below) * inside)
         right = -ndtri(ndtr(-high) + ndtr(-above) * inside)
         # Rounding at the end of a tail must not leave the bounds.
         return centre + scale * jnp.clip(jnp.where(gaussian < 0, left, right), low, high)
 
-    def standardise(self, value: Any) -> Any:
+    def standardise(self, value: Array) -> Array:
         centre, scale, low, high = self._parent()
         at = (value - centre) / scale
         inside = quantiles.normal_mass(low, high)
         below, above = quantiles.normal_mass(low, at), quantiles.normal_mass(at, high)
         return quantiles.from_both_tails(below / inside, above / inside)
 
-    def _parent(self) -> tuple[Any, Any, Any, Any]:
+    def _parent(self) -> tuple[Array, Array, Array, Array]:
         """Centre and scale of the uncut Gaussian, and the bounds as its scores."""
         check_moments(self.mean, self.cov, positive=False)
         lower = -math.inf if self.lower is None else self.lower
@@ -123,7 +171,7 @@ class TruncatedNormal:
             f"mean = {self.mean} must lie between the bounds {lower} and {upper}: move them",
         )
         require(jnp.asarray(self.cov) > 0, f"cov = {self.cov} must be above 0: use Normal for a constant")
-        return quantiles.truncated_parent(self.mean, abs(self.mean) * self.cov, self.lower, self.upper)
+        return quantiles.truncated_parent(self.mean, size_of(self.mean) * self.cov, self.lower, self.upper)
 
 
 @pytree
@@ -131,15 +179,15 @@ class TruncatedNormal:
 class Uniform:
     """Even between mean (1 - sqrt(3) cov) and mean (1 + sqrt(3) cov)."""
 
-    mean: Any
-    cov: Any
+    mean: Parameter
+    cov: Parameter
 
-    def transform(self, gaussian: Any) -> Any:
+    def transform(self, gaussian: Array) -> Array:
         check_moments(self.mean, self.cov, positive=False)
-        return self.mean + math.sqrt(3) * abs(self.mean) * self.cov * (ndtr(gaussian) - ndtr(-gaussian))
+        return self.mean + math.sqrt(3) * size_of(self.mean) * self.cov * (ndtr(_seen(gaussian)) - ndtr(-gaussian))
 
-    def standardise(self, value: Any) -> Any:
-        share = (value - self.mean) / (math.sqrt(3) * abs(self.mean) * self.cov)
+    def standardise(self, value: Array) -> Array:
+        share = (value - self.mean) / (math.sqrt(3) * size_of(self.mean) * self.cov)
         return quantiles.from_both_tails((1 + share) / 2, (1 - share) / 2)
 
 
@@ -151,21 +199,21 @@ class Gumbel:
     mean, cov: of the property, cov over the mean; arrays too.
     """
 
-    mean: Any
-    cov: Any
+    mean: Parameter
+    cov: Parameter
 
-    def transform(self, gaussian: Any) -> Any:
+    def transform(self, gaussian: Array) -> Array:
         scale, mode = self._parameters()
-        return mode - scale * jnp.log(-quantiles.log_normal_cdf(gaussian))
+        return mode - scale * jnp.log(-quantiles.log_normal_cdf(_seen(gaussian)))
 
-    def standardise(self, value: Any) -> Any:
+    def standardise(self, value: Array) -> Array:
         scale, mode = self._parameters()
         minus_log = jnp.exp(-(value - mode) / scale)
         return quantiles.from_both_tails(jnp.exp(-minus_log), -jnp.expm1(-minus_log))
 
-    def _parameters(self) -> tuple[Any, Any]:
+    def _parameters(self) -> tuple[Parameter, Parameter]:
         check_moments(self.mean, self.cov, positive=False)
-        scale = abs(self.mean) * self.cov * (math.sqrt(6) / math.pi)
+        scale = size_of(self.mean) * self.cov * (math.sqrt(6) / math.pi)
         return scale, self.mean - 0.5772156649015329 * scale
 
 
@@ -179,21 +227,21 @@ class Gamma:
     lower is 0.
     """
 
-    mean: Any
-    cov: Any
-    lower: Any = 0.0
-    power: Any = 1.0
+    mean: Parameter
+    cov: Parameter
+    lower: Parameter = 0.0
+    power: Parameter = 1.0
 
-    def transform(self, gaussian: Any) -> Any:
+    def transform(self, gaussian: Array) -> Array:
         return _generalised_gamma(self, *self._exponents(), gaussian)
 
-    def standardise(self, value: Any) -> Any:
+    def standardise(self, value: Array) -> Array:
         return _generalised_gamma_score(self, *self._exponents(), value)
 
-    def _exponents(self) -> tuple[Any, Any]:
+    def _exponents(self) -> tuple[Parameter, Parameter]:
         cov = quantiles.cov_above(self.mean, self.cov, self.lower)
         require(jnp.asarray(self.power) > 0, f"power = {self.power} must be above 0: 1 is the ordinary gamma")
-        return quantiles.gamma_shape(cov, self.power), self.power
+        return quantiles.require_rooted(quantiles.gamma_shape(cov, self.power), "shape", self.cov), self.power
 
 
 @pytree
@@ -205,35 +253,35 @@ class Weibull:
     `Gamma` with the other exponent free. Limits as there.
     """
 
-    mean: Any
-    cov: Any
-    lower: Any = 0.0
-    shape: Any = 1.0
+    mean: Parameter
+    cov: Parameter
+    lower: Parameter = 0.0
+    shape: Parameter = 1.0
 
-    def transform(self, gaussian: Any) -> Any:
+    def transform(self, gaussian: Array) -> Array:
         return _generalised_gamma(self, *self._exponents(), gaussian)
 
-    def standardise(self, value: Any) -> Any:
+    def standardise(self, value: Array) -> Array:
         return _generalised_gamma_score(self, *self._exponents(), value)
 
-    def _exponents(self) -> tuple[Any, Any]:
+    def _exponents(self) -> tuple[Parameter, Parameter]:
         cov = quantiles.cov_above(self.mean, self.cov, self.lower)
         require(jnp.asarray(self.shape) > 0, f"shape = {self.shape} must be above 0: 1 is the ordinary Weibull")
-        return self.shape, quantiles.weibull_power(cov, self.shape)
+        return self.shape, quantiles.require_rooted(quantiles.weibull_power(cov, self.shape), "power", self.cov)
 
 
-def _log_scale(marginal: Gamma | Weibull, shape: Any, power: Any) -> Any:
+def _log_scale(marginal: Gamma | Weibull, shape: Parameter, power: Parameter) -> Array:
     """log of the value at which the gamma variable equals its shape."""
     rise = quantiles.log_gamma_rise(shape, 1 / jnp.asarray(power))
     return jnp.log(marginal.mean - marginal.lower) + jnp.log(shape) / power - rise
 
 
-def _generalised_gamma(marginal: Gamma | Weibull, shape: Any, power: Any, gaussian: Any) -> Any:
-    quantile = quantiles.log_gamma_quantile(shape, gaussian)
+def _generalised_gamma(marginal: Gamma | Weibull, shape: Parameter, power: Parameter, gaussian: Array) -> Array:
+    quantile = quantiles.log_gamma_quantile(shape, _seen(gaussian))
     return marginal.lower + jnp.exp(_log_scale(marginal, shape, power) + quantile / power)
 
 
-def _generalised_gamma_score(marginal: Gamma | Weibull, shape: Any, power: Any, value: Any) -> Any:
+def _generalised_gamma_score(marginal: Gamma | Weibull, shape: Parameter, power: Parameter, value: Array) -> Array:
     at = shape * jnp.exp((jnp.log(value - marginal.lower) - _log_scale(marginal, shape, power)) * power)
     return quantiles.from_both_tails(gammainc(shape, at), gammaincc(shape, at))
 
@@ -243,23 +291,23 @@ def _generalised_gamma_score(marginal: Gamma | Weibull, shape: Any, power: Any, 
 class Beta:
     """Beta of this `mean` and `cov` between `lower` and `upper` (four parameters); numbers, not arrays."""
 
-    mean: Any
-    cov: Any
-    lower: Any
-    upper: Any
+    mean: Parameter
+    cov: Parameter
+    lower: Parameter
+    upper: Parameter
 
-    def transform(self, gaussian: Any) -> Any:
+    def transform(self, gaussian: Array) -> Array:
         first, second = self._shapes()
         return self.lower + (self.upper - self.lower) * jax.nn.sigmoid(
-            quantiles.logit_beta_quantile(first, second, gaussian)
+            quantiles.logit_beta_quantile(first, second, _seen(gaussian))
         )
 
-    def standardise(self, value: Any) -> Any:
+    def standardise(self, value: Array) -> Array:
         first, second = self._shapes()
         at = (value - self.lower) / (self.upper - self.lower)
         return quantiles.from_both_tails(betainc(first, second, at), betainc(second, first, 1 - at))
 
-    def _shapes(self) -> tuple[Any, Any]:
+    def _shapes(self) -> tuple[Parameter, Parameter]:
         check_moments(self.mean, self.cov, positive=False)
         share = (self.mean - self.lower) / (self.upper - self.lower)
         require(
@@ -267,7 +315,7 @@ class Beta:
             f"mean = {self.mean} must lie between the beta's bounds {self.lower} and {self.upper}: widen them",
         )
         variance = (self.mean * self.cov / (self.upper - self.lower)) ** 2
-        most = jnp.sqrt(share * (1 - share)) * (self.upper - self.lower) / abs(self.mean)
+        most = jnp.sqrt(share * (1 - share)) * (self.upper - self.lower) / size_of(self.mean)
         require(
             (variance > 0) & (variance < share * (1 - share)),
             f"cov = {self.cov} must be above 0 and below {most}, the most that bounds {self.lower} and {self.upper} "
@@ -285,17 +333,17 @@ class Empirical:
     The field is bounded by the smallest and the largest datum: nothing is known beyond them.
     """
 
-    data: Any
+    data: Array
 
-    def transform(self, gaussian: Any) -> Any:
+    def transform(self, gaussian: Array) -> Array:
         scores, ordered = self._table()
-        return jnp.interp(gaussian, scores, ordered)
+        return jnp.interp(_seen(gaussian), scores, ordered)
 
-    def standardise(self, value: Any) -> Any:
+    def standardise(self, value: Array) -> Array:
         scores, ordered = self._table()
         return jnp.interp(value, ordered, scores)
 
-    def _table(self) -> tuple[Any, Any]:
+    def _table(self) -> tuple[Array, Array]:
         ordered = jnp.sort(jnp.asarray(self.data))
         count = ordered.shape[0]
         require(count >= 2 and ordered.ndim == 1, f"data of shape {ordered.shape}: give (n,) with n of 2 or more")

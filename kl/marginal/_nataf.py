@@ -9,20 +9,21 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
 
 from foundation.check import require
-from kl.axis import Corrected, gaussian_correlation, transformed_correlation
+from kl.axis import Corrected, Covariance, gaussian_correlation, transformed_correlation
 from kl.marginal._marginals import Marginal
 
 _TERMS = 20
 _POINTS = 80
 
 
-def hermite_coefficients(marginal: Marginal) -> Any:
+def hermite_coefficients(marginal: Marginal) -> Array:
     """Coefficients (20,) of the standardised transform in normalised Hermite polynomials, degree 1 up.
 
     Scaled to a sum of squares of 1, which counts what the higher degrees hold as if it lay in these.
@@ -38,7 +39,7 @@ def hermite_coefficients(marginal: Marginal) -> Any:
     return coefficients / jnp.linalg.norm(coefficients)
 
 
-def nataf_correlation(first: Marginal, second: Marginal, correlation: Any) -> Any:
+def nataf_correlation(first: Marginal, second: Marginal, correlation: ArrayLike) -> Array:
     """Gaussian correlation that gives `correlation` (any shape) between two properties.
 
     Raises ValueError where no Gaussian correlation reaches it.
@@ -50,10 +51,10 @@ def nataf_correlation(first: Marginal, second: Marginal, correlation: Any) -> An
         (correlation >= reach[0] - 1e-5) & (correlation <= reach[1] + 1e-5),
         f"correlation {correlation} cannot be had between these marginals: stay in {reach[0]:.4f} to {reach[1]:.4f}",
     )
-    return gaussian_correlation(powers, correlation)
+    return jnp.asarray(gaussian_correlation(powers, correlation))
 
 
-def nataf_corrected(covariance: Any, marginal: Marginal) -> Corrected:
+def nataf_corrected(covariance: Covariance, marginal: Marginal) -> Corrected:
     """`covariance` of one axis, corrected so that the property, not the Gaussian field, has it along that axis."""
     return Corrected(covariance, hermite_coefficients(marginal))
 

@@ -10,15 +10,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.scipy.special import betaln, digamma, gammaln, log_ndtr, ndtr, ndtri, polygamma
 from jax.scipy.stats import norm
 
 from foundation.check import require
+from kl.types import Parameter, size_of
 
 # Scores of the tables; Phi(-9) = 1e-19. Beyond, the quantile goes on along its tangent.
 _REACH = 9.0
@@ -28,24 +29,24 @@ _SCORES = 513
 _HALVINGS = 50
 
 
-def log_normal_cdf(gaussian: Any) -> Any:
+def log_normal_cdf(gaussian: Array) -> Array:
     """log Phi(g), to full relative accuracy where Phi is near 1 too."""
     below, above = jnp.minimum(gaussian, 0), jnp.maximum(gaussian, 0)
     return jnp.where(gaussian > 0, jnp.log1p(-ndtr(-above)), log_ndtr(below))
 
 
-def normal_mass(low: Any, high: Any) -> Any:
+def normal_mass(low: Array, high: Array) -> Array:
     """Phi(high) - Phi(low), subtracted in whichever tail keeps its digits."""
     return jnp.where(low > 0, ndtr(-low) - ndtr(-high), ndtr(high) - ndtr(low))
 
 
-def from_both_tails(below: Any, above: Any) -> Any:
+def from_both_tails(below: Array, above: Array) -> Array:
     """Score of a value from its probabilities below and above."""
     lower = below < above
     return jnp.where(lower, ndtri(jnp.where(lower, below, 0.5)), -ndtri(jnp.where(lower, 0.5, above)))
 
 
-def log_gamma_quantile(shape: Any, gaussian: Any) -> Any:
+def log_gamma_quantile(shape: Parameter, gaussian: Array) -> Array:
     """Logarithm of (quantile of a gamma variable of scale 1 over its shape) at the scores `gaussian`.
 
     `shape` is a number above 0; any shape of `gaussian`.
@@ -55,21 +56,21 @@ def log_gamma_quantile(shape: Any, gaussian: Any) -> Any:
 
 
 @jax.jit
-def _log_gamma_quantile(shape: Any, gaussian: Any) -> Any:
+def _log_gamma_quantile(shape: Parameter, gaussian: Array) -> Array:
     low = (_LOG_REACH + gammaln(shape + 1)) / shape - jnp.log(shape)
     # Chernoff's bound: a gamma variable exceeds a + sqrt(2 a t) + t with probability below exp(-t).
     high = jnp.log1p(jnp.sqrt(-2 * _LOG_REACH / shape) - _LOG_REACH / shape)
     return _quantile(lambda w: shape * (w - jnp.expm1(w)), low, high, gaussian)
 
 
-def logit_beta_quantile(first: Any, second: Any, gaussian: Any) -> Any:
+def logit_beta_quantile(first: Parameter, second: Parameter, gaussian: Array) -> Array:
     """Logit of the quantile of a beta variable on (0, 1) with shapes `first`, `second` (numbers above 0)."""
     require(jnp.ndim(first) == 0 and jnp.ndim(second) == 0, "moments of a beta as arrays: give numbers")
     return _logit_beta_quantile(jnp.asarray(first), jnp.asarray(second), gaussian)
 
 
 @jax.jit
-def _logit_beta_quantile(first: Any, second: Any, gaussian: Any) -> Any:
+def _logit_beta_quantile(first: Parameter, second: Parameter, gaussian: Array) -> Array:
     norm_constant = betaln(first, second)
     low = (_LOG_REACH + jnp.log(first) + norm_constant) / first
     high = -(_LOG_REACH + jnp.log(second) + norm_constant) / second
@@ -77,7 +78,7 @@ def _logit_beta_quantile(first: Any, second: Any, gaussian: Any) -> Any:
     return _quantile(lambda u: first * log_sigmoid(u) + second * log_sigmoid(-u), low, high, gaussian)
 
 
-def _quantile(log_density: Callable[[Any], Any], low: Any, high: Any, gaussian: Any) -> Any:
+def _quantile(log_density: Callable[[Array], Array], low: Array, high: Array, gaussian: Array) -> Array:
     """Variable at the scores `gaussian`, from its unnormalised log density, which falls off on both sides."""
     gaussian = jnp.asarray(gaussian)
     low, high = jax.lax.stop_gradient((low, high))
@@ -107,7 +108,7 @@ def _quantile(log_density: Callable[[Any], Any], low: Any, high: Any, gaussian: 
     return value + slope * (gaussian - within)
 
 
-def _cubic(values: Any, slopes: Any, knots: Any, panel: Any, at: Any) -> tuple[Any, Any]:
+def _cubic(values: Array, slopes: Array, knots: Array, panel: Array, at: Array) -> tuple[Array, Array]:
     """Hermite's cubic and its slope in the given panel of `knots`."""
     step = knots[panel + 1] - knots[panel]
     s = (at - knots[panel]) / step
@@ -119,7 +120,7 @@ def _cubic(values: Any, slopes: Any, knots: Any, panel: Any, at: Any) -> tuple[A
 
 
 @jax.jit
-def log_gamma_rise(shape: Any, step: Any) -> Any:
+def log_gamma_rise(shape: Parameter, step: Array) -> Array:
     """log Gamma(shape + step) - log Gamma(shape), without their cancellation."""
     points, weights = np.polynomial.legendre.leggauss(24)
     shape, step = jnp.asarray(shape), jnp.asarray(step)
@@ -127,7 +128,7 @@ def log_gamma_rise(shape: Any, step: Any) -> Any:
     return step * (values @ jnp.asarray(weights / 2, values.dtype))
 
 
-def log_moment_ratio(shape: Any, power: Any) -> Any:
+def log_moment_ratio(shape: Parameter, power: Parameter) -> Array:
     """log of E[x^2] / E[x]^2 of x = G^(1/power), G gamma of `shape`: log(1 + cov^2), without cancellation.
 
     The second difference of log Gamma is the integral of its second derivative against a hat.
@@ -142,21 +143,21 @@ def log_moment_ratio(shape: Any, power: Any) -> Any:
 
 
 @jax.jit
-def gamma_shape(cov: Any, power: Any) -> Any:
+def gamma_shape(cov: Parameter, power: Parameter) -> Array:
     """Shape of the generalised gamma of exponent `power` with coefficient of variation `cov`."""
     return _falling_root(lambda shape: log_moment_ratio(shape, power), jnp.log1p(jnp.square(cov)))
 
 
 @jax.jit
-def weibull_power(cov: Any, shape: Any) -> Any:
+def weibull_power(cov: Parameter, shape: Parameter) -> Array:
     """Exponent of the generalised gamma of `shape` with coefficient of variation `cov`."""
     return _falling_root(lambda power: log_moment_ratio(shape, power), jnp.log1p(jnp.square(cov)))
 
 
-def _falling_root(function: Callable[[Any], Any], target: Any) -> Any:
+def _falling_root(function: Callable[[Array], Array], target: Array) -> Array:
     """x in (1e-2, 1e8) with function(x) = target, function falling; differentiable by one last Newton step."""
 
-    def halve(_: Any, bracket: Any) -> Any:
+    def halve(_: Array, bracket: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = bracket
         middle = (low + high) / 2
         above = function(jnp.exp(middle)) > target
@@ -170,7 +171,16 @@ def _falling_root(function: Callable[[Any], Any], target: Any) -> Any:
     return jnp.exp(root - (function(jnp.exp(root)) - target) / slope)
 
 
-def cov_above(mean: Any, cov: Any, lower: Any) -> Any:
+def require_rooted(found: Array, name: str, cov: Parameter) -> Array:
+    """`found`, unless it lies at an end of the bracket of `_falling_root`: no member of the family has this cov."""
+    require(
+        (found > 1e-2) & (found < 1e8),
+        f"cov = {cov} asks for a {name} of {found}, outside 0.01 to 1e8: give a cov that the family can have",
+    )
+    return found
+
+
+def cov_above(mean: Parameter, cov: Parameter, lower: Parameter) -> Parameter:
     """Coefficient of variation of x - lower, checked."""
     require(jnp.isfinite(mean) & (jnp.asarray(mean) > lower), f"mean = {mean} must be above the lower bound {lower}")
     require(
@@ -178,10 +188,12 @@ def cov_above(mean: Any, cov: Any, lower: Any) -> Any:
         f"cov = {cov} must be above 0 for this family: use Normal or Lognormal for a constant",
     )
     # Exactly cov where there is no bound, so that the mean may be an array.
-    return cov if isinstance(lower, int | float) and lower == 0 else cov * abs(mean) / (mean - lower)
+    return cov if isinstance(lower, int | float) and lower == 0 else cov * size_of(mean) / (mean - lower)
 
 
-def truncated_parent(mean: Any, deviation: Any, lower: Any, upper: Any) -> tuple[Any, Any, Any, Any]:
+def truncated_parent(
+    mean: Parameter, deviation: Parameter, lower: Parameter | None, upper: Parameter | None
+) -> tuple[Array, Array, Array, Array]:
     """Centre and scale of the Gaussian that has this mean and deviation once cut to [lower, upper].
 
     Also the bounds as scores of that Gaussian; an absent one (None) lies 40 deviations out. ValueError where no
@@ -202,16 +214,18 @@ def truncated_parent(mean: Any, deviation: Any, lower: Any, upper: Any) -> tuple
 
 
 @jax.jit
-def _solve_parent(mean: Any, deviation: Any, lower: Any, upper: Any) -> tuple[Any, ...]:
+def _solve_parent(
+    mean: Array, deviation: Array, lower: Parameter | None, upper: Parameter | None
+) -> tuple[Array, Array, Array, Array, Array]:
     """Newton's method on both moments; centre, scale, scores of the bounds, and the moments' largest mismatch."""
 
-    def parent(unknown: Any, mean: Any, deviation: Any) -> tuple[Any, Any, Any, Any]:
+    def parent(unknown: Array, mean: Parameter, deviation: Parameter) -> tuple[Array, Array, Array, Array]:
         centre, scale = mean + unknown[0] * deviation, deviation * jnp.exp(unknown[1])
         low = jnp.full_like(centre, -40.0) if lower is None else (lower - centre) / scale
         high = jnp.full_like(centre, 40.0) if upper is None else (upper - centre) / scale
         return centre, scale, low, high
 
-    def residual(unknown: Any, mean: Any, deviation: Any) -> Any:
+    def residual(unknown: Array, mean: Parameter, deviation: Parameter) -> Array:
         centre, scale, low, high = parent(unknown, mean, deviation)
         mass = normal_mass(low, high)
         low_pull, high_pull = norm.pdf(low) / mass, norm.pdf(high) / mass
@@ -221,7 +235,7 @@ def _solve_parent(mean: Any, deviation: Any, lower: Any, upper: Any) -> tuple[An
 
     slopes = jax.jacfwd(residual)
 
-    def step(_: Any, unknown: Any) -> Any:
+    def step(_: Array, unknown: Array) -> Array:
         change = _solved(slopes(unknown, mean, deviation), residual(unknown, mean, deviation))
         return unknown - change / jnp.maximum(1, jnp.abs(change).max() / 0.5)
 
@@ -233,7 +247,7 @@ def _solve_parent(mean: Any, deviation: Any, lower: Any, upper: Any) -> tuple[An
     return *parent(unknown, mean, deviation), jax.lax.stop_gradient(mismatch)
 
 
-def _solved(matrix: Any, right: Any) -> Any:
+def _solved(matrix: Array, right: Array) -> Array:
     """Solution of two linear equations by Cramer's rule."""
     (a, b), (c, d) = matrix
     return jnp.stack([d * right[0] - b * right[1], a * right[1] - c * right[0]]) / (a * d - b * c)
