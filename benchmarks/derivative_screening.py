@@ -22,7 +22,7 @@ from scipy.stats import norm, rankdata
 
 from benchmarks.measure import Report, scene_config
 from benchmarks.section_pairs import SAMPLES, read
-from cooperative.runs import _model as screening
+from cooperative import runs as screening
 from jaxmpm import replay
 from jaxmpm.run import objectives
 

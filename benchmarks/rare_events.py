@@ -17,9 +17,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.measure import ROOT, Report, scene_config
+from cooperative import runs as screening
 from cooperative.estimate import Estimate, SubsetPlan, monte_carlo, subset_simulation
 from cooperative.research.rare import design_point, importance_sampling, slide_limit_state
-from cooperative.runs import _model as screening
 
 MEAN = 57e3
 # The smooth measure for the design point: root mean square displacement (m) after so many seconds.

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from benchmarks.measure import Report, scene_config
-from cooperative.runs import _model as screening
+from cooperative import runs as screening
 from cooperative.store import open_store, write_sample
 from jaxmpm import Chunk, Result
 from jaxmpm.transfer import g2p, p2g

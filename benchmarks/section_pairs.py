@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.measure import ROOT, machine, scene_config
-from cooperative.runs import _model as screening
+from cooperative import runs as screening
 from cooperative.scene import Config
 from cooperative.scene._calibration import measure
 from cooperative.scene._typed import Calibration

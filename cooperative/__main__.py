@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +12,8 @@ import jax
 from cooperative import campaign, sweep
 from cooperative.reporting import SLIDES, progress_of, report, words
 from cooperative.reporting import _exports as exports
-from cooperative.runs import dask_executor
+from cooperative.runs import Stopped, cores_to_use, dask_executor, heeding
+from cooperative.scene import read_scene
 from cooperative.store import GRIDS, read_store
 
 Command = Callable[[argparse.Namespace], None]
@@ -21,12 +21,12 @@ Command = Callable[[argparse.Namespace], None]
 
 def default_workers() -> int:
     """One process per core on CPU; on other devices one process for all lanes."""
-    return len(os.sched_getaffinity(0)) if jax.default_backend() == "cpu" else 1
+    return len(cores_to_use()) if jax.default_backend() == "cpu" else 1
 
 
 def run(given: argparse.Namespace) -> None:
     """Run a campaign of a scene, or go on where it was."""
-    _run(given.scene.read_text(), given.out, given)
+    _run(read_scene(given.scene), given.out, given)
 
 
 def resume(given: argparse.Namespace) -> None:
@@ -35,8 +35,11 @@ def resume(given: argparse.Namespace) -> None:
 
 
 def _run(text: str, folder: Path, given: argparse.Namespace) -> None:
-    executor = None if given.dask is None else dask_executor(given.dask)
-    campaign.run(text, folder, workers=given.workers, executor=executor, progress=True)
+    with heeding(ends_process=True):
+        executor = None if given.dask is None else dask_executor(given.dask)
+        campaign.run(
+            text, folder, workers=given.workers, executor=executor, refined_runs=given.refined_runs, progress=True
+        )
     print(report(folder))
 
 
@@ -63,7 +66,8 @@ def export(given: argparse.Namespace) -> None:
 
 def sweep_over(given: argparse.Namespace) -> None:
     """Run a campaign for each value of each parameter in the scene's [sweep], or go on where it was."""
-    sweep.run(given.scene.read_text(), given.out, workers=given.workers, progress=True)
+    with heeding(ends_process=True):
+        sweep.run(read_scene(given.scene), given.out, workers=given.workers, progress=True)
     print(f"{given.out / 'sweep.json'}, figures in {given.out / 'figures'}")
 
 
@@ -94,6 +98,12 @@ def parser() -> argparse.ArgumentParser:
         )
     for each in runs:
         each.add_argument("--dask", metavar="ADDRESS", help="run them on the Dask cluster of this scheduler")
+        each.add_argument(
+            "--refined-runs",
+            type=int,
+            metavar="RUNS",
+            help="allow more than the scene does; the folder keeps it",
+        )
     command("status", status)
     shows = command("report", show)
     shows.add_argument("--slides", type=int, default=SLIDES, help="slides drawn at several times (%(default)s)")
@@ -115,9 +125,10 @@ def main(arguments: list[str] | None = None) -> int:
         own = isinstance(error, OSError) and error.filename is None and error.strerror
         print(f"error: {own or error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("stopped; the same command goes on from here", file=sys.stderr)
-        return 130
+    except KeyboardInterrupt as interrupt:
+        stopped = interrupt if isinstance(interrupt, Stopped) else Stopped()
+        print(f"\n{stopped}", file=sys.stderr)
+        return stopped.exit_code
     return 0
 
 

@@ -9,6 +9,7 @@ import json
 from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import closing, nullcontext
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,9 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from cooperative import runs
 from cooperative.estimate import Answers, Estimator, wilson_interval
-from cooperative.runs import Workers, build, expansion_of, process_pool, run_samples, run_through, sampling_of
-from cooperative.scene import Config, calibrated, measured, parse
+from cooperative.scene import Budget, Config, calibrated, kept_budget, measured, parse, raised, write_budget
 from cooperative.store import Sample, Store, open_store, read_rows, write_aside, write_sample
 from cooperative.summary import answer, estimate_of, next_runs, phases_of, refined_answers, screened, summarise
 
@@ -29,6 +30,7 @@ def run(
     *,
     workers: int = 1,
     executor: Callable[[], Executor] | None = None,
+    refined_runs: int | None = None,
     progress: bool = False,
     estimator: Estimator | None = None,
 ) -> dict[str, Any]:
@@ -36,63 +38,119 @@ def run(
 
     workers: 1 runs in this process, more in as many processes, each bound to its share of the cores. executor: makes
     another `concurrent.futures.Executor` (Dask's, for a cluster) that takes `workers` samples at a time. The answer
-    depends on neither. estimator: a frozen dataclass with the methods of `cooperative.Estimator`, in place of one that
-    the scene names. The folder remembers it in words: whoever goes on with it, reports it or asks for its progress
-    has to give the same one.
-    Raises ValueError for a scene or a folder that will not do, before anything is run or written.
+    depends on neither. refined_runs: allow so many, which is more than the scene does; the folder keeps that.
+    estimator: a frozen dataclass with the methods of `cooperative.Estimator`, in place of one that the scene names. The
+    folder remembers it in words: whoever goes on with it, reports it or asks for its progress has to give the same one.
+    Ctrl-C and SIGTERM end it between two chunks of steps, with `runs.Stopped`; the same call goes on from there.
+    Raises ValueError for a scene, a size or a folder that will not do, before anything is run or written.
     """
-    config = parse(text, estimator)
-    expansion, chosen = expansion_of(config), config.estimator
-    models = {grid: build(config, grid, expansion) for grid in ("rough", "refined")}
-    crew = None if executor is None and workers == 1 else Workers(executor or partial(process_pool, workers), workers)
-    stop_at = {"rough": config.plan.screening_stop, "refined": None}
-    width = {"rough": config.plan.lanes, "refined": config.plan.look_ahead}
-    ahead = config.plan.look_ahead if crew is None else workers
+    config, folder = parse(text, estimator), Path(folder)
+    if workers < 1:
+        raise ValueError(f"workers = {workers}: give 1 or more")
+    runs.check_size(config, workers if executor is None else 1)
+    config = _with_budget(config, folder, refined_runs)
+    with runs.heeding() as stop:
+        with stop.at_once():
+            expansion = runs.expansion_of(config)
+            runs.check_coefficients(config, expansion.modes)
+            models = {grid: runs.build(config, grid, expansion) for grid in ("rough", "refined")}
+        crew = None if executor is None and workers == 1 else runs.Workers(executor or partial(_pool, workers), workers)
+        with closing(crew.opened()) if crew else nullcontext(), open_store(folder, config.text) as store:
+            if config.raised is not None:
+                write_budget(folder, config.raised)
+            if config.plan.calibrate and config.calibration is None:
+                with stop.at_once():
+                    config = calibrated(config, measured(config, folder))
+                models["rough"] = runs.build(config, "rough", expansion)
+            return _ran(_Hands(config, models, crew, stop, folder.resolve()), store, progress)
 
-    def samples(grid: str, numbers: Iterable[int], coefficients: np.ndarray) -> Iterator[Sample]:
-        limit, restart_in = stop_at[grid], Path(folder).resolve() if grid == "refined" else None
-        if crew is not None:
-            return run_through(crew, config.text, grid, numbers, coefficients, stop_at=limit, restart_in=restart_in)
-        return run_samples(models[grid], coefficients, numbers, width=width[grid], stop_at=limit, restart_in=restart_in)
 
-    with open_store(folder, config.text) as store, closing(crew) if crew else nullcontext():
-        if config.plan.calibrate and config.calibration is None:
-            config = calibrated(config, measured(config, Path(folder)))
-            models["rough"] = build(config, "rough", expansion)
-        coefficients = _screen(config, store, samples, progress)
-        rough = read_rows(store, "rough")
-        first = screened(rough)
-        answers = refined_answers(config, read_rows(store, "refined"))
+def _pool(workers: int) -> Executor:
+    return runs.process_pool(workers)
 
-        def wanted(under_way: Collection[int]) -> list[int]:
-            return next_runs(config, phases_of(config, first, answers), ahead, under_way)
 
-        def known() -> str:
-            found = estimate_of(config, phases_of(config, first, answers))
-            return "P_f {:.3f} ({:.3f} to {:.3f})".format(found.probability, *found.interval)
+@dataclass(frozen=True)
+class _Hands:
+    """What runs a campaign's samples: its grids' models in this process, or a crew of workers."""
 
-        with _bar("refined grid", chosen.budget(len(first)), len(answers), progress) as bar:
-            while wanted(()):
-                for sample in samples("refined", _in_rank_order(wanted, answers), coefficients):
-                    write_sample(store, "refined", sample)
-                    answers[sample.number] = answer(
-                        config, float(sample.row["displacement"]), bool(sample.row["broke_off"])
-                    )
-                    _advance(bar, known)
+    config: Config
+    models: dict[str, runs.GridModel]
+    crew: runs.Workers | None
+    stop: runs.Stop
+    folder: Path
 
-        summary = summarise(config, rough, read_rows(store, "refined"))
-        write_aside(Path(folder) / "summary.json", json.dumps(summary, indent=1).encode())
+    @property
+    def places(self) -> int:
+        """Refined runs under way at once."""
+        return self.config.plan.look_ahead if self.crew is None else self.crew.count
+
+    def samples(self, grid: str, numbers: Iterable[int], coefficients: np.ndarray) -> Iterator[Sample]:
+        """Run these samples on one grid; yields each as it ends. Raises `Stopped` when asked to stop."""
+        plan = self.config.plan
+        limit = plan.screening_stop if grid == "rough" else None
+        restart_in = self.folder if grid == "refined" else None
+        if self.crew is not None:
+            return runs.run_through(
+                self.crew, self.config.text, grid, numbers, coefficients, stop_at=limit, restart_in=restart_in,
+                look=self.stop.look,
+            )  # fmt: skip
+        return runs.run_samples(
+            self.models[grid], coefficients, numbers, width=plan.lanes if grid == "rough" else plan.look_ahead,
+            stop_at=limit, restart_in=restart_in, stop=self.stop.asked,
+        )  # fmt: skip
+
+
+def _with_budget(config: Config, folder: Path, refined_runs: int | None) -> Config:
+    """The scene with the refined runs that its folder allows, or is to allow from now on."""
+    kept = kept_budget(folder)
+    if refined_runs is None:
+        return config if kept is None else raised(config, kept)
+    scene = config.estimator.budget(config.estimator.rough_runs(runs.sampling_of(config)))
+    if scene is None:
+        raise ValueError(
+            f"refined_runs = {refined_runs}: estimator {config.estimator.name!r} has no number of runs to raise, its "
+            "rule alone tells when to stop"
+        )
+    if refined_runs <= scene or (kept is not None and refined_runs < kept.refined_runs):
+        allowed = scene if kept is None else kept.refined_runs
+        raise ValueError(f"refined_runs = {refined_runs}: the campaign allows {allowed} already, give more")
+    return raised(config, Budget(refined_runs, scene))
+
+
+def _ran(hands: _Hands, store: Store, progress: bool) -> dict[str, Any]:
+    """Both phases, and the summary, which is written too."""
+    config = hands.config
+    coefficients = _screen(hands, store, progress)
+    rough = read_rows(store, "rough")
+    first = screened(rough)
+    answers = refined_answers(config, read_rows(store, "refined"))
+
+    def wanted(under_way: Collection[int]) -> list[int]:
+        return next_runs(config, phases_of(config, first, answers), hands.places, under_way)
+
+    def known() -> str:
+        found = estimate_of(config, phases_of(config, first, answers))
+        return "P_f {:.3f} ({:.3f} to {:.3f})".format(found.probability, *found.interval)
+
+    with _bar("refined grid", config.estimator.budget(len(first)), len(answers), progress) as bar:
+        while wanted(()):
+            for sample in hands.samples("refined", _in_rank_order(wanted, answers), coefficients):
+                write_sample(store, "refined", sample)
+                answers[sample.number] = answer(
+                    config, float(sample.row["displacement"]), bool(sample.row["broke_off"])
+                )
+                _advance(bar, known)
+                hands.stop.look()
+
+    summary = summarise(config, rough, read_rows(store, "refined"))
+    write_aside(store.folder / "summary.json", json.dumps(summary, indent=1).encode())
     return summary
 
 
-def _screen(
-    config: Config,
-    store: Store,
-    samples: Callable[[str, Iterable[int], np.ndarray], Iterator[Sample]],
-    progress: bool,
-) -> np.ndarray:
+def _screen(hands: _Hands, store: Store, progress: bool) -> np.ndarray:
     """Run every sample of the first phase that is not there yet, and give the coefficients of all (n, modes)."""
-    estimator, sampling, known = config.estimator, sampling_of(config), screened(read_rows(store, "rough"))
+    config = hands.config
+    estimator, sampling, known = config.estimator, runs.sampling_of(config), screened(read_rows(store, "rough"))
 
     def share() -> str:
         fails = sum(
@@ -106,10 +164,11 @@ def _screen(
             missing = [number for number in range(len(coefficients)) if number not in known]
             if not missing:
                 return coefficients
-            for sample in samples("rough", missing, coefficients):
+            for sample in hands.samples("rough", missing, coefficients):
                 write_sample(store, "rough", sample)
                 known[sample.number] = float(sample.row["displacement"]), bool(sample.row["broke_off"])
                 _advance(bar, share)
+                hands.stop.look()
 
 
 def _bar(title: str, total: int | None, done: int, progress: bool) -> tqdm:

@@ -58,7 +58,8 @@ def between(name: str, value: Values, low: float, high: float, *, ends: bool = F
 
 def multiple(name: str, length: float, unit_name: str, unit: float) -> int:
     """`length` is a whole multiple of `unit` (m); returns the number."""
-    count = round(length / unit)
+    # Beyond 2^53 every number is whole, and infinity has no rounding.
+    count = round(length / unit) if length / unit < 2**53 else 0
     if count < 1 or not math.isclose(count * unit, length, rel_tol=1e-9):
         raise ValueError(
             f"{name} = {length:g} m is no whole multiple of {unit_name} = {unit:g} m: "

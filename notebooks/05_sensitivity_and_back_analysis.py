@@ -24,8 +24,8 @@ import numpy as np
 from drawing import BLACK, BLUE, ORANGE, RED, SKY, draw_section, style
 
 import jaxmpm as mpm
+from cooperative import runs as screening
 from cooperative.research import back_analysis
-from cooperative.runs import _model as screening
 from cooperative.scene import parse
 from jaxmpm.run import objectives
 

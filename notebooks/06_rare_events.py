@@ -23,9 +23,9 @@ import numpy as np
 from drawing import BLACK, BLUE, GREEN, ORANGE, draw_section, style
 from scipy.stats import norm
 
+from cooperative import runs as screening
 from cooperative.estimate import monte_carlo, wilson_interval
 from cooperative.research.rare import design_point, importance_sampling, slide_limit_state
-from cooperative.runs import _model as screening
 from cooperative.scene import parse
 
 SMALL = os.environ.get("JAXMPM_SMALL") == "1"  # small sizes, for a quick look and for the tests

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from cooperative import runs as screening
 from cooperative.research.back_analysis import Observed, Parameters, Survey, predict, recover
 from cooperative.research.rare import design_point, slide_limit_state
-from cooperative.runs import _model as screening
 from cooperative.scene import parse
 from tests.test_campaign import TINY
 

@@ -16,8 +16,8 @@ import pytest
 
 import kl
 from cooperative import campaign
+from cooperative import runs as screening
 from cooperative.__main__ import main
-from cooperative.runs import _model as screening
 from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, write_sample
 from jaxmpm import Status

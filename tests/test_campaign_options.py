@@ -9,8 +9,8 @@ import pytest
 import jaxmpm as mpm
 import kl
 from cooperative import campaign
+from cooperative import runs as screening
 from cooperative.reporting._progress import progress_of
-from cooperative.runs import _model as screening
 from cooperative.scene import _calibration as calibration
 from cooperative.scene import parse
 from cooperative.store import Rows, read_rows, read_store

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from cooperative import campaign, sweep
+from cooperative import runs as screening
 from cooperative.__main__ import main
 from cooperative.reporting import _exports as exports
 from cooperative.reporting import _progress as progress
-from cooperative.runs import _model as screening
 from cooperative.scene import parse
 from cooperative.store import Sample, open_store, read_rows, read_sample, read_store, sample_path, write_sample
 from tests.test_campaign import TINY

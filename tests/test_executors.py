@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from cooperative import campaign
+from cooperative import runs as screening
 from cooperative.__main__ import main
 from cooperative.runs import Workers, dask_executor, process_pool, run_through
 from cooperative.runs import _executors as executors
-from cooperative.runs import _model as screening
 from cooperative.runs._executors import ATTEMPTS, LOST, WorkerLost
 from cooperative.scene import parse
 from cooperative.store import Sample, read_rows, read_sample, read_store
@@ -105,7 +105,7 @@ def test_a_killed_worker_process_is_replaced_and_its_sample_redone():
     for done in run_through(crew, TINY, "rough", range(3), coefficients):
         got.append(done.number)
         if len(got) == 1:
-            os.kill(next(iter(pools[0]._processes)), signal.SIGKILL)
+            os.kill(next(iter(pools[0].pool._processes)), signal.SIGKILL)
     crew.close()
     assert sorted(got) == [0, 1, 2]
     assert len(pools) == 2

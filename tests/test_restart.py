@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from cooperative import campaign
-from cooperative.runs import _model as screening
+from cooperative import runs as screening
+from cooperative.runs import Stopped, run_samples
 from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, restart_path, write_sample
 from tests.test_campaign import TINY, changed
@@ -18,8 +19,8 @@ from tests.test_campaign import TINY, changed
 OFTEN = changed("k_t = 2", "k_t = 2\nrestart_every = 1e-6")
 
 
-class Stopped(Exception):
-    pass
+class Broken(Exception):
+    """Of a run that a test breaks off."""
 
 
 def model_of(text, grid="refined"):
@@ -34,7 +35,7 @@ def stop_after(chunks):
     def on_chunk(_):
         seen.append(None)
         if len(seen) > chunks:
-            raise Stopped
+            raise Broken
 
     return on_chunk, seen
 
@@ -74,7 +75,7 @@ def test_an_interrupted_run_ends_as_the_undisturbed_one(which, undisturbed, fold
     # Stopped twice, each time after going on from the restart point before.
     for chunks in (len(all_chunks) // 3, len(all_chunks) // 4):
         on_chunk, _ = stop_after(chunks)
-        with pytest.raises(Stopped):
+        with pytest.raises(Broken):
             list(screening.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=folder))
         assert restart_path(folder, "refined", number).exists()
         done += chunks
@@ -88,7 +89,7 @@ def test_lanes_go_on_from_restart_points_beside_fresh_ones(undisturbed, folder):
     model, coefficients, found = undisturbed
     first, second, *_ = found
     on_chunk, _ = stop_after(3)
-    with pytest.raises(Stopped):
+    with pytest.raises(Broken):
         list(screening.run_samples(model, coefficients, [second], width=1, on_chunk=on_chunk, restart_in=folder))
     for width in (1, 2):
         again = screening.run_samples(model, coefficients, [first, second], width=width, restart_in=folder)
@@ -114,7 +115,7 @@ def test_damaged_and_foreign_restart_points_are_named_and_the_run_starts_afresh(
     model, coefficients, found = undisturbed
     number = next(iter(found))
     on_chunk, _ = stop_after(3)
-    with pytest.raises(Stopped):
+    with pytest.raises(Broken):
         list(screening.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=folder))
     path = restart_path(folder, "refined", number)
     whole = path.read_bytes()
@@ -165,3 +166,32 @@ def test_a_campaign_killed_within_a_refined_run_ends_the_same(undisturbed, tmp_p
         sample = read_sample(store, "refined", number)
         assert_same_sample(sample, found[number])
         assert np.array_equal(sample.coefficients, coefficients[number])
+
+
+def test_a_run_asked_to_stop_writes_its_restart_point_and_goes_on_from_it(undisturbed, folder):
+    _, coefficients, found = undisturbed
+    number = next(iter(found))
+    # Restart points are due after ten minutes: only the stop makes one.
+    model, _ = model_of(TINY)
+    asked = iter([False] * 4)
+    with pytest.raises(Stopped):
+        list(run_samples(model, coefficients, [number], width=1, restart_in=folder, stop=lambda: next(asked, True)))
+    assert restart_path(folder, "refined", number).exists()
+    on_chunk, left = stop_after(10_000)
+    (again,) = run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=folder)
+    assert_same_sample(again, found[number])
+    on_chunk, whole = stop_after(10_000)
+    list(run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk))
+    assert 0 < len(left) < len(whole)
+
+
+def test_a_stop_begins_no_further_sample_and_loses_none_that_ended(undisturbed):
+    model, coefficients, found = undisturbed
+    ended = []
+    runs = run_samples(model, coefficients, iter(range(6)), width=2, stop=lambda: bool(ended))
+    ended.append(next(runs))
+    with pytest.raises(Stopped):
+        ended += runs
+    assert 1 <= len(ended) <= 2
+    for sample in ended:
+        assert_same_sample(sample, found[sample.number])

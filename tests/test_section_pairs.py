@@ -6,8 +6,8 @@ import pytest
 from benchmarks import estimators_section as section
 from benchmarks.measure import scene_config
 from benchmarks.section_pairs import SAMPLES, STUDIES, read, study
+from cooperative import runs as screening
 from cooperative.estimate import correlation
-from cooperative.runs import _model as screening
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cooperative import runs as screening
 from cooperative import sweep
-from cooperative.runs import _model as screening
 from cooperative.scene import parse
 from cooperative.store import read_rows, read_store
 from tests.test_campaign import TINY

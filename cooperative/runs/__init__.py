@@ -1,15 +1,27 @@
-"""Runs of samples: the model of a grid, samples through lanes and workers, restart points."""
+"""Runs of samples: the model of a grid, samples through lanes and workers, restart points, stopping."""
 
-from cooperative.runs._executors import Workers, dask_executor, process_pool, run_through
-from cooperative.runs._model import GridModel, build, coefficients_of, expansion_of, run_samples, sampling_of
+from cooperative.runs._executors import Workers, cores_to_use, dask_executor, process_pool, run_through
+from cooperative.runs._model import GridModel, build, coefficients_of, expansion_of, sampling_of
+from cooperative.runs._samples import finished, run_samples
+from cooperative.runs._size import GridSize, check_coefficients, check_size, grid_size
+from cooperative.runs._stopping import Stop, Stopped, heeding
 
 __all__ = [
     "GridModel",
+    "GridSize",
+    "Stop",
+    "Stopped",
     "Workers",
     "build",
+    "check_coefficients",
+    "check_size",
     "coefficients_of",
+    "cores_to_use",
     "dask_executor",
     "expansion_of",
+    "finished",
+    "grid_size",
+    "heeding",
     "process_pool",
     "run_samples",
     "run_through",

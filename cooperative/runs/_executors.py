@@ -9,60 +9,164 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
+import sys
+import threading
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
+from multiprocessing import connection
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cooperative.runs import _model as screening
+from cooperative.runs._model import GridModel, build, expansion_of
+from cooperative.runs._samples import run_samples
 from cooperative.scene import parse
 from cooperative.store import Sample
 
 ATTEMPTS = 3
 """How often a sample is tried before it is given up and reported."""
 
+PATIENCE = 10
+"""Seconds for a Dask scheduler to answer."""
+
 LOST = "WORKER_LOST"
 """Status of a sample whose worker died at every attempt."""
 
 
-def process_pool(workers: int) -> ProcessPoolExecutor:
-    """Worker processes, each bound to its own share of the cores, so that they do not fight for them."""
+LOOK = 0.2
+"""Seconds between two looks at whether a stop was asked for, while samples run elsewhere."""
+
+
+def process_pool(workers: int) -> Executor:
+    """Worker processes, each bound to its own share of the cores, so that they do not fight for them.
+
+    They end within seconds when this process does, however it ends, and at the next chunk when it shuts them down.
+    """
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
-    cores = sorted(os.sched_getaffinity(0))
+    return _Processes(workers)
+
+
+class _Processes(Executor):
+    """A pool of processes that hear from their controller: a pipe that it closes tells them to come to an end."""
+
+    def __init__(self, workers: int) -> None:
+        context = multiprocessing.get_context("spawn")
+        shares: Any = context.SimpleQueue()
+        for cores in _shares(workers):
+            shares.put(cores)
+        listening, self.telling = context.Pipe(duplex=False)
+        self.pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(shares, listening))
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        with _unseen_interrupts():
+            return self.pool.submit(function, *args, **kwargs)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        self.telling.close()
+        self.pool.shutdown(wait=wait, cancel_futures=cancel_futures)
+
+
+@contextmanager
+def _unseen_interrupts() -> Iterator[None]:
+    """Processes started meanwhile do not see Ctrl-C, which a terminal sends to all of a command's: their controller
+    tells them. It comes here once this has ended."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def cores_to_use() -> list[int]:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return sorted(os.sched_getaffinity(0))
+    return list(range(os.cpu_count() or 1))
+
+
+def _shares(workers: int) -> list[list[int]]:
+    """The cores of each worker; none where the system cannot bind a process to cores."""
+    if not hasattr(os, "sched_setaffinity"):
+        warnings.warn("this system binds no process to cores: workers take what they get", stacklevel=4)
+        return []
+    cores = cores_to_use()
     share = max(1, len(cores) // workers)
-    context = multiprocessing.get_context("spawn")
-    shares: Any = context.SimpleQueue()
-    for worker in range(workers):
-        first = worker * share % len(cores)
-        shares.put(cores[first : first + share])
-    return ProcessPoolExecutor(workers, mp_context=context, initializer=_bind, initargs=(shares,))
+    firsts = (worker * share % len(cores) for worker in range(workers))
+    return [cores[first : first + share] for first in firsts]
 
 
-def _bind(shares: Any) -> None:
-    """Take a share of the cores; a worker that replaces a dead one finds none left and takes all."""
+_told_to_stop = threading.Event()
+"""Of a worker: whether its controller wants it to come to an end."""
+
+
+def _begin(shares: Any, listening: connection.Connection) -> None:
+    """Take a share of the cores (a worker that replaces a dead one finds none left and takes all), and watch."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     if not shares.empty():
         os.sched_setaffinity(0, shares.get())
+    threading.Thread(target=_watch, args=(listening,), daemon=True).start()
+
+
+def _watch(listening: connection.Connection) -> None:
+    """Stop the run when the controller says so, and end the process, even inside a compiled program, once it is gone.
+
+    A controller that dies closes its pipe too, whatever it died of.
+    """
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+    connection.wait([parent.sentinel, listening])
+    _told_to_stop.set()
+    connection.wait([parent.sentinel])
+    os._exit(1)
+
+
+def _wanted_no_more() -> bool:
+    """Whether the run of this worker has nobody left who wants it."""
+    return _told_to_stop.is_set() or _dropped_by_dask()
+
+
+def _dropped_by_dask() -> bool:
+    """Whether this is a task of a Dask worker that was cancelled, by its client or because that is gone."""
+    distributed = sys.modules.get("distributed")
+    if distributed is None:
+        return False
+    try:
+        worker = distributed.get_worker()
+        key = worker.get_current_task()
+    except (ValueError, AttributeError, KeyError):
+        return False
+    task = worker.state.tasks.get(key)
+    return task is None or task.state == "cancelled"
 
 
 def run_sample(
     text: str, grid: str, number: int, coefficients: np.ndarray, stop_at: float | None, restart_in: Path | None
 ) -> Sample:
-    """Run one sample of a scene on one of its grids; what a worker does. restart_in: see `screening.run_samples`."""
+    """Run one sample of a scene on one of its grids; what a worker does. restart_in: see `run_samples`."""
     one, model = {number: coefficients}, _prepared(text, grid)
-    return next(iter(screening.run_samples(model, one, one, width=1, stop_at=stop_at, restart_in=restart_in)))
+    runs = run_samples(
+        model, one, one, width=1, stop_at=stop_at, restart_in=restart_in, stop=_wanted_no_more
+    )  # fmt: skip
+    return next(iter(runs))
 
 
 @lru_cache(maxsize=2)
-def _prepared(text: str, grid: str) -> screening.GridModel:
+def _prepared(text: str, grid: str) -> GridModel:
     config = parse(text)
-    return screening.build(config, grid, screening.expansion_of(config))
+    return build(config, grid, expansion_of(config))
 
 
 class WorkerLost(RuntimeError):
@@ -80,14 +184,19 @@ class Workers:
     count: int
     executor: Executor | None = None
 
-    def submit(self, *task: Any) -> Future[Sample]:
-        """Hand out one sample, as `run_sample` takes it."""
+    def opened(self) -> Workers:
+        """Itself, with its executor, so that one that cannot be made is known before anything is written."""
         if self.executor is None:
             self.executor = self.make()
-        return self.executor.submit(run_sample, *task)
+        return self
+
+    def submit(self, *task: Any) -> Future[Sample]:
+        """Hand out one sample, as `run_sample` takes it."""
+        executor = self.executor = self.executor or self.make()
+        return executor.submit(run_sample, *task)
 
     def close(self) -> None:
-        """Let the executor go; tasks not started are dropped."""
+        """Let the executor go: tasks not started are dropped, and those under way end soon, with restart points."""
         if self.executor is not None:
             self.executor.shutdown(wait=True, cancel_futures=True)
             self.executor = None
@@ -102,8 +211,11 @@ def run_through(
     *,
     stop_at: float | None = None,
     restart_in: Path | None = None,
+    look: Callable[[], None] = lambda: None,
 ) -> Iterator[Sample]:
     """Run the samples with these numbers, rows of `coefficients`, through an executor; yields each as it ends.
+
+    look: called several times a second, may raise to stop.
 
     Numbers are drawn one by one as places become free. The samples of a worker that was killed are handed out again;
     one whose worker dies three times is given back with status WORKER_LOST, so that it is reported, not tried for ever.
@@ -117,11 +229,12 @@ def run_through(
         pending[workers.submit(text, grid, number, coefficients[number], stop_at, restart_in)] = number
 
     while True:
+        look()
         for number in islice(waiting, workers.count - len(pending)):
             submit(number)
         if not pending:
             return
-        done, _ = wait(pending, return_when=FIRST_COMPLETED)
+        done, _ = wait(pending, timeout=LOOK, return_when=FIRST_COMPLETED)
         lost: list[int] = []
         for future in done:
             number = pending.pop(future)
@@ -133,6 +246,7 @@ def run_through(
                 lost.append(number)
                 continue
             yield sample
+        look()
         if lost:
             # A broken pool drops all it held, and does not say whose worker died.
             lost += pending.values()
@@ -158,9 +272,16 @@ def dask_executor(client: Any) -> Callable[[], Executor]:
         raise ValueError("Dask is not installed: install jaxmpm[dask]") from error
 
     def make() -> Executor:
-        if isinstance(client, str):
-            return _DaskExecutor(distributed.Client(client), owned=True)
-        return _DaskExecutor(client, owned=False)
+        if not isinstance(client, str):
+            return _DaskExecutor(client, owned=False)
+        try:
+            return _DaskExecutor(distributed.Client(client, timeout=PATIENCE, set_as_default=False), owned=True)
+        except (OSError, ValueError, TypeError, KeyError) as error:
+            why = " ".join(str(error).split()) or type(error).__name__
+            raise ValueError(
+                f"no Dask scheduler answers at {client!r} ({why}): give the address that it prints when it starts, "
+                "for example tcp://host:8786"
+            ) from error
 
     return make
 

@@ -1,17 +1,25 @@
 """Scenes: TOML in, one checked and immutable campaign out."""
 
+from cooperative.scene._budget import kept_budget, raised, write_budget
 from cooperative.scene._calibration import calibrated, config_of, kept, measured
 from cooperative.scene._schema import SECTIONS
-from cooperative.scene._typed import Config, Plan, built, parse
+from cooperative.scene._text import read_scene, tables_of
+from cooperative.scene._typed import Budget, Config, Plan, built, parse
 
 __all__ = [
     "SECTIONS",
+    "Budget",
     "Config",
     "Plan",
     "built",
     "calibrated",
     "config_of",
     "kept",
+    "kept_budget",
     "measured",
     "parse",
+    "raised",
+    "read_scene",
+    "tables_of",
+    "write_budget",
 ]

@@ -13,6 +13,7 @@ from pathlib import Path
 import jax
 
 from cooperative.estimate import Estimator
+from cooperative.scene._budget import kept_budget, raised
 from cooperative.scene._typed import Calibration, Config, built, parse
 from cooperative.store import Store, write_aside
 from jaxmpm import factor_of_safety
@@ -57,11 +58,14 @@ def calibrated(config: Config, found: Calibration) -> Config:
 
 
 def config_of(store: Store, estimator: Estimator | None = None) -> Config:
-    """The scene of a campaign's folder, with its factors of safety where they were measured.
+    """The scene of a campaign's folder, with its factors of safety where they were measured, and the refined runs that
+    were allowed since.
 
     estimator: that of the script, where one gave it.
     """
-    config = parse(store.scene_text, estimator)
+    config, budget = parse(store.scene_text, estimator), kept_budget(store.folder)
+    if budget is not None and config.plan.estimator is not None:
+        config = raised(config, budget)
     wants = config.plan.calibrate and config.calibration is None and (store.folder / KEPT).exists()
     return calibrated(config, kept(store.folder)) if wants else config
 

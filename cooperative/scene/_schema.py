@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -124,7 +125,7 @@ SECTIONS = {
 def read(section: str, table: Any, keys: Mapping[str, Key]) -> dict[str, Any]:
     """The values of a table, defaults where it does not say; ValueError for what its keys do not know or allow."""
     if not isinstance(table, dict):
-        raise ValueError(f"{section} = {table!r} is {in_words(table)}: make it a table, [{section}]")
+        raise ValueError(f"{section} = {shown(table)} is {in_words(table)}: make it a table, [{section}]")
     refuse_unknown(f"[{section}]", table, keys)
     missing = [key for key, what in keys.items() if what.default is REQUIRED and key not in table]
     if missing:
@@ -140,12 +141,15 @@ def _value(where: str, value: Any, key: Key, given: bool) -> Any:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if isinstance(kind, dict):
         if not isinstance(value, str) or value not in kind:
-            raise ValueError(f"{where} = {value!r}: give one of {', '.join(map(repr, kind))}{_nearest(value, kind)}")
+            known = ", ".join(map(repr, kind))
+            raise ValueError(f"{where} = {shown(value)}: give one of {known}{_nearest(value, kind)}")
         return kind[value]
     if not given:
         return value
     if key.none is not None and value == key.none:
         return None
+    if any(isinstance(v, int) and not -(2**63) <= v < 2**63 for v in (value if isinstance(value, list) else [value])):
+        raise ValueError(f"{where} is a whole number beyond 64 bits: give a smaller one")
     if kind is float and number:
         return float(value)
     if kind is int and number and isinstance(value, int):
@@ -167,19 +171,29 @@ def _value(where: str, value: Any, key: Key, given: bool) -> Any:
         tuple: "a list of numbers, one per axis",
     }
     otherwise = "" if key.none is None else f", or {key.none!r}"
-    raise ValueError(f"{where} = {value!r} is {in_words(value)}: give {wanted[kind]}{otherwise}")
+    raise ValueError(f"{where} = {shown(value)} is {in_words(value)}: give {wanted[kind]}{otherwise}")
 
 
 def refuse_unknown(where: str, table: Mapping[str, Any], known: Mapping[str, Any]) -> None:
     """Raise ValueError for the first key that is not known, naming the nearest one that is."""
     for key in table:
         if key not in known:
-            raise ValueError(f"{where} has an unknown key {key!r}{_nearest(key, known)}; it knows {', '.join(known)}")
+            meant = _nearest(key, known)
+            raise ValueError(f"{where} has an unknown key {shown(key)}{meant}; it knows {', '.join(known)}")
 
 
 def _nearest(word: Any, known: Mapping[str, Any]) -> str:
     close = difflib.get_close_matches(str(word), known, n=1)
     return f" (did you mean {close[0]!r}?)" if close else ""
+
+
+def shown(value: Any) -> str:
+    """A value as TOML would have it, cut short where it is long or nested deep."""
+    return _SHORT.repr(value)
+
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxlong = _SHORT.maxother = 80
 
 
 def in_words(value: Any) -> str:

@@ -9,8 +9,11 @@ from dataclasses import dataclass, is_dataclass, replace
 from typing import Any, Literal
 
 from cooperative.estimate import SETTINGS, Estimator, Sampling, named_estimator
-from cooperative.scene._schema import CALIBRATION, GIVEN, SECTIONS, UNSAID, in_words, read, refuse_unknown
+from cooperative.scene._schema import CALIBRATION, GIVEN, SECTIONS, UNSAID, in_words, read, refuse_unknown, shown
+from cooperative.scene._text import tables_of
 from jaxmpm import Discretisation, Scene, Settle, Slope, Soil, State, cell_independent, slope
+
+LONGEST_NAME = 200
 
 BAND = 1 / 5
 """Thickness of the band to which softening refers, over the slope's height, where a scene does not say."""
@@ -84,8 +87,17 @@ class Plan:
 
 
 @dataclass(frozen=True)
+class Budget:
+    """Refined runs that a campaign's folder allows, and those that its scene did."""
+
+    refined_runs: int
+    scene: int
+
+
+@dataclass(frozen=True)
 class Config:
-    """A checked scene. `text` is the TOML it came from; `calibration` its own table, where the factors are known."""
+    """A checked scene. `text` is the TOML it came from; `calibration` its own table, where the factors are known;
+    `raised` what the campaign's folder allows beyond it."""
 
     text: str
     name: str
@@ -97,6 +109,7 @@ class Config:
     run: Run
     plan: Plan
     calibration: Calibration | None = None
+    raised: Budget | None = None
 
     @property
     def estimator(self) -> Estimator:
@@ -115,13 +128,14 @@ def parse(text: str, estimator: Estimator | None = None) -> Config:
     Raises ValueError for TOML that does not parse, unknown keys (naming the nearest one), missing keys, wrong
     types and values out of range. What depends on the geometry is checked when the grids are built.
     """
-    try:
-        tables = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"the scene is not valid TOML: {error}") from error
+    tables = tables_of(text)
     name = tables.pop("name", "campaign")
     if not isinstance(name, str):
-        raise ValueError(f"name = {name!r} is {in_words(name)}: give text in quotes")
+        raise ValueError(f"name = {shown(name)} is {in_words(name)}: give text in quotes")
+    if not name.isprintable() or len(name) > LONGEST_NAME:
+        raise ValueError(
+            f"name = {shown(name)}: give one line of at most {LONGEST_NAME} characters without control characters"
+        )
     if "sweep" in tables:
         raise ValueError("the scene has a table [sweep], so it is many campaigns: run it as a sweep")
     refuse_unknown("the scene", tables, {**SECTIONS, "calibration": None, "estimator": None, "name": None})
@@ -204,8 +218,8 @@ def _check(config: Config) -> None:
             raise ValueError(f"[campaign] {name} = {value}: give 1 or more")
     if plan.estimator is not None:
         plan.estimator.check(Sampling(plan.samples, run.failure_displacement, plan.screening_stop))
-    if plan.seed < 0:
-        raise ValueError(f"[campaign] seed = {plan.seed}: give 0 or more")
+    if not 0 <= plan.seed < 2**63:
+        raise ValueError(f"[campaign] seed = {plan.seed}: give 0 to 2^63 - 1")
     if plan.screening_stop is not None and plan.screening_stop < run.failure_displacement:
         raise ValueError(
             f"[campaign] screening_stop = {plan.screening_stop:g} m is below the failure displacement of "

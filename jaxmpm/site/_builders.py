@@ -61,6 +61,37 @@ class Slope:
         if self.width is not None:
             check.positive("width", self.width, "m")
 
+    @property
+    def area(self) -> float:
+        """Of the section (m2)."""
+        return self.length * self.foundation + self.height * (self.crest + self.run_per_rise * self.height / 2)
+
+    def cells(self, discretisation: Discretisation) -> list[int]:
+        """Cells of a grid along each axis, one of air above the crest. Raises ValueError for a slope or a grid that is
+        none, and where one does not fit the other."""
+        d, cell = self.dimension, discretisation.cell
+        check_discretisation(discretisation, d)
+        self.check()
+        if self.toe < 2 * cell:
+            raise ValueError(
+                f"toe = {self.toe:g} m leaves no room for a run-out: give at least two cells ({2 * cell:g} m)"
+            )
+        dx, dz = discretisation.spacing[0], discretisation.spacing[-1]
+        for name, value in (
+            ("crest", self.crest),
+            ("slope's run", self.run_per_rise * self.height),
+            ("toe", self.toe),
+        ):
+            if value > 0:
+                check.multiple(name, value, "the spacing along x", dx)
+        for name, value in (("height", self.height), ("foundation", self.foundation)):
+            check.multiple(name, value, "the spacing along z", dz)
+        cells = [check.multiple("length", self.length, "cell", cell)]
+        if self.width is not None:
+            check.multiple("width", self.width, "the spacing along y", discretisation.spacing[1])
+            cells.append(check.multiple("width", self.width, "cell", cell))
+        return [*cells, math.ceil((self.foundation + self.height) / cell) + 1]
+
     def surface(self, x: np.ndarray) -> np.ndarray:
         """Height of the ground above the base (m) at x."""
         if self.run_per_rise == 0:
@@ -83,38 +114,15 @@ def slope(
     through half the relief.
     Raises ValueError for sizes, moduli, spacings and walls that do not fit (each message says which and why).
     """
-    d, cell = shape.dimension, discretisation.cell
-    check_discretisation(discretisation, d)
-    shape.check()
     if y_ends not in ("fixed", "roller"):
         raise ValueError(f"y_ends = {y_ends!r}: give 'fixed' or 'roller'")
-    if shape.toe < 2 * cell:
-        raise ValueError(
-            f"toe = {shape.toe:g} m leaves no room for a run-out: give at least two cells ({2 * cell:g} m)"
-        )
-    dx, dz = discretisation.spacing[0], discretisation.spacing[-1]
-    for name, value in (
-        ("crest", shape.crest),
-        ("slope's run", shape.run_per_rise * shape.height),
-        ("toe", shape.toe),
-    ):
-        if value > 0:
-            check.multiple(name, value, "the spacing along x", dx)
-    for name, value in (("height", shape.height), ("foundation", shape.foundation)):
-        check.multiple(name, value, "the spacing along z", dz)
-
+    d, cell, cells = shape.dimension, discretisation.cell, shape.cells(discretisation)
     top = shape.foundation + shape.height
     extent = [shape.length, top] if shape.width is None else [shape.length, shape.width, top]
-    if shape.width is not None:
-        check.multiple("width", shape.width, "the spacing along y", discretisation.spacing[1])
-    cells = [check.multiple("length", shape.length, "cell", cell)]
-    if shape.width is not None:
-        cells.append(check.multiple("width", shape.width, "cell", cell))
     walls = _ends(0, cells[0], "roller")
     if shape.width is not None:
         walls += _ends(1, cells[1], y_ends)
     walls.append(Wall(d - 1, "low", PADDING, "fixed"))
-    cells.append(math.ceil(top / cell) + 1)
 
     scene, state = _build(
         _lattice(extent, discretisation.spacing, lambda x: x[-1] < shape.surface(x[0])),

@@ -1,0 +1,196 @@
+"""Samples through the lanes of one grid's program: from a sample's number and coefficients to its row."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from cooperative.measure import FailureMode, ModeRules, Motion, consequences, failure_mode
+from cooperative.runs._model import GridModel, geometry_of
+from cooperative.runs._restart import RestartPoint, read_restart, write_restart
+from cooperative.runs._stopping import Asked, Stopped
+from cooperative.store import Sample, Scalar, read_store
+from jaxmpm import Chunk, Midway, Result, Status, solve_each
+
+
+def run_samples(
+    model: GridModel,
+    coefficients: np.ndarray | Mapping[int, np.ndarray],
+    numbers: Iterable[int],
+    *,
+    width: int | None = None,
+    stop_at: float | None = None,
+    on_chunk: Callable[[Chunk], None] | None = None,
+    restart_in: Path | None = None,
+    stop: Asked = lambda: False,
+) -> Iterator[Sample]:
+    """Run the samples with these numbers, whose coefficients are (modes,) each, and yield each as it ends, `seconds`
+    after the one before.
+
+    width: lanes at a time; None takes 1 on CPU, where lanes run in turn, and 64 elsewhere. restart_in: folder of the
+    campaign, where runs longer than `restart_every` write restart points and go on from those that are there; None, or
+    a folder that is not there, is for runs without. stop: asked after every chunk of steps; once it says so no further
+    sample begins, those under way write restart points, and `Stopped` is raised.
+    """
+    if width is None:
+        width = 1 if jax.default_backend() == "cpu" else 64
+    run = model.config.run
+    folder = restart_in if restart_in is not None and (restart_in / "scene.toml").is_file() else None
+    lanes, left_out = _UnderWay(model, folder, stop), False
+
+    def strengths() -> Iterator[tuple[int, jax.Array]]:
+        nonlocal left_out
+        for number in numbers:
+            left_out = stop()
+            if left_out:
+                return
+            yield number, model.strength(jnp.asarray(coefficients[number]))
+
+    def looked(chunk: Chunk) -> None:
+        lanes.look(chunk.busy)
+        if on_chunk is not None:
+            on_chunk(chunk)
+
+    for number, result in solve_each(
+        model.scene, model.state, strengths(), width=width, t_end=run.t_end, settle=run.settle, stop_at=stop_at,
+        on_chunk=looked, observe=lanes.remember if lanes.remembers else None, resume=lanes.begin,
+    ):  # fmt: skip
+        seconds = lanes.before[number] + lanes.lap()
+        motion = lanes.motions.pop(number) if model.grid in model.config.plan.modes else None
+        yield finished(model, number, coefficients[number], result, seconds, motion)
+    if left_out:
+        raise Stopped
+
+
+@dataclass
+class _UnderWay:
+    """What the runs under way leave behind between chunks of steps: their past for the modes, and restart points.
+
+    folder: of the campaign, None without restart points. motions, before, written: by number, each run's past, the
+    seconds it had taken when this process took it up, and when its last restart point was written. started: when the
+    last run ended. stopping: whether a stop was seen after the last chunk. busy: lanes of that chunk not shown
+    yet. ended: whether a run ended with it.
+    """
+
+    model: GridModel
+    folder: Path | None
+    stop: Asked
+    motions: dict[int, Motion] = field(default_factory=dict)
+    before: dict[int, float] = field(default_factory=dict)
+    written: dict[int, float] = field(default_factory=dict)
+    started: float = field(default_factory=time.perf_counter)
+    stopping: bool = False
+    busy: int = 0
+    ended: bool = False
+
+    def __post_init__(self) -> None:
+        volume = np.asarray(self.model.scene.particles.volume)
+        self.at_rest = Motion.start(volume, self.model.config.run.failure_displacement)
+        self.digest = "" if self.folder is None else read_store(self.folder).digest
+        self.remembers = self.folder is not None or self.model.grid in self.model.config.plan.modes
+
+    def lap(self) -> float:
+        """Seconds since a run ended the last time."""
+        before, self.started = self.started, time.perf_counter()
+        return self.started - before
+
+    def begin(self, number: int) -> Midway | None:
+        """Where a sample goes on from."""
+        self.written[number] = time.perf_counter()
+        point = None
+        if self.folder is not None:
+            place = self.folder, self.model.grid, number, self.digest
+            point = read_restart(*place, like=self.model.state, start=self.at_rest)
+        self.motions[number] = self.at_rest if point is None else point.motion
+        self.before[number] = 0.0 if point is None else point.seconds
+        return None if point is None else point.midway
+
+    def look(self, busy: int) -> None:
+        """After a chunk, before its lanes are shown; those that ended with the chunk before have been given out."""
+        if self.stopping:
+            raise Stopped
+        self.stopping, self.busy, self.ended = self.stop(), busy, False
+
+    def remember(self, number: int, seconds: float, midway: Midway) -> None:
+        """One lane after a chunk. Raises `Stopped` after the last one, if none waits to be given out."""
+        self.motions[number] = self.motions[number].after(seconds, np.asarray(_moved(midway.state.displacement)))
+        now, running = time.perf_counter(), bool(midway.state.status == Status.RUNNING)
+        due = self.stopping or now - self.written[number] > self.model.config.plan.restart_every
+        if self.folder is not None and due and running:
+            point = RestartPoint(midway, self.motions[number], self.before[number] + now - self.started)
+            write_restart(self.folder, self.model.grid, number, self.digest, point)
+            self.written[number] = now
+        self.busy -= 1
+        self.ended = self.ended or not running
+        if self.stopping and not self.busy and not self.ended:
+            raise Stopped
+
+
+@jax.jit
+def _moved(displacement: jax.Array) -> jax.Array:
+    return jnp.linalg.norm(displacement, axis=0)
+
+
+def finished(
+    model: GridModel,
+    number: int,
+    coefficients: np.ndarray,
+    result: Result,
+    seconds: float,
+    motion: Motion | None = None,
+) -> Sample:
+    """The record of a run; its mode too, where its past was remembered. A run that broke off has no consequences,
+    only the displacement it had reached."""
+    scene, config = model.scene, model.config
+    displacement = np.asarray(result.state.displacement)
+    history = result.state.history
+    fields: dict[str, np.ndarray] = {}
+    if model.grid in config.plan.fields:
+        fields["displacement"] = displacement.astype(np.float32)
+        if history is not None:
+            fields["plastic_strain"] = np.asarray(history, np.float32)
+    row: dict[str, Scalar]
+    if bool(result.failed):
+        reached = np.linalg.norm(displacement, axis=0)
+        row = {"displacement": float(np.max(reached, where=np.isfinite(reached), initial=0.0)), "broke_off": True}
+    else:
+        run = (
+            np.asarray(scene.particles.position),
+            displacement,
+            np.asarray(scene.particles.volume),
+            geometry_of(config),
+        )
+        limit = config.run.failure_displacement
+        measured = consequences(*run, half_size=model.half_size, sliding_displacement=limit, reach=model.reach)
+        row = {**measured.as_row(), "broke_off": False}
+        if motion is not None:
+            rules = ModeRules(sliding_displacement=limit)
+            mode = failure_mode(*run, half_size=model.half_size, motion=motion, rules=rules)
+            row |= mode_row(mode)
+            fields["slice_depth"] = mode.depth.astype(np.float32)
+    return Sample(
+        number=number,
+        status=Status(int(result.status)).name,
+        steps=int(result.state.step),
+        seconds=seconds,
+        coefficients=coefficients,
+        row=row,
+        fields=fields,
+        dtype=str(displacement.dtype),
+        device=jax.devices()[0].device_kind,
+    )
+
+
+def mode_row(mode: FailureMode) -> dict[str, Scalar]:
+    """A mode's scalars: its name, how many masses slide, depth of the shallowest and deepest [m], and when the first
+    and, if progressive, the second began to let go [s]. What a mode does not have is left out."""
+    row: dict[str, Scalar] = {"mode": mode.name, "masses": len(mode.masses)}
+    if mode.masses:
+        row |= {"depth_shallowest": min(mode.masses), "depth_deepest": max(mode.masses)}
+    return row | dict(zip(("onset", "onset_second"), mode.released, strict=False))

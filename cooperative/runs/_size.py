@@ -1,0 +1,148 @@
+"""How large a campaign is, told from its scene before any grid is built: particles, steps, memory."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax
+
+from cooperative.runs._model import sampling_of
+from cooperative.scene import Config
+from cooperative.store import GRIDS
+from jaxmpm import block
+
+MOST_STEPS = 10**7
+"""Of one run. The published slope takes 2,000 and 5,000; with more, rounding in float32 gets the better of a step."""
+
+MOST_WORK = 1e13
+"""Particles times steps of one run: some 20 days of one core."""
+
+MOST_RUNS = 10**7
+"""Of samples on the rough grid, each of which is a file."""
+
+# Bytes, measured on scenes of 10^5 to 10^6 particles and rounded up: per particle and per node while a grid is built
+# and brought to rest, per point of the box that particles are chosen from, and per particle of each further lane.
+PER_PARTICLE, PER_NODE, PER_POINT, PER_LANE = 600, 200, 120, 150
+PROCESS = 5e8
+"""Of one process, with JAX and its compiled programs."""
+
+
+@dataclass(frozen=True)
+class GridSize:
+    """One grid: particles, nodes, points of the box around the slope; steps of a run, filters of averaging in each."""
+
+    particles: float
+    nodes: float
+    points: float
+    steps: float
+    passes: float
+
+    @property
+    def work(self) -> float:
+        """What a run takes, in particles times steps; a filter over the nodes is a tenth of a particle's step."""
+        return (self.particles + 0.1 * self.passes * self.nodes) * self.steps
+
+    def memory(self, lanes: int) -> float:
+        """Bytes of its model and of a program with so many lanes."""
+        model = self.particles * PER_PARTICLE + self.nodes * PER_NODE + self.points * PER_POINT
+        return model + (lanes - 1) * (self.particles * PER_LANE + self.nodes * PER_NODE / 4)
+
+
+def grid_size(config: Config, grid: str) -> GridSize:
+    """Size of one grid. Raises ValueError where slope, soil and grid do not fit together."""
+    shape, numerics, gravity = config.slope, config.grids[grid], config.run.gravity
+    cells = shape.cells(numerics)
+    top = shape.foundation + shape.height
+    # One particle of the same soil has the same time step, and meets the same checks.
+    one, _ = block(
+        numerics.spacing, config.soil, numerics, domain=(2 * numerics.cell,) * shape.dimension,
+        corner=(0.0,) * shape.dimension, speed=math.sqrt(gravity * top),
+    )  # fmt: skip
+    dt, each = float(one.time_step), math.prod(numerics.spacing)
+    steps = config.run.t_end / dt if dt > 0 else math.inf
+    passes = 0 if one.nonlocal_passes is None else one.nonlocal_passes
+    width = 1.0 if shape.width is None else shape.width
+    return GridSize(
+        particles=shape.area * width / each,
+        nodes=math.prod(count + 3.0 for count in cells),
+        points=shape.length * top * width / each,
+        steps=steps,
+        passes=passes,
+    )
+
+
+def check_size(config: Config, workers: int = 1) -> None:
+    """Raise ValueError for slope, soil and grids that do not fit together, and for a campaign that would not end or not
+    fit into the memory of this machine.
+
+    workers: processes that hold both grids each. Nothing larger than a particle is built for it.
+    """
+    plan, runs = config.plan, config.estimator.rough_runs(sampling_of(config))
+    if runs > MOST_RUNS:
+        raise ValueError(f"[campaign] asks for {runs} rough runs, the limit is {MOST_RUNS:.0e}: give fewer samples")
+    sizes = {grid: grid_size(config, grid) for grid in GRIDS}
+    for grid, size in sizes.items():
+        if not size.steps <= MOST_STEPS:
+            raise ValueError(
+                f"[{grid}] a run takes {size.steps:.3g} steps, the limit is {MOST_STEPS:.0e}: give a larger cell, a "
+                "larger cfl, softer soil or a shorter t_end"
+            )
+        if not size.work <= MOST_WORK:
+            raise ValueError(
+                f"[{grid}] a run takes {size.particles:.3g} particles times {size.steps:.3g} steps, {size.work:.1e} "
+                f"with {size.passes:.3g} averages in each; the limit is {MOST_WORK:.0e}: give larger cells and spacings"
+            )
+    usual = 1 if jax.default_backend() == "cpu" else 64
+    lanes = {
+        "rough": 1 if workers > 1 else min(plan.lanes or usual, runs),
+        "refined": 1 if workers > 1 else min(plan.look_ahead, runs),
+    }
+    models = sum(size.memory(lanes[grid]) for grid, size in sizes.items())
+    # The controller builds both grids too, to see that they fit.
+    needed = models + PROCESS + (workers * (models + PROCESS) if workers > 1 else 0.0)
+    _refuse_beyond_memory(
+        needed,
+        f"{sizes['rough'].particles:.3g} rough and {sizes['refined'].particles:.3g} refined particles"
+        + (f" in {workers} workers" if workers > 1 else f" in {lanes['rough']} and {lanes['refined']} lanes"),
+        "give larger cells and spacings, fewer lanes or fewer workers",
+    )
+
+
+def check_coefficients(config: Config, modes: int) -> None:
+    """Raise ValueError for more coefficients than this machine's memory holds."""
+    runs = config.estimator.rough_runs(sampling_of(config))
+    # The design, a copy while it is made, and the controller's own.
+    needed = 12.0 * runs * modes + PROCESS
+    said = f"{runs} samples of {modes} coefficients"
+    _refuse_beyond_memory(needed, said, "give fewer samples, longer correlation lengths or less energy")
+
+
+def _refuse_beyond_memory(needed: float, said: str, remedy: str) -> None:
+    limit = memory_limit()
+    if not needed <= limit:
+        raise ValueError(f"{said} take some {needed / 1e9:.3g} GB, this machine lends {limit / 1e9:.3g} GB: {remedy}")
+
+
+def memory_limit() -> float:
+    """Bytes that a process of this machine may use: its memory, or less where the system says so; inf if unknown."""
+    return min(_limits(), default=math.inf)
+
+
+def _limits() -> Iterator[float]:
+    if hasattr(os, "sysconf") and {"SC_PHYS_PAGES", "SC_PAGE_SIZE"} <= os.sysconf_names.keys():
+        yield float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
+    with suppress(OSError, ValueError):
+        yield float(Path("/sys/fs/cgroup/memory.max").read_text())
+    try:
+        import resource  # not on every system
+    except ImportError:
+        return
+    for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA):
+        soft, _ = resource.getrlimit(kind)
+        if soft != resource.RLIM_INFINITY:
+            yield float(soft)

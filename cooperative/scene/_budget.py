@@ -1,0 +1,54 @@
+"""The refined runs that a folder allows beyond its scene: for a target that moves, or rough runs that broke off."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, fields, replace
+from pathlib import Path
+from typing import Any
+
+from cooperative.scene._typed import Budget, Config
+from cooperative.store import write_aside
+
+KEPT = "budget.json"
+
+
+def raised(config: Config, budget: Budget) -> Config:
+    """The scene with so many refined runs allowed.
+
+    Raises ValueError for fewer than the scene allows, or an estimator that has no such setting.
+    """
+    if not budget.refined_runs > budget.scene >= 1:
+        raise ValueError(f"refined_runs = {budget.refined_runs}: the scene allows {budget.scene} already, give more")
+    chosen: Any = config.estimator
+    if "refined_runs" not in {setting.name for setting in fields(chosen)}:
+        raise ValueError(f"refined_runs = {budget.refined_runs}: estimator {chosen.name!r} has no such setting")
+    plan = replace(config.plan, estimator=replace(chosen, refined_runs=budget.refined_runs))
+    return replace(config, plan=plan, raised=budget)
+
+
+def write_budget(folder: Path, budget: Budget) -> None:
+    """Keep the refined runs allowed in a campaign's folder. OSError where the disk refuses."""
+    if kept_budget(folder) != budget:
+        write_aside(folder / KEPT, json.dumps(asdict(budget)).encode())
+
+
+def kept_budget(folder: Path) -> Budget | None:
+    """The refined runs that a campaign's folder allows beyond its scene, None where it does not.
+
+    Raises ValueError for a file that holds something else.
+    """
+    path = folder / KEPT
+    if not path.exists():
+        return None
+    try:
+        found = json.loads(path.read_text())
+        values = found["refined_runs"], found["scene"]
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        raise ValueError(f"{path} holds no number of refined runs: {REMEDY}") from error
+    if not all(type(value) is int and 0 < value < 2**31 for value in values):
+        raise ValueError(f"{path} holds {values!r} in place of numbers of refined runs: {REMEDY}")
+    return Budget(*values)
+
+
+REMEDY = "delete it, and say --refined-runs again"
