@@ -67,9 +67,8 @@ def test_a_second_signal_ends_where_it_falls_and_the_first_where_nothing_would_b
     seen = []
     with pytest.raises(Stopped), heeding():
         seen += [falls(signal.SIGINT), falls(signal.SIGINT)]
-    with pytest.raises(Stopped), heeding() as stop:
-        with stop.at_once():
-            seen += [falls(signal.SIGTERM)]
+    with pytest.raises(Stopped), heeding() as stop, stop.at_once():
+        seen += [falls(signal.SIGTERM)]
     assert seen == [False, True, True]
 
 
