@@ -133,7 +133,8 @@ def summarise(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
         "seconds": {
             grid: float(np.sum(rows.columns["seconds"])) for grid, rows in (("rough", rough), ("refined", refined))
         },
-        "notes": [*found.notes, *_warnings(config, refined, failed)],
+        "refined_runs_allowed": config.raised and asdict(config.raised),
+        "notes": [*found.notes, *_warnings(config, refined, failed), *_raised(config)],
     }
 
 
@@ -246,6 +247,13 @@ def _warnings(config: Config, refined: Rows, failed: np.ndarray) -> list[str]:
         f"run-out reached the wall {config.slope.toe:g} m beyond the toe, which held it, in {stopped} refined runs: "
         "lengthen [slope] toe"
     ]
+
+
+def _raised(config: Config) -> list[str]:
+    if config.raised is None:
+        return []
+    allowed = config.raised
+    return [f"the folder allows {allowed.refined_runs} refined runs, the scene {allowed.scene}"]
 
 
 def _counts(rows: Rows) -> dict[str, int]:

@@ -27,7 +27,8 @@ from cooperative import campaign
 from cooperative.estimate import Published, Sampling, rank_samples, stopping_rank
 from cooperative.measure import SEVERITY
 from cooperative.reporting import panels, save
-from cooperative.scene import kept, parse
+from cooperative.runs import check_size, heeding
+from cooperative.scene import kept, parse, shown, tables_of
 from cooperative.store import Rows, read_rows, read_store, write_aside
 from cooperative.summary import refined_answers, summarise
 
@@ -54,15 +55,23 @@ class Variant:
 def run(text: str, folder: Path, *, workers: int = 1, progress: bool = False) -> dict[str, Any]:
     """Run all campaigns of a sweep (TOML text) in its folder, or go on where it was; returns what `sweep.json` holds.
 
-    workers, progress: as for `cooperative.campaign.run`. Raises ValueError for a sweep that will not do, before
-    anything is run, and for a folder of another sweep.
+    workers, progress: as for `cooperative.campaign.run`, which Ctrl-C and SIGTERM end likewise. Raises ValueError for a
+    sweep that will not do, before anything is run, and for a folder of another sweep.
     """
     folder = Path(folder)
     parts = variants(text)
+    if workers < 1:
+        raise ValueError(f"workers = {workers}: give 1 or more")
     for part in parts:
-        parse(part.text)
+        check_size(parse(part.text), workers)
     _claim(folder, text)
-    points: dict[str, list[dict[str, Any]]] = {name: [] for name in _sweep(text)}
+    with heeding():
+        return _ran(parts, folder, list(_sweep(text)), workers=workers, progress=progress)
+
+
+def _ran(parts: list[Variant], folder: Path, names: list[str], *, workers: int, progress: bool) -> dict[str, Any]:
+    """All campaigns in turn, and what `sweep.json` and the figures tell of them."""
+    points: dict[str, list[dict[str, Any]]] = {name: [] for name in names}
     name = "sweep"
     for part in parts:
         where = folder / "campaigns" / part.name
@@ -174,18 +183,17 @@ def _axes(dimension: int) -> tuple[str, ...]:
 
 def _sweep(text: str) -> dict[str, list[float]]:
     """The table `[sweep]`, checked as far as it can be without the scene."""
-    try:
-        table = tomllib.loads(text).get("sweep")
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"the scene is not valid TOML: {error}") from error
+    table = tables_of(text).get("sweep")
     if not isinstance(table, dict) or not table:
         raise ValueError("the scene has no table [sweep]: give one, for example with lx = [10, 30, 60, 120]")
     for name, values in table.items():
-        numbers = isinstance(values, list) and all(type(value) in (int, float) for value in values)
+        numbers = isinstance(values, list) and all(
+            type(value) in (int, float) and -1e30 < value < 1e30 for value in values
+        )
         if not numbers or not values or len(set(values)) < len(values):
-            raise ValueError(f"[sweep] {name} = {values!r}: give a list of different numbers")
+            raise ValueError(f"[sweep] {name} = {shown(values)}: give a list of different numbers")
         if name == "k_t" and not all(isinstance(value, int) and value >= 1 for value in values):
-            raise ValueError(f"[sweep] k_t = {values!r}: give whole numbers of 1 or more")
+            raise ValueError(f"[sweep] k_t = {shown(values)}: give whole numbers of 1 or more")
     return table
 
 

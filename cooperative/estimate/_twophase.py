@@ -100,7 +100,7 @@ def _replay(population: Population, refined: Mapping[int, bool | None], plan: Au
     if lost > plan.runs - plan.first_wave:
         raise ValueError(
             f"{lost} rough lanes failed and want a refined run each, of {plan.runs} runs in all: "
-            "give more runs, or repair the rough lanes"
+            "give more runs (--refined-runs), or repair the rough lanes"
         )
     score = normal_scores(weight)
     centre = rough_centre(population.rough_displacement[order], weight, plan.rough_threshold)

@@ -275,6 +275,8 @@ def dask_executor(client: Any) -> Callable[[], Executor]:
         if not isinstance(client, str):
             return _DaskExecutor(client, owned=False)
         try:
+            if not client.strip():
+                raise ValueError("it is empty")
             return _DaskExecutor(distributed.Client(client, timeout=PATIENCE, set_as_default=False), owned=True)
         except (OSError, ValueError, TypeError, KeyError) as error:
             why = " ".join(str(error).split()) or type(error).__name__

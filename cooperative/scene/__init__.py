@@ -2,7 +2,7 @@
 
 from cooperative.scene._budget import kept_budget, raised, write_budget
 from cooperative.scene._calibration import calibrated, config_of, kept, measured
-from cooperative.scene._schema import SECTIONS
+from cooperative.scene._schema import SECTIONS, shown
 from cooperative.scene._text import read_scene, tables_of
 from cooperative.scene._typed import Budget, Config, Plan, built, parse
 
@@ -20,6 +20,7 @@ __all__ = [
     "parse",
     "raised",
     "read_scene",
+    "shown",
     "tables_of",
     "write_budget",
 ]

@@ -150,6 +150,8 @@ def _value(where: str, value: Any, key: Key, given: bool) -> Any:
         return None
     if any(isinstance(v, int) and not -(2**63) <= v < 2**63 for v in (value if isinstance(value, list) else [value])):
         raise ValueError(f"{where} is a whole number beyond 64 bits: give a smaller one")
+    if kind in (float, tuple) and not all(_fits(v) for v in (value if isinstance(value, list) else [value])):
+        raise ValueError(f"{where} = {shown(value)}: give finite values, in single precision (1e-30 to 1e30)")
     if kind is float and number:
         return float(value)
     if kind is int and number and isinstance(value, int):
@@ -172,6 +174,11 @@ def _value(where: str, value: Any, key: Key, given: bool) -> Any:
     }
     otherwise = "" if key.none is None else f", or {key.none!r}"
     raise ValueError(f"{where} = {shown(value)} is {in_words(value)}: give {wanted[kind]}{otherwise}")
+
+
+def _fits(value: Any) -> bool:
+    """Whether single precision holds a number, with some room for products of it."""
+    return not isinstance(value, float) or value == 0 or 1e-30 <= abs(value) <= 1e30
 
 
 def refuse_unknown(where: str, table: Mapping[str, Any], known: Mapping[str, Any]) -> None:
