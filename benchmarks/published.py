@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks import study_figures as figures
-from benchmarks.measure import ROOT, Report
-from benchmarks.study import DATA, read_study
+from benchmarks.measure import Report
+from benchmarks.study import DATA, FIGURES, read_study
 from benchmarks.study_pieces import (
     AUDIT,
     CELLS,
@@ -49,7 +49,6 @@ from cooperative.estimate import (
 )
 from cooperative.measure import SEVERITY
 
-FIGURES = ROOT / "benchmarks" / "figures"
 FEWEST = 20
 """Pairs from which on a reading is judged."""
 BEST_FITS = {

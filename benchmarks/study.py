@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
+from benchmarks import study_slides
 from benchmarks.measure import ROOT
 from benchmarks.study_pieces import PIECES, missing
 from benchmarks.study_runs import CASES, carry_out
@@ -23,6 +24,7 @@ from benchmarks.study_table import Outcome, Rows, Run, merged, read_table, write
 from cooperative.runs import process_pool
 
 DATA = ROOT / "benchmarks" / "data"
+FIGURES = ROOT / "benchmarks" / "figures"
 
 
 def file_of(folder: Path, piece: str) -> Path:
@@ -134,11 +136,14 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no run after as many")
     parser.add_argument("--workers", type=int, default=1, help="processes, each with its share of the cores")
     parser.add_argument("--collect", type=Path, metavar="FOLDER", help="take over the rows there, run nothing")
+    parser.add_argument("--draw", action="store_true", help="run and draw a typical slide of each mode, nothing else")
     parser.add_argument("--list", action="store_true", help="say what is there, run nothing")
     arguments = parser.parse_args()
     try:
         if arguments.collect is not None:
             print(collect(arguments.collect, arguments.folder) or "nothing new")
+        elif arguments.draw:
+            print("\n".join(map(str, study_slides.draw(merged(read_study(arguments.folder).values()), FIGURES))))
         elif arguments.list:
             print("\n".join(progress(arguments.folder)))
         else:

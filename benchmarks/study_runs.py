@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -116,28 +116,23 @@ def _config(scene: str, changes: Changes) -> Config:
     return parse(to_toml(tables))
 
 
-@dataclass(frozen=True)
-class _Prepared:
-    model: GridModel
-    coefficients: np.ndarray
-
-
 @lru_cache(maxsize=3)
-def _prepared(case: str, grid: str) -> _Prepared:
+def prepared(case: str, grid: str) -> tuple[GridModel, np.ndarray]:
+    """The model of a grid of a case, and the coefficients of its samples (samples, modes)."""
     config = config_of(case)
     expansion = expansion_of(config)
-    return _Prepared(build(config, grid, expansion), coefficients_of(config, expansion))
+    return build(config, grid, expansion), coefficients_of(config, expansion)
 
 
 def carry_out(run: Run) -> Outcome:
     """Do one run. A run that breaks off says so in its status."""
-    prepared = _prepared(run.case, run.grid)
-    model, config = prepared.model, prepared.model.config
+    model, coefficients = prepared(run.case, run.grid)
+    config = model.config
     plan = replace(config.plan, fields=(), modes=("rough", "refined") if run.until == "end" else ())
     model = replace(model, config=replace(config, plan=plan), strength_factor=1 / run.reduction)
     stop_at = config.run.failure_displacement if run.until == "class" else None
     clock = time.process_time()
-    sample = next(iter(run_samples(model, prepared.coefficients, [run.sample], width=1, stop_at=stop_at)))
+    sample = next(iter(run_samples(model, coefficients, [run.sample], width=1, stop_at=stop_at)))
     row = sample.row
     displacement = float(row["displacement"])
     slid = run.until == "end" and not row["broke_off"] and displacement > config.run.failure_displacement

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks import study, study_pieces, study_runs
+from benchmarks import study, study_pieces, study_runs, study_slides
 from benchmarks.study_table import Outcome, Run, merged, read_table, write_table
 from cooperative.estimate import AuditPlan, two_phase
 
@@ -195,8 +196,9 @@ TINY = {"scene": "demo", "changes": {"rough": {"cell": 4.0, "spacing": [2.0, 2.0
 RUNS = [Run("tiny", "rough", number, 1.4) for number in range(6)]
 PROCESS = f"""
 import sys
+from dataclasses import replace
 from pathlib import Path
-from benchmarks import study, study_pieces, study_runs
+from benchmarks import study, study_pieces, study_runs, study_slides
 from benchmarks.study_table import Run
 study_runs.CASES["tiny"] = {TINY!r}
 study_pieces.PIECES["tiny"] = lambda rows: {RUNS!r}
@@ -239,3 +241,32 @@ def test_a_slide_has_consequences_and_a_mode_and_a_class_has_none(tiny):
     assert to_the_end.mode in ("shallow", "deep", "compound", "progressive")
     assert to_its_class.volume is None
     assert to_its_class.mode is None
+
+
+WIDE = {"slope": {"width": 8.0}, "strength": {"length": [60.0, 60.0, 2.0]}, "rough": {"cell": 4.0}}
+WIDE |= {"rough": {"cell": 4.0, "spacing": [2.0] * 3}, "refined": {"cell": 4.0, "spacing": [2.0] * 3}}
+WIDE |= {"run": {"t_end": 2.0}}
+
+
+def test_a_typical_slide_of_each_mode_is_run_again_and_drawn(monkeypatch, tmp_path):
+    monkeypatch.setitem(study_runs.CASES, "published", {"scene": "demo", "changes": WIDE})
+    study_runs.prepared.cache_clear()
+    rows = {
+        Run("published", "refined", n, 4.0, "end"): replace(SLID, mode=mode, volume=volume)
+        for n, (mode, volume) in enumerate((("deep", 10.0), ("deep", 30.0), ("deep", 31.0), ("shallow", 5.0)))
+    }
+    chosen = study_slides.typical(rows | {Run("published", "refined", 9): FAILED})
+    assert {mode: run.sample for mode, run in chosen.items()} == {"deep": 1, "shallow": 3}
+    slide = study_slides.run_again(chosen["deep"], (1.0, 20.0))
+    assert slide.times == (1.0, 2.0)
+    moved = np.linalg.norm(slide.displacement, axis=1).max(axis=1)
+    assert moved[1] > moved[0] > 0
+    x, y, height, value = study_slides.surface(slide.position, slide.position[2], 4.0)
+    assert x.shape == y.shape == (23, 2)
+    assert height == pytest.approx(value)
+    assert height[0] == pytest.approx(15.0)
+    assert height[-1] == pytest.approx(3.0)
+    cut = study_slides.deepest_section(slide)
+    assert np.ptp(slide.position[1, cut]) < 4.0
+    assert study_slides.save(study_slides.drawing(slide), tmp_path / "slide.png").stat().st_size > 10_000
+    study_runs.prepared.cache_clear()
