@@ -203,7 +203,8 @@ def slide_of(rows: Rows, case: str) -> Found | str:
     runout, half = rows[run].runout, cell_of(case) / 2
     if runout is None:
         return f"the slide ended {rows[run].status} at {rows[run].displacement:.2g} m"
-    words = f"one slide at R = {value:.2f}, {rows[run].mode}; the interval is half a cell"
+    grains = "" if rows[run].runout_any is None else f", {rows[run].runout_any:.2f} m with detached grains"
+    words = f"one slide at R = {value:.2f}, {rows[run].mode}{grains}; the interval is half a cell"
     return Found(runout, (runout - half, runout + half), words, rows[run].core_seconds / 3600)
 
 

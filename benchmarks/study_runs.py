@@ -102,6 +102,13 @@ CASES: dict[str, dict[str, Any]] = {
 one gets another name."""
 
 
+SLIDE = (
+    *("runout", "depth", "volume", "area", "mode", "masses", "onset", "onset_second"),
+    *("displacement_any", "runout_any"),
+)
+"""What is kept of a slide."""
+
+
 def config_of(case: str) -> Config:
     """The scene of a case. ValueError for a case that is none."""
     if case not in CASES:
@@ -136,7 +143,7 @@ def carry_out(run: Run) -> Outcome:
     row = sample.row
     displacement = float(row["displacement"])
     slid = run.until == "end" and not row["broke_off"] and displacement > config.run.failure_displacement
-    kept = ("runout", "depth", "volume", "area", "mode", "masses", "onset", "onset_second") if slid else ()
+    kept = SLIDE if slid else ()
     return Outcome(
         status=sample.status,
         displacement=displacement,

@@ -31,8 +31,9 @@ class Run:
 @dataclass(frozen=True)
 class Outcome:
     """What a run left. status: of `jaxmpm.Status`. displacement: the largest (m), where the run ended. time: simulated
-    (s). runout, depth (m), volume (m3), area (m2), mode, masses, onset, onset_second (s): of a slide, as
-    `cooperative.measure` has them, None where the run went to its class only or stood. core_seconds: processor time."""
+    (s). core_seconds: processor time. The rest is of a slide, as `cooperative.measure` has it, None where the run went
+    to its class only or stood: runout, depth (m), volume (m3), area (m2), mode, masses, onset, onset_second (s);
+    displacement_any, runout_any (m) with detached grains."""
 
     status: str
     displacement: float
@@ -47,6 +48,8 @@ class Outcome:
     masses: int | None = None
     onset: float | None = None
     onset_second: float | None = None
+    displacement_any: float | None = None
+    runout_any: float | None = None
 
 
 Rows = dict[Run, Outcome]

@@ -52,7 +52,7 @@ def test_any_row_comes_back_to_six_digits(tmp_path_factory, displacement, sample
         ("0.05", "0.05x", r"study_fos\.csv, line 3: displacement = '0.05x' is no float"),
         ("0.05", "", r"line 3: displacement = '' is no float"),
         ("0.05", "nan", r"line 3: displacement = 'nan' says nothing"),
-        ("mean strength,rough,", "mean strength,", r"line 3: 17 cells instead of 18"),
+        ("mean strength,rough,", "mean strength,", r"line 3: 19 cells instead of 20"),
         ("published,refined", "published,fine", r"line 4: grid = 'fine'"),
         ("published,refined", '"published,refined', r"line 4: "),
         ("case,grid", "case,Grid", r"line 2: columns case, Grid"),
