@@ -44,7 +44,7 @@ def status_of(state: mpm.State) -> str:
 
 @pytree
 @dataclass(frozen=True)
-class Metered:
+class Metered(mpm.Law):
     """A law with linear elasticity, and with it what it dissipates per initial volume (J/m3).
 
     The mean of a step's two stresses does work on its strain (exact while elastic, second order in the step on the
@@ -62,11 +62,6 @@ class Metered:
     def shear(self) -> Array:
         """Shear modulus (Pa)."""
         return self.law.shear
-
-    @property
-    def p_wave_modulus(self) -> Array:
-        """K + 4G/3 (Pa)."""
-        return self.law.p_wave_modulus
 
     def initial_history(self, particles: mpm.Particles) -> Any:
         """The law's history, nothing dissipated, no change of volume."""

@@ -19,7 +19,6 @@ import jaxmpm as mpm
 from benchmarks.stability_case import Row, judged
 from jaxmpm import diagnostics
 from jaxmpm.transfer import locate
-from jaxmpm.transfer._shape import shape_1d
 
 KERNELS = (mpm.GIMP, mpm.Linear, mpm.QuadraticBSpline)
 # Particles per cell, and by how many cells they are shifted: by 0.24 two a cell come to 0.01 from nodes and faces.
@@ -46,7 +45,7 @@ def growth(scene: mpm.Scene, cfl: float) -> float:
     """Spectral radius of one step at rest, from shape functions alone."""
     grid, dt = scene.grid, cfl / np.sqrt(YOUNG / DENSITY)
     cells = np.asarray(locate(grid, scene.particles.position))[0]
-    pairs = [shape_1d(scene.kernel, 0, grid.cell, jnp.asarray(cells - i)) for i in range(grid.nodes)]
+    pairs = [scene.kernel.shape(0, grid.cell, jnp.asarray(cells - i)) for i in range(grid.nodes)]
     s, b = (np.stack([np.asarray(pair[k], float) for pair in pairs]) for k in (0, 1))
     m, volume = float(scene.particles.mass[0]), float(scene.particles.volume[0])
     nodal = m * s.sum(1)

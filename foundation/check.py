@@ -1,19 +1,64 @@
 """Checks of what users hand in: each raises ValueError naming the value, the limit and the remedy.
 
-Values that are being traced by JAX cannot be seen and pass.
+Values that are being traced by JAX cannot be seen and pass; what holds of them is said on the device (`admissible`).
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.typing import ArrayLike, DTypeLike
 
 Values: TypeAlias = ArrayLike | Sequence[float]
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The values that a parameter may have, all of them finite.
+
+    above, below: ends that are no such values themselves. least, most: ends that are. unit: for messages.
+    """
+
+    above: float | None = None
+    least: float | None = None
+    most: float | None = None
+    below: float | None = None
+    unit: str = ""
+
+    def holds(self, value: Any) -> Any:
+        """Whether each element of an array, of NumPy or JAX, is such a value; False for NaN."""
+        good = abs(value) < math.inf
+        good = good if self.above is None else good & (value > self.above)
+        good = good if self.least is None else good & (value >= self.least)
+        good = good if self.most is None else good & (value <= self.most)
+        return good if self.below is None else good & (value < self.below)
+
+    def __str__(self) -> str:
+        low = "" if self.least is None else f"from {self.least:g}"
+        low = low if self.above is None else f"above {self.above:g}"
+        if self.below is not None:
+            return f"a value {low} and below {self.below:g}"
+        if self.most is not None:
+            return f"a value {low} to {self.most:g}"
+        return f"a finite value {low}".strip() if self.least is None else f"a finite value of {self.least:g} or more"
+
+
+def above_zero(unit: str = "") -> Limit:
+    """Finite values above 0."""
+    return Limit(above=0.0, unit=unit)
+
+
+def from_zero(unit: str = "") -> Limit:
+    """Finite values of 0 or more."""
+    return Limit(least=0.0, unit=unit)
 
 
 def is_traced(*trees: Any) -> bool:
@@ -27,37 +72,81 @@ def require(holds: ArrayLike, message: str) -> None:
         raise ValueError(message)
 
 
+def within(name: str, value: Any, limit: Limit, *, remedy: str = "") -> None:
+    """Every element of `value` is a number within the limit."""
+    if is_traced(value):
+        return
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiub":
+        raise ValueError(f"{name} = {value!r}: give {limit}{_remedy(remedy)}")
+    bad = np.argwhere(~np.asarray(limit.holds(array)))
+    if not len(bad):
+        return
+    where = f" at {bad[0].tolist()} (bad at {len(bad)} of {array.size})" if array.ndim else ""
+    unit = f" {limit.unit}" if limit.unit else ""
+    raise ValueError(f"{name} = {array[tuple(bad[0])]:g}{unit}{where}: give {limit}{_remedy(remedy)}")
+
+
+def finite(name: str, value: Values, unit: str = "", *, remedy: str = "") -> None:
+    """Every element of `value` is finite."""
+    within(name, value, Limit(unit=unit), remedy=remedy)
+
+
 def positive(name: str, value: Values, unit: str = "", *, remedy: str = "") -> None:
     """Every element of `value` is finite and above 0."""
-    if not is_traced(value) and not (np.all(np.isfinite(value)) and np.all(np.asarray(value) > 0)):
-        raise ValueError(f"{name} = {_shown(value)}{_unit(unit)}: give a finite value above 0{_remedy(remedy)}")
+    within(name, value, above_zero(unit), remedy=remedy)
 
 
 def not_negative(name: str, value: Values, unit: str = "", *, remedy: str = "") -> None:
     """Every element of `value` is finite and at least 0."""
-    if not is_traced(value) and not (np.all(np.isfinite(value)) and np.all(np.asarray(value) >= 0)):
-        raise ValueError(f"{name} = {_shown(value)}{_unit(unit)}: give a finite value of 0 or more{_remedy(remedy)}")
-
-
-def finite(name: str, value: Values, *, remedy: str = "") -> None:
-    """No element of `value` is NaN or infinite."""
-    if not is_traced(value) and not np.all(np.isfinite(value)):
-        raise ValueError(f"{name} = {_shown(value)}: give finite values{_remedy(remedy)}")
+    within(name, value, from_zero(unit), remedy=remedy)
 
 
 def between(name: str, value: Values, low: float, high: float, *, ends: bool = False) -> None:
     """Every element lies between low and high, the ends allowed or not."""
-    if is_traced(value):
-        return
-    array = np.asarray(value)
-    good = (array >= low) & (array <= high) if ends else (array > low) & (array < high)
-    if not np.all(good):
-        bracket = f"from {low:g} to {high:g}" if ends else f"above {low:g} and below {high:g}"
-        raise ValueError(f"{name} = {_shown(value)}: give a value {bracket}")
+    within(name, value, Limit(least=low, most=high) if ends else Limit(above=low, below=high))
+
+
+def whole(name: str, value: Any, least: int = 1) -> None:
+    """`value` is a whole number of at least `least`."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise ValueError(f"{name} = {value!r}: give a whole number of {least} or more")
+
+
+def parameters(tree: Any, prefix: str = "") -> Iterator[tuple[str, Limit, Any]]:
+    """Name, limit and value of every number in a dataclass and in those that it holds.
+
+    A dataclass says what its fields may be in LIMITS; all others may have any finite value.
+    """
+    for field in dataclasses.fields(tree):
+        value = getattr(tree, field.name)
+        if field.metadata.get("static") or value is None:
+            continue
+        if dataclasses.is_dataclass(value):
+            yield from parameters(value, f"{prefix}{field.name}.")
+        else:
+            limit = getattr(type(tree), "LIMITS", {}).get(field.name, Limit())
+            for leaf in jax.tree.leaves(value):
+                yield prefix + field.name, limit, leaf
+
+
+def within_limits(tree: Any) -> None:
+    """Every number in a dataclass, and in those that it holds, is within its limit."""
+    for name, limit, value in parameters(tree):
+        within(name, value, limit)
+
+
+def admissible(tree: Any) -> Array:
+    """On the device: whether every number in a dataclass, and in those that it holds, is within its limit."""
+    good = jnp.asarray(True)
+    for _, limit, value in parameters(tree):
+        good &= jnp.all(limit.holds(value))
+    return good
 
 
 def multiple(name: str, length: float, unit_name: str, unit: float) -> int:
     """`length` is a whole multiple of `unit` (m); returns the number."""
+    positive(name, length, "m")
     # Beyond 2^53 every number is whole, and infinity has no rounding.
     count = round(length / unit) if length / unit < 2**53 else 0
     if count < 1 or not math.isclose(count * unit, length, rel_tol=1e-9):
@@ -70,7 +159,10 @@ def multiple(name: str, length: float, unit_name: str, unit: float) -> int:
 
 def dtype(value: DTypeLike) -> np.dtype:
     """The floating type asked for; float64 must be enabled in JAX."""
-    asked = np.dtype(value)
+    try:
+        asked = np.dtype(value)
+    except TypeError as error:
+        raise ValueError(f"dtype = {value!r}: give float32 or float64") from error
     if asked not in (np.dtype("float32"), np.dtype("float64")):
         raise ValueError(f"dtype = {asked}: give float32 or float64")
     if jax.dtypes.canonicalize_dtype(asked) != asked:
@@ -81,26 +173,13 @@ def dtype(value: DTypeLike) -> np.dtype:
 
 
 def axes(name: str, values: Sequence[float], dimension: int) -> None:
-    """One value per axis."""
+    """One value per axis, each a finite number."""
+    finite(name, values)
+    if np.ndim(values) != 1:
+        raise ValueError(f"{name} = {values!r}: give {dimension} values, one per axis")
     if len(values) != dimension:
         raise ValueError(f"{name} = {tuple(values)} has {len(values)} values: give {dimension}, one per axis")
 
 
-def _unit(unit: str) -> str:
-    return f" {unit}" if unit else ""
-
-
 def _remedy(remedy: str) -> str:
     return f"; {remedy}" if remedy else ""
-
-
-def _shown(value: Values) -> str:
-    array = np.asarray(value)
-    if array.ndim == 0:
-        return f"{array.item():g}" if np.issubdtype(array.dtype, np.number) else repr(value)
-    finite_ones = array[np.isfinite(array)]
-    return (
-        f"array of {array.shape} from {finite_ones.min():g}, {array.size - finite_ones.size} not finite"
-        if finite_ones.size
-        else "not finite"
-    )

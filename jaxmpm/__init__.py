@@ -1,6 +1,7 @@
 """Batched, differentiable generalised-interpolation material point method in 1D, 2D and 3D."""
 
 from foundation import files
+from foundation.check import Limit
 from foundation.files import DamagedFile, write_aside
 from foundation.pytrees import pytree
 from jaxmpm import diagnostics, tensors
@@ -13,6 +14,7 @@ from jaxmpm.laws import (
     Elastic,
     ExponentialSoftening,
     FrictionalSoftening,
+    Law,
     Matching,
     MohrCoulomb,
     RateEffect,
@@ -46,21 +48,25 @@ from jaxmpm.site import (
     PlasticStrain,
     Slope,
     Soil,
+    at_rest,
     bar,
     block,
     cell_independent,
     column,
+    fill,
+    scene,
     slope,
+    unstressed,
+    with_soil,
     with_strength,
 )
+from jaxmpm.transfer import GIMP, Linear, QuadraticBSpline
 from jaxmpm.types import (
-    GIMP,
     Engine,
     Grid,
-    Linear,
+    Kernel,
     Material,
     Particles,
-    QuadraticBSpline,
     Scene,
     Scheme,
     State,
@@ -84,6 +90,9 @@ __all__ = [
     "FrictionalSoftening",
     "FrictionalSoil",
     "Grid",
+    "Kernel",
+    "Law",
+    "Limit",
     "Linear",
     "Matching",
     "Material",
@@ -105,6 +114,7 @@ __all__ = [
     "Wall",
     "advance",
     "advance_lanes",
+    "at_rest",
     "bar",
     "block",
     "cell_independent",
@@ -114,6 +124,7 @@ __all__ = [
     "diagnostics",
     "factor_of_safety",
     "files",
+    "fill",
     "lanes",
     "load_state",
     "objectives",
@@ -123,12 +134,15 @@ __all__ = [
     "repeat",
     "replay",
     "save_state",
+    "scene",
     "slope",
     "solve",
     "solve_each",
     "step",
     "strength_sensitivity",
     "tensors",
+    "unstressed",
+    "with_soil",
     "with_strength",
     "write_aside",
     "write_particles",

@@ -1,10 +1,14 @@
-"""Energy, momentum and displacement of a state; each of one lane, to be vmapped over a batch."""
+"""Energy, momentum and displacement of a state; each of one lane, to be vmapped over a batch.
+
+Those that take a scene raise ValueError for a state of another number of particles, or of many lanes.
+"""
 
 from __future__ import annotations
 
 from functools import partial
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxmpm import tensors
@@ -14,8 +18,18 @@ from jaxmpm.transfer import g2p, p2g
 from jaxmpm.types import Scene, State
 
 
+def _of_one_lane(scene: Scene, state: State) -> None:
+    found, wanted = np.shape(state.displacement), np.shape(scene.particles.position)
+    if found != wanted:
+        raise ValueError(
+            f"the state's displacement has shape {found}, the scene asks for {wanted}: give the state of one lane of "
+            "this scene, or map over the lanes with jax.vmap"
+        )
+
+
 def position(scene: Scene, state: State) -> Array:
     """Current positions (d, N) m."""
+    _of_one_lane(scene, state)
     return scene.particles.position + state.displacement
 
 
@@ -31,16 +45,19 @@ def largest_displacement(state: State) -> Array:
 
 def momentum(scene: Scene, state: State) -> Array:
     """Total momentum (d) kg m/s."""
+    _of_one_lane(scene, state)
     return jnp.sum(scene.particles.mass * state.velocity, axis=1)
 
 
 def kinetic_energy(scene: Scene, state: State) -> Array:
     """Kinetic energy of the particles (J)."""
+    _of_one_lane(scene, state)
     return 0.5 * jnp.sum(scene.particles.mass * jnp.sum(state.velocity**2, axis=0))
 
 
 def elastic_energy(scene: Scene, state: State) -> Array:
     """Energy stored in the elastic stress (J), for a material with `bulk` and `shear`."""
+    _of_one_lane(scene, state)
     stress = tensors.expand(state.stress, scene.grid.dimension)
     pressure, j2 = tensors.mean(stress), tensors.second_invariant(tensors.deviator(stress))
     density = pressure**2 / (2 * scene.material.bulk) + j2 / (2 * scene.material.shear)
@@ -49,6 +66,7 @@ def elastic_energy(scene: Scene, state: State) -> Array:
 
 def potential_energy(scene: Scene, state: State) -> Array:
     """Work still to be had from gravity, relative to the initial positions (J)."""
+    _of_one_lane(scene, state)
     return -jnp.sum(scene.particles.mass * (scene.gravity @ state.displacement))
 
 

@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from foundation import files
+from foundation import check, files
 from jaxmpm.types import Scene, State
 
 KIND = "jaxmpm restart point"
@@ -106,6 +106,7 @@ def write_particles(
     the points. constant: name -> values (N,) that hold at all times.
     Raises ValueError for shapes or numbers of steps that do not fit; OSError where the disk refuses.
     """
+    check.finite("times", times, "s")
     if position.ndim != 2 or not len(times) or not (np.diff(times) > 0).all():
         raise ValueError(
             f"position has shape {position.shape} and times are {list(times)}: give (d, N) and ascending times"

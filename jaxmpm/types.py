@@ -7,12 +7,13 @@ Axes are x in 1D, (x, z) in 2D plane strain and (x, y, z) in 3D. Absent physics 
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from typing import Any, ClassVar, Literal, Protocol
 
 from jax import Array
 
+from foundation.check import Limit, above_zero, from_zero
 from foundation.pytrees import pytree
 
 Tensor = tuple[Any, Any, Any, Any, Any, Any]
@@ -24,31 +25,21 @@ def static(**kwargs: Any) -> Any:
     return field(metadata={"static": True}, **kwargs)
 
 
-@dataclass(frozen=True)
-class Linear:
-    """Linear (hat) shape functions; particles are points."""
+class Kernel(Protocol):
+    """Shape functions of the nodes around a particle: static, so a frozen dataclass of hashable values.
 
-
-@dataclass(frozen=True)
-class GIMP:
-    """Undeformed generalised interpolation: a hat function averaged over a box of fixed size.
-
-    half_size: half of the particle's edge per axis (m), above 0 and at most half a cell.
-    Source: Bardenhagen and Kober (2004), CMES 5(6), 477-495, with the particle's domain kept.
+    They may reach one and a half cells from their node, and those of the three nodes around a particle add up to 1.
     """
 
-    half_size: tuple[float, ...]
+    @classmethod
+    def of_spacing(cls, spacing: tuple[float, ...]) -> Kernel:
+        """The kernel for particles this far apart along each axis (m)."""
 
+    def shape(self, axis: int, cell: float, r: Array) -> tuple[Array, Array]:
+        """Value and derivative (1/m) of a node's function at r = (x - x_node) / cell along an axis."""
 
-@dataclass(frozen=True)
-class QuadraticBSpline:
-    """Quadratic B-splines: smooth shape functions of points, three nodes wide.
-
-    Source: Steffen, Kirby and Berzins (2008), IJNME 76, 922-948.
-    """
-
-
-Kernel = Linear | GIMP | QuadraticBSpline
+    def deviation(self, cell: float) -> float:
+        """Standard deviation (m) of the bell that mapping to the grid and back spreads a particle's value over."""
 
 
 class Engine(enum.Enum):
@@ -69,7 +60,9 @@ class Scheme(enum.Enum):
 class Status(enum.IntEnum):
     """Where a lane stands. Anything above DECIDED has failed, and its state is that of its last step.
 
-    DECIDED: its displacement passed the limit at which the caller wanted to know no more.
+    DECIDED: its displacement passed the limit at which the caller wanted to know no more. BAD_PARAMETER: a number of
+    its scene is not finite or beyond its limit, so that no step was taken. Files keep names and numbers: new ones go to
+    the end.
     """
 
     RUNNING = 0
@@ -80,6 +73,7 @@ class Status(enum.IntEnum):
     OUTSIDE_GRID = 5
     INVERTED = 6
     TIME_STEP_TOO_LARGE = 7
+    BAD_PARAMETER = 8
 
 
 @pytree
@@ -135,21 +129,54 @@ class Particles:
     mass: Array
     volume: Array
 
+    LIMITS: ClassVar[Mapping[str, Limit]] = {"mass": above_zero("kg"), "volume": above_zero("m3")}
+
 
 class Material(Protocol):
-    """A constitutive law: a frozen pytree of parameters, scalars or one value per particle."""
+    """A constitutive law: a frozen pytree of parameters, each a number or one value per particle (N).
+
+    All that the package asks of a law; `Law` is a base class with what most laws share.
+    """
+
+    LIMITS: ClassVar[Mapping[str, Limit]]
+    """What values the parameters may have; those that are not named here may have any that is finite."""
+
+    STRENGTH: ClassVar[tuple[str, ...]]
+    """Names of the parameters that strength reduction changes; none for a law without strength."""
+
+    FRICTIONAL: ClassVar[bool]
+    """Whether strength depends on the mean stress, which F-bar would average."""
+
+    @property
+    def bulk(self) -> Array:
+        """Elastic bulk modulus K (Pa), of the initial stress and the energy stored."""
+
+    @property
+    def shear(self) -> Array:
+        """Elastic shear modulus G (Pa), likewise."""
 
     @property
     def p_wave_modulus(self) -> Array:
-        """Modulus of the fastest elastic wave, K + 4G/3 (Pa)."""
+        """Modulus of the fastest elastic wave (Pa), K + 4G/3 of an isotropic law: it sets the time step."""
+
+    @property
+    def steepest_softening(self) -> Array | None:
+        """Largest loss of shear strength per unit of plastic shear strain (Pa), which must stay below G; None where the
+        law does not soften."""
 
     def initial_history(self, particles: Particles) -> Any:
         """The history of undisturbed particles, an array (N) or a pytree of them, or None where the law has none."""
 
+    def reduced(self, factor: Array) -> Any:
+        """The law with its strength divided by `factor`: peak, residual, and the tangent of friction."""
+
     def update(
         self, strain_increment: Tensor, stress: Tensor, history: Any, dt: Array | None = None
     ) -> tuple[Tensor, Any]:
-        """Stress (Pa) and history after a strain increment within dt (s), which rate-dependent laws need."""
+        """Stress (Pa) and history after a strain increment within dt (s), which rate-dependent laws need.
+
+        Tensors have six components (xx, yy, zz, xy, yz, xz), tension positive; absent ones are the number 0.0.
+        """
 
 
 @pytree
@@ -169,7 +196,7 @@ class Scene:
 
     grid: Grid
     particles: Particles
-    material: Any
+    material: Any  # a `Material`, and what its law adds: callers vary parameters that only they know
     gravity: Array
     time_step: Array
     kernel: Kernel = static()
@@ -182,6 +209,13 @@ class Scene:
     flip: Array | None = None
     damping: Array | None = None
     wall_friction: Array | None = None
+
+    LIMITS: ClassVar[Mapping[str, Limit]] = {
+        "time_step": above_zero("s"),
+        "flip": Limit(least=0.0, most=1.0),
+        "damping": from_zero("1/s"),
+        "wall_friction": from_zero(),
+    }
 
 
 @pytree

@@ -63,9 +63,8 @@ print(f"{samples} samples of {expansion.modes} coefficients, strengths at {stren
 # %%
 def final_displacement(numbers: range, width: int) -> dict[int, np.ndarray]:
     """Displacement (2, N) m at the end of each sample's run, `width` lanes at a time."""
-    runs = mpm.solve_each(
-        scene, state, ((i, strengths[i]) for i in numbers), width=width, t_end=20.0, settle=mpm.Settle()
-    )
+    varied = {"strength": (strengths[i] for i in numbers)}
+    runs = mpm.solve_each(scene, state, varied, width=width, t_end=20.0, settle=mpm.Settle())
     return {number: np.asarray(result.state.displacement) for number, result in runs}
 
 
@@ -86,7 +85,7 @@ plastic_strain = np.zeros((samples, position.shape[1]), np.float32)
 status, steps = np.zeros(samples, int), np.zeros(samples, int)
 width = 1 if jax.default_backend() == "cpu" else 64
 
-runs = mpm.solve_each(scene, state, enumerate(strengths), width=width, t_end=20.0, settle=mpm.Settle())
+runs = mpm.solve_each(scene, state, {"strength": strengths}, width=width, t_end=20.0, settle=mpm.Settle())
 for number, result in tqdm(runs, total=samples, desc="screening", unit="sample", file=sys.stdout, mininterval=1.0):
     displacement[number] = result.state.displacement
     plastic_strain[number] = result.state.history
@@ -210,7 +209,7 @@ plt.show()
 #
 # ## What to remember
 #
-# - `mpm.solve_each(scene, state, (number, strength) pairs, width=...)` runs any number of samples through a fixed
+# - `mpm.solve_each(scene, state, {"strength": strengths}, width=...)` runs any number of samples through a fixed
 #   number of lanes, and yields each as it ends.
 # - Rank by the displacement, not by the class: it is continuous, and it is what rough and refined grids agree on.
 # - The mean strength along the band tells most of the outcome before any run; what it leaves open, the runs tell.

@@ -139,8 +139,8 @@ def test_grid_spans_what_particles_can_reach():
 
 def test_second_sample_compiles_nothing(caplog):
     scene, state = section()
-    strengths = [(i, jnp.full_like(scene.particles.mass, 9e3 + 100 * i)) for i in range(3)]
-    run = mpm.solve_each(scene, state, iter(strengths), width=1, t_end=0.2)
+    strengths = [jnp.full_like(scene.particles.mass, 9e3 + 100 * i) for i in range(3)]
+    run = mpm.solve_each(scene, state, {"strength": strengths}, width=1, t_end=0.2)
     next(run)
     with jax.log_compiles(True), caplog.at_level(logging.WARNING):
         # The first refill compiles the refill itself; after it everything is there.
@@ -154,12 +154,10 @@ def test_many_samples_end_the_same_whatever_the_width():
     scene, state = section()
     found = []
     for width in (1, 3):
-        strengths = ((i, 9e3 * (0.5 + 0.25 * i)) for i in range(5))
-        found.append(
-            {n: r.state.displacement for n, r in mpm.solve_each(scene, state, strengths, width=width, t_end=0.4)}
-        )
+        varied = {"strength": (9e3 * (0.5 + 0.25 * i) for i in range(5))}
+        found.append({n: r.state.displacement for n, r in mpm.solve_each(scene, state, varied, width=width, t_end=0.4)})
     assert sorted(found[0]) == list(range(5))
     for number in found[0]:
         assert (found[0][number] == found[1][number]).all()
-    with pytest.raises(ValueError, match="width = 0 lanes"):
-        next(mpm.solve_each(scene, state, iter([]), width=0, t_end=1.0))
+    with pytest.raises(ValueError, match="width = 0: give a whole number of 1 or more"):
+        next(mpm.solve_each(scene, state, {"strength": []}, width=0, t_end=1.0))

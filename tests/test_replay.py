@@ -208,7 +208,7 @@ def test_bad_replays_are_refused(options, message):
 
 def test_bad_objectives_are_refused():
     scene, state = slide()
-    with pytest.raises(ValueError, match="share = 0\\.7"):
+    with pytest.raises(ValueError, match="share = 0\\.7: give a value above 0 and below"):
         objectives.front(scene, state, share=0.7)
     elastic, rest = mpm.column(4.0, mpm.Soil(), mpm.Discretisation(1.0, (0.5, 0.5)))
     with pytest.raises(ValueError, match="Elastic has no strength"):

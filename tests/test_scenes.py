@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 import jaxmpm as mpm
 from jaxmpm import diagnostics
-from jaxmpm.site._builders import at_rest
 from jaxmpm.site._initial_stress import elastic_equilibrium
 
 PAPER_SOIL = mpm.Soil(strength=42e3, softening_modulus=85e3)
@@ -62,7 +61,7 @@ def test_initial_stress_is_where_damped_gravity_loading_ends():
     start = jnp.zeros_like(state.stress)
     direct, residual = elastic_equilibrium(scene, start)
     damped = replace(scene, damping=jnp.asarray(150.0))
-    dynamic = mpm.solve(damped, replace(at_rest(scene), stress=start), t_end=1.0)
+    dynamic = mpm.solve(damped, replace(mpm.unstressed(scene), stress=start), t_end=1.0)
     assert float(residual) < 2e-5
     assert float(diagnostics.unbalanced_force(scene, dynamic.state)) < 1e-3
     scale = float(jnp.max(jnp.abs(direct)))
@@ -76,7 +75,9 @@ def test_settled_slope_stays_within_a_millimetre_for_twenty_seconds(precise):
         scene = mpm.reduced(scene, 0.5)
         # Even at twice its strength the crest yields at depth, where elastic stress exceeds it: let that end first.
         quiet = mpm.solve(replace(scene, damping=jnp.asarray(10.0, state.stress.dtype)), state, t_end=4.0).state
-        settled = replace(at_rest(scene), stress=quiet.stress, history=quiet.history, volume_ratio=quiet.volume_ratio)
+        settled = replace(
+            mpm.unstressed(scene), stress=quiet.stress, history=quiet.history, volume_ratio=quiet.volume_ratio
+        )
         result = mpm.solve(scene, settled, t_end=20.0).raise_if_failed()
         assert float(diagnostics.largest_displacement(result.state)) < 1e-3
 
@@ -142,7 +143,7 @@ def test_grid_too_small_for_the_block_is_refused():
 
 def test_bad_runs_are_refused():
     scene, state = mpm.slope(SMALL, PAPER_SOIL, mpm.Discretisation(1.0, (0.5, 0.5)))
-    with pytest.raises(ValueError, match=r"t_end = 0\.0 s"):
+    with pytest.raises(ValueError, match=r"t_end = 0 s"):
         mpm.solve(scene, state, t_end=0.0)
     with pytest.raises(ValueError, match=r"snapshots at \[3\] s lie outside"):
         mpm.solve(scene, state, t_end=1.0, snapshots=(3,))
@@ -150,7 +151,7 @@ def test_bad_runs_are_refused():
         mpm.lanes(scene, stiffness=jnp.ones(2))
     with pytest.raises(ValueError, match="strength has shape"):
         mpm.with_strength(scene, np.ones(3))
-    with pytest.raises(ValueError, match="strength = array of"):
+    with pytest.raises(ValueError, match=r"strength = -1 Pa at \[0\]"):
         mpm.with_strength(scene, -np.ones(scene.particles.mass.size))
 
 

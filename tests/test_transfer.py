@@ -18,10 +18,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from jaxmpm.transfer import GIMP, Linear, QuadraticBSpline, native
 from jaxmpm.transfer import _transfers as transfer
-from jaxmpm.transfer import native
-from jaxmpm.transfer._shape import shape_1d
-from jaxmpm.types import GIMP, Engine, Grid, Linear, QuadraticBSpline
+from jaxmpm.types import Engine, Grid
 
 CELL = 1.3
 KERNELS = ("linear", "gimp", "bspline")
@@ -109,8 +108,8 @@ def test_shape_functions_are_averages_of_simpler_ones(x64, r):
         return quad(lambda s: max(1 - abs(s), 0), r - half, r + half, points=knots or None)[0] / (2 * half)
 
     l = 0.3
-    assert shape_1d(GIMP((l * CELL,)), 0, CELL, jnp.array(r))[0] == pytest.approx(mean_of_hat(l), abs=1e-12)
-    assert shape_1d(QuadraticBSpline(), 0, CELL, jnp.array(r))[0] == pytest.approx(mean_of_hat(0.5), abs=1e-12)
+    assert GIMP((l * CELL,)).shape(0, CELL, jnp.array(r))[0] == pytest.approx(mean_of_hat(l), abs=1e-12)
+    assert QuadraticBSpline().shape(0, CELL, jnp.array(r))[0] == pytest.approx(mean_of_hat(0.5), abs=1e-12)
 
 
 @given(

@@ -113,9 +113,9 @@ def moments(model: GridModel, sample: Sample) -> Moments:
             kept.append(np.asarray(displacement))
 
     run = model.config.run
-    strength = [(sample.number, model.strength(sample.coefficients))]
+    varied = {"strength": [model.strength(sample.coefficients)]}
     for _, result in solve_each(
-        model.scene, model.state, strength, width=1, t_end=run.t_end, settle=run.settle, observe=look
+        model.scene, model.state, varied, width=1, t_end=run.t_end, settle=run.settle, observe=look
     ):
         end = int(result.state.step) * float(model.scene.time_step)
         if not times or end > times[-1]:

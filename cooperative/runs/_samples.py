@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import tee
 from pathlib import Path
 
 import jax
@@ -44,22 +45,24 @@ def run_samples(
     folder = restart_in if restart_in is not None and (restart_in / "scene.toml").is_file() else None
     lanes, left_out = _UnderWay(model, folder, stop), False
 
-    def strengths() -> Iterator[tuple[int, jax.Array]]:
+    def until_stopped() -> Iterator[int]:
         nonlocal left_out
         for number in numbers:
             left_out = stop()
             if left_out:
                 return
-            yield number, model.strength(jnp.asarray(coefficients[number]))
+            yield number
 
     def looked(chunk: Chunk) -> None:
         lanes.look(chunk.busy)
         if on_chunk is not None:
             on_chunk(chunk)
 
+    wanted, drawn = tee(until_stopped())
+    varied = {"strength": (model.strength(jnp.asarray(coefficients[number])) for number in drawn)}
     for number, result in solve_each(
-        model.scene, model.state, strengths(), width=width, t_end=run.t_end, settle=run.settle, stop_at=stop_at,
-        on_chunk=looked, observe=lanes.remember if lanes.remembers else None, resume=lanes.begin,
+        model.scene, model.state, varied, numbers=wanted, width=width, t_end=run.t_end, settle=run.settle,
+        stop_at=stop_at, on_chunk=looked, observe=lanes.remember if lanes.remembers else None, resume=lanes.begin,
     ):  # fmt: skip
         seconds = lanes.before[number] + lanes.lap()
         motion = lanes.motions.pop(number) if model.grid in model.config.plan.modes else None

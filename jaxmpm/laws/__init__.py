@@ -1,8 +1,9 @@
 """Constitutive laws: (parameters, strain increment, stress, history) -> (stress, history)."""
 
+from jaxmpm.laws._base import Law, reduce_strength, snaps_back
 from jaxmpm.laws._frictional import DruckerPrager, Matching, MohrCoulomb, cone
 from jaxmpm.laws._softening import Decay, ExponentialSoftening, FrictionalSoftening, RateEffect, Softening
-from jaxmpm.laws._undrained import J2, Elastic, elastic_increment, reduce_strength
+from jaxmpm.laws._undrained import J2, Elastic, elastic_increment
 
 __all__ = [
     "J2",
@@ -11,6 +12,7 @@ __all__ = [
     "Elastic",
     "ExponentialSoftening",
     "FrictionalSoftening",
+    "Law",
     "Matching",
     "MohrCoulomb",
     "RateEffect",
@@ -18,4 +20,5 @@ __all__ = [
     "cone",
     "elastic_increment",
     "reduce_strength",
+    "snaps_back",
 ]

@@ -7,7 +7,7 @@ engineering plastic shear strain g, kept only where the soil softens.
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
@@ -16,8 +16,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from foundation.check import Limit, from_zero
 from foundation.pytrees import pytree
-from jaxmpm.laws._softening import FrictionalSoftening
+from jaxmpm.laws._base import Law
+from jaxmpm.laws._softening import ANGLE, FrictionalSoftening
 from jaxmpm.laws._spectral import isotropic
 from jaxmpm.laws._undrained import add, elastic_increment
 from jaxmpm.tensors import deviator, mean, row_by_row, safe_sqrt, second_invariant
@@ -25,6 +27,9 @@ from jaxmpm.types import Particles, Tensor
 
 SMALLEST = 1e-6
 """Sine of friction below which the apex stays where this sine puts it: too far out to be reached."""
+
+
+LIMITS = {"cohesion": from_zero("Pa"), "friction": ANGLE, "dilation": ANGLE, "tension_cutoff": from_zero("Pa")}
 
 
 class Matching(enum.Enum):
@@ -63,14 +68,16 @@ def cone(matching: Matching, cohesion: Array, friction: Array, dilation: Array) 
 
 @pytree
 @dataclass(frozen=True)
-class DruckerPrager:
+class DruckerPrager(Law):
     """Elastic soil that yields on a cone matched to Mohr-Coulomb.
 
     bulk, shear: Pa. cohesion: Pa. friction, dilation: rad. softening: None keeps the peak. tension_cutoff: largest
     mean stress (Pa); None leaves it to the cone's apex. matching: see `Matching`.
     """
 
-    STRENGTH: ClassVar = ("cohesion", "friction", "dilation", "softening")
+    LIMITS: ClassVar[Mapping[str, Limit]] = LIMITS
+    STRENGTH: ClassVar[tuple[str, ...]] = ("cohesion", "friction", "dilation", "softening")
+    FRICTIONAL: ClassVar[bool] = True
 
     bulk: Array
     shear: Array
@@ -80,11 +87,6 @@ class DruckerPrager:
     softening: FrictionalSoftening | None = None
     tension_cutoff: Array | None = None
     matching: Matching = field(default=Matching.PLANE_STRAIN, metadata={"static": True})
-
-    @property
-    def p_wave_modulus(self) -> Array:
-        """K + 4G/3 (Pa)."""
-        return self.bulk + 4 * self.shear / 3
 
     def initial_history(self, particles: Particles) -> Array | None:
         """No plastic strain yet; None without softening."""
@@ -121,14 +123,16 @@ class DruckerPrager:
 
 @pytree
 @dataclass(frozen=True)
-class MohrCoulomb:
+class MohrCoulomb(Law):
     """Elastic soil that yields on Mohr-Coulomb's pyramid, non-associated, cut off where a principal stress is tension.
 
     bulk, shear: Pa. cohesion: Pa. friction, dilation: rad, the dilation at most the friction. softening: None keeps
     the peak. tension_cutoff: largest principal stress (Pa), its flow associated; None leaves it to the apex.
     """
 
-    STRENGTH: ClassVar = ("cohesion", "friction", "dilation", "softening")
+    LIMITS: ClassVar[Mapping[str, Limit]] = LIMITS
+    STRENGTH: ClassVar[tuple[str, ...]] = ("cohesion", "friction", "dilation", "softening")
+    FRICTIONAL: ClassVar[bool] = True
 
     bulk: Array
     shear: Array
@@ -137,11 +141,6 @@ class MohrCoulomb:
     dilation: Array
     softening: FrictionalSoftening | None = None
     tension_cutoff: Array | None = None
-
-    @property
-    def p_wave_modulus(self) -> Array:
-        """K + 4G/3 (Pa)."""
-        return self.bulk + 4 * self.shear / 3
 
     def initial_history(self, particles: Particles) -> Array | None:
         """No plastic strain yet; None without softening."""

@@ -7,14 +7,20 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jax import Array
 
+from foundation.check import Limit, above_zero, from_zero
 from foundation.pytrees import pytree
 from jaxmpm.tensors import deviator, safe_sqrt, second_invariant
 from jaxmpm.types import Tensor
+
+RATIO = Limit(least=0.0, most=1.0)
+ANGLE = Limit(least=0.0, below=math.pi / 2, unit="rad")
 
 NEWTON_STEPS = 8
 """From the residual branch Newton's steps fall monotonically to the root of a convex law; 8 reach rounding."""
@@ -31,6 +37,8 @@ class Softening:
 
     modulus: Array
     residual_ratio: Array
+
+    LIMITS: ClassVar[Mapping[str, Limit]] = {"modulus": above_zero("Pa"), "residual_ratio": RATIO}
 
     def strength(self, peak: Array, g: Array) -> Array:
         """Strength (Pa) after the plastic shear strain g."""
@@ -62,6 +70,8 @@ class ExponentialSoftening:
     residual_ratio: Array
     strain_95: Array
 
+    LIMITS: ClassVar[Mapping[str, Limit]] = {"residual_ratio": RATIO, "strain_95": above_zero()}
+
     def strength(self, peak: Array, g: Array) -> Array:
         """Strength (Pa) after the plastic shear strain g."""
         return peak * (self.residual_ratio + (1 - self.residual_ratio) * jnp.exp(-3 * g / self.strain_95))
@@ -91,6 +101,8 @@ class RateEffect:
     coefficient: Array
     reference_rate: Array
 
+    LIMITS: ClassVar[Mapping[str, Limit]] = {"coefficient": from_zero(), "reference_rate": above_zero("1/s")}
+
     def factor(self, strain_increment: Tensor, dt: Array) -> Array:
         """Strength over that at the reference rate, for a strain increment within dt (s)."""
         rate = 2 * safe_sqrt(second_invariant(deviator(strain_increment))) / dt
@@ -117,6 +129,12 @@ class FrictionalSoftening:
     friction: Array
     strain: Array
     decay: Decay = field(default=Decay.LINEAR, metadata={"static": True})
+
+    LIMITS: ClassVar[Mapping[str, Limit]] = {
+        "cohesion": from_zero("Pa"),
+        "friction": ANGLE,
+        "strain": above_zero(),
+    }
 
     def strength(self, cohesion: Array, friction: Array, dilation: Array, g: Array) -> tuple[Array, Array, Array]:
         """Cohesion (Pa), friction and dilation (rad) after the plastic shear strain g, from their peak values."""

@@ -1,19 +1,21 @@
 """Constitutive laws: (parameters, strain increment, stress, history) -> (stress, history).
 
-A law is a frozen pytree with `p_wave_modulus`, `initial_history` and `update`, see `jaxmpm.types.Material`. For
-strength reduction it also has `reduced`, and STRENGTH, the names of the parameters that this changes.
-Every parameter is a scalar or one value per particle. Tension is positive.
+What a law must have is named in `jaxmpm.Material`. Every parameter is a number or one value per particle (N).
+Tension is positive.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
 from jax import Array
 
+from foundation.check import Limit, above_zero, from_zero
 from foundation.pytrees import pytree
+from jaxmpm.laws._base import Law
 from jaxmpm.laws._softening import ExponentialSoftening, RateEffect, Softening
 from jaxmpm.tensors import deviator, mean, safe_sqrt, second_invariant
 from jaxmpm.types import Particles, Tensor
@@ -41,19 +43,11 @@ def add(a: Tensor, b: Tensor) -> Tensor:
 
 @pytree
 @dataclass(frozen=True)
-class Elastic:
+class Elastic(Law):
     """Isotropic linear (hypo)elasticity. bulk, shear: moduli K and G (Pa)."""
 
     bulk: Array
     shear: Array
-
-    @property
-    def p_wave_modulus(self) -> Array:
-        """K + 4G/3 (Pa)."""
-        return self.bulk + 4 * self.shear / 3
-
-    def initial_history(self, particles: Particles) -> None:
-        """Elasticity has no history."""
 
     def update(
         self, strain_increment: Tensor, stress: Tensor, history: None, dt: Array | None = None
@@ -64,17 +58,19 @@ class Elastic:
 
 @pytree
 @dataclass(frozen=True)
-class J2:
+class J2(Law):
     """Undrained soil: elastic, yielding where sqrt(J2) reaches the shear strength (Drucker-Prager without friction).
 
     In plane strain this is Tresca's criterion. bulk, shear: Pa. strength: peak undrained shear strength S_u (Pa).
     softening: None keeps the peak. tension_cutoff: largest mean stress (Pa); None sets no limit.
     rate: how strength rises with the rate of shear; None is rate-independent.
     The history variable is the accumulated engineering plastic shear strain g (in simple shear, the plastic
-    part of gamma), kept only where the soil softens.
+    part of gamma), kept only where the soil softens. Strength reduction divides the peak, and with it the residual
+    strength; the softening modulus stays.
     """
 
-    STRENGTH: ClassVar = ("strength",)
+    LIMITS: ClassVar[Mapping[str, Limit]] = {"strength": above_zero("Pa"), "tension_cutoff": from_zero("Pa")}
+    STRENGTH: ClassVar[tuple[str, ...]] = ("strength",)
 
     bulk: Array
     shear: Array
@@ -83,18 +79,14 @@ class J2:
     tension_cutoff: Array | None = None
     rate: RateEffect | None = None
 
-    @property
-    def p_wave_modulus(self) -> Array:
-        """K + 4G/3 (Pa)."""
-        return self.bulk + 4 * self.shear / 3
-
     def initial_history(self, particles: Particles) -> Array | None:
         """No plastic strain yet; None without softening."""
         return None if self.softening is None else jnp.zeros_like(particles.mass)
 
-    def reduced(self, factor: Array) -> J2:
-        """Peak and residual strength divided by `factor`; the softening modulus stays."""
-        return replace(self, strength=self.strength / factor)
+    @property
+    def steepest_softening(self) -> Array | None:
+        """Largest loss of strength per unit of plastic shear strain (Pa); None without softening."""
+        return None if self.softening is None else self.softening.steepest(self.strength)
 
     def update(
         self, strain_increment: Tensor, stress: Tensor, history: Array | None, dt: Array | None = None
@@ -127,8 +119,3 @@ class J2:
         if self.tension_cutoff is not None:
             pressure = jnp.minimum(pressure, self.tension_cutoff)
         return (xx + pressure, yy + pressure, zz + pressure, xy, yz, xz), history
-
-
-def reduce_strength(material: Any, factor: Array) -> Any:
-    """The strength reduction method: a law's peak and residual strength, tan(phi) too, divided by `factor`."""
-    return material.reduced(factor)

@@ -16,8 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from foundation import check
 from jaxmpm._step import step
-from jaxmpm.run._integrate import lane_status
+from jaxmpm.run._integrate import begun, lane_status
 from jaxmpm.tensors import rows
 from jaxmpm.transfer import scatter_p
 from jaxmpm.types import Scene, State, Status
@@ -46,6 +47,8 @@ def checkpoints(scene: Scene, state: State, steps: int, memory: float) -> Checkp
     nodes in each of its steps, which costs less than to give it again.
     Raises ValueError where no number of levels fits.
     """
+    check.whole("steps", steps)
+    check.positive("memory", memory, "bytes")
     size, nodal, needed = _bytes(state), _nodal_bytes(scene, state), 0
     for depth in range(1, 1 + max(1, int(np.log2(max(steps, 2))))):
         levels = _levels(steps, depth)
@@ -94,7 +97,8 @@ def replay(
 ) -> tuple[State, Any]:
     """Take `steps` steps, differentiable forward and in reverse; returns the state and the observations.
 
-    observe: State -> anything; seen after each `every` steps and stacked, (steps // every, ...); None without.
+    scene, state: what to run and from where, as `solve` takes them. observe: State -> anything; seen after each
+    `every` steps and stacked, (steps // every, ...); None without.
     limit: steps after which the lane stays as it is, an array that may differ between the lanes of a vmap; `steps` is
     then the largest. memory: bytes that reverse mode may hold for one lane.
     A lane that breaks off says so in its status (see `Status`), and its derivatives mean nothing; those of other lanes
@@ -102,13 +106,18 @@ def replay(
     Raises ValueError for a number of steps that is no Python integer, an `every` that does not divide it, or too
     little memory.
     """
-    if not isinstance(steps, int) or steps < 1:
+    if not isinstance(steps, int) or isinstance(steps, bool) or steps < 1:
         raise ValueError(f"steps = {steps!r}: give a Python integer of 1 or more, for example int(result.state.step)")
     if (observe is None) != (every is None):
         raise ValueError("observe and every go together: give both, or none of them")
-    every = every or steps
-    if every < 1 or steps % every:
+    every = steps if every is None else every
+    check.whole("every", every)
+    check.positive("memory", memory, "bytes")
+    if limit is not None:
+        check.not_negative("limit", limit, "steps")
+    if steps % every:
         raise ValueError(f"every = {every} does not divide {steps} steps: give a divisor")
+    state = begun(scene, state)
     plan = checkpoints(scene, state, every, memory - (0 if every == steps else steps // every * _bytes(state)))
 
     def one(old: State) -> State:

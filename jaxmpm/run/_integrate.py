@@ -14,8 +14,11 @@ import numpy as np
 from jax import Array
 from tqdm import tqdm
 
+from foundation import check
 from jaxmpm import diagnostics
 from jaxmpm._step import step
+from jaxmpm.laws import snaps_back
+from jaxmpm.site import check_scene, check_shape, parameter_names
 from jaxmpm.transfer import inside, locate
 from jaxmpm.types import Scene, State, Status
 
@@ -27,12 +30,18 @@ class Settle:
     speed: root mean square of the particle speed to stay below (m/s). drift: change of the largest displacement (m)
     that counts as a move. every: seconds between two looks. The unbalanced force is no part of it: an undamped
     slope rings elastically for ever, with 5 to 15 per cent of its weight unbalanced, while it stands.
+    Raises ValueError for numbers below 0, an `every` of 0, and what is not finite.
     """
 
     speed: float = 0.05
     drift: float = 2e-3
     hold: float = 1.0
     every: float = 0.25
+
+    def __post_init__(self) -> None:
+        for name, unit in (("speed", "m/s"), ("drift", "m"), ("hold", "s")):
+            check.not_negative(f"settle's {name}", getattr(self, name), unit)
+        check.positive("settle's every", self.every, "s")
 
 
 @dataclass(frozen=True)
@@ -76,6 +85,8 @@ _ADVICE = {
     Status.OUTSIDE_GRID: "a particle has left the grid: enlarge the domain, or put a wall there",
     Status.INVERTED: "a particle's volume is no longer positive: refine the grid, or lower the CFL number",
     Status.TIME_STEP_TOO_LARGE: "a particle is faster than the time step allows: build the scene with a larger `speed`",
+    Status.BAD_PARAMETER: "a number of its scene, for example its strength at a particle, is not finite or beyond its "
+    "limit, or its softening snaps back: see to what it was drawn from",
 }
 
 
@@ -95,12 +106,22 @@ def lane_status(scene: Scene, state: State) -> Array:
     return jnp.where(finite, status, Status.NOT_FINITE).astype(jnp.int32)
 
 
+def begun(scene: Scene, state: State) -> State:
+    """The state, its status BAD_PARAMETER if it is running in a scene with numbers that no scene may have."""
+    good, back = check.admissible(scene), snaps_back(scene.material)
+    good = good if back is None else good & ~back
+    bad = (state.status == Status.RUNNING) & ~good
+    return replace(state, status=jnp.where(bad, int(Status.BAD_PARAMETER), state.status).astype(jnp.int32))
+
+
 def advance(scene: Scene, state: State, steps: int | Array) -> State:
     """Take `steps` steps; a lane that is not running stays as it is.
 
     A Python number of steps makes a loop of that length, differentiable in reverse. A traced one compiles once for
-    all counts, and ends when the lane does.
+    all counts, and ends when the lane does. A lane with a number in its scene that is not finite or beyond its limit
+    takes no step and has the status BAD_PARAMETER.
     """
+    state = begun(scene, state)
 
     def advanced(old: State) -> State:
         new = step(scene, old, scene.time_step)
@@ -115,25 +136,35 @@ def advance(scene: Scene, state: State, steps: int | Array) -> State:
     return jax.lax.while_loop(lambda s: (s.status == Status.RUNNING) & (s.step < last), advanced, state)
 
 
-def lanes(scene: Scene, **strength: Array) -> tuple[Scene, Scene]:
+def lanes(scene: Scene, **values: Array) -> tuple[Scene, Scene]:
     """A scene whose material differs between lanes, and the axes that say so, for `solve(..., axes=axes)`.
 
-    Keywords name parameters of the material, with the lanes as leading axis: `lanes(scene, strength=...)` with
+    values: parameters of the material by name, with the lanes as leading axis: `lanes(scene, strength=...)` with
     strength (B,) or (B, N) Pa.
+    Raises ValueError for unknown names, other shapes, and values beyond their limits, naming the lane as first index.
     """
-    unknown = set(strength) - set(vars(scene.material))
-    if unknown:
+    unknown = set(values) - set(parameter_names(scene)) - set(type(scene.material).STRENGTH)
+    if unknown or not values:
         raise ValueError(
             f"{sorted(unknown)} is no parameter of {type(scene.material).__name__}: "
-            f"use one of {sorted(vars(scene.material))}"
+            f"use one of {sorted(parameter_names(scene))}"
         )
+    first = {name: jax.tree.leaves(value)[0] for name, value in values.items()}
+    count = {np.shape(leaf)[:1] for leaf in first.values()}
+    for name, leaf in first.items():
+        if np.ndim(leaf) < 1 or len(count) > 1:
+            raise ValueError(f"{name} has shape {np.shape(leaf)}: give (lanes,) or (lanes, N), as many for every name")
+        check_shape(f"a lane of {name}", leaf[0], scene.particles)
     shared = jax.tree.map(lambda _: None, scene)
-    axes = replace(shared, material=replace(shared.material, **dict.fromkeys(strength, 0)))
-    return replace(scene, material=replace(scene.material, **strength)), axes
+    axes = replace(shared, material=replace(shared.material, **dict.fromkeys(values, 0)))
+    varied = replace(scene, material=replace(scene.material, **values))
+    check_scene(varied, axes)
+    return varied, axes
 
 
 def repeat(state: State, count: int) -> State:
     """`count` lanes that start from the same state."""
+    check.whole("count", count)
     return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (count, *leaf.shape)), state)
 
 
@@ -141,11 +172,13 @@ def repeat(state: State, count: int) -> State:
 def advance_lanes(scene: Scene, state: State, steps: Array, axes: Scene | None) -> State:
     """`advance`, compiled, over the lanes that `axes` names; the state given is used up.
 
+    steps: () for all lanes, or (B,) for each.
     On CPU lanes run one after the other, each for all its steps: a lane stays in cache, where a vmapped step would
     stream all lanes through memory. On other devices they run side by side.
     """
     in_turn = jax.custom_batching.sequential_vmap(advance)
-    return _over_lanes(in_turn if jax.default_backend() == "cpu" else advance, axes, extra=1)(scene, state, steps)
+    one = in_turn if jax.default_backend() == "cpu" else advance
+    return _over_lanes(one, axes, 0 if jnp.ndim(steps) else None)(scene, state, steps)
 
 
 @partial(jax.jit, static_argnames="axes")
@@ -153,11 +186,11 @@ def _look(scene: Scene, state: State, axes: Scene | None) -> tuple[Array, Array]
     def measures(scene: Scene, state: State) -> tuple[Array, Array]:
         return diagnostics.speed(scene, state), diagnostics.largest_displacement(state)
 
-    return _over_lanes(measures, axes, extra=0)(scene, state)
+    return _over_lanes(measures, axes)(scene, state)
 
 
-def _over_lanes(function: Callable[..., Any], axes: Scene | None, *, extra: int) -> Callable[..., Any]:
-    return function if axes is None else jax.vmap(function, in_axes=(axes, 0, *[None] * extra))
+def _over_lanes(function: Callable[..., Any], axes: Scene | None, *others: int | None) -> Callable[..., Any]:
+    return function if axes is None else jax.vmap(function, in_axes=(axes, 0, *others))
 
 
 def solve(
@@ -177,13 +210,17 @@ def solve(
     settle: end a lane once it is quiet. stop_at: end a lane once its largest displacement exceeds this (m).
     axes: which leaves of `scene` have lanes as leading axis (see `lanes`); then every leaf of `state` has.
     progress: show a bar with the simulated time.
-    Raises ValueError for times below 0, snapshots after t_end, or lanes of different time steps.
-    Lanes that break off say so in the result: see `Result.raise_if_failed`.
+    Raises ValueError for times below 0 or without end, snapshots after t_end, lanes of different time steps, and, of a
+    run without lanes, for numbers in its scene that are not finite or beyond their limits.
+    Lanes that break off say so in the result: see `Result.raise_if_failed`. One with such a number is BAD_PARAMETER.
     """
+    check_run(t_end, settle, stop_at)
     if np.ndim(scene.time_step):
         raise ValueError("time_step differs between lanes: give one number, the smallest of them")
-    if not t_end > 0:
-        raise ValueError(f"t_end = {t_end} s: give a time above 0")
+    check.positive("time_step", scene.time_step, "s")
+    if axes is None:
+        check_scene(scene)
+    check_state(scene, state, axes)
     outside = [t for t in snapshots if not 0 <= t <= t_end]
     if outside:
         raise ValueError(f"snapshots at {outside} s lie outside the run: give times from 0 to t_end = {t_end} s")
@@ -221,6 +258,28 @@ def solve(
     )
 
 
+def check_run(t_end: float, settle: Settle | None, stop_at: float | None) -> None:
+    """Raise ValueError for ends that no run comes to."""
+    check.positive("t_end", t_end, "s")
+    if settle is not None and not isinstance(settle, Settle):
+        raise ValueError(f"settle = {settle!r}: give Settle(...), or None")
+    if stop_at is not None:
+        check.positive("stop_at", stop_at, "m")
+
+
+def check_state(scene: Scene, state: State, axes: Scene | None) -> None:
+    """Raise ValueError for a state of other particles than the scene's, or without the lanes that `axes` says."""
+    leading = () if axes is None else np.shape(state.status)
+    wanted = (*leading, *scene.particles.position.shape[-2:])
+    if axes is not None and len(leading) != 1:
+        raise ValueError("axes name lanes, but the state has none: give repeat(state, lanes)")
+    if np.shape(state.status) != leading or np.shape(state.displacement) != wanted:
+        raise ValueError(
+            f"the state's displacement has shape {np.shape(state.displacement)}, the scene asks for {wanted}: give the "
+            "state that was built with it, and `axes` with lanes"
+        )
+
+
 _BAR = "{l_bar}{bar}| {n:.2f}/{total:.2f} s simulated [{elapsed}<{remaining}]"
 
 
@@ -246,16 +305,21 @@ class Watch:
         fresh = np.arange(self.quiet.size) == lane
         return Watch(np.where(fresh, quiet, self.quiet), np.where(fresh, reference, self.reference))
 
+    def of(self, lanes: np.ndarray) -> Watch:
+        """What it remembers of some lanes."""
+        return Watch(self.quiet[lanes], self.reference[lanes])
+
     def look(
         self,
         scene: Scene,
         state: State,
         axes: Scene | None,
-        elapsed: float,
+        elapsed: float | np.ndarray,
         settle: Settle | None,
         stop_at: float | None,
     ) -> tuple[Watch, np.ndarray]:
-        """The watch after `elapsed` more seconds, and the status of each lane: settled and decided ones have ended."""
+        """The watch after `elapsed` more seconds, () or (B,), and each lane's status: settled and decided ones have
+        ended."""
         speed, displacement = (np.asarray(measure) for measure in _look(scene, state, axes))
         status, watch = np.asarray(state.status), self
         if settle is not None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
+from itertools import count, islice, zip_longest
 from typing import Any
 
 import jax
@@ -13,13 +13,16 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxmpm.run._integrate import Result, Settle, Watch, advance_lanes, lanes, repeat, steps_until
+from foundation import check
+from jaxmpm.run._integrate import Result, Settle, Watch, advance_lanes, check_run, check_state, steps_until
+from jaxmpm.site import check_names, check_scene, check_start, vary
 from jaxmpm.types import Scene, State, Status
 
 
 @dataclass(frozen=True)
 class Chunk:
-    """What one chunk of steps did. lanes: in the program. busy: those that held a sample. steps: taken by each."""
+    """What one chunk of steps did. lanes: in the program. busy: those that held a sample. steps: taken by each, at
+    most, where lanes have time steps of their own."""
 
     lanes: int
     busy: int
@@ -41,79 +44,224 @@ class Midway:
 def solve_each(
     scene: Scene,
     state: State,
-    strengths: Iterable[tuple[int, Array]],
+    varied: Mapping[str, Iterable[Array]],
     *,
     width: int,
     t_end: float,
+    numbers: Iterable[int] | None = None,
     settle: Settle | None = None,
     stop_at: float | None = None,
     on_chunk: Callable[[Chunk], None] | None = None,
     observe: Callable[[int, float, Midway], None] | None = None,
     resume: Callable[[int], Midway | None] | None = None,
 ) -> Iterator[tuple[int, Result]]:
-    """Run every (number, strength) from the same `state` and yield (number, result) as each ends, not in order.
+    """Run every sample and yield (number, result) as each ends, not in order.
 
-    strengths: drawn lazily, one when a lane becomes free; strength is a scalar or (N) Pa. width: number of lanes.
-    t_end, settle, stop_at: as for `solve`; t_end is reached to within a few steps. on_chunk: told of every chunk.
+    varied: what samples differ in, name -> one value per sample, () or (N), drawn lazily as lanes become free:
+    `{"strength": strengths}`, `{"strength": strengths, "young": moduli}`. Names are those of `with_soil`: any parameter
+    of the material, young (Pa), poisson, unit_weight (N/m3). Where stiffness or weight vary, every sample has its own
+    initial stress and time step, and `state` must be at rest; else all start from `state`.
+    width: number of lanes. t_end, settle, stop_at: as for `solve`; t_end is reached to within a few steps.
+    numbers: of the samples, drawn with them, by default 0, 1, 2, ... on_chunk: told of every chunk.
     observe: shown (number, seconds simulated, midway) of every sample after every chunk, about each `settle.every`.
     resume: gives what `observe` was shown of a sample in an earlier run, or None; it goes on from there, bit for bit.
     Results do not depend on `width`, nor on the samples that run beside. Towards the end, when at most half the
     lanes hold a sample, the batch shrinks to those.
-    Raises ValueError for a width below 1.
+    A sample with a value that is not finite or beyond its limit takes no step and ends as BAD_PARAMETER.
+    Raises ValueError for a width below 1, names that are no parameters, values of other shapes or of unequal number,
+    ends that no run comes to, and numbers in `scene` itself that are beyond their limits.
     """
-    if width < 1:
-        raise ValueError(f"width = {width} lanes: give 1 or more")
-    waiting = iter(strengths)
-    first = list(islice(waiting, width))
+    check.whole("width", width)
+    check_run(t_end, settle, stop_at)
+    check_state(scene, state, None)
+    check_scene(scene)
+    if not isinstance(varied, Mapping) or not varied:
+        raise ValueError("varied names nothing: give what samples differ in, as in {'strength': strengths}")
+    check_names(scene, varied)
+    check_start(state, varied)
+    every = (settle or Settle()).every
+    samples = (_Sample(number, *vary(scene, state, values), resume) for number, values in _drawn(varied, numbers))
+    first = list(islice(samples, width))
     if not first:
         return
-    dtype = scene.particles.mass.dtype
-    numbers: list[int | None] = [number for number, _ in first]
-    varied, axes = lanes(scene, strength=jnp.stack([jnp.asarray(s, dtype) for _, s in first]))
-    batch = jax.tree.map(jnp.copy, repeat(state, len(first)))
+    batch = Batch.of(scene, first, t_end=t_end, every=every)
+    while batch.busy:
+        batch = batch.advanced(settle, stop_at)
+        if on_chunk is not None:
+            on_chunk(Chunk(len(batch.numbers), len(batch.busy), int(batch.chunk.max())))
+        if observe is not None:
+            for lane in batch.busy:
+                observe(batch.number(lane), batch.seconds(lane), batch.midway(lane))
+        for lane in batch.ended:
+            yield batch.number(lane), batch.result(lane)
+            batch = batch.refill(lane, next(samples, None))
+        batch = batch.shrink()
+
+
+def _drawn(
+    varied: Mapping[str, Iterable[Array]], numbers: Iterable[int] | None
+) -> Iterator[tuple[int, dict[str, Array]]]:
+    """Number and values of each sample, drawn one by one; ValueError for names with fewer values than others."""
+    columns: dict[str, Iterable[Any]] = {**({} if numbers is None else {"numbers": numbers}), **varied}
+    sizes = {name: len(column) for name, column in columns.items() if isinstance(column, Sized)}
+    if len(set(sizes.values())) > 1:
+        raise ValueError(f"varied has unequal numbers of values, {sizes}: give one of each name for each sample")
+    none = object()
+    shapes: dict[str, tuple[int, ...]] = {}
+    for place, values in zip(count(), zip_longest(*columns.values(), fillvalue=none)):
+        ended = [name for name, value in zip(columns, values, strict=True) if value is none]
+        if ended:
+            raise ValueError(f"{ended} has {place} values, other names have more: give one for each sample")
+        sample = dict(zip(columns, values, strict=True))
+        now = {name: np.shape(sample[name]) for name in varied}
+        shapes = shapes or now
+        if now != shapes:
+            raise ValueError(f"sample {place} has values of shapes {now}, the first {shapes}: give all samples alike")
+        yield (place if numbers is None else sample.pop("numbers")), sample
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """A sample that is to run: its scene, and where it starts."""
+
+    number: int
+    scene: Scene
+    state: State
+    resume: Callable[[int], Midway | None] | None
+
+    def begin(self) -> Midway:
+        """Where it stood in an earlier run, or its start."""
+        return (self.resume(self.number) if self.resume is not None else None) or Midway(self.state)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Samples in lanes. Every change gives a new one; the arrays of the old state may be used up.
+
+    scene: its leaves that samples differ in have lanes first (B, ...); axes says which. state, watch: of all lanes.
+    numbers: of the samples, None in a lane that holds none. time_step (B) s; total (B) steps to the end; chunk (B)
+    steps that a lane takes at once, which depend on its own time step alone.
+    """
+
+    scene: Scene
+    axes: Scene
+    state: State
+    watch: Watch
+    numbers: tuple[int | None, ...]
+    time_step: np.ndarray
+    total: np.ndarray
+    chunk: np.ndarray
+    t_end: float
+    every: float
+
+    @classmethod
+    def of(cls, shared: Scene, samples: list[_Sample], *, t_end: float, every: float) -> Batch:
+        """One lane for each sample."""
+        axes = jax.tree.map(lambda a, b: None if a is b else 0, shared, samples[0].scene)
+        starts = [sample.begin() for sample in samples]
+        scene = jax.tree.map(
+            lambda axis, *leaves: leaves[0] if axis is None else jnp.stack(leaves),
+            axes,
+            *(sample.scene for sample in samples),
+            is_leaf=_is_none,
+        )
+        watch = Watch(np.array([s.quiet for s in starts], float), np.array([s.reference for s in starts], float))
+        state = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(start.state for start in starts))
+        paces = [_pace(sample.scene, t_end, every) for sample in samples]
+        time_step, total, chunk = (np.array(column) for column in zip(*paces, strict=True))
+        return cls(
+            scene=scene,
+            axes=axes,
+            state=state,
+            watch=watch,
+            numbers=tuple(sample.number for sample in samples),
+            time_step=time_step,
+            total=total,
+            chunk=chunk,
+            t_end=t_end,
+            every=every,
+        )
+
+    @property
+    def busy(self) -> list[int]:
+        """Lanes that hold a sample."""
+        return [lane for lane, number in enumerate(self.numbers) if number is not None]
+
+    @property
+    def ended(self) -> list[int]:
+        """Lanes whose sample has come to an end."""
+        running = np.asarray(self.state.status) == Status.RUNNING
+        return [lane for lane in self.busy if not running[lane]]
+
+    def number(self, lane: int) -> int:
+        """Of the sample in a lane that holds one."""
+        number = self.numbers[lane]
+        assert number is not None
+        return number
+
+    def seconds(self, lane: int) -> float:
+        """Simulated so far."""
+        return int(self.state.step[lane]) * float(self.time_step[lane])
+
+    def midway(self, lane: int) -> Midway:
+        """The sample in a lane, as it stands."""
+        return Midway(_lane(self.state, lane), float(self.watch.quiet[lane]), float(self.watch.reference[lane]))
+
+    def result(self, lane: int) -> Result:
+        """Of a sample that has ended."""
+        scene = _take(self.scene, lane, self.axes)
+        return Result(jax.device_get(_take(self.state, lane)), scene.time_step)
+
+    def advanced(self, settle: Settle | None, stop_at: float | None) -> Batch:
+        """After a chunk of steps of every lane, and a look at each."""
+        state = advance_lanes(self.scene, self.state, jnp.asarray(self.chunk), self.axes)
+        elapsed = self.chunk * self.time_step
+        watch, status = self.watch.look(self.scene, state, self.axes, elapsed, settle, stop_at)
+        over = (status == Status.RUNNING) & (np.asarray(state.step) >= self.total)
+        ended = jnp.asarray(np.where(over, Status.FINISHED, status), jnp.int32)
+        return replace(self, state=replace(state, status=ended), watch=watch)
+
+    def refill(self, lane: int, sample: _Sample | None) -> Batch:
+        """With another sample in a lane, or none."""
+        numbers = (*self.numbers[:lane], None if sample is None else sample.number, *self.numbers[lane + 1 :])
+        if sample is None:
+            return replace(self, numbers=numbers)
+        start = sample.begin()
+        scene, state = _put(self.scene, self.state, sample.scene, start.state, lane, self.axes)
+        here, (dt, total, chunk) = np.arange(len(numbers)) == lane, _pace(sample.scene, self.t_end, self.every)
+        return replace(
+            self,
+            scene=scene,
+            state=state,
+            watch=self.watch.restarted(lane, start.quiet, start.reference),
+            numbers=numbers,
+            time_step=np.where(here, dt, self.time_step),
+            total=np.where(here, total, self.total),
+            chunk=np.where(here, chunk, self.chunk),
+        )
+
+    def shrink(self) -> Batch:
+        """Without the lanes that hold no sample, once they are half of all."""
+        if not 0 < len(self.busy) <= len(self.numbers) // 2:
+            return self
+        keep = np.asarray(self.busy)
+        return replace(
+            self,
+            scene=_take(self.scene, keep, self.axes),
+            state=_take(self.state, keep),
+            watch=self.watch.of(keep),
+            numbers=tuple(self.numbers[lane] for lane in keep),
+            time_step=self.time_step[keep],
+            total=self.total[keep],
+            chunk=self.chunk[keep],
+        )
+
+
+def _pace(scene: Scene, t_end: float, every: float) -> tuple[float, int, int]:
+    """Time step (s), steps to the end, and steps of a chunk."""
     dt = float(scene.time_step)
     total = steps_until(t_end, dt)
-    chunk = even_chunk(total, max(1, round((settle or Settle()).every / dt)))
-    watch = Watch.start((len(first),))
-
-    def begin(number: int) -> Midway:
-        return (resume(number) if resume is not None else None) or Midway(state)
-
-    for lane, (sample, strength) in enumerate(first):
-        midway = begin(sample)
-        if midway.state is not state:
-            varied, batch = _refill(varied, batch, midway.state, jnp.asarray(strength, dtype), lane)
-            watch = watch.restarted(lane, midway.quiet, midway.reference)
-    while any(number is not None for number in numbers):
-        batch = advance_lanes(varied, batch, jnp.asarray(chunk), axes)
-        watch, status = watch.look(varied, batch, axes, chunk * dt, settle, stop_at)
-        status = np.where((status == Status.RUNNING) & (np.asarray(batch.step) >= total), Status.FINISHED, status)
-        batch = replace(batch, status=jnp.asarray(status, jnp.int32))
-        if on_chunk is not None:
-            on_chunk(Chunk(len(numbers), sum(number is not None for number in numbers), chunk))
-        if observe is not None:
-            for lane, number in enumerate(numbers):
-                if number is not None:
-                    midway = Midway(_lane(batch, lane), float(watch.quiet[lane]), float(watch.reference[lane]))
-                    observe(number, int(midway.state.step) * dt, midway)
-        for lane in np.flatnonzero(status != Status.RUNNING).tolist():
-            number = numbers[lane]
-            if number is None:
-                continue
-            yield number, Result(jax.device_get(_take(batch, lane)), scene.time_step)
-            after = next(waiting, None)
-            numbers[lane] = None
-            if after is not None:
-                numbers[lane], strength = after
-                midway = begin(after[0])
-                varied, batch = _refill(varied, batch, midway.state, jnp.asarray(strength, dtype), lane)
-                watch = watch.restarted(lane, midway.quiet, midway.reference)
-        held = [lane for lane, number in enumerate(numbers) if number is not None]
-        if 0 < len(held) <= len(numbers) // 2:
-            keep = np.asarray(held)
-            numbers = [numbers[lane] for lane in held]
-            varied, batch = _take(varied, keep, axes), _take(batch, keep)
-            watch = Watch(watch.quiet[keep], watch.reference[keep])
+    return dt, total, even_chunk(total, max(1, round(every / dt)))
 
 
 def even_chunk(total: int, about: int) -> int:
@@ -121,13 +269,15 @@ def even_chunk(total: int, about: int) -> int:
     return min(range(max(1, about * 4 // 5), max(2, about * 6 // 5)), key=lambda c: (-total % c, abs(c - about)))
 
 
+def _is_none(node: Any) -> bool:
+    return node is None
+
+
 def _take(tree: Any, index: int | np.ndarray, axes: Any = None) -> Any:
     """The lanes `index` of every leaf, or of those leaves only that `axes` says have lanes."""
     if axes is None:
         return jax.tree.map(lambda leaf: leaf[index], tree)
-    return jax.tree.map(
-        lambda axis, leaf: leaf if axis is None else leaf[index], axes, tree, is_leaf=lambda node: node is None
-    )
+    return jax.tree.map(lambda axis, leaf: leaf if axis is None else leaf[index], axes, tree, is_leaf=_is_none)
 
 
 @jax.jit
@@ -135,8 +285,14 @@ def _lane(batch: State, lane: int) -> State:
     return jax.tree.map(lambda leaf: leaf[lane], batch)
 
 
-@partial(jax.jit, donate_argnums=(1,))
-def _refill(varied: Scene, batch: State, start: State, strength: Array, lane: int) -> tuple[Scene, State]:
-    """Put a new sample into a lane."""
-    material = replace(varied.material, strength=varied.material.strength.at[lane].set(strength))
-    return replace(varied, material=material), jax.tree.map(lambda all_, one: all_.at[lane].set(one), batch, start)
+@partial(jax.jit, static_argnames="axes", donate_argnames="states")
+def _put(scenes: Scene, states: State, scene: Scene, state: State, lane: int, axes: Scene) -> tuple[Scene, State]:
+    """Scene and state of one sample in a lane of the others'."""
+
+    def put(axis: int | None, lanes: Array, one: Array) -> Array:
+        return lanes if axis is None else lanes.at[lane].set(one)
+
+    return (
+        jax.tree.map(put, axes, scenes, scene, is_leaf=_is_none),
+        jax.tree.map(partial(put, 0), states, state),
+    )

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxmpm.run._checkpointed import replay
+from jaxmpm.site import check_scene
 from jaxmpm.types import Scene, State
 
 
@@ -20,7 +21,7 @@ def strength_sensitivity(
 
     objective: State -> scalar, for example `objectives.soft_largest_displacement`. memory: bytes for reverse mode.
     Divided by a particle's volume it no longer depends on how many particles the soil is cut into.
-    Raises ValueError for a material without strength, and as `replay` does.
+    Raises ValueError for a material without strength, for numbers beyond their limits, and as `replay` does.
     """
     if not hasattr(scene.material, "strength"):
         raise ValueError(
@@ -31,5 +32,6 @@ def strength_sensitivity(
         varied = replace(scene, material=replace(scene.material, strength=strength))
         return objective(replay(varied, state, steps, memory=memory)[0])
 
+    check_scene(scene)
     strength = jnp.broadcast_to(scene.material.strength, scene.particles.mass.shape)
     return jax.jit(jax.value_and_grad(reached))(strength)

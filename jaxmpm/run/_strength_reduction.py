@@ -13,7 +13,8 @@ from jax import Array
 from foundation import check
 from jaxmpm import diagnostics
 from jaxmpm.laws import reduce_strength
-from jaxmpm.run._integrate import Settle, lanes, repeat, solve
+from jaxmpm.run._integrate import Settle, check_run, lanes, repeat, solve
+from jaxmpm.site import check_scene
 from jaxmpm.types import Scene, State
 
 
@@ -49,11 +50,13 @@ def factor_of_safety(
     """
     check.positive("criterion", criterion, "m")
     check.positive("resolution", resolution)
+    check.positive("bracket", bracket)
+    check.whole("batch", batch, least=2)
+    check_run(t_end, settle, criterion)
+    check_scene(scene)
     low, high = round(bracket[0] / resolution), round(bracket[1] / resolution)
     if not 0 < low < high:
         raise ValueError(f"bracket = {bracket}: give a lower and a higher reduction above 0")
-    if batch < 2:
-        raise ValueError(f"batch = {batch}: give 2 or more lanes")
     moved: dict[int, float] = {}
     points = sorted({round(p) for p in np.linspace(low, high, batch)})
     while points:
@@ -90,11 +93,11 @@ def factor_of_safety(
 def reductions(scene: Scene, factors: Array) -> tuple[Scene, Scene]:
     """The scene with a lane for every factor (B) by which the strength is divided, and its axes for `solve`."""
     material = jax.vmap(lambda factor: reduce_strength(scene.material, factor))(factors)
-    found = {name: getattr(material, name) for name in material.STRENGTH}
+    found = {name: getattr(material, name) for name in type(material).STRENGTH}
     return lanes(scene, **{name: value for name, value in found.items() if value is not None})
 
 
 def reduced(scene: Scene, factor: float) -> Scene:
-    """The scene with its strength divided by `factor`."""
+    """The scene with its strength divided by `factor`. ValueError for a law without strength, a factor not above 0."""
     check.positive("factor", factor)
     return replace(scene, material=reduce_strength(scene.material, jnp.asarray(factor, scene.particles.mass.dtype)))

@@ -7,8 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from foundation import check
 from jaxmpm import diagnostics
 from jaxmpm.types import Scene, State
+
+HALVINGS = 50
+"""Of the bracket in `front`: more than float64 has digits."""
 
 
 def soft_largest_displacement(state: State, width: float = 0.1) -> Array:
@@ -17,7 +21,9 @@ def soft_largest_displacement(state: State, width: float = 0.1) -> Array:
     Lies above the largest displacement, by at most width * log(N): 0.8 m for 2000 particles and 0.1 m at rest, where
     all are alike, and by width * log(n) where n particles share the largest.
     The largest itself (`diagnostics.largest_displacement`) has the derivative of the one particle that leads.
+    Raises ValueError for a width not above 0.
     """
+    check.positive("width", width, "m")
     return width * jax.nn.logsumexp(diagnostics.displacement(state) / width)
 
 
@@ -26,10 +32,10 @@ def front(scene: Scene, state: State, share: float = 0.01, width: float = 0.5) -
 
     Solves mass share of (1 + tanh((x - front) / width)) / 2 = share by bisection, and differentiates the equation
     itself. Lies behind the foremost particle; the quantile of particles spread over much more than `width` is met to
-    second order in it. Raises ValueError for a share outside 0 to 1/2.
+    second order in it. Raises ValueError for a share outside 0 to 1/2, or a width not above 0.
     """
-    if not 0 < share < 0.5:
-        raise ValueError(f"share = {share}: give a share of the mass between 0 and 0.5")
+    check.between("share", share, 0.0, 0.5)
+    check.positive("width", width, "m")
     x, m = diagnostics.position(scene, state)[0], scene.particles.mass / jnp.sum(scene.particles.mass)
 
     def beyond(at: Array, x: Array) -> Array:
@@ -42,8 +48,9 @@ def front(scene: Scene, state: State, share: float = 0.01, width: float = 0.5) -
         return jnp.where(right, middle, low), jnp.where(right, high, middle)
 
     fixed = jax.lax.stop_gradient(x)
-    reach = width * float(np.arctanh(1 - 2 * share)) + 1
-    low, high = jax.lax.fori_loop(0, 50, halve, (jnp.min(fixed) - reach, jnp.max(fixed) + reach))
+    # Beyond these ends all of the mass lies on one side, were it in one place.
+    reach = width * jnp.arctanh(1 - 2 * share)
+    low, high = jax.lax.fori_loop(0, HALVINGS, halve, (jnp.min(fixed) - reach, jnp.max(fixed) + reach))
     at = jax.lax.stop_gradient((low + high) / 2)
     # One Newton step, exact at the solution, carries the derivative of the implicit equation.
     slope = jax.lax.stop_gradient(jax.grad(beyond)(at, fixed))
@@ -55,7 +62,9 @@ def log_displacement(state: State, floor: float = 1e-3) -> Array:
 
     log(1 + mean of u^2 / floor^2) / 2, which is 0 at rest and log(u / floor) for a mean square of u^2 far above
     floor^2. Ranks slides by their whole mass, where the largest displacement ranks them by one particle.
+    Raises ValueError for a floor not above 0.
     """
+    check.positive("floor", floor, "m")
     return 0.5 * jnp.log1p(jnp.mean(jnp.sum(state.displacement**2, axis=0)) / floor**2)
 
 
@@ -65,9 +74,22 @@ def column_height(scene: Scene, state: State, stations: Array, width: float) -> 
     The soil's volume under a Gaussian of deviation `width` / 2 (m) about each station, over what that holds of a unit
     height: the surface where nothing overhangs, averaged over some `width`, and too low within it of the ends. With
     particles a width apart it ripples by 1.4 per cent, half a width apart not at all.
+    Raises ValueError for stations that are not finite, a width not above 0, and in 3D where no walls stand at both ends
+    of y.
     """
+    check.finite("stations", stations, "m")
+    check.positive("width", width, "m")
     x = diagnostics.position(scene, state)[0]
     sigma = width / 2
     share = jnp.exp(-0.5 * ((x - stations[:, None]) / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
-    across = (scene.grid.shape[1] - 3) * scene.grid.cell if scene.grid.dimension == 3 else 1.0
-    return share @ (scene.particles.volume * state.volume_ratio) / across
+    return share @ (scene.particles.volume * state.volume_ratio) / _breadth(scene)
+
+
+def _breadth(scene: Scene) -> float:
+    """Width along y (m) between the walls at its ends; 1 of a section, whose volumes are per metre."""
+    if scene.grid.dimension < 3:
+        return 1.0
+    ends = {wall.side: wall.index for wall in scene.walls if wall.axis == 1}
+    if ends.keys() != {"low", "high"}:
+        raise ValueError("the scene has no walls at both ends of y, so no width: give a section, or walls along y")
+    return (ends["high"] - ends["low"]) * scene.grid.cell

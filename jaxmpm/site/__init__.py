@@ -1,8 +1,11 @@
 """From a slope, its soil and a grid to (Scene, State): geometry, soil, initial stress, and all validation."""
 
-from jaxmpm.site._builders import Slope, bar, block, column, slope, with_strength
+from jaxmpm.site._builders import Slope, bar, block, column, fill, slope
 from jaxmpm.site._discretisation import Discretisation, cell_independent
+from jaxmpm.site._initial_stress import at_rest
+from jaxmpm.site._scene import check_scene, check_shape, refuse_snap_back, scene, unstressed, with_strength
 from jaxmpm.site._soil import FrictionalSoil, PlasticStrain, Soil
+from jaxmpm.site._vary import check_names, check_start, parameter_names, vary, with_soil
 
 __all__ = [
     "Discretisation",
@@ -10,10 +13,22 @@ __all__ = [
     "PlasticStrain",
     "Slope",
     "Soil",
+    "at_rest",
     "bar",
     "block",
     "cell_independent",
+    "check_names",
+    "check_scene",
+    "check_shape",
+    "check_start",
     "column",
+    "fill",
+    "parameter_names",
+    "refuse_snap_back",
+    "scene",
     "slope",
+    "unstressed",
+    "vary",
+    "with_soil",
     "with_strength",
 ]

@@ -1,4 +1,4 @@
-"""Builders on the host: from sizes in metres to a Scene and the State it starts from. All validation lives here."""
+"""Builders on the host: from sizes in metres to a Scene and the State it starts from."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from foundation import check
+from jaxmpm.site import _initial_stress
 from jaxmpm.site._discretisation import Discretisation, check_discretisation, kernel_of
-from jaxmpm.site._initial_stress import settled_elastically
-from jaxmpm.site._soil import FrictionalSoil, Ground, material_of, refuse_snap_back
-from jaxmpm.tensors import CARRIED
-from jaxmpm.transfer import band_thickness, passes_for
-from jaxmpm.types import Grid, Particles, Scene, State, Status, Wall
+from jaxmpm.site._scene import scene, unstressed
+from jaxmpm.site._soil import STANDARD_GRAVITY, Ground, material_of
+from jaxmpm.transfer import band_thickness
+from jaxmpm.types import Grid, Particles, Scene, State, Wall
 
 PADDING = 1
 """Cells of grid beyond a wall."""
@@ -114,6 +114,7 @@ def slope(
     through half the relief.
     Raises ValueError for sizes, moduli, spacings and walls that do not fit (each message says which and why).
     """
+    check.not_negative("gravity", gravity, "m/s2")
     if y_ends not in ("fixed", "roller"):
         raise ValueError(f"y_ends = {y_ends!r}: give 'fixed' or 'roller'")
     d, cell, cells = shape.dimension, discretisation.cell, shape.cells(discretisation)
@@ -124,8 +125,8 @@ def slope(
         walls += _ends(1, cells[1], y_ends)
     walls.append(Wall(d - 1, "low", PADDING, "fixed"))
 
-    scene, state = _build(
-        _lattice(extent, discretisation.spacing, lambda x: x[-1] < shape.surface(x[0])),
+    built, state = _build(
+        _particles(extent, soil, discretisation, inside=lambda x: x[-1] < shape.surface(x[0])),
         Grid(tuple(n + 1 + 2 * PADDING for n in cells), cell, (-PADDING * cell,) * d),
         soil,
         discretisation,
@@ -133,7 +134,7 @@ def slope(
         gravity=gravity,
         speed=math.sqrt(gravity * top) if speed is None else speed,
     )
-    return scene, settled_elastically(scene, state, discretisation.spacing[-1])
+    return built, _initial_stress.settled(built, state)
 
 
 def column(
@@ -151,12 +152,13 @@ def column(
     d, cell = len(discretisation.spacing), discretisation.cell
     check_discretisation(discretisation, d)
     check.positive("height", height, "m")
+    check.not_negative("gravity", gravity, "m/s2")
     check.multiple("height", height, "the spacing along the height", discretisation.spacing[-1])
     walls = [wall for a in range(d - 1) for wall in _ends(a, 1, "roller")]
     walls.append(Wall(d - 1, "low", PADDING, "fixed"))
     cells = [1] * (d - 1) + [math.ceil(height / cell * (1 - 1e-12)) + 1]
-    scene, state = _build(
-        _lattice([cell] * (d - 1) + [height], discretisation.spacing),
+    built, state = _build(
+        _particles([cell] * (d - 1) + [height], soil, discretisation),
         Grid(tuple(n + 1 + 2 * PADDING for n in cells), cell, (-PADDING * cell,) * d),
         soil,
         discretisation,
@@ -164,7 +166,7 @@ def column(
         gravity=gravity,
         speed=math.sqrt(gravity * height),
     )
-    return scene, settled_elastically(scene, state, discretisation.spacing[-1]) if at_rest else state
+    return built, _initial_stress.settled(built, state) if at_rest else state
 
 
 def bar(
@@ -178,12 +180,12 @@ def bar(
     check_discretisation(discretisation, 1)
     check.positive("length", length, "m")
     check.multiple("length", length, "the spacing", discretisation.spacing[0])
-    if mode < 1:
-        raise ValueError(f"mode = {mode}: give 1 or more")
+    check.finite("velocity", velocity, "m/s")
+    check.whole("mode", mode)
     cell = discretisation.cell
     cells = math.ceil(length / cell * (1 - 1e-12)) + 1
-    scene, state = _build(
-        _lattice([length], discretisation.spacing),
+    built, state = _build(
+        _particles([length], soil, discretisation),
         Grid((cells + 1 + 2 * PADDING,), cell, (-PADDING * cell,)),
         soil,
         discretisation,
@@ -192,7 +194,7 @@ def bar(
         speed=abs(velocity),
     )
     wave = (2 * mode - 1) * math.pi / (2 * length)
-    return scene, replace(state, velocity=velocity * jnp.sin(wave * scene.particles.position))
+    return built, replace(state, velocity=velocity * jnp.sin(wave * built.particles.position))
 
 
 def block(
@@ -242,33 +244,18 @@ def block(
         raise ValueError(f"friction = {friction:g} with walls = {walls!r}: give walls = 'friction'")
     cells = [check.multiple(f"domain[{a}]", domain[a], "cell", cell) for a in range(d)]
     held = () if walls == "none" else tuple(wall for a in range(d) for wall in _ends(a, cells[a], walls))
-    scene, state = _build(
-        _lattice(size, discretisation.spacing) + np.asarray(corner, float)[:, None],
+    built, state = _build(
+        _particles(size, soil, discretisation, corner=corner),
         Grid(tuple(n + 1 + 2 * PADDING for n in cells), cell, (-PADDING * cell,) * d),
         soil,
         discretisation,
         walls=held,
         gravity=gravity,
         speed=float(np.linalg.norm(velocity)) if speed is None else speed,
+        friction=friction if walls == "friction" else None,
     )
-    if walls == "friction":
-        scene = replace(scene, wall_friction=jnp.asarray(friction, state.velocity.dtype))
     start = jnp.asarray(velocity, state.velocity.dtype)[:, None]
-    return scene, replace(state, velocity=jnp.broadcast_to(start, state.velocity.shape))
-
-
-def with_strength(scene: Scene, strength: Any) -> Scene:
-    """The scene with another strength (Pa), a number or one value per particle (N)."""
-    check.positive("strength", strength, "Pa")
-    shape = np.shape(strength)
-    if shape not in ((), scene.particles.mass.shape):
-        raise ValueError(
-            f"strength has shape {shape}: give a number or {scene.particles.mass.shape}, one value per particle"
-        )
-    value = jnp.asarray(strength, scene.particles.mass.dtype)
-    varied = replace(scene, material=replace(scene.material, strength=value))
-    refuse_snap_back(varied.material)
-    return varied
+    return built, replace(state, velocity=jnp.broadcast_to(start, state.velocity.shape))
 
 
 def _ends(axis: int, cells: int, hold: Literal["fixed", "roller", "friction"]) -> list[Wall]:
@@ -276,19 +263,55 @@ def _ends(axis: int, cells: int, hold: Literal["fixed", "roller", "friction"]) -
     return [Wall(axis, "low", PADDING, hold), Wall(axis, "high", PADDING + cells, hold)]
 
 
-def _lattice(
+def fill(
     extent: Sequence[float],
     spacing: Sequence[float],
+    *,
+    unit_weight: float,
     inside: Callable[[np.ndarray], np.ndarray] | None = None,
-) -> np.ndarray:
-    """Centres (d, N) of the boxes of size `spacing` that fill `extent`, those that lie `inside`."""
+    corner: Sequence[float] | None = None,
+    dtype: Any = None,
+) -> Particles:
+    """Equal particles that fill a box from `corner`: at the centres of boxes of size `spacing`, those `inside`.
+
+    extent, spacing: edges of the box and of a particle's own (m), one value per axis. unit_weight: N/m3. inside: told
+    positions (d, N) m from the corner, says which to keep, (N) bool; None keeps all. corner: lowest corner of the box
+    (m), by default the origin. dtype: float32 or float64, as JAX is set if None.
+    Raises ValueError for sizes that do not fit, or where nothing is inside.
+    """
+    dtype, d = check.dtype(dtype or jax.dtypes.canonicalize_dtype(float)), len(extent)
+    check.axes("spacing", spacing, d)
+    check.positive("spacing", spacing, "m")
+    for a in range(d):
+        check.multiple(f"extent[{a}]", extent[a], f"spacing[{a}]", spacing[a])
+    check.positive("unit_weight", unit_weight, "N/m3")
+    check.axes("corner", corner or (0.0,) * d, d)
     axes = [(np.arange(round(e / s)) + 0.5) * s for e, s in zip(extent, spacing, strict=True)]
-    points = np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")])
-    return points if inside is None else points[:, inside(points)]
+    position = np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")])
+    if inside is not None:
+        kept = np.asarray(inside(position))
+        if kept.shape != position.shape[1:] or kept.dtype != bool or not kept.any():
+            raise ValueError(
+                f"inside gave {kept.dtype} of shape {kept.shape}, {np.count_nonzero(kept)} of them true: give one bool "
+                f"for each of {position.shape[1]} particles, some of them true"
+            )
+        position = position[:, kept]
+    position = position + np.asarray(corner or (0.0,) * d, float)[:, None]
+    volume = float(np.prod(spacing))
+    return Particles(
+        position=jnp.asarray(position, dtype),
+        mass=jnp.full(position.shape[1], unit_weight / STANDARD_GRAVITY * volume, dtype),
+        volume=jnp.full(position.shape[1], volume, dtype),
+    )
+
+
+def _particles(extent: Sequence[float], soil: Ground, discretisation: Discretisation, **where: Any) -> Particles:
+    """Particles of a soil that fill a box."""
+    return fill(extent, discretisation.spacing, unit_weight=soil.unit_weight, dtype=discretisation.dtype, **where)
 
 
 def _build(
-    position: np.ndarray,
+    particles: Particles,
     grid: Grid,
     soil: Ground,
     discretisation: Discretisation,
@@ -296,62 +319,32 @@ def _build(
     walls: tuple[Wall, ...],
     gravity: float | Sequence[float],
     speed: float,
+    friction: float | None = None,
 ) -> tuple[Scene, State]:
-    """Scene and motionless, stress-free state of equal particles at `position`, sorted by cell."""
-    dtype = check.dtype(discretisation.dtype or jax.dtypes.canonicalize_dtype(float))
-    check.positive("unit_weight", soil.unit_weight, "N/m3")
-    if isinstance(gravity, (int, float)):
-        check.not_negative("gravity", gravity, "m/s2")
-        gravity = [0.0] * (grid.dimension - 1) + [-gravity]
-    check.positive("speed", max(speed, 1e-12), "m/s")
-    cell_of = np.floor((position - np.asarray(grid.origin)[:, None]) / grid.cell).astype(np.int64)
-    position = position[:, np.lexsort(cell_of[::-1])]
-    count = position.shape[1]
-    volume = float(np.prod(discretisation.spacing))
-    density = soil.unit_weight / 9.81
-    particles = Particles(
-        position=jnp.asarray(position, dtype),
-        mass=jnp.full(count, density * volume, dtype),
-        volume=jnp.full(count, volume, dtype),
-    )
+    """Scene and motionless, stress-free state of these particles."""
     length = discretisation.internal_length
-    material = material_of(soil, dtype, grid.cell if length is None else band_thickness(length))
-    wave_speed = math.sqrt(float(material.p_wave_modulus) / density)
-    kernel = kernel_of(discretisation)
-    if length is not None and material.initial_history(particles) is None:
-        raise ValueError(f"internal_length = {length:g} m, but the soil does not soften: leave it out")
-    if discretisation.fbar and isinstance(soil, FrictionalSoil):
-        raise ValueError(
-            "fbar = True with a frictional soil: it averages the mean stress, on which friction depends, and soil at a "
-            "free surface would lose its strength; leave fbar out"
-        )
-    scene = Scene(
-        grid=grid,
-        particles=particles,
-        material=material,
-        gravity=jnp.asarray(gravity, dtype),
-        time_step=jnp.asarray(discretisation.cfl * grid.cell / (wave_speed + speed), dtype),
-        kernel=kernel,
+    built = scene(
+        sorted_by_cell(particles, grid),
+        grid,
+        material_of(soil, particles.mass.dtype, grid.cell if length is None else band_thickness(length)),
+        kernel=kernel_of(discretisation),
+        gravity=gravity,
         walls=walls,
+        wall_friction=friction,
         scheme=discretisation.scheme,
+        cfl=discretisation.cfl,
+        speed=speed,
+        flip=discretisation.flip,
+        damping=discretisation.damping,
         fbar=discretisation.fbar,
-        nonlocal_passes=None if length is None else passes_for(length, kernel, grid.cell),
-        flip=None if discretisation.flip == 1 else jnp.asarray(discretisation.flip, dtype),
-        damping=None if discretisation.damping == 0 else jnp.asarray(discretisation.damping, dtype),
+        internal_length=length,
     )
-    return scene, at_rest(scene, apic=discretisation.apic)
+    return built, unstressed(built, apic=discretisation.apic)
 
 
-def at_rest(scene: Scene, *, apic: bool = False) -> State:
-    """The state of no motion, no stress and no history; apic: with a velocity gradient per particle."""
-    particles, d = scene.particles, scene.grid.dimension
-    return State(
-        displacement=jnp.zeros_like(particles.position),
-        velocity=jnp.zeros_like(particles.position),
-        stress=jnp.zeros((len(CARRIED[scene.grid.dimension]), *particles.mass.shape), particles.mass.dtype),
-        volume_ratio=jnp.ones_like(particles.mass),
-        history=scene.material.initial_history(particles),
-        step=jnp.zeros((), jnp.int32),
-        status=jnp.asarray(int(Status.RUNNING), jnp.int32),
-        affine=jnp.zeros((d, *particles.position.shape), particles.mass.dtype) if apic else None,
-    )
+def sorted_by_cell(particles: Particles, grid: Grid) -> Particles:
+    """The particles in the order of the cells in which they lie: neighbours then lie close in memory."""
+    position = np.asarray(particles.position, float)
+    cell_of = np.floor((position - np.asarray(grid.origin)[:, None]) / grid.cell).astype(np.int64)
+    order = np.lexsort(cell_of[::-1])
+    return jax.tree.map(lambda leaf: leaf[..., order], particles)

@@ -7,15 +7,16 @@ from typing import Any
 
 from foundation import check
 from jaxmpm.site._soil import Ground, Soil
-from jaxmpm.transfer import least_length, length_of_band
-from jaxmpm.types import GIMP, Kernel, Linear, QuadraticBSpline, Scheme
+from jaxmpm.transfer import GIMP, QuadraticBSpline, length_of_band
+from jaxmpm.types import Kernel, Scheme
 
 
 @dataclass(frozen=True)
 class Discretisation:
     """Cell (m), particle spacing per axis (m), and the numerical choices.
 
-    kernel: GIMP (domain of one spacing), Linear or QuadraticBSpline. scheme: when the stress is updated. cfl: dt = cfl
+    kernel: class of the shape functions, GIMP (domain of one spacing), Linear, QuadraticBSpline or one of your own, see
+    `Kernel`. scheme: when the stress is updated. cfl: dt = cfl
     cell / (c + speed), c the elastic wave speed. flip: share of FLIP, 1 is pure FLIP. apic: carry the velocity's
     gradient, with quadratic B-splines and flip = 0. damping: mass-proportional (1/s). fbar: average volumetric strain
     and mean stress over neighbours, against locking; not for frictional soils. internal_length: standard deviation (m)
@@ -26,7 +27,7 @@ class Discretisation:
 
     cell: float
     spacing: tuple[float, ...]
-    kernel: type[GIMP] | type[Linear] | type[QuadraticBSpline] = GIMP
+    kernel: type[Kernel] = GIMP
     scheme: Scheme = Scheme.MUSL
     cfl: float = 0.5
     flip: float = 1.0
@@ -39,10 +40,7 @@ class Discretisation:
 
 def kernel_of(discretisation: Discretisation) -> Kernel:
     """The kernel, with the box of one particle where it has one."""
-    kind = discretisation.kernel
-    if kind is GIMP:
-        return GIMP(tuple(s / 2 for s in discretisation.spacing))
-    return Linear() if kind is Linear else QuadraticBSpline()
+    return discretisation.kernel.of_spacing(tuple(discretisation.spacing))
 
 
 def cell_independent(discretisation: Discretisation, soil: Ground) -> Discretisation:
@@ -54,7 +52,7 @@ def cell_independent(discretisation: Discretisation, soil: Ground) -> Discretisa
     length = None
     if soil.softens and soil.softening_length is not None:
         wanted = length_of_band(soil.softening_length)
-        length = wanted if wanted >= least_length(kernel_of(discretisation), discretisation.cell) else None
+        length = wanted if wanted >= kernel_of(discretisation).deviation(discretisation.cell) else None
     return replace(discretisation, fbar=isinstance(soil, Soil), internal_length=length)
 
 
@@ -68,8 +66,10 @@ def check_discretisation(discretisation: Discretisation, dimension: int) -> None
         raise ValueError(
             f"spacing = {wide[0]:g} m leaves gaps in cells of {discretisation.cell:g} m: give at most the cell"
         )
-    if discretisation.kernel not in (GIMP, Linear, QuadraticBSpline):
-        raise ValueError(f"kernel = {discretisation.kernel!r}: give GIMP, Linear or QuadraticBSpline")
+    if not isinstance(discretisation.kernel, type) or not hasattr(discretisation.kernel, "of_spacing"):
+        raise ValueError(
+            f"kernel = {discretisation.kernel!r}: give GIMP, Linear, QuadraticBSpline or a class with `of_spacing`"
+        )
     if discretisation.apic and (discretisation.kernel is not QuadraticBSpline or discretisation.flip != 0):
         raise ValueError("apic = True: give kernel = QuadraticBSpline and flip = 0 with it")
     if not isinstance(discretisation.scheme, Scheme):

@@ -19,6 +19,7 @@ from jaxmpm import tensors
 from jaxmpm._step import MASS_FLOOR, acting_stress, neighbour_average
 from jaxmpm.boundary import hold
 from jaxmpm.laws import elastic_increment
+from jaxmpm.site._scene import unstressed
 from jaxmpm.transfer import g2p, p2g
 from jaxmpm.types import Scene, State
 
@@ -74,35 +75,54 @@ def elastic_equilibrium(
     return balanced, jnp.linalg.norm(load + internal_force(balanced)) / norm
 
 
-def settled_elastically(scene: Scene, state: State, spacing: float) -> State:
+RESIDUAL = 1e-3
+"""Share of the load that may stay unbalanced."""
+
+
+def at_rest(scene: Scene, *, apic: bool = False) -> State:
+    """The state of no motion with the stress of elastic gravity loading; apic: with a velocity gradient (d, d, N).
+
+    Raises ValueError where the body is not held against its load, or its moduli are too far apart to be solved for.
+    """
+    return settled(scene, unstressed(scene, apic=apic))
+
+
+def settled(scene: Scene, state: State) -> State:
     """The state with the stress of elastic gravity loading, started from the columns' own weight with K0 = nu/(1 - nu).
 
-    spacing: of the particles along the vertical axis (m), for the weight above each.
+    Without gravity and body force it stays as it is.
     """
-    d = scene.grid.dimension
-    position, dtype = np.asarray(scene.particles.position), state.stress.dtype
-    unit_weight = -float(scene.gravity[-1]) * float(scene.particles.mass[0] / scene.particles.volume[0])
-    vertical = (-unit_weight * spacing * (_above(position, spacing) + 0.5)).astype(dtype)
-    k = np.asarray(scene.material.bulk - 2 * scene.material.shear / 3)
-    k0 = (k / (k + 2 * np.asarray(scene.material.shear))).astype(dtype)
+    if not np.any(np.asarray(scene.gravity)) and scene.body_force is None:
+        return state
+    d, dtype = scene.grid.dimension, state.stress.dtype
+    vertical = -_weight_above(scene).astype(dtype)
+    bulk, shear = np.asarray(scene.material.bulk), np.asarray(scene.material.shear)
+    k0 = ((bulk - 2 * shear / 3) / (bulk + 4 * shear / 3)).astype(dtype)
     upright = {1: 0, 2: 2, 3: 2}[d]
     stress = jnp.stack([vertical * (1 if c == upright else k0 if c < 3 else 0) for c in tensors.CARRIED[d]])
     balanced, residual = elastic_equilibrium(scene, stress)
-    if not float(residual) < 1e-3:
+    if not float(residual) < RESIDUAL:
         raise ValueError(
-            f"the initial stress leaves {float(residual):.1e} of the weight unbalanced (limit 1e-3): "
-            "is the body held against gravity, and are the moduli within some orders of magnitude?"
+            f"the initial stress leaves {float(residual):.1e} of the weight unbalanced (limit {RESIDUAL:g}): "
+            "is the body held against gravity, and are the moduli within some orders of magnitude? Else start it "
+            "with `unstressed`"
         )
     return replace(state, stress=balanced)
 
 
-def _above(position: np.ndarray, spacing: float) -> np.ndarray:
-    """How many particles stand above each one of a lattice, in its own column."""
-    columns = np.round(position[:-1] / spacing * 1024).astype(np.int64)
-    order = np.lexsort((-position[-1], *columns))
-    ordered = columns[:, order]
-    new = np.r_[True, np.any(ordered[:, 1:] != ordered[:, :-1], axis=0)]
-    start = np.maximum.accumulate(np.where(new, np.arange(len(order)), 0))
-    above = np.empty(len(order), np.int64)
-    above[order] = np.arange(len(order)) - start
+def _weight_above(scene: Scene) -> np.ndarray:
+    """Weight per area (N) Pa of what stands above each particle of a lattice in its own column, half itself included;
+    0 for particles that are in no column."""
+    position = np.asarray(scene.particles.position)
+    *across, z = position
+    order = np.lexsort((-z, *across))
+    starts = np.r_[True, np.any(np.diff(position[:-1, order], axis=1) != 0, axis=0)]
+    gaps = -np.diff(z[order])[~starts[1:]]
+    height = gaps.min() if gaps.size else 0.0
+    density = np.asarray(scene.particles.mass, float) / np.asarray(scene.particles.volume, float)
+    weight = -float(scene.gravity[-1]) * density[order] * height
+    below = np.cumsum(weight)
+    column = np.maximum.accumulate(np.where(starts, np.arange(order.size), 0))
+    above = np.empty(order.size)
+    above[order] = below - weight / 2 - (below - weight)[column]
     return above

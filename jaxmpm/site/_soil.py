@@ -27,6 +27,9 @@ from jaxmpm.laws import (
     Softening,
 )
 
+STANDARD_GRAVITY = 9.81
+"""What turns a unit weight into a density (m/s2), whatever gravity a scene has."""
+
 
 class PlasticStrain(enum.Enum):
     """The plastic strain that softening counts.
@@ -43,19 +46,19 @@ class Soil:
     """An elastic soil with undrained strength, in SI units.
 
     unit_weight: N/m3. young, poisson: Young's modulus (Pa) and Poisson's ratio. strength: peak undrained shear strength
-    S_u (Pa), None for an elastic soil. softening_modulus: loss of strength per unit of plastic strain (Pa). strain_95:
-    instead of it, the plastic strain at which 95 per cent of an exponential loss is done. residual_ratio: residual over
-    peak strength. plastic_strain: the measure of both. softening_length: thickness of the shear band (m) to which they
-    refer; softening is then scaled by the thickness of the grid's bands (a cell, or what an internal_length makes of
-    them) over it, so that a band takes the same work whatever the grid. None leaves them as they are. rate_coefficient:
-    gain of strength per tenfold shear rate above reference_rate (1/s), None without. tension_cutoff: largest mean
-    stress (Pa) or None.
+    S_u (Pa), a number or one value per particle (N) of the scene, None for an elastic soil. softening_modulus: loss of
+    strength per unit of plastic strain (Pa). strain_95: instead of it, the plastic strain at which 95 per cent of an
+    exponential loss is done. residual_ratio: residual over peak strength. plastic_strain: the
+    measure of both. softening_length: thickness of the shear band (m) to which they refer; softening is then scaled by
+    the thickness of the grid's bands (a cell, or what an internal_length makes of them) over it, so that a band takes
+    the same work whatever the grid. None leaves them as they are. rate_coefficient: gain of strength per tenfold shear
+    rate above reference_rate (1/s), None without. tension_cutoff: largest mean stress (Pa) or None.
     """
 
     unit_weight: float = 20e3
     young: float = 1e8
     poisson: float = 0.3
-    strength: float | None = None
+    strength: float | Array | None = None
     softening_modulus: float | None = None
     residual_ratio: float = 0.5
     tension_cutoff: float | None = 0.0
@@ -109,8 +112,9 @@ Ground = Soil | FrictionalSoil
 def material_of(soil: Ground, dtype: np.dtype, band: float) -> Elastic | J2 | MohrCoulomb | DruckerPrager:
     """The law of a soil on a grid whose shear bands are `band` (m) thick.
 
-    Raises ValueError for what no soil can have, and for snap-back.
+    Raises ValueError for what no soil can have.
     """
+    check.positive("unit_weight", soil.unit_weight, "N/m3")
     check.positive("young", soil.young, "Pa")
     check.between("poisson", soil.poisson, -1.0, 0.5)
     if soil.tension_cutoff is not None:
@@ -118,8 +122,7 @@ def material_of(soil: Ground, dtype: np.dtype, band: float) -> Elastic | J2 | Mo
     if soil.softening_length is not None:
         check.positive("softening_length", soil.softening_length, "m")
     number = partial(jnp.asarray, dtype=dtype)
-    bulk = number(soil.young / (3 * (1 - 2 * soil.poisson)))
-    shear = number(soil.young / (2 * (1 + soil.poisson)))
+    bulk, shear = (number(modulus) for modulus in moduli(soil.young, soil.poisson))
     cutoff = None if soil.tension_cutoff is None else number(soil.tension_cutoff)
     scale = 1.0 if soil.softening_length is None else band / soil.softening_length
     if isinstance(soil, FrictionalSoil):
@@ -127,16 +130,13 @@ def material_of(soil: Ground, dtype: np.dtype, band: float) -> Elastic | J2 | Mo
     if soil.strength is None:
         return Elastic(bulk, shear)
     check.positive("strength", soil.strength, "Pa")
-    material = J2(
-        bulk,
-        shear,
-        number(soil.strength),
-        _softening(soil, scale, number),
-        cutoff,
-        _rate(soil, number),
-    )
-    refuse_snap_back(material)
-    return material
+    strength, softening = number(soil.strength), _softening(soil, scale, number)
+    return J2(bulk, shear, strength, softening, cutoff, _rate(soil, number))
+
+
+def moduli(young: Any, poisson: Any) -> tuple[Any, Any]:
+    """Bulk and shear modulus (Pa)."""
+    return young / (3 * (1 - 2 * poisson)), young / (2 * (1 + poisson))
 
 
 def _softening(soil: Soil, scale: float, number: Callable[..., Any]) -> Softening | ExponentialSoftening | None:
@@ -162,19 +162,6 @@ def _rate(soil: Soil, number: Callable[..., Any]) -> RateEffect | None:
     check.not_negative("rate_coefficient", soil.rate_coefficient)
     check.positive("reference_rate", soil.reference_rate, "1/s")
     return RateEffect(number(soil.rate_coefficient), number(soil.reference_rate))
-
-
-def refuse_snap_back(material: Any) -> None:
-    """Raise ValueError where undrained strength falls as steeply as the soil unloads elastically, or steeper."""
-    if not isinstance(material, J2) or material.softening is None:
-        return
-    steepest = float(jnp.max(material.softening.steepest(material.strength)))
-    if steepest >= float(jnp.min(material.shear)):
-        raise ValueError(
-            f"softening of {steepest:g} Pa per unit of shear strain is steeper than elastic unloading (shear modulus "
-            f"{float(jnp.min(material.shear)):g} Pa), which snaps back: soften more slowly, raise the stiffness, "
-            "or, where softening is scaled by the cell, take smaller cells"
-        )
 
 
 def _frictional(

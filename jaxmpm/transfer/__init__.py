@@ -1,17 +1,19 @@
 """Between particles and grid: shape functions, transfers of both engines, averages over neighbours."""
 
 from jaxmpm.transfer._affine import momentum, nodal_momentum, velocity_gradient
-from jaxmpm.transfer._averages import band_thickness, filtered, least_length, length_of_band, passes_for
+from jaxmpm.transfer._averages import band_thickness, filtered, length_of_band, passes_for
 from jaxmpm.transfer._primitives import scatter_p
-from jaxmpm.transfer._shape import inside, locate
+from jaxmpm.transfer._shape import GIMP, Linear, QuadraticBSpline, inside, locate
 from jaxmpm.transfer._transfers import g2p, p2g
 
 __all__ = [
+    "GIMP",
+    "Linear",
+    "QuadraticBSpline",
     "band_thickness",
     "filtered",
     "g2p",
     "inside",
-    "least_length",
     "length_of_band",
     "locate",
     "momentum",

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from foundation import check
-from jaxmpm.types import GIMP, Grid, Kernel, QuadraticBSpline
+from jaxmpm.types import Grid, Kernel
 
 
 def filtered(grid: Grid, nodal: Array, passes: int) -> Array:
@@ -38,21 +38,12 @@ def length_of_band(thickness: float) -> float:
     return thickness / math.sqrt(2 * math.pi)
 
 
-def least_length(kernel: Kernel, cell: float) -> float:
-    """The standard deviation (m) of the bell that mapping to the grid and back is by itself: cell / sqrt(3) for hats,
-    wider by the particle's box."""
-    if isinstance(kernel, QuadraticBSpline):
-        return cell / math.sqrt(2)
-    box = max(kernel.half_size) if isinstance(kernel, GIMP) else 0.0
-    return math.sqrt((cell**2 + 2 * box**2) / 3)
-
-
 def passes_for(length: float, kernel: Kernel, cell: float) -> int:
     """Filters that make the weights of the average a bell of standard deviation `length` (m).
 
-    Raises ValueError where `length` is below `least_length`.
+    Raises ValueError where `length` is below the kernel's own deviation.
     """
-    least = least_length(kernel, cell)
+    least = kernel.deviation(cell)
     if length < least:
         raise ValueError(
             f"internal_length = {length:g} m is less than cells of {cell:g} m resolve ({least:.2g} m): "

@@ -88,11 +88,13 @@ def _gather_xla(position, nodal, *, native_only, grid, kernel, terms, rows):
 
 def _refuse(native_only: bool) -> None:
     if native_only:
-        raise ValueError("Engine.NATIVE has no kernels for this device, dtype or order of derivative: take Engine.XLA")
+        raise ValueError(
+            "Engine.NATIVE has no code for this device, dtype, kernel or order of derivative: take Engine.XLA"
+        )
 
 
 def _scatter_cpu(position, *blocks, native_only, grid, kernel, terms, channels):
-    if native.available() and native.supports(position, terms):
+    if native.available() and native.supports(kernel, position, terms):
         return native.scatter(grid, kernel, position, blocks, terms=terms, channels=channels)
     return _scatter_xla(
         position, *blocks, native_only=native_only, grid=grid, kernel=kernel, terms=terms, channels=channels
@@ -100,13 +102,13 @@ def _scatter_cpu(position, *blocks, native_only, grid, kernel, terms, channels):
 
 
 def _gather_cpu(position, nodal, *, native_only, grid, kernel, terms, rows):
-    if native.available() and native.supports(position, terms):
+    if native.available() and native.supports(kernel, position, terms):
         return native.gather(grid, kernel, position, nodal, terms=terms, rows=rows)
     return _gather_xla(position, nodal, native_only=native_only, grid=grid, kernel=kernel, terms=terms, rows=rows)
 
 
 def _contract_cpu(position, nodal, *blocks, native_only, grid, kernel, terms, rows):
-    if native.available() and native.supports(position, _raised(terms, position.shape[-2])):
+    if native.available() and native.supports(kernel, position, _raised(terms, position.shape[-2])):
         return native.contract(grid, kernel, position, nodal, blocks, terms=terms, rows=rows)
     statics = {"native_only": native_only, "grid": grid, "kernel": kernel, "terms": terms, "rows": rows}
     return _contract_expanded(position, nodal, *blocks, **statics)

@@ -6,10 +6,13 @@ axis, base = floor(x/h - 1/2). Weights beyond a kernel's support are zero.
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmpm.types import GIMP, Grid, Kernel, Linear, QuadraticBSpline
+from jaxmpm.types import Grid
 
 WIDTH = 3
 """Nodes per axis in a stencil."""
@@ -34,26 +37,79 @@ def base_node(grid: Grid, cells: Array) -> Array:
     return jnp.where(lowest > 0, jnp.minimum(lowest, highest), 0).astype(jnp.int32)
 
 
-def shape_1d(kernel: Kernel, axis: int, cell: float, r: Array) -> tuple[Array, Array]:
-    """Value and derivative (1/m) of a node's shape function at distance r = (x - x_node)/h.
+@dataclass(frozen=True)
+class Linear:
+    """Linear (hat) shape functions, 1 - |r| at r cells from the node; particles are points."""
 
-    Linear: 1 - |r|. GIMP, with l the half size in cells (Steffen, Kirby and Berzins 2008, IJNME 76, 922-948):
-    1 - (r^2 + l^2)/(2 l) for |r| < l, 1 - |r| up to 1 - l, (1 + l - |r|)^2/(4 l) up to 1 + l.
-    Quadratic B-spline (same source): 3/4 - r^2 for |r| < 1/2, (3/2 - |r|)^2/2 up to 3/2. Zero where r is NaN.
-    """
-    a = jnp.abs(r)
-    sign = jnp.where(r < 0, 1.0, -1.0).astype(r.dtype)
-    if isinstance(kernel, Linear):
+    @classmethod
+    def of_spacing(cls, spacing: tuple[float, ...]) -> Linear:
+        """The same for any spacing."""
+        return cls()
+
+    def shape(self, axis: int, cell: float, r: Array) -> tuple[Array, Array]:
+        """Value and derivative (1/m)."""
         support = (r >= -1) & (r < 1)
-        return jnp.where(support, 1 - a, 0.0), jnp.where(support, sign / cell, 0.0)
-    if isinstance(kernel, GIMP):
-        l = kernel.half_size[axis] / cell
+        return jnp.where(support, 1 - jnp.abs(r), 0.0), jnp.where(support, _falling(r) / cell, 0.0)
+
+    def deviation(self, cell: float) -> float:
+        """cell / sqrt(3) (m)."""
+        return cell / math.sqrt(3)
+
+
+@dataclass(frozen=True)
+class GIMP:
+    """Undeformed generalised interpolation: a hat function averaged over a box of fixed size.
+
+    half_size: half of the particle's edge per axis (m), above 0 and at most half a cell. With l the half size in cells
+    (Steffen, Kirby and Berzins 2008, IJNME 76, 922-948): 1 - (r^2 + l^2)/(2 l) for |r| < l, 1 - |r| up to 1 - l,
+    (1 + l - |r|)^2/(4 l) up to 1 + l.
+    Source: Bardenhagen and Kober (2004), CMES 5(6), 477-495, with the particle's domain kept.
+    """
+
+    half_size: tuple[float, ...]
+
+    @classmethod
+    def of_spacing(cls, spacing: tuple[float, ...]) -> GIMP:
+        """Boxes that touch each other."""
+        return cls(tuple(s / 2 for s in spacing))
+
+    def shape(self, axis: int, cell: float, r: Array) -> tuple[Array, Array]:
+        """Value and derivative (1/m)."""
+        a, sign, l = jnp.abs(r), _falling(r), self.half_size[axis] / cell
         tail = jnp.where(a < 1 + l, 1 + l - a, 0)
         value = jnp.where(a < l, 1 - (r * r + l * l) / (2 * l), jnp.where(a < 1 - l, 1 - a, tail * tail / (4 * l)))
         slope = jnp.where(a < l, -r / l, jnp.where(a < 1 - l, sign, sign * tail / (2 * l)))
         return value, slope / cell
-    if isinstance(kernel, QuadraticBSpline):
+
+    def deviation(self, cell: float) -> float:
+        """That of hats, wider by the widest box (m)."""
+        return math.sqrt((cell**2 + 2 * max(self.half_size) ** 2) / 3)
+
+
+@dataclass(frozen=True)
+class QuadraticBSpline:
+    """Quadratic B-splines: smooth shape functions of points, 3/4 - r^2 for |r| < 1/2, (3/2 - |r|)^2/2 up to 3/2.
+
+    Source: Steffen, Kirby and Berzins (2008), IJNME 76, 922-948.
+    """
+
+    @classmethod
+    def of_spacing(cls, spacing: tuple[float, ...]) -> QuadraticBSpline:
+        """The same for any spacing."""
+        return cls()
+
+    def shape(self, axis: int, cell: float, r: Array) -> tuple[Array, Array]:
+        """Value and derivative (1/m)."""
+        a = jnp.abs(r)
         tail = jnp.where(a < 1.5, 1.5 - a, 0)
         value = jnp.where(a < 0.5, 0.75 - r * r, 0.5 * tail * tail)
-        return value, jnp.where(a < 0.5, -2 * r, sign * tail) / cell
-    raise TypeError(f"no shape functions for {kernel!r}: use one of {Kernel}")
+        return value, jnp.where(a < 0.5, -2 * r, _falling(r) * tail) / cell
+
+    def deviation(self, cell: float) -> float:
+        """cell / sqrt(2) (m)."""
+        return cell / math.sqrt(2)
+
+
+def _falling(r: Array) -> Array:
+    """Sign of the derivative of a function that falls away from its node."""
+    return jnp.where(r < 0, 1.0, -1.0).astype(r.dtype)

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmpm.transfer._shape import WIDTH, base_node, locate, shape_1d
+from jaxmpm.transfer._shape import WIDTH, base_node, locate
 from jaxmpm.types import Grid, Kernel
 
 
@@ -89,9 +89,9 @@ def _outer(operation: Callable[[Array, Array], Array], a: Array, b: Array) -> Ar
 
 def _derivatives(kernel: Kernel, axis: int, cell: float, r: Array, order: int) -> list[Array]:
     """A 1D shape function at r cells from its node, and its derivatives (1/m^n) up to `order`."""
-    value, slope = shape_1d(kernel, axis, cell, r)
+    value, slope = kernel.shape(axis, cell, r)
     found = [value, slope]
-    nth: Callable[[Array], Array] = lambda r: shape_1d(kernel, axis, cell, r)[1]  # noqa: E731
+    nth: Callable[[Array], Array] = lambda r: kernel.shape(axis, cell, r)[1]  # noqa: E731
     for _ in range(order - 1):
         nth = _derivative(nth, cell)
         found.append(nth(r))

@@ -18,8 +18,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxmpm.transfer._shape import GIMP, Linear, QuadraticBSpline
 from jaxmpm.transfer._stencil import Term
-from jaxmpm.types import GIMP, Grid, Kernel, Linear, QuadraticBSpline
+from jaxmpm.types import Grid, Kernel
 
 LIBRARY = "libjaxmpm_transfer.so"
 FUNCTIONS = {Linear: 0, GIMP: 1, QuadraticBSpline: 2}
@@ -45,9 +46,10 @@ def available() -> bool:
     return False
 
 
-def supports(position: Array, terms: Sequence[Term]) -> bool:
-    """Whether the kernels have this precision and these derivatives."""
-    return position.dtype in (jnp.float32, jnp.float64) and all(len(term.axes) <= MAX_ORDER for term in terms)
+def supports(kernel: Kernel, position: Array, terms: Sequence[Term]) -> bool:
+    """Whether there is native code for this kernel, precision and these derivatives."""
+    known = type(kernel) in FUNCTIONS
+    return known and position.dtype in (jnp.float32, jnp.float64) and all(len(term.axes) <= MAX_ORDER for term in terms)
 
 
 def scatter(

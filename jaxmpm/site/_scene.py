@@ -1,0 +1,271 @@
+"""From particles, a grid and a material to a Scene: every number and choice of it checked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from foundation import check
+from jaxmpm.laws import snaps_back
+from jaxmpm.tensors import CARRIED
+from jaxmpm.transfer import inside, locate, passes_for
+from jaxmpm.types import Engine, Grid, Kernel, Material, Particles, Scene, Scheme, State, Status, Wall
+
+MEMBERS = [name for name in vars(Material) if not name.startswith("_")] + ["LIMITS", "STRENGTH", "FRICTIONAL"]
+"""What the protocol `Material` names."""
+
+
+def scene(
+    particles: Particles,
+    grid: Grid,
+    material: Material,
+    *,
+    kernel: Kernel,
+    gravity: float | Sequence[float] = 0.0,
+    walls: Sequence[Wall] = (),
+    wall_friction: float | None = None,
+    scheme: Scheme = Scheme.MUSL,
+    cfl: float = 0.5,
+    speed: float | None = None,
+    flip: float = 1.0,
+    damping: float = 0.0,
+    fbar: bool = False,
+    internal_length: float | None = None,
+    body_force: Callable[[Array, Array], Array] | None = None,
+    engine: Engine | None = None,
+) -> Scene:
+    """A scene of any particles and law; numbers take the precision of the particles' positions.
+
+    particles: position (d, N) m inside the grid, mass (N) kg, volume (N) m3. material: parameters () or (N).
+    kernel: an object, e.g. GIMP(half_size). gravity: downwards (m/s2), or a vector (d). walls, wall_friction: where
+    nodes are held, and the coefficient of those with friction. cfl: time_step = cfl cell / (c + speed), c the fastest
+    elastic wave. speed: largest particle speed that the time step allows for (m/s), by default of a fall through half
+    the grid. flip, damping, fbar, internal_length: as in `Discretisation`. body_force, engine: as in `Scene`.
+    Raises ValueError for shapes, numbers and choices that do not fit, naming each.
+    """
+    d = _check_grid(grid)
+    dtype = _check_particles(particles, grid)
+    _check_walls(walls, grid, wall_friction)
+    _check_kernel(kernel, grid)
+    _check_choices(scheme, engine, cfl=cfl, flip=flip, damping=damping)
+    g = _gravity(gravity, d)
+    if speed is None:
+        speed = math.sqrt(float(np.linalg.norm(g)) * (grid.shape[-1] - 1) * grid.cell)
+    check.not_negative("speed", speed, "m/s")
+    number = _number_of(dtype)
+    material = _checked_material(material, particles, dtype)
+    if fbar and material.FRICTIONAL:
+        raise ValueError(
+            "fbar = True with a frictional soil: it averages the mean stress, on which friction depends, and soil at a "
+            "free surface would lose its strength; leave fbar out"
+        )
+    if internal_length is not None and material.initial_history(particles) is None:
+        raise ValueError(f"internal_length = {internal_length:g} m, but the soil does not soften: leave it out")
+    built = Scene(
+        grid=grid,
+        particles=particles,
+        material=material,
+        gravity=number(g),
+        time_step=number(cfl * grid.cell / (wave_speed(particles, material) + speed)),
+        kernel=kernel,
+        walls=tuple(walls),
+        scheme=scheme,
+        engine=engine,
+        fbar=bool(fbar),
+        nonlocal_passes=None if internal_length is None else passes_for(internal_length, kernel, grid.cell),
+        body_force=body_force,
+        flip=None if flip == 1 else number(flip),
+        damping=None if damping == 0 else number(damping),
+        wall_friction=None if wall_friction is None else number(wall_friction),
+    )
+    check_scene(built)
+    return built
+
+
+def unstressed(scene: Scene, *, apic: bool = False) -> State:
+    """The state of no motion, no stress and no history; apic: with a velocity gradient (d, d, N) per particle."""
+    particles, d = scene.particles, scene.grid.dimension
+    return State(
+        displacement=jnp.zeros_like(particles.position),
+        velocity=jnp.zeros_like(particles.position),
+        stress=jnp.zeros((len(CARRIED[d]), *particles.mass.shape), particles.mass.dtype),
+        volume_ratio=jnp.ones_like(particles.mass),
+        history=scene.material.initial_history(particles),
+        step=jnp.zeros((), jnp.int32),
+        status=jnp.asarray(int(Status.RUNNING), jnp.int32),
+        affine=jnp.zeros((d, *particles.position.shape), particles.mass.dtype) if apic else None,
+    )
+
+
+def check_scene(scene: Scene, axes: Scene | None = None) -> None:
+    """Raise ValueError where a number of a scene is beyond its limit, or softening snaps back.
+
+    axes: which leaves have lanes first, None without lanes. What is being traced is not looked at.
+    """
+    check.within_limits(scene)
+    refuse_snap_back(scene.material, None if axes is None else axes.material)
+
+
+def refuse_snap_back(material: Material, axes: Material | None = None) -> None:
+    """Raise ValueError where shear strength falls as steeply as the soil unloads elastically, or steeper."""
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(material)):
+        return
+    back = snaps_back(material) if axes is None else jax.vmap(snaps_back, in_axes=(axes,))(material)
+    if back is not None and bool(np.any(back)):
+        steepest = float(np.max(np.asarray(material.steepest_softening)))
+        raise ValueError(
+            f"softening of {steepest:g} Pa per unit of shear strain is steeper than elastic unloading (shear modulus "
+            f"{float(np.min(np.asarray(material.shear))):g} Pa), which snaps back: soften more slowly, raise the "
+            "stiffness, or, where softening is scaled by the cell, take smaller cells"
+        )
+
+
+def wave_speed(particles: Particles, material: Material) -> float:
+    """Speed of the fastest elastic wave at any particle (m/s)."""
+    density = np.asarray(particles.mass, float) / np.asarray(particles.volume, float)
+    return math.sqrt(float(np.max(np.asarray(material.p_wave_modulus, float) / density)))
+
+
+def check_shape(name: str, value: Any, particles: Particles) -> None:
+    """Raise ValueError unless `value` is a number or one value per particle (N)."""
+    if np.shape(value) not in ((), particles.mass.shape):
+        raise ValueError(
+            f"{name} has shape {np.shape(value)}: give a number or {particles.mass.shape}, one value per particle"
+        )
+
+
+def _number_of(dtype: np.dtype) -> Callable[[Any], Array]:
+    return lambda value: jnp.asarray(value, dtype)
+
+
+def _check_grid(grid: Grid) -> int:
+    d = len(grid.shape)
+    if d not in (1, 2, 3):
+        raise ValueError(f"grid.shape = {grid.shape}: give 1, 2 or 3 axes")
+    for a, nodes in enumerate(grid.shape):
+        check.whole(f"grid.shape[{a}]", nodes, least=3)
+    check.positive("grid.cell", grid.cell, "m")
+    check.axes("grid.origin", grid.origin, d)
+    return d
+
+
+def _check_particles(particles: Particles, grid: Grid) -> np.dtype:
+    """Their precision."""
+    d, arrays = grid.dimension, (particles.position, particles.mass, particles.volume)
+    shapes = tuple(np.shape(array) for array in arrays)
+    count = shapes[0][-1] if shapes[0] else 0
+    if shapes != ((d, count), (count,), (count,)) or not count:
+        raise ValueError(
+            f"particles have position {shapes[0]}, mass {shapes[1]} and volume {shapes[2]}: give ({d}, N), (N,) and "
+            f"(N,) on a grid of {d} axes, N at least 1"
+        )
+    dtypes = {np.dtype(array.dtype) for array in arrays}
+    if len(dtypes) > 1:
+        raise ValueError(f"particles mix {', '.join(sorted(map(str, dtypes)))}: give all arrays one dtype")
+    check.within_limits(particles)
+    out = ~np.asarray(inside(grid, locate(grid, jnp.asarray(particles.position))))
+    if out.any():
+        first = np.asarray(particles.position)[:, int(np.argmax(out))]
+        raise ValueError(
+            f"{int(out.sum())} particles, one of them at {first.tolist()} m, stand on or beyond the outermost cells of "
+            f"the grid of {grid.shape} nodes from {grid.origin} m: enlarge the grid by a cell of padding on each side"
+        )
+    return check.dtype(dtypes.pop())
+
+
+def _check_walls(walls: Sequence[Wall], grid: Grid, friction: float | None) -> None:
+    for wall in walls:
+        if not isinstance(wall, Wall):
+            raise ValueError(f"walls hold {wall!r}: give Wall(axis, side, index, hold)")
+        if wall.axis not in range(grid.dimension) or wall.index not in range(grid.shape[wall.axis]):
+            raise ValueError(f"{wall}: there is no such axis or node on a grid of {grid.shape} nodes")
+        if wall.side not in ("low", "high") or wall.hold not in ("fixed", "roller", "friction"):
+            raise ValueError(f"{wall}: side is 'low' or 'high', hold is 'fixed', 'roller' or 'friction'")
+    rough = any(wall.hold == "friction" for wall in walls)
+    if rough != (friction is not None):
+        raise ValueError(
+            f"wall_friction = {friction} with walls of {sorted({wall.hold for wall in walls})}: give it with, and only "
+            "with, walls of 'friction'"
+        )
+    if friction is not None:
+        check.not_negative("wall_friction", friction)
+
+
+def _check_kernel(kernel: Kernel, grid: Grid) -> None:
+    missing = [name for name in ("shape", "deviation") if not hasattr(kernel, name)]
+    if missing or isinstance(kernel, type) or type(kernel).__hash__ is None:
+        raise ValueError(f"kernel = {kernel!r}: give a hashable object with shape and deviation, e.g. GIMP((0.5, 0.5))")
+    half = getattr(kernel, "half_size", None)
+    if half is not None:
+        check.axes("half_size", half, grid.dimension)
+        check.positive("half_size", half, "m")
+    _check_weights(kernel, grid)  # type: ignore[arg-type]
+
+
+@lru_cache
+def _check_weights(kernel: Kernel, grid: Grid) -> None:
+    reach = (np.arange(64) + 0.5) / 64 + 0.5
+    r = jnp.asarray(reach - np.arange(3)[:, None], jnp.float32)
+    for axis in range(grid.dimension):
+        value, slope = (np.asarray(found).sum(0) for found in kernel.shape(axis, grid.cell, r))
+        if not (np.abs(value - 1) < 1e-5).all() or not (np.abs(slope * grid.cell) < 1e-4).all():
+            raise ValueError(
+                f"{kernel!r} weighs a particle by {value.min():g} to {value.max():g} over its three nodes along axis "
+                f"{axis} in cells of {grid.cell:g} m: give functions that add up to 1 and reach at most 1.5 cells"
+            )
+
+
+def _check_choices(scheme: Scheme, engine: Engine | None, *, cfl: float, flip: float, damping: float) -> None:
+    if not isinstance(scheme, Scheme):
+        raise ValueError(f"scheme = {scheme!r}: give a member of Scheme")
+    if engine is not None and not isinstance(engine, Engine):
+        raise ValueError(f"engine = {engine!r}: give a member of Engine, or None")
+    check.between("cfl", cfl, 0.0, 1.0)
+    check.between("flip", flip, 0.0, 1.0, ends=True)
+    check.not_negative("damping", damping, "1/s")
+
+
+def _gravity(gravity: float | Sequence[float], dimension: int) -> np.ndarray:
+    """The vector (d) m/s2; a number acts downwards."""
+    if np.ndim(gravity) == 0:
+        check.not_negative("gravity", gravity, "m/s2")
+        return np.array([0.0] * (dimension - 1) + [-float(np.asarray(gravity))])
+    vector = np.asarray(gravity)
+    check.axes("gravity", vector.tolist(), dimension)
+    return vector
+
+
+def _checked_material(material: Any, particles: Particles, dtype: np.dtype) -> Any:
+    """The material with its numbers in the particles' precision."""
+    missing = [name for name in MEMBERS if not hasattr(type(material), name) and not hasattr(material, name)]
+    if missing:
+        raise ValueError(f"{type(material).__name__} lacks {', '.join(missing)}: derive it from jaxmpm.Law")
+    for name, limit, value in check.parameters(material):
+        check.within(name, value, limit)
+        check_shape(name, value, particles)
+    return jax.tree.map(_number_of(dtype), material)
+
+
+def with_strength(scene: Scene, strength: Any) -> Scene:
+    """The scene with another strength (Pa), a number or one value per particle (N).
+
+    Raises ValueError for a law without strength, another shape, values that are not finite and above 0, and snap-back.
+    """
+    if not hasattr(scene.material, "strength"):
+        raise ValueError(
+            f"{type(scene.material).__name__} has no strength: give a J2 material, as `Soil(strength=..)` makes"
+        )
+    check.positive("strength", strength, "Pa")
+    check_shape("strength", strength, scene.particles)
+    value = jnp.asarray(strength, scene.particles.mass.dtype)
+    varied: Any = replace(scene.material, strength=value)
+    refuse_snap_back(varied)
+    return replace(scene, material=varied)

@@ -1,0 +1,98 @@
+"""A scene with other soil: what follows from a parameter (moduli, mass, time step, initial stress) is made anew."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from foundation import check
+from jaxmpm.site._initial_stress import at_rest
+from jaxmpm.site._scene import check_scene, check_shape, wave_speed
+from jaxmpm.site._soil import STANDARD_GRAVITY, moduli
+from jaxmpm.types import Scene, State
+
+ENGINEERING = ("young", "poisson", "unit_weight")
+STARTING = {"young", "poisson", "bulk", "shear", "unit_weight"}
+"""Parameters on which time step and initial stress depend."""
+
+
+def with_soil(scene: Scene, state: State, **values: Any) -> tuple[Scene, State]:
+    """The scene with other parameters of its soil, and the state from which it starts.
+
+    values: numbers or one value per particle (N), by name: any parameter of the scene's material, young (Pa), poisson,
+    unit_weight (N/m3). Where stiffness or weight change, `state` must not have moved: its initial stress is found
+    anew, unless it has none, and the time step shortens with the wave's way through a cell (it never grows, since the
+    scene does not know what speed it allows for).
+    Raises ValueError for unknown names, other shapes, values beyond their limits, and a state that has moved.
+    """
+    check_names(scene, values)
+    check_start(state, values)
+    varied, start = vary(scene, state, values)
+    check_scene(varied)
+    return varied, start
+
+
+def check_names(scene: Scene, names: Collection[str]) -> None:
+    """Raise ValueError for names that are no parameters of the scene's soil."""
+    known = parameter_names(scene)
+    unknown = sorted(set(names) - {*known, *ENGINEERING})
+    if unknown:
+        raise ValueError(
+            f"{unknown} is no parameter of {type(scene.material).__name__}: use some of {[*known, *ENGINEERING]}"
+        )
+    for one, other in (("young", "bulk"), ("young", "shear"), ("poisson", "bulk"), ("poisson", "shear")):
+        if one in names and other in names:
+            raise ValueError(f"both {one} and {other} are given: give young and poisson, or bulk and shear")
+
+
+def check_start(state: State, names: Collection[str]) -> None:
+    """Raise ValueError where stiffness or weight vary and the state has moved."""
+    if STARTING & set(names) and (np.any(np.asarray(state.displacement)) or np.any(np.asarray(state.velocity))):
+        raise ValueError(
+            f"{sorted(STARTING & set(names))} vary, so the initial stress is found anew, but `state` has moved: give "
+            "one at rest"
+        )
+
+
+def parameter_names(scene: Scene) -> list[str]:
+    """Names of the material's parameters: those that are numbers."""
+    law: Any = scene.material
+    fields = [f.name for f in dataclasses.fields(law) if not f.metadata.get("static")]
+    return [name for name in fields if not dataclasses.is_dataclass(getattr(law, name))]
+
+
+def vary(scene: Scene, state: State, values: Mapping[str, Any]) -> tuple[Scene, State]:
+    """As `with_soil`, of names that are known; values beyond their limits pass, and their lane will say so."""
+    for name, value in values.items():
+        check_shape(name, value, scene.particles)
+    given = {name: jnp.asarray(value, scene.particles.mass.dtype) for name, value in values.items()}
+    varied = replace(scene, material=_material(scene.material, given))
+    if "unit_weight" in given:
+        mass = given["unit_weight"] / STANDARD_GRAVITY * scene.particles.volume
+        varied = replace(varied, particles=replace(scene.particles, mass=mass))
+    if not STARTING & given.keys():
+        return varied, state
+    if not check.admissible(varied):
+        # Its lane takes no step. The time step is a leaf that varies, so it is a new array in any case.
+        return replace(varied, time_step=scene.time_step * 1), state
+    before, after = (wave_speed(s.particles, s.material) for s in (scene, varied))
+    varied = replace(varied, time_step=scene.time_step * min(1.0, before / after))
+    if not np.any(np.asarray(state.stress)):
+        return varied, state
+    return varied, replace(state, stress=at_rest(varied).stress)
+
+
+def _material(material: Any, given: Mapping[str, Array]) -> Any:
+    own = {name: value for name, value in given.items() if name not in ENGINEERING}
+    if "young" in given or "poisson" in given:
+        bulk, shear = material.bulk, material.shear
+        young = given.get("young", 9 * bulk * shear / (3 * bulk + shear))
+        poisson = given.get("poisson", (3 * bulk - 2 * shear) / (2 * (3 * bulk + shear)))
+        own["bulk"], own["shear"] = moduli(young, poisson)
+    return replace(material, **own)

@@ -1,0 +1,116 @@
+"""Samples that differ in any parameters of their soil: the same as scenes built for each, in any company."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+
+import jaxmpm as mpm
+from jaxmpm.run._many import Batch, Midway, _Sample
+from jaxmpm.site import vary
+
+SHAPE = mpm.Slope(crest=4, height=2, run_per_rise=1.0, toe=4, foundation=2)
+CLAY = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3)
+NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5))
+VALUES = {"strength": [8e3, 4e3, 9e3, 5e3], "young": [5e6, 2e7, 2e6, 9e6], "unit_weight": [20e3, 18e3, 16e3, 22e3]}
+
+
+def built(**soil):
+    return mpm.slope(SHAPE, replace(CLAY, **soil), NUMERICS)
+
+
+@pytest.mark.usefixtures("x64")
+@pytest.mark.parametrize(
+    "soil", [{"young": 2e7}, {"poisson": 0.45, "young": 9e6}, {"unit_weight": 15e3}, {"bulk": 8e6}]
+)
+def test_other_soil_is_the_scene_built_with_it(soil):
+    scene, state = built()
+    varied, start = mpm.with_soil(scene, state, **soil)
+    if "bulk" in soil:
+        bulk, shear = soil["bulk"], float(scene.material.shear)
+        soil = {
+            "young": 9 * bulk * shear / (3 * bulk + shear),
+            "poisson": (3 * bulk - 2 * shear) / (6 * bulk + 2 * shear),
+        }
+    other, rest = built(**soil)
+    for ours, theirs in (
+        (varied.material, other.material),
+        (varied.particles, other.particles),
+        (start.stress, rest.stress),
+    ):
+        assert jax.tree.all(jax.tree.map(lambda a, b: np.allclose(a, b, rtol=1e-7), ours, theirs))
+    # The scene's own, or shorter than the speed of particles in it asks for, by less than that speed's share.
+    assert float(varied.time_step) <= float(scene.time_step)
+    assert 0.8 < float(varied.time_step) / min(float(other.time_step), float(scene.time_step)) < 1 + 1e-9
+
+
+def test_a_state_without_stress_stays_without_and_one_that_moved_is_refused():
+    scene, state = mpm.column(2.0, CLAY, NUMERICS, at_rest=False)
+    _, start = mpm.with_soil(scene, state, young=1e7)
+    assert not np.any(start.stress)
+    with pytest.raises(ValueError, match="but `state` has moved: give one at rest"):
+        mpm.with_soil(scene, replace(state, velocity=state.velocity + 1), young=1e7)
+    varied, same = mpm.with_soil(scene, replace(state, velocity=state.velocity + 1), strength=5e3)
+    assert float(varied.material.strength) == 5e3
+    assert np.all(same.velocity == 1)
+
+
+def test_samples_of_any_soil_are_the_runs_of_their_own_scenes_in_any_company():
+    scene, state = built()
+    apart, together = (
+        dict(mpm.solve_each(scene, state, VALUES, width=width, t_end=0.3, numbers=range(10, 14))) for width in (1, 3)
+    )
+    assert sorted(apart) == sorted(together) == [10, 11, 12, 13]
+    for number, result in apart.items():
+        assert result.status == mpm.Status.FINISHED
+        assert np.array_equal(result.state.displacement, together[number].state.displacement)
+        assert float(result.time_step) == float(together[number].time_step)
+        assert 0.3 <= int(result.state.step) * float(result.time_step) < 0.45
+        own, start = mpm.with_soil(scene, state, **{name: values[number - 10] for name, values in VALUES.items()})
+        alone = mpm.advance(own, start, np.asarray(result.state.step))
+        np.testing.assert_allclose(result.state.displacement, alone.displacement, rtol=1e-4, atol=1e-7)
+    assert len({float(result.time_step) for result in apart.values()}) == 4
+
+
+def test_only_what_samples_differ_in_has_lanes():
+    scene, state = built()
+    samples = [_Sample(i, *vary(scene, state, {"strength": 9e3 + i}), None) for i in range(3)]
+    batch = Batch.of(scene, samples, t_end=1.0, every=0.25)
+    lanes = [path for path, axis in jax.tree_util.tree_leaves_with_path(batch.axes) if axis == 0]
+    assert [jax.tree_util.keystr(path) for path in lanes] == [".material.strength"]
+
+
+def test_refill_and_shrink_give_new_batches():
+    scene, state = built()
+    samples = [_Sample(i, *vary(scene, state, {"strength": 9e3 + i}), None) for i in range(5)]
+    batch = Batch.of(scene, samples[:4], t_end=1.0, every=0.25)
+    later = replace(samples[4], resume=lambda number: Midway(state, quiet=0.5, reference=0.1 * number))
+    filled = batch.refill(2, later)
+    assert (batch.numbers, filled.numbers) == ((0, 1, 2, 3), (0, 1, 4, 3))
+    assert filled.scene.material.strength.tolist() == [9000.0, 9001.0, 9004.0, 9003.0]
+    assert (filled.midway(2).quiet, filled.midway(2).reference) == (0.5, 0.4)
+    assert filled.shrink() is filled
+    small = filled.refill(0, None).refill(3, None).shrink()
+    assert small.numbers == (1, 4)
+    assert small.scene.material.strength.tolist() == [9001.0, 9004.0]
+    assert small.state.displacement.shape[0] == small.watch.quiet.size == small.chunk.size == 2
+
+
+def test_values_are_drawn_one_by_one():
+    scene, state = built()
+    drawn = []
+
+    def strengths():
+        for i in range(4):
+            drawn.append(i)
+            yield 9e3 + i
+
+    runs = mpm.solve_each(scene, state, {"strength": strengths()}, width=1, t_end=0.05)
+    next(runs)
+    assert drawn == [0]
+    next(runs)
+    assert drawn == [0, 1]
+    unequal = mpm.solve_each(scene, state, {"strength": strengths(), "young": iter([5e6])}, width=1, t_end=0.05)
+    with pytest.raises(ValueError, match=r"\['young'\] has 1 values, other names have more"):
+        list(unequal)
