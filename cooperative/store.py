@@ -1,25 +1,26 @@
 """A campaign on disk: a folder with its scene and one HDF5 file per finished sample and grid.
 
-Files are written aside and sealed with a checksum (`foundation.files`); one that does not match is named, set aside and
-counted as not done.
+Files are written aside and sealed with a checksum (`foundation.files`). A sample file is read as if a stranger had
+written it: one that does not match its seal, holds anything but the numbers and texts expected, or is no file at all is
+named, set aside and counted as not done.
 
     scene.toml                    the scene, verbatim
     samples/rough/000123.h5       coefficients, row, fields, provenance of sample 123 on the rough grid
     samples/refined/000123.h5
-    restart/refined-000123.h5     a long run under way (`cooperative.restart`), removed once it has ended
+    restart/refined-000123.h5     a long run under way (`cooperative.runs`), removed once it has ended
     .lock                         held by the one controller; the kernel frees it when the process ends
 """
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
 import socket
+import sys
 import tomllib
 import warnings
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -34,7 +35,21 @@ from jaxmpm import DamagedFile, files, write_aside
 GRIDS = ("rough", "refined")
 SCHEMA = 1
 KIND = "cooperative sample"
-Scalar = float | int | bool | str
+Scalar = files.Scalar
+set_aside = files.set_aside
+MOST_TEXT = 2**20
+"""Bytes that a scene, a lock or another small text of a campaign's folder may have."""
+
+NUMBER, FLAG, TEXT = (float, int), (bool,), (str,)
+SAID = {"schema": (int,), "scene": TEXT, "grid": TEXT, "sample": (int,), "status": TEXT, "steps": (int,),
+        "seconds": NUMBER, "dtype": TEXT, "device": TEXT, "versions": TEXT}  # fmt: skip
+"""What every sample file says of itself, and the types that it may have."""
+
+MEASURED = dict.fromkeys(("depth", "runout", "volume", "area"), NUMBER)
+ROW = {"displacement": NUMBER, "broke_off": FLAG, **MEASURED, "mode": TEXT, "masses": (int,)} | dict.fromkeys(
+    ("depth_shallowest", "depth_deepest", "onset", "onset_second"), NUMBER
+)
+"""Types of the scalars that estimators and reports read; a row may have others, numbers or texts."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +59,7 @@ class Sample:
     number: sample number. status: how the run ended. steps, seconds: time steps and wall seconds spent.
     coefficients: KL coefficients (modes,). row: the scalars that estimators and tables read.
     fields: named arrays (final displacement, plastic strain ...). dtype, device: of the computation.
-    versions: package versions, filled in when written.
+    versions: of the packages that made it; those installed where it is empty.
     """
 
     number: int
@@ -123,7 +138,7 @@ def open_store(folder: str | Path, scene_text: str) -> Store:
         ) from error
     try:
         if scene_path.exists():
-            differences = _differences(scene_path.read_text(), scene_text)
+            differences = _differences(_small_text(scene_path), scene_text)
             if differences:
                 raise ValueError(
                     f"folder {folder} belongs to another scene ({'; '.join(differences)}): "
@@ -131,23 +146,22 @@ def open_store(folder: str | Path, scene_text: str) -> Store:
                 )
         else:
             write_aside(scene_path, scene_text.encode())
-        for grid in GRIDS:
-            directory = folder / "samples" / grid
-            directory.mkdir(parents=True, exist_ok=True)
+        for directory in (folder / "samples", *(folder / "samples" / grid for grid in GRIDS)):
+            _claim(directory)
             for leftover in directory.glob(".*.part"):
                 leftover.unlink()
     except BaseException:
         os.close(lock)
         raise
-    return Store(folder, scene_path.read_text(), digest, lock)
+    return Store(folder, _small_text(scene_path), digest, lock)
 
 
 def read_store(folder: str | Path) -> Store:
     """Open a campaign folder for reading, whether or not a controller holds it. ValueError if it is none."""
     scene_path = Path(folder) / "scene.toml"
-    if not scene_path.is_file():
+    if not scene_path.exists():
         raise ValueError(f"folder {folder} has no scene.toml: give the folder of a campaign")
-    scene_text = scene_path.read_text()
+    scene_text = _small_text(scene_path)
     return Store(Path(folder), scene_text, scene_digest(scene_text), None)
 
 
@@ -174,31 +188,33 @@ def write_sample(store: Store, grid: str, sample: Sample) -> Path:
     path = sample_path(store, grid, sample.number)
     if store.lock is None:
         raise ValueError(f"{store.folder} is open for reading: use open_store to write {path.name}")
-    if path.exists():
+    if os.path.lexists(path):
         raise ValueError(f"{path} is finished already: results are never overwritten, delete it to redo it")
 
-    def fill(file: h5py.File) -> None:
-        file.attrs.update(
-            schema=SCHEMA,
-            scene=store.digest,
-            grid=grid,
-            sample=sample.number,
-            status=sample.status,
-            steps=sample.steps,
-            seconds=float(sample.seconds),
-            dtype=sample.dtype,
-            device=sample.device,
-            versions=json.dumps(package_versions(), sort_keys=True),
-        )
-        file["coefficients"] = np.asarray(sample.coefficients)
-        file.create_group("row").attrs.update(sample.row)
-        fields = file.create_group("fields")
-        for name, values in sample.fields.items():
-            fields[name] = np.asarray(values)
-
-    files.write_sealed(path, KIND, SCHEMA, fill)
+    files.write_sealed(path, KIND, SCHEMA, lambda file: fill_sample(file, store, grid, sample))
     restart_path(store.folder, grid, sample.number).unlink(missing_ok=True)
     return path
+
+
+def fill_sample(group: h5py.Group, store: Store, grid: str, sample: Sample) -> None:
+    """Write a sample into an empty group, as its own file has it."""
+    group.attrs.update(
+        schema=SCHEMA,
+        scene=store.digest,
+        grid=grid,
+        sample=sample.number,
+        status=sample.status,
+        steps=sample.steps,
+        seconds=float(sample.seconds),
+        dtype=sample.dtype,
+        device=sample.device,
+        versions=json.dumps(dict(sample.versions) or package_versions(), sort_keys=True),
+    )
+    group["coefficients"] = np.asarray(sample.coefficients)
+    group.create_group("row").attrs.update(sample.row)
+    fields = group.create_group("fields")
+    for name, values in sample.fields.items():
+        fields[name] = np.asarray(values)
 
 
 def read_sample(store: Store, grid: str, number: int) -> Sample:
@@ -206,24 +222,37 @@ def read_sample(store: Store, grid: str, number: int) -> Sample:
     return _read(store, grid, sample_path(store, grid, number))
 
 
-def read_rows(store: Store, grid: str) -> Rows:
+def read_rows(store: Store, grid: str, *, samples: int | None = None) -> Rows:
     """Read and verify every finished sample of one grid; rows ascend by sample number.
 
+    samples: how many the scene has; files of higher numbers are damaged.
     Columns: sample, status, steps, seconds, then the scalars of the rows. A scalar that some rows lack is
     nan there ("" for text). Files that cannot be trusted are named in `damaged`; the controller (who holds
     the lock) also renames them to `*.damaged`, so that their samples are run again.
     """
-    samples: list[Sample] = []
+    found: list[Sample] = []
     damaged: list[str] = []
-    for path in sorted((store.folder / "samples" / grid).glob("*.h5")):
+    directory = store.folder / "samples" / grid
+    linked = next((each for each in (directory.parent, directory) if each.is_symlink()), None)
+    if linked is not None:
+        return rows_of([], (f"{linked} leads out of the campaign's folder",))
+    for path in sorted(directory.glob("*.h5")):
         try:
-            samples.append(_read(store, grid, path))
+            sample = _read(store, grid, path)
+            if samples is not None and sample.number >= samples:
+                raise DamagedFile(f"{path} is of a sample that the scene, with {samples}, does not have")
+            found.append(sample)
         except DamagedFile as error:
             damaged.append(str(error))
             if store.lock is not None:
                 warnings.warn(f"{error}: set aside, the sample is run again", stacklevel=2)
                 set_aside(path)
-    samples.sort(key=lambda sample: sample.number)
+    return rows_of(found, tuple(damaged))
+
+
+def rows_of(samples: list[Sample], damaged: tuple[str, ...] = ()) -> Rows:
+    """The table of these samples."""
+    samples = sorted(samples, key=lambda sample: sample.number)
     columns = {
         "sample": np.array([sample.number for sample in samples], dtype=int),
         "status": np.array([sample.status for sample in samples], dtype=str),
@@ -232,7 +261,7 @@ def read_rows(store: Store, grid: str) -> Rows:
     }
     for name in sorted({name for sample in samples for name in sample.row} - columns.keys()):
         columns[name] = _column([sample.row.get(name) for sample in samples])
-    return Rows(columns, tuple(damaged))
+    return Rows(columns, damaged)
 
 
 def package_versions() -> dict[str, str]:
@@ -252,54 +281,108 @@ def _package_versions() -> tuple[tuple[str, str], ...]:
 
 
 def _take_lock(folder: Path) -> int:
-    descriptor = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
+    path = folder / ".lock"
+    # A link would have the text below written elsewhere, a pipe would wait for its other end.
+    flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    descriptor = os.open(path, flags, 0o644)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        holder = os.pread(descriptor, 200, 0).decode(errors="replace").strip()
-        os.close(descriptor)
-        raise ValueError(
-            f"folder {folder} is held by another controller ({holder}): wait for it, stop it, or give another folder"
-        ) from error
-    except OSError:
+        if not path.is_file():
+            raise ValueError(f"{path} is no regular file: delete it")
+        held = _hold(descriptor)
+    except BaseException:
         os.close(descriptor)
         raise
+    if not held:
+        os.close(descriptor)
+        raise ValueError(
+            f"folder {folder} is held by another controller ({lock_holder(folder)}): "
+            "wait for it, stop it, or give another folder"
+        )
     os.ftruncate(descriptor, 0)
-    os.pwrite(descriptor, f"process {os.getpid()} on {socket.gethostname()}".encode(), 0)
+    os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()}".encode())
     return descriptor
 
 
-def set_aside(path: Path) -> None:
-    """Rename a damaged file to `*.damaged`, so that it is kept and in nobody's way."""
-    target, again = path.with_name(path.name + ".damaged"), 1
-    while target.exists():
-        target, again = path.with_name(f"{path.name}.{again}.damaged"), again + 1
-    os.rename(path, target)
+def _hold(descriptor: int) -> bool:
+    """Lock a file until it is closed, which the system does when the process ends; False where another holds it."""
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            # A locked byte cannot be read there, so it is one far behind the text.
+            os.lseek(descriptor, MOST_TEXT, os.SEEK_SET)
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+            os.lseek(descriptor, 0, os.SEEK_SET)
+        else:
+            import fcntl
+
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError):
+        return False
+    return True
+
+
+def lock_holder(folder: Path) -> str:
+    """What the lock says of who took it last: "process 123 on host". DamagedFile or OSError where it says nothing."""
+    said = files.read_plain(folder / ".lock", MOST_TEXT).decode(errors="replace").strip()[:200]
+    return "".join(each if each.isprintable() else "?" for each in said)
+
+
+def _small_text(path: Path) -> str:
+    """Text of a scene. ValueError for what is no regular file or no text."""
+    try:
+        return files.read_plain(path, MOST_TEXT).decode()
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is not text in UTF-8: {error}") from error
+
+
+def _claim(directory: Path) -> None:
+    """Make a folder of samples; what stands in its place, a link that leads elsewhere above all, is set aside."""
+    if directory.is_symlink() or (directory.exists() and not directory.is_dir()):
+        warnings.warn(
+            f"{directory} is a link or a file, not a folder: set aside as {set_aside(directory)}", stacklevel=3
+        )
+    directory.mkdir(parents=True, exist_ok=True)
 
 
 def _read(store: Store, grid: str, path: Path) -> Sample:
     with files.read_sealed(path, KIND, SCHEMA) as file:
-        attributes = dict(file.attrs)
-        if attributes["scene"] != store.digest:
+        said, row = file.scalars("/"), file.scalars("row")
+        _check_types(path, said, SAID, required=SAID)
+        _check_types(path, row, ROW, required=("displacement", "broke_off"))
+        _check_types(path, row, ROW, required=() if row["broke_off"] else MEASURED)
+        if said["scene"] != store.digest:
             raise DamagedFile(f"{path} belongs to another scene")
-        if (attributes["grid"], f"{attributes['sample']:06d}.h5") != (grid, path.name):
-            raise DamagedFile(f"{path} holds sample {attributes['sample']} of grid {attributes['grid']}")
+        if (said["grid"], f"{said['sample']:06d}.h5") != (grid, path.name):
+            raise DamagedFile(f"{path} holds sample {said['sample']} of grid {said['grid']}")
+        if not 0 <= float(row["displacement"]) < float("inf"):
+            raise DamagedFile(f"{path} holds a largest displacement of {row['displacement']} m")
+        versions = json.loads(str(said["versions"]))
+        if not isinstance(versions, dict) or not all(isinstance(value, str) for value in versions.values()):
+            raise DamagedFile(f"{path} holds versions that are no names and texts")
         return Sample(
-            number=int(attributes["sample"]),
-            status=attributes["status"],
-            steps=int(attributes["steps"]),
-            seconds=float(attributes["seconds"]),
-            coefficients=file["coefficients"][()],
-            row={name: _plain(value) for name, value in file["row"].attrs.items()},
-            fields={name: values[()] for name, values in file["fields"].items()},
-            dtype=attributes["dtype"],
-            device=attributes["device"],
-            versions=json.loads(attributes["versions"]),
+            number=int(said["sample"]),
+            status=str(said["status"]),
+            steps=int(said["steps"]),
+            seconds=float(said["seconds"]),
+            coefficients=file.array("/", "coefficients", dimensions=1, kinds="f"),
+            row=row,
+            fields={name: file.array("fields", name) for name in file.names("fields")},
+            dtype=str(said["dtype"]),
+            device=str(said["device"]),
+            versions=versions,
         )
 
 
-def _plain(value: Any) -> Scalar:
-    return value.item() if isinstance(value, np.generic) else value
+def _check_types(
+    path: Path, found: Mapping[str, Scalar], known: Mapping[str, tuple[type, ...]], required: Collection[str] = ()
+) -> None:
+    """DamagedFile for a value of another type than is known of it, or one that is missing."""
+    for name, types in known.items():
+        if name not in found and name in required:
+            raise DamagedFile(f"{path} lacks {name}")
+        if name in found and type(found[name]) not in types:
+            raise DamagedFile(f"{path} holds {name} = {str(found[name])[:80]!r}")
 
 
 def _column(values: list[Scalar | None]) -> np.ndarray:

@@ -64,16 +64,17 @@ def load_state(path: str | Path, like: State) -> tuple[State, dict[str, Any]]:
     Raises `DamagedFile` for a file that cannot be trusted, ValueError where a leaf is absent, left over or of another
     shape or dtype than that of `like`, naming it.
     """
-    with files.read_sealed(path, KIND, SCHEMA) as file:
-        kept = {name: values[()] for name, values in file["state"].items()}
-        about = {name: _value(values) for name, values in file["about"].items()}
     wanted = _named(like)
-    if kept.keys() != wanted.keys():
-        raise ValueError(f"{path} holds {sorted(kept)}, the scene's state has {sorted(wanted)}: give its own scene")
+    with files.read_sealed(path, KIND, SCHEMA) as file:
+        found = file.names("state")
+        kept = {name: file.array("state", name) for name in found if name in wanted}
+        about = {name: file.value("about", name) for name in file.names("about")}
+    if set(found) != wanted.keys():
+        raise ValueError(f"{path} holds {sorted(found)}, the scene's state has {sorted(wanted)}: give its own scene")
     for name, leaf in wanted.items():
-        found, asked = (kept[name].shape, kept[name].dtype), (np.shape(leaf), np.dtype(leaf.dtype))
-        if found != asked:
-            raise ValueError(f"{path} holds {name} as {found}, the scene's state as {asked}: give its own scene")
+        there, asked = (kept[name].shape, kept[name].dtype), (np.shape(leaf), np.dtype(leaf.dtype))
+        if there != asked:
+            raise ValueError(f"{path} holds {name} as {there}, the scene's state as {asked}: give its own scene")
     leaves = [jnp.asarray(kept[name]) for name in wanted]
     return jax.tree.unflatten(jax.tree.structure(like), leaves), about
 
@@ -112,7 +113,7 @@ def write_particles(
             f"position has shape {position.shape} and times are {list(times)}: give (d, N) and ascending times"
         )
     count = position.shape[1]
-    with files.aside(path) as part, h5py.File(part, "w", libver=("v110", "v110")) as file:
+    with files.hdf5_aside(path) as file:
         root = file.create_group("VTKHDF", track_order=True)
         root.attrs["Version"] = (2, 0)
         root.attrs.create("Type", b"UnstructuredGrid", dtype="S16")
@@ -189,8 +190,3 @@ def _named(tree: Any) -> dict[str, Any]:
     """Leaves of a pytree by their path in it ("history" or "history.x"), in the order of its flattening."""
     paths, _ = jax.tree_util.tree_flatten_with_path(tree)
     return {jax.tree_util.keystr(path, simple=True, separator="."): leaf for path, leaf in paths}
-
-
-def _value(values: h5py.Dataset) -> Any:
-    found = values[()]
-    return found.decode() if isinstance(found, bytes) else found.item() if isinstance(found, np.generic) else found

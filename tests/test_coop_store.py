@@ -3,16 +3,19 @@
 import errno
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
 import textwrap
 import time
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
+from benchmarks.hostile_files import Baits, damaged, hand_made, lay_baits
 from cooperative import store as store_module
 from cooperative.store import (
     DamagedFile,
@@ -38,7 +41,8 @@ def sample(number: int, size: int = 50) -> Sample:
         steps=1000 + number,
         seconds=1.5,
         coefficients=generator.standard_normal(20),
-        row={"displacement": generator.random(), "fails": bool(number % 2), "mode": "deep"},
+        row={"displacement": generator.random(), "broke_off": False, "mode": "deep"}
+        | {"depth": 2.0, "runout": 3.5, "volume": 40.0, "area": 5.0, "my_own": bool(number % 2)},
         fields={"displacement": generator.random((3, size)).astype(np.float32), "empty": np.zeros((3, 0))},
         dtype="float32",
         device="cpu",
@@ -73,11 +77,12 @@ def test_rows_ascend_and_gaps_are_nan(tmp_path):
     with open_store(tmp_path, SCENE) as store:
         for number in (7, 2):
             write_sample(store, "rough", sample(number))
-        write_sample(store, "rough", Sample(4, "not finite", 3, 0.1, np.zeros(2), {"depth": 1.0}))
+        row = {"displacement": 0.3, "broke_off": True, "depth_deepest": 1.0}
+        write_sample(store, "rough", Sample(4, "not finite", 3, 0.1, np.zeros(2), row))
         rows = read_rows(store, "rough")
     assert rows.numbers == [2, 4, 7]
-    np.testing.assert_array_equal(np.isnan(rows.columns["displacement"]), [False, True, False])
-    np.testing.assert_array_equal(np.isnan(rows.columns["depth"]), [True, False, True])
+    np.testing.assert_array_equal(np.isnan(rows.columns["depth"]), [False, True, False])
+    np.testing.assert_array_equal(np.isnan(rows.columns["depth_deepest"]), [True, False, True])
     assert rows.columns["mode"].tolist() == ["deep", "", "deep"]
     assert rows.columns["status"].tolist() == ["settled", "not finite", "settled"]
 
@@ -327,3 +332,97 @@ def test_kill_9_while_writing_loses_nothing_that_was_finished(tmp_path, kills):
     with open_store(tmp_path, SCENE) as store:
         for number in rows.numbers[:: max(len(rows.numbers) // 20, 1)]:
             assert_same(read_sample(store, "rough", number), sample(number, size=20_000))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The bytes of a true sample file, number 1 of the rough grid."""
+    with open_store(tmp_path_factory.mktemp("whole"), SCENE) as store:
+        return write_sample(store, "rough", sample(1)).read_bytes()
+
+
+HAND_MADE = sorted(hand_made(Baits(Path(), Path())))
+
+
+@pytest.mark.parametrize("name", HAND_MADE)
+def test_a_file_that_lies_is_set_aside_reads_nothing_elsewhere_and_hangs_nothing(tmp_path, whole, name):
+    baits = lay_baits(tmp_path / "outside")
+    with open_store(tmp_path / "campaign", SCENE) as store:
+        path = sample_path(store, "rough", 1)
+        hand_made(baits)[name](path, whole)
+        assert os.path.lexists(path)
+        with pytest.raises(DamagedFile, match=r"000001\.h5") as said:
+            read_sample(store, "rough", 1)
+        assert str(said.value).isprintable()
+        with pytest.warns(UserWarning, match="set aside, the sample is run again"):
+            rows = read_rows(store, "rough")
+        assert rows.numbers == []
+        assert not os.path.lexists(path)
+        assert [each.name for each in path.parent.iterdir()] == ["000001.h5.damaged"]
+        assert_same(read_sample(store, "rough", write_again(store)), sample(1))
+    assert baits.untouched()
+
+
+def write_again(store) -> int:
+    write_sample(store, "rough", sample(1))
+    return 1
+
+
+def test_every_damaged_copy_is_noticed(tmp_path, whole):
+    with open_store(tmp_path, SCENE) as store:
+        path = sample_path(store, "rough", 1)
+        for how, data in damaged(whole, 400):
+            path.write_bytes(data)
+            with pytest.raises(DamagedFile):
+                pytest.fail(f"{how} was accepted: {read_sample(store, 'rough', 1)}")
+
+
+def test_folders_of_samples_that_lead_elsewhere_are_set_aside(tmp_path, whole):
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "000001.h5").write_bytes(whole)
+    folder = tmp_path / "campaign"
+    open_store(folder, SCENE).close()
+    (folder / "samples/rough").rmdir()
+    (folder / "samples/rough").symlink_to(elsewhere)
+    rows = read_rows(read_store(folder), "rough")
+    assert rows.numbers == []
+    assert "leads out of the campaign's folder" in rows.damaged[0]
+    with pytest.warns(UserWarning, match="set aside as"), open_store(folder, SCENE) as store:
+        write_sample(store, "rough", sample(0))
+    assert [each.name for each in elsewhere.iterdir()] == ["000001.h5"]
+    assert (folder / "samples/rough.damaged").is_symlink()
+
+
+def test_a_lock_or_a_scene_that_is_no_file_is_refused(tmp_path):
+    bait = tmp_path / "bait"
+    bait.write_text("precious")
+    for name, make in (("link", lambda path: path.symlink_to(bait)), ("pipe", os.mkfifo)):
+        for file in (".lock", "scene.toml"):
+            folder = tmp_path / name / file
+            open_store(folder, SCENE).close()
+            (folder / file).unlink()
+            make(folder / file)
+            with pytest.raises(ValueError, match=rf"{re.escape(file)} is no regular file|cannot be written"):
+                open_store(folder, SCENE)
+            if file == "scene.toml":
+                with pytest.raises(ValueError, match="no regular file"):
+                    read_store(folder)
+    assert bait.read_text() == "precious"
+
+
+def test_a_left_over_part_that_is_a_link_is_not_written_through(tmp_path):
+    bait = tmp_path / "bait"
+    bait.write_text("precious")
+    (tmp_path / ".summary.json.part").symlink_to(bait)
+    write_aside(tmp_path / "summary.json", b"new")
+    assert bait.read_text() == "precious"
+    assert (tmp_path / "summary.json").read_bytes() == b"new"
+
+
+def test_samples_that_the_scene_does_not_have_are_set_aside(tmp_path):
+    with open_store(tmp_path, SCENE) as store:
+        for number in (2, 10):
+            write_sample(store, "rough", sample(number))
+        with pytest.warns(UserWarning, match=r"000010\.h5 is of a sample that the scene, with 10, does not have"):
+            assert read_rows(store, "rough", samples=10).numbers == [2]

@@ -23,7 +23,8 @@ def sample(number: int, size: int = 50) -> Sample:
         steps=10,
         seconds=1.5,
         coefficients=generator.standard_normal(20),
-        row={"displacement": generator.random(), "mode": "deep"},
+        row={"displacement": generator.random(), "mode": "deep", "broke_off": False}
+        | {"depth": 2.0, "runout": 3.5, "volume": 40.0, "area": 5.0},
         fields={"displacement": generator.random((3, size))},
     )
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from cooperative.store import GRIDS, Store, read_rows, read_sample, sample_path
+from cooperative.store import GRIDS, Store, fill_sample, read_rows, read_sample
 from jaxmpm import files, write_aside
 
 
@@ -35,12 +35,12 @@ def write_table(store: Store, path: str | Path | None = None) -> Path:
 def consolidate(store: Store, path: str | Path | None = None) -> Path:
     """Write all verified samples into one HDF5 file, `campaign.h5` in the campaign's folder by default.
 
-    The scene is the attribute `scene`; each sample is a group `rough/000123` or `refined/000123` with the content
-    of its own file; `tables/rough/...` are the columns of the rows. One sample is in memory at a time. OSError if
+    The scene is the attribute `scene`; each sample is a group `rough/000123` or `refined/000123` with what was read of
+    its own file; `tables/rough/...` are the columns of the rows. One sample is in memory at a time. OSError if
     the disk refuses; what was there before stays.
     """
     path = store.folder / "campaign.h5" if path is None else Path(path)
-    with files.aside(path) as part, h5py.File(part, "w", libver=("v110", "v110")) as file:
+    with files.hdf5_aside(path) as file:
         file.attrs["scene"] = store.scene_text
         for grid in GRIDS:
             rows = read_rows(store, grid)
@@ -48,9 +48,7 @@ def consolidate(store: Store, path: str | Path | None = None) -> Path:
                 text = values.dtype.kind == "U"
                 file[f"tables/{grid}/{name}"] = values.astype(h5py.string_dtype()) if text else values
             for number in rows.numbers:
-                read_sample(store, grid, number)
-                with h5py.File(sample_path(store, grid, number), "r") as source:
-                    source.copy(source, file, name=f"{grid}/{number:06d}")
+                fill_sample(file.create_group(f"{grid}/{number:06d}"), store, grid, read_sample(store, grid, number))
     return path
 
 

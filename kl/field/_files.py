@@ -1,4 +1,4 @@
-"""An expansion in an HDF5 file, whole or not there at all; nothing read is executed.
+"""An expansion in an HDF5 file, written aside and renamed; what is read is what lies in it, and nothing is executed.
 
 Layout: attributes `format`, `version`; datasets `index`, `origin`, `extent`; groups `axis0`, ... with the modes'
 arrays and form, and under each a group `covariance` and an attribute `solver` (JSON).
@@ -6,19 +6,19 @@ arrays and form, and under each a group `covariance` and an attribute `solver` (
 
 from __future__ import annotations
 
-import io
 import json
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 import h5py
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from foundation import files
 from foundation.check import require
-from foundation.files import write_aside
 from kl.axis import (
     CellModes,
     ClosedForm,
@@ -70,8 +70,7 @@ _SOLVERS = _by_name(Nystrom, Legendre, Haar, ClosedForm, Constant)
 
 def save(expansion: Expansion, path: str | Path) -> None:
     """Write `expansion` to `path`, replacing it whole or not at all; raises what `foundation.files.aside` raises."""
-    image = io.BytesIO()
-    with h5py.File(image, "w") as file:
+    with files.hdf5_aside(path) as file:
         file.attrs.update(format=_FORMAT, version=_VERSION)
         file["index"] = np.asarray(expansion.index)
         file["origin"], file["extent"] = expansion.origin, expansion.extent
@@ -85,52 +84,67 @@ def save(expansion: Expansion, path: str | Path) -> None:
             for name in _arrays(type(modes)):
                 group[name] = np.asarray(getattr(modes, name))
             _write_covariance(group.create_group("covariance"), covariance)
-    write_aside(path, image.getbuffer())
 
 
 def load(path: str | Path) -> Expansion:
     """Read an expansion that `save` wrote, in the dtype it was written in.
 
-    Raises ValueError for a file that is damaged, incomplete or of another kind, naming what is wrong with it.
+    Nothing outside the file is read, whatever it refers to. Raises ValueError for a file that is damaged, incomplete or
+    of another kind, naming what is wrong with it.
     """
     try:
-        with h5py.File(path, "r") as file:
-            return _read(file)
-    except (KeyError, TypeError, OSError, json.JSONDecodeError) as error:
-        if isinstance(error, FileNotFoundError):
-            raise
+        with files.contents(path, files.read_plain(Path(path).resolve())) as found:
+            kept = _read(found)
+    except files.DamagedFile as error:
         raise ValueError(f"{path} holds no complete expansion ({error}): make it again with `save`") from error
+    return jax.tree.map(_as_written, kept)
 
 
-def _read(file: h5py.File) -> Expansion:
+def _read(file: files.Contents) -> Expansion:
+    about = file.scalars("/")
     require(
-        file.attrs.get("format") == _FORMAT and file.attrs.get("version") == _VERSION,
-        f"{file.filename} is not an expansion of version {_VERSION}: make it again with `save`",
+        (about.get("format"), about.get("version")) == (_FORMAT, _VERSION),
+        f"{file.path} is not an expansion of version {_VERSION}: make it again with `save`",
     )
-    index = file["index"][()]
-    origin, extent = (tuple(map(float, file[name][()])) for name in ("origin", "extent"))
+    origin, extent = (tuple(file.array("/", name, dimensions=1, kinds="f").tolist()) for name in ("origin", "extent"))
+    index = file.array("/", "index", dimensions=2, kinds="iu")
+    require(
+        1 <= len(origin) <= 3 and len(extent) == len(index) == len(origin) and index.shape[1] > 0,
+        f"index, origin and extent in {file.path} are of different boxes: make the file again with `save`",
+    )
+    require(
+        np.isfinite([*origin, *extent]) & (np.array([*np.ones(len(origin)), *extent]) > 0),
+        f"the box in {file.path} goes from {origin} over {extent} m: make the file again with `save`",
+    )
     axes, covariances, solvers = [], [], []
     for number in range(len(origin)):
-        group = file[f"axis{number}"]
-        form = _FORMS[group.attrs["form"]]
-        arrays = {name: group[name][()] for name in _arrays(form)}
-        count = len(arrays["fractions"])
-        for name, array in arrays.items():
-            require(
-                len(array) == count and np.isfinite(array).all(),
-                f"axis{number}/{name} in {file.filename} is damaged: make the file again with `save`",
-            )
+        modes, count = _read_modes(file, f"axis{number}", origin[number], extent[number])
         require(
             (index[number] >= 0) & (index[number] < count),
-            f"index in {file.filename} points at modes that axis{number} lacks: make the file again with `save`",
+            f"index in {file.path} points at modes that axis{number} lacks: make the file again with `save`",
         )
-        arrays = {name: _as_written(array) for name, array in arrays.items()}
-        axes.append(form(**arrays, origin=origin[number], extent=extent[number]))
-        covariances.append(_read_covariance(group["covariance"]))
-        solver = json.loads(group.attrs["solver"])
+        axes.append(modes)
+        covariances.append(_read_covariance(file, f"axis{number}/covariance"))
+        solver = json.loads(str(file.scalars(f"axis{number}")["solver"]))
         solvers.append(_SOLVERS[solver.pop("name")](**solver))
-    bedding = Bedding(**json.loads(file.attrs["bedding"])) if "bedding" in file.attrs else None
-    return Expansion(tuple(covariances), tuple(axes), jnp.asarray(index), bedding, tuple(solvers), origin, extent)
+    bedding = Bedding(**json.loads(str(about["bedding"]))) if "bedding" in about else None
+    return Expansion(
+        tuple(covariances), tuple(axes), jnp.asarray(index, jnp.int32), bedding, tuple(solvers), origin, extent
+    )
+
+
+def _read_modes(file: files.Contents, axis: str, origin: float, extent: float) -> tuple[Any, int]:
+    """The modes of an axis, and how many they are."""
+    form = _FORMS[str(file.scalars(axis)["form"])]
+    arrays = {}
+    for name in _arrays(form):
+        dimensions = 2 if name in ("coefficients", "levels") else 1
+        array = arrays[name] = file.array(axis, name, dimensions=dimensions, kinds="f")
+        require(
+            len(array) == len(arrays["fractions"]) and array.size and np.isfinite(array).all(),
+            f"{axis}/{name} in {file.path} is damaged: make the file again with `save`",
+        )
+    return form(**arrays, origin=origin, extent=extent), len(arrays["fractions"])
 
 
 def _as_written(array: HostArray) -> Array:
@@ -158,14 +172,21 @@ def _write_covariance(group: h5py.Group, covariance: Covariance) -> None:
             group[each.name] = np.asarray(value)
 
 
-def _read_covariance(group: h5py.Group) -> Covariance:
-    family = _FAMILIES[group.attrs["family"]]
-    values: dict[str, Covariance | Array | float] = {}
+def _read_covariance(file: files.Contents, group: str) -> Covariance:
+    said = file.scalars(group)
+    family = _FAMILIES[str(said["family"])]
+    values: dict[str, Covariance | HostArray | float] = {}
     for each in fields(family):
         if each.name == "base":
-            values[each.name] = _read_covariance(group["base"])
+            values[each.name] = _read_covariance(file, f"{group}/base")
         elif each.metadata.get("static"):
-            values[each.name] = float(group.attrs[each.name])
+            values[each.name] = float(said[each.name])
         else:
-            values[each.name] = _as_written(group[each.name][()])
+            dimensions = 1 if each.name == "hermite" else 0
+            array = file.array(group, each.name, dimensions=dimensions, kinds="fiu")
+            require(
+                np.isfinite(array).all(),
+                f"{group}/{each.name} in {file.path} is not finite: make the file again with `save`",
+            )
+            values[each.name] = array
     return family(**values)
