@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: .venv demo figures notebooks test test-slow bench lint clean
+.PHONY: .venv demo figures notebooks test test-slow bench lint dist clean
 
 .venv: .venv/installed
 
@@ -40,5 +40,14 @@ bench: .venv
 	$(BIN)/pip install --quiet --editable '.[test,peers]'
 	$(BIN)/python -m benchmarks all
 
+# The wheel is made from the sdist. Each is tried in a clean environment, the sdist also where no compiler is to be had.
+dist: .venv
+	rm -rf dist
+	$(BIN)/pip install --quiet build
+	$(BIN)/python -m build --outdir dist
+	packaging/smoke.sh dist/*.whl $(PYTHON)
+	packaging/smoke.sh dist/*.tar.gz $(PYTHON)
+	CXX=/bin/false packaging/smoke.sh dist/*.tar.gz $(PYTHON)
+
 clean:
-	rm -rf .venv build out .cache .pytest_cache .hypothesis .mypy_cache .ruff_cache
+	rm -rf .venv build dist out .cache .pytest_cache .hypothesis .mypy_cache .ruff_cache

@@ -57,6 +57,7 @@ from cooperative.store import (
     write_aside,
     write_sample,
 )
+from foundation import __version__
 
 __all__ = [
     "AuditPlan",
@@ -87,6 +88,7 @@ __all__ = [
     "SubsetPlan",
     "SubsetSamples",
     "TwoPhase",
+    "__version__",
     "after_more_runs",
     "all_samples",
     "consequences",

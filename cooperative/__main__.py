@@ -1,4 +1,4 @@
-"""`python -m cooperative run | resume | status | report | export | sweep`, see `--help` of each."""
+"""`jaxmpm`, or `python -m cooperative`: run, resume, status, report, export, sweep, example, doctor."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pathlib import Path
 
 import jax
 
-from cooperative import campaign, sweep
+from cooperative import __version__, campaign, doctor, sweep, write_aside
 from cooperative.reporting import SLIDES, progress_of, report, words
 from cooperative.reporting import _exports as exports
 from cooperative.runs import Stopped, cores_to_use, dask_executor, heeding
-from cooperative.scene import read_scene
+from cooperative.scene import example, examples, read_scene
 from cooperative.store import GRIDS, read_store
 
 Command = Callable[[argparse.Namespace], None]
@@ -71,9 +71,42 @@ def sweep_over(given: argparse.Namespace) -> None:
     print(f"{given.out / 'sweep.json'}, figures in {given.out / 'figures'}")
 
 
+def write_example(given: argparse.Namespace) -> None:
+    """Write an example scene to start from."""
+    out = given.out or Path(f"{given.name}.toml")
+    text = example(given.name)
+    if out.exists():
+        raise ValueError(f"{out} exists already: give another name with --out")
+    write_aside(out, text.encode())
+    print(out)
+
+
+def examine(given: argparse.Namespace) -> None:
+    """Say what this installation is, and check in seconds that it computes what it should."""
+    if not doctor.examine():
+        raise ValueError("the self-check found wrong answers: see above")
+
+
+EPILOG = """examples:
+  jaxmpm example demo                     write demo.toml
+  jaxmpm run demo.toml --out out/demo     run it, or go on where it was
+  jaxmpm status out/demo                  how far it is, from another terminal
+  jaxmpm report out/demo                  write report.html again
+
+exit codes: 0 done; 2 a scene, folder or argument that cannot be used, said in one line; 130 stopped by Ctrl-C, to be
+gone on with by the same command.
+"""
+
+
 def parser() -> argparse.ArgumentParser:
     """The commands and their arguments."""
-    whole = argparse.ArgumentParser(prog="python -m cooperative", description="Campaigns of random slopes.")
+    whole = argparse.ArgumentParser(
+        prog="jaxmpm",
+        description="Campaigns of random slopes.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    whole.add_argument("--version", action="version", version=f"jaxmpm {__version__}")
     commands = whole.add_subparsers(required=True, metavar="COMMAND")
 
     def command(
@@ -112,6 +145,12 @@ def parser() -> argparse.ArgumentParser:
     writes.add_argument("--sample", type=int, help="write this sample's series alone")
     writes.add_argument("--grid", choices=GRIDS, default="refined", help="grid of that sample (%(default)s)")
     writes.add_argument("--frames", type=int, help="run the sample again and write so many moments")
+    starts = commands.add_parser("example", help=write_example.__doc__, description=write_example.__doc__)
+    starts.add_argument("name", choices=examples(), metavar="NAME", help=", ".join(examples()))
+    starts.add_argument("--out", type=Path, help="file to write (NAME.toml)")
+    starts.set_defaults(does=write_example)
+    checks = commands.add_parser("doctor", help=examine.__doc__, description=examine.__doc__)
+    checks.set_defaults(does=examine)
     return whole
 
 

@@ -1,6 +1,6 @@
 """Batched, differentiable generalised-interpolation material point method in 1D, 2D and 3D."""
 
-from foundation import files
+from foundation import __version__, files
 from foundation.check import Limit
 from foundation.files import DamagedFile, write_aside
 from foundation.pytrees import pytree
@@ -60,7 +60,7 @@ from jaxmpm.site import (
     with_soil,
     with_strength,
 )
-from jaxmpm.transfer import GIMP, Linear, QuadraticBSpline
+from jaxmpm.transfer import GIMP, Linear, QuadraticBSpline, native_available
 from jaxmpm.types import (
     Engine,
     Grid,
@@ -112,6 +112,7 @@ __all__ = [
     "State",
     "Status",
     "Wall",
+    "__version__",
     "advance",
     "advance_lanes",
     "at_rest",
@@ -127,6 +128,7 @@ __all__ = [
     "fill",
     "lanes",
     "load_state",
+    "native_available",
     "objectives",
     "pytree",
     "reduce_strength",

@@ -3,6 +3,7 @@
 Figures are in `kl.plots`, which is imported by name only.
 """
 
+from foundation import __version__
 from kl.axis import (
     ClosedForm,
     Corrected,
@@ -97,6 +98,7 @@ __all__ = [
     "TruncatedNormal",
     "Uniform",
     "Weibull",
+    "__version__",
     "captured_variance",
     "check_marginal",
     "condition",

@@ -2,6 +2,7 @@
 
 from cooperative.scene._budget import kept_budget, raised, write_budget
 from cooperative.scene._calibration import calibrated, config_of, kept, measured
+from cooperative.scene._examples import example, examples
 from cooperative.scene._schema import SECTIONS, shown
 from cooperative.scene._text import read_scene, tables_of
 from cooperative.scene._typed import Budget, Config, Plan, built, parse
@@ -14,6 +15,8 @@ __all__ = [
     "built",
     "calibrated",
     "config_of",
+    "example",
+    "examples",
     "kept",
     "kept_budget",
     "measured",

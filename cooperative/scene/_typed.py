@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, is_dataclass, replace
 from typing import Any, Literal
 
+import kl
 from cooperative.estimate import SETTINGS, Estimator, Sampling, named_estimator
 from cooperative.scene._schema import CALIBRATION, GIVEN, SECTIONS, UNSAID, in_words, read, refuse_unknown, shown
 from cooperative.scene._text import tables_of
@@ -207,6 +208,7 @@ def _check(config: Config) -> None:
         raise ValueError(f"[strength] length has {len(strength.length)} values: give {dimension}, one per axis")
     if not 0 <= strength.cov < float("inf"):
         raise ValueError(f"[strength] cov = {strength.cov:g}: give a coefficient of variation of 0 or more")
+    kl.check_marginal(strength.marginal(strength.mean, strength.cov))
     if not 0 < strength.energy <= 1:
         raise ValueError(f"[strength] energy = {strength.energy:g}: give a share of the variance above 0, up to 1")
     for name, value in (

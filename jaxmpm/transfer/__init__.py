@@ -5,6 +5,7 @@ from jaxmpm.transfer._averages import band_thickness, filtered, length_of_band, 
 from jaxmpm.transfer._primitives import scatter_p
 from jaxmpm.transfer._shape import GIMP, Linear, QuadraticBSpline, inside, locate
 from jaxmpm.transfer._transfers import g2p, p2g
+from jaxmpm.transfer.native import available as native_available
 
 __all__ = [
     "GIMP",
@@ -17,6 +18,7 @@ __all__ = [
     "length_of_band",
     "locate",
     "momentum",
+    "native_available",
     "nodal_momentum",
     "p2g",
     "passes_for",

@@ -1,0 +1,99 @@
+"""What an installation is, and whether it computes what it should: `jaxmpm doctor`."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import math
+import os
+import platform
+import shutil
+import time
+import warnings
+from collections.abc import Iterator
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import jaxmpm as mpm
+from cooperative.runs import cores_to_use
+
+# Largest error of the settling column over its largest value; the stress is constant in a cell, of which there are 16.
+_SETTLEMENT, _STRESS = 0.01, 0.05
+_SECONDS = 2.0
+
+
+def installation() -> Iterator[tuple[str, str]]:
+    """Names and values: versions, engine, compiler, cores, devices, precision."""
+    yield "jaxmpm", f"{mpm.__version__} in {os.path.dirname(mpm.__file__)}"
+    yield "Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}"
+    for package in ("jax", "jaxlib", "numpy", "scipy", "h5py"):
+        yield package, importlib.metadata.version(package)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        native = mpm.native_available()
+    yield (
+        "transfers on CPU",
+        "compiled" if native else "on XLA, at some fortieth of the speed: the library was not built",
+    )
+    compiler = next(filter(None, map(shutil.which, ("c++", "g++", "clang++"))), None)
+    yield "C++ compiler", compiler or "none on the path"
+    yield "cores", f"{len(cores_to_use())} of {os.cpu_count()}"
+    for device in jax.devices():
+        untimed = "" if device.platform == "cpu" else " (the solver runs here, untimed)"
+        yield "device", f"{device.platform}: {device.device_kind}{untimed}"
+    yield "precision", f"{jnp.result_type(float)} unless a scene says otherwise"
+
+
+def column_errors() -> tuple[float, float]:
+    """Errors of settlement and vertical stress of a damped column under its own weight, over their largest values.
+
+    Closed form: sigma = -w (H - z), u = -w (H z - z^2 / 2) / M with M the constrained modulus.
+    """
+    height, weight, poisson, cells = 8.0, 20e3, 0.3, 16
+    stiffness = 1e9 * (1 - poisson) / ((1 + poisson) * (1 - 2 * poisson))
+    omega = math.pi / (2 * height) * math.sqrt(stiffness * 9.81 / weight)
+    cell = height / cells
+    soil = mpm.Soil(unit_weight=weight, young=1e9, poisson=poisson)
+    scene, state = mpm.column(height, soil, mpm.Discretisation(cell, (cell / 2,), damping=2 * omega), at_rest=False)
+    final = mpm.solve(scene, state, t_end=20 / omega).raise_if_failed().state
+    z = np.asarray(scene.particles.position[-1])
+    settlement = -weight / stiffness * (height * z - z**2 / 2)
+    stress = -weight * (height - z)
+    errors = [
+        float(np.abs(np.asarray(found) - exact).max() / np.abs(exact).max())
+        for found, exact in ((final.displacement[-1], settlement), (final.stress[0], stress))
+    ]
+    return errors[0], errors[1]
+
+
+def step_speed() -> tuple[int, int, float]:
+    """Particles of a small slope in 3D, steps taken, and microseconds per particle and step."""
+    shape = mpm.Slope(crest=12.0, height=8.0, run_per_rise=2.0, toe=12.0, foundation=4.0, width=16.0)
+    soil = mpm.Soil(unit_weight=20e3, young=1e8, poisson=0.3, strength=42e3)
+    scene, state = mpm.slope(shape, soil, mpm.Discretisation(2.0, (1.0, 1.0, 1.0)))
+    advance = jax.jit(mpm.advance)
+    state = jax.block_until_ready(advance(scene, state, jnp.asarray(2)))
+    start, steps = time.perf_counter(), 0
+    while (spent := time.perf_counter() - start) < _SECONDS:
+        state, steps = jax.block_until_ready(advance(scene, state, jnp.asarray(10))), steps + 10
+    particles = scene.particles.mass.size
+    return particles, steps, 1e6 * spent / (steps * particles)
+
+
+def examine() -> bool:
+    """Print what the installation is and what its self-check found; whether it is well."""
+    for name, value in installation():
+        print(f"{name + ':':18} {value}", flush=True)
+    settlement, stress = column_errors()
+    well = settlement < _SETTLEMENT and stress < _STRESS
+    print(
+        f"{'column at rest:':18} settlement within {settlement:.2%} of the closed form (limit {_SETTLEMENT:.0%}), "
+        f"stress within {stress:.2%} (limit {_STRESS:.0%})"
+    )
+    particles, steps, cost = step_speed()
+    print(
+        f"{'a step:':18} {cost:.3f} microseconds a particle ({particles:,} particles, {steps} steps, this machine now)"
+    )
+    print(f"{'self-check:':18} {'well' if well else 'NOT WELL: its answers are wrong, do not use it'}")
+    return well

@@ -1,0 +1,74 @@
+"""What the package says of itself, and the commands that help a newcomer: doctor and example."""
+
+import re
+import tomllib
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import cooperative
+import jaxmpm
+import kl
+from cooperative import doctor
+from cooperative.__main__ import main
+from cooperative.scene import example, examples, parse
+
+ROOT = Path(__file__).resolve().parent.parent
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+
+def test_one_version():
+    assert jaxmpm.__version__ == kl.__version__ == cooperative.__version__
+    assert re.search(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), re.M)[1] == jaxmpm.__version__
+    assert re.search(r"^## ([0-9.]+)", (ROOT / "CHANGELOG.md").read_text(), re.M)[1] == jaxmpm.__version__
+
+
+def test_every_package_ships_and_says_that_it_is_typed():
+    shipped = PROJECT["tool"]["scikit-build"]["wheel"]["packages"]
+    for name in ("foundation", "jaxmpm", "kl", "cooperative"):
+        assert shipped[name] == name
+        assert (ROOT / name / "py.typed").exists()
+
+
+def test_the_command_on_the_path_is_there():
+    module, name = PROJECT["project"]["scripts"]["jaxmpm"].split(":")
+    assert getattr(import_module(module), name) is main
+
+
+def test_examples_are_the_scenes_that_ship(tmp_path, monkeypatch, capsys):
+    source = ROOT / PROJECT["tool"]["scikit-build"]["wheel"]["packages"]["cooperative/scenes"]
+    assert examples() == {path.stem: path for path in sorted(source.glob("*.toml"))}
+    monkeypatch.chdir(tmp_path)
+    assert main(["example", "demo"]) == 0
+    assert capsys.readouterr().out == "demo.toml\n"
+    assert parse((tmp_path / "demo.toml").read_text()).name.startswith("demo")
+    assert main(["example", "demo"]) == 2
+    assert "exists already" in capsys.readouterr().err
+    with pytest.raises(ValueError, match="no example scene is called 'nope': give one of demo, "):
+        example("nope")
+
+
+def test_doctor_tells_what_it_runs_on_and_that_it_is_well(monkeypatch, capsys):
+    monkeypatch.setattr(doctor, "_SECONDS", 0.01)
+    assert main(["doctor"]) == 0
+    said = capsys.readouterr().out
+    for name in ("jaxmpm", "jax", "transfers on CPU", "C++ compiler", "cores", "device", "column at rest", "a step"):
+        assert re.search(rf"^{re.escape(name)}: +\S", said, re.M)
+    assert said.endswith("well\n")
+
+
+@pytest.mark.parametrize("errors", [(0.02, 0.0), (0.0, 0.06), (float("nan"), 0.0)])
+def test_doctor_finds_wrong_answers(errors, monkeypatch, capsys):
+    monkeypatch.setattr(doctor, "column_errors", lambda: errors)
+    monkeypatch.setattr(doctor, "step_speed", lambda: (1, 1, 1.0))
+    assert main(["doctor"]) == 2
+    assert "NOT WELL" in capsys.readouterr().out
+
+
+def test_help_has_examples_and_exit_codes(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    said = capsys.readouterr().out
+    assert "jaxmpm run demo.toml" in said
+    assert "exit codes: 0" in said
