@@ -44,9 +44,12 @@ QUESTIONS = (
     Question("Realisation of a random field", "fields", "ms_per_realisation_999", "ms", high=0.35),
     Question("Its worst error in correlation", "fields", "ms_per_realisation_999_error_in_correlation"),
     Question("Bias of the probability of failure, of itself", "estimators", "two_phase_bias_max", high=0.01),
-    Question("Least coverage of its 95 % interval", "estimators", "two_phase_coverage_min", "", 0.93, 0.97),
     Question(
-        "Refined runs for a COV of 10 % (Monte Carlo 310)", "estimators", "two_phase_runs_pf0244_r095", "", high=110
+        "Least coverage of its 95 % interval, sampling alone", "estimators", "two_phase_coverage_min", "", 0.93, 0.97
+    ),
+    Question("Least coverage where the ranking is bad", "estimators", "coverage_bad_ranking_min", low=0.90),
+    Question(
+        "Refined runs for a COV of 10 % (Monte Carlo 310)", "estimators", "two_phase_runs_pf0244_r095", "", high=115
     ),
     Question(
         "Classes that both grids agree on, default settings (published settings 0.80)",
@@ -96,6 +99,8 @@ def bounds(question: Question) -> str:
     """The bound in words."""
     if question.low is None:
         return "none set" if question.high is None else f"at most {question.high:g}"
+    if question.high is None:
+        return f"at least {question.low:g}"
     regression = "" if question.published is None else "regression: "
     return f"{regression}{question.low:g} to {question.high:g}"
 

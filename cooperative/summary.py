@@ -112,6 +112,8 @@ def summarise(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
         "level": found.level,
         "estimator": found.method,
         "coefficient_of_variation": _finite(found.cov),
+        "unseen": found.unseen,
+        "sampling_interval": found.sampling_interval and list(found.sampling_interval),
         "finished": phases and config.estimator.why_finished(phases.population, phases.answers),
         "after_more_runs": {"runs": MORE, "coefficient_of_variation": _finite(after_more_runs(found, MORE))},
         "other_estimates": {e.method: {"probability": e.probability, "interval": list(e.interval)} for e in others},

@@ -2,7 +2,7 @@
 
 Runs are drawn one after another without replacement, in waves; before each wave a logistic model of refined
 failure given the rough rank is fitted to all results so far, and draws are made with probabilities q
-proportional to w sqrt(p (1 - p)), with a floor. Each draw alone gives an unbiased estimate of the sum of
+proportional to w sqrt(p (1 - p)), in part evenly. Each draw alone gives an unbiased estimate of the sum of
 w Y over the population,
 
     T = sum of w Y over the known + sum of w p over the others + w (Y - p) / q,
@@ -11,6 +11,26 @@ and because q and p use earlier results only, the errors of successive T are unc
 weights is therefore unbiased whatever the model, and their spread gives its variance: the ordered estimator of
 Des Raj (1956), Journal of the American Statistical Association 51, 269-284, DOI 10.1080/01621459.1956.10501326,
 with a difference estimator (Cassel, Sarndal and Wretman 1976, Biometrika 63, 615-620) in each draw.
+
+That spread knows only of failures that were drawn. Where the ranking is bad, most failures lie where the model expects
+none, and a few draws down there may well miss them all: the estimate is then low half of the time, and its spread is
+small just then. Two things guard against it, and neither takes the ranks at their word:
+
+- A share of every wave is drawn evenly over all that is unknown. It is `proving` / (`proving` + draws so far), so the
+  first wave is even and the ranks are followed more closely as they prove themselves; it stays at a half or more where
+  they do not, that is where more failures turn up among draws to which the model gave less than 5 % than a Poisson
+  count of its own mean would bring once in 20 times (`surprise`).
+- What may still be hidden below the lowest failure seen has an upper limit (`unseen`). If failures of weight s lie
+  there in any places whatever, no draw meets them with a probability of at most
+
+      product over draws of (1 - s min(q / w)) <= exp(-s m),   m = sum over draws of min(q / w),
+
+  the least taken over the ranks in question, and with an even share f it is at least f. So s <= -log(1 - level) / m
+  with confidence `level`: the rule of three (Hanley and Lippman-Hand 1983, JAMA 249, 1743-1745) for draws with known
+  probabilities. It assumes nothing of the ranking. The upper limit of P_f takes it in as one of two independent parts
+  of a sum (Zou and Donner 2008, Statistics in Medicine 27, 1693-1702, DOI 10.1002/sim.3095): the distances of the
+  parts' limits from their estimates, here 0 for the unseen, add up as squares. The lower limit and the coefficient
+  of variation are those of the sampling alone.
 """
 
 from __future__ import annotations
@@ -20,7 +40,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import expit
-from scipy.stats import norm
+from scipy.stats import norm, poisson
 
 
 @dataclass(frozen=True)
@@ -32,7 +52,9 @@ class AuditPlan:
     target_cov: stop earlier, once the estimator's coefficient of variation is at most this. Looking at the
     result to decide when to stop costs a little of the unbiasedness.
     first_wave, growth: a wave has the larger of `first_wave` runs and the share `growth` of those before.
-    floor: share of the draws spread evenly over all that is unknown, a guard against a wrong model.
+    proving: the ranks prove themselves in so many draws: after them the share of draws spread evenly over all that is
+    unknown has come down from 1 to a half. 0 trusts the ranks from the start, and the interval then holds no allowance
+    for what was not seen. floor: least share of even draws, which keeps the estimate unbiased whatever the model.
     rough_threshold: rough displacement [m] near which the first wave looks; it affects efficiency alone.
     """
 
@@ -43,11 +65,33 @@ class AuditPlan:
     first_wave: int = 8
     growth: float = 0.25
     floor: float = 0.05
+    proving: int = 16
     rough_threshold: float = 1.0
 
     def wave(self, drawn: int) -> int:
         """Size of the wave that follows `drawn` runs of the audit."""
         return max(self.first_wave, int(self.growth * drawn))
+
+
+FAR_DOWN = 0.05
+"""Draws to which the model gave a lower probability of failure lie far down the ranking."""
+
+RARELY = 0.05
+"""Where the model brings so many failures far down the ranking more rarely than this, the ranks mislead."""
+
+
+@dataclass(frozen=True)
+class Surprise:
+    """Draws far down the ranking. drawn: how many. failed: of them. expected: failures among them, by the model."""
+
+    drawn: int
+    failed: int
+    expected: float
+
+    @property
+    def misled(self) -> bool:
+        """Whether more failed than the ranks allow for."""
+        return bool(poisson.sf(self.failed - 1, self.expected) < RARELY)
 
 
 @dataclass(frozen=True)
@@ -83,6 +127,8 @@ def check_plan(plan: AuditPlan) -> None:
         raise ValueError(f"runs = {plan.runs}, first_wave = {plan.first_wave}: an audit needs at least 2 of each")
     if not 0 < plan.floor <= 1:
         raise ValueError(f"floor = {plan.floor} is not in (0, 1]: at 0 some samples could never be drawn")
+    if plan.proving < 0:
+        raise ValueError(f"proving = {plan.proving} is negative: give 0 to trust the ranks from the start")
     if plan.growth < 0:
         raise ValueError(f"growth = {plan.growth} is negative: give 0 for waves of equal size")
     if plan.target_cov is not None and not plan.target_cov > 0:
@@ -151,6 +197,42 @@ def draw_wave(
     chance = np.zeros(known.size)
     chance[unknown] = share
     return Wave(unknown[first], share[first] / left, chance, model)
+
+
+def surprise(waves: Sequence[Wave], outcome: np.ndarray) -> Surprise:
+    """How draws far down the ranking came out. outcome: 0, 1 or nan by rank (N,)."""
+    drawn, failed, expected = 0, 0, 0.0
+    for wave in waves:
+        far = wave.ranks[(wave.model[wave.ranks] < FAR_DOWN) & ~np.isnan(outcome[wave.ranks])]
+        drawn += far.size
+        failed += int(outcome[far].sum())
+        expected += float(wave.model[far].sum())
+    return Surprise(drawn, failed, expected)
+
+
+def even_share(plan: AuditPlan, waves: Sequence[Wave], outcome: np.ndarray) -> float:
+    """Share of the next wave's draws that is spread evenly over all that is unknown."""
+    if plan.proving == 0:
+        return plan.floor
+    drawn = sum(wave.ranks.size for wave in waves)
+    share = plan.proving / (plan.proving + drawn)
+    return max(share, 0.5 if surprise(waves, outcome).misled else plan.floor)
+
+
+def unseen(waves: Sequence[Wave], outcome: np.ndarray, known: np.ndarray, *, weight: np.ndarray, level: float) -> float:
+    """Upper limit, at confidence `level`, of the weight of failures below the lowest one seen. outcome, known, weight:
+    by rank (N,); 1 while there are no draws."""
+    failures = np.flatnonzero(outcome == 1)
+    lowest = int(failures[-1]) if failures.size else -1
+    below = np.flatnonzero(~known & (np.arange(known.size) > lowest))
+    if not below.size:
+        return 0.0
+    least = 0.0
+    for wave in waves:
+        left = wave.chance[wave.ranks] / wave.probability
+        least += float((wave.chance[below] / weight[below]).min() * (1 / left).sum())
+    hidden = float(weight[below].sum())
+    return min(float(-np.log(1 - level)) / least, hidden) if least else hidden
 
 
 def audit_total(

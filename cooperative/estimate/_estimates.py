@@ -24,7 +24,9 @@ class Estimate:
     probability: P_f. interval: confidence limits (low, high) at `level`. cov: coefficient of variation of the
     estimator, its standard error over P_f (inf at P_f = 0). refined_runs: runs on the refined grid that it
     used. method: name of the estimator. notes: what a reader must know, in words. audit_variance: the part of
-    the estimator's variance that more refined runs of the same samples would reduce.
+    the estimator's variance that more refined runs of the same samples would reduce. unseen: what samples that were
+    not looked at may add to P_f, at `level`, which `interval` allows for above and `cov` does not. sampling_interval:
+    limits without that allowance, None where there is none.
     """
 
     probability: float
@@ -35,6 +37,8 @@ class Estimate:
     level: float = 0.95
     notes: tuple[str, ...] = ()
     audit_variance: float = 0.0
+    unseen: float = 0.0
+    sampling_interval: tuple[float, float] | None = None
 
 
 def with_variance(
@@ -47,9 +51,14 @@ def with_variance(
     audit_variance: float = 0.0,
     level: float = 0.95,
     notes: tuple[str, ...] = (),
+    unseen: float | None = None,
 ) -> Estimate:
     """An estimate from P_f and its variance: Wilson's interval of as many independent samples as would scatter
-    as much, with Student's t for the degrees of freedom of the variance."""
+    as much, with Student's t for the degrees of freedom of the variance.
+
+    unseen: upper limit of what was not seen, an independent part of P_f that the estimate takes for 0; it widens the
+    interval upwards by squares, as `cooperative.estimate._audit` explains. None for no such part.
+    """
     share = min(max(probability, 0.0), 1.0)
     cov = float(np.sqrt(variance) / share) if share > 0 else float("inf")
     if variance > 0:
@@ -59,7 +68,11 @@ def with_variance(
         interval = wilson_interval(share * samples, samples, level, freedom=freedom)
     else:
         interval = (share, share)
-    return Estimate(share, interval, cov, refined_runs, method, level, notes, audit_variance)
+    if unseen is None:
+        return Estimate(share, interval, cov, refined_runs, method, level, notes, audit_variance)
+    low, high = interval
+    wider = (low, min(share + float(np.hypot(high - share, unseen)), 1.0))
+    return Estimate(share, wider, cov, refined_runs, method, level, notes, audit_variance, unseen, interval)
 
 
 def after_more_runs(estimate: Estimate, more: int = 50) -> float:

@@ -166,8 +166,10 @@ class Subset:
         return _budget(self, samples)
 
     def audit(self, population: Population) -> AuditPlan:
-        """How the refined runs are spent."""
-        return replace(TwoPhase(self.refined_runs, self.target_cov, seed=self.seed).audit(population), growth=0.5)
+        """How the refined runs are spent. The ranks are trusted, as the levels trust them: no affordable number of even
+        draws rules out a rare failure."""
+        audit = TwoPhase(self.refined_runs, self.target_cov, seed=self.seed).audit(population)
+        return replace(audit, growth=0.5, proving=0)
 
     def wanted(self, population: Population, answers: Answers, places: int, under_way: Collection[int]) -> list[int]:
         """The rest of the wave; nothing once a target alone is seen to be out of reach."""

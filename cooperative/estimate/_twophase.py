@@ -3,6 +3,9 @@
 Phase one is the sampling of the N fields, phase two the audit of `cooperative.estimate._audit`; the interval holds
 both.
 Two-phase sampling: Sarndal, Swensson and Wretman (1992), Model Assisted Survey Sampling, Chapter 9.
+The interval assumes nothing of the ranking: to the scatter of both phases it adds, upwards only, what failures may
+hide where no run has looked; `Estimate.unseen` and `Estimate.sampling_interval` tell the two apart, and a target for
+the coefficient of variation goes by the scatter alone. Where draws far down the ranking fail, the notes say so.
 Everything is a pure function of the rows and the plan: what to run next and the estimate come out the same
 whatever ran at once, in whatever order, and after any interruption.
 """
@@ -21,10 +24,13 @@ from cooperative.estimate._audit import (
     audit_total,
     check_plan,
     draw_wave,
+    even_share,
     fit_logistic,
     normal_scores,
     predict_logistic,
     rough_centre,
+    surprise,
+    unseen,
 )
 from cooperative.estimate._estimates import Estimate, with_variance
 from cooperative.estimate._protocol import Population
@@ -33,12 +39,13 @@ from cooperative.estimate._ranking import next_refined, rank_samples, stopping_r
 
 @dataclass(frozen=True)
 class _Replay:
-    """The campaign so far, by rank (N,): order of samples, weights, scores, outcomes (nan where none), ranks of
+    """The campaign so far, by rank (N,): order of samples, weights, outcomes (nan where none), whether known, ranks of
     the certainty stratum, complete waves, ranks to run next, and the model of all results."""
 
     order: np.ndarray
     weight: np.ndarray
     outcome: np.ndarray
+    known: np.ndarray
     certain: np.ndarray
     waves: tuple[Wave, ...]
     missing: np.ndarray
@@ -64,7 +71,7 @@ def two_phase(
     Unbiased for any relation between the grids. A run without an answer is replaced by what the model expected
     of it. Before the first wave is complete the interval is (0, 1).
     """
-    return _estimate(population, _replay(population, refined, plan), level)
+    return _estimate(population, _replay(population, refined, plan), plan, level)
 
 
 def path(
@@ -130,13 +137,18 @@ def _replay(population: Population, refined: Mapping[int, bool | None], plan: Au
 
     def state() -> _Replay:
         unanswered = int((answered & np.isnan(outcome)).sum())
-        return _Replay(order, weight, outcome, certain, tuple(waves), missing, model(), unanswered)
+        return _Replay(order, weight, outcome, answered.copy(), certain, tuple(waves), missing, model(), unanswered)
 
     while not missing.size and certain.size + drawn < min(plan.runs, count):
-        if plan.target_cov is not None and len(waves) > 1 and _estimate(population, state()).cov <= plan.target_cov:
+        if (
+            plan.target_cov is not None
+            and len(waves) > 1
+            and _estimate(population, state(), plan).cov <= plan.target_cov
+        ):
             break
+        share = even_share(plan, waves, outcome)
         size = min(plan.wave(drawn), plan.runs - certain.size - drawn)
-        wave = draw_wave(generator, model(), weight=weight, known=answered, size=size, floor=plan.floor)
+        wave = draw_wave(generator, model(), weight=weight, known=answered, size=size, floor=share)
         missing = look_up(wave.ranks)
         if missing.size:
             # Results of an incomplete wave wait for the others.
@@ -165,7 +177,7 @@ def _certainty_stratum(
     return np.union1d(known, np.arange(lost)), missing
 
 
-def _estimate(population: Population, replay: _Replay, level: float = 0.95) -> Estimate:
+def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: float = 0.95) -> Estimate:
     weight, model = replay.weight, replay.model
     group = None
     if population.replicate is not None:
@@ -182,6 +194,19 @@ def _estimate(population: Population, replay: _Replay, level: float = 0.95) -> E
     if np.nansum(replay.outcome) == 0 and not np.isinf(audit.effective_draws):
         notes.append("no refined failure found yet: the interval rests on the model")
         variance, total = max(variance, audit.doubt), max(total, float(weight @ model))
+    hidden = None
+    if plan.proving:
+        hidden = unseen(replay.waves, replay.outcome, replay.known, weight=weight, level=level)
+    else:
+        notes.append(
+            "the interval takes the ranks at their word: it has no allowance for failures far down that no run met"
+        )
+    far = surprise(replay.waves, replay.outcome)
+    if far.misled:
+        notes.append(
+            f"THE RANKS MISLEAD: {far.failed} of {far.drawn} refined runs far down the ranking failed, where at most "
+            f"{max(far.expected, 0.1):.1f} were to be expected; more of the runs are spread evenly over all ranks now"
+        )
     both, freedom = _whole_variance(audit, variance, min(max(total, 0.0), 1.0), weight.size, group)
     return with_variance(
         "two-phase",
@@ -192,6 +217,7 @@ def _estimate(population: Population, replay: _Replay, level: float = 0.95) -> E
         audit_variance=variance,
         level=level,
         notes=tuple(notes),
+        unseen=hidden,
     )
 
 

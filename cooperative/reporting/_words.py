@@ -104,6 +104,7 @@ def words(campaign: Told) -> str:
         f"  probability of failure  {told['probability_of_failure']:.3f}  "
         f"({told['level']:.0%} interval {low:.3f} to {high:.3f}; {told['estimator']})",
     ]
+    lines += [f"  {line}" for line in (_unseen(told),) if line]
     for method, other in told["other_estimates"].items():
         low, high = other["interval"]
         lines.append(f"  beside it: {method:<14} {other['probability']:.3f}  ({low:.3f} to {high:.3f})")
@@ -216,7 +217,7 @@ def _parts(told: Told, numbers: Sequence[Drawn], slopes: Sequence[Drawn]) -> Ite
         yield page.paragraph(note, "note")
     yield page.heading("Probability of failure")
     yield _estimates(found)
-    yield page.paragraph(" ".join(line for line in (_more(found), _finished(found)) if line))
+    yield page.paragraph(" ".join(line for line in (_unseen(found), _more(found), _finished(found)) if line))
     yield from shown("convergence", "ranked", "grids")
     yield page.heading("What the slides do")
     yield _consequences(told)
@@ -309,6 +310,22 @@ def _bands(config: Config, grid: str) -> str:
     if numerics.internal_length is not None:
         said += f", plastic strain averaged over {numerics.internal_length:.3g} m"
     return f"{said}, softening " + ("per cell" if thickness is None else f"of a band {thickness:g} m thick")
+
+
+def _unseen(found: dict[str, Any]) -> str:
+    """How much of the interval is for what no run has looked at, in words; empty where it holds no such part."""
+    if found["sampling_interval"] is None:
+        return ""
+    low, high = found["sampling_interval"]
+    cov = (
+        ""
+        if found["coefficient_of_variation"] is None
+        else f" (coefficient of variation {found['coefficient_of_variation']:.1%})"
+    )
+    return (
+        f"Of sampling alone the interval is {low:.3g} to {high:.3g}{cov}; the rest allows for up to "
+        f"{found['unseen']:.2g} of all samples failing far down the ranking, where no run has looked."
+    )
 
 
 def _more(found: dict[str, Any]) -> str:
