@@ -4,6 +4,7 @@ from cooperative import open_store, rank_samples, next_refined, published, conse
 """
 
 from cooperative.estimate import (
+    Answers,
     AuditPlan,
     ControlVariate,
     Correlation,
@@ -60,6 +61,7 @@ from cooperative.store import (
 from foundation import __version__
 
 __all__ = [
+    "Answers",
     "AuditPlan",
     "Consequences",
     "ControlVariate",

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cooperative.estimate import named_estimator
+from cooperative.reporting import _words
 from cooperative.scene import parse
 from cooperative.store import Rows
 from cooperative.summary import next_runs, phases_of, refined_answers, screened, summarise
@@ -138,3 +139,34 @@ def test_a_rough_sample_that_is_to_be_redone_is_no_obstacle():
     found = summarise(config_with(samples=60, estimator="monte carlo"), fewer, refined(range(60)))
     assert found["grids"]["samples"] <= 59
     assert found["refined_runs"] == 60
+
+
+def test_summary_and_words_tell_sampling_from_what_was_not_seen():
+    rough, refined, *_ = made_up(600, 0.25, 3)
+    found = play(config_with(samples=600, refined_runs=60), rough, refined)
+    low, high = found["sampling_interval"]
+    assert found["interval"][0] == low
+    assert found["interval"][1] > high > found["probability_of_failure"]
+    assert 0 < found["unseen"] < 0.5
+    said = _words._unseen(found)
+    assert f"{low:.3g} to {high:.3g}" in said
+    assert f"{found['coefficient_of_variation']:.1%}" in said
+    assert f"up to {found['unseen']:.2g} of all samples" in said
+    plain = summarise(config_with(samples=600, estimator="monte carlo"), rough, refined(range(600)))
+    assert (plain["unseen"], plain["sampling_interval"], _words._unseen(plain)) == (0.0, None, "")
+
+
+def test_summary_says_where_the_ranks_mislead():
+    rough, _, failed, *_ = made_up(600, 0.25, 3)
+    turned = np.argsort(np.argsort(rough.columns["displacement"]))
+    upside_down = rows(np.arange(600), np.sort(rough.columns["displacement"])[::-1][turned])
+
+    def refined(numbers):
+        at = np.asarray(sorted(numbers), int)
+        return rows(
+            at, np.where(failed[at], 5.0, 0.1), **{n: np.zeros(at.size) for n in ("depth", "runout", "volume", "area")}
+        )
+
+    found = play(config_with(samples=600, refined_runs=60), upside_down, refined)
+    assert any(note.startswith("THE RANKS MISLEAD") for note in found["notes"])
+    assert found["interval"][0] <= failed.mean() <= found["interval"][1]
