@@ -65,7 +65,7 @@ class AuditPlan:
     first_wave: int = 8
     growth: float = 0.25
     floor: float = 0.05
-    proving: int = 16
+    proving: int = 12
     rough_threshold: float = 1.0
 
     def wave(self, drawn: int) -> int:
