@@ -31,6 +31,7 @@ from benchmarks.study_pieces import (
     population,
     refined_classes,
     score,
+    sweep_cases,
 )
 from benchmarks.study_runs import LENGTHS, READINGS, SAMPLES, SECTION_SAMPLES, SWEEP_SAMPLES, sweep_case
 from benchmarks.study_table import Outcome, Rows, Run, merged
@@ -472,22 +473,35 @@ def fits(mode: str, slides: list[Outcome], weight: np.ndarray, spent: float) -> 
 
 
 def rough_modes(rows: Rows) -> Iterator[Line]:
-    """Fig. 20: shares of the modes against lx and ly, from slides of the calibrated rough grid."""
-    factor = calibration(rows)
+    """Fig. 20: shares of the modes against lx and ly, from slides of the calibrated rough grid; then all pooled,
+    as Table 4 pools them."""
     for axis in ("lx", "ly"):
         for length in LENGTHS:
-            case = sweep_case(axis, length)
-            known = [o.mode for run, o in rows.items() if run.case == case and run.grid == "rough" and o.mode]
-            fallen = sum(classes(rows, case, "rough").values())
             what = f"share of deep failures, rough grid calibrated, {axis} = {length:g} m"
-            if factor is None or not known or len(known) < fallen:
-                yield Line(what, None, None, f"{len(known)} of {fallen} slides are there")
-                continue
-            found = shares(np.array(known), np.ones(len(known)), SEVERITY)
-            rest = ", ".join(f"{mode} {share.share:.2f}" for mode, share in found.items() if mode != "deep")
-            spent = hours_of(rows, case=case, grid="rough", until="end")
-            deep = Found(found["deep"].share, found["deep"].interval, f"{len(known)} rough slides", spent)
-            yield Line(what, None, None, deep, rest)
+            known, answer = rough_shares(rows, [sweep_case(axis, length)], "deep")
+            rest = ", ".join(
+                f"{mode} {known.count(mode) / len(known):.2f}" for mode in SEVERITY if mode != "deep" and known
+            )
+            yield Line(what, None, None, answer, rest)
+    for mode in POOLED:
+        _, answer = rough_shares(rows, sweep_cases(), mode)
+        what, printed = (
+            f"share of {mode} failures, rough grid calibrated, all lengths",
+            POOLED[mode] / sum(POOLED.values()),
+        )
+        yield Line(what, None, printed, answer, "its lengths and their numbers of samples are not printed")
+
+
+def rough_shares(rows: Rows, cases: list[str], mode: str) -> tuple[list[str], Found | str]:
+    """Modes of the calibrated rough slides of some cases, and the share of one; why not, while any is missing."""
+    known = [str(o.mode) for run, o in rows.items() if run.case in cases and run.grid == "rough" and o.mode]
+    fallen = sum(sum(classes(rows, case, "rough").values()) for case in cases)
+    screened = all(len(classes(rows, case, "rough")) == SWEEP_SAMPLES for case in cases)
+    if not screened or not known or len(known) < fallen:
+        return known, f"{len(known)} slides of {fallen} failures are there"
+    share = shares(np.array(known), np.ones(len(known)), SEVERITY)[mode]
+    spent = sum(hours_of(rows, case=case, grid="rough", until="end") for case in cases)
+    return known, Found(share.share, share.interval, f"{len(known)} rough slides, {share.count} {mode}", spent)
 
 
 def hours(rows: Rows) -> Iterator[Line]:

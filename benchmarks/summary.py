@@ -33,6 +33,10 @@ QUESTIONS = (
     Question("Factor of safety, cells of 2 m", "slope", "fos_rough", "", 1.20, 1.28, published=1.26),
     Question("Factor of safety, cells of 1 m", "slope", "fos_refined", "", 1.10, 1.18, published=1.15),
     Question("Run-out, cells of 1 m", "slope", "runout_refined_m", "m", 12.5, 16.0, published=14.17),
+    Question("Factor of safety in 3D, cells of 2 m", "published", "fos_rough_3d", published=1.26),
+    Question("Factor of safety in 3D, cells of 1 m", "published", "fos_refined_3d", published=1.15),
+    Question("Run-out in 3D, cells of 1 m", "published", "runout_refined_3d_m", "m", published=14.17),
+    Question("Probability of failure in 3D", "published", "pf_3d", published=0.244),
     Question(
         "A step in 3D, rough, MUSL, one core", "throughput", "rough_musl_f32_1core_us", "us per particle", high=0.13
     ),

@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks import published, study_pieces, study_runs
 from benchmarks.published import Found, Line
-from benchmarks.study import file_of
-from benchmarks.study_table import Outcome, Rows, Run, write_table
+from benchmarks.study import DATA, file_of, read_study
+from benchmarks.study_table import Outcome, Rows, Run, merged, write_table
 from cooperative.estimate import two_phase, wilson_interval
 from tests.test_study import FAILED, SLID, STOOD, made_up
 
@@ -185,6 +185,29 @@ def test_lengths_are_told_to_rise_only_where_they_do(tmp_path, rise):
     assert (tmp_path / "published_lengths.png").exists()
 
 
+def test_rough_modes_are_told_once_all_slides_of_a_length_are_there_and_pooled_once_all_are(tmp_path):
+    keep(tmp_path, "fos_rough", search(1.29, "rough"))
+    keep(tmp_path, "fos_refined", search(1.17, "refined"))
+    runs = [Run(case, "rough", n, 1.103) for case in study_pieces.sweep_cases() for n in range(200)]
+    screened = {run: FAILED if run.sample < 10 else STOOD for run in runs}
+    slides = {
+        replace(run, until="end"): replace(SLID, mode="deep" if run.sample < 8 else "shallow")
+        for run in runs
+        if run.sample < 10
+    }
+    keep(tmp_path, "sweep", screened)
+    keep(tmp_path, "sweep_slides", dict(list(slides.items())[:-1]))
+    deep = "share of deep failures, rough grid calibrated, "
+    rows = reported(tmp_path)[1]
+    assert rows[f"{deep}lx = 10 m"]["ours"] == 0.8
+    assert "shallow 0.20" in rows[f"{deep}lx = 10 m"]["verdict"]
+    assert rows[f"{deep}all lengths"]["verdict"] == "not run yet: 69 slides of 70 failures are there"
+    keep(tmp_path, "sweep_slides", slides)
+    rows = reported(tmp_path)[1]
+    assert rows[f"{deep}all lengths"]["ours"] == 0.8
+    assert rows[f"{deep}all lengths"]["verdict"].startswith("differs by +0.143")
+
+
 @pytest.mark.parametrize(
     ("line", "verdict"),
     [
@@ -211,3 +234,17 @@ def test_rough_shares_of_broken_off_runs_are_no_classes():
     broken = {Run("section, as here", "refined", 0): Outcome("INVERTED", 3.0, 1.0, 10, 1.0)}
     assert published.classes(broken, "section, as here", "refined") == {}
     assert wilson_interval(0, 1)[1] < 1
+
+
+def test_the_committed_files_parse_and_their_audits_are_those_that_the_estimator_draws():
+    tables = read_study(DATA)
+    rows = merged(tables.values())
+    assert published.factor_of_safety(rows, "mean strength", "rough") == 1.29
+    for piece, case, samples, plan in (
+        ("audit", "published", published.SAMPLES, study_pieces.AUDIT),
+        ("audit_default", "default", published.SWEEP_SAMPLES, study_pieces.SWEEP_AUDIT),
+        ("audit_rollers", "rollers", published.SWEEP_SAMPLES, study_pieces.SWEEP_AUDIT),
+    ):
+        found, _ = published.estimated(rows, case, samples, plan)
+        counted = 0 if found is None else found.refined_runs
+        assert len(tables[piece]) - counted <= plan.wave(counted)
