@@ -1,11 +1,14 @@
-"""One step of the material point method, State -> State."""
+"""One step of the material point method, State -> State.
+
+A step is made of five moves: particles give to the nodes, the grid moves, it moves the particles, velocities are mapped
+again, the velocity's gradient strains the soil. The schemes differ in the order of these alone.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -16,8 +19,6 @@ from jaxmpm import tensors
 from jaxmpm.boundary import hold, slide
 from jaxmpm.transfer import filtered, g2p, momentum, nodal_momentum, p2g, velocity_gradient
 from jaxmpm.types import Scene, Scheme, State
-
-Transfer = Callable[..., Any]
 
 # Nodes with less than this share of the mean particle mass carry nothing. What they drop is lost momentum, so it is
 # far below rounding; a node's velocity, a ratio of sums with the same weights, is good down to there.
@@ -30,54 +31,147 @@ def step(scene: Scene, state: State, dt: Array) -> State:
     Sources: Sulsky, Chen and Schreyer (1994), 10.1016/0045-7825(94)90112-0 (the method); Bardenhagen (2002),
     10.1006/jcph.2002.7103 (USF, USL) and Sulsky, Zhou and Schreyer (1995), 10.1016/0010-4655(94)00170-7 (MUSL).
     """
-    grid, kernel, d = scene.grid, scene.kernel, scene.grid.dimension
-    m = scene.particles.mass
-    x = scene.particles.position + state.displacement
-    to_grid = partial(p2g, grid, kernel, x, engine=scene.engine)
-    to_particles = partial(g2p, grid, kernel, x, engine=scene.engine)
-    average = partial(neighbour_average, scene, to_grid, to_particles)
+    maps = Maps(scene, scene.particles.position + state.displacement)
+    return SCHEMES[scene.scheme](scene, state, dt, maps)
 
-    def acting(state: State) -> Array:
-        return acting_stress(scene, state.stress, scene.particles.volume * state.volume_ratio, average)
 
-    # Particles to grid: mass, momentum and force.
-    carried = [m[None], momentum(scene, state, x)]
+def update_stress_first(scene: Scene, state: State, dt: Array, maps: Maps) -> State:
+    """USF: the soil is strained in the velocities that particles bring, before the grid moves."""
+    nodal = particles_to_grid(scene, state, dt, maps, stressed=False)
+    gradient = maps.gradient(straining_velocity(scene, state, nodal, dt, maps))
+    state = update_stress(scene, state, gradient, dt, maps)
+    moved = move_grid(scene, pushed(scene, state, nodal, maps), dt)
+    state, _ = grid_to_particles(scene, state, moved, dt, maps)
+    return state
+
+
+def update_stress_last(scene: Scene, state: State, dt: Array, maps: Maps) -> State:
+    """USL: the soil is strained in the velocities of the grid at the end of the step."""
+    nodal = particles_to_grid(scene, state, dt, maps)
+    moved = move_grid(scene, nodal, dt)
+    state, gradient = grid_to_particles(scene, state, moved, dt, maps, strain=True)
+    return update_stress(scene, state, gradient, dt, maps)
+
+
+def modified_update_stress_last(scene: Scene, state: State, dt: Array, maps: Maps) -> State:
+    """MUSL: particles give the grid their new velocities, in which the soil is then strained."""
+    nodal = particles_to_grid(scene, state, dt, maps)
+    moved = move_grid(scene, nodal, dt)
+    state, _ = grid_to_particles(scene, state, moved, dt, maps)
+    gradient = maps.gradient(mapped_again(scene, state, nodal, moved, maps))
+    return update_stress(scene, state, gradient, dt, maps)
+
+
+class Move(Protocol):
+    """A scheme."""
+
+    def __call__(self, scene: Scene, state: State, dt: Array, maps: Maps) -> State:
+        """The state after a step of dt (s)."""
+
+
+SCHEMES: dict[Scheme, Move] = {
+    Scheme.USF: update_stress_first,
+    Scheme.USL: update_stress_last,
+    Scheme.MUSL: modified_update_stress_last,
+}
+
+
+class Nodal(NamedTuple):
+    """What the nodes hold: mass (nodes, d) kg, alike along all axes, momentum (nodes, d) kg m/s, and the force on them
+    (nodes, d) N, None while there is none. per_mass: 1 / mass (nodes, d) 1/kg, 0 where there is none."""
+
+    mass: Array
+    momentum: Array
+    force: Array | None
+    per_mass: Array
+
+
+class Moved(NamedTuple):
+    """The grid after its motion: velocity (nodes, d) m/s, acceleration (nodes, d) m/s2, and pressed (nodes, d) m/s, the
+    velocity before walls with friction changed it, which says where the body presses on them."""
+
+    velocity: Array
+    acceleration: Array
+    pressed: Array
+
+
+class Maps(NamedTuple):
+    """The transfers between the grid and particles that stand at `position` (d, N) m."""
+
+    scene: Scene
+    position: Array
+
+    def to_grid(self, carried: Array | None, stress: Array | None) -> Array:
+        """See `jaxmpm.transfer.p2g`."""
+        scene = self.scene
+        return p2g(scene.grid, scene.kernel, self.position, carried, stress, engine=scene.engine)
+
+    def to_particles(self, nodal: Array, *, values: int, gradients: int) -> tuple[Any, Any]:
+        """See `jaxmpm.transfer.g2p`."""
+        scene = self.scene
+        return g2p(
+            scene.grid, scene.kernel, self.position, nodal, values=values, gradients=gradients, engine=scene.engine
+        )
+
+    def gradient(self, velocity: Array) -> Array:
+        """Gradient (d, d, N) 1/s of velocities (nodes, d) m/s at the particles."""
+        return self.to_particles(velocity, values=0, gradients=self.scene.grid.dimension)[1]
+
+    def average(self, values: Array, passes: int) -> Array:
+        """Average of `values` (N) over the particles around each one, weighted by mass, through `passes` filters."""
+        m = self.scene.particles.mass
+        nodal = filtered(self.scene.grid, self.to_grid(jnp.stack([m, m * values]), None), passes)
+        averaged, _ = self.to_particles(reciprocal(self.scene, nodal[:, :1]) * nodal[:, 1:], values=1, gradients=0)
+        return averaged[0]
+
+
+def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stressed: bool = True) -> Nodal:
+    """Mass, momentum and force of the particles at the nodes; the force of their stress only if `stressed`."""
+    particles, grid = scene.particles, scene.grid
+    carried = [particles.mass[None], momentum(scene, state, maps.position)]
     if scene.body_force is not None:
-        carried.append(m * scene.body_force(scene.particles.position, state.step * dt))
-    ends = np.cumsum([len(block) for block in carried])
-    if scene.scheme is Scheme.USF:
-        mass, moving, *pushed = jnp.split(to_grid(jnp.concatenate(carried), None), ends[:-1], axis=1)
-        mass = tensors.spread(mass, d, axis=1)
-        inverse_mass = reciprocal(scene, mass)
-        velocity = nodal_velocity(scene, inverse_mass, moving)
-        straining = velocity
-        if scene.wall_friction is not None:
-            stress_force = to_grid(None, acting(state))
-            pressed = velocity + dt * (inverse_mass * stress_force + scene.gravity)
-            straining = slide(scene.walls, grid, velocity, None, pressed)
-        _, gradient = to_particles(straining, values=0, gradients=d)
-        state = update_stress(scene, state, gradient, dt, average)
-        force = sum(pushed, to_grid(None, acting(state)))
-    else:
-        nodal = to_grid(jnp.concatenate(carried), acting(state))
-        mass, moving, *pushed = jnp.split(nodal, ends, axis=1)
-        mass = tensors.spread(mass, d, axis=1)
-        inverse_mass = reciprocal(scene, mass)
-        velocity = nodal_velocity(scene, inverse_mass, moving)
-        force = sum(pushed[1:], pushed[0])
+        carried.append(particles.mass * scene.body_force(particles.position, state.step * dt))
+    stress = acting_stress(scene, state.stress, particles.volume * state.volume_ratio, maps) if stressed else None
+    nodal = maps.to_grid(jnp.concatenate(carried), stress)
+    ends = np.cumsum([len(block) for block in carried][: None if stressed else -1])
+    mass, moving, *forces = jnp.split(nodal, ends, axis=1)
+    mass = tensors.spread(mass, grid.dimension, axis=1)
+    return Nodal(
+        mass=mass,
+        momentum=nodal_momentum(grid, moving),
+        force=sum(forces[1:], forces[0]) if forces else None,
+        per_mass=reciprocal(scene, mass),
+    )
 
-    # Motion of the grid.
-    acceleration = nodal_acceleration(scene, inverse_mass, force + mass * scene.gravity, velocity)
+
+def pushed(scene: Scene, state: State, nodal: Nodal, maps: Maps) -> Nodal:
+    """The nodes with the force of the particles' stress as well."""
+    stress = maps.to_grid(None, acting_stress(scene, state.stress, scene.particles.volume * state.volume_ratio, maps))
+    return nodal._replace(force=stress if nodal.force is None else nodal.force + stress)
+
+
+def move_grid(scene: Scene, nodal: Nodal, dt: Array) -> Moved:
+    """Motion of the nodes by the forces on them, gravity and damping; walls held, and those with friction braking."""
+    assert nodal.force is not None
+    before = nodal_velocity(scene, nodal)
+    acceleration = nodal.per_mass * (nodal.force + nodal.mass * scene.gravity)
+    if scene.damping is not None:
+        acceleration = acceleration - scene.damping * before
+    acceleration = hold(scene.walls, scene.grid, acceleration)
+    pressed = before + dt * acceleration
     if scene.wall_friction is None:
-        velocity = velocity + dt * acceleration
-    else:
-        before, pressed = velocity, velocity + dt * acceleration
-        velocity = slide(scene.walls, grid, pressed, scene.wall_friction)
-        acceleration = (velocity - before) / dt
+        return Moved(pressed, acceleration, pressed)
+    velocity = slide(scene.walls, scene.grid, pressed, scene.wall_friction)
+    return Moved(velocity, (velocity - before) / dt, pressed)
 
-    # Grid to particles: move them.
-    fields = jnp.concatenate([velocity, acceleration], axis=1)
-    values, gradient = to_particles(fields, values=2 * d, gradients=d if scene.scheme is Scheme.USL else 0)
+
+def grid_to_particles(
+    scene: Scene, state: State, moved: Moved, dt: Array, maps: Maps, *, strain: bool = False
+) -> tuple[State, Any]:
+    """The particles moved by the grid, and the velocity's gradient (d, d, N) 1/s at them if asked to `strain`."""
+    d = scene.grid.dimension
+    fields = jnp.concatenate([moved.velocity, moved.acceleration], axis=1)
+    values, gradient = maps.to_particles(fields, values=2 * d, gradients=d if strain else 0)
     pic_velocity, change = jnp.split(values, 2)
     flip_velocity = state.velocity + dt * change
     state = replace(
@@ -86,32 +180,33 @@ def step(scene: Scene, state: State, dt: Array) -> State:
         velocity=flip_velocity if scene.flip is None else scene.flip * flip_velocity + (1 - scene.flip) * pic_velocity,
     )
     if state.affine is not None:
-        state = replace(state, affine=velocity_gradient(grid, x, velocity, to_particles))
-
-    # Stress from the velocity field at the end of the step.
-    if scene.scheme is Scheme.MUSL:
-        velocity = nodal_velocity(scene, inverse_mass, to_grid(momentum(scene, state, x), None))
-        if scene.wall_friction is not None:
-            velocity = slide(scene.walls, grid, velocity, None, pressed)
-        _, gradient = to_particles(velocity, values=0, gradients=d)
-    if scene.scheme is not Scheme.USF:
-        state = update_stress(scene, state, gradient, dt, average)
-    return state
+        affine = velocity_gradient(scene.grid, maps.position, moved.velocity, maps.to_particles)
+        state = replace(state, affine=affine)
+    return state, gradient
 
 
-def acting_stress(scene: Scene, stress: Array, volume: Array, average: Transfer) -> Array:
-    """The components of the stress (s, N) that act on the grid (J), times the current volume (N).
+def mapped_again(scene: Scene, state: State, nodal: Nodal, moved: Moved, maps: Maps) -> Array:
+    """Velocity (nodes, d) of the nodes by the particles' new momentum, at the masses that they had."""
+    moving = nodal_momentum(scene.grid, maps.to_grid(momentum(scene, state, maps.position), None))
+    velocity = nodal_velocity(scene, nodal._replace(momentum=moving))
+    if scene.wall_friction is None:
+        return velocity
+    return slide(scene.walls, scene.grid, velocity, None, moved.pressed)
 
-    With F-bar its mean is averaged as well, by the transpose of the strain's average: forces then do the work that the
-    averaged strain stores. Without this the energy grows in a long run.
-    """
-    d = scene.grid.dimension
-    if scene.fbar:
-        specific, full = volume / scene.particles.mass, tensors.expand(stress, d)
-        full = tensors.with_mean(full, average(tensors.mean(full) * specific, 0) / specific)
-        stress = tensors.compress(full, d)
-    acting = tensors.acting(stress, d)
-    return tensors.spread(volume[None], len(acting), axis=0) * acting
+
+def straining_velocity(scene: Scene, state: State, nodal: Nodal, dt: Array, maps: Maps) -> Array:
+    """Velocity (nodes, d) in which USF strains the soil: that of the nodes, held by walls on which the body presses."""
+    velocity = nodal_velocity(scene, nodal)
+    if scene.wall_friction is None:
+        return velocity
+    force = maps.to_grid(None, acting_stress(scene, state.stress, scene.particles.volume * state.volume_ratio, maps))
+    pressed = velocity + dt * (nodal.per_mass * force + scene.gravity)
+    return slide(scene.walls, scene.grid, velocity, None, pressed)
+
+
+def nodal_velocity(scene: Scene, nodal: Nodal) -> Array:
+    """Velocity (nodes, d) of the nodes, walls held."""
+    return hold(scene.walls, scene.grid, nodal.per_mass * nodal.momentum)
 
 
 def reciprocal(scene: Scene, mass: Array) -> Array:
@@ -120,30 +215,32 @@ def reciprocal(scene: Scene, mass: Array) -> Array:
     return jnp.where(carries, 1 / jnp.where(carries, mass, 1), 0)
 
 
-def nodal_velocity(scene: Scene, inverse_mass: Array, channels: Array) -> Array:
-    """Velocity (nodes, d) of the nodes, walls held."""
-    return hold(scene.walls, scene.grid, inverse_mass * nodal_momentum(scene.grid, channels))
+def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps) -> Array:
+    """The components of the stress (s, N) that act on the grid (J), times the current volume (N).
+
+    With F-bar its mean is averaged as well, by the transpose of the strain's average: forces then do the work that the
+    averaged strain stores. Without this the energy grows in a long run.
+    """
+    d = scene.grid.dimension
+    if scene.fbar:
+        specific, full = volume / scene.particles.mass, tensors.expand(stress, d)
+        full = tensors.with_mean(full, maps.average(tensors.mean(full) * specific, 0) / specific)
+        stress = tensors.compress(full, d)
+    acting = tensors.acting(stress, d)
+    return tensors.spread(volume[None], len(acting), axis=0) * acting
 
 
-def nodal_acceleration(scene: Scene, inverse_mass: Array, force: Array, velocity: Array) -> Array:
-    """Acceleration (nodes, d) by the force on a node and damping, walls held."""
-    acceleration = inverse_mass * force
-    if scene.damping is not None:
-        acceleration = acceleration - scene.damping * velocity
-    return hold(scene.walls, scene.grid, acceleration)
-
-
-def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, average: Transfer) -> State:
+def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, maps: Maps) -> State:
     """Stress, history and volume after a step in the velocity gradient (d, d, N), by the Jaumann rate."""
     d = scene.grid.dimension
     entries = tensors.entries(gradient)
     rotated = tensors.rotate(tensors.expand(state.stress, d), entries, dt)
     strain = tensors.strain_increment(entries, dt)
     if scene.fbar:
-        strain = tensors.with_mean(strain, average(tensors.mean(strain), 0))
+        strain = tensors.with_mean(strain, maps.average(tensors.mean(strain), 0))
     stress, history = scene.material.update(strain, rotated, state.history, dt)
     if scene.nonlocal_passes is not None:
-        smooth = partial(average, passes=scene.nonlocal_passes)
+        smooth = partial(maps.average, passes=scene.nonlocal_passes)
         history = jax.tree.map(lambda new, old: old + smooth(new - old), history, state.history)
     return replace(
         state,
@@ -151,11 +248,3 @@ def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, averag
         history=history,
         volume_ratio=state.volume_ratio * (1 + 3 * tensors.mean(strain)),
     )
-
-
-def neighbour_average(scene: Scene, to_grid: Transfer, to_particles: Transfer, values: Array, passes: int) -> Array:
-    """Average of `values` (N) over the particles around each one, weighted by mass: see `jaxmpm.averages`."""
-    m = scene.particles.mass
-    nodal = filtered(scene.grid, to_grid(jnp.stack([m, m * values]), None), passes)
-    averaged, _ = to_particles(reciprocal(scene, nodal[:, :1]) * nodal[:, 1:], values=1, gradients=0)
-    return averaged[0]

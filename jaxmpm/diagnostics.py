@@ -5,16 +5,13 @@ Those that take a scene raise ValueError for a state of another number of partic
 
 from __future__ import annotations
 
-from functools import partial
-
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from jaxmpm import tensors
-from jaxmpm._step import acting_stress, neighbour_average
+from jaxmpm._step import Maps, acting_stress
 from jaxmpm.boundary import hold
-from jaxmpm.transfer import g2p, p2g
 from jaxmpm.types import Scene, State
 
 
@@ -77,12 +74,9 @@ def speed(scene: Scene, state: State) -> Array:
 
 def unbalanced_force(scene: Scene, state: State) -> Array:
     """Norm of the net force on the free nodes over the norm of the body force on them."""
-    x, particles = position(scene, state), scene.particles
-    to_grid = partial(p2g, scene.grid, scene.kernel, x, engine=scene.engine)
-    to_particles = partial(g2p, scene.grid, scene.kernel, x, engine=scene.engine)
-    average = partial(neighbour_average, scene, to_grid, to_particles)
-    acting = acting_stress(scene, state.stress, particles.volume * state.volume_ratio, average)
-    nodal = to_grid(particles.mass[None], acting)
+    maps, particles = Maps(scene, position(scene, state)), scene.particles
+    acting = acting_stress(scene, state.stress, particles.volume * state.volume_ratio, maps)
+    nodal = maps.to_grid(particles.mass[None], acting)
     weight = hold(scene.walls, scene.grid, nodal[:, :1] * scene.gravity)
     net = hold(scene.walls, scene.grid, nodal[:, 1:] + nodal[:, :1] * scene.gravity)
     return jnp.sqrt(jnp.sum(net**2) / jnp.maximum(jnp.sum(weight**2), jnp.finfo(net.dtype).tiny))

@@ -46,13 +46,15 @@ style()
 #
 # Tensors are tuples of six components (xx, yy, zz, xy, yz, xz), tension positive. Those that a dimension cannot have
 # are the number 0.0 and vanish when the program is compiled: that is why one law serves all dimensions.
-# `mpm.pytree` makes a dataclass of arrays something that JAX can trace, batch and differentiate.
+# `mpm.pytree` makes a dataclass of arrays something that JAX can trace, batch and differentiate. `mpm.Law` has what
+# most laws share: the speed of the elastic wave, no history, no softening (see `mpm.Material` for all of it). LIMITS
+# say what the law's numbers may be; a lane with another one takes no step and says so.
 
 
 # %%
 @mpm.pytree
 @dataclass(frozen=True)
-class Bingham:
+class Bingham(mpm.Law):
     """Moduli K and G, strength S (Pa) and viscosity (Pa s)."""
 
     bulk: Array
@@ -60,12 +62,8 @@ class Bingham:
     strength: Array
     viscosity: Array
 
-    @property
-    def p_wave_modulus(self) -> Array:
-        return self.bulk + 4 * self.shear / 3
-
-    def initial_history(self, particles: mpm.Particles) -> None:
-        return None  # this soil forgets; one that remembers gives an array (N) here, and a new one from update
+    LIMITS = {"strength": mpm.Limit(least=0.0, unit="Pa"), "viscosity": mpm.Limit(above=0.0, unit="Pa s")}  # noqa: RUF012
+    STRENGTH = ("strength",)  # what strength reduction divides
 
     def update(self, strain_increment: Any, stress: Any, history: None, dt: Array) -> tuple[Any, None]:
         pressure = mean(stress) + 3 * self.bulk * mean(strain_increment)
@@ -116,51 +114,34 @@ print(f"largest error {flow_error:.1e}")
 # %% [markdown]
 # ## The scene
 #
-# `mpm.slope`, `column`, `bar` and `block` build scenes of the usual soils. By hand it takes a grid (one cell of
-# padding around the domain), particles (two per cell and axis, each with its box), walls at the faces of the domain,
-# and a time step below cell over wave speed. The dimension is the length of `domain`.
+# `mpm.slope`, `column`, `bar` and `block` build scenes of the usual soils. `mpm.scene` takes any particles, grid and
+# law and refuses what does not fit: here a grid with one cell of padding around the domain, particles (two per cell and
+# axis, each with its box), and walls at the faces of the domain. The dimension is the length of `domain`. The body
+# starts without stress; `mpm.at_rest` would give it that of its own weight.
 
 
 # %%
 def scene_of(
     material: Bingham,
     domain: tuple[float, ...],
-    inside: Callable[..., np.ndarray],
+    inside: Callable[[np.ndarray], np.ndarray] | None,
     *,
     cell: float,
     gravity: float = 0.0,
     base: str = "roller",
 ) -> tuple[mpm.Scene, mpm.State]:
-    """A body of density 2000 kg/m3 where `inside(x, ...)` holds, in a box with smooth walls or a fixed base."""
-    d, density = len(domain), 2000.0
-    lattice = np.meshgrid(*(np.arange(cell / 4, edge, cell / 2) for edge in domain), indexing="ij")
-    position = np.stack([axis.ravel() for axis in lattice])
-    position = jnp.asarray(position[:, inside(*position)], jnp.float32)
-    volume = jnp.full(position.shape[1], (cell / 2) ** d)
-    grid = mpm.Grid(shape=tuple(round(edge / cell) + 3 for edge in domain), cell=cell, origin=(-cell,) * d)
-    speed = float(jnp.sqrt(material.p_wave_modulus / density)) + np.sqrt(2 * gravity * domain[-1])
-    scene = mpm.Scene(
-        grid=grid,
-        particles=mpm.Particles(position, density * volume, volume),
-        material=material,
-        gravity=jnp.asarray([0.0] * (d - 1) + [-gravity]),
-        time_step=number(0.5 * cell / speed),
-        kernel=mpm.GIMP((cell / 4,) * d),
-        walls=(
-            *(mpm.Wall(axis, "low", 1, base if axis == d - 1 else "roller") for axis in range(d)),
-            *(mpm.Wall(axis, "high", nodes - 2, "roller") for axis, nodes in enumerate(grid.shape)),
-        ),
+    """A body of density 2000 kg/m3 where it is `inside`, in a box with smooth walls or a fixed base."""
+    d, edge = len(domain), cell / 2
+    grid = mpm.Grid(shape=tuple(round(length / cell) + 3 for length in domain), cell=cell, origin=(-cell,) * d)
+    particles = mpm.fill(domain, (edge,) * d, unit_weight=2000 * 9.81, inside=inside)
+    walls = (
+        *(mpm.Wall(axis, "low", 1, base if axis == d - 1 else "roller") for axis in range(d)),
+        *(mpm.Wall(axis, "high", nodes - 2, "roller") for axis, nodes in enumerate(grid.shape)),
     )
-    state = mpm.State(
-        displacement=jnp.zeros_like(position),
-        velocity=jnp.zeros_like(position),
-        stress=jnp.zeros(({1: 3, 2: 4, 3: 6}[d], position.shape[1])),
-        volume_ratio=jnp.ones_like(volume),
-        history=None,
-        step=jnp.asarray(0, jnp.int32),
-        status=jnp.asarray(mpm.Status.RUNNING, jnp.int32),
-    )
-    return scene, state
+    kernel = mpm.GIMP((edge / 2,) * d)
+    speed = float(np.sqrt(2 * gravity * domain[-1]))
+    scene = mpm.scene(particles, grid, material, kernel=kernel, walls=walls, gravity=gravity, speed=speed)
+    return scene, mpm.unstressed(scene)
 
 
 # %% [markdown]
@@ -186,7 +167,7 @@ exact = np.array([(expm(matrix * t) @ [tip, 0, 0])[0] for t in times])
 
 def amplitude(size: tuple[float, ...], cell: float) -> np.ndarray:
     """Amplitude (m/s) of the standing wave at `times` in a filled box."""
-    scene, state = scene_of(fluid, size, lambda *x: x[0] < length, cell=cell)
+    scene, state = scene_of(fluid, size, None, cell=cell)
     shape = np.sin(b * np.asarray(scene.particles.position[0]))
     state = replace(state, velocity=state.velocity.at[0].set(tip * shape))
     run = mpm.solve(scene, state, t_end=times[-1], snapshots=times).raise_if_failed()
@@ -237,7 +218,9 @@ g, edge = 10.0, 4.0  # m/s2; half width, radius and height of the body (m)
 root = np.sqrt(2 * float(mud.strength) / (density * g))
 
 
-def slumped(domain: tuple[float, ...], inside: Callable[..., np.ndarray], cell: float) -> tuple[mpm.Scene, mpm.Result]:
+def slumped(
+    domain: tuple[float, ...], inside: Callable[[np.ndarray], np.ndarray], cell: float
+) -> tuple[mpm.Scene, mpm.Result]:
     """The mud let go, at rest again."""
     scene, state = scene_of(mud, domain, inside, cell=cell, gravity=g, base="fixed")
     scene = replace(scene, fbar=True, flip=number(0.99))
@@ -245,9 +228,9 @@ def slumped(domain: tuple[float, ...], inside: Callable[..., np.ndarray], cell: 
     return scene, mpm.solve(scene, state, t_end=20.0, settle=settle).raise_if_failed()
 
 
-flat, flat_run = slumped((20.0, 5.0), lambda x, z: (x < edge) & (z < edge), 0.5 if SMALL else 0.25)
+flat, flat_run = slumped((20.0, 5.0), lambda x: (x[0] < edge) & (x[1] < edge), 0.5 if SMALL else 0.25)
 round_, round_run = slumped(
-    (13.0, 13.0, 5.0), lambda x, y, z: (x**2 + y**2 < edge**2) & (z < edge), 1.0 if SMALL else 0.5
+    (13.0, 13.0, 5.0), lambda x: (x[0] ** 2 + x[1] ** 2 < edge**2) & (x[2] < edge), 1.0 if SMALL else 0.5
 )
 flat_reach = (1.5 * float(flat.particles.volume.sum()) / root) ** (2 / 3)
 round_reach = (15 / (8 * np.pi) * 4 * float(round_.particles.volume.sum()) / root) ** (2 / 5)
@@ -282,8 +265,9 @@ print(f"front over that of the closed form: {fronts[0]:.2f} in plane strain, {fr
 #
 # ## What to remember
 #
-# - A law: `p_wave_modulus`, `initial_history`, `update`. One code for all dimensions.
-# - A scene: `Grid`, `Particles`, walls, gravity and a time step; a `State` to start from.
+# - A law: an `mpm.Law` with `update`, and `initial_history` if it remembers. One code for all dimensions.
+# - A kernel: `shape` and `deviation`. A scene: `mpm.scene` of particles, a grid, a law and a kernel; `mpm.at_rest` or
+#   `mpm.unstressed` to start from.
 # - Test a law alone first, then against something exact, then let it slide.
 
 # %%

@@ -57,8 +57,7 @@ def test_averaged_plastic_strain_peaks_less_and_its_sum_stays():
 
 
 def test_average_over_neighbours_keeps_a_constant_and_widens_a_spike_to_its_length():
-    from jaxmpm._step import neighbour_average
-    from jaxmpm.transfer import g2p, p2g
+    from jaxmpm._step import Maps
 
     length, cell = 2.0, 0.5
     soil = mpm.Soil(strength=1e4, softening_modulus=1e4)
@@ -67,13 +66,7 @@ def test_average_over_neighbours_keeps_a_constant_and_widens_a_spike_to_its_leng
     x = scene.particles.position
 
     def average(values):
-        def to_grid(*rows):
-            return p2g(scene.grid, scene.kernel, x, *rows)
-
-        def to_particles(nodal, **counts):
-            return g2p(scene.grid, scene.kernel, x, nodal, **counts)
-
-        return np.asarray(neighbour_average(scene, to_grid, to_particles, values, scene.nonlocal_passes))
+        return np.asarray(Maps(scene, x).average(values, scene.nonlocal_passes))
 
     assert np.allclose(average(jnp.ones_like(x[0])), 1, atol=1e-5)
     spike = average(jnp.zeros_like(x[0]).at[80].set(1.0))

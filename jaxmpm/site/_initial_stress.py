@@ -16,11 +16,10 @@ import numpy as np
 from jax import Array
 
 from jaxmpm import tensors
-from jaxmpm._step import MASS_FLOOR, acting_stress, neighbour_average
+from jaxmpm._step import MASS_FLOOR, Maps, acting_stress
 from jaxmpm.boundary import hold
 from jaxmpm.laws import elastic_increment
 from jaxmpm.site._scene import unstressed
-from jaxmpm.transfer import g2p, p2g
 from jaxmpm.types import Scene, State
 
 
@@ -35,31 +34,29 @@ def elastic_equilibrium(
     Preconditioned by the nodal mass. With F-bar, strain and mean stress are averaged as a step averages them: else its
     first forces would be out of balance.
     """
-    grid, kernel, particles = scene.grid, scene.kernel, scene.particles
+    grid, particles = scene.grid, scene.particles
     d = grid.dimension
-    to_grid = partial(p2g, grid, kernel, particles.position)
-    to_particles = partial(g2p, grid, kernel, particles.position)
-    average = partial(neighbour_average, scene, to_grid, to_particles)
-    mass = to_grid(particles.mass[None], None)
+    maps = Maps(scene, particles.position)
+    mass = maps.to_grid(particles.mass[None], None)
     carries = mass > MASS_FLOOR * jnp.mean(particles.mass)
 
     def free(nodal: Array) -> Array:
         return hold(scene.walls, grid, jnp.where(carries, nodal, 0))
 
     def internal_force(stress: Array) -> Array:
-        return free(to_grid(None, acting_stress(scene, stress, particles.volume, average)))
+        return free(maps.to_grid(None, acting_stress(scene, stress, particles.volume, maps)))
 
     def stress_of(nodal_displacement: Array) -> Array:
-        _, gradient = to_particles(nodal_displacement, values=0, gradients=d)
-        strain = tensors.strain_increment(tensors.entries(gradient), jnp.ones((), stress.dtype))
+        entries = tensors.entries(maps.gradient(nodal_displacement))
+        strain = tensors.strain_increment(entries, jnp.ones((), stress.dtype))
         if scene.fbar:
-            strain = tensors.with_mean(strain, average(tensors.mean(strain), 0))
+            strain = tensors.with_mean(strain, maps.average(tensors.mean(strain), 0))
         return tensors.compress(elastic_increment(scene.material.bulk, scene.material.shear, strain), d)
 
     load = mass * scene.gravity
     if scene.body_force is not None:
         pushed = particles.mass * scene.body_force(particles.position, jnp.zeros((), stress.dtype))
-        load = load + to_grid(pushed, None)
+        load = load + maps.to_grid(pushed, None)
     load = free(load)
     net = load + internal_force(stress)
     norm = jnp.linalg.norm(load)
