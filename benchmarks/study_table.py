@@ -6,7 +6,7 @@ import csv
 import io
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -75,15 +75,16 @@ def read_table(path: Path, definitions: Mapping[str, Any]) -> Rows:
         raise ValueError(f"{path}, line 1: no definitions of its cases: put back the file from before") from error
     if columns != _COLUMNS:
         raise ValueError(f"{path}, line 2: columns {', '.join(columns)}: the study has {', '.join(_COLUMNS)}")
+    now = json.loads(json.dumps(dict(definitions)))
     rows: Rows = {}
     for number, line in enumerate(lines[2:], start=3):
         where = f"{path}, line {number}"
         run, outcome = _parsed(line, where)
         if run in rows:
             raise ValueError(f"{where}: {run} stands there twice: delete one of the two")
-        if head.get(run.case) != json.loads(json.dumps(definitions.get(run.case))):
+        if head.get(run.case) is None or head[run.case] != now.get(run.case):
             raise ValueError(
-                f"{where}: case {run.case!r} was {head.get(run.case)} and is {definitions.get(run.case)} now: "
+                f"{where}: case {run.case!r} was {head.get(run.case)} and is {now.get(run.case)} now: "
                 "move the file away, or give the new case another name"
             )
         rows[run] = outcome
@@ -98,7 +99,7 @@ def write_table(path: Path, rows: Mapping[Run, Outcome], definitions: Mapping[st
     writer = csv.DictWriter(text, _COLUMNS, lineterminator="\n")
     writer.writeheader()
     for run, outcome in rows.items():
-        writer.writerow({name: _cell(value) for name, value in (asdict(run) | asdict(outcome)).items()})
+        writer.writerow({name: _cell(value) for name, value in (vars(run) | vars(outcome)).items()})
     write_aside(path, text.getvalue().encode())
 
 
