@@ -1,8 +1,12 @@
 """Campaigns: screen samples on a rough grid, refine the ranked ones, estimate how likely the slope runs out.
 
-from cooperative import open_store, rank_samples, next_refined, published, consequences
+from cooperative import report, run
+
+run(open("scene.toml").read(), "out", workers=2)
+print(report("out"))
 """
 
+from cooperative.campaign import run
 from cooperative.estimate import (
     Answers,
     AuditPlan,
@@ -43,7 +47,17 @@ from cooperative.estimate import (
     wilson_interval,
 )
 from cooperative.measure import Consequences, FailureMode, ModeRules, Motion, SlopeGeometry, consequences, failure_mode
-from cooperative.reporting import consolidate, write_table
+from cooperative.reporting import consolidate, progress_of, report, write_table
+from cooperative.runs import (
+    GridModel,
+    Stopped,
+    build,
+    coefficients_of,
+    dask_executor,
+    expansion_of,
+    run_samples,
+)
+from cooperative.scene import Config, config_of, parse
 from cooperative.store import (
     DamagedFile,
     Rows,
@@ -58,11 +72,13 @@ from cooperative.store import (
     write_aside,
     write_sample,
 )
+from cooperative.summary import summarise
 from foundation import __version__
 
 __all__ = [
     "Answers",
     "AuditPlan",
+    "Config",
     "Consequences",
     "ControlVariate",
     "Correlation",
@@ -72,6 +88,7 @@ __all__ = [
     "FailureMode",
     "Fit",
     "Fits",
+    "GridModel",
     "ModeRules",
     "MonteCarlo",
     "Motion",
@@ -85,6 +102,7 @@ __all__ = [
     "Severity",
     "Share",
     "SlopeGeometry",
+    "Stopped",
     "Store",
     "Subset",
     "SubsetPlan",
@@ -93,21 +111,31 @@ __all__ = [
     "__version__",
     "after_more_runs",
     "all_samples",
+    "build",
+    "coefficients_of",
+    "config_of",
     "consequences",
     "consolidate",
     "control_variate",
     "correlation",
+    "dask_executor",
+    "expansion_of",
     "failure_mode",
     "fit_distributions",
     "monte_carlo",
     "next_audit",
     "next_refined",
     "open_store",
+    "parse",
+    "progress_of",
     "published",
     "rank_samples",
     "read_rows",
     "read_sample",
     "read_store",
+    "report",
+    "run",
+    "run_samples",
     "sample_path",
     "sample_weights",
     "scene_digest",
@@ -115,6 +143,7 @@ __all__ = [
     "shares",
     "stopping_rank",
     "subset_simulation",
+    "summarise",
     "two_phase",
     "wilson_interval",
     "write_aside",

@@ -9,7 +9,7 @@ import json
 from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import closing, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from tqdm import tqdm
 from cooperative import runs
 from cooperative.estimate import Answers, Estimator, wilson_interval
 from cooperative.scene import Budget, Config, calibrated, kept_budget, measured, parse, raised, write_budget
-from cooperative.store import Sample, Store, open_store, read_rows, write_aside, write_sample
+from cooperative.store import GRIDS, Sample, Store, open_store, read_rows, write_aside, write_sample
 from cooperative.summary import answer, estimate_of, next_runs, phases_of, refined_answers, screened, summarise
 
 
@@ -44,25 +44,38 @@ def run(
     Ctrl-C and SIGTERM end it between two chunks of steps, with `runs.Stopped`; the same call goes on from there.
     Raises ValueError for a scene, a size or a folder that will not do, before anything is run or written.
     """
-    config, folder = parse(text, estimator), Path(folder)
+    folder = Path(folder)
+    config = _with_budget(parse(text, estimator), folder, refined_runs)
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
     runs.check_size(config, workers if executor is None else 1)
-    config = _with_budget(config, folder, refined_runs)
     with runs.heeding() as stop:
         with stop.at_once():
-            expansion = runs.expansion_of(config)
-            runs.check_coefficients(config, expansion.modes)
-            models = {grid: runs.build(config, grid, expansion) for grid in ("rough", "refined")}
+            models = _models(config)
         crew = None if executor is None and workers == 1 else runs.Workers(executor or partial(_pool, workers), workers)
         with closing(crew.opened()) if crew else nullcontext(), open_store(folder, config.text) as store:
             if config.raised is not None:
                 write_budget(folder, config.raised)
-            if config.plan.calibrate and config.calibration is None:
-                with stop.at_once():
-                    config = calibrated(config, measured(config, folder))
-                models["rough"] = runs.build(config, "rough", expansion)
-            return _ran(_Hands(config, models, crew, stop, folder.resolve()), store, progress)
+            with stop.at_once():
+                ready = _calibrated(models, folder)
+            return _ran(_Hands(ready["rough"].config, ready, crew, stop, folder.resolve()), store, progress)
+
+
+def _models(config: Config) -> dict[str, runs.GridModel]:
+    """Both grids of a campaign, at rest. Raises ValueError where slope, soil, field and grids do not fit."""
+    expansion = runs.expansion_of(config)
+    runs.check_coefficients(config, expansion.modes)
+    return {grid: runs.build(config, grid, expansion) for grid in GRIDS}
+
+
+def _calibrated(models: dict[str, runs.GridModel], folder: Path) -> dict[str, runs.GridModel]:
+    """The same grids, with the factors of safety in their scene where that asks for them."""
+    config = models["rough"].config
+    if not config.plan.calibrate or config.calibration is not None:
+        return models
+    ready = calibrated(config, measured(config, folder))
+    rough = runs.build(ready, "rough", models["rough"].expansion)
+    return {"rough": rough, "refined": replace(models["refined"], config=ready)}
 
 
 def _pool(workers: int) -> Executor:

@@ -13,14 +13,17 @@ import numpy as np
 import kl
 from cooperative.estimate import Sampling
 from cooperative.measure import SlopeGeometry
-from cooperative.scene import Config, built
+from cooperative.scene import Config, Strength, built
 from jaxmpm import Scene, Slope, State
 
 
 @dataclass(frozen=True)
 class GridModel:
-    """One grid of a campaign, ready to run: its scene, the shared initial state, the field's expansion; the factor on
-    its strength where the grids are calibrated."""
+    """One grid of a campaign, ready to run.
+
+    grid: "rough" or "refined". config: the campaign's scene. scene, state: what the solver runs, at rest. expansion: of
+    the random field. strength_factor: on its strength, where the grids are calibrated.
+    """
 
     grid: str
     config: Config
@@ -62,7 +65,11 @@ def _strength(expansion: kl.Expansion, marginal: Any, coefficients: Any, positio
 
 def expansion_of(config: Config) -> kl.Expansion:
     """The strength's expansion over the whole box of the slope, the same for every grid."""
-    strength, extent = config.strength, box_of(config.slope)
+    return _expansion(config.strength, box_of(config.slope))
+
+
+@lru_cache(maxsize=8)
+def _expansion(strength: Strength, extent: tuple[float, ...]) -> kl.Expansion:
     return kl.expand(
         tuple(strength.correlation(length) for length in strength.length),
         origin=(0.0,) * len(extent),
@@ -84,13 +91,12 @@ def coefficients_of(config: Config, expansion: kl.Expansion) -> np.ndarray:
 
 def sampling_of(config: Config) -> Sampling:
     """The first phase as the campaign's estimator sees it; the random field is expanded when first asked for."""
-    expansion = lru_cache(maxsize=1)(lambda: expansion_of(config))
     return Sampling(
         config.plan.samples,
         config.run.failure_displacement,
         config.plan.screening_stop,
-        modes=lambda: int(expansion().modes),
-        draw=lambda: coefficients_of(config, expansion()),
+        modes=lambda: int(expansion_of(config).modes),
+        draw=lambda: coefficients_of(config, expansion_of(config)),
     )
 
 

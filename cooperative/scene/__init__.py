@@ -5,13 +5,14 @@ from cooperative.scene._calibration import calibrated, config_of, kept, measured
 from cooperative.scene._examples import example, examples
 from cooperative.scene._schema import SECTIONS, shown
 from cooperative.scene._text import read_scene, tables_of
-from cooperative.scene._typed import Budget, Config, Plan, built, parse
+from cooperative.scene._typed import Budget, Config, Plan, Strength, built, parse
 
 __all__ = [
     "SECTIONS",
     "Budget",
     "Config",
     "Plan",
+    "Strength",
     "built",
     "calibrated",
     "config_of",

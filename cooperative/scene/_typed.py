@@ -6,6 +6,7 @@ import json
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, is_dataclass, replace
+from types import MappingProxyType
 from typing import Any, Literal
 
 import kl
@@ -97,8 +98,13 @@ class Budget:
 
 @dataclass(frozen=True)
 class Config:
-    """A checked scene. `text` is the TOML it came from; `calibration` its own table, where the factors are known;
-    `raised` what the campaign's folder allows beyond it."""
+    """A checked scene; nothing in it changes.
+
+    text: the TOML that it came from. name: of the campaign. slope, soil, strength: what slides. y_ends: what holds the
+    slope's ends along y. grids: discretisation of "rough" and "refined". run: how each sample runs. plan: what the
+    campaign does. calibration: factors of safety of both grids, where they are known. raised: refined runs that the
+    campaign's folder allows beyond the scene.
+    """
 
     text: str
     name: str
@@ -159,7 +165,7 @@ def parse(text: str, estimator: Estimator | None = None) -> Config:
         y_ends=y_ends,
         soil=soil,
         strength=Strength(**strength),
-        grids={grid: _grid(said[grid], soil) for grid in ("rough", "refined")},
+        grids=MappingProxyType({grid: _grid(said[grid], soil) for grid in ("rough", "refined")}),
         run=Run(**{**run, "settle": Settle() if run["settle"] else None}),
         plan=Plan(**plan),
         calibration=(
