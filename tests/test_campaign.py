@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import kl
+from benchmarks.invented import TINY
 from cooperative import campaign
 from cooperative import runs as screening
 from cooperative.__main__ import main
@@ -23,41 +24,6 @@ from cooperative.store import open_store, read_rows, read_sample, read_store, wr
 from jaxmpm import Status
 
 SCENES = Path(__file__).resolve().parent.parent / "benchmarks" / "scenes"
-
-TINY = """
-name = "tiny"
-[slope]
-crest = 8.0
-height = 8.0
-run_per_rise = 1.0
-toe = 16.0
-foundation = 2.0
-[soil]
-unit_weight = 20e3
-young = 2e7
-poisson = 0.3
-softening_modulus = 85e3
-residual_ratio = 0.5
-tension_cutoff = 0.0
-[strength]
-mean = 30e3
-cov = 0.4
-length = [20.0, 4.0]
-[rough]
-cell = 2.0
-spacing = [1.0, 1.0]
-[refined]
-cell = 1.0
-spacing = [0.5, 0.5]
-[run]
-t_end = 4.0
-[campaign]
-samples = 6
-seed = 3
-k_t = 2
-estimator = "published"
-fields = "both"
-"""
 
 
 def changed(old, new):

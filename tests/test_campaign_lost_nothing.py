@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks import invented
+from benchmarks.invented import LONG, SCENE
 from cooperative import campaign
 from cooperative.__main__ import main
 from cooperative.store import open_store, read_rows, read_sample, read_store, sample_path
-from tests import invented
-from tests.invented import LONG, SCENE
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parent.parent
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     """Made-up runs in place of the solver's."""
-    invented.invent(replace=monkeypatch.setattr)
+    invented.invent(put=monkeypatch.setattr)
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def undisturbed(tmp_path_factory):
     """A campaign that nothing happened to: its folder and summary."""
     folder = tmp_path_factory.mktemp("campaign") / "undisturbed"
     with pytest.MonkeyPatch.context() as patched:
-        invented.invent(replace=patched.setattr)
+        invented.invent(put=patched.setattr)
         summary = campaign.run(SCENE, folder)
     assert set(read_rows(read_store(folder), "rough").columns["steps"]) == {invented.STEPS}
     return folder, summary
@@ -116,7 +116,7 @@ def test_a_second_controller_is_refused_and_harms_nothing(undisturbed, tmp_path,
 LIVES = textwrap.dedent("""
     import os, sys, warnings
     from cooperative import campaign
-    from tests import invented
+    from benchmarks import invented
     warnings.simplefilter("ignore")
     invented.invent(seconds=0.01)
     for _ in sys.stdin:

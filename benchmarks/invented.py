@@ -1,0 +1,128 @@
+"""Campaigns whose runs are made up in milliseconds: the controller and its folder are real, only the solver is not."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from cooperative import runs
+from cooperative.scene import Config, _calibration
+from cooperative.store import Sample
+
+TINY = """
+name = "tiny"
+[slope]
+crest = 8.0
+height = 8.0
+run_per_rise = 1.0
+toe = 16.0
+foundation = 2.0
+[soil]
+unit_weight = 20e3
+young = 2e7
+poisson = 0.3
+softening_modulus = 85e3
+residual_ratio = 0.5
+tension_cutoff = 0.0
+[strength]
+mean = 30e3
+cov = 0.4
+length = [20.0, 4.0]
+[rough]
+cell = 2.0
+spacing = [1.0, 1.0]
+[refined]
+cell = 1.0
+spacing = [0.5, 0.5]
+[run]
+t_end = 4.0
+[campaign]
+samples = 6
+seed = 3
+k_t = 2
+estimator = "published"
+fields = "both"
+"""
+
+SCENE = TINY.replace("samples = 6", "samples = 50").replace('estimator = "published"', "refined_runs = 15")
+LONG = SCENE.replace("samples = 50", "samples = 300").replace("refined_runs = 15", "refined_runs = 40")
+SUBSET = SCENE.replace("samples = 50", 'samples = 40\nreplicates = 2\nlevels = 2\nestimator = "subset"')
+CALIBRATED = SCENE.replace("k_t = 2", "k_t = 2\ncalibrate = true")
+SWEEP = SCENE.replace("samples = 50", "samples = 20\ncalibrate = true") + "[sweep]\ncov = [0.2, 0.4]\nk_t = [2, 3]\n"
+
+STEPS = 77
+"""Of each made-up run: tells that it was made up."""
+
+
+def expansion_of(config: Config) -> Any:
+    """As much of an expansion as made-up runs need."""
+    return SimpleNamespace(modes=20)
+
+
+REAL_COEFFICIENTS = runs.coefficients_of
+
+
+def coefficients_of(config: Config, expansion: Any) -> np.ndarray:
+    """Independent ones, made without a compiled program."""
+
+    def normal(_: Any, samples: int, modes: int) -> np.ndarray:
+        return np.random.default_rng(config.plan.seed).standard_normal((samples, modes))
+
+    return REAL_COEFFICIENTS(replace(config, plan=replace(config.plan, coefficients=normal)), expansion)
+
+
+def build(config: Config, grid: str, expansion: Any) -> Any:
+    """As much of a grid's model as made-up runs need."""
+    return SimpleNamespace(grid=grid, config=config)
+
+
+def run_samples(
+    model: Any,
+    coefficients: Any,
+    numbers: Any,
+    *,
+    seconds: float = 0.0,
+    stop: Callable[[], bool] | None = None,
+    **_: Any,
+) -> Iterator[Sample]:
+    """Displacements that both grids see alike, with some scatter of their own; calibration scales the rough ones."""
+    calibration = model.config.calibration
+    factor = 1.0 if calibration is None or model.grid == "refined" else calibration.factor
+    for number in numbers:
+        if stop is not None and stop():
+            raise runs.Stopped
+        time.sleep(seconds)
+        xi = np.asarray(coefficients[number])
+        own = xi[1] if model.grid == "rough" else xi[2]
+        displacement = float(np.exp(2.0 * (0.95 * xi[0] + 0.3 * own) - 1.0)) / factor
+        row: dict[str, Any] = {"displacement": displacement, "broke_off": False}
+        row |= dict.fromkeys(("depth", "runout", "volume", "area"), displacement)
+        fields = {"displacement": np.full((3, 4000), displacement)}
+        yield Sample(number, "SETTLED", STEPS, seconds, xi, row, fields)
+
+
+def invent(seconds: float = 0.0, put: Callable[[ModuleType, str, Any], None] = setattr) -> None:
+    """Put made-up runs of so many seconds, and made-up factors of safety, in place of the solver's, wherever a module
+    has a name for them."""
+
+    def measure(*_: Any, **__: Any) -> Any:
+        time.sleep(seconds)
+        return _calibration.Calibration(rough=1.25, refined=1.125)
+
+    def timed(*arguments: Any, **choices: Any) -> Iterator[Sample]:
+        return run_samples(*arguments, **choices, seconds=seconds)
+
+    made_up = {
+        runs.expansion_of: expansion_of, REAL_COEFFICIENTS: coefficients_of, runs.build: build,
+        runs.run_samples: timed, _calibration.measure: measure,
+    }  # fmt: skip
+    for module in [module for name, module in sys.modules.items() if name.split(".")[0] == "cooperative"]:
+        for real, substitute in made_up.items():
+            if vars(module).get(real.__name__) is real:
+                put(module, real.__name__, substitute)
