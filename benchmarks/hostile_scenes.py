@@ -217,6 +217,17 @@ def asked(text: str, folder: Path) -> Answer:
     return Answer(how, said[-1500:], round(seconds, 2))
 
 
+def by_command_line(text: str, folder: Path) -> Answer:
+    """What the command says, in a process of its own, to a scene that it refuses."""
+    scene = folder / "by_command_line.toml"
+    scene.write_bytes(text.encode("utf-8", "surrogatepass"))
+    command = [sys.executable, "-m", "cooperative", "run", str(scene), "--out", str(folder / "refused")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE)
+    said = done.stderr.removesuffix("\n")
+    well = done.returncode == 2 and said.startswith("error: ") and said.isprintable()
+    return Answer("refused" if well else "traceback", said[-1500:], 0.0)
+
+
 def main() -> None:
     """Answer for each scene of the input."""
     from cooperative import runs
