@@ -12,22 +12,25 @@ from __future__ import annotations
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
+import warnings
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks import hostile_scenes
+from benchmarks import hostile_files, hostile_scenes
 from benchmarks.invented import CALIBRATED, SCENE, SUBSET, SWEEP
 from benchmarks.measure import ROOT, Report
-from cooperative.store import GRIDS, DamagedFile, Store, read_rows, read_sample, read_store, sample_path
+from cooperative.store import GRIDS, DamagedFile, Store, open_store, read_rows, read_sample, read_store, sample_path
 
 MARK = "JAXMPM_ROBUSTNESS"
 """Environment variable by which the processes of a campaign are known, its workers too."""
@@ -210,49 +213,71 @@ def content(store: Store, grid: str, number: int) -> tuple[Any, ...]:
 
 
 def damage(count: int, folder: Path, seed: int) -> tuple[int, list[str]]:
-    """Flip bits of, cut, lengthen, blank or mix sample files of a campaign, one at a time; gives how many, and those
-    that were read as if they were whole although their content had changed."""
-    generator, undetected = random.Random(seed), []
+    """Damage sample files of a campaign, one at a time; gives how many, and those that were read as if they were whole
+    although their content had changed."""
+    generator, undetected, tried = random.Random(seed), [], 0
     store = read_store(folder)
     there = [(grid, number) for grid in GRIDS for number in read_rows(store, grid).numbers]
-    for index in range(count):
+    while tried < count:
         grid, number = generator.choice(there)
         path, expected = sample_path(store, grid, number), content(store, grid, number)
-        whole = path.read_bytes()
-        how, data = _damaged(whole, sample_path(store, *generator.choice(there)).read_bytes(), generator)
-        path.write_bytes(data)
+        whole, other = path.read_bytes(), sample_path(store, *generator.choice(there)).read_bytes()
+        at = generator.randrange(len(whole))
+        mixed = [("mixed with another", whole[:at] + other[at:]), ("a byte less", whole[:at] + whole[at + 1 :])]
+        for how, data in [*hostile_files.damaged(whole, 5, seed=generator.randrange(2**32)), *mixed]:
+            tried += 1
+            path.write_bytes(data)
+            try:
+                if content(store, grid, number) != expected:
+                    undetected.append(f"{grid} {number}: {how}")
+            except DamagedFile:
+                pass
+        path.write_bytes(whole)
+    return tried, undetected
+
+
+def by_hand(folder: Path, outside: Path) -> tuple[int, list[str]]:
+    """Put what was made by hand in place of a sample's file, one after the other, and have the controller look; gives
+    how many, and those that were believed, that hung or broke it, or led it outside."""
+    baits, escapes = hostile_files.lay_baits(outside), []
+    makers = hostile_files.hand_made(baits)
+    path = sample_path(read_store(folder), GRIDS[0], 0)
+    whole = path.read_bytes()
+    for name, put in makers.items():
+        path.unlink()
+        put(path, whole)
         try:
-            if content(store, grid, number) != expected:
-                undetected.append(f"{index}: {how} of {path.name}")
-        except DamagedFile:
-            pass
-        finally:
-            path.write_bytes(whole)
-    return count, undetected
+            with open_store(folder, (folder / "scene.toml").read_text()) as store, _hurried(name):
+                rows = read_rows(store, GRIDS[0])
+            if 0 in rows.numbers or os.path.lexists(path):
+                escapes.append(f"{name}: believed")
+        except Exception as error:
+            escapes.append(f"{name}: {error!r}")
+        if not baits.untouched():
+            escapes.append(f"{name}: changed what is outside")
+            hostile_files.lay_baits(outside)
+        for left in path.parent.glob(f"{path.name}*"):
+            shutil.rmtree(left) if left.is_dir() and not left.is_symlink() else left.unlink()
+        path.write_bytes(whole)
+    return len(makers), escapes
 
 
-def _damaged(whole: bytes, other: bytes, generator: random.Random) -> tuple[str, bytes]:
-    """A file's bytes changed in one of many ways, and which."""
-    data, at = bytearray(whole), generator.randrange(len(whole))
-    how = generator.choice(("flip", "flip", "flips", "flips", "cut", "blank", "longer", "mixed", "byte", "other"))
-    if how == "flip":
-        data[at] ^= 1 << generator.randrange(8)
-    elif how == "flips":
-        for _ in range(50):
-            data[generator.randrange(len(data))] ^= 1 << generator.randrange(8)
-    elif how == "cut":
-        del data[at:]
-    elif how == "blank":
-        data[at : at + 512] = bytes(len(data[at : at + 512]))
-    elif how == "longer":
-        data += generator.randbytes(100)
-    elif how == "mixed":
-        data[at:] = other[at:]
-    elif how == "byte":
-        del data[at]
-    else:
-        data = bytearray(other)
-    return how, bytes(data)
+@contextmanager
+def _hurried(name: str) -> Iterator[None]:
+    """Raise TimeoutError in what takes longer than `PATIENCE`; warnings are what is hoped for, and not shown."""
+
+    def over(*_: Any) -> None:
+        raise TimeoutError(f"{name}: hung for {PATIENCE:g} s")
+
+    before = signal.signal(signal.SIGALRM, over)
+    signal.alarm(int(PATIENCE))
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def fuzzed(count: int, by_command: int, folder: Path, seed: int) -> tuple[dict[str, Any], list[dict[str, Any]]]:
@@ -294,6 +319,7 @@ def run(quick: bool = False) -> Report:
             for case, workers in ((CASES[0], 1), (CASES[0], 2))
         ]
         damaged, undetected = damage(400 // part, folder / "plain-1" / "undisturbed", seed=2)
+        made, escapes = by_hand(folder / "plain-1" / "undisturbed", folder / "outside")
         scenes, bad = fuzzed(2000 // part, 20 // part, folder, seed=3)
     tolls = [toll for _, _, toll in (*kills, *stopped)]
     rows = [
@@ -302,7 +328,9 @@ def run(quick: bool = False) -> Report:
         for end, group in (("kill", kills), ("signal", stopped))
         for case, workers, toll in group
     ]  # fmt: skip
-    said = [line for toll in tolls for line in (*toll.lost, *toll.orphans)] + signals.signals_lost + undetected
+    said = (
+        [line for toll in tolls for line in (*toll.lost, *toll.orphans)] + signals.signals_lost + undetected + escapes
+    )
     values = {
         "kills": sum(toll.disturbed for _, _, toll in kills),
         "signals": sum(toll.disturbed for _, _, toll in stopped),
@@ -312,5 +340,7 @@ def run(quick: bool = False) -> Report:
         **scenes,
         "damaged_files": damaged,
         "undetected": len(undetected),
+        "hand_made_files": made,
+        "escapes": len(escapes),
     }
     return Report(values, [*rows, *({"what": line[:300]} for line in said), *bad])

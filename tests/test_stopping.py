@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks import invented
+from benchmarks.invented import SCENE
 from cooperative import campaign
 from cooperative.__main__ import main
 from cooperative.runs import Stopped, heeding, process_pool
 from cooperative.runs import _executors as executors
 from cooperative.store import read_rows, read_store
-from tests import invented
-from tests.invented import SCENE
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -166,7 +166,7 @@ def test_workers_are_told_to_come_to_an_end():
 @pytest.fixture
 def quick(monkeypatch):
     """Made-up runs in place of the solver's."""
-    invented.invent(replace=monkeypatch.setattr)
+    invented.invent(put=monkeypatch.setattr)
     return monkeypatch
 
 

@@ -1,0 +1,131 @@
+"""What `benchmarks robustness` tries, in small, and that each of its checks finds what it is there for."""
+
+import random
+from pathlib import Path
+
+import pytest
+
+from benchmarks import hostile_scenes, invented, robustness
+from benchmarks.invented import SCENE
+from cooperative import __main__ as command
+from cooperative import campaign
+from foundation import files
+
+
+@pytest.fixture
+def finished(tmp_path, monkeypatch) -> Path:
+    """A finished campaign of made-up runs."""
+    invented.invent(put=monkeypatch.setattr)
+    campaign.run(SCENE, tmp_path / "finished")
+    return tmp_path / "finished"
+
+
+def assert_all_end_well(count, seed, by_command, folder):
+    values, rows = robustness.fuzzed(count, by_command, folder, seed)
+    assert rows == []
+    assert values["tracebacks"] == 0
+
+
+def test_two_hundred_hostile_scenes_end_in_a_campaign_or_one_line(tmp_path):
+    assert_all_end_well(200, 0, 2, tmp_path)
+
+
+@pytest.mark.slow
+def test_two_thousand_hostile_scenes_end_in_a_campaign_or_one_line(tmp_path):
+    assert_all_end_well(2000, 1, 20, tmp_path)
+
+
+def test_hostile_scenes_come_to_a_campaign_now_and_then():
+    texts = list(hostile_scenes.scenes(100, seed=5))
+    assert texts == list(hostile_scenes.scenes(100, seed=5))
+    accepted = [text for text in texts if refusal(text) is None]
+    assert 5 < len(accepted) < 60
+
+
+def refusal(text):
+    try:
+        invented.parse(text)
+    except ValueError as error:
+        return error
+    return None
+
+
+@pytest.mark.parametrize(
+    ("does", "how"),
+    [
+        (lambda given: print("error: one line", file=hostile_scenes.sys.stderr) or exit(2), "traceback"),
+        (lambda given: {}["key"], "traceback"),
+        (lambda given: raised(ValueError("two\nlines")), "noise"),
+        (lambda given: raised(ValueError("\x1b[2J")), "noise"),
+        (lambda given: (given.out.mkdir(), (given.out / "scene.toml").touch(), raised(ValueError("late"))), "noise"),
+        (lambda given: raised(ValueError("one line")), "refused"),
+        (lambda given: raised(hostile_scenes.Began()), "began"),
+    ],
+)
+def test_an_answer_is_told_from_a_traceback_noise_and_a_folder_left_behind(does, how, tmp_path, monkeypatch):
+    monkeypatch.setattr(command, "run", does)
+    assert hostile_scenes.asked("", tmp_path).how == how
+
+
+def raised(error):
+    raise error
+
+
+def test_no_damage_to_a_sample_goes_undetected(finished):
+    assert robustness.damage(80, finished, seed=0) == (84, [])
+
+
+@pytest.mark.slow
+def test_no_damage_to_a_sample_goes_undetected_however_often(finished):
+    assert robustness.damage(1000, finished, seed=1) == (1001, [])
+
+
+def test_damage_is_found_out_where_seals_are_not_looked_at(finished, monkeypatch):
+    class Fits:
+        def __ne__(self, other):
+            return False
+
+    monkeypatch.setattr(files, "_seal", lambda *_: Fits())
+    _, undetected = robustness.damage(80, finished, seed=0)
+    assert undetected
+
+
+def test_nothing_made_by_hand_is_believed_or_leads_outside(finished, tmp_path):
+    made, escapes = robustness.by_hand(finished, tmp_path / "outside")
+    assert made >= 30
+    assert escapes == []
+
+
+def test_what_is_lost_is_told(finished, tmp_path):
+    other = tmp_path / "other"
+    campaign.run(SCENE, other)
+    assert robustness.differences(other, finished) == []
+    (other / "summary.json").write_text((finished / "summary.json").read_text().replace("0", "1"))
+    (other / "samples" / "rough" / "000004.h5").unlink()
+    assert len(robustness.differences(other, finished)) == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("case", robustness.CASES, ids=lambda case: case.name)
+def test_kills_lose_nothing_and_leave_nobody(case, workers, tmp_path):
+    toll = robustness.disturb(case, workers, 3, robustness.killed, tmp_path, seed=7)
+    assert (toll.disturbed, toll.lost, toll.orphans) == (3, [], [])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2])
+def test_signals_at_random_moments_end_campaigns_and_lose_nothing(workers, tmp_path):
+    signals = robustness.Toll()
+    toll = robustness.disturb(robustness.CASES[0], workers, 25, robustness.signalled(signals), tmp_path, seed=8)
+    assert (toll.disturbed, toll.lost, toll.orphans, signals.signals_lost) == (25, [], [], [])
+
+
+def test_workers_end_with_a_controller_that_is_killed(tmp_path):
+    life = robustness.Life(robustness.CASES[0], tmp_path / "killed", workers=2)
+    until = robustness.time.monotonic() + robustness.PATIENCE
+    while not robustness.finished(tmp_path) and robustness.time.monotonic() < until:
+        robustness.time.sleep(0.01)
+    assert len(list(robustness._marked(life.mark))) >= 3
+    assert robustness.killed(life, random.Random(0))
+    assert life.left() == []
