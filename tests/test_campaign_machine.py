@@ -13,7 +13,7 @@ import warnings
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
 
@@ -161,25 +161,50 @@ class Folder(RuleBasedStateMachine):
         self.runs_to_the_end("run")
 
 
-def test_a_folder_to_which_anything_happens_ends_as_an_undisturbed_one(tmp_path, monkeypatch):
-    assert_holds(tmp_path, monkeypatch, max_examples=12, stateful_step_count=12)
+@pytest.mark.usefixtures("quick")
+def test_a_folder_to_which_anything_happens_ends_as_an_undisturbed_one(tmp_path):
+    assert_holds(tmp_path, max_examples=4, stateful_step_count=10)
 
 
 @pytest.mark.slow
-def test_a_folder_to_which_anything_happens_often_ends_as_an_undisturbed_one(tmp_path, monkeypatch):
-    assert_holds(tmp_path, monkeypatch, max_examples=150, stateful_step_count=30)
+@pytest.mark.usefixtures("quick")
+def test_a_folder_to_which_anything_happens_often_ends_as_an_undisturbed_one(tmp_path):
+    assert_holds(tmp_path, max_examples=40, stateful_step_count=20)
 
 
-def assert_holds(folder, monkeypatch, **how):
+@pytest.fixture
+def quick(monkeypatch):
+    """Made-up runs, whose fields belong to no particles that could be drawn or exported."""
     invented.invent(put=monkeypatch.setattr)
-    # Made-up fields belong to no particles that could be drawn or exported.
     monkeypatch.setattr(_words, "_slopes", lambda *_: [])
     monkeypatch.setattr(_plots, "save", lambda *_: None)
     monkeypatch.setattr(_exports, "_series_of_fields", lambda store, *_: store.folder)
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_report_names_the_refined_runs_that_it_cannot_rank(tmp_path, capsys):
+    campaign.run(SCENE, tmp_path)
+    first, second, *_ = sorted(tmp_path.glob("samples/refined/*.h5"))
+    (tmp_path / "samples" / "rough" / first.name).unlink()
+    (tmp_path / "samples" / "rough" / second.name).write_bytes(b"nothing")
+    assert main(["report", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert f"refined run {int(first.stem)} has no rough run beside it: resume" in said
+    assert f"refined run {int(second.stem)} has no rough run beside it: resume" in said
+    assert f"{second.name} is not a cooperative sample file: will be run again" in said
+    with pytest.warns(UserWarning, match="set aside"):
+        campaign.run(SCENE, tmp_path)
+    assert main(["report", str(tmp_path)]) == 0
+    assert "LEFT OUT" not in capsys.readouterr().out
+
+
+def assert_holds(folder, **how):
     campaign.run(SCENE, folder / "undisturbed")
     command = [sys.executable, "-c", LIVES, SCENE]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=ROOT, text=True) as lives:
         machine = type("Machine", (Folder,), {"undisturbed": folder / "undisturbed", "lives": lives, "where": folder})
         checks = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much]
-        run_state_machine_as_test(machine, settings=settings(deadline=None, suppress_health_check=checks, **how))
+        # Without shrinking, which takes minutes here: the steps of a failure are printed as they were.
+        chosen = settings(deadline=None, suppress_health_check=checks, phases=[Phase.generate], **how)
+        run_state_machine_as_test(machine, settings=chosen)
         lives.stdin.close()

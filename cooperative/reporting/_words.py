@@ -29,13 +29,15 @@ SLIDES = 3
 
 @dataclass(frozen=True)
 class Told:
-    """A campaign read once: its rows, and its summary as `summary.json` has it."""
+    """A campaign read once: its rows, and its summary as `summary.json` has it. left_out: what is there and does not
+    count, and why."""
 
     store: Store
     config: Config
     rough: Rows
     refined: Rows
     summary: dict[str, Any]
+    left_out: tuple[str, ...] = ()
 
     @property
     def labels(self) -> dict[str, str]:
@@ -85,7 +87,10 @@ def report(folder: str | Path, *, slides: int = SLIDES, again: bool = False, est
     rough, refined = read_rows(store, "rough"), read_rows(store, "refined")
     if not rough.numbers:
         raise ValueError(f"folder {folder} has no finished sample yet: start the run first")
-    told = Told(store, config, rough, refined, summary.summarise(config, rough, refined))
+    left_out = [f"{why}: will be run again" for rows in (rough, refined) for why in rows.damaged]
+    refined, without = _paired(refined, rough)
+    left_out += [f"refined run {number} has no rough run beside it: resume the campaign" for number in without]
+    told = Told(store, config, rough, refined, summary.summarise(config, rough, refined), tuple(left_out))
     numbers, slopes = list(_numbers(told)), list(_slopes(told, slides, again))
     target = store.folder / "figures"
     target.mkdir(exist_ok=True)
@@ -93,6 +98,13 @@ def report(folder: str | Path, *, slides: int = SLIDES, again: bool = False, est
         plots.save(drawn.figure, target / f"{drawn.name}.png")
     write_aside(store.folder / "report.html", page.document(config.name, _parts(told, numbers, slopes)).encode())
     return words(told)
+
+
+def _paired(refined: Rows, rough: Rows) -> tuple[Rows, list[int]]:
+    """The refined runs whose rough runs are there, and the numbers of the others: nobody knows where those rank."""
+    there = np.isin(refined.columns["sample"], rough.columns["sample"])
+    columns = {name: values[there] for name, values in refined.columns.items()}
+    return Rows(columns, refined.damaged), refined.columns["sample"][~there].tolist()
 
 
 def words(campaign: Told) -> str:
@@ -126,6 +138,7 @@ def words(campaign: Told) -> str:
                 f"({campaign.units[name]}, failed samples)"
             )
     lines += [f"  BROKE OFF      {line}" for line in _broken(told)]
+    lines += [f"  LEFT OUT       {line}" for line in campaign.left_out]
     lines += [f"  note: {note}" for note in told["notes"]]
     return "\n".join([*lines, f"  all of it, with figures: {campaign.store.folder / 'report.html'}"])
 
@@ -287,7 +300,6 @@ def _runs(told: Told) -> str:
         statuses = ", ".join(f"{count} {status}" for status, count in told.summary["status"][grid].items())
         rows.append([f"{grid} grid", f"{statuses or 'none'}; {duration(told.summary['seconds'][grid])} of runs"])
         rows.append([f"{grid} grid", _bands(told.config, grid)])
-        rows += [[f"{grid} grid, damaged file", why] for why in of.damaged]
         for number in of.numbers[-1:]:
             last = read_sample(told.store, grid, number)
             versions = ", ".join(f"{name} {version}" for name, version in last.versions.items())
@@ -295,6 +307,7 @@ def _runs(told: Told) -> str:
     rows += [
         [f"last sample, {' and '.join(g for g in made if made[g] == how)} grid", how] for how in set(made.values())
     ]
+    rows += [["left out", why] for why in told.left_out]
     factors = told.summary["calibration"]
     if factors:
         rows.append(["calibration", f"rough strength times {factors['factor']:.3f}"])
