@@ -9,6 +9,7 @@ from benchmarks import hostile_scenes, invented, robustness
 from benchmarks.invented import SCENE
 from cooperative import __main__ as command
 from cooperative import campaign
+from cooperative.scene import parse
 from foundation import files
 
 
@@ -44,7 +45,7 @@ def test_hostile_scenes_come_to_a_campaign_now_and_then():
 
 def refusal(text):
     try:
-        invented.parse(text)
+        parse(text)
     except ValueError as error:
         return error
     return None
