@@ -36,7 +36,7 @@ MEMORY = 4 * 2**30
 PATIENCE = 120.0
 """Seconds after which a process that does not answer counts as hanging; generous, for machines under load."""
 
-ODD = (
+ODD: tuple[Any, ...] = (
     0, -1, 1, 2**63, 2**70, -(2**64), 10**12, 0.0, -0.0, -1.0, 1e-300, 1e-9, 1e30, 1e300, float("nan"), float("inf"),
     float("-inf"), True, False, "", "none", "cell", "two-phase", "\n[run]", "\x1b[2J", "x" * 5000, "\u202e", [], [1.0],
     [1.0, 2.0, 3.0], [0.0, 0.0], [1e30, 1e-30], [float("nan"), 1.0], ["a", "b"], [[1.0], [2.0]], {}, {"a": 1},

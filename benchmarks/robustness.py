@@ -185,13 +185,13 @@ def differences(folder: Path, undisturbed: Path) -> list[str]:
         if not other.exists() or _without_times(other) != _without_times(answer):
             wrong.append(f"{other} is missing or another")
     for path in sorted(undisturbed.rglob("scene.toml")):
-        one, other = read_store(path.parent), read_store(folder / path.parent.relative_to(undisturbed))
+        one, two = read_store(path.parent), read_store(folder / path.parent.relative_to(undisturbed))
         for grid in GRIDS:
             numbers = read_rows(one, grid).numbers
-            if numbers != read_rows(other, grid).numbers:
-                wrong.append(f"{other.folder}: other {grid} samples")
+            if numbers != read_rows(two, grid).numbers:
+                wrong.append(f"{two.folder}: other {grid} samples")
                 continue
-            wrong += [f"{sample_path(other, grid, n)} is another" for n in numbers if _differ(one, other, grid, n)]
+            wrong += [f"{sample_path(two, grid, n)} is another" for n in numbers if _differ(one, two, grid, n)]
     return wrong
 
 
@@ -227,13 +227,18 @@ def damage(count: int, folder: Path, seed: int) -> tuple[int, list[str]]:
         for how, data in [*hostile_files.damaged(whole, 5, seed=generator.randrange(2**32)), *mixed]:
             tried += 1
             path.write_bytes(data)
-            try:
-                if content(store, grid, number) != expected:
-                    undetected.append(f"{grid} {number}: {how}")
-            except DamagedFile:
-                pass
+            if believed(store, grid, number, expected):
+                undetected.append(f"{grid} {number}: {how}")
         path.write_bytes(whole)
     return tried, undetected
+
+
+def believed(store: Store, grid: str, number: int, expected: tuple[Any, ...]) -> bool:
+    """Whether a sample's file is read as whole and says something else than expected."""
+    try:
+        return content(store, grid, number) != expected
+    except DamagedFile:
+        return False
 
 
 def by_hand(folder: Path, outside: Path) -> tuple[int, list[str]]:
