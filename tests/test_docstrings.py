@@ -28,3 +28,18 @@ def test_public_names_are_documented(package, name):
     if dataclasses.is_dataclass(thing):
         fields = [f.name for f in dataclasses.fields(thing)]
         assert not [f for f in fields if not re.search(rf"\b{f}\b", text)]
+
+
+FUNCTIONS = [(package, name) for package, name in PUBLIC if inspect.isfunction(getattr(package, name))]
+
+
+def named(text: str) -> list[str]:
+    """What a docstring's list of arguments names: words at the start of a sentence, before a colon."""
+    lists = re.findall(r"(?:^|\.\s+|\n\s*)((?:[a-z_0-9]+, )*[a-z_0-9]+): ", text)
+    return [name for found in lists for name in found.split(", ")]
+
+
+@pytest.mark.parametrize(("package", "name"), FUNCTIONS, ids=[f"{p.__name__}.{n}" for p, n in FUNCTIONS])
+def test_documented_arguments_exist(package, name):
+    function = getattr(package, name)
+    assert not set(named(inspect.getdoc(function) or "")) - set(inspect.signature(function).parameters)
