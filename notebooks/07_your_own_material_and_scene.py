@@ -15,9 +15,11 @@
 
 # %%
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
+from tempfile import TemporaryDirectory
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -28,6 +30,17 @@ from jax import Array
 from scipy.linalg import expm
 
 import jaxmpm as mpm
+from cooperative import (
+    Answers,
+    Estimate,
+    Population,
+    Sampling,
+    Screened,
+    all_samples,
+    campaign,
+    rank_samples,
+    wilson_interval,
+)
 from jaxmpm.tensors import deviator, mean, safe_sqrt, second_invariant
 
 SMALL = os.environ.get("JAXMPM_SMALL") == "1"  # small sizes, for a quick look and for the tests
@@ -262,12 +275,127 @@ print(f"front over that of the closed form: {fronts[0]:.2f} in plane strain, {fr
 # %% [markdown]
 # The closed form knows neither inertia, which thins the middle of a heap that comes down fast, nor cells: the last
 # metre before the front is thinner than one, and the computed front stops a little short.
+
+# %% [markdown]
+# ## Your own estimator, in a campaign
 #
+# An estimator says which samples run on the refined grid, and what it makes of the answers. It is a frozen dataclass,
+# whose fields are its settings, with the methods of `cooperative.Estimator`: what it screens, what it wants to run
+# next, its estimate, and what every run stands for. All are functions of what is known by then, so a campaign can be
+# killed and goes on.
+#
+# This one is systematic sampling (Cochran 1977, *Sampling Techniques*, Chapter 8): every `step`-th sample of the
+# ranking from the rough grid runs refined, so that refined runs are spread over all ranks.
+
+
+# %%
+@dataclass(frozen=True)
+class EveryRank:
+    """Every `step`-th rank runs refined and stands for `step` samples."""
+
+    step: int
+    name: ClassVar[str] = "every few ranks"
+
+    def check(self, sampling: Sampling) -> None:
+        if sampling.samples % self.step:
+            raise ValueError(f"samples = {sampling.samples}: give a multiple of step = {self.step}")
+
+    def rough_runs(self, sampling: Sampling) -> int:
+        return sampling.samples
+
+    def coefficients(self, sampling: Sampling, screened: Screened) -> np.ndarray:
+        return sampling.draw()
+
+    def population(self, sampling: Sampling, screened: Screened) -> Population | None:
+        return all_samples(sampling, screened)
+
+    def budget(self, samples: int) -> int:
+        return samples // self.step
+
+    def chosen(self, population: Population) -> list[int]:
+        order = rank_samples(population.rough_displacement, population.failed_lanes).order
+        return [int(sample) for sample in order[self.step // 2 :: self.step]]
+
+    def wanted(self, population: Population, answers: Answers, places: int, under_way: Collection[int]) -> list[int]:
+        missing = [s for s in self.chosen(population) if s not in answers and s not in under_way]
+        return missing[: max(places - len(under_way), 0)]
+
+    def estimate(self, population: Population, answers: Answers) -> Estimate:
+        known = [bool(answers[s]) for s in self.chosen(population) if s in answers]
+        low, high = wilson_interval(sum(known), max(len(known), 1))
+        share = sum(known) / max(len(known), 1)
+        cov = np.sqrt((1 - share) / sum(known)) if any(known) else np.inf
+        return Estimate(share, (low, high), cov, len(known), self.name)
+
+    def path(self, population: Population, answers: Answers) -> list[Estimate]:
+        return [self.estimate(population, answers)]
+
+    def weights(self, population: Population, answers: Answers) -> dict[int, float]:
+        return {s: float(self.step) for s in self.chosen(population) if s in answers}
+
+    def beside(self, population: Population, answers: Answers) -> list[Estimate]:
+        return []
+
+    def why_finished(self, population: Population, answers: Answers) -> str | None:
+        return None if self.wanted(population, answers, 1, ()) else f"every {self.step}. rank has run"
+
+
+# %% [markdown]
+# The scene names no estimator and no budget; the folder remembers whose it is, and refuses to go on with another. The
+# samples run in whatever `executor` makes, any `concurrent.futures.Executor` whose workers can import `cooperative`:
+# here two threads, elsewhere a pool of processes, or Dask's for a cluster (`cooperative.runs.dask_executor`).
+
+# %%
+SCENE = """
+name = "a small slope"
+[slope]
+crest = 8.0
+height = 8.0
+run_per_rise = 1.0
+toe = 16.0
+foundation = 2.0
+[soil]
+unit_weight = 20e3
+young = 2e7
+poisson = 0.3
+softening_modulus = 85e3
+residual_ratio = 0.5
+tension_cutoff = 0.0
+[strength]
+mean = 30e3
+cov = 0.4
+length = [20.0, 4.0]
+[rough]
+cell = 2.0
+spacing = [1.0, 1.0]
+[refined]
+cell = 1.0
+spacing = [0.5, 0.5]
+[run]
+t_end = 4.0
+[campaign]
+samples = 12
+seed = 3
+"""
+
+
+def two_threads() -> ThreadPoolExecutor:
+    """What runs the samples."""
+    return ThreadPoolExecutor(2)
+
+
+with TemporaryDirectory() as folder:
+    told = campaign.run(SCENE, f"{folder}/own", estimator=EveryRank(3), executor=two_threads, workers=2)
+low, high = told["interval"]
+print(f"P_f {told['probability_of_failure']:.2f} ({low:.2f} to {high:.2f}), {told['estimator']}: {told['finished']}")
+
+# %% [markdown]
 # ## What to remember
 #
 # - A law: an `mpm.Law` with `update`, and `initial_history` if it remembers. One code for all dimensions.
 # - A kernel: `shape` and `deviation`. A scene: `mpm.scene` of particles, a grid, a law and a kernel; `mpm.at_rest` or
 #   `mpm.unstressed` to start from.
+# - An estimator: which samples run refined, and what is made of them; give it to `campaign.run`.
 # - Test a law alone first, then against something exact, then let it slide.
 
 # %%
@@ -278,5 +406,7 @@ results = {
     "dimensions_differ": dimensions_differ,
     "front_plane": fronts[0],
     "front_round": fronts[1],
+    "own_estimator_runs": told["refined_runs"],
+    "own_estimator_probability": told["probability_of_failure"],
 }
 print(results)

@@ -63,6 +63,8 @@ BOUNDS = {
         "dimensions_differ": (0.0, 1e-4),
         "front_plane": (0.85, 1.1),  # of a closed form without inertia
         "front_round": (0.85, 1.1),
+        "own_estimator_runs": (4, 4),
+        "own_estimator_probability": (0.25, 1.0),
     },
     "05_sensitivity_and_back_analysis": {
         "derivative_over_difference": (0.95, 1.05),
