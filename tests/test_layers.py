@@ -12,7 +12,7 @@ ROOMS = {
     "foundation": "pytrees check files",
     "jaxmpm": "types tensors transfer laws boundary _step diagnostics site run io",
     "kl": "types axis marginal sampling field soil plots",
-    "cooperative": "store measure estimate scene runs summary campaign reporting sweep research doctor",
+    "cooperative": "store measure estimate scene runs summary campaign reporting sweep research doctor reference",
 }
 ENTRANCES = {"cooperative": {"__main__"}}
 FOREIGN = {

@@ -3,14 +3,17 @@
 from cooperative.scene._budget import kept_budget, raised, write_budget
 from cooperative.scene._calibration import calibrated, config_of, kept, measured
 from cooperative.scene._examples import example, examples
-from cooperative.scene._schema import SECTIONS, shown
+from cooperative.scene._schema import REQUIRED, SECTIONS, UNSAID, Key, shown
 from cooperative.scene._text import read_scene, tables_of
 from cooperative.scene._typed import Budget, Config, Plan, Strength, built, parse
 
 __all__ = [
+    "REQUIRED",
     "SECTIONS",
+    "UNSAID",
     "Budget",
     "Config",
+    "Key",
     "Plan",
     "Strength",
     "built",

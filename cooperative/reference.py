@@ -1,0 +1,230 @@
+"""Every key of a scene: docs/scenes.md, and a JSON schema for editors (`python -m cooperative.reference`)."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cooperative.scene import REQUIRED, SECTIONS, UNSAID, Key
+from foundation.files import write_aside
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a key means: words, a unit, an example, and the range of a number: its ends, open or closed."""
+
+    words: str
+    example: str
+    unit: str = ""
+    above: float | None = None
+    least: float | None = None
+    below: float | None = None
+    most: float | None = None
+
+    def range(self) -> str:
+        """The range in words."""
+        low = [f"above {self.above:g}"] if self.above is not None else []
+        low += [f"{self.least:g} or more"] if self.least is not None else []
+        high = [f"below {self.below:g}"] if self.below is not None else []
+        high += [f"up to {self.most:g}"] if self.most is not None else []
+        return ", ".join(low + high)
+
+
+TABLES = {
+    "slope": "The shape of the ground. Lengths are multiples of the spacing of both grids.",
+    "soil": "The soil, but for its strength. Undrained: strength does not depend on pressure.",
+    "strength": "The random field of undrained shear strength.",
+    "rough": "The grid of the screening, on which every sample runs.",
+    "refined": "The grid of the audit, on which ranked samples run. Keys as in `[rough]`.",
+    "run": "How each sample runs.",
+    "campaign": "How many samples, and how the failure probability is estimated.",
+}
+_LENGTH: dict[str, Any] = {"unit": "m", "above": 0}
+_GRID = {
+    "cell": Meaning("Edge of a cell of the background grid.", "2.0", **_LENGTH),
+    "spacing": Meaning("Distance of the particles along each axis.", "[1.0, 1.0]", **_LENGTH),
+    "kernel": Meaning("Shape function of a particle.", '"gimp"'),
+    "scheme": Meaning("When the stress is updated within a step.", '"musl"'),
+    "cfl": Meaning("Time step over the time in which a wave crosses a cell.", "0.5", above=0, most=1),
+    "flip": Meaning("Share of FLIP in the update of velocities; the rest is PIC.", "1.0", least=0, most=1),
+    "apic": Meaning("Affine transfers instead of the blend of FLIP and PIC.", "false"),
+    "damping": Meaning("Damping of the velocity.", "0.0", unit="1/s", least=0),
+    "fbar": Meaning(
+        "F-bar, the cure of volumetric locking. By default what makes answers follow the cell least.", "true"
+    ),
+    "internal_length": Meaning('Length over which plastic strain is averaged, or `"none"`.', "2.0", **_LENGTH),
+}
+MEANINGS = {
+    "slope": {
+        "crest": Meaning("Length of the level ground above.", "20.0", **_LENGTH),
+        "height": Meaning("Height of the slope.", "12.0", **_LENGTH),
+        "run_per_rise": Meaning("Cotangent of the slope's angle.", "2.0", least=0),
+        "toe": Meaning("Length of the level ground below, on which a slide runs out.", "48.0", **_LENGTH),
+        "foundation": Meaning("Depth of soil below the toe, down to rock.", "4.0", unit="m", least=0),
+        "width": Meaning(
+            "Width along the slope; without it the slope is a section in plane strain.", "96.0", **_LENGTH
+        ),
+        "y_ends": Meaning("What holds the ends of a slope of finite width.", '"fixed"'),
+    },
+    "soil": {
+        "unit_weight": Meaning("Weight of the soil.", "20e3", unit="N/m3", above=0),
+        "young": Meaning("Young's modulus.", "1e8", unit="Pa", above=0),
+        "poisson": Meaning("Poisson's ratio.", "0.3", above=-1, below=0.5),
+        "softening_modulus": Meaning(
+            "Loss of strength over plastic strain; none without it.", "85e3", unit="Pa", above=0
+        ),
+        "residual_ratio": Meaning("Strength left at large strain, over the peak.", "0.5", least=0, most=1),
+        "tension_cutoff": Meaning("Largest mean tension; none without it.", "0.0", unit="Pa", least=0),
+        "plastic_strain": Meaning("Measure of plastic strain by which the soil softens.", '"engineering"'),
+        "strain_95": Meaning(
+            "Plastic strain at which 95 % of an exponential loss is done, instead of softening_modulus.",
+            "10.0",
+            above=0,
+        ),
+        "softening_length": Meaning(
+            'Thickness of the band that softening refers to, or `"cell"`. By default a fifth of the height.',
+            "2.4",
+            **_LENGTH,
+        ),
+        "rate_coefficient": Meaning("Rise of strength for each tenfold rate of strain.", "0.1", least=0),
+        "reference_rate": Meaning("Rate of shear strain at which strength is as given.", "1e-5", unit="1/s", above=0),
+    },
+    "strength": {
+        "mean": Meaning("Mean strength.", "42e3", unit="Pa", above=0),
+        "cov": Meaning("Coefficient of variation.", "0.3", least=0),
+        "marginal": Meaning("Distribution of strength at a point.", '"lognormal"'),
+        "correlation": Meaning(
+            "Family of correlation functions, see [random fields](random-fields.md).", '"exponential"'
+        ),
+        "length": Meaning("Correlation length along each axis, as the family defines it.", "[60.0, 2.0]", **_LENGTH),
+        "energy": Meaning("Share of the field's variance that its modes keep.", "0.999", above=0, most=1),
+        "sampled_at": Meaning("Where the field is taken: at particles, or one value for each cell.", '"particles"'),
+    },
+    "rough": _GRID,
+    "refined": _GRID | {"cell": Meaning("Edge of a cell.", "1.0", **_LENGTH)},
+    "run": {
+        "gravity": Meaning("Acceleration of gravity.", "9.81", unit="m/s2", above=0),
+        "t_end": Meaning("Time at which a run ends, if it has not before.", "20.0", unit="s", above=0),
+        "failure_displacement": Meaning("Displacement from which on soil counts as sliding.", "1.0", **_LENGTH),
+        "settle": Meaning("Whether a run ends once its slope stands still.", "true"),
+    },
+    "campaign": {
+        "samples": Meaning("Number of random slopes.", "200", least=1),
+        "seed": Meaning("Number from which all randomness follows.", "1", least=0),
+        "coefficients": Meaning("How coefficients of the field are drawn.", '"latin hypercube"'),
+        "k_t": Meaning('Stopping rule of `"published"`: refined runs in a row that stand.', "5", least=1),
+        "estimator": Meaning("How the failure probability is estimated.", '"two-phase"'),
+        "refined_runs": Meaning(
+            "Budget of refined runs; by default a fifth of the samples, at least 20.", "60", least=10
+        ),
+        "target_cov": Meaning("Coefficient of variation of the estimate at which to stop.", "0.2", above=0, below=1),
+        "levels": Meaning("Largest number of levels of subset simulation.", "6", least=1),
+        "replicates": Meaning("Independent repeats of subset simulation.", "8", least=2),
+        "lanes": Meaning("Rough runs in one program; 1 on CPU and 64 elsewhere by default.", "1", least=1),
+        "look_ahead": Meaning("Refined runs under way at once.", "1", least=1),
+        "screening_stop": Meaning("Displacement at which a rough run ends undisputed.", "2.0", **_LENGTH),
+        "calibrate": Meaning("Whether rough strength is brought down by the grids' factors of safety.", "false"),
+        "restart_every": Meaning("Time between restart points of a refined run.", "600.0", unit="s", above=0),
+        "fields": Meaning("Grids whose final displacement and plastic strain are kept.", '"refined"'),
+        "modes": Meaning("Grids whose failures get a mode.", '"refined"'),
+    },
+}
+_TYPES = {float: "number", int: "integer", bool: "boolean", str: "string"}
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON schema (draft 2020-12) of a scene's tables and keys."""
+    tables = {
+        section: {
+            "type": "object",
+            "description": TABLES[section],
+            "properties": {name: _property(key, MEANINGS[section][name]) for name, key in keys.items()},
+            "required": [name for name, key in keys.items() if key.default is REQUIRED],
+            "additionalProperties": False,
+        }
+        for section, keys in SECTIONS.items()
+    }
+    needed = [section for section, table in tables.items() if table["required"]]
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "A scene of jaxmpm",
+        "type": "object",
+        "properties": {
+            "name": {"type": "string"},
+            **tables,
+            "calibration": {"type": "object"},
+            "sweep": {"type": "object"},
+        },
+        "required": needed,
+        "additionalProperties": False,
+    }
+
+
+def _property(key: Key, meaning: Meaning) -> dict[str, Any]:
+    unit = f" ({meaning.unit})" if meaning.unit else ""
+    said: dict[str, Any] = {"description": meaning.words + unit}
+    if key.default not in (REQUIRED, UNSAID, None):
+        said["default"] = key.default
+    if isinstance(key.kind, dict):
+        return said | {"enum": list(key.kind)}
+    ends = {
+        "exclusiveMinimum": meaning.above,
+        "minimum": meaning.least,
+        "exclusiveMaximum": meaning.below,
+        "maximum": meaning.most,
+    }
+    value: dict[str, Any] = {name: end for name, end in ends.items() if end is not None}
+    if key.kind is tuple:
+        return said | {"type": "array", "minItems": 1, "items": {"type": "number", **value}}
+    value = {"type": _TYPES[key.kind], **value}
+    return said | (value if key.none is None else {"anyOf": [value, {"const": key.none}]})
+
+
+def markdown() -> str:
+    """docs/scenes.md: every key with unit, default, range and example."""
+    parts = [
+        "# Scenes: every key\n",
+        "A scene is a TOML file. This page is made from the checks that read it (`python -m cooperative.reference`).",
+        "So is [`scene.schema.json`](scene.schema.json), from which an editor completes keys: begin a scene with the",
+        "line `#:schema scene.schema.json`. Lengths are in metres, stresses in Pa. `name`, outside all tables, is a",
+        "title.\n",
+    ]
+    for section, keys in SECTIONS.items():
+        parts += [f"## `[{section}]`\n", TABLES[section] + "\n"]
+        if section == "refined":
+            continue
+        parts += ["| key | what | unit | default | range | example |", "|---|---|---|---|---|---|"]
+        parts += [_row(name, key, MEANINGS[section][name]) for name, key in keys.items()]
+        parts.append("")
+    return "\n".join(parts)
+
+
+def _row(name: str, key: Key, meaning: Meaning) -> str:
+    if key.default is REQUIRED:
+        default = "none, give it"
+    elif key.default is UNSAID:
+        default = "follows from the rest"
+    else:
+        default = "not used" if key.default is None else f"`{json.dumps(key.default)}`"
+    allowed = meaning.range()
+    if isinstance(key.kind, dict):
+        allowed = ", ".join(f'`"{choice}"`' for choice in key.kind)
+    elif key.kind is bool:
+        allowed = "`true`, `false`"
+    elif key.kind is int:
+        allowed += ", whole" if allowed else "whole"
+    elif key.kind is tuple:
+        allowed += ", one per axis"
+    return f"| `{name}` | {meaning.words} | {meaning.unit} | {default} | {allowed} | `{meaning.example}` |"
+
+
+def write(folder: Path) -> None:
+    """Write scenes.md and scene.schema.json into `folder`."""
+    write_aside(folder / "scenes.md", markdown().encode())
+    write_aside(folder / "scene.schema.json", (json.dumps(json_schema(), indent=1) + "\n").encode())
+
+
+if __name__ == "__main__":
+    write(Path("docs"))

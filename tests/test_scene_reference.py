@@ -1,0 +1,94 @@
+"""docs/scenes.md and the JSON schema say what the checks do: every key, its example, its default, its range."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+from cooperative import reference
+from cooperative.reference import MEANINGS, json_schema, markdown
+from cooperative.scene import REQUIRED, SECTIONS, UNSAID, built, examples, parse
+from tests.test_campaign import TINY
+
+DOCS = Path(__file__).resolve().parent.parent / "docs"
+KEYS = [(section, name) for section, keys in SECTIONS.items() for name in keys]
+BOUNDED = [(s, n) for s, n in KEYS if MEANINGS[s][n].range()]
+
+
+def in_toml(tables):
+    return "".join(
+        f"[{section}]\n" + "".join(f"{name} = {json.dumps(value)}\n" for name, value in table.items())
+        for section, table in tables.items()
+    )
+
+
+def tiny_with(section, name, value):
+    """The tiny scene with one key changed, and with what must be there for that key to have a say."""
+    tables = {section: dict(table) for section, table in tomllib.loads(TINY).items() if section != "name"}
+    if name in ("levels", "replicates"):
+        tables["campaign"] |= {"estimator": "subset", "samples": 160}
+        tables["campaign"].pop("k_t")
+    if name in ("refined_runs", "target_cov"):
+        tables["campaign"] |= {"estimator": "two-phase", "samples": 20}
+        tables["campaign"].pop("k_t")
+    if name in ("strain_95", "softening_modulus"):
+        tables["soil"].pop("softening_modulus")
+    if name == "reference_rate":
+        tables["soil"]["rate_coefficient"] = 0.1
+    tables[section][name] = value
+    return tables
+
+
+def outside(meaning):
+    """Values just outside the range."""
+    found = [end for end in (meaning.above, meaning.below) if end is not None]
+    found += [meaning.least - 1] if meaning.least is not None else []
+    return found + ([meaning.most + 1] if meaning.most is not None else [])
+
+
+def test_the_files_are_those_that_the_checks_make(tmp_path):
+    reference.write(tmp_path)
+    for name in ("scenes.md", "scene.schema.json"):
+        assert (DOCS / name).read_text() == (tmp_path / name).read_text(), "run python -m cooperative.reference"
+
+
+def test_every_key_is_explained_and_no_other():
+    assert {section: set(keys) for section, keys in SECTIONS.items()} == {s: set(m) for s, m in MEANINGS.items()}
+    assert all(f"| `{name}` |" in markdown() for _, name in KEYS)
+
+
+@pytest.mark.parametrize(("section", "name"), KEYS)
+def test_examples_and_defaults_are_of_the_schema(section, name):
+    known = json_schema()["properties"][section]["properties"][name]
+    values = [tomllib.loads(f"x = {MEANINGS[section][name].example}")["x"]]
+    if SECTIONS[section][name].default not in (REQUIRED, UNSAID, None):
+        values.append(SECTIONS[section][name].default)
+    for value in values:
+        jsonschema.validate(value, known)
+
+
+@pytest.mark.parametrize("name", examples())
+def test_scenes_that_ship_follow_the_schema(name):
+    jsonschema.validate(tomllib.loads(examples()[name].read_text()), json_schema())
+
+
+def test_the_schema_refuses_what_the_checks_refuse():
+    for tables in ({}, tiny_with("soil", "yuong", 1e8), tiny_with("soil", "young", "stiff")):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(tables, json_schema())
+        with pytest.raises(ValueError, match=r"lacks|unknown key|is text"):
+            parse(in_toml(tables))
+
+
+@pytest.mark.parametrize(("section", "name"), BOUNDED)
+def test_ranges_are_those_of_the_checks(section, name):
+    key = SECTIONS[section][name]
+    for value in outside(MEANINGS[section][name]):
+        number = [value] * 2 if key.kind is tuple else key.kind(value)
+        tables = tiny_with(section, name, number)
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(tables, json_schema())
+        with pytest.raises(ValueError, match=name.replace("_", ".").split(".")[0]):
+            built(parse(in_toml(tables)), "refined" if section == "refined" else "rough")
