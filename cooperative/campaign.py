@@ -20,8 +20,8 @@ from tqdm import tqdm
 from cooperative import runs
 from cooperative.estimate import Answers, Estimator, wilson_interval
 from cooperative.scene import Budget, Config, calibrated, kept_budget, measured, parse, raised, write_budget
-from cooperative.store import GRIDS, Sample, Store, open_store, read_rows, write_aside, write_sample
-from cooperative.summary import answer, estimate_of, next_runs, phases_of, refined_answers, screened, summarise
+from cooperative.store import GRIDS, Sample, Store, open_store, write_aside, write_sample
+from cooperative.summary import answer, estimate_of, next_runs, phases_of, refined_answers, rows_of, screened, summarise
 
 
 def run(
@@ -134,9 +134,9 @@ def _ran(hands: _Hands, store: Store, progress: bool) -> dict[str, Any]:
     """Both phases, and the summary, which is written too."""
     config = hands.config
     coefficients = _screen(hands, store, progress)
-    rough = read_rows(store, "rough")
+    rough = rows_of(config, store, "rough")
     first = screened(rough)
-    answers = refined_answers(config, read_rows(store, "refined"))
+    answers = refined_answers(config, rows_of(config, store, "refined"))
 
     def wanted(under_way: Collection[int]) -> list[int]:
         return next_runs(config, phases_of(config, first, answers), hands.places, under_way)
@@ -155,7 +155,7 @@ def _ran(hands: _Hands, store: Store, progress: bool) -> dict[str, Any]:
                 _advance(bar, known)
                 hands.stop.look()
 
-    summary = summarise(config, rough, read_rows(store, "refined"))
+    summary = summarise(config, rough, rows_of(config, store, "refined"))
     write_aside(store.folder / "summary.json", json.dumps(summary, indent=1).encode())
     return summary
 
@@ -163,7 +163,7 @@ def _ran(hands: _Hands, store: Store, progress: bool) -> dict[str, Any]:
 def _screen(hands: _Hands, store: Store, progress: bool) -> np.ndarray:
     """Run every sample of the first phase that is not there yet, and give the coefficients of all (n, modes)."""
     config = hands.config
-    estimator, sampling, known = config.estimator, runs.sampling_of(config), screened(read_rows(store, "rough"))
+    estimator, sampling, known = config.estimator, runs.sampling_of(config), screened(rows_of(config, store, "rough"))
 
     def share() -> str:
         fails = sum(

@@ -37,6 +37,7 @@ SCHEMA = 1
 KIND = "cooperative sample"
 Scalar = files.Scalar
 set_aside = files.set_aside
+own_folder = files.own_folder
 MOST_TEXT = 2**20
 """Bytes that a scene, a lock or another small text of a campaign's folder may have."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections import Counter
 from collections.abc import Collection
 from dataclasses import asdict, dataclass
@@ -23,10 +25,13 @@ from cooperative.estimate import (
 from cooperative.measure import SEVERITY
 from cooperative.runs import sampling_of
 from cooperative.scene import Config
-from cooperative.store import Rows
+from cooperative.store import Rows, Store, read_rows
+from jaxmpm import files
 
 NOT_BROKEN = ("FINISHED", "SETTLED", "DECIDED")
 MEASURES = ("displacement", "depth", "runout", "volume", "area")
+CHECKSUM = "checksum"
+"""Key of a summary that tells whether it is whole, and of which rows."""
 MORE = 50
 """What so many more refined runs would buy is told."""
 
@@ -38,6 +43,11 @@ class Phases:
 
     population: Population
     answers: dict[int, bool | None]
+
+
+def rows_of(config: Config, store: Store, grid: str) -> Rows:
+    """Verified rows of one grid; files of samples that the campaign does not have are damaged."""
+    return read_rows(store, grid, samples=config.estimator.rough_runs(sampling_of(config)))
 
 
 def refined_answers(config: Config, refined: Rows) -> dict[int, bool | None]:
@@ -99,6 +109,33 @@ def summarise(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
     What there is too little of is None or says so: modes of rows that have none (written before modes were kept), fits
     of fewer than two failures, a correlation without spread.
     """
+    found = _summary(config, rough, refined)
+    return {**found, CHECKSUM: _checksum(config, rough, refined, found)}
+
+
+def stored(config: Config, store: Store, rough: Rows, refined: Rows) -> dict[str, Any]:
+    """The summary in `summary.json`, where it is whole and of just these rows; else made anew from the rows."""
+    try:
+        kept = json.loads(files.read_plain(store.folder / "summary.json"))
+        seal = kept.pop(CHECKSUM)
+        if seal == _checksum(config, rough, refined, kept):
+            return {**kept, CHECKSUM: seal}
+    except (OSError, ValueError, TypeError, AttributeError, KeyError, RecursionError):
+        pass
+    return summarise(config, rough, refined)
+
+
+def _checksum(config: Config, rough: Rows, refined: Rows, found: dict[str, Any]) -> str:
+    """SHA-256 of a summary and of all that it was made from."""
+    said = (config.text, repr(config.estimator), repr(config.raised), json.dumps(found, sort_keys=True))
+    digest = hashlib.sha256("\0".join(said).encode())
+    for rows in (rough, refined):
+        for name, values in sorted(rows.columns.items()):
+            digest.update(f"{name} {values.dtype} {values.size}".encode() + np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()
+
+
+def _summary(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
     found, *others = estimates(config, rough, refined)
     answers = refined_answers(config, refined)
     phases = phases_of(config, screened(rough), answers)
@@ -128,7 +165,7 @@ def summarise(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
         "status": {"rough": _counts(rough), "refined": _counts(refined)},
         "broke_off": {grid: _broken(rows) for grid, rows in (("rough", rough), ("refined", refined))},
         "consequences_of_failures": {
-            name: _spread(refined.columns[name][failed], weight[failed]) for name in MEASURES if failed.any()
+            name: _spread(_measure(refined, name)[failed], weight[failed]) for name in MEASURES if failed.any()
         },
         "fits": _fits(refined, failed, weight),
         "severity": _severity(refined, failed, weight),
@@ -242,13 +279,18 @@ def _warnings(config: Config, refined: Rows, failed: np.ndarray) -> list[str]:
     if not failed.any():
         return []
     reach = config.slope.toe - config.grids["refined"].cell
-    stopped = int(np.sum(refined.columns["runout"][failed] >= reach))
+    stopped = int(np.sum(_measure(refined, "runout")[failed] >= reach))
     if not stopped:
         return []
     return [
         f"run-out reached the wall {config.slope.toe:g} m beyond the toe, which held it, in {stopped} refined runs: "
         "lengthen [slope] toe"
     ]
+
+
+def _measure(rows: Rows, name: str) -> np.ndarray:
+    """A consequence of each run (runs,), nan where it has none: those that broke off have not."""
+    return rows.columns.get(name, np.full(len(rows.numbers), np.nan))
 
 
 def _raised(config: Config) -> list[str]:

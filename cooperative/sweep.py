@@ -29,8 +29,8 @@ from cooperative.measure import SEVERITY
 from cooperative.reporting import panels, save
 from cooperative.runs import check_size, heeding
 from cooperative.scene import kept, parse, shown, tables_of
-from cooperative.store import Rows, read_rows, read_store, write_aside
-from cooperative.summary import refined_answers, summarise
+from cooperative.store import GRIDS, Rows, read_store, write_aside
+from cooperative.summary import refined_answers, rows_of, summarise
 
 LENGTHS = ("lx", "ly", "lz")
 LABELS = {
@@ -232,7 +232,7 @@ def _ranked(folder: Path, k_t: int) -> dict[str, Any]:
     store = read_store(folder)
     config = parse(store.scene_text)
     config = replace(config, plan=replace(config.plan, estimator=Published(k_t)))
-    rough, refined = read_rows(store, "rough"), read_rows(store, "refined")
+    rough, refined = (rows_of(config, store, grid) for grid in GRIDS)
     order = rank_samples(rough.columns["displacement"], rough.columns["broke_off"].astype(bool)).order
     ran = order[: stopping_rank(order, refined_answers(config, refined), k_t)]
     kept_rows = np.isin(refined.columns["sample"], ran)

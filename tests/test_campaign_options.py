@@ -1,6 +1,7 @@
 """What a scene can ask of a campaign beyond the usual: estimators, calibration, modes of old folders."""
 
 import json
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -240,3 +241,21 @@ def test_options_that_do_not_go_together_are_refused(lines, message):
     text = TINY.replace('estimator = "published"', "") if lines.startswith("estimator") else TINY
     with pytest.raises(ValueError, match=message):
         parse(f"{text}\n{lines}\n")
+
+
+@pytest.mark.parametrize(
+    "content",
+    ["[1.2, 1.1]", '{"rough": 1.2}', '{"rough": "1.2", "refined": 1.1}', '{"rough": true, "refined": 1.1}',
+     '{"rough": NaN, "refined": 1.1}', '{"rough": 0, "refined": 1.1}', '{"rough": -1, "refined": -1}',
+     '{"rough": 1.2, "refined": 1.1, "other": 1}', "[" * 100_000, "\x00"],
+)  # fmt: skip
+def test_kept_factors_of_safety_are_checked_like_a_scenes(tmp_path, content):
+    (tmp_path / "calibration.json").write_text(content)
+    with pytest.raises(ValueError, match=r"calibration\.json holds no two factors of safety .*delete it"):
+        calibration.kept(tmp_path)
+
+
+def test_kept_factors_of_safety_are_read_from_a_file_alone(tmp_path):
+    os.mkfifo(tmp_path / "calibration.json")
+    with pytest.raises(ValueError, match="no regular file"):
+        calibration.kept(tmp_path)

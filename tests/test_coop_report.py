@@ -1,7 +1,9 @@
 """The report: one page that needs nothing else, with every figure drawn, and the same numbers as the summary."""
 
 import base64
+import errno
 import json
+import os
 import re
 import shutil
 from dataclasses import replace
@@ -10,12 +12,14 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 
-from cooperative import campaign
+from cooperative import campaign, summary
 from cooperative.__main__ import main
 from cooperative.reporting import _page as page
 from cooperative.reporting import _pictures as pictures
+from cooperative.reporting import _plots as plots
 from cooperative.reporting import report
 from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, sample_path, write_sample
@@ -205,3 +209,74 @@ def test_a_browser_opens_the_page_without_a_complaint(done, tmp_path):
         shown.emulate_media(media="print")
         assert shown.pdf(prefer_css_page_size=True).startswith(b"%PDF")
         browser.close()
+
+
+def copied(done, folder):
+    """A campaign's folder copied from a finished one."""
+    shutil.copytree(done[0], folder)
+    return folder
+
+
+@pytest.mark.parametrize("what", ["deleted", "damaged", "surplus"])
+def test_a_rough_file_that_lacks_or_is_too_many_does_not_stop_the_report(tmp_path, done, what, capsys):
+    folder = copied(done, tmp_path / "c")
+    store = read_store(folder)
+    number = read_rows(store, "refined").numbers[0]
+    path = sample_path(store, "rough", number)
+    if what == "deleted":
+        path.unlink()
+    elif what == "damaged":
+        path.write_bytes(path.read_bytes()[:-1])
+    else:
+        sample = replace(read_sample(store, "rough", number), number=14)
+        with open_store(folder, SCENE) as held:
+            write_sample(held, "rough", sample)
+    assert main(["report", str(folder), "--slides", "0"]) == 0
+    said = capsys.readouterr().out
+    assert f"{14 - (what != 'surplus')} samples" in said
+    text = " ".join(Page((folder / "report.html").read_text()).text)
+    assert ("000014.h5 is of a sample that the scene, with 14, does not have" in text) == (what == "surplus")
+
+
+def test_the_report_reads_the_summary_and_makes_it_anew_only_from_other_rows(tmp_path, done, monkeypatch):
+    folder = copied(done, tmp_path / "c")
+    asked = []
+    made = summary._summary
+    monkeypatch.setattr(summary, "_summary", lambda *given: asked.append(given) or made(*given))
+    said = report(folder, slides=0)
+    assert asked == []
+    kept = (folder / "summary.json").read_text()
+    wrong = kept.replace('"failures_refined": ', '"failures_refined": 9')
+    for content in (wrong, "[" * 100_000, "{}", "7", kept[:-9]):
+        (folder / "summary.json").write_text(content)
+        assert report(folder, slides=0) == said
+    assert len(asked) == 5
+    (folder / "summary.json").unlink()
+    os.mkfifo(folder / "summary.json")
+    assert report(folder, slides=0) == said
+
+
+def test_a_figure_that_cannot_be_written_is_named_and_leaves_the_old_one(tmp_path, done, monkeypatch):
+    folder = copied(done, tmp_path / "c")
+    before = (folder / "figures" / "ranked.png").read_bytes()
+
+    def full(self, path, **_):
+        with open(path, "wb") as file:
+            file.write(b"half")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Figure, "savefig", full)
+    with pytest.raises(OSError, match=r"ranked\.png \(No space left on device\): make room"):
+        plots.save(Figure(), folder / "figures" / "ranked.png")
+    assert (folder / "figures" / "ranked.png").read_bytes() == before
+    assert not list((folder / "figures").glob(".*"))
+
+
+def test_figures_are_not_written_through_a_link(tmp_path, done):
+    folder = copied(done, tmp_path / "c")
+    shutil.rmtree(folder / "figures")
+    (tmp_path / "elsewhere").mkdir()
+    (folder / "figures").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(ValueError, match="figures is a link or a file, not a folder"):
+        report(folder, slides=0)
+    assert not list((tmp_path / "elsewhere").iterdir())

@@ -85,3 +85,12 @@ def test_the_path_ends_with_the_estimate():
     way = path(*arguments)
     assert way[-1] == two_phase(*arguments)
     assert [estimate.refined_runs for estimate in way] == sorted({estimate.refined_runs for estimate in way})
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("count", [4, 20, 100_000])
+def test_a_perfect_rank_correlation_lies_in_its_own_interval(sign, count):
+    rough = np.arange(1.0, count + 1)
+    found = correlation(rough, 10 + sign * rough / count, np.ones(count), limit=10.5)
+    assert found.spearman == pytest.approx(sign)
+    assert found.interval[0] <= found.spearman <= found.interval[1]

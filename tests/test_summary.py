@@ -170,3 +170,14 @@ def test_summary_says_where_the_ranks_mislead():
     found = play(config_with(samples=600, refined_runs=60), upside_down, refined)
     assert any(note.startswith("THE RANKS MISLEAD") for note in found["notes"])
     assert found["interval"][0] <= failed.mean() <= found["interval"][1]
+
+
+def test_refined_runs_that_all_broke_off_beyond_the_limit_have_a_summary():
+    rough, *_ = made_up(40, 0.3, seed=3)
+    numbers = np.arange(12)
+    refined = rows(numbers, np.full(12, 3.0), broke_off=np.ones(12), status=np.full(12, "NOT_FINITE"))
+    found = summarise(config_with(samples=40), rough, refined)
+    assert found["failures_refined"] == 12
+    assert found["consequences_of_failures"]["depth"] == {}
+    assert found["consequences_of_failures"]["displacement"]["largest"] == 3.0
+    assert found["fits"] == {"all": {}}

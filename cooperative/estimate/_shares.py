@@ -75,7 +75,8 @@ def correlation(
     return Correlation(
         samples=rough.size,
         spearman=spearman,
-        interval=(float(np.tanh(middle - half)), float(np.tanh(middle + half))),
+        # At a correlation of 1 the limits round to just below it.
+        interval=(min(float(np.tanh(middle - half)), spearman), max(float(np.tanh(middle + half)), spearman)),
         pearson_log=_pearson(np.log(np.maximum(rough, tiny)), np.log(np.maximum(refined, tiny)), weight),
         same_class=float(weight[fails[0] == fails[1]].sum() / weight.sum()),
         phi=_pearson(*fails, weight) if both else float("nan"),

@@ -53,7 +53,7 @@ def ranked_displacements(rows: Mapping[str, np.ndarray], *, threshold: float = 1
             np.full(lost.sum(), np.nanmax(rough)),
             "x",
             color=GREY,
-            label=f"rough lane failed ({lost.sum()})",
+            label=f"rough run broke off ({lost.sum()})",
         )
     ax.axhline(threshold, color=GREY, lw=1, ls=":")
     ax.annotate(f"failure from {threshold:g} m", (rank[-1], threshold), ha="right", va="bottom", color=GREY, fontsize=9)

@@ -10,7 +10,7 @@ import numpy as np
 from cooperative.reporting._tables import consolidate, write_table
 from cooperative.runs import GridModel, build, expansion_of
 from cooperative.scene import config_of
-from cooperative.store import GRIDS, Sample, Store, read_rows, read_sample, read_store, sample_path
+from cooperative.store import GRIDS, Sample, Store, own_folder, read_rows, read_sample, read_store, sample_path
 from jaxmpm import Result, solve, with_strength, write_particles, write_vtkhdf
 
 
@@ -86,9 +86,7 @@ def _series_of_fields(store: Store, model: GridModel, sample: Sample) -> Path:
 
 
 def _series_path(store: Store, grid: str, number: int) -> Path:
-    folder = store.folder / "series"
-    folder.mkdir(exist_ok=True)
-    return folder / f"{grid}-{number:06d}.vtkhdf"
+    return own_folder(store.folder / "series") / f"{grid}-{number:06d}.vtkhdf"
 
 
 def _model(store: Store, grid: str) -> GridModel:

@@ -17,6 +17,8 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from jaxmpm import files
+
 Section = tuple[np.ndarray, np.ndarray]
 """Positions (2, N) as x and z [m], and half the particle spacing (2,) [m]."""
 
@@ -116,9 +118,12 @@ def plan(
 
 
 def save(figure: Figure, path: str | Path, *, dpi: int = 150) -> Path:
-    """Write the figure (PNG, PDF or SVG by its suffix) and give the path back."""
-    figure.savefig(path, dpi=dpi)
-    return Path(path)
+    """Write the figure (PNG, PDF or SVG by its suffix), whole or not at all, and give the path back. OSError, with the
+    file's name, where the disk refuses."""
+    path = Path(path)
+    with files.aside(path) as part:
+        figure.savefig(part, dpi=dpi, format=path.suffix[1:])
+    return path
 
 
 def panels(rows: int, columns: int = 1, *, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:

@@ -17,7 +17,7 @@ from cooperative import summary
 from cooperative.estimate import Estimate, Estimator, wilson_interval
 from cooperative.runs import sampling_of
 from cooperative.scene import Config, config_of
-from cooperative.store import GRIDS, Rows, Store, read_rows, read_store, sample_path
+from cooperative.store import GRIDS, Rows, Store, lock_holder, read_store, sample_path
 
 RECENT = 20
 """How many of the last finished samples the pace is taken from."""
@@ -57,7 +57,7 @@ def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Pr
     """
     store = read_store(folder)
     config = config_of(store, estimator)
-    rows = {grid: read_rows(store, grid) for grid in GRIDS}
+    rows = {grid: summary.rows_of(config, store, grid) for grid in GRIDS}
     pace = {grid: seconds_per_sample(*_ends(store, grid, rows[grid])) for grid in GRIDS}
     if not np.isfinite(pace["refined"]):
         pace["refined"] = pace["rough"] * cost_ratio(config)
@@ -176,7 +176,7 @@ def _ends(store: Store, grid: str, rows: Rows) -> tuple[list[float], list[float]
 def _controller(store: Store) -> str:
     """Who holds the folder. The lock itself is left alone: taking it, even for a moment, could refuse a controller."""
     try:
-        said = (store.folder / ".lock").read_text().strip()
+        said = lock_holder(store.folder)
         process, host = said.removeprefix("process ").split(" on ")
     except (OSError, ValueError):
         return "none yet"

@@ -18,7 +18,7 @@ from cooperative.reporting import _plots as plots
 from cooperative.reporting._plots import Drawn
 from cooperative.reporting._progress import duration
 from cooperative.scene import Config, config_of
-from cooperative.store import GRIDS, Rows, Store, read_rows, read_sample, read_store, write_aside
+from cooperative.store import GRIDS, Rows, Store, own_folder, read_sample, read_store, write_aside
 
 INDISTINCT = 2.0
 """Difference in AIC below which two distributions are as good as each other."""
@@ -84,16 +84,15 @@ def report(folder: str | Path, *, slides: int = SLIDES, again: bool = False, est
         raise ValueError(f"slides = {slides}: give 0 or more")
     store = read_store(folder)
     config = config_of(store, estimator)
-    rough, refined = read_rows(store, "rough"), read_rows(store, "refined")
+    rough, refined = (summary.rows_of(config, store, grid) for grid in GRIDS)
     if not rough.numbers:
         raise ValueError(f"folder {folder} has no finished sample yet: start the run first")
     left_out = [f"{why}: will be run again" for rows in (rough, refined) for why in rows.damaged]
     refined, without = _paired(refined, rough)
     left_out += [f"refined run {number} has no rough run beside it: resume the campaign" for number in without]
-    told = Told(store, config, rough, refined, summary.summarise(config, rough, refined), tuple(left_out))
+    told = Told(store, config, rough, refined, summary.stored(config, store, rough, refined), tuple(left_out))
     numbers, slopes = list(_numbers(told)), list(_slopes(told, slides, again))
-    target = store.folder / "figures"
-    target.mkdir(exist_ok=True)
+    target = own_folder(store.folder / "figures")
     for drawn in [*numbers, *slopes]:
         plots.save(drawn.figure, target / f"{drawn.name}.png")
     write_aside(store.folder / "report.html", page.document(config.name, _parts(told, numbers, slopes)).encode())

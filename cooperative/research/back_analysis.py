@@ -77,7 +77,8 @@ class Recovery:
 def predict(model: GridModel, survey: Survey, parameters: Parameters, *, memory: float = 2e9) -> Observed:
     """What the survey would show of the slide that these parameters make. Differentiable.
 
-    Raises ValueError for markers that are no particles of the model, or a soil that does not soften.
+    Raises ValueError for markers that are no particles of the model, or a soil that does not soften by a
+    modulus.
     """
     scene, law = model.scene, model.scene.material
     count = scene.particles.mass.size
@@ -86,6 +87,11 @@ def predict(model: GridModel, survey: Survey, parameters: Parameters, *, memory:
         raise ValueError(f"markers = {strangers}: the model has {count} particles, give numbers from 0 to {count - 1}")
     if getattr(law, "softening", None) is None:
         raise ValueError("the soil does not soften: give it a softening_modulus, or leave back-analysis of it out")
+    if not hasattr(law.softening, "modulus"):
+        raise ValueError(
+            "the soil loses strength exponentially (strain_95), and back-analysis asks for the modulus of a straight "
+            "loss: give the soil a softening_modulus instead"
+        )
     dtype = scene.particles.mass.dtype
     missing = model.expansion.modes - len(parameters.coefficients)
     field = jnp.concatenate([jnp.asarray(parameters.coefficients, dtype), jnp.zeros(missing, dtype)])

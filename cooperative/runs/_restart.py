@@ -6,15 +6,17 @@ campaign's folder, which a worker must see; where it does not, its runs start af
 
 from __future__ import annotations
 
+import os
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from cooperative.measure import Motion
 from cooperative.store import restart_path, set_aside
-from jaxmpm import Midway, State, load_state, save_state
+from jaxmpm import Midway, State, files, load_state, save_state
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,7 @@ def write_restart(folder: Path, grid: str, number: int, digest: str, point: Rest
     """Write the restart point of a sample, in place of its last one. digest: of the scene. OSError if the disk
     refuses; the last one then stays."""
     path = restart_path(folder, grid, number)
-    path.parent.mkdir(exist_ok=True)
+    files.own_folder(path.parent)
     motion = point.motion
     about = {
         "scene": digest,
@@ -57,16 +59,32 @@ def read_restart(
     or sample, is named in a warning and renamed to `*.damaged`.
     """
     path = restart_path(folder, grid, number)
-    if not path.exists():
+    if not os.path.lexists(path):
         return None
     try:
+        if path.parent.is_symlink():
+            raise files.DamagedFile(f"{path} leads out of the campaign's folder")
         state, about = load_state(path, like)
-        if (about["scene"], about["grid"], about["sample"]) != (digest, grid, number):
-            raise ValueError(f"{path} is of another scene or sample")
+        if (about.get("scene"), about.get("grid"), about.get("sample")) != (digest, grid, number):
+            raise files.DamagedFile(f"{path} is of another scene or sample")
+        return _restored(path, state, about, start)
     except ValueError as error:
         warnings.warn(f"{error}: set aside, the run starts afresh", stacklevel=2)
         set_aside(path)
         return None
+
+
+def _restored(path: Path, state: State, about: dict[str, Any], start: Motion) -> RestartPoint:
+    """The run as it was; DamagedFile where a part of it is missing or of another type or shape."""
+    particles = start.volume.shape
+    for name, shape in (("seconds", ()), ("quiet", ()), ("reference", ()), ("times", (-1,)), ("moved", particles),
+                        ("onset", particles), ("seen", particles), ("travel", (-1,))):  # fmt: skip
+        found = np.asarray(about.get(name))
+        if found.dtype.kind not in "biuf" or (found.ndim != 1 if shape == (-1,) else found.shape != shape):
+            raise files.DamagedFile(f"{path} holds {name} as {found.dtype} of shape {found.shape}")
+    snapshots = len(about["times"])
+    if snapshots < 1 or len(about["travel"]) != sum(range(2, snapshots + 1)):
+        raise files.DamagedFile(f"{path} holds {len(about['travel'])} numbers of travel for {snapshots} snapshots")
     # Snapshot k has one travel for each snapshot up to it.
     ends = np.cumsum(np.arange(2, len(about["times"]) + 1))
     motion = Motion(

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from cooperative.scene._typed import Budget, Config
-from cooperative.store import write_aside
+from cooperative.store import MOST_TEXT, write_aside
+from jaxmpm import files
 
 KEPT = "budget.json"
 
@@ -42,7 +43,7 @@ def kept_budget(folder: Path) -> Budget | None:
     if not path.exists():
         return None
     try:
-        found = json.loads(path.read_text())
+        found = json.loads(files.read_plain(path, MOST_TEXT))
         values = found["refined_runs"], found["scene"]
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise ValueError(f"{path} holds no number of refined runs: {REMEDY}") from error

@@ -7,16 +7,18 @@ strength, by strength reduction, and cost some ten runs on each grid.
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+import os
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import jax
 
 from cooperative.estimate import Estimator
 from cooperative.scene._budget import kept_budget, raised
+from cooperative.scene._schema import CALIBRATION, read
 from cooperative.scene._typed import Calibration, Config, built, parse
-from cooperative.store import Store, write_aside
-from jaxmpm import factor_of_safety
+from cooperative.store import MOST_TEXT, Store, write_aside
+from jaxmpm import factor_of_safety, files
 
 KEPT = "calibration.json"
 
@@ -35,20 +37,24 @@ def measured(config: Config, folder: Path) -> Calibration:
     Raises ValueError for a file that holds something else.
     """
     path = folder / KEPT
-    if not path.exists():
+    if not os.path.lexists(path):
         found = measure(config)
         write_aside(path, json.dumps({"rough": found.rough, "refined": found.refined}).encode())
     return kept(folder)
 
 
 def kept(folder: Path) -> Calibration:
-    """Factors of safety in `calibration.json`. Raises ValueError where it is damaged, OSError where it is missing."""
+    """Factors of safety in `calibration.json`, checked as those of a scene are. Raises ValueError where it is damaged,
+    OSError where it is missing."""
     path = folder / KEPT
     try:
-        found = json.loads(path.read_text())
-        return Calibration(float(found["rough"]), float(found["refined"]))
-    except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{path} holds no two factors of safety: delete it to measure them again") from error
+        found = Calibration(**read("calibration", json.loads(files.read_plain(path, MOST_TEXT)), CALIBRATION))
+        for grid, factor in asdict(found).items():
+            if not 0 < factor < float("inf"):
+                raise ValueError(f"{grid} = {factor:g}: give a finite value above 0")
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path} holds no two factors of safety ({error}): delete it to measure them again") from error
+    return found
 
 
 def calibrated(config: Config, found: Calibration) -> Config:
@@ -66,7 +72,7 @@ def config_of(store: Store, estimator: Estimator | None = None) -> Config:
     config, budget = parse(store.scene_text, estimator), kept_budget(store.folder)
     if budget is not None and config.plan.estimator is not None:
         config = raised(config, budget)
-    wants = config.plan.calibrate and config.calibration is None and (store.folder / KEPT).exists()
+    wants = config.plan.calibrate and config.calibration is None and os.path.lexists(store.folder / KEPT)
     return calibrated(config, kept(store.folder)) if wants else config
 
 
