@@ -19,6 +19,7 @@ from benchmarks.invented import TINY
 from cooperative import campaign
 from cooperative import runs as screening
 from cooperative.__main__ import main
+from cooperative.reporting import report
 from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, write_sample
 from jaxmpm import Status
@@ -193,6 +194,41 @@ def test_broken_off_runs_are_kept_counted_and_reported(tmp_path):
         summary = campaign.summarise(config, read_rows(store, "rough"), read_rows(store, "refined"))
     assert summary["broke_off"]["rough"] == {"0": "NOT_FINITE at step 1", "1": "NOT_FINITE at step 1"}
     assert summary["status"]["rough"] == {Status.NOT_FINITE.name: 2}
+
+
+def test_samples_with_a_strength_that_none_may_have_break_off_and_are_reported(tmp_path, done, monkeypatch):
+    whole = read_store(done[0])
+    worst = int(np.argmax(read_rows(whole, "rough").columns["displacement"]))
+    spoilt = {"rough": (worst + 1) % 6, "refined": worst}
+    xi = {grid: read_sample(whole, "rough", number).coefficients for grid, number in spoilt.items()}
+    strength = screening.GridModel.strength
+
+    def spoiling(model, coefficients):
+        found = strength(model, coefficients)
+        bad = jnp.nan if model.grid == "rough" else 0.0
+        return found.at[3].set(bad) if np.array_equal(coefficients, xi[model.grid]) else found
+
+    monkeypatch.setattr(screening.GridModel, "strength", spoiling)
+    folder = tmp_path / "bad"
+    told = campaign.run(TINY, folder)
+    assert told["broke_off"] == {grid: {str(n): "BAD_PARAMETER at step 0"} for grid, n in spoilt.items()}
+    assert [told["status"][grid]["BAD_PARAMETER"] for grid in spoilt] == [1, 1]
+    store = read_store(folder)
+    for grid, number in spoilt.items():
+        rows = read_rows(store, grid)
+        assert rows.columns["broke_off"].tolist() == [n == number for n in rows.numbers]
+    # Neighbours are what they are without it; the sample that broke off on the rough grid runs on the refined one.
+    others = [n for n in range(6) if n != spoilt["rough"]]
+    assert [dict(read_sample(store, "rough", n).row) for n in others] == [
+        dict(read_sample(whole, "rough", n).row) for n in others
+    ]
+    assert spoilt["rough"] in read_rows(store, "refined").numbers
+    words = report(folder, slides=0)
+    page = (folder / "report.html").read_text()
+    for grid, number in spoilt.items():
+        line = f"sample {number} on the {grid} grid: BAD_PARAMETER at step 0"
+        assert f"BROKE OFF      {line}" in words
+        assert f"broke off: {line}" in page
 
 
 BAD_SCENES = [

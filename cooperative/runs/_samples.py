@@ -122,7 +122,9 @@ class _UnderWay:
 
     def remember(self, number: int, seconds: float, midway: Midway) -> None:
         """One lane after a chunk. Raises `Stopped` after the last one, if none waits to be given out."""
-        self.motions[number] = self.motions[number].after(seconds, np.asarray(_moved(midway.state.displacement)))
+        motion = self.motions[number]
+        if seconds > motion.times[-1]:  # a lane with a number that none may have takes no step
+            self.motions[number] = motion.after(seconds, np.asarray(_moved(midway.state.displacement)))
         now, running = time.perf_counter(), bool(midway.state.status == Status.RUNNING)
         due = self.stopping or now - self.written[number] > self.model.config.plan.restart_every
         if self.folder is not None and due and running:
