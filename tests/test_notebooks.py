@@ -60,6 +60,7 @@ BOUNDS = {
         "flow_error": (0.0, 1e-4),
         "wave_error": (0.0, 0.03),
         "wave_order": (1.0, 2.2),
+        "own_kernel_error": (0.0, 0.06),
         "dimensions_differ": (0.0, 1e-4),
         "front_plane": (0.85, 1.1),  # of a closed form without inertia
         "front_round": (0.85, 1.1),
