@@ -79,7 +79,8 @@ def coefficients_of(config: Config, expansion: Any) -> np.ndarray:
 
 def build(config: Config, grid: str, expansion: Any) -> Any:
     """As much of a grid's model as made-up runs need."""
-    return SimpleNamespace(grid=grid, config=config)
+    absent: Any = None
+    return runs.GridModel(grid, config, absent, absent, expansion)
 
 
 def run_samples(

@@ -17,6 +17,7 @@ from cooperative.estimate import (
     Fit,
     Fits,
     MonteCarlo,
+    Phases,
     Population,
     Published,
     Ranking,
@@ -55,6 +56,7 @@ from cooperative.runs import (
     coefficients_of,
     dask_executor,
     expansion_of,
+    phases_of,
     run_samples,
 )
 from cooperative.scene import Config, config_of, parse
@@ -92,6 +94,7 @@ __all__ = [
     "ModeRules",
     "MonteCarlo",
     "Motion",
+    "Phases",
     "Population",
     "Published",
     "Ranking",
@@ -127,6 +130,7 @@ __all__ = [
     "next_refined",
     "open_store",
     "parse",
+    "phases_of",
     "progress_of",
     "published",
     "rank_samples",

@@ -18,10 +18,10 @@ import numpy as np
 from tqdm import tqdm
 
 from cooperative import runs
-from cooperative.estimate import Answers, Estimator, wilson_interval
-from cooperative.scene import Budget, Config, calibrated, kept_budget, measured, parse, raised, write_budget
-from cooperative.store import GRIDS, Sample, Store, open_store, write_aside, write_sample
-from cooperative.summary import answer, estimate_of, next_runs, phases_of, refined_answers, rows_of, screened, summarise
+from cooperative.estimate import Estimator, Phases, Screened, wilson_interval
+from cooperative.scene import Config, allowing, calibrated, measured, parse, write_budget
+from cooperative.store import GRIDS, Rows, Sample, Store, open_store, write_aside, write_sample
+from cooperative.summary import summarise
 
 
 def run(
@@ -45,7 +45,7 @@ def run(
     Raises ValueError for a scene, a size or a folder that will not do, before anything is run or written.
     """
     folder = Path(folder)
-    config = _with_budget(parse(text, estimator), folder, refined_runs)
+    config = allowing(parse(text, estimator), folder, refined_runs)
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
     runs.check_size(config, workers if executor is None else 1)
@@ -54,9 +54,9 @@ def run(
             models = _models(config)
         crew = None if executor is None and workers == 1 else runs.Workers(executor or partial(_pool, workers), workers)
         with closing(crew.opened()) if crew else nullcontext(), open_store(folder, config.text) as store:
-            if config.raised is not None:
-                write_budget(folder, config.raised)
             with stop.at_once():
+                if config.raised is not None:
+                    write_budget(folder, config.raised)
                 ready = _calibrated(models, folder)
             return _ran(_Hands(ready["rough"].config, ready, crew, stop, folder.resolve()), store, progress)
 
@@ -113,57 +113,21 @@ class _Hands:
         )  # fmt: skip
 
 
-def _with_budget(config: Config, folder: Path, refined_runs: int | None) -> Config:
-    """The scene with the refined runs that its folder allows, or is to allow from now on."""
-    kept = kept_budget(folder)
-    if refined_runs is None:
-        return config if kept is None else raised(config, kept)
-    scene = config.estimator.budget(config.estimator.rough_runs(runs.sampling_of(config)))
-    if scene is None:
-        raise ValueError(
-            f"refined_runs = {refined_runs}: estimator {config.estimator.name!r} has no number of runs to raise, its "
-            "rule alone tells when to stop"
-        )
-    if refined_runs <= scene or (kept is not None and refined_runs < kept.refined_runs):
-        allowed = scene if kept is None else kept.refined_runs
-        raise ValueError(f"refined_runs = {refined_runs}: the campaign allows {allowed} already, give more")
-    return raised(config, Budget(refined_runs, scene))
-
-
 def _ran(hands: _Hands, store: Store, progress: bool) -> dict[str, Any]:
     """Both phases, and the summary, which is written too."""
     config = hands.config
-    coefficients = _screen(hands, store, progress)
-    rough = rows_of(config, store, "rough")
-    first = screened(rough)
-    answers = refined_answers(config, rows_of(config, store, "refined"))
-
-    def wanted(under_way: Collection[int]) -> list[int]:
-        return next_runs(config, phases_of(config, first, answers), hands.places, under_way)
-
-    def known() -> str:
-        found = estimate_of(config, phases_of(config, first, answers))
-        return "P_f {:.3f} ({:.3f} to {:.3f})".format(found.probability, *found.interval)
-
-    with _bar("refined grid", config.estimator.budget(len(first)), len(answers), progress) as bar:
-        while wanted(()):
-            for sample in hands.samples("refined", _in_rank_order(wanted, answers), coefficients):
-                write_sample(store, "refined", sample)
-                answers[sample.number] = answer(
-                    config, float(sample.row["displacement"]), bool(sample.row["broke_off"])
-                )
-                _advance(bar, known)
-                hands.stop.look()
-
-    summary = summarise(config, rough, rows_of(config, store, "refined"))
+    rows = runs.rows_reader(config, store)
+    coefficients, screened = _screen(hands, store, rows, progress)
+    _refine(hands, store, rows, screened, coefficients, progress)
+    summary = summarise(config, rows("rough"), rows("refined"))
     write_aside(store.folder / "summary.json", json.dumps(summary, indent=1).encode())
     return summary
 
 
-def _screen(hands: _Hands, store: Store, progress: bool) -> np.ndarray:
-    """Run every sample of the first phase that is not there yet, and give the coefficients of all (n, modes)."""
-    config = hands.config
-    estimator, sampling, known = config.estimator, runs.sampling_of(config), screened(rows_of(config, store, "rough"))
+def _screen(hands: _Hands, store: Store, rows: Callable[[str], Rows], progress: bool) -> tuple[np.ndarray, Phases]:
+    """Run every sample of the first phase that is not there yet; the coefficients of all (n, modes), and that phase."""
+    config, known = hands.config, rows("rough").results
+    estimator, sampling = config.estimator, runs.sampling_of(config)
 
     def share() -> str:
         fails = sum(
@@ -176,11 +140,33 @@ def _screen(hands: _Hands, store: Store, progress: bool) -> np.ndarray:
             coefficients = estimator.coefficients(sampling, known)
             missing = [number for number in range(len(coefficients)) if number not in known]
             if not missing:
-                return coefficients
+                return coefficients, Phases.known(estimator, sampling, known, {})
             for sample in hands.samples("rough", missing, coefficients):
                 write_sample(store, "rough", sample)
-                known[sample.number] = float(sample.row["displacement"]), bool(sample.row["broke_off"])
+                known[sample.number] = sample.result
                 _advance(bar, share)
+                hands.stop.look()
+
+
+def _refine(
+    hands: _Hands, store: Store, rows: Callable[[str], Rows], screened: Phases, coefficients: np.ndarray, progress: bool
+) -> None:
+    """Run refined what the estimator asks for, until it asks for nothing more."""
+    known = rows("refined").results
+
+    def wanted(under_way: Collection[int]) -> list[int]:
+        return screened.refined(known).next_runs(hands.places, under_way)
+
+    def estimate() -> str:
+        found = screened.refined(known).estimate
+        return "P_f {:.3f} ({:.3f} to {:.3f})".format(found.probability, *found.interval)
+
+    with _bar("refined grid", hands.config.estimator.budget(len(coefficients)), len(known), progress) as bar:
+        while wanted(()):
+            for sample in hands.samples("refined", _in_rank_order(wanted, known), coefficients):
+                write_sample(store, "refined", sample)
+                known[sample.number] = sample.result
+                _advance(bar, estimate)
                 hands.stop.look()
 
 
@@ -200,9 +186,9 @@ def _advance(bar: tqdm, known: Callable[[], str]) -> None:
         bar.set_postfix_str(f"{hourly:.3g} per hour, {known()}")
 
 
-def _in_rank_order(wanted: Callable[[Collection[int]], list[int]], answers: Answers) -> Iterator[int]:
+def _in_rank_order(wanted: Callable[[Collection[int]], list[int]], known: Screened) -> Iterator[int]:
     """Numbers of the samples to run refined, each asked for when there is a lane for it."""
     started: set[int] = set()
-    while numbers := wanted(started - answers.keys()):
+    while numbers := wanted(started - known.keys()):
         started.add(numbers[0])
         yield numbers[0]

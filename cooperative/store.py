@@ -74,6 +74,11 @@ class Sample:
     device: str = "cpu"
     versions: Mapping[str, str] = field(default_factory=dict)
 
+    @property
+    def result(self) -> tuple[float, bool]:
+        """Its largest displacement (m), and whether the run broke off."""
+        return float(self.row["displacement"]), bool(self.row["broke_off"])
+
 
 @dataclass(frozen=True)
 class Store:
@@ -108,6 +113,12 @@ class Rows:
     def numbers(self) -> list[int]:
         """Numbers of the finished samples, ascending."""
         return [int(number) for number in self.columns["sample"]]
+
+    @property
+    def results(self) -> dict[int, tuple[float, bool]]:
+        """Sample -> its largest displacement (m), and whether the run broke off."""
+        columns = (self.columns.get(name, np.zeros(0)) for name in ("displacement", "broke_off"))
+        return {n: (float(u), bool(b)) for n, u, b in zip(self.numbers, *columns, strict=True)}
 
 
 def scene_digest(scene_text: str) -> str:

@@ -5,17 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Collection
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from cooperative.estimate import (
-    Answers,
     Estimate,
-    Population,
-    Screened,
+    Phases,
     after_more_runs,
     correlation,
     fit_distributions,
@@ -23,9 +20,9 @@ from cooperative.estimate import (
     shares,
 )
 from cooperative.measure import SEVERITY
-from cooperative.runs import sampling_of
+from cooperative.runs import phases_of
 from cooperative.scene import Config
-from cooperative.store import Rows, Store, read_rows
+from cooperative.store import Rows, Store
 from jaxmpm import files
 
 NOT_BROKEN = ("FINISHED", "SETTLED", "DECIDED")
@@ -34,73 +31,6 @@ CHECKSUM = "checksum"
 """Key of a summary that tells whether it is whole, and of which rows."""
 MORE = 50
 """What so many more refined runs would buy is told."""
-
-
-@dataclass(frozen=True)
-class Phases:
-    """Both phases of a campaign as its estimator sees them. population: samples of the first phase. answers: place in
-    the population -> failed."""
-
-    population: Population
-    answers: dict[int, bool | None]
-
-
-def rows_of(config: Config, store: Store, grid: str) -> Rows:
-    """Verified rows of one grid; files of samples that the campaign does not have are damaged."""
-    return read_rows(store, grid, samples=config.estimator.rough_runs(sampling_of(config)))
-
-
-def refined_answers(config: Config, refined: Rows) -> dict[int, bool | None]:
-    """Sample -> whether it failed on the refined grid; None where the run broke off before it could tell."""
-    columns = refined.columns
-    displacement, broke_off = columns.get("displacement", ()), columns.get("broke_off", ())
-    return {n: answer(config, u, b) for n, u, b in zip(refined.numbers, displacement, broke_off, strict=True)}
-
-
-def answer(config: Config, displacement: float, broke_off: float | bool) -> bool | None:
-    """Whether a run says that its sample fails; a run that broke off can say yes, but not no."""
-    fails = bool(displacement > config.run.failure_displacement)
-    return fails if fails or not broke_off else None
-
-
-def screened(rough: Rows) -> dict[int, tuple[float, bool]]:
-    """Sample -> its rough displacement (m), and whether the run broke off."""
-    columns = (rough.columns.get(name, np.zeros(0)) for name in ("displacement", "broke_off"))
-    return {n: (float(u), bool(b)) for n, u, b in zip(rough.numbers, *columns, strict=True)}
-
-
-def next_runs(config: Config, phases: Phases | None, places: int, under_way: Collection[int]) -> list[int]:
-    """Numbers of the samples to start on the refined grid now; empty when there is nothing to start."""
-    if phases is None:
-        return []
-    numbers = phases.population.numbers
-    started = {place for place, number in enumerate(numbers.tolist()) if number in under_way}
-    asked = config.estimator.wanted(phases.population, phases.answers, places, started)
-    return [int(numbers[place]) for place in asked]
-
-
-def phases_of(config: Config, rough: Screened, answers: Answers) -> Phases | None:
-    """Both phases; None while there is no first one. rough, answers: by number of the sample."""
-    population = config.estimator.population(sampling_of(config), rough)
-    if population is None:
-        return None
-    numbers = population.numbers.tolist()
-    return Phases(population, {place: answers[n] for place, n in enumerate(numbers) if n in answers})
-
-
-def estimate_of(config: Config, phases: Phases | None) -> Estimate:
-    """Probability of failure by the estimator asked for."""
-    if phases is None:
-        note = "the first phase is not complete"
-        return Estimate(0.0, (0.0, 1.0), np.inf, 0, config.estimator.name, notes=(note,))
-    return config.estimator.estimate(phases.population, phases.answers)
-
-
-def estimates(config: Config, rough: Rows, refined: Rows) -> list[Estimate]:
-    """Probability of failure from what is known: by the estimator asked for, and by others where the data allow."""
-    phases = phases_of(config, screened(rough), refined_answers(config, refined))
-    others = [] if phases is None else config.estimator.beside(phases.population, phases.answers)
-    return [estimate_of(config, phases), *others]
 
 
 def summarise(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
@@ -136,11 +66,8 @@ def _checksum(config: Config, rough: Rows, refined: Rows, found: dict[str, Any])
 
 
 def _summary(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
-    found, *others = estimates(config, rough, refined)
-    answers = refined_answers(config, refined)
-    phases = phases_of(config, screened(rough), answers)
-    weight = _weights(config, phases, refined)
-    failed = np.asarray([answers[number] is True for number in refined.numbers], bool)
+    phases = phases_of(config, rough, refined)
+    found, weight, failed = phases.estimate, run_weights(phases, refined), failures(phases, refined)
     limit = config.run.failure_displacement
     return {
         "name": config.name,
@@ -151,10 +78,12 @@ def _summary(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
         "coefficient_of_variation": _finite(found.cov),
         "unseen": found.unseen,
         "sampling_interval": found.sampling_interval and list(found.sampling_interval),
-        "finished": phases and config.estimator.why_finished(phases.population, phases.answers),
+        "finished": phases.why_finished,
         "after_more_runs": {"runs": MORE, "coefficient_of_variation": _finite(after_more_runs(found, MORE))},
-        "other_estimates": {e.method: {"probability": e.probability, "interval": list(e.interval)} for e in others},
-        "convergence": _convergence(config, phases),
+        "other_estimates": {
+            e.method: {"probability": e.probability, "interval": list(e.interval)} for e in phases.beside
+        },
+        "convergence": _convergence(phases.path),
         "samples": len(rough.numbers),
         "failures_rough": int(np.sum(rough.columns["displacement"] > limit)),
         "refined_runs": len(refined.numbers),
@@ -177,24 +106,19 @@ def _summary(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
     }
 
 
-def run_weights(config: Config, rough: Rows, refined: Rows) -> np.ndarray:
+def failures(phases: Phases, refined: Rows) -> np.ndarray:
+    """Refined runs whose samples fail (runs,) bool."""
+    return np.array([phases.answers[number] is True for number in refined.numbers], bool)
+
+
+def run_weights(phases: Phases, refined: Rows) -> np.ndarray:
     """What each refined run stands for, 0 where it stands for nothing (runs,)."""
-    return _weights(config, phases_of(config, screened(rough), refined_answers(config, refined)), refined)
+    stands_for = phases.weights
+    return np.array([stands_for[number] for number in refined.numbers], float)
 
 
-def _weights(config: Config, phases: Phases | None, refined: Rows) -> np.ndarray:
-    weight = np.zeros(len(refined.numbers))
-    if phases is not None:
-        place = {number: at for at, number in enumerate(refined.numbers)}
-        numbers = phases.population.numbers
-        for member, stands_for in config.estimator.weights(phases.population, phases.answers).items():
-            weight[place[int(numbers[member])]] += stands_for
-    return weight
-
-
-def _convergence(config: Config, phases: Phases | None) -> dict[str, list[float]]:
+def _convergence(way: list[Estimate]) -> dict[str, list[float]]:
     """The estimate against the refined runs spent."""
-    way = [] if phases is None else config.estimator.path(phases.population, phases.answers)
     return {
         "refined_runs": [estimate.refined_runs for estimate in way],
         "probability": [estimate.probability for estimate in way],

@@ -27,10 +27,10 @@ from cooperative import campaign
 from cooperative.estimate import Published, Sampling, rank_samples, stopping_rank
 from cooperative.measure import SEVERITY
 from cooperative.reporting import panels, save
-from cooperative.runs import check_size, heeding
+from cooperative.runs import check_size, heeding, phases_of, rows_reader
 from cooperative.scene import kept, parse, shown, tables_of
 from cooperative.store import GRIDS, Rows, read_store, write_aside
-from cooperative.summary import refined_answers, rows_of, summarise
+from cooperative.summary import summarise
 
 LENGTHS = ("lx", "ly", "lz")
 LABELS = {
@@ -232,9 +232,9 @@ def _ranked(folder: Path, k_t: int) -> dict[str, Any]:
     store = read_store(folder)
     config = parse(store.scene_text)
     config = replace(config, plan=replace(config.plan, estimator=Published(k_t)))
-    rough, refined = (rows_of(config, store, grid) for grid in GRIDS)
+    rough, refined = map(rows_reader(config, store), GRIDS)
     order = rank_samples(rough.columns["displacement"], rough.columns["broke_off"].astype(bool)).order
-    ran = order[: stopping_rank(order, refined_answers(config, refined), k_t)]
+    ran = order[: stopping_rank(order, phases_of(config, rough, refined).answers, k_t)]
     kept_rows = np.isin(refined.columns["sample"], ran)
     return summarise(config, rough, Rows({name: c[kept_rows] for name, c in refined.columns.items()}, ()))
 

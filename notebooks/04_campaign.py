@@ -209,7 +209,7 @@ fits = summary["fits"]["all"]
 for name in labels:
     print(name, {fit["name"]: round(fit["aic"], 1) for fit in fits[name].get("fits", ())[:3]})
 ended = failed & ~columns["broke_off"].astype(bool)
-weights = run_weights(config, rough, refined)[ended]
+weights = run_weights(cooperative.phases_of(config, rough, refined), refined)[ended]
 charts.fitted({name: columns[name][ended] for name in labels}, weights, fits, labels)
 
 # %% [markdown]

@@ -5,13 +5,13 @@ import json
 import numpy as np
 import pytest
 
+from benchmarks import invented
+from benchmarks.invented import SCENE
 from cooperative import __main__ as command
 from cooperative import campaign
 from cooperative.__main__ import main
 from cooperative.scene import config_of, kept_budget
 from cooperative.store import read_rows, read_store
-from tests import invented
-from tests.invented import SCENE
 from tests.test_campaign import TINY
 from tests.test_coop_cli import invented_campaign
 
@@ -19,7 +19,7 @@ from tests.test_coop_cli import invented_campaign
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     """Made-up runs in place of the solver's."""
-    invented.invent(replace=monkeypatch.setattr)
+    invented.invent(put=monkeypatch.setattr)
 
 
 def test_a_folder_that_allows_more_ends_as_one_that_allowed_it_from_the_start(tmp_path):
@@ -30,7 +30,7 @@ def test_a_folder_that_allows_more_ends_as_one_that_allowed_it_from_the_start(tm
     assert found["refined_runs_allowed"] == {"refined_runs": 30, "scene": 15}
     assert "the folder allows 30 refined runs, the scene 15" in found["notes"]
     whole = campaign.run(SCENE.replace("refined_runs = 15", "refined_runs = 30"), tmp_path / "whole")
-    own = ("seconds", "notes", "refined_runs_allowed")
+    own = ("seconds", "notes", "refined_runs_allowed", "checksum")
     assert {k: v for k, v in found.items() if k not in own} == {k: v for k, v in whole.items() if k not in own}
     # It is kept: who goes on, reports or looks need not say it again.
     assert campaign.run(SCENE, tmp_path / "more") == found

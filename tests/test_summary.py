@@ -7,9 +7,10 @@ import pytest
 
 from cooperative.estimate import named_estimator
 from cooperative.reporting import _words
+from cooperative.runs import phases_of
 from cooperative.scene import parse
 from cooperative.store import Rows
-from cooperative.summary import next_runs, phases_of, refined_answers, screened, summarise
+from cooperative.summary import summarise
 from tests.test_campaign import TINY
 from tests.test_coop_twophase import pair
 
@@ -56,8 +57,7 @@ def made_up(count, pf, seed):
 
 def play(config, rough, refined):
     numbers: list[int] = []
-    first = screened(rough)
-    while asked := next_runs(config, phases_of(config, first, refined_answers(config, refined(numbers))), 1, ()):
+    while asked := phases_of(config, rough, refined(numbers)).next_runs(1, ()):
         numbers += asked
     return summarise(config, rough, refined(numbers))
 

@@ -21,6 +21,7 @@ from cooperative.estimate._estimators import (
     named_estimator,
 )
 from cooperative.estimate._fits import CANDIDATES, ENOUGH, Fit, Fits, Severity, fit_distributions, severity_ranking
+from cooperative.estimate._phases import Phases
 from cooperative.estimate._protocol import Answers, Estimator, Population, Sampling, Screened, all_samples
 from cooperative.estimate._ranking import Ranking, next_refined, rank_samples, stopping_rank
 from cooperative.estimate._shares import Correlation, Share, correlation, shares
@@ -41,6 +42,7 @@ __all__ = [
     "Fit",
     "Fits",
     "MonteCarlo",
+    "Phases",
     "Population",
     "Published",
     "Ranking",

@@ -31,7 +31,7 @@ class Sampling:
     """What a scene says of the first phase. samples: [campaign] samples. failure_displacement: beyond which a sample
     has failed (m). screening_stop: displacement at which a rough run ends (m), None where none does. modes: gives the
     number of coefficients of a sample. draw: gives the coefficients of all samples (samples, modes), by the design
-    that the scene asks for, Latin hypercube or another. `check` does without the last two."""
+    that the scene asks for, Latin hypercube or another. `check` and `rough_runs` do without the last two."""
 
     samples: int
     failure_displacement: float

@@ -13,9 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cooperative import summary
+from cooperative import runs
 from cooperative.estimate import Estimate, Estimator, wilson_interval
-from cooperative.runs import sampling_of
 from cooperative.scene import Config, config_of
 from cooperative.store import GRIDS, Rows, Store, lock_holder, read_store, sample_path
 
@@ -57,7 +56,7 @@ def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Pr
     """
     store = read_store(folder)
     config = config_of(store, estimator)
-    rows = {grid: summary.rows_of(config, store, grid) for grid in GRIDS}
+    rows = dict(zip(GRIDS, map(runs.rows_reader(config, store), GRIDS), strict=True))
     pace = {grid: seconds_per_sample(*_ends(store, grid, rows[grid])) for grid in GRIDS}
     if not np.isfinite(pace["refined"]):
         pace["refined"] = pace["rough"] * cost_ratio(config)
@@ -68,7 +67,7 @@ def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Pr
 def current_estimate(config: Config, rough: Rows, refined: Rows) -> Estimate | None:
     """The estimate so far; before the screening is complete it is the share that fails on the rough grid."""
     if len(rough.numbers) == _planned_rough(config):
-        return summary.estimates(config, rough, refined)[0]
+        return runs.phases_of(config, rough, refined).estimate
     if not rough.numbers:
         return None
     fails = int(np.sum(rough.columns["displacement"] > config.run.failure_displacement))
@@ -84,16 +83,15 @@ def planned_refined(config: Config, rough: Rows, refined: Rows) -> tuple[int, bo
     most = config.estimator.budget(_planned_rough(config))
     if most is not None:
         return most, False
-    answers = summary.refined_answers(config, refined)
+    done = len(refined.numbers)
     if len(rough.numbers) < _planned_rough(config):
-        return len(answers) + 1, True
-    phases = summary.phases_of(config, summary.screened(rough), answers)
-    missing = summary.next_runs(config, phases, config.plan.samples, ())
-    return len(answers) + len(missing), bool(missing)
+        return done + 1, True
+    missing = runs.phases_of(config, rough, refined).next_runs(config.plan.samples, ())
+    return done + len(missing), bool(missing)
 
 
 def _planned_rough(config: Config) -> int:
-    return config.estimator.rough_runs(sampling_of(config))
+    return config.estimator.rough_runs(runs.sampling_of(config))
 
 
 def seconds_per_sample(ended: Sequence[float], seconds: Sequence[float]) -> float:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cooperative import summary
-from cooperative.estimate import ENOUGH, Estimator
+from cooperative import runs, summary
+from cooperative.estimate import ENOUGH, Estimator, Phases
 from cooperative.reporting import _charts as charts
 from cooperative.reporting import _page as page
 from cooperative.reporting import _pictures as pictures
@@ -39,6 +40,11 @@ class Told:
     summary: dict[str, Any]
     left_out: tuple[str, ...] = ()
 
+    @cached_property
+    def phases(self) -> Phases:
+        """What the rows tell the campaign's estimator."""
+        return runs.phases_of(self.config, self.rough, self.refined)
+
     @property
     def labels(self) -> dict[str, str]:
         """Axis label of each consequence, with its unit."""
@@ -66,9 +72,8 @@ class Told:
     @property
     def failed(self) -> np.ndarray:
         """Refined runs that failed and have consequences (runs,) bool."""
-        answers = summary.refined_answers(self.config, self.refined)
-        ended = ~self.refined.columns.get("broke_off", np.zeros(len(answers))).astype(bool)
-        return ended & np.array([answers[number] is True for number in self.refined.numbers], bool)
+        failed = summary.failures(self.phases, self.refined)
+        return failed & ~self.refined.columns.get("broke_off", np.zeros(failed.size)).astype(bool)
 
 
 def report(folder: str | Path, *, slides: int = SLIDES, again: bool = False, estimator: Estimator | None = None) -> str:
@@ -84,7 +89,7 @@ def report(folder: str | Path, *, slides: int = SLIDES, again: bool = False, est
         raise ValueError(f"slides = {slides}: give 0 or more")
     store = read_store(folder)
     config = config_of(store, estimator)
-    rough, refined = (summary.rows_of(config, store, grid) for grid in GRIDS)
+    rough, refined = map(runs.rows_reader(config, store), GRIDS)
     if not rough.numbers:
         raise ValueError(f"folder {folder} has no finished sample yet: start the run first")
     left_out = [f"{why}: will be run again" for rows in (rough, refined) for why in rows.damaged]
@@ -183,7 +188,7 @@ def _numbers(told: Told) -> Iterator[Drawn]:
             "Median of each consequence by failure mode, with its 90 % bootstrap interval.",
             charts.severity(told.summary["severity"], told.labels),
         )
-    weight = summary.run_weights(told.config, rough, refined)
+    weight = summary.run_weights(told.phases, refined)
     for group, fits in told.summary["fits"].items():
         mine = told.failed & (weight > 0)
         mine &= (refined.columns["mode"] == group) if group != "all" else True

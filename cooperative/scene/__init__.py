@@ -1,6 +1,6 @@
 """Scenes: TOML in, one checked and immutable campaign out."""
 
-from cooperative.scene._budget import kept_budget, raised, write_budget
+from cooperative.scene._budget import allowing, kept_budget, raised, write_budget
 from cooperative.scene._calibration import calibrated, config_of, kept, measured
 from cooperative.scene._examples import example, examples
 from cooperative.scene._schema import REQUIRED, SECTIONS, UNSAID, Key, shown
@@ -16,6 +16,7 @@ __all__ = [
     "Key",
     "Plan",
     "Strength",
+    "allowing",
     "built",
     "calibrated",
     "config_of",

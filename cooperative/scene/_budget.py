@@ -7,11 +7,33 @@ from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
+from cooperative.estimate import Sampling
 from cooperative.scene._typed import Budget, Config
 from cooperative.store import MOST_TEXT, write_aside
 from jaxmpm import files
 
 KEPT = "budget.json"
+
+
+def allowing(config: Config, folder: Path, refined_runs: int | None) -> Config:
+    """The scene with the refined runs that its folder allows, or is to allow from now on.
+
+    Raises ValueError for no more than is allowed already, or an estimator without such a setting.
+    """
+    kept = kept_budget(folder)
+    if refined_runs is None:
+        return config if kept is None else raised(config, kept)
+    first = Sampling(config.plan.samples, config.run.failure_displacement, config.plan.screening_stop)
+    scene = config.estimator.budget(config.estimator.rough_runs(first))
+    if scene is None:
+        raise ValueError(
+            f"refined_runs = {refined_runs}: estimator {config.estimator.name!r} has no number of runs to raise, its "
+            "rule alone tells when to stop"
+        )
+    if refined_runs <= scene or (kept is not None and refined_runs < kept.refined_runs):
+        allowed = scene if kept is None else kept.refined_runs
+        raise ValueError(f"refined_runs = {refined_runs}: the campaign allows {allowed} already, give more")
+    return raised(config, Budget(refined_runs, scene))
 
 
 def raised(config: Config, budget: Budget) -> Config:

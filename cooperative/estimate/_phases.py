@@ -1,0 +1,94 @@
+"""Both phases of a campaign as far as they are known, and what its estimator makes of them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from cooperative.estimate._estimates import Estimate
+from cooperative.estimate._protocol import Answers, Estimator, Population, Sampling, Screened
+
+
+@dataclass(frozen=True)
+class Phases:
+    """What is known of both phases. Samples have their numbers in the campaign here, and their places in the population
+    where the estimator is asked.
+
+    estimator: the campaign's. failure_displacement: beyond which a sample has failed (m). population: samples of the
+    first phase, None while that is not complete. answers: sample -> whether it failed on the refined grid, None where
+    the run broke off before it could tell.
+    """
+
+    estimator: Estimator
+    failure_displacement: float
+    population: Population | None = None
+    answers: Answers = field(default_factory=dict)
+
+    @classmethod
+    def known(cls, estimator: Estimator, sampling: Sampling, rough: Screened, refined: Screened) -> Phases:
+        """From the results of both grids: sample -> its largest displacement (m), and whether the run broke off."""
+        first = cls(estimator, sampling.failure_displacement, estimator.population(sampling, rough))
+        return first.refined(refined)
+
+    def refined(self, results: Screened) -> Phases:
+        """The same first phase with these results of the refined grid, and no others."""
+        return replace(self, answers={number: self.answer(*result) for number, result in results.items()})
+
+    def answer(self, displacement: float, broke_off: bool) -> bool | None:
+        """Whether a run says that its sample fails; a run that broke off can say yes, but not no."""
+        fails = bool(displacement > self.failure_displacement)
+        return fails if fails or not broke_off else None
+
+    def next_runs(self, places: int, under_way: Collection[int]) -> list[int]:
+        """Numbers of the samples to start on the refined grid now; empty when there is nothing to start."""
+        if self.population is None:
+            return []
+        numbers = self._numbers
+        started = {place for place, number in enumerate(numbers) if number in under_way}
+        asked = self.estimator.wanted(self.population, self._by_place, places, started)
+        return [numbers[place] for place in asked]
+
+    @property
+    def estimate(self) -> Estimate:
+        """Probability of failure by the campaign's estimator."""
+        if self.population is None:
+            note = "the first phase is not complete"
+            return Estimate(0.0, (0.0, 1.0), np.inf, 0, self.estimator.name, notes=(note,))
+        return self.estimator.estimate(self.population, self._by_place)
+
+    @property
+    def beside(self) -> list[Estimate]:
+        """What other estimators make of the same runs, where the data allow."""
+        return [] if self.population is None else self.estimator.beside(self.population, self._by_place)
+
+    @property
+    def path(self) -> list[Estimate]:
+        """Estimates on the way, first to last."""
+        return [] if self.population is None else self.estimator.path(self.population, self._by_place)
+
+    @property
+    def weights(self) -> dict[int, float]:
+        """What each refined run stands for, by number of the sample; 0 where it stands for nothing."""
+        if self.population is None:
+            return dict.fromkeys(self.answers, 0.0)
+        numbers, found = self._numbers, dict.fromkeys(self.answers, 0.0)
+        # A sample at which a chain stood still has several places in the population.
+        for place, weight in self.estimator.weights(self.population, self._by_place).items():
+            found[numbers[place]] += weight
+        return found
+
+    @property
+    def why_finished(self) -> str | None:
+        """Why no further refined run is asked for, in words; None where some still are."""
+        return None if self.population is None else self.estimator.why_finished(self.population, self._by_place)
+
+    @property
+    def _numbers(self) -> list[int]:
+        numbers: list[int] = [] if self.population is None else self.population.numbers.tolist()
+        return numbers
+
+    @property
+    def _by_place(self) -> dict[int, bool | None]:
+        return {place: self.answers[n] for place, n in enumerate(self._numbers) if n in self.answers}

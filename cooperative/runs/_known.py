@@ -1,0 +1,21 @@
+"""What a campaign's folder tells: the rows of its samples, and both phases as its estimator sees them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from cooperative.estimate import Phases
+from cooperative.runs._model import sampling_of
+from cooperative.scene import Config
+from cooperative.store import Rows, Store, read_rows
+
+
+def rows_reader(config: Config, store: Store) -> Callable[[str], Rows]:
+    """Reads the verified rows of a grid; files of samples that the campaign does not have are damaged."""
+    return partial(read_rows, store, samples=config.estimator.rough_runs(sampling_of(config)))
+
+
+def phases_of(config: Config, rough: Rows, refined: Rows) -> Phases:
+    """What the rows of both grids tell the campaign's estimator."""
+    return Phases.known(config.estimator, sampling_of(config), rough.results, refined.results)

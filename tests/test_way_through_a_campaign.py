@@ -1,0 +1,74 @@
+"""A scene's way through a campaign: from room to room, coming back to none more than twice."""
+
+import sys
+from itertools import groupby
+from pathlib import Path
+
+import pytest
+
+import cooperative
+from benchmarks import invented
+from benchmarks.invented import CALIBRATED, SUBSET
+from cooperative import campaign
+from cooperative.scene import Config
+
+HOUSE = Path(cooperative.__file__).parent
+LOOPS = ("_screen", "_refine")
+READ = {Config.estimator.fget.__code__}
+"""Reading what the campaign holds is no way back to where it was made."""
+
+
+def room_of(code):
+    """The room that a function belongs to, None outside the package; made-up runs stand for those of the solver."""
+    path = Path(code.co_filename)
+    if path == Path(invented.__file__):
+        return "runs"
+    return path.relative_to(HOUSE).parts[0].removesuffix(".py") if path.is_relative_to(HOUSE) else None
+
+
+def callers(frame):
+    """Functions under way in the package, the innermost first; none while a context is left."""
+    found, leaves = [], frame.f_code.co_name == "__exit__"
+    while frame := frame.f_back:
+        leaves |= not found and frame.f_code.co_name == "__exit__"
+        if room_of(frame.f_code) is not None:
+            found.append(frame.f_code)
+    return [] if leaves else found
+
+
+def trace(does):
+    """Rooms that the controller enters in order, each loop over samples as one; and the rooms that a loop enters."""
+    way, loops = [], {name: set() for name in LOOPS}
+
+    def entered(frame, event, _):
+        room = room_of(frame.f_code)
+        if event != "call" or room in (None, "campaign") or frame.f_code in READ:
+            return
+        outer = callers(frame)
+        if not outer or room_of(outer[0]) != "campaign":
+            return
+        loop = next((code.co_name for code in outer if room_of(code) == "campaign" and code.co_name in LOOPS), None)
+        way.append(loop or room)
+        if loop is not None:
+            loops[loop].add(room)
+
+    sys.setprofile(entered)
+    try:
+        does()
+    finally:
+        sys.setprofile(None)
+    return [room for room, _ in groupby(way)], loops
+
+
+@pytest.mark.parametrize(
+    ("scene", "choices"), [(CALIBRATED, {"refined_runs": 20}), (SUBSET, {})], ids=["calibrated", "subset"]
+)
+def test_the_controller_comes_back_to_no_room_more_than_twice(tmp_path, monkeypatch, scene, choices):
+    invented.invent(put=monkeypatch.setattr)
+    way, loops = trace(lambda: campaign.run(scene, tmp_path / "out", **choices))
+    assert way[0] == "scene"
+    assert way[-1] == "summary"
+    assert [room for room in way if room in LOOPS] == list(LOOPS)
+    assert {room: way.count(room) for room in way if way.count(room) > 3} == {}
+    assert set(way) - set(LOOPS) <= {"scene", "estimate", "runs", "store", "summary"}
+    assert loops == {name: {"estimate", "runs", "store"} for name in LOOPS}
