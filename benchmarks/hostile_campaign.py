@@ -13,7 +13,7 @@ SECONDS = 0.02
 
 invented.invent(SECONDS)
 # Made-up fields belong to no particles that could be drawn.
-command.report = lambda folder, **_: f"{folder}"  # type: ignore[assignment]
+command.report = lambda folder, **_: f"{folder}"  # type: ignore[attr-defined]
 
 if __name__ == "__main__":
     sys.exit(command.main())

@@ -13,6 +13,7 @@ import numpy as np
 
 from cooperative import runs
 from cooperative.scene import Config, _calibration
+from cooperative.scene._typed import Calibration
 from cooperative.store import Sample
 
 TINY = """
@@ -114,7 +115,7 @@ def invent(seconds: float = 0.0, put: Callable[[ModuleType, str, Any], None] = s
 
     def measure(*_: Any, **__: Any) -> Any:
         time.sleep(seconds)
-        return _calibration.Calibration(rough=1.25, refined=1.125)
+        return Calibration(rough=1.25, refined=1.125)
 
     def timed(*arguments: Any, **choices: Any) -> Iterator[Sample]:
         return run_samples(*arguments, **choices, seconds=seconds)

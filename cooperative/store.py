@@ -30,12 +30,14 @@ from typing import Any, Self
 import h5py
 import numpy as np
 
-from jaxmpm import DamagedFile, files, write_aside
+from jaxmpm import files
 
 GRIDS = ("rough", "refined")
 SCHEMA = 1
 KIND = "cooperative sample"
 Scalar = files.Scalar
+DamagedFile = files.DamagedFile
+write_aside = files.write_aside
 set_aside = files.set_aside
 own_folder = files.own_folder
 MOST_TEXT = 2**20

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import kl
@@ -165,7 +166,7 @@ def mode_ratios(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
 
 
 def _errorbar(
-    ax: Any, rows: list[dict[str, Any]], middle: list[float], limits: list[list[float]], colour: str, marker: str,
+    ax: Axes, rows: list[dict[str, Any]], middle: list[float], limits: list[list[float]], colour: str, marker: str,
     label: str, *, shift: float = 0.0,
 ) -> None:  # fmt: skip
     """A line with intervals, moved a little sideways so that intervals do not lie on each other."""

@@ -118,7 +118,7 @@ class Maps(NamedTuple):
         return self.to_particles(velocity, values=0, gradients=self.scene.grid.dimension)[1]
 
     def average(self, values: Array, passes: int) -> Array:
-        """Average of `values` (N) over the particles around each one, weighted by mass, through `passes` filters."""
+        """Average of `values` (N,) over the particles around each one, weighted by mass, through `passes` filters."""
         m = self.scene.particles.mass
         nodal = filtered(self.scene.grid, self.to_grid(jnp.stack([m, m * values]), None), passes)
         averaged, _ = self.to_particles(reciprocal(self.scene, nodal[:, :1]) * nodal[:, 1:], values=1, gradients=0)
@@ -216,7 +216,7 @@ def reciprocal(scene: Scene, mass: Array) -> Array:
 
 
 def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps) -> Array:
-    """The components of the stress (s, N) that act on the grid (J), times the current volume (N).
+    """The components of the stress (s, N) that act on the grid (J), times the current volume (N,).
 
     With F-bar its mean is averaged as well, by the transpose of the strain's average: forces then do the work that the
     averaged strain stores. Without this the energy grows in a long run.

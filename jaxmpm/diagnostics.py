@@ -31,7 +31,7 @@ def position(scene: Scene, state: State) -> Array:
 
 
 def displacement(state: State) -> Array:
-    """Length of the displacement of each particle (N) m."""
+    """Length of the displacement of each particle (N,) m."""
     return tensors.safe_sqrt(jnp.sum(state.displacement**2, axis=0))
 
 
@@ -41,7 +41,7 @@ def largest_displacement(state: State) -> Array:
 
 
 def momentum(scene: Scene, state: State) -> Array:
-    """Total momentum (d) kg m/s."""
+    """Total momentum (d,) kg m/s."""
     _of_one_lane(scene, state)
     return jnp.sum(scene.particles.mass * state.velocity, axis=1)
 

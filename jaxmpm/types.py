@@ -120,7 +120,7 @@ class Wall:
 @pytree
 @dataclass(frozen=True)
 class Particles:
-    """What a particle keeps throughout: initial position (d, N) m, mass (N) kg, initial volume (N) m3.
+    """What a particle keeps throughout: initial position (d, N) m, mass (N,) kg, initial volume (N,) m3.
 
     In plane strain masses and volumes are per metre of width, in 1D per square metre of section.
     """
@@ -133,7 +133,7 @@ class Particles:
 
 
 class Material(Protocol):
-    """A constitutive law: a frozen pytree of parameters, each a number or one value per particle (N).
+    """A constitutive law: a frozen pytree of parameters, each a number or one value per particle (N,).
 
     All that the package asks of a law; `Law` is a base class with what most laws share.
     """
@@ -165,7 +165,7 @@ class Material(Protocol):
         law does not soften."""
 
     def initial_history(self, particles: Particles) -> Any:
-        """The history of undisturbed particles, an array (N) or a pytree of them, or None where the law has none."""
+        """The history of undisturbed particles, an array (N,) or a pytree of them, or None where the law has none."""
 
     def reduced(self, factor: Array) -> Any:
         """The law with its strength divided by `factor`: peak, residual, and the tangent of friction."""
@@ -186,7 +186,7 @@ class Scene:
 
     grid: of nodes. particles: their initial positions, masses and volumes. material: their constitutive law. kernel:
     shape function. walls: where nodes are held. scheme: when the stress is updated.
-    gravity: (d) m/s2. time_step: s. flip: share of FLIP in the particle velocity update, the rest is PIC;
+    gravity: (d,) m/s2. time_step: s. flip: share of FLIP in the particle velocity update, the rest is PIC;
     None is pure FLIP. damping: mass-proportional damping (1/s); None is undamped. engine: of the transfers, None
     takes the fastest there is. wall_friction: coefficient of the walls with friction.
     fbar: whether the volumetric strain is averaged over neighbouring particles, against locking. nonlocal_passes:
@@ -225,8 +225,8 @@ class State:
 
     displacement: (d, N) m from the initial position. velocity: (d, N) m/s.
     stress: (s, N) Pa, the components that the dimension can have: xx, yy, zz in 1D, with xz in 2D, all six
-    (xx, yy, zz, xy, yz, xz) in 3D. volume_ratio: (N) current over initial volume.
-    history: of the material, (N), or None. step: steps taken so far. status: of the lane, see `Status`.
+    (xx, yy, zz, xy, yz, xz) in 3D. volume_ratio: (N,) current over initial volume.
+    history: of the material, (N,), or None. step: steps taken so far. status: of the lane, see `Status`.
     affine: (d, d, N) gradient of the velocity that APIC carries (1/s), None without.
     """
 

@@ -1,8 +1,10 @@
-"""Documentation: every public name says what it is, and every field of a public dataclass is named there."""
+"""Documentation: every public name says what it is; what it lists exists; shapes are written in one way."""
 
+import ast
 import dataclasses
 import inspect
 import re
+from pathlib import Path
 
 import pytest
 
@@ -30,16 +32,84 @@ def test_public_names_are_documented(package, name):
         assert not [f for f in fields if not re.search(rf"\b{f}\b", text)]
 
 
-FUNCTIONS = [(package, name) for package, name in PUBLIC if inspect.isfunction(getattr(package, name))]
-
-
 def named(text: str) -> list[str]:
     """What a docstring's list of arguments names: words at the start of a sentence, before a colon."""
     lists = re.findall(r"(?:^|\.\s+|\n\s*)((?:[a-z_0-9]+, )*[a-z_0-9]+): ", text)
     return [name for found in lists for name in found.split(", ")]
 
 
-@pytest.mark.parametrize(("package", "name"), FUNCTIONS, ids=[f"{p.__name__}.{n}" for p, n in FUNCTIONS])
-def test_documented_arguments_exist(package, name):
-    function = getattr(package, name)
-    assert not set(named(inspect.getdoc(function) or "")) - set(inspect.signature(function).parameters)
+def described() -> list[tuple[str, str, set[str]]]:
+    """Public functions, classes and their public methods: name, docstring, and the names that it may list."""
+    found = []
+    for package, name in PUBLIC:
+        thing = getattr(package, name)
+        if not inspect.isfunction(thing) and not inspect.isclass(thing):
+            continue
+        own = parameters(thing) if inspect.isfunction(thing) else members(thing)
+        found.append((f"{package.__name__}.{name}", inspect.getdoc(thing) or "", own))
+        for method, function in vars(thing).items() if inspect.isclass(thing) else ():
+            function = getattr(function, "__func__", function)
+            if inspect.isfunction(function) and not method.startswith("_"):
+                text = inspect.cleandoc(function.__doc__ or "")
+                found.append((f"{package.__name__}.{name}.{method}", text, parameters(function)))
+    return found
+
+
+def parameters(function) -> set[str]:
+    return set(inspect.signature(function).parameters)
+
+
+def members(thing: type) -> set[str]:
+    """Fields, arguments of the constructor, properties and constants of a class."""
+    fields = {name for base in thing.__mro__ for name in getattr(base, "__annotations__", {})}
+    known = fields | {name for name in dir(thing) if not name.startswith("_")}
+    try:
+        return known | parameters(thing)
+    except ValueError:  # the constructors of enumerations and exceptions have no signature
+        return known
+
+
+DESCRIBED = described()
+
+
+@pytest.mark.parametrize(("name", "text", "known"), DESCRIBED, ids=[name for name, *_ in DESCRIBED])
+def test_documented_names_exist(name, text, known):
+    assert not set(named(text)) - known
+
+
+ROOT = Path(__file__).resolve().parent.parent
+MODULES = [path for package in ("foundation", "jaxmpm", "kl", "cooperative") for path in (ROOT / package).rglob("*.py")]
+
+# A shape is a tuple as Python writes it: (), (N,), (d, N).
+FOREIGN = {
+    "brackets, as in [d, N]": r"(?<!\w)\[(?:[dNBMkm]|nodes|modes)(?:, ?\w+)+\]|\[[dNBM]\]",
+    "products, as in N x d": r"\b(?:[dNBM]|nodes|modes) ?(?: x |\u00d7|\*) ?(?:[dNBM]|nodes|modes|\d)\b",
+    "one axis without a comma, as in (N)": r"(?<![\w\]])\((?:[dNBMk]|nodes|modes|samples|runs)\)",
+    "tuples in code, as in `(d,N)`": r"\((?:[dNBM]|nodes|modes),\w+\)",
+}
+
+
+def foreign(text: str) -> list[str]:
+    return [match for pattern in FOREIGN.values() for match in re.findall(pattern, text)]
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_shapes_are_tuples(path):
+    tree = ast.parse(path.read_text())
+    kinds = ast.Module | ast.ClassDef | ast.FunctionDef
+    texts = [(ast.get_docstring(node) or "") for node in ast.walk(tree) if isinstance(node, kinds)]
+    assert not [found for text in texts for found in foreign(text)]
+
+
+@pytest.mark.parametrize(
+    "text", ["[d, N] m", "N x d", "modes \u00d7 N", "mass (N) kg", "(nodes)", "(d,N)", "[N] values"]
+)
+def test_shapes_of_other_dialects_are_seen(text):
+    assert foreign(text)
+
+
+@pytest.mark.parametrize(
+    "text", ["(d, N) m", "(N,)", "()", "cells [m]", "in [0, 1]", "cos(k)", "a[m, k]", "[lower, upper]"]
+)
+def test_tuples_and_what_is_no_shape_are_left_alone(text):
+    assert not foreign(text)

@@ -42,7 +42,7 @@ class GridModel:
         """Distance up to which two particles hang together [m]: a little more than the diagonal of a cell."""
         return 1.5 * self.scene.grid.cell
 
-    def strength(self, coefficients: Any) -> jax.Array:
+    def strength(self, coefficients: jax.Array | np.ndarray) -> jax.Array:
         """Undrained strength at the particles (N,) Pa, for coefficients (M,)."""
         strength = self.config.strength
         marginal = strength.marginal(strength.mean, strength.cov)
@@ -59,7 +59,9 @@ class GridModel:
 
 
 @jax.jit
-def _strength(expansion: kl.Expansion, marginal: Any, coefficients: Any, position: Any) -> Any:
+def _strength(
+    expansion: kl.Expansion, marginal: Any, coefficients: jax.Array | np.ndarray, position: jax.Array
+) -> jax.Array:
     return marginal.transform(kl.field_at(expansion, coefficients, position))
 
 

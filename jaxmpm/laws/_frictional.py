@@ -219,13 +219,13 @@ def principal_drop(x1: Array, x2: Array, x3: Array, law: PyramidLaw) -> tuple[Ar
     def stress(m1: Any, m2: Any, m3: Any) -> tuple[Any, Any, Any]:
         """Trial stress less the elastic stress of a plastic strain."""
         total = b * (m1 + m2 + m3)
-        return tuple(xi - total - 2 * shear * m for xi, m in zip(x, (m1, m2, m3), strict=True))  # type: ignore
+        return tuple(xi - total - 2 * shear * m for xi, m in zip(x, (m1, m2, m3), strict=True))
 
     def strain(y: Sequence[Any]) -> tuple[Any, Any, Any]:
         """Plastic strain between the trial stress and y."""
         d = [xi - yi for xi, yi in zip(x, y, strict=True)]
         total = sum(d) * b / (3 * bulk)
-        return tuple((di - total) / (2 * shear) for di in d)  # type: ignore
+        return tuple((di - total) / (2 * shear) for di in d)
 
     # Stress, and the numbers that must not be negative (strains) of each return.
     same = 4 * shear * (1 + s * r) + 4 * b * s * r
@@ -251,11 +251,12 @@ def principal_drop(x1: Array, x2: Array, x3: Array, law: PyramidLaw) -> tuple[Ar
         terms = [beyond(high(), low), y[1] - y[0], y[2] - y[1], *(-2 * shear * m for m in multipliers)]
         return _largest(terms if tension is None else [*terms, high() - tension])
 
-    best, least = returns[0][0], violation(*returns[0])
+    best: Sequence[Array] = returns[0][0]
+    least = violation(*returns[0])
     for y, multipliers in returns[1:]:
         worse = violation(y, multipliers)
         better = worse < least
-        best = tuple(jnp.where(better, new, old) for new, old in zip(y, best, strict=True))  # type: ignore
+        best = tuple(jnp.where(better, new, old) for new, old in zip(y, best, strict=True))
         least = jnp.where(better, worse, least)
     elastic = f13 <= 0 if tension is None else (f13 <= 0) & (x1 <= tension)
     drop = [jnp.where(elastic, 0, xi - yi) for xi, yi in zip(x, best, strict=True)]

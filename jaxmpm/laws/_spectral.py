@@ -87,7 +87,9 @@ def _isotropic(
 
 
 @_isotropic.defjvp
-def _isotropic_jvp(function, present, primals, tangents):
+def _isotropic_jvp(
+    function: Callable[..., Any], present: tuple[int, ...], primals: tuple[Any, Any], tangents: tuple[Any, Any]
+) -> tuple[Any, Any]:
     (components, parameters), (moved, changed) = primals, tangents
     x, axes = principal(_full(present, components))
     *y, scalar = function(*x, *parameters)

@@ -1,6 +1,6 @@
 """Constitutive laws: (parameters, strain increment, stress, history) -> (stress, history).
 
-What a law must have is named in `jaxmpm.Material`. Every parameter is a number or one value per particle (N).
+What a law must have is named in `jaxmpm.Material`. Every parameter is a number or one value per particle (N,).
 Tension is positive.
 """
 
@@ -38,7 +38,7 @@ def elastic_increment(bulk: Array, shear: Array, strain_increment: Tensor) -> Te
 
 def add(a: Tensor, b: Tensor) -> Tensor:
     """Sum of two tensors."""
-    return tuple(x + y for x, y in zip(a, b, strict=True))  # type: ignore[return-value]
+    return tuple(x + y for x, y in zip(a, b, strict=True))
 
 
 @pytree

@@ -31,8 +31,8 @@ STEP_IN_STATES = 10
 class Checkpoints:
     """How a run of `steps` is cut for reverse mode.
 
-    levels: nested loops; each level more takes the forward run once more. inner: steps (or inner loops) per loop,
-    outermost first. bytes: what reverse mode will hold, in all.
+    levels: steps (or inner loops) of each of the nested loops, outermost first; each level more takes the forward run
+    once more. bytes: what reverse mode will hold, in all.
     """
 
     levels: tuple[int, ...]

@@ -57,7 +57,7 @@ def solve_each(
 ) -> Iterator[tuple[int, Result]]:
     """Run every sample and yield (number, result) as each ends, not in order.
 
-    varied: what samples differ in, name -> one value per sample, () or (N), drawn lazily as lanes become free:
+    varied: what samples differ in, name -> one value per sample, () or (N,), drawn lazily as lanes become free:
     `{"strength": strengths}`, `{"strength": strengths, "young": moduli}`. Names are those of `with_soil`: any parameter
     of the material, young (Pa), poisson, unit_weight (N/m3). Where stiffness or weight vary, every sample has its own
     initial stress and time step, and `state` must be at rest; else all start from `state`.
@@ -139,7 +139,7 @@ class Batch:
     """Samples in lanes. Every change gives a new one; the arrays of the old state may be used up.
 
     scene: its leaves that samples differ in have lanes first (B, ...); axes says which. state, watch: of all lanes.
-    numbers: of the samples, None in a lane that holds none. time_step (B) s; total (B) steps to the end; chunk (B)
+    numbers: of the samples, None in a lane that holds none. time_step (B,) s; total (B,) steps to the end; chunk (B,)
     steps that a lane takes at once, which depend on its own time step alone.
     """
 

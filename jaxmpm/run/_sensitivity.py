@@ -17,7 +17,7 @@ from jaxmpm.types import Scene, State
 def strength_sensitivity(
     scene: Scene, state: State, steps: int, objective: Callable[[State], Array], *, memory: float = 2e9
 ) -> tuple[Array, Array]:
-    """Value of `objective` after `steps` steps, and its derivative by the strength of every particle (N) per Pa.
+    """Value of `objective` after `steps` steps, and its derivative by the strength of every particle (N,) per Pa.
 
     objective: State -> scalar, for example `objectives.soft_largest_displacement`. memory: bytes for reverse mode.
     Divided by a particle's volume it no longer depends on how many particles the soil is cut into.

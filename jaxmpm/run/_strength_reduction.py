@@ -91,7 +91,7 @@ def factor_of_safety(
 
 
 def reductions(scene: Scene, factors: Array) -> tuple[Scene, Scene]:
-    """The scene with a lane for every factor (B) by which the strength is divided, and its axes for `solve`."""
+    """The scene with a lane for every factor (B,) by which the strength is divided, and its axes for `solve`."""
     material = jax.vmap(lambda factor: reduce_strength(scene.material, factor))(factors)
     found = {name: getattr(material, name) for name in type(material).STRENGTH}
     return lanes(scene, **{name: value for name, value in found.items() if value is not None})

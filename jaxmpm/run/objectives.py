@@ -69,7 +69,7 @@ def log_displacement(state: State, floor: float = 1e-3) -> Array:
 
 
 def column_height(scene: Scene, state: State, stations: Array, width: float) -> Array:
-    """Height of the soil (m) above the base at `stations` (k) along x, of a section or per metre of width.
+    """Height of the soil (m) above the base at `stations` (k,) along x, of a section or per metre of width.
 
     The soil's volume under a Gaussian of deviation `width` / 2 (m) about each station, over what that holds of a unit
     height: the surface where nothing overhangs, averaged over some `width`, and too low within it of the ends. With

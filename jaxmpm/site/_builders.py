@@ -10,6 +10,7 @@ from typing import Any, Literal
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
 
 from foundation import check
 from jaxmpm.site import _initial_stress
@@ -270,12 +271,12 @@ def fill(
     unit_weight: float,
     inside: Callable[[np.ndarray], np.ndarray] | None = None,
     corner: Sequence[float] | None = None,
-    dtype: Any = None,
+    dtype: DTypeLike | None = None,
 ) -> Particles:
     """Equal particles that fill a box from `corner`: at the centres of boxes of size `spacing`, those `inside`.
 
     extent, spacing: edges of the box and of a particle's own (m), one value per axis. unit_weight: N/m3. inside: told
-    positions (d, N) m from the corner, says which to keep, (N) bool; None keeps all. corner: lowest corner of the box
+    positions (d, N) m from the corner, says which to keep, (N,) bool; None keeps all. corner: lowest corner of the box
     (m), by default the origin. dtype: float32 or float64, as JAX is set if None.
     Raises ValueError for sizes that do not fit, or where nothing is inside.
     """

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+
+from jax.typing import DTypeLike
 
 from foundation import check
 from jaxmpm.site._soil import Ground, Soil
@@ -35,7 +36,7 @@ class Discretisation:
     damping: float = 0.0
     fbar: bool = False
     internal_length: float | None = None
-    dtype: Any = None
+    dtype: DTypeLike | None = None
 
 
 def kernel_of(discretisation: Discretisation) -> Kernel:

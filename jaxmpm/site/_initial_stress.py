@@ -108,7 +108,7 @@ def settled(scene: Scene, state: State) -> State:
 
 
 def _weight_above(scene: Scene) -> np.ndarray:
-    """Weight per area (N) Pa of what stands above each particle of a lattice in its own column, half itself included;
+    """Weight per area (N,) Pa of what stands above each particle of a lattice in its own column, half itself included;
     0 for particles that are in no column."""
     position = np.asarray(scene.particles.position)
     *across, z = position

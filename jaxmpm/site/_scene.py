@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
 from foundation import check
 from jaxmpm.laws import snaps_back
@@ -44,8 +45,8 @@ def scene(
 ) -> Scene:
     """A scene of any particles and law; numbers take the precision of the particles' positions.
 
-    particles: position (d, N) m inside the grid, mass (N) kg, volume (N) m3. material: parameters () or (N).
-    kernel: an object, e.g. GIMP(half_size). gravity: downwards (m/s2), or a vector (d). walls, wall_friction: where
+    particles: position (d, N) m inside the grid, mass (N,) kg, volume (N,) m3. material: parameters () or (N,).
+    kernel: an object, e.g. GIMP(half_size). gravity: downwards (m/s2), or a vector (d,). walls, wall_friction: where
     nodes are held, and the coefficient of those with friction. cfl: time_step = cfl cell / (c + speed), c the fastest
     elastic wave. speed: largest particle speed that the time step allows for (m/s), by default of a fall through half
     the grid. flip, damping, fbar, internal_length: as in `Discretisation`. body_force, engine: as in `Scene`.
@@ -134,15 +135,15 @@ def wave_speed(particles: Particles, material: Material) -> float:
     return math.sqrt(float(np.max(np.asarray(material.p_wave_modulus, float) / density)))
 
 
-def check_shape(name: str, value: Any, particles: Particles) -> None:
-    """Raise ValueError unless `value` is a number or one value per particle (N)."""
+def check_shape(name: str, value: ArrayLike, particles: Particles) -> None:
+    """Raise ValueError unless `value` is a number or one value per particle (N,)."""
     if np.shape(value) not in ((), particles.mass.shape):
         raise ValueError(
             f"{name} has shape {np.shape(value)}: give a number or {particles.mass.shape}, one value per particle"
         )
 
 
-def _number_of(dtype: np.dtype) -> Callable[[Any], Array]:
+def _number_of(dtype: np.dtype) -> Callable[[ArrayLike], Array]:
     return lambda value: jnp.asarray(value, dtype)
 
 
@@ -234,7 +235,7 @@ def _check_choices(scheme: Scheme, engine: Engine | None, *, cfl: float, flip: f
 
 
 def _gravity(gravity: float | Sequence[float], dimension: int) -> np.ndarray:
-    """The vector (d) m/s2; a number acts downwards."""
+    """The vector (d,) m/s2; a number acts downwards."""
     if np.ndim(gravity) == 0:
         check.not_negative("gravity", gravity, "m/s2")
         return np.array([0.0] * (dimension - 1) + [-float(np.asarray(gravity))])
@@ -254,8 +255,8 @@ def _checked_material(material: Any, particles: Particles, dtype: np.dtype) -> A
     return jax.tree.map(_number_of(dtype), material)
 
 
-def with_strength(scene: Scene, strength: Any) -> Scene:
-    """The scene with another strength (Pa), a number or one value per particle (N).
+def with_strength(scene: Scene, strength: ArrayLike) -> Scene:
+    """The scene with another strength (Pa), a number or one value per particle (N,).
 
     Raises ValueError for a law without strength, another shape, values that are not finite and above 0, and snap-back.
     """

@@ -46,7 +46,7 @@ class Soil:
     """An elastic soil with undrained strength, in SI units.
 
     unit_weight: N/m3. young, poisson: Young's modulus (Pa) and Poisson's ratio. strength: peak undrained shear strength
-    S_u (Pa), a number or one value per particle (N) of the scene, None for an elastic soil. softening_modulus: loss of
+    S_u (Pa), a number or one value per particle (N,) of the scene, None for an elastic soil. softening_modulus: loss of
     strength per unit of plastic strain (Pa). strain_95: instead of it, the plastic strain at which 95 per cent of an
     exponential loss is done. residual_ratio: residual over peak strength. plastic_strain: the
     measure of both. softening_length: thickness of the shear band (m) to which they refer; softening is then scaled by

@@ -10,6 +10,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
 from foundation import check
 from jaxmpm.site._initial_stress import at_rest
@@ -22,10 +23,10 @@ STARTING = {"young", "poisson", "bulk", "shear", "unit_weight"}
 """Parameters on which time step and initial stress depend."""
 
 
-def with_soil(scene: Scene, state: State, **values: Any) -> tuple[Scene, State]:
+def with_soil(scene: Scene, state: State, **values: ArrayLike) -> tuple[Scene, State]:
     """The scene with other parameters of its soil, and the state from which it starts.
 
-    values: numbers or one value per particle (N), by name: any parameter of the scene's material, young (Pa), poisson,
+    values: numbers or one value per particle (N,), by name: any parameter of the scene's material, young (Pa), poisson,
     unit_weight (N/m3). Where stiffness or weight change, `state` must not have moved: its initial stress is found
     anew, unless it has none, and the time step shortens with the wave's way through a cell (it never grows, since the
     scene does not know what speed it allows for).
@@ -67,7 +68,7 @@ def parameter_names(scene: Scene) -> list[str]:
     return [name for name in fields if not dataclasses.is_dataclass(getattr(law, name))]
 
 
-def vary(scene: Scene, state: State, values: Mapping[str, Any]) -> tuple[Scene, State]:
+def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[Scene, State]:
     """As `with_soil`, of names that are known; values beyond their limits pass, and their lane will say so."""
     for name, value in values.items():
         check_shape(name, value, scene.particles)

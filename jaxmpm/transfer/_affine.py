@@ -13,6 +13,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import DTypeLike
 
 from jaxmpm.types import Grid, Scene, State
 
@@ -45,6 +46,6 @@ def velocity_gradient(grid: Grid, position: Array, velocity: Array, to_particles
     return 4 / grid.cell**2 * (values[d:].reshape(d, d, -1) - values[:d, None] * x[None])
 
 
-def _nodes(grid: Grid, dtype: Any) -> Array:
+def _nodes(grid: Grid, dtype: DTypeLike) -> Array:
     """Positions of the nodes from the first one (nodes, d), m."""
     return jnp.asarray(np.stack(np.unravel_index(np.arange(grid.nodes), grid.shape), axis=1) * grid.cell, dtype)

@@ -15,17 +15,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.core import ShapedArray
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
 from jaxmpm.transfer import _stencil as stencil
 from jaxmpm.transfer import native
 from jaxmpm.transfer._stencil import Term
+from jaxmpm.types import Grid, Kernel
 
 # The primitives. Arrays may have any number of leading batch axes, of length 1 where lanes share the array.
 scatter_p = Primitive("jaxmpm_scatter")  # position (d, N), blocks of rows (r, N) -> (nodes, channels)
@@ -37,28 +40,31 @@ contract_p.multiple_results = True
 scatter_tangent_p = Primitive("jaxmpm_scatter_tangent")  # position, moved, changed blocks, blocks -> (nodes, channels)
 gather_moved_p = Primitive("jaxmpm_gather_moved")  # position, moved, nodal -> (rows, N)
 
+# What differentiation hands over: an array, or a symbolic zero, or a place still to be solved for (JAX names no type).
+Tangent = Any
+
 _STATICS = ("grid", "kernel", "native_only", "terms")
 
 
-def _batch(*arrays: Array) -> tuple[int, ...]:
+def _batch(*arrays: Array | ShapedArray) -> tuple[int, ...]:
     return np.broadcast_shapes(*(a.shape[:-2] for a in arrays))
 
 
-def _nodal_shape(position, *others, grid, channels, **_):
-    return jax.core.ShapedArray((*_batch(position, *others), grid.nodes, channels), position.dtype)
+def _nodal_shape(position: ShapedArray, *others: ShapedArray, grid: Grid, channels: int, **_: Any) -> ShapedArray:
+    return ShapedArray((*_batch(position, *others), grid.nodes, channels), position.dtype)
 
 
-def _rows_shape(position, *others, rows, **_):
-    return jax.core.ShapedArray((*_batch(position, *others), rows, position.shape[-1]), position.dtype)
+def _rows_shape(position: ShapedArray, *others: ShapedArray, rows: int, **_: Any) -> ShapedArray:
+    return ShapedArray((*_batch(position, *others), rows, position.shape[-1]), position.dtype)
 
 
-def _contract_shape(position, *others, rows, **statics):
-    slope = jax.core.ShapedArray((*_batch(position, *others), *position.shape[-2:]), position.dtype)
+def _contract_shape(position: ShapedArray, *others: ShapedArray, rows: int, **_: Any) -> list[ShapedArray]:
+    slope = ShapedArray((*_batch(position, *others), *position.shape[-2:]), position.dtype)
     return [slope, _rows_shape(position, *others, rows=rows)]
 
 
 def rows_of(blocks: Sequence[Array]) -> list[Array]:
-    """The rows (N) of blocks (r, N), one after the other."""
+    """The rows (N,) of blocks (r, N), one after the other."""
     return [row for block in blocks for row in block]
 
 
@@ -73,15 +79,19 @@ def _over_lanes(function: Callable[..., Array], *arrays: Array) -> Array:
     return jax.vmap(partial(_over_lanes, function), in_axes=[None if s else 0 for s in shared])(*lanes)
 
 
-def _scatter_xla(position, *blocks, native_only, grid, kernel, terms, channels):
-    def one_lane(position, *blocks):
+def _scatter_xla(
+    position: Array, *blocks: Array, native_only: bool, grid: Grid, kernel: Kernel, terms: Sequence[Term], channels: int
+) -> Array:
+    def one_lane(position: Array, *blocks: Array) -> Array:
         return stencil.scatter(grid, kernel, position, rows_of(blocks), terms=terms, channels=channels)
 
     _refuse(native_only)
     return _over_lanes(one_lane, position, *blocks)
 
 
-def _gather_xla(position, nodal, *, native_only, grid, kernel, terms, rows):
+def _gather_xla(
+    position: Array, nodal: Array, *, native_only: bool, grid: Grid, kernel: Kernel, terms: Sequence[Term], rows: int
+) -> Array:
     _refuse(native_only)
     return _over_lanes(partial(stencil.gather, grid, kernel, terms=terms, rows=rows), position, nodal)
 
@@ -93,7 +103,9 @@ def _refuse(native_only: bool) -> None:
         )
 
 
-def _scatter_cpu(position, *blocks, native_only, grid, kernel, terms, channels):
+def _scatter_cpu(
+    position: Array, *blocks: Array, native_only: bool, grid: Grid, kernel: Kernel, terms: Sequence[Term], channels: int
+) -> Array:
     if native.available() and native.supports(kernel, position, terms):
         return native.scatter(grid, kernel, position, blocks, terms=terms, channels=channels)
     return _scatter_xla(
@@ -101,17 +113,29 @@ def _scatter_cpu(position, *blocks, native_only, grid, kernel, terms, channels):
     )
 
 
-def _gather_cpu(position, nodal, *, native_only, grid, kernel, terms, rows):
+def _gather_cpu(
+    position: Array, nodal: Array, *, native_only: bool, grid: Grid, kernel: Kernel, terms: Sequence[Term], rows: int
+) -> Array:
     if native.available() and native.supports(kernel, position, terms):
         return native.gather(grid, kernel, position, nodal, terms=terms, rows=rows)
     return _gather_xla(position, nodal, native_only=native_only, grid=grid, kernel=kernel, terms=terms, rows=rows)
 
 
-def _contract_cpu(position, nodal, *blocks, native_only, grid, kernel, terms, rows):
+def _contract_cpu(
+    position: Array,
+    nodal: Array,
+    *blocks: Array,
+    native_only: bool,
+    grid: Grid,
+    kernel: Kernel,
+    terms: Sequence[Term],
+    rows: int,
+) -> Sequence[Array]:
     if native.available() and native.supports(kernel, position, _raised(terms, position.shape[-2])):
         return native.contract(grid, kernel, position, nodal, blocks, terms=terms, rows=rows)
-    statics = {"native_only": native_only, "grid": grid, "kernel": kernel, "terms": terms, "rows": rows}
-    return _contract_expanded(position, nodal, *blocks, **statics)
+    return _contract_expanded(
+        position, nodal, *blocks, rows=rows, native_only=native_only, grid=grid, kernel=kernel, terms=terms
+    )
 
 
 def _raised(terms: Sequence[Term], dimension: int) -> tuple[Term, ...]:
@@ -121,14 +145,16 @@ def _raised(terms: Sequence[Term], dimension: int) -> tuple[Term, ...]:
     )
 
 
-def _slopes(position, nodal, *, terms, rows, **statics):
+def _slopes(position: Array, nodal: Array, *, terms: Sequence[Term], rows: int, **statics: Any) -> Array:
     """What `gather` gives, derived along the position: (.., rows, d, N)."""
     d = position.shape[-2]
     found = gather_p.bind(position, nodal, terms=_raised(terms, d), rows=rows * d, **statics)
     return found.reshape(*found.shape[:-2], rows, d, found.shape[-1])
 
 
-def _scatter_tangent_expanded(position, moved, *both, terms, **statics):
+def _scatter_tangent_expanded(
+    position: Array, moved: Array, *both: Array, terms: tuple[Term, ...], **statics: Any
+) -> Array:
     changed, blocks = both[: len(both) // 2], both[len(both) // 2 :]
     count = sum(block.shape[-2] for block in blocks)
     products = [block[..., :, None, :] * moved[..., None, :, :] for block in blocks]
@@ -137,11 +163,11 @@ def _scatter_tangent_expanded(position, moved, *both, terms, **statics):
     return scatter_p.bind(position, *changed, *products, terms=terms + raised, **statics)
 
 
-def _gather_moved_expanded(position, moved, nodal, **statics):
+def _gather_moved_expanded(position: Array, moved: Array, nodal: Array, **statics: Any) -> Array:
     return (_slopes(position, nodal, **statics) * moved[..., None, :, :]).sum(-2)
 
 
-def _contract_expanded(position, nodal, *blocks, rows, **statics):
+def _contract_expanded(position: Array, nodal: Array, *blocks: Array, rows: int, **statics: Any) -> list[Array]:
     given = jnp.concatenate([jnp.broadcast_to(b, (*_batch(*blocks), *b.shape[-2:])) for b in blocks], axis=-2)
     slope = (_slopes(position, nodal, rows=given.shape[-2], **statics) * given[..., :, None, :]).sum(-3)
     if rows:
@@ -149,10 +175,10 @@ def _contract_expanded(position, nodal, *blocks, rows, **statics):
     return [slope, jnp.zeros((*slope.shape[:-2], 0, slope.shape[-1]), slope.dtype)]
 
 
-def _scatter_jvp(primals, tangents, **statics):
+def _scatter_jvp(primals: Sequence[Array], tangents: Sequence[Tangent], **statics: Any) -> tuple[Array, Array]:
     position, *blocks = primals
     moved, *changed = tangents
-    changed = map(ad.instantiate_zeros, changed)
+    changed = [ad.instantiate_zeros(tangent) for tangent in changed]
     if isinstance(moved, ad.Zero):
         tangent = scatter_p.bind(position, *changed, **statics)
     else:
@@ -160,7 +186,7 @@ def _scatter_jvp(primals, tangents, **statics):
     return scatter_p.bind(*primals, **statics), tangent
 
 
-def _gather_jvp(primals, tangents, **statics):
+def _gather_jvp(primals: Sequence[Array], tangents: Sequence[Tangent], **statics: Any) -> tuple[Array, Array]:
     position, nodal = primals
     moved, changed = tangents
     parts = []
@@ -171,7 +197,9 @@ def _gather_jvp(primals, tangents, **statics):
     return gather_p.bind(position, nodal, **statics), sum(parts[1:], parts[0])
 
 
-def _expanded_jvp(expanded, primals, tangents, **statics):
+def _expanded_jvp(
+    expanded: Callable[..., Any], primals: Sequence[Array], tangents: Sequence[Tangent], **statics: Any
+) -> tuple[Any, Any]:
     return jax.jvp(partial(expanded, **statics), primals, tuple(map(ad.instantiate_zeros, tangents)))
 
 
@@ -181,7 +209,7 @@ def _summed(cotangent: Array, shape: tuple[int, ...]) -> Array:
     return cotangent.sum(shared, keepdims=True) if shared else cotangent
 
 
-def _split(rows: Array, blocks: Sequence[Array]) -> list[Array | None]:
+def _split(rows: Array, blocks: Sequence[Tangent]) -> list[Array | None]:
     """The rows as blocks like the linear ones given; None for those that are not linear."""
     shapes = [b.aval.shape if ad.is_undefined_primal(b) else b.shape for b in blocks]
     ends = np.cumsum([shape[-2] for shape in shapes])
@@ -191,21 +219,25 @@ def _split(rows: Array, blocks: Sequence[Array]) -> list[Array | None]:
     ]
 
 
-def _count(blocks: Sequence[Array]) -> int:
+def _count(blocks: Sequence[Tangent]) -> int:
     return sum((b.aval if ad.is_undefined_primal(b) else b).shape[-2] for b in blocks)
 
 
-def _zeros(*arrays):
+def _zeros(*arrays: Tangent) -> tuple[Tangent, ...]:
     return tuple(ad.Zero(a.aval) if ad.is_undefined_primal(a) else None for a in arrays)
 
 
-def _scatter_transpose(cotangent, position, *blocks, channels, **statics):
+def _scatter_transpose(
+    cotangent: Tangent, position: Array, *blocks: Tangent, channels: int, **statics: Any
+) -> tuple[Tangent, ...]:
     if isinstance(cotangent, ad.Zero):
         return (None, *_zeros(*blocks))
     return (None, *_split(gather_p.bind(position, cotangent, rows=_count(blocks), **statics), blocks))
 
 
-def _scatter_tangent_transpose(cotangent, position, moved, *both, channels, **statics):
+def _scatter_tangent_transpose(
+    cotangent: Tangent, position: Array, moved: Tangent, *both: Tangent, channels: int, **statics: Any
+) -> tuple[Tangent, ...]:
     changed, blocks = both[: len(both) // 2], both[len(both) // 2 :]
     none = [None] * len(blocks)
     if isinstance(cotangent, ad.Zero):
@@ -216,27 +248,42 @@ def _scatter_tangent_transpose(cotangent, position, moved, *both, channels, **st
     return (None, along, *(_split(gathered, changed) if rows else none), *none)
 
 
-def _gather_transpose(cotangent, position, nodal, *, rows, **statics):
+def _gather_transpose(
+    cotangent: Tangent, position: Array, nodal: Tangent, *, rows: int, **statics: Any
+) -> tuple[Tangent, ...]:
     if isinstance(cotangent, ad.Zero):
         return None, ad.Zero(nodal.aval)
     spread = scatter_p.bind(position, cotangent, channels=nodal.aval.shape[-1], **statics)
     return None, _summed(spread, nodal.aval.shape)
 
 
-def _gather_moved_transpose(cotangent, position, moved, nodal, *, rows, **statics):
+def _gather_moved_transpose(
+    cotangent: Tangent, position: Array, moved: Tangent, nodal: Array, *, rows: int, **statics: Any
+) -> tuple[Tangent, ...]:
     if isinstance(cotangent, ad.Zero):
         return None, ad.Zero(moved.aval), None
     slope, _ = contract_p.bind(position, nodal, cotangent, rows=0, **statics)
     return None, _summed(slope, moved.aval.shape), None
 
 
-def _batched(primitive: Primitive, arrays: Sequence[Array], axes: Sequence[int | None], **statics):
+def _batched(
+    primitive: Primitive, arrays: Sequence[Array], axes: Sequence[int | None], **statics: Any
+) -> tuple[Any, Any]:
     lanes = [a[None] if axis is None else jnp.moveaxis(a, axis, 0) for a, axis in zip(arrays, axes, strict=True)]
     out = primitive.bind(*lanes, **statics)
     return (out, [0] * len(out)) if primitive.multiple_results else (out, 0)
 
 
-def _register(primitive, shape, counts, *, jvp, transpose, on_cpu, elsewhere):
+def _register(
+    primitive: Primitive,
+    shape: Callable[..., Any],
+    counts: tuple[str, ...],
+    *,
+    jvp: Callable[..., tuple[Any, Any]],
+    transpose: Callable[..., tuple[Tangent, ...]] | None,
+    on_cpu: Callable[..., Any],
+    elsewhere: Callable[..., Any],
+) -> None:
     primitive.def_abstract_eval(shape)
     primitive.def_impl(jax.jit(primitive.bind, static_argnames=(*_STATICS, *counts)))
     ad.primitive_jvps[primitive] = jvp
@@ -248,7 +295,15 @@ def _register(primitive, shape, counts, *, jvp, transpose, on_cpu, elsewhere):
     mlir.register_lowering(primitive, lowered(on_cpu), platform="cpu")
 
 
-def _register_expanded(primitive, shape, counts, expanded, *, transpose, on_cpu=None):
+def _register_expanded(
+    primitive: Primitive,
+    shape: Callable[..., Any],
+    counts: tuple[str, ...],
+    expanded: Callable[..., Any],
+    *,
+    transpose: Callable[..., tuple[Tangent, ...]] | None,
+    on_cpu: Callable[..., Any] | None = None,
+) -> None:
     """A primitive that is other primitives put together, where it is not a kernel of its own."""
     jvp = partial(_expanded_jvp, expanded)
     _register(primitive, shape, counts, jvp=jvp, transpose=transpose, on_cpu=on_cpu or expanded, elsewhere=expanded)

@@ -25,7 +25,7 @@ def locate(grid: Grid, position: Array) -> Array:
 
 
 def inside(grid: Grid, cells: Array) -> Array:
-    """Whether all nodes of the stencils lie on the grid: (N) bool, False for NaN."""
+    """Whether all nodes of the stencils lie on the grid: (N,) bool, False for NaN."""
     limits = jnp.asarray(grid.shape, cells.dtype)[:, None]
     return jnp.all((cells >= 0.5) & (cells < limits - 1.5), axis=0)
 

@@ -30,7 +30,7 @@ class Term(NamedTuple):
 def scatter(
     grid: Grid, kernel: Kernel, position: Array, rows: Sequence[Array], *, terms: Sequence[Term], channels: int
 ) -> Array:
-    """Particles to nodes: position (d, N) m and rows, each (N), to (nodes, channels)."""
+    """Particles to nodes: position (d, N) m and rows, each (N,), to (nodes, channels)."""
     nodal = jnp.zeros((grid.nodes, channels), position.dtype)
     for node, weight in _layers(grid, kernel, position, terms):
         contribution = _sums([(t.channel, t.factor * rows[t.row] * weight[t.axes]) for t in terms], channels, node)

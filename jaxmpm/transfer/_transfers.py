@@ -37,7 +37,7 @@ def p2g(
     components that act on the grid (J), (d (d + 1) / 2, N) in the order xx, yy, zz, xy, yz, xz of those that the
     dimension has, or None.
     engine: None takes native kernels on CPU where they were built, else XLA.
-    Returns (nodes, k + d), (nodes, k) or (nodes, d): first the carried channels, then the force (N).
+    Returns (nodes, k + d), (nodes, k) or (nodes, d): first the carried channels, then the force in N.
     Raises ValueError where the grid has fewer than 3 nodes along an axis, dtypes differ, or the engine is missing.
     Source: Bardenhagen and Kober (2004); Jiang et al. (2024), 10.1016/j.compgeo.2024.106413, Eqs. 20 to 22.
     """
