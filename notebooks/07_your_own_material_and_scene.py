@@ -362,7 +362,7 @@ class EveryRank:
         return samples // self.step
 
     def chosen(self, population: Population) -> list[int]:
-        order = rank_samples(population.rough_displacement, population.failed_lanes).order
+        order = rank_samples(population.rough_displacement, population.broke_off).order
         return [int(sample) for sample in order[self.step // 2 :: self.step]]
 
     def wanted(self, population: Population, answers: Answers, places: int, under_way: Collection[int]) -> list[int]:

@@ -44,7 +44,8 @@ def test_a_campaign_whose_rough_runs_broke_off_has_a_way_out(tmp_path, capsys, m
     assert main(["resume", str(folder), "--workers", "1"]) == 2
     said = capsys.readouterr().err
     assert (
-        "15 rough lanes failed and want a refined run each, of 15 runs in all: give more runs (--refined-runs)" in said
+        "15 rough runs broke off and want a refined run each, of 15 runs in all: give more runs (--refined-runs)"
+        in said
     )
     # Its figures would need real grids.
     monkeypatch.setattr(command, "report", lambda folder: "told")

@@ -102,7 +102,7 @@ def test_the_ranked_figure_counts_what_it_shows():
         "rough grid (2 samples)",
         "refined grid (2 samples)",
         "refined grid, audit (1 samples)",
-        "rough lane failed (1)",
+        "rough run broke off (1)",
     ]
 
 

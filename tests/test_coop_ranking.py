@@ -11,13 +11,13 @@ from cooperative.estimate import next_refined, rank_samples, stopping_rank
 def test_rank_is_by_displacement_then_number():
     ranking = rank_samples(np.array([0.2, 9.0, 0.2, 3.0]))
     assert ranking.order.tolist() == [1, 3, 0, 2]
-    assert ranking.failed_lanes.tolist() == []
+    assert ranking.broke_off.tolist() == []
 
 
-def test_failed_lanes_lead_and_are_reported():
+def test_runs_that_broke_off_lead_and_are_reported():
     ranking = rank_samples(np.array([0.2, np.nan, 5.0, 0.1]), np.array([False, False, False, True]))
     assert ranking.order.tolist() == [1, 3, 2, 0]
-    assert ranking.failed_lanes.tolist() == [1, 3]
+    assert ranking.broke_off.tolist() == [1, 3]
 
 
 @pytest.mark.parametrize("bad", [np.zeros((2, 2)), np.zeros(0)])

@@ -211,7 +211,7 @@ def test_bad_populations_are_named():
         two_phase(Population(np.ones(4), weight=np.full(4, 0.25)), {}, AuditPlan(runs=20))
     with pytest.raises(ValueError, match="fewer than 2"):
         two_phase(Population(np.ones(4), replicate=np.zeros(4, dtype=int)), {}, AuditPlan(runs=20))
-    with pytest.raises(ValueError, match="30 rough lanes failed"):
+    with pytest.raises(ValueError, match="30 rough runs broke off"):
         two_phase(Population(np.full(30, np.nan)), {}, AuditPlan(runs=20))
 
 
@@ -425,7 +425,7 @@ def test_subset_simulation_feeds_the_audit():
     assert covered >= 35
 
 
-def test_subset_simulation_takes_failed_lanes_for_the_largest():
+def test_subset_simulation_takes_runs_that_broke_off_for_the_largest():
     def rough(xi):
         return np.where(xi[:, 0] > 3, np.nan, xi[:, 0])
 

@@ -41,7 +41,7 @@ class EveryKth:
         return samples // self.k
 
     def chosen(self, population):
-        order = rank_samples(population.rough_displacement, population.failed_lanes).order
+        order = rank_samples(population.rough_displacement, population.broke_off).order
         return order[self.k // 2 :: self.k].tolist()
 
     def wanted(self, population, answers, places, under_way):

@@ -176,7 +176,7 @@ def published(
     refined: Mapping[int, bool | None],
     k_t: int,
     *,
-    failed_lanes: np.ndarray | None = None,
+    broke_off: np.ndarray | None = None,
     level: float = 0.95,
 ) -> Estimate:
     """n/N of Jiang et al. (2024), Computers and Geotechnics 172, 106413, with a Wilson interval.
@@ -185,7 +185,7 @@ def published(
     makes the estimate too low when the grids disagree. The interval holds the sampling of the N only.
     rough_displacement: (N,) [m]. refined: sample -> failed, None for a run without an answer.
     """
-    order = rank_samples(rough_displacement, failed_lanes).order
+    order = rank_samples(rough_displacement, broke_off).order
     rank = stopping_rank(order, refined, k_t)
     ranked = [refined[int(sample)] for sample in order[:rank] if int(sample) in refined]
     failures, unanswered = ranked.count(True), ranked.count(None)

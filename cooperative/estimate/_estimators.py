@@ -225,13 +225,13 @@ class Published:
     def wanted(self, population: Population, answers: Answers, places: int, under_way: Collection[int]) -> list[int]:
         """The next ranks that the rule needs whatever those under way turn out to be."""
         return next_refined(
-            population.rough_displacement, answers, self.k_t, places, failed_lanes=population.failed_lanes,
+            population.rough_displacement, answers, self.k_t, places, broke_off=population.broke_off,
             under_way=under_way,
         )  # fmt: skip
 
     def estimate(self, population: Population, answers: Answers) -> Estimate:
         """n/N."""
-        return published(population.rough_displacement, answers, self.k_t, failed_lanes=population.failed_lanes)
+        return published(population.rough_displacement, answers, self.k_t, broke_off=population.broke_off)
 
     def path(self, population: Population, answers: Answers) -> list[Estimate]:
         """Down the ranks."""
@@ -472,7 +472,7 @@ def _out_of_reach(found: Estimate, target: float) -> bool:
 
 
 def _order(population: Population) -> np.ndarray:
-    return rank_samples(population.rough_displacement, population.failed_lanes).order
+    return rank_samples(population.rough_displacement, population.broke_off).order
 
 
 def _by_rule(k_t: int | None, population: Population, answers: Answers) -> list[Estimate]:

@@ -18,17 +18,17 @@ import numpy as np
 class Ranking:
     """Samples by rough displacement, largest first.
 
-    order: sample indices (N,). failed_lanes: indices without a usable rough result; they lead the order.
+    order: sample indices (N,). broke_off: indices whose rough run gave no result; they lead the order.
     """
 
     order: np.ndarray
-    failed_lanes: np.ndarray
+    broke_off: np.ndarray
 
 
-def rank_samples(rough_displacement: np.ndarray, failed_lanes: np.ndarray | None = None) -> Ranking:
+def rank_samples(rough_displacement: np.ndarray, broke_off: np.ndarray | None = None) -> Ranking:
     """Rank N samples by their largest rough displacement (N,) [m], largest first, ties by sample number.
 
-    A rough lane that failed (`failed_lanes` (N,) bool, or a displacement that is not finite) says nothing
+    A rough run that broke off (`broke_off` (N,) bool, or a displacement that is not finite) says nothing
     about its sample, and most lanes fail because the soil moved far. It is therefore placed first, where it
     certainly gets a refined run, and reported; dropping it would bias the probability.
     """
@@ -36,12 +36,10 @@ def rank_samples(rough_displacement: np.ndarray, failed_lanes: np.ndarray | None
     if displacement.ndim != 1 or displacement.size == 0:
         raise ValueError(f"rough_displacement has shape {displacement.shape}: give one number per sample, at least one")
     failed = ~np.isfinite(displacement)
-    if failed_lanes is not None:
-        if np.shape(failed_lanes) != displacement.shape:
-            raise ValueError(
-                f"failed_lanes has shape {np.shape(failed_lanes)}: give one for each of {displacement.size}"
-            )
-        failed |= np.asarray(failed_lanes, dtype=bool)
+    if broke_off is not None:
+        if np.shape(broke_off) != displacement.shape:
+            raise ValueError(f"broke_off has shape {np.shape(broke_off)}: give one for each of {displacement.size}")
+        failed |= np.asarray(broke_off, dtype=bool)
     key = np.where(failed, np.inf, displacement)
     order = np.argsort(-key, kind="stable")
     return Ranking(order, np.flatnonzero(failed))
@@ -64,7 +62,7 @@ def next_refined(
     k_t: int,
     look_ahead: int = 1,
     *,
-    failed_lanes: np.ndarray | None = None,
+    broke_off: np.ndarray | None = None,
     under_way: Collection[int] = (),
 ) -> list[int]:
     """Samples to start on the refined grid now, in rank order; empty when there is nothing to start.
@@ -74,7 +72,7 @@ def next_refined(
     """
     if look_ahead < 1:
         raise ValueError(f"look_ahead = {look_ahead} is below 1: give the number of runs at once")
-    order = rank_samples(rough_displacement, failed_lanes).order
+    order = rank_samples(rough_displacement, broke_off).order
     missing = _walk(order, refined, k_t)[1]
     places = max(look_ahead - len(under_way), 0)
     return [sample for sample in missing if sample not in under_way][:places]

@@ -57,7 +57,7 @@ def subset_simulation(rough: Callable[[np.ndarray], np.ndarray], modes: int, pla
     """Sample the coefficients ever deeper into large rough displacements.
 
     The same plan and the same answers ask for the same solutions, so that an interrupted run can be gone through again.
-    rough: coefficients (n, modes) -> rough displacement (n,) [m], run for many samples at once; failed lanes are
+    rough: coefficients (n, modes) -> rough displacement (n,) [m], run for many samples at once; runs that broke off are
     nan and count as the largest. Raises ValueError for a plan that leaves fewer than 2 chains, or a share or
     correlation outside (0, 1).
     """

@@ -56,8 +56,8 @@ class _Replay:
 def next_audit(population: Population, refined: Mapping[int, bool | None], plan: AuditPlan) -> list[int]:
     """Samples to run on the refined grid next, in the order drawn; all may run at once. Empty when finished.
 
-    First failed rough lanes and the ranked prefix, then wave by wave. refined: sample -> failed, None for a run
-    that gave no answer. Raises ValueError for a plan or population that makes no sense.
+    First the rough runs that broke off and the ranked prefix, then wave by wave. refined: sample -> failed, None for a
+    run that gave no answer. Raises ValueError for a plan or population that makes no sense.
     """
     replay = _replay(population, refined, plan)
     return [int(sample) for sample in replay.order[replay.missing]]
@@ -100,14 +100,14 @@ def sample_weights(population: Population, refined: Mapping[int, bool | None], p
 
 def _replay(population: Population, refined: Mapping[int, bool | None], plan: AuditPlan) -> _Replay:
     check_plan(plan)
-    ranking = rank_samples(population.rough_displacement, population.failed_lanes)
-    order, count, lost = ranking.order, ranking.order.size, ranking.failed_lanes.size
+    ranking = rank_samples(population.rough_displacement, population.broke_off)
+    order, count, lost = ranking.order, ranking.order.size, ranking.broke_off.size
     weight = np.full(count, 1 / count) if population.weight is None else np.asarray(population.weight)[order]
     _check_weights(population, weight, count)
     if lost > plan.runs - plan.first_wave:
         raise ValueError(
-            f"{lost} rough lanes failed and want a refined run each, of {plan.runs} runs in all: "
-            "give more runs (--refined-runs), or repair the rough lanes"
+            f"{lost} rough runs broke off and want a refined run each, of {plan.runs} runs in all: "
+            "give more runs (--refined-runs), or mend the rough grid"
         )
     score = normal_scores(weight)
     centre = rough_centre(population.rough_displacement[order], weight, plan.rough_threshold)
@@ -124,7 +124,7 @@ def _replay(population: Population, refined: Mapping[int, bool | None], plan: Au
         return ranks[~answered[ranks]]
 
     def model() -> np.ndarray:
-        # A failed rough lane has no rank of its own, so it teaches the model nothing.
+        # A rough run that broke off has no rank of its own, so it teaches the model nothing.
         usable = np.flatnonzero(~np.isnan(outcome))
         usable = usable[usable >= lost]
         return predict_logistic(fit_logistic(score[usable], outcome[usable], centre), score, centre)

@@ -69,7 +69,7 @@ class Plan:
     look_ahead: refined runs under way at once, in rank order; the answer depends on neither.
     estimator: which refined runs there are and what is made of them, with its settings; see `cooperative.estimate`.
     None where a script gave it and the scene is read without the script.
-    screening_stop: displacement (m) at which a rough lane is decided and ends, None runs it to its end.
+    screening_stop: displacement (m) at which a rough run is decided and ends, None runs it to its end.
     calibrate: measure the factors of safety of both grids first, and bring the rough strength down (or up) by them.
     restart_every: seconds of wall time after which a refined run writes a restart point, and again after as many.
     fields: grids whose final displacement and plastic strain are kept. modes: grids whose failures get a mode.
