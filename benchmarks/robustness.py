@@ -122,7 +122,7 @@ def disturb(
     """
     generator, toll, round_ = random.Random(f"{case.name}-{workers}-{seed}"), Toll(), 0
     undisturbed = folder / "undisturbed"
-    Life(case, undisturbed, 1).process.wait()
+    whole(case, undisturbed, 1)
     while toll.disturbed < times:
         disturbed, before = folder / f"disturbed-{round_}", set[Path]()
         while toll.disturbed < times:
@@ -137,12 +137,19 @@ def disturb(
             toll.orphans += life.left()
             toll.lost += [f"{path} is gone" for path in before - finished(disturbed)]
             before = finished(disturbed)
-        life = Life(case, disturbed, workers)
-        life.process.wait()
-        toll.orphans += life.left()
+        toll.orphans += whole(case, disturbed, workers).left()
         toll.lost += differences(disturbed, undisturbed)
         round_ += 1
     return toll
+
+
+def whole(case: Case, folder: Path, workers: int) -> Life:
+    """A campaign that is left to end by itself. Raises RuntimeError where that is no good end: nothing could then be
+    compared."""
+    life = Life(case, folder, workers)
+    if life.process.wait():
+        raise RuntimeError(f"{case.name} with {workers} workers ends with {life.process.returncode}: see {folder}")
+    return life
 
 
 def killed(life: Life, generator: random.Random) -> bool:
