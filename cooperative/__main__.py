@@ -140,7 +140,7 @@ def parser() -> argparse.ArgumentParser:
     command("status", status)
     shows = command("report", show)
     shows.add_argument("--slides", type=int, default=SLIDES, help="slides drawn at several times (%(default)s)")
-    shows.add_argument("--again", action="store_true", help="run these samples again even if that takes long")
+    shows.add_argument("--again", action="store_true", help="run these samples again and draw more moments")
     writes = command("export", export)
     writes.add_argument("--sample", type=int, help="write this sample's series alone")
     writes.add_argument("--grid", choices=GRIDS, default="refined", help="grid of that sample (%(default)s)")

@@ -127,7 +127,9 @@ MEANINGS = {
         "screening_stop": Meaning("Displacement at which a rough run ends undisputed.", "2.0", **_LENGTH),
         "calibrate": Meaning("Whether rough strength is brought down by the grids' factors of safety.", "false"),
         "restart_every": Meaning("Time between restart points of a refined run.", "600.0", unit="s", above=0),
-        "fields": Meaning("Grids whose final displacement and plastic strain are kept.", '"refined"'),
+        "fields": Meaning(
+            "Grids whose final displacement and plastic strain are kept, and of a failure two frames.", '"refined"'
+        ),
         "modes": Meaning("Grids whose failures get a mode.", '"refined"'),
     },
 }

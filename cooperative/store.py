@@ -61,7 +61,8 @@ class Sample:
 
     number: sample number. status: how the run ended. steps, seconds: time steps and wall seconds spent.
     coefficients: KL coefficients (modes,). row: the scalars that estimators and tables read.
-    fields: named arrays (final displacement, plastic strain ...). dtype, device: of the computation.
+    fields: named arrays: final displacement (d, N) m, plastic_strain (N,), of a failure also frames (T, d, N) m at its
+    frame_times (T,) s, and others. dtype, device: of the computation.
     versions: of the packages that made it; those installed where it is empty.
     """
 
@@ -371,6 +372,8 @@ def _read(store: Store, grid: str, path: Path) -> Sample:
             raise DamagedFile(f"{path} holds sample {said['sample']} of grid {said['grid']}")
         if not 0 <= float(row["displacement"]) < float("inf"):
             raise DamagedFile(f"{path} holds a largest displacement of {row['displacement']} m")
+        fields = {name: file.array("fields", name) for name in file.names("fields")}
+        check_frames(path, fields, fields.get("displacement", np.empty(0)).shape)
         versions = json.loads(str(said["versions"]))
         if not isinstance(versions, dict) or not all(isinstance(value, str) for value in versions.values()):
             raise DamagedFile(f"{path} holds versions that are no names and texts")
@@ -381,10 +384,23 @@ def _read(store: Store, grid: str, path: Path) -> Sample:
             seconds=float(said["seconds"]),
             coefficients=file.array("/", "coefficients", dimensions=1, kinds="f"),
             row=row,
-            fields={name: file.array("fields", name) for name in file.names("fields")},
+            fields=fields,
             dtype=str(said["dtype"]),
             device=str(said["device"]),
             versions=versions,
+        )
+
+
+def check_frames(path: Path, fields: Mapping[str, Any], shape: tuple[int, ...]) -> None:
+    """DamagedFile for frames that are not (T, *shape), or whose times (T,) do not ascend. None at all will do."""
+    if "frames" not in fields and "frame_times" not in fields:
+        return
+    frames, times = (np.asarray(fields.get(name)) for name in ("frames", "frame_times"))
+    numbers = frames.dtype.kind == times.dtype.kind == "f"
+    if not (numbers and times.ndim == 1 and frames.shape == (times.size, *shape) and (np.diff(times) > 0).all()):
+        raise DamagedFile(
+            f"{path} holds frames of shape {frames.shape} for {times.size} times: times ascend, and each has one "
+            f"displacement of shape {shape}"
         )
 
 

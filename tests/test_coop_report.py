@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shutil
+import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 from xml.etree import ElementTree
@@ -15,12 +16,13 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
-from cooperative import campaign, summary
+from cooperative import campaign, runs, summary
 from cooperative.__main__ import main
 from cooperative.reporting import _page as page
 from cooperative.reporting import _pictures as pictures
 from cooperative.reporting import _plots as plots
 from cooperative.reporting import report
+from cooperative.reporting._exports import export
 from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, sample_path, write_sample
 from tests.test_campaign import TINY
@@ -154,13 +156,60 @@ def test_a_sample_run_again_ends_where_it_ended(done):
     store = read_store(folder)
     rows = read_rows(store, "refined")
     sample = read_sample(store, "refined", rows.numbers[int(np.argmax(rows.columns["displacement"]))])
-    shown = pictures.moments(pictures.models_of(parse(SCENE))["refined"], sample)
+    config = parse(SCENE)
+    shown = pictures.moments(runs.build(config, "refined", runs.expansion_of(config)), sample)
     assert np.array_equal(shown.displacement[-1], sample.fields["displacement"])
     far = np.linalg.norm(shown.displacement, axis=1).max(axis=1)
-    reach = sample.row["displacement"]
-    assert len(shown.times) == 3
-    assert 0.1 * reach <= far[0] < far[1] < far[2]
-    assert far[1] >= 0.5 * reach
+    assert len(shown.times) == 4
+    assert (np.diff(far) > 0).all()
+    assert (far >= np.array([0.1, 0.3, 0.6, 1.0]) * sample.row["displacement"] * (1 - 1e-6)).all()
+
+
+def test_the_report_and_the_export_solve_nothing(tmp_path, done, monkeypatch):
+    folder = copied(done, tmp_path / "c")
+    shutil.rmtree(folder / "figures")
+    solvers = {"solve", "solve_each", "advance", "advance_lanes", "elastic_equilibrium"}
+    places = [
+        (module, name)
+        for label, module in list(sys.modules.items())
+        for name in solvers & vars(module).keys()
+        if label.split(".")[0] in ("jaxmpm", "cooperative")
+    ]
+    assert {name for _, name in places} == solvers
+
+    def refused(*_, **__):
+        raise AssertionError("the solver was asked")
+
+    for module, name in places:
+        monkeypatch.setattr(module, name, refused)
+    (folder / "report.html").unlink()
+    report(folder)
+    assert (folder / "report.html").read_bytes() == (done[0] / "report.html").read_bytes()
+    assert {path.name for path in (folder / "figures").iterdir()} == {
+        path.name for path in (done[0] / "figures").iterdir()
+    }
+    assert list(export(folder))
+    with pytest.raises(AssertionError, match="the solver was asked"):
+        report(folder, again=True)
+
+
+def test_slides_are_drawn_from_their_frames_and_without_them_from_their_end(done):
+    folder, _ = done
+    store = read_store(folder)
+    rows = read_rows(store, "refined")
+    sample = read_sample(store, "refined", rows.numbers[int(np.argmax(rows.columns["displacement"]))])
+    model = pictures.models_of(parse(SCENE))["refined"]
+    shown = pictures.kept_moments(model, sample)
+    limit, far = (
+        parse(SCENE).run.failure_displacement,
+        [np.linalg.norm(each, axis=0).max() for each in shown.displacement],
+    )
+    assert len(shown.times) == 1 + sum(sample.row["displacement"] > passed * limit for passed in (1, 5))
+    assert limit < far[0] < far[-1]
+    ends = {name: values for name, values in sample.fields.items() if not name.startswith("frame")}
+    (only,) = pictures.kept_moments(model, replace(sample, fields=ends)).times
+    assert only == shown.times[-1]
+    assert list(pictures.slides(model, [replace(sample, fields={})], again=False)) == []
 
 
 def test_no_slides_and_bad_numbers_of_slides(done, capsys):

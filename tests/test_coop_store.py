@@ -9,6 +9,7 @@ import subprocess
 import sys
 import textwrap
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -210,6 +211,28 @@ def test_truncated_flipped_and_foreign_files_are_set_aside_and_redone(tmp_path):
         write_sample(store, "rough", sample(1))
         assert_same(read_sample(store, "rough", 1), sample(1))
         assert read_rows(store, "rough").damaged == ()
+
+
+@pytest.mark.parametrize(
+    ("frames", "times"),
+    [
+        (np.zeros((2, 3, 50), np.float16), [1.0]),
+        (np.zeros((1, 2, 50), np.float16), [1.0]),
+        (np.zeros((2, 3, 50), np.float16), [2.0, 1.0]),
+        (np.zeros((1, 3, 50), np.int16), [1.0]),
+        (np.zeros((1, 3, 50), np.float16), None),
+        (None, [1.0]),
+    ],
+    ids=["fewer times", "two components", "backwards", "whole numbers", "no times", "no frames"],
+)
+def test_frames_that_do_not_fit_their_times_or_the_slope_are_damaged(tmp_path, frames, times):
+    given = {"frames": frames, "frame_times": times}
+    with open_store(tmp_path, SCENE) as store:
+        plain = sample(1)
+        fields = {name: np.asarray(values) for name, values in given.items() if values is not None}
+        write_sample(store, "rough", replace(plain, fields={**plain.fields, **fields}))
+        with pytest.raises(DamagedFile, match=r"000001\.h5 holds frames of shape"):
+            read_sample(store, "rough", 1)
 
 
 def test_every_set_aside_file_is_kept(tmp_path):

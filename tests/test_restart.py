@@ -5,7 +5,9 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
+import h5py
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from cooperative import runs as screening
 from cooperative.runs import Stopped, run_samples
 from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, restart_path, write_sample
+from jaxmpm import solve, with_strength
 from tests.test_campaign import TINY, changed
 
 OFTEN = changed("k_t = 2", "k_t = 2\nrestart_every = 1e-6")
@@ -65,6 +68,35 @@ def undisturbed():
     return model, coefficients, {n: found[n] for n in (slides, stands, *sorted(found.keys() - {slides, stands}))}
 
 
+def test_failures_leave_frames_that_a_run_for_them_alone_gives_too(undisturbed):
+    model, _, found = undisturbed
+    limit = model.config.run.failure_displacement
+    for sample in found.values():
+        far = sample.row["displacement"]
+        assert ("frames" in sample.fields) == (far > limit)
+        if far > limit:
+            frames, times = sample.fields["frames"], sample.fields["frame_times"]
+            assert frames.dtype == np.float16
+            assert len(times) == 1 + (far > 5 * limit)
+            states = solve(
+                with_strength(model.scene, model.strength(sample.coefficients)), model.state,
+                t_end=float(times[-1]), snapshots=times.tolist(),
+            ).snapshots  # fmt: skip
+            alone = np.stack([np.asarray(state.displacement) for state in states])
+            np.testing.assert_array_equal(frames, alone.astype(np.float16))
+            reached = np.linalg.norm(alone, axis=1).max(axis=1)
+            assert (reached > np.array([1, 5])[: len(times)] * limit).all()
+
+
+def test_frames_are_kept_only_where_fields_are(undisturbed):
+    model, coefficients, found = undisturbed
+    number = next(iter(found))
+    bare = replace(model, config=replace(model.config, plan=replace(model.config.plan, fields=())))
+    (sample,) = run_samples(bare, coefficients, [number], width=1)
+    assert sample.fields.keys() == {"slice_depth"}
+    assert dict(sample.row) == dict(found[number].row)
+
+
 @pytest.mark.parametrize("which", [0, 1], ids=["slides", "settles"])
 def test_an_interrupted_run_ends_as_the_undisturbed_one(which, undisturbed, folder):
     model, coefficients, found = undisturbed
@@ -77,8 +109,11 @@ def test_an_interrupted_run_ends_as_the_undisturbed_one(which, undisturbed, fold
         on_chunk, _ = stop_after(chunks)
         with pytest.raises(Broken):
             list(screening.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=folder))
-        assert restart_path(folder, "refined", number).exists()
+        point = restart_path(folder, "refined", number)
+        assert point.exists()
         done += chunks
+    with h5py.File(point) as file:
+        assert ("frames" in file["about"]) == (which == 0)
     on_chunk, left = stop_after(10_000)
     (again,) = screening.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=folder)
     assert len(left) == len(all_chunks) - done

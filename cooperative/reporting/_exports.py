@@ -31,7 +31,7 @@ def export(folder: str | Path) -> Iterator[Path]:
         for number in read_rows(store, grid).numbers:
             sample = read_sample(store, grid, number)
             if "displacement" in sample.fields:
-                model = model or _model(store, grid)
+                model = model or _model(store, grid, at_rest=False)
                 yield _series_of_fields(store, model, sample)
 
 
@@ -52,7 +52,7 @@ def export_sample(folder: str | Path, number: int, grid: str = "refined", *, fra
             f"the fields of sample {number} on the {grid} grid were not kept ([campaign] fields in the scene): "
             'set fields = "both" for another campaign, or give --frames to run the sample again'
         )
-    model = _model(store, grid)
+    model = _model(store, grid, at_rest=frames is not None)
     if frames is None:
         return _series_of_fields(store, model, sample)
     if frames < 2:
@@ -73,7 +73,8 @@ def run_again(model: GridModel, sample: Sample, times: np.ndarray) -> Result:
 def _series_of_fields(store: Store, model: GridModel, sample: Sample) -> Path:
     path = _series_path(store, model.grid, sample.number)
     position = np.asarray(model.scene.particles.position)
-    kept = {name: values for name, values in sample.fields.items() if values.shape[-1:] == position.shape[1:]}
+    of_particles = (position.shape, position.shape[1:])
+    kept = {name: values for name, values in sample.fields.items() if values.shape in of_particles}
     at_rest = {name: np.zeros_like(values) for name, values in kept.items()}
     write_particles(
         path,
@@ -89,9 +90,9 @@ def _series_path(store: Store, grid: str, number: int) -> Path:
     return own_folder(store.folder / "series") / f"{grid}-{number:06d}.vtkhdf"
 
 
-def _model(store: Store, grid: str) -> GridModel:
+def _model(store: Store, grid: str, *, at_rest: bool) -> GridModel:
     config = config_of(store)
-    return build(config, grid, expansion_of(config))
+    return build(config, grid, expansion_of(config), at_rest=at_rest)
 
 
 def _few(numbers: list[int], most: int = 10) -> str:

@@ -3,31 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from cooperative.measure import SEVERITY
 from cooperative.reporting import _plots as plots
 from cooperative.reporting._plots import Drawn
-from cooperative.runs import GridModel, build, expansion_of
+from cooperative.runs import Frames, GridModel, build, expansion_of
 from cooperative.scene import Config
 from cooperative.store import Rows, Sample
 from jaxmpm import Midway, solve_each
 
-PATIENCE = 60.0
-"""Seconds of running samples again for their pictures that nobody is asked about."""
-
-SHARES = (0.1, 0.5)
-"""Shares of the largest displacement at which a slide is drawn, and at its end."""
-
-
-@dataclass(frozen=True)
-class Moments:
-    """A run at some of its times. times: (T,) s. displacement: (T, d, N) m."""
-
-    times: tuple[float, ...]
-    displacement: np.ndarray
+SHARES = (0.1, 0.3, 0.6)
+"""Shares of the largest displacement at which a slide that is run again is drawn, and at its end."""
 
 
 def choose(rows: Rows, failed: np.ndarray, most: int) -> list[int]:
@@ -69,23 +57,21 @@ def before_and_after(model: GridModel, sample: Sample) -> Drawn:
 def slides(model: GridModel, samples: Sequence[Sample], *, again: bool) -> Iterator[Drawn]:
     """Each sample's strength and slide at several times, in 3D from above too.
 
-    again: run the samples again for it whatever that costs; otherwise only where they took less than a minute in all,
-    and the fields that were kept serve instead. A sample without either is left out.
+    again: run the samples again for it; otherwise the fields that were kept serve, and a sample without is left out.
     """
-    again = again or sum(sample.seconds for sample in samples) <= PATIENCE
+    if again:
+        model = build(model.config, model.grid, model.expansion)
     for sample in samples:
-        if again:
-            shown = moments(model, sample)
-        elif "displacement" in sample.fields:
-            shown = Moments((sample.steps * float(model.scene.time_step),), sample.fields["displacement"][None])
-        else:
+        shown = moments(model, sample) if again else kept_moments(model, sample)
+        if not shown.times:
             continue
+        displacement = np.stack(shown.displacement)
         mode = f", {sample.row['mode']}" if sample.row.get("mode") not in (None, "none") else ""
         plane = _plane(model, sample)
         figure = plots.slide(
             _section(model, plane),
             _strength(model, sample)[plane],
-            shown.displacement[:, [0, -1]][:, :, plane],
+            displacement[:, [0, -1]][:, :, plane],
             shown.times,
         )
         where = " Section where it moved farthest." if len(model.half_size) == 3 else ""
@@ -93,11 +79,25 @@ def slides(model: GridModel, samples: Sequence[Sample], *, again: bool) -> Itera
         if len(model.half_size) == 3:
             position = np.asarray(model.scene.particles.position, float)
             toe = model.config.slope.toe_x
-            figure = plots.plan(position, shown.displacement, shown.times, model.half_size, toe=toe)
+            figure = plots.plan(position, displacement, shown.times, model.half_size, toe=toe)
             yield Drawn(f"plan-{sample.number:06d}", f"Sample {sample.number}{mode} from above.", figure)
 
 
-def moments(model: GridModel, sample: Sample) -> Moments:
+def kept_moments(model: GridModel, sample: Sample) -> Frames:
+    """A sample's frames in single precision, and its end; nothing where its fields were not kept."""
+    if "displacement" not in sample.fields:
+        return Frames()
+    frames = Frames.of(sample.fields)
+    earlier = (each.astype(np.float32) for each in frames.displacement)
+    return Frames((*frames.times, _end(model, sample.steps)), (*earlier, sample.fields["displacement"]))
+
+
+def _end(model: GridModel, steps: int) -> float:
+    """When a run of so many steps ended [s]."""
+    return steps * float(model.scene.time_step)
+
+
+def moments(model: GridModel, sample: Sample) -> Frames:
     """Run a finished sample again and keep its displacement when it has moved the given shares of its largest one, and
     at its end."""
     reach = float(sample.row["displacement"])
@@ -117,17 +117,17 @@ def moments(model: GridModel, sample: Sample) -> Moments:
     for _, result in solve_each(
         model.scene, model.state, varied, width=1, t_end=run.t_end, settle=run.settle, observe=look
     ):
-        end = int(result.state.step) * float(model.scene.time_step)
+        end = _end(model, int(result.state.step))
         if not times or end > times[-1]:
             times.append(end)
             kept.append(np.asarray(result.state.displacement))
-    return Moments(tuple(times), np.stack(kept))
+    return Frames(tuple(times), tuple(kept))
 
 
 def models_of(config: Config) -> dict[str, GridModel]:
-    """Both grids of a campaign."""
+    """Both grids of a campaign, free of stress: to be looked at, not run."""
     expansion = expansion_of(config)
-    return {grid: build(config, grid, expansion) for grid in ("rough", "refined")}
+    return {grid: build(config, grid, expansion, at_rest=False) for grid in ("rough", "refined")}
 
 
 def _strength(model: GridModel, sample: Sample) -> np.ndarray:

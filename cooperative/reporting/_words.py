@@ -80,8 +80,8 @@ def report(folder: str | Path, *, slides: int = SLIDES, again: bool = False, est
     """Draw the figures of a campaign into `figures/`, write `report.html` with all of them, and return its summary in
     words.
 
-    slides: how many slides to draw at several times, the farthest of each mode. For that they are run again: where that
-    takes longer than a minute only if `again` says so, and otherwise drawn from the fields that were kept.
+    slides: how many slides to draw at several times, the farthest of each mode, from the frames and fields that their
+    runs left behind. again: run them again and draw more moments; all else is read, and nothing solved.
     estimator: the one that `cooperative.campaign.run` was given, where it was given one.
     Raises ValueError where the folder holds no campaign, or none with a finished sample.
     """

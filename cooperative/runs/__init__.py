@@ -1,6 +1,7 @@
 """Runs of samples: the model of a grid, samples through lanes and workers, restart points, stopping."""
 
 from cooperative.runs._executors import Workers, cores_to_use, dask_executor, process_pool, run_through
+from cooperative.runs._frames import Frames
 from cooperative.runs._known import phases_of, rows_reader
 from cooperative.runs._model import GridModel, build, coefficients_of, expansion_of, sampling_of
 from cooperative.runs._samples import finished, run_samples
@@ -8,6 +9,7 @@ from cooperative.runs._size import GridSize, check_coefficients, check_size, gri
 from cooperative.runs._stopping import Stop, Stopped, heeding
 
 __all__ = [
+    "Frames",
     "GridModel",
     "GridSize",
     "Stop",

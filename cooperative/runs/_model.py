@@ -102,9 +102,12 @@ def sampling_of(config: Config) -> Sampling:
     )
 
 
-def build(config: Config, grid: str, expansion: kl.Expansion) -> GridModel:
-    """Scene and initial state of one grid; ValueError where slope, soil and grid do not fit together."""
-    scene, state = built(config, grid)
+def build(config: Config, grid: str, expansion: kl.Expansion, *, at_rest: bool = True) -> GridModel:
+    """Scene and initial state of one grid; ValueError where slope, soil and grid do not fit together.
+
+    at_rest: False leaves the state free of stress, which is not solved for then: for who looks and does not run.
+    """
+    scene, state = built(config, grid, at_rest=at_rest)
     factor = config.calibration.factor if config.calibration and grid == "rough" else 1.0
     return GridModel(grid, config, scene, state, expansion, factor)
 

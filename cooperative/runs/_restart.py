@@ -1,7 +1,7 @@
 """Restart points of long runs: a run that is killed goes on from its last one, bit for bit.
 
-A restart point holds the state, what the settle watch remembers and what the modes need of the past. It lies in the
-campaign's folder, which a worker must see; where it does not, its runs start afresh.
+A restart point holds the state, what the settle watch remembers, what the modes need of the past and the frames so far.
+It lies in the campaign's folder, which a worker must see; where it does not, its runs start afresh.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from cooperative.measure import Motion
-from cooperative.store import restart_path, set_aside
+from cooperative.runs._frames import Frames
+from cooperative.store import check_frames, restart_path, set_aside
 from jaxmpm import Midway, State, files, load_state, save_state
 
 
@@ -25,6 +26,7 @@ class RestartPoint:
 
     midway: Midway
     motion: Motion
+    frames: Frames
     seconds: float
 
 
@@ -46,6 +48,7 @@ def write_restart(folder: Path, grid: str, number: int, digest: str, point: Rest
         "onset": motion.onset,
         "seen": motion.seen,
         "travel": np.concatenate([np.zeros(0), *motion.travel]),
+        **point.frames.as_fields(),
     }
     save_state(path, point.midway.state, about=about)
 
@@ -85,6 +88,7 @@ def _restored(path: Path, state: State, about: dict[str, Any], start: Motion) ->
     snapshots = len(about["times"])
     if snapshots < 1 or len(about["travel"]) != sum(range(2, snapshots + 1)):
         raise files.DamagedFile(f"{path} holds {len(about['travel'])} numbers of travel for {snapshots} snapshots")
+    check_frames(path, about, state.displacement.shape)
     # Snapshot k has one travel for each snapshot up to it.
     ends = np.cumsum(np.arange(2, len(about["times"]) + 1))
     motion = Motion(
@@ -96,4 +100,5 @@ def _restored(path: Path, state: State, about: dict[str, Any], start: Motion) ->
         about["seen"],
         tuple(np.split(about["travel"], ends)[: len(ends)]),
     )
-    return RestartPoint(Midway(state, about["quiet"], about["reference"]), motion, about["seconds"])
+    midway = Midway(state, about["quiet"], about["reference"])
+    return RestartPoint(midway, motion, Frames.of(about), about["seconds"])

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from cooperative.measure import FailureMode, ModeRules, Motion, consequences, failure_mode
+from cooperative.runs._frames import Frames
 from cooperative.runs._model import GridModel, geometry_of
 from cooperative.runs._restart import RestartPoint, read_restart, write_restart
 from cooperative.runs._stopping import Asked, Stopped
@@ -65,26 +66,28 @@ def run_samples(
         stop_at=stop_at, on_chunk=looked, observe=lanes.remember if lanes.remembers else None, resume=lanes.begin,
     ):  # fmt: skip
         seconds = lanes.before[number] + lanes.lap()
-        motion = lanes.motions.pop(number) if model.grid in model.config.plan.modes else None
-        yield finished(model, number, coefficients[number], result, seconds, motion)
+        past = lanes.motions.pop(number)
+        motion = past if model.grid in model.config.plan.modes else None
+        yield finished(model, number, coefficients[number], result, seconds, motion, lanes.frames.pop(number))
     if left_out:
         raise Stopped
 
 
 @dataclass
 class _UnderWay:
-    """What the runs under way leave behind between chunks of steps: their past for the modes, and restart points.
+    """What the runs under way leave behind between chunks of steps: their past for the modes, frames, restart points.
 
-    folder: of the campaign, None without restart points. motions, before, written: by number, each run's past, the
-    seconds it had taken when this process took it up, and when its last restart point was written. started: when the
-    last run ended. stopping: whether a stop was seen after the last chunk. busy: lanes of that chunk not shown
-    yet. ended: whether a run ended with it.
+    folder: of the campaign, None without restart points. motions, frames, before, written: by number, each run's past,
+    its frames, the seconds it had taken when this process took it up, and when its last restart point was written.
+    started: when the last run ended. stopping: whether a stop was seen after the last chunk. busy: lanes of that chunk
+    not shown yet. ended: whether a run ended with it.
     """
 
     model: GridModel
     folder: Path | None
     stop: Asked
     motions: dict[int, Motion] = field(default_factory=dict)
+    frames: dict[int, Frames] = field(default_factory=dict)
     before: dict[int, float] = field(default_factory=dict)
     written: dict[int, float] = field(default_factory=dict)
     started: float = field(default_factory=time.perf_counter)
@@ -96,7 +99,8 @@ class _UnderWay:
         volume = np.asarray(self.model.scene.particles.volume)
         self.at_rest = Motion.start(volume, self.model.config.run.failure_displacement)
         self.digest = "" if self.folder is None else read_store(self.folder).digest
-        self.remembers = self.folder is not None or self.model.grid in self.model.config.plan.modes
+        plan = self.model.config.plan
+        self.remembers = self.folder is not None or self.model.grid in (*plan.modes, *plan.fields)
 
     def lap(self) -> float:
         """Seconds since a run ended the last time."""
@@ -111,6 +115,7 @@ class _UnderWay:
             place = self.folder, self.model.grid, number, self.digest
             point = read_restart(*place, like=self.model.state, start=self.at_rest)
         self.motions[number] = self.at_rest if point is None else point.motion
+        self.frames[number] = Frames() if point is None else point.frames
         self.before[number] = 0.0 if point is None else point.seconds
         return None if point is None else point.midway
 
@@ -122,13 +127,18 @@ class _UnderWay:
 
     def remember(self, number: int, seconds: float, midway: Midway) -> None:
         """One lane after a chunk. Raises `Stopped` after the last one, if none waits to be given out."""
-        motion = self.motions[number]
+        motion, running = self.motions[number], bool(midway.state.status == Status.RUNNING)
         if seconds > motion.times[-1]:  # a lane with a number that none may have takes no step
-            self.motions[number] = motion.after(seconds, np.asarray(_moved(midway.state.displacement)))
-        now, running = time.perf_counter(), bool(midway.state.status == Status.RUNNING)
+            moved = np.asarray(_moved(midway.state.displacement))
+            self.motions[number] = motion.after(seconds, moved)
+            kept = self.model.grid in self.model.config.plan.fields and running
+            if kept and self.frames[number].due(float(moved.max()), motion.threshold):
+                self.frames[number] = self.frames[number].after(seconds, midway.state.displacement)
+        now = time.perf_counter()
         due = self.stopping or now - self.written[number] > self.model.config.plan.restart_every
         if self.folder is not None and due and running:
-            point = RestartPoint(midway, self.motions[number], self.before[number] + now - self.started)
+            seconds_taken = self.before[number] + now - self.started
+            point = RestartPoint(midway, self.motions[number], self.frames[number], seconds_taken)
             write_restart(self.folder, self.model.grid, number, self.digest, point)
             self.written[number] = now
         self.busy -= 1
@@ -149,9 +159,10 @@ def finished(
     result: Result,
     seconds: float,
     motion: Motion | None = None,
+    frames: Frames | None = None,
 ) -> Sample:
-    """The record of a run; its mode too, where its past was remembered. A run that broke off has no consequences,
-    only the displacement it had reached."""
+    """The record of a run; its mode too, where its past was remembered, and its frames if it failed. A run that broke
+    off has no consequences, only the displacement it had reached."""
     scene, config = model.scene, model.config
     displacement = np.asarray(result.state.displacement)
     history = result.state.history
@@ -174,6 +185,8 @@ def finished(
         limit = config.run.failure_displacement
         measured = consequences(*run, half_size=model.half_size, sliding_displacement=limit, reach=model.reach)
         row = {**measured.as_row(), "broke_off": False}
+        if frames is not None and measured.displacement > limit:
+            fields |= frames.as_fields()
         if motion is not None:
             rules = ModeRules(sliding_displacement=limit)
             mode = failure_mode(*run, half_size=model.half_size, motion=motion, rules=rules)

@@ -72,7 +72,8 @@ class Plan:
     screening_stop: displacement (m) at which a rough run is decided and ends, None runs it to its end.
     calibrate: measure the factors of safety of both grids first, and bring the rough strength down (or up) by them.
     restart_every: seconds of wall time after which a refined run writes a restart point, and again after as many.
-    fields: grids whose final displacement and plastic strain are kept. modes: grids whose failures get a mode.
+    fields: grids whose final displacement and plastic strain are kept, and two frames of a failure. modes: grids whose
+    failures get a mode.
     """
 
     samples: int
@@ -176,9 +177,12 @@ def parse(text: str, estimator: Estimator | None = None) -> Config:
     return config
 
 
-def built(config: Config, grid: str) -> tuple[Scene, State]:
-    """Scene and initial state of one grid; ValueError where slope, soil and grid do not fit together."""
-    return slope(config.slope, config.soil, config.grids[grid], gravity=config.run.gravity, y_ends=config.y_ends)
+def built(config: Config, grid: str, *, at_rest: bool = True) -> tuple[Scene, State]:
+    """Scene and initial state of one grid, free of stress if not `at_rest`; ValueError where slope, soil and grid do
+    not fit together."""
+    return slope(
+        config.slope, config.soil, config.grids[grid], gravity=config.run.gravity, y_ends=config.y_ends, at_rest=at_rest
+    )
 
 
 def _soil(table: dict[str, Any], height: float) -> Soil:

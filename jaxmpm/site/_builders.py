@@ -108,9 +108,11 @@ def slope(
     gravity: float = 9.81,
     y_ends: Literal["fixed", "roller"] = "fixed",
     speed: float | None = None,
+    at_rest: bool = True,
 ) -> tuple[Scene, State]:
     """A slope at rest: base fixed, x ends on rollers, y ends as asked, stress from elastic gravity loading.
 
+    at_rest: False leaves it free of stress, which is not solved for then (gravity would act suddenly).
     speed: largest particle speed that the time step allows for (m/s), by default of a fall
     through half the relief.
     Raises ValueError for sizes, moduli, spacings and walls that do not fit (each message says which and why).
@@ -135,7 +137,7 @@ def slope(
         gravity=gravity,
         speed=math.sqrt(gravity * top) if speed is None else speed,
     )
-    return built, _initial_stress.settled(built, state)
+    return built, _initial_stress.settled(built, state) if at_rest else state
 
 
 def column(
