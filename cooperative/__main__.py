@@ -15,6 +15,7 @@ from cooperative.reporting import _exports as exports
 from cooperative.runs import Stopped, cores_to_use, dask_executor, heeding
 from cooperative.scene import example, examples, read_scene
 from cooperative.store import GRIDS, read_store
+from foundation.text import printable
 
 Command = Callable[[argparse.Namespace], None]
 
@@ -162,7 +163,7 @@ def main(arguments: list[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         # The text of an OSError of our own stands alone; that of the system's needs the file's name beside it.
         own = isinstance(error, OSError) and error.filename is None and error.strerror
-        print(f"error: {own or error}", file=sys.stderr)
+        print(f"error: {printable(str(own or error))}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as interrupt:
         stopped = interrupt if isinstance(interrupt, Stopped) else Stopped()

@@ -30,6 +30,7 @@ from typing import Any, Self
 import h5py
 import numpy as np
 
+from foundation.text import short, shown
 from jaxmpm import files
 
 GRIDS = ("rough", "refined")
@@ -143,7 +144,7 @@ def open_store(folder: str | Path, scene_text: str) -> Store:
         others = [entry.name for entry in folder.iterdir() if not entry.name.startswith(".")]
         if others and not scene_path.exists():
             raise ValueError(
-                f"folder {folder} holds {sorted(others)[0]!r} but no scene.toml, so it is not a campaign: "
+                f"folder {folder} holds {shown(sorted(others)[0])} but no scene.toml, so it is not a campaign: "
                 "give a new or empty folder"
             )
         lock = _take_lock(folder)
@@ -183,7 +184,7 @@ def read_store(folder: str | Path) -> Store:
 def sample_path(store: Store, grid: str, number: int) -> Path:
     """File of one sample. ValueError for an unknown grid or a negative number."""
     if grid not in GRIDS:
-        raise ValueError(f"grid {grid!r} is unknown: give one of {', '.join(GRIDS)}")
+        raise ValueError(f"grid {shown(grid)} is unknown: give one of {', '.join(GRIDS)}")
     if number < 0:
         raise ValueError(f"sample number {number} is negative: numbers start at 0")
     return store.folder / "samples" / grid / f"{number:06d}.h5"
@@ -339,8 +340,7 @@ def _hold(descriptor: int) -> bool:
 
 def lock_holder(folder: Path) -> str:
     """What the lock says of who took it last: "process 123 on host". DamagedFile or OSError where it says nothing."""
-    said = files.read_plain(folder / ".lock", MOST_TEXT).decode(errors="replace").strip()[:200]
-    return "".join(each if each.isprintable() else "?" for each in said)
+    return short(files.read_plain(folder / ".lock", MOST_TEXT).decode(errors="replace").strip(), 200)
 
 
 def _small_text(path: Path) -> str:
@@ -412,7 +412,7 @@ def _check_types(
         if name not in found and name in required:
             raise DamagedFile(f"{path} lacks {name}")
         if name in found and type(found[name]) not in types:
-            raise DamagedFile(f"{path} holds {name} = {str(found[name])[:80]!r}")
+            raise DamagedFile(f"{path} holds {shown(name)} = {shown(found[name])}")
 
 
 def _column(values: list[Scalar | None]) -> np.ndarray:
@@ -443,7 +443,7 @@ def _flat(scene_text: str) -> dict[str, str]:
 def _differences(there: str, asked: str, most: int = 5) -> list[str]:
     old, new = _flat(there), _flat(asked)
     lines = [
-        f"{key} is {old.get(key, 'not set')} there and {new.get(key, 'not set')} now"
+        f"{short(key)} is {short(old.get(key, 'not set'))} there and {short(new.get(key, 'not set'))} now"
         for key in sorted(old.keys() | new.keys())
         if old.get(key) != new.get(key)
     ]

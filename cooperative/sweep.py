@@ -29,9 +29,10 @@ from cooperative.estimate import Published, Sampling, rank_samples, stopping_ran
 from cooperative.measure import SEVERITY
 from cooperative.reporting import panels, save
 from cooperative.runs import check_size, heeding, phases_of, rows_reader
-from cooperative.scene import kept, parse, shown, tables_of
+from cooperative.scene import kept, parse, tables_of
 from cooperative.store import GRIDS, Rows, read_store, write_aside
 from cooperative.summary import summarise
+from foundation.text import shown
 
 LENGTHS = ("lx", "ly", "lz")
 LABELS = {

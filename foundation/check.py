@@ -17,6 +17,8 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike, DTypeLike
 
+from foundation.text import shown
+
 Values: TypeAlias = ArrayLike | Sequence[float]
 
 
@@ -78,7 +80,7 @@ def within(name: str, value: Any, limit: Limit, *, remedy: str = "") -> None:
         return
     array = np.asarray(value)
     if array.dtype.kind not in "fiub":
-        raise ValueError(f"{name} = {value!r}: give {limit}{_remedy(remedy)}")
+        raise ValueError(f"{name} = {shown(value)}: give {limit}{_remedy(remedy)}")
     bad = np.argwhere(~np.asarray(limit.holds(array)))
     if not len(bad):
         return
@@ -110,7 +112,7 @@ def between(name: str, value: Values, low: float, high: float, *, ends: bool = F
 def whole(name: str, value: Any, least: int = 1) -> None:
     """`value` is a whole number of at least `least`."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise ValueError(f"{name} = {value!r}: give a whole number of {least} or more")
+        raise ValueError(f"{name} = {shown(value)}: give a whole number of {least} or more")
 
 
 def parameters(tree: Any, prefix: str = "") -> Iterator[tuple[str, Limit, Any]]:
@@ -162,7 +164,7 @@ def dtype(value: DTypeLike) -> np.dtype:
     try:
         asked = np.dtype(value)
     except TypeError as error:
-        raise ValueError(f"dtype = {value!r}: give float32 or float64") from error
+        raise ValueError(f"dtype = {shown(value)}: give float32 or float64") from error
     if asked not in (np.dtype("float32"), np.dtype("float64")):
         raise ValueError(f"dtype = {asked}: give float32 or float64")
     if jax.dtypes.canonicalize_dtype(asked) != asked:
@@ -176,9 +178,9 @@ def axes(name: str, values: Sequence[float], dimension: int) -> None:
     """One value per axis, each a finite number."""
     finite(name, values)
     if np.ndim(values) != 1:
-        raise ValueError(f"{name} = {values!r}: give {dimension} values, one per axis")
+        raise ValueError(f"{name} = {shown(values)}: give {dimension} values, one per axis")
     if len(values) != dimension:
-        raise ValueError(f"{name} = {tuple(values)} has {len(values)} values: give {dimension}, one per axis")
+        raise ValueError(f"{name} = {shown(tuple(values))} has {len(values)} values: give {dimension}, one per axis")
 
 
 def _remedy(remedy: str) -> str:

@@ -26,6 +26,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from foundation.text import printable, shown
+
 USER_BLOCK = 512
 MOST = 4 * 2**30
 """Bytes beyond which a file is none of ours: it would not fit into memory beside what it is read for."""
@@ -34,7 +36,12 @@ Scalar = float | int | bool | str
 
 
 class DamagedFile(ValueError):
-    """A file that is truncated, altered, or something else than asked for; the message names it and says why."""
+    """A file that is truncated, altered, or something else than asked for; the message names it and says why, in one
+    line."""
+
+    def __init__(self, message: str) -> None:
+        # Names of files, and what the HDF5 library says, may hold anything.
+        super().__init__(printable(message))
 
 
 @contextmanager
@@ -141,7 +148,7 @@ class Contents:
         """Names in a group, which are names: letters, digits, `_` and dots."""
         found = list(self._group(group))
         for name in found:
-            self._require(name.replace(".", "_").isidentifier(), f"{group} holds the name {name[:80]!r}")
+            self._require(name.replace(".", "_").isidentifier(), f"{group} holds the name {shown(name)}")
         return found
 
     def array(self, group: str, name: str, *, dimensions: int | None = None, kinds: str = "biuf") -> np.ndarray:
@@ -168,7 +175,7 @@ class Contents:
         parent = self._group(group)
         found: dict[str, Scalar] = {}
         for name in parent.attrs:
-            self._require(name.isidentifier(), f"{group} holds the name {name[:80]!r}")
+            self._require(name.isidentifier(), f"{group} holds the name {shown(name)}")
             self._require(parent.attrs.get_id(name).shape == (), f"{group}, {name} is no single value")
             value = parent.attrs[name]
             value = value.decode() if isinstance(value, bytes) else value

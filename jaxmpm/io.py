@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from foundation import check, files
+from foundation.text import shown
 from jaxmpm.types import Scene, State
 
 KIND = "jaxmpm restart point"
@@ -70,7 +71,9 @@ def load_state(path: str | Path, like: State) -> tuple[State, dict[str, Any]]:
         kept = {name: file.array("state", name) for name in found if name in wanted}
         about = {name: file.value("about", name) for name in file.names("about")}
     if set(found) != wanted.keys():
-        raise ValueError(f"{path} holds {sorted(found)}, the scene's state has {sorted(wanted)}: give its own scene")
+        raise ValueError(
+            f"{path} holds {shown(sorted(found))}, the scene's state has {sorted(wanted)}: give its own scene"
+        )
     for name, leaf in wanted.items():
         there, asked = (kept[name].shape, kept[name].dtype), (np.shape(leaf), np.dtype(leaf.dtype))
         if there != asked:
@@ -110,7 +113,7 @@ def write_particles(
     check.finite("times", times, "s")
     if position.ndim != 2 or not len(times) or not (np.diff(times) > 0).all():
         raise ValueError(
-            f"position has shape {position.shape} and times are {list(times)}: give (d, N) and ascending times"
+            f"position has shape {position.shape} and times are {shown(list(times))}: give (d, N) and ascending times"
         )
     count = position.shape[1]
     with files.hdf5_aside(path) as file:

@@ -11,7 +11,7 @@ from cooperative import runs as screening
 from cooperative.research.back_analysis import Observed, Parameters, Survey, predict, recover
 from cooperative.research.rare import design_point, slide_limit_state
 from cooperative.scene import parse
-from tests.test_campaign import TINY
+from tests.test_campaign import TINY, changed
 
 SURVEY = Survey(seconds=1.5, times=5, markers=np.array([40, 90, 140]), stations=np.arange(4.0, 30.0, 3.0))
 NOISE = 0.01
@@ -70,6 +70,14 @@ def test_bad_surveys_are_refused(model, change, message):
         recover(
             model, given["survey"], Observed(jnp.zeros(1), jnp.zeros((2, 2, 1))), given["noise"], modes=given["modes"]
         )
+
+
+def test_a_soil_without_a_modulus_of_softening_is_refused():
+    config = parse(changed("softening_modulus = 85e3", "strain_95 = 0.5"))
+    model = screening.build(config, "rough", screening.expansion_of(config))
+    observed = Observed(jnp.zeros(len(SURVEY.stations)), jnp.zeros((SURVEY.times, 2, len(SURVEY.markers))))
+    with pytest.raises(ValueError, match=r"\(strain_95\).*give the soil a softening_modulus"):
+        recover(model, SURVEY, observed, NOISE, modes=1)
 
 
 def test_the_design_point_of_a_slope_fails_by_the_campaigns_own_count(model):

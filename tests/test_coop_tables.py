@@ -4,15 +4,21 @@ import csv
 import os
 import subprocess
 import sys
+from dataclasses import replace
+from math import prod
 
 import h5py
 import numpy as np
 import pytest
 
 from cooperative.reporting import consolidate, write_table
+from cooperative.runs import expansion_of
+from cooperative.scene import parse
 from cooperative.store import Sample, open_store, read_sample, sample_path, write_sample
+from tests.test_campaign import TINY
 
 SCENE = "[soil]\nSu_cov = 0.3\n"
+COEFFICIENTS = np.zeros(expansion_of(parse(TINY)).modes)
 
 
 def sample(number: int, size: int = 50) -> Sample:
@@ -74,6 +80,30 @@ def test_a_full_disk_leaves_the_old_file(tmp_path):
     assert "start the same command again" in done.stderr
     assert (tmp_path / "campaign.h5").read_bytes() == b"old"
     assert not [name for name in os.listdir(tmp_path) if name.endswith(".part")]
+
+
+@pytest.mark.parametrize("name", ["table.csv", "series/rough-000002.vtkhdf"])
+def test_a_full_disk_stops_an_export_in_one_line_and_leaves_what_was_there(name, tmp_path):
+    particles = parse(TINY).slope.area / prod(parse(TINY).grids["rough"].spacing)
+    shape = int(particles), len(COEFFICIENTS)
+    with open_store(tmp_path, TINY) as store:
+        for number in range(20):
+            write_sample(store, "rough", replace(sample(number, shape[0]), coefficients=COEFFICIENTS))
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_bytes(b"old")
+    asked = ["export", str(tmp_path)] + (["--sample", "2", "--grid", "rough"] if "series" in name else [])
+    script = f"""if True:
+        import resource, sys
+        from cooperative.__main__ import main
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1024, 1024))
+        sys.exit(main({asked!r}))
+    """
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].startswith("error: ")
+    assert f"cannot write {tmp_path / name} (File too large): make room" in done.stderr.splitlines()[-1]
+    assert (tmp_path / name).read_bytes() == b"old"
+    assert list(tmp_path.rglob("*.part")) == []
 
 
 def test_a_table_that_cannot_be_written_is_named(tmp_path):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
+from benchmarks.hostile_files import in_place_of, lay_baits, no_files, resealed
 
 SLOPE = mpm.Slope(crest=6.0, height=4.0, run_per_rise=1.0, toe=6.0, foundation=2.0)
 COARSE = {2: mpm.Discretisation(cell=2.0, spacing=(1.0, 1.0)), 3: mpm.Discretisation(cell=2.0, spacing=(1.0, 1.0, 1.0))}
@@ -51,6 +52,36 @@ def test_float64_stays_float64(tmp_path, x64):
     scene, start = mpm.slope(SLOPE, SOIL, replace(COARSE[2], dtype="float64"))
     mpm.save_state(tmp_path / "double.h5", mpm.advance(scene, start, 5))
     assert mpm.load_state(tmp_path / "double.h5", start)[0].stress.dtype == jnp.float64
+
+
+@pytest.mark.parametrize("name", ["state/displacement", "state/history", "about/watch"])
+def test_a_restart_point_that_lies_is_refused_in_one_line_and_reads_nothing_elsewhere(name, tmp_path):
+    _, start = scene_of()
+    path = tmp_path / "campaign" / "restart.h5"
+    path.parent.mkdir()
+    mpm.save_state(path, start, about={"watch": np.zeros(3)})
+    whole, baits = path.read_bytes(), lay_baits(tmp_path / "outside")
+    for how, change in in_place_of(name, baits).items():
+        # What a caller adds may be a text, or be missing: that is for the caller to judge.
+        if how in ("about/watch: text", "about/watch: missing"):
+            continue
+        path.write_bytes(resealed(whole, change))
+        assert_refused(path, start, how)
+    for how, make in no_files(baits).items():
+        path.unlink()
+        make(path)
+        assert_refused(path, start, how)
+        path.rmdir() if path.is_dir() and not path.is_symlink() else path.unlink()
+        path.write_bytes(whole)
+    assert baits.untouched()
+    assert [each.name for each in path.parent.iterdir()] == [path.name]
+
+
+def assert_refused(path, start, how):
+    with pytest.raises(ValueError, match=r"restart\.h5") as said:
+        mpm.load_state(path, start)
+    assert str(said.value).isprintable(), how
+    assert len(str(said.value)) < 500 + len(str(path)), how
 
 
 def test_restart_points_of_another_scene_are_refused_by_name(tmp_path):

@@ -1,5 +1,6 @@
 """Bad input to the fields: each raises a ValueError that names the value and the remedy, or warns."""
 
+import h5py
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kl
+from benchmarks.hostile_files import in_place_of, lay_baits, no_files
 
 BOX = ((0.0, 0.0), (10.0, 5.0))
 SE = kl.SquaredExponential
@@ -319,3 +321,36 @@ def test_damaged_stores(tmp_path, expansion):
         kl.load(path)
     with pytest.raises(OSError, match="No such file"):
         kl.save(expansion, tmp_path / "absent" / "field.h5")
+
+
+@pytest.mark.parametrize("name", ["index", "origin", "axis0/coefficients", "axis1/covariance/length"])
+def test_an_expansion_that_lies_is_refused_in_one_line_and_reads_nothing_elsewhere(name, expansion, tmp_path):
+    path, baits = tmp_path / "kept" / "field.h5", lay_baits(tmp_path / "outside")
+    path.parent.mkdir()
+    kl.save(expansion, path)
+    whole = path.read_bytes()
+    with h5py.File(path) as file:
+        assert name in file
+    for how, change in in_place_of(name, baits).items():
+        path.write_bytes(whole)
+        with h5py.File(path, "r+") as file:
+            change(file)
+        assert_refused(path, how)
+    assert baits.untouched()
+    assert [each.name for each in path.parent.iterdir()] == [path.name]
+
+
+def test_what_is_no_file_is_refused_as_an_expansion_and_hangs_nothing(tmp_path):
+    baits = lay_baits(tmp_path / "outside")
+    for at, (how, make) in enumerate(no_files(baits).items()):
+        path = tmp_path / f"field-{at}.h5"
+        make(path)
+        assert_refused(path, how)
+    assert baits.untouched()
+
+
+def assert_refused(path, how):
+    with pytest.raises((ValueError, OSError)) as said:
+        kl.load(path)
+    assert str(said.value).isprintable(), how
+    assert len(str(said.value)) < 500 + len(str(path)), how

@@ -17,6 +17,7 @@ from cooperative import runs
 from cooperative.estimate import Estimate, Estimator, wilson_interval
 from cooperative.scene import Config, config_of
 from cooperative.store import GRIDS, Rows, Store, lock_holder, read_store, sample_path
+from foundation.text import printable
 
 RECENT = 20
 """How many of the last finished samples the pace is taken from."""
@@ -128,13 +129,15 @@ def words(progress: Progress) -> str:
         lines += [f"  DAMAGED        {why}: will be run again" for why in grid.damaged]
     found = progress.estimate
     if found is None:
-        return "\n".join([*lines, "  no finished sample yet"])
+        lines.append("  no finished sample yet")
+        return "\n".join(map(printable, lines))
     low, high = found.interval
     lines.append(
         f"  probability of failure so far  {found.probability:.3f}  "
         f"({found.level:.0%} interval {low:.3f} to {high:.3f}; {found.method})"
     )
-    return "\n".join([*lines, *(f"  note: {note}" for note in found.notes)])
+    lines += [f"  note: {note}" for note in found.notes]
+    return "\n".join(map(printable, lines))
 
 
 def duration(seconds: float) -> str:

@@ -20,6 +20,7 @@ from cooperative.reporting._plots import Drawn
 from cooperative.reporting._progress import duration
 from cooperative.scene import Config, config_of
 from cooperative.store import GRIDS, Rows, Store, own_folder, read_sample, read_store, write_aside
+from foundation.text import printable
 
 INDISTINCT = 2.0
 """Difference in AIC below which two distributions are as good as each other."""
@@ -144,7 +145,8 @@ def words(campaign: Told) -> str:
     lines += [f"  BROKE OFF      {line}" for line in _broken(told)]
     lines += [f"  LEFT OUT       {line}" for line in campaign.left_out]
     lines += [f"  note: {note}" for note in told["notes"]]
-    return "\n".join([*lines, f"  all of it, with figures: {campaign.store.folder / 'report.html'}"])
+    lines.append(f"  all of it, with figures: {campaign.store.folder / 'report.html'}")
+    return "\n".join(map(printable, lines))
 
 
 def _numbers(told: Told) -> Iterator[Drawn]:

@@ -19,6 +19,7 @@ from jax import Array
 from jax.flatten_util import ravel_pytree
 
 from cooperative.runs import GridModel
+from foundation.text import shown
 from jaxmpm import objectives, pytree, replay
 
 # Prior deviation of the logarithms of strength and softening: a factor of 1.3 either way.
@@ -84,7 +85,9 @@ def predict(model: GridModel, survey: Survey, parameters: Parameters, *, memory:
     count = scene.particles.mass.size
     strangers = [int(m) for m in survey.markers if not 0 <= m < count]
     if strangers:
-        raise ValueError(f"markers = {strangers}: the model has {count} particles, give numbers from 0 to {count - 1}")
+        raise ValueError(
+            f"markers = {shown(strangers)}: the model has {count} particles, give numbers from 0 to {count - 1}"
+        )
     if getattr(law, "softening", None) is None:
         raise ValueError("the soil does not soften: give it a softening_modulus, or leave back-analysis of it out")
     if not hasattr(law.softening, "modulus"):

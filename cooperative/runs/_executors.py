@@ -30,6 +30,7 @@ from cooperative.runs._model import GridModel, build, expansion_of
 from cooperative.runs._samples import run_samples
 from cooperative.scene import parse
 from cooperative.store import Sample
+from foundation.text import short, shown
 
 ATTEMPTS = 3
 """How often a sample is tried before it is given up and reported."""
@@ -281,8 +282,8 @@ def dask_executor(client: Any) -> Callable[[], Executor]:
         except (OSError, ValueError, TypeError, KeyError) as error:
             why = " ".join(str(error).split()) or type(error).__name__
             raise ValueError(
-                f"no Dask scheduler answers at {client!r} ({why}): give the address that it prints when it starts, "
-                "for example tcp://host:8786"
+                f"no Dask scheduler answers at {shown(client)} ({short(why, 400)}): give the address that it prints "
+                "when it starts, for example tcp://host:8786"
             ) from error
 
     return make

@@ -3,7 +3,7 @@
 from cooperative.scene._budget import allowing, kept_budget, raised, write_budget
 from cooperative.scene._calibration import calibrated, config_of, kept, measured
 from cooperative.scene._examples import example, examples
-from cooperative.scene._schema import REQUIRED, SECTIONS, UNSAID, Key, shown
+from cooperative.scene._schema import REQUIRED, SECTIONS, UNSAID, Key
 from cooperative.scene._text import read_scene, tables_of
 from cooperative.scene._typed import Budget, Config, Plan, Strength, built, parse
 
@@ -28,7 +28,6 @@ __all__ = [
     "parse",
     "raised",
     "read_scene",
-    "shown",
     "tables_of",
     "write_budget",
 ]

@@ -10,6 +10,7 @@ from typing import Any
 from cooperative.estimate import Sampling
 from cooperative.scene._typed import Budget, Config
 from cooperative.store import MOST_TEXT, write_aside
+from foundation.text import shown
 from jaxmpm import files
 
 KEPT = "budget.json"
@@ -70,7 +71,7 @@ def kept_budget(folder: Path) -> Budget | None:
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise ValueError(f"{path} holds no number of refined runs: {REMEDY}") from error
     if not all(type(value) is int and 0 < value < 2**31 for value in values):
-        raise ValueError(f"{path} holds {values!r} in place of numbers of refined runs: {REMEDY}")
+        raise ValueError(f"{path} holds {shown(values)} in place of numbers of refined runs: {REMEDY}")
     return Budget(*values)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import cooperative
+from foundation.text import shown
 
 
 def examples() -> dict[str, Path]:
@@ -18,5 +19,5 @@ def example(name: str) -> str:
     """The TOML of the example scene `name`. Raises ValueError for a name that no example has."""
     known = examples()
     if name not in known:
-        raise ValueError(f"no example scene is called {name!r}: give one of {', '.join(known)}")
+        raise ValueError(f"no example scene is called {shown(name)}: give one of {', '.join(known)}")
     return known[name].read_text()

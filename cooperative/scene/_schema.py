@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import difflib
-import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import kl
 from cooperative.estimate import ESTIMATORS
+from foundation.text import shown
 from jaxmpm import GIMP, Linear, PlasticStrain, QuadraticBSpline, Scheme, Soil
 
 CORRELATIONS = {
@@ -192,15 +192,6 @@ def refuse_unknown(where: str, table: Mapping[str, Any], known: Mapping[str, Any
 def _nearest(word: Any, known: Mapping[str, Any]) -> str:
     close = difflib.get_close_matches(str(word), known, n=1)
     return f" (did you mean {close[0]!r}?)" if close else ""
-
-
-def shown(value: Any) -> str:
-    """A value as TOML would have it, cut short where it is long or nested deep."""
-    return _SHORT.repr(value)
-
-
-_SHORT = reprlib.Repr()
-_SHORT.maxstring = _SHORT.maxlong = _SHORT.maxother = 80
 
 
 def in_words(value: Any) -> str:

@@ -11,8 +11,9 @@ from typing import Any, Literal
 
 import kl
 from cooperative.estimate import SETTINGS, Estimator, Sampling, named_estimator
-from cooperative.scene._schema import CALIBRATION, GIVEN, SECTIONS, UNSAID, in_words, read, refuse_unknown, shown
+from cooperative.scene._schema import CALIBRATION, GIVEN, SECTIONS, UNSAID, in_words, read, refuse_unknown
 from cooperative.scene._text import tables_of
+from foundation.text import short, shown
 from jaxmpm import Discretisation, Scene, Settle, Slope, Soil, State, cell_independent, slope
 
 LONGEST_NAME = 200
@@ -252,7 +253,9 @@ def _given(tables: Mapping[str, Any], estimator: Estimator | None) -> str | None
     if not is_dataclass(estimator) or isinstance(estimator, type):
         raise ValueError(f"estimator = {estimator!r}: give an object of a frozen dataclass, whose fields tell it apart")
     if kept is not None and kept != repr(estimator):
-        raise ValueError(f"the campaign's estimator is {kept}, not {estimator!r}: give that one, or another folder")
+        raise ValueError(
+            f"the campaign's estimator is {short(kept, 400)}, not {estimator!r}: give that one, or another folder"
+        )
     # A k_t is let be, since every scene used to have one.
     said = [key for key in ("estimator", *SETTINGS) if key in tables.get("campaign", {}) and key != "k_t"]
     if said:
