@@ -12,10 +12,12 @@ import pytest
 from cooperative import campaign, sweep
 from cooperative import runs as screening
 from cooperative.__main__ import main
+from cooperative.estimate import wilson_interval
 from cooperative.reporting import _exports as exports
 from cooperative.reporting import _progress as progress
 from cooperative.scene import parse
 from cooperative.store import Sample, open_store, read_rows, read_sample, read_store, sample_path, write_sample
+from cooperative.summary import summarise
 from tests.test_campaign import TINY
 from tests.test_io import vtk_steps
 
@@ -62,6 +64,22 @@ def test_status_while_screening(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "8 of 20 samples, 1.8e+03 per hour, 24 s left" in said
     assert "rough grid alone" in said
+
+
+@pytest.mark.parametrize("scene", [TWO_PHASE, PUBLISHED], ids=["two-phase", "published"])
+def test_a_report_while_screening_says_so_and_gives_the_share_on_the_rough_grid(scene, tmp_path):
+    # As many rough runs broke off as a campaign of so few samples would have refined runs.
+    rough = [(n, -0.5 if n < 3 else 2.0 if n < 5 else 0.1) for n in range(8)]
+    folder = invented_campaign(tmp_path / "c", scene, rough, [])
+    config, store = parse(scene), read_store(folder)
+    found = summarise(config, read_rows(store, "rough"), read_rows(store, "refined"))
+    assert found["probability_of_failure"] == 2 / 5
+    assert found["interval"] == list(wilson_interval(2, 5))
+    assert found["estimator"] == "rough grid alone"
+    assert found["finished"] is None
+    assert found["notes"][0].startswith("screening is not complete")
+    assert "3 rough runs gave no answer" in found["notes"][1]
+    assert progress.progress_of(folder).estimate.probability == 2 / 5
 
 
 def test_status_of_refined_runs(tmp_path):

@@ -14,11 +14,11 @@ import pytest
 from cooperative.reporting import consolidate, write_table
 from cooperative.runs import expansion_of
 from cooperative.scene import parse
-from cooperative.store import Sample, open_store, read_sample, sample_path, write_sample
+from cooperative.store import Sample, open_store, read_sample, read_store, sample_path, write_sample
 from tests.test_campaign import TINY
 
-SCENE = "[soil]\nSu_cov = 0.3\n"
-COEFFICIENTS = np.zeros(expansion_of(parse(TINY)).modes)
+SCENE = TINY.replace("samples = 6", "samples = 20")
+COEFFICIENTS = np.zeros(expansion_of(parse(SCENE)).modes)
 
 
 def sample(number: int, size: int = 50) -> Sample:
@@ -84,9 +84,9 @@ def test_a_full_disk_leaves_the_old_file(tmp_path):
 
 @pytest.mark.parametrize("name", ["table.csv", "series/rough-000002.vtkhdf"])
 def test_a_full_disk_stops_an_export_in_one_line_and_leaves_what_was_there(name, tmp_path):
-    particles = parse(TINY).slope.area / prod(parse(TINY).grids["rough"].spacing)
+    particles = parse(SCENE).slope.area / prod(parse(SCENE).grids["rough"].spacing)
     shape = int(particles), len(COEFFICIENTS)
-    with open_store(tmp_path, TINY) as store:
+    with open_store(tmp_path, SCENE) as store:
         for number in range(20):
             write_sample(store, "rough", replace(sample(number, shape[0]), coefficients=COEFFICIENTS))
     (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -95,7 +95,7 @@ def test_a_full_disk_stops_an_export_in_one_line_and_leaves_what_was_there(name,
     script = f"""if True:
         import resource, sys
         from cooperative.__main__ import main
-        resource.setrlimit(resource.RLIMIT_FSIZE, (1024, 1024))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (512, 512))
         sys.exit(main({asked!r}))
     """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
@@ -104,6 +104,17 @@ def test_a_full_disk_stops_an_export_in_one_line_and_leaves_what_was_there(name,
     assert f"cannot write {tmp_path / name} (File too large): make room" in done.stderr.splitlines()[-1]
     assert (tmp_path / name).read_bytes() == b"old"
     assert list(tmp_path.rglob("*.part")) == []
+
+
+def test_samples_that_the_scene_does_not_have_are_in_no_export(tmp_path):
+    with open_store(tmp_path, SCENE) as store:
+        for number in (3, 20):
+            write_sample(store, "rough", sample(number))
+    store = read_store(tmp_path)
+    with open(write_table(store), newline="") as file:
+        assert [line["sample"] for line in csv.DictReader(file)] == ["3"]
+    with h5py.File(consolidate(store)) as file:
+        assert list(file["rough"]) == ["000003"]
 
 
 def test_a_table_that_cannot_be_written_is_named(tmp_path):

@@ -42,9 +42,9 @@ def test_values_too_long_to_be_written_are_said_to_be():
         lambda: check.dtype("x" * 5000),
         lambda: check.axes("origin", list(range(5000)), 2),
         lambda: parse(f"[slope]\n{'crest' * 1000} = 1\n"),
-        lambda: parse(f"[slope]\ncrest = '{'x' * 5000}'\n"),
+        lambda: parse(TINY.replace("crest = 8.0", f"crest = '{'x' * 5000}'")),
         lambda: parse(f"name = '{'x' * 5000}'\n"),
-        lambda: parse(f"[campaign]\nsamples = 0x{'f' * 50_000}\n"),
+        lambda: parse(TINY.replace("samples = 6", f"samples = 0x{'f' * 50_000}")),
         lambda: example("x" * 5000),
     ],
 )

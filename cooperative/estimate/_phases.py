@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cooperative.estimate._estimates import Estimate
+from cooperative.estimate._estimates import Estimate, wilson_interval
 from cooperative.estimate._protocol import Answers, Estimator, Population, Sampling, Screened
 
 
@@ -16,21 +16,25 @@ class Phases:
     """What is known of both phases. Samples have their numbers in the campaign here, and their places in the population
     where the estimator is asked.
 
-    estimator: the campaign's. failure_displacement: beyond which a sample has failed (m). population: samples of the
-    first phase, None while that is not complete. answers: sample -> whether it failed on the refined grid, None where
+    estimator: the campaign's. failure_displacement: beyond which a sample has failed (m). rough: sample -> its largest
+    displacement on the rough grid (m), and whether that run broke off. population: samples of the first phase, None
+    while that is not complete. answers: sample -> whether it failed on the refined grid, None where
     the run broke off before it could tell.
     """
 
     estimator: Estimator
     failure_displacement: float
+    rough: Screened = field(default_factory=dict)
     population: Population | None = None
     answers: Answers = field(default_factory=dict)
 
     @classmethod
     def known(cls, estimator: Estimator, sampling: Sampling, rough: Screened, refined: Screened) -> Phases:
         """From the results of both grids: sample -> its largest displacement (m), and whether the run broke off."""
-        first = cls(estimator, sampling.failure_displacement, estimator.population(sampling, rough))
-        return first.refined(refined)
+        # Once there are refined runs, rough ones that lack wait to be redone: what is known is told without them.
+        screening = len(rough) < estimator.rough_runs(sampling) and not refined
+        population = None if screening else estimator.population(sampling, rough)
+        return cls(estimator, sampling.failure_displacement, rough, population).refined(refined)
 
     def refined(self, results: Screened) -> Phases:
         """The same first phase with these results of the refined grid, and no others."""
@@ -52,10 +56,10 @@ class Phases:
 
     @property
     def estimate(self) -> Estimate:
-        """Probability of failure by the campaign's estimator."""
+        """Probability of failure by the campaign's estimator; while the first phase is not complete, the share that
+        fails on the rough grid."""
         if self.population is None:
-            note = "the first phase is not complete"
-            return Estimate(0.0, (0.0, 1.0), np.inf, 0, self.estimator.name, notes=(note,))
+            return self._rough_alone
         return self.estimator.estimate(self.population, self._by_place)
 
     @property
@@ -83,6 +87,18 @@ class Phases:
     def why_finished(self) -> str | None:
         """Why no further refined run is asked for, in words; None where some still are."""
         return None if self.population is None else self.estimator.why_finished(self.population, self._by_place)
+
+    @property
+    def _rough_alone(self) -> Estimate:
+        told = [answer for result in self.rough.values() if (answer := self.answer(*result)) is not None]
+        method, notes = "rough grid alone", ["screening is not complete: the share that fails on the rough grid alone"]
+        if lost := len(self.rough) - len(told):
+            notes.append(f"{lost} rough runs gave no answer and are left out")
+        if not told:
+            return Estimate(0.0, (0.0, 1.0), np.inf, 0, method, notes=tuple(notes))
+        share = sum(told) / len(told)
+        cov = float(np.sqrt((1 - share) / sum(told))) if share else np.inf
+        return Estimate(share, wilson_interval(sum(told), len(told)), cov, 0, method, notes=tuple(notes))
 
     @property
     def _numbers(self) -> list[int]:

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from cooperative.reporting._tables import consolidate, write_table
-from cooperative.runs import GridModel, build, expansion_of
+from cooperative.runs import GridModel, build, expansion_of, rows_reader
 from cooperative.scene import config_of
-from cooperative.store import GRIDS, Sample, Store, own_folder, read_rows, read_sample, read_store, sample_path
+from cooperative.store import GRIDS, Sample, Store, own_folder, read_sample, read_store, sample_path
 from jaxmpm import Result, solve, with_strength, write_particles, write_vtkhdf
 
 
@@ -22,13 +22,14 @@ def export(folder: str | Path) -> Iterator[Path]:
     refuses.
     """
     store = read_store(folder)
-    if not any(read_rows(store, grid).numbers for grid in GRIDS):
+    read = rows_reader(config_of(store), store)
+    if not any(read(grid).numbers for grid in GRIDS):
         raise ValueError(f"folder {folder} has no finished sample yet: start the run first")
     yield write_table(store)
     yield consolidate(store)
     for grid in GRIDS:
         model = None
-        for number in read_rows(store, grid).numbers:
+        for number in read(grid).numbers:
             sample = read_sample(store, grid, number)
             if "displacement" in sample.fields:
                 model = model or _model(store, grid, at_rest=False)
@@ -44,7 +45,7 @@ def export_sample(folder: str | Path, number: int, grid: str = "refined", *, fra
     """
     store = read_store(folder)
     if not sample_path(store, grid, number).exists():
-        there = read_rows(store, grid).numbers
+        there = rows_reader(config_of(store), store)(grid).numbers
         raise ValueError(f"sample {number} is not finished on the {grid} grid: give one of {_few(there)}")
     sample = read_sample(store, grid, number)
     if frames is None and "displacement" not in sample.fields:

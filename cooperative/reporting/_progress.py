@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from cooperative import runs
-from cooperative.estimate import Estimate, Estimator, wilson_interval
+from cooperative.estimate import Estimate, Estimator
 from cooperative.scene import Config, config_of
 from cooperative.store import GRIDS, Rows, Store, lock_holder, read_store, sample_path
 from foundation.text import printable
@@ -67,15 +67,7 @@ def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Pr
 
 def current_estimate(config: Config, rough: Rows, refined: Rows) -> Estimate | None:
     """The estimate so far; before the screening is complete it is the share that fails on the rough grid."""
-    if len(rough.numbers) == _planned_rough(config):
-        return runs.phases_of(config, rough, refined).estimate
-    if not rough.numbers:
-        return None
-    fails = int(np.sum(rough.columns["displacement"] > config.run.failure_displacement))
-    count = len(rough.numbers)
-    cov = float(np.sqrt((1 - fails / count) / fails)) if fails else float("inf")
-    notes = ("screening is not complete: the share that fails on the rough grid alone",)
-    return Estimate(fails / count, wilson_interval(fails, count), cov, 0, "rough grid alone", notes=notes)
+    return runs.phases_of(config, rough, refined).estimate if rough.numbers else None
 
 
 def planned_refined(config: Config, rough: Rows, refined: Rows) -> tuple[int, bool]:

@@ -13,6 +13,9 @@ from cooperative.store import Rows, Store, read_rows
 
 def rows_reader(config: Config, store: Store) -> Callable[[str], Rows]:
     """Reads the verified rows of a grid; files of samples that the campaign does not have are damaged."""
+    if config.plan.estimator is None:
+        # That of a script, which is not here, and which alone knows how many samples it makes.
+        return partial(read_rows, store)
     return partial(read_rows, store, samples=config.estimator.rough_runs(sampling_of(config)))
 
 

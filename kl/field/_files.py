@@ -7,6 +7,7 @@ arrays and form, and under each a group `covariance` and an attribute `solver` (
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -93,7 +94,7 @@ def load(path: str | Path) -> Expansion:
     of another kind, naming what is wrong with it.
     """
     try:
-        with files.contents(path, files.read_plain(Path(path).resolve())) as found:
+        with files.contents(path, files.read_plain(os.path.realpath(path))) as found:
             kept = _read(found)
     except files.DamagedFile as error:
         raise ValueError(f"{path} holds no complete expansion ({error}): make it again with `save`") from error
