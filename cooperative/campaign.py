@@ -18,9 +18,9 @@ import numpy as np
 from tqdm import tqdm
 
 from cooperative import runs
-from cooperative.estimate import Estimator, Phases, Screened, wilson_interval
+from cooperative.estimate import Estimator, Phases, Screened, Slides, wilson_interval
 from cooperative.scene import Config, allowing, calibrated, measured, parse, write_budget
-from cooperative.store import GRIDS, Rows, Sample, Store, open_store, write_aside, write_sample
+from cooperative.store import GRIDS, SLIDES, Rows, Sample, Store, open_store, restart_path, write_aside, write_sample
 from cooperative.summary import summarise
 
 
@@ -97,19 +97,24 @@ class _Hands:
         """Refined runs under way at once."""
         return self.config.plan.look_ahead if self.crew is None else self.crew.count
 
-    def samples(self, grid: str, numbers: Iterable[int], coefficients: np.ndarray) -> Iterator[Sample]:
-        """Run these samples on one grid; yields each as it ends. Raises `Stopped` when asked to stop."""
+    def samples(
+        self, grid: str, numbers: Iterable[int], coefficients: np.ndarray, *, slides: bool = False
+    ) -> Iterator[Sample]:
+        """Run these samples on one grid, or on from where they had failed to the end of their slides; yields each as it
+        ends. Raises `Stopped` when asked to stop."""
         plan = self.config.plan
         limit = plan.screening_stop if grid == "rough" else None
+        if grid == "refined" and plan.slides is not None and not slides:
+            limit = self.config.run.failure_displacement
         restart_in = self.folder if grid == "refined" else None
         if self.crew is not None:
             return runs.run_through(
                 self.crew, self.config.text, grid, numbers, coefficients, stop_at=limit, restart_in=restart_in,
-                look=self.stop.look,
+                slides=slides, look=self.stop.look,
             )  # fmt: skip
         return runs.run_samples(
             self.models[grid], coefficients, numbers, width=plan.lanes if grid == "rough" else plan.look_ahead,
-            stop_at=limit, restart_in=restart_in, stop=self.stop.asked,
+            stop_at=limit, restart_in=restart_in, stop=self.stop.asked, slides=slides,
         )  # fmt: skip
 
 
@@ -119,6 +124,7 @@ def _ran(hands: _Hands, store: Store, progress: bool) -> dict[str, Any]:
     rows = runs.rows_reader(config, store)
     coefficients, screened = _screen(hands, store, rows, progress)
     _refine(hands, store, rows, screened, coefficients, progress)
+    _slide_on(hands, store, rows, screened, coefficients, progress)
     summary = summarise(config, rows("rough"), rows("refined"))
     write_aside(store.folder / "summary.json", json.dumps(summary, indent=1).encode())
     return summary
@@ -168,6 +174,26 @@ def _refine(
                 known[sample.number] = sample.result
                 _advance(bar, estimate)
                 hands.stop.look()
+
+
+def _slide_on(
+    hands: _Hands, store: Store, rows: Callable[[str], Rows], screened: Phases, coefficients: np.ndarray, progress: bool
+) -> None:
+    """Let the failures that are drawn slide on to their end, as far as they have not yet; the others never will."""
+    plan = hands.config.plan
+    if plan.slides is None:
+        return
+    refined = rows("refined")
+    numbers, phases = np.array(refined.numbers, int), screened.refined(refined.results)
+    slides = Slides.of(phases, refined.numbers, refined.ended, plan.slides, plan.seed)
+    for number in numbers[~slides.drawn].tolist():
+        restart_path(store.folder, SLIDES, number).unlink(missing_ok=True)
+    missing = numbers[slides.drawn & ~slides.slid].tolist()
+    with _bar("slides", int(slides.drawn.sum()), int(slides.slid.sum()), progress) as bar:
+        for sample in hands.samples("refined", missing, coefficients, slides=True) if missing else ():
+            write_sample(store, SLIDES, sample)
+            bar.update()
+            hands.stop.look()
 
 
 def _bar(title: str, total: int | None, done: int, progress: bool) -> tqdm:

@@ -7,6 +7,7 @@ named, set aside and counted as not done.
     scene.toml                    the scene, verbatim
     samples/rough/000123.h5       coefficients, row, fields, provenance of sample 123 on the rough grid
     samples/refined/000123.h5
+    samples/slides/000123.h5      the same run to the end of its slide, where samples/refined has it until it failed
     restart/refined-000123.h5     a long run under way (`cooperative.runs`), removed once it has ended
     .lock                         held by the one controller; the kernel frees it when the process ends
 """
@@ -34,6 +35,8 @@ from foundation.text import short, shown
 from jaxmpm import files
 
 GRIDS = ("rough", "refined")
+SLIDES = "slides"
+"""Beside the grids: refined runs that went on from where they had failed to the end of their slide."""
 SCHEMA = 1
 KIND = "cooperative sample"
 Scalar = files.Scalar
@@ -119,6 +122,11 @@ class Rows:
         return [int(number) for number in self.columns["sample"]]
 
     @property
+    def ended(self) -> np.ndarray:
+        """Which runs came to their end, or broke off, rather than stop once their class was decided (runs,) bool."""
+        return self.columns["status"] != "DECIDED"
+
+    @property
     def results(self) -> dict[int, tuple[float, bool]]:
         """Sample -> its largest displacement (m), and whether the run broke off."""
         columns = (self.columns.get(name, np.zeros(0)) for name in ("displacement", "broke_off"))
@@ -162,7 +170,7 @@ def open_store(folder: str | Path, scene_text: str) -> Store:
                 )
         else:
             write_aside(scene_path, scene_text.encode())
-        for directory in (folder / "samples", *(folder / "samples" / grid for grid in GRIDS)):
+        for directory in (folder / "samples", *(folder / "samples" / grid for grid in (*GRIDS, SLIDES))):
             _claim(directory)
             for leftover in directory.glob(".*.part"):
                 leftover.unlink()
@@ -183,7 +191,7 @@ def read_store(folder: str | Path) -> Store:
 
 def sample_path(store: Store, grid: str, number: int) -> Path:
     """File of one sample. ValueError for an unknown grid or a negative number."""
-    if grid not in GRIDS:
+    if grid not in (*GRIDS, SLIDES):
         raise ValueError(f"grid {shown(grid)} is unknown: give one of {', '.join(GRIDS)}")
     if number < 0:
         raise ValueError(f"sample number {number} is negative: numbers start at 0")
@@ -234,36 +242,42 @@ def fill_sample(group: h5py.Group, store: Store, grid: str, sample: Sample) -> N
 
 
 def read_sample(store: Store, grid: str, number: int) -> Sample:
-    """Read one sample and verify it. DamagedFile if it cannot be trusted, FileNotFoundError if not there."""
+    """Read one sample and verify it, a refined one to the end of its slide where it has one.
+
+    DamagedFile if it cannot be trusted, FileNotFoundError if not there.
+    """
+    if grid == "refined" and sample_path(store, SLIDES, number).exists():
+        grid = SLIDES
     return _read(store, grid, sample_path(store, grid, number))
 
 
 def read_rows(store: Store, grid: str, *, samples: int | None = None) -> Rows:
     """Read and verify every finished sample of one grid; rows ascend by sample number.
 
-    samples: how many the scene has; files of higher numbers are damaged.
+    samples: how many the scene has; files of higher numbers are damaged. A refined run that went on to the end of its
+    slide has the row of that end.
     Columns: sample, status, steps, seconds, then the scalars of the rows. A scalar that some rows lack is
     nan there ("" for text). Files that cannot be trusted are named in `damaged`; the controller (who holds
     the lock) also renames them to `*.damaged`, so that their samples are run again.
     """
-    found: list[Sample] = []
+    found: dict[int, Sample] = {}
     damaged: list[str] = []
-    directory = store.folder / "samples" / grid
-    linked = next((each for each in (directory.parent, directory) if each.is_symlink()), None)
+    folders = [store.folder / "samples" / each for each in ((grid, SLIDES) if grid == "refined" else (grid,))]
+    linked = next((each for each in (folders[0].parent, *folders) if each.is_symlink()), None)
     if linked is not None:
         return rows_of([], (f"{linked} leads out of the campaign's folder",))
-    for path in sorted(directory.glob("*.h5")):
+    for path in [path for folder in folders for path in sorted(folder.glob("*.h5"))]:
         try:
-            sample = _read(store, grid, path)
+            sample = _read(store, path.parent.name, path)
             if samples is not None and sample.number >= samples:
                 raise DamagedFile(f"{path} is of a sample that the scene, with {samples}, does not have")
-            found.append(sample)
+            found[sample.number] = sample
         except DamagedFile as error:
             damaged.append(str(error))
             if store.lock is not None:
                 warnings.warn(f"{error}: set aside, the sample is run again", stacklevel=2)
                 set_aside(path)
-    return rows_of(found, tuple(damaged))
+    return rows_of(list(found.values()), tuple(damaged))
 
 
 def rows_of(samples: list[Sample], damaged: tuple[str, ...] = ()) -> Rows:

@@ -13,6 +13,7 @@ import numpy as np
 from cooperative.estimate import (
     Estimate,
     Phases,
+    Slides,
     after_more_runs,
     correlation,
     fit_distributions,
@@ -34,7 +35,8 @@ MORE = 50
 
 
 def summarise(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
-    """The campaign in numbers, ready for JSON. Means, shares and fits weigh every refined run by what it stands for.
+    """The campaign in numbers, ready for JSON. Means, shares and fits weigh every refined run by what it stands for;
+    where only some failures slid on to their end, these stand for all (see `slide_weights`).
 
     What there is too little of is None or says so: modes of rows that have none (written before modes were kept), fits
     of fewer than two failures, a correlation without spread.
@@ -67,7 +69,8 @@ def _checksum(config: Config, rough: Rows, refined: Rows, found: dict[str, Any])
 
 def _summary(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
     phases = phases_of(config, rough, refined)
-    found, weight, failed = phases.estimate, run_weights(phases, refined), failures(phases, refined)
+    found, slides = phases.estimate, slides_of(config, phases, refined)
+    weight, failed = slides.weight, slides.slid
     limit = config.run.failure_displacement
     return {
         "name": config.name,
@@ -87,7 +90,8 @@ def _summary(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
         "samples": len(rough.numbers),
         "failures_rough": int(np.sum(rough.columns["displacement"] > limit)),
         "refined_runs": len(refined.numbers),
-        "failures_refined": int(failed.sum()),
+        "failures_refined": int(slides.failed.sum()),
+        "slides": int(failed.sum()),
         "calibration": config.calibration and {**asdict(config.calibration), "factor": config.calibration.factor},
         "grids": _grids(config, rough, refined, weight),
         "modes": _modes(found, refined, failed, weight),
@@ -102,19 +106,13 @@ def _summary(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
             grid: float(np.sum(rows.columns["seconds"])) for grid, rows in (("rough", rough), ("refined", refined))
         },
         "refined_runs_allowed": config.raised and asdict(config.raised),
-        "notes": [*found.notes, *_warnings(config, refined, failed), *_raised(config)],
+        "notes": [*found.notes, *_warnings(config, refined, failed), *_raised(config), *slides.notes],
     }
 
 
-def failures(phases: Phases, refined: Rows) -> np.ndarray:
-    """Refined runs whose samples fail (runs,) bool."""
-    return np.array([phases.answers[number] is True for number in refined.numbers], bool)
-
-
-def run_weights(phases: Phases, refined: Rows) -> np.ndarray:
-    """What each refined run stands for, 0 where it stands for nothing (runs,)."""
-    stands_for = phases.weights
-    return np.array([stands_for[number] for number in refined.numbers], float)
+def slides_of(config: Config, phases: Phases, refined: Rows) -> Slides:
+    """Which refined failures slid on to their end, and what each run stands for then."""
+    return Slides.of(phases, refined.numbers, refined.ended, config.plan.slides, config.plan.seed)
 
 
 def _convergence(way: list[Estimate]) -> dict[str, list[float]]:

@@ -25,6 +25,7 @@ from cooperative.estimate._phases import Phases
 from cooperative.estimate._protocol import Answers, Estimator, Population, Sampling, Screened, all_samples
 from cooperative.estimate._ranking import Ranking, next_refined, rank_samples, stopping_rank
 from cooperative.estimate._shares import Correlation, Share, correlation, shares
+from cooperative.estimate._slides import Slides, drawn_slides, slide_chances, slide_weights
 from cooperative.estimate._subset import SubsetPlan, SubsetSamples, subset_simulation
 from cooperative.estimate._twophase import next_audit, sample_weights, two_phase
 
@@ -50,6 +51,7 @@ __all__ = [
     "Screened",
     "Severity",
     "Share",
+    "Slides",
     "Subset",
     "SubsetPlan",
     "SubsetSamples",
@@ -58,6 +60,7 @@ __all__ = [
     "all_samples",
     "control_variate",
     "correlation",
+    "drawn_slides",
     "fit_distributions",
     "monte_carlo",
     "named_estimator",
@@ -68,6 +71,8 @@ __all__ = [
     "sample_weights",
     "severity_ranking",
     "shares",
+    "slide_chances",
+    "slide_weights",
     "stopping_rank",
     "subset_simulation",
     "two_phase",

@@ -72,9 +72,9 @@ class Told:
 
     @property
     def failed(self) -> np.ndarray:
-        """Refined runs that failed and have consequences (runs,) bool."""
-        failed = summary.failures(self.phases, self.refined)
-        return failed & ~self.refined.columns.get("broke_off", np.zeros(failed.size)).astype(bool)
+        """Refined runs that failed and have consequences: they slid to their end (runs,) bool."""
+        slid = summary.slides_of(self.config, self.phases, self.refined).slid
+        return slid & ~self.refined.columns.get("broke_off", np.zeros(slid.size)).astype(bool)
 
 
 def report(folder: str | Path, *, slides: int = SLIDES, again: bool = False, estimator: Estimator | None = None) -> str:
@@ -190,7 +190,7 @@ def _numbers(told: Told) -> Iterator[Drawn]:
             "Median of each consequence by failure mode, with its 90 % bootstrap interval.",
             charts.severity(told.summary["severity"], told.labels),
         )
-    weight = summary.run_weights(told.phases, refined)
+    weight = summary.slides_of(told.config, told.phases, refined).weight
     for group, fits in told.summary["fits"].items():
         mine = told.failed & (weight > 0)
         mine &= (refined.columns["mode"] == group) if group != "all" else True

@@ -154,12 +154,18 @@ def _dropped_by_dask() -> bool:
 
 
 def run_sample(
-    text: str, grid: str, number: int, coefficients: np.ndarray, stop_at: float | None, restart_in: Path | None
+    text: str,
+    grid: str,
+    number: int,
+    coefficients: np.ndarray,
+    stop_at: float | None,
+    restart_in: Path | None,
+    slides: bool = False,
 ) -> Sample:
-    """Run one sample of a scene on one of its grids; what a worker does. restart_in: see `run_samples`."""
+    """Run one sample of a scene on one of its grids; what a worker does. restart_in, slides: see `run_samples`."""
     one, model = {number: coefficients}, _prepared(text, grid)
     runs = run_samples(
-        model, one, one, width=1, stop_at=stop_at, restart_in=restart_in, stop=_wanted_no_more
+        model, one, one, width=1, stop_at=stop_at, restart_in=restart_in, stop=_wanted_no_more, slides=slides
     )  # fmt: skip
     return next(iter(runs))
 
@@ -212,6 +218,7 @@ def run_through(
     *,
     stop_at: float | None = None,
     restart_in: Path | None = None,
+    slides: bool = False,
     look: Callable[[], None] = lambda: None,
 ) -> Iterator[Sample]:
     """Run the samples with these numbers, rows of `coefficients`, through an executor; yields each as it ends.
@@ -227,7 +234,7 @@ def run_through(
 
     def submit(number: int) -> None:
         tries[number] += 1
-        pending[workers.submit(text, grid, number, coefficients[number], stop_at, restart_in)] = number
+        pending[workers.submit(text, grid, number, coefficients[number], stop_at, restart_in, slides)] = number
 
     while True:
         look()

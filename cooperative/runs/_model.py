@@ -38,6 +38,11 @@ class GridModel:
         return np.asarray(self.config.grids[self.grid].spacing) / 2
 
     @property
+    def slides_on(self) -> bool:
+        """Whether a run that ends once it has failed may be asked to slide on."""
+        return self.grid == "refined" and bool(self.config.plan.slides)
+
+    @property
     def reach(self) -> float:
         """Distance up to which two particles hang together [m]: a little more than the diagonal of a cell."""
         return 1.5 * self.scene.grid.cell

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import tee
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from cooperative.runs._frames import Frames
 from cooperative.runs._model import GridModel, geometry_of
 from cooperative.runs._restart import RestartPoint, read_restart, write_restart
 from cooperative.runs._stopping import Asked, Stopped
-from cooperative.store import Sample, Scalar, read_store
+from cooperative.store import SLIDES, Sample, Scalar, read_store
 from jaxmpm import Chunk, Midway, Result, Status, solve_each
 
 
@@ -31,6 +31,7 @@ def run_samples(
     on_chunk: Callable[[Chunk], None] | None = None,
     restart_in: Path | None = None,
     stop: Asked = lambda: False,
+    slides: bool = False,
 ) -> Iterator[Sample]:
     """Run the samples with these numbers, whose coefficients are (modes,) each, and yield each as it ends, `seconds`
     after the one before.
@@ -38,13 +39,14 @@ def run_samples(
     width: lanes at a time; None takes 1 on CPU, where lanes run in turn, and 64 elsewhere. restart_in: folder of the
     campaign, where runs longer than `restart_every` write restart points and go on from those that are there; None, or
     a folder that is not there, is for runs without. stop: asked after every chunk of steps; once it says so no further
-    sample begins, those under way write restart points, and `Stopped` is raised.
+    sample begins, those under way write restart points, and `Stopped` is raised. slides: go on from where refined runs
+    had failed, see `Plan.slides`; a run that has left no restart point there starts afresh.
     """
     if width is None:
         width = 1 if jax.default_backend() == "cpu" else 64
     run = model.config.run
     folder = restart_in if restart_in is not None and (restart_in / "scene.toml").is_file() else None
-    lanes, left_out = _UnderWay(model, folder, stop), False
+    lanes, left_out = _UnderWay(model, folder, stop, SLIDES if slides else model.grid), False
 
     def until_stopped() -> Iterator[int]:
         nonlocal left_out
@@ -77,15 +79,16 @@ def run_samples(
 class _UnderWay:
     """What the runs under way leave behind between chunks of steps: their past for the modes, frames, restart points.
 
-    folder: of the campaign, None without restart points. motions, frames, before, written: by number, each run's past,
-    its frames, the seconds it had taken when this process took it up, and when its last restart point was written.
-    started: when the last run ended. stopping: whether a stop was seen after the last chunk. busy: lanes of that chunk
-    not shown yet. ended: whether a run ended with it.
+    folder: of the campaign, None without restart points. kept_as: the grid of its samples, or SLIDES. motions, frames,
+    before, written: by number, each run's past, its frames, the seconds it had taken when this process took it up, and
+    when its last restart point was written. started: when the last run ended. stopping: whether a stop was seen after
+    the last chunk. busy: lanes of that chunk not shown yet. ended: whether a run ended with it.
     """
 
     model: GridModel
     folder: Path | None
     stop: Asked
+    kept_as: str
     motions: dict[int, Motion] = field(default_factory=dict)
     frames: dict[int, Frames] = field(default_factory=dict)
     before: dict[int, float] = field(default_factory=dict)
@@ -112,7 +115,7 @@ class _UnderWay:
         self.written[number] = time.perf_counter()
         point = None
         if self.folder is not None:
-            place = self.folder, self.model.grid, number, self.digest
+            place = self.folder, self.kept_as, number, self.digest
             point = read_restart(*place, like=self.model.state, start=self.at_rest)
         self.motions[number] = self.at_rest if point is None else point.motion
         self.frames[number] = Frames() if point is None else point.frames
@@ -136,10 +139,13 @@ class _UnderWay:
                 self.frames[number] = self.frames[number].after(seconds, midway.state.displacement)
         now = time.perf_counter()
         due = self.stopping or now - self.written[number] > self.model.config.plan.restart_every
-        if self.folder is not None and due and running:
-            seconds_taken = self.before[number] + now - self.started
-            point = RestartPoint(midway, self.motions[number], self.frames[number], seconds_taken)
-            write_restart(self.folder, self.model.grid, number, self.digest, point)
+        # A refined run that has failed may be asked to slide on from here.
+        failed = self.model.slides_on and bool(midway.state.status == Status.DECIDED)
+        if self.folder is not None and ((due and running) or failed):
+            state = replace(midway.state, status=jnp.asarray(int(Status.RUNNING), jnp.int32))
+            taken = self.before[number] + now - self.started
+            point = RestartPoint(replace(midway, state=state), self.motions[number], self.frames[number], taken)
+            write_restart(self.folder, SLIDES if failed else self.kept_as, number, self.digest, point)
             self.written[number] = now
         self.busy -= 1
         self.ended = self.ended or not running
@@ -162,19 +168,21 @@ def finished(
     frames: Frames | None = None,
 ) -> Sample:
     """The record of a run; its mode too, where its past was remembered, and its frames if it failed. A run that broke
-    off has no consequences, only the displacement it had reached."""
+    off, or a refined one that ended once it had failed, has no consequences, only the displacement it had reached."""
     scene, config = model.scene, model.config
     displacement = np.asarray(result.state.displacement)
     history = result.state.history
     fields: dict[str, np.ndarray] = {}
-    if model.grid in config.plan.fields:
+    decided = model.grid == "refined" and int(result.status) == Status.DECIDED
+    if model.grid in config.plan.fields and not decided:
         fields["displacement"] = displacement.astype(np.float32)
         if history is not None:
             fields["plastic_strain"] = np.asarray(history, np.float32)
     row: dict[str, Scalar]
-    if bool(result.failed):
+    if bool(result.failed) or decided:
         reached = np.linalg.norm(displacement, axis=0)
-        row = {"displacement": float(np.max(reached, where=np.isfinite(reached), initial=0.0)), "broke_off": True}
+        largest = float(np.max(reached, where=np.isfinite(reached), initial=0.0))
+        row = {"displacement": largest, "broke_off": bool(result.failed)}
     else:
         run = (
             np.asarray(scene.particles.position),

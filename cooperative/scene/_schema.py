@@ -107,6 +107,7 @@ _PLAN = {
     "restart_every": Key(float, 600.0),
     "fields": Key(FIELDS, "refined"),
     "modes": Key(MODES, "refined"),
+    "slides": Key(int, None, none="all"),
 }
 GIVEN = {"given": Key(str)}
 """The table [estimator] of a stored scene, whose estimator a script gave: how it describes itself."""

@@ -75,6 +75,8 @@ class Plan:
     restart_every: seconds of wall time after which a refined run writes a restart point, and again after as many.
     fields: grids whose final displacement and plastic strain are kept, and two frames of a failure. modes: grids whose
     failures get a mode.
+    slides: how many of the refined failures slide on to their end, a probability sample; the others end once they have
+    failed, which is all that the probability asks. None lets all slide, 0 none.
     """
 
     samples: int
@@ -88,6 +90,7 @@ class Plan:
     restart_every: float
     fields: tuple[str, ...]
     modes: tuple[str, ...]
+    slides: int | None
 
 
 @dataclass(frozen=True)
@@ -154,6 +157,14 @@ def parse(text: str, estimator: Estimator | None = None) -> Config:
     said = {section: read(section, tables.get(section, {}), keys) for section, keys in SECTIONS.items()}
     shape, y_ends = said["slope"], said["slope"].pop("y_ends")
     plan, run, strength = said["campaign"], said["run"], said["strength"]
+    if plan["slides"] == 0:
+        if "modes" in tables.get("campaign", {}):
+            raise ValueError(
+                f"[campaign] slides = 0 ends every refined run once its class is decided, and modes = "
+                f"{tables['campaign']['modes']!r} asks for modes of its failures, which only their end shows: leave "
+                "out modes, or give slides = 'all' or a number"
+            )
+        plan["modes"] = ()
     settings = {key: plan.pop(key) for key in SETTINGS}
     if given is None:
         plan["estimator"] = named_estimator(plan["estimator"], {**settings, "seed": plan["seed"]})
@@ -229,6 +240,8 @@ def _check(config: Config) -> None:
     ):
         if value < 1:
             raise ValueError(f"[campaign] {name} = {value}: give 1 or more")
+    if plan.slides is not None and plan.slides < 0:
+        raise ValueError(f"[campaign] slides = {plan.slides}: give 0 or more, or 'all'")
     if plan.estimator is not None:
         plan.estimator.check(Sampling(plan.samples, run.failure_displacement, plan.screening_stop))
     if not 0 <= plan.seed < 2**63:

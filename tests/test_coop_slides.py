@@ -1,0 +1,167 @@
+"""Failures that slide on to their end while the others end once they have failed."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cooperative import campaign
+from cooperative.estimate import (
+    AuditPlan,
+    Population,
+    drawn_slides,
+    next_audit,
+    sample_weights,
+    shares,
+    slide_chances,
+    slide_weights,
+    two_phase,
+)
+from cooperative.scene import parse
+from cooperative.store import SLIDES, open_store, read_rows, read_sample, restart_path
+from tests.test_campaign import TINY
+
+DATA = Path(__file__).resolve().parent.parent / "benchmarks" / "data" / "section_pairs.csv"
+SCENE = TINY.replace("k_t = 2", "k_t = 4")
+
+
+weights = st.lists(st.floats(1e-3, 1.0), min_size=1, max_size=40).map(np.array)
+
+
+@given(weights, st.integers(1, 45), st.integers(0, 2**63 - 1))
+def test_as_many_slide_as_are_asked_for_and_order_does_not_matter(weight, count, seed):
+    number = np.arange(weight.size) * 7
+    chance = slide_chances(weight, count)
+    assert chance.sum() == pytest.approx(min(count, weight.size))
+    assert np.all((chance > 0) & (chance <= 1))
+    drawn = drawn_slides(number, chance, seed)
+    assert drawn.sum() == min(count, weight.size)
+    assert np.array_equal(drawn[::-1], drawn_slides(number[::-1], chance[::-1], seed))
+
+
+def test_chances_are_those_of_the_draw():
+    weight = np.array([5.0, 1.0, 1.0, 2.0, 1.0, 0.5])
+    chance = slide_chances(weight, 3)
+    assert chance == pytest.approx([1.0, 2 / 5.5, 2 / 5.5, 4 / 5.5, 2 / 5.5, 1 / 5.5])
+    drawn = np.mean([drawn_slides(np.arange(6), chance, seed) for seed in range(4000)], axis=0)
+    assert drawn == pytest.approx(chance, abs=0.03)
+    assert np.array_equal(slide_chances(weight, None), np.ones(6))
+    assert not drawn_slides(np.arange(6), slide_chances(weight, 0), 1).any()
+
+
+def known_population():
+    """Screening, failures, displacements and modes of 400 sections, all of which ran refined."""
+    rows = list(csv.DictReader(line for line in DATA.open() if not line.startswith("#")))
+    rough, refined = (np.array([float(r[f"{g}_displacement"]) for r in rows]) for g in ("rough", "refined"))
+    return rough, refined, np.array([row["refined_mode"] for row in rows])
+
+
+def test_slides_drawn_from_an_audit_estimate_a_known_population_without_bias():
+    rough, refined, mode = known_population()
+    population, fails = Population(rough), refined > 1.0
+    truth = float((mode[fails] == "deep").mean())
+    runs, count, repeats = 60, 15, 200
+    totals, covered = [], []
+    for seed in range(repeats):
+        plan, answers = AuditPlan(runs=runs, seed=seed), {}
+        while wanted := next_audit(population, answers, plan):
+            answers |= {number: bool(fails[number]) for number in wanted}
+        stands_for = sample_weights(population, answers, plan)
+        numbers = np.array(list(stands_for))
+        weight, failed = np.array([stands_for[n] for n in numbers]), fails[numbers]
+        chance, drawn = np.ones(numbers.size), failed.copy()
+        chance[failed] = slide_chances(weight[failed], count)
+        drawn[failed] = drawn_slides(numbers[failed], chance[failed], seed)
+        whole = slide_weights(weight, failed, chance, drawn)
+        totals.append((whole[drawn] @ refined[numbers[drawn]], whole[drawn].sum(), whole @ np.ones(numbers.size)))
+        share = shares(mode[numbers[drawn]], whole[drawn], ("deep",))["deep"]
+        covered.append(share.interval[0] <= truth <= share.interval[1])
+        assert two_phase(population, answers, plan).refined_runs == runs
+    totals = np.array(totals)
+    error = totals.std(axis=0, ddof=1) / np.sqrt(repeats)
+    expected = refined[fails].sum() / fails.size, fails.mean()
+    assert np.all(np.abs(totals[:, :2].mean(axis=0) - expected) < 3.5 * error[:2])
+    assert np.mean(covered) == pytest.approx(0.95, abs=0.05)
+
+
+def test_slides_that_all_run_change_nothing():
+    weight, failed = np.array([0.1, 0.2, 0.3]), np.array([True, True, False])
+    assert np.array_equal(slide_weights(weight, failed, np.ones(3), failed), weight)
+    assert np.array_equal(slide_weights(weight, failed, np.ones(3), np.zeros(3, bool)), [0.0, 0.0, 0.3])
+
+
+@pytest.fixture(scope="module")
+def all_slides(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("all")
+    return folder, campaign.run(SCENE, folder)
+
+
+def asked(slides):
+    return SCENE + f"slides = {json.dumps(slides)}\n"
+
+
+def test_a_drawn_slide_goes_on_bit_for_bit(all_slides, tmp_path):
+    folder, whole = all_slides
+    summary = campaign.run(asked(1), tmp_path)
+    assert summary["probability_of_failure"] == whole["probability_of_failure"]
+    assert summary["failures_refined"] == whole["failures_refined"] > 1
+    assert (summary["slides"], whole["slides"]) == (1, whole["failures_refined"])
+    assert any("slid on" in note for note in summary["notes"])
+    assert not any("slid on" in note for note in whole["notes"])
+    with open_store(tmp_path, asked(1)) as store, open_store(folder, SCENE) as other:
+        rows = read_rows(store, "refined")
+        decided = [n for n, status in zip(rows.numbers, rows.columns["status"], strict=True) if status == "DECIDED"]
+        assert len(decided) == whole["failures_refined"] - 1
+        (slid,) = read_rows(store, SLIDES).numbers
+        one, same = read_sample(store, "refined", slid), read_sample(other, "refined", slid)
+        assert (one.row, one.status, one.steps) == (same.row, same.status, same.steps)
+        assert all(np.array_equal(one.fields[name], same.fields[name]) for name in same.fields)
+        assert not read_sample(store, "refined", decided[0]).fields
+        assert not any(restart_path(tmp_path, SLIDES, number).exists() for number in rows.numbers)
+    assert np.isnan(rows.columns["runout"][[rows.numbers.index(n) for n in decided]]).all()
+
+
+def test_slides_that_lost_their_restart_point_start_afresh(all_slides, tmp_path, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    folder, _ = all_slides
+    with monkeypatch.context() as patched:
+        patched.setattr(campaign, "_slide_on", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            campaign.run(asked(2), tmp_path)
+    kept = list((tmp_path / "restart").glob("slides-*.h5"))
+    assert len(kept) >= 2
+    for path in kept[1:]:
+        path.unlink()
+    again = campaign.run(asked(2), tmp_path)
+    assert again["slides"] == 2
+    with open_store(tmp_path, asked(2)) as store, open_store(folder, SCENE) as other:
+        for number in read_rows(store, SLIDES).numbers:
+            assert read_sample(store, "refined", number).row == read_sample(other, "refined", number).row
+
+
+def test_a_class_is_all_that_an_audit_without_slides_asks(all_slides, tmp_path):
+    _, whole = all_slides
+    summary = campaign.run(asked(0), tmp_path)
+    assert summary["probability_of_failure"] == whole["probability_of_failure"]
+    assert summary["slides"] == 0
+    assert summary["consequences_of_failures"] == {}
+    assert not (tmp_path / "restart").exists() or not list((tmp_path / "restart").iterdir())
+
+
+@pytest.mark.parametrize(
+    ("said", "match"),
+    [
+        ('slides = 0\nmodes = "refined"', "slides = 0 ends every refined run.*modes = 'refined'"),
+        ("slides = -1", "slides = -1: give 0 or more"),
+        ('slides = "some"', "or 'all'"),
+    ],
+)
+def test_bad_slides_are_named(said, match):
+    with pytest.raises(ValueError, match=match):
+        parse(SCENE + said)
