@@ -379,7 +379,9 @@ def _read(store: Store, grid: str, path: Path) -> Sample:
         said, row = file.scalars("/"), file.scalars("row")
         _check_types(path, said, SAID, required=SAID)
         _check_types(path, row, ROW, required=("displacement", "broke_off"))
-        _check_types(path, row, ROW, required=() if row["broke_off"] else MEASURED)
+        # A refined run that ended once it had failed slid no farther than that.
+        cut_short = row["broke_off"] or (grid == "refined" and said["status"] == "DECIDED")
+        _check_types(path, row, ROW, required=() if cut_short else MEASURED)
         if said["scene"] != store.digest:
             raise DamagedFile(f"{path} belongs to another scene")
         if (said["grid"], f"{said['sample']:06d}.h5") != (grid, path.name):

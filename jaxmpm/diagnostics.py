@@ -40,6 +40,16 @@ def largest_displacement(state: State) -> Array:
     return jnp.max(displacement(state))
 
 
+def slide_displacement(scene: Scene, state: State, beyond: float) -> Array:
+    """How far all soil has moved, weighted by mass, over the mass that moved more than `beyond` (m); 0 where none did.
+
+    A mean over the slide, to which soil that does not slide yet adds what it creeps.
+    """
+    moved, mass = displacement(state), scene.particles.mass
+    slides = jnp.sum(jnp.where(moved > beyond, mass, 0))
+    return jnp.where(slides > 0, jnp.sum(mass * moved) / jnp.where(slides > 0, slides, 1), 0)
+
+
 def momentum(scene: Scene, state: State) -> Array:
     """Total momentum (d,) kg m/s."""
     _of_one_lane(scene, state)

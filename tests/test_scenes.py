@@ -164,3 +164,29 @@ def test_factor_of_safety_brackets_the_jump_and_refuses_a_wrong_bracket():
     assert tried[found.stable] <= 1.0 < tried[found.fails]
     with pytest.raises(ValueError, match=r"stands even at R = 0.9: widen the bracket"):
         mpm.factor_of_safety(scene, state, bracket=(0.8, 0.9), resolution=0.05, batch=2, t_end=8.0)
+
+
+def test_a_slide_ends_when_its_deposit_rests_though_it_rings():
+    scene, state = mpm.slope(mpm.Slope(), PAPER_SOIL, SECTION)
+    varied, axes = mpm.lanes(scene, strength=42e3 / jnp.asarray([1.3, 1.5]))
+    result = {
+        slides: mpm.solve(
+            varied, mpm.repeat(state, 2), t_end=20.0, settle=mpm.Settle(slides=slides), axes=axes
+        ).raise_if_failed()
+        for slides in (None, 1.0)
+    }
+    assert list(result[None].status) == [mpm.Status.FINISHED] * 2
+    assert list(result[1.0].status) == [mpm.Status.SETTLED] * 2
+    assert np.all(np.asarray(result[1.0].state.step) < 0.85 * np.asarray(result[None].state.step))
+    ended, whole = (np.linalg.norm(result[slides].state.displacement, axis=1) for slides in (1.0, None))
+    assert np.abs(ended - whole).max() < 0.5 * scene.grid.cell
+    assert (ended > 1.0).sum() == pytest.approx((whole > 1.0).sum(), rel=0.02)
+
+
+def test_a_slide_is_measured_by_its_own_mass():
+    scene, state = mpm.slope(SMALL, PAPER_SOIL, mpm.Discretisation(1.0, (0.5, 0.5)))
+    still = diagnostics.slide_displacement(scene, state, 1.0)
+    share = jnp.arange(state.displacement.shape[1]) < state.displacement.shape[1] // 4
+    moved = replace(state, displacement=jnp.where(share, 3.0, 0.2) * jnp.asarray([[1.0], [0.0]]))
+    mean = (3.0 * share.sum() + 0.2 * (~share).sum()) / share.sum()
+    assert (float(still), float(diagnostics.slide_displacement(scene, moved, 1.0))) == pytest.approx((0.0, float(mean)))

@@ -89,6 +89,7 @@ _RUN = {
     "t_end": Key(float, 20.0),
     "failure_displacement": Key(float, 1.0),
     "settle": Key(bool, True),
+    "rest": Key(bool, UNSAID),
 }
 _PLAN = {
     "samples": Key(int),

@@ -179,7 +179,7 @@ def parse(text: str, estimator: Estimator | None = None) -> Config:
         soil=soil,
         strength=Strength(**strength),
         grids=MappingProxyType({grid: _grid(said[grid], soil) for grid in ("rough", "refined")}),
-        run=Run(**{**run, "settle": Settle() if run["settle"] else None}),
+        run=_run(run),
         plan=Plan(**plan),
         calibration=(
             Calibration(**read("calibration", tables["calibration"], CALIBRATION)) if "calibration" in tables else None
@@ -195,6 +195,16 @@ def built(config: Config, grid: str, *, at_rest: bool = True) -> tuple[Scene, St
     return slope(
         config.slope, config.soil, config.grids[grid], gravity=config.run.gravity, y_ends=config.y_ends, at_rest=at_rest
     )
+
+
+def _run(table: dict[str, Any]) -> Run:
+    """A slide ends when its deposit rests, where runs end once they have settled and unless the scene says not."""
+    said = {**table}
+    settle, rest = said.pop("settle"), said.pop("rest")
+    if rest is True and not settle:
+        raise ValueError("[run] rest = true with settle = false: a slide that rests has settled, leave one of them out")
+    limit = said["failure_displacement"] if rest is not False and said["failure_displacement"] > 0 else None
+    return Run(**said, settle=Settle(slides=limit) if settle else None)
 
 
 def _soil(table: dict[str, Any], height: float) -> Soil:

@@ -30,6 +30,10 @@ class Settle:
     speed: root mean square of the particle speed to stay below (m/s). drift: change of the largest displacement (m)
     that counts as a move. every: seconds between two looks. The unbalanced force is no part of it: an undamped
     slope rings elastically for ever, with 5 to 15 per cent of its weight unbalanced, while it stands.
+    slides: largest displacement (m) from which on a lane is a slide, which has settled once its deposit rests: for
+    `hold` seconds the mean displacement of the soil beyond `slides`, with all that other soil moved counted to it, has
+    stayed put, however fast its particles ring. It sees a second mass let go, and not how one grain hops on. None knows
+    no slides: their speed keeps them from settling.
     Raises ValueError for numbers below 0, an `every` of 0, and what is not finite.
     """
 
@@ -37,11 +41,14 @@ class Settle:
     drift: float = 2e-3
     hold: float = 1.0
     every: float = 0.25
+    slides: float | None = None
 
     def __post_init__(self) -> None:
         for name, unit in (("speed", "m/s"), ("drift", "m"), ("hold", "s")):
             check.not_negative(f"settle's {name}", getattr(self, name), unit)
         check.positive("settle's every", self.every, "s")
+        if self.slides is not None:
+            check.positive("settle's slides", self.slides, "m")
 
 
 @dataclass(frozen=True)
@@ -181,10 +188,13 @@ def advance_lanes(scene: Scene, state: State, steps: Array, axes: Scene | None) 
     return _over_lanes(one, axes, 0 if jnp.ndim(steps) else None)(scene, state, steps)
 
 
-@partial(jax.jit, static_argnames="axes")
-def _look(scene: Scene, state: State, axes: Scene | None) -> tuple[Array, Array]:
-    def measures(scene: Scene, state: State) -> tuple[Array, Array]:
-        return diagnostics.speed(scene, state), diagnostics.largest_displacement(state)
+@partial(jax.jit, static_argnames=("axes", "slides"))
+def _look(scene: Scene, state: State, axes: Scene | None, slides: float | None) -> tuple[Array, ...]:
+    """Speed and largest displacement of each lane, and where slides are known the mean displacement of its slide."""
+
+    def measures(scene: Scene, state: State) -> tuple[Array, ...]:
+        known = diagnostics.speed(scene, state), diagnostics.largest_displacement(state)
+        return known if slides is None else (*known, diagnostics.slide_displacement(scene, state, slides))
 
     return _over_lanes(measures, axes)(scene, state)
 
@@ -320,12 +330,16 @@ class Watch:
     ) -> tuple[Watch, np.ndarray]:
         """The watch after `elapsed` more seconds, () or (B,), and each lane's status: settled and decided ones have
         ended."""
-        speed, displacement = (np.asarray(measure) for measure in _look(scene, state, axes))
+        slides = None if settle is None else settle.slides
+        speed, displacement, *slid = (np.asarray(measure) for measure in _look(scene, state, axes, slides))
         status, watch = np.asarray(state.status), self
         if settle is not None:
-            moved = np.abs(displacement - self.reference) > settle.drift
-            quiet = np.where(moved | (speed > settle.speed), 0.0, self.quiet + elapsed)
-            watch = Watch(quiet, np.where(moved, displacement, self.reference))
+            fast, seen = speed > settle.speed, displacement
+            if slides is not None:
+                fast, seen = fast & (displacement <= slides), np.where(displacement > slides, slid[0], displacement)
+            moved = np.abs(seen - self.reference) > settle.drift
+            quiet = np.where(moved | fast, 0.0, self.quiet + elapsed)
+            watch = Watch(quiet, np.where(moved, seen, self.reference))
             status = np.where((status == Status.RUNNING) & (quiet >= settle.hold), Status.SETTLED, status)
         if stop_at is not None:
             status = np.where((status == Status.RUNNING) & (displacement > stop_at), Status.DECIDED, status)
