@@ -16,6 +16,7 @@ NAMES = (
     "slope",
     "throughput",
     "screening",
+    "levers",
     "leave_out",
     "fields",
     "estimators",

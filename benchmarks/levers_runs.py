@@ -1,0 +1,106 @@
+"""Runs behind `benchmarks.levers`: sections with other particles and time steps.
+
+`python -m benchmarks.levers_runs` runs what its file lacks. Every variant runs the first samples of the population in
+`benchmarks.section_pairs`, as a campaign does but without the rule that ends slides at rest. The energy of a run,
+kinetic, elastic and potential, is told from its start: more than nothing would be made by the step.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from benchmarks.measure import ROOT, scene_config
+from benchmarks.section_pairs import study
+from cooperative import runs
+from cooperative.measure import Consequences, SlopeGeometry, consequences
+from cooperative.runs import GridModel
+from jaxmpm import Result, Scene, Settle, State, diagnostics, solve_each
+
+DATA = ROOT / "benchmarks" / "data" / "levers.csv"
+SCENES = ("paper_section", "section")
+SAMPLES = 40
+SPACINGS = {"rough": (1.0, 2.0), "refined": (0.5, 1.0)}
+"""Of the particles: four a cell, as published, and one."""
+CFL = (0.5, 0.9)
+VARIANT = ("scene", "grid", "spacing", "cfl")
+MEASURED = ("steps", "displacement", "runout", "energy")
+COLUMNS = (*VARIANT, "number", "status", *MEASURED)
+Variant = tuple[str, str, float, float]
+
+
+def read() -> dict[Variant, dict[int, dict[str, float]]]:
+    """The file: variant -> number -> what was measured. ValueError for a line that does not parse."""
+    found: dict[Variant, dict[int, dict[str, float]]] = {}
+    with DATA.open(newline="") as file:
+        for line, row in enumerate(csv.DictReader(file), start=2):
+            try:
+                variant = row["scene"], row["grid"], float(row["spacing"]), float(row["cfl"])
+                found.setdefault(variant, {})[int(row["number"])] = {name: float(row[name]) for name in MEASURED}
+            except (KeyError, TypeError, ValueError) as error:
+                raise ValueError(f"{DATA.name}, line {line} is no row of a run ({error}): mend or delete it") from error
+    return found
+
+
+def variants() -> Iterator[Variant]:
+    """All that are compared, the cheap ones first."""
+    for grid, spacings in SPACINGS.items():
+        yield from ((scene, grid, spacing, cfl) for scene in SCENES for spacing in spacings for cfl in CFL)
+
+
+def main() -> None:
+    """Run what is missing, one sample after the other."""
+    new = not DATA.exists()
+    done = {} if new else read()
+    with DATA.open("a", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        if new:
+            writer.writerow(COLUMNS)
+        for variant in variants():
+            for row in _rows(variant, sorted(set(range(SAMPLES)) - done.get(variant, {}).keys())):
+                writer.writerow((*variant, *row))
+                file.flush()
+
+
+def _rows(variant: Variant, numbers: list[int]) -> Iterator[tuple[object, ...]]:
+    scene, grid, spacing, cfl = variant
+    config = study(scene_config(scene))
+    shape = replace(config.grids[grid], spacing=(spacing, spacing), cfl=cfl)
+    config = replace(config, grids={**config.grids, grid: shape})
+    expansion = runs.expansion_of(config)
+    coefficients = runs.coefficients_of(config, expansion)
+    model = runs.build(config, grid, expansion)
+    begun = float(_energy(model.scene, model.state))
+    strengths = (model.strength(jnp.asarray(coefficients[number])) for number in numbers)
+    for number, result in solve_each(
+        model.scene, model.state, {"strength": strengths}, numbers=numbers, width=1, t_end=config.run.t_end,
+        settle=Settle(),
+    ):  # fmt: skip
+        done = measured(model, result)
+        energy = float(_energy(model.scene, result.state)) - begun
+        told = (done.displacement, done.runout, energy)
+        yield (number, int(result.status), int(result.state.step), *(f"{value:.6g}" for value in told))
+
+
+def measured(model: GridModel, result: Result) -> Consequences:
+    """Consequences of a run, detached grains included."""
+    shape = model.config.slope
+    geometry = SlopeGeometry(shape.toe_x, shape.foundation, shape.height)
+    particles, moved = model.scene.particles, np.asarray(result.state.displacement)
+    position, volume = np.asarray(particles.position), np.asarray(particles.volume)
+    return consequences(position, moved, volume, geometry, half_size=model.half_size)
+
+
+@jax.jit
+def _energy(scene: Scene, state: State) -> jax.Array:
+    still = diagnostics.elastic_energy(scene, state) + diagnostics.potential_energy(scene, state)
+    return diagnostics.kinetic_energy(scene, state) + still
+
+
+if __name__ == "__main__":
+    main()
