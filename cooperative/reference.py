@@ -109,6 +109,7 @@ MEANINGS = {
         "t_end": Meaning("Time at which a run ends, if it has not before.", "20.0", unit="s", above=0),
         "failure_displacement": Meaning("Displacement from which on soil counts as sliding.", "1.0", **_LENGTH),
         "settle": Meaning("Whether a run ends once its slope stands still.", "true"),
+        "rest": Meaning("Whether a slide ends once its deposit rests. By default as `settle`.", "true"),
     },
     "campaign": {
         "samples": Meaning("Number of random slopes.", "200", least=1),
@@ -131,6 +132,11 @@ MEANINGS = {
             "Grids whose final displacement and plastic strain are kept, and of a failure two frames.", '"refined"'
         ),
         "modes": Meaning("Grids whose failures get a mode.", '"refined"'),
+        "slides": Meaning(
+            'Refined failures that slide on to their end, the others end once they have failed; or `"all"`.',
+            "30",
+            least=0,
+        ),
     },
 }
 _TYPES = {float: "number", int: "integer", bool: "boolean", str: "string"}

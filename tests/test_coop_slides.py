@@ -126,13 +126,16 @@ def test_a_drawn_slide_goes_on_bit_for_bit(all_slides, tmp_path):
 
 
 def test_slides_that_lost_their_restart_point_start_afresh(all_slides, tmp_path, monkeypatch):
+    class Killed(Exception):
+        pass
+
     def interrupted(*_):
-        raise KeyboardInterrupt
+        raise Killed
 
     folder, _ = all_slides
     with monkeypatch.context() as patched:
         patched.setattr(campaign, "_slide_on", interrupted)
-        with pytest.raises(KeyboardInterrupt):
+        with pytest.raises(Killed):
             campaign.run(asked(2), tmp_path)
     kept = list((tmp_path / "restart").glob("slides-*.h5"))
     assert len(kept) >= 2
