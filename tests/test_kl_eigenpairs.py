@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import brentq
 
 import kl
-from kl.axis import scaled_functions
+from kl.axis import _fredholm, scaled_functions
 from kl.axis._fredholm import _haar_matrix, all_axis_modes
 from kl.axis._modes import functions
 
@@ -179,3 +179,16 @@ def test_closed_form_derivative_by_length(x64):
 
     numerical = (value(1.0 + 1e-5) - value(1.0 - 1e-5)) / 2e-5
     np.testing.assert_allclose(jax.grad(value)(1.0), numerical, rtol=1e-8)
+
+
+def test_one_program_serves_boxes_of_any_place_and_size():
+    def compiled(origin, extent):
+        modes = axis_modes(kl.SquaredExponential(extent / 4), kl.Nystrom(23), origin, extent)
+        return modes, _fredholm._all_from_zero._cache_size()
+
+    one, before = compiled(0.0, 8.0)
+    other, after = compiled(-3.0, 24.0)
+    assert after == before
+    assert (other.origin, other.extent) == (-3.0, 24.0)
+    # Stationary: the spectrum depends on the length over the extent alone.
+    np.testing.assert_allclose(other.fractions, one.fractions, atol=2e-7)

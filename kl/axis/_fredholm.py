@@ -293,7 +293,8 @@ def _split_rule(order: int) -> tuple[HostArray, HostArray, HostArray]:
 def _legendre_matrix(order: int, extent: float, covariance: Covariance) -> EitherArray:
     """Galerkin matrix in Legendre polynomials; the part y > x mirrors y < x with sign (-1)^(m + n)."""
     lags, outer, inner = _split_rule(order)
-    kernel = covariance(lags * extent)
+    # A copy: JAX lowers an array that it met before in the precision of then, and the rule outlives its precision.
+    kernel = covariance(lags.copy() * extent)
     if isinstance(kernel, jax.Array):
         sums = (jnp.asarray(inner, kernel.dtype) * kernel).sum(-1)
         lower: EitherArray = jnp.asarray(outer, kernel.dtype) @ sums.T
@@ -362,13 +363,21 @@ def _eigenpairs_derivative(
     return (values, vectors), (jnp.diagonal(inner), vectors @ turn)
 
 
-@partial(jax.jit, static_argnames=("solvers", "origin", "extent"))
 def all_axis_modes(
     covariance: tuple[Covariance, ...],
     solvers: tuple[Solver, ...],
     origin: tuple[float, ...],
     extent: tuple[float, ...],
 ) -> tuple[AxisModes, ...]:
-    """`axis_modes` of every axis in one program."""
-    axes = zip(covariance, solvers, origin, extent, strict=True)
-    return tuple(axis_modes(*axis) for axis in axes)
+    """`axis_modes` of every axis in one program, the same for boxes of every place and size."""
+    boxes = zip(_all_from_zero(covariance, solvers, extent), origin, extent, strict=True)
+    return tuple(replace(modes, origin=start, extent=size) for modes, start, size in boxes)
+
+
+@partial(jax.jit, static_argnames="solvers")
+def _all_from_zero(
+    covariance: tuple[Covariance, ...], solvers: tuple[Solver, ...], extent: tuple[float, ...]
+) -> tuple[AxisModes, ...]:
+    """Modes whose axes start at 0. Their extent is traced here and static in the modes, so 1 m stands in its place."""
+    axes = zip(covariance, solvers, extent, strict=True)
+    return tuple(replace(axis_modes(each, solver, 0.0, size), extent=1.0) for each, solver, size in axes)

@@ -148,11 +148,10 @@ class TruncatedNormal:
     def transform(self, gaussian: Array) -> Array:
         centre, scale, low, high = self._parent()
         inside = quantiles.normal_mass(low, high)
-        below, above = jnp.minimum(_seen(gaussian), 0), jnp.maximum(gaussian, 0)
-        left = ndtri(ndtr(low) + ndtr(below) * inside)
-        right = -ndtri(ndtr(-high) + ndtr(-above) * inside)
+        left = _seen(gaussian) < 0
+        score = ndtri(ndtr(jnp.where(left, low, -high)) + ndtr(jnp.where(left, gaussian, -gaussian)) * inside)
         # Rounding at the end of a tail must not leave the bounds.
-        return centre + scale * jnp.clip(jnp.where(gaussian < 0, left, right), low, high)
+        return centre + scale * jnp.clip(jnp.where(left, score, -score), low, high)
 
     def standardise(self, value: Array) -> Array:
         centre, scale, low, high = self._parent()

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jax.scipy.special import betaln, digamma, gammaln, log_ndtr, ndtr, ndtri, polygamma
+from jax.scipy.special import betaln, digamma, gammaln, log_ndtr, ndtr, ndtri, zeta
 from jax.scipy.stats import norm
 
 from foundation.check import require
@@ -37,13 +37,16 @@ def log_normal_cdf(gaussian: Array) -> Array:
 
 def normal_mass(low: Array, high: Array) -> Array:
     """Phi(high) - Phi(low), subtracted in whichever tail keeps its digits."""
-    return jnp.where(low > 0, ndtr(-low) - ndtr(-high), ndtr(high) - ndtr(low))
+    upper = low > 0
+    return ndtr(jnp.where(upper, -low, high)) - ndtr(jnp.where(upper, -high, low))
 
 
 def from_both_tails(below: Array, above: Array) -> Array:
     """Score of a value from its probabilities below and above."""
+    # The smaller probability keeps its digits, and one call of `ndtri`, a large program, serves both tails.
     lower = below < above
-    return jnp.where(lower, ndtri(jnp.where(lower, below, 0.5)), -ndtri(jnp.where(lower, 0.5, above)))
+    score = ndtri(jnp.where(lower, below, above))
+    return jnp.where(lower, score, -score)
 
 
 def log_gamma_quantile(shape: Parameter, gaussian: Array) -> Array:
@@ -131,15 +134,16 @@ def log_gamma_rise(shape: Parameter, step: Array) -> Array:
 def log_moment_ratio(shape: Parameter, power: Parameter) -> Array:
     """log of E[x^2] / E[x]^2 of x = G^(1/power), G gamma of `shape`: log(1 + cov^2), without cancellation.
 
-    The second difference of log Gamma is the integral of its second derivative against a hat.
+    The second difference of log Gamma is the integral of its second derivative, Hurwitz's zeta(2, x), against a hat.
     """
     step = 1 / jnp.asarray(power)
     points, weights = np.polynomial.legendre.leggauss(24)
     ramp = (points + 1) / 2
     shape, step = jnp.broadcast_arrays(jnp.asarray(shape), step)
-    rising = polygamma(1, shape[..., None] + step[..., None] * ramp)
-    falling = polygamma(1, shape[..., None] + step[..., None] * (2 - ramp))
-    return step**2 * ((rising + falling) @ jnp.asarray(ramp * weights / 2, rising.dtype))
+    # Both sides of the hat in one call: zeta is a large program.
+    places = np.concatenate([ramp, 2 - ramp])
+    values = zeta(2.0, shape[..., None] + step[..., None] * places)
+    return step**2 * (values @ jnp.asarray(np.tile(ramp * weights / 2, 2), values.dtype))
 
 
 @jax.jit
