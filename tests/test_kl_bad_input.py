@@ -131,12 +131,18 @@ def test_fields_refuse_points_outside_and_wrong_shapes(expansion):
         (lambda e, c: kl.from_scale_of_fluctuation(SE, -2.0), r"scale of fluctuation = -2 m"),
         (lambda e, c: kl.scale_of_fluctuation(kl.Infinite()), r"Infinite has no scale of fluctuation"),
         (lambda e, c: kl.exact_lattice((SE(1.0),), (np.zeros(0),)), r"coordinates of shape \(0,\): give \(N,\)"),
-        (lambda e, c: kl.exact_lattice((SE(1.0),), (np.array([0.0, NAN]),)), r"lattice coordinates = nan at .*bad at 1 of"),
+        (
+            lambda e, c: kl.exact_lattice((SE(1.0),), (np.array([0.0, NAN]),)),
+            r"lattice coordinates = nan at .*bad at 1 of",
+        ),
         (lambda e, c: kl.linear_with_depth(jnp.array([1.0, NAN]), 1.0, 2.0), r"depth = nan at .*bad at 1 of"),
         (lambda e, c: kl.monte_carlo(jax.random.key(0), 3, 2, rows=[0.5]), r"type float64: give a list of sample"),
         (lambda e, c: kl.latin_hypercube(jax.random.key(0), 2.5, 2), r"n_samples = 2.5 must be 1 or more, a whole"),
         (lambda e, c: kl.nataf_matrix(np.eye(3), (kl.Normal(1.0, 0.1),) * 2), r"\(3, 3\) for 2 marginals"),
-        (lambda e, c: kl.correlate(jnp.ones((2, 5)), [[1.0, NAN], [NAN, 1.0]]), r"correlation matrix = nan at .*bad at 2 of"),
+        (
+            lambda e, c: kl.correlate(jnp.ones((2, 5)), [[1.0, NAN], [NAN, 1.0]]),
+            r"correlation matrix = nan at .*bad at 2 of",
+        ),
     ],
 )
 def test_no_public_function_takes_what_it_cannot_use(expansion, call, message):
