@@ -195,4 +195,5 @@ def test_a_campaign_stops_by_signal_and_goes_on(number, code, after, quick, tmp_
     assert not (folder / "summary.json").exists()
     there = campaign.run(SCENE, folder)
     alone = campaign.run(SCENE, tmp_path / "alone")
-    assert {**there, "seconds": 0} == {**alone, "seconds": 0}
+    of_this_run = {"seconds": 0, "checksum": ""}
+    assert there | of_this_run == alone | of_this_run
