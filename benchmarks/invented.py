@@ -78,7 +78,7 @@ def coefficients_of(config: Config, expansion: Any) -> np.ndarray:
     return REAL_COEFFICIENTS(replace(config, plan=replace(config.plan, coefficients=normal)), expansion)
 
 
-def build(config: Config, grid: str, expansion: Any) -> Any:
+def build(config: Config, grid: str, expansion: Any, **_: Any) -> Any:
     """As much of a grid's model as made-up runs need."""
     absent: Any = None
     return runs.GridModel(grid, config, absent, absent, expansion)

@@ -131,16 +131,16 @@ class _UnderWay:
     def remember(self, number: int, seconds: float, midway: Midway) -> None:
         """One lane after a chunk. Raises `Stopped` after the last one, if none waits to be given out."""
         motion, running = self.motions[number], bool(midway.state.status == Status.RUNNING)
+        # A refined run that has failed may be asked to slide on from here.
+        failed = self.model.slides_on and bool(midway.state.status == Status.DECIDED)
         if seconds > motion.times[-1]:  # a lane with a number that none may have takes no step
             moved = np.asarray(_moved(midway.state.displacement))
             self.motions[number] = motion.after(seconds, moved)
-            kept = self.model.grid in self.model.config.plan.fields and running
+            kept = self.model.grid in self.model.config.plan.fields and (running or failed)
             if kept and self.frames[number].due(float(moved.max()), motion.threshold):
                 self.frames[number] = self.frames[number].after(seconds, midway.state.displacement)
         now = time.perf_counter()
         due = self.stopping or now - self.written[number] > self.model.config.plan.restart_every
-        # A refined run that has failed may be asked to slide on from here.
-        failed = self.model.slides_on and bool(midway.state.status == Status.DECIDED)
         if self.folder is not None and ((due and running) or failed):
             state = replace(midway.state, status=jnp.asarray(int(Status.RUNNING), jnp.int32))
             taken = self.before[number] + now - self.started
