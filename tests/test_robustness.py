@@ -59,8 +59,9 @@ def refusal(text):
     [
         (lambda given: print("error: one line", file=hostile_scenes.sys.stderr) or exit(2), "traceback"),
         (lambda given: {}["key"], "traceback"),
-        (lambda given: raised(ValueError("two\nlines")), "noise"),
-        (lambda given: raised(ValueError("\x1b[2J")), "noise"),
+        (lambda given: raised(ValueError("two\nlines")), "refused"),  # the command masks what would break its line
+        (lambda given: raised(ValueError("\x1b[2J")), "refused"),
+        (lambda given: (print("more", file=hostile_scenes.sys.stderr), raised(ValueError("one line"))), "noise"),
         (lambda given: (given.out.mkdir(), (given.out / "scene.toml").touch(), raised(ValueError("late"))), "noise"),
         (lambda given: raised(ValueError("one line")), "refused"),
         (lambda given: raised(hostile_scenes.Began()), "began"),
