@@ -26,7 +26,7 @@ import jaxmpm as mpm
 from cooperative import campaign
 from cooperative.reporting import _charts as charts
 from cooperative.scene import parse
-from cooperative.summary import run_weights
+from cooperative.summary import slides_of
 
 # %matplotlib inline
 SMALL = os.environ.get("JAXMPM_SMALL") == "1"  # small sizes, for a quick look and for the tests
@@ -209,7 +209,7 @@ fits = summary["fits"]["all"]
 for name in labels:
     print(name, {fit["name"]: round(fit["aic"], 1) for fit in fits[name].get("fits", ())[:3]})
 ended = failed & ~columns["broke_off"].astype(bool)
-weights = run_weights(cooperative.phases_of(config, rough, refined), refined)[ended]
+weights = slides_of(config, cooperative.phases_of(config, rough, refined), refined).weight[ended]
 charts.fitted({name: columns[name][ended] for name in labels}, weights, fits, labels)
 
 # %% [markdown]
