@@ -8,6 +8,7 @@ the program is, so the folder is named by these two: code built for one machine 
 import hashlib
 import os
 import platform
+import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -47,6 +48,10 @@ def _cache() -> Path:
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     os.environ["JAX_COMPILATION_CACHE_DIR"] = str(_cache())
     jax.config.update("jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"])
+
+# A shell has what it starts in the background ignore Ctrl-C, and so would what tests start and interrupt.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # A first call compiles, so a deadline per example means nothing; the same examples every time keep main green.
 settings.register_profile("project", deadline=None, derandomize=True)

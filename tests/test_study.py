@@ -137,7 +137,7 @@ def test_bad_calls_are_refused(tmp_path):
 
 def test_every_case_is_a_scene():
     for case in study_runs.CASES:
-        study_runs.config_of(case)
+        assert set(study_runs.config_of(case).grids) == {"rough", "refined"}
 
 
 def made_up(sample):
