@@ -20,7 +20,7 @@ from scipy.optimize import minimize
 from scipy.special import expit
 from scipy.stats import norm, rankdata
 
-from benchmarks.measure import Report, scene_config
+from benchmarks.measure import Report, scene_campaign
 from benchmarks.section_pairs import SAMPLES, read
 from cooperative import runs as screening
 from jaxmpm import replay
@@ -34,10 +34,10 @@ RIDGE = 0.05
 def gradients(count: int) -> tuple[np.ndarray, np.ndarray, float, float]:
     """Log displacement after `SECONDS` (count,), length of its gradient by the coefficients, seconds of both and of the
     run alone, per sample."""
-    config = scene_config("paper_section")
-    config = replace(config, plan=replace(config.plan, samples=SAMPLES))
-    expansion = screening.expansion_of(config)
-    model = screening.build(config, "rough", expansion)
+    campaign = scene_campaign("paper_section")
+    campaign = replace(campaign, plan=replace(campaign.plan, samples=SAMPLES))
+    expansion = screening.expansion_of(campaign)
+    model = screening.build(campaign, "rough", expansion)
     steps = round(SECONDS / float(model.scene.time_step))
 
     def moved(coefficients: jax.Array) -> jax.Array:
@@ -46,7 +46,7 @@ def gradients(count: int) -> tuple[np.ndarray, np.ndarray, float, float]:
         return objectives.log_displacement(final, 1e-4)
 
     both, alone = jax.jit(jax.value_and_grad(moved)), jax.jit(moved)
-    table = jnp.asarray(screening.coefficients_of(config, expansion)[:count])
+    table = jnp.asarray(screening.coefficients_of(campaign, expansion)[:count])
     jax.block_until_ready((both(table[0]), alone(table[0])))
     start = time.perf_counter()
     found = [both(xi) for xi in table]

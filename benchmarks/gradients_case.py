@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 
 import jaxmpm as mpm
-from benchmarks.measure import peak_memory_mb, scene_config, timed
+from benchmarks.measure import peak_memory_mb, scene_campaign, timed
 from jaxmpm.run import objectives
 
 # The slope is made to slide, so that the plastic branches do their work.
@@ -21,8 +21,8 @@ REDUCTION = 1.3
 
 def measure(scene: str, engine: str | None, steps: int, memory: float, repeats: int) -> dict[str, Any]:
     """Seconds per particle and step of a forward run, of value and gradient by strength; bytes planned and held."""
-    config = scene_config(scene)
-    built, state = mpm.slope(config.slope, config.soil, config.grids["rough"], y_ends=config.y_ends)
+    campaign = scene_campaign(scene)
+    built, state = mpm.slope(campaign.slope, campaign.soil, campaign.grids["rough"], y_ends=campaign.y_ends)
     built = replace(mpm.reduced(built, REDUCTION), engine=None if engine is None else mpm.Engine[engine])
     strength = jnp.broadcast_to(built.material.strength, built.particles.mass.shape)
     particles = strength.size

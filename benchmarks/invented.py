@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cooperative import runs
-from cooperative.scene import Config, _calibration
+from cooperative.scene import Campaign, _calibration
 from cooperative.scene._typed import Calibration
 from cooperative.store import Sample
 
@@ -61,7 +61,7 @@ STEPS = 77
 """Of each made-up run: tells that it was made up."""
 
 
-def expansion_of(config: Config) -> Any:
+def expansion_of(campaign: Campaign) -> Any:
     """As much of an expansion as made-up runs need."""
     return SimpleNamespace(modes=20)
 
@@ -69,19 +69,19 @@ def expansion_of(config: Config) -> Any:
 REAL_COEFFICIENTS = runs.coefficients_of
 
 
-def coefficients_of(config: Config, expansion: Any) -> np.ndarray:
+def coefficients_of(campaign: Campaign, expansion: Any) -> np.ndarray:
     """Independent ones, made without a compiled program."""
 
     def normal(_: Any, samples: int, modes: int) -> np.ndarray:
-        return np.random.default_rng(config.plan.seed).standard_normal((samples, modes))
+        return np.random.default_rng(campaign.plan.seed).standard_normal((samples, modes))
 
-    return REAL_COEFFICIENTS(replace(config, plan=replace(config.plan, coefficients=normal)), expansion)
+    return REAL_COEFFICIENTS(replace(campaign, plan=replace(campaign.plan, coefficients=normal)), expansion)
 
 
-def build(config: Config, grid: str, expansion: Any, **_: Any) -> Any:
+def build(campaign: Campaign, grid: str, expansion: Any, **_: Any) -> Any:
     """As much of a grid's model as made-up runs need."""
     absent: Any = None
-    return runs.GridModel(grid, config, absent, absent, expansion)
+    return runs.GridModel(grid, campaign, absent, absent, expansion)
 
 
 def run_samples(
@@ -94,7 +94,7 @@ def run_samples(
     **_: Any,
 ) -> Iterator[Sample]:
     """Displacements that both grids see alike, with some scatter of their own; calibration scales the rough ones."""
-    calibration = model.config.calibration
+    calibration = model.campaign.calibration
     factor = 1.0 if calibration is None or model.grid == "refined" else calibration.factor
     for number in numbers:
         if stop is not None and stop():

@@ -15,7 +15,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from benchmarks.measure import Report, scene_config
+from benchmarks.measure import Report, scene_campaign
 from cooperative.scene import built
 from jaxmpm import DruckerPrager, Elastic, Engine, MohrCoulomb, Scene, Scheme, State, advance_lanes, step
 
@@ -145,8 +145,8 @@ def microseconds(variants: list[tuple[Scene, State]], repeats: int) -> list[floa
 
 def rows_of(name: str, repeats: int) -> list[dict[str, Any]]:
     """A row per feature for one scene of benchmarks/scenes on its rough grid."""
-    config = scene_config(name)
-    scene, state = built(config, "rough")
+    campaign = scene_campaign(name)
+    scene, state = built(campaign, "rough")
     uneven = scene.material.strength * (1 + 0.3 * jnp.sin(jnp.arange(scene.particles.mass.size)))
     scene = replace(scene, material=replace(scene.material, strength=uneven))
     rows = []

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.measure import ROOT, scene_config
+from benchmarks.measure import ROOT, scene_campaign
 from benchmarks.section_pairs import study
 from cooperative import runs
 from cooperative.measure import Consequences, SlopeGeometry, consequences
@@ -69,16 +69,16 @@ def main() -> None:
 
 def _rows(variant: Variant, numbers: list[int]) -> Iterator[tuple[object, ...]]:
     scene, grid, spacing, cfl = variant
-    config = study(scene_config(scene))
-    shape = replace(config.grids[grid], spacing=(spacing, spacing), cfl=cfl)
-    config = replace(config, grids={**config.grids, grid: shape})
-    expansion = runs.expansion_of(config)
-    coefficients = runs.coefficients_of(config, expansion)
-    model = runs.build(config, grid, expansion)
+    campaign = study(scene_campaign(scene))
+    shape = replace(campaign.grids[grid], spacing=(spacing, spacing), cfl=cfl)
+    campaign = replace(campaign, grids={**campaign.grids, grid: shape})
+    expansion = runs.expansion_of(campaign)
+    coefficients = runs.coefficients_of(campaign, expansion)
+    model = runs.build(campaign, grid, expansion)
     begun = float(_energy(model.scene, model.state))
     strengths = (model.strength(jnp.asarray(coefficients[number])) for number in numbers)
     for number, result in solve_each(
-        model.scene, model.state, {"strength": strengths}, numbers=numbers, width=1, t_end=config.run.t_end,
+        model.scene, model.state, {"strength": strengths}, numbers=numbers, width=1, t_end=campaign.run.t_end,
         settle=Settle(),
     ):  # fmt: skip
         done = measured(model, result)
@@ -89,7 +89,7 @@ def _rows(variant: Variant, numbers: list[int]) -> Iterator[tuple[object, ...]]:
 
 def measured(model: GridModel, result: Result) -> Consequences:
     """Consequences of a run, detached grains included."""
-    shape = model.config.slope
+    shape = model.campaign.slope
     geometry = SlopeGeometry(shape.toe_x, shape.foundation, shape.height)
     particles, moved = model.scene.particles, np.asarray(result.state.displacement)
     position, volume = np.asarray(particles.position), np.asarray(particles.volume)

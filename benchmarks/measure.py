@@ -16,7 +16,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from cooperative.scene import Config, parse
+from cooperative.scene import Campaign, parse
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -59,7 +59,7 @@ def timed(run: Callable[[], Any], repeats: int = 5) -> Timing:
     return Timing(statistics.median(seconds), min(seconds), max(seconds), repeats)
 
 
-def scene_config(name: str) -> Config:
+def scene_campaign(name: str) -> Campaign:
     """A scene that stands in benchmarks/scenes."""
     return parse((ROOT / "benchmarks" / "scenes" / f"{name}.toml").read_text())
 

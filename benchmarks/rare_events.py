@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from benchmarks.measure import ROOT, Report, scene_config
+from benchmarks.measure import ROOT, Report, scene_campaign
 from cooperative import runs as screening
 from cooperative.estimate import Estimate, SubsetPlan, monte_carlo, subset_simulation
 from cooperative.research.rare import design_point, importance_sampling, slide_limit_state
@@ -31,7 +31,7 @@ def displacements(model: screening.GridModel) -> Callable[[np.ndarray], np.ndarr
 
     def run(coefficients: np.ndarray) -> np.ndarray:
         table = np.asarray(coefficients, np.float32)
-        limit = model.config.run.failure_displacement
+        limit = model.campaign.run.failure_displacement
         done = {s.number: s.row for s in screening.run_samples(model, table, range(len(table)), stop_at=limit)}
         rows = [done[number] for number in range(len(table))]
         return np.array([np.inf if row["broke_off"] else row["displacement"] for row in rows])
@@ -90,11 +90,11 @@ def draw(rows: list[dict[str, Any]]) -> None:
 
 def run(quick: bool) -> Report:
     """The three estimators on one section."""
-    config = scene_config("paper_section")
-    config = replace(config, strength=replace(config.strength, mean=45e3 if quick else MEAN))
-    expansion = screening.expansion_of(config)
-    model = screening.build(config, "rough", expansion)
-    solve, limit, modes = displacements(model), config.run.failure_displacement, expansion.modes
+    campaign = scene_campaign("paper_section")
+    campaign = replace(campaign, strength=replace(campaign.strength, mean=45e3 if quick else MEAN))
+    expansion = screening.expansion_of(campaign)
+    model = screening.build(campaign, "rough", expansion)
+    solve, limit, modes = displacements(model), campaign.run.failure_displacement, expansion.modes
     solve(np.zeros((1, modes)))  # compiles
 
     start = time.perf_counter()

@@ -15,31 +15,31 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.stats import spearmanr
 
-from benchmarks.measure import Report, scene_config
+from benchmarks.measure import Report, scene_campaign
 from cooperative import runs as screening
 from cooperative.store import open_store, write_sample
 from jaxmpm import Chunk, Result
 from jaxmpm.transfer import g2p, p2g
 
 
-def screened(config: Any, count: int) -> dict[str, Any]:
+def screened(campaign: Any, count: int) -> dict[str, Any]:
     """Screen `count` samples as a campaign does, stored and all; seconds by what they went to."""
-    expansion = screening.expansion_of(config)
-    model = screening.build(config, "rough", expansion)
-    coefficients = screening.coefficients_of(config, expansion)
+    expansion = screening.expansion_of(campaign)
+    model = screening.build(campaign, "rough", expansion)
+    coefficients = screening.coefficients_of(campaign, expansion)
     chunks: list[Chunk] = []
     # Compile outside the clock: it is paid once a campaign, not once a sample.
     next(iter(screening.run_samples(model, coefficients, [0], width=1, stop_at=1e-9)))
     seconds = {"storing": 0.0}
     rows = []
-    with tempfile.TemporaryDirectory() as folder, open_store(f"{folder}/screening", config.text) as store:
+    with tempfile.TemporaryDirectory() as folder, open_store(f"{folder}/screening", campaign.text) as store:
         start = time.perf_counter()
         for sample in screening.run_samples(
             model,
             coefficients,
             range(count),
-            width=config.plan.lanes,
-            stop_at=config.plan.screening_stop,
+            width=campaign.plan.lanes,
+            stop_at=campaign.plan.screening_stop,
             on_chunk=chunks.append,
         ):
             clock = time.perf_counter()
@@ -103,14 +103,15 @@ def seconds_of_transfers(model: screening.GridModel) -> float:
     return float(np.median(alone[1:]))
 
 
-def early_stop_effect(config: Any, count: int) -> list[dict[str, Any]]:
+def early_stop_effect(campaign: Any, count: int) -> list[dict[str, Any]]:
     """The same samples run to the end, until settled, and until settled or decided: ranks, classes, steps."""
-    limit = config.run.failure_displacement
-    to_the_end = replace(config, run=replace(config.run, settle=None), plan=replace(config.plan, screening_stop=None))
+    limit = campaign.run.failure_displacement
+    plan = replace(campaign.plan, screening_stop=None)
+    to_the_end = replace(campaign, run=replace(campaign.run, settle=None), plan=plan)
     variants = {
         "run to t_end": to_the_end,
-        "settled lanes end": replace(config, plan=replace(config.plan, screening_stop=None)),
-        "settled lanes end, others at 3 m": replace(config, plan=replace(config.plan, screening_stop=3.0)),
+        "settled lanes end": replace(campaign, plan=replace(campaign.plan, screening_stop=None)),
+        "settled lanes end, others at 3 m": replace(campaign, plan=replace(campaign.plan, screening_stop=3.0)),
     }
     runs = {name: screened(variant, count) for name, variant in variants.items()}
     full = np.array([row["displacement"] for row in runs["run to t_end"]["rows"]])
@@ -141,13 +142,13 @@ def rank_change(moved: np.ndarray, full: np.ndarray, among: np.ndarray) -> int:
 
 def run(quick: bool) -> Report:
     """40 samples in 3D for the rate, 50 of the section with and without early stop."""
-    config = scene_config("paper")
+    campaign = scene_campaign("paper")
     count = 4 if quick else 40
-    done = screened(config, count)
+    done = screened(campaign, count)
     shares = {name: round(value / done["total"], 4) for name, value in done["seconds"].items()}
     rows: list[dict[str, Any]] = [
         {
-            "scene": config.name,
+            "scene": campaign.name,
             "samples": count,
             "seconds": round(done["total"], 1),
             "samples_per_hour": round(count / done["total"] * 3600, 1),
@@ -156,7 +157,7 @@ def run(quick: bool) -> Report:
             "share_of_time": shares,
         }
     ]
-    rows += early_stop_effect(scene_config("paper_section"), 6 if quick else 50)
+    rows += early_stop_effect(scene_campaign("paper_section"), 6 if quick else 50)
     return Report(
         {
             "hours_per_1000_samples": round(done["total"] / count * 1000 / 3600, 3),

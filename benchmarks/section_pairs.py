@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.measure import ROOT, machine, scene_config
+from benchmarks.measure import ROOT, machine, scene_campaign
 from cooperative import runs as screening
-from cooperative.scene import Config
+from cooperative.scene import Campaign
 from cooperative.scene._calibration import measure
 from cooperative.scene._typed import Calibration
 from cooperative.store import Sample
@@ -67,23 +67,23 @@ def _rows(path: Path) -> Iterator[dict[str, str]]:
         yield from csv.DictReader(line for line in file if not line.startswith("#"))
 
 
-def study(config: Config) -> Config:
+def study(campaign: Campaign) -> Campaign:
     """A scene with the samples of this study, all of which get a mode."""
-    return replace(config, plan=replace(config.plan, samples=SAMPLES, modes=("rough", "refined")))
+    return replace(campaign, plan=replace(campaign.plan, samples=SAMPLES, modes=("rough", "refined")))
 
 
 def main() -> None:
     """Run what is missing, one sample after the other."""
     for scene, path in STUDIES.values():
-        _complete(study(scene_config(scene)), path)
+        _complete(study(scene_campaign(scene)), path)
 
 
-def _complete(config: Config, path: Path) -> None:
-    expansion = screening.expansion_of(config)
-    coefficients = screening.coefficients_of(config, expansion)
+def _complete(campaign: Campaign, path: Path) -> None:
+    expansion = screening.expansion_of(campaign)
+    coefficients = screening.coefficients_of(campaign, expansion)
     if not path.exists():
         clock, here = time.perf_counter(), machine()
-        factors = measure(config)
+        factors = measure(campaign)
         seconds = round(time.perf_counter() - clock, 1)
         path.write_text(
             f"# {json.dumps({'factors_of_safety': vars(factors), 'seconds': seconds})}\n"
@@ -91,7 +91,7 @@ def _complete(config: Config, path: Path) -> None:
             f"{','.join(COLUMNS)}\n"
         )
     factors = Calibration(**json.loads(path.read_text().splitlines()[0].removeprefix("# "))["factors_of_safety"])
-    models = {grid: screening.build(config, grid, expansion) for grid in ("rough", "refined")}
+    models = {grid: screening.build(campaign, grid, expansion) for grid in ("rough", "refined")}
     models["calibrated"] = replace(models["rough"], strength_factor=factors.factor)
     for model in models.values():
         _run(model, coefficients, 0)  # compiles

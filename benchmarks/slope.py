@@ -12,30 +12,30 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.measure import Report, scene_config
+from benchmarks.measure import Report, scene_campaign
 from cooperative.measure import SlopeGeometry, consequences
-from cooperative.scene import Config
+from cooperative.scene import Campaign
 from jaxmpm import PlasticStrain, Settle, factor_of_safety, reduced, slope, solve
 
 PUBLISHED = {"rough": {"stable": 1.25, "fails": 1.26}, "refined": {"stable": 1.14, "fails": 1.15, "runout_m": 14.17}}
 
 
-def particles(config: Config, grid: str) -> int:
+def particles(campaign: Campaign, grid: str) -> int:
     """Particles of a scene on one of its grids."""
-    scene, _ = slope(config.slope, config.soil, config.grids[grid], y_ends=config.y_ends)
+    scene, _ = slope(campaign.slope, campaign.soil, campaign.grids[grid], y_ends=campaign.y_ends)
     return scene.particles.mass.size
 
 
-def row(config: Config, grid: str, measure: PlasticStrain, resolution: float = 0.01) -> dict[str, Any]:
+def row(campaign: Campaign, grid: str, measure: PlasticStrain, resolution: float = 0.01) -> dict[str, Any]:
     """Factor of safety of a scene without random field, and what the first failing slide does."""
-    numerics = config.grids[grid]
+    numerics = campaign.grids[grid]
     start = time.perf_counter()
-    soil = replace(config.soil, plastic_strain=measure)
-    scene, state = slope(config.slope, soil, numerics, y_ends=config.y_ends)
-    limit = config.run.failure_displacement
+    soil = replace(campaign.soil, plastic_strain=measure)
+    scene, state = slope(campaign.slope, soil, numerics, y_ends=campaign.y_ends)
+    limit = campaign.run.failure_displacement
     found = factor_of_safety(scene, state, bracket=(1.0, 1.6), criterion=limit, resolution=resolution, batch=4)
-    slide = solve(reduced(scene, found.fails), state, t_end=config.run.t_end, settle=Settle()).raise_if_failed()
-    position, shape = np.asarray(scene.particles.position), config.slope
+    slide = solve(reduced(scene, found.fails), state, t_end=campaign.run.t_end, settle=Settle()).raise_if_failed()
+    position, shape = np.asarray(scene.particles.position), campaign.slope
     done = consequences(
         position,
         np.asarray(slide.state.displacement),
@@ -45,7 +45,7 @@ def row(config: Config, grid: str, measure: PlasticStrain, resolution: float = 0
     )
     return {
         "grid": grid,
-        "y_ends": "plane strain" if shape.width is None else config.y_ends,
+        "y_ends": "plane strain" if shape.width is None else campaign.y_ends,
         "cell_m": numerics.cell,
         "plastic_strain": measure.value,
         "stable_R": found.stable,
@@ -59,17 +59,17 @@ def row(config: Config, grid: str, measure: PlasticStrain, resolution: float = 0
 
 def run(quick: bool) -> Report:
     """Counts of paper.toml; both grids and both measures of plastic strain of paper_section.toml; fixed y ends."""
-    section = scene_config("paper_section")
+    section = scene_campaign("paper_section")
     measures = [PlasticStrain.ENGINEERING] if quick else list(PlasticStrain)
     grids = ["rough"] if quick else ["rough", "refined"]
     rows = [row(section, grid, measure) for measure in measures for grid in grids]
     by_grid = {r["grid"]: r for r in rows if r["plastic_strain"] == section.soil.plastic_strain.value}
-    values: dict[str, Any] = {"particles_rough": particles(scene_config("paper"), "rough")}
+    values: dict[str, Any] = {"particles_rough": particles(scene_campaign("paper"), "rough")}
     if not quick:
-        values["particles_refined"] = particles(scene_config("paper"), "refined")
+        values["particles_refined"] = particles(scene_campaign("paper"), "refined")
     for grid, found in by_grid.items():
         values[f"fos_{grid}"] = found["fails_R"]
     if not quick:
-        rows.append(row(scene_config("paper"), "rough", section.soil.plastic_strain, resolution=0.02))
+        rows.append(row(scene_campaign("paper"), "rough", section.soil.plastic_strain, resolution=0.02))
         values["runout_refined_m"] = by_grid["refined"]["runout_m"]
     return Report(values, rows)

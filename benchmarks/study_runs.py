@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.measure import ROOT
 from benchmarks.study_table import Outcome, Run
 from cooperative.runs import GridModel, build, coefficients_of, expansion_of, run_samples
-from cooperative.scene import Config, parse
+from cooperative.scene import Campaign, parse
 from cooperative.sweep import to_toml
 
 Changes = Mapping[str, Mapping[str, Any]]
@@ -109,14 +109,14 @@ SLIDE = (
 """What is kept of a slide."""
 
 
-def config_of(case: str) -> Config:
+def campaign_of(case: str) -> Campaign:
     """The scene of a case. ValueError for a case that is none."""
     if case not in CASES:
         raise ValueError(f"case {case!r}: give one of {', '.join(CASES)}")
-    return _config(CASES[case]["scene"], CASES[case]["changes"])
+    return _campaign(CASES[case]["scene"], CASES[case]["changes"])
 
 
-def _config(scene: str, changes: Changes) -> Config:
+def _campaign(scene: str, changes: Changes) -> Campaign:
     tables = tomllib.loads((ROOT / "benchmarks" / "scenes" / f"{scene}.toml").read_text())
     for table, keys in changes.items():
         tables[table] |= keys
@@ -126,23 +126,23 @@ def _config(scene: str, changes: Changes) -> Config:
 @lru_cache(maxsize=3)
 def prepared(case: str, grid: str) -> tuple[GridModel, np.ndarray]:
     """The model of a grid of a case, and the coefficients of its samples (samples, modes)."""
-    config = config_of(case)
-    expansion = expansion_of(config)
-    return build(config, grid, expansion), coefficients_of(config, expansion)
+    campaign = campaign_of(case)
+    expansion = expansion_of(campaign)
+    return build(campaign, grid, expansion), coefficients_of(campaign, expansion)
 
 
 def carry_out(run: Run) -> Outcome:
     """Do one run. A run that breaks off says so in its status."""
     model, coefficients = prepared(run.case, run.grid)
-    config = model.config
-    plan = replace(config.plan, fields=(), modes=("rough", "refined") if run.until == "end" else ())
-    model = replace(model, config=replace(config, plan=plan), strength_factor=1 / run.reduction)
-    stop_at = config.run.failure_displacement if run.until == "class" else None
+    campaign = model.campaign
+    plan = replace(campaign.plan, fields=(), modes=("rough", "refined") if run.until == "end" else ())
+    model = replace(model, campaign=replace(campaign, plan=plan), strength_factor=1 / run.reduction)
+    stop_at = campaign.run.failure_displacement if run.until == "class" else None
     clock = time.process_time()
     sample = next(iter(run_samples(model, coefficients, [run.sample], width=1, stop_at=stop_at)))
     row = sample.row
     displacement = float(row["displacement"])
-    slid = run.until == "end" and not row["broke_off"] and displacement > config.run.failure_displacement
+    slid = run.until == "end" and not row["broke_off"] and displacement > campaign.run.failure_displacement
     kept = SLIDE if slid else ()
     return Outcome(
         status=sample.status,

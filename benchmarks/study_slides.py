@@ -54,11 +54,11 @@ def run_again(run: Run, times: tuple[float, ...] = (2.0, 4.0, 8.0, 20.0)) -> Sli
     """The slide of a run in 3D, with its states at `times` (s). FloatingPointError where the run breaks off."""
     model, coefficients = prepared(run.case, run.grid)
     strength = model.strength(coefficients[run.sample]) / run.reduction
-    config = model.config
-    times = tuple(dict.fromkeys(min(time, config.run.t_end) for time in times))
+    campaign = model.campaign
+    times = tuple(dict.fromkeys(min(time, campaign.run.t_end) for time in times))
     done = solve(
-        with_strength(model.scene, strength), model.state, t_end=config.run.t_end, snapshots=times,
-        settle=config.run.settle,
+        with_strength(model.scene, strength), model.state, t_end=campaign.run.t_end, snapshots=times,
+        settle=campaign.run.settle,
     ).raise_if_failed()  # fmt: skip
     return Slide(
         np.asarray(model.scene.particles.position),
@@ -66,7 +66,7 @@ def run_again(run: Run, times: tuple[float, ...] = (2.0, 4.0, 8.0, 20.0)) -> Sli
         np.asarray(strength),
         times,
         np.stack([np.asarray(state.displacement) for state in done.snapshots]),
-        config.grids[run.grid].cell,
+        campaign.grids[run.grid].cell,
     )
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from benchmarks.measure import peak_memory_mb, scene_config
+from benchmarks.measure import peak_memory_mb, scene_campaign
 from jaxmpm import Engine, Scene, Scheme, State, lanes, reduced, repeat, slope
 from jaxmpm.run import advance_lanes
 
@@ -38,9 +38,9 @@ class Case:
 
     def build(self) -> tuple[Scene, State]:
         """Scene and initial state of one lane."""
-        config = scene_config(self.scene)
-        numerics = replace(config.grids[self.grid], scheme=Scheme[self.scheme], dtype=self.dtype)
-        scene, state = slope(config.slope, config.soil, numerics, y_ends=config.y_ends)
+        campaign = scene_campaign(self.scene)
+        numerics = replace(campaign.grids[self.grid], scheme=Scheme[self.scheme], dtype=self.dtype)
+        scene, state = slope(campaign.slope, campaign.soil, numerics, y_ends=campaign.y_ends)
         return replace(reduced(scene, REDUCTION), engine=None if self.engine is None else Engine[self.engine]), state
 
 

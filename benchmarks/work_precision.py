@@ -27,7 +27,7 @@ import jaxmpm as mpm
 from benchmarks.collapse import collapsed
 from benchmarks.footing import CAPACITY, capacity
 from benchmarks.manufactured import manufactured_run
-from benchmarks.measure import ROOT, Report, scene_config, timed
+from benchmarks.measure import ROOT, Report, scene_campaign, timed
 from cooperative.measure import Consequences, SlopeGeometry, consequences
 from jaxmpm import diagnostics
 
@@ -40,7 +40,7 @@ PUBLISHED = {
     0.75: {"fos": 1.15, "runout_m": 14.52, "seconds": 24503},
     0.5: {"fos": 1.15, "runout_m": 14.76, "seconds": 48976},
 }
-DEFAULT = scene_config("section")
+DEFAULT = scene_campaign("section")
 BAND = DEFAULT.soil.softening_length
 """Thickness of the shear band (m) to which the published softening is taken to refer, where a setting has one: a fifth
 of the slope's height, as in scenes that do not say."""
@@ -155,13 +155,13 @@ def slope_row(
 
     guess: near which the factor is sought first. also_at: a strength reduction whose slide is reported too.
     """
-    config = scene_config("paper_section")
+    campaign = scene_campaign("paper_section")
     start = time.perf_counter()
-    soil = replace(config.soil, **soil_choice)
+    soil = replace(campaign.soil, **soil_choice)
     choice = {"spacing": (spacing, spacing)} | choice
     with jax.enable_x64(choice.get("dtype") == "float64"):
-        numerics = replace(config.grids["rough"], cell=cell, **choice)
-        scene, state = mpm.slope(config.slope, soil, numerics)
+        numerics = replace(campaign.grids["rough"], cell=cell, **choice)
+        scene, state = mpm.slope(campaign.slope, soil, numerics)
         found = factor(scene, state, resolution, guess)
         first = slide(scene, state, found.fails, numerics)
         row: Row = {
@@ -188,9 +188,9 @@ def slope_row(
 
 def slide(scene: mpm.Scene, state: mpm.State, reduction: float, numerics: mpm.Discretisation) -> Consequences:
     """What the section's slide at this strength reduction leaves."""
-    config = scene_config("paper_section")
-    ended = mpm.solve(mpm.reduced(scene, reduction), state, t_end=config.run.t_end, settle=mpm.Settle())
-    shape = config.slope
+    campaign = scene_campaign("paper_section")
+    ended = mpm.solve(mpm.reduced(scene, reduction), state, t_end=campaign.run.t_end, settle=mpm.Settle())
+    shape = campaign.slope
     return consequences(
         np.asarray(scene.particles.position),
         np.asarray(ended.raise_if_failed().state.displacement),

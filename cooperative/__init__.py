@@ -59,7 +59,7 @@ from cooperative.runs import (
     phases_of,
     run_samples,
 )
-from cooperative.scene import Config, config_of, parse
+from cooperative.scene import Campaign, campaign_of, parse
 from cooperative.store import (
     DamagedFile,
     Rows,
@@ -80,7 +80,7 @@ from foundation import __version__
 __all__ = [
     "Answers",
     "AuditPlan",
-    "Config",
+    "Campaign",
     "Consequences",
     "ControlVariate",
     "Correlation",
@@ -115,8 +115,8 @@ __all__ = [
     "after_more_runs",
     "all_samples",
     "build",
+    "campaign_of",
     "coefficients_of",
-    "config_of",
     "consequences",
     "consolidate",
     "control_variate",

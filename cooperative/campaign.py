@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from cooperative import runs
 from cooperative.estimate import Estimator, Phases, Screened, Slides, wilson_interval
-from cooperative.scene import Config, allowing, calibrated, measured, parse, write_budget
+from cooperative.scene import Campaign, allowing, calibrated, measured, parse, write_budget
 from cooperative.store import GRIDS, SLIDES, Rows, Sample, Store, open_store, restart_path, write_aside, write_sample
 from cooperative.summary import summarise
 
@@ -45,37 +45,37 @@ def run(
     Raises ValueError for a scene, a size or a folder that will not do, before anything is run or written.
     """
     folder = Path(folder)
-    config = allowing(parse(text, estimator), folder, refined_runs)
+    campaign = allowing(parse(text, estimator), folder, refined_runs)
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
-    runs.check_size(config, workers if executor is None else 1)
+    runs.check_size(campaign, workers if executor is None else 1)
     with runs.heeding() as stop:
         with stop.at_once():
-            models = _models(config)
+            models = _models(campaign)
         crew = None if executor is None and workers == 1 else runs.Workers(executor or partial(_pool, workers), workers)
-        with closing(crew.opened()) if crew else nullcontext(), open_store(folder, config.text) as store:
+        with closing(crew.opened()) if crew else nullcontext(), open_store(folder, campaign.text) as store:
             with stop.at_once():
-                if config.raised is not None:
-                    write_budget(folder, config.raised)
+                if campaign.raised is not None:
+                    write_budget(folder, campaign.raised)
                 ready = _calibrated(models, folder)
-            return _ran(_Hands(ready["rough"].config, ready, crew, stop, folder.resolve()), store, progress)
+            return _ran(_Hands(ready["rough"].campaign, ready, crew, stop, folder.resolve()), store, progress)
 
 
-def _models(config: Config) -> dict[str, runs.GridModel]:
+def _models(campaign: Campaign) -> dict[str, runs.GridModel]:
     """Both grids of a campaign, at rest. Raises ValueError where slope, soil, field and grids do not fit."""
-    expansion = runs.expansion_of(config)
-    runs.check_coefficients(config, expansion.modes)
-    return {grid: runs.build(config, grid, expansion) for grid in GRIDS}
+    expansion = runs.expansion_of(campaign)
+    runs.check_coefficients(campaign, expansion.modes)
+    return {grid: runs.build(campaign, grid, expansion) for grid in GRIDS}
 
 
 def _calibrated(models: dict[str, runs.GridModel], folder: Path) -> dict[str, runs.GridModel]:
     """The same grids, with the factors of safety in their scene where that asks for them."""
-    config = models["rough"].config
-    if not config.plan.calibrate or config.calibration is not None:
+    campaign = models["rough"].campaign
+    if not campaign.plan.calibrate or campaign.calibration is not None:
         return models
-    ready = calibrated(config, measured(config, folder))
+    ready = calibrated(campaign, measured(campaign, folder))
     rough = runs.build(ready, "rough", models["rough"].expansion)
-    return {"rough": rough, "refined": replace(models["refined"], config=ready)}
+    return {"rough": rough, "refined": replace(models["refined"], campaign=ready)}
 
 
 def _pool(workers: int) -> Executor:
@@ -86,7 +86,7 @@ def _pool(workers: int) -> Executor:
 class _Hands:
     """What runs a campaign's samples: its grids' models in this process, or a crew of workers."""
 
-    config: Config
+    campaign: Campaign
     models: dict[str, runs.GridModel]
     crew: runs.Workers | None
     stop: runs.Stop
@@ -95,21 +95,21 @@ class _Hands:
     @property
     def places(self) -> int:
         """Refined runs under way at once."""
-        return self.config.plan.look_ahead if self.crew is None else self.crew.count
+        return self.campaign.plan.look_ahead if self.crew is None else self.crew.count
 
     def samples(
         self, grid: str, numbers: Iterable[int], coefficients: np.ndarray, *, slides: bool = False
     ) -> Iterator[Sample]:
         """Run these samples on one grid, or on from where they had failed to the end of their slides; yields each as it
         ends. Raises `Stopped` when asked to stop."""
-        plan = self.config.plan
+        plan = self.campaign.plan
         limit = plan.screening_stop if grid == "rough" else None
         if grid == "refined" and plan.slides is not None and not slides:
-            limit = self.config.run.failure_displacement
+            limit = self.campaign.run.failure_displacement
         restart_in = self.folder if grid == "refined" else None
         if self.crew is not None:
             return runs.run_through(
-                self.crew, self.config.text, grid, numbers, coefficients, stop_at=limit, restart_in=restart_in,
+                self.crew, self.campaign.text, grid, numbers, coefficients, stop_at=limit, restart_in=restart_in,
                 slides=slides, look=self.stop.look,
             )  # fmt: skip
         return runs.run_samples(
@@ -120,24 +120,24 @@ class _Hands:
 
 def _ran(hands: _Hands, store: Store, progress: bool) -> dict[str, Any]:
     """Both phases, and the summary, which is written too."""
-    config = hands.config
-    rows = runs.rows_reader(config, store)
+    campaign = hands.campaign
+    rows = runs.rows_reader(campaign, store)
     coefficients, screened = _screen(hands, store, rows, progress)
     _refine(hands, store, rows, screened, coefficients, progress)
     _slide_on(hands, store, rows, screened, coefficients, progress)
-    summary = summarise(config, rows("rough"), rows("refined"))
+    summary = summarise(campaign, rows("rough"), rows("refined"))
     write_aside(store.folder / "summary.json", json.dumps(summary, indent=1).encode())
     return summary
 
 
 def _screen(hands: _Hands, store: Store, rows: Callable[[str], Rows], progress: bool) -> tuple[np.ndarray, Phases]:
     """Run every sample of the first phase that is not there yet; the coefficients of all (n, modes), and that phase."""
-    config, known = hands.config, rows("rough").results
-    estimator, sampling = config.estimator, runs.sampling_of(config)
+    campaign, known = hands.campaign, rows("rough").results
+    estimator, sampling = campaign.estimator, runs.sampling_of(campaign)
 
     def share() -> str:
         fails = sum(
-            broke_off or displacement > config.run.failure_displacement for displacement, broke_off in known.values()
+            broke_off or displacement > campaign.run.failure_displacement for displacement, broke_off in known.values()
         )
         return "{:.3f} fail ({:.3f} to {:.3f})".format(fails / len(known), *wilson_interval(fails, len(known)))
 
@@ -167,7 +167,7 @@ def _refine(
         found = screened.refined(known).estimate
         return "P_f {:.3f} ({:.3f} to {:.3f})".format(found.probability, *found.interval)
 
-    with _bar("refined grid", hands.config.estimator.budget(len(coefficients)), len(known), progress) as bar:
+    with _bar("refined grid", hands.campaign.estimator.budget(len(coefficients)), len(known), progress) as bar:
         while wanted(()):
             for sample in hands.samples("refined", _in_rank_order(wanted, known), coefficients):
                 write_sample(store, "refined", sample)
@@ -180,7 +180,7 @@ def _slide_on(
     hands: _Hands, store: Store, rows: Callable[[str], Rows], screened: Phases, coefficients: np.ndarray, progress: bool
 ) -> None:
     """Let the failures that are drawn slide on to their end, as far as they have not yet; the others never will."""
-    plan = hands.config.plan
+    plan = hands.campaign.plan
     if plan.slides is None:
         return
     refined = rows("refined")

@@ -22,7 +22,7 @@ from cooperative.estimate import (
 )
 from cooperative.measure import SEVERITY
 from cooperative.runs import phases_of
-from cooperative.scene import Config
+from cooperative.scene import Campaign
 from cooperative.store import Rows, Store
 from jaxmpm import files
 
@@ -34,32 +34,32 @@ MORE = 50
 """What so many more refined runs would buy is told."""
 
 
-def summarise(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
+def summarise(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, Any]:
     """The campaign in numbers, ready for JSON. Means, shares and fits weigh every refined run by what it stands for;
     where only some failures slid on to their end, these stand for all (see `slide_weights`).
 
     What there is too little of is None or says so: modes of rows that have none (written before modes were kept), fits
     of fewer than two failures, a correlation without spread.
     """
-    found = _summary(config, rough, refined)
-    return {**found, CHECKSUM: _checksum(config, rough, refined, found)}
+    found = _summary(campaign, rough, refined)
+    return {**found, CHECKSUM: _checksum(campaign, rough, refined, found)}
 
 
-def stored(config: Config, store: Store, rough: Rows, refined: Rows) -> dict[str, Any]:
+def stored(campaign: Campaign, store: Store, rough: Rows, refined: Rows) -> dict[str, Any]:
     """The summary in `summary.json`, where it is whole and of just these rows; else made anew from the rows."""
     try:
         kept = json.loads(files.read_plain(store.folder / "summary.json"))
         seal = kept.pop(CHECKSUM)
-        if seal == _checksum(config, rough, refined, kept):
+        if seal == _checksum(campaign, rough, refined, kept):
             return {**kept, CHECKSUM: seal}
     except (OSError, ValueError, TypeError, AttributeError, KeyError, RecursionError):
         pass
-    return summarise(config, rough, refined)
+    return summarise(campaign, rough, refined)
 
 
-def _checksum(config: Config, rough: Rows, refined: Rows, found: dict[str, Any]) -> str:
+def _checksum(campaign: Campaign, rough: Rows, refined: Rows, found: dict[str, Any]) -> str:
     """SHA-256 of a summary and of all that it was made from."""
-    said = (config.text, repr(config.estimator), repr(config.raised), json.dumps(found, sort_keys=True))
+    said = (campaign.text, repr(campaign.estimator), repr(campaign.raised), json.dumps(found, sort_keys=True))
     digest = hashlib.sha256("\0".join(said).encode())
     for rows in (rough, refined):
         for name, values in sorted(rows.columns.items()):
@@ -67,13 +67,13 @@ def _checksum(config: Config, rough: Rows, refined: Rows, found: dict[str, Any])
     return digest.hexdigest()
 
 
-def _summary(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
-    phases = phases_of(config, rough, refined)
-    found, slides = phases.estimate, slides_of(config, phases, refined)
+def _summary(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, Any]:
+    phases = phases_of(campaign, rough, refined)
+    found, slides = phases.estimate, slides_of(campaign, phases, refined)
     weight, failed = slides.weight, slides.slid
-    limit = config.run.failure_displacement
+    limit = campaign.run.failure_displacement
     return {
-        "name": config.name,
+        "name": campaign.name,
         "probability_of_failure": found.probability,
         "interval": list(found.interval),
         "level": found.level,
@@ -92,8 +92,8 @@ def _summary(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
         "refined_runs": len(refined.numbers),
         "failures_refined": int(slides.failed.sum()),
         "slides": int(failed.sum()),
-        "calibration": config.calibration and {**asdict(config.calibration), "factor": config.calibration.factor},
-        "grids": _grids(config, rough, refined, weight),
+        "calibration": campaign.calibration and {**asdict(campaign.calibration), "factor": campaign.calibration.factor},
+        "grids": _grids(campaign, rough, refined, weight),
         "modes": _modes(found, refined, failed, weight),
         "status": {"rough": _counts(rough), "refined": _counts(refined)},
         "broke_off": {grid: _broken(rows) for grid, rows in (("rough", rough), ("refined", refined))},
@@ -105,14 +105,14 @@ def _summary(config: Config, rough: Rows, refined: Rows) -> dict[str, Any]:
         "seconds": {
             grid: float(np.sum(rows.columns["seconds"])) for grid, rows in (("rough", rough), ("refined", refined))
         },
-        "refined_runs_allowed": config.raised and asdict(config.raised),
-        "notes": [*found.notes, *_warnings(config, refined, failed), *_raised(config), *slides.notes],
+        "refined_runs_allowed": campaign.raised and asdict(campaign.raised),
+        "notes": [*found.notes, *_warnings(campaign, refined, failed), *_raised(campaign), *slides.notes],
     }
 
 
-def slides_of(config: Config, phases: Phases, refined: Rows) -> Slides:
+def slides_of(campaign: Campaign, phases: Phases, refined: Rows) -> Slides:
     """Which refined failures slid on to their end, and what each run stands for then."""
-    return Slides.of(phases, refined.numbers, refined.ended, config.plan.slides, config.plan.seed)
+    return Slides.of(phases, refined.numbers, refined.ended, campaign.plan.slides, campaign.plan.seed)
 
 
 def _convergence(way: list[Estimate]) -> dict[str, list[float]]:
@@ -125,7 +125,7 @@ def _convergence(way: list[Estimate]) -> dict[str, list[float]]:
     }
 
 
-def _grids(config: Config, rough: Rows, refined: Rows, weight: np.ndarray) -> dict[str, Any] | None:
+def _grids(campaign: Campaign, rough: Rows, refined: Rows, weight: np.ndarray) -> dict[str, Any] | None:
     """How well the rough grid tells the refined one, over runs that ended on both."""
     on_rough = {number: at for at, number in enumerate(rough.numbers)}
     # A rough sample may lack while its damaged file waits to be redone.
@@ -140,7 +140,7 @@ def _grids(config: Config, rough: Rows, refined: Rows, weight: np.ndarray) -> di
         rough.columns["displacement"][place],
         refined.columns["displacement"][both],
         weight[both],
-        limit=config.run.failure_displacement,
+        limit=campaign.run.failure_displacement,
     )
     return None if found is None else {name: _plain(value) for name, value in asdict(found).items()}
 
@@ -197,15 +197,15 @@ def _severity(refined: Rows, failed: np.ndarray, weight: np.ndarray) -> dict[str
     }
 
 
-def _warnings(config: Config, refined: Rows, failed: np.ndarray) -> list[str]:
+def _warnings(campaign: Campaign, refined: Rows, failed: np.ndarray) -> list[str]:
     if not failed.any():
         return []
-    reach = config.slope.toe - config.grids["refined"].cell
+    reach = campaign.slope.toe - campaign.grids["refined"].cell
     stopped = int(np.sum(_measure(refined, "runout")[failed] >= reach))
     if not stopped:
         return []
     return [
-        f"run-out reached the wall {config.slope.toe:g} m beyond the toe, which held it, in {stopped} refined runs: "
+        f"run-out reached the wall {campaign.slope.toe:g} m beyond the toe, which held it, in {stopped} refined runs: "
         "lengthen [slope] toe"
     ]
 
@@ -215,10 +215,10 @@ def _measure(rows: Rows, name: str) -> np.ndarray:
     return rows.columns.get(name, np.full(len(rows.numbers), np.nan))
 
 
-def _raised(config: Config) -> list[str]:
-    if config.raised is None:
+def _raised(campaign: Campaign) -> list[str]:
+    if campaign.raised is None:
         return []
-    allowed = config.raised
+    allowed = campaign.raised
     return [f"the folder allows {allowed.refined_runs} refined runs, the scene {allowed.scene}"]
 
 

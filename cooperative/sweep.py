@@ -24,7 +24,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import kl
-from cooperative import campaign
+from cooperative.campaign import run as run_campaign
 from cooperative.estimate import Published, Sampling, rank_samples, stopping_rank
 from cooperative.measure import SEVERITY
 from cooperative.reporting import panels, save
@@ -79,7 +79,7 @@ def _ran(parts: list[Variant], folder: Path, names: list[str], *, workers: int, 
         where = folder / "campaigns" / part.name
         if progress:
             print(f"{part.name}:", flush=True)
-        summary = campaign.run(_with_factors(part, folder), where, workers=workers, progress=progress)
+        summary = run_campaign(_with_factors(part, folder), where, workers=workers, progress=progress)
         name = summary["name"]
         for parameter, value in part.points:
             answer = _ranked(where, int(value)) if parameter == "k_t" else summary
@@ -98,14 +98,15 @@ def variants(text: str) -> list[Variant]:
     """The campaigns of a sweep. ValueError where the table `[sweep]` is missing or holds what cannot be swept."""
     sweep = _sweep(text)
     scene = {name: table for name, table in tomllib.loads(text).items() if name != "sweep"}
-    config = parse(to_toml(scene))
-    if config.plan.coefficients is not kl.latin_hypercube:
+    campaign = parse(to_toml(scene))
+    if campaign.plan.coefficients is not kl.latin_hypercube:
         raise ValueError("[sweep] shares coefficients between fields of different lengths: take 'latin hypercube'")
-    estimator, first = config.estimator, Sampling(config.plan.samples, config.run.failure_displacement)
-    if estimator.rough_runs(first) != config.plan.samples:
+    estimator, first = campaign.estimator, Sampling(campaign.plan.samples, campaign.run.failure_displacement)
+    if estimator.rough_runs(first) != campaign.plan.samples:
         name = estimator.name
         raise ValueError(f"[sweep] shares samples, which estimator = {name!r} makes one by one: take another estimator")
-    base = {"cov": config.strength.cov, **dict(zip(_axes(config.slope.dimension), config.strength.length, strict=True))}
+    dimension, strength = campaign.slope.dimension, campaign.strength
+    base = {"cov": strength.cov, **dict(zip(_axes(dimension), strength.length, strict=True))}
     unknown = [name for name in sweep if name not in base and name != "k_t"]
     if unknown:
         raise ValueError(f"[sweep] {unknown[0]} cannot be swept in this scene: give {', '.join((*base, 'k_t'))}")
@@ -116,7 +117,7 @@ def variants(text: str) -> list[Variant]:
             if value == base[name]:
                 at_base.append((name, value))
             else:
-                changed = {**scene, "strength": _changed(scene["strength"], name, value, config.slope.dimension)}
+                changed = {**scene, "strength": _changed(scene["strength"], name, value, dimension)}
                 found.append(Variant(f"{name}-{value:g}", to_toml(changed), ((name, value),)))
     found.insert(0, Variant("base", to_toml(scene), tuple(at_base)))
     if "k_t" in sweep:
@@ -222,8 +223,8 @@ def _claim(folder: Path, text: str) -> None:
 
 def _with_factors(part: Variant, folder: Path) -> str:
     """The variant's scene; where it is calibrated, with the factors of safety that the base campaign measured."""
-    config = parse(part.text)
-    if part.name == "base" or not config.plan.calibrate or config.calibration is not None:
+    campaign = parse(part.text)
+    if part.name == "base" or not campaign.plan.calibrate or campaign.calibration is not None:
         return part.text
     found = kept(folder / "campaigns" / "base")
     return part.text + to_toml({"calibration": {"rough": found.rough, "refined": found.refined}})
@@ -232,13 +233,13 @@ def _with_factors(part: Variant, folder: Path) -> str:
 def _ranked(folder: Path, k_t: int) -> dict[str, Any]:
     """Summary that a campaign by the published rule would have had with this k_t."""
     store = read_store(folder)
-    config = parse(store.scene_text)
-    config = replace(config, plan=replace(config.plan, estimator=Published(k_t)))
-    rough, refined = map(rows_reader(config, store), GRIDS)
+    campaign = parse(store.scene_text)
+    campaign = replace(campaign, plan=replace(campaign.plan, estimator=Published(k_t)))
+    rough, refined = map(rows_reader(campaign, store), GRIDS)
     order = rank_samples(rough.columns["displacement"], rough.columns["broke_off"].astype(bool)).order
-    ran = order[: stopping_rank(order, phases_of(config, rough, refined).answers, k_t)]
+    ran = order[: stopping_rank(order, phases_of(campaign, rough, refined).answers, k_t)]
     kept_rows = np.isin(refined.columns["sample"], ran)
-    return summarise(config, rough, Rows({name: c[kept_rows] for name, c in refined.columns.items()}, ()))
+    return summarise(campaign, rough, Rows({name: c[kept_rows] for name, c in refined.columns.items()}, ()))
 
 
 def _point(summary: dict[str, Any]) -> dict[str, Any]:

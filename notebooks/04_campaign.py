@@ -23,7 +23,7 @@ from drawing import draw_section, style
 
 import cooperative
 import jaxmpm as mpm
-from cooperative import campaign
+from cooperative import run
 from cooperative.reporting import _charts as charts
 from cooperative.scene import parse
 from cooperative.summary import slides_of
@@ -85,7 +85,7 @@ refined_runs = {refined_runs}
 seed = 7
 k_t = 10
 """
-config = parse(scene)
+campaign = parse(scene)
 
 # %% [markdown]
 # ## Run it
@@ -97,7 +97,7 @@ config = parse(scene)
 scratch = tempfile.TemporaryDirectory()
 folder = Path(scratch.name) / "section"
 with contextlib.redirect_stderr(sys.stdout):
-    summary = campaign.run(scene, folder, progress=True)
+    summary = run(scene, folder, progress=True)
 print()
 low, high = summary["interval"]
 print(f"P_f = {summary['probability_of_failure']:.3f}, 95 % interval {low:.3f} to {high:.3f}: {summary['finished']}")
@@ -180,7 +180,7 @@ charts.mode_shares(modes)
 # The farthest slide of each mode, as its refined run left it:
 
 # %%
-model, _ = mpm.slope(config.slope, config.soil, config.grids["refined"])
+model, _ = mpm.slope(campaign.slope, campaign.soil, campaign.grids["refined"])
 farthest = {
     mode: int(columns["sample"][np.argmax(np.where(failed & (columns["mode"] == mode), columns["displacement"], -1))])
     for mode in modes
@@ -209,7 +209,7 @@ fits = summary["fits"]["all"]
 for name in labels:
     print(name, {fit["name"]: round(fit["aic"], 1) for fit in fits[name].get("fits", ())[:3]})
 ended = failed & ~columns["broke_off"].astype(bool)
-weights = slides_of(config, cooperative.phases_of(config, rough, refined), refined).weight[ended]
+weights = slides_of(campaign, cooperative.phases_of(campaign, rough, refined), refined).weight[ended]
 charts.fitted({name: columns[name][ended] for name in labels}, weights, fits, labels)
 
 # %% [markdown]
@@ -222,7 +222,7 @@ charts.fitted({name: columns[name][ended] for name in labels}, weights, fits, la
 victim = next((folder / "samples" / "rough").glob("*.h5"))
 victim.write_bytes(victim.read_bytes()[:1000])
 with warnings.catch_warnings(action="ignore"):  # that names the file, with its path
-    again = campaign.run(scene, folder)
+    again = run(scene, folder)
 same = again["probability_of_failure"] == summary["probability_of_failure"]
 print("the same answer after the damage:", same)
 print("set aside:", [path.name for path in folder.glob("samples/*/*.damaged")])

@@ -50,9 +50,10 @@ if SMALL:
     sizes |= {"mean = 42e3": "mean = 28e3", "run_per_rise = 2.0": "run_per_rise = 1.0"}
     for old, new in sizes.items():
         text = text.replace(old, new)
-config = parse(text)
-model = screening.build(config, "rough", screening.expansion_of(config))
-scene, state = replace(model.scene, material=replace(model.scene.material, strength=config.strength.mean)), model.state
+campaign = parse(text)
+model = screening.build(campaign, "rough", screening.expansion_of(campaign))
+material = replace(model.scene.material, strength=campaign.strength.mean)
+scene, state = replace(model.scene, material=material), model.state
 scene = mpm.reduced(scene, 1.3)  # weak enough to slide
 seconds = 1.0 if SMALL else 2.0
 steps = round(seconds / float(scene.time_step))

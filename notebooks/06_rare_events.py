@@ -38,11 +38,11 @@ style()
 
 # %%
 text = (Path("..") / "benchmarks" / "scenes" / "paper_section.toml").read_text()
-config = parse(text)
-config = replace(config, strength=replace(config.strength, mean=48e3 if SMALL else 57e3))
-expansion = screening.expansion_of(config)
-model = screening.build(config, "rough", expansion)
-limit = config.run.failure_displacement
+campaign = parse(text)
+campaign = replace(campaign, strength=replace(campaign.strength, mean=48e3 if SMALL else 57e3))
+expansion = screening.expansion_of(campaign)
+model = screening.build(campaign, "rough", expansion)
+limit = campaign.run.failure_displacement
 position, half_size = np.asarray(model.scene.particles.position), model.scene.kernel.half_size
 
 

@@ -19,8 +19,8 @@ NOISE = 0.01
 
 @pytest.fixture(scope="module")
 def model():
-    config = parse(TINY)
-    return screening.build(config, "rough", screening.expansion_of(config))
+    campaign = parse(TINY)
+    return screening.build(campaign, "rough", screening.expansion_of(campaign))
 
 
 def noisy(model, truth, seed=0):
@@ -73,8 +73,8 @@ def test_bad_surveys_are_refused(model, change, message):
 
 
 def test_a_soil_without_a_modulus_of_softening_is_refused():
-    config = parse(changed("softening_modulus = 85e3", "strain_95 = 0.5"))
-    model = screening.build(config, "rough", screening.expansion_of(config))
+    campaign = parse(changed("softening_modulus = 85e3", "strain_95 = 0.5"))
+    model = screening.build(campaign, "rough", screening.expansion_of(campaign))
     observed = Observed(jnp.zeros(len(SURVEY.stations)), jnp.zeros((SURVEY.times, 2, len(SURVEY.markers))))
     with pytest.raises(ValueError, match=r"\(strain_95\).*give the soil a softening_modulus"):
         recover(model, SURVEY, observed, NOISE, modes=1)

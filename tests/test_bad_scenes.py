@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from cooperative import campaign, runs
+from cooperative import run, runs
 from cooperative.__main__ import main
 from cooperative.runs import check_coefficients, check_size, grid_size
 from cooperative.scene import SECTIONS, parse, read_scene
@@ -47,7 +47,7 @@ def nothing_built(monkeypatch):
 @pytest.mark.parametrize(("change", "message"), TOO_LARGE, ids=[change[1][:40] for change, _ in TOO_LARGE])
 def test_what_would_not_end_or_fit_is_refused_before_anything_is_built(change, message, nothing_built, tmp_path):
     with pytest.raises(ValueError, match=message) as refused:
-        campaign.run(changed(*change), tmp_path / "out")
+        run(changed(*change), tmp_path / "out")
     assert "\n" not in str(refused.value)
     assert not (tmp_path / "out").exists()
 
@@ -58,18 +58,18 @@ def test_what_would_not_end_or_fit_is_refused_before_anything_is_built(change, m
 def test_levels_without_end_are_refused(change, levels, nothing_built, tmp_path):
     text = changed(*change).replace("samples = 6", f"samples = {levels}")
     with pytest.raises(ValueError, match=r"rough runs, the limit is 1e\+07"):
-        campaign.run(text, tmp_path / "out")
+        run(text, tmp_path / "out")
 
 
 def test_a_size_is_that_of_the_grid_that_is_built():
-    config = parse(TINY)
+    campaign = parse(TINY)
     for grid in ("rough", "refined"):
-        size = grid_size(config, grid)
-        scene, _ = runs.build(config, grid, None).scene, None
+        size = grid_size(campaign, grid)
+        scene, _ = runs.build(campaign, grid, None).scene, None
         # A slope's face is made of steps.
         assert size.particles == pytest.approx(scene.particles.mass.size, rel=0.05)
         assert size.nodes == math.prod(scene.grid.shape)
-        assert size.steps == pytest.approx(config.run.t_end / float(scene.time_step))
+        assert size.steps == pytest.approx(campaign.run.t_end / float(scene.time_step))
         assert size.passes == (scene.nonlocal_passes or 0)
 
 

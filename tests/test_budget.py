@@ -10,7 +10,7 @@ from benchmarks.invented import SCENE
 from cooperative import __main__ as command
 from cooperative import campaign
 from cooperative.__main__ import main
-from cooperative.scene import config_of, kept_budget
+from cooperative.scene import campaign_of, kept_budget
 from cooperative.store import read_rows, read_store
 from tests.test_campaign import TINY
 from tests.test_coop_cli import invented_campaign
@@ -34,7 +34,7 @@ def test_a_folder_that_allows_more_ends_as_one_that_allowed_it_from_the_start(tm
     assert {k: v for k, v in found.items() if k not in own} == {k: v for k, v in whole.items() if k not in own}
     # It is kept: who goes on, reports or looks need not say it again.
     assert campaign.run(SCENE, tmp_path / "more") == found
-    assert config_of(read_store(tmp_path / "more")).estimator.budget(50) == 30
+    assert campaign_of(read_store(tmp_path / "more")).estimator.budget(50) == 30
 
 
 def test_a_campaign_whose_rough_runs_broke_off_has_a_way_out(tmp_path, capsys, monkeypatch):

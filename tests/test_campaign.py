@@ -16,12 +16,13 @@ import pytest
 
 import kl
 from benchmarks.invented import TINY
-from cooperative import campaign
+from cooperative import run
 from cooperative import runs as screening
 from cooperative.__main__ import main
 from cooperative.reporting import report
 from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, write_sample
+from cooperative.summary import summarise
 from jaxmpm import Status
 
 SCENES = Path(__file__).resolve().parent.parent / "benchmarks" / "scenes"
@@ -35,7 +36,7 @@ def changed(old, new):
 def finished(text, tmp_path_factory):
     """A campaign that has run: its folder and summary."""
     folder = tmp_path_factory.mktemp("campaign") / "out"
-    return folder, campaign.run(text, folder)
+    return folder, run(text, folder)
 
 
 @pytest.fixture(scope="module")
@@ -68,20 +69,20 @@ def test_refined_runs_are_the_worst_ranked_and_end_with_k_t_that_stand(done):
 
 def test_two_phase_campaign_spends_its_budget(tmp_path):
     text = changed('estimator = "published"', "refined_runs = 10").replace("samples = 6", "samples = 14")
-    summary = campaign.run(text, tmp_path / "two-phase")
+    summary = run(text, tmp_path / "two-phase")
     assert summary["estimator"] == "two-phase"
     assert summary["refined_runs"] == 10
     low, high = summary["interval"]
     assert 0 <= low < summary["probability_of_failure"] < high <= 1
     assert summary["other_estimates"].keys() <= {"published n/N"}
-    assert campaign.run(text, tmp_path / "two-phase") == summary
+    assert run(text, tmp_path / "two-phase") == summary
 
 
 def test_a_sample_can_be_made_again_from_its_number(done):
-    config = parse(TINY)
-    expansion = screening.expansion_of(config)
-    model = screening.build(config, "rough", expansion)
-    coefficients = screening.coefficients_of(config, expansion)
+    campaign = parse(TINY)
+    expansion = screening.expansion_of(campaign)
+    model = screening.build(campaign, "rough", expansion)
+    coefficients = screening.coefficients_of(campaign, expansion)
     kept = read_sample(read_store(done[0]), "rough", 4)
     again = next(iter(screening.run_samples(model, coefficients, [4], width=1)))
     assert np.array_equal(kept.coefficients, coefficients[4])
@@ -104,10 +105,10 @@ def test_refined_failures_get_a_mode_and_its_onset(done):
 
 def rough_rows(text, samples, widths):
     """Rows of the first rough samples by their number, run with each of these numbers of lanes."""
-    config = parse(text)
-    expansion = screening.expansion_of(config)
-    model = screening.build(config, "rough", expansion)
-    coefficients = screening.coefficients_of(config, expansion)
+    campaign = parse(text)
+    expansion = screening.expansion_of(campaign)
+    model = screening.build(campaign, "rough", expansion)
+    coefficients = screening.coefficients_of(campaign, expansion)
     return [
         {s.number: dict(s.row) for s in screening.run_samples(model, coefficients, range(samples), width=width)}
         for width in widths
@@ -121,10 +122,10 @@ def test_the_past_of_a_sample_does_not_depend_on_its_neighbours():
 
 
 def test_both_grids_see_the_same_field(done):
-    config = parse(TINY)
-    expansion = screening.expansion_of(config)
-    rough, refined = (screening.build(config, grid, expansion) for grid in ("rough", "refined"))
-    coefficients = jnp.asarray(screening.coefficients_of(config, expansion)[0])
+    campaign = parse(TINY)
+    expansion = screening.expansion_of(campaign)
+    rough, refined = (screening.build(campaign, grid, expansion) for grid in ("rough", "refined"))
+    coefficients = jnp.asarray(screening.coefficients_of(campaign, expansion)[0])
     # The mean over the four refined particles of a rough one differs from it by the field's curvature only.
     fine = {
         tuple(p): s
@@ -176,22 +177,22 @@ def test_killed_campaign_goes_on_and_ends_the_same(done, tmp_path):
     before = sorted(p.name for p in again.glob("samples/rough/*.h5"))
     assert len(before) >= 2
     stamps = {name: (again / "samples" / "rough" / name).stat().st_mtime_ns for name in before}
-    resumed = campaign.run(TINY, again)
+    resumed = run(TINY, again)
     assert {name: (again / "samples" / "rough" / name).stat().st_mtime_ns for name in before} == stamps
     for key in ("probability_of_failure", "interval", "refined_runs", "status", "consequences_of_failures"):
         assert resumed[key] == summary[key]
 
 
 def test_broken_off_runs_are_kept_counted_and_reported(tmp_path):
-    config = parse(TINY)
-    expansion = screening.expansion_of(config)
-    model = screening.build(config, "rough", expansion)
+    campaign = parse(TINY)
+    expansion = screening.expansion_of(campaign)
+    model = screening.build(campaign, "rough", expansion)
     state = replace(model.state, velocity=model.state.velocity.at[0, 5].set(jnp.nan))
-    coefficients = screening.coefficients_of(config, expansion)
+    coefficients = screening.coefficients_of(campaign, expansion)
     with open_store(tmp_path / "broken", TINY) as store:
         for sample in screening.run_samples(replace(model, state=state), coefficients, [0, 1], width=2):
             write_sample(store, "rough", sample)
-        summary = campaign.summarise(config, read_rows(store, "rough"), read_rows(store, "refined"))
+        summary = summarise(campaign, read_rows(store, "rough"), read_rows(store, "refined"))
     assert summary["broke_off"]["rough"] == {"0": "NOT_FINITE at step 1", "1": "NOT_FINITE at step 1"}
     assert summary["status"]["rough"] == {Status.NOT_FINITE.name: 2}
 
@@ -210,7 +211,7 @@ def test_samples_with_a_strength_that_none_may_have_break_off_and_are_reported(t
 
     monkeypatch.setattr(screening.GridModel, "strength", spoiling)
     folder = tmp_path / "bad"
-    told = campaign.run(TINY, folder)
+    told = run(TINY, folder)
     assert told["broke_off"] == {grid: {str(n): "BAD_PARAMETER at step 0"} for grid, n in spoilt.items()}
     assert [told["status"][grid]["BAD_PARAMETER"] for grid in spoilt] == [1, 1]
     store = read_store(folder)
@@ -267,13 +268,13 @@ BAD_SCENES = [
 )
 def test_bad_scenes_are_refused_before_anything_is_written(change, message, tmp_path):
     with pytest.raises(ValueError, match=message):
-        campaign.run(changed(*change), tmp_path / "out")
+        run(changed(*change), tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_folder_of_another_scene_is_refused(done):
     with pytest.raises(ValueError, match=r"belongs to another scene .*campaign.seed"):
-        campaign.run(changed("seed = 3", "seed = 4"), done[0])
+        run(changed("seed = 3", "seed = 4"), done[0])
 
 
 def test_errors_are_one_line_for_people(tmp_path, capsys):
@@ -289,33 +290,33 @@ def test_errors_are_one_line_for_people(tmp_path, capsys):
 
 @pytest.mark.parametrize("name", ["paper", "paper_section", "slope", "section", "demo"])
 def test_scenes_that_come_along_are_sound(name):
-    config = parse((SCENES / f"{name}.toml").read_text())
-    expansion = screening.expansion_of(config)
+    campaign = parse((SCENES / f"{name}.toml").read_text())
+    expansion = screening.expansion_of(campaign)
     assert expansion.variance_mean > 0.998
-    first = screening.coefficients_of(config, expansion)
-    assert first.shape == (config.plan.samples, expansion.modes)
-    assert np.array_equal(first, screening.coefficients_of(config, expansion))
+    first = screening.coefficients_of(campaign, expansion)
+    assert first.shape == (campaign.plan.samples, expansion.modes)
+    assert np.array_equal(first, screening.coefficients_of(campaign, expansion))
 
 
 def test_paper_scene_holds_the_published_numbers():
-    config = parse((SCENES / "paper.toml").read_text())
+    campaign = parse((SCENES / "paper.toml").read_text())
     published = json.loads((Path(__file__).parent / "reference" / "paper.json").read_text())
     slope, soil, run = published["slope"], published["soil"], published["run"]
-    assert (config.slope.crest, config.slope.height, config.slope.run_per_rise) == (30.0, 12.0, 2.0)
-    assert config.slope.toe == slope["toe_m"]
-    assert config.slope.foundation == slope["foundation_m"]
-    assert config.slope.width == slope["length_y_m"]
-    assert config.soil.young == soil["E_Pa"]
-    assert config.soil.poisson == soil["nu"]
-    assert config.soil.unit_weight == soil["unit_weight_N_m3"]
-    assert config.soil.softening_modulus == soil["softening_modulus_Pa"]
-    assert config.strength.mean == soil["Su_mean_Pa"]
-    assert config.strength.cov == soil["Su_cov"]
-    assert config.strength.length == (soil["lx_m"], soil["ly_m"], soil["lz_m"])
-    assert config.run.t_end == run["t_end_s"]
+    assert (campaign.slope.crest, campaign.slope.height, campaign.slope.run_per_rise) == (30.0, 12.0, 2.0)
+    assert campaign.slope.toe == slope["toe_m"]
+    assert campaign.slope.foundation == slope["foundation_m"]
+    assert campaign.slope.width == slope["length_y_m"]
+    assert campaign.soil.young == soil["E_Pa"]
+    assert campaign.soil.poisson == soil["nu"]
+    assert campaign.soil.unit_weight == soil["unit_weight_N_m3"]
+    assert campaign.soil.softening_modulus == soil["softening_modulus_Pa"]
+    assert campaign.strength.mean == soil["Su_mean_Pa"]
+    assert campaign.strength.cov == soil["Su_cov"]
+    assert campaign.strength.length == (soil["lx_m"], soil["ly_m"], soil["lz_m"])
+    assert campaign.run.t_end == run["t_end_s"]
     for grid in ("rough", "refined"):
-        assert config.grids[grid].cell == slope[grid]["cell_m"]
-        assert list(config.grids[grid].spacing) == slope[grid]["spacing_xyz_m"]
+        assert campaign.grids[grid].cell == slope[grid]["cell_m"]
+        assert list(campaign.grids[grid].spacing) == slope[grid]["spacing_xyz_m"]
 
 
 def test_lanes_do_not_change_a_sample():

@@ -9,12 +9,12 @@ import pytest
 
 import jaxmpm as mpm
 import kl
-from cooperative import campaign
+from cooperative import run
 from cooperative import runs as screening
 from cooperative.reporting._progress import progress_of
 from cooperative.scene import _calibration as calibration
 from cooperative.scene import parse
-from cooperative.store import Rows, read_rows, read_store
+from cooperative.store import Rows, read_rows, read_store, write_sample
 from cooperative.summary import summarise
 from tests.test_campaign import TINY, changed, finished
 
@@ -50,12 +50,12 @@ def test_subset_simulation_runs_from_a_scene(subset):
 def test_subset_simulation_goes_on_where_it_was(subset, tmp_path):
     summary, again = subset[1], tmp_path / "again"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(campaign, "write_sample", failing_after(campaign.write_sample, 50))
+        patch.setattr("cooperative.campaign.write_sample", failing_after(write_sample, 50))
         with pytest.raises(KeyboardInterrupt):
-            campaign.run(SUBSET, again)
+            run(SUBSET, again)
     assert len(read_rows(read_store(again), "rough").numbers) == 50
     assert progress_of(again).estimate is not None
-    resumed = campaign.run(SUBSET, again)
+    resumed = run(SUBSET, again)
     assert resumed["probability_of_failure"] == summary["probability_of_failure"]
     assert resumed["interval"] == summary["interval"]
 
@@ -72,7 +72,7 @@ def test_answers_of_a_scene_do_not_follow_the_cell_unless_it_says_so(tmp_path):
     assert parse(changed("softening_modulus = 85e3\n", "")).soil.softening_length is None
     moved = []
     for name, text in (("default", TINY), ("published", AS_PUBLISHED)):
-        campaign.run(text.replace("samples = 6", "samples = 3"), tmp_path / name)
+        run(text.replace("samples = 6", "samples = 3"), tmp_path / name)
         moved.append(read_rows(read_store(tmp_path / name), "rough").columns["displacement"])
     assert np.all(np.abs(moved[0] / moved[1] - 1) > 1e-3)
 
@@ -88,7 +88,7 @@ def test_strength_is_the_fields_at_each_particle_or_at_the_centre_of_its_cell(ce
         parse(text.replace(said, f'{said}\nsampled_at = "cell"'))
     expansion = screening.expansion_of(per_particle)
     xi = np.random.default_rng(1).standard_normal(expansion.modes)
-    models = [screening.build(config, "rough", expansion) for config in (per_particle, per_cell)]
+    models = [screening.build(campaign, "rough", expansion) for campaign in (per_particle, per_cell)]
     plain, even = (np.asarray(model.strength(xi)) for model in models)
     position = np.asarray(models[0].scene.particles.position)
     centre = np.minimum((np.floor(position / cell) + 0.5) * cell, np.array([[16.0 + toe], [10.0]]))
@@ -101,11 +101,11 @@ def test_strength_is_the_fields_at_each_particle_or_at_the_centre_of_its_cell(ce
 
 def test_a_scene_can_choose_how_its_answers_follow_the_cell():
     said = 'spacing = [0.5, 0.5]\nfbar = false\ninternal_length = "none"'
-    config = parse(changed("spacing = [0.5, 0.5]", said))
-    assert not config.grids["refined"].fbar
-    assert config.grids["refined"].internal_length is None
-    assert config.grids["rough"].fbar
-    assert config.soil.softening_length == 8.0 / 5
+    campaign = parse(changed("spacing = [0.5, 0.5]", said))
+    assert not campaign.grids["refined"].fbar
+    assert campaign.grids["refined"].internal_length is None
+    assert campaign.grids["rough"].fbar
+    assert campaign.soil.softening_length == 8.0 / 5
     short = parse(changed("spacing = [0.5, 0.5]", "spacing = [0.5, 0.5]\ninternal_length = 0.1"))
     with pytest.raises(ValueError, match=r"internal_length = 0\.1 m is less than cells"):
         screening.build(short, "refined", screening.expansion_of(short))
@@ -117,9 +117,9 @@ def test_a_scene_knows_every_choice_of_clay_and_grid():
     text = changed("tension_cutoff = 0.0", "strain_95 = 0.5\nrate_coefficient = 0.1\nsoftening_length = 1.0").replace(
         "cell = 2.0", 'cell = 2.0\nkernel = "quadratic b-spline"\napic = true\nflip = 0.0\ndamping = 0.1'
     )
-    config = parse(text)
-    assert (config.soil.strain_95, config.soil.rate_coefficient, config.soil.softening_length) == (0.5, 0.1, 1.0)
-    rough = config.grids["rough"]
+    campaign = parse(text)
+    assert (campaign.soil.strain_95, campaign.soil.rate_coefficient, campaign.soil.softening_length) == (0.5, 0.1, 1.0)
+    rough = campaign.grids["rough"]
     assert (rough.kernel, rough.apic, rough.flip, rough.damping) == (mpm.QuadraticBSpline, True, 0.0, 0.1)
 
 
@@ -137,14 +137,14 @@ def failing_after(function, count):
 
 @pytest.mark.slow
 def test_workers_give_the_answer_of_one_process_in_subset_simulation(subset, tmp_path):
-    together = campaign.run(SUBSET, tmp_path / "two", workers=2)
+    together = run(SUBSET, tmp_path / "two", workers=2)
     assert together["probability_of_failure"] == subset[1]["probability_of_failure"]
 
 
 @pytest.mark.parametrize("estimator", ["control variate", "monte carlo"])
 def test_the_first_samples_run_refined(estimator, tmp_path):
     text = changed('estimator = "published"', f'estimator = "{estimator}"\nrefined_runs = 10')
-    summary = campaign.run(text.replace("samples = 6", "samples = 12"), tmp_path / "out")
+    summary = run(text.replace("samples = 6", "samples = 12"), tmp_path / "out")
     assert read_rows(read_store(tmp_path / "out"), "refined").numbers == list(range(10))
     assert summary["finished"] == "the refined runs allowed are spent"
     assert summary["convergence"]["refined_runs"] == [10]
@@ -155,23 +155,23 @@ def test_the_first_samples_run_refined(estimator, tmp_path):
 
 def test_calibration_is_measured_once_and_lowers_the_rough_strength(tmp_path):
     text = changed('estimator = "published"', 'estimator = "published"\ncalibrate = true')
-    summary = campaign.run(text, tmp_path / "out")
+    summary = run(text, tmp_path / "out")
     found = summary["calibration"]
     assert found["factor"] == pytest.approx(found["refined"] / found["rough"])
     assert 0.5 < found["factor"] < 1
     stamp = (tmp_path / "out" / "calibration.json").stat().st_mtime_ns
-    assert campaign.run(text, tmp_path / "out") == summary
+    assert run(text, tmp_path / "out") == summary
     assert (tmp_path / "out" / "calibration.json").stat().st_mtime_ns == stamp
     # The same samples as without, moved farther.
-    config = calibration.calibrated(parse(text), calibration.kept(tmp_path / "out"))
-    assert parse(config.text).calibration == config.calibration
-    expansion = screening.expansion_of(config)
-    coefficients = screening.coefficients_of(config, expansion)
-    plain, weaker = (screening.build(c, "rough", expansion) for c in (parse(text), config))
+    campaign = calibration.calibrated(parse(text), calibration.kept(tmp_path / "out"))
+    assert parse(campaign.text).calibration == campaign.calibration
+    expansion = screening.expansion_of(campaign)
+    coefficients = screening.coefficients_of(campaign, expansion)
+    plain, weaker = (screening.build(c, "rough", expansion) for c in (parse(text), campaign))
     np.testing.assert_allclose(
         weaker.strength(coefficients[0]), found["factor"] * plain.strength(coefficients[0]), rtol=1e-5
     )
-    assert screening.build(config, "refined", expansion).strength_factor == 1.0
+    assert screening.build(campaign, "refined", expansion).strength_factor == 1.0
     moved = read_rows(read_store(tmp_path / "out"), "rough").columns["displacement"]
     standing = int(np.argmin(moved))
     without = next(iter(screening.run_samples(plain, coefficients, [standing])))
@@ -180,7 +180,7 @@ def test_calibration_is_measured_once_and_lowers_the_rough_strength(tmp_path):
 
 def test_known_factors_of_safety_are_taken_from_the_scene(tmp_path):
     text = changed('fields = "both"', "calibrate = true\n[calibration]\nrough = 1.2\nrefined = 1.1")
-    summary = campaign.run(text, tmp_path / "out")
+    summary = run(text, tmp_path / "out")
     assert summary["calibration"] == {"rough": 1.2, "refined": 1.1, "factor": pytest.approx(1.1 / 1.2)}
     assert not (tmp_path / "out" / "calibration.json").exists()
 
@@ -192,7 +192,7 @@ def test_a_damaged_calibration_is_named(tmp_path):
 
 
 def test_summary_tells_modes_fits_severity_and_what_more_runs_would_buy(tmp_path):
-    summary = campaign.run(TINY, tmp_path / "out")
+    summary = run(TINY, tmp_path / "out")
     modes = summary["modes"]
     assert sum(part["count"] for part in modes.values()) == summary["failures_refined"]
     assert sum(part["ratio"] for part in modes.values()) == pytest.approx(1.0)
@@ -211,17 +211,17 @@ def test_summary_tells_modes_fits_severity_and_what_more_runs_would_buy(tmp_path
 
 
 def test_rows_written_before_modes_were_kept_still_read(tmp_path):
-    campaign.run(TINY, tmp_path / "out")
-    config, store = parse(TINY), read_store(tmp_path / "out")
+    run(TINY, tmp_path / "out")
+    campaign, store = parse(TINY), read_store(tmp_path / "out")
     rough, refined = read_rows(store, "rough"), read_rows(store, "refined")
     new = ("mode", "masses", "depth_shallowest", "depth_deepest", "onset", "onset_second")
     old = Rows({name: column for name, column in refined.columns.items() if name not in new}, ())
-    summary = summarise(config, rough, old)
+    summary = summarise(campaign, rough, old)
     assert summary["modes"] is None
     assert summary["fits"].keys() == {"all"}
-    assert summary["probability_of_failure"] == summarise(config, rough, refined)["probability_of_failure"]
+    assert summary["probability_of_failure"] == summarise(campaign, rough, refined)["probability_of_failure"]
     nothing = Rows({name: column[:0] for name, column in refined.columns.items()}, ())
-    assert summarise(replace(config), rough, nothing)["grids"] is None
+    assert summarise(replace(campaign), rough, nothing)["grids"] is None
 
 
 BAD = [

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from cooperative import campaign, sweep
+from cooperative import run, sweep
 from cooperative import runs as screening
 from cooperative.__main__ import main
 from cooperative.estimate import wilson_interval
@@ -47,7 +47,7 @@ def invented_campaign(folder, text, rough, refined, *, every=2.0):
 def done(tmp_path_factory):
     """A finished campaign: its folder and summary."""
     folder = tmp_path_factory.mktemp("campaign") / "tiny"
-    return folder, campaign.run(TINY, folder)
+    return folder, run(TINY, folder)
 
 
 def test_status_while_screening(tmp_path, capsys):
@@ -71,8 +71,8 @@ def test_a_report_while_screening_says_so_and_gives_the_share_on_the_rough_grid(
     # As many rough runs broke off as a campaign of so few samples would have refined runs.
     rough = [(n, -0.5 if n < 3 else 2.0 if n < 5 else 0.1) for n in range(8)]
     folder = invented_campaign(tmp_path / "c", scene, rough, [])
-    config, store = parse(scene), read_store(folder)
-    found = summarise(config, read_rows(store, "rough"), read_rows(store, "refined"))
+    campaign, store = parse(scene), read_store(folder)
+    found = summarise(campaign, read_rows(store, "rough"), read_rows(store, "refined"))
     assert found["probability_of_failure"] == 2 / 5
     assert found["interval"] == list(wilson_interval(2, 5))
     assert found["estimator"] == "rough grid alone"
@@ -140,7 +140,7 @@ def test_resume_goes_on_from_the_folder_alone(done, tmp_path, capsys):
 
 def test_the_bar_tells_pace_time_left_and_the_interval(tmp_path, capsys):
     text = TINY.replace("samples = 6", "samples = 12").replace('estimator = "published"', "refined_runs = 10")
-    campaign.run(text, tmp_path / "shown", progress=True)
+    run(text, tmp_path / "shown", progress=True)
     rough, refined = capsys.readouterr().err.split("refined grid 0/")
     assert re.search(r"rough grid 12/12 .* left, [\d.e+]+ per hour, [\d.]+ fail \([\d.]+ to [\d.]+\)", rough)
     assert re.search(r"refined grid 10/10 .* per hour, P_f [\d.]+ \([\d.]+ to [\d.]+\)", refined)

@@ -16,7 +16,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
-from cooperative import campaign, runs, summary
+from cooperative import run, runs, summary
 from cooperative.__main__ import main
 from cooperative.reporting import _page as page
 from cooperative.reporting import _pictures as pictures
@@ -60,7 +60,7 @@ class Page(HTMLParser):
 def done(tmp_path_factory):
     """A finished campaign: its folder and summary."""
     folder = tmp_path_factory.mktemp("campaign") / "tiny"
-    summary = campaign.run(SCENE, folder)
+    summary = run(SCENE, folder)
     report(folder)
     return folder, summary
 
@@ -156,8 +156,8 @@ def test_a_sample_run_again_ends_where_it_ended(done):
     store = read_store(folder)
     rows = read_rows(store, "refined")
     sample = read_sample(store, "refined", rows.numbers[int(np.argmax(rows.columns["displacement"]))])
-    config = parse(SCENE)
-    shown = pictures.moments(runs.build(config, "refined", runs.expansion_of(config)), sample)
+    campaign = parse(SCENE)
+    shown = pictures.moments(runs.build(campaign, "refined", runs.expansion_of(campaign)), sample)
     assert np.array_equal(shown.displacement[-1], sample.fields["displacement"])
     far = np.linalg.norm(shown.displacement, axis=1).max(axis=1)
     assert len(shown.times) == 4

@@ -9,7 +9,7 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecu
 import numpy as np
 import pytest
 
-from cooperative import campaign
+from cooperative import run
 from cooperative import runs as screening
 from cooperative.__main__ import main
 from cooperative.runs import Workers, dask_executor, process_pool, run_through
@@ -100,8 +100,8 @@ def test_a_killed_worker_process_is_replaced_and_its_sample_redone():
 
     crew = Workers(make, 1)
     got = []
-    config = parse(TINY)
-    coefficients = screening.coefficients_of(config, screening.expansion_of(config))
+    campaign = parse(TINY)
+    coefficients = screening.coefficients_of(campaign, screening.expansion_of(campaign))
     for done in run_through(crew, TINY, "rough", range(3), coefficients):
         got.append(done.number)
         if len(got) == 1:
@@ -139,9 +139,9 @@ def assert_same_answer(first, second, folders):
 
 def test_a_campaign_on_dask_gives_the_answer_of_one_process(dask, tmp_path):
     with local_cluster(dask, 2, processes=False) as cluster, dask.Client(cluster) as client:
-        together = campaign.run(TINY, tmp_path / "dask", executor=dask_executor(client), workers=2)
+        together = run(TINY, tmp_path / "dask", executor=dask_executor(client), workers=2)
         assert client.status == "running"
-    alone = campaign.run(TINY, tmp_path / "one")
+    alone = run(TINY, tmp_path / "one")
     assert_same_answer(together, alone, (tmp_path / "dask", tmp_path / "one"))
 
 
@@ -179,8 +179,8 @@ def test_dask_that_is_not_installed_is_said_to_be(monkeypatch):
 
 @pytest.mark.slow
 def test_the_sample_of_a_killed_dask_worker_is_redone(dask):
-    config = parse(TINY)
-    coefficients = screening.coefficients_of(config, screening.expansion_of(config))
+    campaign = parse(TINY)
+    coefficients = screening.coefficients_of(campaign, screening.expansion_of(campaign))
     with local_cluster(dask, 2) as cluster, dask.Client(cluster) as client:
         crew = Workers(dask_executor(client), 2)
         before = client.run(os.getpid)
@@ -199,8 +199,8 @@ def test_the_sample_of_a_killed_dask_worker_is_redone(dask):
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [2, 4])
 def test_workers_give_the_answer_of_one_process(workers, tmp_path):
-    alone = campaign.run(TINY, tmp_path / "one")
-    together = campaign.run(TINY, tmp_path / "more", workers=workers)
+    alone = run(TINY, tmp_path / "one")
+    together = run(TINY, tmp_path / "more", workers=workers)
     assert_same_answer(together, alone, (tmp_path / "more", tmp_path / "one"))
 
 
@@ -212,5 +212,5 @@ def test_dask_processes_give_the_answer_of_one_process(dask, tmp_path):
         scene.write_text(TINY)
         assert main(["run", str(scene), "--out", str(tmp_path / "dask"), "--dask", address, "--workers", "2"]) == 0
     together = json.loads((tmp_path / "dask" / "summary.json").read_text())
-    alone = campaign.run(TINY, tmp_path / "one")
+    alone = run(TINY, tmp_path / "one")
     assert_same_answer(together, json.loads(json.dumps(alone)), (tmp_path / "dask", tmp_path / "one"))

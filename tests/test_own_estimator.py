@@ -9,7 +9,7 @@ import pytest
 from cooperative import campaign
 from cooperative.estimate import TwoPhase, all_samples, rank_samples, with_variance
 from cooperative.reporting import progress_of
-from cooperative.scene import config_of, parse
+from cooperative.scene import campaign_of, parse
 from cooperative.store import read_rows, read_store
 from cooperative.summary import summarise
 from tests.test_campaign import TINY
@@ -82,7 +82,7 @@ def test_an_estimator_of_ones_own_runs_a_campaign(done):
     assert summary["finished"] == "every 2. rank has run"
     assert summary["probability_of_failure"] == np.mean(refined.columns["displacement"] > 1.0)
     assert campaign.run(SCENE, folder, estimator=EveryKth(2)) == summary
-    assert summarise(config_of(store, EveryKth(2)), rough, refined) == summary
+    assert summarise(campaign_of(store, EveryKth(2)), rough, refined) == summary
     assert [grid.planned for grid in progress_of(folder, estimator=EveryKth(2)).grids] == [6, 3]
 
 

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pytest
 
-from cooperative import campaign
+from cooperative import run
 from cooperative import runs as screening
 from cooperative.runs import Stopped, run_samples
 from cooperative.scene import parse
@@ -27,9 +27,9 @@ class Broken(Exception):
 
 
 def model_of(text, grid="refined"):
-    config = parse(text)
-    expansion = screening.expansion_of(config)
-    return screening.build(config, grid, expansion), screening.coefficients_of(config, expansion)
+    campaign = parse(text)
+    expansion = screening.expansion_of(campaign)
+    return screening.build(campaign, grid, expansion), screening.coefficients_of(campaign, expansion)
 
 
 def stop_after(chunks):
@@ -70,7 +70,7 @@ def undisturbed():
 
 def test_failures_leave_frames_that_a_run_for_them_alone_gives_too(undisturbed):
     model, _, found = undisturbed
-    limit = model.config.run.failure_displacement
+    limit = model.campaign.run.failure_displacement
     for sample in found.values():
         far = sample.row["displacement"]
         assert ("frames" in sample.fields) == (far > limit)
@@ -91,7 +91,7 @@ def test_failures_leave_frames_that_a_run_for_them_alone_gives_too(undisturbed):
 def test_frames_are_kept_only_where_fields_are(undisturbed):
     model, coefficients, found = undisturbed
     number = next(iter(found))
-    bare = replace(model, config=replace(model.config, plan=replace(model.config.plan, fields=())))
+    bare = replace(model, campaign=replace(model.campaign, plan=replace(model.campaign.plan, fields=())))
     (sample,) = run_samples(bare, coefficients, [number], width=1)
     assert sample.fields.keys() == {"slice_depth"}
     assert dict(sample.row) == dict(found[number].row)
@@ -191,7 +191,7 @@ def test_a_campaign_killed_within_a_refined_run_ends_the_same(undisturbed, tmp_p
     process.wait()
     left = list(folder.glob("restart/refined-*.h5"))
     assert len(left) == 1
-    campaign.run(OFTEN, folder)
+    run(OFTEN, folder)
     assert not list(folder.glob("restart/*"))
     _, coefficients, found = undisturbed
     store = read_store(folder)

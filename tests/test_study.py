@@ -132,12 +132,12 @@ def test_bad_calls_are_refused(tmp_path):
     with study._alone_in(tmp_path), pytest.raises(ValueError, match="another process is at work"):
         study.study(tmp_path, ["fos_rough"], do=model_slope)
     with pytest.raises(ValueError, match="case 'none': give one of"):
-        study_runs.config_of("none")
+        study_runs.campaign_of("none")
 
 
 def test_every_case_is_a_scene():
     for case in study_runs.CASES:
-        assert set(study_runs.config_of(case).grids) == {"rough", "refined"}
+        assert set(study_runs.campaign_of(case).grids) == {"rough", "refined"}
 
 
 def made_up(sample):

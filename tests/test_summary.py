@@ -17,7 +17,7 @@ from tests.test_coop_twophase import pair
 BASE = parse(TINY)
 
 
-def config_with(*, samples, estimator="two-phase", **settings):
+def campaign_with(*, samples, estimator="two-phase", **settings):
     chosen = named_estimator(estimator, {"seed": BASE.plan.seed, **settings})
     return replace(BASE, plan=replace(BASE.plan, samples=samples, estimator=chosen))
 
@@ -55,18 +55,18 @@ def made_up(count, pf, seed):
     return rows(np.arange(count), displacement), refined, failed, mode, size
 
 
-def play(config, rough, refined):
+def play(campaign, rough, refined):
     numbers: list[int] = []
-    while asked := phases_of(config, rough, refined(numbers)).next_runs(1, ()):
+    while asked := phases_of(campaign, rough, refined(numbers)).next_runs(1, ()):
         numbers += asked
-    return summarise(config, rough, refined(numbers))
+    return summarise(campaign, rough, refined(numbers))
 
 
 def test_ratios_means_and_fits_are_those_of_the_population_not_of_the_runs():
     ratio, mean, plain, covered = [], [], [], 0
     for seed in range(14):
         rough, refined, failed, mode, size = made_up(500, 0.25, seed)
-        found = play(config_with(samples=500, refined_runs=100), rough, refined)
+        found = play(campaign_with(samples=500, refined_runs=100), rough, refined)
         truth = np.mean(mode[failed] == "deep")
         deep = found["modes"]["deep"]
         ratio.append(deep["ratio"] - truth)
@@ -82,7 +82,7 @@ def test_ratios_means_and_fits_are_those_of_the_population_not_of_the_runs():
 
 def test_fits_find_the_family_and_severity_the_larger_mode():
     rough, refined, *_ = made_up(3000, 0.25, 0)
-    found = summarise(config_with(samples=3000, estimator="monte carlo"), rough, refined(range(3000)))
+    found = summarise(campaign_with(samples=3000, estimator="monte carlo"), rough, refined(range(3000)))
     assert found["fits"]["deep"]["volume"]["best_aic"] == "lognormal"
     assert [place["group"] for place in found["severity"]["volume"]] == ["deep", "shallow"]
     assert found["severity"]["volume"][0]["rank_interval"] == [1, 1]
@@ -106,8 +106,8 @@ def test_fits_find_the_family_and_severity_the_larger_mode():
 )
 def test_the_campaign_says_why_it_ended(plan, said):
     rough, refined, failed, *_ = made_up(600, 0.25, 3)
-    config = config_with(samples=600, **plan)
-    found = play(config, rough, refined)
+    campaign = campaign_with(samples=600, **plan)
+    found = play(campaign, rough, refined)
     assert said in found["finished"]
     if "target_cov" in plan and "out of reach" not in said:
         assert found["coefficient_of_variation"] <= plan["target_cov"]
@@ -115,7 +115,7 @@ def test_the_campaign_says_why_it_ended(plan, said):
         assert found["interval"][0] <= failed.mean() <= found["interval"][1]
     if found["refined_runs"] < 600 and plan.get("estimator") != "published":
         assert found["after_more_runs"]["coefficient_of_variation"] < found["coefficient_of_variation"]
-    assert summarise(config, rough, refined([0]))["finished"] is None
+    assert summarise(campaign, rough, refined([0]))["finished"] is None
 
 
 def test_a_run_that_broke_off_has_no_part_in_modes_and_fits():
@@ -127,7 +127,7 @@ def test_a_run_that_broke_off_has_no_part_in_modes_and_fits():
     table.columns["mode"] = table.columns["mode"].copy()
     table.columns["mode"][lost] = ""
     table.columns["broke_off"][lost] = 1.0
-    found = summarise(config_with(samples=60, estimator="monte carlo"), rough, table)
+    found = summarise(campaign_with(samples=60, estimator="monte carlo"), rough, table)
     assert found["failures_refined"] == failed.sum()
     assert sum(part["count"] for part in found["modes"].values()) == failed.sum() - 1
     assert found["fits"]["all"]["volume"]["samples"] == failed.sum() - 1
@@ -136,14 +136,14 @@ def test_a_run_that_broke_off_has_no_part_in_modes_and_fits():
 def test_a_rough_sample_that_is_to_be_redone_is_no_obstacle():
     rough, refined, *_ = made_up(60, 0.4, 1)
     fewer = Rows({name: np.delete(column, 7) for name, column in rough.columns.items()}, ("000007.h5 is damaged",))
-    found = summarise(config_with(samples=60, estimator="monte carlo"), fewer, refined(range(60)))
+    found = summarise(campaign_with(samples=60, estimator="monte carlo"), fewer, refined(range(60)))
     assert found["grids"]["samples"] <= 59
     assert found["refined_runs"] == 60
 
 
 def test_summary_and_words_tell_sampling_from_what_was_not_seen():
     rough, refined, *_ = made_up(600, 0.25, 3)
-    found = play(config_with(samples=600, refined_runs=60), rough, refined)
+    found = play(campaign_with(samples=600, refined_runs=60), rough, refined)
     low, high = found["sampling_interval"]
     assert found["interval"][0] == low
     assert found["interval"][1] > high > found["probability_of_failure"]
@@ -152,7 +152,7 @@ def test_summary_and_words_tell_sampling_from_what_was_not_seen():
     assert f"{low:.3g} to {high:.3g}" in said
     assert f"{found['coefficient_of_variation']:.1%}" in said
     assert f"up to {found['unseen']:.2g} of all samples" in said
-    plain = summarise(config_with(samples=600, estimator="monte carlo"), rough, refined(range(600)))
+    plain = summarise(campaign_with(samples=600, estimator="monte carlo"), rough, refined(range(600)))
     assert (plain["unseen"], plain["sampling_interval"], _words._unseen(plain)) == (0.0, None, "")
 
 
@@ -167,7 +167,7 @@ def test_summary_says_where_the_ranks_mislead():
             at, np.where(failed[at], 5.0, 0.1), **{n: np.zeros(at.size) for n in ("depth", "runout", "volume", "area")}
         )
 
-    found = play(config_with(samples=600, refined_runs=60), upside_down, refined)
+    found = play(campaign_with(samples=600, refined_runs=60), upside_down, refined)
     assert any(note.startswith("THE RANKS MISLEAD") for note in found["notes"])
     assert found["interval"][0] <= failed.mean() <= found["interval"][1]
 
@@ -176,7 +176,7 @@ def test_refined_runs_that_all_broke_off_beyond_the_limit_have_a_summary():
     rough, *_ = made_up(40, 0.3, seed=3)
     numbers = np.arange(12)
     refined = rows(numbers, np.full(12, 3.0), broke_off=np.ones(12), status=np.full(12, "NOT_FINITE"))
-    found = summarise(config_with(samples=40), rough, refined)
+    found = summarise(campaign_with(samples=40), rough, refined)
     assert found["failures_refined"] == 12
     assert found["consequences_of_failures"]["depth"] == {}
     assert found["consequences_of_failures"]["displacement"]["largest"] == 3.0

@@ -38,8 +38,8 @@ def test_one_parameter_is_changed_at_a_time_and_the_scene_itself_runs_once():
 def test_campaigns_share_their_coefficients():
     designs = {}
     for part in sweep.variants(SWEEP):
-        config = parse(part.text)
-        designs[part.name] = screening.coefficients_of(config, screening.expansion_of(config))
+        campaign = parse(part.text)
+        designs[part.name] = screening.coefficients_of(campaign, screening.expansion_of(campaign))
     modes = min(design.shape[1] for design in designs.values())
     assert len({design.shape[1] for design in designs.values()}) > 1
     for design in designs.values():

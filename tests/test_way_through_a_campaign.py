@@ -10,11 +10,11 @@ import cooperative
 from benchmarks import invented
 from benchmarks.invented import CALIBRATED, SUBSET
 from cooperative import campaign
-from cooperative.scene import Config
+from cooperative.scene import Campaign
 
 HOUSE = Path(cooperative.__file__).parent
 LOOPS = ("_screen", "_refine")
-READ = {Config.estimator.fget.__code__}
+READ = {Campaign.estimator.fget.__code__}
 """Reading what the campaign holds is no way back to where it was made."""
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from cooperative.reporting._tables import consolidate, write_table
 from cooperative.runs import GridModel, build, expansion_of, rows_reader
-from cooperative.scene import config_of
+from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, Sample, Store, own_folder, read_sample, read_store, sample_path
 from jaxmpm import Result, solve, with_strength, write_particles, write_vtkhdf
 
@@ -22,7 +22,7 @@ def export(folder: str | Path) -> Iterator[Path]:
     refuses.
     """
     store = read_store(folder)
-    read = rows_reader(config_of(store), store)
+    read = rows_reader(campaign_of(store), store)
     if not any(read(grid).numbers for grid in GRIDS):
         raise ValueError(f"folder {folder} has no finished sample yet: start the run first")
     yield write_table(store)
@@ -45,7 +45,7 @@ def export_sample(folder: str | Path, number: int, grid: str = "refined", *, fra
     """
     store = read_store(folder)
     if not sample_path(store, grid, number).exists():
-        there = rows_reader(config_of(store), store)(grid).numbers
+        there = rows_reader(campaign_of(store), store)(grid).numbers
         raise ValueError(f"sample {number} is not finished on the {grid} grid: give one of {_few(there)}")
     sample = read_sample(store, grid, number)
     if frames is None and "displacement" not in sample.fields:
@@ -92,8 +92,8 @@ def _series_path(store: Store, grid: str, number: int) -> Path:
 
 
 def _model(store: Store, grid: str, *, at_rest: bool) -> GridModel:
-    config = config_of(store)
-    return build(config, grid, expansion_of(config), at_rest=at_rest)
+    campaign = campaign_of(store)
+    return build(campaign, grid, expansion_of(campaign), at_rest=at_rest)
 
 
 def _few(numbers: list[int], most: int = 10) -> str:

@@ -10,7 +10,7 @@ from cooperative.measure import SEVERITY
 from cooperative.reporting import _plots as plots
 from cooperative.reporting._plots import Drawn
 from cooperative.runs import Frames, GridModel, build, expansion_of
-from cooperative.scene import Config
+from cooperative.scene import Campaign
 from cooperative.store import Rows, Sample
 from jaxmpm import Midway, solve_each
 
@@ -60,7 +60,7 @@ def slides(model: GridModel, samples: Sequence[Sample], *, again: bool) -> Itera
     again: run the samples again for it; otherwise the fields that were kept serve, and a sample without is left out.
     """
     if again:
-        model = build(model.config, model.grid, model.expansion)
+        model = build(model.campaign, model.grid, model.expansion)
     for sample in samples:
         shown = moments(model, sample) if again else kept_moments(model, sample)
         if not shown.times:
@@ -78,7 +78,7 @@ def slides(model: GridModel, samples: Sequence[Sample], *, again: bool) -> Itera
         yield Drawn(f"slide-{sample.number:06d}", f"Sample {sample.number}{mode}: strength and slide.{where}", figure)
         if len(model.half_size) == 3:
             position = np.asarray(model.scene.particles.position, float)
-            toe = model.config.slope.toe_x
+            toe = model.campaign.slope.toe_x
             figure = plots.plan(position, displacement, shown.times, model.half_size, toe=toe)
             yield Drawn(f"plan-{sample.number:06d}", f"Sample {sample.number}{mode} from above.", figure)
 
@@ -112,7 +112,7 @@ def moments(model: GridModel, sample: Sample) -> Frames:
             times.append(seconds)
             kept.append(np.asarray(displacement))
 
-    run = model.config.run
+    run = model.campaign.run
     varied = {"strength": [model.strength(sample.coefficients)]}
     for _, result in solve_each(
         model.scene, model.state, varied, width=1, t_end=run.t_end, settle=run.settle, observe=look
@@ -124,10 +124,10 @@ def moments(model: GridModel, sample: Sample) -> Frames:
     return Frames(tuple(times), tuple(kept))
 
 
-def models_of(config: Config) -> dict[str, GridModel]:
+def models_of(campaign: Campaign) -> dict[str, GridModel]:
     """Both grids of a campaign, free of stress: to be looked at, not run."""
-    expansion = expansion_of(config)
-    return {grid: build(config, grid, expansion, at_rest=False) for grid in ("rough", "refined")}
+    expansion = expansion_of(campaign)
+    return {grid: build(campaign, grid, expansion, at_rest=False) for grid in ("rough", "refined")}
 
 
 def _strength(model: GridModel, sample: Sample) -> np.ndarray:
@@ -139,7 +139,7 @@ def _plane(model: GridModel, sample: Sample) -> np.ndarray:
     position = np.asarray(model.scene.particles.position)
     if len(position) == 2:
         return np.ones(position.shape[1], bool)
-    centre = (model.config.slope.width or 0.0) / 2
+    centre = (model.campaign.slope.width or 0.0) / 2
     moved = sample.fields.get("displacement")
     if moved is not None and moved.shape == position.shape:
         centre = float(position[1, np.argmax(np.linalg.norm(moved, axis=0))])

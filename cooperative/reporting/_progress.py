@@ -15,7 +15,7 @@ import numpy as np
 
 from cooperative import runs
 from cooperative.estimate import Estimate, Estimator
-from cooperative.scene import Config, config_of
+from cooperative.scene import Campaign, campaign_of
 from cooperative.store import GRIDS, Rows, Store, lock_holder, read_store, sample_path
 from foundation.text import printable
 
@@ -56,35 +56,36 @@ def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Pr
     estimator: the one that `cooperative.campaign.run` was given, where it was given one.
     """
     store = read_store(folder)
-    config = config_of(store, estimator)
-    rows = dict(zip(GRIDS, map(runs.rows_reader(config, store), GRIDS), strict=True))
+    campaign = campaign_of(store, estimator)
+    rows = dict(zip(GRIDS, map(runs.rows_reader(campaign, store), GRIDS), strict=True))
     pace = {grid: seconds_per_sample(*_ends(store, grid, rows[grid])) for grid in GRIDS}
     if not np.isfinite(pace["refined"]):
-        pace["refined"] = pace["rough"] * cost_ratio(config)
-    grids = tuple(_grid(config, grid, rows, pace[grid]) for grid in GRIDS)
-    return Progress(config.name, _controller(store), grids, current_estimate(config, rows["rough"], rows["refined"]))
+        pace["refined"] = pace["rough"] * cost_ratio(campaign)
+    grids = tuple(_grid(campaign, grid, rows, pace[grid]) for grid in GRIDS)
+    estimate = current_estimate(campaign, rows["rough"], rows["refined"])
+    return Progress(campaign.name, _controller(store), grids, estimate)
 
 
-def current_estimate(config: Config, rough: Rows, refined: Rows) -> Estimate | None:
+def current_estimate(campaign: Campaign, rough: Rows, refined: Rows) -> Estimate | None:
     """The estimate so far; before the screening is complete it is the share that fails on the rough grid."""
-    return runs.phases_of(config, rough, refined).estimate if rough.numbers else None
+    return runs.phases_of(campaign, rough, refined).estimate if rough.numbers else None
 
 
-def planned_refined(config: Config, rough: Rows, refined: Rows) -> tuple[int, bool]:
+def planned_refined(campaign: Campaign, rough: Rows, refined: Rows) -> tuple[int, bool]:
     """Refined runs of the campaign in all, and whether they may become more: the budget, or where there is none what
     is asked for so far."""
-    most = config.estimator.budget(_planned_rough(config))
+    most = campaign.estimator.budget(_planned_rough(campaign))
     if most is not None:
         return most, False
     done = len(refined.numbers)
-    if len(rough.numbers) < _planned_rough(config):
+    if len(rough.numbers) < _planned_rough(campaign):
         return done + 1, True
-    missing = runs.phases_of(config, rough, refined).next_runs(config.plan.samples, ())
+    missing = runs.phases_of(campaign, rough, refined).next_runs(campaign.plan.samples, ())
     return done + len(missing), bool(missing)
 
 
-def _planned_rough(config: Config) -> int:
-    return config.estimator.rough_runs(runs.sampling_of(config))
+def _planned_rough(campaign: Campaign) -> int:
+    return campaign.estimator.rough_runs(runs.sampling_of(campaign))
 
 
 def seconds_per_sample(ended: Sequence[float], seconds: Sequence[float]) -> float:
@@ -98,9 +99,9 @@ def seconds_per_sample(ended: Sequence[float], seconds: Sequence[float]) -> floa
     return float(gaps.mean()) if gaps.size else float("nan")
 
 
-def cost_ratio(config: Config) -> float:
+def cost_ratio(campaign: Campaign) -> float:
     """What a refined run should cost in rough ones: particles times steps."""
-    rough, refined = (config.grids[grid] for grid in GRIDS)
+    rough, refined = (campaign.grids[grid] for grid in GRIDS)
     particles = float(np.prod(np.asarray(rough.spacing) / np.asarray(refined.spacing)))
     return particles * (rough.cell * rough.cfl) / (refined.cell * refined.cfl)
 
@@ -140,12 +141,12 @@ def duration(seconds: float) -> str:
     return f"{seconds / 86_400:.2g} days"
 
 
-def _grid(config: Config, grid: str, rows: dict[str, Rows], pace: float) -> GridProgress:
+def _grid(campaign: Campaign, grid: str, rows: dict[str, Rows], pace: float) -> GridProgress:
     mine = rows[grid]
     done = len(mine.numbers)
-    planned, at_least = _planned_rough(config), False
+    planned, at_least = _planned_rough(campaign), False
     if grid == "refined":
-        planned, at_least = planned_refined(config, rows["rough"], rows["refined"])
+        planned, at_least = planned_refined(campaign, rows["rough"], rows["refined"])
     return GridProgress(
         grid,
         done,

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 
 from cooperative.runs import rows_reader
-from cooperative.scene import config_of
+from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, Store, fill_sample, read_sample
 from jaxmpm import files, write_aside
 
@@ -22,7 +22,7 @@ def write_table(store: Store, path: str | Path | None = None) -> Path:
     Damaged files are left out; `read_rows` names them. OSError if the disk refuses.
     """
     path = store.folder / "table.csv" if path is None else Path(path)
-    read = rows_reader(config_of(store), store)
+    read = rows_reader(campaign_of(store), store)
     tables = {grid: read(grid).columns for grid in GRIDS}
     names = list(dict.fromkeys(name for columns in tables.values() for name in columns))
     text = io.StringIO()
@@ -43,7 +43,7 @@ def consolidate(store: Store, path: str | Path | None = None) -> Path:
     the disk refuses; what was there before stays.
     """
     path = store.folder / "campaign.h5" if path is None else Path(path)
-    read = rows_reader(config_of(store), store)
+    read = rows_reader(campaign_of(store), store)
     with files.hdf5_aside(path) as file:
         file.attrs["scene"] = store.scene_text
         for grid in GRIDS:

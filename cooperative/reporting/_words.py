@@ -18,7 +18,7 @@ from cooperative.reporting import _pictures as pictures
 from cooperative.reporting import _plots as plots
 from cooperative.reporting._plots import Drawn
 from cooperative.reporting._progress import duration
-from cooperative.scene import Config, config_of
+from cooperative.scene import Campaign, campaign_of
 from cooperative.store import GRIDS, Rows, Store, own_folder, read_sample, read_store, write_aside
 from foundation.text import printable
 
@@ -35,7 +35,7 @@ class Told:
     count, and why."""
 
     store: Store
-    config: Config
+    campaign: Campaign
     rough: Rows
     refined: Rows
     summary: dict[str, Any]
@@ -44,12 +44,12 @@ class Told:
     @cached_property
     def phases(self) -> Phases:
         """What the rows tell the campaign's estimator."""
-        return runs.phases_of(self.config, self.rough, self.refined)
+        return runs.phases_of(self.campaign, self.rough, self.refined)
 
     @property
     def labels(self) -> dict[str, str]:
         """Axis label of each consequence, with its unit."""
-        solid = self.config.slope.dimension == 3
+        solid = self.campaign.slope.dimension == 3
         return {
             "displacement": "largest displacement $R_d$ [m]",
             "depth": "sliding depth $H$ [m]",
@@ -61,7 +61,7 @@ class Told:
     @property
     def units(self) -> dict[str, str]:
         """Unit of each consequence in words."""
-        each = "" if self.config.slope.dimension == 3 else " per metre of width"
+        each = "" if self.campaign.slope.dimension == 3 else " per metre of width"
         return {
             "displacement": "m",
             "depth": "m below the crest",
@@ -73,7 +73,7 @@ class Told:
     @property
     def failed(self) -> np.ndarray:
         """Refined runs that failed and have consequences: they slid to their end (runs,) bool."""
-        slid = summary.slides_of(self.config, self.phases, self.refined).slid
+        slid = summary.slides_of(self.campaign, self.phases, self.refined).slid
         return slid & ~self.refined.columns.get("broke_off", np.zeros(slid.size)).astype(bool)
 
 
@@ -89,19 +89,19 @@ def report(folder: str | Path, *, slides: int = SLIDES, again: bool = False, est
     if slides < 0:
         raise ValueError(f"slides = {slides}: give 0 or more")
     store = read_store(folder)
-    config = config_of(store, estimator)
-    rough, refined = map(runs.rows_reader(config, store), GRIDS)
+    campaign = campaign_of(store, estimator)
+    rough, refined = map(runs.rows_reader(campaign, store), GRIDS)
     if not rough.numbers:
         raise ValueError(f"folder {folder} has no finished sample yet: start the run first")
     left_out = [f"{why}: will be run again" for rows in (rough, refined) for why in rows.damaged]
     refined, without = _paired(refined, rough)
     left_out += [f"refined run {number} has no rough run beside it: resume the campaign" for number in without]
-    told = Told(store, config, rough, refined, summary.stored(config, store, rough, refined), tuple(left_out))
+    told = Told(store, campaign, rough, refined, summary.stored(campaign, store, rough, refined), tuple(left_out))
     numbers, slopes = list(_numbers(told)), list(_slopes(told, slides, again))
     target = own_folder(store.folder / "figures")
     for drawn in [*numbers, *slopes]:
         plots.save(drawn.figure, target / f"{drawn.name}.png")
-    write_aside(store.folder / "report.html", page.document(config.name, _parts(told, numbers, slopes)).encode())
+    write_aside(store.folder / "report.html", page.document(campaign.name, _parts(told, numbers, slopes)).encode())
     return words(told)
 
 
@@ -112,46 +112,46 @@ def _paired(refined: Rows, rough: Rows) -> tuple[Rows, list[int]]:
     return Rows(columns, refined.damaged), refined.columns["sample"][~there].tolist()
 
 
-def words(campaign: Told) -> str:
+def words(told: Told) -> str:
     """The summary for people."""
-    told = campaign.summary
-    low, high = told["interval"]
+    found = told.summary
+    low, high = found["interval"]
     lines = [
-        f"{told['name']}",
-        f"  probability of failure  {told['probability_of_failure']:.3f}  "
-        f"({told['level']:.0%} interval {low:.3f} to {high:.3f}; {told['estimator']})",
+        f"{found['name']}",
+        f"  probability of failure  {found['probability_of_failure']:.3f}  "
+        f"({found['level']:.0%} interval {low:.3f} to {high:.3f}; {found['estimator']})",
     ]
-    lines += [f"  {line}" for line in (_unseen(told),) if line]
-    for method, other in told["other_estimates"].items():
+    lines += [f"  {line}" for line in (_unseen(found),) if line]
+    for method, other in found["other_estimates"].items():
         low, high = other["interval"]
         lines.append(f"  beside it: {method:<14} {other['probability']:.3f}  ({low:.3f} to {high:.3f})")
     lines += [
-        f"  rough grid     {told['samples']} samples, {told['failures_rough']} beyond the failure displacement, "
-        f"{told['seconds']['rough']:.0f} s",
-        f"  refined grid   {told['refined_runs']} runs, {told['failures_refined']} failures, "
-        f"{told['seconds']['refined']:.0f} s",
+        f"  rough grid     {found['samples']} samples, {found['failures_rough']} beyond the failure displacement, "
+        f"{found['seconds']['rough']:.0f} s",
+        f"  refined grid   {found['refined_runs']} runs, {found['failures_refined']} failures, "
+        f"{found['seconds']['refined']:.0f} s",
     ]
-    lines += [f"  {line}" for line in (_more(told), _agreement(told)) if line]
-    for mode, share in (told["modes"] or {}).items():
+    lines += [f"  {line}" for line in (_more(found), _agreement(found)) if line]
+    for mode, share in (found["modes"] or {}).items():
         if share["count"]:
             low, high = share["interval"]
             lines.append(f"  {mode:<13}  {share['ratio']:.0%} of the failures ({low:.0%} to {high:.0%})")
-    for name, spread in told["consequences_of_failures"].items():
+    for name, spread in found["consequences_of_failures"].items():
         if spread:
             lines.append(
                 f"  {name:<13}  mean {spread['mean']:.4g}, {spread['smallest']:.4g} to {spread['largest']:.4g} "
-                f"({campaign.units[name]}, failed samples)"
+                f"({told.units[name]}, failed samples)"
             )
-    lines += [f"  BROKE OFF      {line}" for line in _broken(told)]
-    lines += [f"  LEFT OUT       {line}" for line in campaign.left_out]
-    lines += [f"  note: {note}" for note in told["notes"]]
-    lines.append(f"  all of it, with figures: {campaign.store.folder / 'report.html'}")
+    lines += [f"  BROKE OFF      {line}" for line in _broken(found)]
+    lines += [f"  LEFT OUT       {line}" for line in told.left_out]
+    lines += [f"  note: {note}" for note in found["notes"]]
+    lines.append(f"  all of it, with figures: {told.store.folder / 'report.html'}")
     return "\n".join(map(printable, lines))
 
 
 def _numbers(told: Told) -> Iterator[Drawn]:
     """Figures of the numbers, those that there are data for."""
-    rough, refined, limit = told.rough, told.refined, told.config.run.failure_displacement
+    rough, refined, limit = told.rough, told.refined, told.campaign.run.failure_displacement
     place = {number: at for at, number in enumerate(rough.numbers)}
     both = np.full(len(place), np.nan)
     both[[place[number] for number in refined.numbers]] = refined.columns.get("displacement", np.zeros(0))
@@ -190,7 +190,7 @@ def _numbers(told: Told) -> Iterator[Drawn]:
             "Median of each consequence by failure mode, with its 90 % bootstrap interval.",
             charts.severity(told.summary["severity"], told.labels),
         )
-    weight = summary.slides_of(told.config, told.phases, refined).weight
+    weight = summary.slides_of(told.campaign, told.phases, refined).weight
     for group, fits in told.summary["fits"].items():
         mine = told.failed & (weight > 0)
         mine &= (refined.columns["mode"] == group) if group != "all" else True
@@ -204,7 +204,7 @@ def _numbers(told: Told) -> Iterator[Drawn]:
 
 def _slopes(told: Told, slides: int, again: bool) -> Iterator[Drawn]:
     """Pictures of chosen samples."""
-    models = pictures.models_of(told.config)
+    models = pictures.models_of(told.campaign)
     grid, rows = ("refined", told.refined) if told.refined.numbers else ("rough", told.rough)
     failed = told.failed if grid == "refined" else np.zeros(len(rows.numbers), bool)
     chosen = [read_sample(told.store, grid, n) for n in pictures.choose(rows, failed, max(slides, 1))]
@@ -223,14 +223,14 @@ def _parts(told: Told, numbers: Sequence[Drawn], slopes: Sequence[Drawn]) -> Ite
     def shown(*names: str) -> Iterator[str]:
         yield from (figure for name, figure in figures.items() if name.startswith(names))
 
-    yield page.heading(told.config.name, 1)
+    yield page.heading(told.campaign.name, 1)
     yield page.answer(
         f"{found['probability_of_failure']:.3g}",
         f"probability of failure, {found['level']:.0%} interval {low:.3g} to {high:.3g}",
     )
     yield page.paragraph(
         f"{found['samples']} samples ran on the rough grid, {found['refined_runs']} of them refined, where "
-        f"{found['failures_refined']} moved farther than {told.config.run.failure_displacement:g} m."
+        f"{found['failures_refined']} moved farther than {told.campaign.run.failure_displacement:g} m."
     )
     for note in [*found["notes"], *(f"broke off: {line}" for line in _broken(found))]:
         yield page.paragraph(note, "note")
@@ -250,7 +250,7 @@ def _parts(told: Told, numbers: Sequence[Drawn], slopes: Sequence[Drawn]) -> Ite
     yield page.heading("How it was run")
     yield _runs(told)
     yield page.heading("Scene", 3)
-    yield page.preformatted(told.config.text.strip())
+    yield page.preformatted(told.campaign.text.strip())
 
 
 def _estimates(found: dict[str, Any]) -> str:
@@ -305,7 +305,7 @@ def _runs(told: Told) -> str:
     for grid, of in zip(GRIDS, (told.rough, told.refined), strict=True):
         statuses = ", ".join(f"{count} {status}" for status, count in told.summary["status"][grid].items())
         rows.append([f"{grid} grid", f"{statuses or 'none'}; {duration(told.summary['seconds'][grid])} of runs"])
-        rows.append([f"{grid} grid", _bands(told.config, grid)])
+        rows.append([f"{grid} grid", _bands(told.campaign, grid)])
         for number in of.numbers[-1:]:
             last = read_sample(told.store, grid, number)
             versions = ", ".join(f"{name} {version}" for name, version in last.versions.items())
@@ -320,11 +320,11 @@ def _runs(told: Told) -> str:
     return page.table([], rows)
 
 
-def _bands(config: Config, grid: str) -> str:
+def _bands(campaign: Campaign, grid: str) -> str:
     """How a grid's answers depend on its cell, in words."""
-    numerics, thickness = config.grids[grid], config.soil.softening_length
+    numerics, thickness = campaign.grids[grid], campaign.soil.softening_length
     said = f"cells of {numerics.cell:g} m, {'F-bar' if numerics.fbar else 'no F-bar'}"
-    if not config.soil.softens:
+    if not campaign.soil.softens:
         return said
     if numerics.internal_length is not None:
         said += f", plastic strain averaged over {numerics.internal_length:.3g} m"

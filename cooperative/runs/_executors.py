@@ -172,8 +172,8 @@ def run_sample(
 
 @lru_cache(maxsize=2)
 def _prepared(text: str, grid: str) -> GridModel:
-    config = parse(text)
-    return build(config, grid, expansion_of(config))
+    campaign = parse(text)
+    return build(campaign, grid, expansion_of(campaign))
 
 
 class WorkerLost(RuntimeError):

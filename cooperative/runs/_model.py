@@ -13,7 +13,7 @@ import numpy as np
 import kl
 from cooperative.estimate import Sampling
 from cooperative.measure import SlopeGeometry
-from cooperative.scene import Config, Strength, built
+from cooperative.scene import Campaign, Strength, built
 from jaxmpm import Scene, Slope, State
 
 
@@ -21,12 +21,12 @@ from jaxmpm import Scene, Slope, State
 class GridModel:
     """One grid of a campaign, ready to run.
 
-    grid: "rough" or "refined". config: the campaign's scene. scene, state: what the solver runs, at rest. expansion: of
-    the random field. strength_factor: on its strength, where the grids are calibrated.
+    grid: "rough" or "refined" of the `campaign`. scene, state: what the solver runs, at rest. expansion: of the random
+    field. strength_factor: on its strength, where the grids are calibrated.
     """
 
     grid: str
-    config: Config
+    campaign: Campaign
     scene: Scene
     state: State
     expansion: kl.Expansion
@@ -35,12 +35,12 @@ class GridModel:
     @property
     def half_size(self) -> np.ndarray:
         """Half the particle spacing per axis (d,) m."""
-        return np.asarray(self.config.grids[self.grid].spacing) / 2
+        return np.asarray(self.campaign.grids[self.grid].spacing) / 2
 
     @property
     def slides_on(self) -> bool:
         """Whether a run that ends once it has failed may be asked to slide on."""
-        return self.grid == "refined" and bool(self.config.plan.slides)
+        return self.grid == "refined" and bool(self.campaign.plan.slides)
 
     @property
     def reach(self) -> float:
@@ -49,7 +49,7 @@ class GridModel:
 
     def strength(self, coefficients: jax.Array | np.ndarray) -> jax.Array:
         """Undrained strength at the particles (N,) Pa, for coefficients (M,)."""
-        strength = self.config.strength
+        strength = self.campaign.strength
         marginal = strength.marginal(strength.mean, strength.cov)
         points = self.scene.particles.position if strength.sampled_at == "particles" else self._cell_centres()
         field = _strength(self.expansion, marginal, coefficients, points)
@@ -57,7 +57,7 @@ class GridModel:
 
     def _cell_centres(self) -> jax.Array:
         """Centre of the cell that each particle starts in (d, N) m, kept in the slope's box where that ends in it."""
-        grid, shape = self.scene.grid, self.config.slope
+        grid, shape = self.scene.grid, self.campaign.slope
         origin = jnp.asarray(grid.origin)[:, None]
         centre = origin + (jnp.floor((self.scene.particles.position - origin) / grid.cell) + 0.5) * grid.cell
         return jnp.minimum(centre, jnp.asarray(box_of(shape))[:, None])
@@ -70,9 +70,9 @@ def _strength(
     return marginal.transform(kl.field_at(expansion, coefficients, position))
 
 
-def expansion_of(config: Config) -> kl.Expansion:
+def expansion_of(campaign: Campaign) -> kl.Expansion:
     """The strength's expansion over the whole box of the slope, the same for every grid."""
-    return _expansion(config.strength, box_of(config.slope))
+    return _expansion(campaign.strength, box_of(campaign.slope))
 
 
 @lru_cache(maxsize=8)
@@ -91,33 +91,34 @@ def box_of(shape: Slope) -> tuple[float, ...]:
     return (shape.length, top) if shape.width is None else (shape.length, shape.width, top)
 
 
-def coefficients_of(config: Config, expansion: kl.Expansion) -> np.ndarray:
+def coefficients_of(campaign: Campaign, expansion: kl.Expansion) -> np.ndarray:
     """Coefficients of the scene's samples (samples, modes), by the design that it asks for."""
-    return np.asarray(config.plan.coefficients(jax.random.key(config.plan.seed), config.plan.samples, expansion.modes))
+    plan = campaign.plan
+    return np.asarray(plan.coefficients(jax.random.key(plan.seed), plan.samples, expansion.modes))
 
 
-def sampling_of(config: Config) -> Sampling:
+def sampling_of(campaign: Campaign) -> Sampling:
     """The first phase as the campaign's estimator sees it; the random field is expanded when first asked for."""
     return Sampling(
-        config.plan.samples,
-        config.run.failure_displacement,
-        config.plan.screening_stop,
-        modes=lambda: int(expansion_of(config).modes),
-        draw=lambda: coefficients_of(config, expansion_of(config)),
+        campaign.plan.samples,
+        campaign.run.failure_displacement,
+        campaign.plan.screening_stop,
+        modes=lambda: int(expansion_of(campaign).modes),
+        draw=lambda: coefficients_of(campaign, expansion_of(campaign)),
     )
 
 
-def build(config: Config, grid: str, expansion: kl.Expansion, *, at_rest: bool = True) -> GridModel:
+def build(campaign: Campaign, grid: str, expansion: kl.Expansion, *, at_rest: bool = True) -> GridModel:
     """Scene and initial state of one grid; ValueError where slope, soil and grid do not fit together.
 
     at_rest: False leaves the state free of stress, which is not solved for then: for who looks and does not run.
     """
-    scene, state = built(config, grid, at_rest=at_rest)
-    factor = config.calibration.factor if config.calibration and grid == "rough" else 1.0
-    return GridModel(grid, config, scene, state, expansion, factor)
+    scene, state = built(campaign, grid, at_rest=at_rest)
+    factor = campaign.calibration.factor if campaign.calibration and grid == "rough" else 1.0
+    return GridModel(grid, campaign, scene, state, expansion, factor)
 
 
-def geometry_of(config: Config) -> SlopeGeometry:
+def geometry_of(campaign: Campaign) -> SlopeGeometry:
     """Where the slope's toe is and how high it stands."""
-    shape = config.slope
+    shape = campaign.slope
     return SlopeGeometry(toe_x=shape.toe_x, toe_z=shape.foundation, height=shape.height)

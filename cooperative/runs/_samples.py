@@ -44,7 +44,7 @@ def run_samples(
     """
     if width is None:
         width = 1 if jax.default_backend() == "cpu" else 64
-    run = model.config.run
+    run = model.campaign.run
     folder = restart_in if restart_in is not None and (restart_in / "scene.toml").is_file() else None
     lanes, left_out = _UnderWay(model, folder, stop, SLIDES if slides else model.grid), False
 
@@ -69,7 +69,7 @@ def run_samples(
     ):  # fmt: skip
         seconds = lanes.before[number] + lanes.lap()
         past = lanes.motions.pop(number)
-        motion = past if model.grid in model.config.plan.modes else None
+        motion = past if model.grid in model.campaign.plan.modes else None
         yield finished(model, number, coefficients[number], result, seconds, motion, lanes.frames.pop(number))
     if left_out:
         raise Stopped
@@ -100,9 +100,9 @@ class _UnderWay:
 
     def __post_init__(self) -> None:
         volume = np.asarray(self.model.scene.particles.volume)
-        self.at_rest = Motion.start(volume, self.model.config.run.failure_displacement)
+        self.at_rest = Motion.start(volume, self.model.campaign.run.failure_displacement)
         self.digest = "" if self.folder is None else read_store(self.folder).digest
-        plan = self.model.config.plan
+        plan = self.model.campaign.plan
         self.remembers = self.folder is not None or self.model.grid in (*plan.modes, *plan.fields)
 
     def lap(self) -> float:
@@ -136,11 +136,11 @@ class _UnderWay:
         if seconds > motion.times[-1]:  # a lane with a number that none may have takes no step
             moved = np.asarray(_moved(midway.state.displacement))
             self.motions[number] = motion.after(seconds, moved)
-            kept = self.model.grid in self.model.config.plan.fields and (running or failed)
+            kept = self.model.grid in self.model.campaign.plan.fields and (running or failed)
             if kept and self.frames[number].due(float(moved.max()), motion.threshold):
                 self.frames[number] = self.frames[number].after(seconds, midway.state.displacement)
         now = time.perf_counter()
-        due = self.stopping or now - self.written[number] > self.model.config.plan.restart_every
+        due = self.stopping or now - self.written[number] > self.model.campaign.plan.restart_every
         if self.folder is not None and ((due and running) or failed):
             state = replace(midway.state, status=jnp.asarray(int(Status.RUNNING), jnp.int32))
             taken = self.before[number] + now - self.started
@@ -169,12 +169,12 @@ def finished(
 ) -> Sample:
     """The record of a run; its mode too, where its past was remembered, and its frames if it failed. A run that broke
     off, or a refined one that ended once it had failed, has no consequences, only the displacement it had reached."""
-    scene, config = model.scene, model.config
+    scene, campaign = model.scene, model.campaign
     displacement = np.asarray(result.state.displacement)
     history = result.state.history
     fields: dict[str, np.ndarray] = {}
     decided = model.grid == "refined" and int(result.status) == Status.DECIDED
-    if model.grid in config.plan.fields and not decided:
+    if model.grid in campaign.plan.fields and not decided:
         fields["displacement"] = displacement.astype(np.float32)
         if history is not None:
             fields["plastic_strain"] = np.asarray(history, np.float32)
@@ -188,9 +188,9 @@ def finished(
             np.asarray(scene.particles.position),
             displacement,
             np.asarray(scene.particles.volume),
-            geometry_of(config),
+            geometry_of(campaign),
         )
-        limit = config.run.failure_displacement
+        limit = campaign.run.failure_displacement
         measured = consequences(*run, half_size=model.half_size, sliding_displacement=limit, reach=model.reach)
         row = {**measured.as_row(), "broke_off": False}
         if frames is not None and measured.displacement > limit:

@@ -12,7 +12,7 @@ from pathlib import Path
 import jax
 
 from cooperative.runs._model import sampling_of
-from cooperative.scene import Config
+from cooperative.scene import Campaign
 from cooperative.store import GRIDS
 from jaxmpm import block
 
@@ -54,18 +54,18 @@ class GridSize:
         return model + (lanes - 1) * (self.particles * PER_LANE + self.nodes * PER_NODE / 4)
 
 
-def grid_size(config: Config, grid: str) -> GridSize:
+def grid_size(campaign: Campaign, grid: str) -> GridSize:
     """Size of one grid. Raises ValueError where slope, soil and grid do not fit together."""
-    shape, numerics, gravity = config.slope, config.grids[grid], config.run.gravity
+    shape, numerics, gravity = campaign.slope, campaign.grids[grid], campaign.run.gravity
     cells = shape.cells(numerics)
     top = shape.foundation + shape.height
     # One particle of the same soil has the same time step, and meets the same checks.
     one, _ = block(
-        numerics.spacing, config.soil, numerics, domain=(2 * numerics.cell,) * shape.dimension,
+        numerics.spacing, campaign.soil, numerics, domain=(2 * numerics.cell,) * shape.dimension,
         corner=(0.0,) * shape.dimension, speed=math.sqrt(gravity * top),
     )  # fmt: skip
     dt, each = float(one.time_step), math.prod(numerics.spacing)
-    steps = config.run.t_end / dt if dt > 0 else math.inf
+    steps = campaign.run.t_end / dt if dt > 0 else math.inf
     passes = 0 if one.nonlocal_passes is None else one.nonlocal_passes
     width = 1.0 if shape.width is None else shape.width
     return GridSize(
@@ -77,16 +77,16 @@ def grid_size(config: Config, grid: str) -> GridSize:
     )
 
 
-def check_size(config: Config, workers: int = 1) -> None:
+def check_size(campaign: Campaign, workers: int = 1) -> None:
     """Raise ValueError for slope, soil and grids that do not fit together, and for a campaign that would not end or not
     fit into the memory of this machine.
 
     workers: processes that hold both grids each. Nothing larger than a particle is built for it.
     """
-    plan, runs = config.plan, config.estimator.rough_runs(sampling_of(config))
+    plan, runs = campaign.plan, campaign.estimator.rough_runs(sampling_of(campaign))
     if runs > MOST_RUNS:
         raise ValueError(f"[campaign] asks for {runs} rough runs, the limit is {MOST_RUNS:.0e}: give fewer samples")
-    sizes = {grid: grid_size(config, grid) for grid in GRIDS}
+    sizes = {grid: grid_size(campaign, grid) for grid in GRIDS}
     for grid, size in sizes.items():
         if not size.steps <= MOST_STEPS:
             raise ValueError(
@@ -114,9 +114,9 @@ def check_size(config: Config, workers: int = 1) -> None:
     )
 
 
-def check_coefficients(config: Config, modes: int) -> None:
+def check_coefficients(campaign: Campaign, modes: int) -> None:
     """Raise ValueError for more coefficients than this machine's memory holds."""
-    runs = config.estimator.rough_runs(sampling_of(config))
+    runs = campaign.estimator.rough_runs(sampling_of(campaign))
     # The design, a copy while it is made, and the controller's own.
     needed = 12.0 * runs * modes + PROCESS
     said = f"{runs} samples of {modes} coefficients"

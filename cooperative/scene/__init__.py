@@ -1,25 +1,25 @@
 """Scenes: TOML in, one checked and immutable campaign out."""
 
 from cooperative.scene._budget import allowing, kept_budget, raised, write_budget
-from cooperative.scene._calibration import calibrated, config_of, kept, measured
+from cooperative.scene._calibration import calibrated, campaign_of, kept, measured
 from cooperative.scene._examples import example, examples
 from cooperative.scene._schema import REQUIRED, SECTIONS, UNSAID, Key
 from cooperative.scene._text import read_scene, tables_of
-from cooperative.scene._typed import Budget, Config, Plan, Strength, built, parse
+from cooperative.scene._typed import Budget, Campaign, Plan, Strength, built, parse
 
 __all__ = [
     "REQUIRED",
     "SECTIONS",
     "UNSAID",
     "Budget",
-    "Config",
+    "Campaign",
     "Key",
     "Plan",
     "Strength",
     "allowing",
     "built",
     "calibrated",
-    "config_of",
+    "campaign_of",
     "example",
     "examples",
     "kept",

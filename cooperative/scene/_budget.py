@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cooperative.estimate import Sampling
-from cooperative.scene._typed import Budget, Config
+from cooperative.scene._typed import Budget, Campaign
 from cooperative.store import MOST_TEXT, write_aside
 from foundation.text import shown
 from jaxmpm import files
@@ -16,39 +16,39 @@ from jaxmpm import files
 KEPT = "budget.json"
 
 
-def allowing(config: Config, folder: Path, refined_runs: int | None) -> Config:
+def allowing(campaign: Campaign, folder: Path, refined_runs: int | None) -> Campaign:
     """The scene with the refined runs that its folder allows, or is to allow from now on.
 
     Raises ValueError for no more than is allowed already, or an estimator without such a setting.
     """
     kept = kept_budget(folder)
     if refined_runs is None:
-        return config if kept is None else raised(config, kept)
-    first = Sampling(config.plan.samples, config.run.failure_displacement, config.plan.screening_stop)
-    scene = config.estimator.budget(config.estimator.rough_runs(first))
+        return campaign if kept is None else raised(campaign, kept)
+    first = Sampling(campaign.plan.samples, campaign.run.failure_displacement, campaign.plan.screening_stop)
+    scene = campaign.estimator.budget(campaign.estimator.rough_runs(first))
     if scene is None:
         raise ValueError(
-            f"refined_runs = {refined_runs}: estimator {config.estimator.name!r} has no number of runs to raise, its "
+            f"refined_runs = {refined_runs}: estimator {campaign.estimator.name!r} has no number of runs to raise, its "
             "rule alone tells when to stop"
         )
     if refined_runs <= scene or (kept is not None and refined_runs < kept.refined_runs):
         allowed = scene if kept is None else kept.refined_runs
         raise ValueError(f"refined_runs = {refined_runs}: the campaign allows {allowed} already, give more")
-    return raised(config, Budget(refined_runs, scene))
+    return raised(campaign, Budget(refined_runs, scene))
 
 
-def raised(config: Config, budget: Budget) -> Config:
+def raised(campaign: Campaign, budget: Budget) -> Campaign:
     """The scene with so many refined runs allowed.
 
     Raises ValueError for fewer than the scene allows, or an estimator that has no such setting.
     """
     if not budget.refined_runs > budget.scene >= 1:
         raise ValueError(f"refined_runs = {budget.refined_runs}: the scene allows {budget.scene} already, give more")
-    chosen: Any = config.estimator
+    chosen: Any = campaign.estimator
     if "refined_runs" not in {setting.name for setting in fields(chosen)}:
         raise ValueError(f"refined_runs = {budget.refined_runs}: estimator {chosen.name!r} has no such setting")
-    plan = replace(config.plan, estimator=replace(chosen, refined_runs=budget.refined_runs))
-    return replace(config, plan=plan, raised=budget)
+    plan = replace(campaign.plan, estimator=replace(chosen, refined_runs=budget.refined_runs))
+    return replace(campaign, plan=plan, raised=budget)
 
 
 def write_budget(folder: Path, budget: Budget) -> None:

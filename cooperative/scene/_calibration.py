@@ -16,29 +16,29 @@ import jax
 from cooperative.estimate import Estimator
 from cooperative.scene._budget import kept_budget, raised
 from cooperative.scene._schema import CALIBRATION, read
-from cooperative.scene._typed import Calibration, Config, built, parse
+from cooperative.scene._typed import Calibration, Campaign, built, parse
 from cooperative.store import MOST_TEXT, Store, write_aside
 from jaxmpm import factor_of_safety, files
 
 KEPT = "calibration.json"
 
 
-def measure(config: Config) -> Calibration:
+def measure(campaign: Campaign) -> Calibration:
     """Factors of safety of the scene's slope with its mean strength everywhere, on both grids.
 
     Raises ValueError where a factor lies outside 0.5 to 3.
     """
-    return Calibration(**{grid: _factor_of_safety(config, grid) for grid in ("rough", "refined")})
+    return Calibration(**{grid: _factor_of_safety(campaign, grid) for grid in ("rough", "refined")})
 
 
-def measured(config: Config, folder: Path) -> Calibration:
+def measured(campaign: Campaign, folder: Path) -> Calibration:
     """Factors of safety kept in `calibration.json` of the campaign's folder, measured and written there at first.
 
     Raises ValueError for a file that holds something else.
     """
     path = folder / KEPT
     if not os.path.lexists(path):
-        found = measure(config)
+        found = measure(campaign)
         write_aside(path, json.dumps({"rough": found.rough, "refined": found.refined}).encode())
     return kept(folder)
 
@@ -57,30 +57,30 @@ def kept(folder: Path) -> Calibration:
     return found
 
 
-def calibrated(config: Config, found: Calibration) -> Config:
+def calibrated(campaign: Campaign, found: Calibration) -> Campaign:
     """The scene with these factors in it, in its text too, so that whoever reads the text has them."""
     table = f"\n[calibration]\nrough = {found.rough!r}\nrefined = {found.refined!r}\n"
-    return replace(config, text=config.text + table, calibration=found)
+    return replace(campaign, text=campaign.text + table, calibration=found)
 
 
-def config_of(store: Store, estimator: Estimator | None = None) -> Config:
+def campaign_of(store: Store, estimator: Estimator | None = None) -> Campaign:
     """The scene of a campaign's folder, with its factors of safety where they were measured, and the refined runs that
     were allowed since.
 
     estimator: that of the script, where one gave it.
     """
-    config, budget = parse(store.scene_text, estimator), kept_budget(store.folder)
-    if budget is not None and config.plan.estimator is not None:
-        config = raised(config, budget)
-    wants = config.plan.calibrate and config.calibration is None and os.path.lexists(store.folder / KEPT)
-    return calibrated(config, kept(store.folder)) if wants else config
+    campaign, budget = parse(store.scene_text, estimator), kept_budget(store.folder)
+    if budget is not None and campaign.plan.estimator is not None:
+        campaign = raised(campaign, budget)
+    wants = campaign.plan.calibrate and campaign.calibration is None and os.path.lexists(store.folder / KEPT)
+    return calibrated(campaign, kept(store.folder)) if wants else campaign
 
 
-def _factor_of_safety(config: Config, grid: str) -> float:
-    scene, state = built(config, grid)
+def _factor_of_safety(campaign: Campaign, grid: str) -> float:
+    scene, state = built(campaign, grid)
     # On CPU lanes run in turn, and bisection takes the fewest; elsewhere a batch costs as much time as one.
     batch = 2 if jax.default_backend() == "cpu" else 8
     return factor_of_safety(
-        scene, state, criterion=config.run.failure_displacement, t_end=config.run.t_end, batch=batch,
-        settle=config.run.settle,
+        scene, state, criterion=campaign.run.failure_displacement, t_end=campaign.run.t_end, batch=batch,
+        settle=campaign.run.settle,
     ).stable  # fmt: skip

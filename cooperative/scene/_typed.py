@@ -102,7 +102,7 @@ class Budget:
 
 
 @dataclass(frozen=True)
-class Config:
+class Campaign:
     """A checked scene; nothing in it changes.
 
     text: the TOML that it came from. name: of the campaign. slope, soil, strength: what slides. y_ends: what holds the
@@ -132,7 +132,7 @@ class Config:
         return self.plan.estimator
 
 
-def parse(text: str, estimator: Estimator | None = None) -> Config:
+def parse(text: str, estimator: Estimator | None = None) -> Campaign:
     """Read and check a scene.
 
     estimator: takes the place of the one that the scene names. It is written into the text in words, so that a folder
@@ -171,7 +171,7 @@ def parse(text: str, estimator: Estimator | None = None) -> Config:
     else:
         plan["estimator"] = estimator
     soil = _soil({**said["soil"], "strength": strength["mean"]}, shape["height"])
-    config = Config(
+    campaign = Campaign(
         text=text,
         name=name,
         slope=Slope(**shape),
@@ -185,16 +185,17 @@ def parse(text: str, estimator: Estimator | None = None) -> Config:
             Calibration(**read("calibration", tables["calibration"], CALIBRATION)) if "calibration" in tables else None
         ),
     )
-    _check(config)
-    return config
+    _check(campaign)
+    return campaign
 
 
-def built(config: Config, grid: str, *, at_rest: bool = True) -> tuple[Scene, State]:
+def built(campaign: Campaign, grid: str, *, at_rest: bool = True) -> tuple[Scene, State]:
     """Scene and initial state of one grid, free of stress if not `at_rest`; ValueError where slope, soil and grid do
     not fit together."""
     return slope(
-        config.slope, config.soil, config.grids[grid], gravity=config.run.gravity, y_ends=config.y_ends, at_rest=at_rest
-    )
+        campaign.slope, campaign.soil, campaign.grids[grid],
+        gravity=campaign.run.gravity, y_ends=campaign.y_ends, at_rest=at_rest,
+    )  # fmt: skip
 
 
 def _run(table: dict[str, Any]) -> Run:
@@ -221,17 +222,18 @@ def _grid(table: dict[str, Any], soil: Soil) -> Discretisation:
     return replace(cell_independent(Discretisation(**said, dtype="float32"), soil), **said)
 
 
-def _check(config: Config) -> None:
+def _check(campaign: Campaign) -> None:
     """Ranges that no builder looks at."""
-    config.slope.check()
-    strength, run, plan, dimension = config.strength, config.run, config.plan, config.slope.dimension
+    campaign.slope.check()
+    strength, run, plan, dimension = campaign.strength, campaign.run, campaign.plan, campaign.slope.dimension
+    calibration = campaign.calibration or Calibration(1, 1)
     for name, value in (
         ("[strength] mean", strength.mean),
         ("[run] t_end", run.t_end),
         ("[run] gravity", run.gravity),
         ("[run] failure_displacement", run.failure_displacement),
         ("[campaign] restart_every", plan.restart_every),
-        *((f"[calibration] {grid}", factor) for grid, factor in vars(config.calibration or Calibration(1, 1)).items()),
+        *((f"[calibration] {grid}", factor) for grid, factor in vars(calibration).items()),
         *((f"[strength] length of axis {axis}", length) for axis, length in enumerate(strength.length)),
     ):
         if not 0 < value < float("inf"):
