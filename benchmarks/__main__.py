@@ -28,7 +28,7 @@ NAMES = (
 )
 
 # Of hours, or about no answer of the solver: not part of `all`.
-LONG = ("robustness",)
+LONG = ("campaign", "robustness")
 
 
 def _table(report: Report) -> str:

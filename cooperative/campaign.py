@@ -33,6 +33,7 @@ def run(
     refined_runs: int | None = None,
     progress: bool = False,
     estimator: Estimator | None = None,
+    on_phase: Callable[[str], None] = lambda phase: None,
 ) -> dict[str, Any]:
     """Run the campaign of a scene (TOML text) in its folder, or go on where it was; returns the summary.
 
@@ -41,6 +42,7 @@ def run(
     depends on neither. refined_runs: allow so many, which is more than the scene does; the folder keeps that.
     estimator: a frozen dataclass with the methods of `cooperative.Estimator`, in place of one that the scene names. The
     folder remembers it in words: whoever goes on with it, reports it or asks for its progress has to give the same one.
+    on_phase: told that "screening", "audit", "slides" and "summary" begin; it may raise, and the campaign ends there.
     Ctrl-C and SIGTERM end it between two chunks of steps, with `runs.Stopped`; the same call goes on from there.
     Raises ValueError for a scene, a size or a folder that will not do, before anything is run or written.
     """
@@ -58,7 +60,7 @@ def run(
                 if campaign.raised is not None:
                     write_budget(folder, campaign.raised)
                 ready = _calibrated(models, folder)
-            return _ran(_Hands(ready["rough"].campaign, ready, crew, stop, folder.resolve()), store, progress)
+            return _ran(_Hands(ready["rough"].campaign, ready, crew, stop, folder.resolve()), store, progress, on_phase)
 
 
 def _models(campaign: Campaign) -> dict[str, runs.GridModel]:
@@ -118,13 +120,17 @@ class _Hands:
         )  # fmt: skip
 
 
-def _ran(hands: _Hands, store: Store, progress: bool) -> dict[str, Any]:
+def _ran(hands: _Hands, store: Store, progress: bool, on_phase: Callable[[str], None]) -> dict[str, Any]:
     """Both phases, and the summary, which is written too."""
     campaign = hands.campaign
     rows = runs.rows_reader(campaign, store)
+    on_phase("screening")
     coefficients, screened = _screen(hands, store, rows, progress)
+    on_phase("audit")
     _refine(hands, store, rows, screened, coefficients, progress)
+    on_phase("slides")
     _slide_on(hands, store, rows, screened, coefficients, progress)
+    on_phase("summary")
     summary = summarise(campaign, rows("rough"), rows("refined"))
     write_aside(store.folder / "summary.json", json.dumps(summary, indent=1).encode())
     return summary
