@@ -4,13 +4,16 @@ from jaxmpm.site._builders import Slope, bar, block, column, fill, slope
 from jaxmpm.site._discretisation import Discretisation, cell_independent
 from jaxmpm.site._initial_stress import at_rest
 from jaxmpm.site._scene import check_scene, check_shape, refuse_snap_back, scene, unstressed, with_strength
+from jaxmpm.site._section import Layer, Section, section
 from jaxmpm.site._soil import FrictionalSoil, PlasticStrain, Soil
 from jaxmpm.site._vary import check_names, check_start, parameter_names, vary, with_soil
 
 __all__ = [
     "Discretisation",
     "FrictionalSoil",
+    "Layer",
     "PlasticStrain",
+    "Section",
     "Slope",
     "Soil",
     "at_rest",
@@ -26,6 +29,7 @@ __all__ = [
     "parameter_names",
     "refuse_snap_back",
     "scene",
+    "section",
     "slope",
     "unstressed",
     "vary",

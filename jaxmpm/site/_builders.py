@@ -18,10 +18,13 @@ from jaxmpm.site._discretisation import Discretisation, check_discretisation, ke
 from jaxmpm.site._scene import scene, unstressed
 from jaxmpm.site._soil import STANDARD_GRAVITY, Ground, material_of
 from jaxmpm.transfer import band_thickness
-from jaxmpm.types import Grid, Particles, Scene, State, Wall
+from jaxmpm.types import Grid, Material, Particles, Scene, State, Wall
 
 PADDING = 1
 """Cells of grid beyond a wall."""
+
+ROUNDING = 1e-9
+"""Share of a particle's height that is nothing but rounding."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,7 @@ class Slope:
         if self.width is not None:
             check.multiple("width", self.width, "the spacing along y", discretisation.spacing[1])
             cells.append(check.multiple("width", self.width, "cell", cell))
-        return [*cells, math.ceil((self.foundation + self.height) / cell) + 1]
+        return [*cells, math.ceil((self.foundation + self.height) / cell * (1 - 1e-12)) + 1]
 
     def surface(self, x: np.ndarray) -> np.ndarray:
         """Height of the ground above the base (m) at x."""
@@ -123,15 +126,20 @@ def slope(
     d, cell, cells = shape.dimension, discretisation.cell, shape.cells(discretisation)
     top = shape.foundation + shape.height
     extent = [shape.length, top] if shape.width is None else [shape.length, shape.width, top]
-    walls = _ends(0, cells[0], "roller")
+    walls = end_walls(0, cells[0], "roller")
     if shape.width is not None:
-        walls += _ends(1, cells[1], y_ends)
+        walls += end_walls(1, cells[1], y_ends)
     walls.append(Wall(d - 1, "low", PADDING, "fixed"))
 
-    built, state = _build(
-        _particles(extent, soil, discretisation, inside=lambda x: x[-1] < shape.surface(x[0])),
+    built, state = build(
+        _particles(
+            extent,
+            soil,
+            discretisation,
+            inside=lambda x: below(x[-1], shape.surface(x[0]), ROUNDING * discretisation.spacing[-1]),
+        ),
         Grid(tuple(n + 1 + 2 * PADDING for n in cells), cell, (-PADDING * cell,) * d),
-        soil,
+        material_on(discretisation, soil),
         discretisation,
         walls=tuple(walls),
         gravity=gravity,
@@ -157,13 +165,13 @@ def column(
     check.positive("height", height, "m")
     check.not_negative("gravity", gravity, "m/s2")
     check.multiple("height", height, "the spacing along the height", discretisation.spacing[-1])
-    walls = [wall for a in range(d - 1) for wall in _ends(a, 1, "roller")]
+    walls = [wall for a in range(d - 1) for wall in end_walls(a, 1, "roller")]
     walls.append(Wall(d - 1, "low", PADDING, "fixed"))
     cells = [1] * (d - 1) + [math.ceil(height / cell * (1 - 1e-12)) + 1]
-    built, state = _build(
+    built, state = build(
         _particles([cell] * (d - 1) + [height], soil, discretisation),
         Grid(tuple(n + 1 + 2 * PADDING for n in cells), cell, (-PADDING * cell,) * d),
-        soil,
+        material_on(discretisation, soil),
         discretisation,
         walls=tuple(walls),
         gravity=gravity,
@@ -187,10 +195,10 @@ def bar(
     check.whole("mode", mode)
     cell = discretisation.cell
     cells = math.ceil(length / cell * (1 - 1e-12)) + 1
-    built, state = _build(
+    built, state = build(
         _particles([length], soil, discretisation),
         Grid((cells + 1 + 2 * PADDING,), cell, (-PADDING * cell,)),
-        soil,
+        material_on(discretisation, soil),
         discretisation,
         walls=(Wall(0, "low", PADDING, "fixed"),),
         gravity=0.0,
@@ -246,11 +254,11 @@ def block(
     if friction and walls != "friction":
         raise ValueError(f"friction = {friction:g} with walls = {walls!r}: give walls = 'friction'")
     cells = [check.multiple(f"domain[{a}]", domain[a], "cell", cell) for a in range(d)]
-    held = () if walls == "none" else tuple(wall for a in range(d) for wall in _ends(a, cells[a], walls))
-    built, state = _build(
+    held = () if walls == "none" else tuple(wall for a in range(d) for wall in end_walls(a, cells[a], walls))
+    built, state = build(
         _particles(size, soil, discretisation, corner=corner),
         Grid(tuple(n + 1 + 2 * PADDING for n in cells), cell, (-PADDING * cell,) * d),
-        soil,
+        material_on(discretisation, soil),
         discretisation,
         walls=held,
         gravity=gravity,
@@ -261,7 +269,7 @@ def block(
     return built, replace(state, velocity=jnp.broadcast_to(start, state.velocity.shape))
 
 
-def _ends(axis: int, cells: int, hold: Literal["fixed", "roller", "friction"]) -> list[Wall]:
+def end_walls(axis: int, cells: int, hold: Literal["fixed", "roller", "friction"]) -> list[Wall]:
     """Walls at both ends of an axis that is `cells` cells long."""
     return [Wall(axis, "low", PADDING, hold), Wall(axis, "high", PADDING + cells, hold)]
 
@@ -308,15 +316,27 @@ def fill(
     )
 
 
+def below(z: np.ndarray, height: np.ndarray, rounding: float) -> np.ndarray:
+    """Whether points at z (m) lie below a height (m) at their place; one as high, to `rounding` (m), does not."""
+    return z < height - rounding
+
+
 def _particles(extent: Sequence[float], soil: Ground, discretisation: Discretisation, **where: Any) -> Particles:
     """Particles of a soil that fill a box."""
     return fill(extent, discretisation.spacing, unit_weight=soil.unit_weight, dtype=discretisation.dtype, **where)
 
 
-def _build(
+def material_on(discretisation: Discretisation, soil: Ground) -> Material:
+    """The law of a soil on this grid, whose shear bands are as thick as a cell or as their average makes them."""
+    length = discretisation.internal_length
+    dtype = check.dtype(discretisation.dtype or jax.dtypes.canonicalize_dtype(float))
+    return material_of(soil, dtype, discretisation.cell if length is None else band_thickness(length))
+
+
+def build(
     particles: Particles,
     grid: Grid,
-    soil: Ground,
+    material: Material,
     discretisation: Discretisation,
     *,
     walls: tuple[Wall, ...],
@@ -325,11 +345,10 @@ def _build(
     friction: float | None = None,
 ) -> tuple[Scene, State]:
     """Scene and motionless, stress-free state of these particles."""
-    length = discretisation.internal_length
     built = scene(
         sorted_by_cell(particles, grid),
         grid,
-        material_of(soil, particles.mass.dtype, grid.cell if length is None else band_thickness(length)),
+        material,
         kernel=kernel_of(discretisation),
         gravity=gravity,
         walls=walls,
@@ -340,7 +359,7 @@ def _build(
         flip=discretisation.flip,
         damping=discretisation.damping,
         fbar=discretisation.fbar,
-        internal_length=length,
+        internal_length=discretisation.internal_length,
     )
     return built, unstressed(built, apic=discretisation.apic)
 

@@ -1,0 +1,267 @@
+"""A section in plane strain drawn as lines: the ground's surface, the boundaries of its layers, the soil of each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from foundation import check
+from foundation.text import shown
+from jaxmpm.site import _initial_stress
+from jaxmpm.site._builders import PADDING, ROUNDING, below, build, end_walls, fill, material_on, sorted_by_cell
+from jaxmpm.site._discretisation import Discretisation, check_discretisation
+from jaxmpm.site._soil import STANDARD_GRAVITY, Ground
+from jaxmpm.types import Grid, Material, Particles, Scene, State, Wall
+
+Line = Sequence[Sequence[float]]
+"""Points (x, z) m with x rising; two points of the same x make a step."""
+
+Height = Callable[[np.ndarray], np.ndarray]
+"""Heights (n,) m of a line at x (n,) m."""
+
+TOUCHING = 0.01
+"""Share of a particle's height up to which two lines touch."""
+
+RESOLVED = 1e-3
+"""Share of a particle's height that the precision of its position must resolve."""
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A layer of soil, from the surface or the layer before it down to its own lower boundary.
+
+    soil: its soil. bottom: the boundary, points (x, z) m with x rising; None for the base. A boundary that ends on the
+    one above it, or on the surface, ends its layer there.
+    """
+
+    soil: Ground
+    bottom: Line | None = None
+
+
+@dataclass(frozen=True)
+class Section:
+    """The outline of a section.
+
+    surface: of the ground, points (x, z) m with x rising, two of the same x where it is a vertical face. base: height
+    of the rigid base (m). walls: x of the walls at both ends (m), by default the ends of the surface; what is drawn
+    beyond them is left out.
+    """
+
+    surface: Line
+    base: float = 0.0
+    walls: tuple[float, float] | None = None
+
+    def outline(self) -> tuple[np.ndarray, tuple[float, float]]:
+        """Points (n, 2) of the surface and x of both walls (m). Raises ValueError for a surface that is none, does not
+        reach the walls or goes below the base."""
+        points = _points("surface", self.surface)
+        left, right = points[[0, -1], 0] if self.walls is None else self.walls
+        check.finite("walls", (left, right), "m")
+        check.finite("base", self.base, "m")
+        if not left < right:
+            raise ValueError(f"walls at x = {left:g} m and {right:g} m: give the left one first")
+        for (x, z), wall, gap in ((points[0], left, points[0, 0] - left), (points[-1], right, right - points[-1, 0])):
+            if gap > 0:
+                raise ValueError(
+                    f"the surface ends at ({x:g}, {z:g}) m, {gap:g} m from the wall at x = {wall:g} m: draw it on"
+                )
+        x, z = points[np.argmin(points[:, 1])]
+        if z < self.base:
+            raise ValueError(f"the surface at ({x:g}, {z:g}) m lies below the base at {self.base:g} m: lower the base")
+        return points, (float(left), float(right))
+
+
+def section(
+    shape: Section,
+    soil: Ground | Sequence[Layer],
+    discretisation: Discretisation,
+    *,
+    gravity: float = 9.81,
+    ends: Literal["roller", "fixed"] = "roller",
+    speed: float | None = None,
+    at_rest: bool = True,
+) -> tuple[Scene, State]:
+    """A section at rest: base fixed, ends as asked; of a lattice of particles those whose centres lie in the ground.
+
+    soil: one for all, or layers from the top down; a particle is of the layer in which its centre lies. speed: largest
+    particle speed that the time step allows for (m/s), by default of a fall through the height. at_rest: with the
+    stress of elastic gravity loading, else free of stress.
+    Raises ValueError for lines that turn back, cross or end in the ground, layers thinner than a particle, layers whose
+    soils follow no common law, and sizes that do not fit the grid, with the coordinates.
+    """
+    check.not_negative("gravity", gravity, "m/s2")
+    if ends not in ("fixed", "roller"):
+        raise ValueError(f"ends = {ends!r}: give 'fixed' or 'roller'")
+    check_discretisation(discretisation, 2)
+    layers = list(soil) if isinstance(soil, Sequence) else [Layer(soil)]
+    tops = _tops(shape, layers, discretisation.spacing[-1])
+    grid, cells = _grid(shape, discretisation)
+    particles, layer = _particles(shape, layers, tops, discretisation, grid)
+    built, state = build(
+        particles,
+        grid,
+        _common_law([material_on(discretisation, each.soil) for each in layers], layer),
+        discretisation,
+        walls=(*end_walls(0, cells, ends), Wall(1, "low", PADDING, "fixed")),
+        gravity=gravity,
+        speed=math.sqrt(gravity * _relief(shape)) if speed is None else speed,
+    )
+    return built, _initial_stress.settled(built, state) if at_rest else state
+
+
+def _relief(shape: Section) -> float:
+    """Height of the surface's highest point above the base (m)."""
+    return max(point[1] for point in shape.surface) - shape.base
+
+
+def _points(name: str, line: Line) -> np.ndarray:
+    """The points (n, 2) of a line; ValueError for what is none."""
+    if np.ndim(line) != 2 or np.shape(line)[0] < 2 or np.shape(line)[1] != 2:
+        raise ValueError(f"{name} = {shown(line)}: give two points [x, z] or more")
+    points = np.asarray(line, float)
+    check.finite(name, points, "m")
+    for (x0, z0), (x1, z1) in pairwise(points):
+        if x1 < x0:
+            raise ValueError(
+                f"{name} turns back from ({x0:g}, {z0:g}) to ({x1:g}, {z1:g}) m: give points with x rising, without "
+                "overhang"
+            )
+    return points
+
+
+def _tops(shape: Section, layers: Sequence[Layer], spacing: float) -> list[Height]:
+    """The upper boundaries of the layers, and the base."""
+    surface, (left, right) = shape.outline()
+    if not layers or layers[-1].bottom is not None or any(layer.bottom is None for layer in layers[:-1]):
+        raise ValueError("layers: give them from the top down, all but the last with their bottom")
+    tops, ends = [lambda x: np.interp(x, surface[:, 0], surface[:, 1])], (left, right)
+    drawn = [surface]
+    for number, layer in enumerate(layers[:-1], 1):
+        name = f"bottom of layer {number}"
+        points = _points(name, layer.bottom)  # type: ignore[arg-type]
+        drawn.append(points)
+        tops.append(_boundary(name, points, tops[-1], ends, touching=TOUCHING * spacing))
+        x = np.unique(np.concatenate(drawn)[:, 0].clip(left, right))
+        step = 1e-9 * (right - left)
+        x = np.concatenate([x - step, x + step]).clip(left, right)
+        beyond = tops[-1](x) - tops[-2](x)
+        worst = int(np.argmax(beyond))
+        if beyond[worst] > TOUCHING * spacing:
+            upper = "the surface" if number == 1 else f"the bottom of layer {number - 1}"
+            raise ValueError(
+                f"the {name} crosses {upper}: at x = {x[worst]:g} m it is {beyond[worst]:g} m higher, at z = "
+                f"{tops[-1](x)[worst]:g} m; draw it below, or end it where they meet"
+            )
+    return [*tops, lambda x: np.full_like(x, shape.base)]
+
+
+def _boundary(name: str, points: np.ndarray, above: Height, ends: tuple[float, float], touching: float) -> Height:
+    """A layer's lower boundary; beyond its ends, which touch the one above or reach a wall, it is the one above."""
+    for (x, z), short in ((points[0], points[0, 0] > ends[0]), (points[-1], points[-1, 0] < ends[1])):
+        height = float(above(np.array([x]))[0])
+        if short and abs(height - z) > touching:
+            raise ValueError(
+                f"the {name} ends at ({x:g}, {z:g}) m in the ground, {height - z:g} m below the boundary above it: "
+                f"draw it on to the walls at x = {ends[0]:g} and {ends[1]:g} m, or to that one, to end its layer"
+            )
+    return lambda x: np.where(
+        (x < points[0, 0]) | (x > points[-1, 0]), above(x), np.interp(x, points[:, 0], points[:, 1])
+    )
+
+
+def _grid(shape: Section, discretisation: Discretisation) -> tuple[Grid, int]:
+    """The grid, a cell of air above the highest point, and its cells along x between the walls."""
+    _, (left, right) = shape.outline()
+    cell, (dx, _) = discretisation.cell, discretisation.spacing
+    check.multiple("the section's length", right - left, "the spacing along x", dx)
+    cells = check.multiple("the section's length", right - left, "cell", cell)
+    upwards = math.ceil(_relief(shape) / cell * (1 - 1e-12)) + 1
+    corner = np.array([left, shape.base])
+    dtype = check.dtype(discretisation.dtype or jax.dtypes.canonicalize_dtype(float))
+    resolved = float(np.finfo(dtype).eps) * max(abs(left), abs(right), abs(shape.base))
+    if resolved > RESOLVED / 4 * min(discretisation.spacing):
+        raise ValueError(
+            f"the section lies at x = {left:g} to {right:g} m, which {dtype} resolves to {resolved:.1g} m only: "
+            "measure x and z from a corner of the section"
+        )
+    nodes = tuple(n + 1 + 2 * PADDING for n in (cells, upwards))
+    return Grid(nodes, cell, tuple((corner - PADDING * cell).tolist())), cells
+
+
+def _particles(
+    shape: Section, layers: Sequence[Layer], tops: Sequence[Height], discretisation: Discretisation, grid: Grid
+) -> tuple[Particles, np.ndarray]:
+    """The particles with their layer's mass, and the number of the layer (N,) of each."""
+    left, right = shape.outline()[1]
+    dx, dz = discretisation.spacing
+    columns = left + (np.arange(round((right - left) / dx)) + 0.5) * dx
+    _refuse_thin(columns, [np.maximum(top(columns), shape.base) for top in tops], dz)
+    particles = fill(
+        (right - left, math.ceil(_relief(shape) / dz * (1 - 1e-12)) * dz),
+        (dx, dz),
+        unit_weight=STANDARD_GRAVITY,
+        inside=lambda x: below(x[1], tops[0](x[0] + left) - shape.base, ROUNDING * dz),
+        corner=(left, shape.base),
+        dtype=discretisation.dtype,
+    )
+    particles = sorted_by_cell(particles, grid)
+    x, z = np.asarray(particles.position, float)
+    layer = np.zeros(x.size, int)
+    for top in tops[1:-1]:
+        layer += below(z, top(x), RESOLVED * dz)
+    density = np.array([each.soil.unit_weight for each in layers]) / STANDARD_GRAVITY
+    mass = jnp.asarray(density[layer] * (dx * dz), particles.mass.dtype)
+    return replace(particles, mass=mass), layer
+
+
+def _refuse_thin(x: np.ndarray, tops: Sequence[np.ndarray], spacing: float) -> None:
+    """Raise ValueError for a layer thinner than a particle, but where it tapers off to nothing.
+
+    x: of the columns of particles. tops: heights (n,) m there of the layers' upper boundaries and of the base.
+    """
+    for number, (top, bottom) in enumerate(pairwise(tops), 1):
+        thickness = top - bottom
+        size = np.where(thickness < spacing * (1 - RESOLVED), np.where(thickness > TOUCHING * spacing, 1, 0), 2)
+        changes = np.flatnonzero(np.diff(size)) + 1
+        kinds = [int(run[0]) for run in np.split(size, changes)]
+        for kind, before, after, start in zip(
+            kinds, [-1, *kinds], [*kinds[1:], -1], [0, *changes.tolist()], strict=False
+        ):
+            if kind == 1 and {before, after} != {0, 2}:
+                raise ValueError(
+                    f"layer {number} is {thickness[start]:g} m thick at ({x[start]:g}, {bottom[start]:g}) m, less than "
+                    f"a particle of {spacing:g} m: take smaller particles, or draw it thicker"
+                )
+        if not (size == 2).any():
+            raise ValueError(f"layer {number} holds no particle between the walls: draw it there, or leave it out")
+
+
+def _common_law(laws: Sequence[Material], layer: np.ndarray) -> Material:
+    """The law of all layers, a parameter per particle where they differ."""
+    kinds = [type(law).__name__ for law in laws]
+    structures: list[Any] = [jax.tree.structure(law) for law in laws]
+    for number, structure in enumerate(structures[1:], 2):
+        if structure != structures[0]:
+            raise ValueError(
+                f"layers 1 ({kinds[0]}) and {number} ({kinds[number - 1]}) have soils of unlike laws, or only one of "
+                "them softens, is cut off in tension or feels the rate of shear: give all layers one kind of soil with "
+                "the same features, e.g. undrained clay as FrictionalSoil(cohesion=S_u, friction=0)"
+            )
+
+    def parameter(*values: Array) -> Array:
+        if any(np.ndim(value) for value in values):
+            if len(values) > 1:
+                raise ValueError("a soil of a layer has a parameter per particle: give numbers, then `with_soil`")
+            return values[0]
+        different = any(value != values[0] for value in values[1:])
+        return jnp.stack(values)[layer] if different else values[0]
+
+    return jax.tree.map(parameter, *laws)
