@@ -10,16 +10,6 @@ from cooperative.estimate._estimates import (
     wilson_interval,
     with_variance,
 )
-from cooperative.estimate._estimators import (
-    ESTIMATORS,
-    SETTINGS,
-    ControlVariate,
-    MonteCarlo,
-    Published,
-    Subset,
-    TwoPhase,
-    named_estimator,
-)
 from cooperative.estimate._fits import CANDIDATES, ENOUGH, Fit, Fits, Severity, fit_distributions, severity_ranking
 from cooperative.estimate._phases import Phases
 from cooperative.estimate._protocol import Answers, Estimator, Population, Sampling, Screened, all_samples
@@ -28,6 +18,17 @@ from cooperative.estimate._shares import Correlation, Share, correlation, shares
 from cooperative.estimate._slides import Slides, drawn_slides, slide_chances, slide_weights
 from cooperative.estimate._subset import SubsetPlan, SubsetSamples, subset_simulation
 from cooperative.estimate._twophase import next_audit, sample_weights, two_phase
+from cooperative.estimate.estimators import (
+    ESTIMATORS,
+    SETTINGS,
+    ControlVariate,
+    MonteCarlo,
+    Published,
+    SceneSamples,
+    Subset,
+    TwoPhase,
+    named_estimator,
+)
 
 __all__ = [
     "CANDIDATES",
@@ -48,6 +49,7 @@ __all__ = [
     "Published",
     "Ranking",
     "Sampling",
+    "SceneSamples",
     "Screened",
     "Severity",
     "Share",

@@ -55,7 +55,6 @@ class AuditPlan:
     proving: the ranks prove themselves in so many draws: after them the share of draws spread evenly over all that is
     unknown has come down from 1 to a half. 0 trusts the ranks from the start, and the interval then holds no allowance
     for what was not seen. floor: least share of even draws, which keeps the estimate unbiased whatever the model.
-    rough_threshold: rough displacement [m] near which the first wave looks; it affects efficiency alone.
     """
 
     runs: int
@@ -66,7 +65,6 @@ class AuditPlan:
     growth: float = 0.25
     floor: float = 0.05
     proving: int = 12
-    rough_threshold: float = 1.0
 
     def wave(self, drawn: int) -> int:
         """Size of the wave that follows `drawn` runs of the audit."""
@@ -167,10 +165,11 @@ def normal_scores(weight: np.ndarray) -> np.ndarray:
     return norm.isf(np.cumsum(share) - share / 2)
 
 
-def rough_centre(rough_displacement: np.ndarray, weight: np.ndarray, threshold: float) -> float:
-    """Normal score at which the rough displacement reaches `threshold` [m], a first guess of where P(failure) is
-    one half; between the median and the worst sample. Lanes that failed (not finite) count as beyond."""
-    share = float(weight[~(np.asarray(rough_displacement) < threshold)].sum() / weight.sum())
+def rough_centre(rough_displacement: np.ndarray, weight: np.ndarray, failure_displacement: float) -> float:
+    """Normal score at which the rough displacement reaches the failure displacement (m), a first guess of where
+    P(failure) is one half, which affects efficiency alone; between the median and the worst sample. Rough runs that
+    broke off (not finite) count as beyond."""
+    share = float(weight[~(np.asarray(rough_displacement) < failure_displacement)].sum() / weight.sum())
     return float(norm.isf(min(max(share, 0.5 / weight.size), 0.5)))
 
 

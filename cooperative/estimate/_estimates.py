@@ -132,15 +132,16 @@ def control_variate(
     refined: Mapping[int, bool],
     *,
     folds: int = 5,
-    rough_threshold: float = 1.0,
+    failure_displacement: float = 1.0,
     level: float = 0.95,
 ) -> Estimate:
     """Multifidelity control variate of Peherstorfer, Willcox and Gunzburger (2016), SIAM Journal on Scientific
     Computing 38, A3163-A3194, for a random subset of the samples run on both grids.
 
     The control is the failure probability given the rough rank, from a logistic fit to the other folds, so that
-    no sample takes part in its own prediction. rough_displacement: (N,) [m]. refined: sample -> failed, of at
+    no sample takes part in its own prediction. rough_displacement: (N,) (m). refined: sample -> failed, of at
     least 2 samples per fold drawn without regard to their rough result, for example the first n.
+    failure_displacement: beyond which a sample has failed (m).
     """
     count = np.size(rough_displacement)
     if len(refined) < 2 * folds:
@@ -148,7 +149,7 @@ def control_variate(
     rank = np.empty(count, dtype=int)
     rank[rank_samples(rough_displacement).order] = np.arange(count)
     score = normal_scores(np.ones(count))[rank]
-    centre = rough_centre(rough_displacement, np.ones(count), rough_threshold)
+    centre = rough_centre(rough_displacement, np.ones(count), failure_displacement)
     runs = np.fromiter(sorted(refined), dtype=int)
     failed = np.array([refined[int(run)] for run in runs], dtype=float)
     residual, predicted = np.empty(runs.size), 0.0

@@ -70,8 +70,7 @@ class Estimator(Protocol):
     population.
 
     Anything that has these methods and is a frozen dataclass runs in a campaign, see `cooperative.campaign.run`. One
-    that refines some of the scene's own samples takes `Sampling.draw` for `coefficients` and `all_samples` for
-    `population`.
+    that refines some of the scene's own samples may derive from `SceneSamples`, which writes the first phase.
     """
 
     @property

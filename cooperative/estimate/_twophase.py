@@ -110,7 +110,7 @@ def _replay(population: Population, refined: Mapping[int, bool | None], plan: Au
             "give more runs (--refined-runs), or mend the rough grid"
         )
     score = normal_scores(weight)
-    centre = rough_centre(population.rough_displacement[order], weight, plan.rough_threshold)
+    centre = rough_centre(population.rough_displacement[order], weight, population.failure_displacement)
     outcome = np.full(count, np.nan)
     answered = np.zeros(count, dtype=bool)
 
