@@ -24,7 +24,7 @@ from cooperative.measure import SEVERITY
 from cooperative.runs import phases_of
 from cooperative.scene import Campaign
 from cooperative.store import Rows, Store
-from jaxmpm import files
+from foundation import files
 
 NOT_BROKEN = ("FINISHED", "SETTLED", "DECIDED")
 MEASURES = ("displacement", "depth", "runout", "volume", "area")

@@ -1,6 +1,6 @@
 """Batched, differentiable generalised-interpolation material point method in 1D, 2D and 3D."""
 
-from foundation import __version__, files
+from foundation import __version__
 from foundation.check import Limit
 from foundation.files import DamagedFile, write_aside
 from foundation.pytrees import pytree
@@ -129,7 +129,6 @@ __all__ = [
     "cone",
     "diagnostics",
     "factor_of_safety",
-    "files",
     "fill",
     "lanes",
     "load_state",

@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 
 from benchmarks.hostile_files import Baits, damaged, hand_made, lay_baits
-from cooperative import store as store_module
 from cooperative.store import (
     DamagedFile,
     Sample,
@@ -145,7 +144,7 @@ def test_an_unwritable_folder_is_refused(tmp_path, monkeypatch):
     def read_only(*_: object, **__: object) -> int:
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
-    monkeypatch.setattr(store_module.os, "open", read_only)
+    monkeypatch.setattr(os, "open", read_only)
     with pytest.raises(ValueError, match="Read-only file system"):
         open_store(tmp_path / "new", SCENE)
 
@@ -276,7 +275,7 @@ def test_a_full_disk_says_so_and_leaves_no_half_file(tmp_path, monkeypatch):
         def full(descriptor: int) -> None:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-        monkeypatch.setattr(store_module.os, "fsync", full)
+        monkeypatch.setattr(os, "fsync", full)
         with pytest.raises(OSError, match=r"000001\.h5 \(No space left on device\): make room") as raised:
             write_sample(store, "rough", sample(1))
         assert raised.value.errno == errno.ENOSPC
@@ -304,9 +303,7 @@ def test_a_file_size_limit_stops_the_writer_without_damage(tmp_path):
 
 def test_what_was_there_survives_a_refused_write(tmp_path, monkeypatch):
     write_aside(tmp_path / "summary.json", b"old")
-    monkeypatch.setattr(
-        store_module.os, "replace", lambda *_: (_ for _ in ()).throw(OSError(errno.EIO, "Input/output error"))
-    )
+    monkeypatch.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(OSError(errno.EIO, "Input/output error")))
     with pytest.raises(OSError, match="see to the disk"):
         write_aside(tmp_path / "summary.json", b"new")
     assert (tmp_path / "summary.json").read_bytes() == b"old"

@@ -17,7 +17,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from jaxmpm import files
+from foundation import files
 
 Section = tuple[np.ndarray, np.ndarray]
 """Positions (2, N) as x and z [m], and half the particle spacing (2,) [m]."""

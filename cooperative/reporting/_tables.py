@@ -12,7 +12,8 @@ import numpy as np
 from cooperative.runs import rows_reader
 from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, Store, fill_sample, read_sample
-from jaxmpm import files, write_aside
+from foundation import files
+from foundation.files import write_aside
 
 
 def write_table(store: Store, path: str | Path | None = None) -> Path:

@@ -17,7 +17,8 @@ import numpy as np
 from cooperative.measure import Motion
 from cooperative.runs._frames import Frames
 from cooperative.store import check_frames, restart_path, set_aside
-from jaxmpm import Midway, State, files, load_state, save_state
+from foundation import files
+from jaxmpm import Midway, State, load_state, save_state
 
 
 @dataclass(frozen=True)

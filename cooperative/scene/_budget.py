@@ -10,8 +10,8 @@ from typing import Any
 from cooperative.estimate import Sampling
 from cooperative.scene._typed import Budget, Campaign
 from cooperative.store import MOST_TEXT, write_aside
+from foundation import files
 from foundation.text import shown
-from jaxmpm import files
 
 KEPT = "budget.json"
 

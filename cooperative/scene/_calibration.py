@@ -18,7 +18,8 @@ from cooperative.scene._budget import kept_budget, raised
 from cooperative.scene._schema import CALIBRATION, read
 from cooperative.scene._typed import Calibration, Campaign, built, parse
 from cooperative.store import MOST_TEXT, Store, write_aside
-from jaxmpm import factor_of_safety, files
+from foundation import files
+from jaxmpm import factor_of_safety
 
 KEPT = "calibration.json"
 

@@ -1,0 +1,47 @@
+"""A campaign on disk: a folder with its scene and one HDF5 file per finished sample and grid.
+
+Files are written aside and sealed with a checksum (`foundation.files`). A sample file is read as if a stranger had
+written it: one that does not match its seal, holds anything but the numbers and texts expected, or is no file at all is
+named, set aside and counted as not done.
+
+    scene.toml                    the scene, verbatim
+    samples/rough/000123.h5       coefficients, row, fields, provenance of sample 123 on the rough grid
+    samples/refined/000123.h5
+    samples/slides/000123.h5      the same run to the end of its slide, where samples/refined has it until it failed
+    restart/refined-000123.h5     a long run under way (`cooperative.runs`), removed once it has ended
+    .lock                         held by the one controller; the kernel frees it when the process ends
+"""
+
+from cooperative.store._folder import GRIDS, MOST_TEXT, SLIDES, Store, restart_path, sample_path
+from cooperative.store._lock import lock_holder
+from cooperative.store._opened import open_store, read_store
+from cooperative.store._reading import check_frames, read_sample
+from cooperative.store._rows import Rows, read_rows
+from cooperative.store._samples import Sample, fill_sample, write_sample
+from cooperative.store._scene_text import scene_digest
+from foundation.files import DamagedFile, Scalar, own_folder, set_aside, write_aside
+
+__all__ = [
+    "GRIDS",
+    "MOST_TEXT",
+    "SLIDES",
+    "DamagedFile",
+    "Rows",
+    "Sample",
+    "Scalar",
+    "Store",
+    "check_frames",
+    "fill_sample",
+    "lock_holder",
+    "open_store",
+    "own_folder",
+    "read_rows",
+    "read_sample",
+    "read_store",
+    "restart_path",
+    "sample_path",
+    "scene_digest",
+    "set_aside",
+    "write_aside",
+    "write_sample",
+]

@@ -1,0 +1,86 @@
+"""The table of one grid: a row for each finished sample."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from cooperative.store._folder import SLIDES, Store
+from cooperative.store._reading import read_file
+from cooperative.store._samples import Sample
+from foundation.files import DamagedFile, Scalar, set_aside
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The table of one grid. columns: equally long, by name. damaged: the files that could not be trusted."""
+
+    columns: dict[str, np.ndarray]
+    damaged: tuple[str, ...]
+
+    @property
+    def numbers(self) -> list[int]:
+        """Numbers of the finished samples, ascending."""
+        return [int(number) for number in self.columns["sample"]]
+
+    @property
+    def ended(self) -> np.ndarray:
+        """Which runs came to their end, or broke off, rather than stop once their class was decided (runs,) bool."""
+        return self.columns["status"] != "DECIDED"
+
+    @property
+    def results(self) -> dict[int, tuple[float, bool]]:
+        """Sample -> its largest displacement (m), and whether the run broke off."""
+        columns = (self.columns.get(name, np.zeros(0)) for name in ("displacement", "broke_off"))
+        return {n: (float(u), bool(b)) for n, u, b in zip(self.numbers, *columns, strict=True)}
+
+
+def read_rows(store: Store, grid: str, *, samples: int | None = None) -> Rows:
+    """Read and verify every finished sample of one grid; rows ascend by sample number.
+
+    samples: how many the scene has; files of higher numbers are damaged. A refined run that went on to the end of its
+    slide has the row of that end.
+    Columns: sample, status, steps, seconds, then the scalars of the rows. A scalar that some rows lack is
+    nan there ("" for text). Files that cannot be trusted are named in `damaged`; the controller (who holds
+    the lock) also renames them to `*.damaged`, so that their samples are run again.
+    """
+    found: dict[int, Sample] = {}
+    damaged: list[str] = []
+    folders = [store.folder / "samples" / each for each in ((grid, SLIDES) if grid == "refined" else (grid,))]
+    linked = next((each for each in (folders[0].parent, *folders) if each.is_symlink()), None)
+    if linked is not None:
+        return rows_of([], (f"{linked} leads out of the campaign's folder",))
+    for path in [path for folder in folders for path in sorted(folder.glob("*.h5"))]:
+        try:
+            sample = read_file(store, path.parent.name, path)
+            if samples is not None and sample.number >= samples:
+                raise DamagedFile(f"{path} is of a sample that the scene, with {samples}, does not have")
+            found[sample.number] = sample
+        except DamagedFile as error:
+            damaged.append(str(error))
+            if store.lock is not None:
+                warnings.warn(f"{error}: set aside, the sample is run again", stacklevel=2)
+                set_aside(path)
+    return rows_of(list(found.values()), tuple(damaged))
+
+
+def rows_of(samples: list[Sample], damaged: tuple[str, ...] = ()) -> Rows:
+    """The table of these samples."""
+    samples = sorted(samples, key=lambda sample: sample.number)
+    columns = {
+        "sample": np.array([sample.number for sample in samples], dtype=int),
+        "status": np.array([sample.status for sample in samples], dtype=str),
+        "steps": np.array([sample.steps for sample in samples], dtype=int),
+        "seconds": np.array([sample.seconds for sample in samples], dtype=float),
+    }
+    for name in sorted({name for sample in samples for name in sample.row} - columns.keys()):
+        columns[name] = _column([sample.row.get(name) for sample in samples])
+    return Rows(columns, damaged)
+
+
+def _column(values: list[Scalar | None]) -> np.ndarray:
+    if any(isinstance(value, str) for value in values):
+        return np.array(["" if value is None else str(value) for value in values])
+    return np.array([np.nan if value is None else value for value in values])
