@@ -60,10 +60,13 @@ SWEEP = SCENE.replace("samples = 50", "samples = 20\ncalibrate = true") + "[swee
 STEPS = 77
 """Of each made-up run: tells that it was made up."""
 
+MODES, PARTICLES = 20, 6000
+"""Of made-up grids: enough for a sample's file to take a while to write."""
+
 
 def expansion_of(campaign: Campaign) -> Any:
     """As much of an expansion as made-up runs need."""
-    return SimpleNamespace(modes=20)
+    return SimpleNamespace(modes=MODES)
 
 
 REAL_COEFFICIENTS = runs.coefficients_of
@@ -81,7 +84,8 @@ def coefficients_of(campaign: Campaign, expansion: Any) -> np.ndarray:
 def build(campaign: Campaign, grid: str, expansion: Any, **_: Any) -> Any:
     """As much of a grid's model as made-up runs need."""
     absent: Any = None
-    return runs.GridModel(grid, campaign, absent, absent, expansion)
+    scene: Any = SimpleNamespace(particles=SimpleNamespace(position=np.zeros((2, PARTICLES))))
+    return runs.GridModel(grid, campaign, scene, absent, expansion)
 
 
 def run_samples(
@@ -105,7 +109,7 @@ def run_samples(
         displacement = float(np.exp(2.0 * (0.95 * xi[0] + 0.3 * own) - 1.0)) / factor
         row: dict[str, Any] = {"displacement": displacement, "broke_off": False}
         row |= dict.fromkeys(("depth", "runout", "volume", "area"), displacement)
-        fields = {"displacement": np.full((3, 4000), displacement)}
+        fields = {"displacement": np.full((2, PARTICLES), displacement)}
         yield Sample(number, "SETTLED", STEPS, seconds, xi, row, fields)
 
 

@@ -123,7 +123,7 @@ class _Hands:
 def _ran(hands: _Hands, store: Store, progress: bool, on_phase: Callable[[str], None]) -> dict[str, Any]:
     """Both phases, and the summary, which is written too."""
     campaign = hands.campaign
-    rows = runs.rows_reader(campaign, store)
+    rows = runs.rows_reader(campaign, store, hands.models)
     on_phase("screening")
     coefficients, screened = _screen(hands, store, rows, progress)
     on_phase("audit")

@@ -3,11 +3,13 @@
 import errno
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
 import textwrap
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,7 +18,7 @@ from benchmarks import invented
 from benchmarks.invented import LONG, SCENE
 from cooperative import campaign
 from cooperative.__main__ import main
-from cooperative.store import open_store, read_rows, read_sample, read_store, sample_path
+from cooperative.store import open_store, read_rows, read_sample, read_store, sample_path, write_sample
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -51,6 +53,19 @@ def assert_same_folders(first, second):
             one, other = (read_sample(store, grid, number) for store in stores)
             assert one.coefficients.tobytes() == other.coefficients.tobytes()
             assert one.fields["displacement"].tobytes() == other.fields["displacement"].tobytes()
+
+
+def test_a_sample_of_another_field_is_set_aside_and_redone(undisturbed, tmp_path):
+    folder = tmp_path / "foreign"
+    shutil.copytree(undisturbed[0], folder)
+    with open_store(folder, SCENE) as store:
+        sample = read_sample(store, "rough", 7)
+        sample_path(store, "rough", 7).unlink()
+        write_sample(store, "rough", replace(sample, coefficients=sample.coefficients[:3]))
+    with pytest.warns(UserWarning, match=r"000007\.h5 holds 3 coefficients of a field that has 20: set aside"):
+        summary = campaign.run(SCENE, folder)
+    assert without_times(summary) == without_times(undisturbed[1])
+    assert_same_folders(folder, undisturbed[0])
 
 
 def test_damaged_samples_are_named_and_redone(undisturbed, tmp_path):

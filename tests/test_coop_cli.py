@@ -25,20 +25,23 @@ PUBLISHED = TINY.replace("samples = 6", "samples = 20")
 TWO_PHASE = PUBLISHED.replace('estimator = "published"', "refined_runs = 10")
 
 
-def invented(number, displacement, *, broke_off=False, seconds=2.0):
+def invented(number, displacement, *, modes=3, broke_off=False, seconds=2.0):
     row = {"displacement": displacement, "broke_off": broke_off}
     if not broke_off:
         row |= {"depth": 1.0, "runout": 2.0, "volume": 3.0, "area": 4.0}
-    return Sample(number, "NOT_FINITE" if broke_off else "SETTLED", 100, seconds, np.zeros(3), row)
+    return Sample(number, "NOT_FINITE" if broke_off else "SETTLED", 100, seconds, np.zeros(modes), row)
 
 
 def invented_campaign(folder, text, rough, refined, *, every=2.0):
     """A campaign whose samples were finished `every` seconds, with these displacements: (number, metres); below 0 they
     broke off."""
+    modes = screening.expansion_of(parse(text)).modes
     with open_store(folder, text) as store:
         for grid, samples in (("rough", rough), ("refined", refined)):
             for at, (number, displacement) in enumerate(samples):
-                path = write_sample(store, grid, invented(number, abs(displacement), broke_off=displacement < 0))
+                path = write_sample(
+                    store, grid, invented(number, abs(displacement), modes=modes, broke_off=displacement < 0)
+                )
                 os.utime(path, (1e9 + every * at, 1e9 + every * at))
     return folder
 

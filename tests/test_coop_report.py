@@ -287,6 +287,38 @@ def test_a_rough_file_that_lacks_or_is_too_many_does_not_stop_the_report(tmp_pat
     assert ("000014.h5 is of a sample that the scene, with 14, does not have" in text) == (what == "surplus")
 
 
+def of_another_field(sample):
+    return replace(sample, coefficients=sample.coefficients[:3])
+
+
+def of_other_particles(sample):
+    return replace(sample, fields=sample.fields | {"displacement": sample.fields["displacement"][:, :7]})
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "why"),
+    [(of_another_field, r"holds 3 coefficients of a field that has \d+"),
+     (of_other_particles, r"holds displacement of shape \(2, 7\) for particles of shape \(2, \d+\)")],
+)  # fmt: skip
+def test_a_sample_whose_arrays_are_not_the_scenes_is_left_out_and_named(tmp_path, done, spoilt, why, capsys):
+    folder = copied(done, tmp_path / "c")
+    store = read_store(folder)
+    columns = read_rows(store, "refined").columns
+    number = int(columns["sample"][np.argmax(columns["displacement"])])
+    whole = read_sample(store, "refined", number)
+    sample = spoilt(replace(whole, fields={"displacement": whole.fields["displacement"]}))
+    for grid in ("refined", "slides"):
+        sample_path(store, grid, number).unlink(missing_ok=True)
+    with open_store(folder, SCENE) as held:
+        write_sample(held, "refined", sample)
+    assert main(["report", str(folder), "--slides", "1"]) == 0
+    capsys.readouterr()
+    text = " ".join(Page((folder / "report.html").read_text()).text)
+    assert re.search(rf"{number:06d}\.h5 {why}", text)
+    assert main(["export", str(folder), "--sample", str(number)]) == 2
+    assert re.search(why, capsys.readouterr().err)
+
+
 def test_the_report_reads_the_summary_and_makes_it_anew_only_from_other_rows(tmp_path, done, monkeypatch):
     folder = copied(done, tmp_path / "c")
     asked = []

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cooperative.reporting._tables import consolidate, write_table
-from cooperative.runs import GridModel, build, expansion_of, rows_reader
+from cooperative.runs import GridModel, build, expansion_of, foreign, rows_reader
 from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, Sample, Store, own_folder, read_sample, read_store, sample_path
 from jaxmpm import Result, solve, with_strength, write_particles, write_vtkhdf
@@ -22,18 +22,18 @@ def export(folder: str | Path) -> Iterator[Path]:
     refuses.
     """
     store = read_store(folder)
-    read = rows_reader(campaign_of(store), store)
+    campaign = campaign_of(store)
+    models = {grid: build(campaign, grid, expansion_of(campaign), at_rest=False) for grid in GRIDS}
+    read = rows_reader(campaign, store, models)
     if not any(read(grid).numbers for grid in GRIDS):
         raise ValueError(f"folder {folder} has no finished sample yet: start the run first")
     yield write_table(store)
     yield consolidate(store)
     for grid in GRIDS:
-        model = None
         for number in read(grid).numbers:
             sample = read_sample(store, grid, number)
             if "displacement" in sample.fields:
-                model = model or _model(store, grid, at_rest=False)
-                yield _series_of_fields(store, model, sample)
+                yield _series_of_fields(store, models[grid], sample)
 
 
 def export_sample(folder: str | Path, number: int, grid: str = "refined", *, frames: int | None = None) -> Path:
@@ -54,6 +54,8 @@ def export_sample(folder: str | Path, number: int, grid: str = "refined", *, fra
             'set fields = "both" for another campaign, or give --frames to run the sample again'
         )
     model = _model(store, grid, at_rest=frames is not None)
+    if why := foreign(None, model, sample):
+        raise ValueError(f"{sample_path(store, grid, number)} {why}: delete it and resume the campaign")
     if frames is None:
         return _series_of_fields(store, model, sample)
     if frames < 2:

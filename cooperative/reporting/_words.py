@@ -18,6 +18,7 @@ from cooperative.reporting import _pictures as pictures
 from cooperative.reporting import _plots as plots
 from cooperative.reporting._plots import Drawn
 from cooperative.reporting._progress import duration
+from cooperative.runs import GridModel
 from cooperative.scene import Campaign, campaign_of
 from cooperative.store import GRIDS, Rows, Store, own_folder, read_sample, read_store, write_aside
 from foundation.text import printable
@@ -90,14 +91,15 @@ def report(folder: str | Path, *, slides: int = SLIDES, again: bool = False, est
         raise ValueError(f"slides = {slides}: give 0 or more")
     store = read_store(folder)
     campaign = campaign_of(store, estimator)
-    rough, refined = map(runs.rows_reader(campaign, store), GRIDS)
+    models = pictures.models_of(campaign)
+    rough, refined = map(runs.rows_reader(campaign, store, models), GRIDS)
     if not rough.numbers:
         raise ValueError(f"folder {folder} has no finished sample yet: start the run first")
     left_out = [f"{why}: will be run again" for rows in (rough, refined) for why in rows.damaged]
     refined, without = _paired(refined, rough)
     left_out += [f"refined run {number} has no rough run beside it: resume the campaign" for number in without]
     told = Told(store, campaign, rough, refined, summary.stored(campaign, store, rough, refined), tuple(left_out))
-    numbers, slopes = list(_numbers(told)), list(_slopes(told, slides, again))
+    numbers, slopes = list(_numbers(told)), list(_slopes(told, models, slides, again))
     target = own_folder(store.folder / "figures")
     for drawn in [*numbers, *slopes]:
         plots.save(drawn.figure, target / f"{drawn.name}.png")
@@ -202,9 +204,8 @@ def _numbers(told: Told) -> Iterator[Drawn]:
             )
 
 
-def _slopes(told: Told, slides: int, again: bool) -> Iterator[Drawn]:
+def _slopes(told: Told, models: dict[str, GridModel], slides: int, again: bool) -> Iterator[Drawn]:
     """Pictures of chosen samples."""
-    models = pictures.models_of(told.campaign)
     grid, rows = ("refined", told.refined) if told.refined.numbers else ("rough", told.rough)
     failed = told.failed if grid == "refined" else np.zeros(len(rows.numbers), bool)
     chosen = [read_sample(told.store, grid, n) for n in pictures.choose(rows, failed, max(slides, 1))]

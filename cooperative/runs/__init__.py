@@ -2,7 +2,7 @@
 
 from cooperative.runs._executors import Workers, cores_to_use, dask_executor, process_pool, run_through
 from cooperative.runs._frames import Frames
-from cooperative.runs._known import phases_of, rows_reader
+from cooperative.runs._known import foreign, phases_of, rows_reader
 from cooperative.runs._model import GridModel, build, coefficients_of, expansion_of, sampling_of
 from cooperative.runs._samples import finished, run_samples
 from cooperative.runs._size import GridSize, check_coefficients, check_size, grid_size
@@ -23,6 +23,7 @@ __all__ = [
     "dask_executor",
     "expansion_of",
     "finished",
+    "foreign",
     "grid_size",
     "heeding",
     "phases_of",

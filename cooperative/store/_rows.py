@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,11 +38,11 @@ class Rows:
         return {n: (float(u), bool(b)) for n, u, b in zip(self.numbers, *columns, strict=True)}
 
 
-def read_rows(store: Store, grid: str, *, samples: int | None = None) -> Rows:
+def read_rows(store: Store, grid: str, *, foreign: Callable[[Sample], str | None] = lambda _: None) -> Rows:
     """Read and verify every finished sample of one grid; rows ascend by sample number.
 
-    samples: how many the scene has; files of higher numbers are damaged. A refined run that went on to the end of its
-    slide has the row of that end.
+    foreign: what a whole sample holds that the scene does not have, which makes it a damaged one; None if nothing.
+    A refined run that went on to the end of its slide has the row of that end.
     Columns: sample, status, steps, seconds, then the scalars of the rows. A scalar that some rows lack is
     nan there ("" for text). Files that cannot be trusted are named in `damaged`; the controller (who holds
     the lock) also renames them to `*.damaged`, so that their samples are run again.
@@ -55,8 +56,8 @@ def read_rows(store: Store, grid: str, *, samples: int | None = None) -> Rows:
     for path in [path for folder in folders for path in sorted(folder.glob("*.h5"))]:
         try:
             sample = read_file(store, path.parent.name, path)
-            if samples is not None and sample.number >= samples:
-                raise DamagedFile(f"{path} is of a sample that the scene, with {samples}, does not have")
+            if why := foreign(sample):
+                raise DamagedFile(f"{path} {why}")
             found[sample.number] = sample
         except DamagedFile as error:
             damaged.append(str(error))
