@@ -7,7 +7,7 @@ import signal
 import sys
 
 from benchmarks import invented
-from cooperative import __main__ as command
+from cooperative import _commands as command
 
 SECONDS = 0.02
 """Of a made-up run."""

@@ -209,12 +209,19 @@ def asked(text: str, folder: Path) -> Answer:
         how = "traceback"
         errors.write(traceback.format_exc())
     seconds = time.process_time() - before
-    said = errors.getvalue().removesuffix("\n")
+    said = _without_warnings(errors.getvalue())
     if how == "refused" and not (said.startswith("error: ") and said.isprintable()):
         how = "noise"
     if how == "refused" and any(path for path in out.rglob("*") if path.is_file() and path.name != ".lock"):
         how, said = "noise", f"the scene was refused, and its folder written: {said}"
     return Answer(how, said[-1500:], round(seconds, 2))
+
+
+def _without_warnings(said: str) -> str:
+    """What a command says besides warnings, which have a line each."""
+    return "".join(line for line in said.splitlines(keepends=True) if not line.startswith("warning: ")).removesuffix(
+        "\n"
+    )
 
 
 def by_command_line(text: str, folder: Path) -> Answer:
@@ -223,7 +230,7 @@ def by_command_line(text: str, folder: Path) -> Answer:
     scene.write_bytes(text.encode("utf-8", "surrogatepass"))
     command = [sys.executable, "-m", "cooperative", "run", str(scene), "--out", str(folder / "refused")]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE)
-    said = done.stderr.removesuffix("\n")
+    said = _without_warnings(done.stderr)
     well = done.returncode == 2 and said.startswith("error: ") and said.isprintable()
     return Answer("refused" if well else "traceback", said[-1500:], 0.0)
 

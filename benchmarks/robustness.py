@@ -42,6 +42,10 @@ PATIENCE = 60.0
 """Seconds in which a controller has to end after a signal; made-up runs take 0.02 s, but machines are loaded."""
 
 
+ANSWERS = ("summary.json", "sweep.json")
+"""What a command writes last: a campaign, and a sweep of them."""
+
+
 @dataclass(frozen=True)
 class Case:
     """A campaign, or a sweep of them, that is disturbed. text: its scene."""
@@ -74,7 +78,7 @@ class Life:
 
     def __init__(self, case: Case, folder: Path, workers: int) -> None:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        scene = folder.with_suffix(".toml")
+        self.folder, scene = folder, folder.with_suffix(".toml")
         scene.write_text(case.text)
         self.mark = f"{os.getpid()}-{time.time_ns()}"
         command = [sys.executable, "-m", "benchmarks.hostile_campaign", case.command, str(scene), "--out", str(folder)]
@@ -166,7 +170,9 @@ def signalled(toll: Toll) -> Callable[[Life, random.Random], bool]:
 
     def end(life: Life, generator: random.Random) -> bool:
         number = generator.choice((signal.SIGTERM, signal.SIGINT))
-        if not life.runs():
+        # With its answer written, a controller has nothing left to stop.
+        if not life.runs() or any((life.folder / name).exists() for name in ANSWERS):
+            life.process.wait()
             return False
         if number == signal.SIGINT:
             os.killpg(life.process.pid, number)
@@ -187,7 +193,7 @@ def signalled(toll: Toll) -> Callable[[Life, random.Random], bool]:
 def differences(folder: Path, undisturbed: Path) -> list[str]:
     """Where a folder's answer or samples differ from those of an undisturbed campaign, apart from times."""
     wrong = [f"{path} was set aside" for path in folder.rglob("*.damaged")]
-    for answer in sorted(undisturbed.rglob("summary.json")) + sorted(undisturbed.rglob("sweep.json")):
+    for answer in [path for name in ANSWERS for path in sorted(undisturbed.rglob(name))]:
         other = folder / answer.relative_to(undisturbed)
         if not other.exists() or _without_times(other) != _without_times(answer):
             wrong.append(f"{other} is missing or another")

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks import invented
 from benchmarks.invented import SCENE
-from cooperative import __main__ as command
+from cooperative import _commands as command
 from cooperative import campaign
 from cooperative.__main__ import main
 from cooperative.scene import campaign_of, kept_budget

@@ -14,7 +14,7 @@ ROOMS = {
     "kl": "types axis marginal sampling field soil plots",
     "cooperative": "store measure estimate scene runs summary campaign reporting sweep research doctor reference",
 }
-ENTRANCES = {"cooperative": {"__main__"}}
+ENTRANCES = {"cooperative": {"__main__", "_commands"}}
 FOREIGN = {
     "foundation": {"jaxmpm", "kl", "cooperative", "benchmarks", "tests"},
     "jaxmpm": {"kl", "cooperative", "benchmarks", "tests"},

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks import hostile_scenes, invented, robustness
 from benchmarks.invented import SCENE
-from cooperative import __main__ as command
+from cooperative import _commands as command
 from cooperative import campaign
 from cooperative.scene import parse
 from cooperative.store import read_sample, read_store, sample_path

@@ -117,6 +117,17 @@ def test_the_second_signal_ends_a_command_even_within_a_long_call():
     assert said.strip().startswith("stopped by SIGTERM")
 
 
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="looks at what is loaded by /proc")
+def test_ctrl_c_while_the_libraries_load_ends_without_a_word():
+    command = [sys.executable, "-m", "cooperative", "status", "nowhere"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT) as process:
+        while process.poll() is None and "numpy" not in Path(f"/proc/{process.pid}/maps").read_text():
+            time.sleep(0.001)
+        process.send_signal(signal.SIGINT)
+        assert process.communicate(timeout=60) == ("", "")
+    assert process.returncode == -signal.SIGINT
+
+
 POOL = """
     import time
     from cooperative.runs import process_pool

@@ -1,10 +1,14 @@
 """What messages and reports show of values and texts that may be long or made to mislead."""
 
+import sys
+import warnings
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cooperative import _commands
 from cooperative.__main__ import main
 from cooperative.scene import example, parse
 from cooperative.store import open_store, read_rows
@@ -80,3 +84,19 @@ def test_errors_are_masked_too(tmp_path, capsys):
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert said.rstrip("\n").isprintable()
+
+
+def test_a_warning_of_a_command_is_one_line(tmp_path, monkeypatch, capsys):
+    def status(given):
+        warnings.warn(f"in {given.folder.name} \x1b[31m something is odd", stacklevel=1)
+        raise ValueError("it cannot be read")
+
+    monkeypatch.setattr(_commands, "status", status)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        warnings.showwarning = lambda message, *_: sys.stderr.write(warnings.formatwarning(message, Warning, "", 0))
+        assert main(["status", str(tmp_path)]) == 2
+    warned, error = capsys.readouterr().err.splitlines()
+    assert warned.startswith(f"warning: in {tmp_path.name} ")
+    assert warned.isprintable()
+    assert error == "error: it cannot be read"
