@@ -22,7 +22,7 @@ from scipy.stats import norm, rankdata
 
 from benchmarks.measure import Report, scene_campaign
 from benchmarks.section_pairs import SAMPLES, read
-from cooperative import runs as screening
+from cooperative import runs
 from jaxmpm import replay
 from jaxmpm.run import objectives
 
@@ -36,8 +36,8 @@ def gradients(count: int) -> tuple[np.ndarray, np.ndarray, float, float]:
     run alone, per sample."""
     campaign = scene_campaign("paper_section")
     campaign = replace(campaign, plan=replace(campaign.plan, samples=SAMPLES))
-    expansion = screening.expansion_of(campaign)
-    model = screening.build(campaign, "rough", expansion)
+    expansion = runs.expansion_of(campaign)
+    model = runs.build(campaign, "rough", expansion)
     steps = round(SECONDS / float(model.scene.time_step))
 
     def moved(coefficients: jax.Array) -> jax.Array:
@@ -46,7 +46,7 @@ def gradients(count: int) -> tuple[np.ndarray, np.ndarray, float, float]:
         return objectives.log_displacement(final, 1e-4)
 
     both, alone = jax.jit(jax.value_and_grad(moved)), jax.jit(moved)
-    table = jnp.asarray(screening.coefficients_of(campaign, expansion)[:count])
+    table = jnp.asarray(runs.coefficients_of(campaign, expansion)[:count])
     jax.block_until_ready((both(table[0]), alone(table[0])))
     start = time.perf_counter()
     found = [both(xi) for xi in table]

@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.measure import ROOT, Report, scene_campaign
-from cooperative import runs as screening
+from cooperative import runs
 from cooperative.estimate import Estimate, SubsetPlan, monte_carlo, subset_simulation
 from cooperative.research.rare import design_point, importance_sampling, slide_limit_state
 
@@ -26,13 +26,13 @@ MEAN = 57e3
 SECONDS, DISPLACEMENT = 2.5, 0.5
 
 
-def displacements(model: screening.GridModel) -> Callable[[np.ndarray], np.ndarray]:
+def displacements(model: runs.GridModel) -> Callable[[np.ndarray], np.ndarray]:
     """Coefficients (n, M) -> largest displacement (m); a run ends once it fails, and a broken one counts as failed."""
 
     def run(coefficients: np.ndarray) -> np.ndarray:
         table = np.asarray(coefficients, np.float32)
         limit = model.campaign.run.failure_displacement
-        done = {s.number: s.row for s in screening.run_samples(model, table, range(len(table)), stop_at=limit)}
+        done = {s.number: s.row for s in runs.run_samples(model, table, range(len(table)), stop_at=limit)}
         rows = [done[number] for number in range(len(table))]
         return np.array([np.inf if row["broke_off"] else row["displacement"] for row in rows])
 
@@ -92,8 +92,8 @@ def run(quick: bool) -> Report:
     """The three estimators on one section."""
     campaign = scene_campaign("paper_section")
     campaign = replace(campaign, strength=replace(campaign.strength, mean=45e3 if quick else MEAN))
-    expansion = screening.expansion_of(campaign)
-    model = screening.build(campaign, "rough", expansion)
+    expansion = runs.expansion_of(campaign)
+    model = runs.build(campaign, "rough", expansion)
     solve, limit, modes = displacements(model), campaign.run.failure_displacement, expansion.modes
     solve(np.zeros((1, modes)))  # compiles
 
@@ -106,8 +106,8 @@ def run(quick: bool) -> Report:
 
     start = time.perf_counter()
     plan = SubsetPlan(per_level=20, replicates=2, levels=1) if quick else SubsetPlan(per_level=250, replicates=6)
-    estimate, runs = subset(solve, modes, limit, plan)
-    rows.append(row("subset simulation", estimate, runs, time.perf_counter() - start))
+    estimate, spent = subset(solve, modes, limit, plan)
+    rows.append(row("subset simulation", estimate, spent, time.perf_counter() - start))
 
     start = time.perf_counter()
     count = 20 if quick else 8000

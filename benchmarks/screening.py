@@ -16,7 +16,7 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from benchmarks.measure import Report, scene_campaign
-from cooperative import runs as screening
+from cooperative import runs
 from cooperative.store import open_store, write_sample
 from jaxmpm import Chunk, Result
 from jaxmpm.transfer import g2p, p2g
@@ -24,17 +24,17 @@ from jaxmpm.transfer import g2p, p2g
 
 def screened(campaign: Any, count: int) -> dict[str, Any]:
     """Screen `count` samples as a campaign does, stored and all; seconds by what they went to."""
-    expansion = screening.expansion_of(campaign)
-    model = screening.build(campaign, "rough", expansion)
-    coefficients = screening.coefficients_of(campaign, expansion)
+    expansion = runs.expansion_of(campaign)
+    model = runs.build(campaign, "rough", expansion)
+    coefficients = runs.coefficients_of(campaign, expansion)
     chunks: list[Chunk] = []
     # Compile outside the clock: it is paid once a campaign, not once a sample.
-    next(iter(screening.run_samples(model, coefficients, [0], width=1, stop_at=1e-9)))
+    next(iter(runs.run_samples(model, coefficients, [0], width=1, stop_at=1e-9)))
     seconds = {"storing": 0.0}
     rows = []
     with tempfile.TemporaryDirectory() as folder, open_store(f"{folder}/screening", campaign.text) as store:
         start = time.perf_counter()
-        for sample in screening.run_samples(
+        for sample in runs.run_samples(
             model,
             coefficients,
             range(count),
@@ -61,19 +61,19 @@ def screened(campaign: Any, count: int) -> dict[str, Any]:
     }
 
 
-def seconds_of_handling(model: screening.GridModel, coefficients: np.ndarray) -> float:
+def seconds_of_handling(model: runs.GridModel, coefficients: np.ndarray) -> float:
     """Seconds that a sample takes beside its steps: its field, and its consequences (median of some)."""
     still = Result(jax.device_get(model.state), model.scene.time_step)
     spent = []
     for number in range(6):
         clock = time.perf_counter()
         jax.block_until_ready(model.strength(jnp.asarray(coefficients[number % len(coefficients)])))
-        screening.finished(model, number, coefficients[0], still, 0.0)
+        runs.finished(model, number, coefficients[0], still, 0.0)
         spent.append(time.perf_counter() - clock)
     return float(np.median(spent[1:]))
 
 
-def seconds_of_transfers(model: screening.GridModel) -> float:
+def seconds_of_transfers(model: runs.GridModel) -> float:
     """Seconds per step of the transfers of MUSL alone, compiled as one loop (median of some repeats)."""
     scene, particles = model.scene, model.scene.particles
     steps = 40
@@ -113,16 +113,16 @@ def early_stop_effect(campaign: Any, count: int) -> list[dict[str, Any]]:
         "settled lanes end": replace(campaign, plan=replace(campaign.plan, screening_stop=None)),
         "settled lanes end, others at 3 m": replace(campaign, plan=replace(campaign.plan, screening_stop=3.0)),
     }
-    runs = {name: screened(variant, count) for name, variant in variants.items()}
-    full = np.array([row["displacement"] for row in runs["run to t_end"]["rows"]])
+    done = {name: screened(variant, count) for name, variant in variants.items()}
+    full = np.array([row["displacement"] for row in done["run to t_end"]["rows"]])
     table = []
-    for name, run in runs.items():
+    for name, run in done.items():
         moved = np.array([row["displacement"] for row in run["rows"]])
         table.append(
             {
                 "variant": name,
                 "samples": count,
-                "steps_share": round(run["steps"] / runs["run to t_end"]["steps"], 3),
+                "steps_share": round(run["steps"] / done["run to t_end"]["steps"], 3),
                 "seconds": round(run["total"], 1),
                 "classes_changed": int(np.sum((moved > limit) != (full > limit))),
                 "rank_correlation": round(float(spearmanr(moved, full).statistic), 5),

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.measure import ROOT, machine, scene_campaign
-from cooperative import runs as screening
+from cooperative import runs
 from cooperative.scene import Campaign
 from cooperative.scene._calibration import measure
 from cooperative.scene._typed import Calibration
@@ -79,8 +79,8 @@ def main() -> None:
 
 
 def _complete(campaign: Campaign, path: Path) -> None:
-    expansion = screening.expansion_of(campaign)
-    coefficients = screening.coefficients_of(campaign, expansion)
+    expansion = runs.expansion_of(campaign)
+    coefficients = runs.coefficients_of(campaign, expansion)
     if not path.exists():
         clock, here = time.perf_counter(), machine()
         factors = measure(campaign)
@@ -91,7 +91,7 @@ def _complete(campaign: Campaign, path: Path) -> None:
             f"{','.join(COLUMNS)}\n"
         )
     factors = Calibration(**json.loads(path.read_text().splitlines()[0].removeprefix("# "))["factors_of_safety"])
-    models = {grid: screening.build(campaign, grid, expansion) for grid in ("rough", "refined")}
+    models = {grid: runs.build(campaign, grid, expansion) for grid in ("rough", "refined")}
     models["calibrated"] = replace(models["rough"], strength_factor=factors.factor)
     for model in models.values():
         _run(model, coefficients, 0)  # compiles
@@ -110,8 +110,8 @@ def _complete(campaign: Campaign, path: Path) -> None:
             file.flush()
 
 
-def _run(model: screening.GridModel, coefficients: np.ndarray, number: int) -> Sample:
-    return next(iter(screening.run_samples(model, coefficients, [number], width=1)))
+def _run(model: runs.GridModel, coefficients: np.ndarray, number: int) -> Sample:
+    return next(iter(runs.run_samples(model, coefficients, [number], width=1)))
 
 
 if __name__ == "__main__":

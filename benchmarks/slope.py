@@ -33,7 +33,9 @@ def row(campaign: Campaign, grid: str, measure: PlasticStrain, resolution: float
     soil = replace(campaign.soil, plastic_strain=measure)
     scene, state = slope(campaign.slope, soil, numerics, y_ends=campaign.y_ends)
     limit = campaign.run.failure_displacement
-    found = factor_of_safety(scene, state, bracket=(1.0, 1.6), criterion=limit, resolution=resolution, batch=4)
+    found = factor_of_safety(
+        scene, state, bracket=(1.0, 1.6), failure_displacement=limit, resolution=resolution, batch=4
+    )
     slide = solve(reduced(scene, found.fails), state, t_end=campaign.run.t_end, settle=Settle()).raise_if_failed()
     position, shape = np.asarray(scene.particles.position), campaign.slope
     done = consequences(

@@ -130,7 +130,7 @@ charts.ranked_displacements({"rough": rough.columns["displacement"], "refined": 
 grids = summary["grids"]
 print(f"rank correlation {grids['spearman']:.2f}, same class {grids['same_class']:.0%} of {grids['samples']} samples")
 charts.grids(
-    rough.columns["displacement"][list(refined.numbers)], refined.columns["displacement"], threshold=1.0,
+    rough.columns["displacement"][list(refined.numbers)], refined.columns["displacement"], failure_displacement=1.0,
     title="samples that ran on both grids",
 )  # fmt: skip
 

@@ -24,7 +24,7 @@ import numpy as np
 from drawing import BLACK, BLUE, ORANGE, RED, SKY, draw_section, style
 
 import jaxmpm as mpm
-from cooperative import runs as screening
+from cooperative import runs
 from cooperative.research import back_analysis
 from cooperative.scene import parse
 from jaxmpm.run import objectives
@@ -51,7 +51,7 @@ if SMALL:
     for old, new in sizes.items():
         text = text.replace(old, new)
 campaign = parse(text)
-model = screening.build(campaign, "rough", screening.expansion_of(campaign))
+model = runs.build(campaign, "rough", runs.expansion_of(campaign))
 material = replace(model.scene.material, strength=campaign.strength.mean)
 scene, state = replace(model.scene, material=material), model.state
 scene = mpm.reduced(scene, 1.3)  # weak enough to slide

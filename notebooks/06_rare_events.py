@@ -23,7 +23,7 @@ import numpy as np
 from drawing import BLACK, BLUE, GREEN, ORANGE, draw_section, style
 from scipy.stats import norm
 
-from cooperative import runs as screening
+from cooperative import runs
 from cooperative.estimate import monte_carlo, wilson_interval
 from cooperative.research.rare import design_point, importance_sampling, slide_limit_state
 from cooperative.scene import parse
@@ -40,8 +40,8 @@ style()
 text = (Path("..") / "benchmarks" / "scenes" / "paper_section.toml").read_text()
 campaign = parse(text)
 campaign = replace(campaign, strength=replace(campaign.strength, mean=48e3 if SMALL else 57e3))
-expansion = screening.expansion_of(campaign)
-model = screening.build(campaign, "rough", expansion)
+expansion = runs.expansion_of(campaign)
+model = runs.build(campaign, "rough", expansion)
 limit = campaign.run.failure_displacement
 position, half_size = np.asarray(model.scene.particles.position), model.scene.kernel.half_size
 
@@ -49,7 +49,7 @@ position, half_size = np.asarray(model.scene.particles.position), model.scene.ke
 def fails(xi: np.ndarray) -> np.ndarray:
     """Coefficients (n, modes) -> whether each sample's largest displacement exceeds 1 m, by whole runs."""
     table = np.asarray(xi, np.float32)
-    rows = {s.number: s.row for s in screening.run_samples(model, table, range(len(table)), stop_at=limit)}
+    rows = {s.number: s.row for s in runs.run_samples(model, table, range(len(table)), stop_at=limit)}
     return np.array([bool(rows[n]["broke_off"]) or rows[n]["displacement"] > limit for n in range(len(table))])
 
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from cooperative import runs as screening
+from cooperative import runs
 from cooperative.research.back_analysis import Observed, Parameters, Survey, predict, recover
 from cooperative.research.rare import design_point, slide_limit_state
 from cooperative.scene import parse
@@ -20,7 +20,7 @@ NOISE = 0.01
 @pytest.fixture(scope="module")
 def model():
     campaign = parse(TINY)
-    return screening.build(campaign, "rough", screening.expansion_of(campaign))
+    return runs.build(campaign, "rough", runs.expansion_of(campaign))
 
 
 def noisy(model, truth, seed=0):
@@ -74,7 +74,7 @@ def test_bad_surveys_are_refused(model, change, message):
 
 def test_a_soil_without_a_modulus_of_softening_is_refused():
     campaign = parse(changed("softening_modulus = 85e3", "strain_95 = 0.5"))
-    model = screening.build(campaign, "rough", screening.expansion_of(campaign))
+    model = runs.build(campaign, "rough", runs.expansion_of(campaign))
     observed = Observed(jnp.zeros(len(SURVEY.stations)), jnp.zeros((SURVEY.times, 2, len(SURVEY.markers))))
     with pytest.raises(ValueError, match=r"\(strain_95\).*give the soil a softening_modulus"):
         recover(model, SURVEY, observed, NOISE, modes=1)
@@ -82,11 +82,11 @@ def test_a_soil_without_a_modulus_of_softening_is_refused():
 
 def test_the_design_point_of_a_slope_fails_by_the_campaigns_own_count(model):
     # With half as much strength again the median field stands, and a failing one is some deviations away.
-    stronger = screening.GridModel(**{**vars(model), "strength_factor": 1.5})
+    stronger = runs.GridModel(**{**vars(model), "strength_factor": 1.5})
     found = design_point(slide_limit_state(stronger, seconds=1.5, displacement=0.3), model.expansion.modes)
     assert found.converged
     assert 0.5 < found.beta < 6
     point = np.asarray(found.coefficients, np.float32)[None]
-    (sample,) = screening.run_samples(stronger, 1.1 * point, [0])
-    (median,) = screening.run_samples(stronger, 0 * point, [0])
+    (sample,) = runs.run_samples(stronger, 1.1 * point, [0])
+    (median,) = runs.run_samples(stronger, 0 * point, [0])
     assert sample.row["displacement"] > 0.3 > 5 * median.row["displacement"]

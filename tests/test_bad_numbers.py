@@ -67,7 +67,7 @@ def test_a_lane_with_a_bad_parameter_takes_no_step_and_leaves_its_neighbours(sec
     result = mpm.solve(broken, mpm.repeat(state, 4), t_end=0.05, axes=axes)
     assert result.status.tolist() == [mpm.Status.FINISHED, BAD, BAD, BAD]
     assert np.asarray(result.state.step)[1:].tolist() == [0, 0, 0]
-    assert result.failed.tolist() == [False, True, True, True]
+    assert result.broke_off.tolist() == [False, True, True, True]
     assert np.array_equal(result.state.displacement[0], whole.state.displacement[0])
     with pytest.raises(FloatingPointError, match=r"lane 1: .*not finite or beyond its limit.*\(step 0\)"):
         result.raise_if_failed()

@@ -16,8 +16,7 @@ import pytest
 
 import kl
 from benchmarks.invented import TINY
-from cooperative import run
-from cooperative import runs as screening
+from cooperative import run, runs
 from cooperative.__main__ import main
 from cooperative.reporting import report
 from cooperative.scene import parse
@@ -80,11 +79,11 @@ def test_two_phase_campaign_spends_its_budget(tmp_path):
 
 def test_a_sample_can_be_made_again_from_its_number(done):
     campaign = parse(TINY)
-    expansion = screening.expansion_of(campaign)
-    model = screening.build(campaign, "rough", expansion)
-    coefficients = screening.coefficients_of(campaign, expansion)
+    expansion = runs.expansion_of(campaign)
+    model = runs.build(campaign, "rough", expansion)
+    coefficients = runs.coefficients_of(campaign, expansion)
     kept = read_sample(read_store(done[0]), "rough", 4)
-    again = next(iter(screening.run_samples(model, coefficients, [4], width=1)))
+    again = next(iter(runs.run_samples(model, coefficients, [4], width=1)))
     assert np.array_equal(kept.coefficients, coefficients[4])
     assert np.array_equal(kept.fields["displacement"], again.fields["displacement"])
     assert dict(kept.row) == dict(again.row)
@@ -106,11 +105,11 @@ def test_refined_failures_get_a_mode_and_its_onset(done):
 def rough_rows(text, samples, widths):
     """Rows of the first rough samples by their number, run with each of these numbers of lanes."""
     campaign = parse(text)
-    expansion = screening.expansion_of(campaign)
-    model = screening.build(campaign, "rough", expansion)
-    coefficients = screening.coefficients_of(campaign, expansion)
+    expansion = runs.expansion_of(campaign)
+    model = runs.build(campaign, "rough", expansion)
+    coefficients = runs.coefficients_of(campaign, expansion)
     return [
-        {s.number: dict(s.row) for s in screening.run_samples(model, coefficients, range(samples), width=width)}
+        {s.number: dict(s.row) for s in runs.run_samples(model, coefficients, range(samples), width=width)}
         for width in widths
     ]
 
@@ -123,9 +122,9 @@ def test_the_past_of_a_sample_does_not_depend_on_its_neighbours():
 
 def test_both_grids_see_the_same_field(done):
     campaign = parse(TINY)
-    expansion = screening.expansion_of(campaign)
-    rough, refined = (screening.build(campaign, grid, expansion) for grid in ("rough", "refined"))
-    coefficients = jnp.asarray(screening.coefficients_of(campaign, expansion)[0])
+    expansion = runs.expansion_of(campaign)
+    rough, refined = (runs.build(campaign, grid, expansion) for grid in ("rough", "refined"))
+    coefficients = jnp.asarray(runs.coefficients_of(campaign, expansion)[0])
     # The mean over the four refined particles of a rough one differs from it by the field's curvature only.
     fine = {
         tuple(p): s
@@ -185,12 +184,12 @@ def test_killed_campaign_goes_on_and_ends_the_same(done, tmp_path):
 
 def test_broken_off_runs_are_kept_counted_and_reported(tmp_path):
     campaign = parse(TINY)
-    expansion = screening.expansion_of(campaign)
-    model = screening.build(campaign, "rough", expansion)
+    expansion = runs.expansion_of(campaign)
+    model = runs.build(campaign, "rough", expansion)
     state = replace(model.state, velocity=model.state.velocity.at[0, 5].set(jnp.nan))
-    coefficients = screening.coefficients_of(campaign, expansion)
+    coefficients = runs.coefficients_of(campaign, expansion)
     with open_store(tmp_path / "broken", TINY) as store:
-        for sample in screening.run_samples(replace(model, state=state), coefficients, [0, 1], width=2):
+        for sample in runs.run_samples(replace(model, state=state), coefficients, [0, 1], width=2):
             write_sample(store, "rough", sample)
         summary = summarise(campaign, read_rows(store, "rough"), read_rows(store, "refined"))
     assert summary["broke_off"]["rough"] == {"0": "NOT_FINITE at step 1", "1": "NOT_FINITE at step 1"}
@@ -202,14 +201,14 @@ def test_samples_with_a_strength_that_none_may_have_break_off_and_are_reported(t
     worst = int(np.argmax(read_rows(whole, "rough").columns["displacement"]))
     spoilt = {"rough": (worst + 1) % 6, "refined": worst}
     xi = {grid: read_sample(whole, "rough", number).coefficients for grid, number in spoilt.items()}
-    strength = screening.GridModel.strength
+    strength = runs.GridModel.strength
 
     def spoiling(model, coefficients):
         found = strength(model, coefficients)
         bad = jnp.nan if model.grid == "rough" else 0.0
         return found.at[3].set(bad) if np.array_equal(coefficients, xi[model.grid]) else found
 
-    monkeypatch.setattr(screening.GridModel, "strength", spoiling)
+    monkeypatch.setattr(runs.GridModel, "strength", spoiling)
     folder = tmp_path / "bad"
     told = run(TINY, folder)
     assert told["broke_off"] == {grid: {str(n): "BAD_PARAMETER at step 0"} for grid, n in spoilt.items()}
@@ -291,11 +290,11 @@ def test_errors_are_one_line_for_people(tmp_path, capsys):
 @pytest.mark.parametrize("name", ["paper", "paper_section", "slope", "section", "demo"])
 def test_scenes_that_come_along_are_sound(name):
     campaign = parse((SCENES / f"{name}.toml").read_text())
-    expansion = screening.expansion_of(campaign)
+    expansion = runs.expansion_of(campaign)
     assert expansion.variance_mean > 0.998
-    first = screening.coefficients_of(campaign, expansion)
+    first = runs.coefficients_of(campaign, expansion)
     assert first.shape == (campaign.plan.samples, expansion.modes)
-    assert np.array_equal(first, screening.coefficients_of(campaign, expansion))
+    assert np.array_equal(first, runs.coefficients_of(campaign, expansion))
 
 
 def test_paper_scene_holds_the_published_numbers():

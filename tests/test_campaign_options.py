@@ -9,8 +9,7 @@ import pytest
 
 import jaxmpm as mpm
 import kl
-from cooperative import run
-from cooperative import runs as screening
+from cooperative import run, runs
 from cooperative.reporting._progress import progress_of
 from cooperative.scene import _calibration as calibration
 from cooperative.scene import parse
@@ -86,9 +85,9 @@ def test_strength_is_the_fields_at_each_particle_or_at_the_centre_of_its_cell(ce
         ValueError, match=r"sampled_at = 'cell': give one of 'particles', 'cells' \(did you mean 'cells'"
     ):
         parse(text.replace(said, f'{said}\nsampled_at = "cell"'))
-    expansion = screening.expansion_of(per_particle)
+    expansion = runs.expansion_of(per_particle)
     xi = np.random.default_rng(1).standard_normal(expansion.modes)
-    models = [screening.build(campaign, "rough", expansion) for campaign in (per_particle, per_cell)]
+    models = [runs.build(campaign, "rough", expansion) for campaign in (per_particle, per_cell)]
     plain, even = (np.asarray(model.strength(xi)) for model in models)
     position = np.asarray(models[0].scene.particles.position)
     centre = np.minimum((np.floor(position / cell) + 0.5) * cell, np.array([[16.0 + toe], [10.0]]))
@@ -108,7 +107,7 @@ def test_a_scene_can_choose_how_its_answers_follow_the_cell():
     assert campaign.soil.softening_length == 8.0 / 5
     short = parse(changed("spacing = [0.5, 0.5]", "spacing = [0.5, 0.5]\ninternal_length = 0.1"))
     with pytest.raises(ValueError, match=r"internal_length = 0\.1 m is less than cells"):
-        screening.build(short, "refined", screening.expansion_of(short))
+        runs.build(short, "refined", runs.expansion_of(short))
     with pytest.raises(ValueError, match=r"softening_length = 'mesh' is text: give a number, or 'cell'"):
         parse(changed("tension_cutoff = 0.0", 'softening_length = "mesh"'))
 
@@ -165,16 +164,16 @@ def test_calibration_is_measured_once_and_lowers_the_rough_strength(tmp_path):
     # The same samples as without, moved farther.
     campaign = calibration.calibrated(parse(text), calibration.kept(tmp_path / "out"))
     assert parse(campaign.text).calibration == campaign.calibration
-    expansion = screening.expansion_of(campaign)
-    coefficients = screening.coefficients_of(campaign, expansion)
-    plain, weaker = (screening.build(c, "rough", expansion) for c in (parse(text), campaign))
+    expansion = runs.expansion_of(campaign)
+    coefficients = runs.coefficients_of(campaign, expansion)
+    plain, weaker = (runs.build(c, "rough", expansion) for c in (parse(text), campaign))
     np.testing.assert_allclose(
         weaker.strength(coefficients[0]), found["factor"] * plain.strength(coefficients[0]), rtol=1e-5
     )
-    assert screening.build(campaign, "refined", expansion).strength_factor == 1.0
+    assert runs.build(campaign, "refined", expansion).strength_factor == 1.0
     moved = read_rows(read_store(tmp_path / "out"), "rough").columns["displacement"]
     standing = int(np.argmin(moved))
-    without = next(iter(screening.run_samples(plain, coefficients, [standing])))
+    without = next(iter(runs.run_samples(plain, coefficients, [standing])))
     assert moved[standing] > without.row["displacement"]
 
 

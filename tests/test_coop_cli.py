@@ -9,8 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from cooperative import run, sweep
-from cooperative import runs as screening
+from cooperative import run, runs, sweep
 from cooperative.__main__ import main
 from cooperative.estimate import wilson_interval
 from cooperative.reporting import _exports as exports
@@ -35,7 +34,7 @@ def invented(number, displacement, *, modes=3, broke_off=False, seconds=2.0):
 def invented_campaign(folder, text, rough, refined, *, every=2.0):
     """A campaign whose samples were finished `every` seconds, with these displacements: (number, metres); below 0 they
     broke off."""
-    modes = screening.expansion_of(parse(text)).modes
+    modes = runs.expansion_of(parse(text)).modes
     with open_store(folder, text) as store:
         for grid, samples in (("rough", rough), ("refined", refined)):
             for at, (number, displacement) in enumerate(samples):
@@ -172,7 +171,7 @@ def test_export_runs_a_sample_again_for_its_moments(done, capsys):
     assert main(["export", str(folder), "--sample", "2", "--grid", "rough", "--frames", "3"]) == 0
     path = capsys.readouterr().out.strip()
     kept = read_sample(read_store(folder), "rough", 2)
-    model = screening.build(parse(TINY), "rough", screening.expansion_of(parse(TINY)))
+    model = runs.build(parse(TINY), "rough", runs.expansion_of(parse(TINY)))
     times, steps = vtk_steps(path)
     np.testing.assert_allclose(times, np.linspace(0, kept.steps * float(model.scene.time_step), 3))
     # The same run, bit for bit.

@@ -109,7 +109,7 @@ def test_a_second_mass_counts_and_the_largest_always_does():
 
 def test_the_threshold_is_the_callers():
     position, volume, half = block((40.0, 10.0), (45.0, 12.0), (1.0, 1.0))
-    got = consequences(position, np.full(position.shape, 0.1), volume, SLOPE, half_size=half, sliding_displacement=0.1)
+    got = consequences(position, np.full(position.shape, 0.1), volume, SLOPE, half_size=half, failure_displacement=0.1)
     assert got.volume == pytest.approx(10.0)
 
 
@@ -149,7 +149,7 @@ def test_a_curved_front_is_integrated():
             np.ones(y.size),
             SLOPE,
             half_size=np.full(3, spacing / 2),
-            sliding_displacement=1e-6,
+            failure_displacement=1e-6,
         )
         errors.append(abs(got.area - 320.0))
     assert errors[0] > errors[1] > errors[2]
@@ -166,7 +166,7 @@ def test_a_curved_front_is_integrated():
         ({"displacement": np.full((2, 2), np.nan)}, "displacement is not finite"),
         ({"slice_width": 0.0}, "slice_width = 0.0"),
         ({"reach": 0.0}, "reach = 0.0"),
-        ({"sliding_displacement": -1.0}, "sliding_displacement = -1.0"),
+        ({"failure_displacement": -1.0}, "failure_displacement = -1.0"),
         ({"width": -1.0}, "width = -1.0"),
     ],
 )

@@ -214,7 +214,7 @@ def test_travel_is_that_of_the_soil_that_has_let_go():
         ({"position": np.zeros((4, 3))}, r"shape \(4, 3\)"),
         ({"volume": np.ones(2)}, "do not fit"),
         ({"motion": Motion.start(np.ones(2), 1.0)}, "motion is of 2 particles"),
-        ({"motion": Motion.start(np.ones(3), 0.5)}, r"threshold 0.5 m: start it with the rules' 1 m"),
+        ({"motion": Motion.start(np.ones(3), 0.5)}, r"failure displacement 0.5 m: start it with the rules' 1 m"),
     ],
 )
 def test_bad_input_is_named(change, match):

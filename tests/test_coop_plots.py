@@ -55,7 +55,7 @@ FIGURES = {
         {"two-phase": np.stack([RUNS / 250, RUNS / 150])},
         truth=0.2,
     ),
-    "grids": lambda: charts.grids(np.array([0.1, 0.2, 3.0]), np.array([0.1, 4.0, 8.0]), threshold=1.0),
+    "grids": lambda: charts.grids(np.array([0.1, 0.2, 3.0]), np.array([0.1, 4.0, 8.0]), failure_displacement=1.0),
     "mode_shares": lambda: charts.mode_shares(MODES),
     "fitted": lambda: charts.fitted({"L": SAMPLES}, np.ones(SAMPLES.size), {"L": FITS}, {"L": "run-out L [m]"}),
     "severity": lambda: charts.severity({"L": PLACES}, {"L": "run-out L [m]"}),

@@ -1,4 +1,4 @@
-"""Documentation: every public name says what it is; what it lists exists; shapes are written in one way."""
+"""Documentation: every public name says what it is; what it lists exists; shapes and units are written in one way."""
 
 import ast
 import dataclasses
@@ -85,6 +85,7 @@ FOREIGN = {
     "brackets, as in [d, N]": r"(?<!\w)\[(?:[dNBMkm]|nodes|modes)(?:, ?\w+)+\]|\[[dNBM]\]",
     "products, as in N x d": r"\b(?:[dNBM]|nodes|modes) ?(?: x |\u00d7|\*) ?(?:[dNBM]|nodes|modes|\d)\b",
     "one axis without a comma, as in (N)": r"(?<![\w\]])\((?:[dNBMk]|nodes|modes|samples|runs)\)",
+    "units in brackets, as in [m]": r"(?<!\w)\[(?:m|s|Pa|kPa|kg|N|m2|m3|m/s|1/s)\]",
     "tuples in code, as in `(d,N)`": r"\((?:[dNBM]|nodes|modes),\w+\)",
 }
 
@@ -94,7 +95,7 @@ def foreign(text: str) -> list[str]:
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_shapes_are_tuples(path):
+def test_shapes_are_tuples_and_units_are_not_in_brackets(path):
     tree = ast.parse(path.read_text())
     kinds = ast.Module | ast.ClassDef | ast.FunctionDef
     texts = [(ast.get_docstring(node) or "") for node in ast.walk(tree) if isinstance(node, kinds)]
@@ -102,14 +103,14 @@ def test_shapes_are_tuples(path):
 
 
 @pytest.mark.parametrize(
-    "text", ["[d, N] m", "N x d", "modes \u00d7 N", "mass (N) kg", "(nodes)", "(d,N)", "[N] values"]
+    "text", ["[d, N] m", "N x d", "modes \u00d7 N", "mass (N) kg", "(nodes)", "(d,N)", "[N] values", "cells [m]"]
 )
-def test_shapes_of_other_dialects_are_seen(text):
+def test_shapes_and_units_of_other_dialects_are_seen(text):
     assert foreign(text)
 
 
 @pytest.mark.parametrize(
-    "text", ["(d, N) m", "(N,)", "()", "cells [m]", "in [0, 1]", "cos(k)", "a[m, k]", "[lower, upper]"]
+    "text", ["(d, N) m", "(N,)", "()", "cells (m)", "in [0, 1]", "cos(k)", "a[m, k]", "a[m]", "[lower, upper]"]
 )
 def test_tuples_and_what_is_no_shape_are_left_alone(text):
     assert not foreign(text)

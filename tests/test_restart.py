@@ -11,8 +11,7 @@ import h5py
 import numpy as np
 import pytest
 
-from cooperative import run
-from cooperative import runs as screening
+from cooperative import run, runs
 from cooperative.runs import Stopped, run_samples
 from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, restart_path, write_sample
@@ -28,8 +27,8 @@ class Broken(Exception):
 
 def model_of(text, grid="refined"):
     campaign = parse(text)
-    expansion = screening.expansion_of(campaign)
-    return screening.build(campaign, grid, expansion), screening.coefficients_of(campaign, expansion)
+    expansion = runs.expansion_of(campaign)
+    return runs.build(campaign, grid, expansion), runs.coefficients_of(campaign, expansion)
 
 
 def stop_after(chunks):
@@ -62,7 +61,7 @@ def folder(tmp_path):
 def undisturbed():
     """Refined runs of all samples without any restart point; first one that slides, then one that settles."""
     model, coefficients = model_of(OFTEN)
-    found = {s.number: s for s in screening.run_samples(model, coefficients, range(6), width=1)}
+    found = {s.number: s for s in runs.run_samples(model, coefficients, range(6), width=1)}
     slides = next(n for n, s in found.items() if s.row["displacement"] > 1)
     stands = next(n for n, s in found.items() if s.status == "SETTLED" and s.row["displacement"] < 1)
     return model, coefficients, {n: found[n] for n in (slides, stands, *sorted(found.keys() - {slides, stands}))}
@@ -102,20 +101,20 @@ def test_an_interrupted_run_ends_as_the_undisturbed_one(which, undisturbed, fold
     model, coefficients, found = undisturbed
     number = list(found)[which]
     whole, all_chunks = stop_after(10_000)
-    list(screening.run_samples(model, coefficients, [number], width=1, on_chunk=whole))
+    list(runs.run_samples(model, coefficients, [number], width=1, on_chunk=whole))
     done = 0
     # Stopped twice, each time after going on from the restart point before.
     for chunks in (len(all_chunks) // 3, len(all_chunks) // 4):
         on_chunk, _ = stop_after(chunks)
         with pytest.raises(Broken):
-            list(screening.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=folder))
+            list(runs.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=folder))
         point = restart_path(folder, "refined", number)
         assert point.exists()
         done += chunks
     with h5py.File(point) as file:
         assert ("frames" in file["about"]) == (which == 0)
     on_chunk, left = stop_after(10_000)
-    (again,) = screening.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=folder)
+    (again,) = runs.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=folder)
     assert len(left) == len(all_chunks) - done
     assert_same_sample(again, found[number])
 
@@ -125,23 +124,23 @@ def test_lanes_go_on_from_restart_points_beside_fresh_ones(undisturbed, folder):
     first, second, *_ = found
     on_chunk, _ = stop_after(3)
     with pytest.raises(Broken):
-        list(screening.run_samples(model, coefficients, [second], width=1, on_chunk=on_chunk, restart_in=folder))
+        list(runs.run_samples(model, coefficients, [second], width=1, on_chunk=on_chunk, restart_in=folder))
     for width in (1, 2):
-        again = screening.run_samples(model, coefficients, [first, second], width=width, restart_in=folder)
+        again = runs.run_samples(model, coefficients, [first, second], width=width, restart_in=folder)
         for sample in again:
             assert_same_sample(sample, found[sample.number])
 
 
 def test_short_runs_write_none(folder):
     model, coefficients = model_of(TINY)
-    list(screening.run_samples(model, coefficients, [0], width=1, restart_in=folder))
+    list(runs.run_samples(model, coefficients, [0], width=1, restart_in=folder))
     assert not (folder / "restart").exists()
 
 
 def test_a_folder_that_a_worker_does_not_see_is_run_without(undisturbed, tmp_path):
     model, coefficients, found = undisturbed
     number = next(iter(found))
-    (alone,) = screening.run_samples(model, coefficients, [number], width=1, restart_in=tmp_path / "elsewhere")
+    (alone,) = runs.run_samples(model, coefficients, [number], width=1, restart_in=tmp_path / "elsewhere")
     assert_same_sample(alone, found[number])
     assert list(tmp_path.iterdir()) == []
 
@@ -151,7 +150,7 @@ def test_damaged_and_foreign_restart_points_are_named_and_the_run_starts_afresh(
     number = next(iter(found))
     on_chunk, _ = stop_after(3)
     with pytest.raises(Broken):
-        list(screening.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=folder))
+        list(runs.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=folder))
     path = restart_path(folder, "refined", number)
     whole = path.read_bytes()
     other = next(n for n in found if n != number)
@@ -163,7 +162,7 @@ def test_damaged_and_foreign_restart_points_are_named_and_the_run_starts_afresh(
         there = restart_path(folder, "refined", at)
         there.write_bytes(content)
         with pytest.warns(UserWarning, match=rf"{there.name} .*{reason}.*starts afresh"):
-            (again,) = screening.run_samples(model, coefficients, [at], width=1, restart_in=folder)
+            (again,) = runs.run_samples(model, coefficients, [at], width=1, restart_in=folder)
         assert_same_sample(again, found[at])
         assert there.with_name(there.name + ".damaged").read_bytes() == content
 

@@ -6,7 +6,7 @@ import pytest
 from benchmarks import estimators_section as section
 from benchmarks.measure import scene_campaign
 from benchmarks.section_pairs import SAMPLES, STUDIES, read, study
-from cooperative import runs as screening
+from cooperative import runs
 from cooperative.estimate import correlation
 
 
@@ -50,11 +50,11 @@ def test_every_refined_failure_has_a_mode(pairs):
 @pytest.mark.parametrize("of", STUDIES)
 def test_its_samples_can_be_made_again(of):
     pairs, campaign = read(of), study(scene_campaign(STUDIES[of][0]))
-    expansion = screening.expansion_of(campaign)
-    coefficients = screening.coefficients_of(campaign, expansion)
+    expansion = runs.expansion_of(campaign)
+    coefficients = runs.coefficients_of(campaign, expansion)
     standing = [int(n) for n in np.flatnonzero(pairs.displacement["rough"] < 0.03)[:3]]
-    model = screening.build(campaign, "rough", expansion)
-    for sample in screening.run_samples(model, coefficients, standing, width=1):
+    model = runs.build(campaign, "rough", expansion)
+    for sample in runs.run_samples(model, coefficients, standing, width=1):
         assert sample.row["displacement"] == pytest.approx(pairs.displacement["rough"][sample.number], rel=0.01)
 
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cooperative import runs as screening
-from cooperative import sweep
+from cooperative import runs, sweep
 from cooperative.scene import parse
 from cooperative.store import read_rows, read_store
 from tests.test_campaign import TINY
@@ -39,7 +38,7 @@ def test_campaigns_share_their_coefficients():
     designs = {}
     for part in sweep.variants(SWEEP):
         campaign = parse(part.text)
-        designs[part.name] = screening.coefficients_of(campaign, screening.expansion_of(campaign))
+        designs[part.name] = runs.coefficients_of(campaign, runs.expansion_of(campaign))
     modes = min(design.shape[1] for design in designs.values())
     assert len({design.shape[1] for design in designs.values()}) > 1
     for design in designs.values():

@@ -184,7 +184,7 @@ def published(
 
     n failures are counted down to the stopping rank of k_t; all samples below it are taken to stand, which
     makes the estimate too low when the grids disagree. The interval holds the sampling of the N only.
-    rough_displacement: (N,) [m]. refined: sample -> failed, None for a run without an answer.
+    rough_displacement: (N,) m. refined: sample -> failed, None for a run without an answer.
     """
     order = rank_samples(rough_displacement, broke_off).order
     rank = stopping_rank(order, refined, k_t)

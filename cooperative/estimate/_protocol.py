@@ -42,10 +42,10 @@ class Sampling:
 
 @dataclass(frozen=True)
 class Population:
-    """Samples of the first phase. rough_displacement: (N,) [m]. broke_off: (N,) bool, rough runs without a
+    """Samples of the first phase. rough_displacement: (N,) m. broke_off: (N,) bool, rough runs without a
     result. weight: (N,), summing to 1, equal if None. replicate: (N,) int, the independent runs of subset
     simulation that the samples came from; None if all N samples are independent. number: (N,) int, of each sample in
-    the campaign, 0 to N - 1 if None. failure_displacement: beyond which a sample has failed [m]."""
+    the campaign, 0 to N - 1 if None. failure_displacement: beyond which a sample has failed (m)."""
 
     rough_displacement: np.ndarray
     broke_off: np.ndarray | None = None

@@ -26,7 +26,7 @@ class Ranking:
 
 
 def rank_samples(rough_displacement: np.ndarray, broke_off: np.ndarray | None = None) -> Ranking:
-    """Rank N samples by their largest rough displacement (N,) [m], largest first, ties by sample number.
+    """Rank N samples by their largest rough displacement (N,) m, largest first, ties by sample number.
 
     A rough run that broke off (`broke_off` (N,) bool, or a displacement that is not finite) says nothing
     about its sample, and most lanes fail because the soil moved far. It is therefore placed first, where it

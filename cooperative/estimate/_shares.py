@@ -58,8 +58,8 @@ def correlation(
 ) -> Correlation | None:
     """Correlation between the grids; None for fewer than 4 samples, or without any spread.
 
-    rough, refined: largest displacements (n,) [m] of the same samples. weight: (n,). limit: displacement beyond which
-    a sample has failed [m]. The interval of the rank correlation is Fisher's, with the variance of Bonett and Wright
+    rough, refined: largest displacements (n,) m of the same samples. weight: (n,). limit: displacement beyond which
+    a sample has failed (m). The interval of the rank correlation is Fisher's, with the variance of Bonett and Wright
     (2000), Psychometrika 65, 23-28, for the effective number of samples.
     """
     if rough.size < 4 or np.ptp(rough) == 0 or np.ptp(refined) == 0:

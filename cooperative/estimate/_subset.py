@@ -40,7 +40,7 @@ class SubsetPlan:
 
 @dataclass(frozen=True)
 class SubsetSamples:
-    """coefficients: standard normal (N, modes). rough_displacement: (N,) [m]. weight: (N,), summing to 1; a sample at
+    """coefficients: standard normal (N, modes). rough_displacement: (N,) m. weight: (N,), summing to 1; a sample at
     which a chain stayed weighs that much more. replicate: (N,) independent run of each sample. number: (N,) which of
     all the rough solutions it is, in the order asked for; those that no chain accepted are left out. rough_runs: rough
     solutions spent."""
@@ -57,7 +57,7 @@ def subset_simulation(rough: Callable[[np.ndarray], np.ndarray], modes: int, pla
     """Sample the coefficients ever deeper into large rough displacements.
 
     The same plan and the same answers ask for the same solutions, so that an interrupted run can be gone through again.
-    rough: coefficients (n, modes) -> rough displacement (n,) [m], run for many samples at once; runs that broke off are
+    rough: coefficients (n, modes) -> rough displacement (n,) m, run for many samples at once; runs that broke off are
     nan and count as the largest. Raises ValueError for a plan that leaves fewer than 2 chains, or a share or
     correlation outside (0, 1).
     """

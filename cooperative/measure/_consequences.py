@@ -24,7 +24,7 @@ SMALLEST_SHARE = 0.01
 
 @dataclass(frozen=True)
 class SlopeGeometry:
-    """Where the slope is [m]. toe_x, toe_z: place and elevation of its toe. height: from toe to crest."""
+    """Where the slope is (m). toe_x, toe_z: place and elevation of its toe. height: from toe to crest."""
 
     toe_x: float
     toe_z: float
@@ -32,23 +32,23 @@ class SlopeGeometry:
 
     @property
     def crest_z(self) -> float:
-        """Elevation of the crest [m]."""
+        """Elevation of the crest (m)."""
         return self.toe_z + self.height
 
 
 @dataclass(frozen=True)
 class Consequences:
-    """Consequences of one sample. The sliding soil is all that is displaced by `sliding_displacement` or more, the
+    """Consequences of one sample. The sliding soil is all that is displaced by `failure_displacement` or more, the
     sliding mass all of it but detached grains, see `consequences`.
 
-    displacement: R_d [m], the largest displacement of a particle of the sliding mass, of any where nothing slides.
-    depth: H [m], from crest level down to the deepest point of the sliding soil before it slid. Measured from
+    displacement: R_d (m), the largest displacement of a particle of the sliding mass, of any where nothing slides.
+    depth: H (m), from crest level down to the deepest point of the sliding soil before it slid. Measured from
         the crest, it exceeds the slope height exactly if the slip surface passes below the toe.
-    runout: L [m], horizontally from the toe to the front of the sliding mass; 0 if it stays behind the toe.
-    volume: V, of the sliding soil [m3], in a section [m2], that is m3 per metre of width.
-    area: S, plan area beyond the toe that the sliding mass overruns [m2]: the run-out of each slice across
-        the slope, times its width, summed. In a section [m], that is m2 per metre of width.
-    displacement_any, runout_any: displacement and run-out with detached grains [m].
+    runout: L (m), horizontally from the toe to the front of the sliding mass; 0 if it stays behind the toe.
+    volume: V, of the sliding soil (m3), in a section (m2), that is m3 per metre of width.
+    area: S, plan area beyond the toe that the sliding mass overruns (m2): the run-out of each slice across
+        the slope, times its width, summed. In a section (m), that is m2 per metre of width.
+    displacement_any, runout_any: displacement and run-out with detached grains (m).
     """
 
     displacement: float
@@ -73,30 +73,30 @@ def consequences(
     half_size: np.ndarray,
     width: float | None = None,
     slice_width: float = 0.5,
-    sliding_displacement: float = 1.0,
+    failure_displacement: float = 1.0,
     reach: float | None = None,
 ) -> Consequences:
     """Consequences of one final state.
 
-    position: initial particle positions (d, N) [m], rows (x, y, z) or, in a section, (x, z).
-    displacement: from there to the final state (d, N) [m].
-    volume: initial particle volumes (N,) [m3]; in a section per metre of width [m2].
-    half_size: half the initial particle spacing (d,) [m]. Edges of particle domains count rather than their
+    position: initial particle positions (d, N) m, rows (x, y, z) or, in a section, (x, z).
+    displacement: from there to the final state (d, N) m.
+    volume: initial particle volumes (N,) m3; in a section per metre of width (m2).
+    half_size: half the initial particle spacing (d,) m. Edges of particle domains count rather than their
         centres, so that the answer is the same for finer sampling.
-    width: width of a section [m]; volume and area are then multiplied by it. Not allowed in 3D.
-    slice_width: width of the slices across the slope in 3D [m]; the area is that much too wide at most.
-    sliding_displacement: displacement from which on soil counts as sliding [m]; 1 m in the paper.
-    reach: distance of two particles up to which they hang together [m]. Sliding soil that hangs together with less than
+    width: width of a section (m); volume and area are then multiplied by it. Not allowed in 3D.
+    slice_width: width of the slices across the slope in 3D (m); the area is that much too wide at most.
+    failure_displacement: displacement from which on soil counts as sliding (m); 1 m in the paper.
+    reach: distance of two particles up to which they hang together (m). Sliding soil that hangs together with less than
         a hundredth of the sliding volume is detached grains. None counts none as detached.
 
-    Raises ValueError for shapes that do not fit, values that are not finite, thresholds that are not positive.
+    Raises ValueError for shapes that do not fit, values that are not finite, lengths that are not positive.
     """
     position, displacement, volume = (np.asarray(a, dtype=float) for a in (position, displacement, volume))
     half = np.asarray(half_size, dtype=float)
-    _check(position, displacement, volume, half, width, slice_width, sliding_displacement, reach)
+    _check(position, displacement, volume, half, width, slice_width, failure_displacement, reach)
 
     moved = np.linalg.norm(displacement, axis=0)
-    sliding = moved >= sliding_displacement
+    sliding = moved >= failure_displacement
     largest = float(moved.max())
     if not sliding.any():
         return Consequences(largest, 0.0, 0.0, 0.0, 0.0, largest, 0.0)
@@ -123,9 +123,9 @@ def consequences(
 
 
 def hangs_together(position: np.ndarray, volume: np.ndarray, reach: float) -> np.ndarray:
-    """Which particles at position (d, N) [m] are not detached: (N,) bool, at least the largest group.
+    """Which particles at position (d, N) m are not detached: (N,) bool, at least the largest group.
 
-    Groups are particles joined by chains whose links are at most `reach` long [m]. Those with less than SMALLEST_SHARE
+    Groups are particles joined by chains whose links are at most `reach` long (m). Those with less than SMALLEST_SHARE
     of the volume (N,) are detached.
     """
     count = position.shape[1]
@@ -158,7 +158,7 @@ def largest_per_slice(first: np.ndarray, last: np.ndarray, values: np.ndarray, s
 
 
 def _swept_area(y: np.ndarray, half: float, beyond: np.ndarray, slice_width: float) -> float:
-    """Sum over slices across y of the largest run-out of any particle domain that reaches into them [m2]."""
+    """Sum over slices across y of the largest run-out of any particle domain that reaches into them (m2)."""
     origin = float(np.floor((y.min() - half) / slice_width)) * slice_width
     slices = int(np.ceil((y.max() + half - origin) / slice_width)) + 1
     first, last = overlapped_slices(y, half, origin=origin, slice_width=slice_width, slices=slices)
@@ -172,7 +172,7 @@ def _check(
     half: np.ndarray,
     width: float | None,
     slice_width: float,
-    sliding_displacement: float,
+    failure_displacement: float,
     reach: float | None,
 ) -> None:
     if position.ndim != 2 or len(position) not in (2, 3) or position.shape[1] == 0:
@@ -187,7 +187,7 @@ def _check(
     for name, array in (("position", position), ("displacement", displacement), ("volume", volume)):
         if not np.isfinite(array).all():
             raise ValueError(f"{name} is not finite: pass only samples whose lane did not fail")
-    lengths = {"slice_width": slice_width, "sliding_displacement": sliding_displacement, "reach": reach}
+    lengths = {"slice_width": slice_width, "failure_displacement": failure_displacement, "reach": reach}
     for name, value in lengths.items():
         if value is not None and not value > 0:
             raise ValueError(f"{name} = {value} is not positive: give metres above 0")

@@ -28,16 +28,16 @@ SEVERITY = ("progressive", "compound", "deep", "shallow")
 class ModeRules:
     """Limits of the rules.
 
-    sliding_displacement: displacement from which on soil counts as sliding, and as let go [m].
-    slice_width: width of the slices across the slope [m].
+    failure_displacement: displacement from which on soil counts as sliding, and as let go (m).
+    slice_width: width of the slices across the slope (m).
     separation: two masses side by side are two if the depth between them is less than that of the lesser by this
         share of the slope height.
     smallest_share: share of the sliding volume below which a mass does not count.
-    lull: time [s] in which less than `lull_share` of the sliding volume lets go, between two releases.
+    lull: time (s) in which less than `lull_share` of the sliding volume lets go, between two releases.
     slowed: the first mass has slowed when its mean speed, over a snapshot, is at most this share of its peak.
     """
 
-    sliding_displacement: float = 1.0
+    failure_displacement: float = 1.0
     slice_width: float = 2.0
     separation: float = 0.2
     smallest_share: float = 0.05
@@ -49,8 +49,8 @@ class ModeRules:
 @dataclass(frozen=True)
 class FailureMode:
     """name: one of SEVERITY, or "none" if nothing slides. depth: sliding depth below the crest of each slice along the
-    slope (slices,) [m], 0 where nothing slides; one slice in a section. masses: the depth of each mass [m]. released:
-    when the first and, if progressive, the second mass began to let go [s]. notes: in words."""
+    slope (slices,) m, 0 where nothing slides; one slice in a section. masses: the depth of each mass (m). released:
+    when the first and, if progressive, the second mass began to let go (s). notes: in words."""
 
     name: str
     depth: np.ndarray
@@ -71,15 +71,16 @@ def failure_mode(
 ) -> FailureMode:
     """Mode of one final state.
 
-    position, displacement: (d, N) [m], rows (x, y, z) or, in a section, (x, z). volume: (N,). half_size: half the
-    initial particle spacing (d,) [m]. motion: the run's past; without it progressive failure cannot be told, and a
+    position, displacement: (d, N) m, rows (x, y, z) or, in a section, (x, z). volume: (N,). half_size: half the
+    initial particle spacing (d,) m. motion: the run's past; without it progressive failure cannot be told, and a
     note says so.
-    Raises ValueError for shapes that do not fit, or a past with another threshold than that of the rules.
+    Raises ValueError for shapes that do not fit, or a past with another failure displacement than that of
+    the rules.
     """
     rules = rules or ModeRules()
     position, displacement, volume = (np.asarray(a, dtype=float) for a in (position, displacement, volume))
     _check(position, displacement, volume, motion, rules)
-    sliding = np.linalg.norm(displacement, axis=0) >= rules.sliding_displacement
+    sliding = np.linalg.norm(displacement, axis=0) >= rules.failure_displacement
     depth, share = depth_profile(position, sliding, volume, geometry, half_size=half_size, rules=rules)
     if not sliding.any():
         return FailureMode("none", depth, ())
@@ -97,7 +98,7 @@ def failure_mode(
 
 
 def name_mode(masses: tuple[float, ...], slope_height: float, progressive: bool) -> str:
-    """Name from the depths of the masses [m]: the precedence of the rules, nothing else."""
+    """Name from the depths of the masses (m): the precedence of the rules, nothing else."""
     deep = [depth > slope_height for depth in masses]
     if progressive:
         return "progressive"
@@ -115,7 +116,7 @@ def depth_profile(
     half_size: np.ndarray,
     rules: ModeRules,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Sliding depth below the crest [m] and share of the sliding volume of each slice along the slope, (slices,) each.
+    """Sliding depth below the crest (m) and share of the sliding volume of each slice along the slope, (slices,) each.
 
     The slices divide the slope evenly from end to end, so that moving or mirroring it changes nothing.
     """
@@ -139,7 +140,7 @@ def depth_profile(
 
 
 def separate_masses(depth: np.ndarray, share: np.ndarray, slope_height: float, rules: ModeRules) -> tuple[float, ...]:
-    """Depths [m] of the masses side by side: peaks of the depth profile that stand out from what lies between them.
+    """Depths (m) of the masses side by side: peaks of the depth profile that stand out from what lies between them.
 
     depth, share: (slices,), from `depth_profile`. The flank of a deep slide gets shallower and is no mass of its own.
     """
@@ -168,6 +169,6 @@ def _check(
         )
     if motion is not None and motion.volume.shape != volume.shape:
         raise ValueError(f"motion is of {motion.volume.size} particles: give that of the run's {volume.size}")
-    if motion is not None and motion.threshold != rules.sliding_displacement:
-        limit = rules.sliding_displacement
-        raise ValueError(f"motion has the threshold {motion.threshold:g} m: start it with the rules' {limit:g} m")
+    if motion is not None and motion.failure_displacement != rules.failure_displacement:
+        its, limit = motion.failure_displacement, rules.failure_displacement
+        raise ValueError(f"motion has the failure displacement {its:g} m: start it with the rules' {limit:g} m")

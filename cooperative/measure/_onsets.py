@@ -12,15 +12,15 @@ import numpy as np
 class Motion:
     """The past of one run, reduced to one number per particle and a few per pair of snapshots.
 
-    volume: (N,). threshold: displacement from which on soil has let go [m]. times: of the snapshots seen so far [s].
-    moved: how far each particle had moved by the last of them (N,) [m]. onset: when it let go (N,) [s], linear between
+    volume: (N,). failure_displacement: from which on soil has let go (m). times: of the snapshots seen so far (s).
+    moved: how far each particle had moved by the last of them (N,) m. onset: when it let go (N,) s, linear between
     snapshots, inf if it has not. seen: number of the snapshot that first found it so (N,), -1 if none has.
     travel: per interval between snapshots, (k,) each, how much farther the soil first seen to have let go at snapshot
-    0, 1 ... k - 1 moved in it, times its volume. What soil does before it lets go, less than the threshold, is no part.
+    0, 1 ... k - 1 moved in it, times its volume. What soil does before it lets go, less than that, is no part.
     """
 
     volume: np.ndarray
-    threshold: float
+    failure_displacement: float
     times: tuple[float, ...]
     moved: np.ndarray
     onset: np.ndarray
@@ -28,24 +28,29 @@ class Motion:
     travel: tuple[np.ndarray, ...] = ()
 
     @classmethod
-    def start(cls, volume: np.ndarray, threshold: float) -> Self:
+    def start(cls, volume: np.ndarray, failure_displacement: float) -> Self:
         """A run at rest at time 0."""
         volume = np.asarray(volume, dtype=float)
         nothing = np.zeros(volume.shape)
         return cls(
-            volume, threshold, (0.0,), nothing, np.full(volume.shape, np.inf), np.full(volume.shape, -1, np.int32)
+            volume,
+            failure_displacement,
+            (0.0,),
+            nothing,
+            np.full(volume.shape, np.inf),
+            np.full(volume.shape, -1, np.int32),
         )
 
     def after(self, time: float, moved: np.ndarray) -> Self:
-        """The past after one more snapshot, `moved` (N,) [m] at `time` [s]. ValueError for times that do not ascend."""
+        """The past after one more snapshot, `moved` (N,) m at `time` (s). ValueError for times that do not ascend."""
         if not time > self.times[-1]:
             raise ValueError(f"times do not ascend: {time} s after {self.times[-1]} s, give snapshots in order")
         moved = np.asarray(moved, dtype=float)
         number = len(self.times)
-        lets_go = (self.seen < 0) & (moved >= self.threshold)
+        lets_go = (self.seen < 0) & (moved >= self.failure_displacement)
         onset, seen = self.onset.copy(), self.seen.copy()
         before, now = self.moved[lets_go], moved[lets_go]
-        part = (self.threshold - before) / (now - before)
+        part = (self.failure_displacement - before) / (now - before)
         onset[lets_go] = self.times[-1] + part * (time - self.times[-1])
         seen[lets_go] = number
         gone = seen >= 0
@@ -59,7 +64,7 @@ class Motion:
 def releases(
     motion: Motion, sliding: np.ndarray, *, smallest_share: float, lull: float, lull_share: float, slowed: float
 ) -> tuple[float, ...]:
-    """Times [s] at which masses began to let go: one, or two if a second followed when the first had slowed.
+    """Times (s) at which masses began to let go: one, or two if a second followed when the first had slowed.
 
     sliding: (N,) bool, the soil to look at. Two releases are separated by a lull, and by the mean speed of the first
     mass; the limits are those of `cooperative.modes.ModeRules`.

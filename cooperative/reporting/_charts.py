@@ -21,11 +21,11 @@ MODE_COLOURS = {"progressive": "#D55E00", "compound": "#CC79A7", "deep": "#0072B
 FIT_STYLES = (("#D55E00", "-"), ("#009E73", "--"), ("#56B4E9", "-."))
 
 
-def ranked_displacements(rows: Mapping[str, np.ndarray], *, threshold: float = 1.0) -> Figure:
+def ranked_displacements(rows: Mapping[str, np.ndarray], *, failure_displacement: float = 1.0) -> Figure:
     """Largest displacement of every sample, by rank on the rough grid, with its refined result.
 
-    rows: rough (N,) [m] and refined (N,) [m], nan where a sample has no result on that grid; optionally
-    audited (N,) bool, samples drawn by the audit. threshold: displacement that counts as failure [m].
+    rows: rough (N,) m and refined (N,) m, nan where a sample has no result on that grid; optionally
+    audited (N,) bool, samples drawn by the audit. failure_displacement: m.
     """
     figure, (ax,) = panels(1, size=(7.0, 4.2))
     rough, refined = (np.asarray(rows[name], dtype=float) for name in ("rough", "refined"))
@@ -55,8 +55,15 @@ def ranked_displacements(rows: Mapping[str, np.ndarray], *, threshold: float = 1
             color=GREY,
             label=f"rough run broke off ({lost.sum()})",
         )
-    ax.axhline(threshold, color=GREY, lw=1, ls=":")
-    ax.annotate(f"failure from {threshold:g} m", (rank[-1], threshold), ha="right", va="bottom", color=GREY, fontsize=9)
+    ax.axhline(failure_displacement, color=GREY, lw=1, ls=":")
+    ax.annotate(
+        f"failure from {failure_displacement:g} m",
+        (rank[-1], failure_displacement),
+        ha="right",
+        va="bottom",
+        color=GREY,
+        fontsize=9,
+    )
     ax.set(yscale="log", xlabel="rank on the rough grid [-]", ylabel="largest displacement $R_d$ [m]")
     ax.legend()
     return figure
@@ -112,13 +119,13 @@ def convergence(
     return figure
 
 
-def grids(rough: np.ndarray, refined: np.ndarray, *, threshold: float, title: str = "") -> Figure:
+def grids(rough: np.ndarray, refined: np.ndarray, *, failure_displacement: float, title: str = "") -> Figure:
     """Refined against rough displacement of the samples that ran on both: how well the rough grid tells.
 
-    rough, refined: (n,) [m]. threshold: displacement that counts as failure [m]. title: what is known of it, in words.
+    rough, refined: (n,) m. failure_displacement: m. title: what is known of it, in words.
     """
     figure, (ax,) = panels(1, size=(5.2, 4.6))
-    fails = refined > threshold
+    fails = refined > failure_displacement
     for mine, marker, colour, name in (
         (fails, "^", REFINED, "fails on the refined grid"),
         (~fails, "o", ROUGH, "stands on the refined grid"),
@@ -126,8 +133,8 @@ def grids(rough: np.ndarray, refined: np.ndarray, *, threshold: float, title: st
         ax.plot(rough[mine], refined[mine], marker, color=colour, mfc="none", ms=5, label=f"{name} ({mine.sum()})")
     ends = np.array([min(rough.min(), refined.min()), max(rough.max(), refined.max())])
     ax.plot(ends, ends, "-", color=GREY, lw=0.8, label="both alike")
-    ax.axhline(threshold, color=GREY, lw=1, ls=":")
-    ax.axvline(threshold, color=GREY, lw=1, ls=":")
+    ax.axhline(failure_displacement, color=GREY, lw=1, ls=":")
+    ax.axvline(failure_displacement, color=GREY, lw=1, ls=":")
     ax.set(xscale="log", yscale="log", xlabel="$R_d$ on the rough grid [m]", ylabel="$R_d$ on the refined grid [m]")
     ax.set_title(title, loc="left", fontsize=9)
     ax.legend(fontsize=8)

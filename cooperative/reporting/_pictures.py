@@ -93,7 +93,7 @@ def kept_moments(model: GridModel, sample: Sample) -> Frames:
 
 
 def _end(model: GridModel, steps: int) -> float:
-    """When a run of so many steps ended [s]."""
+    """When a run of so many steps ended (s)."""
     return steps * float(model.scene.time_step)
 
 
@@ -148,5 +148,5 @@ def _plane(model: GridModel, sample: Sample) -> np.ndarray:
 
 
 def _section(model: GridModel, plane: np.ndarray) -> plots.Section:
-    """Positions (2, n) of a section's particles and half their spacing (2,) [m]."""
+    """Positions (2, n) of a section's particles and half their spacing (2,) m."""
     return np.asarray(model.scene.particles.position, float)[[0, -1]][:, plane], model.half_size[[0, -1]]

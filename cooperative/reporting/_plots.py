@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from foundation import files
 
 Section = tuple[np.ndarray, np.ndarray]
-"""Positions (2, N) as x and z [m], and half the particle spacing (2,) [m]."""
+"""Positions (2, N) as x and z (m), and half the particle spacing (2,) m."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ def strength_fields(sections: Mapping[str, Section], strength: Mapping[str, np.n
     """One strength field on every grid, one panel each, on one colour scale.
 
     sections: by grid name.
-    strength: grid name -> undrained strength (N,) [Pa], of the same particles.
+    strength: grid name -> undrained strength (N,) Pa, of the same particles.
     """
     low = min(float(np.min(values)) for values in strength.values()) / 1e3
     high = max(float(np.max(values)) for values in strength.values()) / 1e3
@@ -54,7 +54,7 @@ def before_and_after(
 ) -> Figure:
     """Section before and after, coloured by the plastic strain at the end.
 
-    position, displacement: (2, N) [m], rows x and z. plastic_strain: (N,). half_size: (2,) [m].
+    position, displacement: (2, N) m, rows x and z. plastic_strain: (N,). half_size: (2,) m.
     """
     figure, axes = _section_panels(position, 2)
     norm = Normalize(0.0, max(float(np.quantile(plastic_strain, 0.99)), 1e-3))
@@ -73,7 +73,7 @@ def before_and_after(
 def slide(section: Section, strength: np.ndarray, displacement: np.ndarray, times: Sequence[float]) -> Figure:
     """Strength above the slide that it led to, at several times.
 
-    section: before. strength: (N,) [Pa]. displacement: (T, 2, N) [m] at the T times [s]; colour tells how far a
+    section: before. strength: (N,) Pa. displacement: (T, 2, N) m at the T times (s); colour tells how far a
     particle has moved by then.
     """
     position, half = section
@@ -97,8 +97,8 @@ def plan(
 ) -> Figure:
     """A slide from above at several times: how far the soil on top has moved.
 
-    position: initial (3, N) [m]. displacement: (T, 3, N) [m] at the T times [s]. half_size: half the particle
-    spacing (3,) [m]. toe: x of the toe [m], drawn as a line.
+    position: initial (3, N) m. displacement: (T, 3, N) m at the T times (s). half_size: half the particle
+    spacing (3,) m. toe: x of the toe (m), drawn as a line.
     """
     moved = np.linalg.norm(displacement, axis=1)
     norm = Normalize(0.0, max(float(moved.max()), 1e-6))

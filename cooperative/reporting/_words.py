@@ -162,7 +162,7 @@ def _numbers(told: Told) -> Iterator[Drawn]:
         "ranked",
         "Largest displacement of every sample by its rank on the rough grid, with the refined runs. Refined failures "
         "should thin out down the ranks.",
-        charts.ranked_displacements({"rough": first, "refined": both}, threshold=limit),
+        charts.ranked_displacements({"rough": first, "refined": both}, failure_displacement=limit),
     )
     way = told.summary["convergence"]
     if len(way["refined_runs"]) > 1:
@@ -177,7 +177,7 @@ def _numbers(told: Told) -> Iterator[Drawn]:
         )
     ended = np.isfinite(first) & np.isfinite(both)
     if ended.any():
-        figure = charts.grids(first[ended], both[ended], threshold=limit)
+        figure = charts.grids(first[ended], both[ended], failure_displacement=limit)
         yield Drawn("grids", f"Samples that ran on both grids. {_agreement(told.summary)}", figure)
     modes = {mode: share for mode, share in (told.summary["modes"] or {}).items() if share["count"]}
     if modes:

@@ -14,13 +14,13 @@ PASSED = (1.0, 5.0)
 
 @dataclass(frozen=True)
 class Frames:
-    """A run at some of its times. times: of T moments, ascending [s]. displacement: at each of them (d, N) [m]."""
+    """A run at some of its times. times: of T moments, ascending (s). displacement: at each of them (d, N) m."""
 
     times: tuple[float, ...] = ()
     displacement: tuple[np.ndarray, ...] = ()
 
     def due(self, farthest: float, failure_displacement: float) -> bool:
-        """Whether soil that has moved so far [m] asks for the next frame. At most one is taken at a time."""
+        """Whether soil that has moved so far (m) asks for the next frame. At most one is taken at a time."""
         return len(self.times) < len(PASSED) and farthest > PASSED[len(self.times)] * failure_displacement
 
     def after(self, time: float, displacement: Any) -> Self:

@@ -44,7 +44,7 @@ class GridModel:
 
     @property
     def reach(self) -> float:
-        """Distance up to which two particles hang together [m]: a little more than the diagonal of a cell."""
+        """Distance up to which two particles hang together (m): a little more than the diagonal of a cell."""
         return 1.5 * self.scene.grid.cell
 
     def strength(self, coefficients: jax.Array | np.ndarray) -> jax.Array:

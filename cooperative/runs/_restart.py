@@ -94,7 +94,7 @@ def _restored(path: Path, state: State, about: dict[str, Any], start: Motion) ->
     ends = np.cumsum(np.arange(2, len(about["times"]) + 1))
     motion = Motion(
         start.volume,
-        start.threshold,
+        start.failure_displacement,
         tuple(about["times"].tolist()),
         about["moved"],
         about["onset"],

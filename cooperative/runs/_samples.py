@@ -137,7 +137,7 @@ class _UnderWay:
             moved = np.asarray(_moved(midway.state.displacement))
             self.motions[number] = motion.after(seconds, moved)
             kept = self.model.grid in self.model.campaign.plan.fields and (running or failed)
-            if kept and self.frames[number].due(float(moved.max()), motion.threshold):
+            if kept and self.frames[number].due(float(moved.max()), motion.failure_displacement):
                 self.frames[number] = self.frames[number].after(seconds, midway.state.displacement)
         now = time.perf_counter()
         due = self.stopping or now - self.written[number] > self.model.campaign.plan.restart_every
@@ -179,10 +179,10 @@ def finished(
         if history is not None:
             fields["plastic_strain"] = np.asarray(history, np.float32)
     row: dict[str, Scalar]
-    if bool(result.failed) or decided:
+    if bool(result.broke_off) or decided:
         reached = np.linalg.norm(displacement, axis=0)
         largest = float(np.max(reached, where=np.isfinite(reached), initial=0.0))
-        row = {"displacement": largest, "broke_off": bool(result.failed)}
+        row = {"displacement": largest, "broke_off": bool(result.broke_off)}
     else:
         run = (
             np.asarray(scene.particles.position),
@@ -191,12 +191,12 @@ def finished(
             geometry_of(campaign),
         )
         limit = campaign.run.failure_displacement
-        measured = consequences(*run, half_size=model.half_size, sliding_displacement=limit, reach=model.reach)
+        measured = consequences(*run, half_size=model.half_size, failure_displacement=limit, reach=model.reach)
         row = {**measured.as_row(), "broke_off": False}
         if frames is not None and measured.displacement > limit:
             fields |= frames.as_fields()
         if motion is not None:
-            rules = ModeRules(sliding_displacement=limit)
+            rules = ModeRules(failure_displacement=limit)
             mode = failure_mode(*run, half_size=model.half_size, motion=motion, rules=rules)
             row |= mode_row(mode)
             fields["slice_depth"] = mode.depth.astype(np.float32)
@@ -214,8 +214,8 @@ def finished(
 
 
 def mode_row(mode: FailureMode) -> dict[str, Scalar]:
-    """A mode's scalars: its name, how many masses slide, depth of the shallowest and deepest [m], and when the first
-    and, if progressive, the second began to let go [s]. What a mode does not have is left out."""
+    """A mode's scalars: its name, how many masses slide, depth of the shallowest and deepest (m), and when the first
+    and, if progressive, the second began to let go (s). What a mode does not have is left out."""
     row: dict[str, Scalar] = {"mode": mode.name, "masses": len(mode.masses)}
     if mode.masses:
         row |= {"depth_shallowest": min(mode.masses), "depth_deepest": max(mode.masses)}

@@ -82,6 +82,6 @@ def _factor_of_safety(campaign: Campaign, grid: str) -> float:
     # On CPU lanes run in turn, and bisection takes the fewest; elsewhere a batch costs as much time as one.
     batch = 2 if jax.default_backend() == "cpu" else 8
     return factor_of_safety(
-        scene, state, criterion=campaign.run.failure_displacement, t_end=campaign.run.t_end, batch=batch,
+        scene, state, failure_displacement=campaign.run.failure_displacement, t_end=campaign.run.t_end, batch=batch,
         settle=campaign.run.settle,
     ).stable  # fmt: skip

@@ -70,13 +70,13 @@ class Result:
         return np.asarray(self.state.status)
 
     @property
-    def failed(self) -> np.ndarray:
+    def broke_off(self) -> np.ndarray:
         """Whether a lane's run broke off (numerically; a slope that slides is no failed run)."""
         return np.asarray(self.status > Status.DECIDED)
 
     def raise_if_failed(self) -> Result:
         """Return self, or raise FloatingPointError naming the lanes that broke off, why and at which step."""
-        if np.any(self.failed):
+        if np.any(self.broke_off):
             status, steps = np.atleast_1d(self.status), np.atleast_1d(np.asarray(self.state.step))
             lanes = [
                 f"lane {i}: {_ADVICE[Status(int(s))]} (step {n})"

@@ -20,10 +20,10 @@ from jaxmpm.types import Scene, State
 
 @dataclass(frozen=True)
 class FactorOfSafety:
-    """stable: largest strength reduction R that stands. fails: smallest that fails, one resolution above.
+    """stable: largest reduction factor R that stands. fails: smallest that fails, one resolution above.
 
-    tried: every (R, largest displacement in m) that was run, by R; of a lane that failed the displacement is the
-    one at which it was decided.
+    tried: every (R, largest displacement in m) that was run, by R; where the slope failed, the displacement
+    is the one at which that was decided.
     """
 
     stable: float
@@ -35,28 +35,29 @@ def factor_of_safety(
     scene: Scene,
     state: State,
     *,
-    criterion: float = 1.0,
+    failure_displacement: float = 1.0,
     bracket: tuple[float, float] = (0.5, 3.0),
     resolution: float = 0.01,
     t_end: float = 20.0,
     batch: int = 8,
     settle: Settle | None = None,
 ) -> FactorOfSafety:
-    """Divide the strength by R and find where the largest displacement passes `criterion` (m) within t_end (s).
+    """Divide the strength by R and find where the slope fails.
 
+    It fails where its largest displacement passes `failure_displacement` (m) within t_end (s).
     bracket: R that stands and R that fails. resolution: R is a multiple of it. batch: lanes per round.
     settle: when a lane counts as standing before t_end; the default of `Settle`.
     Raises ValueError when the bracket's ends do not stand and fail, FloatingPointError when a run breaks off.
     """
-    check.positive("criterion", criterion, "m")
+    check.positive("failure_displacement", failure_displacement, "m")
     check.positive("resolution", resolution)
     check.positive("bracket", bracket)
     check.whole("batch", batch, least=2)
-    check_run(t_end, settle, criterion)
+    check_run(t_end, settle, failure_displacement)
     check_scene(scene)
     low, high = round(bracket[0] / resolution), round(bracket[1] / resolution)
     if not 0 < low < high:
-        raise ValueError(f"bracket = {bracket}: give a lower and a higher reduction above 0")
+        raise ValueError(f"bracket = {bracket}: give a lower and a higher reduction factor above 0")
     moved: dict[int, float] = {}
     points = sorted({round(p) for p in np.linspace(low, high, batch)})
     while points:
@@ -67,7 +68,7 @@ def factor_of_safety(
             repeat(state, len(points)),
             t_end=t_end,
             settle=settle or Settle(),
-            stop_at=criterion,
+            stop_at=failure_displacement,
             axes=axes,
         ).raise_if_failed()
         moved |= dict(
@@ -77,8 +78,8 @@ def factor_of_safety(
                 strict=True,
             )
         )
-        stands = [p for p, u in moved.items() if u <= criterion]
-        fails = [p for p, u in moved.items() if u > criterion]
+        stands = [p for p, u in moved.items() if u <= failure_displacement]
+        fails = [p for p, u in moved.items() if u > failure_displacement]
         if not stands or not fails:
             side, end = ("fails", low) if not stands else ("stands", high)
             raise ValueError(f"the slope {side} even at R = {end * resolution:g}: widen the bracket {bracket}")
