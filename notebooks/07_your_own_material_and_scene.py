@@ -36,8 +36,7 @@ from cooperative import (
     Estimate,
     Population,
     Sampling,
-    Screened,
-    all_samples,
+    SceneSamples,
     campaign,
     rank_samples,
     wilson_interval,
@@ -331,7 +330,7 @@ print(f"front over that of the closed form: {fronts[0]:.2f} in plane strain, {fr
 # An estimator says which samples run on the refined grid, and what it makes of the answers. It is a frozen dataclass,
 # whose fields are its settings, with the methods of `cooperative.Estimator`: what it screens, what it wants to run
 # next, its estimate, and what every run stands for. All are functions of what is known by then, so a campaign can be
-# killed and goes on.
+# killed and goes on. `cooperative.SceneSamples` screens the scene's own samples, and leaves the rest to write.
 #
 # This one is systematic sampling (Cochran 1977, *Sampling Techniques*, Chapter 8): every `step`-th sample of the
 # ranking from the rough grid runs refined, so that refined runs are spread over all ranks.
@@ -339,7 +338,7 @@ print(f"front over that of the closed form: {fronts[0]:.2f} in plane strain, {fr
 
 # %%
 @dataclass(frozen=True)
-class EveryRank:
+class EveryRank(SceneSamples):
     """Every `step`-th rank runs refined and stands for `step` samples."""
 
     step: int
@@ -348,15 +347,6 @@ class EveryRank:
     def check(self, sampling: Sampling) -> None:
         if sampling.samples % self.step:
             raise ValueError(f"samples = {sampling.samples}: give a multiple of step = {self.step}")
-
-    def rough_runs(self, sampling: Sampling) -> int:
-        return sampling.samples
-
-    def coefficients(self, sampling: Sampling, screened: Screened) -> np.ndarray:
-        return sampling.draw()
-
-    def population(self, sampling: Sampling, screened: Screened) -> Population | None:
-        return all_samples(sampling, screened)
 
     def budget(self, samples: int) -> int:
         return samples // self.step
@@ -376,14 +366,8 @@ class EveryRank:
         cov = np.sqrt((1 - share) / sum(known)) if any(known) else np.inf
         return Estimate(share, (low, high), cov, len(known), self.name)
 
-    def path(self, population: Population, answers: Answers) -> list[Estimate]:
-        return [self.estimate(population, answers)]
-
     def weights(self, population: Population, answers: Answers) -> dict[int, float]:
         return {s: float(self.step) for s in self.chosen(population) if s in answers}
-
-    def beside(self, population: Population, answers: Answers) -> list[Estimate]:
-        return []
 
     def why_finished(self, population: Population, answers: Answers) -> str | None:
         return None if self.wanted(population, answers, 1, ()) else f"every {self.step}. rank has run"

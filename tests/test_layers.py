@@ -1,6 +1,7 @@
 """Imports go down only, from room to room, and each package stands alone."""
 
 import ast
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
@@ -91,3 +92,45 @@ def test_campaigns_use_only_what_the_packages_export():
 def test_no_function_has_its_modules_name(path):
     functions = {node.name for node in ast.parse(path.read_text()).body if isinstance(node, ast.FunctionDef)}
     assert path.stem.removeprefix("_") not in functions or path.stem.startswith("_")
+
+
+def code(path: Path) -> list[str]:
+    """Lines of a module as they are spelt in one way, without imports and what stands there for people."""
+    tree = ast.parse(path.read_text())
+    for node in ast.walk(tree):
+        if isinstance(body := getattr(node, "body", None), list):
+            left_out = ast.Import | ast.ImportFrom
+            kept = [each for each in body if not isinstance(each, left_out) and not said(each)]
+            node.body = kept or [ast.Pass()]
+    return [line.strip() for line in ast.unparse(tree).splitlines() if line.strip()]
+
+
+def said(node: ast.AST) -> bool:
+    """Whether a statement is a text for people."""
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+
+
+def repeated(paths: dict[str, list[Path]], lines: int) -> dict[str, set[str]]:
+    """Passages of so many lines that stand in more than one room: passage -> rooms."""
+    found = defaultdict(set)
+    for room, files in paths.items():
+        for path in files:
+            spelt = code(path)
+            for first in range(len(spelt) - lines + 1):
+                found["\n".join(spelt[first : first + lines])].add(room)
+    return {passage: rooms for passage, rooms in found.items() if len(rooms) > 1}
+
+
+def test_no_room_repeats_six_lines_of_another():
+    rooms = defaultdict(list)
+    for path in MODULES:
+        rooms[f"{path.relative_to(ROOT).parts[0]}.{room_of(path)}"].append(path)
+    assert repeated(rooms, 6) == {}
+
+
+def test_repetition_is_seen_however_it_is_laid_out(tmp_path):
+    passage = "a = f(1, 2)\nb = g(a)\n# why\nc = a + b\nd = c\n\ne = d\nf = [e,\n     a]\n"
+    for name, text in {"one": passage, "two": "import os\n" + passage.replace("f(1, 2)", "f(1,\n  2)")}.items():
+        (tmp_path / f"{name}.py").write_text(text)
+    rooms = {name: [tmp_path / f"{name}.py"] for name in ("one", "two")}
+    assert len(repeated(rooms, 6)) == 1
