@@ -31,10 +31,10 @@ lint: .venv
 test: lint
 	$(BIN)/python -m pytest -n auto --dist worksteal
 
-# With VTK to read exports back, and playwright to drive a Chromium if there is one.
+# With VTK to read exports back, and playwright to drive a Chromium if there is one. Programs are compiled as for users.
 test-slow: .venv
 	$(BIN)/pip install --quiet --editable '.[test,vtk,browser]'
-	$(BIN)/python -m pytest -m slow
+	XLA_FLAGS= $(BIN)/python -m pytest -m slow
 
 bench: .venv
 	$(BIN)/pip install --quiet --editable '.[test,peers]'

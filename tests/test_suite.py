@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 
-from tests.conftest import SESSION, left_behind
+from tests.conftest import SESSION, known, left_behind
 
 RUN = """if True:
     import sys
@@ -39,6 +39,11 @@ def test_programs_from_the_cache_give_the_same_bits(tmp_path):
     assert hits > 10
     assert fresh.tobytes() == kept.tobytes()
     assert np.ptp(fresh) > 1e-3
+
+
+def test_flags_that_jaxlib_does_not_know_are_told_from_those_it_knows():
+    assert known("--xla_backend_optimization_level=0")
+    assert not known("--xla_no_such_flag=0")
 
 
 def test_a_process_left_behind_is_named():
