@@ -1,6 +1,7 @@
 """A scene's way through a campaign: from room to room, coming back to none more than twice."""
 
 import sys
+from functools import cache
 from itertools import groupby
 from pathlib import Path
 
@@ -20,7 +21,13 @@ READ = {Campaign.estimator.fget.__code__}
 
 def room_of(code):
     """The room that a function belongs to, None outside the package; made-up runs stand for those of the solver."""
-    path = Path(code.co_filename)
+    return room_of_file(code.co_filename)
+
+
+@cache
+def room_of_file(name):
+    """Asked for every call of a campaign, of which most are in a few hundred files."""
+    path = Path(name)
     if path == Path(invented.__file__):
         return "runs"
     return path.relative_to(HOUSE).parts[0].removesuffix(".py") if path.is_relative_to(HOUSE) else None
@@ -41,8 +48,10 @@ def trace(does):
     way, loops = [], {name: set() for name in LOOPS}
 
     def entered(frame, event, _):
+        if event != "call":
+            return
         room = room_of(frame.f_code)
-        if event != "call" or room in (None, "campaign") or frame.f_code in READ:
+        if room in (None, "campaign") or frame.f_code in READ:
             return
         outer = callers(frame)
         if not outer or room_of(outer[0]) != "campaign":
