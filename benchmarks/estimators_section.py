@@ -178,7 +178,7 @@ def _agreement(pairs: Pairs, name: str) -> dict[str, float]:
     refined, even = pairs.displacement["refined"], np.ones(pairs.displacement["refined"].size)
     named = {f"{name}_pf": float(np.mean(refined > LIMIT))}
     for grid in ("rough", "calibrated"):
-        found = correlation(pairs.displacement[grid], refined, even, limit=LIMIT)
+        found = correlation(pairs.displacement[grid], refined, even, failure_displacement=LIMIT)
         if found is None:
             raise ValueError(
                 f"the {grid} displacements of {len(refined)} pairs do not differ: make the data file again"

@@ -315,7 +315,7 @@ def agreement(rows: Rows) -> Iterator[Line]:
         weights = sample_weights(screened, refined_classes(rows, "published"), AUDIT)
         pairs = [[score(rows[Run("published", grid, n)]) for n in weights] for grid in ("rough", "refined")]
         each = np.array(list(weights.values()))
-        both = correlation(np.array(pairs[0]), np.array(pairs[1]), each, limit=LIMIT)
+        both = correlation(np.array(pairs[0]), np.array(pairs[1]), each, failure_displacement=LIMIT)
     if both is None:
         yield from (Line(name, value, None, words) for name, value in zip(names, ("spearman_3d", None), strict=True))
         return

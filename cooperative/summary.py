@@ -140,7 +140,7 @@ def _grids(campaign: Campaign, rough: Rows, refined: Rows, weight: np.ndarray) -
         rough.columns["displacement"][place],
         refined.columns["displacement"][both],
         weight[both],
-        limit=campaign.run.failure_displacement,
+        failure_displacement=campaign.run.failure_displacement,
     )
     return None if found is None else {name: _plain(value) for name, value in asdict(found).items()}
 

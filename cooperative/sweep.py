@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -151,7 +152,7 @@ def probabilities(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
 def mode_ratios(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
     """Share of each mode among the failures, with its interval, against each parameter, one panel each."""
     figure, axes = panels(1, len(parameters), size=(3.6, 3.5))
-    handles: dict[str, Any] = {}
+    handles: dict[str, Artist] = {}
     for ax, (name, rows) in zip(axes, parameters.items(), strict=True):
         with_failures = [row for row in rows if row["modes"]]
         for place, (mode, (colour, marker)) in enumerate(STYLES.items()):

@@ -32,7 +32,7 @@ def test_correlation_agrees_with_scipy_for_equal_weights():
     generator = np.random.default_rng(0)
     rough = np.exp(generator.standard_normal(60))
     refined = rough * np.exp(0.3 * generator.standard_normal(60))
-    found = correlation(rough, refined, np.full(60, 0.2), limit=1.0)
+    found = correlation(rough, refined, np.full(60, 0.2), failure_displacement=1.0)
     assert found.spearman == pytest.approx(spearmanr(rough, refined).statistic)
     assert found.pearson_log == pytest.approx(pearsonr(np.log(rough), np.log(refined)).statistic)
     assert found.phi == pytest.approx(np.corrcoef(rough > 1, refined > 1)[0, 1])
@@ -43,15 +43,15 @@ def test_correlation_agrees_with_scipy_for_equal_weights():
 def test_a_weight_counts_as_so_many_samples():
     rough, refined = np.array([1.0, 2, 3, 4, 5]), np.array([1.0, 3, 2, 6, 4])
     weight = np.array([1, 2, 1, 3, 1])
-    weighted = correlation(rough, refined, weight, limit=2.5)
-    repeated = correlation(np.repeat(rough, weight), np.repeat(refined, weight), np.ones(8), limit=2.5)
+    weighted = correlation(rough, refined, weight, failure_displacement=2.5)
+    repeated = correlation(np.repeat(rough, weight), np.repeat(refined, weight), np.ones(8), failure_displacement=2.5)
     assert weighted.spearman == pytest.approx(repeated.spearman)
     assert weighted.phi == pytest.approx(repeated.phi)
 
 
 def test_correlation_of_nothing_is_none():
-    assert correlation(np.ones(3), np.arange(3.0), np.ones(3), limit=1.0) is None
-    assert correlation(np.ones(9), np.arange(9.0), np.ones(9), limit=1.0) is None
+    assert correlation(np.ones(3), np.arange(3.0), np.ones(3), failure_displacement=1.0) is None
+    assert correlation(np.ones(9), np.arange(9.0), np.ones(9), failure_displacement=1.0) is None
 
 
 def test_weights_of_refined_runs_add_up_to_unbiased_totals():
@@ -91,6 +91,6 @@ def test_the_path_ends_with_the_estimate():
 @pytest.mark.parametrize("count", [4, 20, 100_000])
 def test_a_perfect_rank_correlation_lies_in_its_own_interval(sign, count):
     rough = np.arange(1.0, count + 1)
-    found = correlation(rough, 10 + sign * rough / count, np.ones(count), limit=10.5)
+    found = correlation(rough, 10 + sign * rough / count, np.ones(count), failure_displacement=10.5)
     assert found.spearman == pytest.approx(sign)
     assert found.interval[0] <= found.spearman <= found.interval[1]

@@ -18,7 +18,8 @@ def pairs():
 def test_default_settings_bring_the_grids_together(pairs):
     default, even = read("default"), np.ones(SAMPLES)
     same = [
-        correlation(of.displacement["rough"], of.displacement["refined"], even, limit=1.0) for of in (pairs, default)
+        correlation(of.displacement["rough"], of.displacement["refined"], even, failure_displacement=1.0)
+        for of in (pairs, default)
     ]
     assert same[1].same_class > same[0].same_class
     assert same[1].pearson_log > same[0].pearson_log
@@ -27,7 +28,7 @@ def test_default_settings_bring_the_grids_together(pairs):
 def test_the_rough_grid_ranks_well_and_fails_too_seldom(pairs):
     moved, even = pairs.displacement, np.ones(SAMPLES)
     assert all(column.size == SAMPLES for column in moved.values())
-    plain = correlation(moved["rough"], moved["refined"], even, limit=1.0)
+    plain = correlation(moved["rough"], moved["refined"], even, failure_displacement=1.0)
     assert plain.spearman > 0.95
     assert np.mean(moved["rough"] > 1) < 0.6 * np.mean(moved["refined"] > 1)
 
@@ -35,7 +36,8 @@ def test_the_rough_grid_ranks_well_and_fails_too_seldom(pairs):
 def test_calibration_brings_the_classes_together(pairs):
     moved, even = pairs.displacement, np.ones(SAMPLES)
     same = {
-        grid: correlation(moved[grid], moved["refined"], even, limit=1.0).same_class for grid in ("rough", "calibrated")
+        grid: correlation(moved[grid], moved["refined"], even, failure_displacement=1.0).same_class
+        for grid in ("rough", "calibrated")
     }
     assert same["calibrated"] > 0.95 > same["rough"]
     assert np.mean(moved["calibrated"] > 1) == pytest.approx(np.mean(moved["refined"] > 1), rel=0.1)

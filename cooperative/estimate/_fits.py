@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import optimize, stats
+from scipy.stats import rv_continuous
+from scipy.stats.distributions import rv_frozen
 
 from cooperative.estimate._shares import effective_size
 
@@ -23,7 +24,7 @@ ENOUGH = 30
 class Candidate:
     """A family of two parameters. family: of scipy.stats. fixed: parameters held. positive: for values above 0."""
 
-    family: Any
+    family: rv_continuous
     fixed: Mapping[str, float]
     positive: bool
 
@@ -50,7 +51,7 @@ class Fit:
     bic: float
 
     @property
-    def frozen(self) -> Any:
+    def frozen(self) -> rv_frozen:
         """The distribution itself."""
         return CANDIDATES[self.name].family(*self.parameters)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import NoReturn, Protocol
 
 import numpy as np
 
@@ -22,7 +22,7 @@ Screened = Mapping[int, tuple[float, bool]]
 """Sample -> its largest displacement on the rough grid (m), and whether that run broke off."""
 
 
-def _no_field() -> Any:
+def _no_field() -> NoReturn:
     raise ValueError("the random field is not known yet: ask for coefficients once the scene is read")
 
 

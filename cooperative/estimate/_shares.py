@@ -54,11 +54,11 @@ class Correlation:
 
 
 def correlation(
-    rough: np.ndarray, refined: np.ndarray, weight: np.ndarray, *, limit: float, level: float = 0.95
+    rough: np.ndarray, refined: np.ndarray, weight: np.ndarray, *, failure_displacement: float, level: float = 0.95
 ) -> Correlation | None:
     """Correlation between the grids; None for fewer than 4 samples, or without any spread.
 
-    rough, refined: largest displacements (n,) m of the same samples. weight: (n,). limit: displacement beyond which
+    rough, refined: largest displacements (n,) m of the same samples. weight: (n,). failure_displacement: beyond which
     a sample has failed (m). The interval of the rank correlation is Fisher's, with the variance of Bonett and Wright
     (2000), Psychometrika 65, 23-28, for the effective number of samples.
     """
@@ -69,7 +69,7 @@ def correlation(
     size = max(effective_size(weight), 3.5)
     half = float(norm.ppf(0.5 + level / 2) * np.sqrt((1 + spearman**2 / 2) / (size - 3)))
     middle = np.arctanh(min(max(spearman, -1 + 1e-12), 1 - 1e-12))
-    fails = (rough > limit).astype(float), (refined > limit).astype(float)
+    fails = (rough > failure_displacement).astype(float), (refined > failure_displacement).astype(float)
     both = np.ptp(fails[0]) > 0 and np.ptp(fails[1]) > 0
     tiny = np.finfo(float).tiny
     return Correlation(

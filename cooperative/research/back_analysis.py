@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -32,9 +31,9 @@ class Parameters:
     """What is looked for. strength, softening: logarithms of factors on the model's mean strength and softening
     modulus. coefficients: (n,) the leading ones of the strength's random field, the rest being 0."""
 
-    strength: Any
-    softening: Any
-    coefficients: Any
+    strength: Array | float
+    softening: Array | float
+    coefficients: Array | np.ndarray
 
 
 @dataclass(frozen=True)
@@ -59,8 +58,8 @@ class Observed:
     """surface: (k,) height of the soil column at each station in the end (m). histories: (times, d, m) displacement of
     the markers (m)."""
 
-    surface: Any
-    histories: Any
+    surface: Array
+    histories: Array
 
 
 @dataclass(frozen=True)
@@ -146,7 +145,7 @@ def recover(
         return 0.5 * jnp.sum(residuals(parameters)[0] ** 2)
 
     @jax.jit
-    def step(parameters: Parameters, memory: Any) -> tuple[Parameters, Any, Array]:
+    def step(parameters: Parameters, memory: optax.OptState) -> tuple[Parameters, optax.OptState, Array]:
         value, gradient = jax.value_and_grad(loss)(parameters)
         change, memory = optimiser.update(gradient, memory, parameters, value=value, grad=gradient, value_fn=loss)
         return optax.apply_updates(parameters, change), memory, value

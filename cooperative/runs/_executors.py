@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
 from multiprocessing import connection
+from multiprocessing.queues import SimpleQueue
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +62,7 @@ class _Processes(Executor):
 
     def __init__(self, workers: int) -> None:
         context = multiprocessing.get_context("spawn")
-        shares: Any = context.SimpleQueue()
+        shares: SimpleQueue[list[int]] = context.SimpleQueue()
         for cores in _shares(workers):
             shares.put(cores)
         listening, self.telling = context.Pipe(duplex=False)
@@ -112,7 +113,7 @@ _told_to_stop = threading.Event()
 """Of a worker: whether its controller wants it to come to an end."""
 
 
-def _begin(shares: Any, listening: connection.Connection) -> None:
+def _begin(shares: SimpleQueue[list[int]], listening: connection.Connection) -> None:
     """Take a share of the cores (a worker that replaces a dead one finds none left and takes all), and watch."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if not shares.empty():

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 PASSED = (1.0, 5.0)
 """Multiples of the failure displacement. A frame is the state after the first chunk of steps that ends beyond one."""
@@ -23,7 +24,7 @@ class Frames:
         """Whether soil that has moved so far (m) asks for the next frame. At most one is taken at a time."""
         return len(self.times) < len(PASSED) and farthest > PASSED[len(self.times)] * failure_displacement
 
-    def after(self, time: float, displacement: Any) -> Self:
+    def after(self, time: float, displacement: ArrayLike) -> Self:
         """With one frame more; half precision tells 10 m to 4 mm, which is enough for a picture."""
         return type(self)((*self.times, time), (*self.displacement, np.asarray(displacement).astype(np.float16)))
 
@@ -34,7 +35,7 @@ class Frames:
         return {"frames": np.stack(self.displacement), "frame_times": np.asarray(self.times)}
 
     @classmethod
-    def of(cls, fields: Mapping[str, Any]) -> Self:
+    def of(cls, fields: Mapping[str, np.ndarray]) -> Self:
         """Those among the fields of a sample or a restart point, none where they have none."""
         if "frames" not in fields:
             return cls()

@@ -178,12 +178,12 @@ def _value(where: str, value: Any, key: Key, given: bool) -> Any:
     raise ValueError(f"{where} = {shown(value)} is {in_words(value)}: give {wanted[kind]}{otherwise}")
 
 
-def _fits(value: Any) -> bool:
+def _fits(value: object) -> bool:
     """Whether single precision holds a number, with some room for products of it."""
     return not isinstance(value, float) or value == 0 or 1e-30 <= abs(value) <= 1e30
 
 
-def refuse_unknown(where: str, table: Mapping[str, Any], known: Mapping[str, Any]) -> None:
+def refuse_unknown(where: str, table: Mapping[str, object], known: Mapping[str, object]) -> None:
     """Raise ValueError for the first key that is not known, naming the nearest one that is."""
     for key in table:
         if key not in known:
@@ -191,12 +191,12 @@ def refuse_unknown(where: str, table: Mapping[str, Any], known: Mapping[str, Any
             raise ValueError(f"{where} has an unknown key {shown(key)}{meant}; it knows {', '.join(known)}")
 
 
-def _nearest(word: Any, known: Mapping[str, Any]) -> str:
+def _nearest(word: object, known: Mapping[str, object]) -> str:
     close = difflib.get_close_matches(str(word), known, n=1)
     return f" (did you mean {close[0]!r}?)" if close else ""
 
 
-def in_words(value: Any) -> str:
+def in_words(value: object) -> str:
     """What kind of TOML value this is."""
     names = {
         str: "text",

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, is_dataclass, replace
 from types import MappingProxyType
 from typing import Any, Literal
+
+from jax import Array
+from jax.typing import ArrayLike
 
 import kl
 from cooperative.estimate import SETTINGS, Estimator, Sampling, named_estimator
@@ -81,7 +84,7 @@ class Plan:
 
     samples: int
     seed: int
-    coefficients: Any
+    coefficients: Callable[[Array, int, int], ArrayLike]
     estimator: Estimator | None
     lanes: int | None
     look_ahead: int

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import tomllib
-from typing import Any
 
 from foundation.text import short
 
@@ -28,14 +27,15 @@ def differences(there: str, asked: str, most: int = 5) -> list[str]:
 def _flat(scene_text: str) -> dict[str, str]:
     """Dotted key -> value as text; 1 and 1.0 are the same value."""
 
-    def walk(prefix: str, node: Any) -> dict[str, str]:
+    def walk(prefix: str, node: object) -> dict[str, str]:
         if isinstance(node, dict):
             pairs = [(f"{prefix}.{key}" if prefix else key, value) for key, value in node.items()]
         elif isinstance(node, list):
             pairs = [(f"{prefix}[{index}]", value) for index, value in enumerate(node)]
         else:
-            whole = isinstance(node, float) and node.is_integer() and abs(node) < 2**53
-            return {prefix: repr(int(node) if whole else node)}
+            if isinstance(node, float) and node.is_integer() and abs(node) < 2**53:
+                node = int(node)
+            return {prefix: repr(node)}
         flat = {} if pairs or not prefix else {prefix: repr(node)}
         for key, value in pairs:
             flat |= walk(key, value)
