@@ -8,7 +8,7 @@ from functools import partial
 from cooperative.estimate import Phases
 from cooperative.runs._model import GridModel, sampling_of
 from cooperative.scene import Campaign
-from cooperative.store import Rows, Sample, Store, read_rows
+from cooperative.store import GRIDS, Rows, Sample, Store, reader
 
 OF_PARTICLES = ("displacement", "plastic_strain")
 """Fields of a sample that have a value, or a vector, for each particle."""
@@ -24,10 +24,7 @@ def rows_reader(
     if campaign.plan.estimator is not None:
         samples = campaign.estimator.rough_runs(sampling_of(campaign))
 
-    def read(grid: str) -> Rows:
-        return read_rows(store, grid, foreign=partial(foreign, samples, None if models is None else models[grid]))
-
-    return read
+    return reader(store, {grid: partial(foreign, samples, None if models is None else models[grid]) for grid in GRIDS})
 
 
 def foreign(samples: int | None, model: GridModel | None, sample: Sample) -> str | None:

@@ -16,7 +16,7 @@ from cooperative.store._folder import GRIDS, MOST_TEXT, SLIDES, Store, restart_p
 from cooperative.store._lock import lock_holder
 from cooperative.store._opened import open_store, read_store
 from cooperative.store._reading import check_frames, read_sample
-from cooperative.store._rows import Rows, read_rows
+from cooperative.store._rows import Rows, read_rows, reader
 from cooperative.store._samples import Sample, fill_sample, write_sample
 from cooperative.store._scene_text import scene_digest
 from foundation.files import DamagedFile, Scalar, own_folder, set_aside, write_aside
@@ -38,6 +38,7 @@ __all__ = [
     "read_rows",
     "read_sample",
     "read_store",
+    "reader",
     "restart_path",
     "sample_path",
     "scene_digest",

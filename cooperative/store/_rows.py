@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,6 +65,15 @@ def read_rows(store: Store, grid: str, *, foreign: Callable[[Sample], str | None
                 warnings.warn(f"{error}: set aside, the sample is run again", stacklevel=2)
                 set_aside(path)
     return rows_of(list(found.values()), tuple(damaged))
+
+
+def reader(store: Store, foreign: Mapping[str, Callable[[Sample], str | None]]) -> Callable[[str], Rows]:
+    """Reads the rows of a grid, with what is foreign to each; see `read_rows`."""
+
+    def read(grid: str) -> Rows:
+        return read_rows(store, grid, foreign=foreign[grid])
+
+    return read
 
 
 def rows_of(samples: list[Sample], damaged: tuple[str, ...] = ()) -> Rows:
