@@ -17,8 +17,8 @@ from jax import Array
 
 from jaxmpm import tensors
 from jaxmpm.boundary import hold, slide
-from jaxmpm.transfer import filtered, g2p, momentum, nodal_momentum, p2g, velocity_gradient
-from jaxmpm.types import Scene, Scheme, State
+from jaxmpm.transfer import filtered, g2p, momentum, nodal_momentum, p2g, velocity_gradient, within_cells
+from jaxmpm.types import Scene, Scheme, State, Tensor
 
 # Nodes with less than this share of the mean particle mass carry nothing. What they drop is lost momentum, so it is
 # far below rounding; a node's velocity, a ratio of sums with the same weights, is good down to there.
@@ -123,6 +123,15 @@ class Maps(NamedTuple):
         nodal = filtered(self.scene.grid, self.to_grid(jnp.stack([m, m * values]), None), passes)
         averaged, _ = self.to_particles(reciprocal(self.scene, nodal[:, :1]) * nodal[:, 1:], values=1, gradients=0)
         return averaged[0]
+
+    def unlocked(self, strain: Tensor, volume: Array) -> Tensor:
+        """The strain with its mean averaged as the scene asks; volume: of the particles (N,) m3."""
+        scene = self.scene
+        if scene.fbar:
+            return tensors.with_mean(strain, self.average(tensors.mean(strain), 0))
+        if scene.cell_average:
+            return tensors.with_mean(strain, within_cells(scene.grid, self.position, tensors.mean(strain), volume))
+        return strain
 
 
 def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stressed: bool = True) -> Nodal:
@@ -235,9 +244,7 @@ def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, maps: 
     d = scene.grid.dimension
     entries = tensors.entries(gradient)
     rotated = tensors.rotate(tensors.expand(state.stress, d), entries, dt)
-    strain = tensors.strain_increment(entries, dt)
-    if scene.fbar:
-        strain = tensors.with_mean(strain, maps.average(tensors.mean(strain), 0))
+    strain = maps.unlocked(tensors.strain_increment(entries, dt), scene.particles.volume * state.volume_ratio)
     stress, history = scene.material.update(strain, rotated, state.history, dt)
     if scene.nonlocal_passes is not None:
         smooth = partial(maps.average, passes=scene.nonlocal_passes)

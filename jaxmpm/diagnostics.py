@@ -40,6 +40,13 @@ def largest_displacement(state: State) -> Array:
     return jnp.max(displacement(state))
 
 
+def mean_displacement(scene: Scene, state: State) -> Array:
+    """Mean length of the displacement of all soil, weighted by mass (m)."""
+    _of_one_lane(scene, state)
+    mass = scene.particles.mass
+    return jnp.sum(mass * displacement(state)) / jnp.sum(mass)
+
+
 def slide_displacement(scene: Scene, state: State, beyond: float) -> Array:
     """How far all soil has moved, weighted by mass, over the mass that moved more than `beyond` (m); 0 where none did.
 

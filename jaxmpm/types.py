@@ -189,8 +189,9 @@ class Scene:
     gravity: (d,) m/s2. time_step: s. flip: share of FLIP in the particle velocity update, the rest is PIC;
     None is pure FLIP. damping: mass-proportional damping (1/s); None is undamped. engine: of the transfers, None
     takes the fastest there is. wall_friction: coefficient of the walls with friction.
-    fbar: whether the volumetric strain is averaged over neighbouring particles, against locking. nonlocal_passes:
-    filters in the average of the plastic strain over neighbours, see `jaxmpm.averages`; None keeps it local.
+    fbar: whether volumetric strain and mean stress are averaged over neighbouring particles, against locking.
+    cell_average: whether the volumetric strain alone is averaged, over each cell. nonlocal_passes: filters in the
+    average of the plastic strain over neighbours, see `jaxmpm.averages`; None keeps it local.
     body_force: (initial positions (d, N) m, time s) -> acceleration (d, N) m/s2 added to gravity's.
     """
 
@@ -204,6 +205,7 @@ class Scene:
     scheme: Scheme = static(default=Scheme.MUSL)
     engine: Engine | None = static(default=None)
     fbar: bool = static(default=False)
+    cell_average: bool = static(default=False)
     nonlocal_passes: int | None = static(default=None)
     body_force: Callable[[Array, Array], Array] | None = static(default=None)
     flip: Array | None = None

@@ -85,6 +85,13 @@ def test_averages_over_neighbours_map_nothing_unless_asked_for(choice, more):
     assert len(jax.tree.leaves(asked)) == len(jax.tree.leaves(plain))
 
 
+def test_averages_over_cells_gather_nothing_unless_asked_for():
+    plain, asked = section(), section(cell_average=True)
+    assert not plain[0].cell_average
+    assert scatters(*asked) == scatters(*plain) + 1
+    assert len(jax.tree.leaves(asked)) == len(jax.tree.leaves(plain))
+
+
 def test_affine_transfers_are_absent_from_state_and_program_unless_asked_for():
     splines = {"kernel": mpm.QuadraticBSpline, "flip": 0.0}
     plain, asked = section(**splines), section(**splines, apic=True)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -11,9 +13,11 @@ import numpy as np
 from jax import Array
 
 from foundation import check
+from foundation.text import shown
 from jaxmpm import diagnostics
 from jaxmpm.laws import reduce_strength
 from jaxmpm.run._integrate import Settle, check_run, lanes, repeat, solve
+from jaxmpm.run._limit_load import LOOKS, Times, displacements, kink, lanes_around, speeds_up
 from jaxmpm.site import check_scene
 from jaxmpm.types import Scene, State
 
@@ -22,64 +26,64 @@ from jaxmpm.types import Scene, State
 class FactorOfSafety:
     """stable: largest reduction factor R that stands. fails: smallest that fails, one resolution above.
 
-    tried: every (R, largest displacement in m) that was run, by R; where the slope failed, the displacement
-    is the one at which that was decided.
+    tried: every (R, largest displacement in m) that was run to find them, by R; where the slope failed, the displacement
+    is the one at which that was decided. kink: by the limit load the R at which the displacement's growth with R sets
+    in, sharpness: how many times faster it grows beyond than below; None by a displacement.
     """
 
     stable: float
     fails: float
     tried: tuple[tuple[float, float], ...]
+    kink: float | None = None
+    sharpness: float | None = None
+
+
+LIMIT_LOAD: Literal["limit load"] = "limit load"
 
 
 def factor_of_safety(
     scene: Scene,
     state: State,
     *,
-    failure_displacement: float = 1.0,
+    failure_displacement: float | None = None,
+    criterion: Literal["limit load"] | None = None,
     bracket: tuple[float, float] = (0.5, 3.0),
     resolution: float = 0.01,
     t_end: float = 20.0,
     batch: int = 8,
     settle: Settle | None = None,
 ) -> FactorOfSafety:
-    """Divide the strength by R and find where the slope fails.
+    """Divide the strength by R and find where the slope fails within t_end (s).
 
-    It fails where its largest displacement passes `failure_displacement` (m) within t_end (s).
-    bracket: R that stands and R that fails. resolution: R is a multiple of it. batch: lanes per round.
+    failure_displacement: it fails where its largest displacement passes this (m), 1 m by default. criterion: with "limit
+    load" instead where it moves on: soil moves farther, in the mean, within some time than in all the time before, which
+    was as long (at least an elastic oscillation). A displacement depends on the metres chosen where soil does not
+    soften, since a perfectly plastic slope slides a little and stands again. bracket: R that stands and R that fails. resolution: R is a multiple of it. batch: lanes per round.
     settle: when a lane counts as standing before t_end; the default of `Settle`.
     Raises ValueError when the bracket's ends do not stand and fail, FloatingPointError when a run breaks off.
     """
-    check.positive("failure_displacement", failure_displacement, "m")
+    if criterion not in (None, LIMIT_LOAD):
+        raise ValueError(f"criterion = {shown(criterion)}: give {LIMIT_LOAD!r}, or a failure_displacement instead")
+    if criterion is not None and failure_displacement is not None:
+        raise ValueError(f"both criterion and failure_displacement = {failure_displacement} m are given: leave one out")
+    limit = 1.0 if failure_displacement is None else failure_displacement
+    check.positive("failure_displacement", limit, "m")
     check.positive("resolution", resolution)
     check.positive("bracket", bracket)
     check.whole("batch", batch, least=2)
-    check_run(t_end, settle, failure_displacement)
+    check_run(t_end, settle, None)
     check_scene(scene)
     low, high = round(bracket[0] / resolution), round(bracket[1] / resolution)
     if not 0 < low < high:
         raise ValueError(f"bracket = {bracket}: give a lower and a higher reduction factor above 0")
-    moved: dict[int, float] = {}
+    judge = partial(_by_displacement, limit) if criterion is None else partial(_by_limit_load, Times.of(scene, t_end))
+    moved: dict[int, tuple[float, bool]] = {}
     points = sorted({round(p) for p in np.linspace(low, high, batch)})
     while points:
-        factors = jnp.asarray([p * resolution for p in points], scene.particles.mass.dtype)
-        varied, axes = reductions(scene, factors)
-        result = solve(
-            varied,
-            repeat(state, len(points)),
-            t_end=t_end,
-            settle=settle or Settle(),
-            stop_at=failure_displacement,
-            axes=axes,
-        ).raise_if_failed()
-        moved |= dict(
-            zip(
-                points,
-                np.asarray(jax.vmap(diagnostics.largest_displacement)(result.state)).tolist(),
-                strict=True,
-            )
-        )
-        stands = [p for p, u in moved.items() if u <= failure_displacement]
-        fails = [p for p, u in moved.items() if u > failure_displacement]
+        factors = [p * resolution for p in points]
+        moved |= zip(points, judge(scene, state, factors, t_end, settle or Settle()), strict=True)
+        stands = [p for p, (_, failed) in moved.items() if not failed]
+        fails = [p for p, (_, failed) in moved.items() if failed]
         if not stands or not fails:
             side, end = ("fails", low) if not stands else ("stands", high)
             raise ValueError(f"the slope {side} even at R = {end * resolution:g}: widen the bracket {bracket}")
@@ -87,8 +91,51 @@ def factor_of_safety(
         inner = np.linspace(low, high, min(batch, high - low - 1) + 2)[1:-1]
         points = sorted({round(p) for p in inner} - set(moved))
     digits = max(0, -math.floor(math.log10(resolution)) + 2)
-    tried = tuple((round(p * resolution, digits), moved[p]) for p in sorted(moved))
-    return FactorOfSafety(round(low * resolution, digits), round(high * resolution, digits), tried)
+    found = FactorOfSafety(
+        stable=round(low * resolution, digits),
+        fails=round(high * resolution, digits),
+        tried=tuple((round(p * resolution, digits), moved[p][0]) for p in sorted(moved)),
+    )
+    return found if criterion is None else _with_kink(found, scene, state, t_end)
+
+
+def _by_displacement(
+    limit: float, scene: Scene, state: State, factors: list[float], t_end: float, settle: Settle
+) -> list[tuple[float, bool]]:
+    """Largest displacement (m) at each factor, and whether it passes the limit."""
+    varied, axes = reductions(scene, jnp.asarray(factors, scene.particles.mass.dtype))
+    lanes = repeat(state, len(factors))
+    result = solve(varied, lanes, t_end=t_end, settle=settle, stop_at=limit, axes=axes).raise_if_failed()
+    return [(u, u > limit) for u in np.asarray(jax.vmap(diagnostics.largest_displacement)(result.state)).tolist()]
+
+
+def _by_limit_load(
+    times: Times, scene: Scene, state: State, factors: list[float], t_end: float, settle: Settle
+) -> list[tuple[float, bool]]:
+    """Largest displacement (m) at each factor, and whether the slope moves on."""
+    varied, axes = reductions(scene, jnp.asarray(factors, scene.particles.mass.dtype))
+    decide = partial(speeds_up, first=LOOKS)
+    mean, largest = displacements(
+        varied,
+        repeat(state, len(factors)),
+        axes,
+        t_end=t_end,
+        every=times.elastic / LOOKS,
+        settle=settle,
+        decide=decide,
+    )
+    return list(zip(largest.tolist(), decide(mean).tolist(), strict=True))
+
+
+def _with_kink(found: FactorOfSafety, scene: Scene, state: State, t_end: float) -> FactorOfSafety:
+    """The factor with its kink: lanes around it run as long as the soil takes to get going."""
+    times = Times.of(scene, t_end)
+    factors = lanes_around((found.stable + found.fails) / 2)
+    varied, axes = reductions(scene, jnp.asarray(factors, scene.particles.mass.dtype))
+    end = min(t_end, max(times.fall, 2 * times.elastic))
+    mean, _ = displacements(varied, repeat(state, len(factors)), axes, t_end=end, every=end)
+    at, sharpness = kink(factors, mean[-1])
+    return replace(found, kink=round(at, 4), sharpness=round(sharpness, 1))
 
 
 def reductions(scene: Scene, factors: Array) -> tuple[Scene, Scene]:

@@ -359,6 +359,7 @@ def build(
         flip=discretisation.flip,
         damping=discretisation.damping,
         fbar=discretisation.fbar,
+        cell_average=discretisation.cell_average,
         internal_length=discretisation.internal_length,
     )
     return built, unstressed(built, apic=discretisation.apic)

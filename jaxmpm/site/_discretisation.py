@@ -20,10 +20,11 @@ class Discretisation:
     `Kernel`. scheme: when the stress is updated. cfl: dt = cfl
     cell / (c + speed), c the elastic wave speed. flip: share of FLIP, 1 is pure FLIP. apic: carry the velocity's
     gradient, with quadratic B-splines and flip = 0. damping: mass-proportional (1/s). fbar: average volumetric strain
-    and mean stress over neighbours, against locking; not for frictional soils. internal_length: standard deviation (m)
-    of the average of the plastic strain over neighbours, which keeps softening from localising into single cells: its
-    bands are then 2.5 times as thick; None keeps it local. See `cell_independent` for both. dtype: float32 or float64,
-    as JAX is set if None.
+    and mean stress over neighbours, against locking; not for frictional soils. cell_average: average the volumetric
+    strain over each cell instead, and leave the mean stress local; None does so for frictional soils, but in 1D.
+    internal_length: standard deviation (m) of the average of the plastic strain over neighbours, which keeps softening
+    from localising into single cells: its bands are then 2.5 times as thick; None keeps it local. See
+    `cell_independent`. dtype: float32 or float64, as JAX is set if None.
     """
 
     cell: float
@@ -35,6 +36,7 @@ class Discretisation:
     apic: bool = False
     damping: float = 0.0
     fbar: bool = False
+    cell_average: bool | None = None
     internal_length: float | None = None
     dtype: DTypeLike | None = None
 
@@ -47,14 +49,17 @@ def kernel_of(discretisation: Discretisation) -> Kernel:
 def cell_independent(discretisation: Discretisation, soil: Ground) -> Discretisation:
     """These choices, with F-bar and averaged plastic strain where they keep the answers from following the cell.
 
-    F-bar for all but frictional soil. Plastic strain is averaged where soil softens and has a `softening_length`, so
-    that its bands become as thick as that; on cells too large for it they stay a cell thick, and softening is scaled.
+    F-bar for all but frictional soil, whose volumetric strain is averaged over cells in any case. Plastic strain is
+    averaged where soil softens and has a `softening_length`, so that its bands become as thick as that; on cells too
+    large for it they stay a cell thick, and softening is scaled.
     """
     length = None
     if soil.softens and soil.softening_length is not None:
         wanted = length_of_band(soil.softening_length)
         length = wanted if wanted >= kernel_of(discretisation).deviation(discretisation.cell) else None
-    return replace(discretisation, fbar=isinstance(soil, Soil), internal_length=length)
+    return replace(
+        discretisation, fbar=isinstance(soil, Soil) and not discretisation.cell_average, internal_length=length
+    )
 
 
 def check_discretisation(discretisation: Discretisation, dimension: int) -> None:

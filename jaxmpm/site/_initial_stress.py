@@ -31,8 +31,8 @@ def elastic_equilibrium(
 
     The load is gravity's and the body force's at time 0. The residual is the norm of the net force over that of the
     load, on free nodes. It depends on the elastic moduli (`bulk`, `shear` of the material), never on strength.
-    Preconditioned by the nodal mass. With F-bar, strain and mean stress are averaged as a step averages them: else its
-    first forces would be out of balance.
+    Preconditioned by the nodal mass. Strain and mean stress are averaged as a step averages them: else its first forces
+    would be out of balance.
     """
     grid, particles = scene.grid, scene.particles
     d = grid.dimension
@@ -48,9 +48,7 @@ def elastic_equilibrium(
 
     def stress_of(nodal_displacement: Array) -> Array:
         entries = tensors.entries(maps.gradient(nodal_displacement))
-        strain = tensors.strain_increment(entries, jnp.ones((), stress.dtype))
-        if scene.fbar:
-            strain = tensors.with_mean(strain, maps.average(tensors.mean(strain), 0))
+        strain = maps.unlocked(tensors.strain_increment(entries, jnp.ones((), stress.dtype)), particles.volume)
         return tensors.compress(elastic_increment(scene.material.bulk, scene.material.shear, strain), d)
 
     load = mass * scene.gravity

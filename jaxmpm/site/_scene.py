@@ -39,6 +39,7 @@ def scene(
     flip: float = 1.0,
     damping: float = 0.0,
     fbar: bool = False,
+    cell_average: bool | None = None,
     internal_length: float | None = None,
     body_force: Callable[[Array, Array], Array] | None = None,
     engine: Engine | None = None,
@@ -49,7 +50,8 @@ def scene(
     kernel: an object, e.g. GIMP(half_size). gravity: downwards (m/s2), or a vector (d,). walls, wall_friction: where
     nodes are held, and the coefficient of those with friction. cfl: time_step = cfl cell / (c + speed), c the fastest
     elastic wave. speed: largest particle speed that the time step allows for (m/s), by default of a fall through half
-    the grid. flip, damping, fbar, internal_length: as in `Discretisation`. body_force, engine: as in `Scene`.
+    the grid. flip, damping, fbar, cell_average, internal_length: as in `Discretisation`. body_force,
+    engine: as in `Scene`.
     Raises ValueError for shapes, numbers and choices that do not fit, naming each.
     """
     d = _check_grid(grid)
@@ -66,8 +68,10 @@ def scene(
     if fbar and material.FRICTIONAL:
         raise ValueError(
             "fbar = True with a frictional soil: it averages the mean stress, on which friction depends, and soil at a "
-            "free surface would lose its strength; leave fbar out"
+            "free surface would lose its strength; leave fbar out, cell_average is the cure for such soils"
         )
+    if fbar and cell_average:
+        raise ValueError("fbar = True with cell_average = True: both average the volumetric strain, give one of them")
     if internal_length is not None and material.initial_history(particles) is None:
         raise ValueError(f"internal_length = {internal_length:g} m, but the soil does not soften: leave it out")
     built = Scene(
@@ -81,6 +85,7 @@ def scene(
         scheme=scheme,
         engine=engine,
         fbar=bool(fbar),
+        cell_average=bool(material.FRICTIONAL and d > 1) if cell_average is None else bool(cell_average),
         nonlocal_passes=None if internal_length is None else passes_for(internal_length, kernel, grid.cell),
         body_force=body_force,
         flip=None if flip == 1 else number(flip),

@@ -1,7 +1,7 @@
 """Between particles and grid: shape functions, transfers of both engines, averages over neighbours."""
 
 from jaxmpm.transfer._affine import momentum, nodal_momentum, velocity_gradient
-from jaxmpm.transfer._averages import band_thickness, filtered, length_of_band, passes_for
+from jaxmpm.transfer._averages import band_thickness, filtered, length_of_band, passes_for, within_cells
 from jaxmpm.transfer._primitives import scatter_p
 from jaxmpm.transfer._shape import GIMP, Linear, QuadraticBSpline, inside, locate
 from jaxmpm.transfer._transfers import g2p, p2g
@@ -24,4 +24,5 @@ __all__ = [
     "passes_for",
     "scatter_p",
     "velocity_gradient",
+    "within_cells",
 ]

@@ -1,4 +1,4 @@
-"""Averages over neighbouring particles, by way of the grid: the cure for volumetric locking and for mesh dependence."""
+"""Averages over particles, by way of the grid or within its cells: cures for volumetric locking and mesh dependence."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from foundation import check
+from jaxmpm.transfer._shape import locate
 from jaxmpm.types import Grid, Kernel
 
 
@@ -24,6 +25,20 @@ def filtered(grid: Grid, nodal: Array, passes: int) -> Array:
         # A loop: filters written out one by one are fused, and each computes those before it again at three nodes.
         field = jax.lax.fori_loop(0, passes, smoothed, field)
     return field.reshape(nodal.shape)
+
+
+def within_cells(grid: Grid, position: Array, values: Array, weights: Array) -> Array:
+    """Average (N,) of `values` (N,) over the particles at `position` (d, N) m in the same cell, by weight (N,).
+
+    A projection, and symmetric in the weights: what it has averaged it leaves as it is.
+    """
+    cells = jnp.floor(locate(grid, position)).astype(jnp.int32)
+    cell = jnp.zeros(position.shape[-1:], jnp.int32)
+    for axis, nodes in enumerate(grid.shape):
+        cell = cell * nodes + jnp.clip(cells[axis], 0, nodes - 1)
+    sums = jnp.zeros((grid.nodes, 2), values.dtype).at[cell].add(jnp.stack([weights, weights * values], axis=-1))
+    weight, weighted = jnp.moveaxis(sums[cell], -1, 0)
+    return weighted / weight
 
 
 def band_thickness(length: float) -> float:

@@ -1,0 +1,85 @@
+"""A factor of safety by the limit load: when a slope moves on, and where its displacement turns over R."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import jaxmpm as mpm
+from jaxmpm.run._limit_load import Times, kink, lanes_around, speeds_up
+from tests.test_verify_limits import CUT
+
+TIME = np.linspace(0.05, 4.0, 80)
+PATHS = {
+    "slides off": (0.5 * 0.2 * TIME**2, True),
+    "yields, then slides off": (0.01 * (1 - np.exp(-5 * TIME)) + 0.05 * TIME**2, True),
+    "slides, then stands again": (1 - np.cos(np.pi * np.minimum(TIME / 3, 1)), True),
+    "creeps": (0.1 * TIME**0.95, False),
+    "comes to rest": (0.3 * (1 - np.exp(-2 * TIME)), False),
+    "rings": (0.01 * (1 - np.cos(9 * TIME)), False),
+    "does not move": (np.zeros_like(TIME), False),
+}
+
+
+@pytest.mark.parametrize(("moved", "on"), PATHS.values(), ids=PATHS)
+def test_a_lane_moves_on_when_it_speeds_up(moved, on):
+    assert speeds_up(moved[:, None], first=8).tolist() == [on]
+
+
+def test_lanes_are_judged_apart():
+    moved = np.stack([path for path, _ in PATHS.values()], axis=1)
+    assert speeds_up(moved, first=8).tolist() == [on for _, on in PATHS.values()]
+
+
+@pytest.mark.parametrize("turn", [1.16, 1.2, 1.21])
+def test_the_kink_is_where_the_branches_meet(turn):
+    # The lane just below 1.2 may move already: the bracket by the time is a little higher than the kink by the growth.
+    factors = lanes_around(1.2)
+    moved = 0.004 * factors + 3 * np.maximum(factors - turn, 0)
+    at, sharpness = kink(factors, moved)
+    assert abs(at - turn) < 0.003
+    assert abs(sharpness / ((0.004 + 3) / 0.004) - 1) < 0.05
+
+
+def test_where_displacement_jumps_the_kink_is_at_the_jump():
+    factors = lanes_around(1.2)
+    moved = np.where(factors < 1.2, 0.004 * factors, 2 + 3 * (factors - 1.2))
+    at, sharpness = kink(factors, moved)
+    assert at == factors[3]
+    assert sharpness > 1000
+
+
+def test_clay_that_does_not_soften_has_the_limit_load_of_slip_circles():
+    # The published section: 1.142 to 1.147 by slip circles, 1.14 by finite differences.
+    soil = mpm.Soil(strength=42e3)
+    scene, state = mpm.slope(mpm.Slope(), soil, mpm.Discretisation(2.0, (1.0, 1.0), fbar=True))
+    found = mpm.factor_of_safety(scene, state, criterion="limit load", bracket=(1.0, 1.4), resolution=0.04, batch=3)
+    assert abs(found.kink / 1.144 - 1) < 0.04
+    assert found.stable * 0.95 < found.kink < found.fails
+    assert found.sharpness > 10
+
+
+def test_where_soil_softens_both_criteria_mean_the_same():
+    shape = mpm.Slope(crest=6, height=4, run_per_rise=1.0, toe=8, foundation=2)
+    soil = mpm.Soil(young=1e7, strength=22e3, softening_modulus=60e3)
+    scene, state = mpm.slope(shape, soil, mpm.Discretisation(1.0, (0.5, 0.5)))
+    choices = {"bracket": (1.1, 1.6), "resolution": 0.02, "batch": 4, "t_end": 6.0}
+    by_displacement = mpm.factor_of_safety(scene, state, failure_displacement=0.5, **choices)
+    by_load = mpm.factor_of_safety(scene, state, criterion="limit load", **choices)
+    assert by_displacement.kink is by_displacement.sharpness is None
+    assert abs(by_load.fails - by_displacement.fails) <= 0.02
+    assert abs(by_load.kink - by_displacement.stable) < 0.04
+
+
+def test_other_criteria_and_times_too_short_are_refused():
+    soil = mpm.Soil(young=1e5, strength=22e3)
+    scene, state = mpm.slope(CUT, soil, mpm.Discretisation(1.0, (0.5, 0.5)))
+    with pytest.raises(ValueError, match="criterion = 'limit': give 'limit load', or a failure_displacement"):
+        mpm.factor_of_safety(scene, state, criterion="limit")
+    with pytest.raises(ValueError, match="both criterion and failure_displacement = 0.5 m"):
+        mpm.factor_of_safety(scene, state, criterion="limit load", failure_displacement=0.5)
+    with pytest.raises(ValueError, match="gravity = 0 m/s2"):
+        mpm.factor_of_safety(replace(scene, gravity=0 * scene.gravity), state, criterion="limit load")
+    needed = 4 * Times.of(scene, 1e3).elastic
+    with pytest.raises(ValueError, match=f"t_end = 4 s, but soil this soft takes .* give {needed:.2g} s or more"):
+        mpm.factor_of_safety(scene, state, criterion="limit load", t_end=4.0)
