@@ -19,6 +19,7 @@ from jaxmpm.laws import (
     MohrCoulomb,
     RateEffect,
     Softening,
+    WaterTable,
     cone,
     reduce_strength,
 )
@@ -117,6 +118,7 @@ __all__ = [
     "State",
     "Status",
     "Wall",
+    "WaterTable",
     "__version__",
     "advance",
     "advance_lanes",

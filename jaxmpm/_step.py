@@ -138,8 +138,9 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
     """Mass, momentum and force of the particles at the nodes; the force of their stress only if `stressed`."""
     particles, grid = scene.particles, scene.grid
     carried = [particles.mass[None], momentum(scene, state, maps.position)]
-    if scene.body_force is not None:
-        carried.append(particles.mass * scene.body_force(particles.position, state.step * dt))
+    external = external_force(scene, maps.position, particles.volume * state.volume_ratio, state.step * dt)
+    if external is not None:
+        carried.append(external)
     stress = acting_stress(scene, state.stress, particles.volume * state.volume_ratio, maps) if stressed else None
     nodal = maps.to_grid(jnp.concatenate(carried), stress)
     ends = np.cumsum([len(block) for block in carried][: None if stressed else -1])
@@ -151,6 +152,17 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
         force=sum(forces[1:], forces[0]) if forces else None,
         per_mass=reciprocal(scene, mass),
     )
+
+
+def external_force(scene: Scene, position: Array, volume: Array, time: Array) -> Array | None:
+    """Force (d, N) N besides gravity on particles at `position` (d, N) m of volume (N,) m3, None if there is none."""
+    particles, force = scene.particles, None
+    if scene.body_force is not None:
+        force = particles.mass * scene.body_force(particles.position, time)
+    if scene.water is not None:
+        push = volume * scene.water.push(position)
+        force = push if force is None else force + push
+    return force
 
 
 def pushed(scene: Scene, state: State, nodal: Nodal, maps: Maps) -> Nodal:
@@ -228,9 +240,13 @@ def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps) -> Arr
     """The components of the stress (s, N) that act on the grid (J), times the current volume (N,).
 
     With F-bar its mean is averaged as well, by the transpose of the strain's average: forces then do the work that the
-    averaged strain stores. Without this the energy grows in a long run.
+    averaged strain stores. Without this the energy grows in a long run. Where particles carry a pore pressure the total
+    stress acts.
     """
     d = scene.grid.dimension
+    if scene.pore_pressure is not None:
+        effective = tensors.expand(stress, d)
+        stress = tensors.compress(tensors.with_mean(effective, tensors.mean(effective) - scene.pore_pressure), d)
     if scene.fbar:
         specific, full = volume / scene.particles.mass, tensors.expand(stress, d)
         full = tensors.with_mean(full, maps.average(tensors.mean(full) * specific, 0) / specific)

@@ -10,7 +10,7 @@ import numpy as np
 from jax import Array
 
 from jaxmpm import tensors
-from jaxmpm._step import Maps, acting_stress
+from jaxmpm._step import Maps, acting_stress, external_force
 from jaxmpm.boundary import hold
 from jaxmpm.types import Scene, State
 
@@ -90,10 +90,14 @@ def speed(scene: Scene, state: State) -> Array:
 
 
 def unbalanced_force(scene: Scene, state: State) -> Array:
-    """Norm of the net force on the free nodes over the norm of the body force on them."""
+    """Norm of the net force on the free nodes over the norm of what loads them: gravity, body force and water."""
     maps, particles = Maps(scene, position(scene, state)), scene.particles
-    acting = acting_stress(scene, state.stress, particles.volume * state.volume_ratio, maps)
-    nodal = maps.to_grid(particles.mass[None], acting)
-    weight = hold(scene.walls, scene.grid, nodal[:, :1] * scene.gravity)
-    net = hold(scene.walls, scene.grid, nodal[:, 1:] + nodal[:, :1] * scene.gravity)
+    volume = particles.volume * state.volume_ratio
+    nodal = maps.to_grid(particles.mass[None], acting_stress(scene, state.stress, volume, maps))
+    load = nodal[:, :1] * scene.gravity
+    external = external_force(scene, maps.position, volume, state.step * scene.time_step)
+    if external is not None:
+        load = load + maps.to_grid(external, None)
+    weight = hold(scene.walls, scene.grid, load)
+    net = hold(scene.walls, scene.grid, nodal[:, 1:] + load)
     return jnp.sqrt(jnp.sum(net**2) / jnp.maximum(jnp.sum(weight**2), jnp.finfo(net.dtype).tiny))

@@ -193,6 +193,8 @@ class Scene:
     cell_average: whether the volumetric strain alone is averaged, over each cell. nonlocal_passes: filters in the
     average of the plastic strain over neighbours, see `jaxmpm.averages`; None keeps it local.
     body_force: (initial positions (d, N) m, time s) -> acceleration (d, N) m/s2 added to gravity's.
+    water: a `WaterTable`; pore_pressure: (N,) Pa that particles carry along. With either, stress is effective stress;
+    None is soil without pore pressure, or undrained soil in total stress.
     """
 
     grid: Grid
@@ -211,6 +213,8 @@ class Scene:
     flip: Array | None = None
     damping: Array | None = None
     wall_friction: Array | None = None
+    water: Any = None
+    pore_pressure: Array | None = None
 
     LIMITS: ClassVar[Mapping[str, Limit]] = {
         "time_step": above_zero("s"),

@@ -110,6 +110,21 @@ def test_rate_effect_and_body_force_leave_no_operation_behind():
     assert count(program(shaken, state), "sine") == 1
 
 
+def test_water_is_absent_from_arguments_and_program_unless_given():
+    sand = mpm.FrictionalSoil(5e3, 30.0, criterion=mpm.DruckerPrager)
+    drawn = mpm.Section([(0, 6), (6, 6), (10, 2), (18, 2)])
+    dry, table, carried = (mpm.section(drawn, sand, NUMERICS, **water) for water in ({}, {"water": 3.0}, {"r_u": 0.2}))
+    assert dry[0].water is None
+    assert dry[0].pore_pressure is None
+    leaves = [len(jax.tree.leaves(each)) for each in (dry, table, carried)]
+    assert leaves == [leaves[0], leaves[0] + 4, leaves[0] + 1]
+    text = program(*dry)
+    for wet in (table, carried):
+        assert len(program(*wet)) > len(text)
+    # Clay has the same program as before there was water: no force but that of its stress and weight is mapped.
+    assert scatters(*section()) == 6
+
+
 def test_walls_with_friction_leave_no_operation_behind():
     soil, sizes = replace(SOIL, strength=None), {"domain": (4, 4), "corner": (1, 0)}
     held, sliding = (

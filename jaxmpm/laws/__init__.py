@@ -4,6 +4,7 @@ from jaxmpm.laws._base import Law, reduce_strength, snaps_back
 from jaxmpm.laws._frictional import DruckerPrager, Matching, MohrCoulomb, cone
 from jaxmpm.laws._softening import Decay, ExponentialSoftening, FrictionalSoftening, RateEffect, Softening
 from jaxmpm.laws._undrained import J2, Elastic, elastic_increment
+from jaxmpm.laws._water import WaterTable
 
 __all__ = [
     "J2",
@@ -17,6 +18,7 @@ __all__ = [
     "MohrCoulomb",
     "RateEffect",
     "Softening",
+    "WaterTable",
     "cone",
     "elastic_increment",
     "reduce_strength",

@@ -19,7 +19,7 @@ from jaxmpm.types import Scene, State, Status
 LOOKS = 4
 """Looks in the time in which soil answers elastically."""
 
-AROUND = (-0.1, -0.075, -0.05, -0.025, 0.025, 0.05, 0.075, 0.1)
+AROUND = (-0.1, -0.06, -0.03, 0.03, 0.06, 0.09)
 """Where the kink is looked for: factors over that at which the slope moves on, less 1."""
 
 FOLLOWS = 2.0
@@ -108,11 +108,11 @@ def kink(factors: np.ndarray, moved: np.ndarray) -> tuple[float, float]:
     """Where displacement over factor turns, and how many times steeper it is after it: of lanes (B,) of which the lower
     half stands, the upper moves on, by `moved` (B,) m.
 
-    Both branches are lines, that of the lanes that stand without the last quarter, which already yields. The kink is
-    where they meet; where displacement jumps after that, it is the last lane that still follows the lower branch.
+    Both branches are lines, that of the lanes that stand without the last, which already yields. The kink is where they
+    meet; where displacement jumps after that, it is the last lane that still follows the lower branch.
     """
     half = len(factors) // 2
-    trusted = slice(0, half - half // 4)
+    trusted = slice(0, half - 1)
     flat, steep = (np.polyfit(factors[part], moved[part], 1) for part in (trusted, slice(half, None)))
     meeting = (flat[1] - steep[1]) / (steep[0] - flat[0])
     standing = np.maximum(np.polyval(flat, factors[:half]), moved[0])

@@ -13,6 +13,7 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from foundation import check
+from jaxmpm.laws import WaterTable
 from jaxmpm.site import _initial_stress
 from jaxmpm.site._discretisation import Discretisation, check_discretisation, kernel_of
 from jaxmpm.site._scene import scene, unstressed
@@ -343,6 +344,8 @@ def build(
     gravity: float | Sequence[float],
     speed: float,
     friction: float | None = None,
+    water: WaterTable | None = None,
+    pore_pressure: np.ndarray | None = None,
 ) -> tuple[Scene, State]:
     """Scene and motionless, stress-free state of these particles."""
     built = scene(
@@ -361,6 +364,8 @@ def build(
         fbar=discretisation.fbar,
         cell_average=discretisation.cell_average,
         internal_length=discretisation.internal_length,
+        water=water,
+        pore_pressure=pore_pressure,
     )
     return built, unstressed(built, apic=discretisation.apic)
 

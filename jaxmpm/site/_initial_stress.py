@@ -16,7 +16,7 @@ import numpy as np
 from jax import Array
 
 from jaxmpm import tensors
-from jaxmpm._step import MASS_FLOOR, Maps, acting_stress
+from jaxmpm._step import MASS_FLOOR, Maps, acting_stress, external_force
 from jaxmpm.boundary import hold
 from jaxmpm.laws import elastic_increment
 from jaxmpm.site._scene import unstressed
@@ -29,8 +29,9 @@ def elastic_equilibrium(
 ) -> tuple[Array, Array]:
     """Stress (s, N) Pa in balance with the load, reached elastically from `stress` (s, N), and the residual left.
 
-    The load is gravity's and the body force's at time 0. The residual is the norm of the net force over that of the
-    load, on free nodes. It depends on the elastic moduli (`bulk`, `shear` of the material), never on strength.
+    The load is gravity's, the water's and the body force's at time 0. The residual is the norm of the net force over
+    that of the load, on free nodes. It depends on the elastic moduli (`bulk`, `shear` of the material), never on
+    strength.
     Preconditioned by the nodal mass. Strain and mean stress are averaged as a step averages them: else its first forces
     would be out of balance.
     """
@@ -52,9 +53,12 @@ def elastic_equilibrium(
         return tensors.compress(elastic_increment(scene.material.bulk, scene.material.shear, strain), d)
 
     load = mass * scene.gravity
-    if scene.body_force is not None:
-        pushed = particles.mass * scene.body_force(particles.position, jnp.zeros((), stress.dtype))
-        load = load + maps.to_grid(pushed, None)
+    external = external_force(scene, particles.position, particles.volume, jnp.zeros((), stress.dtype))
+    if external is not None:
+        load = load + maps.to_grid(external, None)
+    if scene.pore_pressure is not None:
+        load = load + maps.to_grid(None, acting_stress(scene, jnp.zeros_like(stress), particles.volume, maps))
+        scene = replace(scene, pore_pressure=None)  # what follows is linear in the effective stress
     load = free(load)
     net = load + internal_force(stress)
     norm = jnp.linalg.norm(load)
@@ -87,10 +91,10 @@ def settled(scene: Scene, state: State) -> State:
 
     Without gravity and body force it stays as it is.
     """
-    if not np.any(np.asarray(scene.gravity)) and scene.body_force is None:
+    if not np.any(np.asarray(scene.gravity)) and scene.body_force is None and scene.water is None:
         return state
     d, dtype = scene.grid.dimension, state.stress.dtype
-    vertical = -_weight_above(scene).astype(dtype)
+    vertical = -_effective_weight_above(scene).astype(dtype)
     bulk, shear = np.asarray(scene.material.bulk), np.asarray(scene.material.shear)
     k0 = ((bulk - 2 * shear / 3) / (bulk + 4 * shear / 3)).astype(dtype)
     upright = {1: 0, 2: 2, 3: 2}[d]
@@ -105,19 +109,25 @@ def settled(scene: Scene, state: State) -> State:
     return replace(state, stress=balanced)
 
 
-def _weight_above(scene: Scene) -> np.ndarray:
-    """Weight per area (N,) Pa of what stands above each particle of a lattice in its own column, half itself included;
-    0 for particles that are in no column."""
+def _effective_weight_above(scene: Scene) -> np.ndarray:
+    """Weight per area (N,) Pa of what stands above each particle of a lattice in its own column, half itself included,
+    less what the water bears of it; 0 for particles that are in no column."""
     position = np.asarray(scene.particles.position)
     *across, z = position
     order = np.lexsort((-z, *across))
     starts = np.r_[True, np.any(np.diff(position[:-1, order], axis=1) != 0, axis=0)]
     gaps = -np.diff(z[order])[~starts[1:]]
     height = gaps.min() if gaps.size else 0.0
-    density = np.asarray(scene.particles.mass, float) / np.asarray(scene.particles.volume, float)
-    weight = -float(scene.gravity[-1]) * density[order] * height
+    unit_weight = -float(scene.gravity[-1]) * np.asarray(scene.particles.mass, float) / np.asarray(
+        scene.particles.volume, float
+    )
+    if scene.water is not None:
+        unit_weight = unit_weight - np.asarray(scene.water.push(scene.particles.position)[-1], float)
+    weight = unit_weight[order] * height
     below = np.cumsum(weight)
     column = np.maximum.accumulate(np.where(starts, np.arange(order.size), 0))
     above = np.empty(order.size)
     above[order] = below - weight / 2 - (below - weight)[column]
+    if scene.pore_pressure is not None:
+        above = np.where(above > 0, above - np.asarray(scene.pore_pressure, float), above)
     return above

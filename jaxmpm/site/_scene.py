@@ -15,7 +15,8 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from foundation import check
-from jaxmpm.laws import snaps_back
+from foundation.text import shown
+from jaxmpm.laws import WaterTable, snaps_back
 from jaxmpm.tensors import CARRIED
 from jaxmpm.transfer import inside, locate, passes_for
 from jaxmpm.types import Engine, Grid, Kernel, Material, Particles, Scene, Scheme, State, Status, Wall
@@ -42,6 +43,8 @@ def scene(
     cell_average: bool | None = None,
     internal_length: float | None = None,
     body_force: Callable[[Array, Array], Array] | None = None,
+    water: WaterTable | None = None,
+    pore_pressure: ArrayLike | None = None,
     engine: Engine | None = None,
 ) -> Scene:
     """A scene of any particles and law; numbers take the precision of the particles' positions.
@@ -51,7 +54,7 @@ def scene(
     nodes are held, and the coefficient of those with friction. cfl: time_step = cfl cell / (c + speed), c the fastest
     elastic wave. speed: largest particle speed that the time step allows for (m/s), by default of a fall through half
     the grid. flip, damping, fbar, cell_average, internal_length: as in `Discretisation`. body_force,
-    engine: as in `Scene`.
+    water, pore_pressure, engine: as in `Scene`; water needs a law of effective stress.
     Raises ValueError for shapes, numbers and choices that do not fit, naming each.
     """
     d = _check_grid(grid)
@@ -72,6 +75,8 @@ def scene(
         )
     if fbar and cell_average:
         raise ValueError("fbar = True with cell_average = True: both average the volumetric strain, give one of them")
+    if water is not None or pore_pressure is not None:
+        _check_water(water, pore_pressure, material, particles)
     if internal_length is not None and material.initial_history(particles) is None:
         raise ValueError(f"internal_length = {internal_length:g} m, but the soil does not soften: leave it out")
     built = Scene(
@@ -91,6 +96,8 @@ def scene(
         flip=None if flip == 1 else number(flip),
         damping=None if damping == 0 else number(damping),
         wall_friction=None if wall_friction is None else number(wall_friction),
+        water=jax.tree.map(number, water),
+        pore_pressure=None if pore_pressure is None else number(pore_pressure),
     )
     check_scene(built)
     return built
@@ -258,6 +265,35 @@ def _checked_material(material: Any, particles: Particles, dtype: np.dtype) -> A
         check.within(name, value, limit)
         check_shape(name, value, particles)
     return jax.tree.map(_number_of(dtype), material)
+
+
+def _check_water(
+    water: WaterTable | None, pore_pressure: ArrayLike | None, material: Material, particles: Particles
+) -> None:
+    if material.STRENGTH and not material.FRICTIONAL:
+        raise ValueError(
+            f"pore pressure in {type(material).__name__}, whose strength is undrained and knows total stress only: "
+            "leave the water out, or give a frictional soil (of clay with friction = 0, its cohesion the strength)"
+        )
+    if water is not None:
+        if not isinstance(water, WaterTable):
+            raise ValueError(f"water = {shown(water)}: give a WaterTable, or None")
+        check.finite("water's x", water.x, "m")
+        check.finite("water's z", water.z, "m")
+        if np.ndim(water.x) != 1 or np.shape(water.x) != np.shape(water.z) or np.size(water.x) < 2:
+            raise ValueError(
+                f"water's x and z have shapes {np.shape(water.x)} and {np.shape(water.z)}: give (m,), m > 1"
+            )
+        if not np.all(np.diff(np.asarray(water.x)) > 0):
+            raise ValueError(
+                f"water's x = {shown(np.asarray(water.x).tolist())} m does not rise: give its points in order"
+            )
+    if pore_pressure is not None:
+        check.not_negative("pore_pressure", pore_pressure, "Pa")
+        if np.shape(pore_pressure) != particles.mass.shape:
+            raise ValueError(
+                f"pore_pressure has shape {np.shape(pore_pressure)}: give {particles.mass.shape}, one a particle"
+            )
 
 
 def with_strength(scene: Scene, strength: ArrayLike) -> Scene:

@@ -15,6 +15,7 @@ from jax import Array
 
 from foundation import check
 from foundation.text import shown
+from jaxmpm.laws import WaterTable
 from jaxmpm.site import _initial_stress
 from jaxmpm.site._builders import PADDING, ROUNDING, below, build, end_walls, fill, material_on, sorted_by_cell
 from jaxmpm.site._discretisation import Discretisation, check_discretisation
@@ -29,6 +30,9 @@ Height = Callable[[np.ndarray], np.ndarray]
 
 TOUCHING = 0.01
 """Share of a particle's height up to which two lines touch."""
+
+WATER_WEIGHT = 9810.0
+"""Unit weight of water (N/m3)."""
 
 RESOLVED = 1e-3
 """Share of a particle's height that the precision of its position must resolve."""
@@ -85,34 +89,46 @@ def section(
     discretisation: Discretisation,
     *,
     gravity: float = 9.81,
+    water: float | Line | None = None,
+    r_u: float | None = None,
+    k_h: float = 0.0,
+    k_v: float = 0.0,
     ends: Literal["roller", "fixed"] = "roller",
     speed: float | None = None,
     at_rest: bool = True,
 ) -> tuple[Scene, State]:
     """A section at rest: base fixed, ends as asked; of a lattice of particles those whose centres lie in the ground.
 
-    soil: one for all, or layers from the top down; a particle is of the layer in which its centre lies. speed: largest
-    particle speed that the time step allows for (m/s), by default of a fall through the height. at_rest: with the
-    stress of elastic gravity loading, else free of stress.
+    soil: one for all, or layers from the top down; a particle is of the layer in which its centre lies. water: level
+    or points (x, z) of the water table (m), a pool where it lies above the ground, see `WaterTable`. r_u: instead,
+    pore pressure over the weight of what stands above. k_h, k_v: pseudo-static acceleration over gravity, towards the
+    lower end of the surface, and upwards. speed: largest particle speed that the time step allows for (m/s), by default
+    of a fall through the height. at_rest: with the stress of elastic gravity loading, else free of stress.
     Raises ValueError for lines that turn back, cross or end in the ground, layers thinner than a particle, layers whose
     soils follow no common law, and sizes that do not fit the grid, with the coordinates.
     """
     check.not_negative("gravity", gravity, "m/s2")
+    check.between("k_h", k_h, -1.0, 1.0)
+    check.between("k_v", k_v, -1.0, 1.0)
     if ends not in ("fixed", "roller"):
         raise ValueError(f"ends = {ends!r}: give 'fixed' or 'roller'")
     check_discretisation(discretisation, 2)
     layers = list(soil) if isinstance(soil, Sequence) else [Layer(soil)]
     tops = _tops(shape, layers, discretisation.spacing[-1])
     grid, cells = _grid(shape, discretisation)
-    particles, layer = _particles(shape, layers, tops, discretisation, grid)
+    table = _water_table(shape, water, discretisation)
+    particles, layer = _particles(shape, layers, tops, discretisation, grid, table)
+    towards = 1 if shape.surface[0][1] >= shape.surface[-1][1] else -1
     built, state = build(
         particles,
         grid,
         _common_law([material_on(discretisation, each.soil) for each in layers], layer),
         discretisation,
         walls=(*end_walls(0, cells, ends), Wall(1, "low", PADDING, "fixed")),
-        gravity=gravity,
+        gravity=(towards * k_h * gravity, -(1 - k_v) * gravity),
         speed=math.sqrt(gravity * _relief(shape)) if speed is None else speed,
+        water=table,
+        pore_pressure=_pore_pressure(r_u, table, particles, layers, tops),
     )
     return built, _initial_stress.settled(built, state) if at_rest else state
 
@@ -197,7 +213,12 @@ def _grid(shape: Section, discretisation: Discretisation) -> tuple[Grid, int]:
 
 
 def _particles(
-    shape: Section, layers: Sequence[Layer], tops: Sequence[Height], discretisation: Discretisation, grid: Grid
+    shape: Section,
+    layers: Sequence[Layer],
+    tops: Sequence[Height],
+    discretisation: Discretisation,
+    grid: Grid,
+    table: WaterTable | None,
 ) -> tuple[Particles, np.ndarray]:
     """The particles with their layer's mass, and the number of the layer (N,) of each."""
     left, right = shape.outline()[1]
@@ -217,9 +238,45 @@ def _particles(
     layer = np.zeros(x.size, int)
     for top in tops[1:-1]:
         layer += below(z, top(x), RESOLVED * dz)
-    density = np.array([each.soil.unit_weight for each in layers]) / STANDARD_GRAVITY
-    mass = jnp.asarray(density[layer] * (dx * dz), particles.mass.dtype)
+    weight = np.array([each.soil.unit_weight for each in layers])[layer]
+    if table is not None:
+        saturated = [getattr(each.soil, "saturated_unit_weight", None) or each.soil.unit_weight for each in layers]
+        weight = np.where(below(z, np.interp(x, table.x, table.z), RESOLVED * dz), np.array(saturated)[layer], weight)
+    mass = jnp.asarray(weight / STANDARD_GRAVITY * (dx * dz), particles.mass.dtype)
     return replace(particles, mass=mass), layer
+
+
+def _water_table(shape: Section, water: float | Line | None, discretisation: Discretisation) -> WaterTable | None:
+    """The table from wall to wall; ValueError for one that ends before."""
+    if water is None:
+        return None
+    left, right = shape.outline()[1]
+    points = _points("water", [(left, water), (right, water)] if isinstance(water, int | float) else water)
+    if points[0, 0] > left or points[-1, 0] < right:
+        raise ValueError(
+            f"water goes from ({points[0, 0]:g}, {points[0, 1]:g}) to ({points[-1, 0]:g}, {points[-1, 1]:g}) m"
+            f": draw it to the walls at x = {left:g} and {right:g} m"
+        )
+    dtype = check.dtype(discretisation.dtype or jax.dtypes.canonicalize_dtype(float))
+    x, z = points.T
+    return WaterTable(*(jnp.asarray(value, dtype) for value in (x, z, WATER_WEIGHT, discretisation.spacing[-1])))
+
+
+def _pore_pressure(
+    r_u: float | None, table: WaterTable | None, particles: Particles, layers: Sequence[Layer], tops: Sequence[Height]
+) -> np.ndarray | None:
+    """r_u times the weight per area (N,) Pa of the layers above each particle; None without r_u."""
+    if r_u is None:
+        return None
+    if not 0 <= r_u < 1:
+        raise ValueError(f"r_u = {r_u:g}: give a value of 0 or more and below 1")
+    if table is not None:
+        raise ValueError(f"both water and r_u = {r_u:g} are given: give one of them")
+    x, z = np.asarray(particles.position, float)
+    above = np.zeros(x.size)
+    for layer, (top, bottom) in zip(layers, pairwise(tops), strict=True):
+        above += layer.soil.unit_weight * np.maximum(top(x) - np.maximum(bottom(x), z), 0)
+    return r_u * above
 
 
 def _refuse_thin(x: np.ndarray, tops: Sequence[np.ndarray], spacing: float) -> None:

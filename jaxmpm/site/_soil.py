@@ -78,7 +78,8 @@ class Soil:
 class FrictionalSoil:
     """An elastic soil with cohesion (Pa) and friction (degrees), in SI units.
 
-    unit_weight: N/m3. young, poisson: Young's modulus (Pa) and Poisson's ratio. dilation: degrees, at most the
+    unit_weight: N/m3, that of soil and its water. saturated_unit_weight: of soil that starts below a water table
+    (N/m3), None the same. young, poisson: Young's modulus (Pa) and Poisson's ratio. dilation: degrees, at most the
     friction. criterion: the law. matching: of Drucker-Prager's cone. residual_cohesion, residual_friction: reached over
     the engineering plastic shear strain `softening_strain`, in the manner of `decay`; softening_strain None keeps the
     peak. softening_length: as for `Soil`. tension_cutoff: largest mean stress of Drucker-Prager, largest principal
@@ -99,6 +100,7 @@ class FrictionalSoil:
     decay: Decay = Decay.LINEAR
     softening_length: float | None = None
     tension_cutoff: float | None = None
+    saturated_unit_weight: float | None = None
 
     @property
     def softens(self) -> bool:
@@ -167,6 +169,8 @@ def _rate(soil: Soil, number: Callable[..., Any]) -> RateEffect | None:
 def _frictional(
     soil: FrictionalSoil, bulk: Array, shear: Array, cutoff: Array | None, scale: float, number: Callable[..., Any]
 ) -> MohrCoulomb | DruckerPrager:
+    if soil.saturated_unit_weight is not None:
+        check.positive("saturated_unit_weight", soil.saturated_unit_weight, "N/m3")
     check.not_negative("cohesion", soil.cohesion, "Pa")
     check.between("friction", soil.friction, 0.0, 60.0, ends=True)
     check.between("dilation", soil.dilation, 0.0, soil.friction, ends=True)

@@ -1,0 +1,131 @@
+"""Slopes with known factors of safety, as sections from their published coordinates.
+
+Lengths m, stresses Pa, angles degrees. Slopes drawn towards -x are mirrored; those drawn in feet have cells that divide
+feet. Young's modulus 1e8 Pa, Poisson's ratio 0.3, no dilation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import jaxmpm as mpm
+from jaxmpm import FrictionalSoil, Layer, Section, Soil
+
+FOOT = 0.3048
+
+
+@dataclass(frozen=True)
+class Case:
+    """A slope and the factor of safety to hold it against.
+
+    reference: by strength reduction where published. cells: m, coarse and fine. source: of section and answer.
+    """
+
+    name: str
+    reference: float
+    source: str
+    shape: Section
+    soil: FrictionalSoil | Soil | Sequence[Layer]
+    cells: tuple[float, float]
+    loads: dict[str, Any] = field(default_factory=dict)
+
+    def built(self, cell: float, **choices: Any) -> tuple[mpm.Scene, mpm.State]:
+        """The section on cells of this size (m), four particles in each."""
+        clay = isinstance(self.soil, Soil) or (isinstance(self.soil, Sequence) and isinstance(self.soil[0].soil, Soil))
+        numerics = mpm.Discretisation(cell, (cell / 2, cell / 2), fbar=clay, **choices)
+        return mpm.section(self.shape, self.soil, numerics, **self.loads)
+
+
+def _mirrored(line: Sequence[Sequence[float]], end: float) -> list[tuple[float, float]]:
+    """The line drawn from the wall at x = end (m) backwards."""
+    return [(end - x, z) for x, z in reversed(line)]
+
+
+def _acads() -> list[Case]:
+    source = "Giam and Donald (1989), ACADS"
+    end = 70.0
+    shape = Section(_mirrored([(20, 25), (30, 25), (50, 35), (70, 35)], end), base=20.0)
+    second = _mirrored([(30, 25), (50, 29), (54, 31), (70, 31)], end)
+    third = _mirrored([(20, 25), (30, 25), (40, 27), (52, 24), (70, 24)], end)
+    layers = [
+        Layer(FrictionalSoil(0.0, 38.0, unit_weight=19.5e3), second),
+        Layer(FrictionalSoil(5.3e3, 23.0, unit_weight=19.5e3), third),
+        Layer(FrictionalSoil(7.2e3, 20.0, unit_weight=19.5e3)),
+    ]
+    hill = Section(_mirrored([(20, 27.75), (43, 27.75), (67.5, 40), (84, 40)], 84.0), base=20.0)
+    soil = FrictionalSoil(28.5e3, 20.0, unit_weight=18.84e3)
+    band = [
+        Layer(soil, [(0, 27), (64, 27)]),
+        Layer(FrictionalSoil(0.0, 10.0, unit_weight=18.84e3), [(0, 26.5), (64, 26.5)]),
+        Layer(soil),
+    ]
+    plain, cells = FrictionalSoil(3e3, 19.6, unit_weight=20e3), (1.0, 0.5)
+    return [
+        Case("ACADS 1a", 0.988, source, shape, plain, cells),
+        Case("ACADS 1c", 1.35, source, shape, layers, cells),
+        Case("ACADS 1d", 0.96, source, shape, layers, cells, {"k_h": 0.15}),
+        Case("ACADS 3a", 1.26, source, hill, band, (0.5, 0.25), {"water": 26.5}),
+    ]
+
+
+def _griffiths_lane() -> list[Case]:
+    source, height = "Griffiths and Lane (1999), 10.1680/geot.1999.49.3.387", 50 * FOOT
+    # The rigid base is at the level of the toe; 1:2, then 100 feet of base before it.
+    fill = Section([(0, height), (18.288, height), (48.768, 0), (79.248, 0)])
+    soil = FrictionalSoil(14963.0, 20.0, unit_weight=19636.0)
+    cells = (10 * FOOT / 3, 5 * FOOT / 3)
+    cases = [Case("Griffiths and Lane 1", 1.38, source, fill, soil, cells)]
+    cut = Section([(0, 30.48), (30.48, 30.48), (60.96, 15.24), (91.44, 15.24)])
+    for ratio, reference in ((1, 1.46), (2, 2.04)):
+        layers = [
+            Layer(Soil(19636.0, strength=74813.0, tension_cutoff=None), [(0, 15.24), (91.44, 15.24)]),
+            Layer(Soil(19636.0, strength=74813.0 * ratio, tension_cutoff=None)),
+        ]
+        name = f"Griffiths and Lane 4, ratio {ratio}"
+        cases.append(Case(name, reference, source, cut, layers, (5 * FOOT, 2.5 * FOOT)))
+    for share, reference in ((-0.2, 1.83), (0.0, 1.83), (0.4, 1.40), (0.7, 1.30), (1.0, 1.38)):
+        loads = {"water": height * (1 - share)}
+        cases.append(Case(f"Griffiths and Lane 5, L/H {share:g}", reference, source, fill, soil, cells, loads))
+    return cases
+
+
+def _fredlund_krahn() -> list[Case]:
+    shape = Section([(0, 18.288), (18.288, 18.288), (42.672, 6.096), (54.864, 6.096)])
+    soil = FrictionalSoil(28728.0, 20.0, unit_weight=18850.0)
+    line = [(0, 12.192), (42.672, 6.096), (54.864, 6.096)]
+    loads: list[tuple[str, float, dict[str, Any]]] = [
+        ("dry", 1.98, {}),
+        ("r_u 0.25", 1.68, {"r_u": 0.25}),
+        ("piezometric line", 1.77, {"water": line}),
+    ]
+    source = "Fredlund and Krahn (1977), 10.1139/t77-045; strength reduction as published since"
+    return [
+        Case(f"Fredlund and Krahn, {name}", answer, source, shape, soil, (4 * FOOT, 2 * FOOT), load)
+        for name, answer, load in loads
+    ]
+
+
+def _submerged() -> list[Case]:
+    shape = Section(_mirrored([(0, 4.572), (9.144, 4.572), (32.004, 13.716), (42.672, 13.716)], 42.672))
+    soil = FrictionalSoil(4788.0, 20.0, unit_weight=20107.0)
+    source = "Duncan and Wright (2005), Soil Strength and Slope Stability"
+    return [
+        Case(f"Submerged face, pool {pool:g} m", 1.59, source, shape, soil, (5 * FOOT, 2.5 * FOOT), {"water": pool})
+        for pool in (22.86, 32.004)
+    ]
+
+
+def _published() -> list[Case]:
+    shape = Section([(0, 16), (30, 16), (54, 4), (96, 4)])
+    source = "Jiang et al. (2024), 10.1016/j.compgeo.2024.106413, without softening; slip circles"
+    return [Case("Published section", 1.142, source, shape, Soil(strength=42e3), (2.0, 1.0))]
+
+
+FAMILIES: tuple[Callable[[], list[Case]], ...] = (_acads, _griffiths_lane, _fredlund_krahn, _submerged, _published)
+
+
+def cases() -> list[Case]:
+    """All of them."""
+    return [case for family in FAMILIES for case in family()]

@@ -1,0 +1,49 @@
+"""Water in the ground as given: hydrostatic pressure below a table, which goes on into a pool above the ground."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import jax.numpy as jnp
+from jax import Array
+
+from foundation.check import Limit, above_zero
+from foundation.pytrees import pytree
+
+
+@pytree
+@dataclass(frozen=True)
+class WaterTable:
+    """Pore pressure u = unit_weight (z_w(x) - z) below a table at z_w(x), and none above it: no suction.
+
+    x, z: (m,) m, points of the table with x rising; beyond them it is level. unit_weight: of water (N/m3). height: of a
+    particle (m); one that the table cuts feels its share. The pressure belongs to the place, whatever soil moves there.
+
+    A scene with a table solves for the effective stress: the soil is pushed by -grad u, its weight is that with the
+    water in it. Where the table lies above the ground u goes on through the pool, so that its load on the face follows.
+    Source: Griffiths and Lane (1999), 10.1680/geot.1999.49.3.387, Fig. 17 (the load of the pool); the effective stress
+    in equilibrium, div s' - grad u + rho g = 0, is Terzaghi's.
+    """
+
+    x: Array
+    z: Array
+    unit_weight: Array
+    height: Array
+
+    LIMITS: ClassVar[Mapping[str, Limit]] = {"unit_weight": above_zero("N/m3"), "height": above_zero("m")}
+
+    def push(self, position: Array) -> Array:
+        """-grad u (d, N) N/m3 at positions (d, N) m."""
+        along, upwards = jnp.clip(position[0], self.x[0], self.x[-1]), position[-1]
+        slopes = (self.z[1:] - self.z[:-1]) / (self.x[1:] - self.x[:-1])
+        slope, table = slopes[0], self.z[0] + slopes[0] * (along - self.x[0])
+        for k in range(1, len(slopes)):
+            change = slopes[k] - slopes[k - 1]
+            slope = slope + jnp.where(along > self.x[k], change, 0)
+            table = table + change * jnp.maximum(along - self.x[k], 0)
+        outside = (position[0] < self.x[0]) | (position[0] > self.x[-1])
+        under = self.unit_weight * jnp.clip((table - upwards) / self.height + 0.5, 0, 1)
+        sideways = [-jnp.where(outside, 0, slope) * under]
+        return jnp.stack([*sideways, *[jnp.zeros_like(under)] * (len(position) - 2), under])

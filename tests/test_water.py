@@ -1,0 +1,140 @@
+"""Pore pressure as given: effective stress under tables and pools, r_u, and what is refused."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxmpm as mpm
+from jaxmpm.diagnostics import unbalanced_force
+
+SAND = mpm.FrictionalSoil(5e3, 30.0, unit_weight=18e3, young=2e7, criterion=mpm.DruckerPrager)
+HALVES = mpm.Discretisation(1.0, (0.5, 0.5))
+LEVEL = mpm.Section([(0, 8), (12, 8)])
+HILL = mpm.Section([(0, 6), (8, 6), (14, 3), (20, 3)])
+WATER = 9810.0
+
+
+def vertical(shape, soil=SAND, **water):
+    """Height and effective vertical pressure (Pa) of the particles, but for those next to a boundary of the grid."""
+    scene, state = mpm.section(shape, soil, HALVES, **water)
+    assert float(unbalanced_force(scene, state)) < 1e-4
+    z = np.asarray(scene.particles.position[1])
+    return z, -np.asarray(state.stress[2])
+
+
+def inner(z, *kinks):
+    return (z > 1) & (z < 7) & np.all([abs(z - kink) > 1 for kink in kinks], axis=0)
+
+
+@pytest.mark.parametrize("pool", [8.0, 30.0])
+def test_ground_under_water_bears_its_buoyant_weight_however_deep_the_pool(pool):
+    z, pressure = vertical(LEVEL, water=pool)
+    assert np.allclose(pressure[inner(z)], (18e3 - WATER) * (8 - z[inner(z)]), rtol=5e-3)
+
+
+def test_below_a_table_soil_is_saturated_and_buoyant_and_above_it_neither():
+    z, pressure = vertical(LEVEL, replace(SAND, saturated_unit_weight=20e3), water=[(0, 4), (12, 4)])
+    expected = 18e3 * np.minimum(8 - z, 4) + (20e3 - WATER) * np.maximum(4 - z, 0)
+    kept = inner(z, 4)
+    assert np.allclose(pressure[kept], expected[kept], rtol=1e-2)
+
+
+def test_r_u_is_the_share_of_the_weight_that_water_bears():
+    z, pressure = vertical(LEVEL, r_u=0.25)
+    kept = inner(z)
+    assert np.allclose(pressure[kept], 0.75 * 18e3 * (8 - z[kept]), rtol=5e-3)
+
+
+def test_a_pool_loads_the_face_so_that_a_slope_under_it_is_one_of_buoyant_soil():
+    # In total stress the pool presses on face and toe; in effective stress nothing but the buoyant weight is left.
+    (_, low), (_, high) = (mpm.section(HILL, SAND, HALVES, water=level) for level in (7.0, 40.0))
+    _, buoyant = mpm.section(HILL, replace(SAND, unit_weight=18e3 - WATER), HALVES)
+    assert np.array_equal(low.stress, high.stress)
+    assert np.allclose(low.stress, buoyant.stress, rtol=2e-3, atol=100.0)
+
+
+def table(*points, height=0.5):
+    x, z = jnp.asarray(points, float).T
+    return mpm.WaterTable(x, z, jnp.asarray(WATER), jnp.asarray(height))
+
+
+def test_the_push_is_the_pressures_gradient(x64):
+    water = table((0, 5), (4, 5.5), (9, 3), (12, 3))
+    place = jnp.asarray(np.random.default_rng(1).uniform([[-2], [0]], [[14], [8]], (2, 300)))
+
+    def pressure(x, z):
+        return WATER * jnp.maximum(jnp.interp(x, water.x, water.z) - z, 0)
+
+    near = abs(jnp.interp(place[0], water.x, water.z) - place[1]) < 0.25
+    by_x, by_z = jax.vmap(jax.grad(pressure, argnums=(0, 1)))(*place)
+    assert np.allclose(water.push(place)[:, ~near], -jnp.stack([by_x, by_z])[:, ~near])
+    # A particle cut by the table feels its share: in the middle, half.
+    assert np.allclose(table((0, 5), (1, 5)).push(jnp.array([[0.5], [5.0]])), [[0.0], [WATER / 2]])
+
+
+def test_a_slope_stands_lower_with_water_in_it_and_higher_under_a_pool():
+    def moved(**water):
+        scene, state = mpm.section(HILL, SAND, HALVES, **water)
+        end = mpm.solve(mpm.reduced(scene, 2.2), state, t_end=1.0).raise_if_failed().state
+        return float(mpm.diagnostics.mean_displacement(scene, end))
+
+    dry, wet, seeping, drowned = (moved(**water) for water in ({}, {"r_u": 0.4}, {"water": 3.0}, {"water": 9.0}))
+    assert wet > 1.3 * dry
+    assert drowned < 0.5 * dry
+    assert drowned < seeping < wet
+
+
+def test_gradients_through_water_are_those_of_differences_and_engines_agree(x64):
+    def slid(level, r_u, engine=None):
+        scene, state = built
+        varied = replace(scene, water=replace(scene.water, z=scene.water.z + level), engine=engine)
+        varied = replace(varied, pore_pressure=r_u * weight)
+        return jnp.sum(mpm.advance(varied, state, 40).displacement[0])
+
+    scene, state = mpm.section(HILL, SAND, HALVES, water=[(0, 5), (20, 2.6)])
+    built = mpm.reduced(scene, 1.5), state
+    weight = 18e3 * jnp.maximum(6 - scene.particles.position[1], 0)
+    at, step = (jnp.asarray(0.01), jnp.asarray(0.1)), 1e-5
+    slopes, run = jax.jit(jax.grad(slid, argnums=(0, 1)))(*at), jax.jit(slid, static_argnums=2)
+    for k, slope in enumerate(slopes):
+        ahead, behind = (run(*(a + s * step * (i == k) for i, a in enumerate(at))) for s in (1, -1))
+        assert abs(slope / ((ahead - behind) / (2 * step)) - 1) < 1e-4
+    assert np.isclose(run(*at, mpm.Engine.XLA), run(*at), rtol=1e-9)
+
+
+def test_lanes_share_the_water():
+    scene, state = mpm.section(HILL, SAND, HALVES, water=4.0)
+    varied, axes = mpm.lanes(scene, cohesion=jnp.array([1e3, 5e3]))
+    together = mpm.solve(varied, mpm.repeat(state, 2), t_end=0.2, axes=axes).state.displacement
+    alone = mpm.solve(scene, state, t_end=0.2).state.displacement
+    assert np.allclose(together[1], alone, rtol=1e-5, atol=1e-7)
+
+
+def test_earthquakes_push_towards_the_lower_end_and_up():
+    mirrored = mpm.Section([(20 - x, z) for x, z in reversed(HILL.surface)])
+    for shape, sign in ((HILL, 1), (mirrored, -1)):
+        scene, _ = mpm.section(shape, SAND, HALVES, k_h=0.15, k_v=0.05, at_rest=False)
+        assert np.allclose(scene.gravity, [sign * 0.15 * 9.81, -0.95 * 9.81])
+
+
+REFUSED = {
+    "undrained": ({"soil": mpm.Soil(strength=2e4), "water": 4.0}, "J2, whose strength is undrained"),
+    "r_u of 1": ({"r_u": 1.0}, "r_u = 1: give a value of 0 or more and below 1"),
+    "r_u nan": ({"r_u": float("nan")}, "r_u = nan"),
+    "both": ({"r_u": 0.2, "water": 4.0}, "both water and r_u = 0.2"),
+    "wall": ({"water": [(0, 4), (15, 4)]}, r"water goes from \(0, 4\) to \(15, 4\) m: draw it to the walls"),
+    "back": ({"water": [(0, 4), (12, 4), (11, 3), (20, 3)]}, r"water turns back from \(12, 4\) to \(11, 3\) m"),
+    "step": ({"water": [(0, 4), (12, 4), (12, 3), (20, 3)]}, "does not rise: give its points in order"),
+    "infinite": ({"water": float("inf")}, "water = inf m at"),
+    "weight": ({"soil": replace(SAND, saturated_unit_weight=-1.0)}, "saturated_unit_weight = -1"),
+    "k_h": ({"k_h": 1.5}, "k_h = 1.5"),
+}
+
+
+@pytest.mark.parametrize(("given", "message"), REFUSED.values(), ids=REFUSED)
+def test_water_that_cannot_be_is_refused(given, message):
+    with pytest.raises(ValueError, match=message):
+        mpm.section(HILL, discretisation=HALVES, **({"soil": SAND} | given))
