@@ -76,7 +76,7 @@ def test_other_criteria_and_times_too_short_are_refused():
     scene, state = mpm.slope(CUT, soil, mpm.Discretisation(1.0, (0.5, 0.5)))
     with pytest.raises(ValueError, match="criterion = 'limit': give 'limit load', or a failure_displacement"):
         mpm.factor_of_safety(scene, state, criterion="limit")
-    with pytest.raises(ValueError, match="both criterion and failure_displacement = 0.5 m"):
+    with pytest.raises(ValueError, match="both criterion and failure_displacement"):
         mpm.factor_of_safety(scene, state, criterion="limit load", failure_displacement=0.5)
     with pytest.raises(ValueError, match="gravity = 0 m/s2"):
         mpm.factor_of_safety(replace(scene, gravity=0 * scene.gravity), state, criterion="limit load")

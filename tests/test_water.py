@@ -97,7 +97,7 @@ def test_gradients_through_water_are_those_of_differences_and_engines_agree(x64)
     scene, state = mpm.section(HILL, SAND, HALVES, water=[(0, 5), (20, 2.6)])
     built = mpm.reduced(scene, 1.5), state
     weight = 18e3 * jnp.maximum(6 - scene.particles.position[1], 0)
-    at, step = (jnp.asarray(0.01), jnp.asarray(0.1)), 1e-5
+    at, step = (jnp.asarray(0.01), jnp.asarray(0.1)), 1e-7  # particles that the table or yield cuts make kinks
     slopes, run = jax.jit(jax.grad(slid, argnums=(0, 1)))(*at), jax.jit(slid, static_argnums=2)
     for k, slope in enumerate(slopes):
         ahead, behind = (run(*(a + s * step * (i == k) for i, a in enumerate(at))) for s in (1, -1))

@@ -26,9 +26,9 @@ from jaxmpm.types import Scene, State
 class FactorOfSafety:
     """stable: largest reduction factor R that stands. fails: smallest that fails, one resolution above.
 
-    tried: every (R, largest displacement in m) that was run to find them, by R; where the slope failed, the displacement
-    is the one at which that was decided. kink: by the limit load the R at which the displacement's growth with R sets
-    in, sharpness: how many times faster it grows beyond than below; None by a displacement.
+    tried: every (R, largest displacement in m) that was run to find them, by R; where the slope failed, the
+    displacement is the one at which that was decided. kink: by the limit load the R at which the displacement's growth
+    with R sets in, sharpness: how many times faster it grows beyond than below; None by a displacement.
     """
 
     stable: float
@@ -55,10 +55,11 @@ def factor_of_safety(
 ) -> FactorOfSafety:
     """Divide the strength by R and find where the slope fails within t_end (s).
 
-    failure_displacement: it fails where its largest displacement passes this (m), 1 m by default. criterion: with "limit
-    load" instead where it moves on: soil moves farther, in the mean, within some time than in all the time before, which
-    was as long (at least an elastic oscillation). A displacement depends on the metres chosen where soil does not
-    soften, since a perfectly plastic slope slides a little and stands again. bracket: R that stands and R that fails. resolution: R is a multiple of it. batch: lanes per round.
+    failure_displacement: it fails where its largest displacement passes this (m), 1 m by default. criterion: with
+    "limit load" instead where it moves on: soil moves farther, in the mean, within some time than in all the time
+    before, which was as long (at least an elastic oscillation). A displacement depends on the metres chosen where soil
+    does not soften, since a perfectly plastic slope slides a little and stands again. bracket: R that stands and R that
+    fails. resolution: R is a multiple of it. batch: lanes per round.
     settle: when a lane counts as standing before t_end; the default of `Settle`.
     Raises ValueError when the bracket's ends do not stand and fail, FloatingPointError when a run breaks off.
     """

@@ -118,8 +118,8 @@ def _effective_weight_above(scene: Scene) -> np.ndarray:
     starts = np.r_[True, np.any(np.diff(position[:-1, order], axis=1) != 0, axis=0)]
     gaps = -np.diff(z[order])[~starts[1:]]
     height = gaps.min() if gaps.size else 0.0
-    unit_weight = -float(scene.gravity[-1]) * np.asarray(scene.particles.mass, float) / np.asarray(
-        scene.particles.volume, float
+    unit_weight = (
+        -float(scene.gravity[-1]) * np.asarray(scene.particles.mass, float) / np.asarray(scene.particles.volume, float)
     )
     if scene.water is not None:
         unit_weight = unit_weight - np.asarray(scene.water.push(scene.particles.position)[-1], float)
