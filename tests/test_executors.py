@@ -4,6 +4,8 @@ import json
 import os
 import signal
 import sys
+import threading
+import time
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 
 import numpy as np
@@ -155,6 +157,33 @@ def test_errors_of_a_run_on_dask_are_errors(dask):
         assert executor.submit(pow, 2, 5).result() == 32
         executor.shutdown(cancel_futures=True)
         assert executor.client.status == "closed"
+
+
+BEGUN, DROPPED = threading.Event(), threading.Event()
+
+
+def until_nobody_wants_it():
+    BEGUN.set()
+    until = time.monotonic() + 60
+    while not executors._wanted_no_more() and time.monotonic() < until:
+        time.sleep(0.01)
+    DROPPED.set()
+
+
+@pytest.mark.parametrize("how", ["cancelled", "client gone"])
+def test_a_dask_task_that_nobody_waits_for_ends_itself(dask, how):
+    BEGUN.clear()
+    DROPPED.clear()
+    with local_cluster(dask, 1, processes=False) as cluster:
+        executor = dask_executor(cluster.scheduler_address)()
+        executor.submit(until_nobody_wants_it)
+        assert BEGUN.wait(30)
+        assert not DROPPED.wait(0.2)
+        if how == "cancelled":
+            executor.shutdown(cancel_futures=True)
+        else:
+            executor.client.close()
+        assert DROPPED.wait(30)
 
 
 def test_a_sample_that_kills_dask_workers_is_given_up_and_the_others_go_on():
