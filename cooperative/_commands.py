@@ -14,7 +14,7 @@ import jax
 from cooperative import __version__, campaign, doctor, sweep, write_aside
 from cooperative.reporting import SLIDES, progress_of, report, words
 from cooperative.reporting import _exports as exports
-from cooperative.runs import Stopped, cores_to_use, dask_executor, heeding
+from cooperative.runs import Stopped, cores_to_use, dask_executor, heeding, keep_compiled
 from cooperative.scene import example, examples, read_scene
 from cooperative.store import GRIDS, read_store
 from foundation.text import printable
@@ -173,6 +173,7 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser().parse_args(arguments)
     try:
         with _warning_in_lines():
+            keep_compiled()
             given.does(given)
     except (ValueError, OSError) as error:
         # The text of an OSError of our own stands alone; that of the system's needs the file's name beside it.

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxmpm as mpm
-from cooperative.runs import cores_to_use
+from cooperative.runs import cores_to_use, keep_compiled
 
 # Largest error of the settling column over its largest value; the stress is constant in a cell, of which there are 16.
 _SETTLEMENT, _STRESS = 0.01, 0.05
@@ -42,6 +42,7 @@ def installation() -> Iterator[tuple[str, str]]:
     for device in jax.devices():
         untimed = "" if device.platform == "cpu" else " (the solver runs here, untimed)"
         yield "device", f"{device.platform}: {device.device_kind}{untimed}"
+    yield "compiled programs", f"kept in {kept}" if (kept := keep_compiled()) else "not kept"
     yield "precision", f"{jnp.result_type(float)} unless a scene says otherwise"
 
 

@@ -64,7 +64,7 @@ from jaxmpm.site import (
     with_soil,
     with_strength,
 )
-from jaxmpm.transfer import GIMP, Linear, QuadraticBSpline, native_available
+from jaxmpm.transfer import GIMP, Linear, QuadraticBSpline, native_available, native_library
 from jaxmpm.types import (
     Engine,
     Grid,
@@ -135,6 +135,7 @@ __all__ = [
     "lanes",
     "load_state",
     "native_available",
+    "native_library",
     "objectives",
     "pytree",
     "reduce_strength",

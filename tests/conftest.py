@@ -4,14 +4,10 @@ Most of the suite's time went into compiling programs that then run for millisec
 process that it starts, compiles them without optimisation and with XLA's older code generator, which is three to
 five times quicker. `XLA_FLAGS=` (empty) compiles them as for users; `make test-slow` does.
 
-The processes of a session (pytest-xdist's, and those that tests start) share the programs they compile. JAX names an
-entry by program, flags and version, but on CPU by neither the processor's instructions nor what a library called from
-the program is, so the folder is named by these two: code built for one machine may be illegal on another.
+The processes of a session (pytest-xdist's, and those that tests start) share the programs they compile.
 """
 
-import hashlib
 import os
-import platform
 import signal
 import subprocess
 import sys
@@ -46,25 +42,9 @@ import jax  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
 
-from jaxmpm.transfer import native  # noqa: E402
+from cooperative.runs import keep_compiled  # noqa: E402
 
-
-def _cache() -> Path:
-    """Folder of the compiled programs of this machine and of this build of the native library."""
-    told = hashlib.sha256(platform.machine().encode())
-    processor = Path("/proc/cpuinfo")
-    if processor.exists():
-        lines = processor.read_text().splitlines()
-        told.update("".join(sorted({x for x in lines if x.startswith(("model name", "flags", "Features"))})).encode())
-    for folder in native.__path__:
-        for library in sorted(Path(folder).glob("*.so")):
-            told.update(library.read_bytes())
-    return ROOT / ".cache" / told.hexdigest()[:16]
-
-
-if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-    os.environ["JAX_COMPILATION_CACHE_DIR"] = str(_cache())
-    jax.config.update("jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"])
+keep_compiled(ROOT / ".cache")
 
 # A shell has what it starts in the background ignore Ctrl-C, and so would what tests start and interrupt.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

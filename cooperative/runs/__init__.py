@@ -1,5 +1,6 @@
 """Runs of samples: the model of a grid, samples through lanes and workers, restart points, stopping."""
 
+from cooperative.runs._compiled import keep_compiled, machine
 from cooperative.runs._executors import Workers, cores_to_use, dask_executor, process_pool, run_through
 from cooperative.runs._frames import Frames
 from cooperative.runs._known import foreign, phases_of, rows_reader
@@ -26,6 +27,8 @@ __all__ = [
     "foreign",
     "grid_size",
     "heeding",
+    "keep_compiled",
+    "machine",
     "phases_of",
     "process_pool",
     "rows_reader",

@@ -6,6 +6,7 @@ from jaxmpm.transfer._primitives import scatter_p
 from jaxmpm.transfer._shape import GIMP, Linear, QuadraticBSpline, inside, locate
 from jaxmpm.transfer._transfers import g2p, p2g
 from jaxmpm.transfer.native import available as native_available
+from jaxmpm.transfer.native import library as native_library
 
 __all__ = [
     "GIMP",
@@ -19,6 +20,7 @@ __all__ = [
     "locate",
     "momentum",
     "native_available",
+    "native_library",
     "nodal_momentum",
     "p2g",
     "passes_for",

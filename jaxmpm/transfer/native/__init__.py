@@ -28,16 +28,20 @@ MAX_CHANNELS = 8
 MAX_ORDER = 2
 
 
+def library() -> Path | None:
+    """The compiled kernels; None where they were not built."""
+    return next((path for folder in __path__ if (path := Path(folder) / LIBRARY).exists()), None)
+
+
 @functools.cache
 def available() -> bool:
     """Whether the compiled kernels are there; registers them. Warns, once, where they are not."""
-    for folder in __path__:
-        path = Path(folder) / LIBRARY
-        if path.exists():
-            library = ctypes.CDLL(str(path))
-            for name in ("jaxmpm_scatter", "jaxmpm_gather", "jaxmpm_contract"):
-                jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(getattr(library, name)), platform="cpu")
-            return True
+    path = library()
+    if path is not None:
+        kernels = ctypes.CDLL(str(path))
+        for name in ("jaxmpm_scatter", "jaxmpm_gather", "jaxmpm_contract"):
+            jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(getattr(kernels, name)), platform="cpu")
+        return True
     warnings.warn(
         f"{LIBRARY} was not built: particle-grid transfers run on XLA, at some fortieth of the speed on CPU. "
         "Install a C++ compiler and install jaxmpm again.",
