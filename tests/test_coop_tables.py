@@ -5,23 +5,22 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
-from math import prod
 
 import h5py
 import numpy as np
 import pytest
 
 from cooperative.reporting import consolidate, write_table
-from cooperative.runs import expansion_of
+from cooperative.runs import build, expansion_of
 from cooperative.scene import parse
 from cooperative.store import Sample, open_store, read_sample, read_store, sample_path, write_sample
 from tests.test_campaign import TINY
 
 SCENE = TINY.replace("samples = 6", "samples = 20")
-COEFFICIENTS = np.zeros(expansion_of(parse(SCENE)).modes)
+EXPANSION = expansion_of(parse(SCENE))
 
 
-def sample(number: int, size: int = 50) -> Sample:
+def sample(number: int) -> Sample:
     generator = np.random.default_rng(number)
     return Sample(
         number=number,
@@ -31,7 +30,7 @@ def sample(number: int, size: int = 50) -> Sample:
         coefficients=generator.standard_normal(20),
         row={"displacement": generator.random(), "mode": "deep", "broke_off": False}
         | {"depth": 2.0, "runout": 3.5, "volume": 40.0, "area": 5.0},
-        fields={"displacement": generator.random((3, size))},
+        fields={"displacement": generator.random((3, 50))},
     )
 
 
@@ -84,11 +83,12 @@ def test_a_full_disk_leaves_the_old_file(tmp_path):
 
 @pytest.mark.parametrize("name", ["table.csv", "series/rough-000002.vtkhdf"])
 def test_a_full_disk_stops_an_export_in_one_line_and_leaves_what_was_there(name, tmp_path):
-    particles = parse(SCENE).slope.area / prod(parse(SCENE).grids["rough"].spacing)
-    shape = int(particles), len(COEFFICIENTS)
+    model = build(parse(SCENE), "rough", EXPANSION, at_rest=False)
+    made = replace(sample(0), coefficients=np.zeros(EXPANSION.modes))
+    made = replace(made, fields={"displacement": np.zeros_like(model.scene.particles.position)})
     with open_store(tmp_path, SCENE) as store:
         for number in range(20):
-            write_sample(store, "rough", replace(sample(number, shape[0]), coefficients=COEFFICIENTS))
+            write_sample(store, "rough", replace(made, number=number))
     (tmp_path / name).parent.mkdir(exist_ok=True)
     (tmp_path / name).write_bytes(b"old")
     asked = ["export", str(tmp_path)] + (["--sample", "2", "--grid", "rough"] if "series" in name else [])
