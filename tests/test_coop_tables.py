@@ -20,7 +20,7 @@ SCENE = TINY.replace("samples = 6", "samples = 20")
 EXPANSION = expansion_of(parse(SCENE))
 
 
-def sample(number: int) -> Sample:
+def sample(number: int, size: int = 50) -> Sample:
     generator = np.random.default_rng(number)
     return Sample(
         number=number,
@@ -30,7 +30,7 @@ def sample(number: int) -> Sample:
         coefficients=generator.standard_normal(20),
         row={"displacement": generator.random(), "mode": "deep", "broke_off": False}
         | {"depth": 2.0, "runout": 3.5, "volume": 40.0, "area": 5.0},
-        fields={"displacement": generator.random((3, 50))},
+        fields={"displacement": generator.random((3, size))},
     )
 
 
