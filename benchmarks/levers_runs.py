@@ -1,7 +1,8 @@
 """Runs behind `benchmarks.levers`: sections with other particles and time steps.
 
 `python -m benchmarks.levers_runs` runs what its file lacks. Every variant runs the first samples of the population in
-`benchmarks.section_pairs`, as a campaign does but without the rule that ends slides at rest. The energy of a run,
+`benchmarks.section_pairs`, as a campaign does but without the rule that ends slides at rest: all of them until their
+class is decided where the time step alone differs, fewer to their end, where run-outs show. The energy of a run,
 kinetic, elastic and potential, is told from its start: more than nothing would be made by the step.
 """
 
@@ -24,14 +25,15 @@ from jaxmpm import Result, Scene, Settle, State, diagnostics, solve_each
 
 DATA = ROOT / "benchmarks" / "data" / "levers.csv"
 SCENES = ("paper_section", "section")
-SAMPLES = 40
+SAMPLES = {"class": 400, "end": 40}
+"""Of each variant, by where its runs end."""
 SPACINGS = {"rough": (1.0, 2.0), "refined": (0.5, 1.0)}
 """Of the particles: four a cell, as published, and one."""
 CFL = (0.5, 0.9)
-VARIANT = ("scene", "grid", "spacing", "cfl")
-MEASURED = ("steps", "displacement", "runout", "energy")
-COLUMNS = (*VARIANT, "number", "status", *MEASURED)
-Variant = tuple[str, str, float, float]
+VARIANT = ("scene", "grid", "spacing", "cfl", "until")
+MEASURED = ("status", "steps", "time", "displacement", "runout", "energy")
+COLUMNS = (*VARIANT, "number", *MEASURED)
+Variant = tuple[str, str, float, float, str]
 
 
 def read() -> dict[Variant, dict[int, dict[str, float]]]:
@@ -40,7 +42,7 @@ def read() -> dict[Variant, dict[int, dict[str, float]]]:
     with DATA.open(newline="") as file:
         for line, row in enumerate(csv.DictReader(file), start=2):
             try:
-                variant = row["scene"], row["grid"], float(row["spacing"]), float(row["cfl"])
+                variant = row["scene"], row["grid"], float(row["spacing"]), float(row["cfl"]), row["until"]
                 found.setdefault(variant, {})[int(row["number"])] = {name: float(row[name]) for name in MEASURED}
             except (KeyError, TypeError, ValueError) as error:
                 raise ValueError(f"{DATA.name}, line {line} is no row of a run ({error}): mend or delete it") from error
@@ -50,7 +52,9 @@ def read() -> dict[Variant, dict[int, dict[str, float]]]:
 def variants() -> Iterator[Variant]:
     """All that are compared, the cheap ones first."""
     for grid, spacings in SPACINGS.items():
-        yield from ((scene, grid, spacing, cfl) for scene in SCENES for spacing in spacings for cfl in CFL)
+        yield from ((scene, grid, spacings[0], cfl, "class") for scene in SCENES for cfl in CFL)
+    for grid, spacings in SPACINGS.items():
+        yield from ((scene, grid, spacing, cfl, "end") for scene in SCENES for spacing in spacings for cfl in CFL)
 
 
 def main() -> None:
@@ -62,13 +66,13 @@ def main() -> None:
         if new:
             writer.writerow(COLUMNS)
         for variant in variants():
-            for row in _rows(variant, sorted(set(range(SAMPLES)) - done.get(variant, {}).keys())):
+            for row in _rows(variant, sorted(set(range(SAMPLES[variant[-1]])) - done.get(variant, {}).keys())):
                 writer.writerow((*variant, *row))
                 file.flush()
 
 
 def _rows(variant: Variant, numbers: list[int]) -> Iterator[tuple[object, ...]]:
-    scene, grid, spacing, cfl = variant
+    scene, grid, spacing, cfl, until = variant
     campaign = study(scene_campaign(scene))
     shape = replace(campaign.grids[grid], spacing=(spacing, spacing), cfl=cfl)
     campaign = replace(campaign, grids={**campaign.grids, grid: shape})
@@ -79,11 +83,11 @@ def _rows(variant: Variant, numbers: list[int]) -> Iterator[tuple[object, ...]]:
     strengths = (model.strength(jnp.asarray(coefficients[number])) for number in numbers)
     for number, result in solve_each(
         model.scene, model.state, {"strength": strengths}, numbers=numbers, width=1, t_end=campaign.run.t_end,
-        settle=Settle(),
+        settle=Settle(), stop_at=campaign.run.failure_displacement if until == "class" else None,
     ):  # fmt: skip
         done = measured(model, result)
         energy = float(_energy(model.scene, result.state)) - begun
-        told = (done.displacement, done.runout, energy)
+        told = (int(result.state.step) * float(result.time_step), done.displacement, done.runout, energy)
         yield (number, int(result.status), int(result.state.step), *(f"{value:.6g}" for value in told))
 
 

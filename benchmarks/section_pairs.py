@@ -68,8 +68,9 @@ def _rows(path: Path) -> Iterator[dict[str, str]]:
 
 
 def study(campaign: Campaign) -> Campaign:
-    """A scene with the samples of this study, all of which get a mode."""
-    return replace(campaign, plan=replace(campaign.plan, samples=SAMPLES, modes=("rough", "refined")))
+    """A scene with the samples of this study, all of which get a mode, at the time step of its files."""
+    grids = {grid: replace(shape, cfl=0.5) for grid, shape in campaign.grids.items()}
+    return replace(campaign, grids=grids, plan=replace(campaign.plan, samples=SAMPLES, modes=("rough", "refined")))
 
 
 def main() -> None:

@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from cooperative import runs
 from cooperative.estimate import Estimator, Phases, Screened, Slides, wilson_interval
-from cooperative.scene import Campaign, allowing, calibrated, measured, parse, write_budget
+from cooperative.scene import Campaign, allowing, calibrated, measured, parse, with_defaults, write_budget
 from cooperative.store import GRIDS, SLIDES, Rows, Sample, Store, open_store, restart_path, write_aside, write_sample
 from cooperative.summary import summarise
 
@@ -47,7 +47,7 @@ def run(
     Raises ValueError for a scene, a size or a folder that will not do, before anything is run or written.
     """
     folder = Path(folder)
-    campaign = allowing(parse(text, estimator), folder, refined_runs)
+    campaign = allowing(parse(with_defaults(text, folder / "scene.toml"), estimator), folder, refined_runs)
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
     runs.check_size(campaign, workers if executor is None else 1)

@@ -47,7 +47,7 @@ _GRID = {
     "spacing": Meaning("Distance of the particles along each axis.", "[1.0, 1.0]", **_LENGTH),
     "kernel": Meaning("Shape function of a particle.", '"gimp"'),
     "scheme": Meaning("When the stress is updated within a step.", '"musl"'),
-    "cfl": Meaning("Time step over the time in which a wave crosses a cell.", "0.5", above=0, most=1),
+    "cfl": Meaning("Time step over the time in which a wave crosses a cell.", "0.9", above=0, most=1),
     "flip": Meaning("Share of FLIP in the update of velocities; the rest is PIC.", "1.0", least=0, most=1),
     "apic": Meaning("Affine transfers instead of the blend of FLIP and PIC.", "false"),
     "damping": Meaning("Damping of the velocity.", "0.0", unit="1/s", least=0),

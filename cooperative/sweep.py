@@ -30,8 +30,8 @@ from cooperative.estimate import Published, Sampling, rank_samples, stopping_ran
 from cooperative.measure import SEVERITY
 from cooperative.reporting import panels, save
 from cooperative.runs import check_size, heeding, phases_of, rows_reader
-from cooperative.scene import kept, parse, tables_of
-from cooperative.store import GRIDS, Rows, read_store, write_aside
+from cooperative.scene import kept, parse, tables_of, with_defaults
+from cooperative.store import GRIDS, Rows, kept_scene, read_store, write_aside
 from cooperative.summary import summarise
 from foundation.text import shown
 
@@ -62,6 +62,7 @@ def run(text: str, folder: Path, *, workers: int = 1, progress: bool = False) ->
     sweep that will not do, before anything is run, and for a folder of another sweep.
     """
     folder = Path(folder)
+    text = with_defaults(text, folder / "sweep.toml")
     parts = variants(text)
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
@@ -213,7 +214,7 @@ def _changed(strength: dict[str, Any], name: str, value: float, dimension: int) 
 def _claim(folder: Path, text: str) -> None:
     """Make the folder, or see that it is this sweep's."""
     path = folder / "sweep.toml"
-    if path.exists() and tomllib.loads(path.read_text()) != tomllib.loads(text):
+    if path.exists() and tomllib.loads(kept_scene(path)) != tomllib.loads(text):
         raise ValueError(f"folder {folder} belongs to another sweep: give another folder, or the scene it has")
     if not path.exists() and folder.exists() and any(folder.iterdir()):
         raise ValueError(f"folder {folder} holds something, but no sweep.toml: give a new or empty folder")

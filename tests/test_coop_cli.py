@@ -131,7 +131,7 @@ def test_durations_are_said_as_people_say_them(seconds, said):
 def test_resume_goes_on_from_the_folder_alone(done, tmp_path, capsys):
     folder, summary = done
     again = tmp_path / "again"
-    with open_store(again, TINY) as store:
+    with open_store(again, read_store(folder).scene_text) as store:
         for number in (0, 3):
             write_sample(store, "rough", read_sample(read_store(folder), "rough", number))
     assert main(["resume", str(again), "--workers", "1"]) == 0

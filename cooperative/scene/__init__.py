@@ -2,6 +2,7 @@
 
 from cooperative.scene._budget import allowing, kept_budget, raised, write_budget
 from cooperative.scene._calibration import calibrated, campaign_of, kept, measured
+from cooperative.scene._defaults import with_defaults
 from cooperative.scene._examples import example, examples
 from cooperative.scene._schema import REQUIRED, SECTIONS, UNSAID, Key
 from cooperative.scene._text import read_scene, tables_of
@@ -29,5 +30,6 @@ __all__ = [
     "raised",
     "read_scene",
     "tables_of",
+    "with_defaults",
     "write_budget",
 ]

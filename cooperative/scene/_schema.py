@@ -77,7 +77,7 @@ _GRID = {
     "spacing": Key(tuple),
     "kernel": Key(KERNELS, "gimp"),
     "scheme": Key(SCHEMES, "musl"),
-    "cfl": Key(float, 0.5),
+    "cfl": Key(float, 0.9),
     "flip": Key(float, 1.0),
     "apic": Key(bool, False),
     "damping": Key(float, 0.0),
@@ -113,6 +113,8 @@ _PLAN = {
 GIVEN = {"given": Key(str)}
 """The table [estimator] of a stored scene, whose estimator a script gave: how it describes itself."""
 CALIBRATION = {"rough": Key(float), "refined": Key(float)}
+DEFAULTS = {"cfl": Key(float)}
+"""The table [defaults] of a stored scene: defaults of both grids that were others once, as they were at its start."""
 SECTIONS = {
     "slope": _SLOPE,
     "soil": _SOIL,

@@ -14,7 +14,7 @@ from jax.typing import ArrayLike
 
 import kl
 from cooperative.estimate import SETTINGS, Estimator, Sampling, named_estimator
-from cooperative.scene._schema import CALIBRATION, GIVEN, SECTIONS, UNSAID, in_words, read, refuse_unknown
+from cooperative.scene._schema import CALIBRATION, DEFAULTS, GIVEN, SECTIONS, UNSAID, in_words, read, refuse_unknown
 from cooperative.scene._text import tables_of
 from foundation.text import short, shown
 from jaxmpm import Discretisation, Scene, Settle, Slope, Soil, State, cell_independent, slope
@@ -153,11 +153,16 @@ def parse(text: str, estimator: Estimator | None = None) -> Campaign:
         )
     if "sweep" in tables:
         raise ValueError("the scene has a table [sweep], so it is many campaigns: run it as a sweep")
-    refuse_unknown("the scene", tables, {**SECTIONS, "calibration": None, "estimator": None, "name": None})
+    added = dict.fromkeys(("calibration", "defaults", "estimator", "name"))
+    refuse_unknown("the scene", tables, {**SECTIONS, **added})
     given = _given(tables, estimator)
     if given is not None and "estimator" not in tables:
         text += f"\n[estimator]\ngiven = {json.dumps(given)}\n"
     said = {section: read(section, tables.get(section, {}), keys) for section, keys in SECTIONS.items()}
+    if "defaults" in tables:
+        unsaid = read("defaults", tables["defaults"], DEFAULTS)
+        for grid in ("rough", "refined"):
+            said[grid] |= {key: value for key, value in unsaid.items() if key not in tables[grid]}
     shape, y_ends = said["slope"], said["slope"].pop("y_ends")
     plan, run, strength = said["campaign"], said["run"], said["strength"]
     if plan["slides"] == 0:

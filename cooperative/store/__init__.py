@@ -4,7 +4,7 @@ Files are written aside and sealed with a checksum (`foundation.files`). A sampl
 written it: one that does not match its seal, holds anything but the numbers and texts expected, or is no file at all is
 named, set aside and counted as not done.
 
-    scene.toml                    the scene, verbatim
+    scene.toml                    the scene, verbatim, and the defaults of the time
     samples/rough/000123.h5       coefficients, row, fields, provenance of sample 123 on the rough grid
     samples/refined/000123.h5
     samples/slides/000123.h5      the same run to the end of its slide, where samples/refined has it until it failed
@@ -18,10 +18,11 @@ from cooperative.store._opened import open_store, read_store
 from cooperative.store._reading import check_frames, read_sample
 from cooperative.store._rows import Rows, read_rows, reader
 from cooperative.store._samples import Sample, fill_sample, write_sample
-from cooperative.store._scene_text import scene_digest
+from cooperative.store._scene_text import FIRST_DEFAULTS, kept_scene, scene_digest
 from foundation.files import DamagedFile, Scalar, own_folder, set_aside, write_aside
 
 __all__ = [
+    "FIRST_DEFAULTS",
     "GRIDS",
     "MOST_TEXT",
     "SLIDES",
@@ -32,6 +33,7 @@ __all__ = [
     "Store",
     "check_frames",
     "fill_sample",
+    "kept_scene",
     "lock_holder",
     "open_store",
     "own_folder",

@@ -6,9 +6,9 @@ import os
 import warnings
 from pathlib import Path
 
-from cooperative.store._folder import GRIDS, SLIDES, Store, small_text
+from cooperative.store._folder import GRIDS, SLIDES, Store
 from cooperative.store._lock import take_lock
-from cooperative.store._scene_text import differences, scene_digest
+from cooperative.store._scene_text import differences, kept_scene, scene_digest
 from foundation.files import set_aside, write_aside
 from foundation.text import shown
 
@@ -20,7 +20,7 @@ def open_store(folder: str | Path, scene_text: str) -> Store:
     (naming what differs), or is held by another controller.
     """
     folder = Path(folder)
-    digest = scene_digest(scene_text)
+    scene_digest(scene_text)  # no folder is made for a text that is no scene
     scene_path = folder / "scene.toml"
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -37,7 +37,7 @@ def open_store(folder: str | Path, scene_text: str) -> Store:
         ) from error
     try:
         if scene_path.exists():
-            found = differences(small_text(scene_path), scene_text)
+            found = differences(kept_scene(scene_path), scene_text)
             if found:
                 raise ValueError(
                     f"folder {folder} belongs to another scene ({'; '.join(found)}): "
@@ -52,7 +52,8 @@ def open_store(folder: str | Path, scene_text: str) -> Store:
     except BaseException:
         os.close(lock)
         raise
-    return Store(folder, small_text(scene_path), digest, lock)
+    kept = kept_scene(scene_path)
+    return Store(folder, kept, scene_digest(kept), lock)
 
 
 def read_store(folder: str | Path) -> Store:
@@ -60,7 +61,7 @@ def read_store(folder: str | Path) -> Store:
     scene_path = Path(folder) / "scene.toml"
     if not scene_path.exists():
         raise ValueError(f"folder {folder} has no scene.toml: give the folder of a campaign")
-    scene_text = small_text(scene_path)
+    scene_text = kept_scene(scene_path)
     return Store(Path(folder), scene_text, scene_digest(scene_text), None)
 
 

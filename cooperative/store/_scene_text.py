@@ -1,12 +1,27 @@
-"""Whether two TOML texts say the same, and where they do not."""
+"""The scene that a campaign's folder keeps; whether two TOML texts say the same, and where they do not."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import tomllib
+from pathlib import Path
 
+from cooperative.store._folder import small_text
 from foundation.text import short
+
+FIRST_DEFAULTS = "\n[defaults]\ncfl = 0.5\n"
+"""What a kept scene means that has no such table."""
+
+
+def kept_scene(path: Path) -> str:
+    """The scene in a file of a campaign's folder. One without a table `[defaults]` was begun before defaults were kept,
+    and gets those of that time. ValueError for what is no regular file, no text or no TOML."""
+    text = small_text(path)
+    try:
+        return text if "defaults" in tomllib.loads(text) else text + FIRST_DEFAULTS
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ValueError(f"{path} is not valid TOML: {error}") from error
 
 
 def scene_digest(scene_text: str) -> str:
@@ -15,7 +30,10 @@ def scene_digest(scene_text: str) -> str:
 
 
 def differences(there: str, asked: str, most: int = 5) -> list[str]:
+    """What two scenes say otherwise, in words. Where `asked` says no defaults it takes those that are there."""
     old, new = _flat(there), _flat(asked)
+    if "defaults" not in tomllib.loads(asked):
+        new |= {key: value for key, value in old.items() if key.startswith("defaults.")}
     lines = [
         f"{short(key)} is {short(old.get(key, 'not set'))} there and {short(new.get(key, 'not set'))} now"
         for key in sorted(old.keys() | new.keys())
@@ -25,7 +43,7 @@ def differences(there: str, asked: str, most: int = 5) -> list[str]:
 
 
 def _flat(scene_text: str) -> dict[str, str]:
-    """Dotted key -> value as text; 1 and 1.0 are the same value."""
+    """Dotted key -> value as text; 1 and 1.0 are the same value, and the first defaults need not be said."""
 
     def walk(prefix: str, node: object) -> dict[str, str]:
         if isinstance(node, dict):
@@ -41,4 +59,7 @@ def _flat(scene_text: str) -> dict[str, str]:
             flat |= walk(key, value)
         return flat
 
-    return walk("", tomllib.loads(scene_text))
+    tables = tomllib.loads(scene_text)
+    if tables.get("defaults") == tomllib.loads(FIRST_DEFAULTS)["defaults"]:
+        del tables["defaults"]
+    return walk("", tables)

@@ -1,0 +1,84 @@
+"""A default may change: campaigns begun before go on as they were, new ones follow, and their folders say which."""
+
+import tomllib
+
+import pytest
+
+from cooperative import campaign, sweep
+from cooperative.scene import campaign_of, parse, with_defaults
+from cooperative.store import FIRST_DEFAULTS, open_store, read_store, scene_digest
+from tests.test_campaign import TINY
+
+
+def steps(text):
+    return {grid: shape.cfl for grid, shape in parse(text).grids.items()}
+
+
+def test_a_new_scene_has_todays_default_and_its_own_word():
+    assert steps(TINY) == {"rough": 0.9, "refined": 0.9}
+    assert steps(TINY.replace("[rough]", "[rough]\ncfl = 0.3")) == {"rough": 0.3, "refined": 0.9}
+    assert steps(TINY.replace("[rough]", "[rough]\ncfl = 0.3") + FIRST_DEFAULTS) == {"rough": 0.3, "refined": 0.5}
+
+
+def test_a_folder_begun_before_goes_on_with_the_default_of_its_time(tmp_path):
+    (tmp_path / "scene.toml").write_text(TINY)
+    store = read_store(tmp_path)
+    assert {shape.cfl for shape in campaign_of(store).grids.values()} == {0.5}
+    assert store.digest == scene_digest(TINY)
+    text = with_defaults(TINY, tmp_path / "scene.toml")
+    assert set(steps(text).values()) == {0.5}
+    with open_store(tmp_path, text) as held:
+        assert held.digest == scene_digest(TINY)
+    assert (tmp_path / "scene.toml").read_text() == TINY
+
+
+def test_a_folder_keeps_the_default_that_it_was_begun_with(tmp_path):
+    text = with_defaults(TINY, tmp_path / "scene.toml")
+    assert tomllib.loads(text)["defaults"] == {"cfl": 0.9}
+    with open_store(tmp_path, text):
+        pass
+    (tmp_path / "scene.toml").write_text(text.replace("0.9", "0.7"))
+    assert with_defaults(TINY, tmp_path / "scene.toml") == text.replace("0.9", "0.7")
+    assert with_defaults(text, tmp_path / "scene.toml") == text
+    with pytest.raises(ValueError, match=r"defaults.cfl is 0.7 there and 0.9 now"):
+        open_store(tmp_path, text)
+
+
+class _Looked(Exception):
+    pass
+
+
+def test_campaigns_and_sweeps_look_in_their_folders(tmp_path, monkeypatch):
+    seen = []
+
+    def look(asked, *_):
+        seen.append({shape.cfl for shape in asked.grids.values()})
+        raise _Looked
+
+    monkeypatch.setattr(campaign.runs, "check_size", look)
+    monkeypatch.setattr(sweep, "check_size", look)
+    swept = TINY + "[sweep]\ncov = [0.2]\n"
+    for begin, name, text in ((campaign.run, "scene.toml", TINY), (sweep.run, "sweep.toml", swept)):
+        for begun in (False, True):
+            folder = tmp_path / f"{name}-{begun}"
+            folder.mkdir()
+            if begun:
+                (folder / name).write_text(text)
+            with pytest.raises(_Looked):
+                begin(text, folder)
+    assert seen == [{0.9}, {0.5}, {0.9}, {0.5}]
+
+
+@pytest.mark.parametrize(
+    ("table", "match"),
+    [
+        ("cfl = 'fast'", "cfl = 'fast' is text"),
+        ("cfl = 0.9\nstep = 1.0", "unknown key 'step'"),
+        ("", "lacks cfl"),
+        ("cfl = ", "not valid TOML"),
+    ],
+)
+def test_other_defaults_in_a_folder_are_named(tmp_path, table, match):
+    (tmp_path / "scene.toml").write_text(f"{TINY}\n[defaults]\n{table}\n")
+    with pytest.raises(ValueError, match=match):
+        campaign.run(TINY, tmp_path)
