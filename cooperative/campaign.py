@@ -53,21 +53,24 @@ def run(
     runs.check_size(campaign, workers if executor is None else 1)
     with runs.heeding() as stop:
         with stop.at_once():
-            models = _models(campaign)
+            models = _models(campaign, folder)
         crew = None if executor is None and workers == 1 else runs.Workers(executor or partial(_pool, workers), workers)
         with closing(crew.opened()) if crew else nullcontext(), open_store(folder, campaign.text) as store:
             with stop.at_once():
                 if campaign.raised is not None:
                     write_budget(folder, campaign.raised)
                 ready = _calibrated(models, folder)
+                for model in models.values():
+                    runs.keep_initial(folder, model.grid, model.scene, model.state)
             return _ran(_Hands(ready["rough"].campaign, ready, crew, stop, folder.resolve()), store, progress, on_phase)
 
 
-def _models(campaign: Campaign) -> dict[str, runs.GridModel]:
-    """Both grids of a campaign, at rest. Raises ValueError where slope, soil, field and grids do not fit."""
+def _models(campaign: Campaign, folder: Path) -> dict[str, runs.GridModel]:
+    """Both grids of a campaign, at rest by what its folder keeps. Raises ValueError where slope, soil, field and grids
+    do not fit."""
     expansion = runs.expansion_of(campaign)
     runs.check_coefficients(campaign, expansion.modes)
-    return {grid: runs.build(campaign, grid, expansion) for grid in GRIDS}
+    return {grid: runs.build(campaign, grid, expansion, folder=folder) for grid in GRIDS}
 
 
 def _calibrated(models: dict[str, runs.GridModel], folder: Path) -> dict[str, runs.GridModel]:
@@ -75,9 +78,10 @@ def _calibrated(models: dict[str, runs.GridModel], folder: Path) -> dict[str, ru
     campaign = models["rough"].campaign
     if not campaign.plan.calibrate or campaign.calibration is not None:
         return models
-    ready = calibrated(campaign, measured(campaign, folder))
-    rough = runs.build(ready, "rough", models["rough"].expansion)
-    return {"rough": rough, "refined": replace(models["refined"], campaign=ready)}
+    grids = {grid: (model.scene, model.state) for grid, model in models.items()}
+    found = measured(campaign, folder, grids)
+    ready = {grid: replace(model, campaign=calibrated(campaign, found)) for grid, model in models.items()}
+    return ready | {"rough": replace(ready["rough"], strength_factor=found.factor)}
 
 
 def _pool(workers: int) -> Executor:
@@ -112,7 +116,7 @@ class _Hands:
         if self.crew is not None:
             return runs.run_through(
                 self.crew, self.campaign.text, grid, numbers, coefficients, stop_at=limit, restart_in=restart_in,
-                slides=slides, look=self.stop.look,
+                slides=slides, folder=self.folder, look=self.stop.look,
             )  # fmt: skip
         return runs.run_samples(
             self.models[grid], coefficients, numbers, width=plan.lanes if grid == "rough" else plan.look_ahead,

@@ -95,7 +95,7 @@ def _series_path(store: Store, grid: str, number: int) -> Path:
 
 def _model(store: Store, grid: str, *, at_rest: bool) -> GridModel:
     campaign = campaign_of(store)
-    return build(campaign, grid, expansion_of(campaign), at_rest=at_rest)
+    return build(campaign, grid, expansion_of(campaign), at_rest=at_rest, folder=store.folder)
 
 
 def _few(numbers: list[int], most: int = 10) -> str:

@@ -3,6 +3,7 @@
 from cooperative.runs._compiled import keep_compiled, machine
 from cooperative.runs._executors import Workers, cores_to_use, dask_executor, process_pool, run_through
 from cooperative.runs._frames import Frames
+from cooperative.runs._initial import keep_initial
 from cooperative.runs._known import foreign, phases_of, rows_reader
 from cooperative.runs._model import GridModel, build, coefficients_of, expansion_of, sampling_of
 from cooperative.runs._samples import finished, run_samples
@@ -28,6 +29,7 @@ __all__ = [
     "grid_size",
     "heeding",
     "keep_compiled",
+    "keep_initial",
     "machine",
     "phases_of",
     "process_pool",

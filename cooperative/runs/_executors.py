@@ -162,9 +162,11 @@ def run_sample(
     stop_at: float | None,
     restart_in: Path | None,
     slides: bool = False,
+    folder: Path | None = None,
 ) -> Sample:
-    """Run one sample of a scene on one of its grids; what a worker does. restart_in, slides: see `run_samples`."""
-    one, model = {number: coefficients}, _prepared(text, grid)
+    """Run one sample of a scene on one of its grids; what a worker does. restart_in, slides: see `run_samples`. folder:
+    of the campaign, for the grid's initial stress."""
+    one, model = {number: coefficients}, _prepared(text, grid, folder)
     runs = run_samples(
         model, one, one, width=1, stop_at=stop_at, restart_in=restart_in, stop=_wanted_no_more, slides=slides
     )  # fmt: skip
@@ -172,9 +174,9 @@ def run_sample(
 
 
 @lru_cache(maxsize=2)
-def _prepared(text: str, grid: str) -> GridModel:
+def _prepared(text: str, grid: str, folder: Path | None) -> GridModel:
     campaign = parse(text)
-    return build(campaign, grid, expansion_of(campaign))
+    return build(campaign, grid, expansion_of(campaign), folder=folder)
 
 
 class WorkerLost(RuntimeError):
@@ -220,10 +222,12 @@ def run_through(
     stop_at: float | None = None,
     restart_in: Path | None = None,
     slides: bool = False,
+    folder: Path | None = None,
     look: Callable[[], None] = lambda: None,
 ) -> Iterator[Sample]:
     """Run the samples with these numbers, rows of `coefficients`, through an executor; yields each as it ends.
 
+    folder: of the campaign, where workers find the initial stress; one that does not see it solves for it.
     look: called several times a second, may raise to stop.
 
     Numbers are drawn one by one as places become free. The samples of a worker that was killed are handed out again;
@@ -235,7 +239,7 @@ def run_through(
 
     def submit(number: int) -> None:
         tries[number] += 1
-        pending[workers.submit(text, grid, number, coefficients[number], stop_at, restart_in, slides)] = number
+        pending[workers.submit(text, grid, number, coefficients[number], stop_at, restart_in, slides, folder)] = number
 
     while True:
         look()

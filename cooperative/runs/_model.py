@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+import jaxmpm
 import kl
 from cooperative.estimate import Sampling
 from cooperative.measure import SlopeGeometry
+from cooperative.runs._initial import read_initial
 from cooperative.scene import Campaign, Strength, built
 from jaxmpm import Scene, Slope, State
 
@@ -108,12 +111,18 @@ def sampling_of(campaign: Campaign) -> Sampling:
     )
 
 
-def build(campaign: Campaign, grid: str, expansion: kl.Expansion, *, at_rest: bool = True) -> GridModel:
+def build(
+    campaign: Campaign, grid: str, expansion: kl.Expansion, *, at_rest: bool = True, folder: Path | None = None
+) -> GridModel:
     """Scene and initial state of one grid; ValueError where slope, soil and grid do not fit together.
 
     at_rest: False leaves the state free of stress, which is not solved for then: for who looks and does not run.
+    folder: of the campaign, whose initial stress is taken where it keeps one of this grid.
     """
-    scene, state = built(campaign, grid, at_rest=at_rest)
+    scene, state = built(campaign, grid, at_rest=False)
+    if at_rest:
+        kept = None if folder is None else read_initial(folder, grid, scene, state)
+        state = jaxmpm.at_rest(scene, apic=campaign.grids[grid].apic) if kept is None else kept
     factor = campaign.calibration.factor if campaign.calibration and grid == "rough" else 1.0
     return GridModel(grid, campaign, scene, state, expansion, factor)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -19,27 +20,33 @@ from cooperative.scene._schema import CALIBRATION, read
 from cooperative.scene._typed import Calibration, Campaign, built, parse
 from cooperative.store import MOST_TEXT, Store, write_aside
 from foundation import files
-from jaxmpm import factor_of_safety
+from jaxmpm import Scene, State, factor_of_safety
 
 KEPT = "calibration.json"
 
 
-def measure(campaign: Campaign) -> Calibration:
-    """Factors of safety of the scene's slope with its mean strength everywhere, on both grids.
+Grids = Mapping[str, tuple[Scene, State]]
+"""Both grids by name, at rest."""
+
+
+def measure(campaign: Campaign, grids: Grids | None = None) -> Calibration:
+    """Factors of safety of the scene's slope with its mean strength everywhere, on both grids, which are built if not
+    given.
 
     Raises ValueError where a factor lies outside 0.5 to 3.
     """
-    return Calibration(**{grid: _factor_of_safety(campaign, grid) for grid in ("rough", "refined")})
+    grids = grids or {grid: built(campaign, grid) for grid in ("rough", "refined")}
+    return Calibration(**{grid: _factor_of_safety(campaign, *at_rest) for grid, at_rest in grids.items()})
 
 
-def measured(campaign: Campaign, folder: Path) -> Calibration:
+def measured(campaign: Campaign, folder: Path, grids: Grids | None = None) -> Calibration:
     """Factors of safety kept in `calibration.json` of the campaign's folder, measured and written there at first.
 
     Raises ValueError for a file that holds something else.
     """
     path = folder / KEPT
     if not os.path.lexists(path):
-        found = measure(campaign)
+        found = measure(campaign, grids)
         write_aside(path, json.dumps({"rough": found.rough, "refined": found.refined}).encode())
     return kept(folder)
 
@@ -77,8 +84,7 @@ def campaign_of(store: Store, estimator: Estimator | None = None) -> Campaign:
     return calibrated(campaign, kept(store.folder)) if wants else campaign
 
 
-def _factor_of_safety(campaign: Campaign, grid: str) -> float:
-    scene, state = built(campaign, grid)
+def _factor_of_safety(campaign: Campaign, scene: Scene, state: State) -> float:
     # On CPU lanes run in turn, and bisection takes the fewest; elsewhere a batch costs as much time as one.
     batch = 2 if jax.default_backend() == "cpu" else 8
     return factor_of_safety(

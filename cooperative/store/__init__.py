@@ -8,6 +8,7 @@ named, set aside and counted as not done.
     samples/rough/000123.h5       coefficients, row, fields, provenance of sample 123 on the rough grid
     samples/refined/000123.h5
     samples/slides/000123.h5      the same run to the end of its slide, where samples/refined has it until it failed
+    initial/rough.h5              stress of a grid at rest, solved once (`cooperative.runs`)
     restart/refined-000123.h5     a long run under way (`cooperative.runs`), removed once it has ended
     .lock                         held by the one controller; the kernel frees it when the process ends
 """

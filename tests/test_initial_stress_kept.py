@@ -1,0 +1,138 @@
+"""The initial stress of a grid is solved once per campaign; workers, resumed campaigns and exports read it."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import jaxmpm
+from benchmarks.invented import TINY
+from cooperative import campaign
+from cooperative.reporting._exports import export_sample
+from cooperative.runs import _executors, build, expansion_of, keep_initial
+from cooperative.runs._initial import initial_path
+from cooperative.scene import parse
+from cooperative.store import read_rows, read_store, sample_path
+from foundation.files import set_aside
+
+SCENE = TINY.replace("samples = 6", "samples = 3").replace("t_end = 4.0", "t_end = 0.5")
+ASKED = parse(SCENE)
+GRIDS = ("rough", "refined")
+
+
+@pytest.fixture
+def solved(monkeypatch):
+    """Scenes whose stress was solved for, as it happens."""
+    seen, solve = [], jaxmpm.at_rest
+
+    def at_rest(scene, **choices):
+        seen.append(scene.grid.cell)
+        return solve(scene, **choices)
+
+    monkeypatch.setattr(jaxmpm, "at_rest", at_rest)
+    _executors._prepared.cache_clear()
+    return seen
+
+
+def built(grid, folder):
+    return build(ASKED, grid, expansion_of(ASKED), folder=folder)
+
+
+@pytest.fixture
+def kept(tmp_path):
+    """A folder that has the stress of both grids."""
+    for grid in GRIDS:
+        model = built(grid, None)
+        keep_initial(tmp_path, grid, model.scene, model.state)
+    return tmp_path
+
+
+def test_two_workers_a_resumed_campaign_and_an_export_solve_it_once(tmp_path, solved):
+    campaign.run(SCENE, tmp_path, workers=2, executor=lambda: ThreadPoolExecutor(2))
+    assert sorted(solved) == [1.0, 2.0]
+    number = read_rows(read_store(tmp_path), "refined").numbers[0]
+    sample_path(read_store(tmp_path), "refined", number).unlink()
+    campaign.run(SCENE, tmp_path)
+    export_sample(tmp_path, number, "refined", frames=2)
+    assert len(solved) == 2
+
+
+def test_calibration_takes_the_grids_that_are_there(tmp_path, solved, monkeypatch):
+    def stable(scene, state, **_):
+        assert np.ptp(np.asarray(state.stress)) > 0
+        return SimpleNamespace(stable=1.0 + 0.1 * scene.grid.cell)
+
+    monkeypatch.setattr("cooperative.scene._calibration.factor_of_safety", stable)
+    summary = campaign.run(SCENE + "calibrate = true\n", tmp_path)
+    assert summary["calibration"]["factor"] == pytest.approx(1.1 / 1.2)
+    assert len(solved) == 2
+
+
+def test_what_is_kept_is_what_was_solved(kept, solved):
+    for grid in GRIDS:
+        read, fresh = built(grid, kept), built(grid, None)
+        assert np.asarray(read.state.stress).tobytes() == np.asarray(fresh.state.stress).tobytes()
+    assert len(solved) == 2
+
+
+def flipped(path):
+    data = bytearray(path.read_bytes())
+    data[-100] ^= 1
+    path.write_bytes(data)
+
+
+def of_another_grid(path):
+    other = path.with_name("rough.h5" if path.name == "refined.h5" else "refined.h5")
+    path.write_bytes(other.read_bytes())
+
+
+def of_other_gravity(path):
+    other = parse(SCENE.replace("[run]", "[run]\ngravity = 5.0"))
+    model = build(other, path.stem, expansion_of(other))
+    path.unlink()
+    keep_initial(path.parent.parent, path.stem, model.scene, model.state)
+
+
+def not_finite(path):
+    model = built(path.stem, None)
+    path.unlink()
+    stress = model.state.stress.at[0, 0].set(np.nan)
+    keep_initial(path.parent.parent, path.stem, model.scene, replace(model.state, stress=stress))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (flipped, "rough.h5"),
+        (of_another_grid, "another grid"),
+        (of_other_gravity, "another grid"),
+        (not_finite, "not finite"),
+        (lambda path: path.write_text("stress"), "rough.h5"),
+        (lambda path: (path.unlink(), path.symlink_to("/dev/zero")), "rough.h5"),
+    ],
+)
+def test_what_cannot_be_trusted_is_named_set_aside_and_solved_again(kept, solved, spoil, said):
+    path = initial_path(kept, "rough")
+    good = path.read_bytes()
+    spoil(path)
+    solved.clear()
+    with pytest.warns(UserWarning, match=f"{said}.*solved again"):
+        model = built("rough", kept)
+    assert solved == [2.0]
+    keep_initial(kept, "rough", model.scene, model.state)
+    assert path.read_bytes() == good
+    assert path.with_name("rough.h5.damaged").is_symlink() or path.with_name("rough.h5.damaged").exists()
+
+
+def test_a_folder_that_leads_elsewhere_is_not_followed(kept, tmp_path_factory):
+    elsewhere = tmp_path_factory.mktemp("elsewhere") / "initial"
+    set_aside(kept / "initial").rename(elsewhere)
+    (kept / "initial").symlink_to(elsewhere)
+    with pytest.warns(UserWarning, match="leads out of the campaign's folder"):
+        model = built("rough", kept)
+    (elsewhere / "rough.h5").unlink()
+    keep_initial(kept, "rough", model.scene, model.state)
+    assert not (elsewhere / "rough.h5").exists()
+    assert not (kept / "initial").is_symlink()
