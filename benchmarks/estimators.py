@@ -17,7 +17,10 @@ allowance for what no run has looked at; `coverage_sampling` and `width_sampling
 95 % where the ranking is good (`two_phase_coverage_*`). With the allowance they hold more there, and at least 90 %
 wherever the failures hide (`coverage_bad_ranking_min`).
 
-A second table takes campaigns from a real population, the plane-strain section with all its samples run on both grids
+Means of consequences over the failures, from the audit or from a part of its failures that slid on, have intervals of
+their own (`coverage_mean_min`, `coverage_mean_max`; `benchmarks.estimators_means`).
+
+Another table takes campaigns from a real population, the plane-strain section with all its samples run on both grids
 (`benchmarks.estimators_section`): there error stands against run time, in the figure too.
 """
 
@@ -33,6 +36,7 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
+from benchmarks import estimators_means as means
 from benchmarks import estimators_section as section
 from benchmarks.measure import Report
 from cooperative import AuditPlan, Estimate, Population, control_variate, monte_carlo, published, two_phase
@@ -243,14 +247,19 @@ def run(quick: bool = False) -> Report:
         for runs in section.BUDGETS
         for at in range(0, repetitions, repetitions // 20)
     ]
+    of_means: dict[means.Means, list[np.ndarray]] = {case: [] for case in means.CASES}
     on_section: dict[tuple[str, int], list[np.ndarray]] = {(method, runs): [] for method, runs, *_ in real}
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
         for (case, *_), rows in zip(pieces, pool.map(repeat, *zip(*pieces, strict=True)), strict=True):
             answers[case].append(rows)
+        asked = [(case, at, repetitions // 20) for case in of_means for at in range(0, repetitions, repetitions // 20)]
+        for (one, *_), rows in zip(asked, pool.map(means.repeat, *zip(*asked, strict=True)), strict=True):
+            of_means[one].append(rows)
         for (method, runs, *_), rows in zip(real, pool.map(section.repeat, *zip(*real, strict=True)), strict=True):
             on_section[method, runs].append(rows)
     population = [section.summarise(*key, np.concatenate(rows)) for key, rows in on_section.items()]
     section.draw(population)
+    of_failures = [means.summarise(case, np.concatenate(rows)) for case, rows in of_means.items()]
     table = {case: summarise(case, np.concatenate(rows)) for case, rows in answers.items()}
     ours = [
         row for case, row in table.items() if case.method == "two-phase" and not case.contaminated and case in study
@@ -266,6 +275,8 @@ def run(quick: bool = False) -> Report:
         "two_phase_coverage_guarded_max": max(row["coverage"] for row in ours),
         "two_phase_runs_pf0244_r095": runs_for_cov(curve, 750, 0.1),
         **ranking_values([table[case] for case in ranking]),
+        "coverage_mean_min": min(row["coverage"] for row in of_failures),
+        "coverage_mean_max": max(row["coverage"] for row in of_failures),
         **section.values(population),
     }
-    return Report(values, [*table.values(), *population])
+    return Report(values, [*table.values(), *of_failures, *population])

@@ -17,6 +17,7 @@ from cooperative.estimate import (
     after_more_runs,
     correlation,
     fit_distributions,
+    mean_interval,
     severity_ranking,
     shares,
 )
@@ -98,7 +99,9 @@ def _summary(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, Any]:
         "status": {"rough": _counts(rough), "refined": _counts(refined)},
         "broke_off": {grid: _broken(rows) for grid, rows in (("rough", rough), ("refined", refined))},
         "consequences_of_failures": {
-            name: _spread(_measure(refined, name)[failed], weight[failed]) for name in MEASURES if failed.any()
+            name: _spread(_measure(refined, name)[failed], weight[failed], found.level)
+            for name in MEASURES
+            if failed.any()
         },
         "fits": _fits(refined, failed, weight),
         "severity": _severity(refined, failed, weight),
@@ -236,14 +239,22 @@ def _broken(rows: Rows) -> dict[str, str]:
     }
 
 
-def _spread(values: np.ndarray, weight: np.ndarray) -> dict[str, float]:
-    """Weighted mean, smallest and largest; of runs that broke off or stand for nothing only the last two."""
+def _spread(values: np.ndarray, weight: np.ndarray, level: float) -> dict[str, Any]:
+    """Weighted mean with its interval, smallest and largest; of runs that broke off or stand for nothing only the last
+    two. No interval, None, for fewer than 3 runs."""
     known = np.isfinite(values)
     values, weight = values[known], weight[known]
     if not values.size:
         return {}
     mean = float(weight @ values / weight.sum()) if weight.any() else float(values.mean())
-    return {"mean": mean, "smallest": float(values.min()), "largest": float(values.max())}
+    stands = weight > 0
+    interval = mean_interval(values[stands], weight[stands], level=level) if stands.any() else None
+    return {
+        "mean": mean,
+        "interval": interval and list(interval),
+        "smallest": float(values.min()),
+        "largest": float(values.max()),
+    }
 
 
 def _finite(value: float) -> float | None:

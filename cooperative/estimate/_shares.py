@@ -1,4 +1,4 @@
-"""Shares and correlations of samples that do not all stand for the same number of others."""
+"""Shares, means and correlations of samples that do not all stand for the same number of others."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import norm
+from scipy.stats import t as student
 
 from cooperative.estimate._estimates import wilson_interval
 
@@ -34,6 +35,37 @@ def shares(group: np.ndarray, weight: np.ndarray, names: tuple[str, ...], *, lev
         share = min(float(np.sum(weight[mine])) / total, 1.0)
         found[name] = Share(int(mine.sum()), share, wilson_interval(share * size, size, level))
     return found
+
+
+def mean_interval(values: np.ndarray, weight: np.ndarray, *, level: float = 0.95) -> tuple[float, float] | None:
+    """Confidence limits of the weighted mean of positive values (n,), None for fewer than 3 or where all are 0. weight:
+    above 0 (n,).
+
+    The mean is a ratio of two totals, each of samples drawn with unequal chances, which the weights undo. Its variance
+    is that of the linearised ratio for draws with replacement, the sum of the squared residuals times their shares of
+    the weight: without a finite population's correction it holds both phases of draws and the sampling of the
+    population itself (Sarndal, Swensson and Wretman 1992, Model Assisted Survey Sampling, Sections 2.9, 5.6 and 9.3).
+    Residuals are over one less their share, since a heavy sample draws the mean to itself (MacKinnon and White 1985,
+    Journal of Econometrics 29, 305-325, DOI 10.1016/0304-4076(85)90158-7). Student's t has the degrees of freedom that
+    the variance tells (Satterthwaite 1946, DOI 10.2307/3002019). On the logarithm: a mean that is too low for want of
+    its longest slides has a variance that is too low as well.
+    """
+    values, weight = np.asarray(values, float), np.asarray(weight, float)
+    share = weight / weight.sum()
+    mean = float(share @ values)
+    if values.size < 3 or not mean > 0:
+        return None
+    parts = (share * (values - mean) / np.maximum(1 - share, MOST_LEVERAGE)) ** 2
+    variance = float(parts.sum())
+    if variance == 0:
+        return mean, mean
+    freedom = max(variance**2 / float(parts @ parts) - 1, 1.0)
+    half = float(student.ppf(0.5 + level / 2, freedom)) * np.sqrt(variance) / mean
+    return mean * float(np.exp(-half)), mean * float(np.exp(min(half, 700.0)))
+
+
+MOST_LEVERAGE = 0.05
+"""One less the share of a sample that weighs nearly all: its residual tells nothing, and is not taken for more."""
 
 
 @dataclass(frozen=True)

@@ -141,8 +141,8 @@ def words(told: Told) -> str:
     for name, spread in found["consequences_of_failures"].items():
         if spread:
             lines.append(
-                f"  {name:<13}  mean {spread['mean']:.4g}, {spread['smallest']:.4g} to {spread['largest']:.4g} "
-                f"({told.units[name]}, failed samples)"
+                f"  {name:<13}  mean {spread['mean']:.4g} ({_limits(spread['interval'])}), {spread['smallest']:.4g} to "
+                f"{spread['largest']:.4g} ({told.units[name]}, failed samples)"
             )
     lines += [f"  BROKE OFF      {line}" for line in _broken(found)]
     lines += [f"  LEFT OUT       {line}" for line in told.left_out]
@@ -274,13 +274,18 @@ def _estimates(found: dict[str, Any]) -> str:
 
 def _consequences(told: Told) -> str:
     rows = [
-        [name, told.units[name], *(spread[key] for key in ("mean", "smallest", "largest"))]
+        [name, told.units[name], spread["mean"], _limits(spread["interval"]), spread["smallest"], spread["largest"]]
         for name, spread in told.summary["consequences_of_failures"].items()
         if spread
     ]
     if not rows:
         return page.paragraph("No refined run failed.")
-    return page.table(["of the failed samples", "unit", "mean", "smallest", "largest"], rows)
+    columns = ["of the failed samples", "unit", "mean", f"{told.summary['level']:.0%} interval", "smallest", "largest"]
+    return page.table(columns, rows)
+
+
+def _limits(interval: Sequence[float] | None) -> str:
+    return "too few for an interval" if interval is None else "{:.4g} to {:.4g}".format(*interval)
 
 
 def _fits(found: dict[str, Any]) -> Iterator[str]:

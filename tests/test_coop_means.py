@@ -1,0 +1,52 @@
+"""Intervals of weighted means: what they hold on made-up campaigns, and where there are none."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from benchmarks import estimators_means as means
+from cooperative.estimate import mean_interval
+
+positive = st.lists(st.tuples(st.floats(0.1, 50.0), st.floats(0.01, 1.0)), min_size=3, max_size=30).map(np.array)
+
+
+@given(positive, st.floats(0.01, 100.0), st.floats(0.01, 100.0))
+def test_units_and_the_sum_of_the_weights_do_not_matter(rows, unit, total):
+    values, weight = rows.T
+    low, high = mean_interval(values, weight)
+    assert low <= weight @ values / weight.sum() * (1 + 1e-9)
+    assert high >= weight @ values / weight.sum() * (1 - 1e-9)
+    scaled = mean_interval(unit * values, total * weight)
+    assert scaled == pytest.approx((unit * low, unit * high), rel=1e-6)
+
+
+def test_equal_weights_give_the_jackknifes_variance():
+    values = np.random.default_rng(3).gamma(4.0, size=40)
+    low, high = mean_interval(values, np.ones(40))
+    left_out = (values.sum() - values) / 39
+    jackknife = 39 / 40 * np.sum((left_out - left_out.mean()) ** 2)
+    # Student's t of some twenty degrees of freedom.
+    quantile = np.log(high / low) / 2 * values.mean() / np.sqrt(jackknife * 40 / 39)
+    assert 2.02 < quantile < 2.3
+
+
+def test_too_few_values_and_equal_ones():
+    assert mean_interval(np.array([1.0, 2.0]), np.ones(2)) is None
+    assert mean_interval(np.zeros(5), np.ones(5)) is None
+    assert mean_interval(np.full(4, 2.5), np.array([0.1, 0.2, 0.3, 0.4])) == pytest.approx((2.5, 2.5))
+
+
+def test_intervals_hold_the_truth_of_campaigns_that_draw_their_slides_twice():
+    case = means.Means(0.05, 120, 15)
+    found = means.summarise(case, means.repeat(case, 0, 120))
+    assert found["without_interval"] == 0
+    assert abs(found["bias"]) < 0.05
+    assert 0.9 <= found["coverage"] <= 1.0
+
+
+def test_the_truth_of_the_made_up_campaigns_is_that_of_many_samples():
+    beyond = np.random.default_rng(0).standard_normal(400_000) - 0.69
+    failures = beyond[beyond > 0]
+    mean = np.exp(2 + means.GROWTH * failures).mean() * np.exp(means.SCATTER**2 / 2)
+    assert means.truth(float(np.mean(beyond > 0))) == pytest.approx(mean, rel=0.01)
