@@ -182,8 +182,24 @@ def _refine(
             for sample in hands.samples("refined", _in_rank_order(wanted, known), coefficients):
                 write_sample(store, "refined", sample)
                 known[sample.number] = sample.result
+                _drop_restart_points(hands, store, screened.refined(known))
                 _advance(bar, estimate)
                 hands.stop.look()
+
+
+def _drop_restart_points(hands: _Hands, store: Store, phases: Phases) -> None:
+    """Failures that wait for the draw of slides keep no more restart points than twice the slides to be drawn: those
+    that stand for most, which are the likeliest to be drawn. One that is drawn without starts afresh."""
+    count = hands.campaign.plan.slides
+    if not count:
+        return
+    waiting = [n for n, fails in phases.answers.items() if fails and restart_path(store.folder, SLIDES, n).exists()]
+    if len(waiting) > 2 * count:
+        weights = phases.weights
+        # Those of a wave under way stand for nothing yet, and are kept before others.
+        waiting.sort(key=lambda number: (weights.get(number, 0.0) > 0, -weights.get(number, 0.0), number))
+        for number in waiting[2 * count :]:
+            restart_path(store.folder, SLIDES, number).unlink()
 
 
 def _slide_on(

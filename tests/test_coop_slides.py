@@ -3,6 +3,7 @@
 import csv
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from cooperative.estimate import (
     slide_weights,
     two_phase,
 )
+from cooperative.reporting import progress_of, words
 from cooperative.scene import parse
 from cooperative.store import SLIDES, open_store, read_rows, read_sample, restart_path
 from tests.test_campaign import TINY
@@ -139,13 +141,38 @@ def test_slides_that_lost_their_restart_point_start_afresh(all_slides, tmp_path,
             campaign.run(asked(2), tmp_path)
     kept = list((tmp_path / "restart").glob("slides-*.h5"))
     assert len(kept) >= 2
+    status = progress_of(tmp_path)
+    assert (status.grids[2].grid, status.grids[2].done, status.grids[2].planned) == (SLIDES, 0, 2)
+    assert not status.grids[2].at_least
+    assert "  slides         0 of 2 samples" in words(status)
     for path in kept[1:]:
         path.unlink()
     again = campaign.run(asked(2), tmp_path)
     assert again["slides"] == 2
+    assert (progress_of(tmp_path).grids[2].done, len(progress_of(folder).grids)) == (2, 2)
     with open_store(tmp_path, asked(2)) as store, open_store(folder, SCENE) as other:
         for number in read_rows(store, SLIDES).numbers:
             assert read_sample(store, "refined", number).row == read_sample(other, "refined", number).row
+
+
+def test_restart_points_that_wait_for_the_draw_are_no_more_than_twice_the_slides(tmp_path):
+    for number in range(7):
+        path = restart_path(tmp_path, SLIDES, number)
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+    restart_path(tmp_path, SLIDES, 5).unlink()
+    weights = {0: 0.1, 1: 0.4, 2: 0.2, 3: 0.3, 4: 0.0, 5: 0.5}
+    phases = SimpleNamespace(answers={**dict.fromkeys(range(6), True), 6: False}, weights=weights)
+    store = SimpleNamespace(folder=tmp_path)
+
+    def kept(slides):
+        hands = SimpleNamespace(campaign=SimpleNamespace(plan=SimpleNamespace(slides=slides)))
+        campaign._drop_restart_points(hands, store, phases)
+        return [number for number in range(6) if restart_path(tmp_path, SLIDES, number).exists()]
+
+    assert kept(None) == kept(0) == kept(3) == [0, 1, 2, 3, 4]
+    assert kept(2) == [1, 2, 3, 4]
+    assert kept(1) == [1, 4]
 
 
 def test_a_class_is_all_that_an_audit_without_slides_asks(all_slides, tmp_path):

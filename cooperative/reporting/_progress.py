@@ -16,7 +16,8 @@ import numpy as np
 from cooperative import runs
 from cooperative.estimate import Estimate, Estimator
 from cooperative.scene import Campaign, campaign_of
-from cooperative.store import GRIDS, Rows, Store, lock_holder, read_store, sample_path
+from cooperative.store import GRIDS, SLIDES, Rows, Store, lock_holder, read_rows, read_store, sample_path
+from cooperative.summary import slides_of
 from foundation.text import printable
 
 RECENT = 20
@@ -25,9 +26,10 @@ RECENT = 20
 
 @dataclass(frozen=True)
 class GridProgress:
-    """One grid. done: finished samples. planned: of how many, None where the stopping rule alone will tell. at_least:
-    whether `planned` may grow. hourly: samples per hour of late, nan before the second. seconds_left: to go, nan where
-    nothing tells. broke_off: runs that broke off. damaged: files that cannot be trusted and will be redone."""
+    """One grid, or the slides on the refined one. done: finished samples. planned: of how many, None where the stopping
+    rule alone will tell. at_least: whether `planned` may grow. hourly: samples per hour of late, nan before the second.
+    seconds_left: to go, nan where nothing tells. broke_off: runs that broke off. damaged: files that cannot be trusted
+    and will be redone."""
 
     grid: str
     done: int
@@ -41,8 +43,9 @@ class GridProgress:
 
 @dataclass(frozen=True)
 class Progress:
-    """name: of the campaign. controller: who holds the folder, in words. grids: rough, then refined. estimate: from
-    the refined runs so far, or while screening the share of rough failures; None before the first sample."""
+    """name: of the campaign. controller: who holds the folder, in words. grids: rough, then refined, then the slides
+    where not all failures run to their end. estimate: from the refined runs so far, or while screening the share of
+    rough failures; None before the first sample."""
 
     name: str
     controller: str
@@ -62,6 +65,8 @@ def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Pr
     if not np.isfinite(pace["refined"]):
         pace["refined"] = pace["rough"] * cost_ratio(campaign)
     grids = tuple(_grid(campaign, grid, rows, pace[grid]) for grid in GRIDS)
+    if campaign.plan.slides is not None:
+        grids += (_slides(campaign, store, rows),)
     estimate = current_estimate(campaign, rows["rough"], rows["refined"])
     return Progress(campaign.name, _controller(store), grids, estimate)
 
@@ -111,7 +116,8 @@ def words(progress: Progress) -> str:
     lines = [progress.name, f"  controller     {progress.controller}"]
     for grid in progress.grids:
         most = f"at least {grid.planned}" if grid.at_least else f"{grid.planned}"
-        line = f"  {grid.grid + ' grid':<14} {grid.done} of {most} samples"
+        name = grid.grid if grid.grid == SLIDES else f"{grid.grid} grid"
+        line = f"  {name:<14} {grid.done} of {most} samples"
         if np.isfinite(grid.hourly):
             line += f", {grid.hourly:.3g} per hour"
         if grid.done < grid.planned and np.isfinite(grid.seconds_left):
@@ -157,6 +163,19 @@ def _grid(campaign: Campaign, grid: str, rows: dict[str, Rows], pace: float) -> 
         broke_off=int(np.sum(mine.columns.get("broke_off", np.zeros(0)))),
         damaged=mine.damaged,
     )
+
+
+def _slides(campaign: Campaign, store: Store, rows: dict[str, Rows]) -> GridProgress:
+    """Failures that slide on to their end; of how many is known once the audit has ended."""
+    phases = runs.phases_of(campaign, *(rows[grid] for grid in GRIDS))
+    drawn = slides_of(campaign, phases, rows["refined"])
+    mine = read_rows(store, SLIDES)
+    pace = seconds_per_sample(*_ends(store, SLIDES, mine))
+    done, planned = int(drawn.slid.sum()), int(drawn.drawn.sum())
+    return GridProgress(
+        SLIDES, done, planned, at_least=phases.why_finished is None, hourly=3600 / pace if pace > 0 else float("nan"),
+        seconds_left=(planned - done) * pace, broke_off=0, damaged=(),
+    )  # fmt: skip
 
 
 def _ends(store: Store, grid: str, rows: Rows) -> tuple[list[float], list[float]]:
