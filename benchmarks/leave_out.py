@@ -17,7 +17,18 @@ import jax.numpy as jnp
 
 from benchmarks.measure import Report, scene_campaign
 from cooperative.scene import built
-from jaxmpm import DruckerPrager, Elastic, Engine, MohrCoulomb, Scene, Scheme, State, advance_lanes, step
+from jaxmpm import (
+    DruckerPrager,
+    Elastic,
+    Engine,
+    MohrCoulomb,
+    Scene,
+    Scheme,
+    State,
+    WaterTable,
+    advance_lanes,
+    step,
+)
 
 Variant = Callable[[Scene, State], tuple[Scene, State]]
 
@@ -56,6 +67,25 @@ def with_pic(scene: Scene, state: State) -> tuple[Scene, State]:
 def with_fbar(scene: Scene, state: State) -> tuple[Scene, State]:
     """F-bar: volumetric strain and mean stress averaged."""
     return replace(scene, fbar=True), state
+
+
+def with_cell_average(scene: Scene, state: State) -> tuple[Scene, State]:
+    """Volumetric strain averaged over cells."""
+    return replace(scene, cell_average=True), state
+
+
+def with_table(scene: Scene, state: State) -> tuple[Scene, State]:
+    """A water table of two points at half the height."""
+    x, z = scene.particles.position[0], scene.particles.position[-1]
+    dtype = x.dtype
+    level = jnp.asarray([jnp.max(z) / 2, jnp.max(z) / 4], dtype)
+    table = WaterTable(jnp.asarray([0, jnp.max(x)], dtype), level, jnp.asarray(9810, dtype), jnp.asarray(1, dtype))
+    return replace(scene, water=table), state
+
+
+def with_pore_pressure(scene: Scene, state: State) -> tuple[Scene, State]:
+    """A pore pressure that particles carry."""
+    return replace(scene, pore_pressure=1e3 * scene.particles.position[-1]), state
 
 
 def with_averages(scene: Scene, state: State) -> tuple[Scene, State]:
@@ -114,7 +144,10 @@ FEATURES: dict[str, tuple[Variant, Variant]] = {
     "damping": (with_damping, unchanged),
     "PIC blend": (with_pic, unchanged),
     "F-bar": (with_fbar, unchanged),
+    "volumetric strain averaged over cells": (with_cell_average, unchanged),
     "averaged plastic strain": (with_averages, unchanged),
+    "water table": (with_table, unchanged),
+    "pore pressure of particles (r_u)": (with_pore_pressure, unchanged),
 }
 
 

@@ -31,15 +31,15 @@ class Case:
     cells: tuple[float, float]
     loads: dict[str, Any] = field(default_factory=dict)
 
-    def built(self, cell: float, **choices: Any) -> tuple[mpm.Scene, mpm.State]:
-        """The section on cells of this size (m), four particles in each.
+    def built(self, cell: float, *, across: int = 2, **choices: Any) -> tuple[mpm.Scene, mpm.State]:
+        """The section on cells of this size (m) with so many particles across.
 
         Clay with F-bar; soil with friction with its default, and a share of PIC, without which grains of sand at the
         surface creep on.
         """
         soil = self.soil[0].soil if isinstance(self.soil, Sequence) else self.soil
-        usual = {"fbar": True} if isinstance(soil, Soil) else {"flip": 0.97}
-        numerics = mpm.Discretisation(cell, (cell / 2, cell / 2), **(usual | choices))
+        usual = {"fbar": True} if isinstance(soil, Soil) else {"flip": 0.99}
+        numerics = mpm.Discretisation(cell, (cell / across,) * 2, **(usual | choices))
         return mpm.section(self.shape, self.soil, numerics, **self.loads)
 
 
