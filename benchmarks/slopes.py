@@ -31,7 +31,9 @@ class Case:
     cells: tuple[float, float]
     loads: dict[str, Any] = field(default_factory=dict)
 
-    def built(self, cell: float, *, across: int = 2, **choices: Any) -> tuple[mpm.Scene, mpm.State]:
+    def built(
+        self, cell: float, *, across: int = 2, at_rest: bool = True, **choices: Any
+    ) -> tuple[mpm.Scene, mpm.State]:
         """The section on cells of this size (m) with so many particles across.
 
         Clay with F-bar; soil with friction with its default, and a share of PIC, without which grains of sand at the
@@ -40,7 +42,7 @@ class Case:
         soil = self.soil[0].soil if isinstance(self.soil, Sequence) else self.soil
         usual = {"fbar": True} if isinstance(soil, Soil) else {"flip": 0.99}
         numerics = mpm.Discretisation(cell, (cell / across,) * 2, **(usual | choices))
-        return mpm.section(self.shape, self.soil, numerics, **self.loads)
+        return mpm.section(self.shape, self.soil, numerics, at_rest=at_rest, **self.loads)
 
 
 def _mirrored(line: Sequence[Sequence[float]], end: float) -> list[tuple[float, float]]:

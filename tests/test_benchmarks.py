@@ -1,12 +1,13 @@
 """Benchmarks: their report is one JSON object, and RESULTS.md says what it holds."""
 
+import itertools
 import json
 import subprocess
 import sys
 
 import pytest
 
-from benchmarks import measure, results, summary
+from benchmarks import measure, results, slopes, stability_of_slopes, summary
 from benchmarks.throughput_case import Case
 from benchmarks.throughput_case import measure as measure_case
 
@@ -60,6 +61,34 @@ def test_throughput_case_measures_a_lane_that_runs():
     assert found["particles"] == 888
     assert len(found["us"]) == 2
     assert all(us > 0 for us in found["us"])
+
+
+@pytest.mark.parametrize("family", slopes.FAMILIES)
+def test_slopes_with_known_answers_fit_their_cells_and_layers(family):
+    for case in family():
+        coarse, fine = (case.built(cell, at_rest=False)[0] for cell in case.cells)
+        areas = [float(scene.particles.volume.sum()) for scene in (coarse, fine)]
+        surface = case.shape.surface
+        drawn = sum((b[0] - a[0]) * ((a[1] + b[1]) / 2 - case.shape.base) for a, b in itertools.pairwise(surface))
+        assert abs(areas[0] / drawn - 1) < 0.02
+        assert abs(areas[1] / drawn - 1) < 0.01
+
+
+def test_there_are_eighteen_of_them():
+    assert len({case.name for case in slopes.cases()}) == 18
+
+
+def test_figures_of_slopes_are_those_of_their_finest_cells():
+    rows = [{"case": "a", "error": e, "seconds": 2.0} for e in (0.09, 0.03)] + [
+        {"case": "b", "error": e, "seconds": 1.0} for e in (0.02, -0.05)
+    ]
+    assert stability_of_slopes.summarised(rows) == {
+        "fos_error_max": 0.05,
+        "fos_error_max_coarse": 0.09,
+        "fos_cases": 2,
+        "fos_cases_within_4_percent": 1,
+        "fos_seconds": 6.0,
+    }
 
 
 def test_core_counts_beyond_the_machine_are_refused():

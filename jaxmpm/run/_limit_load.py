@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,8 +23,11 @@ LOOKS = 4
 AROUND = (-0.1, -0.06, -0.03, 0.03, 0.06, 0.09)
 """Where the kink is looked for: factors over that at which the slope moves on, less 1."""
 
-FOLLOWS = 2.0
+FOLLOWS = 1.5
 """Displacement, over that of the branch that stands, up to which a lane still follows it."""
+
+ROUNDS, FOUND = 6, 0.03
+"""Rounds in which the kink is looked for, and how close to the middle of its lanes it must be, over the factor."""
 
 
 @dataclass(frozen=True)
@@ -104,24 +108,64 @@ def speeds_up(moved: np.ndarray, first: int) -> np.ndarray:
     return np.any(farthest[2 * halves - 1] > 2 * farthest[halves - 1], axis=0)
 
 
-def kink(factors: np.ndarray, moved: np.ndarray) -> tuple[float, float]:
-    """Where displacement over factor turns, and how many times steeper it is after it: of lanes (B,) of which the lower
-    half stands, the upper moves on, by `moved` (B,) m.
+class Kink(NamedTuple):
+    """Where displacement over factor turns: at a factor `at`, between lanes that stand up to `stands` and move from
+    `moves` on, `sharpness` times as steep after it as before. jumps: whether displacement jumps there."""
 
-    Both branches are lines, that of the lanes that stand without the last, which already yields. The kink is where they
-    meet; where displacement jumps after that, it is the last lane that still follows the lower branch.
+    at: float
+    stands: float
+    moves: float
+    sharpness: float
+    jumps: bool
+
+
+def kink(factors: np.ndarray, moved: np.ndarray) -> Kink | None:
+    """The kink of displacement `moved` (B,) m over rising factors (B,); None where all lanes lie on one branch.
+
+    The branch of lanes that stand is the line through the two lowest, as far as lanes follow it; that of lanes that
+    move is the line through the next three. They meet at the kink, or displacement jumps past the meeting.
     """
-    half = len(factors) // 2
-    trusted = slice(0, half - 1)
-    flat, steep = (np.polyfit(factors[part], moved[part], 1) for part in (trusted, slice(half, None)))
+    flat = np.polyfit(factors[:2], moved[:2], 1)
+    standing = np.maximum(np.polyval(flat, factors), moved[0])
+    off = np.flatnonzero(moved > FOLLOWS * standing)
+    if not off.size or len(factors) - off[0] < 2:
+        return None
+    first = int(off[0])
+    steep = np.polyfit(factors[first : first + 3], moved[first : first + 3], 1)
+    if steep[0] <= max(flat[0], 0):
+        return None
     meeting = (flat[1] - steep[1]) / (steep[0] - flat[0])
-    standing = np.maximum(np.polyval(flat, factors[:half]), moved[0])
-    following = factors[:half][moved[:half] <= FOLLOWS * standing]
-    jump = (moved[half] - moved[half - 1]) / (factors[half] - factors[half - 1])
-    least = moved[trusted].mean() / factors[trusted].mean()
-    return max(float(meeting), float(following[-1])), float(max(steep[0], jump) / max(flat[0], least))
+    last = factors[first - 1]
+    jumps = bool(meeting < last)
+    rise = (moved[first] - moved[first - 1]) / (factors[first] - last)
+    least = moved[:2].mean() / factors[:2].mean()
+    sharpness = float(max(steep[0], rise) / max(flat[0], least))
+    at = max(meeting, last)
+    moves = next((factor for factor in factors[first:] if factor >= at), factors[-1])
+    return Kink(float(at), float(last), float(moves), sharpness, jumps)
 
 
 def lanes_around(middle: float) -> np.ndarray:
     """Factors (B,) on both sides of one, rising."""
     return middle * (1 + np.array(AROUND))
+
+
+def find_kink(displacement: Callable[[np.ndarray], np.ndarray], start: float) -> Kink:
+    """The kink, looked for from a factor at which the slope is thought to begin to move.
+
+    displacement: of lanes (B,) m at factors (B,). Raises ValueError where none is found.
+    """
+    known: dict[float, float] = {}
+    middle = start
+    for _ in range(ROUNDS):
+        asked = lanes_around(middle)
+        known |= zip(asked.tolist(), displacement(asked).tolist(), strict=True)
+        factors = np.array(sorted(known))
+        found = kink(factors, np.array([known[factor] for factor in factors.tolist()]))
+        if found is not None and abs(found.at / middle - 1) < FOUND:
+            return found
+        middle = factors[0] if found is None else found.at
+    raise ValueError(
+        f"the displacement has no kink at R = {min(known):.3g} to {max(known):.3g}: it grows too evenly for a limit "
+        "load; give a failure_displacement instead"
+    )

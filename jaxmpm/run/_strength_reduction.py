@@ -17,7 +17,7 @@ from foundation.text import shown
 from jaxmpm import diagnostics
 from jaxmpm.laws import reduce_strength
 from jaxmpm.run._integrate import Settle, check_run, lanes, repeat, solve
-from jaxmpm.run._limit_load import LOOKS, Times, displacements, kink, lanes_around, speeds_up
+from jaxmpm.run._limit_load import LOOKS, Times, displacements, find_kink, speeds_up
 from jaxmpm.site import check_scene
 from jaxmpm.types import Scene, State
 
@@ -28,7 +28,8 @@ class FactorOfSafety:
 
     tried: every (R, largest displacement in m) that was run to find them, by R; where the slope failed, the
     displacement is the one at which that was decided. kink: by the limit load the R at which the displacement's growth
-    with R sets in, sharpness: how many times faster it grows beyond than below; None by a displacement.
+    with R sets in; stable and fails are then the runs on both sides of it, or, where the displacement jumps, those of
+    the search. sharpness: how many times faster it grows beyond than below. None by a displacement.
     """
 
     stable: float
@@ -129,14 +130,25 @@ def _by_limit_load(
 
 
 def _with_kink(found: FactorOfSafety, scene: Scene, state: State, t_end: float) -> FactorOfSafety:
-    """The factor with its kink: lanes around it run as long as the soil takes to get going."""
+    """The factor with its kink, and the bracket around that: lanes run as long as the soil takes to get going."""
     times = Times.of(scene, t_end)
-    factors = lanes_around((found.stable + found.fails) / 2)
-    varied, axes = reductions(scene, jnp.asarray(factors, scene.particles.mass.dtype))
     end = min(t_end, max(times.fall, 2 * times.elastic))
-    mean, _ = displacements(varied, repeat(state, len(factors)), axes, t_end=end, every=end)
-    at, sharpness = kink(factors, mean[-1])
-    return replace(found, kink=round(at, 4), sharpness=round(sharpness, 1))
+
+    def displacement(factors: np.ndarray) -> np.ndarray:
+        varied, axes = reductions(scene, jnp.asarray(factors, scene.particles.mass.dtype))
+        return displacements(varied, repeat(state, len(factors)), axes, t_end=end, every=end)[0][-1]
+
+    turn = find_kink(displacement, (found.stable + found.fails) / 2)
+    if turn.jumps:  # in time the bracket is told more closely than by these lanes
+        at = min(max(found.stable, turn.stands), turn.moves)
+        return replace(found, kink=at, sharpness=round(turn.sharpness, 1))
+    return replace(
+        found,
+        stable=round(turn.stands, 4),
+        fails=round(turn.moves, 4),
+        kink=round(turn.at, 4),
+        sharpness=round(turn.sharpness, 1),
+    )
 
 
 def reductions(scene: Scene, factors: Array) -> tuple[Scene, Scene]:
