@@ -57,9 +57,10 @@ def factor_of_safety(
     """Divide the strength by R and find where the slope fails within t_end (s).
 
     failure_displacement: it fails where its largest displacement passes this (m), 1 m by default. criterion: with
-    "limit load" instead where it moves on: soil moves farther, in the mean, within some time than in all the time
-    before, which was as long (at least an elastic oscillation). A displacement depends on the metres chosen where soil
-    does not soften, since a perfectly plastic slope slides a little and stands again. bracket: R that stands and R that
+    "limit load" instead where it moves on: displacement begins to grow with R (`kink`). That is looked for from the R
+    down at which soil speeds up: moves farther, in the mean, within some time than in all the time before, which was as
+    long (at least an elastic oscillation). A displacement depends on the metres chosen where soil does not soften,
+    since a perfectly plastic slope slides a little and stands again. bracket: R that stands and R that
     fails. resolution: R is a multiple of it. batch: lanes per round.
     settle: when a lane counts as standing before t_end; the default of `Settle`.
     Raises ValueError when the bracket's ends do not stand and fail, FloatingPointError when a run breaks off.
