@@ -123,15 +123,17 @@ def kink(factors: np.ndarray, moved: np.ndarray) -> Kink | None:
     """The kink of displacement `moved` (B,) m over rising factors (B,); None where all lanes lie on one branch.
 
     The branch of lanes that stand is the line through the two lowest, as far as lanes follow it; that of lanes that
-    move is the line through the next three. They meet at the kink, or displacement jumps past the meeting.
+    move is the line through three more, without the first, which may still be turning. They meet at the kink, or
+    displacement jumps past the meeting.
     """
     flat = np.polyfit(factors[:2], moved[:2], 1)
     standing = np.maximum(np.polyval(flat, factors), moved[0])
     off = np.flatnonzero(moved > FOLLOWS * standing)
-    if not off.size or len(factors) - off[0] < 2:
+    if len(off) < 3:
         return None
     first = int(off[0])
-    steep = np.polyfit(factors[first : first + 3], moved[first : first + 3], 1)
+    beyond = slice(first + 1, first + 4)
+    steep = np.polyfit(factors[beyond], moved[beyond], 1)
     if steep[0] <= max(flat[0], 0):
         return None
     meeting = (flat[1] - steep[1]) / (steep[0] - flat[0])
