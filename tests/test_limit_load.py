@@ -53,6 +53,7 @@ def test_displacement_that_grows_evenly_has_no_kink():
         find_kink(lambda factor: 0.01 * factor, 1.2)
 
 
+@pytest.mark.slow
 def test_clay_that_does_not_soften_has_the_limit_load_of_slip_circles():
     # The published section: 1.142 to 1.147 by slip circles, 1.14 by finite differences.
     soil = mpm.Soil(strength=42e3)
