@@ -117,6 +117,15 @@ def plan(
     return figure
 
 
+def lay_out(figure: Figure) -> None:
+    """Place the axes of a figure for good: each file that it is written to would do so again, and take longer for it
+    than to draw."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine(None)
+
+
 def save(figure: Figure, path: str | Path, *, dpi: int = 150) -> Path:
     """Write the figure (PNG, PDF or SVG by its suffix), whole or not at all, and give the path back. OSError, with the
     file's name, where the disk refuses."""

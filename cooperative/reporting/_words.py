@@ -102,6 +102,7 @@ def report(folder: str | Path, *, slides: int = SLIDES, again: bool = False, est
     numbers, slopes = list(_numbers(told)), list(_slopes(told, models, slides, again))
     target = own_folder(store.folder / "figures")
     for drawn in [*numbers, *slopes]:
+        plots.lay_out(drawn.figure)
         plots.save(drawn.figure, target / f"{drawn.name}.png")
     write_aside(store.folder / "report.html", page.document(campaign.name, _parts(told, numbers, slopes)).encode())
     return words(told)
