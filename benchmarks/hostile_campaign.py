@@ -3,7 +3,6 @@
 Workers import the main module too, so theirs are made up as well.
 """
 
-import signal
 import sys
 
 from benchmarks import invented
@@ -17,6 +16,4 @@ invented.invent(SECONDS)
 command.report = lambda folder, **_: f"{folder}"  # type: ignore[attr-defined]
 
 if __name__ == "__main__":
-    # A benchmark that runs in the background ignores Ctrl-C, and so would this program, which is tried with it.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.exit(command.main())

@@ -320,6 +320,10 @@ def fuzzed(count: int, by_command: int, folder: Path, seed: int) -> tuple[dict[s
 def run(quick: bool = False) -> Report:
     """All of it; quick: a tenth."""
     part = 10 if quick else 1
+    # A shell has what it starts in the background ignore Ctrl-C, and campaigns would inherit that: one that is reached
+    # while its libraries load would go on.
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     signals = Toll()
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
