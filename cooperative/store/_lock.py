@@ -13,6 +13,11 @@ from foundation.text import short
 
 
 def take_lock(folder: Path) -> int:
+    """Hold a campaign's folder, and write there who does; the file descriptor that holds it.
+
+    Raises ValueError where another controller holds it, or where the lock is no regular file, OSError where the folder
+    cannot be written.
+    """
     path = folder / ".lock"
     # A link would have the text below written elsewhere, a pipe would wait for its other end.
     flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
