@@ -31,11 +31,13 @@ def scatter(
     grid: Grid, kernel: Kernel, position: Array, rows: Sequence[Array], *, terms: Sequence[Term], channels: int
 ) -> Array:
     """Particles to nodes: position (d, N) m and rows, each (N,), to (nodes, channels)."""
-    nodal = jnp.zeros((grid.nodes, channels), position.dtype)
+    # A GPU adds four channels of a node at once where their number is a multiple of four: twice as fast as seven.
+    width = channels if channels <= 2 else -(-channels // 4) * 4
+    nodal = jnp.zeros((grid.nodes, width), position.dtype)
     for node, weight in _layers(grid, kernel, position, terms):
-        contribution = _sums([(t.channel, t.factor * rows[t.row] * weight[t.axes]) for t in terms], channels, node)
+        contribution = _sums([(t.channel, t.factor * rows[t.row] * weight[t.axes]) for t in terms], width, node)
         nodal = nodal.at[node].add(jnp.stack(contribution, axis=-1))
-    return nodal
+    return nodal[:, :channels]
 
 
 def gather(grid: Grid, kernel: Kernel, position: Array, nodal: Array, *, terms: Sequence[Term], rows: int) -> Array:
