@@ -2,7 +2,7 @@
 
 Source: Jiang, Li, Ma and Rezania (2024), Computers and Geotechnics 172, 106413. Nothing is run here: what the files
 `benchmarks/data/study_*.csv` do not hold is not run yet, and has no value. An interval is that of 95 per cent; of a
-factor of safety, one step of the search. Core hours are processor time of one core.
+factor of safety, one step of the search. Hours are processor time of one core, or those of a GPU.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from benchmarks.study_pieces import (
     sweep_cases,
 )
 from benchmarks.study_runs import LENGTHS, READINGS, SAMPLES, SECTION_SAMPLES, SWEEP_SAMPLES, sweep_case
-from benchmarks.study_table import Outcome, Rows, Run, merged
+from benchmarks.study_table import CPU, Outcome, Rows, Run, merged
 from cooperative.estimate import (
     ENOUGH,
     AuditPlan,
@@ -63,6 +63,17 @@ POOLED = {"shallow": 14, "deep": 1043, "compound": 177, "progressive": 353}
 """Failures of each mode behind Table 4, as BIC - AIC = 2 (ln N - 2) implies: all correlation lengths together."""
 
 
+class Hours(NamedTuple):
+    """What runs took: hours of one core, hours of a GPU."""
+
+    core: float
+    gpu: float
+
+    def __str__(self) -> str:
+        told = [f"{hours:.3f} {kind}" for hours, kind in ((self.core, "core"), (self.gpu, "GPU")) if hours]
+        return " + ".join(told) or "none"
+
+
 @dataclass(frozen=True)
 class Found:
     """One answer of ours: its value, interval, what it rests on, and what that took."""
@@ -70,7 +81,7 @@ class Found:
     value: float
     interval: tuple[float, float]
     rests_on: str
-    core_hours: float
+    hours: Hours
 
 
 @dataclass(frozen=True)
@@ -105,7 +116,7 @@ class Line:
             "low": "none" if found is None else round(found.interval[0], 4),
             "high": "none" if found is None else round(found.interval[1], 4),
             "rests on": "nothing" if found is None else found.rests_on,
-            "core hours": "none" if found is None else round(found.core_hours, 3),
+            "hours": "none" if found is None else str(found.hours),
             "verdict": self.verdict(),
         }
 
@@ -129,10 +140,11 @@ def report(folder: Path, draw_in: Path) -> Report:
     return Report({name: round(value, 4) for name, value in values.items()}, [line.as_row() for line in lines])
 
 
-def hours_of(rows: Mapping[Run, Outcome], **which: Any) -> float:
-    """Core hours of the runs whose fields are as said."""
-    chosen = (o for run, o in rows.items() if all(getattr(run, name) == value for name, value in which.items()))
-    return sum(outcome.core_seconds for outcome in chosen) / 3600
+def hours_of(rows: Mapping[Run, Outcome], **which: Any) -> Hours:
+    """Hours of the runs whose fields are as said."""
+    chosen = [o for run, o in rows.items() if all(getattr(run, name) == value for name, value in which.items())]
+    core = sum(outcome.seconds for outcome in chosen if outcome.device == CPU)
+    return Hours(core / 3600, (sum(outcome.seconds for outcome in chosen) - core) / 3600)
 
 
 # Factors of safety, run-out, Table 3
@@ -206,7 +218,7 @@ def slide_of(rows: Rows, case: str) -> Found | str:
         return f"the slide ended {rows[run].status} at {rows[run].displacement:.2g} m"
     grains = "" if rows[run].runout_any is None else f", {rows[run].runout_any:.2f} m with detached grains"
     words = f"one slide at R = {value:.2f}, {rows[run].mode}{grains}; the interval is half a cell"
-    return Found(runout, (runout - half, runout + half), words, rows[run].core_seconds / 3600)
+    return Found(runout, (runout - half, runout + half), words, hours_of({run: rows[run]}))
 
 
 def cell_of(case: str) -> float:
@@ -402,7 +414,7 @@ def lengths(rows: Rows) -> Iterator[Line]:
         words = (
             "rises, as published" if rise > half else "falls, published as rising" if rise < -half else "not resolved"
         )
-        found = Found(rise, (rise - half, rise + half), "the two ends, taken as independent", 0.0)
+        found = Found(rise, (rise - half, rise + half), "the two ends, taken as independent", Hours(0.0, 0.0))
         yield Line(what, None, None, found, words)
 
 
@@ -455,7 +467,7 @@ def modes(rows: Rows) -> Iterator[Line]:
     yield from rough_modes(rows)
 
 
-def fits(mode: str, slides: list[Outcome], weight: np.ndarray, spent: float) -> Iterator[Line]:
+def fits(mode: str, slides: list[Outcome], weight: np.ndarray, spent: Hours) -> Iterator[Line]:
     """Best distribution of each consequence of a mode beside the printed one."""
     for measure, printed in BEST_FITS[mode].items():
         values = np.array([getattr(slide, measure) for slide in slides], float)
@@ -500,29 +512,35 @@ def rough_shares(rows: Rows, cases: list[str], mode: str) -> tuple[list[str], Fo
     if not screened or not known or len(known) < fallen:
         return known, f"{len(known)} slides of {fallen} failures are there"
     share = shares(np.array(known), np.ones(len(known)), SEVERITY)[mode]
-    spent = sum(hours_of(rows, case=case, grid="rough", until="end") for case in cases)
+    ours = {run: outcome for run, outcome in rows.items() if run.case in cases}
+    spent = hours_of(ours, grid="rough", until="end")
     return known, Found(share.share, share.interval, f"{len(known)} rough slides, {share.count} {mode}", spent)
 
 
 def hours(rows: Rows) -> Iterator[Line]:
     """What the study took, beside the published hours."""
     for grid, printed in (("rough", 11.3), ("refined", 92.4)):
-        done = [o for run, o in rows.items() if run.case == "published" and run.grid == grid and run.until == "class"]
-        spent = hours_of(rows, case="published", grid=grid, until="class")
-        answer: Found | str = "no run is there"
-        if done:
-            wanted = 1000 if grid == "rough" else 280
-            per_run = spent / len(done) * wanted
-            spread = 1.96 * np.std([o.core_seconds for o in done]) / 3600 / np.sqrt(len(done)) * wanted
-            words = f"{len(done)} runs to their class, scaled to {wanted}"
-            answer = Found(per_run, (per_run - spread, per_run + spread), words, spent)
-        yield Line(
-            f"hours of {grid} runs",
-            None,
-            printed,
-            answer,
-            "theirs ran on to 20 s, ten at a time on a desktop with 12 cores; ours are hours of one core",
-        )
-    total = hours_of(rows)
-    everything = Found(total, (total, total), f"{len(rows)} runs, all pieces", total) if rows else "no run is there"
-    yield Line("core hours of the whole study", "hours_total", None, everything)
+        mine = {run: o for run, o in rows.items() if (run.case, run.grid, run.until) == ("published", grid, "class")}
+        for kind, unit in (("core", "one core"), ("GPU", "one GPU, which no published hour is beside")):
+            done = {run: o for run, o in mine.items() if (o.device == CPU) == (kind == "core")}
+            answer: Found | str = "no run is there"
+            if done:
+                wanted = 1000 if grid == "rough" else 280
+                seconds = np.array([o.seconds for o in done.values()])
+                spread = 1.96 * seconds.std() / np.sqrt(seconds.size)
+                low, middle, high = (float(each) * wanted / 3600 for each in seconds.mean() + spread * np.arange(-1, 2))
+                answer = Found(
+                    middle, (low, high), f"{len(done)} runs to their class, scaled to {wanted}", hours_of(done)
+                )
+            yield Line(
+                f"{kind} hours of {grid} runs",
+                None,
+                printed if kind == "core" else None,
+                answer,
+                f"theirs ran on to 20 s, ten at a time on a desktop with 12 cores; ours are hours of {unit}",
+            )
+    spent = hours_of(rows)
+    for name, total in (("hours_total", spent.core), ("gpu_hours_total", spent.gpu)):
+        kind = "GPU" if name.startswith("gpu") else "core"
+        everything = Found(total, (total, total), f"{len(rows)} runs, all pieces", spent) if rows else "no run is there"
+        yield Line(f"{kind} hours of the whole study", name, None, everything)

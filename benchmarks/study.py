@@ -19,8 +19,8 @@ from pathlib import Path
 from benchmarks import study_slides
 from benchmarks.measure import ROOT
 from benchmarks.study_pieces import PIECES, missing
-from benchmarks.study_runs import CASES, carry_out
-from benchmarks.study_table import Outcome, Rows, Run, merged, read_table, write_table
+from benchmarks.study_runs import CASES, alike, carry_out
+from benchmarks.study_table import CPU, Outcome, Rows, Run, merged, read_table, write_table
 from cooperative.runs import process_pool
 
 DATA = ROOT / "benchmarks" / "data"
@@ -42,27 +42,32 @@ def study(
     pieces: Sequence[str],
     *,
     workers: int = 1,
+    lanes: int = 1,
     minutes: float = float("inf"),
-    do: Callable[[Run], Outcome] = carry_out,
+    do: Callable[[Sequence[Run]], list[Outcome]] = carry_out,
 ) -> None:
     """Do what is missing of the pieces, in their order; no run begins after `minutes`.
 
-    workers: processes, each bound to its share of the cores; 1 runs in this one. ValueError for a piece that is none,
-    for a file that does not parse, and where another process is at work in the folder.
+    workers: processes, each bound to its share of the cores; 1 runs in this one. lanes: runs that a process does side
+    by side, which pays on a GPU; their rows are written together. ValueError for a piece that is none, for a file that
+    does not parse, and where another process is at work in the folder.
     """
     unknown = [piece for piece in pieces if piece not in PIECES]
     if unknown:
         raise ValueError(f"piece {unknown[0]!r}: give some of {', '.join(PIECES)}")
-    if workers < 1 or not minutes > 0:
-        raise ValueError(f"workers = {workers}, minutes = {minutes:g}: give 1 or more, and minutes above 0")
+    if workers < 1 or lanes < 1 or not minutes > 0:
+        raise ValueError(
+            f"workers = {workers}, lanes = {lanes}, minutes = {minutes:g}: give 1 or more, and minutes above 0"
+        )
     end = time.monotonic() + 60 * minutes
     with _alone_in(folder), ThreadPoolExecutor(1) if workers == 1 else process_pool(workers) as crew:
         tables = read_study(folder)
         for piece in pieces:
-            for run, outcome in _done(crew, workers, partial(_missing, piece, tables), end, do):
-                tables[piece][run] = outcome
+            for found in _done(crew, workers, lanes, partial(_missing, piece, tables), end, do):
+                tables[piece] |= found
                 write_table(file_of(folder, piece), tables[piece], CASES)
-                print(f"{time.strftime('%H:%M:%S')} {piece}: {in_words(run, outcome)}", flush=True)
+                for run, outcome in found.items():
+                    print(f"{time.strftime('%H:%M:%S')} {piece}: {in_words(run, outcome)}", flush=True)
 
 
 def _missing(piece: str, tables: Mapping[str, Rows]) -> Iterator[Run]:
@@ -73,25 +78,31 @@ def in_words(run: Run, outcome: Outcome) -> str:
     """One line on a run that has ended."""
     return (
         f"{run.case}, {run.grid}, sample {run.sample}, R = {run.reduction:g}, to its {run.until}: {outcome.status} at "
-        f"{outcome.displacement:.3g} m after {outcome.time:.2f} s, {outcome.core_seconds:.1f} core seconds"
+        f"{outcome.displacement:.3g} m after {outcome.time:.2f} s, {outcome.seconds:.2f} seconds of {outcome.device}"
     )
 
 
 def _done(
-    crew: Executor, workers: int, wanted: Callable[[], Iterator[Run]], end: float, do: Callable[[Run], Outcome]
-) -> Iterator[tuple[Run, Outcome]]:
+    crew: Executor,
+    workers: int,
+    lanes: int,
+    wanted: Callable[[], Iterator[Run]],
+    end: float,
+    do: Callable[[Sequence[Run]], list[Outcome]],
+) -> Iterator[Rows]:
     """Runs as they end. What is wanted is asked anew after each, since it may depend on the answers."""
-    under_way: dict[Future[Outcome], Run] = {}
+    under_way: dict[Future[list[Outcome]], tuple[Run, ...]] = {}
     while True:
         if time.monotonic() < end:
-            held = set(under_way.values())
-            waiting = (run for run in wanted() if run not in held)
-            while len(under_way) < workers and (run := next(waiting, None)):
-                under_way[crew.submit(do, run)] = run
+            held = {run for runs in under_way.values() for run in runs}
+            waiting = [run for run in wanted() if run not in held]
+            while len(under_way) < workers and (runs := alike(waiting, lanes)):
+                under_way[crew.submit(do, runs)] = runs
+                waiting = waiting[len(runs) :]
         if not under_way:
             return
         for future in wait(under_way, return_when=FIRST_COMPLETED).done:
-            yield under_way.pop(future), future.result()
+            yield dict(zip(under_way.pop(future), future.result(), strict=True))
 
 
 @contextmanager
@@ -124,8 +135,11 @@ def progress(folder: Path) -> Iterator[str]:
     everything = merged(tables.values())
     for piece, rows in tables.items():
         left = sum(1 for _ in missing(piece, everything))
-        hours = sum(outcome.core_seconds for outcome in rows.values()) / 3600
-        yield f"{piece:20} {len(rows):5} runs, {hours:6.2f} core hours; {left} more wanted now"
+        core, gpu = (
+            sum(outcome.seconds for outcome in rows.values() if (outcome.device == CPU) == on_cpu) / 3600
+            for on_cpu in (True, False)
+        )
+        yield f"{piece:20} {len(rows):5} runs, {core:6.2f} core hours, {gpu:.2f} GPU hours; {left} more wanted now"
 
 
 def main() -> int:
@@ -135,6 +149,7 @@ def main() -> int:
     parser.add_argument("--folder", type=Path, default=DATA, help="where the rows go (benchmarks/data)")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no run after as many")
     parser.add_argument("--workers", type=int, default=1, help="processes, each with its share of the cores")
+    parser.add_argument("--lanes", type=int, default=1, help="runs that a process does side by side, for a GPU")
     parser.add_argument("--collect", type=Path, metavar="FOLDER", help="take over the rows there, run nothing")
     parser.add_argument("--draw", action="store_true", help="run and draw a typical slide of each mode, nothing else")
     parser.add_argument("--list", action="store_true", help="say what is there, run nothing")
@@ -148,8 +163,9 @@ def main() -> int:
             print("\n".join(progress(arguments.folder)))
         else:
             study(
-                arguments.folder, arguments.pieces or list(PIECES), workers=arguments.workers, minutes=arguments.minutes
-            )
+                arguments.folder, arguments.pieces or list(PIECES), workers=arguments.workers, lanes=arguments.lanes,
+                minutes=arguments.minutes,
+            )  # fmt: skip
     except ValueError as error:
         print(error, file=sys.stderr)
         return 1

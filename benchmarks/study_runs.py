@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import time
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from itertools import islice, takewhile
 from typing import Any
 
 import jax
 import numpy as np
 
 from benchmarks.measure import ROOT
-from benchmarks.study_table import Outcome, Run
+from benchmarks.study_table import CPU, Outcome, Run, Until
 from cooperative.runs import GridModel, build, coefficients_of, expansion_of, run_samples
 from cooperative.scene import Campaign, parse
+from cooperative.store import Sample
 from cooperative.sweep import to_toml
 
 Changes = Mapping[str, Mapping[str, Any]]
@@ -134,24 +136,45 @@ def prepared(case: str, grid: str) -> tuple[GridModel, np.ndarray]:
     return build(campaign, grid, expansion), coefficients_of(campaign, expansion)
 
 
-def carry_out(run: Run) -> Outcome:
-    """Do one run. A run that breaks off says so in its status."""
+def alike(runs: Iterable[Run], most: int) -> tuple[Run, ...]:
+    """The first of the runs and those behind it, at most so many in all, that differ from it in their sample alone."""
+    runs = iter(runs)
+    first = next(runs, None)
+    if first is None:
+        return ()
+    return (first, *islice(takewhile(lambda run: replace(run, sample=first.sample) == first, runs), most - 1))
+
+
+def carry_out(runs: Sequence[Run]) -> list[Outcome]:
+    """Do runs that are alike, each in a lane of its own. A run that breaks off says so in its status."""
+    run = runs[0]
     model, coefficients = prepared(run.case, run.grid)
     campaign = model.campaign
     plan = replace(campaign.plan, fields=(), modes=("rough", "refined") if run.until == "end" else ())
     model = replace(model, campaign=replace(campaign, plan=plan), strength_factor=1 / run.reduction)
     stop_at = campaign.run.failure_displacement if run.until == "class" else None
-    clock = time.process_time()
-    sample = next(iter(run_samples(model, coefficients, [run.sample], width=1, stop_at=stop_at)))
+    clock = time.process_time if jax.default_backend() == CPU else time.perf_counter
+    before = clock()
+    numbers = [each.sample for each in runs]
+    done = {
+        sample.number: sample for sample in run_samples(model, coefficients, numbers, width=len(runs), stop_at=stop_at)
+    }
+    a_step = (clock() - before) / max(1, sum(sample.steps for sample in done.values()))
+    return [_outcome(done[number], model, run.until, a_step) for number in numbers]
+
+
+def _outcome(sample: Sample, model: GridModel, until: Until, a_step: float) -> Outcome:
+    """A run that has ended, of so many seconds a step."""
     row = sample.row
     displacement = float(row["displacement"])
-    slid = run.until == "end" and not row["broke_off"] and displacement > campaign.run.failure_displacement
+    slid = until == "end" and not row["broke_off"] and displacement > model.campaign.run.failure_displacement
     kept = SLIDE if slid else ()
     return Outcome(
         status=sample.status,
         displacement=displacement,
         time=sample.steps * float(jax.device_get(model.scene.time_step)),
         steps=sample.steps,
-        core_seconds=time.process_time() - clock,
+        seconds=sample.steps * a_step,
+        device=sample.device,
         **{name: row.get(name) for name in kept},  # type: ignore[arg-type]
     )

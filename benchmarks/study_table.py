@@ -13,6 +13,7 @@ from typing import Any, Literal, get_args
 from cooperative import write_aside
 
 Until = Literal["class", "end"]
+CPU = "cpu"
 
 
 @dataclass(frozen=True)
@@ -31,15 +32,17 @@ class Run:
 @dataclass(frozen=True)
 class Outcome:
     """What a run left. status: of `jaxmpm.Status`. displacement: the largest (m), where the run ended. time: simulated
-    (s). core_seconds: processor time. The rest is of a slide, as `cooperative.measure` has it, None where the run went
-    to its class only or stood: runout, depth (m), volume (m3), area (m2), mode, masses, onset, onset_second (s);
-    displacement_any, runout_any (m) with detached grains."""
+    (s). seconds: what it took, of one core's time on a CPU; on a GPU of the clock, of which runs side by side in lanes
+    have their shares by their steps, and processes that share the GPU one after the other. device: "cpu", or what JAX
+    calls the GPU. The rest is of a slide, as `cooperative.measure` has it, None where the run went to its class only or
+    stood: runout, depth (m), volume (m3), area (m2), mode, masses, onset, onset_second (s); displacement_any,
+    runout_any (m) with detached grains."""
 
     status: str
     displacement: float
     time: float
     steps: int
-    core_seconds: float
+    seconds: float
     runout: float | None = None
     depth: float | None = None
     volume: float | None = None
@@ -50,6 +53,7 @@ class Outcome:
     onset_second: float | None = None
     displacement_any: float | None = None
     runout_any: float | None = None
+    device: str = CPU
 
 
 Rows = dict[Run, Outcome]

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from benchmarks import published, study_pieces, study_runs
-from benchmarks.published import Found, Line
+from benchmarks.published import Found, Hours, Line
 from benchmarks.study import DATA, file_of, read_study
 from benchmarks.study_table import Outcome, Rows, Run, merged, write_table
 from cooperative.estimate import two_phase, wilson_interval
 from tests.test_study import FAILED, SLID, STOOD, made_up
+
+NO_TIME = Hours(0.0, 0.0)
 
 
 def keep(folder, piece: str, rows: Rows):
@@ -60,7 +62,7 @@ def test_half_a_search_has_no_value(tmp_path):
     rows = search(1.29, "rough")
     keep(tmp_path, "fos_rough", dict(list(rows.items())[:3]))
     values, rows = reported(tmp_path)
-    assert set(values) == {"hours_total"}
+    assert set(values) == {"hours_total", "gpu_hours_total"}
     assert "3 runs of the search" in rows["factor of safety in 3D, rough, as published"]["verdict"]
 
 
@@ -143,7 +145,7 @@ def test_readings_are_paired_and_need_enough_common_samples(tmp_path):
     assert rows[f"{change}stress last (USL)"]["verdict"] == "not run yet: 10 of 400 samples are there"
     assert rows["P_f of the section"]["ours"] == 0.25
     assert (tmp_path / "published_readings.png").stat().st_size > 1000
-    assert set(values) == {"hours_total"}
+    assert set(values) == {"hours_total", "gpu_hours_total"}
 
 
 def test_the_interval_of_a_change_covers():
@@ -212,10 +214,10 @@ def test_rough_modes_are_told_once_all_slides_of_a_length_are_there_and_pooled_o
     ("line", "verdict"),
     [
         (Line("a", "a", 1.0, "3 runs are there"), "not run yet: 3 runs are there"),
-        (Line("a", "a", 1.0, Found(1.1, (1.0, 1.2), "b", 0.0)), "agrees"),
-        (Line("a", "a", 1.3, Found(1.1, (1.0, 1.2), "b", 0.0), "locking"), "differs by -0.2: locking"),
-        (Line("a", "a", 1.3, Found(1.1, (1.0, 1.2), "b", 0.0)), "differs by -0.2: cause not measured yet"),
-        (Line("a", "a", None, Found(1.1, (1.0, 1.2), "b", 0.0)), "not published"),
+        (Line("a", "a", 1.0, Found(1.1, (1.0, 1.2), "b", NO_TIME)), "agrees"),
+        (Line("a", "a", 1.3, Found(1.1, (1.0, 1.2), "b", NO_TIME), "locking"), "differs by -0.2: locking"),
+        (Line("a", "a", 1.3, Found(1.1, (1.0, 1.2), "b", NO_TIME)), "differs by -0.2: cause not measured yet"),
+        (Line("a", "a", None, Found(1.1, (1.0, 1.2), "b", NO_TIME)), "not published"),
     ],
 )
 def test_verdicts(line, verdict):
@@ -248,3 +250,15 @@ def test_the_committed_files_parse_and_their_audits_are_those_that_the_estimator
         found, _ = published.estimated(rows, case, samples, plan)
         counted = 0 if found is None else found.refined_runs
         assert len(tables[piece]) - counted <= plan.wave(counted)
+
+
+def test_hours_of_a_core_and_of_a_gpu_stand_apart(tmp_path):
+    runs = {Run("published", "rough", n): replace(STOOD, seconds=36.0) for n in range(4)}
+    on_gpu = {Run("published", "rough", n): replace(STOOD, seconds=3.6, device="GPU of a kind") for n in range(4, 6)}
+    keep(tmp_path, "screening", runs | on_gpu)
+    values, told = reported(tmp_path)
+    assert values["hours_total"] == pytest.approx(4 * 0.01)
+    assert values["gpu_hours_total"] == pytest.approx(2 * 0.001)
+    assert told["core hours of rough runs"]["ours"] == pytest.approx(10.0)
+    assert told["GPU hours of rough runs"]["ours"] == pytest.approx(1.0)
+    assert told["GPU hours of refined runs"]["ours"] == "none"

@@ -52,7 +52,7 @@ def test_any_row_comes_back_to_six_digits(tmp_path_factory, displacement, sample
         ("0.05", "0.05x", r"study_fos\.csv, line 3: displacement = '0.05x' is no float"),
         ("0.05", "", r"line 3: displacement = '' is no float"),
         ("0.05", "nan", r"line 3: displacement = 'nan' says nothing"),
-        ("mean strength,rough,", "mean strength,", r"line 3: 19 cells instead of 20"),
+        ("mean strength,rough,", "mean strength,", r"line 3: 20 cells instead of 21"),
         ("published,refined", "published,fine", r"line 4: grid = 'fine'"),
         ("published,refined", '"published,refined', r"line 4: "),
         ("case,grid", "case,Grid", r"line 2: columns case, Grid"),
@@ -66,7 +66,7 @@ def test_a_damaged_row_is_named_and_nothing_is_lost(table, tmp_path, was, become
     path.rename(tmp_path / "study_fos_rough.csv")
     (tmp_path / "study_fos_rough.csv").write_text(damaged)
     with pytest.raises(ValueError, match=message.replace("study_fos", "study_fos_rough")):
-        study.study(tmp_path, ["fos_rough"], do=lambda run: pytest.fail("ran"))
+        study.study(tmp_path, ["fos_rough"], do=lambda runs: pytest.fail("ran"))
     with pytest.raises(ValueError, match="line"):
         study.collect(tmp_path, tmp_path / "other")
     assert (tmp_path / "study_fos_rough.csv").read_text() == damaged
@@ -79,13 +79,18 @@ def test_a_row_that_stands_there_twice_is_refused(table):
         read_table(path, study_runs.CASES)
 
 
+def each(do):
+    """Done one by one."""
+    return lambda runs: [do(run) for run in runs]
+
+
 def model_slope(run):
     """Fails from R = 1.29 on the rough grid and 1.17 on the refined one."""
     return FAILED if run.reduction >= (1.285 if run.grid == "rough" else 1.165) else STOOD
 
 
 def test_the_search_finds_the_least_factor_that_fails_with_few_runs(tmp_path):
-    study.study(tmp_path, ["fos_rough", "fos_refined", "slide"], do=model_slope)
+    study.study(tmp_path, ["fos_rough", "fos_refined", "slide"], do=each(model_slope))
     tables = study.read_study(tmp_path)
     rows = merged(tables.values())
     assert study_pieces.factor_of_safety(rows, "mean strength", "rough") == 1.29
@@ -98,7 +103,7 @@ def test_the_search_finds_the_least_factor_that_fails_with_few_runs(tmp_path):
 
 @pytest.mark.parametrize("answer", [STOOD, FAILED, Outcome("INVERTED", 0.5, 1.0, 10, 1.0)])
 def test_no_factor_is_made_up_beyond_the_bracket_or_after_a_run_that_broke_off(tmp_path, answer):
-    study.study(tmp_path, ["fos_rough", "slide"], do=lambda run: answer)
+    study.study(tmp_path, ["fos_rough", "slide"], do=each(lambda run: answer))
     rows = merged(study.read_study(tmp_path).values())
     assert rows
     assert study_pieces.factor_of_safety(rows, "mean strength", "rough") is None
@@ -106,10 +111,10 @@ def test_no_factor_is_made_up_beyond_the_bracket_or_after_a_run_that_broke_off(t
 
 
 def test_a_second_call_runs_nothing_again_and_a_budget_begins_nothing(tmp_path):
-    study.study(tmp_path, ["fos_rough"], minutes=1e-9, do=lambda run: pytest.fail("ran"))
-    study.study(tmp_path, ["fos_rough"], do=model_slope)
+    study.study(tmp_path, ["fos_rough"], minutes=1e-9, do=lambda runs: pytest.fail("ran"))
+    study.study(tmp_path, ["fos_rough"], do=each(model_slope))
     before = (tmp_path / "study_fos_rough.csv").read_text()
-    study.study(tmp_path, ["fos_rough"], do=lambda run: pytest.fail("ran"))
+    study.study(tmp_path, ["fos_rough"], do=lambda runs: pytest.fail("ran"))
     assert (tmp_path / "study_fos_rough.csv").read_text() == before
 
 
@@ -120,7 +125,7 @@ def test_runs_that_failed_in_python_leave_the_others(tmp_path):
         return model_slope(run)
 
     with pytest.raises(MemoryError):
-        study.study(tmp_path, ["fos_rough"], do=breaks)
+        study.study(tmp_path, ["fos_rough"], do=each(breaks))
     assert len(study.read_study(tmp_path)["fos_rough"]) == 2
 
 
@@ -129,8 +134,10 @@ def test_bad_calls_are_refused(tmp_path):
         study.study(tmp_path, ["fos"])
     with pytest.raises(ValueError, match="workers = 0"):
         study.study(tmp_path, ["slide"], workers=0)
+    with pytest.raises(ValueError, match="lanes = 0"):
+        study.study(tmp_path, ["slide"], lanes=0)
     with study._alone_in(tmp_path), pytest.raises(ValueError, match="another process is at work"):
-        study.study(tmp_path, ["fos_rough"], do=model_slope)
+        study.study(tmp_path, ["fos_rough"], do=each(model_slope))
     with pytest.raises(ValueError, match="case 'none': give one of"):
         study_runs.campaign_of("none")
 
@@ -181,7 +188,7 @@ def test_slopes_that_fail_sooner_rank_above_and_all_above_those_that_stand():
 
 def test_collecting_adds_rows_and_changes_none(tmp_path):
     here, there = tmp_path / "here", tmp_path / "there"
-    study.study(there, ["fos_rough"], do=model_slope)
+    study.study(there, ["fos_rough"], do=each(model_slope))
     other = Outcome("SETTLED", 0.5, 2.0, 500, 1.5)
     first = Run("mean strength", "rough", reduction=1.3)
     here.mkdir()
@@ -232,9 +239,27 @@ def test_a_killed_study_goes_on_with_the_same_answers(tiny, tmp_path):
     assert len({outcome.displacement for outcome in expected.values()}) == len(RUNS)
 
 
+def test_runs_side_by_side_answer_as_those_one_after_the_other(tiny, tmp_path):
+    study.study(tmp_path / "alone", ["tiny"])
+    study.study(tmp_path / "lanes", ["tiny"], lanes=4)
+    alone, lanes = (study.read_study(tmp_path / name)["tiny"] for name in ("alone", "lanes"))
+    assert list(lanes) == list(alone) == RUNS
+    for run in RUNS:
+        assert replace(lanes[run], seconds=0.0) == replace(alone[run], seconds=0.0)
+        assert lanes[run].seconds > 0
+
+
+def test_only_runs_that_differ_in_their_sample_alone_go_side_by_side():
+    runs = [*RUNS[:3], replace(RUNS[3], until="end"), *RUNS[4:]]
+    assert study_runs.alike(runs, 2) == tuple(RUNS[:2])
+    assert study_runs.alike(runs, 9) == tuple(RUNS[:3])
+    assert study_runs.alike(runs[3:], 9) == (runs[3],)
+    assert study_runs.alike([], 9) == ()
+
+
 def test_a_slide_has_consequences_and_a_mode_and_a_class_has_none(tiny):
-    to_the_end = study_runs.carry_out(Run("tiny", "rough", 0, 4.0, "end"))
-    to_its_class = study_runs.carry_out(Run("tiny", "rough", 0, 4.0))
+    to_the_end = study_runs.carry_out([Run("tiny", "rough", 0, 4.0, "end")])[0]
+    to_its_class = study_runs.carry_out([Run("tiny", "rough", 0, 4.0)])[0]
     assert to_the_end.time > to_its_class.time
     assert to_the_end.displacement > to_its_class.displacement > 1
     assert to_the_end.volume > 0
