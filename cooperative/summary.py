@@ -16,6 +16,7 @@ from cooperative.estimate import (
     Slides,
     after_more_runs,
     correlation,
+    exceedance,
     fit_distributions,
     mean_interval,
     severity_ranking,
@@ -29,8 +30,12 @@ from foundation import files
 
 NOT_BROKEN = ("FINISHED", "SETTLED", "DECIDED")
 MEASURES = ("displacement", "depth", "runout", "volume", "area")
+CURVES = ("runout", "volume", "depth")
+"""Consequences whose probability of being exceeded is told."""
 CHECKSUM = "checksum"
 """Key of a summary that tells whether it is whole, and of which rows."""
+CONTENT = 2
+"""Of what a summary says, counted up when it says more: one of an earlier version is made anew."""
 MORE = 50
 """What so many more refined runs would buy is told."""
 
@@ -60,7 +65,13 @@ def stored(campaign: Campaign, store: Store, rough: Rows, refined: Rows) -> dict
 
 def _checksum(campaign: Campaign, rough: Rows, refined: Rows, found: dict[str, Any]) -> str:
     """SHA-256 of a summary and of all that it was made from."""
-    said = (campaign.text, repr(campaign.estimator), repr(campaign.raised), json.dumps(found, sort_keys=True))
+    said = (
+        str(CONTENT),
+        campaign.text,
+        repr(campaign.estimator),
+        repr(campaign.raised),
+        json.dumps(found, sort_keys=True),
+    )
     digest = hashlib.sha256("\0".join(said).encode())
     for rows in (rough, refined):
         for name, values in sorted(rows.columns.items()):
@@ -103,6 +114,7 @@ def _summary(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, Any]:
             for name in MEASURES
             if failed.any()
         },
+        "exceedance": _exceedance(found, refined, failed & (weight > 0), weight),
         "fits": _fits(refined, failed, weight),
         "severity": _severity(refined, failed, weight),
         "seconds": {
@@ -165,6 +177,24 @@ def _modes(found: Estimate, refined: Rows, failed: np.ndarray, weight: np.ndarra
         }
         for mode, part in parts.items()
     }
+
+
+def _exceedance(found: Estimate, refined: Rows, slid: np.ndarray, weight: np.ndarray) -> dict[str, Any]:
+    """Probability that a sample fails and goes beyond each threshold, failures that stay below included; nothing where
+    no slide has consequences."""
+    curves = {}
+    for name in CURVES:
+        values = _measure(refined, name)
+        mine = slid & np.isfinite(values)
+        if mine.any():
+            curve = exceedance(found, weight[mine], values[mine])
+            curves[name] = {
+                "thresholds": curve.thresholds.tolist(),
+                "probability": curve.chance.value.tolist(),
+                "low": curve.chance.low.tolist(),
+                "high": curve.chance.high.tolist(),
+            }
+    return curves
 
 
 def _groups(refined: Rows, failed: np.ndarray, weight: np.ndarray) -> dict[str, np.ndarray]:

@@ -1,6 +1,7 @@
 """The report: one page that needs nothing else, with every figure drawn, and the same numbers as the summary."""
 
 import base64
+import csv
 import errno
 import json
 import os
@@ -21,7 +22,7 @@ from cooperative.__main__ import main
 from cooperative.reporting import _page as page
 from cooperative.reporting import _pictures as pictures
 from cooperative.reporting import _plots as plots
-from cooperative.reporting import report
+from cooperative.reporting import report, write_table
 from cooperative.reporting._exports import export
 from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, sample_path, write_sample
@@ -101,6 +102,19 @@ def test_the_page_says_what_the_summary_holds(done):
     assert "jaxlib" in text
     assert "run_per_rise = 1.0" in text
     assert json.loads((folder / "summary.json").read_text()) == json.loads(json.dumps(summary))
+
+
+def test_the_table_tells_what_each_refined_run_stands_for(done):
+    folder, summary = done
+    with open(write_table(read_store(folder)), newline="") as file:
+        lines = list(csv.DictReader(file))
+    refined = [line for line in lines if line["grid"] == "refined"]
+    failing = sum(float(line["weight"]) for line in refined if line["failed"] == "1.0")
+    assert failing / sum(float(line["weight"]) for line in refined) == pytest.approx(
+        summary["probability_of_failure"], abs=1e-12
+    )
+    assert sum(line["failed"] == "1.0" for line in refined) == summary["failures_refined"] > 0
+    assert {line["weight"] for line in lines if line["grid"] == "rough"} == {""}
 
 
 def test_the_same_folder_gives_the_same_page(done):

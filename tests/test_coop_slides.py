@@ -13,7 +13,11 @@ from hypothesis import strategies as st
 from cooperative import campaign
 from cooperative.estimate import (
     AuditPlan,
+    MonteCarlo,
+    Phases,
     Population,
+    Published,
+    TwoPhase,
     drawn_slides,
     next_audit,
     sample_weights,
@@ -88,6 +92,29 @@ def test_slides_drawn_from_an_audit_estimate_a_known_population_without_bias():
     expected = refined[fails].sum() / fails.size, fails.mean()
     assert np.all(np.abs(totals[:, :2].mean(axis=0) - expected) < 3.5 * error[:2])
     assert np.mean(covered) == pytest.approx(0.95, abs=0.05)
+
+
+@pytest.mark.parametrize("estimator", [TwoPhase(refined_runs=60), MonteCarlo(refined_runs=60), Published(k_t=8)])
+def test_weights_give_the_printed_probability_of_failure(estimator):
+    rough, refined, _ = known_population()
+    phases = Phases(estimator, 1.0, population=Population(rough))
+    while wanted := phases.next_runs(8, ()):
+        phases = phases.refined({n: (refined[n], False) for n in {*phases.answers, *wanted}})
+    found = phases.weights
+    assert sum(found.values()) == pytest.approx(1.0, abs=1e-12)
+    failed = [n for n in found if phases.answers[n]]
+    assert sum(found[n] for n in failed) == pytest.approx(phases.estimate.probability, abs=1e-12)
+    # Among the failures they are in proportion to those of the draws.
+    drawn = estimator.weights(phases.population, phases.answers)
+    factors = [found[n] / drawn[n] for n in failed]
+    assert factors == pytest.approx([factors[0]] * len(factors))
+
+
+def test_a_run_without_an_answer_stands_for_nothing():
+    phases = Phases(MonteCarlo(), 1.0, population=Population(np.arange(4.0)))
+    found = phases.refined({0: (0.1, False), 1: (0.2, True), 2: (2.0, True), 3: (0.3, False)})
+    assert found.answers == {0: False, 1: None, 2: True, 3: False}
+    assert found.weights == pytest.approx({0: 1 / 3, 1: 0.0, 2: 1 / 3, 3: 1 / 3})
 
 
 def test_slides_that_all_run_change_nothing():

@@ -10,6 +10,7 @@ from cooperative.estimate._estimates import (
     wilson_interval,
     with_variance,
 )
+from cooperative.estimate._exceedance import Curve, Hazard, chance_of, exceedance, mean_of
 from cooperative.estimate._fits import CANDIDATES, ENOUGH, Fit, Fits, Severity, fit_distributions, severity_ranking
 from cooperative.estimate._phases import Phases
 from cooperative.estimate._protocol import Answers, Estimator, Population, Sampling, Screened, all_samples
@@ -39,10 +40,12 @@ __all__ = [
     "AuditPlan",
     "ControlVariate",
     "Correlation",
+    "Curve",
     "Estimate",
     "Estimator",
     "Fit",
     "Fits",
+    "Hazard",
     "MonteCarlo",
     "Phases",
     "Population",
@@ -60,11 +63,14 @@ __all__ = [
     "TwoPhase",
     "after_more_runs",
     "all_samples",
+    "chance_of",
     "control_variate",
     "correlation",
     "drawn_slides",
+    "exceedance",
     "fit_distributions",
     "mean_interval",
+    "mean_of",
     "monte_carlo",
     "named_estimator",
     "next_audit",

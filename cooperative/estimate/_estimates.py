@@ -26,7 +26,7 @@ class Estimate:
     used. method: name of the estimator. notes: what a reader must know, in words. audit_variance: the part of
     the estimator's variance that more refined runs of the same samples would reduce. unseen: what samples that were
     not looked at may add to P_f, at `level`, which `interval` allows for above and `cov` does not. sampling_interval:
-    limits without that allowance, None where there is none.
+    limits without that allowance, None where there is none. freedom: degrees of freedom of `cov`.
     """
 
     probability: float
@@ -39,6 +39,7 @@ class Estimate:
     audit_variance: float = 0.0
     unseen: float = 0.0
     sampling_interval: tuple[float, float] | None = None
+    freedom: float = np.inf
 
 
 def with_variance(
@@ -69,10 +70,10 @@ def with_variance(
     else:
         interval = (share, share)
     if unseen is None:
-        return Estimate(share, interval, cov, refined_runs, method, level, notes, audit_variance)
+        return Estimate(share, interval, cov, refined_runs, method, level, notes, audit_variance, freedom=freedom)
     low, high = interval
     wider = (low, min(share + float(np.hypot(high - share, unseen)), 1.0))
-    return Estimate(share, wider, cov, refined_runs, method, level, notes, audit_variance, unseen, interval)
+    return Estimate(share, wider, cov, refined_runs, method, level, notes, audit_variance, unseen, interval, freedom)
 
 
 def after_more_runs(estimate: Estimate, more: int = 50) -> float:

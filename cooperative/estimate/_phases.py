@@ -74,14 +74,30 @@ class Phases:
 
     @property
     def weights(self) -> dict[int, float]:
-        """What each refined run stands for, by number of the sample; 0 where it stands for nothing."""
+        """What share of all samples each refined run stands for, by number of the sample; 0 where it stands for
+        nothing.
+
+        They sum to 1, and those of the failures to the estimated probability of failure. The estimator's own weights,
+        of the draws alone, do so on average only: what its model expects of samples that were not drawn is in the
+        estimate and not in them. So those of the failures are multiplied by one factor, and those of the runs that
+        stand by another (calibration to known totals: Deville and Sarndal 1992, Journal of the American Statistical
+        Association 87, 376-382, DOI 10.1080/01621459.1992.10475217). Means and shares over failures stay what they
+        are. While no failure, or no run that stands, has been found, its class has no weight to multiply.
+        """
         if self.population is None:
             return dict.fromkeys(self.answers, 0.0)
         numbers, found = self._numbers, dict.fromkeys(self.answers, 0.0)
         # A sample at which a chain stood still has several places in the population.
         for place, weight in self.estimator.weights(self.population, self._by_place).items():
             found[numbers[place]] += weight
-        return found
+        share = self.estimate.probability
+        stands_for = {True: share, False: 1 - share}
+        drawn = {fails: sum(w for n, w in found.items() if self.answers[n] is fails) for fails in stands_for}
+        # A run that broke off before it could tell belongs to neither class.
+        factor = {fails: stands_for[fails] / drawn[fails] for fails in stands_for if drawn[fails] > 0}
+        return {
+            n: w * factor.get(self.answers[n] is True, 1.0) * (self.answers[n] is not None) for n, w in found.items()
+        }
 
     @property
     def why_finished(self) -> str | None:

@@ -91,6 +91,27 @@ def histograms(samples: Mapping[str, np.ndarray], labels: Mapping[str, str]) -> 
     return figure
 
 
+def exceedance(curves: Mapping[str, Mapping[str, Any]], labels: Mapping[str, str], *, level: float) -> Figure:
+    """Exceedance curves with their pointwise intervals, one panel each.
+
+    curves: consequence -> thresholds, probability, low and high, as in the summary. labels: name -> axis label with its
+    unit. level: of the intervals.
+    """
+    columns = min(len(curves), 3)
+    figure, axes = panels(-(-len(curves) // columns), columns, size=(3.7, 3.1))
+    for ax, (name, curve) in zip(axes, curves.items(), strict=False):
+        at = curve["thresholds"]
+        ax.fill_between(at, curve["low"], curve["high"], step="post", color=ROUGH, alpha=0.2, lw=0)
+        ax.step(at, curve["probability"], where="post", color=ROUGH, lw=2, label=f"with {level:.0%} interval")
+        ax.set(xlabel=labels[name], ylabel="probability of more [-]")
+        ax.set_ylim(bottom=0)
+        ax.set_xlim(0, at[-1] or 1.0)
+    axes[0].legend()
+    for ax in axes[len(curves) :]:
+        ax.set_axis_off()
+    return figure
+
+
 def convergence(
     spent: Mapping[str, np.ndarray],
     probability: Mapping[str, np.ndarray],

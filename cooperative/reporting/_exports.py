@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cooperative.estimate import Estimator
 from cooperative.reporting._tables import consolidate, write_table
 from cooperative.runs import GridModel, build, expansion_of, foreign, rows_reader
 from cooperative.scene import campaign_of
@@ -14,20 +15,22 @@ from cooperative.store import GRIDS, Sample, Store, own_folder, read_sample, rea
 from jaxmpm import Result, solve, with_strength, write_particles, write_vtkhdf
 
 
-def export(folder: str | Path) -> Iterator[Path]:
+def export(folder: str | Path, *, estimator: Estimator | None = None) -> Iterator[Path]:
     """Write all that a campaign's folder holds for other programs; yields each file once it is there.
+
+    estimator: the one that `cooperative.campaign.run` was given, where it was given one, see `write_table`.
 
     `table.csv`, `campaign.h5`, and `series/refined-000123.vtkhdf` for each sample whose fields were kept: its particles
     at the start and at the end. Raises ValueError where the folder holds no finished sample, OSError where the disk
     refuses.
     """
     store = read_store(folder)
-    campaign = campaign_of(store)
+    campaign = campaign_of(store, estimator)
     models = {grid: build(campaign, grid, expansion_of(campaign), at_rest=False) for grid in GRIDS}
     read = rows_reader(campaign, store, models)
     if not any(read(grid).numbers for grid in GRIDS):
         raise ValueError(f"folder {folder} has no finished sample yet: start the run first")
-    yield write_table(store)
+    yield write_table(store, estimator=estimator)
     yield consolidate(store)
     for grid in GRIDS:
         for number in read(grid).numbers:

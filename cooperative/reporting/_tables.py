@@ -9,22 +9,33 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from cooperative.runs import rows_reader
-from cooperative.scene import campaign_of
-from cooperative.store import GRIDS, Store, fill_sample, read_sample
+from cooperative.estimate import Estimator
+from cooperative.runs import phases_of, rows_reader
+from cooperative.scene import Campaign, campaign_of
+from cooperative.store import GRIDS, Rows, Store, fill_sample, read_sample
+from cooperative.summary import slides_of
 from foundation import files
 from foundation.files import write_aside
 
 
-def write_table(store: Store, path: str | Path | None = None) -> Path:
+def write_table(store: Store, path: str | Path | None = None, *, estimator: Estimator | None = None) -> Path:
     """Write one CSV line per finished sample and grid, `table.csv` in the campaign's folder by default.
 
-    Columns: grid, sample, status, steps, seconds, then all scalars by name; empty where a sample has none.
+    Columns: grid, sample, status, steps, seconds, then all scalars by name; empty where a sample has none. Refined runs
+    also have `failed` (1 or 0, empty where the run broke off before it could tell), `weight`, the share of all samples
+    that each stands for, whose sum over the failures is the probability of failure, and `slide_weight`, the same for
+    what slides did: 0 for failures that did not slide on to their end, and the more for those that did.
+    estimator: the one that `cooperative.campaign.run` was given, where it was given one; without it these three columns
+    are left out, as nobody else knows what the runs stand for.
     Damaged files are left out; `read_rows` names them. OSError if the disk refuses.
     """
     path = store.folder / "table.csv" if path is None else Path(path)
-    read = rows_reader(campaign_of(store), store)
-    tables = {grid: read(grid).columns for grid in GRIDS}
+    campaign = campaign_of(store, estimator)
+    read = rows_reader(campaign, store)
+    rows = {grid: read(grid) for grid in GRIDS}
+    tables = {grid: rows[grid].columns for grid in GRIDS}
+    if campaign.plan.estimator is not None:
+        tables["refined"] = tables["refined"] | _standing_for(campaign, rows["rough"], rows["refined"])
     names = list(dict.fromkeys(name for columns in tables.values() for name in columns))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -34,6 +45,17 @@ def write_table(store: Store, path: str | Path | None = None) -> Path:
             writer.writerow([grid, *(_cell(columns.get(name), at) for name in names)])
     write_aside(path, text.getvalue().encode())
     return path
+
+
+def _standing_for(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, np.ndarray]:
+    """What each refined run stands for, and whether it failed (runs,) each."""
+    phases = phases_of(campaign, rough, refined)
+    answers, weights = phases.answers, phases.weights
+    return {
+        "failed": np.array([np.nan if answers[n] is None else float(answers[n] is True) for n in refined.numbers]),
+        "weight": np.array([weights[n] for n in refined.numbers]),
+        "slide_weight": slides_of(campaign, phases, refined).weight,
+    }
 
 
 def consolidate(store: Store, path: str | Path | None = None) -> Path:

@@ -49,15 +49,15 @@ class Told:
 
     @property
     def labels(self) -> dict[str, str]:
-        """Axis label of each consequence, with its unit."""
+        """Axis label of each consequence, with its unit. In a section the influence area is the run-out, and is told
+        once."""
         solid = self.campaign.slope.dimension == 3
         return {
             "displacement": "largest displacement $R_d$ [m]",
             "depth": "sliding depth $H$ [m]",
             "runout": "run-out $L$ [m]",
             "volume": f"sliding volume $V$ [{'m$^3$' if solid else 'm$^3$/m'}]",
-            "area": f"influence area $S$ [{'m$^2$' if solid else 'm$^2$/m'}]",
-        }
+        } | ({"area": "influence area $S$ [m$^2$]"} if solid else {})
 
     @property
     def units(self) -> dict[str, str]:
@@ -140,7 +140,7 @@ def words(told: Told) -> str:
             low, high = share["interval"]
             lines.append(f"  {mode:<13}  {share['ratio']:.0%} of the failures ({low:.0%} to {high:.0%})")
     for name, spread in found["consequences_of_failures"].items():
-        if spread:
+        if spread and name in told.labels:
             lines.append(
                 f"  {name:<13}  mean {spread['mean']:.4g} ({_limits(spread['interval'])}), {spread['smallest']:.4g} to "
                 f"{spread['largest']:.4g} ({told.units[name]}, failed samples)"
@@ -154,6 +154,7 @@ def words(told: Told) -> str:
 
 def _numbers(told: Told) -> Iterator[Drawn]:
     """Figures of the numbers, those that there are data for."""
+    yield from _hazards(told)
     rough, refined, limit = told.rough, told.refined, told.campaign.run.failure_displacement
     place = {number: at for at, number in enumerate(rough.numbers)}
     both = np.full(len(place), np.nan)
@@ -183,8 +184,9 @@ def _numbers(told: Told) -> Iterator[Drawn]:
     modes = {mode: share for mode, share in (told.summary["modes"] or {}).items() if share["count"]}
     if modes:
         yield Drawn("modes", "Failure modes, by what the runs stand for.", charts.mode_shares(modes))
-    if told.failed.any():
-        consequences = {name: refined.columns[name][told.failed] for name in told.labels}
+    consequences = {name: refined.columns[name][told.failed] for name in told.labels if told.failed.any()}
+    consequences = {name: values for name, values in consequences.items() if np.ptp(values) > 0}
+    if consequences:
         figure = charts.histograms(consequences, told.labels)
         yield Drawn("consequences", "Consequences of the refined runs that failed, each run counted once.", figure)
     if told.summary["severity"] and len(modes) > 1:
@@ -194,7 +196,7 @@ def _numbers(told: Told) -> Iterator[Drawn]:
             charts.severity(told.summary["severity"], told.labels),
         )
     weight = summary.slides_of(told.campaign, told.phases, refined).weight
-    for group, fits in told.summary["fits"].items():
+    for group, fits in _distinct(told).items():
         mine = told.failed & (weight > 0)
         mine &= (refined.columns["mode"] == group) if group != "all" else True
         if any(fit["fits"] for fit in fits.values()):
@@ -203,6 +205,26 @@ def _numbers(told: Told) -> Iterator[Drawn]:
                 f"Distribution of the consequences of {group} failures ({mine.sum()} runs), with the three best fits.",
                 charts.fitted({name: refined.columns[name][mine] for name in fits}, weight[mine], fits, told.labels),
             )
+
+
+def _hazards(told: Told) -> Iterator[Drawn]:
+    """Figures of how likely a slide does how much."""
+    curves = told.summary["exceedance"]
+    if curves:
+        yield Drawn(
+            "exceedance",
+            "Probability that a sample of the slope fails and its slide goes beyond what stands below, with its "
+            f"{told.summary['level']:.0%} interval at each point. The curves start at the probability of failure.",
+            charts.exceedance(curves, told.labels, level=told.summary["level"]),
+        )
+
+
+def _distinct(told: Told) -> dict[str, dict[str, Any]]:
+    """Fits of all failures and of each mode, but of a mode that all failures have."""
+    fits: dict[str, dict[str, Any]] = told.summary["fits"]
+    modes = [fit for group, fit in fits.items() if group != "all"]
+    kept = {"all": fits["all"]} if modes == [fits.get("all")] else fits
+    return {group: {name: fit for name, fit in each.items() if name in told.labels} for group, each in kept.items()}
 
 
 def _slopes(told: Told, models: dict[str, GridModel], slides: int, again: bool) -> Iterator[Drawn]:
@@ -236,7 +258,12 @@ def _parts(told: Told, numbers: Sequence[Drawn], slopes: Sequence[Drawn]) -> Ite
     )
     for note in [*found["notes"], *(f"broke off: {line}" for line in _broken(found))]:
         yield page.paragraph(note, "note")
-    yield page.heading("Probability of failure")
+    if "exceedance" in figures:
+        yield page.heading("How far, how much, how deep")
+        yield from shown("exceedance")
+    yield page.heading("What the slides look like")
+    yield from shown("slide", "plan", "slope", "field")
+    yield page.heading("How sure, and why")
     yield _estimates(found)
     yield page.paragraph(" ".join(line for line in (_unseen(found), _more(found), _finished(found)) if line))
     yield from shown("convergence", "ranked", "grids")
@@ -245,10 +272,8 @@ def _parts(told: Told, numbers: Sequence[Drawn], slopes: Sequence[Drawn]) -> Ite
     yield from shown("modes", "severity", "consequences")
     if "fits-all" in figures:
         yield page.heading("Distributions", 3)
-        yield from _fits(found)
+        yield from _fits(told)
         yield from shown("fits")
-    yield page.heading("Slides")
-    yield from shown("slide", "plan", "slope", "field")
     yield page.heading("How it was run")
     yield _runs(told)
     yield page.heading("Scene", 3)
@@ -277,7 +302,7 @@ def _consequences(told: Told) -> str:
     rows = [
         [name, told.units[name], spread["mean"], _limits(spread["interval"]), spread["smallest"], spread["largest"]]
         for name, spread in told.summary["consequences_of_failures"].items()
-        if spread
+        if spread and name in told.labels
     ]
     if not rows:
         return page.paragraph("No refined run failed.")
@@ -289,10 +314,10 @@ def _limits(interval: Sequence[float] | None) -> str:
     return "too few for an interval" if interval is None else "{:.4g} to {:.4g}".format(*interval)
 
 
-def _fits(found: dict[str, Any]) -> Iterator[str]:
+def _fits(told: Told) -> Iterator[str]:
     rows: list[list[str | float | int | None]] = []
     few: dict[str, int] = {}
-    for group, fits in found["fits"].items():
+    for group, fits in _distinct(told).items():
         for name, fit in fits.items():
             best, *others = fit["fits"] or [None]
             close = [other["name"] for other in others if other["aic"] - best["aic"] < INDISTINCT]

@@ -1,0 +1,171 @@
+"""How likely it is that a slide does this or that: probabilities and expected values over all samples, from the slides.
+
+What happens needs a failure, so its probability is P_f, by the campaign's estimator, times the share of the failures
+that do it, by what the slides stand for. Both draws of the design are in those weights: which samples ran refined, and
+which failures slid on to their end. Two-phase sampling: Sarndal, Swensson and Wretman (1992), Model Assisted Survey
+Sampling, Sections 5.6 (ratios), 9.3 (two phases).
+
+The variance is that of a product of two estimates, P_f with its own and the share with that of a linearised ratio. An
+interval is Wilson's of as many independent samples as would scatter as much, with Student's t, as that of P_f itself:
+what every failure does has the interval of P_f.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from cooperative.estimate._estimates import Estimate
+from cooperative.estimate._shares import MOST_LEVERAGE
+
+
+@dataclass(frozen=True)
+class Hazard:
+    """Probabilities, or expected values, one for each place or threshold (...). value: the estimate. low, high:
+    pointwise confidence limits. count: slides that do it (...) int."""
+
+    value: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    count: np.ndarray
+
+
+def chance_of(found: Estimate, weight: np.ndarray, happens: np.ndarray) -> Hazard:
+    """Probability that a sample fails and does something, for many somethings at once.
+
+    found: P_f. weight: what each slide stands for (n,), above 0; their scale does not matter. happens: whether each
+    slide does it (n, ...) bool. Without a slide the probability is 0 and its upper limit that of P_f.
+    Raises ValueError for shapes that do not fit.
+    """
+    weight, happens = _checked(weight, happens)
+    if not weight.size:
+        nothing = np.zeros(happens.shape[1:])
+        return Hazard(nothing, nothing, np.full(happens.shape[1:], found.interval[1]), nothing.astype(int))
+    share, does = weight / weight.sum(), happens.reshape(weight.size, -1).astype(float)
+    ratio = np.minimum(share @ does, 1.0)
+    spread, freedom = _of_ratio(share, does, ratio)
+    # What few slides do shows too little of its scatter: it is at least that of as many independent draws.
+    alike = float(share @ share)
+    rare = ratio * (1 - ratio) * alike / max(1 - alike, MOST_LEVERAGE)
+    freedom = np.where(spread > rare, freedom, 1 / alike - 1)
+    spread = np.maximum(spread, rare)
+    probability = found.probability * ratio
+    of_pf = (found.cov * found.probability) ** 2 if found.probability else 0.0
+    variance = ratio**2 * of_pf + found.probability**2 * spread
+    freedom = _welch((ratio**2 * of_pf, found.freedom), (found.probability**2 * spread, freedom))
+    # Where nothing, or everything, does it, the limit of the ratio of both.
+    none = found.probability * alike
+    with np.errstate(divide="ignore", invalid="ignore"):
+        samples = np.where(variance > 0, probability * (1 - probability) / variance, 1 / none if none else np.inf)
+    freedom = np.where(variance > 0, freedom, max(1 / alike - 1, 1.0))
+    low, high = _wilson(probability, samples, freedom, found.level)
+    high = probability + np.hypot(high - probability, ratio * found.unseen)
+    shape = happens.shape[1:]
+    count = happens.reshape(weight.size, -1).astype(bool).sum(axis=0)
+    return Hazard(
+        probability.reshape(shape), low.reshape(shape), np.minimum(high, 1.0).reshape(shape), count.reshape(shape)
+    )
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Probability that a sample fails and its slide exceeds each of `thresholds` (k,). The first is 0 and counts every
+    failure, so that the curve starts at P_f, those included that bring nothing."""
+
+    thresholds: np.ndarray
+    chance: Hazard
+
+
+def exceedance(found: Estimate, weight: np.ndarray, values: np.ndarray, *, points: int = 61) -> Curve:
+    """Exceedance curve of what slides bring, from 0 to the largest of them, at evenly spaced thresholds.
+
+    found, weight: as for `chance_of`. values: of each slide (n,), 0 or more. points: thresholds, at least 2.
+    Raises ValueError for shapes that do not fit and for values below 0 or not finite.
+    """
+    weight, values = _checked(weight, values)
+    _check_amounts(values)
+    if points < 2:
+        raise ValueError(f"points = {points}: give 2 or more, the first is 0 and the last the largest value")
+    thresholds = np.linspace(0.0, float(values.max(initial=0.0)), points)
+    beyond = values[:, None] > thresholds
+    beyond[:, 0] = True
+    return Curve(thresholds, chance_of(found, weight, beyond))
+
+
+def mean_of(found: Estimate, weight: np.ndarray, amount: np.ndarray) -> Hazard:
+    """Expected value over all samples of what slides bring, 0 where nothing fails, for many things at once.
+
+    found, weight: as for `chance_of`. amount: of each slide (n, ...), 0 or more. The interval is on the logarithm, as
+    that of `mean_interval`; its upper limit is nan with fewer than 3 slides or where none brings anything.
+    Raises ValueError for shapes that do not fit and amounts below 0 or not finite.
+    """
+    weight, amount = _checked(weight, amount)
+    _check_amounts(amount)
+    shape, brings = amount.shape[1:], amount.reshape(weight.size, -1).astype(float)
+    count = (brings > 0).sum(axis=0).reshape(shape)
+    if weight.size < 3:
+        share = weight / weight.sum() if weight.size else weight
+        value = (found.probability * (share @ brings)).reshape(shape)
+        return Hazard(value, np.zeros(shape), np.full(shape, np.nan), count)
+    share = weight / weight.sum()
+    ratio = share @ brings
+    spread, freedom = _of_ratio(share, brings, ratio)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = np.where(ratio > 0, spread / ratio**2, np.nan)
+    of_pf = found.cov**2 if found.probability else np.nan
+    freedom = _welch((np.full_like(relative, of_pf), found.freedom), (relative, freedom))
+    half = _quantile(found.level, freedom) * np.sqrt(relative + of_pf)
+    value = found.probability * ratio
+    low = np.where(ratio > 0, value * np.exp(-half), 0.0)
+    high = value * np.exp(np.minimum(half, 700.0))
+    return Hazard(value.reshape(shape), low.reshape(shape), high.reshape(shape), count)
+
+
+def _checked(weight: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    weight, values = np.asarray(weight, float), np.asarray(values)
+    if weight.ndim != 1 or values.shape[:1] != weight.shape or not (weight > 0).all():
+        raise ValueError(
+            f"weights have shape {weight.shape}, values {values.shape}: give (n,) above 0 and (n, ...), one for each "
+            "slide"
+        )
+    return weight, values
+
+
+def _check_amounts(values: np.ndarray) -> None:
+    bad = values[~(np.isfinite(values) & (values >= 0))]
+    if bad.size:
+        raise ValueError(f"a slide brings {bad.flat[0]}: give finite amounts of 0 or more, and leave out the others")
+
+
+def _of_ratio(share: np.ndarray, values: np.ndarray, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Variance of weighted means (k,) of values (n, k), and its degrees of freedom, as in `mean_interval`."""
+    parts = (share[:, None] * (values - ratio)) ** 2 / np.maximum(1 - share, MOST_LEVERAGE)[:, None] ** 2
+    variance, squares = parts.sum(axis=0), (parts**2).sum(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        freedom = np.where(squares > 0, np.maximum(variance**2 / squares - 1, 1.0), np.inf)
+    return variance, freedom
+
+
+def _welch(*parts: tuple[np.ndarray, np.ndarray | float]) -> np.ndarray:
+    """Degrees of freedom of a sum of independent variances, each with its own: Satterthwaite (1946)."""
+    whole = sum(variance for variance, _ in parts)
+    square = sum(variance**2 / freedom for variance, freedom in parts)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(square > 0, np.maximum(whole**2 / square, 1.0), np.inf)
+
+
+def _quantile(level: float, freedom: np.ndarray) -> np.ndarray:
+    normal = norm.ppf(0.5 + level / 2)
+    return np.where(np.isinf(freedom), normal, student.ppf(0.5 + level / 2, np.where(np.isinf(freedom), 1e9, freedom)))
+
+
+def _wilson(share: np.ndarray, samples: np.ndarray, freedom: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
+    """`wilson_interval` of many shares at once."""
+    z = _quantile(level, freedom)
+    each = z**2 / samples
+    centre = (share + each / 2) / (1 + each)
+    half = z / (1 + each) * np.sqrt(share * (1 - share) / samples + each / (4 * samples))
+    return np.where(share == 0, 0.0, np.maximum(centre - half, 0.0)), np.where(share == 1, 1.0, centre + half)
