@@ -50,7 +50,7 @@ def chance_of(found: Estimate, weight: np.ndarray, happens: np.ndarray) -> Hazar
     # What few slides do shows too little of its scatter: it is at least that of as many independent draws.
     alike = float(share @ share)
     rare = ratio * (1 - ratio) * alike / max(1 - alike, MOST_LEVERAGE)
-    freedom = np.where(spread > rare, freedom, 1 / alike - 1)
+    freedom = np.where(spread > rare, freedom, max(1 / alike - 1, 1.0))
     spread = np.maximum(spread, rare)
     probability = found.probability * ratio
     of_pf = (found.cov * found.probability) ** 2 if found.probability else 0.0
