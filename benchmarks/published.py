@@ -33,7 +33,7 @@ from benchmarks.study_pieces import (
     score,
     sweep_cases,
 )
-from benchmarks.study_runs import LENGTHS, READINGS, SAMPLES, SECTION_SAMPLES, SWEEP_SAMPLES, sweep_case
+from benchmarks.study_runs import LENGTHS, ON_CPU, READINGS, SAMPLES, SECTION_SAMPLES, SWEEP_SAMPLES, sweep_case
 from benchmarks.study_table import CPU, Outcome, Rows, Run, merged
 from cooperative.estimate import (
     ENOUGH,
@@ -298,6 +298,7 @@ def probabilities(rows: Rows) -> Iterator[Line]:
     )
     yield published_rule(rows)
     yield from agreement(rows)
+    yield devices_agree(rows)
     for case, words in (("default", "default settings"), ("rollers", "y ends on rollers")):
         answer = probability(rows, case, SWEEP_SAMPLES, SWEEP_AUDIT)
         yield Line(f"P_f in 3D, {words}", f"pf_3d_{case}", 0.244, answer, "a setting that is not the published one")
@@ -337,6 +338,21 @@ def agreement(rows: Rows) -> Iterator[Line]:
     size = each.sum() ** 2 / (each @ each)
     limits = wilson_interval(min(both.same_class, 1.0) * size, size)
     yield Line(names[1], "same_class_3d", None, Found(both.same_class, limits, words, spent))
+
+
+def devices_agree(rows: Rows) -> Line:
+    """Share of the samples that ran on a CPU and on a GPU which both class alike."""
+    what = "share of runs in 3D that a CPU and a GPU class alike"
+    pairs = [
+        (failed(outcome), failed(rows[replace(run, case="published")]))
+        for run, outcome in rows.items()
+        if run.case == ON_CPU and replace(run, case="published") in rows
+    ]
+    if not pairs:
+        return Line(what, None, None, "no sample ran on both")
+    alike = sum(cpu == gpu for cpu, gpu in pairs)
+    interval, words = wilson_interval(alike, len(pairs)), f"{len(pairs)} runs to their class on both"
+    return Line(what, None, None, Found(alike / len(pairs), interval, words, hours_of(rows, case=ON_CPU)))
 
 
 # Readings of what is left open, on the section
@@ -520,9 +536,10 @@ def rough_shares(rows: Rows, cases: list[str], mode: str) -> tuple[list[str], Fo
 def hours(rows: Rows) -> Iterator[Line]:
     """What the study took, beside the published hours."""
     for grid, printed in (("rough", 11.3), ("refined", 92.4)):
-        mine = {run: o for run, o in rows.items() if (run.case, run.grid, run.until) == ("published", grid, "class")}
         for kind, unit in (("core", "one core"), ("GPU", "one GPU, which no published hour is beside")):
-            done = {run: o for run, o in mine.items() if (o.device == CPU) == (kind == "core")}
+            mine = ON_CPU if kind == "core" else "published", grid, "class"
+            done = {run: o for run, o in rows.items() if (run.case, run.grid, run.until) == mine}
+            done = {run: o for run, o in done.items() if (o.device == CPU) == (kind == "core")}
             answer: Found | str = "no run is there"
             if done:
                 wanted = 1000 if grid == "rough" else 280

@@ -44,13 +44,13 @@ def study(
     workers: int = 1,
     lanes: int = 1,
     minutes: float = float("inf"),
-    do: Callable[[Sequence[Run]], list[Outcome]] = carry_out,
+    do: Callable[[Sequence[Run], int], list[Outcome]] = carry_out,
 ) -> None:
     """Do what is missing of the pieces, in their order; no run begins after `minutes`.
 
     workers: processes, each bound to its share of the cores; 1 runs in this one. lanes: runs that a process does side
-    by side, which pays on a GPU; their rows are written together. ValueError for a piece that is none, for a file that
-    does not parse, and where another process is at work in the folder.
+    by side, which pays on a GPU; it is given up to eight times as many, whose rows are written together. ValueError for
+    a piece that is none, for a file that does not parse, and where another process is at work in the folder.
     """
     unknown = [piece for piece in pieces if piece not in PIECES]
     if unknown:
@@ -88,7 +88,7 @@ def _done(
     lanes: int,
     wanted: Callable[[], Iterator[Run]],
     end: float,
-    do: Callable[[Sequence[Run]], list[Outcome]],
+    do: Callable[[Sequence[Run], int], list[Outcome]],
 ) -> Iterator[Rows]:
     """Runs as they end. What is wanted is asked anew after each, since it may depend on the answers."""
     under_way: dict[Future[list[Outcome]], tuple[Run, ...]] = {}
@@ -96,8 +96,9 @@ def _done(
         if time.monotonic() < end:
             held = {run for runs in under_way.values() for run in runs}
             waiting = [run for run in wanted() if run not in held]
-            while len(under_way) < workers and (runs := alike(waiting, lanes)):
-                under_way[crew.submit(do, runs)] = runs
+            most = max(lanes, min(8 * lanes, len(waiting) // workers)) if lanes > 1 else 1
+            while len(under_way) < workers and (runs := alike(waiting, most)):
+                under_way[crew.submit(do, runs, lanes)] = runs
                 waiting = waiting[len(runs) :]
         if not under_way:
             return

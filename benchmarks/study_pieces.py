@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from benchmarks.study_runs import LENGTHS, READINGS, SAMPLES, SECTION_SAMPLES, SWEEP_SAMPLES, sweep_case
+from benchmarks.study_runs import LENGTHS, ON_CPU, READINGS, SAMPLES, SECTION_SAMPLES, SWEEP_SAMPLES, sweep_case
 from benchmarks.study_table import Outcome, Rows, Run
 from cooperative.estimate import AuditPlan, Population, next_audit, next_refined
 
@@ -15,7 +15,7 @@ LIMIT = 1.0
 STEP = 100
 """Factors of safety are multiples of 1 / STEP."""
 BRACKET = (100, 160)
-AUDIT = AuditPlan(runs=76, seed=2024)
+AUDIT = AuditPlan(runs=100, seed=2024)
 SWEEP_AUDIT = AuditPlan(runs=24, seed=2024)
 K_T = SAMPLES // 50
 """Standing samples in a row at which the published rule ends: 2 per cent of the samples, of 1 to 10 published."""
@@ -81,6 +81,12 @@ def slide_at_failure(*cases: str) -> Callable[[Rows], list[Run]]:
 def screening(case: str, samples: int) -> Callable[[Rows], list[Run]]:
     """Every sample on the rough grid, to its class."""
     return lambda rows: [Run(case, "rough", number) for number in range(samples)]
+
+
+def on_cpu(rows: Rows) -> list[Run]:
+    """Samples of the headline campaign that run on a CPU, wherever the others run."""
+    del rows
+    return [Run(ON_CPU, grid, number) for grid, count in (("rough", 200), ("refined", 8)) for number in range(count)]
 
 
 def population(rows: Rows, case: str, samples: int, reduction: float = 1.0) -> Population | None:
@@ -206,6 +212,7 @@ PIECES: Mapping[str, Callable[[Rows], list[Run]]] = {
     "fos_rollers": factors("mean strength, rollers", grids=("refined",)),
     "slide": slide_at_failure("mean strength"),
     "audit": audit("published", SAMPLES, AUDIT),
+    "on_cpu": on_cpu,
     "fos_default": factors("mean strength, default"),
     "screening_default": screening("default", SWEEP_SAMPLES),
     "audit_default": audit("default", SWEEP_SAMPLES, SWEEP_AUDIT),

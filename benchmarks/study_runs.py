@@ -30,6 +30,9 @@ SECTION_SAMPLES = 400
 LENGTHS = (10, 30, 60, 120)
 """Horizontal correlation lengths (m) of the sweep, one axis at a time, the other at 60 m."""
 
+ON_CPU = "published, on a CPU"
+"""The first samples of the headline campaign once more on a CPU: what they cost there, and whether both agree."""
+
 EVEN = {"strength": {"cov": 0.0}}
 ROLLERS = {"slope": {"y_ends": "roller"}}
 FAST = {"rough": {"cfl": 0.9}, "refined": {"cfl": 0.9}}
@@ -94,6 +97,7 @@ CASES: dict[str, dict[str, Any]] = {
         )
     },
     "published": _case("paper", SAMPLES, FAST),
+    ON_CPU: _case("paper", SAMPLES, FAST),
     "default": _case("slope", SAMPLES, FAST),
     "rollers": _case("paper", SAMPLES, FAST, ROLLERS),
     **_sweep_cases(),
@@ -145,8 +149,8 @@ def alike(runs: Iterable[Run], most: int) -> tuple[Run, ...]:
     return (first, *islice(takewhile(lambda run: replace(run, sample=first.sample) == first, runs), most - 1))
 
 
-def carry_out(runs: Sequence[Run]) -> list[Outcome]:
-    """Do runs that are alike, each in a lane of its own. A run that breaks off says so in its status."""
+def carry_out(runs: Sequence[Run], lanes: int = 1) -> list[Outcome]:
+    """Do runs that are alike, so many side by side. A run that breaks off says so in its status."""
     run = runs[0]
     model, coefficients = prepared(run.case, run.grid)
     campaign = model.campaign
@@ -157,7 +161,8 @@ def carry_out(runs: Sequence[Run]) -> list[Outcome]:
     before = clock()
     numbers = [each.sample for each in runs]
     done = {
-        sample.number: sample for sample in run_samples(model, coefficients, numbers, width=len(runs), stop_at=stop_at)
+        sample.number: sample
+        for sample in run_samples(model, coefficients, numbers, width=min(lanes, len(runs)), stop_at=stop_at)
     }
     a_step = (clock() - before) / max(1, sum(sample.steps for sample in done.values()))
     return [_outcome(done[number], model, run.until, a_step) for number in numbers]

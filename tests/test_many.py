@@ -97,6 +97,19 @@ def test_refill_and_shrink_give_new_batches():
     assert small.state.displacement.shape[0] == small.watch.quiet.size == small.chunk.size == 2
 
 
+def test_a_batch_shrinks_to_powers_of_two_so_that_ends_share_programs():
+    scene, state = built()
+    samples = [_Sample(i, *vary(scene, state, {"strength": 9e3 + i}), None) for i in range(9)]
+    batch, widths = Batch.of(scene, samples, t_end=1.0, every=0.25), []
+    for gone in range(8):
+        batch = batch.refill(batch.numbers.index(gone), None).shrink()
+        assert sorted(batch.number(lane) for lane in batch.busy) == list(range(gone + 1, 9))
+        for lane in batch.busy:
+            assert float(batch.scene.material.strength[lane]) == 9e3 + batch.number(lane)
+        widths.append(len(batch.numbers))
+    assert widths == [9, 9, 9, 9, 4, 4, 2, 1]
+
+
 def test_values_are_drawn_one_by_one():
     scene, state = built()
     drawn = []

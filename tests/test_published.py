@@ -253,12 +253,15 @@ def test_the_committed_files_parse_and_their_audits_are_those_that_the_estimator
 
 
 def test_hours_of_a_core_and_of_a_gpu_stand_apart(tmp_path):
-    runs = {Run("published", "rough", n): replace(STOOD, seconds=36.0) for n in range(4)}
-    on_gpu = {Run("published", "rough", n): replace(STOOD, seconds=3.6, device="GPU of a kind") for n in range(4, 6)}
-    keep(tmp_path, "screening", runs | on_gpu)
+    on_cpu = {Run(study_runs.ON_CPU, "rough", n): replace(STOOD, seconds=36.0) for n in range(4)}
+    on_gpu = {Run("published", "rough", n): replace(STOOD, seconds=3.6, device="GPU of a kind") for n in range(6)}
+    on_gpu[Run("published", "rough", 3)] = replace(FAILED, device="GPU of a kind", seconds=3.6)
+    keep(tmp_path, "screening", on_gpu)
+    keep(tmp_path, "on_cpu", on_cpu)
     values, told = reported(tmp_path)
     assert values["hours_total"] == pytest.approx(4 * 0.01)
-    assert values["gpu_hours_total"] == pytest.approx(2 * 0.001)
+    assert values["gpu_hours_total"] == pytest.approx(6 * 0.001)
     assert told["core hours of rough runs"]["ours"] == pytest.approx(10.0)
     assert told["GPU hours of rough runs"]["ours"] == pytest.approx(1.0)
     assert told["GPU hours of refined runs"]["ours"] == "none"
+    assert told["share of runs in 3D that a CPU and a GPU class alike"]["ours"] == 0.75

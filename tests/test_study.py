@@ -66,7 +66,7 @@ def test_a_damaged_row_is_named_and_nothing_is_lost(table, tmp_path, was, become
     path.rename(tmp_path / "study_fos_rough.csv")
     (tmp_path / "study_fos_rough.csv").write_text(damaged)
     with pytest.raises(ValueError, match=message.replace("study_fos", "study_fos_rough")):
-        study.study(tmp_path, ["fos_rough"], do=lambda runs: pytest.fail("ran"))
+        study.study(tmp_path, ["fos_rough"], do=lambda runs, lanes: pytest.fail("ran"))
     with pytest.raises(ValueError, match="line"):
         study.collect(tmp_path, tmp_path / "other")
     assert (tmp_path / "study_fos_rough.csv").read_text() == damaged
@@ -81,7 +81,7 @@ def test_a_row_that_stands_there_twice_is_refused(table):
 
 def each(do):
     """Done one by one."""
-    return lambda runs: [do(run) for run in runs]
+    return lambda runs, lanes: [do(run) for run in runs]
 
 
 def model_slope(run):
@@ -111,10 +111,10 @@ def test_no_factor_is_made_up_beyond_the_bracket_or_after_a_run_that_broke_off(t
 
 
 def test_a_second_call_runs_nothing_again_and_a_budget_begins_nothing(tmp_path):
-    study.study(tmp_path, ["fos_rough"], minutes=1e-9, do=lambda runs: pytest.fail("ran"))
+    study.study(tmp_path, ["fos_rough"], minutes=1e-9, do=lambda runs, lanes: pytest.fail("ran"))
     study.study(tmp_path, ["fos_rough"], do=each(model_slope))
     before = (tmp_path / "study_fos_rough.csv").read_text()
-    study.study(tmp_path, ["fos_rough"], do=lambda runs: pytest.fail("ran"))
+    study.study(tmp_path, ["fos_rough"], do=lambda runs, lanes: pytest.fail("ran"))
     assert (tmp_path / "study_fos_rough.csv").read_text() == before
 
 
@@ -241,7 +241,7 @@ def test_a_killed_study_goes_on_with_the_same_answers(tiny, tmp_path):
 
 def test_runs_side_by_side_answer_as_those_one_after_the_other(tiny, tmp_path):
     study.study(tmp_path / "alone", ["tiny"])
-    study.study(tmp_path / "lanes", ["tiny"], lanes=4)
+    study.study(tmp_path / "lanes", ["tiny"], lanes=3)
     alone, lanes = (study.read_study(tmp_path / name)["tiny"] for name in ("alone", "lanes"))
     assert list(lanes) == list(alone) == RUNS
     for run in RUNS:

@@ -66,7 +66,7 @@ def solve_each(
     observe: shown (number, seconds simulated, midway) of every sample after every chunk, about each `settle.every`.
     resume: gives what `observe` was shown of a sample in an earlier run, or None; it goes on from there, bit for bit.
     Results do not depend on `width`, nor on the samples that run beside. Towards the end, when at most half the
-    lanes hold a sample, the batch shrinks to those.
+    lanes hold a sample, the batch shrinks.
     A sample with a value that is not finite or beyond its limit takes no step and ends as BAD_PARAMETER.
     Raises ValueError for a width below 1, names that are no parameters, values of other shapes or of unequal number,
     ends that no run comes to, and numbers in `scene` itself that are beyond their limits.
@@ -241,10 +241,14 @@ class Batch:
         )
 
     def shrink(self) -> Batch:
-        """Without the lanes that hold no sample, once they are half of all."""
-        if not 0 < len(self.busy) <= len(self.numbers) // 2:
+        """With fewer lanes, once half of all hold no sample: the power of two that those with one need, so that the
+        ends of many batches share a few programs."""
+        busy, lanes = self.busy, len(self.numbers)
+        width = 1 << (len(busy) - 1).bit_length() if busy else lanes
+        if width > lanes // 2:
             return self
-        keep = np.asarray(self.busy)
+        empty = [lane for lane in range(lanes) if self.numbers[lane] is None]
+        keep = np.asarray(sorted([*busy, *empty[: width - len(busy)]]))
         return replace(
             self,
             scene=_take(self.scene, keep, self.axes),
