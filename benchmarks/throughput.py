@@ -9,6 +9,8 @@ from __future__ import annotations
 import json
 import os
 import statistics
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -40,6 +42,18 @@ TWO_PROCESSES = "rough MUSL, 2 processes of 8 lanes on a core each"
 QUICK = ("section MUSL", "rough MUSL", "rough USL")
 
 
+# On a GPU lanes run side by side, and the cores do not count.
+ON_GPU: dict[str, dict[str, Any]] = {
+    "rough MUSL": ROUGH,
+    "rough MUSL, 64 lanes": ROUGH | {"batch": 64},
+    "refined MUSL": REFINED,
+    "refined MUSL, 8 lanes": REFINED | {"batch": 8},
+    "refined MUSL, float64": REFINED | {"dtype": "float64"},
+    "refined MUSL, default settings": REFINED | DEFAULT,
+    "section MUSL, 256 lanes": SECTION | {"batch": 256},
+}
+
+
 def row(name: str, cores: int, case: dict[str, Any], rounds: int) -> dict[str, Any]:
     """One case, run `rounds` times; the repeats of all rounds together."""
     answers = [on_cores(cores, "benchmarks.throughput_case", json.dumps(case)) for _ in range(rounds)]
@@ -66,9 +80,9 @@ def summary(name: str, cores: int, answers: list[dict[str, Any]]) -> dict[str, A
         "case": name,
         "cores": cores,
         "particles": answers[0]["particles"],
-        "us_per_particle_step": round(statistics.median(us), 4),
-        "smallest": round(us[0], 4),
-        "largest": round(us[-1], 4),
+        "us_per_particle_step": round(statistics.median(us), 5),
+        "smallest": round(us[0], 5),
+        "largest": round(us[-1], 5),
         "repeats": len(us),
         "compile_s": round(max(answer["compile_s"] for answer in answers), 2),
         "peak_mb": round(max(answer["peak_mb"] for answer in answers)),
@@ -78,6 +92,23 @@ def summary(name: str, cores: int, answers: list[dict[str, Any]]) -> dict[str, A
 
 
 def run(quick: bool) -> Report:
+    """Rows of the GPU where JAX finds one, else of the CPU."""
+    found = [sys.executable, "-c", "import jax; print(jax.default_backend())"]
+    if subprocess.run(found, capture_output=True, text=True, check=True).stdout.strip() != "cpu":
+        return on_gpu()
+    return on_cpu(quick)
+
+
+def on_gpu() -> Report:
+    """Cases on the GPU that JAX has found."""
+    rows = [row(name, 1, case, rounds=1) for name, case in ON_GPU.items()]
+    us = {r["case"]: r["us_per_particle_step"] for r in rows}
+    names = {"gpu_rough_us": "rough MUSL", "gpu_rough_64_lanes_us": "rough MUSL, 64 lanes"}
+    names |= {"gpu_refined_us": "refined MUSL", "gpu_refined_default_us": "refined MUSL, default settings"}
+    return Report({name: us[case] for name, case in names.items()}, rows)
+
+
+def on_cpu(quick: bool) -> Report:
     """All cases that this machine has the cores for, and the ratios between them."""
     available = len(os.sched_getaffinity(0))
     chosen = {
