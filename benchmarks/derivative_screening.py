@@ -36,8 +36,8 @@ def gradients(count: int) -> tuple[np.ndarray, np.ndarray, float, float]:
     run alone, per sample."""
     campaign = scene_campaign("paper_section")
     campaign = replace(campaign, plan=replace(campaign.plan, samples=SAMPLES))
-    expansion = runs.expansion_of(campaign)
-    model = runs.build(campaign, "rough", expansion)
+    soil = runs.random_soil(campaign)
+    model = runs.build(campaign, "rough", soil)
     steps = round(SECONDS / float(model.scene.time_step))
 
     def moved(coefficients: jax.Array) -> jax.Array:
@@ -46,7 +46,7 @@ def gradients(count: int) -> tuple[np.ndarray, np.ndarray, float, float]:
         return objectives.log_displacement(final, 1e-4)
 
     both, alone = jax.jit(jax.value_and_grad(moved)), jax.jit(moved)
-    table = jnp.asarray(runs.coefficients_of(campaign, expansion)[:count])
+    table = jnp.asarray(runs.coefficients_of(campaign, soil)[:count])
     jax.block_until_ready((both(table[0]), alone(table[0])))
     start = time.perf_counter()
     found = [both(xi) for xi in table]

@@ -64,28 +64,28 @@ MODES, PARTICLES = 20, 6000
 """Of made-up grids: enough for a sample's file to take a while to write."""
 
 
-def expansion_of(campaign: Campaign) -> Any:
-    """As much of an expansion as made-up runs need."""
+def random_soil(campaign: Campaign) -> Any:
+    """As much of a random soil as made-up runs need."""
     return SimpleNamespace(modes=MODES)
 
 
 REAL_COEFFICIENTS = runs.coefficients_of
 
 
-def coefficients_of(campaign: Campaign, expansion: Any) -> np.ndarray:
+def coefficients_of(campaign: Campaign, soil: Any) -> np.ndarray:
     """Independent ones, made without a compiled program."""
 
     def normal(_: Any, samples: int, modes: int) -> np.ndarray:
         return np.random.default_rng(campaign.plan.seed).standard_normal((samples, modes))
 
-    return REAL_COEFFICIENTS(replace(campaign, plan=replace(campaign.plan, coefficients=normal)), expansion)
+    return REAL_COEFFICIENTS(replace(campaign, plan=replace(campaign.plan, coefficients=normal)), soil)
 
 
-def build(campaign: Campaign, grid: str, expansion: Any, **_: Any) -> Any:
+def build(campaign: Campaign, grid: str, soil: Any, **_: Any) -> Any:
     """As much of a grid's model as made-up runs need."""
     absent: Any = None
     scene: Any = SimpleNamespace(particles=SimpleNamespace(position=np.zeros((2, PARTICLES))))
-    return runs.GridModel(grid, campaign, scene, absent, expansion)
+    return runs.GridModel(grid, campaign, scene, absent, soil)
 
 
 def keep_initial(*_: Any) -> None:
@@ -129,7 +129,7 @@ def invent(seconds: float = 0.0, put: Callable[[ModuleType, str, Any], None] = s
         return run_samples(*arguments, **choices, seconds=seconds)
 
     made_up = {
-        runs.expansion_of: expansion_of, REAL_COEFFICIENTS: coefficients_of, runs.build: build,
+        runs.random_soil: random_soil, REAL_COEFFICIENTS: coefficients_of, runs.build: build,
         runs.run_samples: timed, runs.keep_initial: keep_initial, _calibration.measure: measure,
     }  # fmt: skip
     for module in [module for name, module in sys.modules.items() if name.split(".")[0] == "cooperative"]:

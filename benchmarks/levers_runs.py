@@ -76,9 +76,9 @@ def _rows(variant: Variant, numbers: list[int]) -> Iterator[tuple[object, ...]]:
     campaign = study(scene_campaign(scene))
     shape = replace(campaign.grids[grid], spacing=(spacing, spacing), cfl=cfl)
     campaign = replace(campaign, grids={**campaign.grids, grid: shape})
-    expansion = runs.expansion_of(campaign)
-    coefficients = runs.coefficients_of(campaign, expansion)
-    model = runs.build(campaign, grid, expansion)
+    soil = runs.random_soil(campaign)
+    coefficients = runs.coefficients_of(campaign, soil)
+    model = runs.build(campaign, grid, soil)
     begun = float(_energy(model.scene, model.state))
     strengths = (model.strength(jnp.asarray(coefficients[number])) for number in numbers)
     for number, result in solve_each(

@@ -24,9 +24,9 @@ from jaxmpm.transfer import g2p, p2g
 
 def screened(campaign: Any, count: int) -> dict[str, Any]:
     """Screen `count` samples as a campaign does, stored and all; seconds by what they went to."""
-    expansion = runs.expansion_of(campaign)
-    model = runs.build(campaign, "rough", expansion)
-    coefficients = runs.coefficients_of(campaign, expansion)
+    soil = runs.random_soil(campaign)
+    model = runs.build(campaign, "rough", soil)
+    coefficients = runs.coefficients_of(campaign, soil)
     chunks: list[Chunk] = []
     # Compile outside the clock: it is paid once a campaign, not once a sample.
     next(iter(runs.run_samples(model, coefficients, [0], width=1, stop_at=1e-9)))

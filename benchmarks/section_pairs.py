@@ -80,8 +80,8 @@ def main() -> None:
 
 
 def _complete(campaign: Campaign, path: Path) -> None:
-    expansion = runs.expansion_of(campaign)
-    coefficients = runs.coefficients_of(campaign, expansion)
+    soil = runs.random_soil(campaign)
+    coefficients = runs.coefficients_of(campaign, soil)
     if not path.exists():
         clock, here = time.perf_counter(), machine()
         factors = measure(campaign)
@@ -92,7 +92,7 @@ def _complete(campaign: Campaign, path: Path) -> None:
             f"{','.join(COLUMNS)}\n"
         )
     factors = Calibration(**json.loads(path.read_text().splitlines()[0].removeprefix("# "))["factors_of_safety"])
-    models = {grid: runs.build(campaign, grid, expansion) for grid in ("rough", "refined")}
+    models = {grid: runs.build(campaign, grid, soil) for grid in ("rough", "refined")}
     models["calibrated"] = replace(models["rough"], strength_factor=factors.factor)
     for model in models.values():
         _run(model, coefficients, 0)  # compiles

@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.measure import Report, scene_campaign
 from cooperative.measure import SlopeGeometry, consequences
 from cooperative.scene import Campaign
-from jaxmpm import PlasticStrain, Settle, factor_of_safety, reduced, slope, solve
+from jaxmpm import PlasticStrain, Settle, Soil, factor_of_safety, reduced, slope, solve
 
 PUBLISHED = {"rough": {"stable": 1.25, "fails": 1.26}, "refined": {"stable": 1.14, "fails": 1.15, "runout_m": 14.17}}
 
@@ -30,6 +30,7 @@ def row(campaign: Campaign, grid: str, measure: PlasticStrain, resolution: float
     """Factor of safety of a scene without random field, and what the first failing slide does."""
     numerics = campaign.grids[grid]
     start = time.perf_counter()
+    assert isinstance(campaign.soil, Soil)
     soil = replace(campaign.soil, plastic_strain=measure)
     scene, state = slope(campaign.slope, soil, numerics, y_ends=campaign.y_ends)
     limit = campaign.run.failure_displacement
@@ -62,6 +63,7 @@ def row(campaign: Campaign, grid: str, measure: PlasticStrain, resolution: float
 def run(quick: bool) -> Report:
     """Counts of paper.toml; both grids and both measures of plastic strain of paper_section.toml; fixed y ends."""
     section = scene_campaign("paper_section")
+    assert isinstance(section.soil, Soil)
     measures = [PlasticStrain.ENGINEERING] if quick else list(PlasticStrain)
     grids = ["rough"] if quick else ["rough", "refined"]
     rows = [row(section, grid, measure) for measure in measures for grid in grids]

@@ -20,7 +20,7 @@ import kl
 from benchmarks.measure import Report
 from benchmarks.stability_case import CLAY, NUMERICS, SLOPE, Row, energy_row, judged, metered_run, status_of
 from benchmarks.stability_cfl import KERNELS, cfl_rows
-from cooperative.scene._typed import BAND
+from cooperative.scene._soil import BAND
 from jaxmpm import diagnostics
 from jaxmpm.transfer import p2g
 

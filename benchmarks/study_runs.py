@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.measure import ROOT
 from benchmarks.study_table import CPU, Outcome, Run, Until
-from cooperative.runs import GridModel, build, coefficients_of, expansion_of, run_samples
+from cooperative.runs import GridModel, build, coefficients_of, random_soil, run_samples
 from cooperative.scene import Campaign, parse
 from cooperative.store import Sample
 from cooperative.sweep import to_toml
@@ -136,8 +136,8 @@ def _campaign(scene: str, changes: Changes) -> Campaign:
 def prepared(case: str, grid: str) -> tuple[GridModel, np.ndarray]:
     """The model of a grid of a case, and the coefficients of its samples (samples, modes)."""
     campaign = campaign_of(case)
-    expansion = expansion_of(campaign)
-    return build(campaign, grid, expansion), coefficients_of(campaign, expansion)
+    soil = random_soil(campaign)
+    return build(campaign, grid, soil), coefficients_of(campaign, soil)
 
 
 def alike(runs: Iterable[Run], most: int) -> tuple[Run, ...]:

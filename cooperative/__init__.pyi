@@ -44,7 +44,7 @@ from .estimate import (
 )
 from .measure import Consequences, FailureMode, ModeRules, Motion, SlopeGeometry, consequences, failure_mode
 from .reporting import consolidate, progress_of, report, write_table
-from .runs import GridModel, Stopped, build, coefficients_of, dask_executor, expansion_of, phases_of, run_samples
+from .runs import GridModel, Stopped, build, coefficients_of, dask_executor, phases_of, random_soil, run_samples
 from .scene import Campaign, campaign_of, parse
 from .store import (
     DamagedFile,
@@ -109,7 +109,6 @@ __all__ = [
     "control_variate",
     "correlation",
     "dask_executor",
-    "expansion_of",
     "failure_mode",
     "fit_distributions",
     "monte_carlo",
@@ -120,6 +119,7 @@ __all__ = [
     "phases_of",
     "progress_of",
     "published",
+    "random_soil",
     "rank_samples",
     "read_rows",
     "read_sample",

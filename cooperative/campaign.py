@@ -19,7 +19,17 @@ from tqdm import tqdm
 
 from cooperative import runs
 from cooperative.estimate import Estimator, Phases, Screened, Slides, wilson_interval
-from cooperative.scene import Campaign, allowing, calibrated, measured, parse, with_defaults, write_budget
+from cooperative.scene import (
+    Campaign,
+    allowing,
+    at_limit_load,
+    calibrated,
+    measured,
+    measured_limit_load,
+    parse,
+    with_defaults,
+    write_budget,
+)
 from cooperative.store import GRIDS, SLIDES, Rows, Sample, Store, open_store, restart_path, write_aside, write_sample
 from cooperative.summary import summarise
 
@@ -68,20 +78,31 @@ def run(
 def _models(campaign: Campaign, folder: Path) -> dict[str, runs.GridModel]:
     """Both grids of a campaign, at rest by what its folder keeps. Raises ValueError where slope, soil, field and grids
     do not fit."""
-    expansion = runs.expansion_of(campaign)
-    runs.check_coefficients(campaign, expansion.modes)
-    return {grid: runs.build(campaign, grid, expansion, folder=folder) for grid in GRIDS}
+    soil = runs.random_soil(campaign)
+    runs.check_coefficients(campaign, soil.modes)
+    return {grid: runs.build(campaign, grid, soil, folder=folder) for grid in GRIDS}
 
 
 def _calibrated(models: dict[str, runs.GridModel], folder: Path) -> dict[str, runs.GridModel]:
-    """The same grids, with the factors of safety in their scene where that asks for them."""
+    """The same grids, with the failure displacement and the factors of safety in their scene where that asks for
+    them."""
+    models = _at_limit_load(models, folder)
     campaign = models["rough"].campaign
     if not campaign.plan.calibrate or campaign.calibration is not None:
         return models
     grids = {grid: (model.scene, model.state) for grid, model in models.items()}
     found = measured(campaign, folder, grids)
     ready = {grid: replace(model, campaign=calibrated(campaign, found)) for grid, model in models.items()}
-    return ready | {"rough": replace(ready["rough"], strength_factor=found.factor)}
+    return ready | {"rough": ready["rough"].weakened(found.factor)}
+
+
+def _at_limit_load(models: dict[str, runs.GridModel], folder: Path) -> dict[str, runs.GridModel]:
+    """The same grids, whose samples fail from the displacement that the limit load tells, where it is to."""
+    campaign, refined = models["refined"].campaign, models["refined"]
+    if campaign.run.failure != "limit load" or campaign.limit_load is not None:
+        return models
+    ready = at_limit_load(campaign, measured_limit_load(campaign, folder, refined.scene, refined.state))
+    return {grid: replace(model, campaign=ready) for grid, model in models.items()}
 
 
 def _pool(workers: int) -> Executor:

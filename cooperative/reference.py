@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cooperative.scene import REQUIRED, SECTIONS, UNSAID, Key
+from cooperative.scene import NAMES, OPTIONAL, REQUIRED, ROWS, SECTIONS, UNSAID, Key, Table
 from foundation.files import write_aside
 
 
@@ -34,8 +34,19 @@ class Meaning:
 
 TABLES = {
     "slope": "The shape of the ground. Lengths are multiples of the spacing of both grids.",
-    "soil": "The soil, but for its strength. Undrained: strength does not depend on pressure.",
-    "strength": "The random field of undrained shear strength.",
+    "soil": (
+        "The soil: undrained, with a strength that does not depend on pressure, or with cohesion and friction. A "
+        "parameter that varies is a table in place of a number, such as `[soil.cohesion]`, with the keys of "
+        "`[strength]`. A number that betrays another unit is refused, see `unusual`."
+    ),
+    "strength": (
+        "The random field of undrained shear strength, in short for `[soil.strength]`. Every parameter that varies has "
+        "these keys, in its own unit. Values within 4 deviations have to be such as the soil may have."
+    ),
+    "cross_correlation": (
+        "Parameters that vary together; those that no such table names vary independently. They need the same "
+        "`length`, `correlation`, `bedding`, `energy` and `nataf`."
+    ),
     "rough": "The grid of the screening, on which every sample runs.",
     "refined": "The grid of the audit, on which ranked samples run. Keys as in `[rough]`.",
     "run": "How each sample runs.",
@@ -53,6 +64,9 @@ _GRID = {
     "damping": Meaning("Damping of the velocity.", "0.0", unit="1/s", least=0),
     "fbar": Meaning(
         "F-bar, the cure of volumetric locking. By default what makes answers follow the cell least.", "true"
+    ),
+    "cell_average": Meaning(
+        "Volumetric strain averaged over each cell: the cure where soil has friction, and its default.", "true"
     ),
     "internal_length": Meaning('Length over which plastic strain is averaged, or `"none"`.', "2.0", **_LENGTH),
 }
@@ -72,6 +86,9 @@ MEANINGS = {
         "unit_weight": Meaning("Weight of the soil.", "20e3", unit="N/m3", above=0),
         "young": Meaning("Young's modulus.", "1e8", unit="Pa", above=0),
         "poisson": Meaning("Poisson's ratio.", "0.3", above=-1, below=0.5),
+        "strength": Meaning(
+            "Undrained shear strength; `[strength]` is short for a table of it.", "42e3", unit="Pa", above=0
+        ),
         "softening_modulus": Meaning(
             "Loss of strength over plastic strain; none without it.", "85e3", unit="Pa", above=0
         ),
@@ -90,23 +107,67 @@ MEANINGS = {
         ),
         "rate_coefficient": Meaning("Rise of strength for each tenfold rate of strain.", "0.1", least=0),
         "reference_rate": Meaning("Rate of shear strain at which strength is as given.", "1e-5", unit="1/s", above=0),
+        "cohesion": Meaning("Cohesion, with friction in place of strength.", "5e3", unit="Pa", least=0),
+        "friction": Meaning("Angle of friction.", "25.0", unit="degrees", least=0, most=60),
+        "dilation": Meaning("Angle of dilation, at most that of friction.", "0.0", unit="degrees", least=0, most=60),
+        "criterion": Meaning("Law of soil with friction.", '"mohr-coulomb"'),
+        "matching": Meaning("Where the cone of Drucker-Prager meets Mohr-Coulomb's pyramid.", '"plane strain"'),
+        "residual_cohesion": Meaning("Cohesion left at large strain.", "0.0", unit="Pa", least=0),
+        "residual_friction": Meaning("Friction left at large strain.", "20.0", unit="degrees", least=0, most=60),
+        "softening_strain": Meaning(
+            "Plastic shear strain over which cohesion and friction fall to the residual; none without it.",
+            "0.2",
+            above=0,
+        ),
+        "decay": Meaning("How they fall.", '"linear"'),
+        "unusual": Meaning("Whether numbers that betray another unit are meant as they are.", "false"),
     },
     "strength": {
-        "mean": Meaning("Mean strength.", "42e3", unit="Pa", above=0),
+        "mean": Meaning("Mean, at the ground where there is a trend.", "42e3", unit="Pa", above=0),
         "cov": Meaning("Coefficient of variation.", "0.3", least=0),
-        "marginal": Meaning("Distribution of strength at a point.", '"lognormal"'),
+        "marginal": Meaning("Distribution of the parameter at a point.", '"lognormal"'),
         "correlation": Meaning(
             "Family of correlation functions, see [random fields](random-fields.md).", '"exponential"'
         ),
-        "length": Meaning("Correlation length along each axis, as the family defines it.", "[60.0, 2.0]", **_LENGTH),
+        "length": Meaning(
+            "Correlation length along each axis, as the family defines it; inf: constant along it.",
+            "[60.0, 2.0]",
+            **_LENGTH,
+        ),
         "energy": Meaning("Share of the field's variance that its modes keep.", "0.999", above=0, most=1),
         "sampled_at": Meaning("Where the field is taken: at particles, or one value for each cell.", '"particles"'),
+        "lower": Meaning("Lower bound of the distribution, where its family has one.", "10e3", unit="Pa"),
+        "upper": Meaning("Upper bound, likewise.", "90e3", unit="Pa"),
+        "trend": Meaning("Growth of the mean, and of the deviation with it, per metre of depth.", "1.2e3", unit="Pa/m"),
+        "bedding": Meaning(
+            "Inclined strata: `dip` below the horizontal and `strike`, anticlockwise from x seen from above, both in "
+            "degrees. With strike 90, as by default, they dip towards the toe. Lengths are then down the dip, along "
+            "strike and across.",
+            "{ dip = 15.0, strike = 90.0 }",
+        ),
+        "nataf": Meaning("Whether the parameter itself has the correlation, not the Gaussian field behind it.", "true"),
+        "boreholes": Meaning(
+            "Measured values: the place, from the corner of the slope's box, and the value there.",
+            "[[10.0, 2.5, 45e3]]",
+            unit="m, Pa",
+        ),
+        "borehole_error": Meaning("Deviation of the measured values, in deviations of the field.", "0.1", least=0),
+    },
+    "cross_correlation": {
+        "parameters": Meaning("Names of the parameters.", '["cohesion", "friction"]'),
+        "matrix": Meaning("Their correlation, a row for each.", "[[1.0, -0.5], [-0.5, 1.0]]"),
+        "nataf": Meaning("Whether it is that of the parameters, not that of the Gaussian fields behind them.", "true"),
     },
     "rough": _GRID,
     "refined": _GRID | {"cell": Meaning("Edge of a cell.", "1.0", **_LENGTH)},
     "run": {
         "gravity": Meaning("Acceleration of gravity.", "9.81", unit="m/s2", above=0),
         "t_end": Meaning("Time at which a run ends, if it has not before.", "20.0", unit="s", above=0),
+        "failure": Meaning(
+            "What failure is: a displacement, or the limit load of the slope of mean soil, from which the displacement "
+            "is then found and printed with the answer.",
+            '"limit load"',
+        ),
         "failure_displacement": Meaning("Displacement from which on soil counts as sliding.", "1.0", **_LENGTH),
         "settle": Meaning("Whether a run ends once its slope stands still.", "true"),
         "rest": Meaning("Whether a slide ends once its deposit rests. By default as `settle`.", "true"),
@@ -154,7 +215,7 @@ def json_schema() -> dict[str, Any]:
         }
         for section, keys in SECTIONS.items()
     }
-    needed = [section for section, table in tables.items() if table["required"]]
+    needed = [section for section, table in tables.items() if table["required"] and section not in OPTIONAL]
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "A scene of jaxmpm",
@@ -163,6 +224,7 @@ def json_schema() -> dict[str, Any]:
             "name": {"type": "string"},
             **tables,
             "calibration": {"type": "object"},
+            "limit_load": {"type": "object"},
             "sweep": {"type": "object"},
         },
         "required": needed,
@@ -177,6 +239,8 @@ def _property(key: Key, meaning: Meaning) -> dict[str, Any]:
         said["default"] = key.default
     if isinstance(key.kind, dict):
         return said | {"enum": list(key.kind)}
+    if isinstance(key.kind, Table):
+        return said | _table(key.kind)
     ends = {
         "exclusiveMinimum": meaning.above,
         "minimum": meaning.least,
@@ -185,9 +249,27 @@ def _property(key: Key, meaning: Meaning) -> dict[str, Any]:
     }
     value: dict[str, Any] = {name: end for name, end in ends.items() if end is not None}
     if key.kind is tuple:
-        return said | {"type": "array", "minItems": 1, "items": {"type": "number", **value}}
+        return said | _list({"type": "number", **value})
+    if key.kind in (ROWS, NAMES):
+        return said | _list({"type": "string"} if key.kind == NAMES else _list({"type": "number"}))
     value = {"type": _TYPES[key.kind], **value}
-    return said | (value if key.none is None else {"anyOf": [value, {"const": key.none}]})
+    others: list[dict[str, Any]] = [] if key.none is None else [{"const": key.none}]
+    others += [] if key.or_table is None else [{"$ref": "#/properties/strength"}]
+    return said | ({"anyOf": [value, *others]} if others else value)
+
+
+def _list(of: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "array", "minItems": 1, "items": of}
+
+
+def _table(table: Table) -> dict[str, Any]:
+    """Schema of a table within a table, whose keys are numbers."""
+    return {
+        "type": "object",
+        "properties": {name: {"type": _TYPES[key.kind]} for name, key in table.keys.items()},
+        "required": [name for name, key in table.keys.items() if key.default is REQUIRED],
+        "additionalProperties": False,
+    }
 
 
 def markdown() -> str:
@@ -225,6 +307,12 @@ def _row(name: str, key: Key, meaning: Meaning) -> str:
         allowed += ", whole" if allowed else "whole"
     elif key.kind is tuple:
         allowed += ", one per axis"
+    elif isinstance(key.kind, Table):
+        allowed = "a table"
+    elif key.kind in (ROWS, NAMES):
+        allowed = "a list"
+    if key.or_table is not None:
+        allowed += ", or a table"
     return f"| `{name}` | {meaning.words} | {meaning.unit} | {default} | {allowed} | `{meaning.example}` |"
 
 

@@ -105,6 +105,7 @@ def _summary(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, Any]:
         "failures_refined": int(slides.failed.sum()),
         "slides": int(failed.sum()),
         "calibration": campaign.calibration and {**asdict(campaign.calibration), "factor": campaign.calibration.factor},
+        "limit_load": campaign.limit_load and asdict(campaign.limit_load),
         "grids": _grids(campaign, rough, refined, weight),
         "modes": _modes(found, refined, failed, weight),
         "status": {"rough": _counts(rough), "refined": _counts(refined)},
@@ -121,13 +122,29 @@ def _summary(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, Any]:
             grid: float(np.sum(rows.columns["seconds"])) for grid, rows in (("rough", rough), ("refined", refined))
         },
         "refined_runs_allowed": campaign.raised and asdict(campaign.raised),
-        "notes": [*found.notes, *_warnings(campaign, refined, failed), *_raised(campaign), *slides.notes],
+        "notes": [
+            *_limit_load(campaign),
+            *found.notes,
+            *_warnings(campaign, refined, failed),
+            *_raised(campaign),
+            *slides.notes,
+        ],
     }
 
 
 def slides_of(campaign: Campaign, phases: Phases, refined: Rows) -> Slides:
     """Which refined failures slid on to their end, and what each run stands for then."""
     return Slides.of(phases, refined.numbers, refined.ended, campaign.plan.slides, campaign.plan.seed)
+
+
+def _limit_load(campaign: Campaign) -> list[str]:
+    found = campaign.limit_load
+    if found is None:
+        return []
+    return [
+        f"failure counts from {found.displacement:g} m, where the slope of mean soil passes its limit load, a factor "
+        f"of safety of {found.factor:.3g} (it stands at {found.stands:.3g} and moves on at {found.moves:.3g})"
+    ]
 
 
 def _convergence(way: list[Estimate]) -> dict[str, list[float]]:

@@ -107,7 +107,9 @@ def variants(text: str) -> list[Variant]:
     if estimator.rough_runs(first) != campaign.plan.samples:
         name = estimator.name
         raise ValueError(f"[sweep] shares samples, which estimator = {name!r} makes one by one: take another estimator")
-    dimension, strength = campaign.slope.dimension, campaign.strength
+    dimension, strength = campaign.slope.dimension, campaign.random.get("strength")
+    if strength is None or "strength" not in scene:
+        raise ValueError("a sweep varies the field of undrained strength: give the scene a table [strength]")
     base = {"cov": strength.cov, **dict(zip(_axes(dimension), strength.length, strict=True))}
     unknown = [name for name in sweep if name not in base and name != "k_t"]
     if unknown:
@@ -132,12 +134,20 @@ def variants(text: str) -> list[Variant]:
 
 
 def to_toml(tables: dict[str, Any]) -> str:
-    """TOML of texts, numbers, true and false, lists of numbers, and flat tables of these."""
-    plain = [f"{name} = {json.dumps(value)}" for name, value in tables.items() if not isinstance(value, dict)]
+    """TOML of texts, numbers, true and false, lists, and tables of these."""
+    plain = [f"{name} = {_toml(value)}" for name, value in tables.items() if not isinstance(value, dict)]
     for name, table in tables.items():
         if isinstance(table, dict):
-            plain += ["", f"[{name}]", *(f"{key} = {json.dumps(value)}" for key, value in table.items())]
+            plain += ["", f"[{name}]", *(f"{key} = {_toml(value)}" for key, value in table.items())]
     return "\n".join(plain) + "\n"
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_toml(each)}" for key, each in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return str(value) if isinstance(value, float) else json.dumps(value)
 
 
 def probabilities(parameters: dict[str, list[dict[str, Any]]]) -> Figure:

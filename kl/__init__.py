@@ -31,6 +31,7 @@ from kl.field import (
     LatticeRoots,
     captured_variance,
     condition,
+    condition_on,
     conditioned,
     exact_field,
     exact_lattice,
@@ -66,7 +67,7 @@ from kl.marginal import (
     nataf_error,
 )
 from kl.sampling import latin_hypercube, monte_carlo, sobol
-from kl.soil import correlate, in_strata, linear_with_depth, nataf_matrix, with_trend
+from kl.soil import correlate, correlation_root, in_strata, linear_with_depth, nataf_matrix, with_trend
 
 __all__ = [
     "Bedding",
@@ -102,8 +103,10 @@ __all__ = [
     "captured_variance",
     "check_marginal",
     "condition",
+    "condition_on",
     "conditioned",
     "correlate",
+    "correlation_root",
     "exact_field",
     "exact_lattice",
     "expand",

@@ -37,14 +37,30 @@ def correlate(coefficients: Array, matrix: ArrayLike | Sequence[Sequence[float]]
     Returns:
         (P, ..., M); parameter p depends on the sets up to p alone.
 
-    Raises ValueError unless the matrix is finite, symmetric, of unit diagonal and positive definite.
+    Raises ValueError for a matrix that `correlation_root` refuses, or of another size.
     """
-    host = np.asarray(matrix, np.float64)
-    check.finite("correlation matrix", host)
     require(coefficients.ndim >= 2, f"coefficients of shape {coefficients.shape}: give (P, ..., M), a set for each")
+    found = correlation_root(matrix)
     require(
-        host.ndim == 2 and host.shape[0] == host.shape[1] == coefficients.shape[0],
-        f"correlation matrix of shape {host.shape} for {coefficients.shape[0]} sets of coefficients: give one row each",
+        len(found) == coefficients.shape[0],
+        f"correlation matrix of shape {found.shape} for {coefficients.shape[0]} sets of coefficients: give a row each",
+    )
+    return jnp.tensordot(jnp.asarray(found, coefficients.dtype), coefficients, (1, 0))
+
+
+def correlation_root(matrix: ArrayLike | Sequence[Sequence[float]]) -> HostArray:
+    """The lower triangle L (P, P) with L L^T = `matrix` (P, P), which makes independent fields correlated.
+
+    Raises ValueError unless the matrix is square, finite, symmetric, of unit diagonal and positive definite.
+    """
+    try:
+        host = np.asarray(matrix, np.float64)
+    except ValueError as error:
+        raise ValueError("the rows of the correlation matrix differ in length: give a square one") from error
+    check.finite("correlation matrix", host)
+    require(
+        host.ndim == 2 and host.shape[0] == host.shape[1],
+        f"correlation matrix of shape {host.shape}: give a square one, a row for each parameter",
     )
     require(np.abs(host - host.T) < 1e-6, f"correlation matrix {host.tolist()} is not symmetric: c_ij must be c_ji")
     require(np.abs(np.diag(host) - 1) < 1e-6, f"diagonal {np.diag(host)} of the correlation matrix must be 1")
@@ -53,8 +69,7 @@ def correlate(coefficients: Array, matrix: ArrayLike | Sequence[Sequence[float]]
         smallest > 1e-10,
         f"correlation matrix is not positive definite (smallest eigenvalue {smallest:.3g}): weaken its correlations",
     )
-    root = jnp.asarray(np.linalg.cholesky(host), coefficients.dtype)
-    return jnp.tensordot(root, coefficients, (1, 0))
+    return np.asarray(np.linalg.cholesky(host), np.float64)
 
 
 def nataf_matrix(matrix: ArrayLike | Sequence[Sequence[float]], marginals: tuple[Marginal, ...]) -> HostArray:

@@ -51,8 +51,8 @@ if SMALL:
     for old, new in sizes.items():
         text = text.replace(old, new)
 campaign = parse(text)
-model = runs.build(campaign, "rough", runs.expansion_of(campaign))
-material = replace(model.scene.material, strength=campaign.strength.mean)
+model = runs.build(campaign, "rough", runs.random_soil(campaign))
+material = replace(model.scene.material, strength=campaign.random["strength"].mean)
 scene, state = replace(model.scene, material=material), model.state
 scene = mpm.reduced(scene, 1.3)  # weak enough to slide
 seconds = 1.0 if SMALL else 2.0
@@ -199,7 +199,7 @@ plt.show()
 # %%
 fields = []
 for parameters in (truth, recovery.parameters):
-    padded = jnp.zeros(model.expansion.modes).at[:modes].set(parameters.coefficients)
+    padded = jnp.zeros(model.soil.modes).at[:modes].set(parameters.coefficients)
     fields.append(np.asarray(model.strength(padded)) * float(np.exp(parameters.strength)) / 1e3)
 fig, axes = plt.subplots(2, 1, figsize=(9, 3.7), sharex=True)
 limits = (min(f.min() for f in fields), max(f.max() for f in fields))

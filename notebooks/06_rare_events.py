@@ -39,9 +39,9 @@ style()
 # %%
 text = (Path("..") / "benchmarks" / "scenes" / "paper_section.toml").read_text()
 campaign = parse(text)
-campaign = replace(campaign, strength=replace(campaign.strength, mean=48e3 if SMALL else 57e3))
-expansion = runs.expansion_of(campaign)
-model = runs.build(campaign, "rough", expansion)
+campaign = replace(campaign, random={"strength": replace(campaign.random["strength"], mean=48e3 if SMALL else 57e3)})
+soil = runs.random_soil(campaign)
+model = runs.build(campaign, "rough", soil)
 limit = campaign.run.failure_displacement
 position, half_size = np.asarray(model.scene.particles.position), model.scene.kernel.half_size
 
@@ -61,14 +61,14 @@ def fails(xi: np.ndarray) -> np.ndarray:
 
 # %%
 limit_state = slide_limit_state(model, seconds=2.5, displacement=0.5)
-point = design_point(limit_state, expansion.modes)
+point = design_point(limit_state, soil.modes)
 print(f"beta = {point.beta:.2f} after {point.gradients} gradients; FORM says {point.probability:.1e}")
 
 fig, (left, right) = plt.subplots(1, 2, figsize=(9, 3.2))
 left.plot(point.betas, point.values, "o-", color=BLUE)
 left.axhline(0, color=BLACK, lw=0.8)
 left.set(xlabel="distance from the median field", ylabel="limit state [-]", title="stands above 0, fails below")
-right.bar(np.arange(1, expansion.modes + 1), point.coefficients, color=ORANGE)
+right.bar(np.arange(1, soil.modes + 1), point.coefficients, color=ORANGE)
 right.set(xlabel="coefficient, by variance", ylabel="value at the design point [deviations]")
 plt.show()
 
@@ -105,12 +105,12 @@ def remembered(xi: np.ndarray) -> np.ndarray:
 moved = importance_sampling(remembered, point.coefficients, samples, seed=1)
 low, high = moved.interval
 print(f"importance sampling: {moved.probability:.2e} ({low:.2e} to {high:.2e}), cov {moved.cov:.2f}; {moved.notes[0]}")
-plain = fails(np.random.default_rng(2).standard_normal((samples, expansion.modes)))
+plain = fails(np.random.default_rng(2).standard_normal((samples, soil.modes)))
 counted = monte_carlo(plain)
 print(f"Monte Carlo, as many runs: {counted.probability:.2e} ({counted.interval[0]:.2e} to {counted.interval[1]:.2e})")
 
 # %%
-drawn = point.coefficients + np.random.default_rng(1).standard_normal((samples, expansion.modes))
+drawn = point.coefficients + np.random.default_rng(1).standard_normal((samples, soil.modes))
 weights = np.exp(point.beta**2 / 2 - drawn @ point.coefficients) * kept[0]
 n = np.arange(1, samples + 1)
 mean = np.cumsum(weights) / n

@@ -20,7 +20,7 @@ NOISE = 0.01
 @pytest.fixture(scope="module")
 def model():
     campaign = parse(TINY)
-    return runs.build(campaign, "rough", runs.expansion_of(campaign))
+    return runs.build(campaign, "rough", runs.random_soil(campaign))
 
 
 def noisy(model, truth, seed=0):
@@ -74,7 +74,7 @@ def test_bad_surveys_are_refused(model, change, message):
 
 def test_a_soil_without_a_modulus_of_softening_is_refused():
     campaign = parse(changed("softening_modulus = 85e3", "strain_95 = 0.5"))
-    model = runs.build(campaign, "rough", runs.expansion_of(campaign))
+    model = runs.build(campaign, "rough", runs.random_soil(campaign))
     observed = Observed(jnp.zeros(len(SURVEY.stations)), jnp.zeros((SURVEY.times, 2, len(SURVEY.markers))))
     with pytest.raises(ValueError, match=r"\(strain_95\).*give the soil a softening_modulus"):
         recover(model, SURVEY, observed, NOISE, modes=1)
@@ -83,7 +83,7 @@ def test_a_soil_without_a_modulus_of_softening_is_refused():
 def test_the_design_point_of_a_slope_fails_by_the_campaigns_own_count(model):
     # With half as much strength again the median field stands, and a failing one is some deviations away.
     stronger = runs.GridModel(**{**vars(model), "strength_factor": 1.5})
-    found = design_point(slide_limit_state(stronger, seconds=1.5, displacement=0.3), model.expansion.modes)
+    found = design_point(slide_limit_state(stronger, seconds=1.5, displacement=0.3), model.soil.modes)
     assert found.converged
     assert 0.5 < found.beta < 6
     point = np.asarray(found.coefficients, np.float32)[None]

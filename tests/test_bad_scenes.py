@@ -40,7 +40,7 @@ def nothing_built(monkeypatch):
     def built(*_):
         pytest.fail("something was built")
 
-    for name in ("build", "expansion_of", "coefficients_of"):
+    for name in ("build", "random_soil", "coefficients_of"):
         monkeypatch.setattr(runs, name, built)
 
 
@@ -121,7 +121,7 @@ def with_value(section, key, value):
             lines += [line, *([f"{key} = {value}"] if here == section else [])]
         elif not (here == section and line.split(" = ")[0] == key):
             lines.append(line)
-    return "\n".join(lines)
+    return "\n".join(lines if f"[{section}]" in lines else [*lines, f"[{section}]", f"{key} = {value}"])
 
 
 @pytest.mark.parametrize(
@@ -164,7 +164,7 @@ def test_no_workers_are_refused_before_the_folder_is_made(workers, tmp_path, cap
 def test_a_scheduler_that_does_not_answer_is_named_before_the_folder_is_made(address, tmp_path, capsys, monkeypatch):
     pytest.importorskip("distributed", reason="extra `dask` is not installed")
     monkeypatch.setattr(runs._executors, "PATIENCE", 1)
-    for name in ("build", "expansion_of"):
+    for name in ("build", "random_soil"):
         monkeypatch.setattr(runs, name, lambda *_, **__: type("Invented", (), {"modes": 3})())
     scene = tmp_path / "scene.toml"
     scene.write_text(TINY)

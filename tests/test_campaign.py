@@ -79,9 +79,9 @@ def test_two_phase_campaign_spends_its_budget(tmp_path):
 
 def test_a_sample_can_be_made_again_from_its_number(done):
     campaign = parse(TINY)
-    expansion = runs.expansion_of(campaign)
-    model = runs.build(campaign, "rough", expansion)
-    coefficients = runs.coefficients_of(campaign, expansion)
+    soil = runs.random_soil(campaign)
+    model = runs.build(campaign, "rough", soil)
+    coefficients = runs.coefficients_of(campaign, soil)
     kept = read_sample(read_store(done[0]), "rough", 4)
     again = next(iter(runs.run_samples(model, coefficients, [4], width=1)))
     assert np.array_equal(kept.coefficients, coefficients[4])
@@ -105,9 +105,9 @@ def test_refined_failures_get_a_mode_and_its_onset(done):
 def rough_rows(text, samples, widths):
     """Rows of the first rough samples by their number, run with each of these numbers of lanes."""
     campaign = parse(text)
-    expansion = runs.expansion_of(campaign)
-    model = runs.build(campaign, "rough", expansion)
-    coefficients = runs.coefficients_of(campaign, expansion)
+    soil = runs.random_soil(campaign)
+    model = runs.build(campaign, "rough", soil)
+    coefficients = runs.coefficients_of(campaign, soil)
     return [
         {s.number: dict(s.row) for s in runs.run_samples(model, coefficients, range(samples), width=width)}
         for width in widths
@@ -122,9 +122,9 @@ def test_the_past_of_a_sample_does_not_depend_on_its_neighbours():
 
 def test_both_grids_see_the_same_field(done):
     campaign = parse(TINY)
-    expansion = runs.expansion_of(campaign)
-    rough, refined = (runs.build(campaign, grid, expansion) for grid in ("rough", "refined"))
-    coefficients = jnp.asarray(runs.coefficients_of(campaign, expansion)[0])
+    soil = runs.random_soil(campaign)
+    rough, refined = (runs.build(campaign, grid, soil) for grid in ("rough", "refined"))
+    coefficients = jnp.asarray(runs.coefficients_of(campaign, soil)[0])
     # The mean over the four refined particles of a rough one differs from it by the field's curvature only.
     fine = {
         tuple(p): s
@@ -148,7 +148,7 @@ def test_both_grids_see_the_same_field(done):
     assert len(at) > 0.9 * coarse.size
     assert np.allclose(means, coarse[at], rtol=0.02)
     common = jnp.asarray([[3.0, 7.0], [2.0, 9.0]])
-    values = [kl.field_at(model.expansion, coefficients, common) for model in (rough, refined)]
+    values = [kl.field_at(model.soil.expansions["strength"], coefficients, common) for model in (rough, refined)]
     assert np.array_equal(*values)
 
 
@@ -184,10 +184,10 @@ def test_killed_campaign_goes_on_and_ends_the_same(done, tmp_path):
 
 def test_broken_off_runs_are_kept_counted_and_reported(tmp_path):
     campaign = parse(TINY)
-    expansion = runs.expansion_of(campaign)
-    model = runs.build(campaign, "rough", expansion)
+    soil = runs.random_soil(campaign)
+    model = runs.build(campaign, "rough", soil)
     state = replace(model.state, velocity=model.state.velocity.at[0, 5].set(jnp.nan))
-    coefficients = runs.coefficients_of(campaign, expansion)
+    coefficients = runs.coefficients_of(campaign, soil)
     with open_store(tmp_path / "broken", TINY) as store:
         for sample in runs.run_samples(replace(model, state=state), coefficients, [0, 1], width=2):
             write_sample(store, "rough", sample)
@@ -201,14 +201,15 @@ def test_samples_with_a_strength_that_none_may_have_break_off_and_are_reported(t
     worst = int(np.argmax(read_rows(whole, "rough").columns["displacement"]))
     spoilt = {"rough": (worst + 1) % 6, "refined": worst}
     xi = {grid: read_sample(whole, "rough", number).coefficients for grid, number in spoilt.items()}
-    strength = runs.GridModel.strength
+    varied = runs.GridModel.varied
 
     def spoiling(model, coefficients):
-        found = strength(model, coefficients)
+        found = varied(model, coefficients)
         bad = jnp.nan if model.grid == "rough" else 0.0
-        return found.at[3].set(bad) if np.array_equal(coefficients, xi[model.grid]) else found
+        other = {"strength": found["strength"].at[3].set(bad)}
+        return other if np.array_equal(coefficients, xi[model.grid]) else found
 
-    monkeypatch.setattr(runs.GridModel, "strength", spoiling)
+    monkeypatch.setattr(runs.GridModel, "varied", spoiling)
     folder = tmp_path / "bad"
     told = run(TINY, folder)
     assert told["broke_off"] == {grid: {str(n): "BAD_PARAMETER at step 0"} for grid, n in spoilt.items()}
@@ -290,11 +291,11 @@ def test_errors_are_one_line_for_people(tmp_path, capsys):
 @pytest.mark.parametrize("name", ["paper", "paper_section", "slope", "section", "demo"])
 def test_scenes_that_come_along_are_sound(name):
     campaign = parse((SCENES / f"{name}.toml").read_text())
-    expansion = runs.expansion_of(campaign)
-    assert expansion.variance_mean > 0.998
-    first = runs.coefficients_of(campaign, expansion)
-    assert first.shape == (campaign.plan.samples, expansion.modes)
-    assert np.array_equal(first, runs.coefficients_of(campaign, expansion))
+    soil = runs.random_soil(campaign)
+    assert soil.expansions["strength"].variance_mean > 0.998
+    first = runs.coefficients_of(campaign, soil)
+    assert first.shape == (campaign.plan.samples, soil.modes)
+    assert np.array_equal(first, runs.coefficients_of(campaign, soil))
 
 
 def test_paper_scene_holds_the_published_numbers():
@@ -309,9 +310,9 @@ def test_paper_scene_holds_the_published_numbers():
     assert campaign.soil.poisson == soil["nu"]
     assert campaign.soil.unit_weight == soil["unit_weight_N_m3"]
     assert campaign.soil.softening_modulus == soil["softening_modulus_Pa"]
-    assert campaign.strength.mean == soil["Su_mean_Pa"]
-    assert campaign.strength.cov == soil["Su_cov"]
-    assert campaign.strength.length == (soil["lx_m"], soil["ly_m"], soil["lz_m"])
+    assert campaign.random["strength"].mean == soil["Su_mean_Pa"]
+    assert campaign.random["strength"].cov == soil["Su_cov"]
+    assert campaign.random["strength"].length == (soil["lx_m"], soil["ly_m"], soil["lz_m"])
     assert campaign.run.t_end == run["t_end_s"]
     for grid in ("rough", "refined"):
         assert campaign.grids[grid].cell == slope[grid]["cell_m"]

@@ -85,15 +85,19 @@ def test_strength_is_the_fields_at_each_particle_or_at_the_centre_of_its_cell(ce
         ValueError, match=r"sampled_at = 'cell': give one of 'particles', 'cells' \(did you mean 'cells'"
     ):
         parse(text.replace(said, f'{said}\nsampled_at = "cell"'))
-    expansion = runs.expansion_of(per_particle)
-    xi = np.random.default_rng(1).standard_normal(expansion.modes)
-    models = [runs.build(campaign, "rough", expansion) for campaign in (per_particle, per_cell)]
+    soil = runs.random_soil(per_particle)
+    xi = np.random.default_rng(1).standard_normal(soil.modes)
+    models = [runs.build(campaign, "rough", soil) for campaign in (per_particle, per_cell)]
     plain, even = (np.asarray(model.strength(xi)) for model in models)
     position = np.asarray(models[0].scene.particles.position)
     centre = np.minimum((np.floor(position / cell) + 0.5) * cell, np.array([[16.0 + toe], [10.0]]))
-    marginal = per_particle.strength.marginal(30e3, 0.4)
-    assert even == pytest.approx(np.asarray(marginal.transform(kl.field_at(expansion, xi, centre))), rel=1e-5)
-    assert plain == pytest.approx(np.asarray(marginal.transform(kl.field_at(expansion, xi, position))), rel=1e-5)
+    marginal = per_particle.random["strength"].distribution
+    assert even == pytest.approx(
+        np.asarray(marginal.transform(kl.field_at(soil.expansions["strength"], xi, centre))), rel=1e-5
+    )
+    assert plain == pytest.approx(
+        np.asarray(marginal.transform(kl.field_at(soil.expansions["strength"], xi, position))), rel=1e-5
+    )
     cells = np.unique(centre, axis=1).shape[1]
     assert np.unique(even).size == cells < np.unique(plain).size
 
@@ -107,7 +111,7 @@ def test_a_scene_can_choose_how_its_answers_follow_the_cell():
     assert campaign.soil.softening_length == 8.0 / 5
     short = parse(changed("spacing = [0.5, 0.5]", "spacing = [0.5, 0.5]\ninternal_length = 0.1"))
     with pytest.raises(ValueError, match=r"internal_length = 0\.1 m is less than cells"):
-        runs.build(short, "refined", runs.expansion_of(short))
+        runs.build(short, "refined", runs.random_soil(short))
     with pytest.raises(ValueError, match=r"softening_length = 'mesh' is text: give a number, or 'cell'"):
         parse(changed("tension_cutoff = 0.0", 'softening_length = "mesh"'))
 
@@ -164,13 +168,13 @@ def test_calibration_is_measured_once_and_lowers_the_rough_strength(tmp_path):
     # The same samples as without, moved farther.
     campaign = calibration.calibrated(parse(text), calibration.kept(tmp_path / "out"))
     assert parse(campaign.text).calibration == campaign.calibration
-    expansion = runs.expansion_of(campaign)
-    coefficients = runs.coefficients_of(campaign, expansion)
-    plain, weaker = (runs.build(c, "rough", expansion) for c in (parse(text), campaign))
+    soil = runs.random_soil(campaign)
+    coefficients = runs.coefficients_of(campaign, soil)
+    plain, weaker = (runs.build(c, "rough", soil) for c in (parse(text), campaign))
     np.testing.assert_allclose(
         weaker.strength(coefficients[0]), found["factor"] * plain.strength(coefficients[0]), rtol=1e-5
     )
-    assert runs.build(campaign, "refined", expansion).strength_factor == 1.0
+    assert runs.build(campaign, "refined", soil).strength_factor == 1.0
     moved = read_rows(read_store(tmp_path / "out"), "rough").columns["displacement"]
     # The least one hardly yields: how far it swings back hides how far it slid.
     farthest = int(np.argmax(moved))

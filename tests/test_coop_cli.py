@@ -34,7 +34,7 @@ def invented(number, displacement, *, modes=3, broke_off=False, seconds=2.0):
 def invented_campaign(folder, text, rough, refined, *, every=2.0):
     """A campaign whose samples were finished `every` seconds, with these displacements: (number, metres); below 0 they
     broke off."""
-    modes = runs.expansion_of(parse(text)).modes
+    modes = runs.random_soil(parse(text)).modes
     with open_store(folder, text) as store:
         for grid, samples in (("rough", rough), ("refined", refined)):
             for at, (number, displacement) in enumerate(samples):
@@ -171,7 +171,7 @@ def test_export_runs_a_sample_again_for_its_moments(done, capsys):
     assert main(["export", str(folder), "--sample", "2", "--grid", "rough", "--frames", "3"]) == 0
     path = capsys.readouterr().out.strip()
     kept = read_sample(read_store(folder), "rough", 2)
-    model = runs.build(parse(TINY), "rough", runs.expansion_of(parse(TINY)))
+    model = runs.build(parse(TINY), "rough", runs.random_soil(parse(TINY)))
     times, steps = vtk_steps(path)
     np.testing.assert_allclose(times, np.linspace(0, kept.steps * float(model.scene.time_step), 3))
     # The same run, bit for bit.

@@ -31,12 +31,12 @@ MODES = {
 }
 
 FIGURES = {
-    "strength_fields": lambda: plots.strength_fields(
-        {"rough": (POSITION, HALF), "refined": (POSITION, HALF)}, {"rough": 4e4 + X, "refined": 4e4 + Z}
+    "parameter_fields": lambda: plots.parameter_fields(
+        "strength", {"rough": (POSITION, HALF), "refined": (POSITION, HALF)}, {"rough": 4e4 + X, "refined": 4e4 + Z}
     ),
     "before_and_after": lambda: plots.before_and_after(POSITION, 0.1 * POSITION, Z / 8, HALF),
     "slide": lambda: plots.slide(
-        (POSITION, HALF), 4e4 + X, np.stack([POSITION * s for s in (0, 0.1, 0.2)]), [0.0, 1.0, 2.0]
+        (POSITION, HALF), "friction", 30 + X / 8, np.stack([POSITION * s for s in (0, 0.1, 0.2)]), [0.0, 1.0, 2.0]
     ),
     "plan": lambda: plots.plan(
         SOLID, np.stack([SOLID * s for s in (0.1, 0.2)]), [1.0, 2.0], np.array([0.5, 4.0, 0.5]), toe=16.0

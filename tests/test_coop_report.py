@@ -171,7 +171,7 @@ def test_a_sample_run_again_ends_where_it_ended(done):
     rows = read_rows(store, "refined")
     sample = read_sample(store, "refined", rows.numbers[int(np.argmax(rows.columns["displacement"]))])
     campaign = parse(SCENE)
-    shown = pictures.moments(runs.build(campaign, "refined", runs.expansion_of(campaign)), sample)
+    shown = pictures.moments(runs.build(campaign, "refined", runs.random_soil(campaign)), sample)
     assert np.array_equal(shown.displacement[-1], sample.fields["displacement"])
     far = np.linalg.norm(shown.displacement, axis=1).max(axis=1)
     assert len(shown.times) == 4

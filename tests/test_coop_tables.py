@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from cooperative.reporting import consolidate, write_table
-from cooperative.runs import build, expansion_of
+from cooperative.runs import build, random_soil
 from cooperative.scene import parse
 from cooperative.store import FIRST_DEFAULTS, Sample, open_store, read_sample, read_store, sample_path, write_sample
 from tests.test_campaign import TINY
 
 SCENE = TINY.replace("samples = 6", "samples = 20")
-EXPANSION = expansion_of(parse(SCENE))
+SOIL = random_soil(parse(SCENE))
 
 
 def sample(number: int, size: int = 50) -> Sample:
@@ -83,8 +83,8 @@ def test_a_full_disk_leaves_the_old_file(tmp_path):
 
 @pytest.mark.parametrize("name", ["table.csv", "series/rough-000002.vtkhdf"])
 def test_a_full_disk_stops_an_export_in_one_line_and_leaves_what_was_there(name, tmp_path):
-    model = build(parse(SCENE), "rough", EXPANSION, at_rest=False)
-    made = replace(sample(0), coefficients=np.zeros(EXPANSION.modes))
+    model = build(parse(SCENE), "rough", SOIL, at_rest=False)
+    made = replace(sample(0), coefficients=np.zeros(SOIL.modes))
     made = replace(made, fields={"displacement": np.zeros_like(model.scene.particles.position)})
     with open_store(tmp_path, SCENE) as store:
         for number in range(20):

@@ -102,7 +102,7 @@ def test_a_killed_worker_process_is_replaced_and_its_sample_redone():
     crew = Workers(make, 1)
     got = []
     campaign = parse(TINY)
-    coefficients = runs.coefficients_of(campaign, runs.expansion_of(campaign))
+    coefficients = runs.coefficients_of(campaign, runs.random_soil(campaign))
     for done in run_through(crew, TINY, "rough", range(3), coefficients):
         got.append(done.number)
         if len(got) == 1:
@@ -208,7 +208,7 @@ def test_dask_that_is_not_installed_is_said_to_be(monkeypatch):
 @pytest.mark.slow
 def test_the_sample_of_a_killed_dask_worker_is_redone(dask):
     campaign = parse(TINY)
-    coefficients = runs.coefficients_of(campaign, runs.expansion_of(campaign))
+    coefficients = runs.coefficients_of(campaign, runs.random_soil(campaign))
     with local_cluster(dask, 2) as cluster, dask.Client(cluster) as client:
         crew = Workers(dask_executor(client), 2)
         before = client.run(os.getpid)

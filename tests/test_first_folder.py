@@ -32,7 +32,7 @@ def test_its_rows_coefficients_and_scene_are_read(folder):
     assert (campaign.plan.samples, campaign.estimator.name) == (4, "published")
     assert np.sum(refined.columns["displacement"] > campaign.run.failure_displacement) == 3
     # The same number still means the same field.
-    drawn = runs.coefficients_of(campaign, runs.expansion_of(campaign))
+    drawn = runs.coefficients_of(campaign, runs.random_soil(campaign))
     for number in refined.numbers:
         kept = read_sample(store, "refined", number).coefficients
         np.testing.assert_allclose(kept, drawn[number], rtol=1e-4, atol=1e-5)

@@ -11,7 +11,7 @@ import jaxmpm
 from benchmarks.invented import TINY
 from cooperative import campaign
 from cooperative.reporting._exports import export_sample
-from cooperative.runs import _executors, build, expansion_of, keep_initial
+from cooperative.runs import _executors, build, keep_initial, random_soil
 from cooperative.runs._initial import initial_path
 from cooperative.scene import parse
 from cooperative.store import read_rows, read_store, sample_path
@@ -37,7 +37,7 @@ def solved(monkeypatch):
 
 
 def built(grid, folder):
-    return build(ASKED, grid, expansion_of(ASKED), folder=folder)
+    return build(ASKED, grid, random_soil(ASKED), folder=folder)
 
 
 @pytest.fixture
@@ -90,7 +90,7 @@ def of_another_grid(path):
 
 def of_other_gravity(path):
     other = parse(SCENE.replace("[run]", "[run]\ngravity = 5.0"))
-    model = build(other, path.stem, expansion_of(other))
+    model = build(other, path.stem, random_soil(other))
     path.unlink()
     keep_initial(path.parent.parent, path.stem, model.scene, model.state)
 

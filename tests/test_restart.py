@@ -27,8 +27,8 @@ class Broken(Exception):
 
 def model_of(text, grid="refined"):
     campaign = parse(text)
-    expansion = runs.expansion_of(campaign)
-    return runs.build(campaign, grid, expansion), runs.coefficients_of(campaign, expansion)
+    soil = runs.random_soil(campaign)
+    return runs.build(campaign, grid, soil), runs.coefficients_of(campaign, soil)
 
 
 def stop_after(chunks):

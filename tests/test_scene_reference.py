@@ -1,6 +1,5 @@
 """docs/scenes.md and the JSON schema say what the checks do: every key, its example, its default, its range."""
 
-import json
 import tomllib
 from pathlib import Path
 
@@ -10,6 +9,8 @@ import pytest
 from cooperative import reference
 from cooperative.reference import MEANINGS, json_schema, markdown
 from cooperative.scene import REQUIRED, SECTIONS, UNSAID, built, examples, parse
+from cooperative.scene._soil import OF_FRICTION
+from cooperative.sweep import to_toml
 from tests.test_campaign import TINY
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
@@ -18,10 +19,7 @@ BOUNDED = [(s, n) for s, n in KEYS if MEANINGS[s][n].range()]
 
 
 def in_toml(tables):
-    return "".join(
-        f"[{section}]\n" + "".join(f"{name} = {json.dumps(value)}\n" for name, value in table.items())
-        for section, table in tables.items()
-    )
+    return to_toml(tables)
 
 
 def tiny_with(section, name, value):
@@ -37,7 +35,13 @@ def tiny_with(section, name, value):
         tables["soil"].pop("softening_modulus")
     if name == "reference_rate":
         tables["soil"]["rate_coefficient"] = 0.1
-    tables[section][name] = value
+    if section == "soil" and name in OF_FRICTION:
+        del tables["strength"], tables["soil"]["softening_modulus"], tables["soil"]["residual_ratio"]
+        field = {"mean": 5e3, "cov": 0.3, "length": [20.0, 4.0]}
+        tables["soil"] |= {"cohesion": field, "friction": 30.0, "softening_strain": 0.2}
+    if (section, name) == ("soil", "strength"):
+        del tables["strength"]
+    tables.setdefault(section, {})[name] = value
     return tables
 
 

@@ -52,10 +52,10 @@ def test_every_refined_failure_has_a_mode(pairs):
 @pytest.mark.parametrize("of", STUDIES)
 def test_its_samples_can_be_made_again(of):
     pairs, campaign = read(of), study(scene_campaign(STUDIES[of][0]))
-    expansion = runs.expansion_of(campaign)
-    coefficients = runs.coefficients_of(campaign, expansion)
+    soil = runs.random_soil(campaign)
+    coefficients = runs.coefficients_of(campaign, soil)
     standing = [int(n) for n in np.flatnonzero(pairs.displacement["rough"] < 0.03)[:3]]
-    model = runs.build(campaign, "rough", expansion)
+    model = runs.build(campaign, "rough", soil)
     for sample in runs.run_samples(model, coefficients, standing, width=1):
         assert sample.row["displacement"] == pytest.approx(pairs.displacement["rough"][sample.number], rel=0.01)
 

@@ -27,10 +27,10 @@ def test_one_parameter_is_changed_at_a_time_and_the_scene_itself_runs_once():
     assert list(found) == ["base", "lx-10", "cov-0.2", "ranked"]
     assert found["base"].points == (("lx", 20.0), ("cov", 0.4))
     base, longer = parse(found["base"].text), parse(found["lx-10"].text)
-    assert base.strength.length == (20.0, 4.0)
-    assert longer.strength.length == (10.0, 4.0)
-    assert longer.strength.cov == base.strength.cov
-    assert parse(found["cov-0.2"].text).strength.cov == 0.2
+    assert base.random["strength"].length == (20.0, 4.0)
+    assert longer.random["strength"].length == (10.0, 4.0)
+    assert longer.random["strength"].cov == base.random["strength"].cov
+    assert parse(found["cov-0.2"].text).random["strength"].cov == 0.2
     assert parse(found["ranked"].text).estimator.k_t == 2
 
 
@@ -38,7 +38,7 @@ def test_campaigns_share_their_coefficients():
     designs = {}
     for part in sweep.variants(SWEEP):
         campaign = parse(part.text)
-        designs[part.name] = runs.coefficients_of(campaign, runs.expansion_of(campaign))
+        designs[part.name] = runs.coefficients_of(campaign, runs.random_soil(campaign))
     modes = min(design.shape[1] for design in designs.values())
     assert len({design.shape[1] for design in designs.values()}) > 1
     for design in designs.values():

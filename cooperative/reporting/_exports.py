@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from cooperative.estimate import Estimator
+from cooperative.reporting._pictures import end_of
 from cooperative.reporting._tables import consolidate, write_table
-from cooperative.runs import GridModel, build, expansion_of, foreign, rows_reader
+from cooperative.runs import GridModel, build, foreign, random_soil, rows_reader
 from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, Sample, Store, own_folder, read_sample, read_store, sample_path
-from jaxmpm import Result, solve, with_strength, write_particles, write_vtkhdf
+from jaxmpm import Result, solve, write_particles, write_vtkhdf
 
 
 def export(folder: str | Path, *, estimator: Estimator | None = None) -> Iterator[Path]:
@@ -26,7 +27,7 @@ def export(folder: str | Path, *, estimator: Estimator | None = None) -> Iterato
     """
     store = read_store(folder)
     campaign = campaign_of(store, estimator)
-    models = {grid: build(campaign, grid, expansion_of(campaign), at_rest=False) for grid in GRIDS}
+    models = {grid: build(campaign, grid, random_soil(campaign), at_rest=False) for grid in GRIDS}
     read = rows_reader(campaign, store, models)
     if not any(read(grid).numbers for grid in GRIDS):
         raise ValueError(f"folder {folder} has no finished sample yet: start the run first")
@@ -63,17 +64,17 @@ def export_sample(folder: str | Path, number: int, grid: str = "refined", *, fra
         return _series_of_fields(store, model, sample)
     if frames < 2:
         raise ValueError(f"frames = {frames}: give 2 or more, the first is the start and the last the end")
-    times = np.linspace(0.0, sample.steps * float(model.scene.time_step), frames)
+    times = np.linspace(0.0, end_of(model, sample), frames)
     path = _series_path(store, grid, number)
     result = run_again(model, sample, times)
-    write_vtkhdf(path, with_strength(model.scene, model.strength(sample.coefficients)), result.snapshots, result.times)
+    write_vtkhdf(path, model.of_sample(sample.coefficients)[0], result.snapshots, result.times)
     return path
 
 
 def run_again(model: GridModel, sample: Sample, times: np.ndarray) -> Result:
     """Run a finished sample once more from its coefficients, for its states at `times` (s, ascending)."""
-    scene = with_strength(model.scene, model.strength(sample.coefficients))
-    return solve(scene, model.state, t_end=float(times[-1]), snapshots=times.tolist())
+    scene, state = model.of_sample(sample.coefficients)
+    return solve(scene, state, t_end=float(times[-1]), snapshots=times.tolist())
 
 
 def _series_of_fields(store: Store, model: GridModel, sample: Sample) -> Path:
@@ -85,9 +86,9 @@ def _series_of_fields(store: Store, model: GridModel, sample: Sample) -> Path:
     write_particles(
         path,
         position,
-        [0.0, sample.steps * float(model.scene.time_step)],
+        [0.0, end_of(model, sample)],
         [at_rest, kept],
-        constant={"strength": np.asarray(model.strength(sample.coefficients))},
+        constant={name: np.asarray(value) for name, value in model.parameters(sample.coefficients).items()},
     )
     return path
 
@@ -98,7 +99,7 @@ def _series_path(store: Store, grid: str, number: int) -> Path:
 
 def _model(store: Store, grid: str, *, at_rest: bool) -> GridModel:
     campaign = campaign_of(store)
-    return build(campaign, grid, expansion_of(campaign), at_rest=at_rest, folder=store.folder)
+    return build(campaign, grid, random_soil(campaign), at_rest=at_rest, folder=store.folder)
 
 
 def _few(numbers: list[int], most: int = 10) -> str:

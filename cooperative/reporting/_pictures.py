@@ -9,7 +9,7 @@ import numpy as np
 from cooperative.measure import SEVERITY
 from cooperative.reporting import _plots as plots
 from cooperative.reporting._plots import Drawn
-from cooperative.runs import Frames, GridModel, build, expansion_of
+from cooperative.runs import Frames, GridModel, build, random_soil
 from cooperative.scene import Campaign
 from cooperative.store import Rows, Sample
 from jaxmpm import Midway, solve_each
@@ -34,14 +34,16 @@ def choose(rows: Rows, failed: np.ndarray, most: int) -> list[int]:
     return [rows.numbers[at] for at in list(chosen)[:most]]
 
 
-def fields(models: dict[str, GridModel], sample: Sample) -> Drawn:
-    """The strength that both grids see for one sample."""
+def fields(models: dict[str, GridModel], sample: Sample) -> Iterator[Drawn]:
+    """The random fields that both grids see for one sample, a picture for each parameter."""
     planes = {grid: _plane(model, sample) for grid, model in models.items()}
-    figure = plots.strength_fields(
-        {grid: _section(models[grid], planes[grid]) for grid in models},
-        {grid: _strength(model, sample)[planes[grid]] for grid, model in models.items()},
-    )
-    return Drawn("field", f"Sample {sample.number}: the same random field of strength on both grids.", figure)
+    sections = {grid: _section(models[grid], planes[grid]) for grid in models}
+    found = {grid: model.parameters(sample.coefficients) for grid, model in models.items()}
+    for place, name in enumerate(next(iter(models.values())).campaign.random):
+        seen = {grid: np.asarray(found[grid][name], float)[planes[grid]] for grid in models}
+        figure = plots.parameter_fields(name, sections, seen)
+        said = f"Sample {sample.number}: the same random field of {_word(name)} on both grids."
+        yield Drawn(f"field-{name}" if place else "field", said, figure)
 
 
 def before_and_after(model: GridModel, sample: Sample) -> Drawn:
@@ -60,22 +62,25 @@ def slides(model: GridModel, samples: Sequence[Sample], *, again: bool) -> Itera
     again: run the samples again for it; otherwise the fields that were kept serve, and a sample without is left out.
     """
     if again:
-        model = build(model.campaign, model.grid, model.expansion)
+        model = build(model.campaign, model.grid, model.soil)
     for sample in samples:
         shown = moments(model, sample) if again else kept_moments(model, sample)
         if not shown.times:
             continue
         displacement = np.stack(shown.displacement)
         mode = f", {sample.row['mode']}" if sample.row.get("mode") not in (None, "none") else ""
-        plane = _plane(model, sample)
+        plane, name = _plane(model, sample), next(iter(model.campaign.random))
         figure = plots.slide(
             _section(model, plane),
-            _strength(model, sample)[plane],
+            name,
+            np.asarray(model.parameters(sample.coefficients)[name], float)[plane],
             displacement[:, [0, -1]][:, :, plane],
             shown.times,
         )
         where = " Section where it moved farthest." if len(model.half_size) == 3 else ""
-        yield Drawn(f"slide-{sample.number:06d}", f"Sample {sample.number}{mode}: strength and slide.{where}", figure)
+        yield Drawn(
+            f"slide-{sample.number:06d}", f"Sample {sample.number}{mode}: {_word(name)} and slide.{where}", figure
+        )
         if len(model.half_size) == 3:
             position = np.asarray(model.scene.particles.position, float)
             toe = model.campaign.slope.toe_x
@@ -89,12 +94,12 @@ def kept_moments(model: GridModel, sample: Sample) -> Frames:
         return Frames()
     frames = Frames.of(sample.fields)
     earlier = (each.astype(np.float32) for each in frames.displacement)
-    return Frames((*frames.times, _end(model, sample.steps)), (*earlier, sample.fields["displacement"]))
+    return Frames((*frames.times, end_of(model, sample)), (*earlier, sample.fields["displacement"]))
 
 
-def _end(model: GridModel, steps: int) -> float:
-    """When a run of so many steps ended (s)."""
-    return steps * float(model.scene.time_step)
+def end_of(model: GridModel, sample: Sample) -> float:
+    """When a sample's run ended (s)."""
+    return sample.steps * model.time_step(sample.coefficients)
 
 
 def moments(model: GridModel, sample: Sample) -> Frames:
@@ -113,11 +118,11 @@ def moments(model: GridModel, sample: Sample) -> Frames:
             kept.append(np.asarray(displacement))
 
     run = model.campaign.run
-    varied = {"strength": [model.strength(sample.coefficients)]}
+    varied = {name: [value] for name, value in model.varied(sample.coefficients).items()}
     for _, result in solve_each(
         model.scene, model.state, varied, width=1, t_end=run.t_end, settle=run.settle, observe=look
     ):
-        end = _end(model, int(result.state.step))
+        end = int(result.state.step) * float(result.time_step)
         if not times or end > times[-1]:
             times.append(end)
             kept.append(np.asarray(result.state.displacement))
@@ -126,12 +131,12 @@ def moments(model: GridModel, sample: Sample) -> Frames:
 
 def models_of(campaign: Campaign) -> dict[str, GridModel]:
     """Both grids of a campaign, free of stress: to be looked at, not run."""
-    expansion = expansion_of(campaign)
-    return {grid: build(campaign, grid, expansion, at_rest=False) for grid in ("rough", "refined")}
+    soil = random_soil(campaign)
+    return {grid: build(campaign, grid, soil, at_rest=False) for grid in ("rough", "refined")}
 
 
-def _strength(model: GridModel, sample: Sample) -> np.ndarray:
-    return np.asarray(model.strength(sample.coefficients), float)
+def _word(name: str) -> str:
+    return "strength" if name == "strength" else plots.QUANTITIES[name].word
 
 
 def _plane(model: GridModel, sample: Sample) -> np.ndarray:

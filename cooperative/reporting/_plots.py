@@ -32,20 +32,47 @@ class Drawn:
     figure: Figure
 
 
-def strength_fields(sections: Mapping[str, Section], strength: Mapping[str, np.ndarray]) -> Figure:
-    """One strength field on every grid, one panel each, on one colour scale.
+@dataclass(frozen=True)
+class Quantity:
+    """How a parameter of soil is drawn. said: the unit of its scale. unit: that unit in SI units, or degrees."""
 
-    sections: by grid name.
-    strength: grid name -> undrained strength (N,) Pa, of the same particles.
+    word: str
+    symbol: str
+    said: str
+    unit: float = 1.0
+
+    @property
+    def label(self) -> str:
+        """Of its scale, in full."""
+        return f"{self.word} {self.symbol} [{self.said}]"
+
+
+QUANTITIES = {
+    "strength": Quantity("undrained strength", "$S_u$", "kPa", 1e3),
+    "cohesion": Quantity("cohesion", "$c$", "kPa", 1e3),
+    "friction": Quantity("friction angle", r"$\varphi$", "degrees"),
+    "dilation": Quantity("dilation angle", r"$\psi$", "degrees"),
+    "young": Quantity("Young's modulus", "$E$", "MPa", 1e6),
+    "poisson": Quantity("Poisson's ratio", r"$\nu$", "-"),
+    "unit_weight": Quantity("unit weight", r"$\gamma$", "kN/m3", 1e3),
+}
+
+
+def parameter_fields(name: str, sections: Mapping[str, Section], fields: Mapping[str, np.ndarray]) -> Figure:
+    """One random field on every grid, one panel each, on one colour scale.
+
+    name: of the soil's parameter. sections: by grid name. fields: grid name -> its values (N,), in SI units or degrees,
+    of the same particles.
     """
-    low = min(float(np.min(values)) for values in strength.values()) / 1e3
-    high = max(float(np.max(values)) for values in strength.values()) / 1e3
+    drawn = QUANTITIES[name]
+    low = min(float(np.min(values)) for values in fields.values()) / drawn.unit
+    high = max(float(np.max(values)) for values in fields.values()) / drawn.unit
     figure, axes = _section_panels(next(iter(sections.values()))[0], len(sections))
     norm = Normalize(low, high)
     for ax, (grid, (position, half)) in zip(axes, sections.items(), strict=True):
-        boxes = _draw_particles(ax, position, half, strength[grid] / 1e3, "cividis", norm)
+        boxes = _draw_particles(ax, position, half, fields[grid] / drawn.unit, "cividis", norm)
         ax.set_title(f"{grid} grid, {position.shape[1]:,} particles", loc="left")
-    figure.colorbar(boxes, ax=axes, label="undrained strength $S_u$ [kPa]")
+    figure.colorbar(boxes, ax=axes, label=drawn.label)
     return figure
 
 
@@ -70,19 +97,20 @@ def before_and_after(
     return figure
 
 
-def slide(section: Section, strength: np.ndarray, displacement: np.ndarray, times: Sequence[float]) -> Figure:
-    """Strength above the slide that it led to, at several times.
+def slide(section: Section, name: str, field: np.ndarray, displacement: np.ndarray, times: Sequence[float]) -> Figure:
+    """A random field above the slide that it led to, at several times.
 
-    section: before. strength: (N,) Pa. displacement: (T, 2, N) m at the T times (s); colour tells how far a
-    particle has moved by then.
+    section: before. name, field: of the soil's parameter, and its values (N,), SI units or degrees. displacement:
+    (T, 2, N) m at the T times (s); colour tells how far a particle has moved by then.
     """
     position, half = section
     moved = np.linalg.norm(displacement, axis=1)
     figure, axes = _section_panels(position, len(times) + 1)
-    norm = Normalize(float(np.min(strength)) / 1e3, float(np.max(strength)) / 1e3)
-    boxes = _draw_particles(axes[0], position, half, strength / 1e3, "cividis", norm)
-    axes[0].set_title("strength before", loc="left")
-    figure.colorbar(boxes, ax=axes[0], label="$S_u$ [kPa]", aspect=8)
+    drawn = QUANTITIES[name]
+    norm = Normalize(float(np.min(field)) / drawn.unit, float(np.max(field)) / drawn.unit)
+    boxes = _draw_particles(axes[0], position, half, field / drawn.unit, "cividis", norm)
+    axes[0].set_title(f"{'strength' if name == 'strength' else drawn.word} before", loc="left")
+    figure.colorbar(boxes, ax=axes[0], label=f"{drawn.symbol} [{drawn.said}]", aspect=8)
     norm = Normalize(0.0, max(float(moved.max()), 1e-6))
     for ax, time, step, far in zip(axes[1:], times, displacement, moved, strict=True):
         boxes = _draw_particles(ax, position + step, half, far, "viridis", norm)

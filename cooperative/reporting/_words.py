@@ -232,7 +232,7 @@ def _slopes(told: Told, models: dict[str, GridModel], slides: int, again: bool) 
     grid, rows = ("refined", told.refined) if told.refined.numbers else ("rough", told.rough)
     failed = told.failed if grid == "refined" else np.zeros(len(rows.numbers), bool)
     chosen = [read_sample(told.store, grid, n) for n in pictures.choose(rows, failed, max(slides, 1))]
-    yield pictures.fields(models, chosen[0])
+    yield from pictures.fields(models, chosen[0])
     if {"displacement", "plastic_strain"} <= chosen[0].fields.keys():
         yield pictures.before_and_after(models[grid], chosen[0])
     yield from pictures.slides(models[grid], chosen[:slides], again=again)

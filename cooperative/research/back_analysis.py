@@ -95,7 +95,7 @@ def predict(model: GridModel, survey: Survey, parameters: Parameters, *, memory:
             "loss: give the soil a softening_modulus instead"
         )
     dtype = scene.particles.mass.dtype
-    missing = model.expansion.modes - len(parameters.coefficients)
+    missing = model.soil.modes - len(parameters.coefficients)
     field = jnp.concatenate([jnp.asarray(parameters.coefficients, dtype), jnp.zeros(missing, dtype)])
     strength = model.strength(field) * jnp.exp(parameters.strength)
     softening = replace(law.softening, modulus=law.softening.modulus * jnp.exp(parameters.softening))
@@ -129,8 +129,8 @@ def recover(
     """
     if not noise > 0:
         raise ValueError(f"noise = {noise} m: give a standard deviation above 0")
-    if not 0 <= modes <= model.expansion.modes:
-        raise ValueError(f"modes = {modes}: the field has {model.expansion.modes}, give at most these")
+    if not 0 <= modes <= model.soil.modes:
+        raise ValueError(f"modes = {modes}: the field has {model.soil.modes}, give at most these")
     dtype = model.scene.particles.mass.dtype
     start = Parameters(jnp.zeros((), dtype), jnp.zeros((), dtype), jnp.zeros(modes, dtype))
     prior = Parameters(LOG_DEVIATION, LOG_DEVIATION, np.ones(modes))

@@ -118,13 +118,19 @@ def slide_limit_state(
 
     log(displacement / u), u the root mean square displacement (m) after `seconds` on the model's grid: positive where
     the slope stands, smooth from rest to slide. A few seconds are enough to tell, and a longer run gets rougher.
-    memory: bytes for reverse mode.
+    memory: bytes for reverse mode. Raises ValueError where stiffness or weight are random, on which the initial stress
+    depends.
     """
+    if model.own_start:
+        raise ValueError(
+            f"random are {', '.join(model.names)}, and with stiffness or weight the initial stress, which the gradient "
+            "would leave out: give those as numbers"
+        )
     scene, state = model.scene, model.state
     steps = max(1, round(seconds / float(scene.time_step)))
 
     def measured(coefficients: jax.Array) -> jax.Array:
-        varied = replace(scene, material=replace(scene.material, strength=model.strength(coefficients)))
+        varied = replace(scene, material=replace(scene.material, **model.varied(coefficients)))
         final, _ = replay(varied, state, steps, memory=memory)
         return jnp.log(displacement / FLOOR) - objectives.log_displacement(final, FLOOR)
 

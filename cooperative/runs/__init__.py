@@ -5,7 +5,8 @@ from cooperative.runs._executors import Workers, cores_to_use, dask_executor, pr
 from cooperative.runs._frames import Frames
 from cooperative.runs._initial import keep_initial
 from cooperative.runs._known import foreign, phases_of, rows_reader
-from cooperative.runs._model import GridModel, build, coefficients_of, expansion_of, sampling_of
+from cooperative.runs._model import GridModel, build, coefficients_of, sampling_of
+from cooperative.runs._random_soil import RandomSoil, random_soil
 from cooperative.runs._samples import finished, run_samples
 from cooperative.runs._size import GridSize, check_coefficients, check_size, grid_size
 from cooperative.runs._stopping import Stop, Stopped, heeding
@@ -14,6 +15,7 @@ __all__ = [
     "Frames",
     "GridModel",
     "GridSize",
+    "RandomSoil",
     "Stop",
     "Stopped",
     "Workers",
@@ -23,7 +25,6 @@ __all__ = [
     "coefficients_of",
     "cores_to_use",
     "dask_executor",
-    "expansion_of",
     "finished",
     "foreign",
     "grid_size",
@@ -33,6 +34,7 @@ __all__ = [
     "machine",
     "phases_of",
     "process_pool",
+    "random_soil",
     "rows_reader",
     "run_samples",
     "run_through",

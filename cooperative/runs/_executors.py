@@ -27,7 +27,8 @@ from typing import Any
 
 import numpy as np
 
-from cooperative.runs._model import GridModel, build, expansion_of
+from cooperative.runs._model import GridModel, build
+from cooperative.runs._random_soil import random_soil
 from cooperative.runs._samples import run_samples
 from cooperative.scene import parse
 from cooperative.store import Sample
@@ -176,7 +177,7 @@ def run_sample(
 @lru_cache(maxsize=2)
 def _prepared(text: str, grid: str, folder: Path | None) -> GridModel:
     campaign = parse(text)
-    return build(campaign, grid, expansion_of(campaign), folder=folder)
+    return build(campaign, grid, random_soil(campaign), folder=folder)
 
 
 class WorkerLost(RuntimeError):

@@ -33,7 +33,7 @@ def foreign(samples: int | None, model: GridModel | None, sample: Sample) -> str
         return f"is of a sample that the scene, with {samples}, does not have"
     if model is None:
         return None
-    modes, given_up = model.expansion.modes, sample.row["broke_off"] and not sample.coefficients.size
+    modes, given_up = model.soil.modes, sample.row["broke_off"] and not sample.coefficients.size
     if sample.coefficients.shape != (modes,) and not given_up:
         return f"holds {sample.coefficients.size} coefficients of a field that has {modes}"
     shape = model.scene.particles.position.shape

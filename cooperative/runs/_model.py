@@ -1,9 +1,8 @@
-"""The model of a grid: its scene at rest, and the strength that a sample's coefficients give its particles."""
+"""The model of a grid: its scene at rest, and the soil that a sample's coefficients give its particles."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,23 +15,24 @@ import kl
 from cooperative.estimate import Sampling
 from cooperative.measure import SlopeGeometry
 from cooperative.runs._initial import read_initial
-from cooperative.scene import Campaign, Strength, built
-from jaxmpm import Scene, Slope, State
+from cooperative.runs._random_soil import RandomSoil, box_of, depth_below, random_soil
+from cooperative.scene import Campaign, RandomField, built
+from jaxmpm import Scene, State
 
 
 @dataclass(frozen=True)
 class GridModel:
     """One grid of a campaign, ready to run.
 
-    grid: "rough" or "refined" of the `campaign`. scene, state: what the solver runs, at rest. expansion: of the random
-    field. strength_factor: on its strength, where the grids are calibrated.
+    grid: "rough" or "refined" of the `campaign`. scene, state: what the solver runs, at rest, with the means of what is
+    random. soil: what is random. strength_factor: on strength, where the grids are calibrated.
     """
 
     grid: str
     campaign: Campaign
     scene: Scene
     state: State
-    expansion: kl.Expansion
+    soil: RandomSoil
     strength_factor: float = 1.0
 
     @property
@@ -50,13 +50,80 @@ class GridModel:
         """Distance up to which two particles hang together (m): a little more than the diagonal of a cell."""
         return 1.5 * self.scene.grid.cell
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters that samples differ in, as `varied` gives them."""
+        random = tuple(self.campaign.random)
+        bound = self.strength_factor != 1 and "friction" in random and "dilation" not in random
+        return (*random, "dilation") if bound else random
+
+    @property
+    def own_start(self) -> bool:
+        """Whether samples have an initial stress and a time step of their own: where stiffness or weight are random."""
+        return not {"young", "poisson", "unit_weight"}.isdisjoint(self.names)
+
+    def parameters(self, coefficients: jax.Array | np.ndarray) -> dict[str, jax.Array]:
+        """The random parameters at the particles, each (N,), by name: in SI units, angles in degrees.
+
+        coefficients: (modes,) of a sample. Raises ValueError for another number of them.
+        """
+        own = self.soil.coefficients(coefficients)
+        found = {name: self._values(field, name, own[name]) for name, field in self.campaign.random.items()}
+        return found if self.strength_factor == 1 else self._weakened(found)
+
+    def varied(self, coefficients: jax.Array | np.ndarray) -> dict[str, jax.Array]:
+        """The random parameters at the particles, each (N,), as `jaxmpm.solve_each` and `with_soil` take them: angles
+        in radians."""
+        found = self.parameters(coefficients)
+        return {name: jnp.deg2rad(value) if name in ANGLES else value for name, value in found.items()}
+
+    def of_sample(self, coefficients: jax.Array | np.ndarray) -> tuple[Scene, State]:
+        """Scene and initial state of a sample, with its own time step. Raises ValueError for values that no soil
+        has."""
+        return jaxmpm.with_soil(self.scene, self.state, **self.varied(coefficients))
+
+    def time_step(self, coefficients: jax.Array | np.ndarray) -> float:
+        """Of a sample (s)."""
+        if not self.own_start:
+            return float(self.scene.time_step)
+        scene, _ = jaxmpm.with_soil(self.scene, jaxmpm.unstressed(self.scene), **self.varied(coefficients))
+        return float(scene.time_step)
+
     def strength(self, coefficients: jax.Array | np.ndarray) -> jax.Array:
-        """Undrained strength at the particles (N,) Pa, for coefficients (M,)."""
-        strength = self.campaign.strength
-        marginal = strength.marginal(strength.mean, strength.cov)
-        points = self.scene.particles.position if strength.sampled_at == "particles" else self._cell_centres()
-        field = _strength(self.expansion, marginal, coefficients, points)
-        return field if self.strength_factor == 1 else field * self.strength_factor
+        """Undrained strength at the particles (N,) Pa, for coefficients (modes,). Raises ValueError where that is not
+        what is random."""
+        if "strength" not in self.campaign.random:
+            raise ValueError(f"random are {', '.join(self.campaign.random)}, not the strength: give [strength]")
+        return self.parameters(coefficients)["strength"]
+
+    def weakened(self, factor: float) -> GridModel:
+        """The same grid with all strength, random or not, times a factor."""
+        known = "strength" in self.campaign.random
+        scene = self.scene if known else jaxmpm.reduced(self.scene, 1 / factor)
+        return replace(self, scene=scene, strength_factor=factor)
+
+    def _weakened(self, found: dict[str, jax.Array]) -> dict[str, jax.Array]:
+        """Parameters with their strength times the factor: of friction its tangent."""
+        factor, weaker = self.strength_factor, dict(found)
+        for name in ("strength", "cohesion"):
+            if name in found:
+                weaker[name] = found[name] * factor
+        if "friction" in found:
+            weaker["friction"] = jnp.rad2deg(jnp.arctan(jnp.tan(jnp.deg2rad(found["friction"])) * factor))
+        if {"friction", "dilation"} & found.keys():
+            law: Any = self.scene.material
+            friction = weaker.get("friction", jnp.rad2deg(law.friction))
+            dilation = jnp.minimum(found.get("dilation", jnp.rad2deg(law.dilation)), friction)
+            weaker["dilation"] = jnp.broadcast_to(dilation, self.scene.particles.mass.shape)
+        return weaker
+
+    def _values(self, field: RandomField, name: str, coefficients: jax.Array | np.ndarray) -> jax.Array:
+        position = self.scene.particles.position
+        points = position if field.sampled_at == "particles" else self._cell_centres()
+        grown = None
+        if field.trend is not None:
+            grown = jnp.asarray(field.grown(depth_below(self.campaign.slope, points)), position.dtype)
+        return _values(self.soil.expansions[name], field.distribution, coefficients, points, grown)
 
     def _cell_centres(self) -> jax.Array:
         """Centre of the cell that each particle starts in (d, N) m, kept in the slope's box where that ends in it."""
@@ -66,53 +133,41 @@ class GridModel:
         return jnp.minimum(centre, jnp.asarray(box_of(shape))[:, None])
 
 
+ANGLES = ("friction", "dilation")
+"""Parameters that scenes give in degrees and laws take in radians."""
+
+
 @jax.jit
-def _strength(
-    expansion: kl.Expansion, marginal: Any, coefficients: jax.Array | np.ndarray, position: jax.Array
+def _values(
+    expansion: kl.Expansion,
+    marginal: Any,
+    coefficients: jax.Array | np.ndarray,
+    position: jax.Array,
+    grown: jax.Array | None,
 ) -> jax.Array:
-    return marginal.transform(kl.field_at(expansion, coefficients, position))
+    values = marginal.transform(kl.field_at(expansion, coefficients, position))
+    return values if grown is None else values * grown
 
 
-def expansion_of(campaign: Campaign) -> kl.Expansion:
-    """The strength's expansion over the whole box of the slope, the same for every grid."""
-    return _expansion(campaign.strength, box_of(campaign.slope))
-
-
-@lru_cache(maxsize=8)
-def _expansion(strength: Strength, extent: tuple[float, ...]) -> kl.Expansion:
-    return kl.expand(
-        tuple(strength.correlation(length) for length in strength.length),
-        origin=(0.0,) * len(extent),
-        extent=extent,
-        energy=strength.energy,
-    )
-
-
-def box_of(shape: Slope) -> tuple[float, ...]:
-    """Edges of the box from the origin that holds the slope (d,) m."""
-    top = shape.foundation + shape.height
-    return (shape.length, top) if shape.width is None else (shape.length, shape.width, top)
-
-
-def coefficients_of(campaign: Campaign, expansion: kl.Expansion) -> np.ndarray:
+def coefficients_of(campaign: Campaign, soil: RandomSoil) -> np.ndarray:
     """Coefficients of the scene's samples (samples, modes), by the design that it asks for."""
     plan = campaign.plan
-    return np.asarray(plan.coefficients(jax.random.key(plan.seed), plan.samples, expansion.modes))
+    return np.asarray(plan.coefficients(jax.random.key(plan.seed), plan.samples, soil.modes))
 
 
 def sampling_of(campaign: Campaign) -> Sampling:
-    """The first phase as the campaign's estimator sees it; the random field is expanded when first asked for."""
+    """The first phase as the campaign's estimator sees it; random fields are expanded when first asked for."""
     return Sampling(
         campaign.plan.samples,
         campaign.run.failure_displacement,
         campaign.plan.screening_stop,
-        modes=lambda: int(expansion_of(campaign).modes),
-        draw=lambda: coefficients_of(campaign, expansion_of(campaign)),
+        modes=lambda: int(random_soil(campaign).modes),
+        draw=lambda: coefficients_of(campaign, random_soil(campaign)),
     )
 
 
 def build(
-    campaign: Campaign, grid: str, expansion: kl.Expansion, *, at_rest: bool = True, folder: Path | None = None
+    campaign: Campaign, grid: str, soil: RandomSoil, *, at_rest: bool = True, folder: Path | None = None
 ) -> GridModel:
     """Scene and initial state of one grid; ValueError where slope, soil and grid do not fit together.
 
@@ -124,7 +179,8 @@ def build(
         kept = None if folder is None else read_initial(folder, grid, scene, state)
         state = jaxmpm.at_rest(scene, apic=campaign.grids[grid].apic) if kept is None else kept
     factor = campaign.calibration.factor if campaign.calibration and grid == "rough" else 1.0
-    return GridModel(grid, campaign, scene, state, expansion, factor)
+    model = GridModel(grid, campaign, scene, state, soil)
+    return model if factor == 1 else model.weakened(factor)
 
 
 def geometry_of(campaign: Campaign) -> SlopeGeometry:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import tee
+from operator import itemgetter
 from pathlib import Path
 
 import jax
@@ -62,7 +63,8 @@ def run_samples(
             on_chunk(chunk)
 
     wanted, drawn = tee(until_stopped())
-    varied = {"strength": (model.strength(jnp.asarray(coefficients[number])) for number in drawn)}
+    soils = tee((model.varied(jnp.asarray(coefficients[number])) for number in drawn), len(model.names))
+    varied = {name: map(itemgetter(name), own) for name, own in zip(model.names, soils, strict=True)}
     for number, result in solve_each(
         model.scene, model.state, varied, numbers=wanted, width=width, t_end=run.t_end, settle=run.settle,
         stop_at=stop_at, on_chunk=looked, observe=lanes.remember if lanes.remembers else None, resume=lanes.begin,

@@ -4,28 +4,39 @@ from cooperative.scene._budget import allowing, kept_budget, raised, write_budge
 from cooperative.scene._calibration import calibrated, campaign_of, kept, measured
 from cooperative.scene._defaults import with_defaults
 from cooperative.scene._examples import example, examples
-from cooperative.scene._schema import REQUIRED, SECTIONS, UNSAID, Key
+from cooperative.scene._limit_load import at_limit_load, measured_limit_load
+from cooperative.scene._schema import NAMES, OPTIONAL, REQUIRED, ROWS, SECTIONS, UNSAID, Key, Table
+from cooperative.scene._soil import PARAMETERS, CrossCorrelation, RandomField, gaussian_root
 from cooperative.scene._text import read_scene, tables_of
-from cooperative.scene._typed import Budget, Campaign, Plan, Strength, built, parse
+from cooperative.scene._typed import Budget, Campaign, Plan, built, parse
 
 __all__ = [
+    "NAMES",
+    "OPTIONAL",
+    "PARAMETERS",
     "REQUIRED",
+    "ROWS",
     "SECTIONS",
     "UNSAID",
     "Budget",
     "Campaign",
+    "CrossCorrelation",
     "Key",
     "Plan",
-    "Strength",
+    "RandomField",
+    "Table",
     "allowing",
+    "at_limit_load",
     "built",
     "calibrated",
     "campaign_of",
     "example",
     "examples",
+    "gaussian_root",
     "kept",
     "kept_budget",
     "measured",
+    "measured_limit_load",
     "parse",
     "raised",
     "read_scene",

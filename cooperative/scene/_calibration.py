@@ -16,6 +16,8 @@ import jax
 
 from cooperative.estimate import Estimator
 from cooperative.scene._budget import kept_budget, raised
+from cooperative.scene._limit_load import KEPT as LIMIT_LOAD_KEPT
+from cooperative.scene._limit_load import at_limit_load, kept_limit_load
 from cooperative.scene._schema import CALIBRATION, read
 from cooperative.scene._typed import Calibration, Campaign, built, parse
 from cooperative.store import MOST_TEXT, Store, write_aside
@@ -80,6 +82,9 @@ def campaign_of(store: Store, estimator: Estimator | None = None) -> Campaign:
     campaign, budget = parse(store.scene_text, estimator), kept_budget(store.folder)
     if budget is not None and campaign.plan.estimator is not None:
         campaign = raised(campaign, budget)
+    asked = campaign.run.failure == "limit load" and campaign.limit_load is None
+    if asked and os.path.lexists(store.folder / LIMIT_LOAD_KEPT):
+        campaign = at_limit_load(campaign, kept_limit_load(store.folder))
     wants = campaign.plan.calibrate and campaign.calibration is None and os.path.lexists(store.folder / KEPT)
     return calibrated(campaign, kept(store.folder)) if wants else campaign
 

@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import kl
 from cooperative.estimate import ESTIMATORS
 from foundation.text import shown
-from jaxmpm import GIMP, Linear, PlasticStrain, QuadraticBSpline, Scheme, Soil
+from jaxmpm import (
+    GIMP,
+    Decay,
+    DruckerPrager,
+    Linear,
+    Matching,
+    MohrCoulomb,
+    PlasticStrain,
+    QuadraticBSpline,
+    Scheme,
+    Soil,
+)
 
 CORRELATIONS = {
     "squared exponential": kl.SquaredExponential,
@@ -21,14 +33,27 @@ CORRELATIONS = {
     "cosine exponential": kl.CosineExponential,
     "triangular": kl.Triangular,
 }
-MARGINALS = {"lognormal": kl.Lognormal, "truncated normal": kl.TruncatedNormal}
+MARGINALS = {
+    "lognormal": kl.Lognormal,
+    "truncated normal": kl.TruncatedNormal,
+    "normal": kl.Normal,
+    "uniform": kl.Uniform,
+    "beta": kl.Beta,
+    "gamma": kl.Gamma,
+    "weibull": kl.Weibull,
+    "gumbel": kl.Gumbel,
+}
 COEFFICIENTS = {"latin hypercube": kl.latin_hypercube, "monte carlo": kl.monte_carlo, "sobol": kl.sobol}
 KERNELS = {"gimp": GIMP, "linear": Linear, "quadratic b-spline": QuadraticBSpline}
 SCHEMES = {scheme.name.lower(): scheme for scheme in Scheme}
+CRITERIA = {"mohr-coulomb": MohrCoulomb, "drucker-prager": DruckerPrager}
+MATCHINGS = {matching.value: matching for matching in Matching}
+DECAYS = {decay.name.lower(): decay for decay in Decay}
 PLASTIC_STRAINS = {measure.value: measure for measure in PlasticStrain}
 SAMPLED_AT = {"particles": "particles", "cells": "cells"}
 Y_ENDS = {"fixed": "fixed", "roller": "roller"}
 FIELDS = {"none": (), "refined": ("refined",), "both": ("rough", "refined")}
+FAILURES = {"displacement": "displacement", "limit load": "limit load"}
 MODES = {"refined": ("refined",), "both": ("rough", "refined")}
 
 REQUIRED = object()
@@ -36,24 +61,61 @@ REQUIRED = object()
 UNSAID = object()
 """The default of a key that the rest of the scene decides, where it is not there."""
 
+ROWS, NAMES = tuple[tuple[float, ...], ...], tuple[str, ...]
+"""Kinds of keys: a list of lists of numbers, and a list of texts."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """The kind of a key that holds a table of its own."""
+
+    keys: Mapping[str, Key]
+
 
 @dataclass(frozen=True)
 class Key:
-    """What a key holds: a type, `choices` of names, or numbers per axis; its default; the word for having none."""
+    """What a key holds: a type, `choices` of names, numbers per axis, or a `Table`; its default; the word for having
+    none. or_table: that it may hold instead of a number. infinite: whether a number may be inf."""
 
     kind: Any
     default: Any = REQUIRED
     none: str | None = None
+    or_table: Table | None = None
+    infinite: bool = False
 
 
 _SLOPE = {name: Key(float) for name in ("crest", "height", "run_per_rise", "toe", "foundation")} | {
     "width": Key(float, None),
     "y_ends": Key(Y_ENDS, "fixed"),
 }
+_FIELD = {
+    "mean": Key(float),
+    "cov": Key(float),
+    "marginal": Key(MARGINALS, "lognormal"),
+    "correlation": Key(CORRELATIONS, "squared exponential"),
+    "length": Key(tuple, infinite=True),
+    "energy": Key(float, 0.999),
+    "sampled_at": Key(SAMPLED_AT, "particles"),
+    "lower": Key(float, None),
+    "upper": Key(float, None),
+    "trend": Key(float, None),
+    "bedding": Key(Table({"dip": Key(float), "strike": Key(float, 90.0)}), None),
+    "nataf": Key(bool, False),
+    "boreholes": Key(ROWS, None),
+    "borehole_error": Key(float, 0.0),
+}
+
+
+def _random(default: Any) -> Key:
+    """A parameter of the soil: a number, or a table that says how it varies."""
+    return Key(float, default, or_table=Table(_FIELD))
+
+
 _SOIL = {
-    "unit_weight": Key(float),
-    "young": Key(float),
-    "poisson": Key(float),
+    "unit_weight": _random(REQUIRED),
+    "young": _random(REQUIRED),
+    "poisson": _random(REQUIRED),
+    "strength": _random(None),
     "softening_modulus": Key(float, None),
     "residual_ratio": Key(float, 1.0),
     "tension_cutoff": Key(float, None),
@@ -62,16 +124,18 @@ _SOIL = {
     "softening_length": Key(float, UNSAID, none="cell"),
     "rate_coefficient": Key(float, None),
     "reference_rate": Key(float, Soil.reference_rate),
+    "cohesion": _random(None),
+    "friction": _random(None),
+    "dilation": _random(0.0),
+    "criterion": Key(CRITERIA, "mohr-coulomb"),
+    "matching": Key(MATCHINGS, "plane strain"),
+    "residual_cohesion": Key(float, 0.0),
+    "residual_friction": Key(float, 0.0),
+    "softening_strain": Key(float, None),
+    "decay": Key(DECAYS, "linear"),
+    "unusual": Key(bool, False),
 }
-_STRENGTH = {
-    "mean": Key(float),
-    "cov": Key(float),
-    "marginal": Key(MARGINALS, "lognormal"),
-    "correlation": Key(CORRELATIONS, "squared exponential"),
-    "length": Key(tuple),
-    "energy": Key(float, 0.999),
-    "sampled_at": Key(SAMPLED_AT, "particles"),
-}
+_CROSS_CORRELATION = {"parameters": Key(NAMES), "matrix": Key(ROWS), "nataf": Key(bool, False)}
 _GRID = {
     "cell": Key(float),
     "spacing": Key(tuple),
@@ -82,11 +146,13 @@ _GRID = {
     "apic": Key(bool, False),
     "damping": Key(float, 0.0),
     "fbar": Key(bool, UNSAID),
+    "cell_average": Key(bool, UNSAID),
     "internal_length": Key(float, UNSAID, none="none"),
 }
 _RUN = {
     "gravity": Key(float, 9.81),
     "t_end": Key(float, 20.0),
+    "failure": Key(FAILURES, "displacement"),
     "failure_displacement": Key(float, 1.0),
     "settle": Key(bool, True),
     "rest": Key(bool, UNSAID),
@@ -113,17 +179,21 @@ _PLAN = {
 GIVEN = {"given": Key(str)}
 """The table [estimator] of a stored scene, whose estimator a script gave: how it describes itself."""
 CALIBRATION = {"rough": Key(float), "refined": Key(float)}
+LIMIT_LOAD = {"factor": Key(float), "stands": Key(float), "moves": Key(float), "displacement": Key(float)}
 DEFAULTS = {"cfl": Key(float)}
 """The table [defaults] of a stored scene: defaults of both grids that were others once, as they were at its start."""
 SECTIONS = {
     "slope": _SLOPE,
     "soil": _SOIL,
-    "strength": _STRENGTH,
+    "strength": _FIELD,
+    "cross_correlation": _CROSS_CORRELATION,
     "rough": _GRID,
     "refined": _GRID,
     "run": _RUN,
     "campaign": _PLAN,
 }
+OPTIONAL = ("strength", "cross_correlation")
+"""Tables that a scene may do without."""
 
 
 def read(section: str, table: Any, keys: Mapping[str, Key]) -> dict[str, Any]:
@@ -134,15 +204,11 @@ def read(section: str, table: Any, keys: Mapping[str, Key]) -> dict[str, Any]:
     missing = [key for key, what in keys.items() if what.default is REQUIRED and key not in table]
     if missing:
         raise ValueError(f"[{section}] lacks {', '.join(missing)}: add it")
-    return {
-        key: _value(f"[{section}] {key}", table.get(key, what.default), what, key in table)
-        for key, what in keys.items()
-    }
+    return {key: _value(section, key, table.get(key, what.default), what, key in table) for key, what in keys.items()}
 
 
-def _value(where: str, value: Any, key: Key, given: bool) -> Any:
-    kind = key.kind
-    number = isinstance(value, int | float) and not isinstance(value, bool)
+def _value(section: str, name: str, value: Any, key: Key, given: bool) -> Any:
+    kind, where = key.kind, f"[{section}] {name}"
     if isinstance(kind, dict):
         if not isinstance(value, str) or value not in kind:
             known = ", ".join(map(repr, kind))
@@ -152,32 +218,58 @@ def _value(where: str, value: Any, key: Key, given: bool) -> Any:
         return value
     if key.none is not None and value == key.none:
         return None
-    if any(isinstance(v, int) and not -(2**63) <= v < 2**63 for v in (value if isinstance(value, list) else [value])):
+    table = kind if isinstance(kind, Table) else key.or_table if isinstance(value, dict) else None
+    if table is not None:
+        return read(f"{section}.{name}", value, table.keys)
+    numbers = list(_leaves(value))
+    if any(isinstance(v, int) and not -(2**63) <= v < 2**63 for v in numbers):
         raise ValueError(f"{where} is a whole number beyond 64 bits: give a smaller one")
-    if kind in (float, tuple) and not all(_fits(v) for v in (value if isinstance(value, list) else [value])):
+    if kind in (float, tuple, ROWS) and not all(_fits(v) or (key.infinite and v == math.inf) for v in numbers):
         raise ValueError(f"{where} = {shown(value)}: give finite values, in single precision (1e-30 to 1e30)")
-    if kind is float and number:
+    if kind is float and _is_number(value):
         return float(value)
-    if kind is int and number and isinstance(value, int):
+    if kind is int and _is_number(value) and isinstance(value, int):
         return value
     if kind in (bool, str) and isinstance(value, kind):
         return value
-    if (
-        kind is tuple
-        and isinstance(value, list)
-        and value
-        and all(isinstance(v, int | float) and not isinstance(v, bool) for v in value)
-    ):
+    if kind is tuple and _is_list(value, _is_number):
         return tuple(map(float, value))
-    wanted = {
-        float: "a number",
-        int: "a whole number",
-        bool: "true or false",
-        str: "text",
-        tuple: "a list of numbers, one per axis",
-    }
+    if kind == ROWS and _is_list(value, lambda row: _is_list(row, _is_number)):
+        return tuple(tuple(map(float, row)) for row in value)
+    if kind == NAMES and _is_list(value, lambda name: isinstance(name, str)):
+        return tuple(value)
     otherwise = "" if key.none is None else f", or {key.none!r}"
-    raise ValueError(f"{where} = {shown(value)} is {in_words(value)}: give {wanted[kind]}{otherwise}")
+    otherwise += "" if key.or_table is None else ", or a table that says how it varies"
+    raise ValueError(f"{where} = {shown(value)} is {in_words(value)}: give {_WANTED[kind]}{otherwise}")
+
+
+_WANTED = {
+    float: "a number",
+    int: "a whole number",
+    bool: "true or false",
+    str: "text",
+    tuple: "a list of numbers, one per axis",
+    ROWS: "a list of lists of numbers",
+    NAMES: "a list of texts",
+}
+
+
+def _leaves(value: object) -> Iterator[object]:
+    """What lists hold that are no lists."""
+    if isinstance(value, list):
+        for each in value:
+            yield from _leaves(each)
+    else:
+        yield value
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_list(value: object, of: Callable[[Any], bool]) -> bool:
+    """Whether a value is a list, not empty, of such things."""
+    return isinstance(value, list) and bool(value) and all(map(of, value))
 
 
 def _fits(value: object) -> bool:

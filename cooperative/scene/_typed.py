@@ -12,42 +12,35 @@ from typing import Any, Literal
 from jax import Array
 from jax.typing import ArrayLike
 
-import kl
 from cooperative.estimate import SETTINGS, Estimator, Sampling, named_estimator
-from cooperative.scene._schema import CALIBRATION, DEFAULTS, GIVEN, SECTIONS, UNSAID, in_words, read, refuse_unknown
+from cooperative.scene._schema import (
+    CALIBRATION,
+    DEFAULTS,
+    GIVEN,
+    LIMIT_LOAD,
+    OPTIONAL,
+    SECTIONS,
+    UNSAID,
+    in_words,
+    read,
+    refuse_unknown,
+)
+from cooperative.scene._soil import CrossCorrelation, RandomField, check_cross_correlation, soil_of
 from cooperative.scene._text import tables_of
 from foundation.text import short, shown
-from jaxmpm import Discretisation, Scene, Settle, Slope, Soil, State, cell_independent, slope
+from jaxmpm import Discretisation, FrictionalSoil, Scene, Settle, Slope, Soil, State, cell_independent, slope
 
 LONGEST_NAME = 200
-
-BAND = 1 / 5
-"""Thickness of the band to which softening refers, over the slope's height, where a scene does not say."""
-
-
-@dataclass(frozen=True)
-class Strength:
-    """The random field of undrained strength: mean (Pa), cov, and per axis a correlation length (m).
-
-    sampled_at: "particles", or "cells" for one value per cell of the background grid, that at its centre: then the grid
-    of the field is the background grid, and all particles that start in a cell are equally strong.
-    """
-
-    mean: float
-    cov: float
-    marginal: type
-    correlation: type
-    length: tuple[float, ...]
-    energy: float
-    sampled_at: Literal["particles", "cells"]
 
 
 @dataclass(frozen=True)
 class Run:
-    """How each sample runs: gravity (m/s2), t_end (s), what displacement is failure (m), when a lane has settled."""
+    """How each sample runs: gravity (m/s2), t_end (s), what is failure and from what displacement (m), when a lane has
+    settled."""
 
     gravity: float
     t_end: float
+    failure: Literal["displacement", "limit load"]
     failure_displacement: float
     settle: Settle | None
 
@@ -63,6 +56,23 @@ class Calibration:
     def factor(self) -> float:
         """Refined over rough factor of safety."""
         return self.refined / self.rough
+
+
+@dataclass(frozen=True)
+class LimitLoad:
+    """Of the refined slope of mean soil: the factor of safety at which its displacement turns, the last factor at which
+    it stands, the first at which it moves on, and the failure displacement (m) that follows."""
+
+    factor: float
+    stands: float
+    moves: float
+    displacement: float
+
+    def check(self) -> None:
+        """Raise ValueError for numbers that no slope has."""
+        for name, value in vars(self).items():
+            if not 0 < value < float("inf"):
+                raise ValueError(f"[limit_load] {name} = {value:g}: give a finite value above 0")
 
 
 @dataclass(frozen=True)
@@ -108,9 +118,11 @@ class Budget:
 class Campaign:
     """A checked scene; nothing in it changes.
 
-    text: the TOML that it came from. name: of the campaign. slope, soil, strength: what slides. y_ends: what holds the
-    slope's ends along y. grids: discretisation of "rough" and "refined". run: how each sample runs. plan: what the
-    campaign does. calibration: factors of safety of both grids, where they are known. raised: refined runs that the
+    text: the TOML that it came from. name: of the campaign. slope, soil: what slides, with the means of what varies.
+    random: what varies, by parameter of the soil. cross_correlation: of what varies, None without. y_ends: what holds
+    the slope's ends along y. grids: discretisation of "rough" and "refined". run: how each sample runs. plan: what the
+    campaign does. calibration: factors of safety of both grids, where they are known. limit_load: where failure
+    is told by it, and it is known. raised: refined runs that the
     campaign's folder allows beyond the scene.
     """
 
@@ -118,12 +130,14 @@ class Campaign:
     name: str
     slope: Slope
     y_ends: Literal["fixed", "roller"]
-    soil: Soil
-    strength: Strength
+    soil: Soil | FrictionalSoil
+    random: Mapping[str, RandomField]
+    cross_correlation: CrossCorrelation | None
     grids: Mapping[str, Discretisation]
     run: Run
     plan: Plan
     calibration: Calibration | None = None
+    limit_load: LimitLoad | None = None
     raised: Budget | None = None
 
     @property
@@ -153,18 +167,23 @@ def parse(text: str, estimator: Estimator | None = None) -> Campaign:
         )
     if "sweep" in tables:
         raise ValueError("the scene has a table [sweep], so it is many campaigns: run it as a sweep")
-    added = dict.fromkeys(("calibration", "defaults", "estimator", "name"))
+    added = dict.fromkeys(("calibration", "defaults", "estimator", "limit_load", "name"))
     refuse_unknown("the scene", tables, {**SECTIONS, **added})
     given = _given(tables, estimator)
     if given is not None and "estimator" not in tables:
         text += f"\n[estimator]\ngiven = {json.dumps(given)}\n"
-    said = {section: read(section, tables.get(section, {}), keys) for section, keys in SECTIONS.items()}
+    said = {
+        section: read(section, tables.get(section, {}), keys)
+        for section, keys in SECTIONS.items()
+        if section in tables or section not in OPTIONAL
+    }
     if "defaults" in tables:
         unsaid = read("defaults", tables["defaults"], DEFAULTS)
         for grid in ("rough", "refined"):
             said[grid] |= {key: value for key, value in unsaid.items() if key not in tables[grid]}
     shape, y_ends = said["slope"], said["slope"].pop("y_ends")
-    plan, run, strength = said["campaign"], said["run"], said["strength"]
+    plan, run = said["campaign"], said["run"]
+    limit_load = _limit_load(tables, run)
     if plan["slides"] == 0:
         if "modes" in tables.get("campaign", {}):
             raise ValueError(
@@ -178,16 +197,21 @@ def parse(text: str, estimator: Estimator | None = None) -> Campaign:
         plan["estimator"] = named_estimator(plan["estimator"], {**settings, "seed": plan["seed"]})
     else:
         plan["estimator"] = estimator
-    soil = _soil({**said["soil"], "strength": strength["mean"]}, shape["height"])
+    soil, random = soil_of(
+        said["soil"], tables["soil"], said.get("strength"),
+        height=shape["height"], depth=shape["height"] + shape["foundation"],
+    )  # fmt: skip
     campaign = Campaign(
         text=text,
         name=name,
         slope=Slope(**shape),
         y_ends=y_ends,
         soil=soil,
-        strength=Strength(**strength),
+        random=random,
+        cross_correlation=CrossCorrelation(**said["cross_correlation"]) if "cross_correlation" in said else None,
         grids=MappingProxyType({grid: _grid(said[grid], soil) for grid in ("rough", "refined")}),
         run=_run(run),
+        limit_load=limit_load,
         plan=Plan(**plan),
         calibration=(
             Calibration(**read("calibration", tables["calibration"], CALIBRATION)) if "calibration" in tables else None
@@ -206,6 +230,23 @@ def built(campaign: Campaign, grid: str, *, at_rest: bool = True) -> tuple[Scene
     )  # fmt: skip
 
 
+def _limit_load(tables: Mapping[str, Any], run: dict[str, Any]) -> LimitLoad | None:
+    """The limit load that the scene holds, whose displacement is then that of failure."""
+    asked = run["failure"] == "limit load"
+    if asked and "failure_displacement" in tables.get("run", {}):
+        raise ValueError(
+            "[run] failure_displacement has no say beside failure = 'limit load', which finds it: leave it out"
+        )
+    if "limit_load" not in tables:
+        return None
+    found = LimitLoad(**read("limit_load", tables["limit_load"], LIMIT_LOAD))
+    found.check()
+    if not asked:
+        raise ValueError("the scene has a table [limit_load] without [run] failure = 'limit load': leave it out")
+    run["failure_displacement"] = found.displacement
+    return found
+
+
 def _run(table: dict[str, Any]) -> Run:
     """A slide ends when its deposit rests, where runs end once they have settled and unless the scene says not."""
     said = {**table}
@@ -216,15 +257,7 @@ def _run(table: dict[str, Any]) -> Run:
     return Run(**said, settle=Settle(slides=limit) if settle else None)
 
 
-def _soil(table: dict[str, Any], height: float) -> Soil:
-    """Softening refers to a band of known thickness, unless the scene has it follow the cell."""
-    if table["softening_length"] is not UNSAID:
-        return Soil(**table)
-    soil = Soil(**{**table, "softening_length": None})
-    return replace(soil, softening_length=BAND * height) if soil.softens else soil
-
-
-def _grid(table: dict[str, Any], soil: Soil) -> Discretisation:
+def _grid(table: dict[str, Any], soil: Soil | FrictionalSoil) -> Discretisation:
     """Answers do not follow the cell, unless the scene says so."""
     said = {key: value for key, value in table.items() if value is not UNSAID}
     return replace(cell_independent(Discretisation(**said, dtype="float32"), soil), **said)
@@ -233,26 +266,22 @@ def _grid(table: dict[str, Any], soil: Soil) -> Discretisation:
 def _check(campaign: Campaign) -> None:
     """Ranges that no builder looks at."""
     campaign.slope.check()
-    strength, run, plan, dimension = campaign.strength, campaign.run, campaign.plan, campaign.slope.dimension
+    run, plan, dimension = campaign.run, campaign.plan, campaign.slope.dimension
     calibration = campaign.calibration or Calibration(1, 1)
     for name, value in (
-        ("[strength] mean", strength.mean),
         ("[run] t_end", run.t_end),
         ("[run] gravity", run.gravity),
         ("[run] failure_displacement", run.failure_displacement),
         ("[campaign] restart_every", plan.restart_every),
         *((f"[calibration] {grid}", factor) for grid, factor in vars(calibration).items()),
-        *((f"[strength] length of axis {axis}", length) for axis, length in enumerate(strength.length)),
     ):
         if not 0 < value < float("inf"):
             raise ValueError(f"{name} = {value:g}: give a finite value above 0")
-    if len(strength.length) != dimension:
-        raise ValueError(f"[strength] length has {len(strength.length)} values: give {dimension}, one per axis")
-    if not 0 <= strength.cov < float("inf"):
-        raise ValueError(f"[strength] cov = {strength.cov:g}: give a coefficient of variation of 0 or more")
-    kl.check_marginal(strength.marginal(strength.mean, strength.cov))
-    if not 0 < strength.energy <= 1:
-        raise ValueError(f"[strength] energy = {strength.energy:g}: give a share of the variance above 0, up to 1")
+    for name, field in campaign.random.items():
+        if len(field.length) != dimension:
+            raise ValueError(f"[{name}] length has {len(field.length)} values: give {dimension}, one per axis")
+    if campaign.cross_correlation is not None:
+        check_cross_correlation(campaign.cross_correlation, campaign.random)
     for name, value in (
         ("samples", plan.samples),
         ("lanes", 1 if plan.lanes is None else plan.lanes),
@@ -262,19 +291,27 @@ def _check(campaign: Campaign) -> None:
             raise ValueError(f"[campaign] {name} = {value}: give 1 or more")
     if plan.slides is not None and plan.slides < 0:
         raise ValueError(f"[campaign] slides = {plan.slides}: give 0 or more, or 'all'")
-    if plan.estimator is not None:
-        plan.estimator.check(Sampling(plan.samples, run.failure_displacement, plan.screening_stop))
     if not 0 <= plan.seed < 2**63:
         raise ValueError(f"[campaign] seed = {plan.seed}: give 0 to 2^63 - 1")
-    if plan.screening_stop is not None and plan.screening_stop < run.failure_displacement:
-        raise ValueError(
-            f"[campaign] screening_stop = {plan.screening_stop:g} m is below the failure displacement of "
-            f"{run.failure_displacement:g} m: give more, or leave it out"
-        )
+    check_failure(campaign)
     if plan.screening_stop is not None and "rough" in plan.modes:
         raise ValueError(
             f"[campaign] screening_stop = {plan.screening_stop:g} m ends rough runs before their mode shows: "
             "leave it out, or modes = 'both'"
+        )
+
+
+def check_failure(campaign: Campaign) -> None:
+    """Raise ValueError for an estimator or a screening that does not go with the failure displacement."""
+    plan, run = campaign.plan, campaign.run
+    if plan.estimator is not None:
+        plan.estimator.check(Sampling(plan.samples, run.failure_displacement, plan.screening_stop))
+    if run.failure == "limit load" and campaign.limit_load is None:
+        return  # not known yet
+    if plan.screening_stop is not None and plan.screening_stop < run.failure_displacement:
+        raise ValueError(
+            f"[campaign] screening_stop = {plan.screening_stop:g} m is below the failure displacement of "
+            f"{run.failure_displacement:g} m: give more, or leave it out"
         )
 
 

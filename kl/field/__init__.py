@@ -1,7 +1,7 @@
 """Fields: products of the axes' modes, selected by energy, evaluated anywhere, conditioned, kept."""
 
 from kl.field._bedding import Bedding, rotate
-from kl.field._conditioning import Conditioning, condition, conditioned, kriging_variance, mode_matrix
+from kl.field._conditioning import Conditioning, condition, condition_on, conditioned, kriging_variance, mode_matrix
 from kl.field._expansion import Expansion, expand, field_at, field_on_lattice, with_covariance
 from kl.field._files import load, save
 from kl.field._lattice import LatticeRoots, exact_field, exact_lattice
@@ -22,6 +22,7 @@ __all__ = [
     "LatticeRoots",
     "captured_variance",
     "condition",
+    "condition_on",
     "conditioned",
     "exact_field",
     "exact_lattice",

@@ -89,18 +89,36 @@ def condition(
         f"data at points of shape {points.shape} with values of shape {values.shape}: give (d, n) and (n,)",
     )
     require(values.size > 0, "no data: give at least one point, or leave the field unconditioned")
+    _require_apart(np.asarray(points, np.float64), np.asarray(expansion.extent))
+    return condition_on(mode_matrix(expansion, points), values, error=error)
+
+
+def condition_on(matrix: ArrayLike, values: Values, *, error: Values = 0.0) -> Conditioning:
+    """Condition coefficients on data that are linear in them: y = matrix xi + e, as several correlated fields have it.
+
+    Args:
+        matrix: (n, M), what each coefficient adds to each datum; for one field its `mode_matrix`.
+        values: (n,) in Gaussian scores.
+        error: standard deviation of the measurement, in scores, a number or (n,).
+
+    Returns, raises: as `condition`.
+    """
+    real = jnp.asarray(matrix).dtype
+    modes, values = np.asarray(matrix, np.float64), np.asarray(values, np.float64)
+    require(
+        modes.ndim == 2 and values.shape == modes.shape[:1],
+        f"{values.shape} data for a matrix of shape {modes.shape}: give (n,) and (n, M)",
+    )
     require(np.isfinite(values), "a datum is not finite: the marginal cannot take that value, or it is missing")
     noise = np.asarray(error, np.float64)
     require(noise.shape in ((), values.shape), f"error of shape {noise.shape} for {values.size} data: give one each")
     noise = np.broadcast_to(noise, values.shape)
     check.not_negative("error", noise, remedy="it is a standard deviation in scores")
-    _require_apart(np.asarray(points, np.float64), np.asarray(expansion.extent))
-    modes = np.asarray(mode_matrix(expansion, points), np.float64)
     count = len(values)
     kernel = modes @ modes.T + np.diag(noise**2)
     shares, directions = np.linalg.eigh(kernel)
     # Field values are only as exact as the dtype of the modes.
-    limit = 100 * np.finfo(expansion.axes[0].fractions.dtype).eps * shares[-1]
+    limit = 100 * np.finfo(real).eps * shares[-1]
     require(
         shares[0] > limit,
         f"{count} data on {modes.shape[1]} modes cannot be told apart (smallest eigenvalue {shares[0]:.1e}, limit "
@@ -113,7 +131,6 @@ def condition(
     basis = gain @ (turns[:, told] / np.sqrt(removed[told]))
     shrink = 1 - np.sqrt(np.maximum(1 - removed[told], 0))
     mean = modes.T @ (directions @ ((directions.T @ values) / shares))
-    real = expansion.axes[0].fractions.dtype
     return Conditioning(jnp.asarray(mean, real), jnp.asarray(basis, real), jnp.asarray(shrink, real))
 
 

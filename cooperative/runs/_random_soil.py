@@ -1,0 +1,164 @@
+"""The random parameters of a scene's soil: their expansions, and which of a sample's coefficients are whose.
+
+Parameters that correlate share an expansion and are made from independent fields of it; their borehole values
+condition all of them together, since a value of one tells of the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from types import MappingProxyType
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import kl
+from cooperative.scene import Campaign, CrossCorrelation, RandomField, gaussian_root
+from jaxmpm import Slope
+
+
+@dataclass(frozen=True)
+class Group:
+    """Parameters of one expansion. names: theirs. root: (P, P), what makes their P fields correlated, None for one.
+    conditioning: of all their coefficients, None without borehole values. place: (P M,) which of a sample's
+    coefficients these are, None for all of them in their order."""
+
+    names: tuple[str, ...]
+    expansion: kl.Expansion
+    root: np.ndarray | None
+    conditioning: kl.Conditioning | None
+    place: np.ndarray | None = None
+
+    def coefficients(self, sample: jax.Array | np.ndarray) -> dict[str, jax.Array | np.ndarray]:
+        """The coefficients (M,) of each parameter's field, of the sample's (modes,)."""
+        own = sample if self.place is None else jnp.asarray(sample)[self.place]
+        if self.conditioning is not None:
+            own = kl.conditioned(self.conditioning, own)
+        if self.root is None:
+            return {self.names[0]: own}
+        fields = jnp.asarray(own).reshape(len(self.names), -1)
+        return dict(zip(self.names, jnp.asarray(self.root, fields.dtype) @ fields, strict=True))
+
+
+@dataclass(frozen=True)
+class RandomSoil:
+    """All that is random in a campaign's soil: the same for every grid."""
+
+    groups: tuple[Group, ...]
+
+    @property
+    def modes(self) -> int:
+        """Number of a sample's coefficients."""
+        return sum(len(group.names) * group.expansion.modes for group in self.groups)
+
+    @property
+    def expansions(self) -> Mapping[str, kl.Expansion]:
+        """The expansion of each parameter's field."""
+        return {name: group.expansion for group in self.groups for name in group.names}
+
+    def coefficients(self, sample: jax.Array | np.ndarray) -> dict[str, jax.Array | np.ndarray]:
+        """The coefficients (M,) of each parameter's field, of a sample's (modes,).
+
+        Raises ValueError for another number of them.
+        """
+        if np.shape(sample) != (self.modes,):
+            raise ValueError(f"coefficients of shape {np.shape(sample)}: give ({self.modes},), one for each mode")
+        return {name: own for group in self.groups for name, own in group.coefficients(sample).items()}
+
+
+def random_soil(campaign: Campaign) -> RandomSoil:
+    """What is random in the campaign's soil, over the whole box of the slope. Raises ValueError for fields that cannot
+    be expanded, or borehole values that lie outside or contradict each other."""
+    return _random_soil(tuple(campaign.random.items()), campaign.cross_correlation, campaign.slope)
+
+
+def box_of(shape: Slope) -> tuple[float, ...]:
+    """Edges of the box from the origin that holds the slope (d,) m."""
+    top = shape.foundation + shape.height
+    return (shape.length, top) if shape.width is None else (shape.length, shape.width, top)
+
+
+def depth_below(shape: Slope, points: np.ndarray | jax.Array) -> np.ndarray:
+    """Depth of points (d, N) below the ground (N,) m, 0 above it."""
+    at = np.asarray(points, float)
+    return np.maximum(shape.surface(at[0]) - at[-1], 0.0)
+
+
+@lru_cache(maxsize=8)
+def _random_soil(
+    random: tuple[tuple[str, RandomField], ...], correlated: CrossCorrelation | None, shape: Slope
+) -> RandomSoil:
+    fields = dict(random)
+    together = () if correlated is None else correlated.parameters
+    members = [(name,) for name in fields if name not in together] + ([together] if together else [])
+    members.sort(key=lambda names: min(list(fields).index(name) for name in names))
+    groups = tuple(
+        _group(names, MappingProxyType(fields), correlated if names == together else None, shape) for names in members
+    )
+    if len(groups) == 1:
+        return RandomSoil(groups)
+    return RandomSoil(tuple(_placed(groups)))
+
+
+def _placed(groups: tuple[Group, ...]) -> list[Group]:
+    """The groups with their places among a sample's coefficients, of which those of most variance come first: a design
+    that spreads its first dimensions best serves all groups alike."""
+    shares = [np.tile(np.asarray(group.expansion.fractions, float), len(group.names)) for group in groups]
+    rank = np.argsort(np.argsort(-np.concatenate(shares), kind="stable"), kind="stable")
+    ends = np.cumsum([0, *(share.size for share in shares)])
+    return [
+        Group(group.names, group.expansion, group.root, group.conditioning, rank[start:end])
+        for group, start, end in zip(groups, ends[:-1], ends[1:], strict=True)
+    ]
+
+
+def _group(
+    names: tuple[str, ...], fields: Mapping[str, RandomField], correlated: CrossCorrelation | None, shape: Slope
+) -> Group:
+    extent, first = box_of(shape), fields[names[0]]
+    try:
+        expansion = kl.expand(
+            first.covariance, origin=(0.0,) * len(extent), extent=extent, energy=first.energy, bedding=first.bedding
+        )
+        root = None if correlated is None else gaussian_root(correlated, fields)
+        return Group(names, expansion, root, _conditioning(names, fields, expansion, root, shape))
+    except ValueError as error:
+        raise ValueError(f"random {' and '.join(names)}: {error}") from error
+
+
+def _conditioning(
+    names: tuple[str, ...],
+    fields: Mapping[str, RandomField],
+    expansion: kl.Expansion,
+    root: np.ndarray | None,
+    shape: Slope,
+) -> kl.Conditioning | None:
+    """What the borehole values of these parameters say of their coefficients together."""
+    weights = np.eye(1) if root is None else root
+    rows, scores, errors = [], [], []
+    for weight, name in zip(weights, names, strict=True):
+        field = fields[name]
+        if field.boreholes is None:
+            continue
+        data = np.asarray(field.boreholes)
+        points = data[:, :-1].T
+        values = data[:, -1] / field.grown(depth_below(shape, points))
+        score = np.asarray(field.distribution.standardise(jnp.asarray(values)), float)
+        if not np.isfinite(score).all():
+            worst = data[int(np.argmin(np.isfinite(score)))]
+            raise ValueError(
+                f"the borehole value {worst[-1]:g} at {worst[:-1].tolist()} m cannot occur in {field.distribution}"
+            )
+        modes = np.asarray(kl.mode_matrix(expansion, points))
+        rows.append(np.kron(weight[None], modes))
+        scores.append(score)
+        errors.append(np.full(len(score), field.borehole_error))
+    if not rows:
+        return None
+    matrix = np.concatenate(rows)
+    return kl.condition_on(
+        matrix.astype(expansion.axes[0].fractions.dtype), np.concatenate(scores), error=np.concatenate(errors)
+    )

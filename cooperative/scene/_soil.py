@@ -1,0 +1,317 @@
+"""The soil of a scene: numbers, and the parameters that vary as random fields; units that betray a slip."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, fields, replace
+from types import MappingProxyType
+from typing import Any, Literal
+
+import jax.numpy as jnp
+import numpy as np
+
+import kl
+from cooperative.scene._schema import UNSAID
+from foundation.text import shown
+from jaxmpm import FrictionalSoil, Limit, Soil
+
+BAND = 1 / 5
+"""Thickness of the band to which softening refers, over the slope's height, where a scene does not say."""
+
+TAIL = 4.0
+"""Deviations from the middle of a field up to which its values must be within their limits: beyond lie 3 points in
+100,000 on either side."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of soil: its limit, its unit, and the number above 0 from which on it is believed. slip: what is
+    asked of one below."""
+
+    limit: Limit
+    unit: str = ""
+    believed: float = 0.0
+    slip: str = ""
+
+
+_KPA = "were kPa meant?"
+_DEGREES = "it is taken in degrees; are these radians, or a tangent, and were degrees meant?"
+PARAMETERS = {
+    "strength": Parameter(Limit(above=0), "Pa", 1e3, _KPA),
+    "cohesion": Parameter(Limit(least=0), "Pa", 100.0, _KPA),
+    "friction": Parameter(Limit(least=0, most=60), "degrees", 1.6, _DEGREES),
+    "dilation": Parameter(Limit(least=0, most=60), "degrees"),
+    "young": Parameter(Limit(above=0), "Pa", 5e4, "were kPa or MPa meant?"),
+    "poisson": Parameter(Limit(above=-1, below=0.5)),
+    "unit_weight": Parameter(Limit(above=0), "N/m3", 3e3, "were kN/m3 meant?"),
+    "softening_modulus": Parameter(Limit(above=0), "Pa", 500.0, _KPA),
+    "residual_cohesion": Parameter(Limit(least=0), "Pa", 100.0, _KPA),
+    "residual_friction": Parameter(Limit(least=0, most=60), "degrees", 1.6, _DEGREES),
+}
+"""The first seven may vary."""
+
+OF_CLAY = ("strength", "softening_modulus", "residual_ratio", "plastic_strain", "strain_95", "rate_coefficient",
+           "reference_rate")  # fmt: skip
+OF_FRICTION = ("cohesion", "friction", "dilation", "criterion", "matching", "residual_cohesion", "residual_friction",
+               "softening_strain", "decay")  # fmt: skip
+"""Keys of the soil that only undrained clay, or only soil with friction, has a use for."""
+
+
+@dataclass(frozen=True)
+class RandomField:
+    """A parameter of the soil that varies: mean, cov, and per axis a correlation length (m; inf: constant along it).
+
+    In the parameter's unit, angles in degrees. sampled_at: "particles", or "cells" for one value per cell of the
+    background grid, that at its centre: then the grid of the field is the background grid, and all particles that
+    start in a cell are alike. lower, upper: bounds of marginals that have some. trend: what mean and deviation, in
+    proportion, grow by per metre of depth below the ground, from `mean` at it. bedding: of inclined strata; lengths are
+    then down the dip, along strike and across. nataf: whether the parameter, not the Gaussian field behind it, has the
+    correlation along each axis. boreholes: measured values, each a place (m) and the value there; borehole_error: their
+    deviation, in standard deviations of the field.
+    """
+
+    mean: float
+    cov: float
+    marginal: type
+    correlation: type
+    length: tuple[float, ...]
+    energy: float
+    sampled_at: Literal["particles", "cells"]
+    lower: float | None = None
+    upper: float | None = None
+    trend: float | None = None
+    bedding: kl.Bedding | None = None
+    nataf: bool = False
+    boreholes: tuple[tuple[float, ...], ...] | None = None
+    borehole_error: float = 0.0
+
+    @property
+    def distribution(self) -> Any:
+        """The marginal, of the parameter at the ground where it has a trend."""
+        bounds = {"lower": self.lower, "upper": self.upper}
+        return self.marginal(self.mean, self.cov, **{end: at for end, at in bounds.items() if at is not None})
+
+    @property
+    def covariance(self) -> tuple[Any, ...]:
+        """The correlation functions of the Gaussian field, one per axis."""
+        plain = tuple(kl.Infinite() if length == math.inf else self.correlation(length) for length in self.length)
+        if not self.nataf:
+            return plain
+        return tuple(
+            axis if isinstance(axis, kl.Infinite) else kl.nataf_corrected(axis, self.distribution) for axis in plain
+        )
+
+    def grown(self, depth: Any) -> Any:
+        """Mean at a depth (m) over that at the ground."""
+        return 1.0 if self.trend is None else 1.0 + self.trend / self.mean * depth
+
+
+@dataclass(frozen=True)
+class CrossCorrelation:
+    """Parameters that vary together. matrix: their correlation, row by row. nataf: whether it is that of the parameters
+    themselves, else that of the Gaussian fields behind them."""
+
+    parameters: tuple[str, ...]
+    matrix: tuple[tuple[float, ...], ...]
+    nataf: bool = False
+
+
+def soil_of(
+    table: Mapping[str, Any], given: Collection[str], strength: Mapping[str, Any] | None, *, height: float, depth: float
+) -> tuple[Soil | FrictionalSoil, Mapping[str, RandomField]]:
+    """The soil with the means of what varies, and the fields by parameter.
+
+    table: values of `[soil]`. given: the keys that the scene says. strength: values of `[strength]`, None without.
+    height: of the slope (m). depth: largest below the ground (m). Raises ValueError for parameters that no soil has,
+    that do not go together or whose numbers betray another unit, and for fields whose values leave their limits.
+    """
+    said, random = {**table}, {}
+    unusual, places = said.pop("unusual"), {name: f"[soil.{name}]" for name in said}
+    if strength is not None:
+        if said["strength"] is not None:
+            raise ValueError("both [strength] and [soil] strength are given: leave one of them out")
+        said["strength"], places["strength"] = dict(strength), "[strength]"
+    _check_kind(said, given)
+    for name, value in said.items():
+        if isinstance(value, Mapping):
+            random[name] = _field(places[name], value)
+            _check_field(places[name], name, random[name], depth, unusual)
+            said[name] = random[name].mean
+        elif name in PARAMETERS and value is not None:
+            _check_number(f"[soil] {name}", name, value, unusual)
+    if not random:
+        raise ValueError(
+            "nothing in the scene is random: give at least one parameter of the soil as a table, such as "
+            "[soil.cohesion] with mean, cov and length"
+        )
+    _check_dilation(said, random, depth)
+    return _built(said, height), MappingProxyType(random)
+
+
+def _check_kind(said: dict[str, Any], given: Collection[str]) -> None:
+    """Clay has a strength, other soil cohesion and friction; ValueError for what has no say."""
+    frictional = [name for name in ("cohesion", "friction") if said[name] is not None]
+    if frictional and said["strength"] is not None:
+        raise ValueError(
+            f"[soil] {frictional[0]} is given beside a strength: undrained soil has a strength, other soil cohesion "
+            "and friction; leave one of them out"
+        )
+    if not frictional and said["strength"] is None:
+        raise ValueError(
+            "the scene says neither what strength nor what cohesion and friction its soil has: add [strength] with "
+            "mean, cov and length, or cohesion and friction to [soil]"
+        )
+    if len(frictional) == 1:
+        lacking = {"cohesion": "friction", "friction": "cohesion"}[frictional[0]]
+        raise ValueError(f"[soil] lacks {lacking}, which goes with {frictional[0]}: add it")
+    for name in OF_CLAY if frictional else OF_FRICTION:
+        if name in given:
+            kind = "soil with cohesion and friction" if frictional else "undrained soil"
+            raise ValueError(f"[soil] {name} has no say in {kind}: leave it out")
+
+
+def _field(where: str, table: Mapping[str, Any]) -> RandomField:
+    """A field whose own numbers are in range."""
+    bedding = table["bedding"]
+    field = RandomField(**{**table, "bedding": None if bedding is None else kl.Bedding(**bedding)})
+    for name, value in (("mean", field.mean), *((f"length of axis {a}", each) for a, each in enumerate(field.length))):
+        if not value > 0 or (name == "mean" and value == math.inf):
+            raise ValueError(f"{where} {name} = {value:g}: give a finite value above 0")
+    if not 0 <= field.cov < math.inf:
+        raise ValueError(f"{where} cov = {field.cov:g}: give a coefficient of variation of 0 or more")
+    if not 0 < field.energy <= 1:
+        raise ValueError(f"{where} energy = {field.energy:g}: give a share of the variance above 0, up to 1")
+    known = {each.name for each in fields(field.marginal)}
+    for end in ("lower", "upper"):
+        if getattr(field, end) is not None and end not in known:
+            raise ValueError(f"{where} {end} = {getattr(field, end):g}: {field.marginal.__name__} has no such bound, "
+                             "leave it out, or give marginal = 'truncated normal' or 'beta'")  # fmt: skip
+    if field.marginal is kl.Beta and (field.lower is None or field.upper is None):
+        raise ValueError(f"{where} lacks lower or upper, between which a beta distribution lies: add both")
+    if field.borehole_error < 0:
+        raise ValueError(f"{where} borehole_error = {field.borehole_error:g}: give a deviation of 0 or more")
+    if field.bedding is not None and not 0 <= field.bedding.dip <= 90:
+        raise ValueError(f"{where[:-1]}.bedding] dip = {field.bedding.dip:g}: give degrees from 0 to 90")
+    return field
+
+
+def _check_field(where: str, name: str, field: RandomField, depth: float, unusual: bool) -> None:
+    """Whether the values of a field stay within the limits of its parameter."""
+    kl.check_marginal(field.distribution)
+    if not unusual:
+        _ask(f"{where} mean", name, field.mean)
+        for row in field.boreholes or ():
+            _ask(f"{where} boreholes, value", name, row[-1])
+    if field.grown(depth) <= 0:
+        raise ValueError(
+            f"{where} trend = {field.trend:g} per metre brings the mean of {field.mean:g} to "
+            f"{field.mean * field.grown(depth):.3g} at a depth of {depth:g} m: give a smaller one"
+        )
+    limit, unit = PARAMETERS[name].limit, PARAMETERS[name].unit
+    for value in extremes(field, depth):
+        if not limit.holds(value):
+            raise ValueError(
+                f"{where} has values of {value:.3g} {unit}, {TAIL:g} deviations from the middle: give {limit} by a "
+                "smaller cov, or marginal = 'truncated normal' with lower and upper"
+            )
+    for row in field.boreholes or ():
+        if len(row) != len(field.length) + 1:
+            raise ValueError(
+                f"{where} boreholes hold {list(row)}: give {len(field.length) + 1} numbers, the place and the value"
+            )
+
+
+def extremes(field: RandomField, depth: float) -> tuple[float, float]:
+    """Least and largest value of a field within `TAIL` deviations, down to a depth (m)."""
+    at = np.asarray(field.distribution.transform(jnp.asarray([-TAIL, 0.0, TAIL])), float)
+    ends = [float(value) for value in np.outer(at[[0, 2]], [1.0, field.grown(depth)]).ravel()]
+    return min(ends), max(ends)
+
+
+def _check_number(where: str, name: str, value: float, unusual: bool) -> None:
+    known = PARAMETERS[name]
+    if not known.limit.holds(value):
+        raise ValueError(f"{where} = {value:g} {known.unit}".rstrip() + f": give {known.limit}")
+    if not unusual:
+        _ask(where, name, value)
+
+
+def _ask(where: str, name: str, value: float) -> None:
+    """Raise ValueError for a number that betrays another unit."""
+    known = PARAMETERS[name]
+    if 0 < value < known.believed:
+        raise ValueError(
+            f"{where} = {value:g} {known.unit}: {known.slip} If it is meant as it is, say unusual = true in [soil]"
+        )
+
+
+def _check_dilation(said: dict[str, Any], random: Mapping[str, RandomField], depth: float) -> None:
+    """Soil that dilates by more than its friction would gain work by sliding."""
+    if said["friction"] is None:
+        return
+    ends = {
+        name: extremes(random[name], depth) if name in random else (said[name],) * 2
+        for name in ("friction", "dilation")
+    }
+    if ends["dilation"][1] > ends["friction"][0]:
+        raise ValueError(
+            f"[soil] dilation reaches {ends['dilation'][1]:.3g} degrees, friction comes down to "
+            f"{ends['friction'][0]:.3g}: give a dilation of at most the friction"
+        )
+
+
+def _built(said: dict[str, Any], height: float) -> Soil | FrictionalSoil:
+    """Softening refers to a band of known thickness, unless the scene has it follow the cell."""
+    frictional = said["cohesion"] is not None
+    kept = {name: value for name, value in said.items() if name not in (OF_CLAY if frictional else OF_FRICTION)}
+    length = kept.pop("softening_length")
+    soil: Soil | FrictionalSoil = (FrictionalSoil if frictional else Soil)(**kept)
+    if length is UNSAID:
+        length = BAND * height if soil.softens else None
+    return replace(soil, softening_length=length)
+
+
+def check_cross_correlation(found: CrossCorrelation, random: Mapping[str, RandomField]) -> None:
+    """Raise ValueError for parameters that do not vary, or not alike, and for a matrix that is no correlation."""
+    for name in found.parameters:
+        if name not in random:
+            raise ValueError(
+                f"[cross_correlation] parameters hold {shown(name)}, which is no parameter that varies: give some of "
+                f"{', '.join(random)}"
+            )
+    if len(set(found.parameters)) != len(found.parameters) or len(found.parameters) < 2:
+        raise ValueError(f"[cross_correlation] parameters = {list(found.parameters)}: give two or more, each once")
+    if {len(row) for row in found.matrix} | {len(found.matrix)} != {len(found.parameters)}:
+        raise ValueError(
+            f"[cross_correlation] matrix has {len(found.matrix)} rows of {len(found.matrix[0])} numbers for "
+            f"{len(found.parameters)} parameters: give a row and a column for each"
+        )
+    first, *others = (random[name] for name in found.parameters)
+    for name, other in zip(found.parameters[1:], others, strict=True):
+        if _shape(other) != _shape(first):
+            raise ValueError(
+                f"[cross_correlation] {name} has not the length, correlation, bedding, energy and nataf of "
+                f"{found.parameters[0]}: fields that correlate need the same"
+            )
+    gaussian_root(found, random)
+
+
+def _shape(field: RandomField) -> Any:
+    """What fields that correlate have in common: their expansion."""
+    told = (field.correlation, field.length, field.bedding, field.energy, field.nataf)
+    bounds = (None if end is None else end / field.mean for end in (field.lower, field.upper))
+    return (*told, field.marginal, field.cov, *bounds) if field.nataf else told
+
+
+def gaussian_root(found: CrossCorrelation, random: Mapping[str, RandomField]) -> np.ndarray:
+    """What independent Gaussian fields (P,) are multiplied by, to be correlated (P, P). Raises ValueError for a matrix
+    that is no correlation, or that the marginals cannot have."""
+    try:
+        root = kl.correlation_root(found.matrix)
+        if found.nataf:
+            marginals = tuple(random[name].distribution for name in found.parameters)
+            root = kl.correlation_root(kl.nataf_matrix(found.matrix, marginals))
+    except ValueError as error:
+        raise ValueError(f"[cross_correlation] {error}") from error
+    return root

@@ -1,0 +1,333 @@
+"""Scenes whose soil varies in several parameters: fields, what correlates, what boreholes tell, what is refused."""
+
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import kl
+from benchmarks.invented import TINY
+from cooperative import run, runs
+from cooperative.reporting import report
+from cooperative.reporting._exports import run_again
+from cooperative.scene import parse
+from cooperative.store import read_rows, read_sample, read_store
+from jaxmpm import FrictionalSoil, MohrCoulomb
+
+CLAY = TINY[TINY.index("softening_modulus") : TINY.index("[strength]")]
+FIELDS = """
+[soil.cohesion]
+mean = 5e3
+cov = 0.3
+length = [20.0, 4.0]
+[soil.friction]
+mean = 22.0
+cov = 0.2
+marginal = "truncated normal"
+lower = 5.0
+upper = 50.0
+length = [20.0, 4.0]
+"""
+SAND = TINY.replace(CLAY, "").replace(TINY[TINY.index("[strength]") : TINY.index("[rough]")], FIELDS)
+CORRELATED = """
+[cross_correlation]
+parameters = ["cohesion", "friction"]
+matrix = [[1.0, -0.5], [-0.5, 1.0]]
+"""
+STIFF = """
+[soil.young]
+mean = 2e7
+cov = 0.5
+length = [10.0, 10.0]
+[soil.unit_weight]
+mean = 20e3
+cov = 0.05
+length = [10.0, 10.0]
+"""
+ALL = SAND.replace("unit_weight = 20e3\nyoung = 2e7\n", "") + STIFF + CORRELATED
+
+
+def changed(text, *changes):
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    return text
+
+
+def model_of(text):
+    campaign = parse(text)
+    soil = runs.random_soil(campaign)
+    return runs.build(campaign, "rough", soil, at_rest=False)
+
+
+def drawn(model, samples):
+    return np.random.default_rng(1).standard_normal((samples, model.soil.modes)).astype(np.float32)
+
+
+@jax.jit
+def lognormal_at(expansion, marginal, coefficients, position):
+    return marginal.transform(kl.field_at(expansion, coefficients, position))
+
+
+def test_a_scene_of_clay_has_the_samples_that_it_always_had():
+    campaign = parse(TINY)
+    model = model_of(TINY)
+    box = {"origin": (0.0, 0.0), "extent": (32.0, 10.0)}
+    expansion = kl.expand((kl.SquaredExponential(20.0), kl.SquaredExponential(4.0)), **box, energy=0.999)
+    coefficients = np.asarray(kl.latin_hypercube(jax.random.key(3), 6, expansion.modes))
+    assert np.array_equal(runs.coefficients_of(campaign, model.soil), coefficients)
+    xi, marginal = jnp.asarray(coefficients[2]), kl.Lognormal(30e3, 0.4)
+    alone = lognormal_at(expansion, marginal, xi, model.scene.particles.position)
+    assert model.names == ("strength",)
+    assert np.array_equal(model.varied(xi)["strength"], alone)
+    assert np.array_equal(model_of(changed(TINY, ("[strength]", "[soil.strength]"))).strength(xi), alone)
+
+
+def test_soil_with_friction_has_the_law_and_the_cure_of_such_soil():
+    model = model_of(SAND)
+    assert model.campaign.soil == FrictionalSoil(5e3, 22.0, young=2e7, softening_length=None)
+    assert isinstance(model.scene.material, MohrCoulomb)
+    assert model.scene.cell_average
+    assert not model.scene.fbar
+    assert not model_of(changed(SAND, ("cell = 2.0", "cell = 2.0\ncell_average = false"))).scene.cell_average
+    xi = drawn(model, 1)[0]
+    friction = np.asarray(model.parameters(xi)["friction"])
+    assert 5 < friction.min() < friction.max() < 50
+    np.testing.assert_allclose(model.varied(xi)["friction"], np.radians(friction), rtol=1e-6)
+    with pytest.raises(ValueError, match="random are cohesion, friction, not the strength"):
+        model.strength(xi)
+
+
+def test_fields_that_no_table_correlates_have_coefficients_of_their_own():
+    model = model_of(SAND)
+    first, second = model.soil.groups
+    assert sorted([*first.place, *second.place]) == list(range(model.soil.modes))
+    shares = np.empty(model.soil.modes)
+    for group in (first, second):
+        shares[group.place] = group.expansion.fractions
+    assert (np.diff(shares) <= 0).all()
+    xi = drawn(model, 1)[0]
+    other = xi.copy()
+    other[second.place] += 1
+    one, two = (model.parameters(each) for each in (xi, other))
+    assert np.array_equal(one["cohesion"], two["cohesion"])
+    assert not np.allclose(one["friction"], two["friction"])
+
+
+@pytest.mark.parametrize("nataf", [False, True])
+def test_fields_correlate_as_asked(nataf):
+    said = CORRELATED + f"nataf = {str(nataf).lower()}\n"
+    strong = changed(said, ("matrix = [[1.0, -0.5], [-0.5, 1.0]]", "matrix = [[1.0, -0.6], [-0.6, 1.0]]"))
+    model = model_of(changed(SAND, ("cov = 0.3", "cov = 0.8")) + strong)
+    (group,) = model.soil.groups
+    modes = np.asarray(kl.mode_matrix(group.expansion, np.array([[7.0], [3.0]])))[0]
+    sets = jax.vmap(model.soil.coefficients)(drawn(model, 20_000))
+    score = {name: jnp.asarray(each @ modes / np.linalg.norm(modes)) for name, each in sets.items()}
+    found = [model.campaign.random[name].distribution.transform(each) for name, each in score.items()]
+    gaussian, own = np.corrcoef(*score.values())[0, 1], np.corrcoef(*found)[0, 1]
+    assert (own if nataf else gaussian) == pytest.approx(-0.6, abs=0.015)
+    assert abs(own - gaussian) > 0.03
+
+
+def test_fields_that_correlate_are_conditioned_together():
+    held = changed(FIELDS, ("length = [20.0, 4.0]\n", "length = [20.0, 4.0]\nboreholes = [[7.0, 3.0, 9e3]]\n"))
+    model = model_of(changed(SAND, (FIELDS, held)) + CORRELATED)
+    cohesion, friction = (model.campaign.random[name] for name in ("cohesion", "friction"))
+    score = float(cohesion.distribution.standardise(jnp.asarray(9e3)))
+    (group,) = model.soil.groups
+    modes = np.asarray(kl.mode_matrix(group.expansion, np.array([[7.0], [3.0]])))[0]
+    sets = jax.vmap(model.soil.coefficients)(drawn(model, 20_000))
+    at = {name: np.asarray(each @ modes) for name, each in sets.items()}
+    np.testing.assert_allclose(at["cohesion"], score, atol=2e-3)
+    # Of two normal numbers of correlation r, the second has the mean r times the first, and a variance of 1 - r^2.
+    variance = float(modes @ modes)
+    assert at["friction"].mean() == pytest.approx(-0.5 * score, abs=0.02)
+    assert at["friction"].var() == pytest.approx((1 - 0.25) * variance, rel=0.03)
+    assert friction.boreholes is None
+
+
+def test_a_trend_scales_the_field_with_depth_and_boreholes_know_it():
+    trend = changed(TINY, ("cov = 0.4", "cov = 0.4\ntrend = 2e3"))
+    plain, grown = model_of(TINY), model_of(trend)
+    xi, position = drawn(plain, 1)[0], np.asarray(plain.scene.particles.position)
+    depth = np.clip(10.0 - np.maximum(position[0] - 8.0, 0.0), 2.0, None) - position[1]
+    assert depth.min() > 0
+    assert depth.max() > 9
+    expected = np.asarray(plain.strength(xi)) * (1 + depth * 2e3 / 30e3)
+    np.testing.assert_allclose(grown.strength(xi), expected, rtol=1e-5)
+    place = position[:, np.argmax(depth)]
+    held = model_of(changed(trend, ("cov = 0.4", f"cov = 0.4\nboreholes = [[{place[0]}, {place[1]}, 70e3]]")))
+    assert float(held.strength(xi)[np.argmax(depth)]) == pytest.approx(70e3, rel=2e-3)
+
+
+def test_strata_dip_and_infinite_lengths_are_constant():
+    text = changed(TINY, ("length = [20.0, 4.0]", "length = [inf, 2.0]\nbedding = { dip = 30.0 }"))
+    model = model_of(text)
+    xi, angle = drawn(model, 1)[0], np.radians(30.0)
+    x, z = np.asarray(model.scene.particles.position, float)
+    height = np.sin(angle) * x + np.cos(angle) * z  # normal to strata that fall towards +x
+    order = np.argsort(height)
+    log = np.log(np.asarray(model.strength(xi), float))[order]
+    close = np.diff(height[order]) < 1e-3
+    assert close.sum() > 20
+    assert np.abs(np.diff(log))[close].max() < 2e-3
+    assert np.ptp(log) > 0.5
+    everywhere = model_of(changed(TINY, ("length = [20.0, 4.0]", "length = [inf, inf]")))
+    assert everywhere.soil.modes == 1
+    strength = np.asarray(everywhere.strength(np.array([-1.2], np.float32)))
+    np.testing.assert_allclose(strength, float(kl.Lognormal(30e3, 0.4).transform(jnp.asarray(-1.2))), rtol=1e-5)
+
+
+def test_correlation_of_the_property_itself_is_had_on_request():
+    model = model_of(changed(TINY, ("cov = 0.4", "cov = 1.2\nnataf = true")))
+    expansion = model.soil.expansions["strength"]
+    points = np.array([[4.0, 20.0], [3.0, 3.0]])
+    modes = np.asarray(kl.mode_matrix(expansion, points), float)
+    gaussian = modes @ modes.T
+    # Of lognormal numbers: (exp(s^2 r) - 1) / (exp(s^2) - 1).
+    s2 = np.log1p(1.2**2)
+    assert np.expm1(s2 * gaussian[0, 1]) / np.expm1(s2) == pytest.approx(np.exp(-((16.0 / 20.0) ** 2)), abs=0.02)
+    assert gaussian[0, 1] > np.exp(-((16.0 / 20.0) ** 2)) + 0.05
+
+
+def test_a_sample_of_stiffness_and_weight_has_its_own_start_and_step():
+    model = model_of(ALL)
+    assert model.names == ("cohesion", "friction", "young", "unit_weight")
+    xi = drawn(model, 1)[0]
+    found = {name: np.asarray(each, float) for name, each in model.parameters(xi).items()}
+    scene, _ = model.of_sample(xi)
+    poisson, density = 0.3, found["unit_weight"] / 9.81
+    modulus = found["young"] * (1 - poisson) / ((1 + poisson) * (1 - 2 * poisson))
+    fastest, mean = np.sqrt((modulus / density).max()), np.sqrt(2e7 * 0.7 / (1.3 * 0.4) / (20e3 / 9.81))
+    assert float(scene.time_step) == pytest.approx(float(model.scene.time_step) * mean / fastest, rel=1e-4)
+    assert model.time_step(xi) == float(scene.time_step)
+    assert model_of(SAND).time_step(np.zeros(1)) == float(model_of(SAND).scene.time_step)
+    np.testing.assert_allclose(scene.particles.mass, density * scene.particles.volume, rtol=1e-5)
+
+
+def test_weaker_grids_divide_cohesion_and_the_tangent_of_friction():
+    text = changed(SAND, ("poisson = 0.3", "poisson = 0.3\ndilation = 4.5"))
+    model = model_of(text)
+    xi, weaker = drawn(model, 1)[0], model.weakened(0.8)
+    before, after = model.parameters(xi), weaker.parameters(xi)
+    np.testing.assert_allclose(after["cohesion"], 0.8 * before["cohesion"], rtol=1e-6)
+    tangent = np.tan(np.radians(after["friction"]))
+    np.testing.assert_allclose(tangent, 0.8 * np.tan(np.radians(before["friction"])), rtol=1e-5)
+    np.testing.assert_allclose(after["dilation"], np.minimum(4.5, after["friction"]), rtol=1e-6)
+    assert weaker.names == ("cohesion", "friction", "dilation")
+    assert float(weaker.scene.material.cohesion) == pytest.approx(4e3)
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """A campaign of all that may vary, which has run."""
+    text = changed(ALL, ("t_end = 4.0", "t_end = 1.5"), ("samples = 6", "samples = 3"), ("k_t = 2", "k_t = 1"))
+    text = changed(text, ("cell = 1.0\nspacing = [0.5, 0.5]", "cell = 2.0\nspacing = [1.0, 1.0]"))
+    folder = tmp_path_factory.mktemp("soil") / "out"
+    return text, folder, run(text, folder)
+
+
+def test_a_campaign_of_many_random_parameters_runs_and_is_reported(done):
+    text, folder, summary = done
+    assert summary["broke_off"] == {"rough": {}, "refined": {}}
+    assert run(text, folder) == summary
+    moved = read_rows(read_store(folder), "rough").columns["displacement"]
+    assert np.unique(moved).size == 3
+    assert (moved > 0).all()
+    page = report(folder)
+    for name in ("field", "field-friction", "field-young", "field-unit_weight"):
+        assert (Path(folder) / "figures" / f"{name}.png").is_file()
+    assert page
+
+
+def test_a_sample_of_such_a_campaign_is_made_again_from_its_coefficients(done):
+    text, folder, _ = done
+    campaign = parse(text)
+    model = runs.build(campaign, "rough", runs.random_soil(campaign), folder=folder)
+    kept = read_sample(read_store(folder), "rough", 1)
+    again = run_again(model, kept, np.array([0.0, kept.steps * model.time_step(kept.coefficients)]))
+    np.testing.assert_allclose(again.state.displacement, kept.fields["displacement"], atol=2e-4)
+
+
+def test_a_friction_that_is_no_number_ends_its_sample_alone(done, monkeypatch):
+    text, folder, _ = done
+    campaign, varied = parse(text), runs.GridModel.varied
+    model = runs.build(campaign, "rough", runs.random_soil(campaign), folder=folder)
+    coefficients = runs.coefficients_of(campaign, model.soil)
+
+    def spoiling(model, xi):
+        found = varied(model, xi)
+        bad = {**found, "friction": found["friction"].at[3].set(jnp.nan)}
+        return bad if np.array_equal(xi, coefficients[0]) else found
+
+    monkeypatch.setattr(runs.GridModel, "varied", spoiling)
+    rows = {sample.number: sample for sample in runs.run_samples(model, coefficients, [0, 1], width=1)}
+    assert (rows[0].status, rows[0].steps, rows[0].row["broke_off"]) == ("BAD_PARAMETER", 0, True)
+    assert dict(rows[1].row) == dict(read_sample(read_store(folder), "rough", 1).row)
+
+
+REFUSED = [
+    (TINY, ("mean = 30e3", "mean = 30.0"), r"\[strength\] mean = 30 Pa: were kPa meant\?.* unusual = true in \[soil\]"),
+    (TINY, ("unit_weight = 20e3", "unit_weight = 18.0"), r"unit_weight = 18 N/m3: were kN/m3 meant\?"),
+    (TINY, ("young = 2e7", "young = 20.0"), r"young = 20 Pa: were kPa or MPa meant\?"),
+    (TINY, ("softening_modulus = 85e3", "softening_modulus = 85.0"), r"softening_modulus = 85 Pa: were kPa meant"),
+    (SAND, ("mean = 5e3", "mean = 3.0"), r"\[soil.cohesion\] mean = 3 Pa: were kPa meant\?"),
+    (SAND, ("mean = 22.0", "mean = 0.35"), r"\[soil.friction\] mean = 0.35 degrees: .* were degrees meant\?"),
+    (TINY, ("cov = 0.4", "cov = 0.4\nboreholes = [[1.0, 1.0, 35.0]]"), r"boreholes, value = 35 Pa: were kPa meant"),
+    (
+        SAND,
+        ("poisson = 0.3", "poisson = 0.3\nresidual_friction = 70.0"),
+        r"residual_friction = 70 degrees: give a value",
+    ),
+    (SAND, ("poisson = 0.3", "poisson = 0.3\ndilation = 10.0"), r"dilation reaches 10 degrees, friction comes down to"),
+    (
+        SAND,
+        ('marginal = "truncated normal"\nlower = 5.0\nupper = 50.0', 'marginal = "normal"\nupper = 50.0'),
+        r"Normal has",
+    ),
+    (
+        SAND,
+        ('cov = 0.2\nmarginal = "truncated normal"\nlower = 5.0\nupper = 50.0', "cov = 0.4"),
+        r"values of .* degrees",
+    ),
+    (TINY, ("young = 2e7", "young = 2e7\ncohesion = 5e3"), r"\[soil\] cohesion is given beside a strength"),
+    (TINY, ("young = 2e7", "young = 2e7\nstrength = 30e3"), r"both \[strength\] and \[soil\] strength are given"),
+    (TINY, ("young = 2e7", "young = 2e7\ncriterion = 'mohr-coulomb'"), r"criterion has no say in undrained soil"),
+    (SAND, ("young = 2e7", "young = 2e7\nresidual_ratio = 0.5"), r"residual_ratio has no say in soil with cohesion"),
+    (TINY, ("cov = 0.4", "cov = 0.4\ntrend = -5e3"), r"trend = -5000 per metre brings the mean of 30000 to -2e\+04"),
+    (TINY, ("cov = 0.4", "cov = 0.4\nbedding = { dip = 95.0 }"), r"\[strength.bedding\] dip = 95: give degrees"),
+    (TINY, ("cov = 0.4", "cov = 0.4\nbedding = { slope = 5.0 }"), r"\[strength.bedding\] has an unknown key 'slope'"),
+    (TINY, ("cov = 0.4", "cov = 0.4\nboreholes = [[1.0, 35e3]]"), r"boreholes hold \[1.0, 35000.0\]: give 3 numbers"),
+    (TINY, ("length = [20.0, 4.0]", "length = [nan, 4.0]"), r"\[strength\] length = \[nan, 4.0\]: give finite values"),
+    (SAND, ("[rough]", CORRELATED.replace('"friction"]', '"young"]') + "[rough]"), r"'young', which is no parameter"),
+    (SAND, ("[rough]", CORRELATED.replace("[-0.5, 1.0]", "[0.5, 1.0]") + "[rough]"), r"is not symmetric"),
+    (SAND, ("[rough]", CORRELATED.replace("0.5", "1.5") + "[rough]"), r"not positive definite"),
+    (SAND, ("[rough]", CORRELATED.replace("[1.0, -0.5]", "[2.0, -0.5]") + "[rough]"), r"diagonal .* must be 1"),
+    (SAND, ("[rough]", CORRELATED.replace("-0.5", "nan") + "[rough]"), r"matrix = .* give finite values"),
+    (SAND, ("[rough]", CORRELATED.replace("[[1.0, -0.5], ", "[") + "[rough]"), r"matrix has 1 rows of 2 numbers for 2"),
+    (SAND + CORRELATED, ("length = [20.0, 4.0]", "length = [20.0, 5.0]"), r"friction has not the length, correlation"),
+]
+
+
+@pytest.mark.parametrize(("text", "change", "message"), REFUSED, ids=[str(c[1])[:40] for _, c, _ in REFUSED])
+def test_slips_and_fields_that_no_soil_has_are_refused(text, change, message):
+    with pytest.raises(ValueError, match=message) as refused:
+        parse(changed(text, change))
+    assert "\n" not in str(refused.value)
+    assert len(str(refused.value)) < 500
+
+
+def test_a_scene_may_mean_what_looks_like_a_slip():
+    odd = changed(TINY, ("mean = 30e3", "mean = 30.0"), ("unit_weight = 20e3", "unit_weight = 18.0\nunusual = true"))
+    assert parse(odd).soil.unit_weight == 18.0
+
+
+def test_boreholes_that_cannot_be_are_refused():
+    outside = changed(TINY, ("cov = 0.4", "cov = 0.4\nboreholes = [[99.0, 1.0, 35e3]]"))
+    with pytest.raises(ValueError, match=r"random strength: points reach from 99\.0"):
+        runs.random_soil(parse(outside))
+    bounded = changed(TINY, ("cov = 0.4", 'cov = 0.2\nmarginal = "uniform"\nboreholes = [[4.0, 1.0, 95e3]]'))
+    with pytest.raises(ValueError, match=r"value 95000 at \[4.0, 1.0\] m cannot occur in Uniform"):
+        runs.random_soil(parse(bounded))
