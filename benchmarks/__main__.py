@@ -28,7 +28,7 @@ NAMES = (
 )
 
 # Of hours, or about no answer of the solver: not part of `all`.
-LONG = ("campaign", "robustness", "stability_of_slopes")
+LONG = ("campaign", "robustness", "stability_of_slopes", "random_slopes")
 
 
 def _table(report: Report) -> str:

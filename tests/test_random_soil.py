@@ -163,9 +163,9 @@ def test_a_trend_scales_the_field_with_depth_and_boreholes_know_it():
 
 
 def test_strata_dip_and_infinite_lengths_are_constant():
-    text = changed(TINY, ("length = [20.0, 4.0]", "length = [inf, 2.0]\nbedding = { dip = 30.0 }"))
+    text = changed(TINY, ("length = [20.0, 4.0]", "length = [inf, 2.0]\nbedding = { dip = 45.0 }"))
     model = model_of(text)
-    xi, angle = drawn(model, 1)[0], np.radians(30.0)
+    xi, angle = drawn(model, 1)[0], np.radians(45.0)
     x, z = np.asarray(model.scene.particles.position, float)
     height = np.sin(angle) * x + np.cos(angle) * z  # normal to strata that fall towards +x
     order = np.argsort(height)

@@ -49,7 +49,7 @@ PARAMETERS = {
     "residual_cohesion": Parameter(Limit(least=0), "Pa", 100.0, _KPA),
     "residual_friction": Parameter(Limit(least=0, most=60), "degrees", 1.6, _DEGREES),
 }
-"""The first seven may vary."""
+"""Strength first, which is what is drawn of a sample. The first seven may vary."""
 
 OF_CLAY = ("strength", "softening_modulus", "residual_ratio", "plastic_strain", "strain_95", "rate_coefficient",
            "reference_rate")  # fmt: skip
@@ -146,7 +146,7 @@ def soil_of(
             "[soil.cohesion] with mean, cov and length"
         )
     _check_dilation(said, random, depth)
-    return _built(said, height), MappingProxyType(random)
+    return _built(said, height), MappingProxyType({name: random[name] for name in PARAMETERS if name in random})
 
 
 def _check_kind(said: dict[str, Any], given: Collection[str]) -> None:
@@ -198,11 +198,11 @@ def _field(where: str, table: Mapping[str, Any]) -> RandomField:
 
 def _check_field(where: str, name: str, field: RandomField, depth: float, unusual: bool) -> None:
     """Whether the values of a field stay within the limits of its parameter."""
-    kl.check_marginal(field.distribution)
     if not unusual:
         _ask(f"{where} mean", name, field.mean)
         for row in field.boreholes or ():
             _ask(f"{where} boreholes, value", name, row[-1])
+    kl.check_marginal(field.distribution)
     if field.grown(depth) <= 0:
         raise ValueError(
             f"{where} trend = {field.trend:g} per metre brings the mean of {field.mean:g} to "

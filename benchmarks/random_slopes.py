@@ -1,0 +1,151 @@
+"""Failure probabilities of slopes of the literature, by class and by the limit load.
+
+Example 2 of the paper (3D, random cohesion and friction); the published 3D slope without softening, counterpart of the
+printed 0.231; infinite correlation lengths, where P_f is P(S_u < mean / factor of safety), on the published section and
+on Griffiths and Fenton's slope; Cho's slope. Each is a campaign in out/random_slopes, which goes on with the next
+command where it was stopped; what has not ended is null. `--quick` runs a few samples of each on coarse grids.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import tempfile
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from scipy import stats
+
+from benchmarks.measure import ROOT, Report
+from cooperative import run as run_campaign
+from cooperative.runs import Stopped, cores_to_use
+from cooperative.scene import parse
+from cooperative.sweep import to_toml
+
+SCENES = ROOT / "benchmarks" / "scenes"
+Tables = dict[str, dict[str, Any]]
+
+
+def as_printed(tables: Tables) -> None:
+    """A scene as it stands."""
+
+
+def without_softening(tables: Tables) -> None:
+    """The same soil, perfectly plastic, with what keeps clay from locking; failure by the limit load."""
+    for key in ("softening_modulus", "residual_ratio", "softening_length", "plastic_strain", "tension_cutoff"):
+        tables["soil"].pop(key, None)
+    for grid in ("rough", "refined"):
+        tables[grid]["fbar"] = True
+    tables["run"] = {"t_end": 20.0, "failure": "limit load"}
+    plan = tables["campaign"]
+    tables["campaign"] = {"samples": plan["samples"], "seed": plan["seed"], "slides": 0, "fields": "none"}
+
+
+def without_softening_or_ends(tables: Tables) -> None:
+    """As `without_softening`, with the same strength everywhere."""
+    without_softening(tables)
+    tables["strength"]["length"] = [math.inf] * len(tables["strength"]["length"])
+    tables["campaign"] |= {"samples": 1000, "refined_runs": 100}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A slope. scene: of benchmarks/scenes. change: what is done to it. printed: P_f of the literature, None where the
+    closed form tells."""
+
+    scene: str
+    change: Callable[[Tables], None]
+    printed: tuple[float, ...] | None
+
+
+CASES = {
+    "example_2": Case("example_2", as_printed, (0.43,)),
+    "pf_3d_limit_load": Case("paper", without_softening, (0.231,)),
+    "section_infinite": Case("paper_section", without_softening_or_ends, None),
+    "griffiths_fenton": Case("griffiths_fenton", as_printed, None),
+    "cho": Case("cho", as_printed, (0.079, 0.065, 0.078)),
+}
+
+
+def scene_text(case: Case, quick: bool) -> str:
+    """The scene of a case; `quick` a section of it with a few samples on coarse grids."""
+    tables = tomllib.loads((SCENES / f"{case.scene}.toml").read_text())
+    case.change(tables)
+    if quick:
+        # The soil is ten times as soft, so that steps are longer; no class depends on it.
+        tables["soil"]["young"] = 0.1 * tables["soil"]["young"]
+        for table in (
+            tables.get("strength", {}),
+            tables["soil"].get("cohesion", {}),
+            tables["soil"].get("friction", {}),
+        ):
+            if "length" in table:
+                table["length"] = [table["length"][0], table["length"][-1]]
+        for key in ("width", "y_ends"):
+            tables["slope"].pop(key, None)
+        coarse = tables["rough"]
+        coarse["spacing"] = [coarse["spacing"][0], coarse["spacing"][-1]]
+        tables["refined"] = {**coarse}
+        tables["campaign"] |= {"samples": 12, "refined_runs": 10}
+    return to_toml(tables)
+
+
+def closed_form(text: str, factor: float) -> float:
+    """P(S_u < mean / factor) of a lognormal strength that is the same everywhere."""
+    strength = parse(text).random["strength"]
+    variance = math.log1p(strength.cov**2)
+    return float(stats.norm.cdf((-math.log(factor) + variance / 2) / math.sqrt(variance)))
+
+
+def row(name: str, case: Case, folder: Path, text: str, workers: int) -> dict[str, Any]:
+    """The campaign of a case, run or gone on with, beside what the literature or theory has."""
+    found = run_campaign(text, folder / name, workers=workers)
+    low, high = found["interval"]
+    limit = found["limit_load"]
+    expected = closed_form(text, limit["factor"]) if case.printed is None else None
+    return {
+        "case": name,
+        "fos": limit["factor"],
+        "failure_displacement_m": limit["displacement"],
+        "pf": found["probability_of_failure"],
+        "low": low,
+        "high": high,
+        "printed": case.printed and list(case.printed),
+        "closed_form": expected,
+        "holds_closed_form": None if expected is None else bool(low <= expected <= high),
+        "samples": found["samples"],
+        "refined_runs": found["refined_runs"],
+        "hours": sum(found["seconds"].values()) / 3600,
+    }
+
+
+def run(quick: bool) -> Report:
+    """All cases, as far as they come; those that were stopped go on with the next command."""
+    rows = []
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) if quick else ROOT / "out" / "random_slopes"
+        try:
+            for name, case in CASES.items():
+                workers = 1 if quick else len(cores_to_use())
+                rows.append(row(name, case, folder, scene_text(case, quick), workers))
+        except Stopped as stopped:
+            print(stopped, file=sys.stderr)
+    return Report(summarised(rows), rows)
+
+
+def summarised(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """The named figures; None of what has not ended."""
+    known = {one["case"]: one for one in rows}
+
+    def of(case: str, key: str) -> Any:
+        return known.get(case, {}).get(key)
+
+    values = {f"example_2_{key}": of("example_2", key) for key in ("fos", "pf", "low", "high", "hours")}
+    values["pf_3d_limit_load"] = of("pf_3d_limit_load", "pf")
+    values["cho_pf"] = of("cho", "pf")
+    for name in ("section_infinite", "griffiths_fenton"):
+        values |= {f"{name}_{key}": of(name, key) for key in ("pf", "low", "high", "closed_form")}
+    return values
