@@ -247,7 +247,7 @@ BAD_SCENES = [
     (("length = [20.0, 4.0]", "length = [20.0]"), r"length has 1 values: give 2"),
     (("length = [20.0, 4.0]", "length = [20.0, 4.0]\nenergy = 0.0"), r"energy = 0: give a share of the variance"),
     (("length = [20.0, 4.0]", "length = [20.0, 4.0]\nenergy = 1.5"), r"energy = 1.5"),
-    (("cov = 0.4", "cov = 0.4\nmarginal = 'normal'"), r"marginal = 'normal': give one of 'lognormal'"),
+    (("cov = 0.4", "cov = 0.4\nmarginal = 'gaussian'"), r"marginal = 'gaussian': give one of 'lognormal'"),
     (('estimator = "published"', "estimator = 'twophase'"), r"estimator = 'twophase': .*did you mean 'two-phase'"),
     (('estimator = "published"\n', ""), r"samples = 6: give 10 or more for the audit"),
     (('estimator = "published"', "refined_runs = 3"), r"refined_runs = 3: give 10 or more"),
