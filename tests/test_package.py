@@ -45,7 +45,7 @@ def test_examples_are_the_scenes_that_ship(tmp_path, monkeypatch, capsys):
     assert parse((tmp_path / "demo.toml").read_text()).name.startswith("demo")
     assert main(["example", "demo"]) == 2
     assert "exists already" in capsys.readouterr().err
-    with pytest.raises(ValueError, match="no example scene is called 'nope': give one of demo, "):
+    with pytest.raises(ValueError, match="no example scene is called 'nope': give one of cho, demo, "):
         example("nope")
 
 
