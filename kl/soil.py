@@ -43,7 +43,7 @@ def correlate(coefficients: Array, matrix: ArrayLike | Sequence[Sequence[float]]
     found = correlation_root(matrix)
     require(
         len(found) == coefficients.shape[0],
-        f"correlation matrix of shape {found.shape} for {coefficients.shape[0]} sets of coefficients: give a row each",
+        f"correlation matrix of shape {found.shape} for {len(coefficients)} sets of coefficients: give one row each",
     )
     return jnp.tensordot(jnp.asarray(found, coefficients.dtype), coefficients, (1, 0))
 
