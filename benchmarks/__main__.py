@@ -20,6 +20,7 @@ NAMES = (
     "leave_out",
     "fields",
     "estimators",
+    "hazard",
     "gradients",
     "rare_events",
     "derivative_screening",

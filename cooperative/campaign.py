@@ -102,7 +102,7 @@ def _at_limit_load(models: dict[str, runs.GridModel], folder: Path) -> dict[str,
     if campaign.run.failure != "limit load" or campaign.limit_load is not None:
         return models
     ready = at_limit_load(campaign, measured_limit_load(campaign, folder, refined.scene, refined.state))
-    return {grid: replace(model, campaign=ready) for grid, model in models.items()}
+    return {grid: replace(model, campaign=ready).looking() for grid, model in models.items()}
 
 
 def _pool(workers: int) -> Executor:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cooperative.scene import NAMES, OPTIONAL, REQUIRED, ROWS, SECTIONS, UNSAID, Key, Table
+from cooperative.scene import EXPOSED, HAZARD, NAMES, OPTIONAL, REQUIRED, ROWS, SECTIONS, UNSAID, Key, Table
 from foundation.files import write_aside
 
 
@@ -200,7 +200,38 @@ MEANINGS = {
         ),
     },
 }
-_TYPES = {float: "number", int: "integer", bool: "boolean", str: "string"}
+HAZARDS = {
+    "[hazard]": (
+        HAZARD,
+        "What is kept of each refined slide for maps: with this table, or `[[exposed]]`, the largest thickness, the "
+        "largest speed and the arrival of the soil in each column of cells. Both may be left out.",
+        {
+            "thresholds": Meaning(
+                "Thicknesses of the deposit (m, cm) and speeds (m/s, km/h) to map, each with its unit.",
+                '["0.5 m", "1 m/s"]',
+            ),
+            "every": Meaning("Steps from one look at the columns to the next.", "20", least=1),
+        },
+    ),
+    "[[exposed]]": (
+        EXPOSED,
+        "A place that a slide may reach, one table for each, with one of `at`, `between` and `polygon`.",
+        {
+            "name": Meaning("Its name, of which there is one.", '"road"'),
+            "at": Meaning("A point: `[x]` in a section, `[x, y]` in 3D.", "[72.0]", unit="m"),
+            "between": Meaning("In a section, the two ends of a stretch.", "[70.0, 76.0]", unit="m"),
+            "polygon": Meaning("In 3D, the corners of a polygon in order.", "[[70, 5], [76, 5], [73, 12]]", unit="m"),
+            "value": Meaning("What stands there, in any currency.", "250e3", least=0),
+            "vulnerability": Meaning(
+                "Share of the value that is lost at each largest thickness, or each largest speed, straight lines "
+                "between; it does not fall.",
+                '[["0 m", 0.0], ["1 m", 0.4], ["3 m", 1.0]]',
+            ),
+        },
+    ),
+}
+"""Tables of hazard and risk, which no scene needs."""
+_TYPES = {float: "number", int: "integer", bool: "boolean", str: "string", list: "array"}
 
 
 def json_schema() -> dict[str, Any]:
@@ -223,6 +254,7 @@ def json_schema() -> dict[str, Any]:
         "properties": {
             "name": {"type": "string"},
             **tables,
+            **_hazards(),
             "calibration": {"type": "object"},
             "limit_load": {"type": "object"},
             "sweep": {"type": "object"},
@@ -230,6 +262,21 @@ def json_schema() -> dict[str, Any]:
         "required": needed,
         "additionalProperties": False,
     }
+
+
+def _hazards() -> dict[str, Any]:
+    """Schema of the tables of hazard and risk."""
+    found: dict[str, Any] = {}
+    for title, (keys, said, meanings) in HAZARDS.items():
+        table = {
+            "type": "object",
+            "description": said,
+            "properties": {name: _property(key, meanings[name]) for name, key in keys.items()},
+            "required": [name for name, key in keys.items() if key.default is REQUIRED],
+            "additionalProperties": False,
+        }
+        found[title.strip("[]")] = {"type": "array", "items": table} if title.startswith("[[") else table
+    return found
 
 
 def _property(key: Key, meaning: Meaning) -> dict[str, Any]:
@@ -287,6 +334,11 @@ def markdown() -> str:
             continue
         parts += ["| key | what | unit | default | range | example |", "|---|---|---|---|---|---|"]
         parts += [_row(name, key, MEANINGS[section][name]) for name, key in keys.items()]
+        parts.append("")
+    for title, (keys, said, meanings) in HAZARDS.items():
+        parts += [f"## `{title}`\n", said + "\n"]
+        parts += ["| key | what | unit | default | range | example |", "|---|---|---|---|---|---|"]
+        parts += [_row(name, key, meanings[name]) for name, key in keys.items()]
         parts.append("")
     return "\n".join(parts)
 

@@ -11,14 +11,17 @@ from typing import Any
 import numpy as np
 
 from cooperative.estimate import (
+    Curve,
     Estimate,
     Phases,
     Slides,
     after_more_runs,
+    chance_of,
     correlation,
     exceedance,
     fit_distributions,
     mean_interval,
+    mean_of,
     severity_ranking,
     shares,
 )
@@ -32,6 +35,8 @@ NOT_BROKEN = ("FINISHED", "SETTLED", "DECIDED")
 MEASURES = ("displacement", "depth", "runout", "volume", "area")
 CURVES = ("runout", "volume", "depth")
 """Consequences whose probability of being exceeded is told."""
+MOST_LOSS = 5
+"""Samples named that make most of the expected loss."""
 CHECKSUM = "checksum"
 """Key of a summary that tells whether it is whole, and of which rows."""
 CONTENT = 2
@@ -116,6 +121,7 @@ def _summary(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, Any]:
             if failed.any()
         },
         "exceedance": _exceedance(found, refined, failed & (weight > 0), weight),
+        "risk": _risk(campaign, found, refined, failed & (weight > 0), weight),
         "fits": _fits(refined, failed, weight),
         "severity": _severity(refined, failed, weight),
         "seconds": {
@@ -205,13 +211,77 @@ def _exceedance(found: Estimate, refined: Rows, slid: np.ndarray, weight: np.nda
         mine = slid & np.isfinite(values)
         if mine.any():
             curve = exceedance(found, weight[mine], values[mine])
-            curves[name] = {
-                "thresholds": curve.thresholds.tolist(),
-                "probability": curve.chance.value.tolist(),
-                "low": curve.chance.low.tolist(),
-                "high": curve.chance.high.tolist(),
-            }
+            curves[name] = _curve(curve)
     return curves
+
+
+def _curve(curve: Curve) -> dict[str, list[float]]:
+    chance = curve.chance
+    return {
+        "thresholds": curve.thresholds.tolist(),
+        "probability": chance.value.tolist(),
+        "low": chance.low.tolist(),
+        "high": chance.high.tolist(),
+    }
+
+
+def _risk(
+    campaign: Campaign, found: Estimate, refined: Rows, slid: np.ndarray, weight: np.ndarray
+) -> dict[str, Any] | None:
+    """What comes over the exposed places, and what is lost there; None where there are none."""
+    if campaign.hazard is None or not campaign.hazard.places:
+        return None
+    # A slide that broke off has no columns.
+    mine = slid & np.isfinite(_measure(refined, "area_columns"))
+    weight, places = weight[mine], {}
+    lost = np.zeros(weight.size)
+    for place in campaign.hazard.places:
+        came = {what: _measure(refined, f"{what}_at_{place.key}")[mine] for what in ("thickness", "speed", "arrival")}
+        reached = np.isfinite(came["arrival"])
+        chance = chance_of(found, weight, reached[:, None])
+        told: dict[str, Any] = {
+            "reached": {
+                "probability": float(chance.value[0]),
+                "interval": [float(chance.low[0]), float(chance.high[0])],
+            }
+        }
+        for what, values in came.items():
+            told[what] = _spread(values[reached], weight[reached], found.level)
+        if place.vulnerability is not None and place.value is not None:
+            each = np.where(reached, place.value * place.vulnerability.share(came[place.vulnerability.of]), 0.0)
+            told["loss"] = {"value": place.value, **_expected(found, weight, each)}
+            lost += each
+        places[place.name] = told
+    if not any("loss" in told for told in places.values()):
+        return {"places": places, "loss": None}
+    curve = exceedance(found, weight, lost, np.unique(np.concatenate([[0.0], lost])))
+    modes = refined.columns.get("mode", np.full(slid.size, ""))[mine]
+    whole, number = float(weight @ lost), refined.columns["sample"][mine]
+    most = np.argsort(-weight * lost, kind="stable")[:MOST_LOSS]
+    return {
+        "places": places,
+        "loss": {
+            **_expected(found, weight, lost),
+            "exceedance": _curve(curve),
+            "modes": {
+                mode: float((weight * lost)[modes == mode].sum() / whole)
+                for mode in SEVERITY
+                if mode in modes and whole
+            },
+            "samples": [
+                {"sample": int(number[at]), "loss": float(lost[at]), "share": float(weight[at] * lost[at] / whole)}
+                for at in most
+                if lost[at] > 0
+            ],
+        },
+    }
+
+
+def _expected(found: Estimate, weight: np.ndarray, amount: np.ndarray) -> dict[str, Any]:
+    """Expected value over all samples, with its interval, None where there is too little for one."""
+    mean = mean_of(found, weight, amount)
+    low, high = float(mean.low), float(mean.high)
+    return {"expected": float(mean.value), "interval": [low, high] if np.isfinite(high) else None}
 
 
 def _groups(refined: Rows, failed: np.ndarray, weight: np.ndarray) -> dict[str, np.ndarray]:

@@ -226,6 +226,24 @@ class Scene:
 
 @pytree
 @dataclass(frozen=True)
+class Columns:
+    """What has passed over each column of cells by now, along the horizontal axes (nx,) or (nx, ny).
+
+    thickness: largest thickness of the soil in it that has moved (m). speed: its largest speed (m/s), that of its
+    momentum over its mass. arrival: when it first was there (s), inf where it was not. moved: displacement from which
+    on soil counts (m). least: thickness from which on it counts as there (m). every: steps from one look to the next.
+    """
+
+    thickness: Array
+    speed: Array
+    arrival: Array
+    moved: float = static()
+    least: float = static()
+    every: int = static()
+
+
+@pytree
+@dataclass(frozen=True)
 class State:
     """What changes in time, per particle unless said otherwise.
 
@@ -233,7 +251,8 @@ class State:
     stress: (s, N) Pa, the components that the dimension can have: xx, yy, zz in 1D, with xz in 2D, all six
     (xx, yy, zz, xy, yz, xz) in 3D. volume_ratio: (N,) current over initial volume.
     history: of the material, (N,), or None. step: steps taken so far. status: of the lane, see `Status`.
-    affine: (d, d, N) gradient of the velocity that APIC carries (1/s), None without.
+    affine: (d, d, N) gradient of the velocity that APIC carries (1/s), None without. columns: what has passed over each
+    column of cells, None where nobody asked, see `with_columns`.
     """
 
     displacement: Array
@@ -244,3 +263,4 @@ class State:
     step: Array
     status: Array
     affine: Array | None = None
+    columns: Columns | None = None

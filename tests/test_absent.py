@@ -136,6 +136,24 @@ def test_walls_with_friction_leave_no_operation_behind():
     assert count(program(*sliding), "sqrt") > 0
 
 
+def test_columns_leave_nothing_in_state_or_program_unless_asked_for():
+    scene, state = section()
+    assert state.columns is None
+    looked = mpm.with_columns(scene, state)
+    assert len(jax.tree.leaves(looked)) == len(jax.tree.leaves(state)) + 3
+
+    def run(state):
+        return jax.jit(lambda s: mpm.advance(replace(scene, engine=mpm.Engine.XLA), s, jnp.asarray(4))).lower(state)
+
+    plain, asked = run(state).as_text(), run(looked).as_text()
+    assert plain.count('"stablehlo.case"(') == 0
+    assert asked.count('"stablehlo.case"(') == 1
+    found = [text.count('"stablehlo.scatter"(') for text in (plain, asked)]
+    assert found[1] == found[0] + 1
+    # The step itself is the same, whoever looks at what it made.
+    assert program(scene, looked).count("stablehlo.") == program(scene, state).count("stablehlo.")
+
+
 def test_section_carries_no_out_of_plane_shear():
     for d, components in ((1, 3), (2, 4), (3, 6)):
         _, state = mpm.column(4.0, SOIL, mpm.Discretisation(1.0, (0.5,) * d))

@@ -19,6 +19,7 @@ from matplotlib.image import imread
 
 from cooperative import run, runs, summary
 from cooperative.__main__ import main
+from cooperative.hazard import hazard_maps
 from cooperative.reporting import _page as page
 from cooperative.reporting import _pictures as pictures
 from cooperative.reporting import _plots as plots
@@ -27,8 +28,9 @@ from cooperative.reporting._exports import export
 from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, sample_path, write_sample
 from tests.test_campaign import TINY
+from tests.test_coop_places import HAZARD
 
-SCENE = TINY.replace("samples = 6", "samples = 14").replace('estimator = "published"', "refined_runs = 10")
+SCENE = TINY.replace("samples = 6", "samples = 14").replace('estimator = "published"', "refined_runs = 10") + HAZARD
 
 
 class Page(HTMLParser):
@@ -115,6 +117,39 @@ def test_the_table_tells_what_each_refined_run_stands_for(done):
     )
     assert sum(line["failed"] == "1.0" for line in refined) == summary["failures_refined"] > 0
     assert {line["weight"] for line in lines if line["grid"] == "rough"} == {""}
+
+
+def test_maps_add_up_to_what_the_slides_cover(done):
+    folder, summary = done
+    found = hazard_maps(folder)
+    reached, covered = found.maps["reached"], found.maps["covered at the end"]
+    assert (reached.value + 1e-12 >= covered.value).all()
+    assert reached.value.max() == pytest.approx(summary["probability_of_failure"])
+    assert (reached.high <= summary["interval"][1] + 1e-12).all()
+    with open(write_table(read_store(folder)), newline="") as file:
+        slides = [line for line in csv.DictReader(file) if line["failed"] == "1.0"]
+    expected = sum(float(line["slide_weight"]) * float(line["area_columns"]) for line in slides)
+    assert float(covered.value[found.beyond].sum()) * found.plan.area == pytest.approx(expected, rel=1e-9)
+    # Edges of particles lead the columns by less than one.
+    for line in slides:
+        assert abs(float(line["area_columns"]) - float(line["area"])) < 1.5 * found.plan.cell
+    thickness = found.maps["expected thickness"].value.sum() * found.plan.area
+    volume = sum(float(line["slide_weight"]) * float(line["volume"]) for line in slides)
+    assert thickness == pytest.approx(volume, rel=1e-5)
+
+
+def test_expected_loss_is_the_area_under_its_curve(done):
+    _, summary = done
+    loss, road = summary["risk"]["loss"], summary["risk"]["places"]["road"]
+    curve = loss["exceedance"]
+    assert float(np.array(curve["probability"][:-1]) @ np.diff(curve["thresholds"])) == pytest.approx(
+        loss["expected"], rel=1e-9
+    )
+    assert loss["expected"] == pytest.approx(road["loss"]["expected"])
+    assert 0 < loss["interval"][0] < loss["expected"] < loss["interval"][1]
+    assert sum(loss["modes"].values()) == pytest.approx(1.0)
+    assert "loss" not in summary["risk"]["places"]["house"]
+    assert 0 < road["arrival"]["mean"] < summary["risk"]["places"]["house"]["arrival"]["mean"]
 
 
 def test_the_same_folder_gives_the_same_page(done):

@@ -13,7 +13,9 @@ ROOMS = {
     "foundation": "text pytrees check files",
     "jaxmpm": "types tensors transfer laws boundary _step diagnostics site run io",
     "kl": "types axis marginal sampling field soil plots",
-    "cooperative": "store measure estimate scene runs summary campaign reporting sweep research doctor reference",
+    "cooperative": (
+        "store measure estimate scene runs summary hazard campaign reporting sweep research doctor reference"
+    ),
 }
 ENTRANCES = {"cooperative": {"__main__", "_commands"}}
 FOREIGN = {

@@ -10,7 +10,7 @@ from cooperative.estimate._estimates import (
     wilson_interval,
     with_variance,
 )
-from cooperative.estimate._exceedance import Curve, Hazard, chance_of, exceedance, mean_of
+from cooperative.estimate._exceedance import Chances, Curve, chance_of, exceedance, mean_of
 from cooperative.estimate._fits import CANDIDATES, ENOUGH, Fit, Fits, Severity, fit_distributions, severity_ranking
 from cooperative.estimate._phases import Phases
 from cooperative.estimate._protocol import Answers, Estimator, Population, Sampling, Screened, all_samples
@@ -38,6 +38,7 @@ __all__ = [
     "SETTINGS",
     "Answers",
     "AuditPlan",
+    "Chances",
     "ControlVariate",
     "Correlation",
     "Curve",
@@ -45,7 +46,6 @@ __all__ = [
     "Estimator",
     "Fit",
     "Fits",
-    "Hazard",
     "MonteCarlo",
     "Phases",
     "Population",

@@ -12,6 +12,7 @@ what every failure does has the interval of P_f.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,9 +22,12 @@ from scipy.stats import t as student
 from cooperative.estimate._estimates import Estimate
 from cooperative.estimate._shares import MOST_LEVERAGE
 
+POINTS = 61
+"""Thresholds of a curve."""
+
 
 @dataclass(frozen=True)
-class Hazard:
+class Chances:
     """Probabilities, or expected values, one for each place or threshold (...). value: the estimate. low, high:
     pointwise confidence limits. count: slides that do it (...) int."""
 
@@ -33,7 +37,7 @@ class Hazard:
     count: np.ndarray
 
 
-def chance_of(found: Estimate, weight: np.ndarray, happens: np.ndarray) -> Hazard:
+def chance_of(found: Estimate, weight: np.ndarray, happens: np.ndarray) -> Chances:
     """Probability that a sample fails and does something, for many somethings at once.
 
     found: P_f. weight: what each slide stands for (n,), above 0; their scale does not matter. happens: whether each
@@ -43,59 +47,53 @@ def chance_of(found: Estimate, weight: np.ndarray, happens: np.ndarray) -> Hazar
     weight, happens = _checked(weight, happens)
     if not weight.size:
         nothing = np.zeros(happens.shape[1:])
-        return Hazard(nothing, nothing, np.full(happens.shape[1:], found.interval[1]), nothing.astype(int))
-    share, does = weight / weight.sum(), happens.reshape(weight.size, -1).astype(float)
+        return Chances(nothing, nothing, np.full(happens.shape[1:], found.interval[1]), nothing.astype(int))
+    shape = happens.shape[1:]
+    share, does = weight / weight.sum(), happens.reshape(weight.size, math.prod(shape)).astype(float)
     ratio = np.minimum(share @ does, 1.0)
     spread, freedom = _of_ratio(share, does, ratio)
-    # What few slides do shows too little of its scatter: it is at least that of as many independent draws.
-    alike = float(share @ share)
-    rare = ratio * (1 - ratio) * alike / max(1 - alike, MOST_LEVERAGE)
-    freedom = np.where(spread > rare, freedom, max(1 / alike - 1, 1.0))
-    spread = np.maximum(spread, rare)
     probability = found.probability * ratio
     of_pf = (found.cov * found.probability) ** 2 if found.probability else 0.0
     variance = ratio**2 * of_pf + found.probability**2 * spread
     freedom = _welch((ratio**2 * of_pf, found.freedom), (found.probability**2 * spread, freedom))
     # Where nothing, or everything, does it, the limit of the ratio of both.
+    alike = float(share @ share)
     none = found.probability * alike
     with np.errstate(divide="ignore", invalid="ignore"):
         samples = np.where(variance > 0, probability * (1 - probability) / variance, 1 / none if none else np.inf)
     freedom = np.where(variance > 0, freedom, max(1 / alike - 1, 1.0))
     low, high = _wilson(probability, samples, freedom, found.level)
-    high = probability + np.hypot(high - probability, ratio * found.unseen)
-    shape = happens.shape[1:]
-    count = happens.reshape(weight.size, -1).astype(bool).sum(axis=0)
-    return Hazard(
-        probability.reshape(shape), low.reshape(shape), np.minimum(high, 1.0).reshape(shape), count.reshape(shape)
-    )
+    # What no run has looked at is allowed for as in P_f, beyond whose limit nothing that needs a failure can be.
+    high = np.minimum(probability + np.hypot(high - probability, ratio * found.unseen), found.interval[1])
+    count = (does > 0).sum(axis=0)
+    return Chances(probability.reshape(shape), low.reshape(shape), high.reshape(shape), count.reshape(shape))
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Probability that a sample fails and its slide exceeds each of `thresholds` (k,). The first is 0 and counts every
-    failure, so that the curve starts at P_f, those included that bring nothing."""
+    """Probability that a sample fails and its slide exceeds each of `thresholds` (k,)."""
 
     thresholds: np.ndarray
-    chance: Hazard
+    chance: Chances
 
 
-def exceedance(found: Estimate, weight: np.ndarray, values: np.ndarray, *, points: int = 61) -> Curve:
-    """Exceedance curve of what slides bring, from 0 to the largest of them, at evenly spaced thresholds.
+def exceedance(found: Estimate, weight: np.ndarray, values: np.ndarray, thresholds: np.ndarray | None = None) -> Curve:
+    """Exceedance curve of what slides bring.
 
-    found, weight: as for `chance_of`. values: of each slide (n,), 0 or more. points: thresholds, at least 2.
+    found, weight: as for `chance_of`. values: of each slide (n,), 0 or more. thresholds: (k,); where none are given, 61
+    even steps from 0 to the largest value, the first of which counts every failure, also those that bring nothing.
     Raises ValueError for shapes that do not fit and for values below 0 or not finite.
     """
     weight, values = _checked(weight, values)
     _check_amounts(values)
-    if points < 2:
-        raise ValueError(f"points = {points}: give 2 or more, the first is 0 and the last the largest value")
-    thresholds = np.linspace(0.0, float(values.max(initial=0.0)), points)
-    beyond = values[:, None] > thresholds
-    beyond[:, 0] = True
-    return Curve(thresholds, chance_of(found, weight, beyond))
+    at = np.linspace(0.0, float(values.max(initial=0.0)), POINTS) if thresholds is None else np.asarray(thresholds)
+    beyond = values[:, None] > at
+    if thresholds is None:
+        beyond[:, 0] = True
+    return Curve(at, chance_of(found, weight, beyond))
 
 
-def mean_of(found: Estimate, weight: np.ndarray, amount: np.ndarray) -> Hazard:
+def mean_of(found: Estimate, weight: np.ndarray, amount: np.ndarray) -> Chances:
     """Expected value over all samples of what slides bring, 0 where nothing fails, for many things at once.
 
     found, weight: as for `chance_of`. amount: of each slide (n, ...), 0 or more. The interval is on the logarithm, as
@@ -104,12 +102,13 @@ def mean_of(found: Estimate, weight: np.ndarray, amount: np.ndarray) -> Hazard:
     """
     weight, amount = _checked(weight, amount)
     _check_amounts(amount)
-    shape, brings = amount.shape[1:], amount.reshape(weight.size, -1).astype(float)
+    shape = amount.shape[1:]
+    brings = amount.reshape(weight.size, math.prod(shape)).astype(float)
     count = (brings > 0).sum(axis=0).reshape(shape)
     if weight.size < 3:
         share = weight / weight.sum() if weight.size else weight
         value = (found.probability * (share @ brings)).reshape(shape)
-        return Hazard(value, np.zeros(shape), np.full(shape, np.nan), count)
+        return Chances(value, np.zeros(shape), np.full(shape, np.nan), count)
     share = weight / weight.sum()
     ratio = share @ brings
     spread, freedom = _of_ratio(share, brings, ratio)
@@ -121,7 +120,7 @@ def mean_of(found: Estimate, weight: np.ndarray, amount: np.ndarray) -> Hazard:
     value = found.probability * ratio
     low = np.where(ratio > 0, value * np.exp(-half), 0.0)
     high = value * np.exp(np.minimum(half, 700.0))
-    return Hazard(value.reshape(shape), low.reshape(shape), high.reshape(shape), count)
+    return Chances(value.reshape(shape), low.reshape(shape), high.reshape(shape), count)
 
 
 def _checked(weight: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -141,12 +140,17 @@ def _check_amounts(values: np.ndarray) -> None:
 
 
 def _of_ratio(share: np.ndarray, values: np.ndarray, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Variance of weighted means (k,) of values (n, k), and its degrees of freedom, as in `mean_interval`."""
+    """Variance of weighted means (k,) of values (n, k), and its degrees of freedom, as in `mean_interval`.
+
+    What few slides do shows too little of its scatter: both are at least those of as many draws that are all alike.
+    """
     parts = (share[:, None] * (values - ratio)) ** 2 / np.maximum(1 - share, MOST_LEVERAGE)[:, None] ** 2
     variance, squares = parts.sum(axis=0), (parts**2).sum(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        freedom = np.where(squares > 0, np.maximum(variance**2 / squares - 1, 1.0), np.inf)
-    return variance, freedom
+        freedom = np.where(squares > 0, variance**2 / squares - 1, np.inf)
+    alike = float(share @ share)
+    plain = np.maximum(share @ values**2 - ratio**2, 0.0) * alike / max(1 - alike, MOST_LEVERAGE)
+    return np.maximum(variance, plain), np.maximum(freedom, max(1 / alike - 1, 1.0))
 
 
 def _welch(*parts: tuple[np.ndarray, np.ndarray | float]) -> np.ndarray:

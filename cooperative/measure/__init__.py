@@ -1,16 +1,21 @@
-"""What a slide did: consequences, onsets, failure modes."""
+"""What a slide did: consequences, onsets, failure modes, what came over places."""
 
 from cooperative.measure._consequences import Consequences, SlopeGeometry, consequences
 from cooperative.measure._modes import SEVERITY, FailureMode, ModeRules, failure_mode
 from cooperative.measure._onsets import Motion
+from cooperative.measure._places import ColumnPlan, Place, Vulnerability, quantity
 
 __all__ = [
     "SEVERITY",
+    "ColumnPlan",
     "Consequences",
     "FailureMode",
     "ModeRules",
     "Motion",
+    "Place",
     "SlopeGeometry",
+    "Vulnerability",
     "consequences",
     "failure_mode",
+    "quantity",
 ]

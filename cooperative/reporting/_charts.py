@@ -10,10 +10,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from cooperative.estimate import CANDIDATES
+from cooperative.estimate import CANDIDATES, Chances
+from cooperative.hazard import ARRIVAL, REACHED, THICKNESS, Maps
 from cooperative.reporting._plots import panels
 
 ROUGH, REFINED, FAILED, GREY = "#0072B2", "#D55E00", "#CC79A7", "#5A5A5A"
@@ -109,6 +111,81 @@ def exceedance(curves: Mapping[str, Mapping[str, Any]], labels: Mapping[str, str
     axes[0].legend()
     for ax in axes[len(curves) :]:
         ax.set_axis_off()
+    return figure
+
+
+def profile(maps: Maps, *, toe: float) -> Figure:
+    """Hazard along a section: probabilities, expected thickness and arrival against x. What is reached, the thickness
+    and the arrival have their intervals.
+
+    toe: x of the toe (m), drawn as a line.
+    """
+    likely = [name for name, unit in maps.units.items() if unit == "-"]
+    figure, axes = panels(3, size=(8.0, 2.6))
+    edges, styles = maps.edges[0], ("-", "--", "-.", ":")
+    for number, name in enumerate(likely):
+        colour = (ROUGH, REFINED, FAILED, "#009E73", "#56B4E9", GREY)[number % 6]
+        _staircase(axes[0], edges, maps.maps[name], colour, styles[number % 4], name, banded=number == 0)
+    axes[0].set(ylabel="probability [-]")
+    _staircase(axes[1], edges, maps.maps[THICKNESS], ROUGH, "-", "expected thickness of the deposit")
+    axes[1].set(ylabel="thickness [m]")
+    _staircase(axes[2], edges, maps.maps[ARRIVAL], ROUGH, "-", "mean arrival of the slides that come")
+    axes[2].set(ylabel="arrival [s]", xlabel="x [m]")
+    for ax in axes:
+        ax.set_ylim(bottom=0)
+        ax.set_xlim(edges[0], edges[-1])
+        ax.axvline(toe, color=GREY, lw=1, ls=":")
+        ax.legend(fontsize=8)
+    axes[0].annotate(" toe", (toe, axes[0].get_ylim()[1]), va="top", color=GREY, fontsize=9)
+    return figure
+
+
+def _staircase(
+    ax: Axes, edges: np.ndarray, found: Chances, colour: str, style: str, name: str, *, banded: bool = True
+) -> None:
+    """A value for each column, with its interval if `banded`; one that no slide tells is left out."""
+    value, low, high = (np.append(each, each[-1:]) for each in (found.value, found.low, found.high))
+    if banded:
+        ax.fill_between(edges, low, high, step="post", color=colour, alpha=0.15, lw=0)
+    ax.step(edges, value, style, where="post", color=colour, lw=1.8, label=name)
+
+
+def plan_maps(maps: Maps, *, toe: float) -> Figure:
+    """Hazard in plan, one panel for each map, with the limits of its interval beside it for the first.
+
+    toe: x of the toe (m), drawn as a line.
+    """
+    shown = [(name, name, found.value, maps.units[name]) for name, found in maps.maps.items()]
+    first = maps.maps[REACHED]
+    limits = (("lower", first.low), ("upper", first.high))
+    shown[1:1] = [(f"{REACHED}, {side} limit", REACHED, values, "-") for side, values in limits]
+    x, y = maps.edges
+    columns = 2
+    figure, axes = panels(-(-len(shown) // columns), columns, size=(5.4, 5.4 * np.ptp(y) / np.ptp(x) + 0.9))
+    for ax, (title, name, values, unit) in zip(axes, shown, strict=False):
+        # What is reached and its limits share one scale.
+        scale = first.high if name == REACHED else values
+        top = float(np.nanmax(scale, initial=0.0)) or 1.0
+        mesh = ax.pcolormesh(x, y, values.T, cmap="cividis", vmin=0.0, vmax=top, rasterized=True)
+        ax.axvline(toe, color="white", lw=1.2, ls="--")
+        ax.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
+        ax.set_title(title, loc="left", fontsize=9)
+        figure.colorbar(mesh, ax=ax, label=f"[{unit}]", shrink=0.8)
+    for ax in axes[len(shown) :]:
+        ax.set_axis_off()
+    return figure
+
+
+def losses(curve: Mapping[str, Sequence[float]], *, level: float) -> Figure:
+    """Loss exceedance (F-N) curve: probability of losing more, with its interval."""
+    figure, (ax,) = panels(1, size=(6.0, 3.6))
+    at, chance = np.array(curve["thresholds"]), np.array(curve["probability"])
+    low, high = np.array(curve["low"]), np.array(curve["high"])
+    ax.fill_between(at, low, high, step="post", color=REFINED, alpha=0.2, lw=0)
+    ax.step(at, chance, where="post", color=REFINED, lw=2, label=f"with {level:.0%} interval")
+    ax.set(xlabel="loss [currency of the scene]", ylabel="probability of losing more [-]")
+    ax.set_ylim(bottom=0)
+    ax.legend()
     return figure
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from cooperative import runs, summary
 from cooperative.estimate import ENOUGH, Estimator, Phases
+from cooperative.hazard import Maps, maps_of
 from cooperative.reporting import _charts as charts
 from cooperative.reporting import _page as page
 from cooperative.reporting import _pictures as pictures
@@ -33,7 +34,7 @@ SLIDES = 3
 @dataclass(frozen=True)
 class Told:
     """A campaign read once: its rows, and its summary as `summary.json` has it. left_out: what is there and does not
-    count, and why."""
+    count, and why. maps: of hazard, None where the scene asks for none or nothing slid."""
 
     store: Store
     campaign: Campaign
@@ -41,6 +42,7 @@ class Told:
     refined: Rows
     summary: dict[str, Any]
     left_out: tuple[str, ...] = ()
+    maps: Maps | None = None
 
     @cached_property
     def phases(self) -> Phases:
@@ -98,7 +100,15 @@ def report(folder: str | Path, *, slides: int = SLIDES, again: bool = False, est
     left_out = [f"{why}: will be run again" for rows in (rough, refined) for why in rows.damaged]
     refined, without = _paired(refined, rough)
     left_out += [f"refined run {number} has no rough run beside it: resume the campaign" for number in without]
-    told = Told(store, campaign, rough, refined, summary.stored(campaign, store, rough, refined), tuple(left_out))
+    told = Told(
+        store,
+        campaign,
+        rough,
+        refined,
+        summary.stored(campaign, store, rough, refined),
+        tuple(left_out),
+        maps_of(campaign, store, models["refined"], rough, refined),
+    )
     numbers, slopes = list(_numbers(told)), list(_slopes(told, models, slides, again))
     target = own_folder(store.folder / "figures")
     for drawn in [*numbers, *slopes]:
@@ -209,7 +219,8 @@ def _numbers(told: Told) -> Iterator[Drawn]:
 
 def _hazards(told: Told) -> Iterator[Drawn]:
     """Figures of how likely a slide does how much."""
-    curves = told.summary["exceedance"]
+    # A curve of one step, as of slides that are all as deep as the ground, tells no more than P_f.
+    curves = {name: each for name, each in told.summary["exceedance"].items() if len({*each["probability"][:-1]}) > 1}
     if curves:
         yield Drawn(
             "exceedance",
@@ -217,6 +228,29 @@ def _hazards(told: Told) -> Iterator[Drawn]:
             f"{told.summary['level']:.0%} interval at each point. The curves start at the probability of failure.",
             charts.exceedance(curves, told.labels, level=told.summary["level"]),
         )
+    maps, toe = told.maps, told.campaign.slope.toe_x
+    if maps is not None:
+        solid = told.campaign.slope.dimension == 3
+        draw = charts.plan_maps if solid else charts.profile
+        yield Drawn("hazard", _mapped(maps, told.summary["level"]), draw(maps, toe=toe))
+    risk = told.summary["risk"]
+    if risk and risk["loss"] and risk["loss"]["expected"]:
+        yield Drawn(
+            "losses",
+            "Probability of losing more than stands below at the exposed places together. The area under the curve is "
+            "the expected loss.",
+            charts.losses(risk["loss"]["exceedance"], level=told.summary["level"]),
+        )
+
+
+def _mapped(maps: Maps, level: float) -> str:
+    """What maps show, in words."""
+    return (
+        f"How likely soil that moved reaches a column of cells of {maps.plan.cell:g} m, from {maps.slides} slides, "
+        f"with the {level:.0%} interval of each column. Soil counts as there from {maps.least:.2g} m on, averaged over "
+        f"the column. It was looked at every {maps.every:.2g} s, in which the fastest soil went {maps.missed:.2g} "
+        "m: peaks shorter than that are missed."
+    )
 
 
 def _distinct(told: Told) -> dict[str, dict[str, Any]]:
@@ -260,7 +294,11 @@ def _parts(told: Told, numbers: Sequence[Drawn], slopes: Sequence[Drawn]) -> Ite
         yield page.paragraph(note, "note")
     if "exceedance" in figures:
         yield page.heading("How far, how much, how deep")
-        yield from shown("exceedance")
+        yield from shown("exceedance", "hazard")
+    if found["risk"]:
+        yield page.heading("Exposed places")
+        yield from _risk(found)
+        yield from shown("losses")
     yield page.heading("What the slides look like")
     yield from shown("slide", "plan", "slope", "field")
     yield page.heading("How sure, and why")
@@ -308,6 +346,43 @@ def _consequences(told: Told) -> str:
         return page.paragraph("No refined run failed.")
     columns = ["of the failed samples", "unit", "mean", f"{told.summary['level']:.0%} interval", "smallest", "largest"]
     return page.table(columns, rows)
+
+
+def _risk(found: dict[str, Any]) -> Iterator[str]:
+    """What comes over the exposed places and what is lost."""
+
+    def mean(spread: dict[str, Any]) -> float | None:
+        return spread.get("mean")
+
+    rows: list[list[str | float | int | None]] = []
+    for name, place in found["risk"]["places"].items():
+        loss = place.get("loss")
+        rows.append(
+            [
+                name,
+                place["reached"]["probability"],
+                _limits(place["reached"]["interval"]),
+                *(mean(place[what]) for what in ("arrival", "thickness", "speed")),
+                loss and loss["expected"],
+                loss and _limits(loss["interval"]),
+            ]
+        )
+    level = f"{found['level']:.0%} interval"
+    heads = ["place", "probability of being reached", level, "arrival, s", "thickness, m", "speed, m/s"]
+    yield page.table([*heads, "expected loss", level], rows)
+    yield page.paragraph(
+        "Arrival, thickness and speed are means over the slides that come, of the largest values at the place."
+    )
+    loss = found["risk"]["loss"]
+    if not loss:
+        return
+    modes = ", ".join(f"{share:.0%} {mode}" for mode, share in loss["modes"].items() if share)
+    most = ", ".join(f"{each['sample']} ({each['share']:.0%})" for each in loss["samples"])
+    yield page.paragraph(
+        f"Expected loss per slope {loss['expected']:.4g} ({_limits(loss['interval'])})"
+        + (f"; {modes} slides make it" if modes else "")
+        + (f"; most of it the samples {most}." if most else ".")
+    )
 
 
 def _limits(interval: Sequence[float] | None) -> str:

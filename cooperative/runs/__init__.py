@@ -1,17 +1,19 @@
 """Runs of samples: the model of a grid, samples through lanes and workers, restart points, stopping."""
 
+from cooperative.runs._columns import COLUMNS, beyond_toe
 from cooperative.runs._compiled import keep_compiled, machine
 from cooperative.runs._executors import Workers, cores_to_use, dask_executor, process_pool, run_through
 from cooperative.runs._frames import Frames
 from cooperative.runs._initial import keep_initial
 from cooperative.runs._known import foreign, phases_of, rows_reader
-from cooperative.runs._model import GridModel, build, coefficients_of, sampling_of
+from cooperative.runs._model import GridModel, build, coefficients_of, column_plan, sampling_of
 from cooperative.runs._random_soil import RandomSoil, random_soil
 from cooperative.runs._samples import finished, run_samples
 from cooperative.runs._size import GridSize, check_coefficients, check_size, grid_size
 from cooperative.runs._stopping import Stop, Stopped, heeding
 
 __all__ = [
+    "COLUMNS",
     "Frames",
     "GridModel",
     "GridSize",
@@ -19,10 +21,12 @@ __all__ = [
     "Stop",
     "Stopped",
     "Workers",
+    "beyond_toe",
     "build",
     "check_coefficients",
     "check_size",
     "coefficients_of",
+    "column_plan",
     "cores_to_use",
     "dask_executor",
     "finished",

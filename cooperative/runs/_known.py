@@ -6,9 +6,11 @@ from collections.abc import Callable, Mapping
 from functools import partial
 
 from cooperative.estimate import Phases
+from cooperative.runs._columns import COLUMNS
 from cooperative.runs._model import GridModel, sampling_of
 from cooperative.scene import Campaign
 from cooperative.store import GRIDS, Rows, Sample, Store, reader
+from jaxmpm import column_shape
 
 OF_PARTICLES = ("displacement", "plastic_strain")
 """Fields of a sample that have a value, or a vector, for each particle."""
@@ -40,6 +42,10 @@ def foreign(samples: int | None, model: GridModel | None, sample: Sample) -> str
     for name, expected in zip(OF_PARTICLES, (shape, shape[1:]), strict=True):
         if name in sample.fields and sample.fields[name].shape != expected:
             return f"holds {name} of shape {sample.fields[name].shape} for particles of shape {expected}"
+    cells = column_shape(model.scene)
+    for name in COLUMNS:
+        if name in sample.fields and sample.fields[name].shape != cells:
+            return f"holds {name} of shape {sample.fields[name].shape} for columns of shape {cells}"
     return None
 
 

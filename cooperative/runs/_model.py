@@ -13,11 +13,11 @@ import numpy as np
 import jaxmpm
 import kl
 from cooperative.estimate import Sampling
-from cooperative.measure import SlopeGeometry
+from cooperative.measure import ColumnPlan, SlopeGeometry
 from cooperative.runs._initial import read_initial
 from cooperative.runs._random_soil import RandomSoil, box_of, depth_below, random_soil
 from cooperative.scene import Campaign, RandomField, built
-from jaxmpm import Scene, State
+from jaxmpm import Scene, State, column_shape, with_columns
 
 
 @dataclass(frozen=True)
@@ -96,6 +96,18 @@ class GridModel:
             raise ValueError(f"random are {', '.join(self.campaign.random)}, not the strength: give [strength]")
         return self.parameters(coefficients)["strength"]
 
+    def looking(self) -> GridModel:
+        """The same grid, whose runs keep what passes over each column of cells where the scene wants that of it. Raises
+        ValueError for exposed places outside the ground."""
+        hazard = self.campaign.hazard
+        if hazard is None or self.grid != "refined":
+            return self
+        plan = column_plan(self.scene)
+        for place in hazard.places:
+            place.columns(plan)
+        moved = self.campaign.run.failure_displacement
+        return replace(self, state=with_columns(self.scene, self.state, moved=moved, every=hazard.every))
+
     def weakened(self, factor: float) -> GridModel:
         """The same grid with all strength, random or not, times a factor."""
         known = "strength" in self.campaign.random
@@ -169,7 +181,7 @@ def sampling_of(campaign: Campaign) -> Sampling:
 def build(
     campaign: Campaign, grid: str, soil: RandomSoil, *, at_rest: bool = True, folder: Path | None = None
 ) -> GridModel:
-    """Scene and initial state of one grid; ValueError where slope, soil and grid do not fit together.
+    """Scene and initial state of one grid; ValueError where slope, soil, grid and exposed places do not fit together.
 
     at_rest: False leaves the state free of stress, which is not solved for then: for who looks and does not run.
     folder: of the campaign, whose initial stress is taken where it keeps one of this grid.
@@ -179,8 +191,19 @@ def build(
         kept = None if folder is None else read_initial(folder, grid, scene, state)
         state = jaxmpm.at_rest(scene, apic=campaign.grids[grid].apic) if kept is None else kept
     factor = campaign.calibration.factor if campaign.calibration and grid == "rough" else 1.0
-    model = GridModel(grid, campaign, scene, state, soil)
+    model = GridModel(grid, campaign, scene, state, soil).looking()
     return model if factor == 1 else model.weakened(factor)
+
+
+def column_plan(scene: Scene) -> ColumnPlan:
+    """Where the columns of cells of a grid stand, between its walls where it has some."""
+    grid, shape = scene.grid, column_shape(scene)
+    ends = []
+    for axis, count in enumerate(shape):
+        walls = {wall.side: wall.index for wall in scene.walls if wall.axis == axis}
+        low, high = walls.get("low", 0), walls.get("high", count)
+        ends.append((grid.origin[axis] + low * grid.cell, grid.origin[axis] + high * grid.cell))
+    return ColumnPlan(tuple(grid.origin[: len(shape)]), grid.cell, shape, tuple(ends))
 
 
 def geometry_of(campaign: Campaign) -> SlopeGeometry:

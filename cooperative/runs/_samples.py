@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from cooperative.measure import FailureMode, ModeRules, Motion, consequences, failure_mode
+from cooperative.runs._columns import column_row, kept_columns
 from cooperative.runs._frames import Frames
 from cooperative.runs._model import GridModel, geometry_of
 from cooperative.runs._restart import RestartPoint, read_restart, write_restart
@@ -195,8 +196,10 @@ def finished(
         limit = campaign.run.failure_displacement
         measured = consequences(*run, half_size=model.half_size, failure_displacement=limit, reach=model.reach)
         row = {**measured.as_row(), "broke_off": False}
-        if frames is not None and measured.displacement > limit:
-            fields |= frames.as_fields()
+        if measured.displacement > limit:
+            fields |= {} if frames is None else frames.as_fields()
+            fields |= (columns := kept_columns(model, result))
+            row |= column_row(model, columns)
         if motion is not None:
             rules = ModeRules(failure_displacement=limit)
             mode = failure_mode(*run, half_size=model.half_size, motion=motion, rules=rules)

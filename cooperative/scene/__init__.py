@@ -4,6 +4,7 @@ from cooperative.scene._budget import allowing, kept_budget, raised, write_budge
 from cooperative.scene._calibration import calibrated, campaign_of, kept, measured
 from cooperative.scene._defaults import with_defaults
 from cooperative.scene._examples import example, examples
+from cooperative.scene._hazard import EXPOSED, HAZARD, Hazard
 from cooperative.scene._limit_load import at_limit_load, measured_limit_load
 from cooperative.scene._schema import NAMES, OPTIONAL, REQUIRED, ROWS, SECTIONS, UNSAID, Key, Table
 from cooperative.scene._soil import PARAMETERS, CrossCorrelation, RandomField, gaussian_root
@@ -11,6 +12,8 @@ from cooperative.scene._text import read_scene, tables_of
 from cooperative.scene._typed import Budget, Campaign, Plan, built, parse
 
 __all__ = [
+    "EXPOSED",
+    "HAZARD",
     "NAMES",
     "OPTIONAL",
     "PARAMETERS",
@@ -21,6 +24,7 @@ __all__ = [
     "Budget",
     "Campaign",
     "CrossCorrelation",
+    "Hazard",
     "Key",
     "Plan",
     "RandomField",

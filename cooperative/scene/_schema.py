@@ -230,7 +230,7 @@ def _value(section: str, name: str, value: Any, key: Key, given: bool) -> Any:
         return float(value)
     if kind is int and _is_number(value) and isinstance(value, int):
         return value
-    if kind in (bool, str) and isinstance(value, kind):
+    if kind in (bool, str, list) and isinstance(value, kind):
         return value
     if kind is tuple and _is_list(value, _is_number):
         return tuple(map(float, value))
@@ -249,6 +249,7 @@ _WANTED = {
     bool: "true or false",
     str: "text",
     tuple: "a list of numbers, one per axis",
+    list: "a list",
     ROWS: "a list of lists of numbers",
     NAMES: "a list of texts",
 }

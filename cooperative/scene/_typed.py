@@ -13,6 +13,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from cooperative.estimate import SETTINGS, Estimator, Sampling, named_estimator
+from cooperative.scene._hazard import Hazard, hazard_of
 from cooperative.scene._schema import (
     CALIBRATION,
     DEFAULTS,
@@ -123,7 +124,8 @@ class Campaign:
     the slope's ends along y. grids: discretisation of "rough" and "refined". run: how each sample runs. plan: what the
     campaign does. calibration: factors of safety of both grids, where they are known. limit_load: where failure
     is told by it, and it is known. raised: refined runs that the
-    campaign's folder allows beyond the scene.
+    campaign's folder allows beyond the scene. hazard: what is kept of slides for maps and exposed places, None where
+    the scene asks for neither.
     """
 
     text: str
@@ -139,6 +141,7 @@ class Campaign:
     calibration: Calibration | None = None
     limit_load: LimitLoad | None = None
     raised: Budget | None = None
+    hazard: Hazard | None = None
 
     @property
     def estimator(self) -> Estimator:
@@ -158,6 +161,7 @@ def parse(text: str, estimator: Estimator | None = None) -> Campaign:
     types and values out of range. What depends on the geometry is checked when the grids are built.
     """
     tables = tables_of(text)
+    hazard = hazard_of(tables)
     name = tables.pop("name", "campaign")
     if not isinstance(name, str):
         raise ValueError(f"name = {shown(name)} is {in_words(name)}: give text in quotes")
@@ -216,6 +220,7 @@ def parse(text: str, estimator: Estimator | None = None) -> Campaign:
         calibration=(
             Calibration(**read("calibration", tables["calibration"], CALIBRATION)) if "calibration" in tables else None
         ),
+        hazard=hazard,
     )
     _check(campaign)
     return campaign

@@ -1,6 +1,7 @@
 """Runs: steps in chunks on the device, stops and looks between them on the host, many samples, derivatives."""
 
 from jaxmpm.run._checkpointed import Checkpoints, checkpoints, replay
+from jaxmpm.run._columns import Passing, column_shape, passing, with_columns
 from jaxmpm.run._integrate import Result, Settle, advance, advance_lanes, lanes, repeat, solve
 from jaxmpm.run._many import Chunk, Midway, solve_each
 from jaxmpm.run._sensitivity import strength_sensitivity
@@ -11,17 +12,21 @@ __all__ = [
     "Chunk",
     "FactorOfSafety",
     "Midway",
+    "Passing",
     "Result",
     "Settle",
     "advance",
     "advance_lanes",
     "checkpoints",
+    "column_shape",
     "factor_of_safety",
     "lanes",
+    "passing",
     "reduced",
     "repeat",
     "replay",
     "solve",
     "solve_each",
     "strength_sensitivity",
+    "with_columns",
 ]

@@ -18,6 +18,7 @@ from foundation import check
 from jaxmpm import diagnostics
 from jaxmpm._step import step
 from jaxmpm.laws import snaps_back
+from jaxmpm.run._columns import kept
 from jaxmpm.site import check_scene, check_shape, parameter_names
 from jaxmpm.transfer import inside, locate
 from jaxmpm.types import Scene, State, Status
@@ -132,7 +133,8 @@ def advance(scene: Scene, state: State, steps: int | Array) -> State:
 
     def advanced(old: State) -> State:
         new = step(scene, old, scene.time_step)
-        return replace(new, step=old.step + 1, status=lane_status(scene, new))
+        new = replace(new, step=old.step + 1, status=lane_status(scene, new))
+        return new if new.columns is None else kept(scene, new)
 
     def frozen_unless_running(_: Any, old: State) -> State:
         return jax.tree.map(partial(jnp.where, old.status == Status.RUNNING), advanced(old), old)
@@ -242,7 +244,7 @@ def solve(
     looks = settle is not None or stop_at is not None
     stops = sorted({*wanted, *(range(look_every, total, look_every) if looks or progress else ()), total})
 
-    kept: dict[int, State] = {}
+    kept_at: dict[int, State] = {}
     watch = Watch.start(np.shape(state.status))
     state = jax.tree.map(jnp.copy, state)
     done = 0
@@ -255,7 +257,7 @@ def solve(
                 state = replace(state, status=jnp.asarray(ended))
             done = stop
             if stop in wanted:
-                kept[stop] = jax.device_get(state)
+                kept_at[stop] = jax.device_get(state)
             if not np.any(np.asarray(state.status) == Status.RUNNING):
                 break
     last = jax.device_get(state)
@@ -264,7 +266,7 @@ def solve(
         state=replace(state, status=final),
         time_step=scene.time_step,
         times=tuple(wanted.values()),
-        snapshots=tuple(kept.get(n, last) for n in wanted),
+        snapshots=tuple(kept_at.get(n, last) for n in wanted),
     )
 
 

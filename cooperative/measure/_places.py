@@ -1,0 +1,220 @@
+"""Places that a slide may reach, where the columns of cells lie that tell, and what a place loses."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+
+Intensity = Literal["thickness", "speed"]
+UNITS: dict[str, tuple[Intensity, float]] = {
+    "m": ("thickness", 1.0),
+    "cm": ("thickness", 0.01),
+    "m/s": ("speed", 1.0),
+    "km/h": ("speed", 1 / 3.6),
+}
+"""What a unit measures, and how many metres, or metres per second, it is."""
+
+TOUCH = 1e-9
+"""Share of a column below which a place that overlaps it only touches it."""
+
+
+@dataclass(frozen=True)
+class ColumnPlan:
+    """Where the columns of cells stand, along the horizontal axes.
+
+    origin: low corner of the first column (k,) m. cell: their edge (m). shape: how many (k,). ends: of the ground that
+    can be reached, (low, high) along each axis (m).
+    """
+
+    origin: tuple[float, ...]
+    cell: float
+    shape: tuple[int, ...]
+    ends: tuple[tuple[float, float], ...]
+
+    @property
+    def area(self) -> float:
+        """Plan area of a column (m2); in a section its length (m)."""
+        return self.cell ** len(self.shape)
+
+    def edges(self, axis: int) -> np.ndarray:
+        """Edges of the columns along an axis, one more than columns (m)."""
+        return self.origin[axis] + self.cell * np.arange(self.shape[axis] + 1)
+
+    @property
+    def ground(self) -> tuple[slice, ...]:
+        """The columns with ground in them: those beyond the ends hold the grid's margin."""
+        found = []
+        for axis, (low, high) in enumerate(self.ends):
+            edges = self.edges(axis)
+            inside = np.flatnonzero((edges[1:] > low + TOUCH * self.cell) & (edges[:-1] < high - TOUCH * self.cell))
+            found.append(slice(int(inside[0]), int(inside[-1]) + 1))
+        return tuple(found)
+
+
+@dataclass(frozen=True)
+class Vulnerability:
+    """Share of a place's value that is lost, 0 to 1, as a function of what comes over it.
+
+    of: "thickness" (m) or "speed" (m/s), the largest at the place. at: ascending values of it. lost: the share at each,
+    between them straight lines; nothing below the first, and beyond the last as there.
+    Raises ValueError for curves that fall or leave [0, 1], and values that do not ascend or are below 0.
+    """
+
+    of: Intensity
+    at: tuple[float, ...]
+    lost: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        unit = {"thickness": "m", "speed": "m/s"}[self.of]
+        if len(self.at) != len(self.lost) or not self.at:
+            raise ValueError(f"a vulnerability curve has {len(self.at)} values and {len(self.lost)} shares: give pairs")
+        if not (np.diff(self.at) > 0).all() or self.at[0] < 0:
+            raise ValueError(f"a vulnerability curve's values {list(self.at)} {unit} do not ascend from 0: order them")
+        for at, lost in zip(self.at, self.lost, strict=True):
+            if not 0 <= lost <= 1:
+                raise ValueError(f"a vulnerability curve loses {lost:g} at {at:g} {unit}: give a share from 0 to 1")
+        for number, fall in enumerate(np.diff(self.lost) < 0):
+            if fall:
+                raise ValueError(
+                    f"a vulnerability curve falls from {self.lost[number]:g} at {self.at[number]:g} {unit} to "
+                    f"{self.lost[number + 1]:g} at {self.at[number + 1]:g} {unit}: what has been lost stays lost"
+                )
+
+    def share(self, intensity: np.ndarray) -> np.ndarray:
+        """Share that is lost at each intensity."""
+        return np.interp(intensity, self.at, self.lost, left=0.0)
+
+
+@dataclass(frozen=True)
+class Place:
+    """A named place in plan: a road, a house.
+
+    corners: one point, or in a section the two ends of a stretch, or in 3D three or more corners of a polygon, in
+    order (m). value: what stands there, in any currency. vulnerability: how much of it is lost; both or neither.
+    Raises ValueError for stretches without length and polygons that cross themselves or have no area.
+    """
+
+    name: str
+    corners: tuple[tuple[float, ...], ...]
+    value: float | None = None
+    vulnerability: Vulnerability | None = None
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.corners).all():
+            raise ValueError(f"place {self.name!r} has corners {self.corners}: give finite metres")
+        if len(self.corners) == 2 and not self.corners[0] < self.corners[1]:
+            (low,), (high,) = self.corners
+            raise ValueError(f"place {self.name!r} reaches from {low:g} to {high:g} m: give the lower end first")
+        if len(self.corners) > 2:
+            for one, other in _crossings(self.corners):
+                raise ValueError(
+                    f"place {self.name!r} crosses itself, between corners {one} and {other}: give its corners in order"
+                )
+            if not abs(_area(np.array(self.corners))) > 0:
+                raise ValueError(f"place {self.name!r} has no area: give corners that are not on one line")
+
+    @property
+    def key(self) -> str:
+        """Its name in rows and tables: lower case, and underscores for all but letters and digits."""
+        return re.sub(r"\W+", "_", self.name.lower()).strip("_")
+
+    def columns(self, plan: ColumnPlan) -> np.ndarray:
+        """Which columns the place overlaps, bool of the plan's shape; a point is in one.
+
+        Raises ValueError for a place that reaches beyond the ground, or has other axes than it.
+        """
+        corners = np.array(self.corners)
+        if corners.shape[1] != len(plan.shape):
+            raise ValueError(
+                f"place {self.name!r} is given by {corners.shape[1]} numbers, the ground has {len(plan.shape)} "
+                "horizontal axes: give [x] or [from, to] in a section, [x, y] or a polygon in 3D"
+            )
+        for axis, (low, high) in enumerate(plan.ends):
+            out = corners[(corners[:, axis] < low) | (corners[:, axis] > high), axis]
+            if out.size:
+                raise ValueError(
+                    f"place {self.name!r} has {'xy'[axis]} = {out[0]:g} m, outside the ground, which reaches from "
+                    f"{low:g} to {high:g} m: move it, or lengthen the ground"
+                )
+        found = np.zeros(plan.shape, bool)
+        if len(corners) == 1:
+            at = np.floor((corners[0] - plan.origin) / plan.cell).astype(int)
+            last = [np.searchsorted(plan.edges(axis), high) - 1 for axis, (_, high) in enumerate(plan.ends)]
+            found[tuple(np.minimum(at, last))] = True
+            return found
+        edges = [plan.edges(axis) for axis in range(len(plan.shape))]
+        if len(plan.shape) == 1:
+            shared = np.minimum(edges[0][1:], corners[1, 0]) - np.maximum(edges[0][:-1], corners[0, 0])
+            return shared > TOUCH * plan.cell
+        for i, j in np.ndindex(*plan.shape):
+            box = np.array([(edges[0][i], edges[1][j]), (edges[0][i + 1], edges[1][j + 1])])
+            if (corners.max(axis=0) > box[0]).all() and (corners.min(axis=0) < box[1]).all():
+                found[i, j] = abs(_area(_clipped(corners, box))) > TOUCH * plan.area
+        return found
+
+
+def quantity(where: str, said: object) -> tuple[Intensity, float]:
+    """What a text such as "0.5 m" or "2 m/s" measures, and how much of it in m or m/s. ValueError for a number without
+    a unit, a unit that is not known, and what is below 0 or not finite."""
+    known = ", ".join(UNITS)
+    words = said.split() if isinstance(said, str) else []
+    if len(words) != 2 or words[1] not in UNITS:
+        lacks = "has no unit" if isinstance(said, int | float) or len(words) == 1 else "is no number and unit"
+        raise ValueError(f'{where} = {said!r} {lacks}: give one of {known}, as in "0.5 m" or "2 m/s"')
+    try:
+        number = float(words[0])
+    except ValueError:
+        number = np.nan
+    if not 0 <= number < np.inf:
+        raise ValueError(f"{where} = {said!r}: give a finite number of 0 or more, and one of {known}")
+    of, size = UNITS[words[1]]
+    return of, number * size
+
+
+def _area(corners: np.ndarray) -> float:
+    """Signed area of a polygon (n, 2), 0 for fewer than 3 corners (m2)."""
+    if len(corners) < 3:
+        return 0.0
+    x, y = (corners - corners[0]).T
+    return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+
+
+def _clipped(corners: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """The part of a polygon (n, 2) in a box, given by its low and high corner (2, 2).
+
+    Sutherland and Hodgman (1974), Communications of the ACM 17, 32-42.
+    """
+    for axis, end, sign in ((0, box[0, 0], 1), (0, box[1, 0], -1), (1, box[0, 1], 1), (1, box[1, 1], -1)):
+        if not len(corners):
+            break
+        depth = sign * (corners[:, axis] - end)
+        kept: list[np.ndarray] = []
+        for here, there, a, b in zip(corners, np.roll(corners, -1, axis=0), depth, np.roll(depth, -1), strict=True):
+            kept += [here] if a >= 0 else []
+            kept += [here + (there - here) * a / (a - b)] if (a >= 0) != (b >= 0) else []
+        corners = np.array(kept).reshape(-1, 2)
+    return corners
+
+
+def _crossings(corners: tuple[tuple[float, ...], ...]) -> list[tuple[int, int]]:
+    """Pairs of sides of a polygon that cross or touch though they are not neighbours, by their first corners from 1."""
+    count = len(corners)
+    points = np.array(corners)
+    sides = [(points[i], points[(i + 1) % count]) for i in range(count)]
+
+    def turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
+        return float(np.sign((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])))
+
+    found = []
+    for i, j in combinations(range(count), 2):
+        if j - i in (1, count - 1):
+            continue
+        (a, b), (c, d) = sides[i], sides[j]
+        apart = (np.maximum(a, b) < np.minimum(c, d)).any() or (np.maximum(c, d) < np.minimum(a, b)).any()
+        if not apart and turn(a, b, c) != turn(a, b, d) and turn(c, d, a) != turn(c, d, b):
+            found.append((i + 1, j + 1))
+    return found
