@@ -149,7 +149,7 @@ def _limit_load(campaign: Campaign) -> list[str]:
         return []
     return [
         f"failure counts from {found.displacement:g} m, where the slope of mean soil passes its limit load, a factor "
-        f"of safety of {found.factor:.3g} (it stands at {found.stands:.3g} and moves on at {found.moves:.3g})"
+        f"of safety of {found.factor:.3f}"
     ]
 
 

@@ -7,9 +7,11 @@ import sys
 
 import pytest
 
-from benchmarks import measure, results, slopes, stability_of_slopes, summary
+from benchmarks import measure, random_slopes, results, slopes, stability_of_slopes, summary
 from benchmarks.throughput_case import Case
 from benchmarks.throughput_case import measure as measure_case
+from cooperative.runs import check_size, random_soil
+from cooperative.scene import parse
 
 
 def test_report_is_one_json_object_with_machine_and_versions():
@@ -102,3 +104,24 @@ def test_quick_benchmarks_print_json(name):
     command = [sys.executable, "-m", "benchmarks", name, "--json", "--quick"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=measure.ROOT, check=True)
     assert json.loads(done.stdout)["values"]
+
+
+@pytest.mark.parametrize("quick", [False, True])
+def test_random_slopes_are_campaigns_that_fail_by_the_limit_load(quick):
+    for name, case in random_slopes.CASES.items():
+        campaign = parse(random_slopes.scene_text(case, quick))
+        check_size(campaign)
+        assert campaign.run.failure == "limit load"
+        assert campaign.plan.slides == 0
+        assert not campaign.soil.softens
+        if case.printed is None:
+            assert random_soil(campaign).modes == 1, name
+
+
+def test_random_slopes_know_the_closed_form_and_tell_what_has_not_ended():
+    text = random_slopes.scene_text(random_slopes.CASES["griffiths_fenton"], False)
+    assert random_slopes.closed_form(text, 1.47) == pytest.approx(0.281, abs=1e-3)
+    row = dict.fromkeys(("fos", "pf", "low", "high", "hours"), 0.5)
+    values = random_slopes.summarised([{"case": "example_2", **row}])
+    assert values["example_2_pf"] == 0.5
+    assert values["pf_3d_limit_load"] is None

@@ -26,7 +26,7 @@ def done(tmp_path_factory):
 def test_samples_fail_from_the_displacement_at_the_limit_load(done):
     folder, summary = done
     found = summary["limit_load"]
-    assert found["stands"] < found["factor"] <= found["moves"]
+    assert 0.5 < found["factor"] < 3.0
     assert 0.01 < found["displacement"] < 1.0
     moved = read_rows(read_store(folder), "refined").columns["displacement"]
     assert summary["failures_refined"] == (moved > found["displacement"]).sum()
@@ -37,8 +37,8 @@ def test_samples_fail_from_the_displacement_at_the_limit_load(done):
 def test_the_two_factors_of_the_slope_of_mean_soil_agree(done):
     campaign, found = parse(PLASTIC), done[1]["limit_load"]
     scene, state = mpm.slope(campaign.slope, campaign.soil, campaign.grids["refined"])
-    for factor, fails in ((found["stands"], False), (found["moves"], True)):
-        result = mpm.solve(mpm.reduced(scene, factor), state, t_end=4.0, settle=mpm.Settle())
+    for share, fails in ((0.98, False), (1.02, True)):
+        result = mpm.solve(mpm.reduced(scene, share * found["factor"]), state, t_end=4.0, settle=mpm.Settle())
         assert (float(mpm.diagnostics.largest_displacement(result.state)) > found["displacement"]) == fails
 
 
@@ -60,7 +60,7 @@ def test_what_does_not_go_with_it_is_refused():
     both = PLASTIC.replace("t_end = 4.0", "t_end = 4.0\nfailure_displacement = 0.5")
     with pytest.raises(ValueError, match="failure_displacement has no say beside failure = 'limit load'"):
         parse(both)
-    table = "\n[limit_load]\nfactor = 1.1\nstands = 1.0\nmoves = 1.2\ndisplacement = 0.3\n"
+    table = "\n[limit_load]\nfactor = 1.1\ndisplacement = 0.3\n"
     with pytest.raises(ValueError, match=r"table \[limit_load\] without"):
         parse(TINY + table)
     early = PLASTIC.replace("k_t = 2", "k_t = 2\nscreening_stop = 0.2")

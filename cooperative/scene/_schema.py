@@ -179,7 +179,7 @@ _PLAN = {
 GIVEN = {"given": Key(str)}
 """The table [estimator] of a stored scene, whose estimator a script gave: how it describes itself."""
 CALIBRATION = {"rough": Key(float), "refined": Key(float)}
-LIMIT_LOAD = {"factor": Key(float), "stands": Key(float), "moves": Key(float), "displacement": Key(float)}
+LIMIT_LOAD = {"factor": Key(float), "displacement": Key(float)}
 DEFAULTS = {"cfl": Key(float)}
 """The table [defaults] of a stored scene: defaults of both grids that were others once, as they were at its start."""
 SECTIONS = {

@@ -61,12 +61,9 @@ class Calibration:
 
 @dataclass(frozen=True)
 class LimitLoad:
-    """Of the refined slope of mean soil: the factor of safety at which its displacement turns, the last factor at which
-    it stands, the first at which it moves on, and the failure displacement (m) that follows."""
+    """Of the refined slope of mean soil: its factor of safety, and the failure displacement (m) that goes with it."""
 
     factor: float
-    stands: float
-    moves: float
     displacement: float
 
     def check(self) -> None:
