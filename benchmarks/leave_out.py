@@ -76,6 +76,11 @@ def with_cell_average(scene: Scene, state: State) -> tuple[Scene, State]:
     return replace(scene, cell_average=True), state
 
 
+def with_finite_strain(scene: Scene, state: State) -> tuple[Scene, State]:
+    """Hencky strains with exponential return mapping."""
+    return replace(scene, finite_strain=True), state
+
+
 def with_table(scene: Scene, state: State) -> tuple[Scene, State]:
     """A water table of two points at half the height."""
     x, z = scene.particles.position[0], scene.particles.position[-1]
@@ -152,6 +157,7 @@ FEATURES: dict[str, tuple[Variant, Variant]] = {
     "PIC blend": (with_pic, unchanged),
     "F-bar": (with_fbar, unchanged),
     "volumetric strain averaged over cells": (with_cell_average, unchanged),
+    "finite strains (Hencky)": (with_finite_strain, unchanged),
     "averaged plastic strain": (with_averages, unchanged),
     "water table": (with_table, unchanged),
     "pore pressure of particles (r_u)": (with_pore_pressure, unchanged),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import jax
@@ -49,9 +49,11 @@ class Metered(mpm.Law):
 
     The mean of a step's two stresses does work on its strain (exact while elastic, second order in the step on the
     yield surface); what of it is not stored is dissipated, as is what a sudden loss of strength takes from the store.
+    With finite strains the law is given Kirchhoff stress, which does its work per initial volume.
     """
 
     law: Any
+    finite_strain: bool = field(metadata={"static": True})
 
     @property
     def bulk(self) -> Array:
@@ -73,7 +75,8 @@ class Metered(mpm.Law):
         new, inner = self.law.update(strain_increment, stress, inner, dt)
         middle = tuple((old + after) / 2 for old, after in zip(stress, new, strict=True))
         stored = elastic_density(self.bulk, self.shear, new) - elastic_density(self.bulk, self.shear, stress)
-        volume_ratio = volume_ratio * (1 + 3 * tensors.mean(strain_increment))
+        if not self.finite_strain:
+            volume_ratio = volume_ratio * (1 + 3 * tensors.mean(strain_increment))
         return new, (inner, dissipated + volume_ratio * (contraction(middle, strain_increment) - stored), volume_ratio)
 
 
@@ -118,7 +121,7 @@ class Energies:
 @jax.jit
 def metered_run(scene: mpm.Scene, state: mpm.State, steps: int) -> tuple[mpm.State, Energies]:
     """The state after `steps`, and where the energy went on the way."""
-    scene = replace(scene, material=Metered(scene.material))
+    scene = replace(scene, material=Metered(scene.material, scene.finite_strain))
     fresh = scene.material.initial_history(scene.particles)
     state = replace(state, history=(state.history, *fresh[1:]))
     m, dt = scene.particles.mass, scene.time_step

@@ -17,6 +17,7 @@ from jax import Array
 
 from jaxmpm import tensors
 from jaxmpm.boundary import hold, slide
+from jaxmpm.laws import elastic_increment, elastic_strain, logarithmic, volumetric
 from jaxmpm.transfer import filtered, g2p, momentum, nodal_momentum, p2g, velocity_gradient, within_cells
 from jaxmpm.types import Scene, Scheme, State, Tensor
 
@@ -256,18 +257,46 @@ def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps) -> Arr
 
 
 def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, maps: Maps) -> State:
-    """Stress, history and volume after a step in the velocity gradient (d, d, N), by the Jaumann rate."""
+    """Stress, history and volume after a step in the velocity gradient (d, d, N)."""
     d = scene.grid.dimension
-    entries = tensors.entries(gradient)
-    rotated = tensors.rotate(tensors.expand(state.stress, d), entries, dt)
-    strain = maps.unlocked(tensors.strain_increment(entries, dt), scene.particles.volume * state.volume_ratio)
-    stress, history = scene.material.update(strain, rotated, state.history, dt)
+    strained = (strained_by_logarithms if scene.finite_strain else strained_by_rates)(
+        scene, state, tensors.entries(gradient), dt, maps
+    )
+    stress, history = scene.material.update(strained.strain, strained.stress, state.history, dt)
     if scene.nonlocal_passes is not None:
         smooth = partial(maps.average, passes=scene.nonlocal_passes)
         history = jax.tree.map(lambda new, old: old + smooth(new - old), history, state.history)
-    return replace(
-        state,
-        stress=tensors.compress(stress, d),
-        history=history,
-        volume_ratio=state.volume_ratio * (1 + 3 * tensors.mean(strain)),
-    )
+    components = tensors.compress(stress, d)
+    if scene.finite_strain:
+        components = components / strained.volume_ratio
+    return replace(state, stress=components, history=history, volume_ratio=strained.volume_ratio)
+
+
+class Strained(NamedTuple):
+    """What a law is given: the strain increment, and the stress (Pa) that it adds to; and the new volume ratio (N,)."""
+
+    strain: Tensor
+    stress: Tensor
+    volume_ratio: Array
+
+
+def strained_by_rates(scene: Scene, state: State, entries: Any, dt: Array, maps: Maps) -> Strained:
+    """Hypoelastic: the stress rotated by the Jaumann rate, the strain that of the velocity gradient's entries."""
+    rotated = tensors.rotate(tensors.expand(state.stress, scene.grid.dimension), entries, dt)
+    strain = maps.unlocked(tensors.strain_increment(entries, dt), scene.particles.volume * state.volume_ratio)
+    return Strained(strain, rotated, state.volume_ratio * (1 + 3 * tensors.mean(strain)))
+
+
+def strained_by_logarithms(scene: Scene, state: State, entries: Any, dt: Array, maps: Maps) -> Strained:
+    """Hyperelastic: the Kirchhoff stress less that of the strain increment, so that both add up to the trial stress of
+    Hencky's strain. The volume's change is exact, averaged as the scene asks."""
+    law = scene.material
+    kirchhoff = tensors.expand(state.volume_ratio * state.stress, scene.grid.dimension)
+    elastic = elastic_strain(law.bulk, law.shear, kirchhoff)
+    strain = tensors.with_mean(tensors.strain_increment(entries, dt), volumetric(entries, dt) / 3)
+    strain = maps.unlocked(strain, scene.particles.volume * state.volume_ratio)
+    grown = tensors.mean(strain)
+    trial = tensors.with_mean(logarithmic(elastic, entries, dt), tensors.mean(elastic) + grown)
+    before = tuple(e - s for e, s in zip(trial, strain, strict=True))
+    stress = elastic_increment(law.bulk, law.shear, before)
+    return Strained(strain, stress, state.volume_ratio * jnp.exp(3 * grown))

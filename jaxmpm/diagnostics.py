@@ -70,12 +70,16 @@ def kinetic_energy(scene: Scene, state: State) -> Array:
 
 
 def elastic_energy(scene: Scene, state: State) -> Array:
-    """Energy stored in the elastic stress (J), for a material with `bulk` and `shear`."""
+    """Energy stored in the elastic stress (J), for a material with `bulk` and `shear`.
+
+    With finite strains it is of the Kirchhoff stress, per initial volume.
+    """
     _of_one_lane(scene, state)
-    stress = tensors.expand(state.stress, scene.grid.dimension)
+    ratio = state.volume_ratio
+    stress = tensors.expand(ratio * state.stress if scene.finite_strain else state.stress, scene.grid.dimension)
     pressure, j2 = tensors.mean(stress), tensors.second_invariant(tensors.deviator(stress))
     density = pressure**2 / (2 * scene.material.bulk) + j2 / (2 * scene.material.shear)
-    return jnp.sum(scene.particles.volume * state.volume_ratio * density)
+    return jnp.sum(scene.particles.volume * (1 if scene.finite_strain else ratio) * density)
 
 
 def potential_energy(scene: Scene, state: State) -> Array:

@@ -190,8 +190,10 @@ class Scene:
     None is pure FLIP. damping: mass-proportional damping (1/s); None is undamped. engine: of the transfers, None
     takes the fastest there is. wall_friction: coefficient of the walls with friction.
     fbar: whether volumetric strain and mean stress are averaged over neighbouring particles, against locking.
-    cell_average: whether the volumetric strain alone is averaged, over each cell. nonlocal_passes: filters in the
-    average of the plastic strain over neighbours, see `jaxmpm.averages`; None keeps it local.
+    cell_average: whether the volumetric strain alone is averaged, over each cell. finite_strain: whether elasticity is
+    that of Hencky strains, not hypoelastic by the Jaumann rate; yield is then of J times the stress.
+    nonlocal_passes: filters in the average of the plastic strain over neighbours, see `jaxmpm.averages`; None keeps it
+    local.
     body_force: (initial positions (d, N) m, time s) -> acceleration (d, N) m/s2 added to gravity's.
     water: a `WaterTable`; pore_pressure: (N,) Pa that particles carry along. With either, stress is effective stress;
     None is soil without pore pressure, or undrained soil in total stress.
@@ -208,6 +210,7 @@ class Scene:
     engine: Engine | None = static(default=None)
     fbar: bool = static(default=False)
     cell_average: bool = static(default=False)
+    finite_strain: bool = static(default=False)
     nonlocal_passes: int | None = static(default=None)
     body_force: Callable[[Array, Array], Array] | None = static(default=None)
     flip: Array | None = None

@@ -1,5 +1,6 @@
 """Numbers that no scene may have are refused on the host, and are a lane's status on the device."""
 
+import warnings
 from dataclasses import dataclass, replace
 
 import jax
@@ -209,3 +210,15 @@ def test_limits_mean_the_same_on_host_and_device(limit, inside, outside, words):
     for holds in (limit.holds, jax.jit(limit.holds)):
         assert np.all(holds(np.asarray(inside)))
         assert not np.any(holds(np.asarray(outside)))
+
+
+def test_linear_hats_are_warned_of_where_they_cannot_work():
+    soil, room = mpm.Soil(young=1e6), {"domain": (4, 4), "corner": (1.0, 1.0)}
+    halves = replace(NUMERICS, kernel=mpm.Linear)
+    with pytest.warns(UserWarning, match="kernel = Linear with scheme = USL: nodes that are nearly empty"):
+        mpm.block((1, 1), soil, replace(halves, scheme=mpm.Scheme.USL), **room)
+    with pytest.warns(UserWarning, match="4 of 4 particles within 0.01 cells of a cell's face"):
+        mpm.block((1, 1), soil, halves, **(room | {"corner": (1.25, 1.25)}))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mpm.block((1, 1), soil, halves, **room)

@@ -2,8 +2,9 @@
 
 from jaxmpm.laws._base import Law, reduce_strength, snaps_back
 from jaxmpm.laws._frictional import DruckerPrager, Matching, MohrCoulomb, cone
+from jaxmpm.laws._hencky import logarithmic, volumetric
 from jaxmpm.laws._softening import Decay, ExponentialSoftening, FrictionalSoftening, RateEffect, Softening
-from jaxmpm.laws._undrained import J2, Elastic, elastic_increment
+from jaxmpm.laws._undrained import J2, Elastic, add, elastic_increment, elastic_strain
 from jaxmpm.laws._water import WaterTable
 
 __all__ = [
@@ -19,8 +20,12 @@ __all__ = [
     "RateEffect",
     "Softening",
     "WaterTable",
+    "add",
     "cone",
     "elastic_increment",
+    "elastic_strain",
+    "logarithmic",
     "reduce_strength",
     "snaps_back",
+    "volumetric",
 ]

@@ -17,7 +17,7 @@ from foundation.check import Limit, above_zero, from_zero
 from foundation.pytrees import pytree
 from jaxmpm.laws._base import Law
 from jaxmpm.laws._softening import ExponentialSoftening, RateEffect, Softening
-from jaxmpm.tensors import deviator, mean, safe_sqrt, second_invariant
+from jaxmpm.tensors import absent, deviator, mean, safe_sqrt, second_invariant
 from jaxmpm.types import Particles, Tensor
 
 
@@ -34,6 +34,13 @@ def elastic_increment(bulk: Array, shear: Array, strain_increment: Tensor) -> Te
         twice * yz,
         twice * xz,
     )
+
+
+def elastic_strain(bulk: Array, shear: Array, stress: Tensor) -> Tensor:
+    """Strain that isotropic linear elasticity has under a stress (Pa): the inverse of `elastic_increment`."""
+    volumetric = mean(stress) / (3 * bulk)
+    xx, yy, zz, xy, yz, xz = (s if absent(s) else s / (2 * shear) for s in deviator(stress))
+    return (xx + volumetric, yy + volumetric, zz + volumetric, xy, yz, xz)
 
 
 def add(a: Tensor, b: Tensor) -> Tensor:

@@ -363,6 +363,7 @@ def build(
         damping=discretisation.damping,
         fbar=discretisation.fbar,
         cell_average=discretisation.cell_average,
+        finite_strain=discretisation.finite_strain,
         internal_length=discretisation.internal_length,
         water=water,
         pore_pressure=pore_pressure,

@@ -22,6 +22,8 @@ class Discretisation:
     gradient, with quadratic B-splines and flip = 0. damping: mass-proportional (1/s). fbar: average volumetric strain
     and mean stress over neighbours, against locking; not for frictional soils. cell_average: average the volumetric
     strain over each cell instead, and leave the mean stress local; None does so for frictional soils, but in 1D.
+    finite_strain: Hencky strains with exponential return mapping, for elastic strains of hundredths and more, in which
+    the hypoelastic stress of the Jaumann rate makes or loses energy.
     internal_length: standard deviation (m) of the average of the plastic strain over neighbours, which keeps softening
     from localising into single cells: its bands are then 2.5 times as thick; None keeps it local. See
     `cell_independent`. dtype: float32 or float64, as JAX is set if None.
@@ -37,6 +39,7 @@ class Discretisation:
     damping: float = 0.0
     fbar: bool = False
     cell_average: bool | None = None
+    finite_strain: bool = False
     internal_length: float | None = None
     dtype: DTypeLike | None = None
 

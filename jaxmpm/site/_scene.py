@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -18,7 +19,7 @@ from foundation import check
 from foundation.text import shown
 from jaxmpm.laws import WaterTable, snaps_back
 from jaxmpm.tensors import CARRIED
-from jaxmpm.transfer import inside, locate, passes_for
+from jaxmpm.transfer import Linear, inside, locate, passes_for
 from jaxmpm.types import Engine, Grid, Kernel, Material, Particles, Scene, Scheme, State, Status, Wall
 
 MEMBERS = [name for name in vars(Material) if not name.startswith("_")] + ["LIMITS", "STRENGTH", "FRICTIONAL"]
@@ -41,6 +42,7 @@ def scene(
     damping: float = 0.0,
     fbar: bool = False,
     cell_average: bool | None = None,
+    finite_strain: bool = False,
     internal_length: float | None = None,
     body_force: Callable[[Array, Array], Array] | None = None,
     water: WaterTable | None = None,
@@ -53,8 +55,9 @@ def scene(
     kernel: an object, e.g. GIMP(half_size). gravity: downwards (m/s2), or a vector (d,). walls, wall_friction: where
     nodes are held, and the coefficient of those with friction. cfl: time_step = cfl cell / (c + speed), c the fastest
     elastic wave. speed: largest particle speed that the time step allows for (m/s), by default of a fall through half
-    the grid. flip, damping, fbar, cell_average, internal_length: as in `Discretisation`. body_force,
+    the grid. flip, damping, fbar, cell_average, finite_strain, internal_length: as in `Discretisation`. body_force,
     water, pore_pressure, engine: as in `Scene`; water needs a law of effective stress.
+    Warns of linear hats where they cannot work: with USL, or with particles on the faces of cells.
     Raises ValueError for shapes, numbers and choices that do not fit, naming each.
     """
     d = _check_grid(grid)
@@ -62,6 +65,7 @@ def scene(
     _check_walls(walls, grid, wall_friction)
     _check_kernel(kernel, grid)
     _check_choices(scheme, engine, cfl=cfl, flip=flip, damping=damping)
+    _warn_of_hats(kernel, scheme, particles, grid)
     g = _gravity(gravity, d)
     if speed is None:
         speed = math.sqrt(float(np.linalg.norm(g)) * (grid.shape[-1] - 1) * grid.cell)
@@ -91,6 +95,7 @@ def scene(
         engine=engine,
         fbar=bool(fbar),
         cell_average=bool(material.FRICTIONAL and d > 1) if cell_average is None else bool(cell_average),
+        finite_strain=bool(finite_strain),
         nonlocal_passes=None if internal_length is None else passes_for(internal_length, kernel, grid.cell),
         body_force=body_force,
         flip=None if flip == 1 else number(flip),
@@ -234,6 +239,30 @@ def _check_weights(kernel: Kernel, grid: Grid) -> None:
                 f"{kernel!r} weighs a particle by {value.min():g} to {value.max():g} over its three nodes along axis "
                 f"{axis} in cells of {grid.cell:g} m: give functions that add up to 1 and reach at most 1.5 cells"
             )
+
+
+HATS_EDGE = 0.01
+"""Distance of a particle from a face (cells) below which hats are warned of."""
+
+
+def _warn_of_hats(kernel: Kernel, scheme: Scheme, particles: Particles, grid: Grid) -> None:
+    """Warn where hats cannot work: their slopes jump at the faces of cells."""
+    if not isinstance(kernel, Linear):
+        return
+    if scheme is Scheme.USL:
+        warnings.warn(
+            "kernel = Linear with scheme = USL: nodes that are nearly empty have no bounded velocity, and slides end "
+            "INVERTED; take MUSL, or GIMP",
+            stacklevel=3,
+        )
+    place = np.asarray(locate(grid, jnp.asarray(particles.position)), float)
+    near = np.any(abs(place - np.round(place)) < HATS_EDGE, axis=0)
+    if near.any():
+        warnings.warn(
+            f"kernel = Linear with {int(near.sum())} of {near.size} particles within {HATS_EDGE:g} cells of a cell's "
+            "face, where the slope of hats jumps: even a uniform motion strains them; move the particles, or take GIMP",
+            stacklevel=3,
+        )
 
 
 def _check_choices(scheme: Scheme, engine: Engine | None, *, cfl: float, flip: float, damping: float) -> None:

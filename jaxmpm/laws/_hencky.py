@@ -1,0 +1,99 @@
+"""Finite strains: Hencky (logarithmic) elastic strain, strained by a step's deformation before any law returns it.
+
+The Kirchhoff stress J s is linear in the elastic strain 1/2 ln b, b the elastic left Cauchy-Green tensor. A return in
+logarithmic strains then has the form of one in small strains, so that every law serves as it is; its plastic flow is
+the exponential map. Elastic strain follows from the stress, so nothing more is carried.
+Source: de Souza Neto, Peric and Owen (2008), sections 14.3 to 14.5; Weber and Anand (1990),
+10.1016/0045-7825(90)90131-5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxmpm.laws._spectral import isotropic
+from jaxmpm.tensors import AXES, VOIGT, absent, row_by_row
+from jaxmpm.types import Tensor
+
+Matrix = list[list[Any]]
+
+
+def logarithmic(elastic: Tensor, gradient: Sequence[Sequence[Array]], dt: Array) -> Tensor:
+    """Elastic strain 1/2 ln(f b f^T) after a step of f = I + dt grad v, all of it elastic; b = exp(2 elastic).
+
+    What is computed is b - I and its change, never b: in float32 strains of 1e-4 would lose three digits to the 1.
+    """
+    g: Matrix = [[0.0] * 3 for _ in range(3)]
+    for a, i in enumerate(AXES[len(gradient)]):
+        for b, j in enumerate(AXES[len(gradient)]):
+            g[i][j] = dt * gradient[a][b]
+    stretch, _ = isotropic(_stretch, elastic)
+    stretch = row_by_row(stretch)
+    h: Matrix = [[stretch[VOIGT[i][j]] for j in range(3)] for i in range(3)]
+    moved = _sum(g, _product(g, h))  # g b
+    twice = _product(moved, _transposed(g))  # g b g^T
+    change = _sum(_sum(moved, _transposed(moved)), twice)
+    pairs: list[Any] = [0.0] * 6  # before and after the step
+    for i in range(3):
+        for j in range(i, 3):
+            after = _add(h[i][j], change[i][j])
+            if not absent(after):
+                pairs[VOIGT[i][j]] = jnp.stack([jnp.broadcast_to(h[i][j], after.shape), after])
+    logarithms, _ = isotropic(_logarithm, row_by_row(tuple(pairs)))
+    # The difference, so that what rounds alike before and after does not add up over a million steps at rest.
+    return row_by_row(
+        tuple(e if absent(pair) else e + (pair[1] - pair[0]) for e, pair in zip(elastic, logarithms, strict=True))
+    )
+
+
+def volumetric(gradient: Sequence[Sequence[Array]], dt: Array) -> Array:
+    """ln det(I + dt grad v), the change of the logarithm of volume; not finite where the soil would invert."""
+    g = [[dt * entry for entry in row] for row in gradient]
+    if len(g) == 1:
+        return jnp.log1p(g[0][0])
+    trace = sum(g[i][i] for i in range(len(g)))
+    minors = sum(g[i][i] * g[j][j] - g[i][j] * g[j][i] for i in range(len(g)) for j in range(i))
+    if len(g) == 2:
+        return jnp.log1p(trace + minors)
+    determinant = sum(
+        g[0][i] * (g[1][j] * g[2][k] - g[1][k] * g[2][j]) for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+    )
+    return jnp.log1p(trace + minors + determinant)
+
+
+def _stretch(*strains: Array) -> tuple[Array, Array, Array, Array]:
+    """Principal values of b - I."""
+    x, y, z = (jnp.expm1(2 * strain) for strain in strains)
+    return x, y, z, jnp.zeros_like(x)
+
+
+def _logarithm(*stretches: Array) -> tuple[Array, Array, Array, Array]:
+    """Principal strains of principal values of b - I."""
+    x, y, z = (jnp.log1p(stretch) / 2 for stretch in stretches)
+    return x, y, z, jnp.zeros_like(x)
+
+
+def _add(a: Any, b: Any) -> Any:
+    return b if absent(a) else a if absent(b) else a + b
+
+
+def _sum(a: Matrix, b: Matrix) -> Matrix:
+    return [[_add(x, y) for x, y in zip(*rows, strict=True)] for rows in zip(a, b, strict=True)]
+
+
+def _transposed(a: Matrix) -> Matrix:
+    return [list(column) for column in zip(*a, strict=True)]
+
+
+def _product(a: Matrix, b: Matrix) -> Matrix:
+    result: Matrix = [[0.0] * 3 for _ in range(3)]
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                if not (absent(a[i][k]) or absent(b[k][j])):
+                    result[i][j] = _add(result[i][j], a[i][k] * b[k][j])
+    return result
