@@ -12,6 +12,7 @@ from benchmarks.results import run_all
 # Each module has `run(quick: bool) -> Report`; the order is that of RESULTS.md.
 NAMES = (
     "stability",
+    "earthquakes",
     "work_precision",
     "slope",
     "throughput",

@@ -9,6 +9,7 @@ from jaxmpm._step import step
 from jaxmpm.io import load_state, save_state, write_particles, write_vtkhdf
 from jaxmpm.laws import (
     J2,
+    BaseMotion,
     Decay,
     DruckerPrager,
     Elastic,
@@ -61,6 +62,7 @@ from jaxmpm.site import (
     cell_independent,
     column,
     fill,
+    read_motion,
     scene,
     section,
     slope,
@@ -86,6 +88,7 @@ from jaxmpm.types import (
 __all__ = [
     "GIMP",
     "J2",
+    "BaseMotion",
     "Checkpoints",
     "Chunk",
     "Columns",
@@ -147,6 +150,7 @@ __all__ = [
     "objectives",
     "passing",
     "pytree",
+    "read_motion",
     "reduce_strength",
     "reduced",
     "repeat",

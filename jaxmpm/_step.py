@@ -16,7 +16,7 @@ import numpy as np
 from jax import Array
 
 from jaxmpm import tensors
-from jaxmpm.boundary import hold, slide
+from jaxmpm.boundary import around, fold, hold, slide, unfold
 from jaxmpm.laws import elastic_increment, elastic_strain, logarithmic, volumetric
 from jaxmpm.transfer import filtered, g2p, momentum, nodal_momentum, p2g, velocity_gradient, within_cells
 from jaxmpm.types import Scene, Scheme, State, Tensor
@@ -32,8 +32,14 @@ def step(scene: Scene, state: State, dt: Array) -> State:
     Sources: Sulsky, Chen and Schreyer (1994), 10.1016/0045-7825(94)90112-0 (the method); Bardenhagen (2002),
     10.1006/jcph.2002.7103 (USF, USL) and Sulsky, Zhou and Schreyer (1995), 10.1016/0010-4655(94)00170-7 (MUSL).
     """
-    maps = Maps(scene, scene.particles.position + state.displacement)
+    maps = Maps(scene, place(scene, state))
     return SCHEMES[scene.scheme](scene, state, dt, maps)
+
+
+def place(scene: Scene, state: State) -> Array:
+    """Where particles stand on the grid (d, N) m: their positions, brought back in where tied sides let them out."""
+    position = scene.particles.position + state.displacement
+    return position if scene.tied is None else around(scene.tied, scene.grid, position)
 
 
 def update_stress_first(scene: Scene, state: State, dt: Array, maps: Maps) -> State:
@@ -41,7 +47,7 @@ def update_stress_first(scene: Scene, state: State, dt: Array, maps: Maps) -> St
     nodal = particles_to_grid(scene, state, dt, maps, stressed=False)
     gradient = maps.gradient(straining_velocity(scene, state, nodal, dt, maps))
     state = update_stress(scene, state, gradient, dt, maps)
-    moved = move_grid(scene, pushed(scene, state, nodal, maps), dt)
+    moved = move_grid(scene, pushed(scene, state, nodal, maps), state.step * dt, dt)
     state, _ = grid_to_particles(scene, state, moved, dt, maps)
     return state
 
@@ -49,7 +55,7 @@ def update_stress_first(scene: Scene, state: State, dt: Array, maps: Maps) -> St
 def update_stress_last(scene: Scene, state: State, dt: Array, maps: Maps) -> State:
     """USL: the soil is strained in the velocities of the grid at the end of the step."""
     nodal = particles_to_grid(scene, state, dt, maps)
-    moved = move_grid(scene, nodal, dt)
+    moved = move_grid(scene, nodal, state.step * dt, dt)
     state, gradient = grid_to_particles(scene, state, moved, dt, maps, strain=True)
     return update_stress(scene, state, gradient, dt, maps)
 
@@ -57,7 +63,7 @@ def update_stress_last(scene: Scene, state: State, dt: Array, maps: Maps) -> Sta
 def modified_update_stress_last(scene: Scene, state: State, dt: Array, maps: Maps) -> State:
     """MUSL: particles give the grid their new velocities, in which the soil is then strained."""
     nodal = particles_to_grid(scene, state, dt, maps)
-    moved = move_grid(scene, nodal, dt)
+    moved = move_grid(scene, nodal, state.step * dt, dt)
     state, _ = grid_to_particles(scene, state, moved, dt, maps)
     gradient = maps.gradient(mapped_again(scene, state, nodal, moved, maps))
     return update_stress(scene, state, gradient, dt, maps)
@@ -105,11 +111,14 @@ class Maps(NamedTuple):
     def to_grid(self, carried: Array | None, stress: Array | None) -> Array:
         """See `jaxmpm.transfer.p2g`."""
         scene = self.scene
-        return p2g(scene.grid, scene.kernel, self.position, carried, stress, engine=scene.engine)
+        nodal = p2g(scene.grid, scene.kernel, self.position, carried, stress, engine=scene.engine)
+        return nodal if scene.tied is None else fold(scene.tied, scene.grid, nodal)
 
     def to_particles(self, nodal: Array, *, values: int, gradients: int) -> tuple[Any, Any]:
         """See `jaxmpm.transfer.g2p`."""
         scene = self.scene
+        if scene.tied is not None:
+            nodal = unfold(scene.tied, scene.grid, nodal)
         return g2p(
             scene.grid, scene.kernel, self.position, nodal, values=values, gradients=gradients, engine=scene.engine
         )
@@ -166,17 +175,22 @@ def external_force(scene: Scene, position: Array, volume: Array, time: Array) ->
     return force
 
 
+def felt_gravity(scene: Scene, time: Array) -> Array:
+    """Gravity (d,) m/s2 less the acceleration of the base, in whose frame the soil moves."""
+    return scene.gravity if scene.motion is None else scene.gravity - scene.motion.at(time)
+
+
 def pushed(scene: Scene, state: State, nodal: Nodal, maps: Maps) -> Nodal:
     """The nodes with the force of the particles' stress as well."""
     stress = maps.to_grid(None, acting_stress(scene, state.stress, scene.particles.volume * state.volume_ratio, maps))
     return nodal._replace(force=stress if nodal.force is None else nodal.force + stress)
 
 
-def move_grid(scene: Scene, nodal: Nodal, dt: Array) -> Moved:
+def move_grid(scene: Scene, nodal: Nodal, time: Array, dt: Array) -> Moved:
     """Motion of the nodes by the forces on them, gravity and damping; walls held, and those with friction braking."""
     assert nodal.force is not None
     before = nodal_velocity(scene, nodal)
-    acceleration = nodal.per_mass * (nodal.force + nodal.mass * scene.gravity)
+    acceleration = nodal.per_mass * (nodal.force + nodal.mass * felt_gravity(scene, time))
     if scene.damping is not None:
         acceleration = acceleration - scene.damping * before
     acceleration = hold(scene.walls, scene.grid, acceleration)
@@ -222,7 +236,7 @@ def straining_velocity(scene: Scene, state: State, nodal: Nodal, dt: Array, maps
     if scene.wall_friction is None:
         return velocity
     force = maps.to_grid(None, acting_stress(scene, state.stress, scene.particles.volume * state.volume_ratio, maps))
-    pressed = velocity + dt * (nodal.per_mass * force + scene.gravity)
+    pressed = velocity + dt * (nodal.per_mass * force + felt_gravity(scene, state.step * dt))
     return slide(scene.walls, scene.grid, velocity, None, pressed)
 
 

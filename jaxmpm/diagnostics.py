@@ -10,7 +10,7 @@ import numpy as np
 from jax import Array
 
 from jaxmpm import tensors
-from jaxmpm._step import Maps, acting_stress, external_force
+from jaxmpm._step import Maps, acting_stress, external_force, felt_gravity, place
 from jaxmpm.boundary import hold
 from jaxmpm.types import Scene, State
 
@@ -94,12 +94,15 @@ def speed(scene: Scene, state: State) -> Array:
 
 
 def unbalanced_force(scene: Scene, state: State) -> Array:
-    """Norm of the net force on the free nodes over the norm of what loads them: gravity, body force and water."""
-    maps, particles = Maps(scene, position(scene, state)), scene.particles
+    """Norm of the net force on the free nodes over the norm of what loads them: gravity, body force, water and
+    the motion of the base."""
+    _of_one_lane(scene, state)
+    maps, particles = Maps(scene, place(scene, state)), scene.particles
     volume = particles.volume * state.volume_ratio
     nodal = maps.to_grid(particles.mass[None], acting_stress(scene, state.stress, volume, maps))
-    load = nodal[:, :1] * scene.gravity
-    external = external_force(scene, maps.position, volume, state.step * scene.time_step)
+    time = state.step * scene.time_step
+    load = nodal[:, :1] * felt_gravity(scene, time)
+    external = external_force(scene, maps.position, volume, time)
     if external is not None:
         load = load + maps.to_grid(external, None)
     weight = hold(scene.walls, scene.grid, load)

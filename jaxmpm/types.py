@@ -197,6 +197,8 @@ class Scene:
     body_force: (initial positions (d, N) m, time s) -> acceleration (d, N) m/s2 added to gravity's.
     water: a `WaterTable`; pore_pressure: (N,) Pa that particles carry along. With either, stress is effective stress;
     None is soil without pore pressure, or undrained soil in total stress.
+    motion: a `BaseMotion`, the acceleration of the base, in whose frame the scene is solved; None stands still.
+    tied: numbers of two planes of nodes along x that are one: what leaves at one enters at the other, waves too.
     """
 
     grid: Grid
@@ -213,11 +215,13 @@ class Scene:
     finite_strain: bool = static(default=False)
     nonlocal_passes: int | None = static(default=None)
     body_force: Callable[[Array, Array], Array] | None = static(default=None)
+    tied: tuple[int, int] | None = static(default=None)
     flip: Array | None = None
     damping: Array | None = None
     wall_friction: Array | None = None
     water: Any = None
     pore_pressure: Array | None = None
+    motion: Any = None
 
     LIMITS: ClassVar[Mapping[str, Limit]] = {
         "time_step": above_zero("s"),

@@ -125,6 +125,30 @@ def test_water_is_absent_from_arguments_and_program_unless_given():
     assert scatters(*section()) == 6
 
 
+def test_finite_strains_leave_no_operation_and_no_array_behind():
+    plain, asked = section(), section(finite_strain=True)
+    assert not plain[0].finite_strain
+    assert len(jax.tree.leaves(asked)) == len(jax.tree.leaves(plain))
+    for operation in ("log_plus_one", "exponential_minus_one", "exponential"):
+        assert count(program(*plain), operation) == 0
+        assert count(program(*asked), operation) > 0
+
+
+def test_motion_of_the_base_and_tied_sides_are_absent_unless_asked_for():
+    drawn, sand = mpm.Section([(0, 4), (6, 4)]), replace(SOIL, strength=None)
+    motion = mpm.BaseMotion(jnp.ones((2, 5)), jnp.asarray(0.1))
+    still, shaken, tied = (
+        mpm.section(drawn, sand, NUMERICS, **given) for given in ({}, {"motion": motion}, {"ends": "tied"})
+    )
+    assert (still[0].motion, still[0].tied) == (None, None)
+    leaves = [len(jax.tree.leaves(each)) for each in (still, shaken, tied)]
+    assert leaves == [leaves[0], leaves[0] + 2, leaves[0]]
+    text = program(*still)
+    assert (count(text, "dynamic_slice"), count(text, "remainder")) == (0, 0)
+    assert count(program(*shaken), "dynamic_slice") == 1
+    assert count(program(*tied), "remainder") > 0
+
+
 def test_walls_with_friction_leave_no_operation_behind():
     soil, sizes = replace(SOIL, strength=None), {"domain": (4, 4), "corner": (1, 0)}
     held, sliding = (

@@ -1,6 +1,7 @@
 """Constitutive laws: (parameters, strain increment, stress, history) -> (stress, history)."""
 
 from jaxmpm.laws._base import Law, reduce_strength, snaps_back
+from jaxmpm.laws._base_motion import BaseMotion
 from jaxmpm.laws._frictional import DruckerPrager, Matching, MohrCoulomb, cone
 from jaxmpm.laws._hencky import logarithmic, volumetric
 from jaxmpm.laws._softening import Decay, ExponentialSoftening, FrictionalSoftening, RateEffect, Softening
@@ -9,6 +10,7 @@ from jaxmpm.laws._water import WaterTable
 
 __all__ = [
     "J2",
+    "BaseMotion",
     "Decay",
     "DruckerPrager",
     "Elastic",

@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from foundation import check
 from jaxmpm import diagnostics
-from jaxmpm._step import step
+from jaxmpm._step import place, step
 from jaxmpm.laws import snaps_back
 from jaxmpm.run._columns import kept
 from jaxmpm.site import check_scene, check_shape, parameter_names
@@ -103,7 +103,7 @@ def lane_status(scene: Scene, state: State) -> Array:
 
     Extremes over the particles tell all, and carry NaN along: every comparison with NaN is false.
     """
-    cells = locate(scene.grid, diagnostics.position(scene, state))
+    cells = locate(scene.grid, place(scene, state))
     ends = jnp.stack([jnp.min(cells, axis=1), jnp.max(cells, axis=1)], axis=1)
     speed2 = jnp.max(jnp.sum(state.velocity**2, axis=0))
     finite = jnp.isfinite(speed2) & jnp.all(jnp.isfinite(ends))

@@ -3,6 +3,7 @@
 from jaxmpm.site._builders import Slope, bar, block, column, fill, slope
 from jaxmpm.site._discretisation import Discretisation, cell_independent
 from jaxmpm.site._initial_stress import at_rest
+from jaxmpm.site._motion import read_motion
 from jaxmpm.site._scene import check_scene, check_shape, refuse_snap_back, scene, unstressed, with_strength
 from jaxmpm.site._section import Layer, Section, section
 from jaxmpm.site._soil import FrictionalSoil, PlasticStrain, Soil
@@ -27,6 +28,7 @@ __all__ = [
     "column",
     "fill",
     "parameter_names",
+    "read_motion",
     "refuse_snap_back",
     "scene",
     "section",

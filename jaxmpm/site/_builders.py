@@ -13,7 +13,7 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from foundation import check
-from jaxmpm.laws import WaterTable
+from jaxmpm.laws import BaseMotion, WaterTable
 from jaxmpm.site import _initial_stress
 from jaxmpm.site._discretisation import Discretisation, check_discretisation, kernel_of
 from jaxmpm.site._scene import scene, unstressed
@@ -346,6 +346,8 @@ def build(
     friction: float | None = None,
     water: WaterTable | None = None,
     pore_pressure: np.ndarray | None = None,
+    motion: BaseMotion | None = None,
+    tied: tuple[int, int] | None = None,
 ) -> tuple[Scene, State]:
     """Scene and motionless, stress-free state of these particles."""
     built = scene(
@@ -367,6 +369,8 @@ def build(
         internal_length=discretisation.internal_length,
         water=water,
         pore_pressure=pore_pressure,
+        motion=motion,
+        tied=tied,
     )
     return built, unstressed(built, apic=discretisation.apic)
 

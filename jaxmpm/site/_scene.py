@@ -17,7 +17,8 @@ from jax.typing import ArrayLike
 
 from foundation import check
 from foundation.text import shown
-from jaxmpm.laws import WaterTable, snaps_back
+from jaxmpm.laws import BaseMotion, WaterTable, snaps_back
+from jaxmpm.site._motion import check_motion
 from jaxmpm.tensors import CARRIED
 from jaxmpm.transfer import Linear, inside, locate, passes_for
 from jaxmpm.types import Engine, Grid, Kernel, Material, Particles, Scene, Scheme, State, Status, Wall
@@ -47,6 +48,8 @@ def scene(
     body_force: Callable[[Array, Array], Array] | None = None,
     water: WaterTable | None = None,
     pore_pressure: ArrayLike | None = None,
+    motion: BaseMotion | None = None,
+    tied: tuple[int, int] | None = None,
     engine: Engine | None = None,
 ) -> Scene:
     """A scene of any particles and law; numbers take the precision of the particles' positions.
@@ -56,7 +59,7 @@ def scene(
     nodes are held, and the coefficient of those with friction. cfl: time_step = cfl cell / (c + speed), c the fastest
     elastic wave. speed: largest particle speed that the time step allows for (m/s), by default of a fall through half
     the grid. flip, damping, fbar, cell_average, finite_strain, internal_length: as in `Discretisation`. body_force,
-    water, pore_pressure, engine: as in `Scene`; water needs a law of effective stress.
+    water, pore_pressure, motion, tied, engine: as in `Scene`; water needs a law of effective stress.
     Warns of linear hats where they cannot work: with USL, or with particles on the faces of cells.
     Raises ValueError for shapes, numbers and choices that do not fit, naming each.
     """
@@ -79,6 +82,10 @@ def scene(
         )
     if fbar and cell_average:
         raise ValueError("fbar = True with cell_average = True: both average the volumetric strain, give one of them")
+    if motion is not None:
+        check_motion(motion, d)
+    if tied is not None:
+        _check_tied(tied, grid, particles, walls, internal_length)
     if water is not None or pore_pressure is not None:
         _check_water(water, pore_pressure, material, particles)
     if internal_length is not None and material.initial_history(particles) is None:
@@ -103,6 +110,8 @@ def scene(
         wall_friction=None if wall_friction is None else number(wall_friction),
         water=jax.tree.map(number, water),
         pore_pressure=None if pore_pressure is None else number(pore_pressure),
+        motion=jax.tree.map(number, motion),
+        tied=tied,
     )
     check_scene(built)
     return built
@@ -294,6 +303,26 @@ def _checked_material(material: Any, particles: Particles, dtype: np.dtype) -> A
         check.within(name, value, limit)
         check_shape(name, value, particles)
     return jax.tree.map(_number_of(dtype), material)
+
+
+def _check_tied(
+    tied: tuple[int, int], grid: Grid, particles: Particles, walls: Sequence[Wall], internal_length: float | None
+) -> None:
+    whole = isinstance(tied, tuple) and len(tied) == 2 and all(isinstance(node, int) for node in tied)
+    if not whole or not 1 <= tied[0] < tied[1] <= grid.shape[0] - 2:
+        raise ValueError(f"tied = {tied!r}: give two nodes along x in rising order, from 1 to {grid.shape[0] - 2}")
+    along = (np.asarray(particles.position[0], float) - grid.origin[0]) / grid.cell
+    if along.min() < tied[0] or along.max() > tied[1]:
+        raise ValueError(
+            f"particles reach from {along.min():g} to {along.max():g} cells along x, beyond the planes tied at nodes "
+            f"{tied[0]} and {tied[1]}: put them between"
+        )
+    if any(wall.axis == 0 for wall in walls):
+        raise ValueError("a wall along x with tied sides, which are no ends: give one or the other")
+    if internal_length is not None:
+        raise ValueError(
+            f"internal_length = {internal_length:g} m with tied sides, across which it does not average: leave it out"
+        )
 
 
 def _check_water(

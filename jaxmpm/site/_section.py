@@ -15,7 +15,7 @@ from jax import Array
 
 from foundation import check
 from foundation.text import shown
-from jaxmpm.laws import WaterTable
+from jaxmpm.laws import BaseMotion, WaterTable
 from jaxmpm.site import _initial_stress
 from jaxmpm.site._builders import PADDING, ROUNDING, below, build, end_walls, fill, material_on, sorted_by_cell
 from jaxmpm.site._discretisation import Discretisation, check_discretisation
@@ -93,7 +93,8 @@ def section(
     r_u: float | None = None,
     k_h: float = 0.0,
     k_v: float = 0.0,
-    ends: Literal["roller", "fixed"] = "roller",
+    motion: BaseMotion | None = None,
+    ends: Literal["roller", "fixed", "tied"] = "roller",
     speed: float | None = None,
     at_rest: bool = True,
 ) -> tuple[Scene, State]:
@@ -102,35 +103,56 @@ def section(
     soil: one for all, or layers from the top down; a particle is of the layer in which its centre lies. water: level
     or points (x, z) of the water table (m), a pool where it lies above the ground, see `WaterTable`. r_u: instead,
     pore pressure over the weight of what stands above. k_h, k_v: pseudo-static acceleration over gravity, towards the
-    lower end of the surface, and upwards. speed: largest particle speed that the time step allows for (m/s), by default
-    of a fall through the height. at_rest: with the stress of elastic gravity loading, else free of stress.
+    lower end of the surface, and upwards. motion: of the base, from time 0, after the initial stress; the section is
+    solved in its frame. ends: "tied" makes both ends one, for ground as high at both: waves go on round, none comes
+    back from a wall, and a level layer moves as a column of endless ground. speed: largest particle speed that the time
+    step allows for (m/s), by default of a fall through the height. at_rest: with the stress of elastic gravity loading,
+    else free of stress.
     Raises ValueError for lines that turn back, cross or end in the ground, layers thinner than a particle, layers whose
     soils follow no common law, and sizes that do not fit the grid, with the coordinates.
     """
     check.not_negative("gravity", gravity, "m/s2")
     check.between("k_h", k_h, -1.0, 1.0)
     check.between("k_v", k_v, -1.0, 1.0)
-    if ends not in ("fixed", "roller"):
-        raise ValueError(f"ends = {ends!r}: give 'fixed' or 'roller'")
+    if ends not in ("fixed", "roller", "tied"):
+        raise ValueError(f"ends = {ends!r}: give 'fixed', 'roller' or 'tied'")
     check_discretisation(discretisation, 2)
     layers = list(soil) if isinstance(soil, Sequence) else [Layer(soil)]
     tops = _tops(shape, layers, discretisation.spacing[-1])
     grid, cells = _grid(shape, discretisation)
     table = _water_table(shape, water, discretisation)
     particles, layer = _particles(shape, layers, tops, discretisation, grid, table)
+    if ends == "tied":
+        _check_alike(shape, tops, table, discretisation.spacing[-1])
     towards = 1 if shape.surface[0][1] >= shape.surface[-1][1] else -1
     built, state = build(
         particles,
         grid,
         _common_law([material_on(discretisation, each.soil) for each in layers], layer),
         discretisation,
-        walls=(*end_walls(0, cells, ends), Wall(1, "low", PADDING, "fixed")),
+        walls=(*(() if ends == "tied" else end_walls(0, cells, ends)), Wall(1, "low", PADDING, "fixed")),
+        tied=(PADDING, PADDING + cells) if ends == "tied" else None,
+        motion=motion,
         gravity=(towards * k_h * gravity, -(1 - k_v) * gravity),
         speed=math.sqrt(gravity * _relief(shape)) if speed is None else speed,
         water=table,
         pore_pressure=_pore_pressure(r_u, table, particles, layers, tops),
     )
     return built, _initial_stress.settled(built, state) if at_rest else state
+
+
+def _check_alike(shape: Section, tops: Sequence[Height], table: WaterTable | None, spacing: float) -> None:
+    """Raise ValueError where a line is not as high at one wall as at the other, so that they cannot be tied."""
+    ends = shape.outline()[1]
+    lines = {f"top of layer {number}": top(np.array(ends)) for number, top in enumerate(tops[:-1], 1)}
+    if table is not None:
+        lines["water"] = np.interp(ends, table.x, table.z)
+    for name, (left, right) in lines.items():
+        if abs(left - right) > TOUCHING * spacing:
+            raise ValueError(
+                f"ends = 'tied', but the {name} is at {left:g} m at one wall and at {right:g} m at the other: draw the "
+                "ground on until it is as high at both, or take rollers"
+            )
 
 
 def _relief(shape: Section) -> float:

@@ -1,0 +1,89 @@
+"""Records of earthquakes: read on the host, every row of them checked."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+
+from foundation import check
+from foundation.text import shown
+from jaxmpm.laws import BaseMotion
+
+EVEN = 0.02
+"""Share of the interval by which a printed time may differ from an even one."""
+
+
+def read_motion(path: str | Path, *, axes: str = "xz", scale: float = 1.0) -> BaseMotion:
+    """The acceleration of a base from a CSV file.
+
+    Its first row names the columns: `time` (s) and any of `x`, `y`, `z` (m/s2 after `scale`, 9.81 for a record in g).
+    Times rise evenly from 0. axes: the scene's, "xz" in plane strain, "xyz" in 3D; one without a column does not move.
+    Lines that begin with # and empty ones are passed over.
+    Raises ValueError, with the file's line, for columns unknown, missing or named twice, and for rows of another
+    length, of what is no finite number, or whose time is not where it should be.
+    """
+    if axes not in ("x", "xz", "xyz"):
+        raise ValueError(f"axes = {axes!r}: give 'x', 'xz' or 'xyz'")
+    check.positive("scale", scale)
+    with Path(path).open(newline="", encoding="utf-8") as file:
+        kept = [(n, line) for n, line in enumerate(file, 1) if line.strip() and not line.lstrip().startswith("#")]
+    rows = list(csv.reader(line for _, line in kept))
+    lines = [n for n, _ in kept]
+    names = [name.strip() for name in rows[0]] if rows else []
+    if "time" not in names or len(set(names)) < len(names) or not set(names) - {"time"} <= set(axes) or len(names) < 2:
+        raise ValueError(
+            f"{path} has columns {shown(names)}: name them in its first row, time and some of {', '.join(axes)}, each "
+            "once"
+        )
+    values = np.array([_row(path, n, row, names) for n, row in zip(lines[1:], rows[1:], strict=True)])
+    if len(values) < 2:
+        raise ValueError(f"{path} has {len(values)} rows of numbers: give two or more")
+    interval = _interval(path, lines[1:], values[:, names.index("time")])
+    column = {name: values[:, k] * scale for k, name in enumerate(names)}
+    acceleration = np.stack([column.get(axis, np.zeros(len(values))) for axis in axes])
+    return BaseMotion(jnp.asarray(acceleration), jnp.asarray(interval))
+
+
+def _row(path: str | Path, line: int, row: Sequence[str], names: Sequence[str]) -> list[float]:
+    if len(row) != len(names):
+        raise ValueError(f"{path}, line {line} has {len(row)} values, the first row names {len(names)} columns")
+    numbers = []
+    for name, text in zip(names, row, strict=True):
+        try:
+            number = float(text)
+        except ValueError:
+            number = np.nan
+        if not np.isfinite(number):
+            raise ValueError(f"{path}, line {line}: {name} = {shown(text.strip())}: give a finite number")
+        numbers.append(number)
+    return numbers
+
+
+def _interval(path: str | Path, lines: Sequence[int], times: np.ndarray) -> float:
+    interval = float(times[-1] - times[0]) / (len(times) - 1)
+    if times[0] != 0 or interval <= 0:
+        raise ValueError(f"{path} goes from {times[0]:g} to {times[-1]:g} s: give times that rise from 0")
+    off = abs(times - interval * np.arange(len(times))) > EVEN * interval
+    if off.any():
+        k = int(np.argmax(off))
+        raise ValueError(
+            f"{path}, line {lines[k]}: time = {times[k]:g} s, {interval * k:g} s with the even interval of "
+            f"{interval:g} s: sample the record evenly"
+        )
+    return interval
+
+
+def check_motion(motion: BaseMotion, dimension: int) -> None:
+    """Raise ValueError for what is no motion of the base of a scene with so many axes."""
+    if not isinstance(motion, BaseMotion):
+        raise ValueError(f"motion = {shown(motion)}: give a BaseMotion, or None")
+    shape = np.shape(motion.acceleration)
+    if len(shape) != 2 or shape[0] != dimension or shape[1] < 2 or np.shape(motion.interval) != ():
+        raise ValueError(
+            f"motion has acceleration {shape} and interval {np.shape(motion.interval)}: give ({dimension}, m), m > 1, "
+            "and one number"
+        )
