@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import h5py
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,10 +12,13 @@ import kl
 from benchmarks.invented import TINY
 from cooperative import run, runs
 from cooperative.reporting import report
-from cooperative.reporting._exports import run_again
+from cooperative.reporting._exports import export, run_again
+from cooperative.research.rare import slide_limit_state
+from cooperative.runs._executors import run_sample
 from cooperative.scene import parse
-from cooperative.store import read_rows, read_sample, read_store
-from jaxmpm import FrictionalSoil, MohrCoulomb
+from cooperative.store import read_rows, read_sample, read_store, restart_path
+from cooperative.sweep import variants
+from jaxmpm import DruckerPrager, FrictionalSoil, MohrCoulomb
 
 CLAY = TINY[TINY.index("softening_modulus") : TINY.index("[strength]")]
 FIELDS = """
@@ -91,7 +95,11 @@ def test_soil_with_friction_has_the_law_and_the_cure_of_such_soil():
     assert isinstance(model.scene.material, MohrCoulomb)
     assert model.scene.cell_average
     assert not model.scene.fbar
-    assert not model_of(changed(SAND, ("cell = 2.0", "cell = 2.0\ncell_average = false"))).scene.cell_average
+    cone = changed(
+        SAND, ("cell = 2.0", "cell = 2.0\ncell_average = false"), ("poisson", "criterion = 'drucker-prager'\npoisson")
+    )
+    assert isinstance(model_of(cone).scene.material, DruckerPrager)
+    assert not model_of(cone).scene.cell_average
     xi = drawn(model, 1)[0]
     friction = np.asarray(model.parameters(xi)["friction"])
     assert 5 < friction.min() < friction.max() < 50
@@ -180,6 +188,7 @@ def test_strata_dip_and_infinite_lengths_are_constant():
     np.testing.assert_allclose(strength, float(kl.Lognormal(30e3, 0.4).transform(jnp.asarray(-1.2))), rtol=1e-5)
 
 
+@pytest.mark.filterwarnings("ignore:Corrected is not quite positive definite")
 def test_correlation_of_the_property_itself_is_had_on_request():
     model = model_of(changed(TINY, ("cov = 0.4", "cov = 1.2\nnataf = true")))
     expansion = model.soil.expansions["strength"]
@@ -249,6 +258,54 @@ def test_a_sample_of_such_a_campaign_is_made_again_from_its_coefficients(done):
     kept = read_sample(read_store(folder), "rough", 1)
     again = run_again(model, kept, np.array([0.0, kept.steps * model.time_step(kept.coefficients)]))
     np.testing.assert_allclose(again.state.displacement, kept.fields["displacement"], atol=2e-4)
+
+
+def test_a_worker_makes_the_same_sample_from_the_text(done):
+    text, folder, _ = done
+    kept = read_sample(read_store(folder), "rough", 2)
+    again = run_sample(text, "rough", 2, kept.coefficients, None, None, folder=folder)
+    assert dict(again.row) == dict(kept.row)
+
+
+def test_a_run_that_was_stopped_goes_on_bit_for_bit(done):
+    text, folder, _ = done
+    campaign = parse(text)
+    model = runs.build(campaign, "refined", runs.random_soil(campaign), folder=folder)
+    number = read_rows(read_store(folder), "refined").numbers[0]
+    kept = read_sample(read_store(folder), "refined", number)
+    looks = iter([False, False, True])
+    with pytest.raises(runs.Stopped):
+        list(run_samples(model, kept, folder, lambda: next(looks, True)))
+    assert restart_path(folder, "refined", number).is_file()
+    (again,) = run_samples(model, kept, folder, lambda: False)
+    assert np.array_equal(again.fields["displacement"], kept.fields["displacement"])
+    assert dict(again.row) == dict(kept.row)
+
+
+def run_samples(model, sample, folder, stop):
+    return runs.run_samples(
+        model, {sample.number: sample.coefficients}, [sample.number], width=1, restart_in=folder, stop=stop
+    )
+
+
+def test_such_a_campaign_is_exported_with_its_parameters(done):
+    folder = done[1]
+    files = [str(path) for path in export(folder)]
+    series = next(file for file in files if file.endswith("rough-000001.vtkhdf"))
+    with h5py.File(series) as file:
+        found = file["VTKHDF/PointData"]
+        model = model_of(done[0])
+        expected = model.parameters(read_sample(read_store(folder), "rough", 1).coefficients)
+        for name, values in expected.items():
+            count = values.shape[0]
+            np.testing.assert_allclose(found[name][:count], values, rtol=1e-5)
+
+
+def test_what_knows_undrained_strength_alone_says_so():
+    with pytest.raises(ValueError, match="a sweep varies the field of undrained strength"):
+        variants(SAND + "[sweep]\ncov = [0.2, 0.4]\n")
+    with pytest.raises(ValueError, match="random are cohesion, friction, young, unit_weight, and with stiffness"):
+        slide_limit_state(model_of(ALL), seconds=1.0, displacement=0.5)
 
 
 def test_a_friction_that_is_no_number_ends_its_sample_alone(done, monkeypatch):
