@@ -87,16 +87,19 @@ class Found:
 @dataclass(frozen=True)
 class Line:
     """One row of the table. name: of the value, None for a row without one. printed: the published value, None if
-    there is none. found: ours, or why there is none yet. cause: what was measured of the reasons of a difference."""
+    there is none. found: ours, or why there is none yet. cause: what was measured of the reasons of a difference.
+    counted: the interval of the published value itself, where it is a share that was counted."""
 
     what: str
     name: str | None
     printed: float | None
     found: Found | str
     cause: str = ""
+    counted: tuple[float, float] | None = None
 
     def verdict(self) -> str:
-        """Whether the published value lies in our interval, and if not, why."""
+        """Whether the published value lies in our interval, and if not, why; two shares that were both counted agree
+        where their difference is no larger than the root of the sum of squares of the two half widths between them."""
         if isinstance(self.found, str):
             return f"not run yet: {self.found}"
         low, high = self.found.interval
@@ -104,6 +107,15 @@ class Line:
             return self.cause or "not published"
         if low - 1e-9 <= self.printed <= high + 1e-9:
             return "agrees"
+        if self.counted is not None:
+            above = self.found.value > self.printed
+            ours = self.found.value - low if above else high - self.found.value
+            theirs = self.counted[1] - self.printed if above else self.printed - self.counted[0]
+            reach = float(np.hypot(ours, theirs))
+            words = f"{self.found.value - self.printed:+.3g}, where the two samples leave {reach:.3g} open"
+            if abs(self.found.value - self.printed) <= reach:
+                return f"agrees: {words}"
+            return f"differs by {words}: {self.cause or 'cause not measured yet'}"
         return f"differs by {self.found.value - self.printed:+.3g}: {self.cause or 'cause not measured yet'}"
 
     def as_row(self) -> dict[str, Any]:
@@ -283,12 +295,11 @@ def probability(rows: Rows, case: str, samples: int, plan: AuditPlan, reduction:
 
 def probabilities(rows: Rows) -> Iterator[Line]:
     """P_f, the published rule on the same ranks, and how the grids agree."""
-    low, high = wilson_interval(244, 1000)
+    counted = wilson_interval(244, 1000)
     worth = "; ".join(f"{line.what.split(': ')[-1]} {line.cause}" for line in readings(rows) if line.cause)
-    cause = f"the published 244 of 1000 has an interval of its own, {low:.3f} to {high:.3f}"
-    cause += f"; on the section: {worth}" if worth else ""
+    cause = f"on the section: {worth}" if worth else ""
     headline = probability(rows, "published", SAMPLES, AUDIT)
-    yield Line("P_f in 3D", "pf_3d", 0.244, headline, cause)
+    yield Line("P_f in 3D", "pf_3d", 0.244, headline, cause, counted)
     runs = "refined runs behind P_f in 3D"
     found, words = estimated(rows, "published", SAMPLES, AUDIT)
     spent = hours_of(rows, case="published", grid="refined", until="class")
@@ -435,7 +446,8 @@ def lengths(rows: Rows) -> Iterator[Line]:
 
 
 def weighted_slides(rows: Rows) -> tuple[list[Outcome], np.ndarray, str]:
-    """Refined slides of the headline campaign with their weights: all failures of as many draws as are whole."""
+    """Refined slides of the headline campaign with their weights: all failures of as many draws as are whole. Slides
+    that broke off have no mode; they are counted and left out."""
     screened = population(rows, "published", SAMPLES)
     there = sum(run.case == "published" and run.grid == "refined" and run.until == "end" for run in rows)
     words = f"{there} refined slides are there"
@@ -447,9 +459,13 @@ def weighted_slides(rows: Rows) -> tuple[list[Outcome], np.ndarray, str]:
         weights = sample_weights(screened, refined, replace(AUDIT, runs=runs))
         fallen = {sample: weight for sample, weight in weights.items() if refined[sample]}
         slides = [rows.get(Run("published", "refined", sample, 1.0, "end")) for sample in fallen]
-        known = [slide for slide in slides if slide is not None and slide.mode is not None]
-        if fallen and len(known) == len(slides):
-            return known, np.array(list(fallen.values())), f"{len(known)} refined slides, all failures of {runs} draws"
+        if fallen and None not in slides:
+            weight = np.array(list(fallen.values()))
+            whole = np.array([slide is not None and slide.mode is not None for slide in slides])
+            words = f"{whole.sum()} refined slides of {len(slides)} failures of {runs} draws"
+            if not whole.all():
+                words += f", the others broke off and stand for {weight[~whole].sum() / weight.sum():.0%} of failures"
+            return [slide for slide in slides if slide is not None and slide.mode], weight[whole], words
     return [], np.zeros(0), words
 
 

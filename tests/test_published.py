@@ -125,7 +125,14 @@ def test_shares_of_modes_weigh_all_failures_of_the_draws_that_are_whole(tmp_path
     fewer, rows = reported(tmp_path)
     told = rows["share of deep failures"]["rests on"]
     assert "share_deep" in fewer
-    assert f"all failures of {published.AUDIT.runs} draws" not in told
+    assert f"failures of {published.AUDIT.runs} draws" not in told
+    lost = next(run for run, slide in slides.items() if slide.mode == "deep")
+    keep(tmp_path, "slides", slides | {lost: replace(FAILED, status="OUTSIDE_GRID")})
+    without, rows = reported(tmp_path)
+    told = rows["share of deep failures"]["rests on"]
+    assert f"{len(slides) - 1} refined slides of {len(slides)} failures" in told
+    assert "the others broke off and stand for" in told
+    assert without["share_deep"] < values["share_deep"]
 
 
 def test_readings_are_paired_and_need_enough_common_samples(tmp_path):
@@ -218,6 +225,14 @@ def test_rough_modes_are_told_once_all_slides_of_a_length_are_there_and_pooled_o
         (Line("a", "a", 1.3, Found(1.1, (1.0, 1.2), "b", NO_TIME), "locking"), "differs by -0.2: locking"),
         (Line("a", "a", 1.3, Found(1.1, (1.0, 1.2), "b", NO_TIME)), "differs by -0.2: cause not measured yet"),
         (Line("a", "a", None, Found(1.1, (1.0, 1.2), "b", NO_TIME)), "not published"),
+        (
+            Line("a", "a", 0.24, Found(0.29, (0.25, 0.4), "b", NO_TIME), "", (0.21, 0.27)),
+            "agrees: +0.05, where the two samples leave 0.05 open",
+        ),
+        (
+            Line("a", "a", 0.24, Found(0.3, (0.26, 0.4), "b", NO_TIME), "locking", (0.21, 0.27)),
+            "differs by +0.06, where the two samples leave 0.05 open: locking",
+        ),
     ],
 )
 def test_verdicts(line, verdict):
