@@ -421,8 +421,11 @@ def paired_change(before: list[bool], after: list[bool]) -> tuple[float, tuple[f
 
 
 def lengths(rows: Rows) -> Iterator[Line]:
-    """P_f against lx and ly (Fig. 10), each from the same samples, by a small audit of the calibrated rough grid."""
+    """P_f against lx and ly (Fig. 10), each from the same samples: by a small audit of the calibrated rough grid, and
+    by that grid alone, whose samples are common, so that its rise is that of pairs."""
     factor = calibration(rows)
+    for axis in ("lx", "ly"):
+        yield from rough_lengths(rows, axis)
     for axis in ("lx", "ly"):
         ends: list[Found] = []
         for length in LENGTHS:
@@ -443,6 +446,35 @@ def lengths(rows: Rows) -> Iterator[Line]:
         )
         found = Found(rise, (rise - half, rise + half), "the two ends, taken as independent", Hours(0.0, 0.0))
         yield Line(what, None, None, found, words)
+
+
+def rough_lengths(rows: Rows, axis: str) -> Iterator[Line]:
+    """Share of failures on the calibrated rough grid at each length along an axis, and its rise from end to end."""
+    known = {length: classes(rows, sweep_case(axis, length), "rough") for length in LENGTHS}
+    for length, mine in known.items():
+        what, answer = rough_length(axis, length), f"{len(mine)} of {SWEEP_SAMPLES} samples are there"
+        if len(mine) < SWEEP_SAMPLES:
+            yield Line(what, None, None, answer)
+            continue
+        fallen, spent = sum(mine.values()), hours_of(rows, case=sweep_case(axis, length), grid="rough", until="class")
+        interval = wilson_interval(fallen, len(mine))
+        yield Line(what, None, None, Found(fallen / len(mine), interval, f"{len(mine)} rough samples", spent))
+    first, last = known[LENGTHS[0]], known[LENGTHS[-1]]
+    common = sorted(first.keys() & last.keys())
+    what = f"rough grid alone: rise of P_f from {axis} = {LENGTHS[0]} m to {LENGTHS[-1]} m"
+    if len(common) < SWEEP_SAMPLES:
+        yield Line(what, None, None, f"{len(common)} common samples are there")
+        return
+    rise, limits = paired_change([first[n] for n in common], [last[n] for n in common])
+    words = (
+        "rises, as published" if limits[0] > 0 else "falls, published as rising" if limits[1] < 0 else "not resolved"
+    )
+    yield Line(what, None, None, Found(rise, limits, f"{len(common)} common samples", Hours(0.0, 0.0)), words)
+
+
+def rough_length(axis: str, length: float) -> str:
+    """Name of the row of the calibrated rough grid at a length (m)."""
+    return f"rough grid alone: P_f at {axis} = {length:g} m"
 
 
 def weighted_slides(rows: Rows) -> tuple[list[Outcome], np.ndarray, str]:

@@ -58,28 +58,25 @@ def _interval(ax: Axes, found: Answer, at: float) -> None:
 
 def _lengths(known: list[tuple[str, Answer]], folder: Path) -> Path | None:
     by_name = dict(known)
-    points = {
-        axis: [(length, by_name[name]) for length in LENGTHS if (name := _length_name(axis, length)) in by_name]
-        for axis in ("lx", "ly")
-    }
-    if not any(points.values()):
+    named = (("P_f in 3D, {} = {:g} m, the other 60 m", "o", BLUE, "audited"),
+             ("rough grid alone: P_f at {} = {:g} m", "s", GREY, "rough grid, calibrated"))  # fmt: skip
+    if not any(
+        name.format(axis, length) in by_name for name, *_ in named for axis in ("lx", "ly") for length in LENGTHS
+    ):
         return None
     figure, axes = panels(1, 2, size=(3.6, 3.2))
-    for ax, (axis, mine) in zip(axes, points.items(), strict=True):
-        for length, found in mine:
-            ax.plot((length, length), found.interval, color=BLUE)
-        ax.plot(
-            [length for length, _ in mine], [found.value for _, found in mine], "o-", color=BLUE, label="here, 95 %"
-        )
+    for ax, axis in zip(axes, ("lx", "ly"), strict=True):
+        for (name, marker, color, label), aside in zip(named, (-1.0, 1.0), strict=True):
+            mine = [(length, by_name[each]) for length in LENGTHS if (each := name.format(axis, length)) in by_name]
+            for length, found in mine:
+                ax.plot((length + aside,) * 2, found.interval, color=color)
+            places = [length + aside for length, _ in mine]
+            ax.plot(places, [found.value for _, found in mine], f"{marker}-", color=color, markersize=4, label=label)
         ax.axhline(0.244, color=RED, linestyle="--", linewidth=0.8, label="published at 60 m")
         ax.set(xlabel=f"correlation length ${axis[0]}_{axis[1]}$ [m]", ylabel="probability of failure $P_f$ [-]")
         ax.set_ylim(bottom=0)
     axes[0].legend(frameon=False)
     return save(figure, folder / "published_lengths.png", dpi=110)
-
-
-def _length_name(axis: str, length: float) -> str:
-    return f"P_f in 3D, {axis} = {length:g} m, the other 60 m"
 
 
 def _ranks(rows: Rows, folder: Path) -> Path | None:

@@ -187,6 +187,8 @@ def test_lengths_are_told_to_rise_only_where_they_do(tmp_path, rise):
     values, rows = reported(tmp_path)
     told = rows["rise of P_f from lx = 10 m to 120 m"]["verdict"]
     assert told == ("rises, as published" if rise else "not resolved")
+    assert rows["rough grid alone: rise of P_f from lx = 10 m to 120 m"]["verdict"] == "not resolved"
+    assert rows["rough grid alone: P_f at ly = 30 m"]["ours"] == 0
     for axis, length, share in (("lx", 10, 0.2), ("ly", 120, 0.5 if rise else 0.2)):
         row = rows[f"P_f in 3D, {axis} = {length} m, the other 60 m"]
         assert row["low"] <= share <= row["high"]
