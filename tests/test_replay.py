@@ -165,6 +165,7 @@ def test_where_strength_matters_against_central_differences():
     assert float(jnp.sum(map_)) < 0
 
 
+@pytest.mark.filterwarnings("ignore:the front at")
 @pytest.mark.usefixtures("x64")
 def test_smooth_objectives_are_as_far_from_the_hard_ones_as_they_say():
     scene, state = slide()
@@ -181,6 +182,7 @@ def test_smooth_objectives_are_as_far_from_the_hard_ones_as_they_say():
     assert float(objectives.log_displacement(final)) == pytest.approx(np.log(rms / 1e-3), rel=1e-3)
 
 
+@pytest.mark.filterwarnings("ignore:the front at")
 @pytest.mark.usefixtures("x64")
 def test_the_front_moves_with_the_mass():
     scene, state = slide()
@@ -191,6 +193,33 @@ def test_the_front_moves_with_the_mass():
 
     assert float(jax.grad(moved)(0.0)) == pytest.approx(1.0, rel=1e-6)
     assert float(moved(0.7) - moved(0.0)) == pytest.approx(0.7, rel=1e-6)
+
+
+@pytest.mark.usefixtures("x64")
+def test_run_out_is_of_soil_that_moved():
+    scene, state = slide(1.6)
+    final = mpm.solve(scene, state, t_end=2.5).state
+    moved, x = np.asarray(mpm.diagnostics.displacement(final)), np.asarray(mpm.diagnostics.position(scene, final))[0]
+    toe = SLOPE.toe_x
+    hard = x[moved > 0.5].max() - toe
+    soft = float(objectives.runout(scene, final, toe, moved=0.5, share=0.01, width=0.1))
+    assert 0.5 < hard < 9
+    assert hard - 1.0 < soft < hard
+    assert abs(float(objectives.runout(scene, state, toe))) < 1e-9
+    # The front of all mass is the end of the ground, which never moved.
+    with pytest.warns(UserWarning, match="it is the ground ahead of the slide, use objectives.runout"):
+        assert float(objectives.front(scene, final)) > SLOPE.length - 2
+
+
+@pytest.mark.usefixtures("x64")
+def test_gradients_of_run_out_agree_with_differences():
+    scene, state = slide(1.6)
+    measured = partial(objectives.runout, scene, toe=SLOPE.toe_x, moved=0.2)
+    reached = scaled(scene, state, 250, measured)
+    assert float(reached(1.0)) > 0.0
+    gradient = float(jax.grad(reached)(1.0))
+    assert gradient < -0.1  # stronger soil runs out less
+    assert gradient == pytest.approx(central(reached, 1.0, 1e-6), rel=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -213,6 +242,8 @@ def test_bad_objectives_are_refused():
     scene, state = slide()
     with pytest.raises(ValueError, match="share = 0\\.7: give a value above 0 and below"):
         objectives.front(scene, state, share=0.7)
+    with pytest.raises(ValueError, match="moved = 0 m"):
+        objectives.runout(scene, state, 10.0, moved=0.0)
     elastic, rest = mpm.column(4.0, mpm.Soil(), mpm.Discretisation(1.0, (0.5, 0.5)))
     with pytest.raises(ValueError, match="Elastic has no strength"):
         mpm.strength_sensitivity(elastic, rest, 10, mpm.diagnostics.largest_displacement)
