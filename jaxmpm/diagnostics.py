@@ -10,8 +10,10 @@ import numpy as np
 from jax import Array
 
 from jaxmpm import tensors
-from jaxmpm._step import Maps, acting_stress, external_force, felt_gravity, place
+from jaxmpm._step import Maps, acting_stress, external_force, felt_gravity, place, reciprocal
 from jaxmpm.boundary import hold
+from jaxmpm.transfer import momentum as particle_momentum
+from jaxmpm.transfer import nodal_momentum
 from jaxmpm.types import Scene, State
 
 
@@ -61,6 +63,21 @@ def momentum(scene: Scene, state: State) -> Array:
     """Total momentum (d,) kg m/s."""
     _of_one_lane(scene, state)
     return jnp.sum(scene.particles.mass * state.velocity, axis=1)
+
+
+def grid_velocity(scene: Scene, state: State) -> Array:
+    """Velocity of the grid at the particles (d, N) m/s: what moves them.
+
+    Particles in FLIP also carry velocities that cancel at the nodes, and ring on for long in soil that stands.
+    """
+    _of_one_lane(scene, state)
+    maps, d = Maps(scene, place(scene, state)), scene.grid.dimension
+    nodal = maps.to_grid(
+        jnp.concatenate([scene.particles.mass[None], particle_momentum(scene, state, maps.position)]), None
+    )
+    mass, moving = nodal[:, :1], nodal_momentum(scene.grid, nodal[:, 1:])
+    velocity = hold(scene.walls, scene.grid, reciprocal(scene, mass) * moving)
+    return maps.to_particles(velocity, values=d, gradients=0)[0]
 
 
 def kinetic_energy(scene: Scene, state: State) -> Array:

@@ -20,6 +20,7 @@ import numpy as np
 
 from foundation import check, files
 from foundation.text import shown
+from jaxmpm import diagnostics
 from jaxmpm.types import Scene, State
 
 KIND = "jaxmpm restart point"
@@ -85,14 +86,16 @@ def load_state(path: str | Path, like: State) -> tuple[State, dict[str, Any]]:
 def write_vtkhdf(path: str | Path, scene: Scene, states: Iterable[State], times: Sequence[float]) -> None:
     """Write a run as a series of particles for ParaView: one state at each of `times` (s), taken one by one.
 
-    Points are current positions (m). Fields: displacement (m), velocity (m/s), stress (Pa, xx yy zz xy yz xz),
-    plastic_strain or the leaves of the material's history, volume_ratio, and the strength (Pa) where the material
-    has one. Raises ValueError for lanes, or as many states as there are not times; OSError where the disk refuses.
+    Points are current positions (m). Fields: displacement (m), velocity (m/s) of the grid at the particle, stress (Pa,
+    xx yy zz xy yz xz), plastic_strain or the leaves of the material's history, volume_ratio, and the strength (Pa)
+    where the material has one. Raises ValueError for lanes, or as many states as there are not times; OSError where the
+    disk refuses.
     """
     strength = getattr(scene.material, "strength", None)
     count = scene.particles.mass.shape[-1]
     constant = {} if strength is None else {"strength": np.broadcast_to(np.asarray(strength), (count,))}
-    write_particles(path, np.asarray(scene.particles.position), times, map(_fields_of, states), constant=constant)
+    fields = (_fields_of(scene, state) for state in states)
+    write_particles(path, np.asarray(scene.particles.position), times, fields, constant=constant)
 
 
 def write_particles(
@@ -181,11 +184,15 @@ def _rows(name: str, values: np.ndarray, count: int) -> np.ndarray:
     return rows
 
 
-def _fields_of(state: State) -> dict[str, np.ndarray]:
+_grid_velocity = jax.jit(diagnostics.grid_velocity)
+
+
+def _fields_of(scene: Scene, state: State) -> dict[str, np.ndarray]:
     history = {} if state.history is None else _named(state.history)
     if list(history) == [""]:
         history = {"plastic_strain": history[""]}
-    fields = {name: getattr(state, name) for name in ("displacement", "velocity", "stress", "volume_ratio")}
+    fields = {name: getattr(state, name) for name in ("displacement", "stress", "volume_ratio")}
+    fields["velocity"] = _grid_velocity(scene, jax.tree.map(jnp.asarray, state))
     return {name: np.asarray(values) for name, values in (fields | history).items()}
 
 
