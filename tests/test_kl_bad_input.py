@@ -220,6 +220,9 @@ def test_a_marginal_is_checked_before_it_is_traced():
         ([[1.0, 0.2], [0.3, 1.0]], r"not symmetric"),
         ([[2.0, 0.2], [0.2, 1.0]], r"must be 1"),
         ([[1.0]], r"give one row each"),
+        ([[1.0, 0.2], [0.2]], r"rows of the correlation matrix differ in length"),
+        ([[1.0, 0.2]], r"of shape \(1, 2\): give a square one"),
+        ([[1.0, float("nan")], [float("nan"), 1.0]], r"correlation matrix = nan"),
     ],
 )
 def test_bad_correlation_matrices(matrix, message):

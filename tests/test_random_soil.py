@@ -349,6 +349,11 @@ REFUSED = [
         ('cov = 0.2\nmarginal = "truncated normal"\nlower = 5.0\nupper = 50.0', "cov = 0.4"),
         r"values of .* degrees",
     ),
+    (
+        SAND,
+        ("poisson = 0.3", "poisson = 0.3\nsoftening_strain = 0.2\nresidual_friction = 12.0"),
+        r"residual_friction = 12 degrees, but friction comes down to 5\.49: give a residual of at most",
+    ),
     (TINY, ("young = 2e7", "young = 2e7\ncohesion = 5e3"), r"\[soil\] cohesion is given beside a strength"),
     (TINY, ("young = 2e7", "young = 2e7\nstrength = 30e3"), r"both \[strength\] and \[soil\] strength are given"),
     (TINY, ("young = 2e7", "young = 2e7\ncriterion = 'mohr-coulomb'"), r"criterion has no say in undrained soil"),

@@ -145,7 +145,7 @@ def soil_of(
             "nothing in the scene is random: give at least one parameter of the soil as a table, such as "
             "[soil.cohesion] with mean, cov and length"
         )
-    _check_dilation(said, random, depth)
+    _check_friction(said, random, depth)
     return _built(said, height), MappingProxyType({name: random[name] for name in PARAMETERS if name in random})
 
 
@@ -246,10 +246,18 @@ def _ask(where: str, name: str, value: float) -> None:
         )
 
 
-def _check_dilation(said: dict[str, Any], random: Mapping[str, RandomField], depth: float) -> None:
-    """Soil that dilates by more than its friction would gain work by sliding."""
+def _check_friction(said: dict[str, Any], random: Mapping[str, RandomField], depth: float) -> None:
+    """Soil that dilates by more than its friction would gain work by sliding; none gains strength by softening."""
     if said["friction"] is None:
         return
+    for name in ("cohesion", "friction") if said["softening_strain"] is not None else ():
+        least = extremes(random[name], depth)[0] if name in random else said[name]
+        residual = said[f"residual_{name}"]
+        if residual > least:
+            raise ValueError(
+                f"[soil] residual_{name} = {residual:g} {PARAMETERS[name].unit}, but {name} comes down to {least:.3g}: "
+                "give a residual of at most that"
+            )
     ends = {
         name: extremes(random[name], depth) if name in random else (said[name],) * 2
         for name in ("friction", "dilation")
