@@ -105,7 +105,7 @@ REFUSED = {
     "far away": (
         mpm.Section([(x + 5e5, z) for x, z in FLAT.surface]),
         CLAY,
-        "float32 resolves to 0.06 m only: measure x and z from a corner",
+        "float32 resolves to 0.06 m only: measure from a corner",
     ),
     "no line": (mpm.Section([(0, 6)]), CLAY, "give two points"),
     "nan": (mpm.Section([(0, 6), (10, float("nan")), (20, 6)]), CLAY, "surface = nan m at "),

@@ -4,9 +4,11 @@ from jaxmpm.site._builders import Slope, bar, block, column, fill, slope
 from jaxmpm.site._discretisation import Discretisation, cell_independent
 from jaxmpm.site._initial_stress import at_rest
 from jaxmpm.site._motion import read_motion
+from jaxmpm.site._raster import Raster, read_raster
 from jaxmpm.site._scene import check_scene, check_shape, refuse_snap_back, scene, unstressed, with_strength
 from jaxmpm.site._section import Layer, Section, section
 from jaxmpm.site._soil import FrictionalSoil, PlasticStrain, Soil
+from jaxmpm.site._terrain import Terrain, terrain
 from jaxmpm.site._vary import check_names, check_start, parameter_names, vary, with_soil
 
 __all__ = [
@@ -14,9 +16,11 @@ __all__ = [
     "FrictionalSoil",
     "Layer",
     "PlasticStrain",
+    "Raster",
     "Section",
     "Slope",
     "Soil",
+    "Terrain",
     "at_rest",
     "bar",
     "block",
@@ -29,10 +33,12 @@ __all__ = [
     "fill",
     "parameter_names",
     "read_motion",
+    "read_raster",
     "refuse_snap_back",
     "scene",
     "section",
     "slope",
+    "terrain",
     "unstressed",
     "vary",
     "with_soil",

@@ -71,6 +71,22 @@ class Slope:
         """Of the section (m2)."""
         return self.length * self.foundation + self.height * (self.crest + self.run_per_rise * self.height / 2)
 
+    @property
+    def corner(self) -> tuple[float, ...]:
+        """Lowest corner (d,) m of the box that holds the ground: the origin."""
+        return (0.0,) * self.dimension
+
+    @property
+    def extent(self) -> tuple[float, ...]:
+        """Edges (d,) m of the box that holds the ground."""
+        top = self.foundation + self.height
+        return (self.length, top) if self.width is None else (self.length, self.width, top)
+
+    @property
+    def volume(self) -> float:
+        """Of the ground (m3), in a section per metre of width (m2)."""
+        return self.area * (1.0 if self.width is None else self.width)
+
     def cells(self, discretisation: Discretisation) -> list[int]:
         """Cells of a grid along each axis, one of air above the crest. Raises ValueError for a slope or a grid that is
         none, and where one does not fit the other."""
@@ -126,7 +142,6 @@ def slope(
         raise ValueError(f"y_ends = {y_ends!r}: give 'fixed' or 'roller'")
     d, cell, cells = shape.dimension, discretisation.cell, shape.cells(discretisation)
     top = shape.foundation + shape.height
-    extent = [shape.length, top] if shape.width is None else [shape.length, shape.width, top]
     walls = end_walls(0, cells[0], "roller")
     if shape.width is not None:
         walls += end_walls(1, cells[1], y_ends)
@@ -134,7 +149,7 @@ def slope(
 
     built, state = build(
         _particles(
-            extent,
+            shape.extent,
             soil,
             discretisation,
             inside=lambda x: below(x[-1], shape.surface(x[0]), ROUNDING * discretisation.spacing[-1]),

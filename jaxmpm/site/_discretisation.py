@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import jax
+import numpy as np
 from jax.typing import DTypeLike
 
 from foundation import check
 from jaxmpm.site._soil import Ground, Soil
 from jaxmpm.transfer import GIMP, QuadraticBSpline, length_of_band
 from jaxmpm.types import Kernel, Scheme
+
+RESOLVED = 1e-3
+"""Share of a particle's size that the precision of its position must resolve."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +69,18 @@ def cell_independent(discretisation: Discretisation, soil: Ground) -> Discretisa
     return replace(
         discretisation, fbar=isinstance(soil, Soil) and not discretisation.cell_average, internal_length=length
     )
+
+
+def check_resolved(what: str, corner: Sequence[float], extent: Sequence[float], discretisation: Discretisation) -> None:
+    """Raise ValueError for a box of ground so far from the origin that its particles' positions are too coarse."""
+    dtype = check.dtype(discretisation.dtype or jax.dtypes.canonicalize_dtype(float))
+    farthest = max(max(abs(low), abs(low + length)) for low, length in zip(corner, extent, strict=True))
+    resolved = float(np.finfo(dtype).eps) * farthest
+    if resolved > RESOLVED / 4 * min(discretisation.spacing):
+        raise ValueError(
+            f"{what} lies at x = {corner[0]:g} to {corner[0] + extent[0]:g} m, which {dtype} resolves to "
+            f"{resolved:.1g} m only: measure from a corner of {what}"
+        )
 
 
 def check_discretisation(discretisation: Discretisation, dimension: int) -> None:

@@ -18,7 +18,8 @@ from foundation.text import shown
 from jaxmpm.laws import BaseMotion, WaterTable
 from jaxmpm.site import _initial_stress
 from jaxmpm.site._builders import PADDING, ROUNDING, below, build, end_walls, fill, material_on, sorted_by_cell
-from jaxmpm.site._discretisation import Discretisation, check_discretisation
+from jaxmpm.site._discretisation import RESOLVED, Discretisation, check_discretisation, check_resolved
+from jaxmpm.site._raster import Raster
 from jaxmpm.site._soil import STANDARD_GRAVITY, Ground
 from jaxmpm.types import Grid, Material, Particles, Scene, State, Wall
 
@@ -34,20 +35,25 @@ TOUCHING = 0.01
 WATER_WEIGHT = 9810.0
 """Unit weight of water (N/m3)."""
 
-RESOLVED = 1e-3
-"""Share of a particle's height that the precision of its position must resolve."""
-
 
 @dataclass(frozen=True)
 class Layer:
     """A layer of soil, from the surface or the layer before it down to its own lower boundary.
 
-    soil: its soil. bottom: the boundary, points (x, z) m with x rising; None for the base. A boundary that ends on the
-    one above it, or on the surface, ends its layer there.
+    soil: its soil. bottom: the boundary, points (x, z) m with x rising, under a terrain a raster of heights. A boundary
+    that ends on the one above it, or on the surface, ends its layer there. depth: instead, of the boundary below the
+    surface (m). thickness: instead, of the layer (m). The last layer has none of them: it reaches down to the base.
     """
 
     soil: Ground
-    bottom: Line | None = None
+    bottom: Line | Raster | None = None
+    depth: float | None = None
+    thickness: float | None = None
+
+    @property
+    def ends(self) -> bool:
+        """Whether it ends above the base."""
+        return (self.bottom, self.depth, self.thickness) != (None, None, None)
 
 
 @dataclass(frozen=True)
@@ -81,6 +87,64 @@ class Section:
         if z < self.base:
             raise ValueError(f"the surface at ({x:g}, {z:g}) m lies below the base at {self.base:g} m: lower the base")
         return points, (float(left), float(right))
+
+    @property
+    def dimension(self) -> int:
+        """Always 2."""
+        return 2
+
+    @property
+    def corner(self) -> tuple[float, ...]:
+        """Lowest corner (2,) m of the box that holds the ground."""
+        return (self.outline()[1][0], self.base)
+
+    @property
+    def extent(self) -> tuple[float, ...]:
+        """Edges (2,) m of the box that holds the ground."""
+        left, right = self.outline()[1]
+        return (right - left, self._top() - self.base)
+
+    @property
+    def relief(self) -> float:
+        """Height of the surface's highest point above its lowest (m)."""
+        return self._top() - min(point[1] for point in self.surface)
+
+    @property
+    def volume(self) -> float:
+        """Of the ground, per metre of width (m2)."""
+        points, (left, right) = self.outline()
+        x, z = points.T
+        inner = (x > left) & (x < right)
+        x, z = (np.r_[a, values[inner], b] for a, values, b in (
+            (left, x, right), (np.interp(left, x, z), z, np.interp(right, x, z))
+        ))  # fmt: skip
+        return float(np.trapezoid(z - self.base, x))
+
+    def check(self) -> None:
+        """Raise ValueError for a surface that is none, does not reach the walls or goes below the base."""
+        self.outline()
+
+    def heights(self, x: np.ndarray) -> np.ndarray:
+        """Height of the surface (m) at x (n,) m."""
+        points, _ = self.outline()
+        return np.interp(x, points[:, 0], points[:, 1])
+
+    def cells(self, discretisation: Discretisation) -> list[int]:
+        """Cells of a grid along each axis, one of air above the highest point. Raises ValueError for ground or a grid
+        that is none, and where one does not fit the other."""
+        check_discretisation(discretisation, 2)
+        length, height = self.extent
+        check.multiple("the section's length", length, "the spacing along x", discretisation.spacing[0])
+        across = check.multiple("the section's length", length, "cell", discretisation.cell)
+        check_resolved("the section", self.corner, self.extent, discretisation)
+        return [across, math.ceil(height / discretisation.cell * (1 - 1e-12)) + 1]
+
+    def layer_of(self, layers: Sequence[Layer], position: np.ndarray, discretisation: Discretisation) -> np.ndarray:
+        """Number of the layer (N,), from 0 on, in which points at position (2, N) m lie. Raises as `section` does."""
+        return _layer_of(_layering(self, layers, discretisation), position, discretisation.spacing[-1])
+
+    def _top(self) -> float:
+        return max(point[1] for point in self.surface)
 
 
 def section(
@@ -116,10 +180,11 @@ def section(
     check.between("k_v", k_v, -1.0, 1.0)
     if ends not in ("fixed", "roller", "tied"):
         raise ValueError(f"ends = {ends!r}: give 'fixed', 'roller' or 'tied'")
-    check_discretisation(discretisation, 2)
+    cells = shape.cells(discretisation)
     layers = list(soil) if isinstance(soil, Sequence) else [Layer(soil)]
-    tops = _tops(shape, layers, discretisation.spacing[-1])
-    grid, cells = _grid(shape, discretisation)
+    tops = _layering(shape, layers, discretisation)
+    corner = np.array(shape.corner) - PADDING * discretisation.cell
+    grid = Grid(tuple(n + 1 + 2 * PADDING for n in cells), discretisation.cell, tuple(corner.tolist()))
     table = _water_table(shape, water, discretisation)
     particles, layer = _particles(shape, layers, tops, discretisation, grid, table)
     if ends == "tied":
@@ -128,13 +193,13 @@ def section(
     built, state = build(
         particles,
         grid,
-        _common_law([material_on(discretisation, each.soil) for each in layers], layer),
+        common_law([material_on(discretisation, each.soil) for each in layers], layer),
         discretisation,
-        walls=(*(() if ends == "tied" else end_walls(0, cells, ends)), Wall(1, "low", PADDING, "fixed")),
-        tied=(PADDING, PADDING + cells) if ends == "tied" else None,
+        walls=(*(() if ends == "tied" else end_walls(0, cells[0], ends)), Wall(1, "low", PADDING, "fixed")),
+        tied=(PADDING, PADDING + cells[0]) if ends == "tied" else None,
         motion=motion,
         gravity=(towards * k_h * gravity, -(1 - k_v) * gravity),
-        speed=math.sqrt(gravity * _relief(shape)) if speed is None else speed,
+        speed=math.sqrt(gravity * shape.extent[-1]) if speed is None else speed,
         water=table,
         pore_pressure=_pore_pressure(r_u, table, particles, layers, tops),
     )
@@ -155,14 +220,17 @@ def _check_alike(shape: Section, tops: Sequence[Height], table: WaterTable | Non
             )
 
 
-def _relief(shape: Section) -> float:
-    """Height of the surface's highest point above the base (m)."""
-    return max(point[1] for point in shape.surface) - shape.base
+def _layer_of(tops: Sequence[Height], position: np.ndarray, spacing: float) -> np.ndarray:
+    x, z = np.asarray(position, float)
+    layer = np.zeros(x.size, int)
+    for top in tops[1:-1]:
+        layer += below(z, top(x), RESOLVED * spacing)
+    return layer
 
 
-def _points(name: str, line: Line) -> np.ndarray:
+def _points(name: str, line: Line | Raster) -> np.ndarray:
     """The points (n, 2) of a line; ValueError for what is none."""
-    if np.ndim(line) != 2 or np.shape(line)[0] < 2 or np.shape(line)[1] != 2:
+    if isinstance(line, Raster) or np.ndim(line) != 2 or np.shape(line)[0] < 2 or np.shape(line)[1] != 2:
         raise ValueError(f"{name} = {shown(line)}: give two points [x, z] or more")
     points = np.asarray(line, float)
     check.finite(name, points, "m")
@@ -175,19 +243,33 @@ def _points(name: str, line: Line) -> np.ndarray:
     return points
 
 
+def _layering(shape: Section, layers: Sequence[Layer], discretisation: Discretisation) -> list[Height]:
+    """The upper boundaries of the layers, and the base; ValueError for layers that particles cannot hold."""
+    dx, dz = discretisation.spacing
+    tops = _tops(shape, layers, dz)
+    left, right = shape.outline()[1]
+    columns = left + (np.arange(round((right - left) / dx)) + 0.5) * dx
+    _refuse_thin(columns, [np.maximum(top(columns), shape.base) for top in tops], dz)
+    return tops
+
+
 def _tops(shape: Section, layers: Sequence[Layer], spacing: float) -> list[Height]:
     """The upper boundaries of the layers, and the base."""
     surface, (left, right) = shape.outline()
-    if not layers or layers[-1].bottom is not None or any(layer.bottom is None for layer in layers[:-1]):
-        raise ValueError("layers: give them from the top down, all but the last with their bottom")
-    tops, ends = [lambda x: np.interp(x, surface[:, 0], surface[:, 1])], (left, right)
-    drawn = [surface]
+    check_ends(layers)
+    tops: list[Height] = [shape.heights]
+    knots = [surface[:, 0]]
     for number, layer in enumerate(layers[:-1], 1):
         name = f"bottom of layer {number}"
-        points = _points(name, layer.bottom)  # type: ignore[arg-type]
-        drawn.append(points)
-        tops.append(_boundary(name, points, tops[-1], ends, touching=TOUCHING * spacing))
-        x = np.unique(np.concatenate(drawn)[:, 0].clip(left, right))
+        if layer.bottom is not None:
+            points = _points(name, layer.bottom)
+            knots.append(points[:, 0])
+            tops.append(_boundary(name, points, tops[-1], (left, right), touching=TOUCHING * spacing))
+        elif layer.depth is not None:
+            tops.append(_offset(tops[0], layer.depth))
+        elif layer.thickness is not None:
+            tops.append(_offset(tops[-1], layer.thickness))
+        x = np.unique(np.concatenate(knots).clip(left, right))
         step = 1e-9 * (right - left)
         x = np.concatenate([x - step, x + step]).clip(left, right)
         beyond = tops[-1](x) - tops[-2](x)
@@ -199,6 +281,24 @@ def _tops(shape: Section, layers: Sequence[Layer], spacing: float) -> list[Heigh
                 f"{tops[-1](x)[worst]:g} m; draw it below, or end it where they meet"
             )
     return [*tops, lambda x: np.full_like(x, shape.base)]
+
+
+def check_ends(layers: Sequence[Layer]) -> None:
+    """Raise ValueError for layers of which not all but the last end above the base, each in one way."""
+    if not layers or layers[-1].ends or not all(layer.ends for layer in layers[:-1]):
+        raise ValueError("layers: give them from the top down, all but the last with their bottom, depth or thickness")
+    for number, layer in enumerate(layers, 1):
+        given = [key for key in ("bottom", "depth", "thickness") if getattr(layer, key) is not None]
+        if len(given) > 1:
+            raise ValueError(f"layer {number} has both {' and '.join(given)}: give one of them")
+        for key in ("depth", "thickness"):
+            if getattr(layer, key) is not None:
+                check.positive(f"{key} of layer {number}", getattr(layer, key), "m")
+
+
+def _offset(line: Height, down: float) -> Height:
+    """The line so much (m) further down."""
+    return lambda x: line(x) - down
 
 
 def _boundary(name: str, points: np.ndarray, above: Height, ends: tuple[float, float], touching: float) -> Height:
@@ -215,25 +315,6 @@ def _boundary(name: str, points: np.ndarray, above: Height, ends: tuple[float, f
     )
 
 
-def _grid(shape: Section, discretisation: Discretisation) -> tuple[Grid, int]:
-    """The grid, a cell of air above the highest point, and its cells along x between the walls."""
-    _, (left, right) = shape.outline()
-    cell, (dx, _) = discretisation.cell, discretisation.spacing
-    check.multiple("the section's length", right - left, "the spacing along x", dx)
-    cells = check.multiple("the section's length", right - left, "cell", cell)
-    upwards = math.ceil(_relief(shape) / cell * (1 - 1e-12)) + 1
-    corner = np.array([left, shape.base])
-    dtype = check.dtype(discretisation.dtype or jax.dtypes.canonicalize_dtype(float))
-    resolved = float(np.finfo(dtype).eps) * max(abs(left), abs(right), abs(shape.base))
-    if resolved > RESOLVED / 4 * min(discretisation.spacing):
-        raise ValueError(
-            f"the section lies at x = {left:g} to {right:g} m, which {dtype} resolves to {resolved:.1g} m only: "
-            "measure x and z from a corner of the section"
-        )
-    nodes = tuple(n + 1 + 2 * PADDING for n in (cells, upwards))
-    return Grid(nodes, cell, tuple((corner - PADDING * cell).tolist())), cells
-
-
 def _particles(
     shape: Section,
     layers: Sequence[Layer],
@@ -245,21 +326,17 @@ def _particles(
     """The particles with their layer's mass, and the number of the layer (N,) of each."""
     left, right = shape.outline()[1]
     dx, dz = discretisation.spacing
-    columns = left + (np.arange(round((right - left) / dx)) + 0.5) * dx
-    _refuse_thin(columns, [np.maximum(top(columns), shape.base) for top in tops], dz)
     particles = fill(
-        (right - left, math.ceil(_relief(shape) / dz * (1 - 1e-12)) * dz),
+        (right - left, math.ceil(shape.extent[-1] / dz * (1 - 1e-12)) * dz),
         (dx, dz),
         unit_weight=STANDARD_GRAVITY,
-        inside=lambda x: below(x[1], tops[0](x[0] + left) - shape.base, ROUNDING * dz),
+        inside=lambda x: below(x[1], shape.heights(x[0] + left) - shape.base, ROUNDING * dz),
         corner=(left, shape.base),
         dtype=discretisation.dtype,
     )
     particles = sorted_by_cell(particles, grid)
     x, z = np.asarray(particles.position, float)
-    layer = np.zeros(x.size, int)
-    for top in tops[1:-1]:
-        layer += below(z, top(x), RESOLVED * dz)
+    layer = _layer_of(tops, np.stack([x, z]), dz)
     weight = np.array([each.soil.unit_weight for each in layers])[layer]
     if table is not None:
         saturated = [getattr(each.soil, "saturated_unit_weight", None) or each.soil.unit_weight for each in layers]
@@ -279,6 +356,10 @@ def _water_table(shape: Section, water: float | Line | None, discretisation: Dis
             f"water goes from ({points[0, 0]:g}, {points[0, 1]:g}) to ({points[-1, 0]:g}, {points[-1, 1]:g}) m"
             f": draw it to the walls at x = {left:g} and {right:g} m"
         )
+    upright = np.flatnonzero(np.diff(points[:, 0]) == 0)
+    if upright.size:
+        x, z = points[upright[0]]
+        raise ValueError(f"water is upright at ({x:g}, {z:g}) m: draw a table that slopes there")
     dtype = check.dtype(discretisation.dtype or jax.dtypes.canonicalize_dtype(float))
     x, z = points.T
     return WaterTable(*(jnp.asarray(value, dtype) for value in (x, z, WATER_WEIGHT, discretisation.spacing[-1])))
@@ -323,7 +404,7 @@ def _refuse_thin(x: np.ndarray, tops: Sequence[np.ndarray], spacing: float) -> N
             raise ValueError(f"layer {number} holds no particle between the walls: draw it there, or leave it out")
 
 
-def _common_law(laws: Sequence[Material], layer: np.ndarray) -> Material:
+def common_law(laws: Sequence[Material], layer: np.ndarray) -> Material:
     """The law of all layers, a parameter per particle where they differ."""
     kinds = [type(law).__name__ for law in laws]
     structures: list[Any] = [jax.tree.structure(law) for law in laws]

@@ -1,0 +1,191 @@
+"""Heights on a square grid of points, and the files that hold them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from foundation import check, files
+from foundation.text import shown
+
+MOST_BYTES = 2**28
+"""Of a file of heights."""
+
+SHORTEST_STEP = 0.05
+"""Step (m) of a raster below which it is taken for degrees, where its corner may be one of degrees too."""
+
+HEADER = ("ncols", "nrows", "cellsize")
+CORNERS = (("xllcorner", "yllcorner", 0.5), ("xllcenter", "yllcenter", 0.0))
+"""Keys of an ESRI grid's lower left corner, and how far the first point lies from it, in steps."""
+
+
+@dataclass(frozen=True, eq=False)
+class Raster:
+    """Heights on a square grid of points, linear between them.
+
+    heights: (nx, ny) m, x from west to east, y from south to north; nan where there is none. corner: x and y of the
+    first point (m). step: distance of the points (m).
+    """
+
+    heights: np.ndarray
+    corner: tuple[float, float]
+    step: float
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, Raster)
+            and (self.corner, self.step) == (other.corner, other.step)
+            and np.array_equal(self.heights, other.heights)
+        )
+
+    @property
+    def ends(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """First and last x, first and last y (m)."""
+        (x, y), (nx, ny) = self.corner, self.heights.shape
+        return (x, x + (nx - 1) * self.step), (y, y + (ny - 1) * self.step)
+
+    def check(self, name: str = "raster") -> None:
+        """Raise ValueError for what is no raster in metres."""
+        if np.ndim(self.heights) != 2 or min(np.shape(self.heights)) < 2:
+            raise ValueError(
+                f"{name} has heights of shape {np.shape(self.heights)}: give (nx, ny), 2 or more along each"
+            )
+        check.finite(f"{name}'s corner", self.corner, "m")
+        check.positive(f"{name}'s step", self.step, "m")
+        (west, east), (south, north) = self.ends
+        if self.step < SHORTEST_STEP and abs(west) <= 360 and abs(east) <= 360 and max(abs(south), abs(north)) <= 90:
+            raise ValueError(
+                f"{name} has steps of {self.step:g} from ({west:g}, {south:g}) to ({east:g}, {north:g}), which look "
+                "like degrees: project it to metres first, e.g. with gdalwarp -t_srs and the EPSG code of a UTM zone"
+            )
+
+    def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Heights (m) at points; nan where one of the four heights around is none, or beyond the ends."""
+        (nx, ny), (west, south) = self.heights.shape, self.corner
+        along, across = ((np.asarray(v, float) - start) / self.step for v, start in ((x, west), (y, south)))
+        rounding = 1e-6
+        inside = (along >= -rounding) & (along <= nx - 1 + rounding)
+        inside &= (across >= -rounding) & (across <= ny - 1 + rounding)
+        along, across = along.clip(0, nx - 1), across.clip(0, ny - 1)
+        i, j = (np.minimum(np.floor(v).astype(int), n - 2) for v, n in ((along, nx), (across, ny)))
+        s, t = along - i, across - j
+        h = self.heights
+        between = (1 - s) * (1 - t) * h[i, j] + s * (1 - t) * h[i + 1, j] + (1 - s) * t * h[i, j + 1]
+        return np.where(inside, between + s * t * h[i + 1, j + 1], np.nan)
+
+    def cropped(self, x: tuple[float, float], y: tuple[float, float]) -> Raster:
+        """The part that covers x and y (m), up to a step more. Raises ValueError where it does not."""
+        for axis, (low, high), (first, last) in zip("xy", (x, y), self.ends, strict=True):
+            if not (low < high and first - 1e-6 * self.step <= low and high <= last + 1e-6 * self.step):
+                raise ValueError(
+                    f"{axis} = {low:g} to {high:g} m: give two within the raster, {axis} = {first:g} to {last:g} m"
+                )
+        spans = []
+        for (low, high), start, count in zip((x, y), self.corner, self.heights.shape, strict=True):
+            first = max(int(np.floor((low - start) / self.step + 1e-6)), 0)
+            last = min(int(np.ceil((high - start) / self.step - 1e-6)), count - 1)
+            spans.append(slice(min(first, count - 2), max(last, first + 1) + 1))
+        corner = (self.corner[0] + spans[0].start * self.step, self.corner[1] + spans[1].start * self.step)
+        return replace(self, heights=self.heights[spans[0], spans[1]], corner=corner)
+
+    def resampled(self, step: float) -> Raster:
+        """The same ground at other steps (m), as far as they reach."""
+        check.positive("step", step, "m")
+        counts = [int(np.floor((last - first) / step + 1e-6)) + 1 for first, last in self.ends]
+        x, y = (start + step * np.arange(count) for start, count in zip(self.corner, counts, strict=True))
+        return replace(self, heights=self.at(*np.meshgrid(x, y, indexing="ij")), step=step)
+
+
+def read_raster(path: str | Path) -> Raster:
+    """The heights in an ESRI ASCII grid, or in a GeoTIFF by `rasterio` (extra "terrain").
+
+    Raises ValueError for files that hold something else or less than they say, steps that differ along x and y, degrees
+    and feet. What is no height there (NODATA) is nan here: a terrain that needs it is refused, with its place.
+    """
+    path = Path(path)
+    found = _geotiff(path) if path.suffix.lower() in (".tif", ".tiff") else _esri(path)
+    found.check(str(path))
+    return found
+
+
+def _esri(path: Path) -> Raster:
+    try:
+        words = files.read_plain(path, MOST_BYTES).decode("ascii").split()
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is no ESRI ASCII grid (byte {error.start}): give one, or a GeoTIFF") from error
+    except OSError as error:
+        raise ValueError(f"{path} cannot be read ({error.strerror})") from error
+    said: dict[str, float] = {}
+    at = 0
+    while at + 1 < len(words) and re.fullmatch(r"[A-Za-z_]+", words[at]) and words[at].lower() not in ("nan", "inf"):
+        try:
+            said[words[at].lower()] = float(words[at + 1])
+        except ValueError as error:
+            raise ValueError(f"{path}: {words[at]} is {shown(words[at + 1])}: give a number") from error
+        at += 2
+    if {"dx", "dy"} <= said.keys():
+        if said["dx"] != said["dy"]:
+            raise ValueError(
+                f"{path} has steps of {said['dx']:g} and {said['dy']:g} m: resample it to squares, e.g. with "
+                "gdalwarp -tr"
+            )
+        said["cellsize"] = said["dx"]
+    lacks = [key for key in HEADER if key not in said]
+    corner = next((keys for keys in CORNERS if said.keys() >= set(keys[:2])), None)
+    if lacks or corner is None:
+        raise ValueError(
+            f"{path} lacks {', '.join([*lacks, *(['xllcorner'] if corner is None else [])])}: is it an ESRI grid?"
+        )
+    _refuse_units(path)
+    nx, ny = said["ncols"], said["nrows"]
+    if not (nx.is_integer() and ny.is_integer() and nx * ny == len(words) - at):
+        raise ValueError(f"{path} says {nx:g} times {ny:g} heights and holds {len(words) - at}: it is damaged")
+    try:
+        heights = np.array(words[at:], float).reshape(int(ny), int(nx))[::-1].T
+    except ValueError as error:
+        raise ValueError(f"{path} holds what is no number: {shown(str(error))}") from error
+    heights = np.where((heights == said.get("nodata_value", -9999.0)) | ~np.isfinite(heights), np.nan, heights)
+    x, y, half = corner
+    step = said["cellsize"]
+    return Raster(np.ascontiguousarray(heights), (said[x] + half * step, said[y] + half * step), step)
+
+
+def _refuse_units(path: Path) -> None:
+    """Raise ValueError where the projection beside a grid is in degrees or feet."""
+    beside = path.with_suffix(".prj")
+    if not beside.is_file():
+        return
+    said = files.read_plain(beside, 2**20).decode(errors="replace").upper()
+    if "PROJCS" not in said and "PROJCRS" not in said and ("GEOGCS" in said or "GEOGCRS" in said):
+        raise ValueError(f"{path} is in degrees ({beside.name}): project it to metres first, e.g. with gdalwarp -t_srs")
+    units = re.findall(r'(?:UNIT|LENGTHUNIT)\["([^"]*)"', said)
+    if any("FOOT" in unit or "FEET" in unit for unit in units):
+        raise ValueError(f"{path} is in feet ({beside.name}): project it to metres first, e.g. with gdalwarp -t_srs")
+
+
+def _geotiff(path: Path) -> Raster:
+    try:
+        import rasterio
+    except ImportError as error:
+        raise ValueError(f"{path} is a GeoTIFF, which rasterio reads: pip install 'jaxmpm[terrain]'") from error
+    try:
+        with rasterio.open(path, driver="GTiff") as file:
+            if file.count * file.width * file.height * 8 > MOST_BYTES:
+                raise ValueError(f"{path} says {file.width} times {file.height} heights, more than can be: crop it")
+            turned = file.transform
+            if turned.b or turned.d or turned.a != -turned.e:
+                raise ValueError(
+                    f"{path} has steps of {turned.a:g} and {-turned.e:g} m, or is turned: resample it to squares, e.g. "
+                    "with gdalwarp -tr"
+                )
+            if file.crs is not None and (file.crs.is_geographic or file.crs.linear_units_factor[1] != 1):
+                unit = "degrees" if file.crs.is_geographic else file.crs.linear_units
+                raise ValueError(f"{path} is in {unit}: project it to metres first, e.g. with gdalwarp -t_srs")
+            heights = file.read(1, masked=True).astype(float).filled(np.nan)[::-1].T
+            corner = (turned.c + turned.a / 2, turned.f + (file.height - 0.5) * turned.e)
+    except rasterio.errors.RasterioError as error:
+        raise ValueError(f"{path} cannot be read as a GeoTIFF: {shown(str(error))}") from error
+    return Raster(np.ascontiguousarray(heights), corner, float(turned.a))

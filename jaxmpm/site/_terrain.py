@@ -1,0 +1,235 @@
+"""Ground under a terrain model: boxes of particles that the surface cuts keep their share of volume and mass."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import jax.numpy as jnp
+import numpy as np
+
+from foundation import check
+from jaxmpm.site import _initial_stress
+from jaxmpm.site._builders import PADDING, below, build, end_walls, fill, material_on, sorted_by_cell
+from jaxmpm.site._discretisation import RESOLVED, Discretisation, check_discretisation, check_resolved
+from jaxmpm.site._raster import Raster
+from jaxmpm.site._section import Layer, check_ends, common_law
+from jaxmpm.site._soil import STANDARD_GRAVITY, Ground
+from jaxmpm.types import Grid, Particles, Scene, State, Wall
+
+SAMPLED = 4
+"""Points along each side of a column of particles at which its surface is looked at."""
+
+LEAST_SHARE = 0.02
+"""Share of its box below which a particle is left out: what it would hold is nothing, its stress all rounding."""
+
+
+@dataclass(frozen=True)
+class Terrain:
+    """Ground under a terrain model, between four upright walls and on a rigid level base.
+
+    surface: heights of the ground. base: height of the base (m). x, y: places of the walls (m), by default the ends of
+    the surface; what lies beyond them is left out.
+    """
+
+    surface: Raster
+    base: float
+    x: tuple[float, float] | None = None
+    y: tuple[float, float] | None = None
+
+    @property
+    def dimension(self) -> int:
+        """Always 3."""
+        return 3
+
+    @property
+    def walls(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Places of the walls along x and along y (m)."""
+        ends = self.surface.ends
+        return (ends[0] if self.x is None else self.x, ends[1] if self.y is None else self.y)
+
+    @property
+    def corner(self) -> tuple[float, ...]:
+        """Lowest corner (3,) m of the box that holds the ground."""
+        (west, _), (south, _) = self.walls
+        return (west, south, self.base)
+
+    @property
+    def extent(self) -> tuple[float, ...]:
+        """Edges (3,) m of the box that holds the ground."""
+        (west, east), (south, north) = self.walls
+        return (east - west, north - south, self._ends[1] - self.base)
+
+    @property
+    def relief(self) -> float:
+        """Height of the surface's highest point above its lowest (m)."""
+        return self._ends[1] - self._ends[0]
+
+    @property
+    def volume(self) -> float:
+        """Of the ground (m3), to the accuracy of the surface's own steps."""
+        (west, east), (south, north) = self.walls
+        counts = [max(round(length / self.surface.step), 1) * SAMPLED for length in self.extent[:2]]
+        x, y = ((np.arange(n) + 0.5) / n * length for n, length in zip(counts, self.extent[:2], strict=True))
+        heights = self.heights(*np.meshgrid(west + x, south + y, indexing="ij"))
+        return float((heights - self.base).mean() * (east - west) * (north - south))
+
+    @cached_property
+    def _ends(self) -> tuple[float, float]:
+        """Lowest and highest of the surface between the walls (m)."""
+        heights = self.surface.cropped(*self.walls).heights
+        return float(np.nanmin(heights)), float(np.nanmax(heights))
+
+    def check(self) -> None:
+        """Raise ValueError for a surface that has holes, does not reach the walls or goes below the base."""
+        self.surface.check("surface")
+        check.finite("base", self.base, "m")
+        part = self.surface.cropped(*self.walls)
+        holes = np.argwhere(~np.isfinite(part.heights))
+        if holes.size:
+            x, y = np.array(part.corner) + holes[0] * part.step
+            raise ValueError(
+                f"the surface has {len(holes)} holes between the walls, the first at ({x:g}, {y:g}) m: fill them, e.g. "
+                "with gdal_fillnodata, or put the walls elsewhere"
+            )
+        i, j = np.unravel_index(int(np.argmin(part.heights)), part.heights.shape)
+        x, y = np.array(part.corner) + np.array([i, j]) * part.step
+        if part.heights[i, j] < self.base:
+            raise ValueError(
+                f"the surface at ({x:g}, {y:g}, {part.heights[i, j]:g}) m lies below the base at {self.base:g} m: "
+                "lower the base"
+            )
+
+    def heights(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Height of the surface (m) at points (m)."""
+        return self.surface.at(x, y)
+
+    def cells(self, discretisation: Discretisation) -> list[int]:
+        """Cells of a grid along each axis, one of air above the highest point. Raises ValueError for ground or a grid
+        that is none, and where one does not fit the other."""
+        check_discretisation(discretisation, 3)
+        self.check()
+        counts = []
+        for axis, length, spacing in zip("xy", self.extent, discretisation.spacing, strict=False):
+            check.multiple(f"the terrain's length along {axis}", length, f"the spacing along {axis}", spacing)
+            counts.append(check.multiple(f"the terrain's length along {axis}", length, "cell", discretisation.cell))
+        check_resolved("the terrain", self.corner, self.extent, discretisation)
+        return [*counts, math.ceil(self.extent[-1] / discretisation.cell * (1 - 1e-12)) + 1]
+
+    def layer_of(self, layers: Sequence[Layer], position: np.ndarray, discretisation: Discretisation) -> np.ndarray:
+        """Number of the layer (N,), from 0 on, in which points at position (3, N) m lie. Raises as `terrain` does."""
+        x, y, z = np.asarray(position, float)
+        layer = np.zeros(z.size, int)
+        for bottom in _bottoms(self, layers, x, y, discretisation.spacing[-1]):
+            layer += below(z, bottom, RESOLVED * discretisation.spacing[-1])
+        return layer
+
+
+def terrain(
+    shape: Terrain,
+    soil: Ground | Sequence[Layer],
+    discretisation: Discretisation,
+    *,
+    gravity: float = 9.81,
+    ends: Literal["roller", "fixed"] = "roller",
+    speed: float | None = None,
+    at_rest: bool = True,
+) -> tuple[Scene, State]:
+    """Ground under a terrain model at rest: base fixed, the four walls as asked.
+
+    Of a lattice of particles each has the volume and mass of the part of its box that lies under the surface.
+    soil: one for all, or layers from the top down, whose bottoms are rasters, depths or thicknesses; a particle is of
+    the layer in which its centre lies. speed: largest particle speed that the time step allows for (m/s), by default of
+    a fall through the height. at_rest: with the stress of elastic gravity loading, else free of stress.
+    Raises ValueError for rasters that are none, have holes or end before the walls, layers that lie above the ground or
+    hold no particle, and sizes that do not fit the grid, with the coordinates.
+    """
+    check.not_negative("gravity", gravity, "m/s2")
+    if ends not in ("fixed", "roller"):
+        raise ValueError(f"ends = {ends!r}: give 'fixed' or 'roller'")
+    cells = shape.cells(discretisation)
+    layers = list(soil) if isinstance(soil, Sequence) else [Layer(soil)]
+    corner = np.array(shape.corner) - PADDING * discretisation.cell
+    grid = Grid(tuple(n + 1 + 2 * PADDING for n in cells), discretisation.cell, tuple(corner.tolist()))
+    particles = sorted_by_cell(_boxes(shape, discretisation), grid)
+    layer = shape.layer_of(layers, np.asarray(particles.position), discretisation)
+    empty = np.flatnonzero(np.bincount(layer, minlength=len(layers)) == 0)
+    if empty.size:
+        raise ValueError(f"layer {empty[0] + 1} holds no particle between the walls: draw it there, or leave it out")
+    weight = np.array([each.soil.unit_weight for each in layers])[layer]
+    density = jnp.asarray(weight / STANDARD_GRAVITY, particles.mass.dtype)
+    built, state = build(
+        replace(particles, mass=particles.volume * density),
+        grid,
+        common_law([material_on(discretisation, each.soil) for each in layers], layer),
+        discretisation,
+        walls=(*end_walls(0, cells[0], ends), *end_walls(1, cells[1], ends), Wall(2, "low", PADDING, "fixed")),
+        gravity=gravity,
+        speed=math.sqrt(gravity * shape.extent[-1]) if speed is None else speed,
+    )
+    return built, _initial_stress.settled(built, state) if at_rest else state
+
+
+def _boxes(shape: Terrain, discretisation: Discretisation) -> Particles:
+    """The particles under the surface, each with its share of its box's volume."""
+    dx, dy, dz = discretisation.spacing
+    length, width, height = shape.extent
+    nx, ny, nz = round(length / dx), round(width / dy), math.ceil(height / dz * (1 - 1e-12))
+    x, y = (
+        start + (np.arange(n * SAMPLED) + 0.5) * step / SAMPLED
+        for start, n, step in zip(shape.corner, (nx, ny), (dx, dy), strict=False)
+    )
+    surface = (shape.heights(*np.meshgrid(x, y, indexing="ij")) - shape.base) / dz
+    surface = surface.reshape(nx, SAMPLED, ny, SAMPLED).transpose(1, 3, 0, 2).reshape(SAMPLED**2, nx, ny, 1)
+    share = np.mean([np.clip(each - np.arange(nz), 0, 1) for each in surface], axis=0)
+    # What a sliver would hold goes to the box below it.
+    sliver = np.where(share < LEAST_SHARE, share, 0)
+    sliver[..., 0] = 0
+    share -= sliver
+    share[..., :-1] += sliver[..., 1:]
+    kept = share.ravel() > 0
+    particles = fill(
+        (length, width, nz * dz), (dx, dy, dz), unit_weight=STANDARD_GRAVITY, inside=lambda _: kept,
+        corner=shape.corner, dtype=discretisation.dtype,
+    )  # fmt: skip
+    return replace(particles, volume=particles.volume * jnp.asarray(share.ravel()[kept], particles.volume.dtype))
+
+
+def _bottoms(shape: Terrain, layers: Sequence[Layer], x: np.ndarray, y: np.ndarray, spacing: float) -> list[np.ndarray]:
+    """Heights (N,) m of the layers' lower boundaries, but the last, at points (N,) m."""
+    check_ends(layers)
+    surface = shape.heights(x, y)
+    found = [surface]
+    for number, layer in enumerate(layers[:-1], 1):
+        if layer.depth is not None:
+            bottom = surface - layer.depth
+        elif layer.thickness is not None:
+            bottom = found[-1] - layer.thickness
+        elif isinstance(layer.bottom, Raster):
+            bottom = layer.bottom.at(x, y)
+        else:
+            raise ValueError(
+                f"the bottom of layer {number} is a line: under a terrain give a raster, depth or thickness"
+            )
+        _refuse_holes(f"the bottom of layer {number}", bottom, x, y)
+        beyond = bottom - found[-1]
+        worst = int(np.argmax(beyond)) if beyond.size else 0
+        if beyond.size and beyond[worst] > spacing:
+            raise ValueError(
+                f"the bottom of layer {number} lies {beyond[worst]:g} m above the one above it at ({x[worst]:g}, "
+                f"{y[worst]:g}) m: draw it below"
+            )
+        found.append(np.minimum(bottom, found[-1]))
+    return found[1:]
+
+
+def _refuse_holes(name: str, heights: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
+    holes = np.flatnonzero(~np.isfinite(heights))
+    if holes.size:
+        raise ValueError(
+            f"{name} has no height at ({x[holes[0]]:g}, {y[holes[0]]:g}) m: fill its holes, or give one that reaches "
+            "the walls"
+        )

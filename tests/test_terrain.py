@@ -1,0 +1,211 @@
+"""Ground under a terrain model: shares of cut boxes, stress at depth, files of heights, and what is refused."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from matplotlib.cbook import get_sample_data
+
+import jaxmpm as mpm
+from cooperative import run, runs
+from cooperative.__main__ import main
+from cooperative.scene import begin, parse, read_scene
+from cooperative.store import read_rows, read_store
+
+CLAY = mpm.Soil(strength=30e3, young=2e7)
+
+
+def raster(height, length=16.0, width=8.0, step=1.0):
+    """Heights (m) as a function of x and y."""
+    x, y = (np.arange(0, end + step / 2, step) for end in (length, width))
+    return mpm.Raster(height(*np.meshgrid(x, y, indexing="ij")), (0.0, 0.0), step)
+
+
+TILTED = raster(lambda x, y: 11.3 - 0.37 * x + 0.11 * y)
+HILL = raster(lambda x, y: 5.0 + 3.0 * np.cos(np.pi * x / 16) ** 2 * np.sin(np.pi * y / 8), step=0.25)
+
+
+def on_cells(cell):
+    return mpm.Discretisation(cell, (cell / 2,) * 3)
+
+
+@pytest.mark.parametrize("cell", [2.0, 1.0])
+def test_boxes_that_a_tilted_plane_cuts_keep_their_share(cell):
+    shape = mpm.Terrain(TILTED, base=0.0)
+    scene, _ = mpm.terrain(shape, CLAY, on_cells(cell), at_rest=False)
+    expected = 16 * 8 * (11.3 - 0.37 * 8 + 0.11 * 4)
+    assert shape.volume == pytest.approx(expected, rel=1e-6)
+    assert float(jnp.sum(scene.particles.volume)) == pytest.approx(expected, rel=2e-3)
+    assert float(jnp.sum(scene.particles.mass)) == pytest.approx(expected * 20e3 / 9.81, rel=2e-3)
+    # No sliver is left, and none holds more than its box and a sliver.
+    share = np.asarray(scene.particles.volume) / (cell / 2) ** 3
+    assert 0.019 < share.min() < share.max() < 1.021
+
+
+def test_the_volume_of_a_hill_converges_with_the_cell():
+    shape = mpm.Terrain(HILL, base=0.0)
+    grids = [mpm.terrain(shape, CLAY, on_cells(cell), at_rest=False)[0] for cell in (2.0, 1.0)]
+    error = [abs(float(jnp.sum(scene.particles.volume)) / shape.volume - 1) for scene in grids]
+    assert error[0] < 0.01
+    assert error[1] < 0.6 * error[0]
+
+
+def test_the_stress_under_a_tilted_plane_bears_what_lies_above():
+    scene, state = mpm.terrain(mpm.Terrain(TILTED, base=0.0), CLAY, on_cells(2.0))
+    z = np.asarray(scene.particles.position[2])
+    for height in (1.5, 3.5):
+        # Walls on rollers bear no weight, so that the mean upright stress of a level is that of the soil above it.
+        stress = float(jnp.mean(state.stress[2][np.abs(z - height) < 0.1]))
+        mean_height = 11.3 - 0.37 * 8 + 0.11 * 4
+        assert stress == pytest.approx(-20e3 * (mean_height - height), rel=0.01)
+
+
+def test_layers_follow_the_surface_or_a_raster():
+    rock = mpm.Raster(np.full((2, 2), 1.0), (0.0, 0.0), 16.0)
+    layers = [mpm.Layer(CLAY, depth=2.0), mpm.Layer(CLAY, rock), mpm.Layer(mpm.Soil(strength=1e9, young=2e7))]
+    shape, numerics = mpm.Terrain(TILTED, 0.0), on_cells(1.0)
+    scene, _ = mpm.terrain(shape, layers, numerics, at_rest=False)
+    x, y, z = np.asarray(scene.particles.position, float)
+    layer = np.where(z > TILTED.at(x, y) - 2 - 1e-4, 0, np.where(z > 1, 1, 2))
+    assert np.mean(layer == shape.layer_of(layers, scene.particles.position, numerics)) > 0.999
+    assert np.array_equal(np.asarray(scene.material.strength) > 1e8, layer == 2)
+
+
+def test_a_raster_is_linear_between_its_points_and_crops_and_resamples():
+    x, y = np.array([0.3, 7.77, 16.0]), np.array([0.2, 3.3, 8.0])
+    plane = 11.3 - 0.37 * x + 0.11 * y
+    assert np.allclose(TILTED.at(x, y), plane)
+    assert np.allclose(TILTED.resampled(0.5).at(x, y), plane)
+    part = TILTED.cropped((2.5, 9.0), (1.0, 4.2))
+    assert part.ends == ((2.0, 9.0), (1.0, 5.0))
+    assert np.allclose(part.at([3.1], [4.0]), 11.3 - 0.37 * 3.1 + 0.44)
+    assert np.isnan(TILTED.at([-1.0], [1.0])).all()
+
+
+HEADER = "ncols 3\nnrows 2\nxllcorner 10\nyllcorner 20\ncellsize 5\nNODATA_value -9999\n"
+
+
+def written(tmp_path, text, projection=None):
+    (tmp_path / "dem.asc").write_text(text)
+    if projection:
+        (tmp_path / "dem.prj").write_text(projection)
+    return tmp_path / "dem.asc"
+
+
+def test_an_esri_grid_reads_from_north_to_south(tmp_path):
+    found = mpm.read_raster(written(tmp_path, HEADER + "1 2 3\n4 5 -9999\n"))
+    assert (found.corner, found.step) == ((12.5, 22.5), 5.0)
+    assert np.array_equal(found.heights, [[4, 1], [5, 2], [np.nan, 3]], equal_nan=True)
+
+
+BAD_FILES = [
+    (HEADER + "1 2 3\n4 5\n", None, "says 3 times 2 heights and holds 5: it is damaged"),
+    (HEADER.replace("ncols 3", "ncols 3000000000") + "1 2 3\n", None, "says 3e\\+09 times 2 heights and holds 3"),
+    (HEADER.replace("ncols 3", "ncols 3.5") + "1 2 3\n", None, "says 3.5 times 2"),
+    (HEADER + "1 2 3\n4 5 six\n", None, "holds what is no number"),
+    (HEADER.replace("nrows 2\n", "") + "1 2 3\n", None, "lacks nrows"),
+    (HEADER.replace("xllcorner 10\n", "") + "1 2 3\n", None, "lacks xllcorner"),
+    (HEADER.replace("cellsize 5", "cellsize five"), None, "cellsize is 'five': give a number"),
+    (HEADER.replace("cellsize 5", "dx 5\ndy 6") + "1 2 3\n4 5 6\n", None, "has steps of 5 and 6 m: resample it"),
+    (HEADER.replace("cellsize 5", "cellsize 0.0008") + "1 2 3\n4 5 6\n", None, "look like degrees: project it"),
+    (HEADER + "1 2 3\n4 5 6\n", 'GEOGCS["WGS 84",UNIT["degree",0.0174]]', "is in degrees .dem.prj.: project it"),
+    (HEADER + "1 2 3\n4 5 6\n", 'PROJCS["NAD83",UNIT["Foot_US",0.3048]]', "is in feet .dem.prj.: project it"),
+    ("\x89PNG", None, "is no ESRI ASCII grid"),
+]
+
+
+@pytest.mark.parametrize(("text", "projection", "message"), BAD_FILES, ids=[message[:24] for *_, message in BAD_FILES])
+def test_files_that_hold_no_terrain_in_metres_are_refused(text, projection, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        mpm.read_raster(written(tmp_path, text, projection))
+    with pytest.raises(ValueError, match="cannot be read"):
+        mpm.read_raster(tmp_path / "none.asc")
+
+
+def test_a_real_terrain_model_in_degrees_is_refused_with_the_remedy():
+    with get_sample_data("jacksboro_fault_dem.npz") as data:
+        heights, corner, step = data["elevation"], (float(data["xmin"]), float(data["ymin"])), float(data["dx"])
+    with pytest.raises(ValueError, match=r"steps of 0.00083\d* from \(-84.* look like degrees: project it to metres"):
+        mpm.Terrain(mpm.Raster(heights[::-1].T, corner, step), base=0.0).check()
+
+
+def with_hole():
+    heights = TILTED.heights.copy()
+    heights[3, 2] = np.nan
+    return mpm.Raster(heights, TILTED.corner, TILTED.step)
+
+
+REFUSED = [
+    (mpm.Terrain(with_hole(), 0.0), CLAY, r"surface has 1 holes between the walls, the first at \(3, 2\) m: fill them"),
+    (mpm.Terrain(TILTED, 6.0), CLAY, r"surface at \(16, 0, 5.38\) m lies below the base at 6 m"),
+    (mpm.Terrain(TILTED, 0.0, x=(-4.0, 8.0)), CLAY, "x = -4 to 8 m: give two within the raster, x = 0 to 16 m"),
+    (mpm.Terrain(TILTED, 0.0, y=(0.0, 7.0)), CLAY, "length along y = 7 m is no whole multiple of cell = 2 m"),
+    (
+        mpm.Terrain(TILTED, 0.0),
+        [mpm.Layer(CLAY, raster(lambda x, y: 12 + 0 * x)), mpm.Layer(CLAY)],
+        r"bottom of layer 1 lies .* m above the one above it at \(",
+    ),
+    (
+        mpm.Terrain(TILTED, 0.0),
+        [mpm.Layer(CLAY, [(0, 1), (16, 1)]), mpm.Layer(CLAY)],
+        "layer 1 is a line: under a terrain",
+    ),
+    (mpm.Terrain(TILTED, 0.0), [mpm.Layer(CLAY, with_hole()), mpm.Layer(CLAY)], r"layer 1 has no height at \("),
+    (mpm.Terrain(TILTED, 0.0), [mpm.Layer(CLAY, depth=20.0), mpm.Layer(CLAY)], "layer 2 holds no particle"),
+]
+
+
+@pytest.mark.parametrize(("shape", "soil", "message"), REFUSED, ids=[message[:28] for *_, message in REFUSED])
+def test_terrain_that_will_not_do_is_refused_with_its_place(shape, soil, message):
+    with pytest.raises(ValueError, match=message):
+        mpm.terrain(shape, soil, on_cells(2.0), at_rest=False)
+
+
+@pytest.fixture
+def begun(tmp_path):
+    """The scene to begin with, on a grid that is coarse enough for a test."""
+    begin("terrain", tmp_path / "terrain.toml")
+    text = (tmp_path / "terrain.toml").read_text()
+    for old, new in (
+        ("samples = 100", 'samples = 4\nestimator = "monte carlo"'),
+        ("mean = 35e3", "mean = 12e3"),
+        ("t_end = 20.0 ", "t_end = 4.0 "),
+        ("cell = 2.0\nspacing = [1.0, 1.0, 1.0]", "cell = 4.0\nspacing = [4.0, 4.0, 2.0]"),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "terrain.toml").write_text(text)
+    return tmp_path / "terrain.toml"
+
+
+def test_a_scene_carries_its_terrain(begun, tmp_path):
+    campaign = parse(read_scene(begun))
+    assert isinstance(campaign.site.shape, mpm.Terrain)
+    model = runs.build(campaign, "rough", runs.expansion_of(campaign), at_rest=False)
+    size = runs.grid_size(campaign, "rough")
+    assert size.nodes == np.prod(model.scene.grid.shape)
+    assert float(jnp.sum(model.scene.particles.volume)) == pytest.approx(campaign.site.shape.volume, rel=0.01)
+    rock = np.asarray(model.strength(np.zeros(model.expansion.modes))) > 1e7
+    x, y, z = np.asarray(model.scene.particles.position, float)
+    assert np.mean(rock == (z < campaign.site.shape.heights(x, y) - 8)) > 0.99
+    text = read_scene(begun)
+    start = text.index('heights = "') + 12
+    for bad in (text[:start] + "AAAA" + text[start + 4 :], text.replace("shape = [25, 17]", "shape = [25, 18]")):
+        with pytest.raises(ValueError, match=r"its table in \[files\] is damaged"):
+            parse(bad)
+
+
+@pytest.mark.slow
+def test_a_campaign_on_terrain_is_stopped_and_goes_on(begun, tmp_path, capsys):
+    def stop(phase):
+        if phase == "audit":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(read_scene(begun), tmp_path / "out", on_phase=stop)
+    assert main(["resume", str(tmp_path / "out"), "--workers", "1"]) == 0
+    said = capsys.readouterr().out
+    rows = read_rows(read_store(tmp_path / "out"), "refined").columns
+    failed = rows["displacement"] > 1
+    assert failed.any()
+    assert rows["depth"][failed].max() <= 8.0 + 2.0
+    assert "m² not covered before" in said
