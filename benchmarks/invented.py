@@ -13,8 +13,11 @@ import numpy as np
 
 from cooperative import runs
 from cooperative.scene import Campaign, _calibration
+from cooperative.scene._rasters import packed
 from cooperative.scene._typed import Calibration
 from cooperative.store import Sample
+from cooperative.sweep import to_toml
+from jaxmpm import Raster
 
 TINY = """
 name = "tiny"
@@ -50,6 +53,33 @@ k_t = 2
 estimator = "published"
 fields = "both"
 """
+
+LAYERED = TINY.replace(
+    TINY[TINY.index("[slope]") : TINY.index("[soil]")],
+    """[ground]
+surface = [[0.0, 10.0], [8.0, 10.0], [16.0, 2.0], [32.0, 2.0]]
+[[layer]]
+name = "fill"
+depth = 1.0
+strength = { mean = 40e3, cov = 0.1 }
+[[layer]]
+name = "clay"
+bottom = [[0.0, 1.0], [32.0, 1.0]]
+[[layer]]
+name = "rock"
+rock = true
+""",
+)
+"""The same slope, drawn as a section of three layers; with the same particles it runs the same programs."""
+
+_HILL = Raster(np.linspace(10.0, 6.0, 5)[:, None] * np.ones(3), (0.0, 0.0), 4.0)
+TERRAIN = LAYERED.replace(
+    LAYERED[LAYERED.index("[ground]") : LAYERED.index("[soil]")],
+    '[terrain]\nsurface = "hill"\nbase = 0.0\nx = [0.0, 16.0]\ny = [0.0, 8.0]\n',
+)
+TERRAIN = TERRAIN.replace("[20.0, 4.0]", "[20.0, 20.0, 4.0]").replace("[1.0, 1.0]", "[1.0, 1.0, 1.0]")
+TERRAIN = TERRAIN.replace("[0.5, 0.5]", "[0.5, 0.5, 0.5]") + to_toml({"files": {"hill": packed("hill", _HILL)}})
+"""A tilted plane under a terrain model, which the text holds itself."""
 
 SCENE = TINY.replace("samples = 6", "samples = 50").replace('estimator = "published"', "refined_runs = 15")
 LONG = SCENE.replace("samples = 50", "samples = 300").replace("refined_runs = 15", "refined_runs = 40")

@@ -1,4 +1,4 @@
-"""The commands: run, resume, status, report, export, sweep, example, doctor."""
+"""The commands: new, check, draw, run, resume, status, report, export, sweep, example, doctor."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from pathlib import Path
 import jax
 
 from cooperative import __version__, campaign, doctor, sweep, write_aside
-from cooperative.reporting import SLIDES, progress_of, report, words
+from cooperative.reporting import SLIDES, draw, progress_of, report, words
 from cooperative.reporting import _exports as exports
-from cooperative.runs import Stopped, cores_to_use, dask_executor, heeding, keep_compiled
-from cooperative.scene import example, examples, read_scene
+from cooperative.runs import Cost, Stopped, check_size, cores_to_use, cost_of, dask_executor, heeding, keep_compiled
+from cooperative.scene import Campaign, begin, example, examples, parse, read_scene, starters
 from cooperative.store import GRIDS, read_store
 from foundation.text import printable
 
@@ -74,6 +74,48 @@ def sweep_over(given: argparse.Namespace) -> None:
     print(f"{given.out / 'sweep.json'}, figures in {given.out / 'figures'}")
 
 
+def new(given: argparse.Namespace) -> None:
+    """Write a commented scene of your own to fill in."""
+    for path in begin(given.kind, given.out or Path(f"{given.kind}.toml")):
+        print(path)
+
+
+def check(given: argparse.Namespace) -> None:
+    """Read a scene and say what it will cost on this machine, from a trial of ten seconds."""
+    if not given.seconds > 0:
+        raise ValueError(f"--seconds {given.seconds:g}: give more than 0")
+    scene = parse(read_scene(given.scene))
+    check_size(scene)
+    print("\n".join(map(printable, _cost(scene, cost_of(scene, given.seconds)))))
+
+
+def _cost(scene: Campaign, cost: Cost) -> Iterator[str]:
+    """A campaign's cost in words."""
+    unit = "m3" if scene.dimension == 3 else "m2"
+    yield scene.name
+    shape = scene.site.shape
+    yield f"  ground         {' x '.join(f'{edge:g}' for edge in shape.extent)} m, {shape.volume:.4g} {unit}"
+    for layer in scene.site.layers:
+        yield f"  layer          {layer.name}" + (", rock" if layer.rock else "")
+    for grid, size in cost.sizes.items():
+        most = "" if grid == "rough" else "at most "
+        yield (
+            f"  {grid + ' grid':<14} {size.particles:,.0f} particles, {size.nodes:,.0f} nodes; {most}"
+            f"{cost.runs[grid]:,} runs of {size.steps:,.0f} steps, {cost.step[grid] * 1e3:.3g} ms each here"
+        )
+    yield f"  memory         {cost.memory / 1e9:.2g} GB for both grids in one process"
+    rough, refined = (cost.hours(grid) for grid in GRIDS)
+    yield (
+        f"  time           at most {rough + refined:.3g} hours of one core, {rough:.3g} on the rough grid and "
+        f"{refined:.3g} on the refined one; runs whose slope stands end far sooner"
+    )
+
+
+def sketch(given: argparse.Namespace) -> None:
+    """Draw a scene: ground, layers, water, walls, and one random field on both grids."""
+    print(draw(parse(read_scene(given.scene)), given.out or given.scene.with_suffix(".png"), sample=given.sample))
+
+
 def write_example(given: argparse.Namespace) -> None:
     """Write an example scene to start from."""
     out = given.out or Path(f"{given.name}.toml")
@@ -92,6 +134,9 @@ def examine(given: argparse.Namespace) -> None:
 
 EPILOG = """examples:
   jaxmpm example demo                     write demo.toml
+  jaxmpm new --kind section               write section.toml, a scene of your own to fill in
+  jaxmpm check section.toml               what it will cost
+  jaxmpm draw section.toml                see it, as section.png
   jaxmpm run demo.toml --out out/demo     run it, or go on where it was
   jaxmpm status out/demo                  how far it is, from another terminal
   jaxmpm report out/demo                  write report.html again
@@ -148,6 +193,19 @@ def parser() -> argparse.ArgumentParser:
     writes.add_argument("--sample", type=int, help="write this sample's series alone")
     writes.add_argument("--grid", choices=GRIDS, default="refined", help="grid of that sample (%(default)s)")
     writes.add_argument("--frames", type=int, help="run the sample again and write so many moments")
+    begins = commands.add_parser("new", help=new.__doc__, description=new.__doc__)
+    begins.add_argument("--kind", choices=starters(), default="slope", help="of ground: %(choices)s (%(default)s)")
+    begins.add_argument("--out", type=Path, help="file to write (KIND.toml)")
+    begins.set_defaults(does=new)
+    for does, name in ((check, "check"), (sketch, "draw")):
+        looks = commands.add_parser(name, help=does.__doc__, description=does.__doc__)
+        looks.add_argument("scene", type=Path, help="scene in TOML")
+        looks.set_defaults(does=does)
+        if does is check:
+            looks.add_argument("--seconds", type=float, default=10.0, help="of the trial (%(default)g)")
+        else:
+            looks.add_argument("--out", type=Path, help="PNG, PDF or SVG to write (beside the scene)")
+            looks.add_argument("--sample", type=int, default=0, help="whose field is drawn (%(default)s)")
     starts = commands.add_parser("example", help=write_example.__doc__, description=write_example.__doc__)
     starts.add_argument("name", choices=examples(), metavar="NAME", help=", ".join(examples()))
     starts.add_argument("--out", type=Path, help="file to write (NAME.toml)")

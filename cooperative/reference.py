@@ -7,7 +7,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cooperative.scene import EXPOSED, HAZARD, NAMES, OPTIONAL, REQUIRED, ROWS, SECTIONS, UNSAID, Key, Table
+from cooperative.scene import (
+    EXPOSED,
+    HAZARD,
+    LINE,
+    LISTS,
+    NAMES,
+    OPTIONAL,
+    RASTER,
+    REQUIRED,
+    ROWS,
+    SECTIONS,
+    SITES,
+    UNSAID,
+    Key,
+    Table,
+)
 from foundation.files import write_aside
 
 
@@ -33,7 +48,22 @@ class Meaning:
 
 
 TABLES = {
-    "slope": "The shape of the ground. Lengths are multiples of the spacing of both grids.",
+    "slope": "A simple slope. Lengths are multiples of the spacing of both grids.",
+    "ground": (
+        "Ground that you draw, a section in plane strain, in the place of `[slope]`. Lines are points `[[x, z], ...]` "
+        "with x rising, or name a CSV file beside the scene. The distance of the walls is a multiple of both cells."
+    ),
+    "terrain": (
+        "Ground under a terrain model, in the place of `[slope]`. Rasters are ESRI ASCII grids or GeoTIFFs in metres "
+        "beside the scene. Boxes that the surface cuts keep their share of volume and mass."
+    ),
+    "layer": (
+        "Layers of the drawn ground, `[[layer]]` for each, from the top down; the last has no lower boundary. Each "
+        "may have any key of `[soil]`, and of a parameter that varies a table, such as `[layer.strength]`, with its "
+        "own `mean`, `cov`, `marginal`, `lower`, `upper` and `trend`; what it leaves out is that of `[soil]` and "
+        "`[strength]`. Random fields go through all layers."
+    ),
+    "water": "Water in the drawn ground, and above it: one of these keys.",
     "soil": (
         "The soil: undrained, with a strength that does not depend on pressure, or with cohesion and friction. A "
         "parameter that varies is a table in place of a number, such as `[soil.cohesion]`, with the keys of "
@@ -81,6 +111,27 @@ MEANINGS = {
             "Width along the slope; without it the slope is a section in plane strain.", "96.0", **_LENGTH
         ),
         "y_ends": Meaning("What holds the ends of a slope of finite width.", '"fixed"'),
+    },
+    "ground": {
+        "surface": Meaning("The surface, from wall to wall.", "[[0, 12], [20, 12], [44, 0], [92, 0]]", unit="m"),
+        "base": Meaning("Height of the rigid base.", "-4.0", unit="m"),
+        "walls": Meaning("Where the ground ends; by default with its surface.", "[0.0, 92.0]", unit="m"),
+        "ends": Meaning("What holds the ground at its walls.", '"roller"'),
+    },
+    "terrain": {
+        "surface": Meaning("File of the heights of the ground.", '"terrain.asc"', unit="m"),
+        "base": Meaning("Height of the rigid base.", "80.0", unit="m"),
+        "x": Meaning(
+            "Walls along x, a multiple of both cells apart; by default the raster's ends.", "[0.0, 200.0]", unit="m"
+        ),
+        "y": Meaning("Walls along y, likewise.", "[0.0, 120.0]", unit="m"),
+        "step": Meaning("Step to which the raster is resampled; by default its own.", "2.0", **_LENGTH),
+        "ends": Meaning("What holds the ground at its walls.", '"roller"'),
+    },
+    "water": {
+        "level": Meaning("Height of the water, in the ground and above it.", "3.0", unit="m"),
+        "table": Meaning("Height of the water as a line from wall to wall.", "[[0, 8], [44, 0], [92, 0]]", unit="m"),
+        "r_u": Meaning("Pore pressure over the weight of the soil above.", "0.25", least=0, below=1),
     },
     "soil": {
         "unit_weight": Meaning("Weight of the soil.", "20e3", unit="N/m3", above=0),
@@ -200,6 +251,17 @@ MEANINGS = {
         ),
     },
 }
+MEANINGS["layer"] = {
+    "name": Meaning("What it is called.", '"soft clay"'),
+    "bottom": Meaning(
+        "Its lower boundary; where that meets the one above, the layer ends.", "[[0, 2], [92, -2]]", unit="m"
+    ),
+    "raster": Meaning("Instead, under a terrain, a file of the boundary's heights.", '"rock.asc"', unit="m"),
+    "depth": Meaning("Instead, depth of the boundary below the surface.", "3.0", **_LENGTH),
+    "thickness": Meaning("Instead, thickness of the layer.", "2.0", **_LENGTH),
+    "rock": Meaning("Whether it is rock, which does not yield.", "true"),
+    **MEANINGS["soil"],
+}
 HAZARDS = {
     "[hazard]": (
         HAZARD,
@@ -236,7 +298,7 @@ _TYPES = {float: "number", int: "integer", bool: "boolean", str: "string", list:
 
 def json_schema() -> dict[str, Any]:
     """JSON schema (draft 2020-12) of a scene's tables and keys."""
-    tables = {
+    tables: dict[str, Any] = {
         section: {
             "type": "object",
             "description": TABLES[section],
@@ -246,7 +308,9 @@ def json_schema() -> dict[str, Any]:
         }
         for section, keys in SECTIONS.items()
     }
-    needed = [section for section, table in tables.items() if table["required"] and section not in OPTIONAL]
+    for section in LISTS:
+        tables[section] = {"type": "array", "items": tables[section]}
+    needed = [section for section in SECTIONS if section not in OPTIONAL]
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "A scene of jaxmpm",
@@ -256,10 +320,12 @@ def json_schema() -> dict[str, Any]:
             **tables,
             **_hazards(),
             "calibration": {"type": "object"},
+            "files": {"type": "object"},
             "limit_load": {"type": "object"},
             "sweep": {"type": "object"},
         },
         "required": needed,
+        "oneOf": [{"required": [section]} for section in SITES],
         "additionalProperties": False,
     }
 
@@ -288,6 +354,11 @@ def _property(key: Key, meaning: Meaning) -> dict[str, Any]:
         return said | {"enum": list(key.kind)}
     if isinstance(key.kind, Table):
         return said | _table(key.kind)
+    if key.kind == LINE:
+        point = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
+        return said | {"anyOf": [{"type": "array", "items": point, "minItems": 2}, {"type": "string"}]}
+    if key.kind == RASTER:
+        return said | {"type": "string"}
     ends = {
         "exclusiveMinimum": meaning.above,
         "minimum": meaning.least,
@@ -301,7 +372,9 @@ def _property(key: Key, meaning: Meaning) -> dict[str, Any]:
         return said | _list({"type": "string"} if key.kind == NAMES else _list({"type": "number"}))
     value = {"type": _TYPES[key.kind], **value}
     others: list[dict[str, Any]] = [] if key.none is None else [{"const": key.none}]
-    others += [] if key.or_table is None else [{"$ref": "#/properties/strength"}]
+    if key.or_table is not None:
+        whole = key.or_table.keys is SECTIONS["strength"]
+        others.append({"$ref": "#/properties/strength"} if whole else _table(key.or_table))
     return said | ({"anyOf": [value, *others]} if others else value)
 
 
@@ -310,10 +383,13 @@ def _list(of: dict[str, Any]) -> dict[str, Any]:
 
 
 def _table(table: Table) -> dict[str, Any]:
-    """Schema of a table within a table, whose keys are numbers."""
+    """Schema of a table within a table, whose keys are numbers and names."""
     return {
         "type": "object",
-        "properties": {name: {"type": _TYPES[key.kind]} for name, key in table.keys.items()},
+        "properties": {
+            name: {"enum": list(key.kind)} if isinstance(key.kind, dict) else {"type": _TYPES[key.kind]}
+            for name, key in table.keys.items()
+        },
         "required": [name for name, key in table.keys.items() if key.default is REQUIRED],
         "additionalProperties": False,
     }
@@ -329,11 +405,13 @@ def markdown() -> str:
         "title.\n",
     ]
     for section, keys in SECTIONS.items():
-        parts += [f"## `[{section}]`\n", TABLES[section] + "\n"]
+        brackets = 2 if section in LISTS else 1
+        parts += [f"## `{'[' * brackets}{section}{']' * brackets}`\n", TABLES[section] + "\n"]
         if section == "refined":
             continue
         parts += ["| key | what | unit | default | range | example |", "|---|---|---|---|---|---|"]
-        parts += [_row(name, key, MEANINGS[section][name]) for name, key in keys.items()]
+        shown = {name: key for name, key in keys.items() if section not in LISTS or name not in SECTIONS["soil"]}
+        parts += [_row(name, key, MEANINGS[section][name]) for name, key in shown.items()]
         parts.append("")
     for title, (keys, said, meanings) in HAZARDS.items():
         parts += [f"## `{title}`\n", said + "\n"]

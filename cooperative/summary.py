@@ -131,7 +131,7 @@ def _summary(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, Any]:
         "notes": [
             *_limit_load(campaign),
             *found.notes,
-            *_warnings(campaign, refined, failed),
+            *_walls(rough, refined),
             *_raised(campaign),
             *slides.notes,
         ],
@@ -317,17 +317,17 @@ def _severity(refined: Rows, failed: np.ndarray, weight: np.ndarray) -> dict[str
     }
 
 
-def _warnings(campaign: Campaign, refined: Rows, failed: np.ndarray) -> list[str]:
-    if not failed.any():
-        return []
-    reach = campaign.slope.toe - campaign.grids["refined"].cell
-    stopped = int(np.sum(_measure(refined, "runout")[failed] >= reach))
-    if not stopped:
-        return []
-    return [
-        f"run-out reached the wall {campaign.slope.toe:g} m beyond the toe, which held it, in {stopped} refined runs: "
-        "lengthen [slope] toe"
-    ]
+def _walls(rough: Rows, refined: Rows) -> list[str]:
+    """Which walls slides have reached, on the refined grid or, where nothing slid on it, the rough one."""
+    for grid, rows in (("refined", refined), ("rough", rough)):
+        reached = [place for walls in rows.columns.get("walls", ()) for place in str(walls).split("; ") if place]
+        if reached:
+            return [
+                f"the slide reached the wall at {place}, which held it, in {count} {grid} runs: lengthen the ground "
+                "there"
+                for place, count in sorted(Counter(reached).items())
+            ]
+    return []
 
 
 def _measure(rows: Rows, name: str) -> np.ndarray:

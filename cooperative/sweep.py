@@ -107,7 +107,7 @@ def variants(text: str) -> list[Variant]:
     if estimator.rough_runs(first) != campaign.plan.samples:
         name = estimator.name
         raise ValueError(f"[sweep] shares samples, which estimator = {name!r} makes one by one: take another estimator")
-    dimension, strength = campaign.slope.dimension, campaign.random.get("strength")
+    dimension, strength = campaign.dimension, campaign.random.get("strength")
     if strength is None or "strength" not in scene:
         raise ValueError("a sweep varies the field of undrained strength: give the scene a table [strength]")
     base = {"cov": strength.cov, **dict(zip(_axes(dimension), strength.length, strict=True))}
@@ -135,16 +135,21 @@ def variants(text: str) -> list[Variant]:
 
 def to_toml(tables: dict[str, Any]) -> str:
     """TOML of texts, numbers, true and false, lists, and tables of these."""
-    plain = [f"{name} = {_toml(value)}" for name, value in tables.items() if not isinstance(value, dict)]
+    plain = [f"{_key(name)} = {_toml(value)}" for name, value in tables.items() if not isinstance(value, dict)]
     for name, table in tables.items():
         if isinstance(table, dict):
-            plain += ["", f"[{name}]", *(f"{key} = {_toml(value)}" for key, value in table.items())]
+            plain += ["", f"[{_key(name)}]", *(f"{_key(key)} = {_toml(value)}" for key, value in table.items())]
     return "\n".join(plain) + "\n"
+
+
+def _key(name: str) -> str:
+    """A key as TOML writes it: names of files need quotes."""
+    return name if name.isidentifier() and name.isascii() else json.dumps(name)
 
 
 def _toml(value: Any) -> str:
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_toml(each)}" for key, each in value.items()) + " }"
+        return "{ " + ", ".join(f"{_key(key)} = {_toml(each)}" for key, each in value.items()) + " }"
     if isinstance(value, list):
         return "[" + ", ".join(map(_toml, value)) + "]"
     return str(value) if isinstance(value, float) else json.dumps(value)

@@ -4,10 +4,11 @@ import math
 
 import pytest
 
+from benchmarks.invented import LAYERED, TERRAIN
 from cooperative import run, runs
 from cooperative.__main__ import main
 from cooperative.runs import check_coefficients, check_size, grid_size
-from cooperative.scene import SECTIONS, parse, read_scene
+from cooperative.scene import LISTS, SECTIONS, parse, read_scene
 from tests.test_campaign import SCENES, TINY, changed
 
 TOO_LARGE = [
@@ -113,15 +114,18 @@ def refusal(text):
 
 
 def with_value(section, key, value):
-    """The small scene with one key of one table set."""
-    lines, here = [], ""
-    for line in TINY.splitlines():
+    """The small scene with one key of one table set, of the first where there are several."""
+    drawn = {"ground": LAYERED, "layer": LAYERED, "water": LAYERED, "terrain": TERRAIN}
+    header = f"[[{section}]]" if section in LISTS else f"[{section}]"
+    lines, here, done = [], "", False
+    for line in drawn.get(section, TINY).splitlines():
         if line.startswith("["):
-            here = line.strip("[]")
-            lines += [line, *([f"{key} = {value}"] if here == section else [])]
-        elif not (here == section and line.split(" = ")[0] == key):
+            here = line
+            lines += [line, *([f"{key} = {value}"] if here == header and not done else [])]
+            done = done or here == header
+        elif not (here == header and line.split(" = ")[0] == key):
             lines.append(line)
-    return "\n".join(lines if f"[{section}]" in lines else [*lines, f"[{section}]", f"{key} = {value}"])
+    return "\n".join(lines if done else [*lines, header, f"{key} = {value}"])
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,10 @@ from pathlib import Path
 import jsonschema
 import pytest
 
+from benchmarks.invented import LAYERED, TERRAIN
 from cooperative import reference
 from cooperative.reference import MEANINGS, json_schema, markdown
-from cooperative.scene import REQUIRED, SECTIONS, UNSAID, built, examples, parse
+from cooperative.scene import LISTS, REQUIRED, SECTIONS, UNSAID, built, examples, parse
 from cooperative.scene._soil import OF_FRICTION
 from cooperative.sweep import to_toml
 from tests.test_campaign import TINY
@@ -22,9 +23,16 @@ def in_toml(tables):
     return to_toml(tables)
 
 
+def properties(section):
+    """The schema of a table's keys."""
+    table = json_schema()["properties"][section]
+    return (table["items"] if section in LISTS else table)["properties"]
+
+
 def tiny_with(section, name, value):
     """The tiny scene with one key changed, and with what must be there for that key to have a say."""
-    tables = {section: dict(table) for section, table in tomllib.loads(TINY).items() if section != "name"}
+    drawn = {"ground": LAYERED, "layer": LAYERED, "water": LAYERED, "terrain": TERRAIN}
+    tables = tomllib.loads(drawn.get(section, TINY))
     if name in ("levels", "replicates"):
         tables["campaign"] |= {"estimator": "subset", "samples": 160}
         tables["campaign"].pop("k_t")
@@ -35,6 +43,16 @@ def tiny_with(section, name, value):
         tables["soil"].pop("softening_modulus")
     if name == "reference_rate":
         tables["soil"]["rate_coefficient"] = 0.1
+    if section in LISTS:
+        frictional = name in (*OF_FRICTION, "residual_cohesion")
+        if frictional:
+            del tables["strength"], tables["soil"]["softening_modulus"], tables["soil"]["residual_ratio"]
+            tables["soil"] |= {"cohesion": {"mean": 5e3, "cov": 0.3, "length": [20.0, 4.0]}, "friction": 30.0}
+        tables[section] = [{"depth": 1.0}, {}]
+        for other in {"depth", "thickness"} if name in ("depth", "thickness") else ():
+            tables[section][0].pop(other, None)
+        tables[section][0][name] = value
+        return tables
     if section == "soil" and name in OF_FRICTION:
         del tables["strength"], tables["soil"]["softening_modulus"], tables["soil"]["residual_ratio"]
         field = {"mean": 5e3, "cov": 0.3, "length": [20.0, 4.0]}
@@ -65,7 +83,7 @@ def test_every_key_is_explained_and_no_other():
 
 @pytest.mark.parametrize(("section", "name"), KEYS)
 def test_examples_and_defaults_are_of_the_schema(section, name):
-    known = json_schema()["properties"][section]["properties"][name]
+    known = properties(section)[name]
     values = [tomllib.loads(f"x = {MEANINGS[section][name].example}")["x"]]
     if SECTIONS[section][name].default not in (REQUIRED, UNSAID, None):
         values.append(SECTIONS[section][name].default)

@@ -180,11 +180,11 @@ def begun(tmp_path):
 def test_a_scene_carries_its_terrain(begun, tmp_path):
     campaign = parse(read_scene(begun))
     assert isinstance(campaign.site.shape, mpm.Terrain)
-    model = runs.build(campaign, "rough", runs.expansion_of(campaign), at_rest=False)
+    model = runs.build(campaign, "rough", runs.random_soil(campaign), at_rest=False)
     size = runs.grid_size(campaign, "rough")
     assert size.nodes == np.prod(model.scene.grid.shape)
     assert float(jnp.sum(model.scene.particles.volume)) == pytest.approx(campaign.site.shape.volume, rel=0.01)
-    rock = np.asarray(model.strength(np.zeros(model.expansion.modes))) > 1e7
+    rock = np.asarray(model.strength(np.zeros(model.soil.modes))) > 1e7
     x, y, z = np.asarray(model.scene.particles.position, float)
     assert np.mean(rock == (z < campaign.site.shape.heights(x, y) - 8)) > 0.99
     text = read_scene(begun)

@@ -1,6 +1,6 @@
 """What a slide did: consequences, onsets, failure modes, what came over places."""
 
-from cooperative.measure._consequences import Consequences, SlopeGeometry, consequences
+from cooperative.measure._consequences import Consequences, OpenGround, SlopeGeometry, consequences, walls_reached
 from cooperative.measure._modes import SEVERITY, FailureMode, ModeRules, failure_mode
 from cooperative.measure._onsets import Motion
 from cooperative.measure._places import ColumnPlan, Place, Vulnerability, quantity
@@ -12,10 +12,12 @@ __all__ = [
     "FailureMode",
     "ModeRules",
     "Motion",
+    "OpenGround",
     "Place",
     "SlopeGeometry",
     "Vulnerability",
     "consequences",
     "failure_mode",
     "quantity",
+    "walls_reached",
 ]

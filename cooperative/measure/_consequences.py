@@ -11,6 +11,7 @@ stress cannot, so that it glides on for ever.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -37,17 +38,28 @@ class SlopeGeometry:
 
 
 @dataclass(frozen=True)
+class OpenGround:
+    """Ground without a crest and a toe, a section or a terrain. surface: height of its surface above each particle
+    before the slide (N,) m."""
+
+    surface: np.ndarray
+
+
+@dataclass(frozen=True)
 class Consequences:
     """Consequences of one sample. The sliding soil is all that is displaced by `failure_displacement` or more, the
     sliding mass all of it but detached grains, see `consequences`.
 
     displacement: R_d (m), the largest displacement of a particle of the sliding mass, of any where nothing slides.
     depth: H (m), from crest level down to the deepest point of the sliding soil before it slid. Measured from
-        the crest, it exceeds the slope height exactly if the slip surface passes below the toe.
-    runout: L (m), horizontally from the toe to the front of the sliding mass; 0 if it stays behind the toe.
+        the crest, it exceeds the slope height exactly if the slip surface passes below the toe. On `OpenGround`,
+        from the surface above it, where that is most.
+    runout: L (m), horizontally from the toe to the front of the sliding mass; 0 if it stays behind the toe. On
+        `OpenGround`, how far the front has advanced along the mean displacement of the mass.
     volume: V, of the sliding soil (m3), in a section (m2), that is m3 per metre of width.
     area: S, plan area beyond the toe that the sliding mass overruns (m2): the run-out of each slice across
-        the slope, times its width, summed. In a section (m), that is m2 per metre of width.
+        the slope, times its width, summed. In a section (m), that is m2 per metre of width, it equals the run-out.
+        On `OpenGround`, plan area that the mass covers and did not cover before.
     displacement_any, runout_any: displacement and run-out with detached grains (m).
     """
 
@@ -68,7 +80,7 @@ def consequences(
     position: np.ndarray,
     displacement: np.ndarray,
     volume: np.ndarray,
-    geometry: SlopeGeometry,
+    geometry: SlopeGeometry | OpenGround,
     *,
     half_size: np.ndarray,
     width: float | None = None,
@@ -101,25 +113,81 @@ def consequences(
     if not sliding.any():
         return Consequences(largest, 0.0, 0.0, 0.0, 0.0, largest, 0.0)
 
-    lowest = position[-1, sliding].min() - half[-1]
-    now = (position + displacement)[:, sliding]
-    beyond = np.maximum(now[0] + half[0] - geometry.toe_x, 0.0)
-    mass = slice(None) if reach is None else hangs_together(now, volume[sliding], reach)
-    if len(position) == 2:
-        scale = 1.0 if width is None else width
-        area = beyond[mass].max()
+    before, now = position[:, sliding], (position + displacement)[:, sliding]
+    mass = np.ones(now.shape[1], bool) if reach is None else hangs_together(now, volume[sliding], reach)
+    scale = 1.0 if width is None else width
+    if isinstance(geometry, SlopeGeometry):
+        depth = geometry.crest_z - (before[-1].min() - half[-1])
+        beyond = np.maximum(now[0] + half[0] - geometry.toe_x, 0.0)
     else:
-        scale = 1.0
+        depth = (geometry.surface[sliding] - before[-1]).max() + half[-1]
+        beyond = np.maximum(_advance(before, now, volume[sliding], mass), 0.0)
+    if len(position) == 2:
+        area = beyond[mass].max()
+    elif isinstance(geometry, SlopeGeometry):
         area = _swept_area(now[1, mass], half[1], beyond[mass], slice_width)
+    else:
+        area = _newly_covered(before[:, mass], now[:, mass], half)
     return Consequences(
         displacement=float(moved[sliding][mass].max()),
-        depth=float(geometry.crest_z - lowest),
+        depth=float(depth),
         runout=float(beyond[mass].max()),
         volume=float(volume[sliding].sum() * scale),
         area=float(area * scale),
         displacement_any=largest,
         runout_any=float(beyond.max()),
     )
+
+
+def walls_reached(
+    position: np.ndarray,
+    displacement: np.ndarray,
+    volume: np.ndarray,
+    walls: Sequence[tuple[int, int, float]],
+    *,
+    half_size: np.ndarray,
+    failure_displacement: float,
+    within: float,
+    reach: float | None = None,
+) -> str:
+    """The walls that the sliding mass has come to, or slid from, within so many metres: "x = 0 m; x = 92 m". Empty
+    where it reached none.
+
+    position, displacement: (d, N) m. volume: (N,). walls: axis, side (-1 low, 1 high) and place (m) of each.
+    half_size: (d,) m. reach: as for `consequences`.
+    """
+    sliding = np.linalg.norm(displacement, axis=0) >= failure_displacement
+    if not sliding.any():
+        return ""
+    before, now = position[:, sliding], (position + displacement)[:, sliding]
+    mass = np.ones(now.shape[1], bool) if reach is None else hangs_together(now, volume[sliding], reach)
+    found = []
+    for axis, side, place in walls:
+        farthest = max((side * where[axis, mass]).max() for where in (before, now)) + half_size[axis]
+        if farthest > side * place - within:
+            found.append(f"{'xyz'[axis]} = {place:g} m")
+    return "; ".join(found)
+
+
+def _advance(before: np.ndarray, now: np.ndarray, volume: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """How far (n,) m each particle is beyond the front that the mass had before, along its mean displacement."""
+    level = ((now - before)[:-1, mass] * volume[mass]).sum(axis=1)
+    length = np.linalg.norm(level)
+    if length == 0:
+        return np.zeros(now.shape[1])
+    along = level / length
+    return along @ now[:-1] - (along @ before[:-1, mass]).max()
+
+
+def _newly_covered(before: np.ndarray, now: np.ndarray, half: np.ndarray) -> float:
+    """Plan area (m2) of the mass at now (3, n) m that is none of it before; both are told on squares as wide as two
+    particles, so that a mass that has spread has no holes."""
+    side = 4 * half[:2].max()
+
+    def squares(where: np.ndarray) -> set[tuple[int, int]]:
+        return set(map(tuple, np.unique(np.floor(where[:2] / side).astype(int), axis=1).T.tolist()))
+
+    return float(len(squares(now) - squares(before)) * side**2)
 
 
 def hangs_together(position: np.ndarray, volume: np.ndarray, reach: float) -> np.ndarray:

@@ -1,5 +1,6 @@
 """What people see of a campaign: words, charts, pictures, one page, exports, progress."""
 
+from cooperative.reporting._ground import draw
 from cooperative.reporting._plots import panels, save
 from cooperative.reporting._progress import progress_of, words
 from cooperative.reporting._tables import consolidate, write_table
@@ -8,6 +9,7 @@ from cooperative.reporting._words import SLIDES, report
 __all__ = [
     "SLIDES",
     "consolidate",
+    "draw",
     "panels",
     "progress_of",
     "report",

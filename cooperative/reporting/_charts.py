@@ -114,11 +114,11 @@ def exceedance(curves: Mapping[str, Mapping[str, Any]], labels: Mapping[str, str
     return figure
 
 
-def profile(maps: Maps, *, toe: float) -> Figure:
+def profile(maps: Maps, *, toe: float | None) -> Figure:
     """Hazard along a section: probabilities, expected thickness and arrival against x. What is reached, the thickness
     and the arrival have their intervals.
 
-    toe: x of the toe (m), drawn as a line.
+    toe: x of the toe (m), drawn as a line where there is one.
     """
     likely = [name for name, unit in maps.units.items() if unit == "-"]
     figure, axes = panels(3, size=(8.0, 2.6))
@@ -134,9 +134,11 @@ def profile(maps: Maps, *, toe: float) -> Figure:
     for ax in axes:
         ax.set_ylim(bottom=0)
         ax.set_xlim(edges[0], edges[-1])
-        ax.axvline(toe, color=GREY, lw=1, ls=":")
+        if toe is not None:
+            ax.axvline(toe, color=GREY, lw=1, ls=":")
         ax.legend(fontsize=8)
-    axes[0].annotate(" toe", (toe, axes[0].get_ylim()[1]), va="top", color=GREY, fontsize=9)
+    if toe is not None:
+        axes[0].annotate(" toe", (toe, axes[0].get_ylim()[1]), va="top", color=GREY, fontsize=9)
     return figure
 
 
@@ -150,10 +152,10 @@ def _staircase(
     ax.step(edges, value, style, where="post", color=colour, lw=1.8, label=name)
 
 
-def plan_maps(maps: Maps, *, toe: float) -> Figure:
+def plan_maps(maps: Maps, *, toe: float | None) -> Figure:
     """Hazard in plan, one panel for each map, with the limits of its interval beside it for the first.
 
-    toe: x of the toe (m), drawn as a line.
+    toe: x of the toe (m), drawn as a line where there is one.
     """
     shown = [(name, name, found.value, maps.units[name]) for name, found in maps.maps.items()]
     first = maps.maps[REACHED]
@@ -167,7 +169,8 @@ def plan_maps(maps: Maps, *, toe: float) -> Figure:
         scale = first.high if name == REACHED else values
         top = float(np.nanmax(scale, initial=0.0)) or 1.0
         mesh = ax.pcolormesh(x, y, values.T, cmap="cividis", vmin=0.0, vmax=top, rasterized=True)
-        ax.axvline(toe, color="white", lw=1.2, ls="--")
+        if toe is not None:
+            ax.axvline(toe, color="white", lw=1.2, ls="--")
         ax.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
         ax.set_title(title, loc="left", fontsize=9)
         figure.colorbar(mesh, ax=ax, label=f"[{unit}]", shrink=0.8)

@@ -12,7 +12,7 @@ from cooperative.reporting._plots import Drawn
 from cooperative.runs import Frames, GridModel, build, random_soil
 from cooperative.scene import Campaign
 from cooperative.store import Rows, Sample
-from jaxmpm import Midway, solve_each
+from jaxmpm import Midway, Slope, solve_each
 
 SHARES = (0.1, 0.3, 0.6)
 """Shares of the largest displacement at which a slide that is run again is drawn, and at its end."""
@@ -37,10 +37,10 @@ def choose(rows: Rows, failed: np.ndarray, most: int) -> list[int]:
 def fields(models: dict[str, GridModel], sample: Sample) -> Iterator[Drawn]:
     """The random fields that both grids see for one sample, a picture for each parameter."""
     planes = {grid: _plane(model, sample) for grid, model in models.items()}
-    sections = {grid: _section(models[grid], planes[grid]) for grid in models}
-    found = {grid: model.parameters(sample.coefficients) for grid, model in models.items()}
+    sections = {grid: section_of(models[grid], planes[grid]) for grid in models}
+    found = {grid: values_of(model, sample.coefficients) for grid, model in models.items()}
     for place, name in enumerate(next(iter(models.values())).campaign.random):
-        seen = {grid: np.asarray(found[grid][name], float)[planes[grid]] for grid in models}
+        seen = {grid: found[grid][name][planes[grid]] for grid in models}
         figure = plots.parameter_fields(name, sections, seen)
         said = f"Sample {sample.number}: the same random field of {_word(name)} on both grids."
         yield Drawn(f"field-{name}" if place else "field", said, figure)
@@ -49,7 +49,7 @@ def fields(models: dict[str, GridModel], sample: Sample) -> Iterator[Drawn]:
 def before_and_after(model: GridModel, sample: Sample) -> Drawn:
     """One sample's section before and after, by the plastic strain that was kept."""
     plane = _plane(model, sample)
-    section, half = _section(model, plane)
+    section, half = section_of(model, plane)
     figure = plots.before_and_after(
         section, sample.fields["displacement"][[0, -1]][:, plane], sample.fields["plastic_strain"][plane], half
     )
@@ -71,9 +71,9 @@ def slides(model: GridModel, samples: Sequence[Sample], *, again: bool) -> Itera
         mode = f", {sample.row['mode']}" if sample.row.get("mode") not in (None, "none") else ""
         plane, name = _plane(model, sample), next(iter(model.campaign.random))
         figure = plots.slide(
-            _section(model, plane),
+            section_of(model, plane),
             name,
-            np.asarray(model.parameters(sample.coefficients)[name], float)[plane],
+            values_of(model, sample.coefficients)[name][plane],
             displacement[:, [0, -1]][:, :, plane],
             shown.times,
         )
@@ -83,7 +83,8 @@ def slides(model: GridModel, samples: Sequence[Sample], *, again: bool) -> Itera
         )
         if len(model.half_size) == 3:
             position = np.asarray(model.scene.particles.position, float)
-            toe = model.campaign.slope.toe_x
+            shape = model.campaign.site.shape
+            toe = shape.toe_x if isinstance(shape, Slope) else None
             figure = plots.plan(position, displacement, shown.times, model.half_size, toe=toe)
             yield Drawn(f"plan-{sample.number:06d}", f"Sample {sample.number}{mode} from above.", figure)
 
@@ -139,19 +140,38 @@ def _word(name: str) -> str:
     return "strength" if name == "strength" else plots.QUANTITIES[name].word
 
 
+def values_of(model: GridModel, coefficients: np.ndarray) -> dict[str, np.ndarray]:
+    """The random parameters at the particles, each (N,), by name; nan where they are rock."""
+    found = {name: np.asarray(value, float) for name, value in model.parameters(coefficients).items()}
+    if model.layer is None:
+        return found
+    rock = np.array([each.rock for each in model.campaign.site.layers])[model.layer]
+    return {name: np.where(rock, np.nan, value) for name, value in found.items()}
+
+
 def _plane(model: GridModel, sample: Sample) -> np.ndarray:
     """Particles (N,) of the section to draw: all of them in 2D, in 3D the slice that moved farthest."""
+    position, moved = np.asarray(model.scene.particles.position), sample.fields.get("displacement")
+    if len(position) == 3 and moved is not None and moved.shape == position.shape:
+        return plane_at(model, float(position[1, np.argmax(np.linalg.norm(moved, axis=0))]))
+    return plane_at(model, middle(model))
+
+
+def middle(model: GridModel) -> float:
+    """Half way along y (m); 0 in a section."""
+    shape = model.campaign.site.shape
+    return shape.corner[1] + shape.extent[1] / 2 if len(shape.extent) == 3 else 0.0
+
+
+def plane_at(model: GridModel, centre: float) -> np.ndarray:
+    """Particles (N,) of the section at y = centre (m): all of them in 2D."""
     position = np.asarray(model.scene.particles.position)
     if len(position) == 2:
         return np.ones(position.shape[1], bool)
-    centre = (model.campaign.slope.width or 0.0) / 2
-    moved = sample.fields.get("displacement")
-    if moved is not None and moved.shape == position.shape:
-        centre = float(position[1, np.argmax(np.linalg.norm(moved, axis=0))])
     nearest = position[1, np.argmin(np.abs(position[1] - centre))]
     return np.abs(position[1] - nearest) < model.half_size[1]
 
 
-def _section(model: GridModel, plane: np.ndarray) -> plots.Section:
+def section_of(model: GridModel, plane: np.ndarray) -> plots.Section:
     """Positions (2, n) of a section's particles and half their spacing (2,) m."""
     return np.asarray(model.scene.particles.position, float)[[0, -1]][:, plane], model.half_size[[0, -1]]

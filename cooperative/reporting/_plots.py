@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
@@ -62,15 +63,15 @@ def parameter_fields(name: str, sections: Mapping[str, Section], fields: Mapping
     """One random field on every grid, one panel each, on one colour scale.
 
     name: of the soil's parameter. sections: by grid name. fields: grid name -> its values (N,), in SI units or degrees,
-    of the same particles.
+    of the same particles; nan is rock.
     """
     drawn = QUANTITIES[name]
-    low = min(float(np.min(values)) for values in fields.values()) / drawn.unit
-    high = max(float(np.max(values)) for values in fields.values()) / drawn.unit
-    figure, axes = _section_panels(next(iter(sections.values()))[0], len(sections))
+    low = min(float(np.nanmin(values)) for values in fields.values()) / drawn.unit
+    high = max(float(np.nanmax(values)) for values in fields.values()) / drawn.unit
+    figure, axes = section_panels(next(iter(sections.values()))[0], len(sections))
     norm = Normalize(low, high)
     for ax, (grid, (position, half)) in zip(axes, sections.items(), strict=True):
-        boxes = _draw_particles(ax, position, half, fields[grid] / drawn.unit, "cividis", norm)
+        boxes = draw_particles(ax, position, half, fields[grid] / drawn.unit, "cividis", norm)
         ax.set_title(f"{grid} grid, {position.shape[1]:,} particles", loc="left")
     figure.colorbar(boxes, ax=axes, label=drawn.label)
     return figure
@@ -83,14 +84,14 @@ def before_and_after(
 
     position, displacement: (2, N) m, rows x and z. plastic_strain: (N,). half_size: (2,) m.
     """
-    figure, axes = _section_panels(position, 2)
+    figure, axes = section_panels(position, 2)
     norm = Normalize(0.0, max(float(np.quantile(plastic_strain, 0.99)), 1e-3))
     moved = float(np.linalg.norm(displacement, axis=0).max())
     for ax, where, title in (
         (axes[0], position, "before, in the colours of the end"),
         (axes[1], position + displacement, f"after, largest displacement {moved:.3g} m"),
     ):
-        boxes = _draw_particles(ax, where, half_size, plastic_strain, "viridis", norm)
+        boxes = draw_particles(ax, where, half_size, plastic_strain, "viridis", norm)
         ax.set_title(title, loc="left")
     axes[0].set_xlim(axes[1].get_xlim())
     figure.colorbar(boxes, ax=axes, label="accumulated plastic shear strain [-]", extend="max")
@@ -105,15 +106,15 @@ def slide(section: Section, name: str, field: np.ndarray, displacement: np.ndarr
     """
     position, half = section
     moved = np.linalg.norm(displacement, axis=1)
-    figure, axes = _section_panels(position, len(times) + 1)
+    figure, axes = section_panels(position, len(times) + 1)
     drawn = QUANTITIES[name]
-    norm = Normalize(float(np.min(field)) / drawn.unit, float(np.max(field)) / drawn.unit)
-    boxes = _draw_particles(axes[0], position, half, field / drawn.unit, "cividis", norm)
+    norm = Normalize(float(np.nanmin(field)) / drawn.unit, float(np.nanmax(field)) / drawn.unit)
+    boxes = draw_particles(axes[0], position, half, field / drawn.unit, "cividis", norm)
     axes[0].set_title(f"{'strength' if name == 'strength' else drawn.word} before", loc="left")
     figure.colorbar(boxes, ax=axes[0], label=f"{drawn.symbol} [{drawn.said}]", aspect=8)
     norm = Normalize(0.0, max(float(moved.max()), 1e-6))
     for ax, time, step, far in zip(axes[1:], times, displacement, moved, strict=True):
-        boxes = _draw_particles(ax, position + step, half, far, "viridis", norm)
+        boxes = draw_particles(ax, position + step, half, far, "viridis", norm)
         ax.set_title(f"t = {time:.3g} s, moved up to {far.max():.3g} m", loc="left")
     figure.colorbar(boxes, ax=axes[1:], label="displacement [m]", aspect=8 * len(times))
     _share_limits(axes)
@@ -121,12 +122,12 @@ def slide(section: Section, name: str, field: np.ndarray, displacement: np.ndarr
 
 
 def plan(
-    position: np.ndarray, displacement: np.ndarray, times: Sequence[float], half_size: np.ndarray, *, toe: float
+    position: np.ndarray, displacement: np.ndarray, times: Sequence[float], half_size: np.ndarray, *, toe: float | None
 ) -> Figure:
     """A slide from above at several times: how far the soil on top has moved.
 
     position: initial (3, N) m. displacement: (T, 3, N) m at the T times (s). half_size: half the particle
-    spacing (3,) m. toe: x of the toe (m), drawn as a line.
+    spacing (3,) m. toe: x of the toe (m), drawn as a line where there is one.
     """
     moved = np.linalg.norm(displacement, axis=1)
     norm = Normalize(0.0, max(float(moved.max()), 1e-6))
@@ -136,10 +137,12 @@ def plan(
         now = position + step
         # Drawn from below upwards, so that the topmost soil is seen.
         upwards = np.argsort(now[2], kind="stable")
-        boxes = _draw_particles(ax, now[:2, upwards], half_size[:2], far[upwards], "viridis", norm, vertical="y [m]")
-        ax.axvline(toe, color="white", lw=1.2, ls="--")
+        boxes = draw_particles(ax, now[:2, upwards], half_size[:2], far[upwards], "viridis", norm, vertical="y [m]")
+        if toe is not None:
+            ax.axvline(toe, color="white", lw=1.2, ls="--")
         ax.set_title(f"t = {time:.3g} s", loc="left")
-    axes[0].text(toe, position[1].max(), " toe", va="top", color="white")
+    if toe is not None:
+        axes[0].text(toe, position[1].max(), " toe", va="top", color="white")
     _share_limits(axes)
     figure.colorbar(boxes, ax=axes, label="displacement [m]", shrink=0.7)
     return figure
@@ -173,14 +176,14 @@ def panels(rows: int, columns: int = 1, *, size: tuple[float, float]) -> tuple[F
     return figure, axes
 
 
-def _section_panels(position: np.ndarray, rows: int, columns: int = 1) -> tuple[Figure, list[Axes]]:
+def section_panels(position: np.ndarray, rows: int, columns: int = 1) -> tuple[Figure, list[Axes]]:
     """Panels as high as a section drawn in true scale asks for."""
     width = 8.0 if columns == 1 else 4.8
     length, height = np.ptp(position, axis=1)
     return panels(rows, columns, size=(width, 0.85 * width * height / length + 0.8))
 
 
-def _draw_particles(
+def draw_particles(
     ax: Axes,
     position: np.ndarray,
     half: np.ndarray,
@@ -200,7 +203,13 @@ def _draw_particles(
         axis=-1,
     )
     boxes = PolyCollection(
-        list(corners), array=values, cmap=colours, norm=norm, lw=0, antialiased=False, rasterized=True
+        list(corners),
+        array=np.ma.masked_invalid(values),
+        cmap=colormaps[colours].with_extremes(bad="0.6"),
+        norm=norm,
+        lw=0,
+        antialiased=False,
+        rasterized=True,
     )
     ax.add_collection(boxes)
     ax.autoscale_view()

@@ -22,7 +22,8 @@ from cooperative.reporting._progress import duration
 from cooperative.runs import GridModel
 from cooperative.scene import Campaign, campaign_of
 from cooperative.store import GRIDS, Rows, Store, own_folder, read_sample, read_store, write_aside
-from foundation.text import printable
+from foundation.text import printable, short
+from jaxmpm import Slope
 
 INDISTINCT = 2.0
 """Difference in AIC below which two distributions are as good as each other."""
@@ -53,7 +54,7 @@ class Told:
     def labels(self) -> dict[str, str]:
         """Axis label of each consequence, with its unit. In a section the influence area is the run-out, and is told
         once."""
-        solid = self.campaign.slope.dimension == 3
+        solid = self.campaign.dimension == 3
         return {
             "displacement": "largest displacement $R_d$ [m]",
             "depth": "sliding depth $H$ [m]",
@@ -64,13 +65,14 @@ class Told:
     @property
     def units(self) -> dict[str, str]:
         """Unit of each consequence in words."""
-        each = "" if self.campaign.slope.dimension == 3 else " per metre of width"
+        each = "" if self.campaign.dimension == 3 else " per metre of width"
+        toe = isinstance(self.campaign.site.shape, Slope)
         return {
             "displacement": "m",
-            "depth": "m below the crest",
-            "runout": "m beyond the toe",
+            "depth": "m below the crest" if toe else "m below the surface",
+            "runout": "m beyond the toe" if toe else "m of its front's advance",
             "volume": f"m³{each}",
-            "area": f"m² beyond the toe{each}",
+            "area": "m² beyond the toe" if toe else "m² not covered before",
         }
 
     @property
@@ -228,10 +230,10 @@ def _hazards(told: Told) -> Iterator[Drawn]:
             f"{told.summary['level']:.0%} interval at each point. The curves start at the probability of failure.",
             charts.exceedance(curves, told.labels, level=told.summary["level"]),
         )
-    maps, toe = told.maps, told.campaign.slope.toe_x
+    maps, shape = told.maps, told.campaign.site.shape
+    toe = shape.toe_x if isinstance(shape, Slope) else None
     if maps is not None:
-        solid = told.campaign.slope.dimension == 3
-        draw = charts.plan_maps if solid else charts.profile
+        draw = charts.plan_maps if told.campaign.dimension == 3 else charts.profile
         yield Drawn("hazard", _mapped(maps, told.summary["level"]), draw(maps, toe=toe))
     risk = told.summary["risk"]
     if risk and risk["loss"] and risk["loss"]["expected"]:
@@ -315,7 +317,7 @@ def _parts(told: Told, numbers: Sequence[Drawn], slopes: Sequence[Drawn]) -> Ite
     yield page.heading("How it was run")
     yield _runs(told)
     yield page.heading("Scene", 3)
-    yield page.preformatted(told.campaign.text.strip())
+    yield page.preformatted("\n".join(short(line, 400) for line in told.campaign.text.strip().splitlines()))
 
 
 def _estimates(found: dict[str, Any]) -> str:

@@ -11,9 +11,11 @@ from cooperative.runs._random_soil import RandomSoil, random_soil
 from cooperative.runs._samples import finished, run_samples
 from cooperative.runs._size import GridSize, check_coefficients, check_size, grid_size
 from cooperative.runs._stopping import Stop, Stopped, heeding
+from cooperative.runs._trial import Cost, cost_of
 
 __all__ = [
     "COLUMNS",
+    "Cost",
     "Frames",
     "GridModel",
     "GridSize",
@@ -28,6 +30,7 @@ __all__ = [
     "coefficients_of",
     "column_plan",
     "cores_to_use",
+    "cost_of",
     "dask_executor",
     "finished",
     "foreign",

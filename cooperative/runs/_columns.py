@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from cooperative.measure import ColumnPlan, Place
-from cooperative.runs._model import GridModel, column_plan, geometry_of
+from cooperative.measure import ColumnPlan, Place, SlopeGeometry
+from cooperative.runs._model import GridModel, column_plan
 from cooperative.store import Scalar
 from jaxmpm import Result, passing
 
@@ -49,8 +49,12 @@ def column_row(model: GridModel, columns: dict[str, np.ndarray]) -> dict[str, Sc
 
 
 def beyond_toe(model: GridModel, plan: ColumnPlan) -> slice:
-    """The columns, along x, that lie beyond the toe; that which holds the toe is none of them."""
-    return slice(int(np.searchsorted(plan.edges(0), geometry_of(model.campaign).toe_x - 1e-6)), None)
+    """The columns, along x, that lie beyond the toe; that which holds the toe is none of them. All of ground that has
+    no toe."""
+    geometry = model.geometry
+    if not isinstance(geometry, SlopeGeometry):
+        return slice(None)
+    return slice(int(np.searchsorted(plan.edges(0), geometry.toe_x - 1e-6)), None)
 
 
 def place_row(place: Place, plan: ColumnPlan, columns: dict[str, np.ndarray]) -> dict[str, Scalar]:

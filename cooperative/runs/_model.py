@@ -13,11 +13,11 @@ import numpy as np
 import jaxmpm
 import kl
 from cooperative.estimate import Sampling
-from cooperative.measure import ColumnPlan, SlopeGeometry
+from cooperative.measure import ColumnPlan, OpenGround, SlopeGeometry
 from cooperative.runs._initial import read_initial
-from cooperative.runs._random_soil import RandomSoil, box_of, depth_below, random_soil
+from cooperative.runs._random_soil import RandomSoil, random_soil
 from cooperative.scene import Campaign, RandomField, built
-from jaxmpm import Scene, State, column_shape, with_columns
+from jaxmpm import Scene, Slope, State, column_shape, with_columns
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,8 @@ class GridModel:
     """One grid of a campaign, ready to run.
 
     grid: "rough" or "refined" of the `campaign`. scene, state: what the solver runs, at rest, with the means of what is
-    random. soil: what is random. strength_factor: on strength, where the grids are calibrated.
+    random. soil: what is random. strength_factor: on strength, where the grids are calibrated. layer: number of the
+    layer that each particle is of (N,), None where the ground has none.
     """
 
     grid: str
@@ -34,6 +35,7 @@ class GridModel:
     state: State
     soil: RandomSoil
     strength_factor: float = 1.0
+    layer: np.ndarray | None = None
 
     @property
     def half_size(self) -> np.ndarray:
@@ -44,6 +46,25 @@ class GridModel:
     def slides_on(self) -> bool:
         """Whether a run that ends once it has failed may be asked to slide on."""
         return self.grid == "refined" and bool(self.campaign.plan.slides)
+
+    @property
+    def geometry(self) -> SlopeGeometry | OpenGround:
+        """The slope's crest and toe, or the height of the ground's surface above each particle."""
+        shape = self.campaign.site.shape
+        if isinstance(shape, Slope):
+            return SlopeGeometry(toe_x=shape.toe_x, toe_z=shape.foundation, height=shape.height)
+        return OpenGround(shape.heights(*np.asarray(self.scene.particles.position[:-1], float)))
+
+    @property
+    def walls(self) -> tuple[tuple[int, int, float], ...]:
+        """Axis, side (-1 low, 1 high) and place (m) of every wall but the base."""
+        grid = self.scene.grid
+        upright = len(grid.shape) - 1
+        return tuple(
+            (wall.axis, -1 if wall.side == "low" else 1, grid.origin[wall.axis] + wall.index * grid.cell)
+            for wall in self.scene.walls
+            if wall.axis != upright
+        )
 
     @property
     def reach(self) -> float:
@@ -132,17 +153,27 @@ class GridModel:
     def _values(self, field: RandomField, name: str, coefficients: jax.Array | np.ndarray) -> jax.Array:
         position = self.scene.particles.position
         points = position if field.sampled_at == "particles" else self._cell_centres()
-        grown = None
-        if field.trend is not None:
-            grown = jnp.asarray(field.grown(depth_below(self.campaign.slope, points)), position.dtype)
-        return _values(self.soil.expansions[name], field.distribution, coefficients, points, grown)
+        depth = None
+        layers = self.campaign.site.values_of(name, field)
+        each = [layer if isinstance(layer, RandomField) else None for layer in layers]
+        if any(layer is not None and layer.trend is not None for layer in each):
+            depth = self.campaign.site.depth(np.asarray(points))
+        grown = tuple(
+            None if layer is None or layer.trend is None else jnp.asarray(layer.grown(depth), position.dtype)
+            for layer in each
+        )
+        marginals = tuple(
+            layer.distribution if isinstance(layer, RandomField) else kl.Normal(layer, 0.0) for layer in layers
+        )
+        return _values(self.soil.expansions[name], marginals, coefficients, points, grown, self.layer)
 
     def _cell_centres(self) -> jax.Array:
-        """Centre of the cell that each particle starts in (d, N) m, kept in the slope's box where that ends in it."""
-        grid, shape = self.scene.grid, self.campaign.slope
+        """Centre of the cell that each particle starts in (d, N) m, kept in the ground's box where that ends in it."""
+        grid, shape = self.scene.grid, self.campaign.site.shape
         origin = jnp.asarray(grid.origin)[:, None]
         centre = origin + (jnp.floor((self.scene.particles.position - origin) / grid.cell) + 0.5) * grid.cell
-        return jnp.minimum(centre, jnp.asarray(box_of(shape))[:, None])
+        end = jnp.asarray(shape.corner) + jnp.asarray(shape.extent)
+        return jnp.minimum(centre, end[:, None])
 
 
 ANGLES = ("friction", "dilation")
@@ -152,13 +183,20 @@ ANGLES = ("friction", "dilation")
 @jax.jit
 def _values(
     expansion: kl.Expansion,
-    marginal: Any,
+    marginals: tuple[Any, ...],
     coefficients: jax.Array | np.ndarray,
     position: jax.Array,
-    grown: jax.Array | None,
+    grown: tuple[jax.Array | None, ...],
+    layer: np.ndarray | None,
 ) -> jax.Array:
-    values = marginal.transform(kl.field_at(expansion, coefficients, position))
-    return values if grown is None else values * grown
+    gaussian = kl.field_at(expansion, coefficients, position)
+    each = [
+        marginal.transform(gaussian) if growth is None else marginal.transform(gaussian) * growth
+        for marginal, growth in zip(marginals, grown, strict=True)
+    ]
+    if layer is None:
+        return each[0]
+    return jnp.take_along_axis(jnp.stack(each), jnp.asarray(layer)[None], axis=0)[0]
 
 
 def coefficients_of(campaign: Campaign, soil: RandomSoil) -> np.ndarray:
@@ -191,7 +229,8 @@ def build(
         kept = None if folder is None else read_initial(folder, grid, scene, state)
         state = jaxmpm.at_rest(scene, apic=campaign.grids[grid].apic) if kept is None else kept
     factor = campaign.calibration.factor if campaign.calibration and grid == "rough" else 1.0
-    model = GridModel(grid, campaign, scene, state, soil).looking()
+    layer = campaign.site.layer_of(np.asarray(scene.particles.position), campaign.grids[grid])
+    model = GridModel(grid, campaign, scene, state, soil, layer=layer).looking()
     return model if factor == 1 else model.weakened(factor)
 
 
@@ -204,9 +243,3 @@ def column_plan(scene: Scene) -> ColumnPlan:
         low, high = walls.get("low", 0), walls.get("high", count)
         ends.append((grid.origin[axis] + low * grid.cell, grid.origin[axis] + high * grid.cell))
     return ColumnPlan(tuple(grid.origin[: len(shape)]), grid.cell, shape, tuple(ends))
-
-
-def geometry_of(campaign: Campaign) -> SlopeGeometry:
-    """Where the slope's toe is and how high it stands."""
-    shape = campaign.slope
-    return SlopeGeometry(toe_x=shape.toe_x, toe_z=shape.foundation, height=shape.height)

@@ -7,7 +7,7 @@ condition all of them together, since a value of one tells of the others.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from types import MappingProxyType
 
@@ -16,8 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import kl
-from cooperative.scene import Campaign, CrossCorrelation, RandomField, gaussian_root
-from jaxmpm import Slope
+from cooperative.scene import Campaign, CrossCorrelation, RandomField, Site, gaussian_root
 
 
 @dataclass(frozen=True)
@@ -70,33 +69,21 @@ class RandomSoil:
 
 
 def random_soil(campaign: Campaign) -> RandomSoil:
-    """What is random in the campaign's soil, over the whole box of the slope. Raises ValueError for fields that cannot
+    """What is random in the campaign's soil, over the whole box of the ground. Raises ValueError for fields that cannot
     be expanded, or borehole values that lie outside or contradict each other."""
-    return _random_soil(tuple(campaign.random.items()), campaign.cross_correlation, campaign.slope)
-
-
-def box_of(shape: Slope) -> tuple[float, ...]:
-    """Edges of the box from the origin that holds the slope (d,) m."""
-    top = shape.foundation + shape.height
-    return (shape.length, top) if shape.width is None else (shape.length, shape.width, top)
-
-
-def depth_below(shape: Slope, points: np.ndarray | jax.Array) -> np.ndarray:
-    """Depth of points (d, N) below the ground (N,) m, 0 above it."""
-    at = np.asarray(points, float)
-    return np.maximum(shape.surface(at[0]) - at[-1], 0.0)
+    return _random_soil(tuple(campaign.random.items()), campaign.cross_correlation, replace(campaign.site, layers=()))
 
 
 @lru_cache(maxsize=8)
 def _random_soil(
-    random: tuple[tuple[str, RandomField], ...], correlated: CrossCorrelation | None, shape: Slope
+    random: tuple[tuple[str, RandomField], ...], correlated: CrossCorrelation | None, site: Site
 ) -> RandomSoil:
     fields = dict(random)
     together = () if correlated is None else correlated.parameters
     members = [(name,) for name in fields if name not in together] + ([together] if together else [])
     members.sort(key=lambda names: min(list(fields).index(name) for name in names))
     groups = tuple(
-        _group(names, MappingProxyType(fields), correlated if names == together else None, shape) for names in members
+        _group(names, MappingProxyType(fields), correlated if names == together else None, site) for names in members
     )
     if len(groups) == 1:
         return RandomSoil(groups)
@@ -116,15 +103,15 @@ def _placed(groups: tuple[Group, ...]) -> list[Group]:
 
 
 def _group(
-    names: tuple[str, ...], fields: Mapping[str, RandomField], correlated: CrossCorrelation | None, shape: Slope
+    names: tuple[str, ...], fields: Mapping[str, RandomField], correlated: CrossCorrelation | None, site: Site
 ) -> Group:
-    extent, first = box_of(shape), fields[names[0]]
+    shape, first = site.shape, fields[names[0]]
     try:
         expansion = kl.expand(
-            first.covariance, origin=(0.0,) * len(extent), extent=extent, energy=first.energy, bedding=first.bedding
+            first.covariance, origin=shape.corner, extent=shape.extent, energy=first.energy, bedding=first.bedding
         )
         root = None if correlated is None else gaussian_root(correlated, fields)
-        return Group(names, expansion, root, _conditioning(names, fields, expansion, root, shape))
+        return Group(names, expansion, root, _conditioning(names, fields, expansion, root, site))
     except ValueError as error:
         raise ValueError(f"random {' and '.join(names)}: {error}") from error
 
@@ -134,7 +121,7 @@ def _conditioning(
     fields: Mapping[str, RandomField],
     expansion: kl.Expansion,
     root: np.ndarray | None,
-    shape: Slope,
+    site: Site,
 ) -> kl.Conditioning | None:
     """What the borehole values of these parameters say of their coefficients together."""
     weights = np.eye(1) if root is None else root
@@ -145,7 +132,7 @@ def _conditioning(
             continue
         data = np.asarray(field.boreholes)
         points = data[:, :-1].T
-        values = data[:, -1] / field.grown(depth_below(shape, points))
+        values = data[:, -1] / field.grown(site.depth(points))
         score = np.asarray(field.distribution.standardise(jnp.asarray(values)), float)
         if not np.isfinite(score).all():
             worst = data[int(np.argmin(np.isfinite(score)))]

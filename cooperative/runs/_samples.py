@@ -13,10 +13,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from cooperative.measure import FailureMode, ModeRules, Motion, consequences, failure_mode
+from cooperative.measure import (
+    FailureMode,
+    ModeRules,
+    Motion,
+    SlopeGeometry,
+    consequences,
+    failure_mode,
+    walls_reached,
+)
 from cooperative.runs._columns import column_row, kept_columns
 from cooperative.runs._frames import Frames
-from cooperative.runs._model import GridModel, geometry_of
+from cooperative.runs._model import GridModel
 from cooperative.runs._restart import RestartPoint, read_restart, write_restart
 from cooperative.runs._stopping import Asked, Stopped
 from cooperative.store import SLIDES, Sample, Scalar, read_store
@@ -187,22 +195,20 @@ def finished(
         largest = float(np.max(reached, where=np.isfinite(reached), initial=0.0))
         row = {"displacement": largest, "broke_off": bool(result.broke_off)}
     else:
-        run = (
-            np.asarray(scene.particles.position),
-            displacement,
-            np.asarray(scene.particles.volume),
-            geometry_of(campaign),
+        run = np.asarray(scene.particles.position), displacement, np.asarray(scene.particles.volume)
+        geometry, half, limit = model.geometry, model.half_size, campaign.run.failure_displacement
+        measured = consequences(*run, geometry, half_size=half, failure_displacement=limit, reach=model.reach)
+        walls = walls_reached(
+            *run, model.walls, half_size=half, failure_displacement=limit, within=scene.grid.cell, reach=model.reach
         )
-        limit = campaign.run.failure_displacement
-        measured = consequences(*run, half_size=model.half_size, failure_displacement=limit, reach=model.reach)
-        row = {**measured.as_row(), "broke_off": False}
+        row = {**measured.as_row(), "broke_off": False, "walls": walls}
         if measured.displacement > limit:
             fields |= {} if frames is None else frames.as_fields()
             fields |= (columns := kept_columns(model, result))
             row |= column_row(model, columns)
-        if motion is not None:
+        if motion is not None and isinstance(geometry, SlopeGeometry):
             rules = ModeRules(failure_displacement=limit)
-            mode = failure_mode(*run, half_size=model.half_size, motion=motion, rules=rules)
+            mode = failure_mode(*run, geometry, half_size=half, motion=motion, rules=rules)
             row |= mode_row(mode)
             fields["slice_depth"] = mode.depth.astype(np.float32)
     return Sample(

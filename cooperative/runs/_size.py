@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import jax
+import numpy as np
 
 from cooperative.runs._model import sampling_of
 from cooperative.scene import Campaign
@@ -56,22 +57,26 @@ class GridSize:
 
 def grid_size(campaign: Campaign, grid: str) -> GridSize:
     """Size of one grid. Raises ValueError where slope, soil and grid do not fit together."""
-    shape, numerics, gravity = campaign.slope, campaign.grids[grid], campaign.run.gravity
-    cells = shape.cells(numerics)
-    top = shape.foundation + shape.height
+    site, numerics, gravity = campaign.site, campaign.grids[grid], campaign.run.gravity
+    shape = site.shape
+    cells, speed = shape.cells(numerics), math.sqrt(gravity * shape.extent[-1])
+    site.layer_of(np.zeros((shape.dimension, 0)), numerics)  # which refuses lines that do not go together
     # One particle of the same soil has the same time step, and meets the same checks.
-    one, _ = block(
-        numerics.spacing, campaign.soil, numerics, domain=(2 * numerics.cell,) * shape.dimension,
-        corner=(0.0,) * shape.dimension, speed=math.sqrt(gravity * top),
-    )  # fmt: skip
+    alone = [
+        block(
+            numerics.spacing, layer.soil, numerics, domain=(2 * numerics.cell,) * shape.dimension,
+            corner=(0.0,) * shape.dimension, speed=speed,
+        )[0]
+        for layer in site.soils(campaign.soil)
+    ]  # fmt: skip
+    one = min(alone, key=lambda scene: float(scene.time_step))
     dt, each = float(one.time_step), math.prod(numerics.spacing)
     steps = campaign.run.t_end / dt if dt > 0 else math.inf
     passes = 0 if one.nonlocal_passes is None else one.nonlocal_passes
-    width = 1.0 if shape.width is None else shape.width
     return GridSize(
-        particles=shape.area * width / each,
+        particles=shape.volume / each,
         nodes=math.prod(count + 3.0 for count in cells),
-        points=shape.length * top * width / each,
+        points=math.prod(shape.extent) / each,
         steps=steps,
         passes=passes,
     )

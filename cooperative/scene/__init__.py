@@ -3,10 +3,24 @@
 from cooperative.scene._budget import allowing, kept_budget, raised, write_budget
 from cooperative.scene._calibration import calibrated, campaign_of, kept, measured
 from cooperative.scene._defaults import with_defaults
-from cooperative.scene._examples import example, examples
+from cooperative.scene._examples import begin, example, examples, starters
 from cooperative.scene._hazard import EXPOSED, HAZARD, Hazard
 from cooperative.scene._limit_load import at_limit_load, measured_limit_load
-from cooperative.scene._schema import NAMES, OPTIONAL, REQUIRED, ROWS, SECTIONS, UNSAID, Key, Table
+from cooperative.scene._schema import (
+    LINE,
+    LISTS,
+    NAMES,
+    OPTIONAL,
+    RASTER,
+    REQUIRED,
+    ROWS,
+    SECTIONS,
+    SITES,
+    UNSAID,
+    Key,
+    Table,
+)
+from cooperative.scene._site import Site, SiteLayer
 from cooperative.scene._soil import PARAMETERS, CrossCorrelation, RandomField, gaussian_root
 from cooperative.scene._text import read_scene, tables_of
 from cooperative.scene._typed import Budget, Campaign, Plan, built, parse
@@ -14,12 +28,16 @@ from cooperative.scene._typed import Budget, Campaign, Plan, built, parse
 __all__ = [
     "EXPOSED",
     "HAZARD",
+    "LINE",
+    "LISTS",
     "NAMES",
     "OPTIONAL",
     "PARAMETERS",
+    "RASTER",
     "REQUIRED",
     "ROWS",
     "SECTIONS",
+    "SITES",
     "UNSAID",
     "Budget",
     "Campaign",
@@ -28,9 +46,12 @@ __all__ = [
     "Key",
     "Plan",
     "RandomField",
+    "Site",
+    "SiteLayer",
     "Table",
     "allowing",
     "at_limit_load",
+    "begin",
     "built",
     "calibrated",
     "campaign_of",
@@ -44,6 +65,7 @@ __all__ = [
     "parse",
     "raised",
     "read_scene",
+    "starters",
     "tables_of",
     "with_defaults",
     "write_budget",

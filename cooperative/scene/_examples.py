@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 import cooperative
+from foundation.files import write_aside
 from foundation.text import shown
 
 
@@ -13,6 +16,38 @@ def examples() -> dict[str, Path]:
     package = Path(cooperative.__file__).parent
     folder = next((f for f in (package / "scenes", package.parent / "benchmarks" / "scenes") if f.is_dir()), package)
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def starters() -> dict[str, Path]:
+    """Files of the commented scenes to begin with, by kind of ground."""
+    folder = next(iter(examples().values())).parent / "new"
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def begin(kind: str, path: Path) -> list[Path]:
+    """Write the commented scene of a kind of ground, with a terrain model beside it where it needs one; the files
+    written. Raises ValueError for another kind, and where a file exists already."""
+    known = starters()
+    if kind not in known:
+        raise ValueError(f"kind = {shown(kind)}: give one of {', '.join(known)}")
+    written = {path: known[kind].read_bytes()}
+    if kind == "terrain":
+        written[path.parent / "terrain.asc"] = _hillside().encode()
+    for each in written:
+        if each.exists():
+            raise ValueError(f"{each} exists already: give another name with --out")
+    for each, data in written.items():
+        write_aside(each, data)
+    return list(written)
+
+
+def _hillside() -> str:
+    """A made-up terrain model: a hillside with a hollow, in an ESRI ASCII grid of steps of 4 m."""
+    step, x, y = 4.0, np.arange(25) * 4.0, np.arange(17) * 4.0
+    down, across = np.meshgrid(x, y)
+    heights = 104 + 16 / (1 + np.exp((down - 40) / 7)) - 1.5 * np.exp(-(((across - 32) / 12) ** 2)) * (down < 56)
+    rows = "\n".join(" ".join(f"{height:.2f}" for height in row) for row in heights[::-1])
+    return f"ncols {x.size}\nnrows {y.size}\nxllcenter 0\nyllcenter 0\ncellsize {step:g}\n{rows}\n"
 
 
 def example(name: str) -> str:

@@ -52,6 +52,7 @@ DECAYS = {decay.name.lower(): decay for decay in Decay}
 PLASTIC_STRAINS = {measure.value: measure for measure in PlasticStrain}
 SAMPLED_AT = {"particles": "particles", "cells": "cells"}
 Y_ENDS = {"fixed": "fixed", "roller": "roller"}
+ENDS = {"roller": "roller", "fixed": "fixed"}
 FIELDS = {"none": (), "refined": ("refined",), "both": ("rough", "refined")}
 FAILURES = {"displacement": "displacement", "limit load": "limit load"}
 MODES = {"refined": ("refined",), "both": ("rough", "refined")}
@@ -61,6 +62,10 @@ REQUIRED = object()
 UNSAID = object()
 """The default of a key that the rest of the scene decides, where it is not there."""
 
+LINE = "line"
+"""The kind of a key that holds points [x, z], or names a file of them."""
+RASTER = "raster"
+"""The kind of a key that names a file of heights."""
 ROWS, NAMES = tuple[tuple[float, ...], ...], tuple[str, ...]
 """Kinds of keys: a list of lists of numbers, and a list of texts."""
 
@@ -88,6 +93,21 @@ _SLOPE = {name: Key(float) for name in ("crest", "height", "run_per_rise", "toe"
     "width": Key(float, None),
     "y_ends": Key(Y_ENDS, "fixed"),
 }
+_GROUND = {
+    "surface": Key(LINE),
+    "base": Key(float, 0.0),
+    "walls": Key(tuple, None),
+    "ends": Key(ENDS, "roller"),
+}
+_TERRAIN = {
+    "surface": Key(RASTER),
+    "base": Key(float),
+    "x": Key(tuple, None),
+    "y": Key(tuple, None),
+    "step": Key(float, None),
+    "ends": Key(ENDS, "roller"),
+}
+_WATER = {"level": Key(float, None), "table": Key(LINE, None), "r_u": Key(float, None)}
 _FIELD = {
     "mean": Key(float),
     "cov": Key(float),
@@ -134,6 +154,19 @@ _SOIL = {
     "softening_strain": Key(float, None),
     "decay": Key(DECAYS, "linear"),
     "unusual": Key(bool, False),
+}
+_LAYER_FIELD = {name: Key(_FIELD[name].kind, UNSAID) for name in ("mean", "cov", "marginal", "lower", "upper", "trend")}
+"""What a layer may say of a parameter that varies: all but the field itself, which goes through all layers."""
+_LAYER = {
+    "name": Key(str, None),
+    "bottom": Key(LINE, None),
+    "raster": Key(RASTER, None),
+    "depth": Key(float, None),
+    "thickness": Key(float, None),
+    "rock": Key(bool, False),
+} | {
+    name: Key(key.kind, UNSAID, key.none, None if key.or_table is None else Table(_LAYER_FIELD))
+    for name, key in _SOIL.items()
 }
 _CROSS_CORRELATION = {"parameters": Key(NAMES), "matrix": Key(ROWS), "nataf": Key(bool, False)}
 _GRID = {
@@ -182,8 +215,18 @@ CALIBRATION = {"rough": Key(float), "refined": Key(float)}
 LIMIT_LOAD = {"factor": Key(float), "displacement": Key(float)}
 DEFAULTS = {"cfl": Key(float)}
 """The table [defaults] of a stored scene: defaults of both grids that were others once, as they were at its start."""
-SECTIONS = {
+SITES = ("slope", "ground", "terrain")
+"""Tables of which a scene has one: it says what ground there is."""
+OF_GROUND = ("layer", "water")
+"""Tables that a scene may have that draws its own ground."""
+LISTS = ("layer",)
+"""Tables of which there may be several: `[[layer]]`."""
+SECTIONS: dict[str, dict[str, Key]] = {
     "slope": _SLOPE,
+    "ground": _GROUND,
+    "terrain": _TERRAIN,
+    "layer": _LAYER,
+    "water": _WATER,
     "soil": _SOIL,
     "strength": _FIELD,
     "cross_correlation": _CROSS_CORRELATION,
@@ -192,23 +235,30 @@ SECTIONS = {
     "run": _RUN,
     "campaign": _PLAN,
 }
-OPTIONAL = ("strength", "cross_correlation")
+OPTIONAL = ("strength", "cross_correlation", *SITES, *OF_GROUND)
 """Tables that a scene may do without."""
 
 
 def read(section: str, table: Any, keys: Mapping[str, Key]) -> dict[str, Any]:
     """The values of a table, defaults where it does not say; ValueError for what its keys do not know or allow."""
-    if not isinstance(table, dict):
-        raise ValueError(f"{section} = {shown(table)} is {in_words(table)}: make it a table, [{section}]")
-    refuse_unknown(f"[{section}]", table, keys)
-    missing = [key for key, what in keys.items() if what.default is REQUIRED and key not in table]
-    if missing:
-        raise ValueError(f"[{section}] lacks {', '.join(missing)}: add it")
+    if wrong := wrong_keys(section, table, keys):
+        raise ValueError("; ".join(wrong))
     return {key: _value(section, key, table.get(key, what.default), what, key in table) for key, what in keys.items()}
+
+
+def wrong_keys(section: str, table: Any, keys: Mapping[str, Key]) -> list[str]:
+    """What is wrong with the keys of a table, in words: those that are not known, and those that lack."""
+    if not isinstance(table, dict):
+        return [f"{section} = {shown(table)} is {in_words(table)}: make it a table, [{section}]"]
+    missing = [key for key, what in keys.items() if what.default is REQUIRED and key not in table]
+    lacks = [f"[{section}] lacks {', '.join(missing)}: add it"] if missing else []
+    return unknown_keys(f"[{section}]", table, keys) + lacks
 
 
 def _value(section: str, name: str, value: Any, key: Key, given: bool) -> Any:
     kind, where = key.kind, f"[{section}] {name}"
+    if value is UNSAID:
+        return value
     if isinstance(kind, dict):
         if not isinstance(value, str) or value not in kind:
             known = ", ".join(map(repr, kind))
@@ -221,6 +271,10 @@ def _value(section: str, name: str, value: Any, key: Key, given: bool) -> Any:
     table = kind if isinstance(kind, Table) else key.or_table if isinstance(value, dict) else None
     if table is not None:
         return read(f"{section}.{name}", value, table.keys)
+    if kind == LINE:
+        return _line(where, value)
+    if kind == RASTER and isinstance(value, str):
+        return value
     numbers = list(_leaves(value))
     if any(isinstance(v, int) and not -(2**63) <= v < 2**63 for v in numbers):
         raise ValueError(f"{where} is a whole number beyond 64 bits: give a smaller one")
@@ -252,6 +306,7 @@ _WANTED = {
     list: "a list",
     ROWS: "a list of lists of numbers",
     NAMES: "a list of texts",
+    RASTER: "the name of a file of heights",
 }
 
 
@@ -273,17 +328,73 @@ def _is_list(value: object, of: Callable[[Any], bool]) -> bool:
     return isinstance(value, list) and bool(value) and all(map(of, value))
 
 
+def _is_finite(value: object) -> bool:
+    return _is_number(value) and (value == 0 or 1e-30 <= abs(value) <= 1e30)  # type: ignore[arg-type]
+
+
+def _line(where: str, value: Any) -> Any:
+    """Points as tuples, or the name of a file."""
+    if isinstance(value, str):
+        return value
+    if not isinstance(value, list) or len(value) < 2:
+        raise ValueError(f"{where} = {shown(value)}: give points [[x, z], ...], two or more, or the name of a file")
+    for number, point in enumerate(value, 1):
+        if not (isinstance(point, list) and len(point) == 2 and all(map(_is_finite, point))):
+            raise ValueError(f"{where}: point {number} is {shown(point)}: give [x, z] in metres, two finite numbers")
+    return tuple((float(x), float(z)) for x, z in value)
+
+
 def _fits(value: object) -> bool:
     """Whether single precision holds a number, with some room for products of it."""
     return not isinstance(value, float) or value == 0 or 1e-30 <= abs(value) <= 1e30
 
 
-def refuse_unknown(where: str, table: Mapping[str, object], known: Mapping[str, object]) -> None:
-    """Raise ValueError for the first key that is not known, naming the nearest one that is."""
+def unknown_keys(where: str, table: Mapping[str, object], known: Mapping[str, object]) -> list[str]:
+    """What to say of each key that is not known: the nearest one that is, or all that are."""
+    said = []
     for key in table:
         if key not in known:
-            meant = _nearest(key, known)
-            raise ValueError(f"{where} has an unknown key {shown(key)}{meant}; it knows {', '.join(known)}")
+            meant = _meant(key, known)
+            said.append(f"{where} has an unknown key {shown(key)}" + (meant or f"; it knows {', '.join(known)}"))
+    return said
+
+
+MEANT = {
+    "run_per_rise": "slope_ratio ratio angle slope_angle inclination cotangent",
+    "length": "lx ly lz theta scale_of_fluctuation correlation_length correlation_lengths",
+    "young": "e youngs_modulus young_modulus modulus stiffness",
+    "poisson": "nu poisson_ratio poissons_ratio",
+    "unit_weight": "gamma density rho weight",
+    "friction": "phi friction_angle",
+    "cohesion": "c",
+    "dilation": "psi dilatancy",
+    "mean": "su s_u cu undrained_strength shear_strength average",
+    "cov": "sd std sigma deviation coefficient_of_variation",
+    "strain_95 (exponential) or softening_modulus (linear)": "softening exponential_softening linear_softening",
+    "residual_ratio": "residual residual_strength",
+    "cell": "h dx cell_size grid_size mesh_size",
+    "spacing": "ppc particles_per_cell particle_size particles",
+    "cfl": "dt time_step timestep",
+    "t_end": "duration end_time total_time",
+    "samples": "n count number runs realisations realizations",
+    "failure_displacement": "threshold criterion limit",
+    "foundation": "base_thickness bedrock_depth",
+    "surface": "points polyline profile coordinates",
+    "refined_runs": "budget",
+}
+"""Words of engineers and of other programs, by the key that they stand for here."""
+WORDS = {word: key for key, words in MEANT.items() for word in words.split()}
+
+
+def _meant(key: str, known: Mapping[str, object]) -> str:
+    """What an unknown key may have meant, in words; empty where nothing is near."""
+    word = WORDS.get(key.lower())
+    if word is not None and word.split()[0] in known:
+        return f" (did you mean {word if ' ' in word else repr(word)}?)"
+    elsewhere = next((section for section, keys in SECTIONS.items() if (word or key) in keys), None)
+    if elsewhere is not None:
+        return f" (did you mean {word or key!r} of [{elsewhere}]?)"
+    return _nearest(key, known)
 
 
 def _nearest(word: object, known: Mapping[str, object]) -> str:

@@ -118,13 +118,20 @@ class CrossCorrelation:
 
 
 def soil_of(
-    table: Mapping[str, Any], given: Collection[str], strength: Mapping[str, Any] | None, *, height: float, depth: float
+    table: Mapping[str, Any],
+    given: Collection[str],
+    strength: Mapping[str, Any] | None,
+    *,
+    height: float,
+    depth: float,
+    must_vary: bool = True,
 ) -> tuple[Soil | FrictionalSoil, Mapping[str, RandomField]]:
     """The soil with the means of what varies, and the fields by parameter.
 
     table: values of `[soil]`. given: the keys that the scene says. strength: values of `[strength]`, None without.
-    height: of the slope (m). depth: largest below the ground (m). Raises ValueError for parameters that no soil has,
-    that do not go together or whose numbers betray another unit, and for fields whose values leave their limits.
+    height: of the slope (m). depth: largest below the ground (m). must_vary: whether something has to. Raises
+    ValueError for parameters that no soil has, that do not go together or whose numbers betray another unit, and for
+    fields whose values leave their limits.
     """
     said, random = {**table}, {}
     unusual, places = said.pop("unusual"), {name: f"[soil.{name}]" for name in said}
@@ -140,13 +147,22 @@ def soil_of(
             said[name] = random[name].mean
         elif name in PARAMETERS and value is not None:
             _check_number(f"[soil] {name}", name, value, unusual)
-    if not random:
+    if must_vary and not random:
         raise ValueError(
             "nothing in the scene is random: give at least one parameter of the soil as a table, such as "
             "[soil.cohesion] with mean, cov and length"
         )
     _check_friction(said, random, depth)
     return _built(said, height), MappingProxyType({name: random[name] for name in PARAMETERS if name in random})
+
+
+def rock_of(table: Mapping[str, Any], *, height: float) -> Soil | FrictionalSoil:
+    """A soil like that of the table, which does not yield: its strength is its Young's modulus, which no load of a
+    slope can reach. What varies is at its mean. height: of the slope (m)."""
+    said = {name: value["mean"] if isinstance(value, Mapping) else value for name, value in table.items()}
+    said.pop("unusual")
+    said["strength" if said["cohesion"] is None else "cohesion"] = said["young"]
+    return _built(said, height)
 
 
 def _check_kind(said: dict[str, Any], given: Collection[str]) -> None:
@@ -274,6 +290,8 @@ def _built(said: dict[str, Any], height: float) -> Soil | FrictionalSoil:
     frictional = said["cohesion"] is not None
     kept = {name: value for name, value in said.items() if name not in (OF_CLAY if frictional else OF_FRICTION)}
     length = kept.pop("softening_length")
+    if length is UNSAID and not height > 0:
+        length = None
     soil: Soil | FrictionalSoil = (FrictionalSoil if frictional else Soil)(**kept)
     if length is UNSAID:
         length = BAND * height if soil.softens else None

@@ -19,19 +19,27 @@ from cooperative.scene._schema import (
     DEFAULTS,
     GIVEN,
     LIMIT_LOAD,
+    LISTS,
+    OF_GROUND,
     OPTIONAL,
     SECTIONS,
+    SITES,
     UNSAID,
     in_words,
     read,
-    refuse_unknown,
+    unknown_keys,
+    wrong_keys,
 )
+from cooperative.scene._site import Site, listed, refuse_both, site_of
 from cooperative.scene._soil import CrossCorrelation, RandomField, check_cross_correlation, soil_of
 from cooperative.scene._text import tables_of
 from foundation.text import short, shown
-from jaxmpm import Discretisation, FrictionalSoil, Scene, Settle, Slope, Soil, State, cell_independent, slope
+from jaxmpm import Discretisation, FrictionalSoil, Scene, Settle, Slope, Soil, State, cell_independent
 
 LONGEST_NAME = 200
+
+MOST_WRONG = 8
+"""Wrong keys that a message names; it counts the others."""
 
 
 @dataclass(frozen=True)
@@ -116,19 +124,18 @@ class Budget:
 class Campaign:
     """A checked scene; nothing in it changes.
 
-    text: the TOML that it came from. name: of the campaign. slope, soil: what slides, with the means of what varies.
-    random: what varies, by parameter of the soil. cross_correlation: of what varies, None without. y_ends: what holds
-    the slope's ends along y. grids: discretisation of "rough" and "refined". run: how each sample runs. plan: what the
-    campaign does. calibration: factors of safety of both grids, where they are known. limit_load: where failure
-    is told by it, and it is known. raised: refined runs that the
-    campaign's folder allows beyond the scene. hazard: what is kept of slides for maps and exposed places, None where
-    the scene asks for neither.
+    text: the TOML that it came from. name: of the campaign. site: where soil slides. soil: what slides, with the means
+    of what varies, where a layer of the site does not say otherwise. random: what varies, by parameter of the soil.
+    cross_correlation: of what varies, None without. grids: discretisation of "rough" and "refined". run: how each
+    sample runs. plan: what the campaign does. calibration: factors of safety of both grids, where they are known.
+    limit_load: where failure is told by it, and it is known. raised: refined runs that the campaign's folder allows
+    beyond the scene. hazard: what is kept of slides for maps and exposed places, None where the scene asks for
+    neither.
     """
 
     text: str
     name: str
-    slope: Slope
-    y_ends: Literal["fixed", "roller"]
+    site: Site
     soil: Soil | FrictionalSoil
     random: Mapping[str, RandomField]
     cross_correlation: CrossCorrelation | None
@@ -139,6 +146,23 @@ class Campaign:
     limit_load: LimitLoad | None = None
     raised: Budget | None = None
     hazard: Hazard | None = None
+
+    @property
+    def slope(self) -> Slope:
+        """The slope, where the ground is one. ValueError where it is drawn."""
+        if not isinstance(self.site.shape, Slope):
+            raise ValueError("the scene draws its ground, which is no [slope]: use `site`")
+        return self.site.shape
+
+    @property
+    def y_ends(self) -> Literal["fixed", "roller"]:
+        """What holds the slope's ends along y."""
+        return self.site.ends
+
+    @property
+    def dimension(self) -> int:
+        """2 for a section, 3 otherwise."""
+        return self.site.shape.dimension
 
     @property
     def estimator(self) -> Estimator:
@@ -168,45 +192,39 @@ def parse(text: str, estimator: Estimator | None = None) -> Campaign:
         )
     if "sweep" in tables:
         raise ValueError("the scene has a table [sweep], so it is many campaigns: run it as a sweep")
-    added = dict.fromkeys(("calibration", "defaults", "estimator", "limit_load", "name"))
-    refuse_unknown("the scene", tables, {**SECTIONS, **added})
+    _refuse_wrong_keys(tables)
+    refuse_both(tables)
     given = _given(tables, estimator)
     if given is not None and "estimator" not in tables:
         text += f"\n[estimator]\ngiven = {json.dumps(given)}\n"
     said = {
         section: read(section, tables.get(section, {}), keys)
         for section, keys in SECTIONS.items()
-        if section in tables or section not in OPTIONAL
+        if section not in (*SITES, *OF_GROUND) and (section in tables or section not in OPTIONAL)
     }
     if "defaults" in tables:
         unsaid = read("defaults", tables["defaults"], DEFAULTS)
         for grid in ("rough", "refined"):
             said[grid] |= {key: value for key, value in unsaid.items() if key not in tables[grid]}
-    shape, y_ends = said["slope"], said["slope"].pop("y_ends")
     plan, run = said["campaign"], said["run"]
     limit_load = _limit_load(tables, run)
-    if plan["slides"] == 0:
-        if "modes" in tables.get("campaign", {}):
-            raise ValueError(
-                f"[campaign] slides = 0 ends every refined run once its class is decided, and modes = "
-                f"{tables['campaign']['modes']!r} asks for modes of its failures, which only their end shows: leave "
-                "out modes, or give slides = 'all' or a number"
-            )
-        plan["modes"] = ()
+    _settle_modes(plan, tables["campaign"], "slope" in tables)
     settings = {key: plan.pop(key) for key in SETTINGS}
     if given is None:
         plan["estimator"] = named_estimator(plan["estimator"], {**settings, "seed": plan["seed"]})
     else:
         plan["estimator"] = estimator
-    soil, random = soil_of(
-        said["soil"], tables["soil"], said.get("strength"),
-        height=shape["height"], depth=shape["height"] + shape["foundation"],
-    )  # fmt: skip
+
+    def soil_on(ground: Site) -> tuple[Soil | FrictionalSoil, Mapping[str, RandomField]]:
+        strength, shape = said.get("strength"), ground.shape
+        return soil_of(said["soil"], tables["soil"], strength, height=ground.height, depth=shape.extent[-1])
+
+    site = site_of(tables, lambda ground: soil_on(ground)[1])
+    soil, random = soil_on(site)
     campaign = Campaign(
         text=text,
         name=name,
-        slope=Slope(**shape),
-        y_ends=y_ends,
+        site=site,
         soil=soil,
         random=random,
         cross_correlation=CrossCorrelation(**said["cross_correlation"]) if "cross_correlation" in said else None,
@@ -226,10 +244,41 @@ def parse(text: str, estimator: Estimator | None = None) -> Campaign:
 def built(campaign: Campaign, grid: str, *, at_rest: bool = True) -> tuple[Scene, State]:
     """Scene and initial state of one grid, free of stress if not `at_rest`; ValueError where slope, soil and grid do
     not fit together."""
-    return slope(
-        campaign.slope, campaign.soil, campaign.grids[grid],
-        gravity=campaign.run.gravity, y_ends=campaign.y_ends, at_rest=at_rest,
-    )  # fmt: skip
+    return campaign.site.built(campaign.soil, campaign.grids[grid], campaign.run.gravity, at_rest=at_rest)
+
+
+def _refuse_wrong_keys(tables: Mapping[str, Any]) -> None:
+    """Raise ValueError that names every table and key that is not known, and every one that lacks."""
+    added = dict.fromkeys(("calibration", "defaults", "estimator", "files", "limit_load", "name"))
+    wrong = unknown_keys("the scene", tables, {**SECTIONS, **added})
+    # A table that lacks may be there under a name that is not known.
+    needed = () if wrong else [section for section in SECTIONS if section not in OPTIONAL]
+    for section, keys in SECTIONS.items():
+        if section in LISTS:
+            for number, layer in enumerate(listed(section, tables), 1):
+                wrong += wrong_keys(f"{section} {number}", layer, keys)
+        elif section in tables or section in needed:
+            wrong += wrong_keys(section, tables.get(section, {}), keys)
+    if wrong:
+        more = f"; and {len(wrong) - MOST_WRONG} more" if len(wrong) > MOST_WRONG else ""
+        raise ValueError("; ".join(wrong[:MOST_WRONG]) + more)
+
+
+def _settle_modes(plan: dict[str, Any], said: Mapping[str, Any], has_modes: bool) -> None:
+    """Modes are told of slides that come to their end, on a slope with a crest and a toe."""
+    if plan["slides"] == 0 and "modes" in said:
+        raise ValueError(
+            f"[campaign] slides = 0 ends every refined run once its class is decided, and modes = "
+            f"{said['modes']!r} asks for modes of its failures, which only their end shows: leave "
+            "out modes, or give slides = 'all' or a number"
+        )
+    if not has_modes and "modes" in said:
+        raise ValueError(
+            f"[campaign] modes = {said['modes']!r} asks for modes, which only a [slope] with its crest and toe has: "
+            "leave it out"
+        )
+    if plan["slides"] == 0 or not has_modes:
+        plan["modes"] = ()
 
 
 def _limit_load(tables: Mapping[str, Any], run: dict[str, Any]) -> LimitLoad | None:
@@ -267,8 +316,8 @@ def _grid(table: dict[str, Any], soil: Soil | FrictionalSoil) -> Discretisation:
 
 def _check(campaign: Campaign) -> None:
     """Ranges that no builder looks at."""
-    campaign.slope.check()
-    run, plan, dimension = campaign.run, campaign.plan, campaign.slope.dimension
+    campaign.site.shape.check()
+    run, plan, dimension = campaign.run, campaign.plan, campaign.dimension
     calibration = campaign.calibration or Calibration(1, 1)
     for name, value in (
         ("[run] t_end", run.t_end),

@@ -113,6 +113,10 @@ class Slope:
             cells.append(check.multiple("width", self.width, "cell", cell))
         return [*cells, math.ceil((self.foundation + self.height) / cell * (1 - 1e-12)) + 1]
 
+    def heights(self, x: np.ndarray, _: np.ndarray | None = None) -> np.ndarray:
+        """Height of the surface (m) at x, and wherever along y."""
+        return self.surface(x)
+
     def surface(self, x: np.ndarray) -> np.ndarray:
         """Height of the ground above the base (m) at x."""
         if self.run_per_rise == 0:

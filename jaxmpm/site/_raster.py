@@ -41,6 +41,9 @@ class Raster:
             and np.array_equal(self.heights, other.heights)
         )
 
+    def __hash__(self) -> int:
+        return hash((self.corner, self.step, self.heights.shape))
+
     @property
     def ends(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """First and last x, first and last y (m)."""

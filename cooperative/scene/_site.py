@@ -1,0 +1,246 @@
+"""Where a campaign's samples slide: the shape of the ground, its layers, its water, and the random field of each
+layer's strength."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from cooperative.scene._rasters import unpacked
+from cooperative.scene._schema import OF_GROUND, SECTIONS, SITES, in_words, read
+from cooperative.scene._soil import RandomField, rock_of, soil_of
+from foundation.text import shown
+from jaxmpm import (
+    Discretisation,
+    FrictionalSoil,
+    Layer,
+    Raster,
+    Scene,
+    Section,
+    Slope,
+    Soil,
+    State,
+    Terrain,
+    section,
+    slope,
+    terrain,
+)
+
+MOST_LAYERS = 100
+
+
+@dataclass(frozen=True)
+class SiteLayer:
+    """A layer of a campaign's ground: its name, its soil with the means of what varies and its lower boundary, and what
+    varies in it, by parameter. rock: whether it is rock, whose strength no load of a slope reaches."""
+
+    name: str
+    layer: Layer
+    random: Mapping[str, RandomField]
+    rock: bool
+
+
+@dataclass(frozen=True)
+class Site:
+    """The ground of a campaign. shape: its outline. ends: what holds its ends, those along y of a slope. layers: from
+    the top down; none where all is of the campaign's own soil. water: its level or table, r_u: pore pressure instead,
+    see `jaxmpm.section`."""
+
+    shape: Slope | Section | Terrain
+    ends: Literal["fixed", "roller"]
+    layers: tuple[SiteLayer, ...] = ()
+    water: float | tuple[tuple[float, float], ...] | None = None
+    r_u: float | None = None
+
+    def built(
+        self, soil: Soil | FrictionalSoil, numerics: Discretisation, gravity: float, *, at_rest: bool
+    ) -> tuple[Scene, State]:
+        """Scene and initial state on a grid; ValueError where ground, soil and grid do not fit together."""
+        if isinstance(self.shape, Slope):
+            return slope(self.shape, soil, numerics, gravity=gravity, y_ends=self.ends, at_rest=at_rest)
+        if isinstance(self.shape, Terrain):
+            return terrain(self.shape, self.soils(soil), numerics, gravity=gravity, ends=self.ends, at_rest=at_rest)
+        return section(
+            self.shape, self.soils(soil), numerics, gravity=gravity, water=self.water, r_u=self.r_u, ends=self.ends,
+            at_rest=at_rest,
+        )  # fmt: skip
+
+    @property
+    def height(self) -> float:
+        """From the foot of the ground to its top (m)."""
+        return self.shape.height if isinstance(self.shape, Slope) else self.shape.relief
+
+    def soils(self, soil: Soil | FrictionalSoil) -> list[Layer]:
+        """Its layers for the solver; one of the campaign's own soil where it has none."""
+        return [each.layer for each in self.layers] or [Layer(soil)]
+
+    def layer_of(self, position: np.ndarray, numerics: Discretisation) -> np.ndarray | None:
+        """Number of the layer (N,) in which each point (d, N) m lies, None where there are none."""
+        if not self.layers or isinstance(self.shape, Slope):
+            return None
+        return self.shape.layer_of([each.layer for each in self.layers], position, numerics)
+
+    def values_of(self, parameter: str, field: RandomField) -> tuple[RandomField | float, ...]:
+        """What a parameter that varies is in each layer: a field, or the number of one in which it does not vary."""
+        return tuple(
+            each.random.get(parameter) or float(getattr(each.layer.soil, parameter)) for each in self.layers
+        ) or (field,)
+
+    def depth(self, points: np.ndarray) -> np.ndarray:
+        """Depth of points (d, N) below the ground (N,) m, 0 above it."""
+        at = np.asarray(points, float)
+        return np.maximum(self.shape.heights(*at[:-1]) - at[-1], 0.0)
+
+
+def refuse_both(tables: Mapping[str, Any]) -> None:
+    """Raise ValueError for a scene without ground, with two, or with tables that its ground does not have."""
+    given = [name for name in SITES if name in tables]
+    if len(given) != 1:
+        said = f"has both {' and '.join(f'[{name}]' for name in given)}" if given else "says no ground"
+        raise ValueError(f"the scene {said}: give one of {', '.join(f'[{name}]' for name in SITES)}")
+    for name in OF_GROUND:
+        if name in tables and "slope" in given:
+            raise ValueError(f"[{name}] is for a scene with [ground], not with [slope]: draw the slope as a surface")
+
+
+def site_of(tables: Mapping[str, Any], random: Callable[[Site], Mapping[str, RandomField]]) -> Site:
+    """The ground of a scene's tables.
+
+    random: what varies in the soil of the whole scene, once its ground is known. Raises ValueError for keys, values and
+    lines that will not do.
+    """
+    if "slope" in tables:
+        said = read("slope", tables["slope"], SECTIONS["slope"])
+        ends = said.pop("y_ends")
+        return Site(Slope(**said), ends)
+    site = _terrain(tables) if "terrain" in tables else _section(tables)
+    site.shape.check()
+    return replace(site, layers=_layers(tables, site, random))
+
+
+def _section(tables: Mapping[str, Any]) -> Site:
+    said, line = read("ground", tables["ground"], SECTIONS["ground"]), _drawn(tables)
+    if said["walls"] is not None and len(said["walls"]) != 2:
+        raise ValueError(f"[ground] walls = {shown(said['walls'])}: give two, left and right")
+    shape = Section(line("[ground] surface", said["surface"]), said["base"], said["walls"])
+    water, r_u = _water(tables, line)
+    return Site(shape, said["ends"], (), water, r_u)
+
+
+def _terrain(tables: Mapping[str, Any]) -> Site:
+    if "water" in tables:
+        raise ValueError("[water] is for a scene with [ground], not yet for [terrain]: leave it out")
+    said = read("terrain", tables["terrain"], SECTIONS["terrain"])
+    surface = _heights(tables, "[terrain] surface", said["surface"])
+    walls = {axis: said[axis] for axis in "xy" if said[axis] is not None}
+    for axis, ends in walls.items():
+        if len(ends) != 2:
+            raise ValueError(f"[terrain] {axis} = {shown(ends)}: give two walls, low and high")
+    if said["step"] is not None and not said["step"] > 0:
+        raise ValueError(f"[terrain] step = {said['step']:g}: give metres above 0")
+    return Site(Terrain(surface, said["base"], **walls), said["ends"])
+
+
+def _layers(
+    tables: Mapping[str, Any], site: Site, random: Callable[[Site], Mapping[str, RandomField]]
+) -> tuple[SiteLayer, ...]:
+    """The layers that a scene draws. What one does not say of its soil is that of the whole scene."""
+    found, line = [], _drawn(tables)
+    for number, table in enumerate(listed("layer", tables), 1):
+        where = f"layer {number}"
+        said = read(where, table, SECTIONS["layer"])
+        if said["bottom"] is not None and said["raster"] is not None:
+            raise ValueError(f"[{where}] has both bottom and raster: give one of them")
+        bottom = line(f"[{where}] bottom", said["bottom"])
+        if said["raster"] is not None:
+            bottom = _heights(tables, f"[{where}] raster", said["raster"])
+        try:
+            soil, own = _soil(tables, table, site, random(site), rock=said["rock"])
+        except ValueError as error:
+            raise ValueError(f"[{where}]: {error}") from error
+        layer = Layer(soil, bottom, said["depth"], said["thickness"])
+        found.append(SiteLayer(said["name"] or where, layer, own, said["rock"]))
+    return tuple(found)
+
+
+def _soil(
+    tables: Mapping[str, Any], table: Mapping[str, Any], site: Site, random: Mapping[str, RandomField], *, rock: bool
+) -> tuple[Soil | FrictionalSoil, Mapping[str, RandomField]]:
+    """A layer's soil and what varies in it: its own table over those of the scene."""
+    own = {key: value for key, value in table.items() if key in SECTIONS["soil"]}
+    whole = {**tables["soil"], **({"strength": tables["strength"]} if "strength" in tables else {})}
+    merged = {
+        key: {**whole[key], **value} if isinstance(value, dict) and isinstance(whole.get(key), dict) else value
+        for key, value in {**whole, **own}.items()
+    }
+    if rock:
+        if said := [key for key, value in own.items() if isinstance(value, dict)]:
+            raise ValueError(f"it is rock, which has no {said[0]} to vary: leave that table out")
+        return rock_of(read("soil", merged, SECTIONS["soil"]), height=site.height), {}
+    soil, found = soil_of(
+        read("soil", merged, SECTIONS["soil"]), merged, None, height=site.height, depth=site.shape.extent[-1],
+        must_vary=False,
+    )  # fmt: skip
+    for name, field in found.items():
+        if name not in random:
+            raise ValueError(f"{name} varies, and in [soil] it does not: make it a table there too")
+        alike = (field.mean, field.cov, field.marginal) == tuple(
+            getattr(random[name], key) for key in ("mean", "cov", "marginal")
+        )
+        if not alike and (field.nataf or field.boreholes is not None):
+            raise ValueError(
+                f"{name} has nataf or boreholes in [soil], which are of one distribution throughout: leave them out, "
+                "or give this layer no distribution of its own"
+            )
+    return soil, found
+
+
+def listed(name: str, tables: Mapping[str, Any]) -> Sequence[Any]:
+    """The tables [[name]] of a scene. ValueError for what are none, or too many."""
+    found = tables.get(name, [])
+    if not isinstance(found, list):
+        raise ValueError(f"[{name}] is {in_words(found)}: write [[{name}]], once for each")
+    if len(found) > MOST_LAYERS:
+        raise ValueError(f"the scene has {len(found)} tables [[{name}]], the limit is {MOST_LAYERS}: give fewer")
+    return found
+
+
+def _water(tables: Mapping[str, Any], line: Callable[[str, Any], Any]) -> tuple[Any, float | None]:
+    """Level or table of the water, and r_u."""
+    if "water" not in tables:
+        return None, None
+    said = read("water", tables["water"], SECTIONS["water"])
+    given = [key for key, value in said.items() if value is not None]
+    if len(given) != 1:
+        raise ValueError(f"[water] has {' and '.join(given) or 'nothing'}: give one of level, table, r_u")
+    r_u = said["r_u"]
+    if r_u is not None and not 0 <= r_u < 1:
+        raise ValueError(f"[water] r_u = {r_u:g}: give a value of 0 or more and below 1")
+    return line("[water] table", said["table"]) if said["level"] is None else said["level"], r_u
+
+
+def _heights(tables: Mapping[str, Any], where: str, name: str) -> Raster:
+    """The raster in a file that was read with the scene."""
+    kept = tables.get("files", {})
+    if not isinstance(kept, dict) or name not in kept:
+        raise ValueError(f"{where} = {shown(name)} is no file that was read with the scene: run the scene's own file")
+    return unpacked(where, kept[name])
+
+
+def _drawn(tables: Mapping[str, Any]) -> Callable[[str, Any], Any]:
+    """Gives a line its points, where it is named after a file that was read with the scene."""
+
+    def line(where: str, value: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        files = tables.get("files", {})
+        if not isinstance(files, dict) or value not in files:
+            raise ValueError(
+                f"{where} = {shown(value)} is no file that was read with the scene: give points [[x, z], ...]"
+            )
+        return read("files", {"points": files[value]}, {"points": SECTIONS["ground"]["surface"]})["points"]
+
+    return line

@@ -1,0 +1,56 @@
+"""A scene is begun, seen and costed before it runs."""
+
+import pytest
+
+from benchmarks.invented import LAYERED, TERRAIN
+from cooperative.__main__ import main
+from cooperative.runs import check_size, grid_size
+from cooperative.scene import parse, read_scene, starters
+
+
+@pytest.mark.parametrize("kind", ["section", "slope", "terrain"])
+def test_a_scene_of_each_kind_is_begun_and_fits(kind, tmp_path, capsys):
+    path = tmp_path / "mine.toml"
+    assert main(["new", "--kind", kind, "--out", str(path)]) == 0
+    assert capsys.readouterr().out.split()[0] == str(path)
+    campaign = parse(read_scene(path))
+    check_size(campaign)
+    # Only what is needed is asked for: neither a stopping rule nor a budget.
+    assert not {"k_t", "refined_runs", "energy"} & set(path.read_text().replace("=", " ").split())
+    assert main(["new", "--kind", kind, "--out", str(path)]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert set(starters()) == {"section", "slope", "terrain"}
+
+
+@pytest.mark.parametrize("text", [LAYERED, TERRAIN], ids=["section", "terrain"])
+def test_a_scene_is_drawn(text, tmp_path, capsys):
+    (tmp_path / "mine.toml").write_text(text)
+    assert main(["draw", str(tmp_path / "mine.toml")]) == 0
+    drawn = (tmp_path / "mine.png").read_bytes()
+    assert drawn.startswith(b"\x89PNG")
+    assert capsys.readouterr().out.strip() == str(tmp_path / "mine.png")
+    assert main(["draw", str(tmp_path / "mine.toml"), "--sample", "6"]) == 2
+    assert "the scene has samples 0 to 5" in capsys.readouterr().err
+
+
+def test_check_says_what_a_scene_costs(tmp_path, capsys):
+    (tmp_path / "mine.toml").write_text(LAYERED)
+    assert main(["check", str(tmp_path / "mine.toml"), "--seconds", "0.1"]) == 0
+    said = capsys.readouterr().out
+    campaign = parse(LAYERED)
+    for grid in ("rough", "refined"):
+        size = grid_size(campaign, grid)
+        assert f"{size.particles:,.0f} particles, {size.nodes:,.0f} nodes" in said
+        assert f"runs of {size.steps:,.0f} steps" in said
+    for name in ("fill", "clay", "rock, rock", "hours of one core", "GB for both grids"):
+        assert name in said
+    assert main(["check", str(tmp_path / "mine.toml"), "--seconds", "0"]) == 2
+    assert "give more than 0" in capsys.readouterr().err
+
+
+def test_check_names_every_wrong_key_and_builds_nothing(tmp_path, capsys):
+    (tmp_path / "mine.toml").write_text(LAYERED.replace("poisson", "nu").replace("cov = 0.4", "cof = 0.4"))
+    assert main(["check", str(tmp_path / "mine.toml")]) == 2
+    said = capsys.readouterr().err
+    assert "(did you mean 'poisson'?)" in said
+    assert "(did you mean 'cov'?)" in said

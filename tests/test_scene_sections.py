@@ -1,0 +1,157 @@
+"""Ground drawn in a scene: from TOML to particles, through a campaign that is stopped, and what is refused."""
+
+import numpy as np
+import pytest
+
+from benchmarks.invented import LAYERED
+from cooperative import run, runs
+from cooperative.__main__ import main
+from cooperative.reporting import report
+from cooperative.scene import parse, read_scene
+from cooperative.store import read_rows, read_store
+from tests.test_campaign import TINY
+
+GROUND = LAYERED[LAYERED.index("[ground]") : LAYERED.index("[[layer]]")]
+OUTLINE = LAYERED.replace(LAYERED[LAYERED.index("[[layer]]") : LAYERED.index("[soil]")], "")
+
+
+def rough(text):
+    campaign = parse(text)
+    return runs.build(campaign, "rough", runs.random_soil(campaign), at_rest=False)
+
+
+def test_the_outline_of_a_slope_is_that_slope():
+    one, other = rough(TINY), rough(OUTLINE)
+    assert np.array_equal(one.scene.particles.position, other.scene.particles.position)
+    coefficients = np.linspace(-1, 1, one.soil.modes)
+    assert np.array_equal(one.strength(coefficients), other.strength(coefficients))
+    assert runs.grid_size(one.campaign, "rough") == runs.grid_size(other.campaign, "rough")
+
+
+def test_each_layer_has_its_own_distribution_of_the_one_field():
+    model, plain = rough(LAYERED), rough(OUTLINE)
+    coefficients = np.linspace(-2, 2, model.soil.modes)
+    x, z = np.asarray(model.scene.particles.position)
+    surface = np.clip(18 - x, 2, 10)
+    layer = np.where(surface - z <= 1, 0, np.where(z > 1, 1, 2))
+    assert np.array_equal(model.layer, layer)
+    strength, alike = np.asarray(model.strength(coefficients)), np.asarray(plain.strength(coefficients))
+    assert np.array_equal(strength[layer == 1], alike[layer == 1])
+    marginal = model.campaign.random["strength"].marginal
+    gaussian = marginal(30e3, 0.4).standardise(alike)
+    assert np.allclose(strength[layer == 0], marginal(40e3, 0.1).transform(gaussian)[layer == 0], rtol=1e-5)
+    assert np.all(strength[layer == 2] == 2e7)  # Young's modulus
+
+
+def test_points_may_lie_in_a_file_beside_the_scene(tmp_path):
+    (tmp_path / "ground.csv").write_text("x,z\n0,10\n8;10\n16 2\n32,2\n")
+    drawn = OUTLINE.replace("[[0.0, 10.0], [8.0, 10.0], [16.0, 2.0], [32.0, 2.0]]", '"ground.csv"')
+    (tmp_path / "scene.toml").write_text(drawn)
+    text = read_scene(tmp_path / "scene.toml")
+    assert parse(text).site == parse(OUTLINE).site
+    with pytest.raises(ValueError, match=r"surface = 'ground.csv' is no file that was read with the scene"):
+        parse(drawn)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("x_ft,z_ft\n0,10\n", "give x and z in metres, not in feet"),
+        ("0,10\nten,1\n", "line 2 is 'ten,1': give x and z"),
+        ("0,10,3\n", "line 1 is '0,10,3': give two finite numbers"),
+        ("0,10\n1,nan\n", "line 2 is '1,nan'"),
+        ("0,10\n", "holds 1 points: give 2 to 10000"),
+        (None, "ground.csv, which the scene names, cannot be read"),
+    ],
+)
+def test_files_of_points_that_are_none_are_named(content, message, tmp_path):
+    if content is not None:
+        (tmp_path / "ground.csv").write_text(content)
+    (tmp_path / "scene.toml").write_text('[ground]\nsurface = "ground.csv"\n')
+    with pytest.raises(ValueError, match=message):
+        read_scene(tmp_path / "scene.toml")
+
+
+def test_a_campaign_on_layers_is_stopped_and_goes_on(tmp_path, capsys):
+    def stop(phase):
+        if phase == "audit":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(LAYERED, tmp_path / "out", on_phase=stop)
+    store = read_store(tmp_path / "out")
+    assert (len(read_rows(store, "rough").numbers), read_rows(store, "refined").numbers) == (6, [])
+    assert main(["resume", str(tmp_path / "out"), "--workers", "1"]) == 0
+    said = capsys.readouterr().out
+    rows = read_rows(read_store(tmp_path / "out"), "refined").columns
+    failed = rows["displacement"] > 1
+    assert failed.sum() > 0
+    assert "m below the surface" in said
+    assert "m of its front's advance" in said
+    assert "area" not in said
+    # The rock, from 9 m below the crest on, stays; what slides is at most as deep as it lies.
+    assert rows["depth"][failed].max() <= 9.0
+    assert "mode" not in rows
+    # The slope of 8 m on so short a crest slides from its rear end.
+    assert "wall at x = 0 m" in said
+    assert report(tmp_path / "out") == said.strip("\n")
+
+
+REFUSED = [
+    (("[soil]", "[slope]\ncrest = 1.0\n[soil]"), r"\[slope\] lacks height, run_per_rise"),
+    ((GROUND, ""), "the scene says no ground: give one of"),
+    (("depth = 1.0", "depth = 1.0\nthickness = 2.0"), "layer 1 has both depth and thickness"),
+    (("depth = 1.0", "depth = 9.5"), r"bottom of layer 2 crosses the bottom of layer 1: at x = .* it is .* m higher"),
+    (("depth = 1.0", "depth = 0.5"), r"layer 1 is 0.5 m thick at \(0.5, 9.5\) m, less than a particle of 1 m"),
+    (("depth = 1.0", ""), "all but the last with their bottom, depth or thickness"),
+    (
+        ("rock = true", "rock = true\nstrength = { mean = 2e3 }"),
+        r"\[layer 3\]: it is rock, which has no strength to vary",
+    ),
+    (
+        ("mean = 40e3, cov = 0.1", "mean = -1.0"),
+        r"\[layer 1\]: \[soil.strength\] mean = -1: give a finite value above 0",
+    ),
+    (("mean = 40e3, cov = 0.1", "men = 1.0"), r"\[layer 1.strength\] has an unknown key 'men' \(did you mean 'mean'"),
+    (("[16.0, 2.0]", "[7.0, 2.0]"), r"surface turns back from \(8, 10\) to \(7, 2\) m"),
+    (("[16.0, 2.0]", "[16.0]"), r"\[ground\] surface: point 3 is \[16.0\]: give \[x, z\]"),
+    (("[32.0, 2.0]", "[32.0, inf]"), r"point 4 is \[32.0, inf\]"),
+    (("[rough]", "[water]\nlevel = 1.0\nr_u = 0.2\n[rough]"), r"\[water\] has level and r_u: give one of"),
+    (("[rough]", "[water]\nr_u = 1.0\n[rough]"), r"\[water\] r_u = 1: give a value of 0 or more and below 1"),
+    (('fields = "both"', 'fields = "both"\nmodes = "both"'), "only a .slope. with its crest and toe has"),
+    (("[ground]", "[ground]\nwalls = [1.0]"), r"\[ground\] walls = \(1.0,\): give two"),
+    (("[ground]", "[ground]\nwalls = [-2.0, 32.0]"), r"surface ends at \(0, 10\) m, 2 m from the wall at x = -2 m"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), REFUSED, ids=[message[:30] for _, message in REFUSED])
+def test_ground_that_will_not_do_is_refused_before_anything_is_written(change, message, tmp_path):
+    assert change[0] in LAYERED
+    with pytest.raises(ValueError, match=message):
+        run(LAYERED.replace(*change, 1), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_every_wrong_key_is_named_at_once():
+    text = LAYERED.replace("poisson", "nu").replace("cov = 0.4", "cof = 0.4\nlx = 20.0").replace("depth", "dept")
+    text = text.replace("softening_modulus = 85e3", 'softening = "exponential"').replace("[run]", "[run]\nseed = 1")
+    with pytest.raises(ValueError, match="unknown key") as refused:
+        parse(text)
+    for said in (
+        "'nu' (did you mean 'poisson'?)",
+        "'cof' (did you mean 'cov'?)",
+        "'lx' (did you mean 'length'?)",
+        "[layer 1] has an unknown key 'dept' (did you mean 'depth'?)",
+        "'softening' (did you mean strain_95 (exponential) or softening_modulus (linear)?)",
+        "'seed' (did you mean 'seed' of [campaign]?)",
+        "[soil] lacks poisson",
+    ):
+        assert said in str(refused.value)
+    with pytest.raises(ValueError, match=r"'slope_ratio' \(did you mean 'run_per_rise'\?\)"):
+        parse(TINY.replace("run_per_rise", "slope_ratio"))
+
+
+@pytest.mark.parametrize("water", ["level = 6.0", "r_u = 0.2", "table = [[0, 8], [32, 2]]"])
+def test_undrained_clay_refuses_water_in_its_pores(water):
+    with pytest.raises(ValueError, match="pore pressure in J2, whose strength is undrained"):
+        rough(LAYERED.replace("[rough]", f"[water]\n{water}\n[rough]"))
