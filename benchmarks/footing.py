@@ -24,7 +24,7 @@ STRENGTH, SINKING = 10e3, 0.05
 MASS_RATIO = 1e4
 
 
-def footing(cell: float, *, poisson: float = 0.49, **choices: Any) -> tuple[mpm.Scene, mpm.State]:
+def loaded(cell: float, *, poisson: float = 0.49, **choices: Any) -> tuple[mpm.Scene, mpm.State]:
     """Clay of E / c = 500 between rollers, and the footing on it, moving at SINKING (m/s)."""
     spacing = choices.pop("spacing", cell / 2)
     numerics = mpm.Discretisation(cell, (spacing,) * 2, **choices)
@@ -47,7 +47,7 @@ def footing(cell: float, *, poisson: float = 0.49, **choices: Any) -> tuple[mpm.
 def capacity(cell: float, *, settlement: float = 0.1, dtype: str = "float64", **choices: Any) -> dict[str, float]:
     """Load over strength and half width at a settlement (m), mean over its last tenth; seconds it took."""
     with jax.enable_x64(dtype == "float64"):
-        scene, state = footing(cell, dtype=dtype, **choices)
+        scene, state = loaded(cell, dtype=dtype, **choices)
         block = scene.particles.mass > 2 * jnp.min(scene.particles.mass)
 
         def momentum(s: mpm.State) -> float:

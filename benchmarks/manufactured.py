@@ -18,7 +18,7 @@ ELASTIC = mpm.Soil(unit_weight=9.81e3, young=1e6, poisson=0.3)
 DENSITY = 1e3
 
 
-def manufactured(
+def posed(
     cells: int, dimension: int, *, amplitude: float = 0.02, cfl: float = 0.1, finest: int | None = None, **choices: Any
 ) -> tuple[mpm.Scene, mpm.State, Callable[[Array, Array | float], Array]]:
     """Scene, state and exact displacement (X, t) of the wave in a unit cube of `cells` per edge.
@@ -71,7 +71,7 @@ def manufactured_error(cells: int, dimension: int, **choices: Any) -> float:
 def manufactured_run(cells: int, dimension: int, *, t_end: float = 0.02, **choices: Any) -> tuple[float, float]:
     """That error, and the seconds that the run took once compiled."""
     amplitude = choices.setdefault("amplitude", 0.02)
-    scene, state, exact = manufactured(cells, dimension, **choices)
+    scene, state, exact = posed(cells, dimension, **choices)
     mpm.solve(scene, state, t_end=float(scene.time_step))
     start = time.perf_counter()
     final = mpm.solve(scene, state, t_end=t_end).raise_if_failed().state

@@ -37,7 +37,7 @@ def read_study(folder: Path) -> dict[str, Rows]:
     return {piece: read_table(file_of(folder, piece), CASES) for piece in PIECES}
 
 
-def study(
+def carry_on(
     folder: Path,
     pieces: Sequence[str],
     *,
@@ -163,7 +163,7 @@ def main() -> int:
         elif arguments.list:
             print("\n".join(progress(arguments.folder)))
         else:
-            study(
+            carry_on(
                 arguments.folder, arguments.pieces or list(PIECES), workers=arguments.workers, lanes=arguments.lanes,
                 minutes=arguments.minutes,
             )  # fmt: skip

@@ -66,7 +66,7 @@ def test_a_damaged_row_is_named_and_nothing_is_lost(table, tmp_path, was, become
     path.rename(tmp_path / "study_fos_rough.csv")
     (tmp_path / "study_fos_rough.csv").write_text(damaged)
     with pytest.raises(ValueError, match=message.replace("study_fos", "study_fos_rough")):
-        study.study(tmp_path, ["fos_rough"], do=lambda runs, lanes: pytest.fail("ran"))
+        study.carry_on(tmp_path, ["fos_rough"], do=lambda runs, lanes: pytest.fail("ran"))
     with pytest.raises(ValueError, match="line"):
         study.collect(tmp_path, tmp_path / "other")
     assert (tmp_path / "study_fos_rough.csv").read_text() == damaged
@@ -90,7 +90,7 @@ def model_slope(run):
 
 
 def test_the_search_finds_the_least_factor_that_fails_with_few_runs(tmp_path):
-    study.study(tmp_path, ["fos_rough", "fos_refined", "slide"], do=each(model_slope))
+    study.carry_on(tmp_path, ["fos_rough", "fos_refined", "slide"], do=each(model_slope))
     tables = study.read_study(tmp_path)
     rows = merged(tables.values())
     assert study_pieces.factor_of_safety(rows, "mean strength", "rough") == 1.29
@@ -103,7 +103,7 @@ def test_the_search_finds_the_least_factor_that_fails_with_few_runs(tmp_path):
 
 @pytest.mark.parametrize("answer", [STOOD, FAILED, Outcome("INVERTED", 0.5, 1.0, 10, 1.0)])
 def test_no_factor_is_made_up_beyond_the_bracket_or_after_a_run_that_broke_off(tmp_path, answer):
-    study.study(tmp_path, ["fos_rough", "slide"], do=each(lambda run: answer))
+    study.carry_on(tmp_path, ["fos_rough", "slide"], do=each(lambda run: answer))
     rows = merged(study.read_study(tmp_path).values())
     assert rows
     assert study_pieces.factor_of_safety(rows, "mean strength", "rough") is None
@@ -111,10 +111,10 @@ def test_no_factor_is_made_up_beyond_the_bracket_or_after_a_run_that_broke_off(t
 
 
 def test_a_second_call_runs_nothing_again_and_a_budget_begins_nothing(tmp_path):
-    study.study(tmp_path, ["fos_rough"], minutes=1e-9, do=lambda runs, lanes: pytest.fail("ran"))
-    study.study(tmp_path, ["fos_rough"], do=each(model_slope))
+    study.carry_on(tmp_path, ["fos_rough"], minutes=1e-9, do=lambda runs, lanes: pytest.fail("ran"))
+    study.carry_on(tmp_path, ["fos_rough"], do=each(model_slope))
     before = (tmp_path / "study_fos_rough.csv").read_text()
-    study.study(tmp_path, ["fos_rough"], do=lambda runs, lanes: pytest.fail("ran"))
+    study.carry_on(tmp_path, ["fos_rough"], do=lambda runs, lanes: pytest.fail("ran"))
     assert (tmp_path / "study_fos_rough.csv").read_text() == before
 
 
@@ -125,19 +125,19 @@ def test_runs_that_failed_in_python_leave_the_others(tmp_path):
         return model_slope(run)
 
     with pytest.raises(MemoryError):
-        study.study(tmp_path, ["fos_rough"], do=each(breaks))
+        study.carry_on(tmp_path, ["fos_rough"], do=each(breaks))
     assert len(study.read_study(tmp_path)["fos_rough"]) == 2
 
 
 def test_bad_calls_are_refused(tmp_path):
     with pytest.raises(ValueError, match="piece 'fos': give some of fos_rough"):
-        study.study(tmp_path, ["fos"])
+        study.carry_on(tmp_path, ["fos"])
     with pytest.raises(ValueError, match="workers = 0"):
-        study.study(tmp_path, ["slide"], workers=0)
+        study.carry_on(tmp_path, ["slide"], workers=0)
     with pytest.raises(ValueError, match="lanes = 0"):
-        study.study(tmp_path, ["slide"], lanes=0)
+        study.carry_on(tmp_path, ["slide"], lanes=0)
     with study._alone_in(tmp_path), pytest.raises(ValueError, match="another process is at work"):
-        study.study(tmp_path, ["fos_rough"], do=each(model_slope))
+        study.carry_on(tmp_path, ["fos_rough"], do=each(model_slope))
     with pytest.raises(ValueError, match="case 'none': give one of"):
         study_runs.campaign_of("none")
 
@@ -188,7 +188,7 @@ def test_slopes_that_fail_sooner_rank_above_and_all_above_those_that_stand():
 
 def test_collecting_adds_rows_and_changes_none(tmp_path):
     here, there = tmp_path / "here", tmp_path / "there"
-    study.study(there, ["fos_rough"], do=each(model_slope))
+    study.carry_on(there, ["fos_rough"], do=each(model_slope))
     other = Outcome("SETTLED", 0.5, 2.0, 500, 1.5)
     first = Run("mean strength", "rough", reduction=1.3)
     here.mkdir()
@@ -209,7 +209,7 @@ from benchmarks import study, study_pieces, study_runs, study_slides
 from benchmarks.study_table import Run
 study_runs.CASES["tiny"] = {TINY!r}
 study_pieces.PIECES["tiny"] = lambda rows: {RUNS!r}
-study.study(Path(sys.argv[1]), ["tiny"])
+study.carry_on(Path(sys.argv[1]), ["tiny"])
 """
 
 
@@ -231,7 +231,7 @@ def test_a_killed_study_goes_on_with_the_same_answers(tiny, tmp_path):
     before = study.read_study(killed)["tiny"]
     assert len(before) >= 2
     for folder in (killed, whole):
-        study.study(folder, ["tiny"])
+        study.carry_on(folder, ["tiny"])
     after, expected = study.read_study(killed)["tiny"], study.read_study(whole)["tiny"]
     assert {run: after[run] for run in before} == before
     assert list(expected) == RUNS
@@ -240,8 +240,8 @@ def test_a_killed_study_goes_on_with_the_same_answers(tiny, tmp_path):
 
 
 def test_runs_side_by_side_answer_as_those_one_after_the_other(tiny, tmp_path):
-    study.study(tmp_path / "alone", ["tiny"])
-    study.study(tmp_path / "lanes", ["tiny"], lanes=3)
+    study.carry_on(tmp_path / "alone", ["tiny"])
+    study.carry_on(tmp_path / "lanes", ["tiny"], lanes=3)
     alone, lanes = (study.read_study(tmp_path / name)["tiny"] for name in ("alone", "lanes"))
     assert list(lanes) == list(alone) == RUNS
     for run in RUNS:
