@@ -18,6 +18,7 @@ NAMES = (
     "throughput",
     "screening",
     "levers",
+    "rest",
     "leave_out",
     "fields",
     "estimators",

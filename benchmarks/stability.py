@@ -340,13 +340,13 @@ def refusal_rows() -> Iterator[Row]:
     whole, broken = (mpm.solve(varied, s, t_end=0.2, axes=axes) for s in (states, bad))
     pairs = zip(jax.tree.leaves(whole.state), jax.tree.leaves(broken.state), strict=True)
     differing = sum(int(not np.array_equal(np.asarray(a)[[0, 4]], np.asarray(b)[[0, 4]])) for a, b in pairs)
-    yield judged("arrays of its neighbours that a failed lane changes", differing, 0, "arrays")
+    yield judged("arrays of its neighbours that a lane that breaks off changes", differing, 0, "arrays")
     expected = [mpm.Status.NOT_FINITE, mpm.Status.TIME_STEP_TOO_LARGE, mpm.Status.OUTSIDE_GRID]
     wrong = sum(
         int(status != wanted or step != 1)
         for status, step, wanted in zip(broken.status[1:4], broken.state.step[1:4], expected, strict=True)
     )
-    yield judged("failed lanes without the right status and step", wrong, 0, "of 3 lanes")
+    yield judged("lanes that broke off without the right status and step", wrong, 0, "of 3 lanes")
 
 
 def run(quick: bool) -> Report:

@@ -117,7 +117,7 @@ def test_bytes_too_few_for_any_checkpoints_are_refused():
         mpm.checkpoints(*slide(), 400, 1e4)
 
 
-def test_a_failed_lane_leaves_the_derivatives_of_its_neighbours_as_they_are():
+def test_a_lane_that_broke_off_leaves_the_derivatives_of_its_neighbours_as_they_are():
     scene, state = slide()
 
     def reached(push):

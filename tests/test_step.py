@@ -139,7 +139,7 @@ def test_float32_agrees_with_float64():
     assert np.abs(finals[0] - finals[1]).max() < 1e-3 * scale
 
 
-def test_failed_lane_stops_with_status_and_step_and_leaves_its_neighbours():
+def test_a_lane_that_breaks_off_stops_with_status_and_step_and_leaves_its_neighbours():
     scene, state = small_slope()
     varied, axes = mpm.lanes(scene, strength=jnp.broadcast_to(scene.material.strength, (3,)))
     states = mpm.repeat(state, 3)
