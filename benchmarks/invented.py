@@ -114,7 +114,8 @@ def coefficients_of(campaign: Campaign, soil: Any) -> np.ndarray:
 def build(campaign: Campaign, grid: str, soil: Any, **_: Any) -> Any:
     """As much of a grid's model as made-up runs need."""
     absent: Any = None
-    scene: Any = SimpleNamespace(particles=SimpleNamespace(position=np.zeros((2, PARTICLES))))
+    particles, nodes = SimpleNamespace(position=np.zeros((2, PARTICLES))), SimpleNamespace(shape=(2, 2))
+    scene: Any = SimpleNamespace(particles=particles, grid=nodes)
     return runs.GridModel(grid, campaign, scene, absent, soil)
 
 
