@@ -45,9 +45,8 @@ def logarithmic(elastic: Tensor, gradient: Sequence[Sequence[Array]], dt: Array)
                 pairs[VOIGT[i][j]] = jnp.stack([jnp.broadcast_to(h[i][j], after.shape), after])
     logarithms, _ = isotropic(_logarithm, row_by_row(tuple(pairs)))
     # The difference, so that what rounds alike before and after does not add up over a million steps at rest.
-    return row_by_row(
-        tuple(e if absent(pair) else e + (pair[1] - pair[0]) for e, pair in zip(elastic, logarithms, strict=True))
-    )
+    logarithms = row_by_row(logarithms)
+    return tuple(e if absent(pair) else e + (pair[1] - pair[0]) for e, pair in zip(elastic, logarithms, strict=True))
 
 
 def volumetric(gradient: Sequence[Sequence[Array]], dt: Array) -> Array:
