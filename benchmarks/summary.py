@@ -55,6 +55,12 @@ QUESTIONS = (
     Question(
         "Refined runs for a COV of 10 % (Monte Carlo 310)", "estimators", "two_phase_runs_pf0244_r095", "", high=115
     ),
+    Question("Coverage of hazard maps' 95 % intervals, mean", "hazard", "map_coverage_mean", "", 0.93, 0.97),
+    Question("The same in the worst cell", "hazard", "map_coverage_min", low=0.90),
+    Question("Map of what is covered against the mean covered area", "hazard", "covered_area_error", high=1e-6),
+    Question("Expected loss against the area under its curve", "hazard", "loss_identity_error", high=1e-6),
+    Question("Share of a step that the maps take", "hazard", "overhead_share", high=0.03),
+    Question("Report of a campaign in 3D with maps", "hazard", "report_mb", "MB", high=5),
     Question(
         "Classes that both grids agree on, default settings (published settings 0.80)",
         "estimators",

@@ -12,13 +12,15 @@ from pathlib import Path
 import jax
 
 from cooperative import __version__, campaign, doctor, sweep, write_aside
-from cooperative.reporting import SLIDES, draw, progress_of, report, words
+from cooperative.reporting import SLIDES, draw, progress_of, report, watched, words
 from cooperative.reporting import _exports as exports
 from cooperative.runs import Cost, Stopped, check_size, cores_to_use, cost_of, dask_executor, heeding, keep_compiled
 from cooperative.scene import Campaign, begin, example, examples, parse, read_scene, starters
 from cooperative.store import GRIDS, read_store
 from foundation.text import printable
 
+CLEAR = "\x1b[2J\x1b[H"
+"""Has a terminal begin an empty screen."""
 Command = Callable[[argparse.Namespace], None]
 
 
@@ -48,7 +50,12 @@ def _run(text: str, folder: Path, given: argparse.Namespace) -> None:
 
 def status(given: argparse.Namespace) -> None:
     """Say how far a campaign is; it may be running."""
-    print(words(progress_of(given.folder)))
+    if given.watch is None:
+        print(words(progress_of(given.folder)))
+        return
+    for now in watched(given.folder, given.watch):
+        # A terminal shows each in place of the one before.
+        print(f"{CLEAR if sys.stdout.isatty() else ''}{now}", flush=True)
 
 
 def show(given: argparse.Namespace) -> None:
@@ -185,7 +192,15 @@ def parser() -> argparse.ArgumentParser:
             metavar="RUNS",
             help="allow more than the scene does; the folder keeps it",
         )
-    command("status", status)
+    looks = command("status", status)
+    looks.add_argument(
+        "--watch",
+        type=float,
+        nargs="?",
+        const=5.0,
+        metavar="SECONDS",
+        help="say it again every so many seconds (5) until the campaign ends",
+    )
     shows = command("report", show)
     shows.add_argument("--slides", type=int, default=SLIDES, help="slides drawn at several times (%(default)s)")
     shows.add_argument("--again", action="store_true", help="run these samples again and draw more moments")

@@ -117,6 +117,25 @@ def test_status_leaves_the_lock_alone_and_says_who_holds_it(tmp_path):
     assert "cannot be seen from here" in progress.progress_of(tmp_path / "c").controller
 
 
+def test_status_is_watched_until_the_campaign_ends(tmp_path, monkeypatch, capsys):
+    folder, slept = invented_campaign(tmp_path / "c", TWO_PHASE, [(0, 0.1)], []), []
+
+    def sleep(seconds):
+        slept.append(seconds)
+        if len(slept) == 2:
+            (folder / ".lock").write_text(f"process 4194305 on {socket.gethostname()}")
+
+    (folder / ".lock").write_text(f"process {os.getpid()} on {socket.gethostname()}")
+    monkeypatch.setattr(progress.time, "sleep", sleep)
+    assert main(["status", str(folder), "--watch", "0.5"]) == 0
+    assert slept == [0.5, 0.5]
+    said = capsys.readouterr().out
+    assert said.count("1 of 20 samples") == 3
+    assert said.rstrip().count("has ended") == 1
+    assert main(["status", str(folder), "--watch", "-1"]) == 2
+    assert "--watch -1: give the seconds between two looks" in capsys.readouterr().err
+
+
 def test_a_pause_is_no_pace():
     ended = [0.0, 10.0, 20.0, 50_000.0, 50_010.0]
     assert progress.seconds_per_sample(ended, [10.0] * 5) == pytest.approx(10)

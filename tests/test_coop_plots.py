@@ -5,7 +5,9 @@ import pytest
 from matplotlib.collections import PolyCollection
 from matplotlib.image import imread
 
-from cooperative.estimate import fit_distributions, severity_ranking
+from cooperative.estimate import Chances, fit_distributions, severity_ranking
+from cooperative.hazard import Maps
+from cooperative.measure import ColumnPlan
 from cooperative.reporting import _charts as charts
 from cooperative.reporting import _plots as plots
 
@@ -29,6 +31,23 @@ MODES = {
     "deep": {"count": 8, "ratio": 0.8, "interval": [0.5, 0.94]},
     "shallow": {"count": 2, "ratio": 0.2, "interval": [0.06, 0.5]},
 }
+CURVE = {
+    "thresholds": [0.0, 5.0, 9.0],
+    "probability": [0.3, 0.1, 0.0],
+    "low": [0.2, 0.04, 0.0],
+    "high": [0.4, 0.2, 0.1],
+}
+
+
+def maps(*shape):
+    """Maps over columns of 4 m, made up."""
+    value = np.linspace(0.5, 0.0, int(np.prod(shape))).reshape(shape)
+    found = Chances(value, value / 2, 0.5 + value / 2, np.ones(shape, int))
+    units = {"reached": "-", "faster than 1 m/s": "-", "expected thickness": "m", "arrival": "s"}
+    plan = ColumnPlan((0.0,) * len(shape), 4.0, shape, tuple((0.0, 4.0 * count) for count in shape))
+    edges = tuple(plan.edges(axis) for axis in range(len(shape)))
+    return Maps(plan, edges, dict.fromkeys(units, found), units, slice(4, None), 9, 0.4, 0.07, 0.5)
+
 
 FIGURES = {
     "parameter_fields": lambda: plots.parameter_fields(
@@ -58,6 +77,10 @@ FIGURES = {
     "grids": lambda: charts.grids(np.array([0.1, 0.2, 3.0]), np.array([0.1, 4.0, 8.0]), failure_displacement=1.0),
     "mode_shares": lambda: charts.mode_shares(MODES),
     "fitted": lambda: charts.fitted({"L": SAMPLES}, np.ones(SAMPLES.size), {"L": FITS}, {"L": "run-out L [m]"}),
+    "exceedance": lambda: charts.exceedance({"L": CURVE}, {"L": "run-out L [m]"}, level=0.95),
+    "losses": lambda: charts.losses(CURVE, level=0.95),
+    "profile": lambda: charts.profile(maps(8), toe=16.0),
+    "plan_maps": lambda: charts.plan_maps(maps(8, 6), toe=16.0),
     "severity": lambda: charts.severity({"L": PLACES}, {"L": "run-out L [m]"}),
 }
 
@@ -125,3 +148,35 @@ def test_no_global_state_is_left():
     plt = pytest.importorskip("matplotlib.pyplot")
     FIGURES["convergence"]()
     assert plt.get_fignums() == []
+
+
+def lattice():
+    x, z = np.meshgrid(np.arange(6) * 0.5 + 0.25, np.arange(4) * 0.5 + 0.25, indexing="ij")
+    return np.stack([x.ravel(), z.ravel()]), np.array([0.25, 0.25])
+
+
+def area(boxes):
+    x, z = np.moveaxis(boxes, -1, 0)
+    return 0.5 * np.sum(x * np.roll(z, -1, axis=1) - z * np.roll(x, -1, axis=1), axis=1)
+
+
+def test_soil_that_stretches_is_drawn_without_cracks():
+    position, half = lattice()
+    still = plots.moved_boxes(position, np.zeros_like(position), half)
+    assert area(still) == pytest.approx(np.full(24, 0.25))
+    stretched = plots.moved_boxes(position, np.stack([0.8 * position[0], 0 * position[0]]), half)
+    # Neighbours share their corners: those of each box are corners of the boxes beside it, and all of it is covered.
+    corners = {tuple(corner) for box in stretched.round(9) for corner in box}
+    assert len(corners) == 7 * 5
+    assert area(stretched).sum() == pytest.approx((3.0 + 0.8 * 2.5) * 2.0)
+
+
+def test_soil_that_tears_is_drawn_torn():
+    position, half = lattice()
+    apart = np.where(position[0] > 1.5, 5.0, 0.0)
+    torn = plots.moved_boxes(position, np.stack([apart, 0 * apart]), half)
+    assert area(torn) == pytest.approx(np.full(24, 0.25))
+    assert torn[..., 0].max() == pytest.approx(8.0)
+    # Two particles at one place are no lattice: their boxes go with them.
+    twice = plots.moved_boxes(np.tile(position, 2), np.zeros((2, 48)), half)
+    assert area(twice) == pytest.approx(np.full(48, 0.25))

@@ -2,7 +2,7 @@
 
 from cooperative.reporting._ground import draw
 from cooperative.reporting._plots import panels, save
-from cooperative.reporting._progress import progress_of, words
+from cooperative.reporting._progress import progress_of, watched, words
 from cooperative.reporting._tables import consolidate, write_table
 from cooperative.reporting._words import SLIDES, report
 
@@ -14,6 +14,7 @@ __all__ = [
     "progress_of",
     "report",
     "save",
+    "watched",
     "words",
     "write_table",
 ]

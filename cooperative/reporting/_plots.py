@@ -24,6 +24,10 @@ Section = tuple[np.ndarray, np.ndarray]
 """Positions (2, N) as x and z (m), and half the particle spacing (2,) m."""
 
 
+TORN = 2.0
+"""Spacings by which particles that were neighbours have moved apart where soil is drawn as torn."""
+
+
 @dataclass(frozen=True)
 class Drawn:
     """A figure, its file name and what it shows."""
@@ -87,11 +91,11 @@ def before_and_after(
     figure, axes = section_panels(position, 2)
     norm = Normalize(0.0, max(float(np.quantile(plastic_strain, 0.99)), 1e-3))
     moved = float(np.linalg.norm(displacement, axis=0).max())
-    for ax, where, title in (
-        (axes[0], position, "before, in the colours of the end"),
-        (axes[1], position + displacement, f"after, largest displacement {moved:.3g} m"),
+    for ax, step, title in (
+        (axes[0], np.zeros_like(position), "before, in the colours of the end"),
+        (axes[1], displacement, f"after, largest displacement {moved:.3g} m"),
     ):
-        boxes = draw_particles(ax, where, half_size, plastic_strain, "viridis", norm)
+        boxes = draw_particles(ax, position, half_size, plastic_strain, "viridis", norm, displacement=step)
         ax.set_title(title, loc="left")
     axes[0].set_xlim(axes[1].get_xlim())
     figure.colorbar(boxes, ax=axes, label="accumulated plastic shear strain [-]", extend="max")
@@ -114,7 +118,7 @@ def slide(section: Section, name: str, field: np.ndarray, displacement: np.ndarr
     figure.colorbar(boxes, ax=axes[0], label=f"{drawn.symbol} [{drawn.said}]", aspect=8)
     norm = Normalize(0.0, max(float(moved.max()), 1e-6))
     for ax, time, step, far in zip(axes[1:], times, displacement, moved, strict=True):
-        boxes = draw_particles(ax, position + step, half, far, "viridis", norm)
+        boxes = draw_particles(ax, position, half, far, "viridis", norm, displacement=step)
         ax.set_title(f"t = {time:.3g} s, moved up to {far.max():.3g} m", loc="left")
     figure.colorbar(boxes, ax=axes[1:], label="displacement [m]", aspect=8 * len(times))
     _share_limits(axes)
@@ -191,17 +195,12 @@ def draw_particles(
     colours: str,
     norm: Normalize,
     *,
+    displacement: np.ndarray | None = None,
     vertical: str = "z [m]",
 ) -> PolyCollection:
-    """Particles as boxes in true size, so that both grids fill the same area."""
-    (x, z), (hx, hz) = position, half
-    corners = np.stack(
-        [
-            np.stack([x - hx, x + hx, x + hx, x - hx], axis=-1),
-            np.stack([z - hz, z - hz, z + hz, z + hz], axis=-1),
-        ],
-        axis=-1,
-    )
+    """Particles as boxes in true size, so that both grids fill the same area; with a displacement (2, N) m from a
+    lattice, moved and stretched."""
+    corners = moved_boxes(position, np.zeros_like(position) if displacement is None else displacement, half)
     boxes = PolyCollection(
         list(corners),
         array=np.ma.masked_invalid(values),
@@ -215,6 +214,30 @@ def draw_particles(
     ax.autoscale_view()
     ax.set(aspect="equal", xlabel="x [m]", ylabel=vertical)
     return boxes
+
+
+def moved_boxes(position: np.ndarray, displacement: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """Corners (N, 4, 2) of the boxes of particles that moved from a lattice.
+
+    A corner goes with the mean displacement of the particles that met there, so that soil which stretches has no cracks
+    in it; particles that have moved apart by more than `TORN` of their spacings do not hold each other's corners.
+    position, displacement: (2, N) m. half: half the spacing (2,) m.
+    """
+    place = np.rint((position - position.min(axis=1, keepdims=True)) / (2 * half[:, None])).astype(int) + 1
+    number = np.full(place.max(axis=1) + 2, -1)
+    number[tuple(place)] = np.arange(position.shape[1])
+    # Where several stand at one place there is no lattice to tell who meets whom.
+    lattice = bool((number[tuple(place)] == np.arange(position.shape[1])).all())
+    corners = []
+    for side in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
+        total, count = displacement.astype(float), np.ones(position.shape[1])
+        for step in ((side[0], 0), (0, side[1]), side) if lattice else ():
+            other = number[tuple(place + np.array(step)[:, None])]
+            apart = displacement[:, other] - displacement
+            meets = (other >= 0) & (np.linalg.norm(apart, axis=0) < TORN * 2 * half.max())
+            total, count = total + np.where(meets, displacement[:, other], 0.0), count + meets
+        corners.append((position + np.array(side)[:, None] * half[:, None] + total / count).T)
+    return np.stack(corners, axis=1)
 
 
 def _share_limits(axes: Sequence[Axes]) -> None:

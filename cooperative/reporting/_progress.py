@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Sequence
+import time
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -43,12 +44,13 @@ class GridProgress:
 
 @dataclass(frozen=True)
 class Progress:
-    """name: of the campaign. controller: who holds the folder, in words. grids: rough, then refined, then the slides
-    where not all failures run to their end. estimate: from the refined runs so far, or while screening the share of
-    rough failures; None before the first sample."""
+    """name: of the campaign. controller: who holds the folder, in words. running: whether that runs, as far as can be
+    seen. grids: rough, then refined, then the slides where not all failures run to their end. estimate: from the
+    refined runs so far, or while screening the share of rough failures; None before the first sample."""
 
     name: str
     controller: str
+    running: bool
     grids: tuple[GridProgress, ...]
     estimate: Estimate | None
 
@@ -68,7 +70,22 @@ def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Pr
     if campaign.plan.slides is not None:
         grids += (_slides(campaign, store, rows),)
     estimate = current_estimate(campaign, rows["rough"], rows["refined"])
-    return Progress(campaign.name, _controller(store), grids, estimate)
+    return Progress(campaign.name, *_controller(store), grids, estimate)
+
+
+def watched(folder: str | Path, every: float, *, estimator: Estimator | None = None) -> Iterator[str]:
+    """The progress in words, again and again `every` (s) after the last, until nobody runs the campaign any more.
+
+    folder, estimator: as for `progress_of`. Raises ValueError for a folder that is none, or for no time in between.
+    """
+    if not 0 < every < float("inf"):
+        raise ValueError(f"--watch {every:g}: give the seconds between two looks, above 0")
+    while True:
+        now = progress_of(folder, estimator=estimator)
+        yield words(now)
+        if not now.running:
+            return
+        time.sleep(every)
 
 
 def current_estimate(campaign: Campaign, rough: Rows, refined: Rows) -> Estimate | None:
@@ -186,19 +203,20 @@ def _ends(store: Store, grid: str, rows: Rows) -> tuple[list[float], list[float]
     )
 
 
-def _controller(store: Store) -> str:
-    """Who holds the folder. The lock itself is left alone: taking it, even for a moment, could refuse a controller."""
+def _controller(store: Store) -> tuple[str, bool]:
+    """Who holds the folder, and whether that runs as far as can be seen. The lock itself is left alone: taking it, even
+    for a moment, could refuse a controller."""
     try:
         said = lock_holder(store.folder)
         process, host = said.removeprefix("process ").split(" on ")
     except (OSError, ValueError):
-        return "none yet"
+        return "none yet", False
     if host != socket.gethostname():
-        return f"{said} (whether it still runs cannot be seen from here)"
+        return f"{said} (whether it still runs cannot be seen from here)", True
     try:
         os.kill(int(process), 0)
     except ProcessLookupError:
-        return f"none, the last one ({said}) has ended"
+        return f"none, the last one ({said}) has ended", False
     except PermissionError:
         pass
-    return said
+    return said, True
