@@ -222,3 +222,16 @@ def test_linear_hats_are_warned_of_where_they_cannot_work():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         mpm.block((1, 1), soil, halves, **room)
+
+
+def test_dilation_above_friction_is_refused_wherever_it_comes_from():
+    sand = mpm.FrictionalSoil(5e3, 30.0, dilation=10.0)
+    scene, state = mpm.slope(SHAPE, sand, NUMERICS, at_rest=False)
+    with pytest.raises(ValueError, match="dilation is up to 2 degrees above the friction"):
+        mpm.with_soil(scene, state, friction=np.radians(8.0))
+    friction = jnp.radians(jnp.full_like(scene.particles.mass, 30.0)).at[3].set(0.1)
+    with pytest.raises(ValueError, match=r"dilation is up to 4.27 degrees above the friction"):
+        mpm.with_soil(scene, state, friction=friction)
+    with pytest.raises(ValueError, match="dilation is up to 1 degrees above the friction"):
+        mpm.lanes(scene, friction=np.radians([20.0, 9.0]))
+    mpm.lanes(scene, friction=np.radians([20.0, 11.0]))

@@ -133,12 +133,13 @@ def unstressed(scene: Scene, *, apic: bool = False) -> State:
 
 
 def check_scene(scene: Scene, axes: Scene | None = None) -> None:
-    """Raise ValueError where a number of a scene is beyond its limit, or softening snaps back.
+    """Raise ValueError where a number of a scene is beyond its limit, softening snaps back or dilation passes friction.
 
     axes: which leaves have lanes first, None without lanes. What is being traced is not looked at.
     """
     check.within_limits(scene)
     refuse_snap_back(scene.material, None if axes is None else axes.material)
+    _refuse_dilation(scene.material, None if axes is None else axes.material)
 
 
 def refuse_snap_back(material: Material, axes: Material | None = None) -> None:
@@ -152,6 +153,22 @@ def refuse_snap_back(material: Material, axes: Material | None = None) -> None:
             f"softening of {steepest:g} Pa per unit of shear strain is steeper than elastic unloading (shear modulus "
             f"{float(np.min(np.asarray(material.shear))):g} Pa), which snaps back: soften more slowly, raise the "
             "stiffness, or, where softening is scaled by the cell, take smaller cells"
+        )
+
+
+def _refuse_dilation(material: Any, axes: Any = None) -> None:
+    """Raise ValueError where a soil dilates more than it has friction."""
+    if not (hasattr(material, "friction") and hasattr(material, "dilation")) or check.is_traced(material):
+        return
+
+    def excess(law: Any) -> Array:
+        return jnp.max(law.dilation - law.friction)
+
+    worst = float(np.max(np.asarray(excess(material) if axes is None else jax.vmap(excess, in_axes=(axes,))(material))))
+    if worst > 0:
+        raise ValueError(
+            f"dilation is up to {math.degrees(worst):.3g} degrees above the friction, which would make energy of "
+            "shearing: give at most the friction"
         )
 
 
