@@ -18,6 +18,7 @@ import jax.numpy as jnp
 from benchmarks.measure import Report, scene_campaign
 from cooperative.scene import built
 from jaxmpm import (
+    BaseMotion,
     DruckerPrager,
     Elastic,
     Engine,
@@ -95,6 +96,20 @@ def with_pore_pressure(scene: Scene, state: State) -> tuple[Scene, State]:
     return replace(scene, pore_pressure=1e3 * scene.particles.position[-1]), state
 
 
+def with_motion(scene: Scene, state: State) -> tuple[Scene, State]:
+    """A record of the base's acceleration, of a thousand samples."""
+    dtype = state.stress.dtype
+    samples = 0.1 * jnp.sin(jnp.arange(1000, dtype=dtype))
+    motion = BaseMotion(jnp.tile(samples, (scene.grid.dimension, 1)), jnp.asarray(0.01, dtype))
+    return replace(scene, motion=motion), state
+
+
+def with_tied_ends(scene: Scene, state: State) -> tuple[Scene, State]:
+    """Both ends along x made one, for the cost alone: those of a slope are not as high."""
+    walls = tuple(wall for wall in scene.walls if wall.axis != 0)
+    return replace(scene, walls=walls, tied=(1, scene.grid.shape[0] - 2)), state
+
+
 def with_averages(scene: Scene, state: State) -> tuple[Scene, State]:
     """Plastic strain averaged over neighbours, with one filter: on the rough grid a band 5 m thick."""
     return replace(scene, nonlocal_passes=1), state
@@ -161,6 +176,8 @@ FEATURES: dict[str, tuple[Variant, Variant]] = {
     "averaged plastic strain": (with_averages, unchanged),
     "water table": (with_table, unchanged),
     "pore pressure of particles (r_u)": (with_pore_pressure, unchanged),
+    "motion of the base": (with_motion, unchanged),
+    "tied ends": (with_tied_ends, unchanged),
     "largest per column (hazard maps)": (with_looks, unchanged),
 }
 
