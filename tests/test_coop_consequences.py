@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cooperative.measure import SlopeGeometry, consequences
+from cooperative.measure import OpenGround, SlopeGeometry, consequences, walls_reached
 
 # Crest level 16 m, toe at x = 54 m and z = 4 m, as in the published slope.
 SLOPE = SlopeGeometry(toe_x=54.0, toe_z=4.0, height=12.0)
@@ -180,3 +180,44 @@ def test_bad_input_is_named(change, match):
     }
     with pytest.raises(ValueError, match=match):
         consequences(**{**good, **change})
+
+
+def test_on_open_ground_nothing_needs_a_toe():
+    # A layer 2 m thick and 6 m long on ground that falls by 1 in 4 moves 10 m along x; a row below it stays.
+    x, z = (each.ravel() for each in np.meshgrid(np.arange(0.5, 6), np.arange(-2.5, 0)))
+    position = np.stack([x, z - x / 4])
+    moved = np.where(z > -2, 10.0, 0.2)
+    found = consequences(
+        position, np.stack([moved, -moved / 4]), np.ones(x.size), OpenGround(-x / 4), half_size=np.full(2, 0.5)
+    )
+    assert found.displacement == pytest.approx(10 * np.hypot(1, 0.25))
+    assert (found.depth, found.runout, found.area, found.volume) == pytest.approx((2.0, 16.0, 16.0, 12.0))
+
+
+def test_on_open_ground_the_run_out_follows_the_slide():
+    # A slab of 8 x 4 m slides 6 m towards (-3, 4) / 5; turned or not, it has the same numbers.
+    x, y, z = (each.ravel() for each in np.meshgrid(np.arange(0.5, 8), np.arange(0.5, 4), [-0.5]))
+    for along in ((1.0, 0.0), (0.0, -1.0)):
+        across = (-along[1], along[0])
+        position = np.stack([along[0] * x + across[0] * y, along[1] * x + across[1] * y, z])
+        displacement = np.stack([6.0 * along[0] + 0 * x, 6.0 * along[1] + 0 * x, 0 * x])
+        found = consequences(position, displacement, np.ones(x.size), OpenGround(0 * x), half_size=np.full(3, 0.5))
+        assert (found.runout, found.depth, found.area) == pytest.approx((14.0, 1.0, 32.0))
+
+
+def test_walls_that_a_slide_reached_or_left_are_named():
+    position = np.stack([np.arange(0.5, 10), np.full(10, 0.5)])
+    walls = ((0, -1, 0.0), (0, 1, 20.0))
+
+    def reached(first, last, by):
+        moved = np.where((np.arange(10) >= first) & (np.arange(10) <= last), by, 0.0)
+        return walls_reached(
+            position, np.stack([moved, 0 * moved]), np.ones(10), walls,
+            half_size=np.full(2, 0.5), failure_displacement=1.0, within=1.0,
+        )  # fmt: skip
+
+    assert reached(3, 6, 5.0) == ""
+    assert reached(0, 6, 5.0) == "x = 0 m"
+    assert reached(3, 9, 9.5) == "x = 20 m"
+    assert reached(0, 9, 9.5) == "x = 0 m; x = 20 m"
+    assert reached(0, 9, 0.5) == ""

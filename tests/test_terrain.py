@@ -208,4 +208,4 @@ def test_a_campaign_on_terrain_is_stopped_and_goes_on(begun, tmp_path, capsys):
     failed = rows["displacement"] > 1
     assert failed.any()
     assert rows["depth"][failed].max() <= 8.0 + 2.0
-    assert "m² not covered before" in said
+    assert "m² at its end" in said

@@ -55,11 +55,12 @@ class Consequences:
         the crest, it exceeds the slope height exactly if the slip surface passes below the toe. On `OpenGround`,
         from the surface above it, where that is most.
     runout: L (m), horizontally from the toe to the front of the sliding mass; 0 if it stays behind the toe. On
-        `OpenGround`, how far the front has advanced along the mean displacement of the mass.
+        `OpenGround`, from the rear of the mass before it slid to its front after, along its mean displacement: the
+        travel distance of Corominas (1996), Canadian Geotechnical Journal 33, 260-271.
     volume: V, of the sliding soil (m3), in a section (m2), that is m3 per metre of width.
     area: S, plan area beyond the toe that the sliding mass overruns (m2): the run-out of each slice across
         the slope, times its width, summed. In a section (m), that is m2 per metre of width, it equals the run-out.
-        On `OpenGround`, plan area that the mass covers and did not cover before.
+        On `OpenGround`, plan area of the mass at its end.
     displacement_any, runout_any: displacement and run-out with detached grains (m).
     """
 
@@ -121,13 +122,13 @@ def consequences(
         beyond = np.maximum(now[0] + half[0] - geometry.toe_x, 0.0)
     else:
         depth = (geometry.surface[sliding] - before[-1]).max() + half[-1]
-        beyond = np.maximum(_advance(before, now, volume[sliding], mass), 0.0)
+        beyond = np.maximum(_travelled(before, now, volume[sliding], mass, half), 0.0)
     if len(position) == 2:
         area = beyond[mass].max()
     elif isinstance(geometry, SlopeGeometry):
         area = _swept_area(now[1, mass], half[1], beyond[mass], slice_width)
     else:
-        area = _newly_covered(before[:, mass], now[:, mass], half)
+        area = _covered(now[:, mass], half)
     return Consequences(
         displacement=float(moved[sliding][mass].max()),
         depth=float(depth),
@@ -169,25 +170,24 @@ def walls_reached(
     return "; ".join(found)
 
 
-def _advance(before: np.ndarray, now: np.ndarray, volume: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """How far (n,) m each particle is beyond the front that the mass had before, along its mean displacement."""
+def _travelled(
+    before: np.ndarray, now: np.ndarray, volume: np.ndarray, mass: np.ndarray, half: np.ndarray
+) -> np.ndarray:
+    """How far (n,) m the edge of each particle is from the rear that the mass had before, along its mean displacement;
+    0 where that has no direction."""
     level = ((now - before)[:-1, mass] * volume[mass]).sum(axis=1)
     length = np.linalg.norm(level)
     if length == 0:
         return np.zeros(now.shape[1])
     along = level / length
-    return along @ now[:-1] - (along @ before[:-1, mass]).max()
+    return along @ now[:-1] - (along @ before[:-1, mass]).min() + 2 * np.abs(along) @ half[:-1]
 
 
-def _newly_covered(before: np.ndarray, now: np.ndarray, half: np.ndarray) -> float:
-    """Plan area (m2) of the mass at now (3, n) m that is none of it before; both are told on squares as wide as two
-    particles, so that a mass that has spread has no holes."""
+def _covered(now: np.ndarray, half: np.ndarray) -> float:
+    """Plan area (m2) of the mass at now (3, n) m, told on squares as wide as two particles, so that a mass that has
+    spread has no holes."""
     side = 4 * half[:2].max()
-
-    def squares(where: np.ndarray) -> set[tuple[int, int]]:
-        return set(map(tuple, np.unique(np.floor(where[:2] / side).astype(int), axis=1).T.tolist()))
-
-    return float(len(squares(now) - squares(before)) * side**2)
+    return float(len(np.unique(np.floor(now[:2] / side), axis=1).T) * side**2)
 
 
 def hangs_together(position: np.ndarray, volume: np.ndarray, reach: float) -> np.ndarray:

@@ -70,9 +70,9 @@ class Told:
         return {
             "displacement": "m",
             "depth": "m below the crest" if toe else "m below the surface",
-            "runout": "m beyond the toe" if toe else "m of its front's advance",
+            "runout": "m beyond the toe" if toe else "m from its rear to its front",
             "volume": f"m³{each}",
-            "area": "m² beyond the toe" if toe else "m² not covered before",
+            "area": "m² beyond the toe" if toe else "m² at its end",
         }
 
     @property
