@@ -140,7 +140,7 @@ def real_terrain(step: float) -> mpm.Raster:
 
 def over_terrain(raster: mpm.Raster, cell: float) -> dict[str, Any]:
     """A layer of clay 40 m thick that slides over rock, on cells of this size (m)."""
-    clay = Soil(strength=60e3, young=2e8, softening_modulus=100e3, softening_length=10.0)
+    clay = Soil(strength=150e3, young=2e8, softening_modulus=100e3, softening_length=10.0)
     shape = Terrain(raster, base=-40.0)
     layers = [
         Layer(clay, depth=40.0),
