@@ -27,10 +27,13 @@ FAILS = np.arange(40) % 4 == 0
 PLAIN = monte_carlo(FAILS)
 
 
-def test_what_every_failure_does_has_the_interval_of_the_probability_of_failure():
+def test_what_every_slide_did_is_as_likely_as_a_failure_at_most():
     found = chance_of(PLAIN, np.ones(10), np.ones((10, 2), bool))
     assert found.value == pytest.approx([PLAIN.probability] * 2)
-    assert (found.low[0], found.high[0]) == pytest.approx(PLAIN.interval, abs=1e-9)
+    # The next one may not do it: the lower limit lies below that of P_f, by less than ten out of ten leave open.
+    seen = wilson_interval(10, 10)[0]
+    assert PLAIN.interval[0] * seen < found.low[0] < PLAIN.interval[0]
+    assert found.high[0] == pytest.approx(PLAIN.interval[1])
     assert found.count.tolist() == [10, 10]
 
 
@@ -39,7 +42,7 @@ def test_of_plain_monte_carlo_it_is_the_binomial_interval():
     many = monte_carlo(np.arange(8000) % 4 == 0)
     found = chance_of(many, np.ones(2000), np.arange(2000)[:, None] < 500)
     assert found.value == pytest.approx(500 / 8000)
-    assert (found.low[0], found.high[0]) == pytest.approx(wilson_interval(500, 8000), rel=2e-3)
+    assert (found.low[0], found.high[0]) == pytest.approx(wilson_interval(500, 8000), rel=5e-3)
 
 
 def test_what_no_slide_did_may_still_happen():
@@ -58,7 +61,8 @@ weights = st.lists(st.floats(0.01, 1.0), min_size=3, max_size=20).map(np.array)
 def test_curves_start_at_the_probability_of_failure_fall_and_know_no_scale(weight, seed, scale):
     values = np.random.default_rng(seed).exponential(size=weight.size) * 10
     curve = exceedance(PLAIN, weight, values)
-    assert curve.chance.value[0] == pytest.approx(PLAIN.probability)
+    start = curve.chance.value[0], curve.chance.low[0], curve.chance.high[0]
+    assert start == pytest.approx((PLAIN.probability, *PLAIN.interval))
     assert curve.chance.value[-1] == 0
     assert (np.diff(curve.chance.value) <= 1e-12).all()
     assert (curve.chance.low <= curve.chance.value + 1e-12).all()

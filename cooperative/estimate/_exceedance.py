@@ -6,8 +6,8 @@ which failures slid on to their end. Two-phase sampling: Sarndal, Swensson and W
 Sampling, Sections 5.6 (ratios), 9.3 (two phases).
 
 The variance is that of a product of two estimates, P_f with its own and the share with that of a linearised ratio. An
-interval is Wilson's of as many independent samples as would scatter as much, with Student's t, as that of P_f itself:
-what every failure does has the interval of P_f.
+interval is Wilson's of as many independent samples as would scatter as much, with Student's t, as that of P_f itself.
+Failures that no run has met are allowed for upwards, as in P_f, and taken to do it as often as others.
 """
 
 from __future__ import annotations
@@ -45,28 +45,30 @@ def chance_of(found: Estimate, weight: np.ndarray, happens: np.ndarray) -> Chanc
     Raises ValueError for shapes that do not fit.
     """
     weight, happens = _checked(weight, happens)
-    if not weight.size:
-        nothing = np.zeros(happens.shape[1:])
-        return Chances(nothing, nothing, np.full(happens.shape[1:], found.interval[1]), nothing.astype(int))
     shape = happens.shape[1:]
+    if not weight.size:
+        nothing = np.zeros(shape)
+        return Chances(nothing, nothing, np.full(shape, found.interval[1]), nothing.astype(int))
     share, does = weight / weight.sum(), happens.reshape(weight.size, math.prod(shape)).astype(float)
     ratio = np.minimum(share @ does, 1.0)
     spread, freedom = _of_ratio(share, does, ratio)
-    probability = found.probability * ratio
+    # None or all of the slides show no scatter: it is at least that of the mean share by Jeffreys' prior.
+    alike = float(share @ share)
+    nearer = (ratio + alike / 2) / (1 + alike)
+    spread = np.maximum(spread, nearer * (1 - nearer) * alike)
+    value = found.probability * ratio
     of_pf = (found.cov * found.probability) ** 2 if found.probability else 0.0
     variance = ratio**2 * of_pf + found.probability**2 * spread
     freedom = _welch((ratio**2 * of_pf, found.freedom), (found.probability**2 * spread, freedom))
-    # Where nothing, or everything, does it, the limit of the ratio of both.
-    alike = float(share @ share)
+    # What no slide did is what none of as many independent samples did.
     none = found.probability * alike
     with np.errstate(divide="ignore", invalid="ignore"):
-        samples = np.where(variance > 0, probability * (1 - probability) / variance, 1 / none if none else np.inf)
-    freedom = np.where(variance > 0, freedom, max(1 / alike - 1, 1.0))
-    low, high = _wilson(probability, samples, freedom, found.level)
-    # What no run has looked at is allowed for as in P_f, beyond whose limit nothing that needs a failure can be.
-    high = np.minimum(probability + np.hypot(high - probability, ratio * found.unseen), found.interval[1])
+        samples = np.where(value > 0, value * (1 - value) / variance, 1 / none if none else np.inf)
+    low, high = _wilson(value, samples, freedom, found.level)
+    # Failures that no run has met are taken to do it as often as others; none of it is likelier than a failure.
+    high = np.minimum(value + np.hypot(high - value, ratio * found.unseen), found.interval[1])
     count = (does > 0).sum(axis=0)
-    return Chances(probability.reshape(shape), low.reshape(shape), high.reshape(shape), count.reshape(shape))
+    return Chances(value.reshape(shape), low.reshape(shape), high.reshape(shape), count.reshape(shape))
 
 
 @dataclass(frozen=True)
@@ -88,9 +90,15 @@ def exceedance(found: Estimate, weight: np.ndarray, values: np.ndarray, threshol
     _check_amounts(values)
     at = np.linspace(0.0, float(values.max(initial=0.0)), POINTS) if thresholds is None else np.asarray(thresholds)
     beyond = values[:, None] > at
+    chance = chance_of(found, weight, beyond)
     if thresholds is None:
-        beyond[:, 0] = True
-    return Curve(at, chance_of(found, weight, beyond))
+        for values, of_failure in zip(
+            (chance.value, chance.low, chance.high, chance.count),
+            (found.probability, *found.interval, weight.size),
+            strict=True,
+        ):
+            values[0] = of_failure
+    return Curve(at, chance)
 
 
 def mean_of(found: Estimate, weight: np.ndarray, amount: np.ndarray) -> Chances:

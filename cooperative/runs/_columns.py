@@ -53,7 +53,7 @@ def beyond_toe(model: GridModel, plan: ColumnPlan) -> slice:
     no toe."""
     geometry = model.geometry
     if not isinstance(geometry, SlopeGeometry):
-        return slice(None)
+        return slice(0, None)
     return slice(int(np.searchsorted(plan.edges(0), geometry.toe_x - 1e-6)), None)
 
 
