@@ -133,16 +133,29 @@ def advance(scene: Scene, state: State, steps: int | Array) -> State:
 
     def advanced(old: State) -> State:
         new = step(scene, old, scene.time_step)
-        new = replace(new, step=old.step + 1, status=lane_status(scene, new))
-        return new if new.columns is None else kept(scene, new)
+        return replace(new, step=old.step + 1, status=lane_status(scene, new))
 
     def frozen_unless_running(_: Any, old: State) -> State:
-        return jax.tree.map(partial(jnp.where, old.status == Status.RUNNING), advanced(old), old)
+        new = advanced(old)
+        new = new if new.columns is None else kept(scene, new)
+        return jax.tree.map(partial(jnp.where, old.status == Status.RUNNING), new, old)
 
     if isinstance(steps, int):
         return jax.lax.fori_loop(0, steps, frozen_unless_running, state)
     last = state.step + steps
-    return jax.lax.while_loop(lambda s: (s.status == Status.RUNNING) & (s.step < last), advanced, state)
+
+    def until(stop: Array, move: Callable[[State], State], start: State) -> State:
+        return jax.lax.while_loop(lambda s: (s.status == Status.RUNNING) & (s.step < stop), move, start)
+
+    if state.columns is None:
+        return until(last, advanced, state)
+    every = state.columns.every
+
+    def looked_after(start: State) -> State:
+        # A look within the loop of steps would cost each of them a quarter, though few of them look.
+        return kept(scene, until(jnp.minimum(last, (start.step // every + 1) * every), advanced, start))
+
+    return until(last, looked_after, state)
 
 
 def lanes(scene: Scene, **values: Array) -> tuple[Scene, Scene]:
