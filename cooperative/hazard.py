@@ -62,8 +62,7 @@ def hazard_maps(folder: str | Path, *, estimator: Estimator | None = None) -> Ma
 
 def maps_of(campaign: Campaign, store: Store, model: runs.GridModel, rough: Rows, refined: Rows) -> Maps | None:
     """The maps of these rows; None where the scene asks for none, or nothing slid. model: of the refined grid."""
-    kept = model.state.columns
-    if campaign.hazard is None or kept is None:
+    if campaign.hazard is None or (kept := model.state.columns) is None:
         return None
     phases = runs.phases_of(campaign, rough, refined)
     slides = summary.slides_of(campaign, phases, refined)

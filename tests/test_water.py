@@ -127,7 +127,7 @@ REFUSED = {
     "both": ({"r_u": 0.2, "water": 4.0}, "both water and r_u = 0.2"),
     "wall": ({"water": [(0, 4), (15, 4)]}, r"water goes from \(0, 4\) to \(15, 4\) m: draw it to the walls"),
     "back": ({"water": [(0, 4), (12, 4), (11, 3), (20, 3)]}, r"water turns back from \(12, 4\) to \(11, 3\) m"),
-    "step": ({"water": [(0, 4), (12, 4), (12, 3), (20, 3)]}, "does not rise: give its points in order"),
+    "step": ({"water": [(0, 4), (12, 4), (12, 3), (20, 3)]}, r"water is upright at \(12, 4\) m"),
     "infinite": ({"water": float("inf")}, "water = inf m at"),
     "weight": ({"soil": replace(SAND, saturated_unit_weight=-1.0)}, "saturated_unit_weight = -1"),
     "k_h": ({"k_h": 1.5}, "k_h = 1.5"),

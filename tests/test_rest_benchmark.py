@@ -1,0 +1,48 @@
+"""The benchmark of slides that end at rest: what it tells of rows, and rows that lie."""
+
+import pytest
+
+from benchmarks import rest
+
+NAME = "section, published"
+
+
+def row(number, ruled, steps, displacement, area, mode="deep"):
+    status = "SETTLED" if ruled else "FINISHED"
+    return f'"{NAME}",{int(ruled)},{number},{status},{steps},{displacement},13.0,12.5,200.0,{area},{mode}'
+
+
+def write(path, *rows):
+    path.write_text("\n".join([",".join(rest.COLUMNS), *rows, ""]))
+
+
+def test_what_the_rule_saves_and_what_it_changes(tmp_path, monkeypatch):
+    path = tmp_path / "rest.csv"
+    monkeypatch.setattr(rest, "DATA", path)
+    write(
+        path,
+        row(3, False, 1000, 10.0, 50.0), row(3, True, 600, 10.1, 50.0),
+        row(8, False, 1000, 12.0, 40.0, "progressive"), row(8, True, 800, 12.0, 39.0, "deep"),
+        row(9, False, 1000, 12.0, 40.0),
+    )  # fmt: skip
+    values = rest.run(quick=True).values
+    assert values["slides"] == 2
+    assert values["saved_0"] == pytest.approx(0.3)
+    assert values["largest_change_of_a_length_cells"] == pytest.approx(0.1)
+    assert values["largest_change_of_an_amount"] == pytest.approx(0.025)
+    assert values["modes_changed"] == 1
+
+
+@pytest.mark.parametrize("bad", ["nothing", row(4, True, "x", 1.0, 2.0), row(4, True, 5, "nan", 2.0)])
+def test_a_line_that_does_not_parse_is_named(tmp_path, bad):
+    write(tmp_path / "rest.csv", row(3, True, 600, 10.0, 50.0), bad)
+    with pytest.raises(ValueError, match=r"rest\.csv, line 3 is no row of a run"):
+        rest.read(tmp_path / "rest.csv")
+
+
+def test_the_rows_that_are_kept_hold_what_the_rule_promises():
+    values = rest.run(quick=True).values
+    assert values["slides"] >= 1
+    assert values["modes_changed"] == 0
+    assert values["largest_change_of_a_length_cells"] <= 0.5
+    assert values["largest_change_of_an_amount"] <= 0.02
