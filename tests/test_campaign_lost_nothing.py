@@ -171,6 +171,7 @@ def kill_again_and_again(text, folder, kills, seed):
     return torn
 
 
+@pytest.mark.slow
 def test_a_campaign_killed_ten_times_loses_nothing(undisturbed, tmp_path):
     kill_again_and_again(SCENE, tmp_path / "killed", 10, seed=0)
     assert without_times(campaign.run(SCENE, tmp_path / "killed")) == without_times(undisturbed[1])

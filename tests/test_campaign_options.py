@@ -46,6 +46,7 @@ def test_subset_simulation_runs_from_a_scene(subset):
     assert np.median(displacement[20:38]) > np.median(displacement[:20])
 
 
+@pytest.mark.slow
 def test_subset_simulation_goes_on_where_it_was(subset, tmp_path):
     summary, again = subset[1], tmp_path / "again"
     with pytest.MonkeyPatch.context() as patch:

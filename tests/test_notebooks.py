@@ -106,7 +106,13 @@ def small_run(name: str) -> dict[str, float]:
     return ast.literal_eval(done.stdout.strip().splitlines()[-1])
 
 
-@pytest.mark.parametrize("name", BOUNDS)
+# One of each kind runs with every change, the others with the slow tests.
+ALWAYS = ("01", "03", "07")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name.startswith(ALWAYS) else pytest.mark.slow) for name in BOUNDS]
+)
 def test_results_at_small_size(name):
     results = small_run(name)
     assert results.keys() == BOUNDS[name].keys()

@@ -68,7 +68,7 @@ def test_initial_stress_is_where_damped_gravity_loading_ends():
     assert float(jnp.max(jnp.abs(dynamic.state.stress - direct))) < 2e-3 * scale
 
 
-@pytest.mark.parametrize("precise", [False, True], ids=["float32", "float64"])
+@pytest.mark.parametrize("precise", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["float32", "float64"])
 def test_settled_slope_stays_within_a_millimetre_for_twenty_seconds(precise):
     with jax.enable_x64(precise):
         scene, state = mpm.slope(mpm.Slope(), PAPER_SOIL, SECTION)

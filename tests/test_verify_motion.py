@@ -157,7 +157,9 @@ def test_two_bodies_that_collide_keep_their_momentum(kernel, apic, schemes):
 
 
 @pytest.mark.usefixtures("x64")
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize(
+    "scheme", [pytest.param(s, marks=() if s is SCHEMES[0] else pytest.mark.slow) for s in SCHEMES]
+)
 def test_block_slides_on_a_plane_as_coulomb_says(scheme):
     slope, friction, height = np.radians(24), np.radians(15), 1.0
     gravity = (9.81 * np.sin(slope), -9.81 * np.cos(slope))
