@@ -36,7 +36,7 @@ def measured_limit_load(campaign: Campaign, folder: Path, scene: Scene, state: S
     """
     path = folder / KEPT
     if not os.path.lexists(path):
-        write_aside(path, json.dumps(asdict(_measure(campaign, scene, state))).encode())
+        write_aside(path, json.dumps(asdict(measure_limit_load(campaign, scene, state))).encode())
     return kept_limit_load(folder)
 
 
@@ -67,7 +67,7 @@ def at_limit_load(campaign: Campaign, found: LimitLoad) -> Campaign:
     return ready
 
 
-def _measure(campaign: Campaign, scene: Scene, state: State) -> LimitLoad:
+def measure_limit_load(campaign: Campaign, scene: Scene, state: State) -> LimitLoad:
     t_end = campaign.run.t_end
     # On CPU lanes run in turn, and bisection takes the fewest; elsewhere a batch costs as much time as one.
     batch = 2 if jax.default_backend() == "cpu" else 8
