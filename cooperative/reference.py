@@ -51,7 +51,9 @@ TABLES = {
     "slope": "A simple slope. Lengths are multiples of the spacing of both grids.",
     "ground": (
         "Ground that you draw, a section in plane strain, in the place of `[slope]`. Lines are points `[[x, z], ...]` "
-        "with x rising, or name a CSV file beside the scene. The distance of the walls is a multiple of both cells."
+        "with x rising, or name a file beside the scene: points as CSV, or a DXF drawing in metres with one polyline, "
+        'or with one in the layer that stands after `#`, as in `"section.dxf#GROUND"` (extra `sections`). The distance '
+        "of the walls is a multiple of both cells."
     ),
     "terrain": (
         "Ground under a terrain model, in the place of `[slope]`. Rasters are ESRI ASCII grids or GeoTIFFs in metres "

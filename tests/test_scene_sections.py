@@ -62,7 +62,7 @@ def test_points_may_lie_in_a_file_beside_the_scene(tmp_path):
         ("0,10,3\n", "line 1 is '0,10,3': give two finite numbers"),
         ("0,10\n1,nan\n", "line 2 is '1,nan'"),
         ("0,10\n", "holds 1 points: give 2 to 10000"),
-        (None, "ground.csv, which the scene names, cannot be read"),
+        (None, "ground.csv cannot be read"),
     ],
 )
 def test_files_of_points_that_are_none_are_named(content, message, tmp_path):

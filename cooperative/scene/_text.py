@@ -9,19 +9,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from cooperative.scene._rasters import packed
 from cooperative.scene._schema import LINE, RASTER, SECTIONS, read
-from foundation import files
-from foundation.text import shown
-from jaxmpm import Raster, read_raster
+from jaxmpm import Raster, read_line, read_raster
 
 LARGEST = 1_000_000
-"""Bytes of a scene file at most, and of a file of points; a scene has a few thousand."""
-
-MOST_POINTS = 10_000
-"""Points of a line in a file."""
+"""Bytes of a scene file at most; a scene has a few thousand."""
 
 
 def read_scene(path: Path) -> str:
@@ -57,7 +50,7 @@ def _with_files(text: str, folder: Path) -> str:
     lines, rasters = (dict.fromkeys(_named(tables, kind)) for kind in (LINE, RASTER))
     if not (lines or rasters) or "files" in tables:
         return text
-    said = [f"{json.dumps(name)} = {json.dumps(_points(folder / name))}" for name in lines]
+    said = [f"{json.dumps(name)} = {json.dumps(_points(folder, name))}" for name in lines]
     for name in rasters:
         table = packed(name, _between_walls(read_raster(folder / name), tables.get("terrain")))
         said.append(f"{json.dumps(name)} = {{ {', '.join(f'{k} = {json.dumps(v)}' for k, v in table.items())} }}")
@@ -84,29 +77,7 @@ def _named(tables: Mapping[str, Any], kind: str) -> Iterator[str]:
                 yield from (value for value in values if isinstance(value, str))
 
 
-def _points(path: Path) -> list[list[float]]:
-    """Points of a CSV file: x and z on each line, with or without a line of headings."""
-    try:
-        lines = files.read_plain(path, LARGEST).decode().splitlines()
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path} is no text in UTF-8 (byte {error.start}): give x and z as CSV") from error
-    except OSError as error:
-        raise ValueError(f"{path}, which the scene names, cannot be read ({error.strerror})") from error
-    points: list[list[float]] = []
-    for number, line in enumerate(lines, 1):
-        entries = re.split(r"[;,\s]+", line.strip(" ,;\t"))
-        if entries == [""] or line.startswith("#"):
-            continue
-        try:
-            points.append([float(entry) for entry in entries])
-        except ValueError as error:
-            if points or number > 1:
-                raise ValueError(f"{path}, line {number} is {shown(line)}: give x and z, two numbers") from error
-            if re.search(r"(feet|foot|\bft\b|_ft)", line.lower()):
-                raise ValueError(f"{path} has headings {shown(line)}: give x and z in metres, not in feet") from error
-            continue
-        if len(entries) != 2 or not np.isfinite(points[-1]).all():
-            raise ValueError(f"{path}, line {number} is {shown(line)}: give two finite numbers, x and z")
-    if not 2 <= len(points) <= MOST_POINTS:
-        raise ValueError(f"{path} holds {len(points)} points: give 2 to {MOST_POINTS}")
-    return points
+def _points(folder: Path, name: str) -> list[list[float]]:
+    """Points of a file in the folder, in a drawing of one of its layers: "section.dxf#GROUND"."""
+    drawing = re.fullmatch(r"(.+?\.dxf)#(.+)", name, re.IGNORECASE)
+    return read_line(folder / name) if drawing is None else read_line(folder / drawing[1], drawing[2])

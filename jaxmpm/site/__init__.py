@@ -3,6 +3,7 @@
 from jaxmpm.site._builders import Slope, bar, block, column, fill, slope
 from jaxmpm.site._discretisation import Discretisation, cell_independent
 from jaxmpm.site._initial_stress import at_rest
+from jaxmpm.site._line import read_line
 from jaxmpm.site._motion import read_motion
 from jaxmpm.site._raster import Raster, read_raster
 from jaxmpm.site._scene import check_scene, check_shape, refuse_snap_back, scene, unstressed, with_strength
@@ -32,6 +33,7 @@ __all__ = [
     "column",
     "fill",
     "parameter_names",
+    "read_line",
     "read_motion",
     "read_raster",
     "refuse_snap_back",

@@ -1,0 +1,155 @@
+"""Lines of a section in files: points as CSV, and polylines of a drawing in DXF."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from foundation import files
+from foundation.text import shown
+
+MOST_BYTES = {"csv": 1_000_000, "dxf": 2**25}
+"""Of a file of points, and of a drawing."""
+
+MOST_POINTS = 10_000
+"""Of a line."""
+
+METRES, UNSAID = 6, 0
+"""What a DXF drawing says of its units ($INSUNITS) where they are metres, and where it says nothing."""
+
+FLAT = 1e-6
+"""How far (m) the points of an upright or a level line in space may lie beside its plane."""
+
+
+def read_line(path: str | Path, layer: str | None = None) -> list[list[float]]:
+    """Points [x, z] (m) of a line: x and z on each row of a CSV file, with or without a row of headings, or the one
+    polyline of a DXF drawing, read by `ezdxf` (extra "sections").
+
+    layer: of the drawing, in which there is one polyline; None where the whole drawing has one. A drawing has x to the
+    right and the height as y, or as z where its line stands upright in space. One that does not say its units is taken
+    as in metres; a polyline may have been drawn from right to left. Raises ValueError for files that hold no such line
+    or several, less than they say, arcs, outlines, and lengths in anything but metres.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".dxf":
+        points = _polyline(path, layer)
+    elif layer is not None:
+        raise ValueError(f"{path} is no DXF drawing, which alone has layers: leave out layer = {shown(layer)}")
+    else:
+        points = _rows(path)
+    if not 2 <= len(points) <= MOST_POINTS:
+        raise ValueError(f"{path} holds {len(points)} points: give 2 to {MOST_POINTS}")
+    return points
+
+
+def _rows(path: Path) -> list[list[float]]:
+    try:
+        lines = files.read_plain(path, MOST_BYTES["csv"]).decode().splitlines()
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is no text in UTF-8 (byte {error.start}): give x and z as CSV") from error
+    except OSError as error:
+        raise ValueError(f"{path} cannot be read ({error.strerror})") from error
+    points: list[list[float]] = []
+    for number, line in enumerate(lines, 1):
+        entries = re.split(r"[;,\s]+", line.strip(" ,;\t"))
+        if entries == [""] or line.startswith("#"):
+            continue
+        try:
+            points.append([float(entry) for entry in entries])
+        except ValueError as error:
+            if points or number > 1:
+                raise ValueError(f"{path}, line {number} is {shown(line)}: give x and z, two numbers") from error
+            if re.search(r"(feet|foot|\bft\b|_ft)", line.lower()):
+                raise ValueError(f"{path} has headings {shown(line)}: give x and z in metres, not in feet") from error
+            continue
+        if len(entries) != 2 or not np.isfinite(points[-1]).all():
+            raise ValueError(f"{path}, line {number} is {shown(line)}: give two finite numbers, x and z")
+    return points
+
+
+def _polyline(path: Path, layer: str | None) -> list[list[float]]:
+    """The points of the one polyline of a layer, from left to right."""
+    drawing = _drawing(path)
+    units = drawing.header.get("$INSUNITS", UNSAID)
+    if units not in (METRES, UNSAID):
+        unit = _unit(units)
+        raise ValueError(
+            f"{path} is drawn in {unit} ($INSUNITS = {shown(units)}): scale it to metres in the drawing program, and "
+            "set its units to metres"
+        )
+    found = list(drawing.modelspace().query("LWPOLYLINE POLYLINE LINE"))
+    if layer is not None:
+        named = [line for line in found if line.dxf.layer.lower() == layer.lower()]
+        if not named:
+            layers = sorted({line.dxf.layer for line in found})
+            raise ValueError(
+                f"{path} has no polyline in a layer {shown(layer)}; layers with some: "
+                f"{', '.join(map(shown, layers[:8])) or 'none'} (blocks are not looked into: explode them)"
+            )
+        found = named
+    if len(found) != 1:
+        where = "" if layer is None else f" in its layer {shown(layer)}"
+        layers = sorted({line.dxf.layer for line in found})
+        remedy = "draw one" if not found else "join them, or delete the others"
+        if layer is None and len(layers) > 1:
+            remedy = f"name its layer, as in {path.name}#{layers[0]} (layers: {', '.join(map(shown, layers[:8]))})"
+        raise ValueError(f"{path} has {len(found)} polylines{where}, and the line is one: {remedy}")
+    return _flat(path, np.array(list(_vertices(path, found[0])), float).reshape(-1, 3))
+
+
+def _drawing(path: Path) -> Any:
+    try:
+        import ezdxf
+    except ImportError as error:
+        raise ValueError(f"{path} is a DXF drawing, which ezdxf reads: pip install 'jaxmpm[sections]'") from error
+    try:
+        files.read_plain(path, MOST_BYTES["dxf"])  # refuses what is no plain file, or too large
+        return ezdxf.filemanagement.readfile(path)
+    except FileNotFoundError as error:
+        raise ValueError(f"{path} cannot be read ({error.strerror})") from error
+    except files.DamagedFile:
+        raise
+    except Exception as error:  # the library raises whatever a damaged drawing leads it into
+        raise ValueError(f"{path} cannot be read as a DXF drawing: {shown(str(error)) or 'it ends early'}") from error
+
+
+def _unit(number: Any) -> str:
+    from ezdxf.enums import InsertUnits
+
+    try:
+        return InsertUnits(number).name.lower()
+    except ValueError:
+        return "an unknown unit"
+
+
+def _vertices(path: Path, line: Any) -> Iterator[tuple[float, float, float]]:
+    """Points (x, y, z) of a polyline in the axes of the drawing."""
+    if line.dxftype() == "LINE":
+        yield from (tuple(line.dxf.start), tuple(line.dxf.end))
+        return
+    where = f"the polyline of {path} in layer {shown(line.dxf.layer)}"
+    if line.dxftype() == "POLYLINE" and not (line.is_2d_polyline or line.is_3d_polyline):
+        raise ValueError(f"{where} is a mesh: give a line")
+    if line.is_closed:
+        raise ValueError(f"{where} is closed: give the open line, from wall to wall")
+    if line.has_arc:
+        raise ValueError(f"{where} has arcs: turn them into straight pieces in the drawing program")
+    yield from map(tuple, line.vertices_in_wcs() if line.dxftype() == "LWPOLYLINE" else line.points_in_wcs())
+
+
+def _flat(path: Path, points: np.ndarray) -> list[list[float]]:
+    """x and the height of points (n, 3) of which y or z is the same throughout, from left to right."""
+    if not np.isfinite(points).all():
+        raise ValueError(f"the polyline of {path} has points that are not finite: draw it again")
+    across, up = np.ptp(points[:, 1:], axis=0) if len(points) else (0.0, 0.0)
+    if min(across, up) > FLAT:
+        raise ValueError(
+            f"the polyline of {path} runs through space, {across:g} m along y and {up:g} m along z: draw the section "
+            "flat, x to the right and the height as y"
+        )
+    line = points[:, [0, 1]] if up <= FLAT else points[:, [0, 2]]
+    return (line[::-1] if len(line) and line[0, 0] > line[-1, 0] else line).tolist()
