@@ -6,26 +6,22 @@ strength, by strength reduction, and cost some ten runs on each grid.
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
-
-import jax
 
 from cooperative.estimate import Estimator
 from cooperative.scene._budget import kept_budget, raised
+from cooperative.scene._kept import Kept, factors_at_once
 from cooperative.scene._limit_load import KEPT as LIMIT_LOAD_KEPT
-from cooperative.scene._limit_load import at_limit_load, kept_limit_load
-from cooperative.scene._schema import CALIBRATION, read
+from cooperative.scene._limit_load import at_limit_load
+from cooperative.scene._schema import CALIBRATION
 from cooperative.scene._typed import Calibration, Campaign, built, parse
-from cooperative.store import MOST_TEXT, Store, write_aside
-from foundation import files
+from cooperative.store import Store
 from jaxmpm import Scene, State, factor_of_safety
 
-KEPT = "calibration.json"
-
+KEPT = Kept("calibration", CALIBRATION, Calibration, "two factors of safety")
 
 Grids = Mapping[str, tuple[Scene, State]]
 """Both grids by name, at rest."""
@@ -46,31 +42,18 @@ def measured(campaign: Campaign, folder: Path, grids: Grids | None = None) -> Ca
 
     Raises ValueError for a file that holds something else.
     """
-    path = folder / KEPT
-    if not os.path.lexists(path):
-        found = measure(campaign, grids)
-        write_aside(path, json.dumps({"rough": found.rough, "refined": found.refined}).encode())
-    return kept(folder)
+    return KEPT.once(folder, lambda: measure(campaign, grids))
 
 
 def kept(folder: Path) -> Calibration:
     """Factors of safety in `calibration.json`, checked as those of a scene are. Raises ValueError where it is damaged,
     OSError where it is missing."""
-    path = folder / KEPT
-    try:
-        found = Calibration(**read("calibration", json.loads(files.read_plain(path, MOST_TEXT)), CALIBRATION))
-        for grid, factor in asdict(found).items():
-            if not 0 < factor < float("inf"):
-                raise ValueError(f"{grid} = {factor:g}: give a finite value above 0")
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path} holds no two factors of safety ({error}): delete it to measure them again") from error
-    return found
+    return KEPT.read(folder)
 
 
 def calibrated(campaign: Campaign, found: Calibration) -> Campaign:
     """The scene with these factors in it, in its text too, so that whoever reads the text has them."""
-    table = f"\n[calibration]\nrough = {found.rough!r}\nrefined = {found.refined!r}\n"
-    return replace(campaign, text=campaign.text + table, calibration=found)
+    return replace(campaign, text=KEPT.in_text(campaign.text, found), calibration=found)
 
 
 def campaign_of(store: Store, estimator: Estimator | None = None) -> Campaign:
@@ -83,16 +66,14 @@ def campaign_of(store: Store, estimator: Estimator | None = None) -> Campaign:
     if budget is not None and campaign.plan.estimator is not None:
         campaign = raised(campaign, budget)
     asked = campaign.run.failure == "limit load" and campaign.limit_load is None
-    if asked and os.path.lexists(store.folder / LIMIT_LOAD_KEPT):
-        campaign = at_limit_load(campaign, kept_limit_load(store.folder))
-    wants = campaign.plan.calibrate and campaign.calibration is None and os.path.lexists(store.folder / KEPT)
+    if asked and os.path.lexists(LIMIT_LOAD_KEPT.path(store.folder)):
+        campaign = at_limit_load(campaign, LIMIT_LOAD_KEPT.read(store.folder))
+    wants = campaign.plan.calibrate and campaign.calibration is None and os.path.lexists(KEPT.path(store.folder))
     return calibrated(campaign, kept(store.folder)) if wants else campaign
 
 
 def _factor_of_safety(campaign: Campaign, scene: Scene, state: State) -> float:
-    # On CPU lanes run in turn, and bisection takes the fewest; elsewhere a batch costs as much time as one.
-    batch = 2 if jax.default_backend() == "cpu" else 8
     return factor_of_safety(
-        scene, state, failure_displacement=campaign.run.failure_displacement, t_end=campaign.run.t_end, batch=batch,
-        settle=campaign.run.settle,
+        scene, state, failure_displacement=campaign.run.failure_displacement, t_end=campaign.run.t_end,
+        batch=factors_at_once(), settle=campaign.run.settle,
     ).stable  # fmt: skip

@@ -66,6 +66,10 @@ class Calibration:
         """Refined over rough factor of safety."""
         return self.refined / self.rough
 
+    def check(self) -> None:
+        """Raise ValueError for numbers that no slope has."""
+        _above_zero("calibration", vars(self))
+
 
 @dataclass(frozen=True)
 class LimitLoad:
@@ -76,9 +80,13 @@ class LimitLoad:
 
     def check(self) -> None:
         """Raise ValueError for numbers that no slope has."""
-        for name, value in vars(self).items():
-            if not 0 < value < float("inf"):
-                raise ValueError(f"[limit_load] {name} = {value:g}: give a finite value above 0")
+        _above_zero("limit_load", vars(self))
+
+
+def _above_zero(table: str, numbers: Mapping[str, float]) -> None:
+    for name, value in numbers.items():
+        if not 0 < value < float("inf"):
+            raise ValueError(f"[{table}] {name} = {value:g}: give a finite value above 0")
 
 
 @dataclass(frozen=True)
@@ -318,16 +326,10 @@ def _check(campaign: Campaign) -> None:
     """Ranges that no builder looks at."""
     campaign.site.shape.check()
     run, plan, dimension = campaign.run, campaign.plan, campaign.dimension
-    calibration = campaign.calibration or Calibration(1, 1)
-    for name, value in (
-        ("[run] t_end", run.t_end),
-        ("[run] gravity", run.gravity),
-        ("[run] failure_displacement", run.failure_displacement),
-        ("[campaign] restart_every", plan.restart_every),
-        *((f"[calibration] {grid}", factor) for grid, factor in vars(calibration).items()),
-    ):
-        if not 0 < value < float("inf"):
-            raise ValueError(f"{name} = {value:g}: give a finite value above 0")
+    _above_zero("run", {name: getattr(run, name) for name in ("t_end", "gravity", "failure_displacement")})
+    _above_zero("campaign", {"restart_every": plan.restart_every})
+    if campaign.calibration is not None:
+        campaign.calibration.check()
     for name, field in campaign.random.items():
         if len(field.length) != dimension:
             raise ValueError(f"[{name}] length has {len(field.length)} values: give {dimension}, one per axis")
