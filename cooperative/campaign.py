@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from cooperative import runs
 from cooperative.estimate import Estimator, Phases, Screened, Slides, wilson_interval
@@ -49,7 +48,8 @@ def run(
 
     workers: 1 runs in this process, more in as many processes, each bound to its share of the cores. executor: makes
     another `concurrent.futures.Executor` (Dask's, for a cluster) that takes `workers` samples at a time. The answer
-    depends on neither. refined_runs: allow so many, which is more than the scene does; the folder keeps that.
+    depends on neither. progress: show bars on a terminal; where there is none, lines on stderr and in the folder's
+    progress.log. refined_runs: allow so many, which is more than the scene does; the folder keeps that.
     estimator: a frozen dataclass with the methods of `cooperative.Estimator`, in place of one that the scene names. The
     folder remembers it in words: whoever goes on with it, reports it or asks for its progress has to give the same one.
     on_phase: told that "screening", "audit", "slides" and "summary" begin; it may raise, and the campaign ends there.
@@ -72,7 +72,8 @@ def run(
                 ready = _calibrated(models, folder)
                 for model in models.values():
                     runs.keep_initial(folder, model.grid, model.scene, model.state)
-            return _ran(_Hands(ready["rough"].campaign, ready, crew, stop, folder.resolve()), store, progress, on_phase)
+            with runs.bars(folder, progress) as bar:
+                return _ran(_Hands(ready["rough"].campaign, ready, crew, stop, folder.resolve(), bar), store, on_phase)
 
 
 def _models(campaign: Campaign, folder: Path) -> dict[str, runs.GridModel]:
@@ -118,6 +119,7 @@ class _Hands:
     crew: runs.Workers | None
     stop: runs.Stop
     folder: Path
+    bar: runs.Bar
 
     @property
     def places(self) -> int:
@@ -145,23 +147,23 @@ class _Hands:
         )  # fmt: skip
 
 
-def _ran(hands: _Hands, store: Store, progress: bool, on_phase: Callable[[str], None]) -> dict[str, Any]:
+def _ran(hands: _Hands, store: Store, on_phase: Callable[[str], None]) -> dict[str, Any]:
     """Both phases, and the summary, which is written too."""
     campaign = hands.campaign
     rows = runs.rows_reader(campaign, store, hands.models)
     on_phase("screening")
-    coefficients, screened = _screen(hands, store, rows, progress)
+    coefficients, screened = _screen(hands, store, rows)
     on_phase("audit")
-    _refine(hands, store, rows, screened, coefficients, progress)
+    _refine(hands, store, rows, screened, coefficients)
     on_phase("slides")
-    _slide_on(hands, store, rows, screened, coefficients, progress)
+    _slide_on(hands, store, rows, screened, coefficients)
     on_phase("summary")
     summary = summarise(campaign, rows("rough"), rows("refined"))
     write_aside(store.folder / "summary.json", json.dumps(summary, indent=1).encode())
     return summary
 
 
-def _screen(hands: _Hands, store: Store, rows: Callable[[str], Rows], progress: bool) -> tuple[np.ndarray, Phases]:
+def _screen(hands: _Hands, store: Store, rows: Callable[[str], Rows]) -> tuple[np.ndarray, Phases]:
     """Run every sample of the first phase that is not there yet; the coefficients of all (n, modes), and that phase."""
     campaign, known = hands.campaign, rows("rough").results
     estimator, sampling = campaign.estimator, runs.sampling_of(campaign)
@@ -172,7 +174,7 @@ def _screen(hands: _Hands, store: Store, rows: Callable[[str], Rows], progress: 
         )
         return "{:.3f} fail ({:.3f} to {:.3f})".format(fails / len(known), *wilson_interval(fails, len(known)))
 
-    with _bar("rough grid", estimator.rough_runs(sampling), len(known), progress) as bar:
+    with hands.bar("rough grid", estimator.rough_runs(sampling), len(known)) as bar:
         while True:
             coefficients = estimator.coefficients(sampling, known)
             missing = [number for number in range(len(coefficients)) if number not in known]
@@ -181,12 +183,12 @@ def _screen(hands: _Hands, store: Store, rows: Callable[[str], Rows], progress: 
             for sample in hands.samples("rough", missing, coefficients):
                 write_sample(store, "rough", sample)
                 known[sample.number] = sample.result
-                _advance(bar, share)
+                runs.advance(bar, share)
                 hands.stop.look()
 
 
 def _refine(
-    hands: _Hands, store: Store, rows: Callable[[str], Rows], screened: Phases, coefficients: np.ndarray, progress: bool
+    hands: _Hands, store: Store, rows: Callable[[str], Rows], screened: Phases, coefficients: np.ndarray
 ) -> None:
     """Run refined what the estimator asks for, until it asks for nothing more."""
     known = rows("refined").results
@@ -198,13 +200,13 @@ def _refine(
         found = screened.refined(known).estimate
         return "P_f {:.3f} ({:.3f} to {:.3f})".format(found.probability, *found.interval)
 
-    with _bar("refined grid", hands.campaign.estimator.budget(len(coefficients)), len(known), progress) as bar:
+    with hands.bar("refined grid", hands.campaign.estimator.budget(len(coefficients)), len(known)) as bar:
         while wanted(()):
             for sample in hands.samples("refined", _in_rank_order(wanted, known), coefficients):
                 write_sample(store, "refined", sample)
                 known[sample.number] = sample.result
                 _drop_restart_points(hands, store, screened.refined(known))
-                _advance(bar, estimate)
+                runs.advance(bar, estimate)
                 hands.stop.look()
 
 
@@ -224,7 +226,7 @@ def _drop_restart_points(hands: _Hands, store: Store, phases: Phases) -> None:
 
 
 def _slide_on(
-    hands: _Hands, store: Store, rows: Callable[[str], Rows], screened: Phases, coefficients: np.ndarray, progress: bool
+    hands: _Hands, store: Store, rows: Callable[[str], Rows], screened: Phases, coefficients: np.ndarray
 ) -> None:
     """Let the failures that are drawn slide on to their end, as far as they have not yet; the others never will."""
     plan = hands.campaign.plan
@@ -236,27 +238,11 @@ def _slide_on(
     for number in numbers[~slides.drawn].tolist():
         restart_path(store.folder, SLIDES, number).unlink(missing_ok=True)
     missing = numbers[slides.drawn & ~slides.slid].tolist()
-    with _bar("slides", int(slides.drawn.sum()), int(slides.slid.sum()), progress) as bar:
+    with hands.bar("slides", int(slides.drawn.sum()), int(slides.slid.sum())) as bar:
         for sample in hands.samples("refined", missing, coefficients, slides=True) if missing else ():
             write_sample(store, SLIDES, sample)
             bar.update()
             hands.stop.look()
-
-
-def _bar(title: str, total: int | None, done: int, progress: bool) -> tqdm:
-    """A bar that goes on from `done` samples and tells the time left."""
-    return tqdm(
-        desc=title, total=total, initial=done, disable=not progress, dynamic_ncols=True,
-        bar_format="{desc} {n_fmt}/{total_fmt} |{bar:20}| {elapsed}, {remaining} left{postfix}",
-    )  # fmt: skip
-
-
-def _advance(bar: tqdm, known: Callable[[], str]) -> None:
-    """One more sample: how many there are per hour, and what is known by now."""
-    bar.update()
-    if not bar.disable:
-        hourly = 3600 * (bar.n - bar.initial) / max(bar.format_dict["elapsed"], 1e-9)
-        bar.set_postfix_str(f"{hourly:.3g} per hour, {known()}")
 
 
 def _in_rank_order(wanted: Callable[[Collection[int]], list[int]], known: Screened) -> Iterator[int]:

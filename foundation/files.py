@@ -22,6 +22,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
+from typing import TextIO
 
 import h5py
 import numpy as np
@@ -74,6 +75,17 @@ def write_aside(path: str | Path, data: bytes | memoryview) -> None:
     """Write `data` to `path`, whole or not at all; raises what `aside` raises."""
     with aside(path) as part:
         part.write_bytes(data)
+
+
+@contextmanager
+def append_to(path: Path) -> Iterator[TextIO]:
+    """Open a text to add to at its end, made if it is not there. A link, a folder or a pipe in its place is set aside:
+    what is written there would land elsewhere. OSError where the system refuses."""
+    if os.path.lexists(path) and not stat.S_ISREG(os.lstat(path).st_mode):
+        set_aside(path)
+    descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o644)
+    with open(descriptor, "a", encoding="utf-8") as file:
+        yield file
 
 
 @contextmanager

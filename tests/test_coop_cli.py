@@ -1,7 +1,6 @@
 """The commands: going on from a folder, how far a campaign is, exports; errors in one line."""
 
 import os
-import re
 import socket
 from dataclasses import replace
 
@@ -157,14 +156,6 @@ def test_resume_goes_on_from_the_folder_alone(done, tmp_path, capsys):
     assert f"{summary['probability_of_failure']:.3f}" in capsys.readouterr().out
     first, second = (read_rows(read_store(f), "refined").columns for f in (folder, again))
     assert np.array_equal(first["displacement"], second["displacement"])
-
-
-def test_the_bar_tells_pace_time_left_and_the_interval(tmp_path, capsys):
-    text = TINY.replace("samples = 6", "samples = 12").replace('estimator = "published"', "refined_runs = 10")
-    run(text, tmp_path / "shown", progress=True)
-    rough, refined = capsys.readouterr().err.split("refined grid 0/")
-    assert re.search(r"rough grid 12/12 .* left, [\d.e+]+ per hour, [\d.]+ fail \([\d.]+ to [\d.]+\)", rough)
-    assert re.search(r"refined grid 10/10 .* per hour, P_f [\d.]+ \([\d.]+ to [\d.]+\)", refined)
 
 
 def test_export_writes_the_table_the_file_and_the_series(done, capsys):

@@ -75,6 +75,43 @@ def test_a_sample_comes_back_as_it_was_written(tmp_path):
         assert (store.folder / "scene.toml").read_text() == SCENE
 
 
+def test_a_folder_says_what_it_is_once(tmp_path):
+    open_store(tmp_path / "new", 'name = "dam\\u001b[31m"\n' + SCENE).close()
+    told = tmp_path / "new" / "README.txt"
+    said = told.read_text()
+    assert said.startswith("dam?[31m\n")
+    assert f"numpy {np.__version__}" in said
+    assert "jaxmpm resume ." in said
+    told.write_text("my own notes")
+    open_store(tmp_path / "new", 'name = "dam\\u001b[31m"\n' + SCENE).close()
+    assert told.read_text() == "my own notes"
+
+
+def test_a_folder_from_before_gets_the_text_and_a_link_in_its_place_is_left_alone(tmp_path):
+    for name in ("old", "linked"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "scene.toml").write_text(SCENE)
+    elsewhere = tmp_path / "elsewhere.txt"
+    elsewhere.write_text("theirs")
+    (tmp_path / "linked" / "README.txt").symlink_to(elsewhere)
+    read_store(tmp_path / "old")
+    assert not (tmp_path / "old" / "README.txt").exists()
+    for name in ("old", "linked"):
+        open_store(tmp_path / name, SCENE).close()
+    assert (tmp_path / "old" / "README.txt").read_text().startswith("a campaign\n")
+    assert elsewhere.read_text() == "theirs"
+
+
+def test_the_text_of_a_folder_reads_its_samples_as_it_says(tmp_path, monkeypatch, capsys):
+    with open_store(tmp_path, SCENE) as store:
+        write_sample(store, "rough", sample(0))
+    monkeypatch.chdir(tmp_path)
+    text = (tmp_path / "README.txt").read_text()
+    block = text[text.index("  import h5py") : text.index("The status is")]
+    exec(textwrap.dedent(block), {})
+    assert "'displacement': " in capsys.readouterr().out
+
+
 def test_rows_ascend_and_gaps_are_nan(tmp_path):
     with open_store(tmp_path, SCENE) as store:
         for number in (7, 2):

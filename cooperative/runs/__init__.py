@@ -1,5 +1,6 @@
 """Runs of samples: the model of a grid, samples through lanes and workers, restart points, stopping."""
 
+from cooperative.runs._bars import Bar, advance, bars
 from cooperative.runs._columns import COLUMNS, beyond_toe
 from cooperative.runs._compiled import keep_compiled, machine
 from cooperative.runs._executors import Workers, cores_to_use, dask_executor, process_pool, run_through
@@ -15,6 +16,7 @@ from cooperative.runs._trial import Cost, cost_of
 
 __all__ = [
     "COLUMNS",
+    "Bar",
     "Cost",
     "Frames",
     "GridModel",
@@ -23,6 +25,8 @@ __all__ = [
     "Stop",
     "Stopped",
     "Workers",
+    "advance",
+    "bars",
     "beyond_toe",
     "build",
     "check_coefficients",

@@ -4,12 +4,14 @@ Files are written aside and sealed with a checksum (`foundation.files`). A sampl
 written it: one that does not match its seal, holds anything but the numbers and texts expected, or is no file at all is
 named, set aside and counted as not done.
 
+    README.txt                    what the folder is, for whoever finds it later
     scene.toml                    the scene, verbatim, and the defaults of the time
     samples/rough/000123.h5       coefficients, row, fields, provenance of sample 123 on the rough grid
     samples/refined/000123.h5
     samples/slides/000123.h5      the same run to the end of its slide, where samples/refined has it until it failed
     initial/rough.h5              stress of a grid at rest, solved once (`cooperative.runs`)
     restart/refined-000123.h5     a long run under way (`cooperative.runs`), removed once it has ended
+    progress.log                  what was done when, where there was no terminal to tell it (`cooperative.runs`)
     .lock                         held by the one controller; the kernel frees it when the process ends
 """
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from cooperative.store._folder import GRIDS, SLIDES, Store
 from cooperative.store._lock import take_lock
+from cooperative.store._readme import write_readme
 from cooperative.store._scene_text import differences, kept_scene, scene_digest
 from foundation.files import set_aside, write_aside
 from foundation.text import shown
@@ -45,6 +46,7 @@ def open_store(folder: str | Path, scene_text: str) -> Store:
                 )
         else:
             write_aside(scene_path, scene_text.encode())
+        write_readme(folder, scene_text)
         for directory in (folder / "samples", *(folder / "samples" / grid for grid in (*GRIDS, SLIDES))):
             _claim(directory)
             for leftover in directory.glob(".*.part"):

@@ -78,7 +78,7 @@ def fill_sample(group: h5py.Group, store: Store, grid: str, sample: Sample) -> N
         seconds=float(sample.seconds),
         dtype=sample.dtype,
         device=sample.device,
-        versions=json.dumps(dict(sample.versions or _package_versions()), sort_keys=True),
+        versions=json.dumps(dict(sample.versions or package_versions()), sort_keys=True),
     )
     group["coefficients"] = np.asarray(sample.coefficients)
     group.create_group("row").attrs.update(sample.row)
@@ -88,7 +88,7 @@ def fill_sample(group: h5py.Group, store: Store, grid: str, sample: Sample) -> N
 
 
 @cache
-def _package_versions() -> Mapping[str, str]:
+def package_versions() -> Mapping[str, str]:
     """Versions of the packages that a result depends on."""
     found = {}
     for name in ("jaxmpm", "jax", "jaxlib", "numpy", "scipy", "h5py"):

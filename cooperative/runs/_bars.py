@@ -1,0 +1,92 @@
+"""What a campaign says of itself while it runs: bars on a terminal; where there is none lines with the time, on stderr
+and in `progress.log` in its folder."""
+
+from __future__ import annotations
+
+import logging
+import os
+import socket
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from tqdm import tqdm
+
+from foundation.files import append_to
+
+LOG = "progress.log"
+EVERY = 60.0
+"""Seconds from one line to the next of the same bar."""
+
+TOLD = "{desc} {n_fmt}/{total_fmt}%s {elapsed}, {remaining} left{postfix}"
+
+Bar = Callable[..., tqdm]
+"""Begins a bar: `bar(title, total, done)`, which goes on from `done` samples and tells the time left."""
+
+
+@contextmanager
+def bars(folder: Path, wanted: bool) -> Iterator[Bar]:
+    """The bars of a campaign in `folder`; none that shows anything unless `wanted`. Raises OSError where the log cannot
+    be written."""
+    if not wanted or sys.stderr.isatty():
+
+        def drawn(title: str, total: int | None, done: int) -> tqdm:
+            shape = TOLD % " |{bar:20}|"
+            return tqdm(desc=title, total=total, initial=done, disable=not wanted, dynamic_ncols=True, bar_format=shape)
+
+        yield drawn
+        return
+    with _log(folder / LOG) as log:
+
+        def written(title: str, total: int | None, done: int) -> tqdm:
+            return tqdm(
+                desc=title, total=total, initial=done, file=_Lines(log), bar_format=TOLD % ",",
+                miniters=1, mininterval=EVERY, maxinterval=EVERY,
+            )  # fmt: skip
+
+        yield written
+
+
+def advance(bar: tqdm, known: Callable[[], str]) -> None:
+    """One more sample: how many there are per hour, and what is known by now."""
+    if not bar.disable:
+        hourly = 3600 * (bar.n + 1 - bar.initial) / max(bar.format_dict["elapsed"], 1e-9)
+        bar.set_postfix_str(f"{hourly:.3g} per hour, {known()}", refresh=False)
+    bar.update()
+
+
+@contextmanager
+def _log(path: Path) -> Iterator[logging.Logger]:
+    """Lines on stderr and at the end of a file, which also has how the campaign began and ended."""
+    # An own logger, not one by name: campaigns may run beside each other in threads.
+    log = logging.Logger("cooperative")
+    with append_to(path) as file:
+        for stream, level in ((sys.stderr, logging.INFO), (file, logging.DEBUG)):
+            handler = logging.StreamHandler(stream)
+            handler.setFormatter(logging.Formatter("%(asctime)s %(message)s", "%Y-%m-%d %H:%M:%S"))
+            handler.setLevel(level)
+            log.addHandler(handler)
+        log.debug("begun by process %d on %s", os.getpid(), socket.gethostname())
+        try:
+            yield log
+        except BaseException as error:
+            log.debug("ended early: %s", str(error) or type(error).__name__)
+            raise
+        log.debug("done")
+
+
+class _Lines:
+    """What a bar writes to, so that each of its states becomes a line."""
+
+    def __init__(self, log: logging.Logger) -> None:
+        self.log, self.last = log, ""
+
+    def write(self, text: str) -> None:
+        said = text.strip()
+        if said and said != self.last:
+            self.log.info(said)
+            self.last = said
+
+    def flush(self) -> None:
+        """Handlers write at once."""

@@ -1,0 +1,96 @@
+"""What a campaign's folder says of itself, for whoever finds it in five years."""
+
+from __future__ import annotations
+
+import os
+import platform
+import textwrap
+import tomllib
+from datetime import date
+from pathlib import Path
+
+from cooperative.store._samples import package_versions
+from foundation.files import write_aside
+from foundation.text import printable
+
+NAME = "README.txt"
+
+# Each file is told by what stands in it, so that the text stays true whichever of them there are.
+TEXT = """\
+{title}
+
+This folder is a campaign of the Python package jaxmpm. A slope whose soil varies in space was simulated many
+times, each time with other soil, to find out how likely it is to slide, in which way and how far.
+
+A sample is one such slope: its number, and the coefficients of its random fields. A run is one simulation of a
+sample by the material point method. Every sample runs on a rough grid (the screening), some run on a refined one
+too (the audit). A slope that moved farther than the failure displacement failed. A run that broke off ended for
+numerical reasons. All units are SI: metres, seconds, pascals.
+
+Begun on {day} with
+{versions}
+
+GO ON
+
+With jaxmpm installed, in this folder:
+
+  jaxmpm status .     how far the campaign is, and what is known by now
+  jaxmpm resume .     run what is missing; it may be stopped at any moment and goes on from there
+  jaxmpm report .     write report.html, which opens in any browser
+  jaxmpm export .     table.csv, campaign.h5 and series for ParaView
+
+The same version gives the same numbers. A later one reads the folder too. Pin the versions above to repeat a run.
+
+WHAT IS WHAT
+
+  scene.toml          what was asked: ground, soil, random fields, grids, number of samples. Do not change it:
+                      the samples would no longer belong to it
+  samples/rough/      one HDF5 file per finished sample on the rough grid
+  samples/refined/    the same on the refined grid
+  samples/slides/     refined runs that went on to the end of their slide, where they had stopped at failure
+  initial/            the stress of each grid at rest, solved once. It may be deleted
+  restart/            where long runs go on after an interruption. It may be deleted; these runs then start afresh
+  calibration.json    factors of safety of both grids, where the scene asks for calibration
+  limit_load.json     the failure displacement, where the scene has it found from the limit load
+  budget.json         refined runs allowed beyond the scene
+  summary.json        the answer: probability of failure, its interval, modes, consequences
+  report.html         the answer for people, with every figure
+  figures/            the same figures, one by one
+  series/             slides for ParaView, as `jaxmpm export` writes them
+  table.csv           one line per sample and grid
+  campaign.h5         every sample in one file
+  progress.log        when what was done, where that was no terminal
+  *.damaged           a file that did not match its checksum. It was set aside and its sample run again
+  .lock               held by the process that runs the campaign
+
+Not every campaign has every file. To keep one, keep scene.toml, samples/, calibration.json, limit_load.json and
+budget.json: the rest can be made again from these.
+
+READ A SAMPLE WITHOUT JAXMPM
+
+A sample's file is HDF5 behind 512 bytes of text with its checksum. Any HDF5 reader opens it, h5py for one:
+
+  import h5py
+  with h5py.File("samples/rough/000000.h5") as file:
+      print(dict(file.attrs))            # status, steps, seconds, versions, dtype, device
+      print(dict(file["row"].attrs))     # displacement, depth, runout (m), volume (m3, in a section m2), mode
+      print(file["coefficients"][:])     # of its random fields
+      print(list(file["fields"]))        # arrays over particles, where they were kept: displacement (axes, particles) m
+
+The status is SETTLED (stands still), FINISHED (ran to the end of its time), DECIDED (passed the displacement at
+which nobody wanted to know more), or the reason why the run broke off. A sample's number and coefficients give its
+soil again: `jaxmpm export . --sample 7 --frames 21` runs number 7 once more and writes its moments for ParaView.
+"""
+
+
+def write_readme(folder: Path, scene_text: str) -> None:
+    """Have a campaign's folder say what it is, where nothing of that name is there; OSError where the disk refuses."""
+    if os.path.lexists(folder / NAME):
+        return
+    name = tomllib.loads(scene_text).get("name")
+    title = printable(name) if isinstance(name, str) and name.strip() else "a campaign"
+    python = f"Python {platform.python_version()} on {platform.system()} {platform.machine()}"
+    said = ", ".join([python, *(f"{name} {version}" for name, version in package_versions().items())])
+    versions = textwrap.fill(said, 110, initial_indent="  ", subsequent_indent="  ")
+    text = TEXT.format(title=title, day=date.today().isoformat(), versions=versions)
+    write_aside(folder / NAME, text.encode())

@@ -1,0 +1,59 @@
+"""What a campaign says of itself while it runs: bars on a terminal, elsewhere lines on stderr and in its folder."""
+
+import os
+import re
+import signal
+import socket
+import sys
+
+import pytest
+
+from benchmarks import invented
+from cooperative import Stopped, run
+
+AUDITED = invented.SCENE.replace("samples = 50", "samples = 12").replace("refined_runs = 15", "refined_runs = 10")
+LINE = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d (.*)")
+
+
+def test_the_bar_tells_pace_time_left_and_the_interval(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(type(sys.stderr), "isatty", lambda stream: True, raising=False)
+    invented.invent(put=monkeypatch.setattr)
+    run(AUDITED, tmp_path / "shown", progress=True)
+    assert not (tmp_path / "shown" / "progress.log").exists()
+    rough, refined = capsys.readouterr().err.split("refined grid 0/")
+    assert re.search(r"rough grid 12/12 .* left, [\d.e+]+ per hour, [\d.]+ fail \([\d.]+ to [\d.]+\)", rough)
+    assert re.search(r"refined grid 10/10 .* per hour, P_f [\d.]+ \([\d.]+ to [\d.]+\)", refined)
+
+
+def test_without_a_terminal_lines_tell_it_on_stderr_and_in_the_folder(tmp_path, monkeypatch, capsys):
+    invented.invent(put=monkeypatch.setattr)
+    run(AUDITED, tmp_path / "told", progress=True)
+    log = (tmp_path / "told" / "progress.log").read_text().splitlines()
+    said = [LINE.fullmatch(line)[1] for line in log]
+    assert said[0] == f"begun by process {os.getpid()} on {socket.gethostname()}"
+    assert said[-1] == "done"
+    assert re.fullmatch(r"refined grid 10/10, .* left, [\d.e+]+ per hour, P_f [\d.]+ \([\d.]+ to [\d.]+\)", said[-2])
+    assert len(said) < 8  # a line a minute for each grid, not one a sample
+    assert capsys.readouterr().err.splitlines() == log[1:-1]
+
+
+def test_the_log_goes_on_tells_an_early_end_and_is_no_link(tmp_path, monkeypatch):
+    invented.invent(put=monkeypatch.setattr)
+    elsewhere = tmp_path / "theirs.txt"
+    elsewhere.write_text("theirs")
+    (tmp_path / "cut").mkdir()
+    (tmp_path / "cut" / "scene.toml").write_text(AUDITED)
+    (tmp_path / "cut" / "progress.log").symlink_to(elsewhere)
+
+    def stop(phase):
+        if phase == "audit":
+            raise Stopped(signal.SIGTERM)
+
+    with pytest.raises(Stopped):
+        run(AUDITED, tmp_path / "cut", progress=True, on_phase=stop)
+    run(AUDITED, tmp_path / "cut", progress=True)
+    log = (tmp_path / "cut" / "progress.log").read_text()
+    assert "ended early: stopped by SIGTERM; what is finished is kept: the same command goes on from there\n" in log
+    assert log.count("begun by process") == 2
+    assert log.endswith("done\n")
+    assert elsewhere.read_text() == "theirs"
