@@ -119,8 +119,12 @@ def _cost(scene: Campaign, cost: Cost) -> Iterator[str]:
 
 
 def sketch(given: argparse.Namespace) -> None:
-    """Draw a scene: ground, layers, water, walls, and one random field on both grids."""
-    print(draw(parse(read_scene(given.scene)), given.out or given.scene.with_suffix(".png"), sample=given.sample))
+    """Draw a scene: ground, layers, water, walls, exposed places, and one random field on both grids."""
+    scene = parse(read_scene(given.scene))
+    suffixes = (".png", ".html") if scene.dimension == 3 else (".png",)
+    paths = [given.out] if given.out else [given.scene.with_suffix(suffix) for suffix in suffixes]
+    draw(scene, *paths, sample=given.sample)
+    print(*paths, sep="\n")
 
 
 def write_example(given: argparse.Namespace) -> None:
@@ -143,7 +147,7 @@ EPILOG = """examples:
   jaxmpm example demo                     write demo.toml
   jaxmpm new --kind section               write section.toml, a scene of your own to fill in
   jaxmpm check section.toml               what it will cost
-  jaxmpm draw section.toml                see it, as section.png
+  jaxmpm draw section.toml                see it, as section.png; in 3D also as a page that turns
   jaxmpm run demo.toml --out out/demo     run it, or go on where it was
   jaxmpm status out/demo                  how far it is, from another terminal
   jaxmpm report out/demo                  write report.html again
@@ -219,7 +223,7 @@ def parser() -> argparse.ArgumentParser:
         if does is check:
             looks.add_argument("--seconds", type=float, default=10.0, help="of the trial (%(default)g)")
         else:
-            looks.add_argument("--out", type=Path, help="PNG, PDF or SVG to write (beside the scene)")
+            looks.add_argument("--out", type=Path, help="PNG, PDF, SVG or in 3D HTML to write (beside the scene)")
             looks.add_argument("--sample", type=int, default=0, help="whose field is drawn (%(default)s)")
     starts = commands.add_parser("example", help=write_example.__doc__, description=write_example.__doc__)
     starts.add_argument("name", choices=examples(), metavar="NAME", help=", ".join(examples()))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.invented import LAYERED, TERRAIN
+from benchmarks.invented import LAYERED
 from cooperative.__main__ import main
 from cooperative.runs import check_size, grid_size
 from cooperative.scene import parse, read_scene, starters
@@ -22,15 +22,16 @@ def test_a_scene_of_each_kind_is_begun_and_fits(kind, tmp_path, capsys):
     assert set(starters()) == {"section", "slope", "terrain"}
 
 
-@pytest.mark.parametrize("text", [LAYERED, TERRAIN], ids=["section", "terrain"])
-def test_a_scene_is_drawn(text, tmp_path, capsys):
-    (tmp_path / "mine.toml").write_text(text)
+def test_a_scene_is_drawn(tmp_path, capsys):
+    (tmp_path / "mine.toml").write_text(LAYERED + '\n[[exposed]]\nname = "road"\nbetween = [12, 14]\n')
     assert main(["draw", str(tmp_path / "mine.toml")]) == 0
     drawn = (tmp_path / "mine.png").read_bytes()
     assert drawn.startswith(b"\x89PNG")
     assert capsys.readouterr().out.strip() == str(tmp_path / "mine.png")
     assert main(["draw", str(tmp_path / "mine.toml"), "--sample", "6"]) == 2
     assert "the scene has samples 0 to 5" in capsys.readouterr().err
+    assert main(["draw", str(tmp_path / "mine.toml"), "--out", str(tmp_path / "mine.html")]) == 2
+    assert "a section has nothing to turn" in capsys.readouterr().err
 
 
 def test_check_says_what_a_scene_costs(tmp_path, capsys):

@@ -1,4 +1,7 @@
-"""A scene before it runs: its ground with layers, water and walls, and one random field on both grids."""
+"""A scene before it runs: its ground with layers, water, walls and exposed places, and one random field on both grids.
+
+In 3D a map and a section, and a page whose ground the reader turns.
+"""
 
 from __future__ import annotations
 
@@ -8,53 +11,152 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import Normalize
+from matplotlib.colors import Normalize, to_hex
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from cooperative.measure import Place
+from cooperative.reporting import _page as page
 from cooperative.reporting import _pictures as pictures
 from cooperative.reporting import _plots as plots
+from cooperative.reporting import _turn as turn
 from cooperative.runs import GridModel, coefficients_of
 from cooperative.scene import Campaign
-from jaxmpm import Section
+from cooperative.store import write_aside
 
 LAYERS = matplotlib.colormaps["Set2"]
 WATER = "#1f77b4"
 
 
-def draw(campaign: Campaign, path: Path, *, sample: int = 0) -> Path:
-    """Draw a scene into a PNG, PDF or SVG, and give the path back.
+Values = dict[str, dict[str, np.ndarray]]
+"""By grid and parameter of the soil, of the particles (N,), nan for rock."""
 
-    sample: number of the sample whose field is drawn. Raises ValueError where the scene has not so many samples, or its
-    ground, soil and grids do not fit together.
+PLACE = "#D55E00"
+NAME: dict[str, Any] = {"color": PLACE, "fontsize": "small", "xytext": (0, 8), "textcoords": "offset points"}
+"""How an exposed place and its name are drawn."""
+
+
+def draw(campaign: Campaign, *paths: Path, sample: int = 0) -> None:
+    """Draw a scene into each of these files: a PNG, PDF or SVG, or in 3D an HTML page that turns.
+
+    sample: number of the sample whose field is drawn. Raises ValueError where the scene has not so many samples, its
+    ground, soil and grids do not fit together, or a page is asked for of a section.
     """
     if not 0 <= sample < campaign.plan.samples:
         raise ValueError(f"sample = {sample}: the scene has samples 0 to {campaign.plan.samples - 1}")
+    turns = [path for path in paths if path.suffix == ".html"]
+    if turns and campaign.dimension < 3:
+        raise ValueError(f"{turns[0]}: a section has nothing to turn, give a PNG, PDF or SVG")
     models = pictures.models_of(campaign)
     coefficients = coefficients_of(campaign, models["rough"].soil)[sample]
-    figure = ground(models, {grid: pictures.values_of(model, coefficients) for grid, model in models.items()})
-    plots.lay_out(figure)
-    return plots.save(figure, path)
+    values = {grid: pictures.values_of(model, coefficients) for grid, model in models.items()}
+    for path in turns:
+        write_aside(path, solid(models, values).encode())
+    if len(turns) < len(paths):
+        figure = ground(models, values)
+        plots.lay_out(figure)
+        for path in paths:
+            if path not in turns:
+                plots.save(figure, path)
 
 
-def ground(models: dict[str, GridModel], values: dict[str, dict[str, np.ndarray]]) -> Figure:
-    """Ground above one random field on every grid, the first; in 3D the section in the middle, and its place on a map.
+def solid(models: dict[str, GridModel], values: Values) -> str:
+    """A page that turns: the ground by its layers, and one random field on every grid, the first."""
+    campaign = next(iter(models.values())).campaign
+    name = next(iter(campaign.random))
+    drawn = plots.QUANTITIES[name]
+    field = {grid: found[name] / drawn.unit for grid, found in values.items()}
+    ends = _ends(field)
+    bodies = [_layered(models["refined"])]
+    for grid, model in models.items():
+        faces, of = turn.skin(np.asarray(model.scene.particles.position, float), 2 * model.half_size)
+        bodies.append(
+            turn.Body(
+                f"{drawn.word}, {grid} grid",
+                faces,
+                turn.coloured(field[grid][of], Normalize(*ends), "cividis"),
+                _outlines(model),
+                scale=(f"{drawn.word} [{drawn.said}]", ends[0], ends[1], "cividis"),
+            )
+        )
+    said = "Ground by its layers, and one sample's random field on both grids."
+    return page.document(campaign.name, [page.heading(campaign.name, 1), turn.turning(bodies, said), turn.SCRIPT])
 
-    values: by grid and parameter of the soil, of the particles (N,), nan for rock.
-    """
+
+def _layered(model: GridModel) -> turn.Body:
+    """The ground by its layers."""
+    faces, of = turn.skin(np.asarray(model.scene.particles.position, float), 2 * model.half_size)
+    number = np.zeros(len(of), int) if model.layer is None else model.layer[of]
+    colours = LAYERS(number % LAYERS.N, bytes=True)
+    key = [(to_hex(LAYERS(k % LAYERS.N)), name) for k, name in enumerate(_names(model.campaign))]
+    return turn.Body("layers", faces, colours, _outlines(model), key)
+
+
+def _outlines(model: GridModel) -> list[turn.Line]:
+    """The base, the walls and the exposed places, these on the surface of the ground."""
+    campaign = model.campaign
+    shape: Any = campaign.site.shape
+    low, high = np.array(shape.corner), np.array(shape.corner) + shape.extent
+    (x0, y0, z0), (x1, y1, z1) = low, high
+    ring = [(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)]
+    found = [turn.Line(np.array([(x, y, z0) for x, y in ring]), name=f"fixed base, z = {z0:g} m")]
+    for (axis, side), hold in _holds(model).items():
+        at = (low if side == "low" else high)[axis]
+        ends = [np.array([*point, z1]) for point in ring[:4] if point[axis] == at]
+        for end, said in zip(ends, (f"{hold} wall, {'xy'[axis]} = {at:g} m", ""), strict=True):
+            points = np.array([(ends[0] + ends[1]) / 2, end, (*end[:2], z0)])
+            found.append(turn.Line(points, name=said, dashed=hold == "roller"))
+    for place in _places(campaign):
+        corners = _around(np.array(place.corners), model.scene.grid.cell / 2)
+        found.append(turn.Line(np.column_stack([corners, shape.heights(*corners.T)]), PLACE, place.name))
+    return found
+
+
+def _around(corners: np.ndarray, step: float) -> np.ndarray:
+    """Points (m, 2) along the sides of a polygon, back to its start, at most `step` (m) apart; a point is left."""
+    if len(corners) == 1:
+        return corners
+    sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
+    return np.concatenate([np.linspace(a, b, max(int(np.ceil(np.linalg.norm(b - a) / step)), 1) + 1) for a, b in sides])
+
+
+def _names(campaign: Campaign) -> list[str]:
+    """Of the layers."""
+    return [each.name + (" (rock)" if each.rock else "") for each in campaign.site.layers] or ["soil"]
+
+
+def _holds(model: GridModel) -> dict[tuple[int, str], str]:
+    """What each upright wall holds, by axis and side."""
+    upright = len(model.half_size) - 1
+    return {(wall.axis, wall.side): wall.hold for wall in model.scene.walls if wall.axis < upright}
+
+
+def _places(campaign: Campaign) -> tuple[Place, ...]:
+    """That are exposed."""
+    return campaign.hazard.places if campaign.hazard else ()
+
+
+def _ends(field: dict[str, np.ndarray]) -> tuple[float, float]:
+    """Smallest and largest value on any grid."""
+    return float(min(map(np.nanmin, field.values()))), float(max(map(np.nanmax, field.values())))
+
+
+def ground(models: dict[str, GridModel], values: Values) -> Figure:
+    """Ground above one random field on every grid, the first; in 3D the section in the middle, and its place on a
+    map."""
     planes = {grid: pictures.plane_at(model, pictures.middle(model)) for grid, model in models.items()}
     sections = {grid: pictures.section_of(model, planes[grid]) for grid, model in models.items()}
     fine = models["refined"]
-    solid = fine.campaign.dimension == 3
-    figure, axes = plots.section_panels(sections["refined"][0], 1 + len(models) + solid)
-    if solid:
+    mapped = fine.campaign.dimension == 3
+    figure, axes = plots.section_panels(sections["refined"][0], 1 + len(models) + mapped)
+    if mapped:
         _map(figure, axes[0], fine)
-    _layers(axes[int(solid)], fine, planes["refined"], sections["refined"])
+    _layers(axes[int(mapped)], fine, planes["refined"], sections["refined"])
     name = next(iter(fine.campaign.random))
     drawn = plots.QUANTITIES[name]
     kept = {grid: found[name][planes[grid]] / drawn.unit for grid, found in values.items()}
-    norm = Normalize(min(map(np.nanmin, kept.values())), max(map(np.nanmax, kept.values())))
-    shown = list(axes[1 + solid :])
+    norm = Normalize(*_ends(kept))
+    shown = list(axes[1 + mapped :])
     for ax, (grid, (position, half)) in zip(shown, sections.items(), strict=True):
         boxes = plots.draw_particles(ax, position, half, kept[grid], "cividis", norm)
         ax.set_title(f"{grid} grid, {models[grid].scene.particles.mass.size:,} particles, one sample", loc="left")
@@ -65,36 +167,43 @@ def ground(models: dict[str, GridModel], values: dict[str, dict[str, np.ndarray]
 def _layers(ax: Axes, model: GridModel, plane: np.ndarray, section: plots.Section) -> None:
     """Particles by their layer, the water, the walls and the base."""
     campaign, (position, half) = model.campaign, section
-    layers = campaign.site.layers
     number = np.zeros(position.shape[1]) if model.layer is None else model.layer[plane].astype(float)
     norm = Normalize(-0.5, LAYERS.N - 0.5)
     plots.draw_particles(ax, position, half, number % LAYERS.N, "Set2", norm)
-    names = [each.name + (" (rock)" if each.rock else "") for each in layers] or ["soil"]
-    handles: list[Any] = [Patch(color=LAYERS(k % LAYERS.N), label=name) for k, name in enumerate(names)]
+    handles: list[Any] = [Patch(color=LAYERS(k % LAYERS.N), label=name) for k, name in enumerate(_names(campaign))]
     corner, extent = campaign.site.shape.corner, campaign.site.shape.extent
     ends = corner[0], corner[0] + extent[0]
     table = model.scene.water
     if table is not None:
         handles += ax.plot(np.asarray(table.x), np.asarray(table.z), color=WATER, lw=1.5, label="water")
-    hold = {wall.axis: wall.hold for wall in model.scene.walls}
-    for end in ends:
-        ax.axvline(end, color="k", lw=1.5, ls="--" if hold[0] == "roller" else "-")
+    hold = [_holds(model).get((0, side), "no") for side in ("low", "high")]
+    for end, held in zip(ends, hold, strict=True):
+        ax.axvline(end, color="k", lw=1.5, ls="--" if held == "roller" else "-")
     ax.axhline(corner[-1], color="k", lw=2)
-    ax.set_title(f"ground between {hold[0]} walls at x = {ends[0]:g} and {ends[1]:g} m, on a fixed base", loc="left")
-    ax.legend(handles=handles, loc="upper right", fontsize="small", framealpha=0.8)
+    if campaign.dimension == 2:
+        shape: Any = campaign.site.shape
+        for place in _places(campaign):
+            x = np.linspace(min(place.corners)[0], max(place.corners)[0], 100)
+            ax.plot(x, shape.heights(x), color=PLACE, lw=4, marker="v", markevery=[50])
+            ax.annotate(place.name, (x[50], shape.heights(x)[50]), **NAME)
+    said = ", ".join(f"{held} wall at x = {end:g} m" for end, held in zip(ends, hold, strict=True))
+    ax.set_title(f"{said}, fixed base", loc="left")
+    ax.legend(handles=handles, loc="upper left", bbox_to_anchor=(1, 1), fontsize="small", frameon=False)
 
 
 def _map(figure: Figure, ax: Axes, model: GridModel) -> None:
-    """Heights of the ground from above, and where the section lies."""
-    shape = model.campaign.site.shape
+    """Heights of the ground from above with the exposed places, and where the section lies."""
+    shape: Any = model.campaign.site.shape
     (x0, y0), (length, width) = shape.corner[:2], shape.extent[:2]
-    if isinstance(shape, Section):
-        return
     x, y = (start + np.linspace(0, size, 200) for start, size in ((x0, length), (y0, width)))
     at = np.meshgrid(x, y, indexing="ij")
     heights = shape.heights(*at)
     lines = ax.contourf(x, y, heights.T, 20, cmap="terrain")
     ax.axhline(pictures.middle(model), color="k", lw=1, ls="--")
+    for place in _places(model.campaign):
+        corners = np.array([*place.corners, place.corners[0]])
+        ax.plot(*corners.T, color=PLACE, lw=2, marker="o" if len(place.corners) == 1 else "")
+        ax.annotate(place.name, tuple(corners[0]), **NAME)
     ax.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
     ax.set_title("height of the ground, and the section below", loc="left")
     figure.colorbar(lines, ax=ax, label="z [m]")

@@ -24,6 +24,11 @@ figure { margin: 1rem 0 1.6rem; } figure img { max-width: 100%; height: auto; di
 figcaption { color: #444; font-size: .92rem; max-width: 48rem; }
 .note { border-left: 4px solid #D55E00; padding: .3rem .8rem; margin: .4rem 0; background: #fdf3ea; }
 pre { font-size: .82rem; background: #f5f5f5; padding: .8rem; white-space: pre-wrap; }
+.turn canvas { width: 100%; height: min(70vh, 34rem); display: block; touch-action: pan-y; cursor: grab;
+  border: 1px solid #ddd; } .turn canvas:focus { outline: 2px solid #0072B2; }
+.turn .key { font-size: .92rem; margin: .3rem 0; } .turn .choice label { margin-right: 1rem; }
+.turn .swatch { display: inline-block; width: .9em; height: .9em; margin: 0 .3em 0 .6em; vertical-align: -.1em; }
+.turn .scale { display: inline-block; width: 10em; height: .9em; vertical-align: -.1em; }
 @page { size: A4; margin: 16mm; }
 @media print {
   body { font-size: 10.5pt; max-width: none; padding: 0; }
