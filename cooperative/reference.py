@@ -63,7 +63,9 @@ TABLES = {
         "Layers of the drawn ground, `[[layer]]` for each, from the top down; the last has no lower boundary. Each "
         "may have any key of `[soil]`, and of a parameter that varies a table, such as `[layer.strength]`, with its "
         "own `mean`, `cov`, `marginal`, `lower`, `upper` and `trend`; what it leaves out is that of `[soil]` and "
-        "`[strength]`. Random fields go through all layers."
+        "`[strength]`. Its random field goes through all layers, unless a layer gives a `length` of its own: then its "
+        "field stops at it, independent of all others, with a `correlation`, `energy`, `bedding` and so on that may be "
+        "its own too."
     ),
     "water": "Water in the drawn ground, and above it: one of these keys.",
     "soil": (
@@ -200,7 +202,7 @@ MEANINGS = {
         ),
         "nataf": Meaning("Whether the parameter itself has the correlation, not the Gaussian field behind it.", "true"),
         "boreholes": Meaning(
-            "Measured values: the place, from the corner of the slope's box, and the value there.",
+            "Measured values: the place and the value there. x of a simple slope is from its rear, z from its base.",
             "[[10.0, 2.5, 45e3]]",
             unit="m, Pa",
         ),
@@ -385,11 +387,13 @@ def _list(of: dict[str, Any]) -> dict[str, Any]:
 
 
 def _table(table: Table) -> dict[str, Any]:
-    """Schema of a table within a table, whose keys are numbers and names."""
+    """Schema of a table within a table, whose keys are those of a random field, or numbers."""
     return {
         "type": "object",
         "properties": {
-            name: {"enum": list(key.kind)} if isinstance(key.kind, dict) else {"type": _TYPES[key.kind]}
+            name: {"$ref": f"#/properties/strength/properties/{name}"}
+            if name in SECTIONS["strength"]
+            else {"type": _TYPES[key.kind]}
             for name, key in table.keys.items()
         },
         "required": [name for name, key in table.keys.items() if key.default is REQUIRED],

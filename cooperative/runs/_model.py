@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -88,8 +90,11 @@ class GridModel:
 
         coefficients: (modes,) of a sample. Raises ValueError for another number of them.
         """
-        own = self.soil.coefficients(coefficients)
-        found = {name: self._values(field, name, own[name]) for name, field in self.campaign.random.items()}
+        own = {group.layer: self.soil.coefficients(coefficients, group.layer) for group in self.soil.groups}
+        found = {
+            name: self._values(field, name, {layer: each[name] for layer, each in own.items() if name in each})
+            for name, field in self.campaign.random.items()
+        }
         return found if self.strength_factor == 1 else self._weakened(found)
 
     def varied(self, coefficients: jax.Array | np.ndarray) -> dict[str, jax.Array]:
@@ -150,7 +155,10 @@ class GridModel:
             weaker["dilation"] = jnp.broadcast_to(dilation, self.scene.particles.mass.shape)
         return weaker
 
-    def _values(self, field: RandomField, name: str, coefficients: jax.Array | np.ndarray) -> jax.Array:
+    def _values(
+        self, field: RandomField, name: str, coefficients: Mapping[int | None, jax.Array | np.ndarray]
+    ) -> jax.Array:
+        """A parameter at the particles (N,), of the coefficients of its fields by the layer at which they stop."""
         position = self.scene.particles.position
         points = position if field.sampled_at == "particles" else self._cell_centres()
         depth = None
@@ -165,7 +173,15 @@ class GridModel:
         marginals = tuple(
             layer.distribution if isinstance(layer, RandomField) else kl.Normal(layer, 0.0) for layer in layers
         )
-        return _values(self.soil.expansions[name], marginals, coefficients, points, grown, self.layer)
+        groups = self.soil.groups_of(name)
+        fields = tuple(
+            (group.expansion, coefficients[stops], points if stops is None else group.inside(points))
+            for stops, group in groups.items()
+        )
+        numbers = list(groups)
+        of_layer = [number if number in groups else None for number in range(len(layers))]
+        which = tuple(numbers.index(stops) if stops in groups else 0 for stops in of_layer)
+        return _values(fields, which, marginals, grown, self.layer)
 
     def _cell_centres(self) -> jax.Array:
         """Centre of the cell that each particle starts in (d, N) m, kept in the ground's box where that ends in it."""
@@ -180,19 +196,19 @@ ANGLES = ("friction", "dilation")
 """Parameters that scenes give in degrees and laws take in radians."""
 
 
-@jax.jit
+@partial(jax.jit, static_argnames="which")
 def _values(
-    expansion: kl.Expansion,
+    fields: tuple[tuple[kl.Expansion, jax.Array | np.ndarray, jax.Array], ...],
+    which: tuple[int, ...],
     marginals: tuple[Any, ...],
-    coefficients: jax.Array | np.ndarray,
-    position: jax.Array,
     grown: tuple[jax.Array | None, ...],
     layer: np.ndarray | None,
 ) -> jax.Array:
-    gaussian = kl.field_at(expansion, coefficients, position)
+    """fields: expansions, their coefficients and points. which: number of the field of each layer."""
+    gaussian = [kl.field_at(*field) for field in fields]
     each = [
-        marginal.transform(gaussian) if growth is None else marginal.transform(gaussian) * growth
-        for marginal, growth in zip(marginals, grown, strict=True)
+        marginal.transform(gaussian[number]) if growth is None else marginal.transform(gaussian[number]) * growth
+        for number, marginal, growth in zip(which, marginals, grown, strict=True)
     ]
     if layer is None:
         return each[0]

@@ -18,17 +18,23 @@ import numpy as np
 import kl
 from cooperative.scene import Campaign, CrossCorrelation, RandomField, Site, gaussian_root
 
+Box = tuple[tuple[float, ...], tuple[float, ...]]
+"""Lowest corner and edges (d,) m."""
+
 
 @dataclass(frozen=True)
 class Group:
-    """Parameters of one expansion. names: theirs. root: (P, P), what makes their P fields correlated, None for one.
-    conditioning: of all their coefficients, None without borehole values. place: (P M,) which of a sample's
-    coefficients these are, None for all of them in their order."""
+    """Parameters of one expansion. names: theirs. box: that is expanded on. root: (P, P), what makes their P fields
+    correlated, None for one. conditioning: of all their coefficients, None without borehole values. layer: number of
+    the one at which their fields stop, None where they go through all. place: (P M,) which of a sample's coefficients
+    these are, None for all of them in their order."""
 
     names: tuple[str, ...]
     expansion: kl.Expansion
+    box: Box
     root: np.ndarray | None
     conditioning: kl.Conditioning | None
+    layer: int | None = None
     place: np.ndarray | None = None
 
     def coefficients(self, sample: jax.Array | np.ndarray) -> dict[str, jax.Array | np.ndarray]:
@@ -40,6 +46,11 @@ class Group:
             return {self.names[0]: own}
         fields = jnp.asarray(own).reshape(len(self.names), -1)
         return dict(zip(self.names, jnp.asarray(self.root, fields.dtype) @ fields, strict=True))
+
+    def inside(self, points: jax.Array) -> jax.Array:
+        """The points (d, N) m, those beyond the box moved to its faces: what they are given is of no use."""
+        corner, extent = (jnp.asarray(each, points.dtype)[:, None] for each in self.box)
+        return jnp.clip(points, corner, corner + extent)
 
 
 @dataclass(frozen=True)
@@ -55,63 +66,95 @@ class RandomSoil:
 
     @property
     def expansions(self) -> Mapping[str, kl.Expansion]:
-        """The expansion of each parameter's field."""
-        return {name: group.expansion for group in self.groups for name in group.names}
+        """The expansion of the field of each parameter that goes through all layers."""
+        return {name: group.expansion for group in self.groups if group.layer is None for name in group.names}
 
-    def coefficients(self, sample: jax.Array | np.ndarray) -> dict[str, jax.Array | np.ndarray]:
-        """The coefficients (M,) of each parameter's field, of a sample's (modes,).
+    def coefficients(
+        self, sample: jax.Array | np.ndarray, layer: int | None = None
+    ) -> dict[str, jax.Array | np.ndarray]:
+        """The coefficients (M,) of each parameter's field, of a sample's (modes,): of the fields that go through all
+        layers, or that stop at one.
 
         Raises ValueError for another number of them.
         """
         if np.shape(sample) != (self.modes,):
             raise ValueError(f"coefficients of shape {np.shape(sample)}: give ({self.modes},), one for each mode")
-        return {name: own for group in self.groups for name, own in group.coefficients(sample).items()}
+        mine = [group for group in self.groups if group.layer == layer]
+        return {name: own for group in mine for name, own in group.coefficients(sample).items()}
+
+    def groups_of(self, parameter: str) -> Mapping[int | None, Group]:
+        """The groups that a parameter is of, by the layer at which their fields stop."""
+        return {group.layer: group for group in self.groups if parameter in group.names}
 
 
 def random_soil(campaign: Campaign) -> RandomSoil:
-    """What is random in the campaign's soil, over the whole box of the ground. Raises ValueError for fields that cannot
-    be expanded, or borehole values that lie outside or contradict each other."""
-    return _random_soil(tuple(campaign.random.items()), campaign.cross_correlation, replace(campaign.site, layers=()))
+    """What is random in the campaign's soil: fields over the whole box of the ground, and over the box of a layer at
+    which they stop. Raises ValueError for fields that cannot be expanded, or borehole values that lie outside or
+    contradict each other."""
+    site, correlated = campaign.site, campaign.cross_correlation
+    through = {name for name in campaign.random if site.spans(name)}
+    if correlated is not None and not through.isdisjoint(correlated.parameters):
+        through |= {*correlated.parameters}
+    parts: list[Part] = []
+    if through:
+        spanning = tuple((name, field) for name, field in campaign.random.items() if name in through)
+        parts.append((None, spanning, (site.shape.corner, site.shape.extent)))
+    for number, layer in enumerate(site.layers):
+        if layer.own:
+            own = tuple((name, field) for name, field in layer.random.items() if name in layer.own)
+            parts.append((number, own, site.box_of(number)))
+    return _random_soil(tuple(parts), correlated, replace(site, layers=()))
+
+
+Part = tuple[int | None, tuple[tuple[str, RandomField], ...], Box]
+"""The layer at which fields stop, these fields by parameter, and the box that holds them."""
 
 
 @lru_cache(maxsize=8)
-def _random_soil(
-    random: tuple[tuple[str, RandomField], ...], correlated: CrossCorrelation | None, site: Site
-) -> RandomSoil:
+def _random_soil(parts: tuple[Part, ...], correlated: CrossCorrelation | None, site: Site) -> RandomSoil:
+    groups = [group for part in parts for group in _groups(part, correlated, site)]
+    return RandomSoil(tuple(groups if len(groups) == 1 else _placed(groups)))
+
+
+def _groups(part: Part, correlated: CrossCorrelation | None, site: Site) -> list[Group]:
+    layer, random, box = part
     fields = dict(random)
-    together = () if correlated is None else correlated.parameters
+    together = () if correlated is None or correlated.parameters[0] not in fields else correlated.parameters
     members = [(name,) for name in fields if name not in together] + ([together] if together else [])
     members.sort(key=lambda names: min(list(fields).index(name) for name in names))
-    groups = tuple(
-        _group(names, MappingProxyType(fields), correlated if names == together else None, site) for names in members
-    )
-    if len(groups) == 1:
-        return RandomSoil(groups)
-    return RandomSoil(tuple(_placed(groups)))
+    return [
+        replace(
+            _group(names, MappingProxyType(fields), correlated if names == together else None, box, site), layer=layer
+        )
+        for names in members
+    ]
 
 
-def _placed(groups: tuple[Group, ...]) -> list[Group]:
+def _placed(groups: list[Group]) -> list[Group]:
     """The groups with their places among a sample's coefficients, of which those of most variance come first: a design
     that spreads its first dimensions best serves all groups alike."""
     shares = [np.tile(np.asarray(group.expansion.fractions, float), len(group.names)) for group in groups]
     rank = np.argsort(np.argsort(-np.concatenate(shares), kind="stable"), kind="stable")
     ends = np.cumsum([0, *(share.size for share in shares)])
     return [
-        Group(group.names, group.expansion, group.root, group.conditioning, rank[start:end])
-        for group, start, end in zip(groups, ends[:-1], ends[1:], strict=True)
+        replace(group, place=rank[start:end]) for group, start, end in zip(groups, ends[:-1], ends[1:], strict=True)
     ]
 
 
 def _group(
-    names: tuple[str, ...], fields: Mapping[str, RandomField], correlated: CrossCorrelation | None, site: Site
+    names: tuple[str, ...],
+    fields: Mapping[str, RandomField],
+    correlated: CrossCorrelation | None,
+    box: Box,
+    site: Site,
 ) -> Group:
-    shape, first = site.shape, fields[names[0]]
+    first, (corner, extent) = fields[names[0]], box
     try:
         expansion = kl.expand(
-            first.covariance, origin=shape.corner, extent=shape.extent, energy=first.energy, bedding=first.bedding
+            first.covariance, origin=corner, extent=extent, energy=first.energy, bedding=first.bedding
         )
         root = None if correlated is None else gaussian_root(correlated, fields)
-        return Group(names, expansion, root, _conditioning(names, fields, expansion, root, site))
+        return Group(names, expansion, box, root, _conditioning(names, fields, expansion, root, site))
     except ValueError as error:
         raise ValueError(f"random {' and '.join(names)}: {error}") from error
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import kl
@@ -155,8 +155,13 @@ _SOIL = {
     "decay": Key(DECAYS, "linear"),
     "unusual": Key(bool, False),
 }
-_LAYER_FIELD = {name: Key(_FIELD[name].kind, UNSAID) for name in ("mean", "cov", "marginal", "lower", "upper", "trend")}
-"""What a layer may say of a parameter that varies: all but the field itself, which goes through all layers."""
+OF_A_FIELD = ("length", "correlation", "energy", "bedding", "nataf", "boreholes", "borehole_error")
+"""What a layer says only of a field of its own, which stops at it: its length at least."""
+_LAYER_FIELD = {
+    name: replace(_FIELD[name], default=UNSAID)
+    for name in ("mean", "cov", "marginal", "lower", "upper", "trend", *OF_A_FIELD)
+}
+"""What a layer may say of a parameter that varies."""
 _LAYER = {
     "name": Key(str, None),
     "bottom": Key(LINE, None),

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cooperative.scene._rasters import unpacked
-from cooperative.scene._schema import OF_GROUND, SECTIONS, SITES, in_words, read
+from cooperative.scene._schema import OF_A_FIELD, OF_GROUND, SECTIONS, SITES, in_words, read
 from cooperative.scene._soil import RandomField, rock_of, soil_of
 from foundation.text import shown
 from jaxmpm import (
@@ -35,12 +35,14 @@ MOST_LAYERS = 100
 @dataclass(frozen=True)
 class SiteLayer:
     """A layer of a campaign's ground: its name, its soil with the means of what varies and its lower boundary, and what
-    varies in it, by parameter. rock: whether it is rock, whose strength no load of a slope reaches."""
+    varies in it, by parameter. rock: whether it is rock, whose strength no load of a slope reaches. own: parameters
+    whose field stops at the layer, independent of all others; those of the rest go through all layers."""
 
     name: str
     layer: Layer
     random: Mapping[str, RandomField]
     rock: bool
+    own: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,18 @@ class Site:
         return tuple(
             each.random.get(parameter) or float(getattr(each.layer.soil, parameter)) for each in self.layers
         ) or (field,)
+
+    def spans(self, parameter: str) -> bool:
+        """Whether a parameter that varies has a field that goes through layers: not where every layer in which it
+        varies has its own."""
+        stops = [parameter in each.own for each in self.layers if parameter in each.random]
+        return not stops or not all(stops)
+
+    def box_of(self, number: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Lowest corner and edges (d,) m of a box that holds a layer, the same for every grid."""
+        if isinstance(self.shape, Slope):
+            return self.shape.corner, self.shape.extent
+        return self.shape.box_of([each.layer for each in self.layers], number)
 
     def depth(self, points: np.ndarray) -> np.ndarray:
         """Depth of points (d, N) below the ground (N,) m, 0 above it."""
@@ -158,11 +172,12 @@ def _layers(
         if said["raster"] is not None:
             bottom = _heights(tables, f"[{where}] raster", said["raster"])
         try:
-            soil, own = _soil(tables, table, site, random(site), rock=said["rock"])
+            soil, varies = _soil(tables, table, site, random(site), rock=said["rock"])
         except ValueError as error:
             raise ValueError(f"[{where}]: {error}") from error
         layer = Layer(soil, bottom, said["depth"], said["thickness"])
-        found.append(SiteLayer(said["name"] or where, layer, own, said["rock"]))
+        stops = tuple(name for name in varies if "length" in _of_its_own(table, name))
+        found.append(SiteLayer(said["name"] or where, layer, varies, said["rock"], stops))
     return tuple(found)
 
 
@@ -172,10 +187,15 @@ def _soil(
     """A layer's soil and what varies in it: its own table over those of the scene."""
     own = {key: value for key, value in table.items() if key in SECTIONS["soil"]}
     whole = {**tables["soil"], **({"strength": tables["strength"]} if "strength" in tables else {})}
-    merged = {
-        key: {**whole[key], **value} if isinstance(value, dict) and isinstance(whole.get(key), dict) else value
-        for key, value in {**whole, **own}.items()
-    }
+    merged = {**whole, **own}
+    for name, value in own.items():
+        if isinstance(value, dict) and isinstance(whole.get(name), dict):
+            stops = _of_its_own(table, name)
+            # Measured values are of one field.
+            left_out = ("boreholes", "borehole_error") if stops else ()
+            merged[name] = {key: said for key, said in whole[name].items() if key not in left_out} | value
+            if stops and "length" not in stops:
+                raise ValueError(f"{name} has {stops[0]}, which is of a field of its own: give its length here too")
     if rock:
         if said := [key for key, value in own.items() if isinstance(value, dict)]:
             raise ValueError(f"it is rock, which has no {said[0]} to vary: leave that table out")
@@ -190,12 +210,18 @@ def _soil(
         alike = (field.mean, field.cov, field.marginal) == tuple(
             getattr(random[name], key) for key in ("mean", "cov", "marginal")
         )
-        if not alike and (field.nataf or field.boreholes is not None):
+        if not alike and not _of_its_own(table, name) and (field.nataf or field.boreholes is not None):
             raise ValueError(
                 f"{name} has nataf or boreholes in [soil], which are of one distribution throughout: leave them out, "
-                "or give this layer no distribution of its own"
+                "or give this layer no distribution of its own, or a field of its own by its length"
             )
     return soil, found
+
+
+def _of_its_own(table: Mapping[str, Any], parameter: str) -> list[str]:
+    """What a layer's table says of a parameter that only a field of its own has."""
+    said = table.get(parameter)
+    return [key for key in OF_A_FIELD if key in said] if isinstance(said, dict) else []
 
 
 def listed(name: str, tables: Mapping[str, Any]) -> Sequence[Any]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, is_dataclass, replace
 from types import MappingProxyType
 from typing import Any, Literal
 
+import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
@@ -30,7 +31,7 @@ from cooperative.scene._schema import (
     unknown_keys,
     wrong_keys,
 )
-from cooperative.scene._site import Site, listed, refuse_both, site_of
+from cooperative.scene._site import Site, SiteLayer, listed, refuse_both, site_of
 from cooperative.scene._soil import CrossCorrelation, RandomField, check_cross_correlation, soil_of
 from cooperative.scene._text import tables_of
 from foundation.text import short, shown
@@ -335,6 +336,12 @@ def _check(campaign: Campaign) -> None:
             raise ValueError(f"[{name}] length has {len(field.length)} values: give {dimension}, one per axis")
     if campaign.cross_correlation is not None:
         check_cross_correlation(campaign.cross_correlation, campaign.random)
+    for layer in campaign.site.layers:
+        try:
+            _check_own_fields(campaign, layer)
+        except ValueError as error:
+            raise ValueError(f"[{layer.name}]: {error}") from error
+    _check_boreholes(campaign)
     for name, value in (
         ("samples", plan.samples),
         ("lanes", 1 if plan.lanes is None else plan.lanes),
@@ -352,6 +359,46 @@ def _check(campaign: Campaign) -> None:
             f"[campaign] screening_stop = {plan.screening_stop:g} m ends rough runs before their mode shows: "
             "leave it out, or modes = 'both'"
         )
+
+
+def _check_own_fields(campaign: Campaign, layer: SiteLayer) -> None:
+    """Raise ValueError for fields that stop at a layer and have not its axes, or correlate with others that do not."""
+    for name in layer.own:
+        if len(layer.random[name].length) != campaign.dimension:
+            raise ValueError(
+                f"{name} length has {len(layer.random[name].length)} values: give {campaign.dimension}, one per axis"
+            )
+    if campaign.cross_correlation is None:
+        return
+    together = campaign.cross_correlation.parameters
+    through = [name for name in together if name not in layer.own]
+    if len(through) == len(together):
+        return
+    if through:
+        raise ValueError(
+            f"{', '.join(through)} has no field of its own here, and {', '.join(layer.own)}, with which it correlates, "
+            "has: give a length to all of them, or to none"
+        )
+    check_cross_correlation(campaign.cross_correlation, layer.random)
+
+
+def _check_boreholes(campaign: Campaign) -> None:
+    """Raise ValueError for measured values that lie in a layer to which their field does not reach."""
+    layers = campaign.site.layers
+    fields: list[tuple[int | None, str, RandomField]] = [(None, name, field) for name, field in campaign.random.items()]
+    fields += [(number, name, each.random[name]) for number, each in enumerate(layers) for name in each.own]
+    for number, name, field in fields:
+        if field.boreholes is None or not any(name in each.own for each in layers):
+            continue
+        places = np.array([row[:-1] for row in field.boreholes]).T
+        found = campaign.site.layer_of(places, campaign.grids["refined"])
+        for row, layer in zip(field.boreholes, [] if found is None else found, strict=True):
+            if (int(layer) if name in layers[layer].own else None) != number:
+                raise ValueError(
+                    f"a borehole value of {name} at {list(row[:-1])} m lies in {layers[layer].name}, to whose field it "
+                    "does not belong: give it in the table of that layer, or in that of [soil] for a field that goes "
+                    "through it"
+                )
 
 
 def check_failure(campaign: Campaign) -> None:

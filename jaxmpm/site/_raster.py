@@ -65,6 +65,12 @@ class Raster:
                 "like degrees: project it to metres first, e.g. with gdalwarp -t_srs and the EPSG code of a UTM zone"
             )
 
+    def places(self) -> np.ndarray:
+        """x and y (2, n) m of its points."""
+        (x, y), (nx, ny) = self.corner, self.heights.shape
+        along, across = np.meshgrid(x + self.step * np.arange(nx), y + self.step * np.arange(ny), indexing="ij")
+        return np.stack([along.ravel(), across.ravel()])
+
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Heights (m) at points; nan where one of the four heights around is none, or beyond the ends."""
         (nx, ny), (west, south) = self.heights.shape, self.corner

@@ -29,6 +29,9 @@ Line = Sequence[Sequence[float]]
 Height = Callable[[np.ndarray], np.ndarray]
 """Heights (n,) m of a line at x (n,) m."""
 
+Box = tuple[tuple[float, ...], tuple[float, ...]]
+"""Lowest corner and edges (d,) m."""
+
 TOUCHING = 0.01
 """Share of a particle's height up to which two lines touch."""
 
@@ -143,6 +146,18 @@ class Section:
         """Number of the layer (N,), from 0 on, in which points at position (2, N) m lie. Raises as `section` does."""
         return _layer_of(_layering(self, layers, discretisation), position, discretisation.spacing[-1])
 
+    def box_of(self, layers: Sequence[Layer], number: int) -> Box:
+        """A box that holds a layer, numbered from 0. Raises ValueError for lines that are none, and for a layer that
+        lies nowhere."""
+        tops, x = _tops(self, layers, spacing=math.inf), _knots(self, layers)
+        top, bottom = (np.maximum(tops[number + down](x), self.base) for down in (0, 1))
+        held = np.flatnonzero(top > bottom)
+        if not held.size:
+            raise ValueError(f"layer {number + 1} lies nowhere between the walls: draw it there, or leave it out")
+        near = slice(max(held[0] - 1, 0), held[-1] + 2)
+        low = (float(x[near][0]), float(bottom[near].min()))
+        return low, (float(x[near][-1]) - low[0], float(top[near].max()) - low[1])
+
     def _top(self) -> float:
         return max(point[1] for point in self.surface)
 
@@ -254,24 +269,21 @@ def _layering(shape: Section, layers: Sequence[Layer], discretisation: Discretis
 
 
 def _tops(shape: Section, layers: Sequence[Layer], spacing: float) -> list[Height]:
-    """The upper boundaries of the layers, and the base."""
-    surface, (left, right) = shape.outline()
+    """The upper boundaries of the layers, and the base. spacing: of particles along z (m), a share of which is the
+    largest distance of lines that touch; inf leaves unchecked whether they do."""
+    ends = shape.outline()[1]
     check_ends(layers)
     tops: list[Height] = [shape.heights]
-    knots = [surface[:, 0]]
+    x = _knots(shape, layers)
     for number, layer in enumerate(layers[:-1], 1):
         name = f"bottom of layer {number}"
         if layer.bottom is not None:
             points = _points(name, layer.bottom)
-            knots.append(points[:, 0])
-            tops.append(_boundary(name, points, tops[-1], (left, right), touching=TOUCHING * spacing))
+            tops.append(_boundary(name, points, tops[-1], ends, touching=TOUCHING * spacing))
         elif layer.depth is not None:
             tops.append(_offset(tops[0], layer.depth))
         elif layer.thickness is not None:
             tops.append(_offset(tops[-1], layer.thickness))
-        x = np.unique(np.concatenate(knots).clip(left, right))
-        step = 1e-9 * (right - left)
-        x = np.concatenate([x - step, x + step]).clip(left, right)
         beyond = tops[-1](x) - tops[-2](x)
         worst = int(np.argmax(beyond))
         if beyond[worst] > TOUCHING * spacing:
@@ -281,6 +293,19 @@ def _tops(shape: Section, layers: Sequence[Layer], spacing: float) -> list[Heigh
                 f"{tops[-1](x)[worst]:g} m; draw it below, or end it where they meet"
             )
     return [*tops, lambda x: np.full_like(x, shape.base)]
+
+
+def _knots(shape: Section, layers: Sequence[Layer]) -> np.ndarray:
+    """x (n,) m just before and just after every point of the surface and of the layers' boundaries."""
+    surface, (left, right) = shape.outline()
+    lines = [
+        _points(f"bottom of layer {number}", layer.bottom)
+        for number, layer in enumerate(layers, 1)
+        if layer.bottom is not None
+    ]
+    x = np.unique(np.concatenate([line[:, 0] for line in (surface, *lines)]).clip(left, right))
+    step = 1e-9 * (right - left)
+    return np.unique(np.concatenate([x - step, x + step]).clip(left, right))
 
 
 def check_ends(layers: Sequence[Layer]) -> None:

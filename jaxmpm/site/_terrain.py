@@ -16,7 +16,7 @@ from jaxmpm.site import _initial_stress
 from jaxmpm.site._builders import PADDING, below, build, end_walls, fill, material_on, sorted_by_cell
 from jaxmpm.site._discretisation import RESOLVED, Discretisation, check_discretisation, check_resolved
 from jaxmpm.site._raster import Raster
-from jaxmpm.site._section import Layer, check_ends, common_law
+from jaxmpm.site._section import Box, Layer, check_ends, common_law
 from jaxmpm.site._soil import STANDARD_GRAVITY, Ground
 from jaxmpm.types import Grid, Particles, Scene, State, Wall
 
@@ -126,6 +126,20 @@ class Terrain:
         for bottom in _bottoms(self, layers, x, y, discretisation.spacing[-1]):
             layer += below(z, bottom, RESOLVED * discretisation.spacing[-1])
         return layer
+
+    def box_of(self, layers: Sequence[Layer], number: int) -> Box:
+        """A box that holds a layer, numbered from 0. Raises ValueError for layers that are none, have holes, or lie
+        nowhere."""
+        rasters = [self.surface, *(layer.bottom for layer in layers if isinstance(layer.bottom, Raster))]
+        places = [raster.cropped(*self.walls).places() for raster in rasters]
+        (west, east), (south, north) = self.walls
+        x, y = np.concatenate(places, axis=1)
+        x, y = x.clip(west, east), y.clip(south, north)
+        lines = [self.heights(x, y), *_bottoms(self, layers, x, y, math.inf), np.full(x.size, self.base)]
+        top, bottom = np.maximum(lines[number], self.base), np.maximum(lines[number + 1], self.base)
+        if not (top > bottom).any():
+            raise ValueError(f"layer {number + 1} lies nowhere between the walls: draw it there, or leave it out")
+        return (west, south, float(bottom.min())), (east - west, north - south, float(top.max() - bottom.min()))
 
 
 def terrain(
