@@ -107,8 +107,8 @@ BAD_FILES = [
     (HEADER.replace("cellsize 5", "cellsize five"), None, "cellsize is 'five': give a number"),
     (HEADER.replace("cellsize 5", "dx 5\ndy 6") + "1 2 3\n4 5 6\n", None, "has steps of 5 and 6 m: resample it"),
     (HEADER.replace("cellsize 5", "cellsize 0.0008") + "1 2 3\n4 5 6\n", None, "look like degrees: project it"),
-    (HEADER + "1 2 3\n4 5 6\n", 'GEOGCS["WGS 84",UNIT["degree",0.0174]]', "is in degrees .dem.prj.: project it"),
-    (HEADER + "1 2 3\n4 5 6\n", 'PROJCS["NAD83",UNIT["Foot_US",0.3048]]', "is in feet .dem.prj.: project it"),
+    (HEADER + "1 2 3\n4 5 6\n", 'GEOGCS["WGS 84",UNIT["degree",0.0174]]', "dem.prj. is in degrees: project it"),
+    (HEADER + "1 2 3\n4 5 6\n", 'PROJCS["NAD83",UNIT["Foot_US",0.3048]]', "dem.prj. is in feet: project it"),
     ("\x89PNG", None, "is no ESRI ASCII grid"),
 ]
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +18,12 @@ MOST_BYTES = 2**28
 
 SHORTEST_STEP = 0.05
 """Step (m) of a raster below which it is taken for degrees, where its corner may be one of degrees too."""
+
+SQUARE = 1e-9
+"""Share by which the steps of a square grid may differ, by rounding."""
+
+METRES = ("m", "metre", "metres", "meter", "meters", "")
+"""What a GeoTIFF calls the unit of its heights where they are in metres."""
 
 HEADER = ("ncols", "nrows", "cellsize")
 CORNERS = (("xllcorner", "yllcorner", 0.5), ("xllcenter", "yllcenter", 0.0))
@@ -165,14 +173,18 @@ def _esri(path: Path) -> Raster:
 def _refuse_units(path: Path) -> None:
     """Raise ValueError where the projection beside a grid is in degrees or feet."""
     beside = path.with_suffix(".prj")
-    if not beside.is_file():
-        return
-    said = files.read_plain(beside, 2**20).decode(errors="replace").upper()
-    if "PROJCS" not in said and "PROJCRS" not in said and ("GEOGCS" in said or "GEOGCRS" in said):
-        raise ValueError(f"{path} is in degrees ({beside.name}): project it to metres first, e.g. with gdalwarp -t_srs")
+    if beside.is_file():
+        _refuse_projection(f"{path} ({beside.name})", files.read_plain(beside, 2**20).decode(errors="replace"))
+
+
+def _refuse_projection(where: str, projection: str) -> None:
+    """Raise ValueError for a projection, as WKT, that is none, or of which a length is in feet."""
+    said = projection.upper()
+    if not re.search(r"PROJCS|PROJCRS|PROJECTEDCRS", said) and re.search(r"GEOGCS|GEOGCRS|GEODCRS", said):
+        raise ValueError(f"{where} is in degrees: project it to metres first, e.g. with gdalwarp -t_srs")
     units = re.findall(r'(?:UNIT|LENGTHUNIT)\["([^"]*)"', said)
     if any("FOOT" in unit or "FEET" in unit for unit in units):
-        raise ValueError(f"{path} is in feet ({beside.name}): project it to metres first, e.g. with gdalwarp -t_srs")
+        raise ValueError(f"{where} is in feet: project it to metres first, e.g. with gdalwarp -t_srs")
 
 
 def _geotiff(path: Path) -> Raster:
@@ -181,20 +193,44 @@ def _geotiff(path: Path) -> Raster:
     except ImportError as error:
         raise ValueError(f"{path} is a GeoTIFF, which rasterio reads: pip install 'jaxmpm[terrain]'") from error
     try:
-        with rasterio.open(path, driver="GTiff") as file:
-            if file.count * file.width * file.height * 8 > MOST_BYTES:
-                raise ValueError(f"{path} says {file.width} times {file.height} heights, more than can be: crop it")
-            turned = file.transform
-            if turned.b or turned.d or turned.a != -turned.e:
-                raise ValueError(
-                    f"{path} has steps of {turned.a:g} and {-turned.e:g} m, or is turned: resample it to squares, e.g. "
-                    "with gdalwarp -tr"
-                )
-            if file.crs is not None and (file.crs.is_geographic or file.crs.linear_units_factor[1] != 1):
-                unit = "degrees" if file.crs.is_geographic else file.crs.linear_units
-                raise ValueError(f"{path} is in {unit}: project it to metres first, e.g. with gdalwarp -t_srs")
-            heights = file.read(1, masked=True).astype(float).filled(np.nan)[::-1].T
-            corner = (turned.c + turned.a / 2, turned.f + (file.height - 0.5) * turned.e)
-    except rasterio.errors.RasterioError as error:
+        # Its bytes, so that the library opens nothing else: no address of a server, no file beside it.
+        data = files.read_plain(path, MOST_BYTES)
+    except OSError as error:
+        raise ValueError(f"{path} cannot be read ({error.strerror})") from error
+    if not data:
+        raise ValueError(f"{path} cannot be read as a GeoTIFF: it is empty")
+    try:
+        with rasterio.MemoryFile(data) as memory, warnings.catch_warnings():
+            warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
+            with memory.open(driver="GTiff") as file:
+                return _heights(path, file)
+    except (rasterio.errors.RasterioError, rasterio.errors.CRSError) as error:
         raise ValueError(f"{path} cannot be read as a GeoTIFF: {shown(str(error))}") from error
-    return Raster(np.ascontiguousarray(heights), corner, float(turned.a))
+
+
+def _heights(path: Path, file: Any) -> Raster:
+    """What an open GeoTIFF holds."""
+    if file.count != 1 or np.dtype(file.dtypes[0]).kind not in "iuf":
+        raise ValueError(
+            f"{path} has {file.count} bands of {', '.join(sorted(set(file.dtypes)))}: give one of heights, e.g. with "
+            "gdal_translate -b 1"
+        )
+    if file.width * file.height * 8 > MOST_BYTES:
+        raise ValueError(f"{path} says {file.width} times {file.height} heights, more than can be: crop it")
+    turned = file.transform
+    if turned.is_identity:
+        raise ValueError(f"{path} does not say where it lies: give a GeoTIFF, e.g. by gdal_translate -a_ullr")
+    if turned.b or turned.d or abs(turned.a + turned.e) > SQUARE * abs(turned.a) or turned.a <= 0:
+        raise ValueError(
+            f"{path} has steps of {turned.a:g} and {-turned.e:g} m, or is turned: resample it to squares, e.g. with "
+            "gdalwarp -tr"
+        )
+    if file.crs is not None:
+        _refuse_projection(str(path), file.crs.to_wkt())
+    unit = file.units[0]
+    if unit is not None and unit.lower() not in METRES:
+        raise ValueError(f"{path} has heights in {shown(unit)}: give them in metres, e.g. with gdal_calc")
+    heights = file.read(1, masked=True).astype(float) * file.scales[0] + file.offsets[0]
+    found = heights.filled(np.nan)[::-1].T
+    corner = (turned.c + turned.a / 2, turned.f + (file.height - 0.5) * turned.e)
+    return Raster(np.ascontiguousarray(np.where(np.isfinite(found), found, np.nan)), corner, float(turned.a))
