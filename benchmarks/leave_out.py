@@ -195,21 +195,27 @@ def cost(scene: Scene, state: State) -> tuple[float, float]:
     return float(counted["flops"]), float(counted["bytes accessed"])
 
 
-def microseconds(variants: list[tuple[Scene, State]], repeats: int) -> list[float]:
-    """Microseconds per step of each variant, taken in turn so that a noisy moment hits all alike.
+def turns(variants: list[tuple[Scene, State]], repeats: int) -> list[list[float]]:
+    """Microseconds per step of every variant in each turn, one after the other so that a noisy moment hits all alike.
 
     Each turn takes as many steps from the start as make about a tenth of a second.
     """
     steps = max(30, 2_000_000 // variants[0][0].particles.mass.size)
-    spent: list[list[float]] = [[] for _ in variants]
-    for turn in range(repeats + 1):
-        for k, (scene, state) in enumerate(variants):
+    spent: list[list[float]] = []
+    for _ in range(repeats + 1):
+        spent.append([])
+        for scene, state in variants:
             start = jax.block_until_ready(jax.tree.map(jnp.copy, state))
             clock = time.perf_counter()
             jax.block_until_ready(advance_lanes(scene, start, jnp.asarray(steps), None))
-            if turn:
-                spent[k].append((time.perf_counter() - clock) / steps * 1e6)
-    return [statistics.median(values) for values in spent]
+            spent[-1].append((time.perf_counter() - clock) / steps * 1e6)
+    # The first turn compiles.
+    return spent[1:]
+
+
+def microseconds(variants: list[tuple[Scene, State]], repeats: int) -> list[float]:
+    """Microseconds per step of each variant: the median over `turns`."""
+    return [statistics.median(values) for values in zip(*turns(variants, repeats), strict=True)]
 
 
 def rows_of(name: str, repeats: int) -> list[dict[str, Any]]:

@@ -54,6 +54,26 @@ def test_what_no_slide_did_may_still_happen():
     assert nothing.high == pytest.approx([wilson_interval(0, 40)[1]] * 3)
 
 
+def test_what_no_slide_did_may_be_done_by_such_as_the_heaviest():
+    # Slides that are seldom drawn weigh most; what only such slides do is missed more easily than their number tells.
+    weight = np.array([10.0, *[1.0] * 9])
+    found = chance_of(PLAIN, weight, np.zeros((10, 1), bool))
+    heaviest = PLAIN.probability * 10 / 19
+    assert found.high[0] == pytest.approx(min(wilson_interval(0, 1 / heaviest)[1], PLAIN.interval[1]))
+    # One light slide that did it may be followed by a heavy one.
+    one = chance_of(PLAIN, weight, np.eye(10, dtype=bool))
+    light = chance_of(PLAIN, np.ones(10), np.eye(10, dtype=bool))
+    assert (one.high[1:] > light.high[1:]).all()
+
+
+def test_the_allowance_for_what_no_run_has_met_is_that_of_the_failures_alone():
+    wide = replace(PLAIN, interval=(PLAIN.interval[0], 0.9), sampling_interval=PLAIN.interval, unseen=0.6)
+    values = np.arange(1.0, 11.0)
+    plain, allowed = (exceedance(found, np.ones(10), values).chance for found in (PLAIN, wide))
+    np.testing.assert_array_equal(plain.high, allowed.high)
+    assert chance_of(wide, np.zeros(0), np.zeros((0, 1), bool)).high[0] == 0.9
+
+
 weights = st.lists(st.floats(0.01, 1.0), min_size=3, max_size=20).map(np.array)
 
 

@@ -5,9 +5,15 @@ that do it, by what the slides stand for. Both draws of the design are in those 
 which failures slid on to their end. Two-phase sampling: Sarndal, Swensson and Wretman (1992), Model Assisted Survey
 Sampling, Sections 5.6 (ratios), 9.3 (two phases).
 
-The variance is that of a product of two estimates, P_f with its own and the share with that of a linearised ratio. An
-interval is Wilson's of as many independent samples as would scatter as much, with Student's t, as that of P_f itself.
-Failures that no run has met are allowed for upwards, as in P_f, and taken to do it as often as others.
+The interval is put together from those of P_f and of the share, two independent factors, whose distances from the
+estimates add up as squares (Zou and Donner 2008, Statistics in Medicine 27, 1693-1702, DOI 10.1002/sim.3095). That of
+the share is Wilson's of as many independent slides as would scatter as much as the linearised ratio does, with
+Student's t. Slides that are seldom drawn weigh most, so few slides, or none, that do something show too little of its
+scatter: the upper limit allows for one slide more, as heavy as the heaviest (as Fay and Feuer do for weighted counts,
+1997, Statistics in Medicine 16, 791-801).
+
+The interval of P_f that goes in is that of the sampling. What P_f's own allows above it, for failures that no run has
+met wherever they hide, is in none of these: nobody knows what such failures would do.
 """
 
 from __future__ import annotations
@@ -19,7 +25,7 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from cooperative.estimate._estimates import Estimate
+from cooperative.estimate._estimates import Estimate, wilson_interval
 from cooperative.estimate._shares import MOST_LEVERAGE
 
 POINTS = 61
@@ -29,7 +35,7 @@ POINTS = 61
 @dataclass(frozen=True)
 class Chances:
     """Probabilities, or expected values, one for each place or threshold (...). value: the estimate. low, high:
-    pointwise confidence limits. count: slides that do it (...) int."""
+    pointwise confidence limits, of the sampling. count: slides that do it (...) int."""
 
     value: np.ndarray
     low: np.ndarray
@@ -50,23 +56,15 @@ def chance_of(found: Estimate, weight: np.ndarray, happens: np.ndarray) -> Chanc
         nothing = np.zeros(shape)
         return Chances(nothing, nothing, np.full(shape, found.interval[1]), nothing.astype(int))
     share, does = weight / weight.sum(), happens.reshape(weight.size, math.prod(shape)).astype(float)
-    ratio = np.minimum(share @ does, 1.0)
-    spread, freedom = _of_ratio(share, does, ratio)
-    # None or all of the slides show no scatter: it is at least that of the mean share by Jeffreys' prior.
-    alike = float(share @ share)
-    nearer = (ratio + alike / 2) / (1 + alike)
-    spread = np.maximum(spread, nearer * (1 - nearer) * alike)
-    value = found.probability * ratio
-    of_pf = (found.cov * found.probability) ** 2 if found.probability else 0.0
-    variance = ratio**2 * of_pf + found.probability**2 * spread
-    freedom = _welch((ratio**2 * of_pf, found.freedom), (found.probability**2 * spread, freedom))
-    # What no slide did is what none of as many independent samples did.
-    none = found.probability * alike
-    with np.errstate(divide="ignore", invalid="ignore"):
-        samples = np.where(value > 0, value * (1 - value) / variance, 1 / none if none else np.inf)
-    low, high = _wilson(value, samples, freedom, found.level)
-    # Failures that no run has met are taken to do it as often as others; none of it is likelier than a failure.
-    high = np.minimum(value + np.hypot(high - value, ratio * found.unseen), found.interval[1])
+    probability, (least, most) = found.probability, _of_sampling(found)
+    ratio, low, high = _share_limits(share, does, found.level)
+    value = probability * ratio
+    low = np.maximum(value - np.hypot(ratio * (probability - least), probability * (ratio - low)), 0.0)
+    high = value + np.hypot(ratio * (most - probability), probability * (high - ratio))
+    # What no slide did is what none of as many independent samples did, each as heavy as the heaviest slide.
+    heaviest = probability * float(share.max())
+    none = wilson_interval(0, 1 / heaviest, found.level)[1] if heaviest else found.interval[1]
+    high = np.minimum(np.where(ratio == 0, none, high), found.interval[1])
     count = (does > 0).sum(axis=0)
     return Chances(value.reshape(shape), low.reshape(shape), high.reshape(shape), count.reshape(shape))
 
@@ -94,7 +92,7 @@ def exceedance(found: Estimate, weight: np.ndarray, values: np.ndarray, threshol
     if thresholds is None:
         for values, of_failure in zip(
             (chance.value, chance.low, chance.high, chance.count),
-            (found.probability, *found.interval, weight.size),
+            (found.probability, *_of_sampling(found), weight.size),
             strict=True,
         ):
             values[0] = of_failure
@@ -120,6 +118,9 @@ def mean_of(found: Estimate, weight: np.ndarray, amount: np.ndarray) -> Chances:
     share = weight / weight.sum()
     ratio = share @ brings
     spread, freedom = _of_ratio(share, brings, ratio)
+    # What few slides bring shows too little of its scatter, which is at least that of as many draws that are all alike.
+    alike = float(share @ share)
+    spread = np.maximum(spread, np.maximum(share @ brings**2 - ratio**2, 0.0) * alike / max(1 - alike, MOST_LEVERAGE))
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.where(ratio > 0, spread / ratio**2, np.nan)
     of_pf = found.cov**2 if found.probability else np.nan
@@ -147,18 +148,44 @@ def _check_amounts(values: np.ndarray) -> None:
         raise ValueError(f"a slide brings {bad.flat[0]}: give finite amounts of 0 or more, and leave out the others")
 
 
-def _of_ratio(share: np.ndarray, values: np.ndarray, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Variance of weighted means (k,) of values (n, k), and its degrees of freedom, as in `mean_interval`.
+def _of_sampling(found: Estimate) -> tuple[float, float]:
+    """Limits of P_f without an allowance for failures that no run has met."""
+    return found.interval if found.sampling_interval is None else found.sampling_interval
 
-    What few slides do shows too little of its scatter: both are at least those of as many draws that are all alike.
-    """
+
+def _share_limits(share: np.ndarray, does: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Share of the slides that do something, and its confidence limits, (k,) each. share: of each slide in the weight
+    (n,). does: 0 or 1 (n, k)."""
+    every = does.all(axis=0)
+    ratio = np.where(every, 1.0, np.minimum(share @ does, 1.0))
+    low, _ = _wilson_of(ratio, ratio, share, does, level)
+    # Of what all slides did, the standard deviation by Jeffreys' prior.
+    apart = _quantile(level, np.array(np.inf)) * float(share @ share) / math.sqrt(2)
+    low = np.where(every, max(1 - float(apart), 0.0), low)
+    whole = 1 + share.max()
+    with_one_more = np.append(share, share.max()) / whole, np.vstack([does, np.ones(does.shape[1])])
+    _, high = _wilson_of(ratio, (ratio + share.max()) / whole, *with_one_more, level)
+    return ratio, low, np.where(every, 1.0, high)
+
+
+def _wilson_of(
+    ratio: np.ndarray, nearer: np.ndarray, share: np.ndarray, does: np.ndarray, level: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Wilson's limits of a ratio (k,), of as many independent slides as scatter about `nearer` (k,) as these do."""
+    spread, freedom = _of_ratio(share, does, nearer)
+    some = spread > 0
+    slides = np.where(some, nearer * (1 - nearer) / np.where(some, spread, 1.0), np.inf)
+    return _wilson(ratio, slides, freedom, level)
+
+
+def _of_ratio(share: np.ndarray, values: np.ndarray, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Variance of weighted means (k,) of values (n, k), and its degrees of freedom, as in `mean_interval`; these are at
+    least those of as many draws that are all alike."""
     parts = (share[:, None] * (values - ratio)) ** 2 / np.maximum(1 - share, MOST_LEVERAGE)[:, None] ** 2
     variance, squares = parts.sum(axis=0), (parts**2).sum(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         freedom = np.where(squares > 0, variance**2 / squares - 1, np.inf)
-    alike = float(share @ share)
-    plain = np.maximum(share @ values**2 - ratio**2, 0.0) * alike / max(1 - alike, MOST_LEVERAGE)
-    return np.maximum(variance, plain), np.maximum(freedom, max(1 / alike - 1, 1.0))
+    return variance, np.maximum(freedom, max(1 / float(share @ share) - 1, 1.0))
 
 
 def _welch(*parts: tuple[np.ndarray, np.ndarray | float]) -> np.ndarray:
