@@ -134,7 +134,11 @@ MEANINGS = {
     },
     "water": {
         "level": Meaning("Height of the water, in the ground and above it.", "3.0", unit="m"),
-        "table": Meaning("Height of the water as a line from wall to wall.", "[[0, 8], [44, 0], [92, 0]]", unit="m"),
+        "table": Meaning(
+            "Of a section, height of the water as a line from wall to wall.", "[[0, 8], [44, 0], [92, 0]]", unit="m"
+        ),
+        "raster": Meaning("Of a terrain, file of the heights of the water table.", '"water.asc"', unit="m"),
+        "depth": Meaning("Depth of the water table below the surface.", "2.0", unit="m", least=0),
         "r_u": Meaning("Pore pressure over the weight of the soil above.", "0.25", least=0, below=1),
     },
     "soil": {

@@ -195,8 +195,8 @@ class Scene:
     nonlocal_passes: filters in the average of the plastic strain over neighbours, see `jaxmpm.averages`; None keeps it
     local.
     body_force: (initial positions (d, N) m, time s) -> acceleration (d, N) m/s2 added to gravity's.
-    water: a `WaterTable`; pore_pressure: (N,) Pa that particles carry along. With either, stress is effective stress;
-    None is soil without pore pressure, or undrained soil in total stress.
+    water: a `WaterTable` or `WaterSurface`; pore_pressure: (N,) Pa that particles carry along. With either, stress is
+    effective stress; None is soil without pore pressure, or undrained soil in total stress.
     motion: a `BaseMotion`, the acceleration of the base, in whose frame the scene is solved; None stands still.
     tied: numbers of two planes of nodes along x that are one: what leaves at one enters at the other, waves too.
     """

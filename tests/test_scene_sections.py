@@ -118,6 +118,8 @@ REFUSED = [
     (("[16.0, 2.0]", "[16.0]"), r"\[ground\] surface: point 3 is \[16.0\]: give \[x, z\]"),
     (("[32.0, 2.0]", "[32.0, inf]"), r"point 4 is \[32.0, inf\]"),
     (("[rough]", "[water]\nlevel = 1.0\nr_u = 0.2\n[rough]"), r"\[water\] has level and r_u: give one of"),
+    (("[rough]", "[water]\ndepth = -1.0\n[rough]"), r"\[water\] depth = -1 m: give 0 or more"),
+    (("[rough]", "[water]\nraster = 'a.asc'\n[rough]"), r"\[water\] raster is not for a scene with \[ground\]"),
     (("[rough]", "[water]\nr_u = 1.0\n[rough]"), r"\[water\] r_u = 1: give a value of 0 or more and below 1"),
     (('fields = "both"', 'fields = "both"\nmodes = "both"'), "only a .slope. with its crest and toe has"),
     (("[ground]", "[ground]\nwalls = [1.0]"), r"\[ground\] walls = \(1.0,\): give two"),
@@ -159,7 +161,7 @@ def test_every_wrong_key_is_named_at_once():
         parse(TINY.replace("run_per_rise", "slope_ratio"))
 
 
-@pytest.mark.parametrize("water", ["level = 6.0", "r_u = 0.2", "table = [[0, 8], [32, 2]]"])
+@pytest.mark.parametrize("water", ["level = 6.0", "depth = 2.0", "r_u = 0.2", "table = [[0, 8], [32, 2]]"])
 def test_undrained_clay_refuses_water_in_its_pores(water):
     with pytest.raises(ValueError, match="pore pressure in J2, whose strength is undrained"):
         rough(LAYERED.replace("[rough]", f"[water]\n{water}\n[rough]"))

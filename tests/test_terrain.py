@@ -6,6 +6,7 @@ import pytest
 from matplotlib.cbook import get_sample_data
 
 import jaxmpm as mpm
+from benchmarks.invented import TERRAIN
 from cooperative import run, runs
 from cooperative.__main__ import main
 from cooperative.scene import begin, parse, read_scene
@@ -209,3 +210,27 @@ def test_a_campaign_on_terrain_is_stopped_and_goes_on(begun, tmp_path, capsys):
     assert failed.any()
     assert rows["depth"][failed].max() <= 8.0 + 2.0
     assert "m² at its end" in said
+
+
+def test_a_scene_says_the_water_in_its_terrain(tmp_path):
+    """As a level, as heights, as a depth: the same table where they say the same."""
+    start, end = TERRAIN.index("softening_modulus"), TERRAIN.index("[rough]")
+    sand = "cohesion = { mean = 5e3, cov = 0.3, length = [20.0, 20.0, 4.0] }\nfriction = 30.0\n"
+    text = TERRAIN[:start] + sand + TERRAIN[end : TERRAIN.index("[files]")]
+    (tmp_path / "hill.asc").write_text("ncols 5\nnrows 3\nxllcenter 0\nyllcenter 0\ncellsize 4\n" + "10 9 8 7 6\n" * 3)
+    (tmp_path / "water.asc").write_text("ncols 3\nnrows 2\nxllcenter 0\nyllcenter 0\ncellsize 8\n" + "8 6 4\n" * 2)
+    built = {}
+    for name, water in (("raster", 'raster = "water.asc"'), ("depth", "depth = 2.0"), ("level", "level = 4.0")):
+        (tmp_path / "scene.toml").write_text(text.replace('"hill"', '"hill.asc"') + f"\n[water]\n{water}\n")
+        campaign = parse(read_scene(tmp_path / "scene.toml"))
+        built[name] = runs.build(campaign, "rough", None, at_rest=False).scene
+    x, _, z = np.asarray(built["raster"].particles.position, float)
+    push = {name: np.asarray(scene.water.push(scene.particles.position)) for name, scene in built.items()}
+    assert np.allclose(push["raster"], push["depth"], rtol=1e-4, atol=1e-2)
+    assert np.array_equal(push["raster"][2] > 0, z - 0.5 < 8 - x / 4 - 1e-5)
+    assert np.array_equal(push["level"][2] > 0, z < 4.5 - 1e-5)
+    (tmp_path / "scene.toml").write_text(
+        text.replace('"hill"', '"hill.asc"') + "\n[water]\ntable = [[0, 1], [16, 1]]\n"
+    )
+    with pytest.raises(ValueError, match=r"\[water\] table is not for a scene with \[terrain\]"):
+        parse(read_scene(tmp_path / "scene.toml"))

@@ -75,6 +75,74 @@ def test_the_push_is_the_pressures_gradient(x64):
     assert np.allclose(table((0, 5), (1, 5)).push(jnp.array([[0.5], [5.0]])), [[0.0], [WATER / 2]])
 
 
+def hill_of_water(step=2.0):
+    x, y = np.meshgrid(np.arange(0, 9, step), np.arange(0, 5, step), indexing="ij")
+    return mpm.Raster(5 + 0.3 * x - 0.2 * y + 0.05 * x * y + 0.1 * np.sin(x), (0.0, 0.0), step)
+
+
+def test_the_push_below_a_surface_is_the_pressures_gradient(x64):
+    raster = hill_of_water()
+    told = raster.heights, raster.corner, raster.step, WATER, 0.5
+    water = mpm.WaterSurface(*(jnp.asarray(value, float) for value in told))
+    place = np.random.default_rng(1).uniform([[0.1], [0.1], [0]], [[7.9], [3.9], [9]], (3, 300))
+    table, tiny = raster.at(*place[:2]), 1e-6
+
+    def pressure(x, y, z):
+        return WATER * np.maximum(raster.at(x, y) - z, 0)
+
+    steps = tiny * np.eye(3)[:, :, None]
+    slopes = [(pressure(*(place + step)) - pressure(*(place - step))) / (2 * tiny) for step in steps]
+    far = (abs(table - place[2]) > 0.25) & (abs(place[:2] / 2 - np.round(place[:2] / 2)) > 1e-5).all(axis=0)
+    beyond = np.array([[-3.0, 20.0], [2.0, 2.0], [1.0, 1.0]])
+    push = np.asarray(jax.jit(mpm.WaterSurface.push)(water, jnp.asarray(np.concatenate([place, beyond], axis=1))))
+    assert np.allclose(push[:, :-2][:, far], -np.stack(slopes)[:, far], atol=1e-3)
+    assert np.array_equal(push[0, -2:], [0, 0])
+    assert np.all(push[2, -2:] == WATER)
+
+
+FLAT_TERRAIN = mpm.Terrain(mpm.Raster(np.full((3, 2), 8.0), (0.0, 0.0), 4.0), base=0.0)
+ONES = mpm.Discretisation(2.0, (1.0, 1.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    "water", [8.0, 30.0, mpm.Raster(np.full((3, 2), 8.0), (0.0, 0.0), 4.0)], ids=["8", "30", "raster"]
+)
+def test_terrain_under_water_bears_its_buoyant_weight(water):
+    scene, state = mpm.terrain(FLAT_TERRAIN, SAND, ONES, water=water)
+    assert float(unbalanced_force(scene, state)) < 1e-3
+    z = np.asarray(scene.particles.position[2])
+    kept = inner(z)
+    assert np.allclose(-np.asarray(state.stress[2])[kept], (18e3 - WATER) * (8 - z[kept]), rtol=1e-2)
+
+
+def test_r_u_and_saturated_weight_under_terrain():
+    wet = replace(SAND, saturated_unit_weight=20e3)
+    scene, _ = mpm.terrain(FLAT_TERRAIN, wet, ONES, water=4.0, at_rest=False)
+    z = np.asarray(scene.particles.position[2])
+    assert np.allclose(scene.particles.mass * 9.81, np.where(z < 4, 20e3, 18e3), rtol=1e-3)
+    layers = [mpm.Layer(replace(SAND, unit_weight=16e3), depth=3.0), mpm.Layer(SAND)]
+    scene, _ = mpm.terrain(FLAT_TERRAIN, layers, ONES, r_u=0.25, at_rest=False)
+    above = 16e3 * np.minimum(8 - z, 3) + 18e3 * np.maximum(5 - z, 0)
+    assert np.allclose(scene.pore_pressure, 0.25 * above)
+
+
+@pytest.mark.parametrize(
+    ("water", "message"),
+    [
+        (mpm.Raster(np.full((2, 2), 8.0), (0.0, 0.0), 4.0), "x = 0 to 8 m: give two within the raster, x = 0 to 4 m"),
+        (mpm.Raster(np.array([[8.0, 8], [8, np.nan], [8, 8]]), (0.0, 0.0), 4.0), r"water has no height at \(4, 4\) m"),
+        (float("nan"), "water = nan m"),
+        (mpm.Raster(np.full((30, 20), 8.0), (0.0, 0.0), 8e-4), "water has steps of 0.0008 .* look like degrees"),
+    ],
+    ids=["short", "hole", "nan", "degrees"],
+)
+def test_water_under_terrain_that_cannot_be_is_refused(water, message):
+    with pytest.raises(ValueError, match=message):
+        mpm.terrain(FLAT_TERRAIN, SAND, ONES, water=water, at_rest=False)
+    with pytest.raises(ValueError, match="both water and r_u"):
+        mpm.terrain(FLAT_TERRAIN, SAND, ONES, water=4.0, r_u=0.1, at_rest=False)
+
+
 def test_a_slope_stands_lower_with_water_in_it_and_higher_under_a_pool():
     def moved(**water):
         scene, state = mpm.section(HILL, SAND, HALVES, **water)

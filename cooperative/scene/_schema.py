@@ -107,7 +107,13 @@ _TERRAIN = {
     "step": Key(float, None),
     "ends": Key(ENDS, "roller"),
 }
-_WATER = {"level": Key(float, None), "table": Key(LINE, None), "r_u": Key(float, None)}
+_WATER = {
+    "level": Key(float, None),
+    "table": Key(LINE, None),
+    "raster": Key(RASTER, None),
+    "depth": Key(float, None),
+    "r_u": Key(float, None),
+}
 _FIELD = {
     "mean": Key(float),
     "cov": Key(float),

@@ -49,12 +49,12 @@ class SiteLayer:
 class Site:
     """The ground of a campaign. shape: its outline. ends: what holds its ends, those along y of a slope. layers: from
     the top down; none where all is of the campaign's own soil. water: its level or table, r_u: pore pressure instead,
-    see `jaxmpm.section`."""
+    see `jaxmpm.section` and `jaxmpm.terrain`."""
 
     shape: Slope | Section | Terrain
     ends: Literal["fixed", "roller"]
     layers: tuple[SiteLayer, ...] = ()
-    water: float | tuple[tuple[float, float], ...] | None = None
+    water: float | tuple[tuple[float, float], ...] | Raster | None = None
     r_u: float | None = None
 
     def built(
@@ -63,12 +63,10 @@ class Site:
         """Scene and initial state on a grid; ValueError where ground, soil and grid do not fit together."""
         if isinstance(self.shape, Slope):
             return slope(self.shape, soil, numerics, gravity=gravity, y_ends=self.ends, at_rest=at_rest)
+        said: dict[str, Any] = {"gravity": gravity, "water": self.water, "r_u": self.r_u, "ends": self.ends}
         if isinstance(self.shape, Terrain):
-            return terrain(self.shape, self.soils(soil), numerics, gravity=gravity, ends=self.ends, at_rest=at_rest)
-        return section(
-            self.shape, self.soils(soil), numerics, gravity=gravity, water=self.water, r_u=self.r_u, ends=self.ends,
-            at_rest=at_rest,
-        )  # fmt: skip
+            return terrain(self.shape, self.soils(soil), numerics, **said, at_rest=at_rest)
+        return section(self.shape, self.soils(soil), numerics, **said, at_rest=at_rest)
 
     @property
     def height(self) -> float:
@@ -131,7 +129,6 @@ def site_of(tables: Mapping[str, Any], random: Callable[[Site], Mapping[str, Ran
         ends = said.pop("y_ends")
         return Site(Slope(**said), ends)
     site = _terrain(tables) if "terrain" in tables else _section(tables)
-    site.shape.check()
     return replace(site, layers=_layers(tables, site, random))
 
 
@@ -140,13 +137,11 @@ def _section(tables: Mapping[str, Any]) -> Site:
     if said["walls"] is not None and len(said["walls"]) != 2:
         raise ValueError(f"[ground] walls = {shown(said['walls'])}: give two, left and right")
     shape = Section(line("[ground] surface", said["surface"]), said["base"], said["walls"])
-    water, r_u = _water(tables, line)
-    return Site(shape, said["ends"], (), water, r_u)
+    shape.check()
+    return Site(shape, said["ends"], (), *_water(tables, shape))
 
 
 def _terrain(tables: Mapping[str, Any]) -> Site:
-    if "water" in tables:
-        raise ValueError("[water] is for a scene with [ground], not yet for [terrain]: leave it out")
     said = read("terrain", tables["terrain"], SECTIONS["terrain"])
     surface = _heights(tables, "[terrain] surface", said["surface"])
     walls = {axis: said[axis] for axis in "xy" if said[axis] is not None}
@@ -155,7 +150,9 @@ def _terrain(tables: Mapping[str, Any]) -> Site:
             raise ValueError(f"[terrain] {axis} = {shown(ends)}: give two walls, low and high")
     if said["step"] is not None and not said["step"] > 0:
         raise ValueError(f"[terrain] step = {said['step']:g}: give metres above 0")
-    return Site(Terrain(surface, said["base"], **walls), said["ends"])
+    shape = Terrain(surface, said["base"], **walls)
+    shape.check()
+    return Site(shape, said["ends"], (), *_water(tables, shape))
 
 
 def _layers(
@@ -234,18 +231,38 @@ def listed(name: str, tables: Mapping[str, Any]) -> Sequence[Any]:
     return found
 
 
-def _water(tables: Mapping[str, Any], line: Callable[[str, Any], Any]) -> tuple[Any, float | None]:
+def _water(tables: Mapping[str, Any], shape: Section | Terrain) -> tuple[Any, float | None]:
     """Level or table of the water, and r_u."""
     if "water" not in tables:
         return None, None
     said = read("water", tables["water"], SECTIONS["water"])
-    given = [key for key, value in said.items() if value is not None]
+    other, ground = ("table", "terrain") if isinstance(shape, Terrain) else ("raster", "ground")
+    if said[other] is not None:
+        raise ValueError(f"[water] {other} is not for a scene with [{ground}]: give level, depth, r_u or "
+                         f"{'raster' if other == 'table' else 'table'}")  # fmt: skip
+    given = {key: value for key, value in said.items() if value is not None}
     if len(given) != 1:
-        raise ValueError(f"[water] has {' and '.join(given) or 'nothing'}: give one of level, table, r_u")
-    r_u = said["r_u"]
-    if r_u is not None and not 0 <= r_u < 1:
-        raise ValueError(f"[water] r_u = {r_u:g}: give a value of 0 or more and below 1")
-    return line("[water] table", said["table"]) if said["level"] is None else said["level"], r_u
+        raise ValueError(f"[water] has {' and '.join(given) or 'nothing'}: give one of level, depth, r_u and "
+                         f"{'raster' if other == 'table' else 'table'}")  # fmt: skip
+    ((key, value),) = given.items()
+    if key == "r_u":
+        if not 0 <= value < 1:
+            raise ValueError(f"[water] r_u = {value:g}: give a value of 0 or more and below 1")
+        return None, value
+    if key == "table":
+        return _drawn(tables)("[water] table", value), None
+    if key == "raster":
+        return _heights(tables, "[water] raster", value), None
+    return (value if key == "level" else _lowered(shape, value)), None
+
+
+def _lowered(shape: Section | Terrain, depth: float) -> Raster | tuple[tuple[float, float], ...]:
+    """The surface, so much (m) lower."""
+    if depth < 0:
+        raise ValueError(f"[water] depth = {depth:g} m: give 0 or more, or a level for water that stands on the ground")
+    if isinstance(shape, Terrain):
+        return replace(shape.surface, heights=shape.surface.heights - depth)
+    return tuple((float(x), float(z) - depth) for x, z in shape.surface)
 
 
 def _heights(tables: Mapping[str, Any], where: str, name: str) -> Raster:

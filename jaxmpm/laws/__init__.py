@@ -6,7 +6,7 @@ from jaxmpm.laws._frictional import DruckerPrager, Matching, MohrCoulomb, cone
 from jaxmpm.laws._hencky import logarithmic, volumetric
 from jaxmpm.laws._softening import Decay, ExponentialSoftening, FrictionalSoftening, RateEffect, Softening
 from jaxmpm.laws._undrained import J2, Elastic, add, elastic_increment, elastic_strain
-from jaxmpm.laws._water import WaterTable
+from jaxmpm.laws._water import WaterSurface, WaterTable
 
 __all__ = [
     "J2",
@@ -21,6 +21,7 @@ __all__ = [
     "MohrCoulomb",
     "RateEffect",
     "Softening",
+    "WaterSurface",
     "WaterTable",
     "add",
     "cone",

@@ -47,3 +47,36 @@ class WaterTable:
         under = self.unit_weight * jnp.clip((table - upwards) / self.height + 0.5, 0, 1)
         sideways = [-jnp.where(outside, 0, slope) * under]
         return jnp.stack([*sideways, *[jnp.zeros_like(under)] * (len(position) - 2), under])
+
+
+@pytree
+@dataclass(frozen=True)
+class WaterSurface:
+    """As `WaterTable`, below a table of heights (nx, ny) m on a square grid of points in plan, linear between them.
+
+    corner: (2,) m, place of the first point. step: distance of the points (m). Beyond the outermost points the table is
+    level along that axis. unit_weight, height: as there.
+    """
+
+    heights: Array
+    corner: Array
+    step: Array
+    unit_weight: Array
+    height: Array
+
+    LIMITS: ClassVar[Mapping[str, Limit]] = {**WaterTable.LIMITS, "step": above_zero("m")}
+
+    def push(self, position: Array) -> Array:
+        """-grad u (3, N) N/m3 at positions (3, N) m."""
+        last = jnp.asarray(self.heights.shape, position.dtype)[:, None] - 1
+        place = (position[:2] - self.corner[:, None]) / self.step
+        outside, place = (place < 0) | (place > last), jnp.clip(place, 0, last)
+        i, j = jnp.minimum(jnp.floor(place), last - 1).astype(jnp.int32)
+        s, t = place[0] - i, place[1] - j
+        h = self.heights
+        south, north = h[i, j] + s * (h[i + 1, j] - h[i, j]), h[i, j + 1] + s * (h[i + 1, j + 1] - h[i, j + 1])
+        west, east = h[i, j] + t * (h[i, j + 1] - h[i, j]), h[i + 1, j] + t * (h[i + 1, j + 1] - h[i + 1, j])
+        slope = jnp.where(outside, 0, jnp.stack([east - west, north - south]) / self.step)
+        table = south + t * (north - south)
+        under = self.unit_weight * jnp.clip((table - position[-1]) / self.height + 0.5, 0, 1)
+        return jnp.concatenate([-slope * under, under[None]])

@@ -13,7 +13,7 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from foundation import check
-from jaxmpm.laws import BaseMotion, WaterTable
+from jaxmpm.laws import BaseMotion, WaterSurface, WaterTable
 from jaxmpm.site import _initial_stress
 from jaxmpm.site._discretisation import Discretisation, check_discretisation, kernel_of
 from jaxmpm.site._scene import scene, unstressed
@@ -363,7 +363,7 @@ def build(
     gravity: float | Sequence[float],
     speed: float,
     friction: float | None = None,
-    water: WaterTable | None = None,
+    water: WaterTable | WaterSurface | None = None,
     pore_pressure: np.ndarray | None = None,
     motion: BaseMotion | None = None,
     tied: tuple[int, int] | None = None,

@@ -17,7 +17,7 @@ from jax.typing import ArrayLike
 
 from foundation import check
 from foundation.text import shown
-from jaxmpm.laws import BaseMotion, WaterTable, snaps_back
+from jaxmpm.laws import BaseMotion, WaterSurface, WaterTable, snaps_back
 from jaxmpm.site._motion import check_motion
 from jaxmpm.tensors import CARRIED
 from jaxmpm.transfer import Linear, inside, locate, passes_for
@@ -46,7 +46,7 @@ def scene(
     finite_strain: bool = False,
     internal_length: float | None = None,
     body_force: Callable[[Array, Array], Array] | None = None,
-    water: WaterTable | None = None,
+    water: WaterTable | WaterSurface | None = None,
     pore_pressure: ArrayLike | None = None,
     motion: BaseMotion | None = None,
     tied: tuple[int, int] | None = None,
@@ -343,16 +343,17 @@ def _check_tied(
 
 
 def _check_water(
-    water: WaterTable | None, pore_pressure: ArrayLike | None, material: Material, particles: Particles
+    water: WaterTable | WaterSurface | None,
+    pore_pressure: ArrayLike | None,
+    material: Material,
+    particles: Particles,
 ) -> None:
     if material.STRENGTH and not material.FRICTIONAL:
         raise ValueError(
             f"pore pressure in {type(material).__name__}, whose strength is undrained and knows total stress only: "
             "leave the water out, or give a frictional soil (of clay with friction = 0, its cohesion the strength)"
         )
-    if water is not None:
-        if not isinstance(water, WaterTable):
-            raise ValueError(f"water = {shown(water)}: give a WaterTable, or None")
+    if isinstance(water, WaterTable):
         check.finite("water's x", water.x, "m")
         check.finite("water's z", water.z, "m")
         if np.ndim(water.x) != 1 or np.shape(water.x) != np.shape(water.z) or np.size(water.x) < 2:
@@ -363,6 +364,18 @@ def _check_water(
             raise ValueError(
                 f"water's x = {shown(np.asarray(water.x).tolist())} m does not rise: give its points in order"
             )
+    elif isinstance(water, WaterSurface):
+        check.finite("water's heights", water.heights, "m")
+        check.finite("water's corner", water.corner, "m")
+        check.positive("water's step", water.step, "m")
+        shapes = np.shape(water.heights), np.shape(water.corner), particles.position.shape[0]
+        if len(shapes[0]) != 2 or min(shapes[0]) < 2 or shapes[1:] != ((2,), 3):
+            raise ValueError(
+                f"water's heights have shape {shapes[0]}, its corner {shapes[1]}, in {shapes[2]}D: give (nx, ny), 2 or "
+                "more along each, and (2,), in 3D"
+            )
+    elif water is not None:
+        raise ValueError(f"water = {shown(water)}: give a WaterTable, a WaterSurface, or None")
     if pore_pressure is not None:
         check.not_negative("pore_pressure", pore_pressure, "Pa")
         if np.shape(pore_pressure) != particles.mass.shape:

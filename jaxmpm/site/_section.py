@@ -216,7 +216,13 @@ def section(
         gravity=(towards * k_h * gravity, -(1 - k_v) * gravity),
         speed=math.sqrt(gravity * shape.extent[-1]) if speed is None else speed,
         water=table,
-        pore_pressure=_pore_pressure(r_u, table, particles, layers, tops),
+        pore_pressure=pore_pressure_of(
+            r_u,
+            table is not None,
+            np.asarray(particles.position[1], float),
+            layers,
+            [top(np.asarray(particles.position[0], float)) for top in tops],
+        ),
     )
     return built, _initial_stress.settled(built, state) if at_rest else state
 
@@ -362,12 +368,18 @@ def _particles(
     particles = sorted_by_cell(particles, grid)
     x, z = np.asarray(particles.position, float)
     layer = _layer_of(tops, np.stack([x, z]), dz)
+    under = None if table is None else below(z, np.interp(x, table.x, table.z), RESOLVED * dz)
+    mass = weights(layers, layer, under) / STANDARD_GRAVITY * (dx * dz)
+    return replace(particles, mass=jnp.asarray(mass, particles.mass.dtype)), layer
+
+
+def weights(layers: Sequence[Layer], layer: np.ndarray, under: np.ndarray | None) -> np.ndarray:
+    """Unit weights (N,) N/m3 of particles of these layers, saturated where they lie under a water table."""
     weight = np.array([each.soil.unit_weight for each in layers])[layer]
-    if table is not None:
-        saturated = [getattr(each.soil, "saturated_unit_weight", None) or each.soil.unit_weight for each in layers]
-        weight = np.where(below(z, np.interp(x, table.x, table.z), RESOLVED * dz), np.array(saturated)[layer], weight)
-    mass = jnp.asarray(weight / STANDARD_GRAVITY * (dx * dz), particles.mass.dtype)
-    return replace(particles, mass=mass), layer
+    if under is None:
+        return weight
+    saturated = [getattr(each.soil, "saturated_unit_weight", None) or each.soil.unit_weight for each in layers]
+    return np.where(under, np.array(saturated)[layer], weight)
 
 
 def _water_table(shape: Section, water: float | Line | None, discretisation: Discretisation) -> WaterTable | None:
@@ -390,20 +402,23 @@ def _water_table(shape: Section, water: float | Line | None, discretisation: Dis
     return WaterTable(*(jnp.asarray(value, dtype) for value in (x, z, WATER_WEIGHT, discretisation.spacing[-1])))
 
 
-def _pore_pressure(
-    r_u: float | None, table: WaterTable | None, particles: Particles, layers: Sequence[Layer], tops: Sequence[Height]
+def pore_pressure_of(
+    r_u: float | None, table: bool, z: np.ndarray, layers: Sequence[Layer], tops: Sequence[np.ndarray]
 ) -> np.ndarray | None:
-    """r_u times the weight per area (N,) Pa of the layers above each particle; None without r_u."""
+    """r_u times the weight per area (N,) Pa of what is above each particle; None without r_u.
+
+    table: whether there is a water table too. z: height of the particles (N,) m. tops: heights (N,) m there of the
+    layers' upper boundaries and of the base.
+    """
     if r_u is None:
         return None
     if not 0 <= r_u < 1:
         raise ValueError(f"r_u = {r_u:g}: give a value of 0 or more and below 1")
-    if table is not None:
+    if table:
         raise ValueError(f"both water and r_u = {r_u:g} are given: give one of them")
-    x, z = np.asarray(particles.position, float)
-    above = np.zeros(x.size)
+    above = np.zeros(z.size)
     for layer, (top, bottom) in zip(layers, pairwise(tops), strict=True):
-        above += layer.soil.unit_weight * np.maximum(top(x) - np.maximum(bottom(x), z), 0)
+        above += layer.soil.unit_weight * np.maximum(top - np.maximum(bottom, z), 0)
     return r_u * above
 
 

@@ -10,13 +10,15 @@ from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
 
 from foundation import check
+from jaxmpm.laws import WaterSurface
 from jaxmpm.site import _initial_stress
 from jaxmpm.site._builders import PADDING, below, build, end_walls, fill, material_on, sorted_by_cell
 from jaxmpm.site._discretisation import RESOLVED, Discretisation, check_discretisation, check_resolved
 from jaxmpm.site._raster import Raster
-from jaxmpm.site._section import Box, Layer, check_ends, common_law
+from jaxmpm.site._section import WATER_WEIGHT, Box, Layer, check_ends, common_law, pore_pressure_of, weights
 from jaxmpm.site._soil import STANDARD_GRAVITY, Ground
 from jaxmpm.types import Grid, Particles, Scene, State, Wall
 
@@ -148,6 +150,8 @@ def terrain(
     discretisation: Discretisation,
     *,
     gravity: float = 9.81,
+    water: float | Raster | None = None,
+    r_u: float | None = None,
     ends: Literal["roller", "fixed"] = "roller",
     speed: float | None = None,
     at_rest: bool = True,
@@ -156,8 +160,10 @@ def terrain(
 
     Of a lattice of particles each has the volume and mass of the part of its box that lies under the surface.
     soil: one for all, or layers from the top down, whose bottoms are rasters, depths or thicknesses; a particle is of
-    the layer in which its centre lies. speed: largest particle speed that the time step allows for (m/s), by default of
-    a fall through the height. at_rest: with the stress of elastic gravity loading, else free of stress.
+    the layer in which its centre lies. water: level (m) or heights of the water table, a pool where it lies above the
+    ground, see `WaterSurface`. r_u: instead, pore pressure over the weight of what stands above. speed: largest
+    particle speed that the time step allows for (m/s), by default of a fall through the height. at_rest: with the
+    stress of elastic gravity loading, else free of stress.
     Raises ValueError for rasters that are none, have holes or end before the walls, layers that lie above the ground or
     hold no particle, and sizes that do not fit the grid, with the coordinates.
     """
@@ -173,8 +179,11 @@ def terrain(
     empty = np.flatnonzero(np.bincount(layer, minlength=len(layers)) == 0)
     if empty.size:
         raise ValueError(f"layer {empty[0] + 1} holds no particle between the walls: draw it there, or leave it out")
-    weight = np.array([each.soil.unit_weight for each in layers])[layer]
-    density = jnp.asarray(weight / STANDARD_GRAVITY, particles.mass.dtype)
+    (x, y, z), spacing = np.asarray(particles.position, float), discretisation.spacing[-1]
+    table = _water_table(shape, water)
+    under = None if table is None else below(z, table.at(x, y), RESOLVED * spacing)
+    density = jnp.asarray(weights(layers, layer, under) / STANDARD_GRAVITY, particles.mass.dtype)
+    tops = [shape.heights(x, y), *_bottoms(shape, layers, x, y, spacing), np.full(z.size, shape.base)]
     built, state = build(
         replace(particles, mass=particles.volume * density),
         grid,
@@ -183,8 +192,29 @@ def terrain(
         walls=(*end_walls(0, cells[0], ends), *end_walls(1, cells[1], ends), Wall(2, "low", PADDING, "fixed")),
         gravity=gravity,
         speed=math.sqrt(gravity * shape.extent[-1]) if speed is None else speed,
+        water=None if table is None else _water_surface(table, spacing, particles.mass.dtype),
+        pore_pressure=pore_pressure_of(r_u, table is not None, z, layers, tops),
     )
     return built, _initial_stress.settled(built, state) if at_rest else state
+
+
+def _water_table(shape: Terrain, water: float | Raster | None) -> Raster | None:
+    """Heights of the water between the walls; ValueError for those that have holes or end before."""
+    if water is None:
+        return None
+    if not isinstance(water, Raster):
+        check.finite("water", water, "m")
+        (west, east), (south, north) = shape.walls
+        return Raster(np.full((2, 2), float(water)), (west, south), max(east - west, north - south))
+    water.check("water")
+    part = water.cropped(*shape.walls)
+    _refuse_holes("water", part.heights.ravel(), *part.places())
+    return part
+
+
+def _water_surface(table: Raster, height: float, dtype: DTypeLike) -> WaterSurface:
+    told = table.heights, table.corner, table.step, WATER_WEIGHT, height
+    return WaterSurface(*(jnp.asarray(value, dtype) for value in told))
 
 
 def _boxes(shape: Terrain, discretisation: Discretisation) -> Particles:
