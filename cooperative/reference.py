@@ -131,6 +131,12 @@ MEANINGS = {
         "y": Meaning("Walls along y, likewise.", "[0.0, 120.0]", unit="m"),
         "step": Meaning("Step to which the raster is resampled; by default its own.", "2.0", **_LENGTH),
         "ends": Meaning("What holds the ground at its walls.", '"roller"'),
+        "run_out_line": Meaning(
+            "Line in plan along which run-out is measured, straight on beyond its ends; without it, along the mean "
+            "displacement of the slide.",
+            "[[20, 60], [90, 60], [180, 80]]",
+            unit="m",
+        ),
     },
     "water": {
         "level": Meaning("Height of the water, in the ground and above it.", "3.0", unit="m"),

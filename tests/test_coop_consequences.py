@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cooperative.measure import OpenGround, SlopeGeometry, consequences, walls_reached
+from cooperative.measure import OpenGround, SlopeGeometry, Track, consequences, walls_reached
 
 # Crest level 16 m, toe at x = 54 m and z = 4 m, as in the published slope.
 SLOPE = SlopeGeometry(toe_x=54.0, toe_z=4.0, height=12.0)
@@ -203,6 +203,44 @@ def test_on_open_ground_the_run_out_follows_the_slide():
         displacement = np.stack([6.0 * along[0] + 0 * x, 6.0 * along[1] + 0 * x, 0 * x])
         found = consequences(position, displacement, np.ones(x.size), OpenGround(0 * x), half_size=np.full(3, 0.5))
         assert (found.runout, found.depth, found.area) == pytest.approx((14.0, 1.0, 32.0))
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_the_run_out_follows_the_line_that_is_drawn(backwards):
+    # A slab of 4 x 2 m comes down along x and turns into a valley along y; the line may be drawn from either end.
+    line = [(0.0, 1.0), (20.0, 1.0), (20.0, 31.0)]
+    x, y = (each.ravel() for each in np.meshgrid(np.arange(0.5, 4), np.arange(0.5, 2)))
+    position = np.stack([x + 3, y, 0 * x])
+    turned = np.stack([20 + (1 - y), 8 + x, 0 * x])
+    ground = OpenGround(0 * x, Track(tuple(line[::-1] if backwards else line)))
+    found = consequences(position, turned - position, np.ones(x.size), ground, half_size=np.full(3, 0.5))
+    # From x = 3 m to the corner, and from there to y = 12 m.
+    assert found.runout == pytest.approx(17.0 + 11.0)
+    straight = consequences(position, turned - position, np.ones(x.size), OpenGround(0 * x), half_size=np.full(3, 0.5))
+    assert straight.runout < found.runout - 3
+
+
+def test_a_line_goes_on_beyond_its_ends():
+    distance, direction = Track(((0.0, 0.0), (3.0, 4.0))).along(np.array([[-3.0, 6.0, 1.5], [-4.0, 8.0, 2.0]]))
+    assert np.allclose(distance, [-5.0, 10.0, 2.5])
+    assert np.allclose(direction, np.array([[0.6], [0.8]]))
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        ([(0, 0)], "give two or more points"),
+        ([(0, 0), (1, np.nan)], "give two or more points"),
+        ([(0, 0), (2, 1), (2, 1), (3, 3)], r"has the point \(2, 1\) m twice in a row"),
+        ([(0, 0), (4, 0), (2, 2), (2, -2)], "crosses itself"),
+    ],
+)
+def test_lines_that_have_no_order_are_refused(points, message):
+    with pytest.raises(ValueError, match=message):
+        Track(tuple(points))
+    section = OpenGround(np.zeros(2), Track(((0.0, 0.0), (1.0, 0.0))))
+    with pytest.raises(ValueError, match="for ground in 3D: leave it out in a section"):
+        consequences(np.zeros((2, 2)), np.zeros((2, 2)), np.ones(2), section, half_size=np.ones(2))
 
 
 def test_walls_that_a_slide_reached_or_left_are_named():

@@ -6,7 +6,7 @@ import pytest
 from matplotlib.cbook import get_sample_data
 
 import jaxmpm as mpm
-from benchmarks.invented import TERRAIN
+from benchmarks.invented import LAYERED, TERRAIN
 from cooperative import run, runs
 from cooperative.__main__ import main
 from cooperative.scene import begin, parse, read_scene
@@ -234,3 +234,23 @@ def test_a_scene_says_the_water_in_its_terrain(tmp_path):
     )
     with pytest.raises(ValueError, match=r"\[water\] table is not for a scene with \[terrain\]"):
         parse(read_scene(tmp_path / "scene.toml"))
+
+
+def with_line(points):
+    return TERRAIN.replace("base = 0.0\n", f"base = 0.0\nrun_out_line = {points}\n")
+
+
+def test_a_scene_draws_the_line_along_which_run_out_is_measured():
+    campaign = parse(with_line("[[1, 4], [9.5, 4], [15, 6]]"))
+    model = runs.build(campaign, "rough", None, at_rest=False)
+    assert model.geometry.track.points == ((1, 4), (9.5, 4), (15, 6))
+    assert runs.build(parse(TERRAIN), "rough", None, at_rest=False).geometry.track is None
+    for points, message in (
+        ("[[1, 4], [17, 4]]", "point 2 has x = 17 m, outside the ground, which reaches from 0 to 16 m"),
+        ("[[1, 4], [7]]", r"point 2 is \[7.0\]: give \[x, y\]"),
+        ("[[1, 4], [1, 4]]", r"has the point \(1, 4\) m twice"),
+    ):
+        with pytest.raises(ValueError, match=r"\[terrain\] run_out_line: .*" + message):
+            parse(with_line(points))
+    with pytest.raises(ValueError, match="unknown key 'run_out_line'"):
+        parse(LAYERED.replace("[ground]", "[ground]\nrun_out_line = [[1, 4], [2, 4]]"))

@@ -4,6 +4,7 @@ from cooperative.measure._consequences import Consequences, OpenGround, SlopeGeo
 from cooperative.measure._modes import SEVERITY, FailureMode, ModeRules, failure_mode
 from cooperative.measure._onsets import Motion
 from cooperative.measure._places import ColumnPlan, Place, Vulnerability, quantity
+from cooperative.measure._track import Track
 
 __all__ = [
     "SEVERITY",
@@ -15,6 +16,7 @@ __all__ = [
     "OpenGround",
     "Place",
     "SlopeGeometry",
+    "Track",
     "Vulnerability",
     "consequences",
     "failure_mode",

@@ -19,6 +19,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from cooperative.measure._track import Track
+
 SMALLEST_SHARE = 0.01
 """Share of the sliding volume from which on soil that came off the rest is a mass of its own."""
 
@@ -40,9 +42,10 @@ class SlopeGeometry:
 @dataclass(frozen=True)
 class OpenGround:
     """Ground without a crest and a toe, a section or a terrain. surface: height of its surface above each particle
-    before the slide (N,) m."""
+    before the slide (N,) m. track: along which the run-out is measured, None for along the slide."""
 
     surface: np.ndarray
+    track: Track | None = None
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,8 @@ class Consequences:
         from the surface above it, where that is most.
     runout: L (m), horizontally from the toe to the front of the sliding mass; 0 if it stays behind the toe. On
         `OpenGround`, from the rear of the mass before it slid to its front after, along its mean displacement: the
-        travel distance of Corominas (1996), Canadian Geotechnical Journal 33, 260-271.
+        travel distance of Corominas (1996), Canadian Geotechnical Journal 33, 260-271. Where the ground has a track,
+        along that instead, whichever way the mass went.
     volume: V, of the sliding soil (m3), in a section (m2), that is m3 per metre of width.
     area: S, plan area beyond the toe that the sliding mass overruns (m2): the run-out of each slice across
         the slope, times its width, summed. In a section (m), that is m2 per metre of width, it equals the run-out.
@@ -107,6 +111,8 @@ def consequences(
     position, displacement, volume = (np.asarray(a, dtype=float) for a in (position, displacement, volume))
     half = np.asarray(half_size, dtype=float)
     _check(position, displacement, volume, half, width, slice_width, failure_displacement, reach)
+    if isinstance(geometry, OpenGround) and geometry.track is not None and len(position) != 3:
+        raise ValueError("a track is a line in plan, for ground in 3D: leave it out in a section")
 
     moved = np.linalg.norm(displacement, axis=0)
     sliding = moved >= failure_displacement
@@ -122,7 +128,7 @@ def consequences(
         beyond = np.maximum(now[0] + half[0] - geometry.toe_x, 0.0)
     else:
         depth = (geometry.surface[sliding] - before[-1]).max() + half[-1]
-        beyond = np.maximum(_travelled(before, now, volume[sliding], mass, half), 0.0)
+        beyond = np.maximum(_travelled(before, now, volume[sliding], mass, half, geometry.track), 0.0)
     if len(position) == 2:
         area = beyond[mass].max()
     elif isinstance(geometry, SlopeGeometry):
@@ -171,10 +177,15 @@ def walls_reached(
 
 
 def _travelled(
-    before: np.ndarray, now: np.ndarray, volume: np.ndarray, mass: np.ndarray, half: np.ndarray
+    before: np.ndarray, now: np.ndarray, volume: np.ndarray, mass: np.ndarray, half: np.ndarray, track: Track | None
 ) -> np.ndarray:
-    """How far (n,) m the edge of each particle is from the rear that the mass had before, along its mean displacement;
-    0 where that has no direction."""
+    """How far (n,) m the edge of each particle is from the rear that the mass had before, along the track or, without
+    one, its mean displacement; 0 where that has no direction."""
+    if track is not None:
+        (start, along), (end, ahead) = track.along(before[:2]), track.along(now[:2])
+        sign = 1 if ((end - start)[mass] @ volume[mass]) >= 0 else -1
+        rear = (sign * start - half[:2] @ np.abs(along))[mass].min()
+        return sign * end + half[:2] @ np.abs(ahead) - rear
     level = ((now - before)[:-1, mass] * volume[mass]).sum(axis=1)
     length = np.linalg.norm(level)
     if length == 0:

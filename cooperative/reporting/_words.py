@@ -67,10 +67,11 @@ class Told:
         """Unit of each consequence in words."""
         each = "" if self.campaign.dimension == 3 else " per metre of width"
         toe = isinstance(self.campaign.site.shape, Slope)
+        drawn = "" if self.campaign.site.track is None else ", along the line that the scene draws"
         return {
             "displacement": "m",
             "depth": "m below the crest" if toe else "m below the surface",
-            "runout": "m beyond the toe" if toe else "m from its rear to its front",
+            "runout": "m beyond the toe" if toe else f"m from its rear to its front{drawn}",
             "volume": f"m³{each}",
             "area": "m² beyond the toe" if toe else "m² at its end",
         }

@@ -55,7 +55,9 @@ class GridModel:
         shape = self.campaign.site.shape
         if isinstance(shape, Slope):
             return SlopeGeometry(toe_x=shape.toe_x, toe_z=shape.foundation, height=shape.height)
-        return OpenGround(shape.heights(*np.asarray(self.scene.particles.position[:-1], float)))
+        return OpenGround(
+            shape.heights(*np.asarray(self.scene.particles.position[:-1], float)), self.campaign.site.track
+        )
 
     @property
     def walls(self) -> tuple[tuple[int, int, float], ...]:

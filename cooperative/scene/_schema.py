@@ -106,6 +106,7 @@ _TERRAIN = {
     "y": Key(tuple, None),
     "step": Key(float, None),
     "ends": Key(ENDS, "roller"),
+    "run_out_line": Key(ROWS, None),
 }
 _WATER = {
     "level": Key(float, None),

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from cooperative.measure import Track
 from cooperative.scene._rasters import unpacked
 from cooperative.scene._schema import OF_A_FIELD, OF_GROUND, SECTIONS, SITES, in_words, read
 from cooperative.scene._soil import RandomField, rock_of, soil_of
@@ -49,13 +50,14 @@ class SiteLayer:
 class Site:
     """The ground of a campaign. shape: its outline. ends: what holds its ends, those along y of a slope. layers: from
     the top down; none where all is of the campaign's own soil. water: its level or table, r_u: pore pressure instead,
-    see `jaxmpm.section` and `jaxmpm.terrain`."""
+    see `jaxmpm.section` and `jaxmpm.terrain`. track: along which run-out is measured, None for along the slide."""
 
     shape: Slope | Section | Terrain
     ends: Literal["fixed", "roller"]
     layers: tuple[SiteLayer, ...] = ()
     water: float | tuple[tuple[float, float], ...] | Raster | None = None
     r_u: float | None = None
+    track: Track | None = None
 
     def built(
         self, soil: Soil | FrictionalSoil, numerics: Discretisation, gravity: float, *, at_rest: bool
@@ -152,7 +154,27 @@ def _terrain(tables: Mapping[str, Any]) -> Site:
         raise ValueError(f"[terrain] step = {said['step']:g}: give metres above 0")
     shape = Terrain(surface, said["base"], **walls)
     shape.check()
-    return Site(shape, said["ends"], (), *_water(tables, shape))
+    return Site(shape, said["ends"], (), *_water(tables, shape), _track(said["run_out_line"], shape))
+
+
+def _track(points: tuple[tuple[float, ...], ...] | None, shape: Terrain) -> Track | None:
+    """The run-out line, between the walls."""
+    if points is None:
+        return None
+    where = "[terrain] run_out_line"
+    for number, point in enumerate(points, 1):
+        if len(point) != 2:
+            raise ValueError(f"{where}: point {number} is {list(point)}: give [x, y] in metres")
+        for axis, at, (low, high) in zip("xy", point, shape.walls, strict=True):
+            if not low <= at <= high:
+                raise ValueError(
+                    f"{where}: point {number} has {axis} = {at:g} m, outside the ground, which reaches from {low:g} to "
+                    f"{high:g} m: move it, it goes on straight beyond its ends"
+                )
+    try:
+        return Track(tuple((x, y) for x, y in points))
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from error
 
 
 def _layers(
