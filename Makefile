@@ -14,9 +14,15 @@ BIN := .venv/bin
 demo: .venv
 	$(BIN)/python -m cooperative run benchmarks/scenes/demo.toml --out out/demo
 
-# The README's figures are those of the demo.
+# The README's figures, and those of docs/ that need no benchmark to be run again: of the demo, of the study's rows, of the
+# tables in RESULTS.md, of the first notebook, of every scene.
 figures: demo
 	cp out/demo/figures/field.png out/demo/figures/slope.png out/demo/figures/ranked.png benchmarks/figures/
+	$(BIN)/python -m benchmarks published --json > /dev/null
+	$(BIN)/python -m benchmarks.work_precision
+	$(BIN)/python -m benchmarks.gallery
+	$(BIN)/pip install --quiet --editable '.[notebooks]'
+	$(BIN)/python -m notebooks 01
 
 # Runs the scripts at full size; `.venv/bin/python -m notebooks 03` makes one.
 notebooks: .venv

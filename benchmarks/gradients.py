@@ -85,7 +85,7 @@ def difference_rows(problem: str, steps: int) -> Iterator[dict[str, Any]]:
 
 def draw(rows: list[dict[str, Any]]) -> None:
     """Error of central differences against step length: elastic, softening, and softening ever longer."""
-    figure = Figure(figsize=(11, 3.8), layout="constrained")
+    figure = Figure(figsize=(9, 4), layout="constrained")
     panels = figure.subplots(1, 3, sharey=True)
     colours = {"moduli": "#0072B2", "gravity": "#E69F00", "strength": "#009E73", "softening": "#D55E00"}
     shown = {
@@ -102,7 +102,7 @@ def draw(rows: list[dict[str, Any]]) -> None:
     panels[2].set(title="softening, by strength", xlabel="step length (relative)")
     panels[0].set(ylabel="|difference / reverse mode - 1|", ylim=(1e-11, 1e2))
     for panel in panels:
-        panel.legend(fontsize=8)
+        panel.legend(fontsize=9)
         panel.grid(alpha=0.3)
     figure.savefig(ROOT / "benchmarks" / "figures" / "gradients_step_length.png", dpi=90)
 

@@ -70,6 +70,28 @@ def tables(rows: list[dict[str, Any]]) -> list[str]:
     return lines
 
 
+def kept_rows(name: str) -> list[dict[str, Any]]:
+    """The rows of a benchmark as its tables in RESULTS.md have them, texts and numbers alone, to draw figures anew."""
+    page = (ROOT / "benchmarks" / "RESULTS.md").read_text()
+    part = page.split(f"\n## {name}\n", 1)[1].split("\n## ", 1)[0]
+    lines = [line.strip("| ").split(" | ") for line in part.splitlines() if line.startswith("|")]
+    found: list[dict[str, Any]] = []
+    columns: list[str] = []
+    for line, following in zip(lines, [*lines[1:], [""]], strict=True):
+        if following[0].startswith("---"):
+            columns = line
+        elif not line[0].startswith("---"):
+            found.append({column: _value(cell) for column, cell in zip(columns, line, strict=True)})
+    return found
+
+
+def _value(cell: str) -> float | str | None:
+    try:
+        return None if cell == "None" else float(cell)
+    except ValueError:
+        return cell
+
+
 def _cell(value: Any) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{key} {_cell(item)}" for key, item in value.items())

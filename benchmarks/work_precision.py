@@ -2,7 +2,7 @@
 
 Published (Jiang et al. 2024, Table 3): factor of safety 1.15 at cells of 1, 0.75 and 0.5 m, run-out 14.17, 14.52 and
 14.76 m, in 12,240, 24,503 and 48,976 s. Seconds are those of runs already compiled; of a slope those of finding its
-factor of safety and of the slide.
+factor of safety and of the slide. `python -m benchmarks.work_precision` draws both figures anew from RESULTS.md.
 """
 
 from __future__ import annotations
@@ -17,10 +17,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
 
 import jaxmpm as mpm
@@ -28,10 +24,13 @@ from benchmarks.collapse import collapsed
 from benchmarks.footing import CAPACITY, capacity
 from benchmarks.manufactured import manufactured_run
 from benchmarks.measure import ROOT, Report, scene_campaign, timed
+from benchmarks.results import kept_rows
 from cooperative.measure import Consequences, SlopeGeometry, consequences
+from cooperative.reporting import panels, save
 from jaxmpm import diagnostics
 
 Row = dict[str, Any]
+FIGURES = ROOT / "benchmarks" / "figures"
 BAR = mpm.Soil(unit_weight=9.81e3, young=1e6, poisson=0.0)
 # Cell and particle spacing (m) of the section: 2 particles a cell where that divides its sizes, else 3.
 GRIDS = ((3.0, 1.0), (2.0, 1.0), (1.5, 0.5), (1.0, 0.5), (0.75, 0.25), (0.5, 0.25))
@@ -252,42 +251,45 @@ def sand_rows(quick: bool) -> Iterator[Row]:
 
 
 def draw(rows: list[Row]) -> None:
-    """Factor of safety and run-out against cell size and time, a line per setting; error against seconds."""
-    figure, axes = plt.subplots(2, 4, figsize=(18, 8), layout="constrained")
-    at_fixed = f"runout_at_R_{FIXED:g}_m"
-    names = {
-        "cell_m": "cell (m)",
-        "seconds": "seconds",
-        "fails_at_R": "smallest R that fails",
-        "runout_m": "run-out at that R (m)",
-        at_fixed: f"run-out at R = {FIXED:g} (m)",
-        f"seconds_at_R_{FIXED:g}": "seconds",
-    }
-    panels = (
-        (axes[0, 0], "cell_m", "fails_at_R"),
-        (axes[0, 1], "cell_m", "runout_m"),
-        (axes[0, 2], "cell_m", at_fixed),
-        (axes[0, 3], "seconds", "fails_at_R"),
-        (axes[1, 3], f"seconds_at_R_{FIXED:g}", at_fixed),
-    )
-    for axis, across, key in panels:
+    """Both figures, legible at the width of a page: the slope over cells, and problems with a theory."""
+    slopes([row for row in rows if row.get("setting") in SETTINGS])
+    theory([row for row in rows if row.get("choice") is not None and row["error"] is not None])
+
+
+def slopes(rows: list[Row]) -> None:
+    """Factor of safety and run-out against cell size, and against seconds; a line per setting."""
+    figure, axes = panels(2, 2, size=(4.4, 3.2))
+    across = ("cell_m", "fails_at_R", "seconds"), ("cell_m", f"runout_at_R_{FIXED:g}_m", f"seconds_at_R_{FIXED:g}")
+    names = "smallest R that fails", f"run-out at R = {FIXED:g} [m]"
+    for (left, right), (cell, key, seconds), name in zip((axes[::2], axes[1::2]), across, names, strict=True):
         for setting, marker in zip(SETTINGS, "os^Dv*", strict=True):
-            lines = [row for row in rows if row.get("setting") == setting]
-            axis.plot([row[across] for row in lines], [row[key] for row in lines], marker=marker, label=setting)
-        axis.set(xlabel=names[across], ylabel=names[key], xscale="linear" if across == "cell_m" else "log")
-    axes[0, 0].plot(list(PUBLISHED), [p["fos"] for p in PUBLISHED.values()], "kP", label="published")
-    axes[0, 1].plot(list(PUBLISHED), [p["runout_m"] for p in PUBLISHED.values()], "kP", label="published")
-    axes[0, 0].legend(fontsize=8)
-    for axis, problem in zip(axes[1, :3], dict.fromkeys(r["problem"] for r in rows if "choice" in r), strict=True):
-        for number, name in enumerate(dict.fromkeys(r["choice"] for r in rows if r["problem"] == problem)):
-            lines = [r for r in rows if (r["problem"], r.get("choice")) == (problem, name) and r["error"] is not None]
+            lines = [row for row in rows if row["setting"] == setting]
+            for axis, at in ((left, cell), (right, seconds)):
+                axis.plot([row[at] for row in lines], [row[key] for row in lines], marker=marker, label=setting)
+        left.set(ylabel=name, xlabel="cell [m]")
+        right.set(ylabel=name, xlabel="seconds", xscale="log")
+    axes[0].plot(list(PUBLISHED), [p["fos"] for p in PUBLISHED.values()], "kP", label="published")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
+    save(figure, FIGURES / "work_precision.png", dpi=90)
+
+
+def theory(rows: list[Row]) -> None:
+    """Error against seconds of each problem with a theory, a line per choice."""
+    problems = list(dict.fromkeys(row["problem"] for row in rows))
+    figure, axes = panels(1, len(problems), size=(3.0, 4.6))
+    choices = {name: number for number, name in enumerate(dict.fromkeys(row["choice"] for row in rows))}
+    for axis, problem in zip(axes, problems, strict=True):
+        for name, number in choices.items():
+            lines = [row for row in rows if (row["problem"], row["choice"]) == (problem, name)]
             style = ("o-", "s--", "^:")[number % 3]
-            axis.loglog([r["seconds"] for r in lines], [r["error"] for r in lines], style, markersize=4, label=name)
-        axis.set(xlabel="seconds", ylabel="error", title=problem)
-    cured = [line for line in axes[1, 2].lines if line.get_label().startswith("F-bar")]
-    figure.legend(handles=[*axes[1, 0].lines, *cured], loc="outside lower center", ncols=7, fontsize=8)
-    figure.savefig(ROOT / "benchmarks" / "figures" / "work_precision.png", dpi=120)
-    plt.close(figure)
+            axis.loglog(
+                [row["seconds"] for row in lines], [row["error"] for row in lines], style, ms=4,
+                color=f"C{number % 10}", label=name,
+            )  # fmt: skip
+        axis.set(xlabel="seconds", title=problem)
+    axes[0].set(ylabel="error")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
+    save(figure, FIGURES / "work_precision_theory.png", dpi=90)
 
 
 def finest_with_its_error(rows: list[Row], key: str) -> dict[str, float]:
@@ -321,3 +323,7 @@ def run(quick: bool) -> Report:
         values[f"sand_{name}_at_128_cells"] = finest[name]
         values[f"sand_{name}_change_from_64_to_128_cells"] = round(finest[name] - coarser[name], 3)
     return Report(values, rows)
+
+
+if __name__ == "__main__":
+    draw(kept_rows("work_precision"))

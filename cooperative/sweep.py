@@ -157,7 +157,7 @@ def _toml(value: Any) -> str:
 
 def probabilities(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
     """P_f with its interval against each parameter, one panel each."""
-    figure, axes = panels(1, len(parameters), size=(3.6, 3.2))
+    figure, axes = _panels(parameters)
     for ax, (name, rows) in zip(axes, parameters.items(), strict=True):
         _errorbar(ax, rows, [row["probability"] for row in rows], [row["interval"] for row in rows], "#0072B2", "o", "")
         ax.set(xlabel=LABELS[name], ylabel="probability of failure $P_f$ [-]")
@@ -167,7 +167,7 @@ def probabilities(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
 
 def mode_ratios(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
     """Share of each mode among the failures, with its interval, against each parameter, one panel each."""
-    figure, axes = panels(1, len(parameters), size=(3.6, 3.5))
+    figure, axes = _panels(parameters)
     handles: dict[str, Artist] = {}
     for ax, (name, rows) in zip(axes, parameters.items(), strict=True):
         with_failures = [row for row in rows if row["modes"]]
@@ -182,6 +182,16 @@ def mode_ratios(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
         shown = [mode for mode in STYLES if mode in handles]
         figure.legend([handles[mode] for mode in shown], shown, loc="outside upper center", ncols=4, frameon=False)
     return figure
+
+
+def _panels(parameters: dict[str, list[dict[str, Any]]]) -> tuple[Figure, list[Axes]]:
+    """A panel for each parameter, at most three beside each other, so that a page's width leaves them legible."""
+    rows = -(-len(parameters) // 3)
+    columns = -(-len(parameters) // rows)
+    figure, axes = panels(rows, columns, size=(3.0, 3.2))
+    for ax in axes[len(parameters) :]:
+        ax.set_axis_off()
+    return figure, axes[: len(parameters)]
 
 
 def _errorbar(

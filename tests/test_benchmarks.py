@@ -6,8 +6,9 @@ import subprocess
 import sys
 
 import pytest
+from matplotlib import image
 
-from benchmarks import measure, random_slopes, results, slopes, stability_of_slopes, summary
+from benchmarks import measure, random_slopes, results, slopes, stability_of_slopes, summary, work_precision
 from benchmarks.throughput_case import Case
 from benchmarks.throughput_case import measure as measure_case
 from cooperative.runs import check_size, random_soil
@@ -36,6 +37,23 @@ def test_results_hold_every_value_and_row():
     assert "| [slope](#slope) | fos | 1.235 |" in page
     assert "| 1 | 1, 2 |" in page
     assert "| z |" in page
+
+
+def test_rows_come_back_from_the_page(tmp_path, monkeypatch):
+    rows = [{"x": 1.5, "of": "a b"}, {"x": None, "of": "c"}, {"z": 2.0}]
+    pages = [json.loads(measure.as_json(name, measure.Report({}, rows))) for name in ("slope", "screening")]
+    (tmp_path / "benchmarks").mkdir()
+    (tmp_path / "benchmarks" / "RESULTS.md").write_text(results.document(pages))
+    monkeypatch.setattr(results, "ROOT", tmp_path)
+    assert results.kept_rows("slope") == results.kept_rows("screening") == rows
+
+
+def test_figures_of_error_and_time_are_drawn_from_the_page(tmp_path, monkeypatch):
+    monkeypatch.setattr(work_precision, "FIGURES", tmp_path)
+    work_precision.draw(results.kept_rows("work_precision"))
+    for name in ("work_precision", "work_precision_theory"):
+        width = image.imread(tmp_path / f"{name}.png").shape[1]
+        assert 700 < width < 900  # a page's width, so that its letters are as large as drawn
 
 
 def test_results_lead_with_broken_bounds_their_reasons_and_the_best_buy():

@@ -204,6 +204,7 @@ def _map(figure: Figure, ax: Axes, model: GridModel) -> None:
         corners = np.array([*place.corners, place.corners[0]])
         ax.plot(*corners.T, color=PLACE, lw=2, marker="o" if len(place.corners) == 1 else "")
         ax.annotate(place.name, tuple(corners[0]), **NAME)
-    ax.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
+    ax.set(aspect="equal", anchor="W", xlabel="x [m]", ylabel="y [m]")
     ax.set_title("height of the ground, and the section below", loc="left")
-    figure.colorbar(lines, ax=ax, label="z [m]")
+    # Below it the sections begin at the left, too.
+    figure.colorbar(lines, ax=ax, label="z [m]", panchor=False)

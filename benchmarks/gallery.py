@@ -1,0 +1,148 @@
+"""`python -m benchmarks.gallery`: draw every scene of benchmarks/scenes, tell its cost and write docs/gallery.md.
+
+A cost is what `python -m cooperative check` says of the scene, of all campaigns of a sweep together. Results stand here
+once the campaign has been run. `--draw NAME ...` draws some pictures anew and leaves the page as it is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from benchmarks.measure import ROOT
+from cooperative.reporting import _pictures as pictures
+from cooperative.reporting import _plots as plots
+from cooperative.runs import coefficients_of, cost_of
+from cooperative.scene import Campaign, begin, parse, read_scene
+from cooperative.sweep import variants
+from foundation.files import write_aside
+
+SCENES = ROOT / "benchmarks" / "scenes"
+PAGE = ROOT / "docs" / "gallery.md"
+FIGURES = ROOT / "docs" / "gallery"
+
+NOT_RUN = "not run to its end yet"
+BEGIN = "yours to fill in: `jaxmpm new --kind {}`"
+RESULTS = {
+    "demo": "P_f 0.401 (0.249 to 0.633); all failures deep",
+    "section": "P_f 0.408 (0.289 to 0.638); all failures deep",
+    "paper_section": NOT_RUN,
+    "slope": "P_f 0.45 (0.31 to 0.69), from 200 rough and 24 refined runs of [the study](published-study.md)",
+    "paper": "P_f 0.282 (0.244 to 0.382), from 750 rough and 100 refined runs of [the study](published-study.md); "
+    "0.244 printed",
+    "section_sweep": "P_f and modes against lengths, cov and k_t: [figures](report.md#sweeps)",
+    "paper_sweep": "P_f rises with both lengths, as printed: [the study](published-study.md)",
+    "cho": f"{NOT_RUN}; 0.065 to 0.079 printed",
+    "example_2": f"{NOT_RUN}; [random fields](random-fields.md) says what its field takes",
+    "griffiths_fenton": f"{NOT_RUN}; 0.281 by the closed form",
+    "sites/acads_1c": NOT_RUN,
+    "sites/acads_3a": NOT_RUN,
+    "sites/griffiths_lane_3": "factor of safety 1.375 at its limit load (1.4 printed); no failure in 20 refined runs, "
+    "P_f below 0.24",
+    "new/slope": BEGIN.format("slope"),
+    "new/section": BEGIN.format("section"),
+    "new/terrain": BEGIN.format("terrain"),
+}
+"""Of each scene, by its path below benchmarks/scenes; the order is that of the page. Intervals are of 95 %."""
+
+HEAD = """# Gallery
+
+The scenes that come along. `jaxmpm example NAME` writes those of the first table, `jaxmpm new --kind KIND` those of
+the last. Each picture shows sample 0 on the refined grid; `jaxmpm draw SCENE` draws it larger, with layers, walls and
+both grids. The cost is the most that the scene can take, by `jaxmpm check SCENE` on one core of a shared machine. Runs
+end far sooner where the slope stands. P_f is the probability of failure, with its interval of 95 %.
+`python -m benchmarks.gallery` writes this page.
+"""
+GROUPS = {"": "Examples", "sites": "Slopes with known answers", "new": "To begin your own with"}
+
+
+def names() -> list[str]:
+    """Every scene that comes along, by its path below benchmarks/scenes without the suffix."""
+    return sorted(path.relative_to(SCENES).with_suffix("").as_posix() for path in SCENES.rglob("*.toml"))
+
+
+def campaigns(name: str) -> list[Campaign]:
+    """The campaigns of a scene: one, or those of a sweep, of which the first has the scene's own values."""
+    with tempfile.TemporaryDirectory() as place:
+        path = SCENES / f"{name}.toml"
+        if name.startswith("new/"):
+            # A terrain model is written beside it.
+            path = Path(place) / "own.toml"
+            begin(name.removeprefix("new/"), path)
+        text = read_scene(path)
+    return [parse(each.text) for each in variants(text)] if "\n[sweep]" in text else [parse(text)]
+
+
+def about(name: str) -> str:
+    """What a scene's own first comment says of it."""
+    lines = (SCENES / f"{name}.toml").read_text().splitlines()
+    last = next(number for number, line in enumerate(lines) if not line.startswith("#"))
+    return " ".join(line.lstrip("# ") for line in lines[:last])
+
+
+def picture(campaign: Campaign) -> Figure:
+    """The random soil of sample 0 on the refined grid; in 3D in the section in the middle."""
+    model = pictures.models_of(campaign)["refined"]
+    plane = pictures.plane_at(model, pictures.middle(model))
+    position, half = pictures.section_of(model, plane)
+    name = next(iter(campaign.random))
+    drawn = plots.QUANTITIES[name]
+    values = pictures.values_of(model, coefficients_of(campaign, model.soil)[0])[name][plane] / drawn.unit
+    length, height = np.ptp(position, axis=1)
+    figure, (ax,) = plots.panels(1, size=(4.8, 3.8 * height / length + 0.6))
+    norm = plots.Normalize(float(np.nanmin(values)), float(np.nanmax(values)))
+    boxes = plots.draw_particles(ax, position, half, values, "cividis", norm)
+    figure.colorbar(boxes, ax=ax, label=f"{drawn.symbol} [{drawn.said}]", aspect=12)
+    return figure
+
+
+def cost(parts: list[Campaign], seconds: float) -> str:
+    """Particles of both grids and the most hours of one core, in words."""
+    found = [cost_of(part, seconds / len(parts)) for part in parts]
+    sizes = found[0].sizes
+    hours = sum(each.hours(grid) for each in found for grid in each.sizes)
+    said = f"{60 * hours:.0f} minutes" if hours < 1 else f"{float(f'{hours:.2g}'):,g} hours"
+    rough, refined = (sum(each.runs[grid] for each in found) for grid in ("rough", "refined"))
+    grids = " and ".join(f"{size.particles:,.0f}" for size in sizes.values())
+    return f"{rough:,} rough and at most {refined:,} refined runs of {grids} particles: {said}"
+
+
+def row(name: str, told: str) -> str:
+    """One line of the page's table."""
+    link = f"[`{name}`](../benchmarks/scenes/{name}.toml)"
+    shown = f"![Random soil of {name}](gallery/{name.replace('/', '-')}.png)"
+    return f"| {link}: {about(name)} | {shown} | {told} | {RESULTS[name]} |"
+
+
+def draw(name: str) -> None:
+    """Write a scene's picture."""
+    FIGURES.mkdir(exist_ok=True)
+    plots.save(picture(campaigns(name)[0]), FIGURES / f"{name.replace('/', '-')}.png", dpi=80)
+
+
+def main() -> None:
+    """Draw the pictures, try the costs, write the page."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.gallery", description=__doc__)
+    parser.add_argument("--draw", nargs="+", choices=list(RESULTS), metavar="NAME", help="draw these alone")
+    parser.add_argument("--seconds", type=float, default=10.0, help="of each trial (%(default)g)")
+    given = parser.parse_args()
+    for name in given.draw or RESULTS:
+        draw(name)
+    if given.draw:
+        return
+    lines = [HEAD]
+    for group, title in GROUPS.items():
+        lines += [f"## {title}\n", "| scene | sample 0 | most that it can cost | result |", "|---|---|---|---|"]
+        mine = [name for name in RESULTS if os.path.dirname(name) == group]
+        lines += [*(row(name, cost(campaigns(name), given.seconds)) for name in mine), ""]
+    write_aside(PAGE, "\n".join(lines).encode())
+    print(PAGE)
+
+
+if __name__ == "__main__":
+    main()

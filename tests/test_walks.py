@@ -1,0 +1,97 @@
+"""The walks of docs/walks.md, and every command that a page names: they are what this package takes and does."""
+
+import re
+import shlex
+import socket
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+from benchmarks import docs
+from cooperative._commands import parser
+from cooperative.scene import parse
+from cooperative.store import read_store
+
+PAGES = [*docs.pages(), "CONTRIBUTING.md"]
+WALKS = docs.page("docs/walks.md")
+
+
+def blocks(language: str) -> list[str]:
+    """Fenced blocks of the walks, which stand in lists."""
+    return [textwrap.dedent(block) for block in re.findall(rf"^ *```{language}\n(.*?)^ *```", WALKS, re.S | re.M)]
+
+
+def commands(text: str) -> list[list[str]]:
+    """Arguments of each command of this package in a text."""
+    found = re.findall(r"^ *(?:\$ |nice |PATH\S* )*(?:jaxmpm|\S*python\d? -m cooperative) (.*)$", text, re.M)
+    return [shlex.split(line, comments=True) for line in found]
+
+
+NAMED = sorted({(page, *each) for page in PAGES for each in commands(docs.page(page))})
+
+
+@pytest.mark.parametrize("named", NAMED, ids=lambda named: " ".join(named))
+def test_commands_of_the_pages_are_taken(named):
+    parser().parse_args(list(named[1:]))
+
+
+def test_scene_of_the_walk_is_sound():
+    (text,) = blocks("toml")
+    campaign = parse(text)
+    assert [layer.name for layer in campaign.site.layers] == ["crust", "clay", "rock"]
+    assert [place.name for place in campaign.hazard.places] == ["road"]
+
+
+@pytest.fixture
+def walked(tmp_path, monkeypatch):
+    """A folder with the walk's scene, made small, and this package to be found."""
+    (text,) = blocks("toml")
+    small = text.replace("samples = 40", "samples = 10\nrefined_runs = 10")
+    small = small.replace("[rough]", "[run]\nt_end = 2.0\n[rough]")
+    small = small.replace("cell = 2.0\nspacing = [1.0, 1.0]", "cell = 4.0\nspacing = [2.0, 2.0]")
+    small = small.replace("cell = 1.0\nspacing = [0.5, 0.5]", "cell = 2.0\nspacing = [1.0, 1.0]")
+    (tmp_path / "bank.toml").write_text(small)
+    monkeypatch.setenv("PYTHONPATH", str(docs.ROOT))
+    return tmp_path
+
+
+HERE = f"""
+jaxmpm() {{ {sys.executable} -m cooperative "$@"; }}
+dask() {{ exec {sys.executable} -m dask "$@"; }}
+"""
+"""Commands as those of an installed package."""
+
+
+def free_port() -> int:
+    """A port that nothing listens on just now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@pytest.mark.slow
+def test_engineer_comes_to_a_report_and_a_table(walked):
+    lines = [line for block in blocks("sh") for line in block.splitlines() if "bank" in line and "tail" not in line]
+    lines = [line for line in lines if "--refined-runs" not in line]
+    said = subprocess.run(
+        ["bash", "-ec", "\n".join([HERE, *lines])], cwd=walked, capture_output=True, text=True, check=True
+    )
+    assert "probability of failure" in said.stdout
+    assert "road" in (walked / "out" / "bank" / "report.html").read_text()
+    assert (walked / "out" / "bank" / "table.csv").exists()
+
+
+@pytest.mark.slow
+def test_job_of_the_cluster_runs_the_campaign_and_leaves_its_log(walked):
+    pytest.importorskip("distributed")
+    (script,) = blocks("bash")
+    # One machine has no srun; what runs in the background ends with the job.
+    begin = HERE + "srun() { \"$@\"; }\nhostname() { echo 127.0.0.1; }\ntrap 'kill $(jobs -p)' EXIT\n"
+    script = begin + script.replace("8786", str(free_port())).replace("--workers 8", "--workers 1")
+    said = subprocess.run(["bash", "-c", script], cwd=walked, capture_output=True, text=True, timeout=500)
+    assert "probability of failure" in said.stdout, said.stderr
+    folder = walked / "out" / "bank"
+    assert len(list((read_store(folder).folder / "samples" / "rough").glob("*.h5"))) == 10
+    assert (folder / "progress.log").read_text().endswith("done\n")
