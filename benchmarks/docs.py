@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -30,8 +31,9 @@ def words(path: str) -> int:
 
 
 def blocks(path: str, language: str) -> list[str]:
-    """Fenced blocks of one language."""
-    return re.findall(rf"```{language}\n(.*?)```", page(path), re.S)
+    """Fenced blocks of one language, which may stand in lists."""
+    found = re.findall(rf"^ *```{language}\n(.*?)^ *```", page(path), re.S | re.M)
+    return [textwrap.dedent(block) for block in found]
 
 
 def broken_links(path: str) -> list[str]:

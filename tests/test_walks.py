@@ -5,7 +5,6 @@ import shlex
 import socket
 import subprocess
 import sys
-import textwrap
 
 import pytest
 
@@ -15,12 +14,7 @@ from cooperative.scene import parse
 from cooperative.store import read_store
 
 PAGES = [*docs.pages(), "CONTRIBUTING.md"]
-WALKS = docs.page("docs/walks.md")
-
-
-def blocks(language: str) -> list[str]:
-    """Fenced blocks of the walks, which stand in lists."""
-    return [textwrap.dedent(block) for block in re.findall(rf"^ *```{language}\n(.*?)^ *```", WALKS, re.S | re.M)]
+WALKS = "docs/walks.md"
 
 
 def commands(text: str) -> list[list[str]]:
@@ -38,7 +32,7 @@ def test_commands_of_the_pages_are_taken(named):
 
 
 def test_scene_of_the_walk_is_sound():
-    (text,) = blocks("toml")
+    (text,) = docs.blocks(WALKS, "toml")
     campaign = parse(text)
     assert [layer.name for layer in campaign.site.layers] == ["crust", "clay", "rock"]
     assert [place.name for place in campaign.hazard.places] == ["road"]
@@ -47,7 +41,7 @@ def test_scene_of_the_walk_is_sound():
 @pytest.fixture
 def walked(tmp_path, monkeypatch):
     """A folder with the walk's scene, made small, and this package to be found."""
-    (text,) = blocks("toml")
+    (text,) = docs.blocks(WALKS, "toml")
     small = text.replace("samples = 40", "samples = 10\nrefined_runs = 10")
     small = small.replace("[rough]", "[run]\nt_end = 2.0\n[rough]")
     small = small.replace("cell = 2.0\nspacing = [1.0, 1.0]", "cell = 4.0\nspacing = [2.0, 2.0]")
@@ -73,7 +67,12 @@ def free_port() -> int:
 
 @pytest.mark.slow
 def test_engineer_comes_to_a_report_and_a_table(walked):
-    lines = [line for block in blocks("sh") for line in block.splitlines() if "bank" in line and "tail" not in line]
+    lines = [
+        line
+        for block in docs.blocks(WALKS, "sh")
+        for line in block.splitlines()
+        if "bank" in line and "tail" not in line
+    ]
     lines = [line for line in lines if "--refined-runs" not in line]
     said = subprocess.run(
         ["bash", "-ec", "\n".join([HERE, *lines])], cwd=walked, capture_output=True, text=True, check=True
@@ -86,7 +85,7 @@ def test_engineer_comes_to_a_report_and_a_table(walked):
 @pytest.mark.slow
 def test_job_of_the_cluster_runs_the_campaign_and_leaves_its_log(walked):
     pytest.importorskip("distributed")
-    (script,) = blocks("bash")
+    (script,) = docs.blocks(WALKS, "bash")
     # One machine has no srun; what runs in the background ends with the job.
     begin = HERE + "srun() { \"$@\"; }\nhostname() { echo 127.0.0.1; }\ntrap 'kill $(jobs -p)' EXIT\n"
     script = begin + script.replace("8786", str(free_port())).replace("--workers 8", "--workers 1")
