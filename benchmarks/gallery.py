@@ -12,6 +12,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from benchmarks.measure import ROOT
@@ -95,7 +96,7 @@ def picture(campaign: Campaign) -> Figure:
     values = pictures.values_of(model, coefficients_of(campaign, model.soil)[0])[name][plane] / drawn.unit
     length, height = np.ptp(position, axis=1)
     figure, (ax,) = plots.panels(1, size=(4.8, 3.8 * height / length + 0.6))
-    norm = plots.Normalize(float(np.nanmin(values)), float(np.nanmax(values)))
+    norm = Normalize(float(np.nanmin(values)), float(np.nanmax(values)))
     boxes = plots.draw_particles(ax, position, half, values, "cividis", norm)
     figure.colorbar(boxes, ax=ax, label=f"{drawn.symbol} [{drawn.said}]", aspect=12)
     return figure
