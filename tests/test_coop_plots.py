@@ -180,3 +180,11 @@ def test_soil_that_tears_is_drawn_torn():
     # Two particles at one place are no lattice: their boxes go with them.
     twice = plots.moved_boxes(np.tile(position, 2), np.zeros((2, 48)), half)
     assert area(twice) == pytest.approx(np.full(48, 0.25))
+
+
+def test_severity_of_a_section_leaves_out_the_areas_that_it_has_none_of():
+    place = {"group": "deep", "count": 3, "middle": 2.0, "interval": [1.0, 3.0]}
+    figure = charts.severity(
+        {name: [place, place | {"group": "shallow"}] for name in ("depth", "area")}, {"depth": "H"}
+    )
+    assert [ax.get_xlabel() for ax in figure.axes] == ["H"]

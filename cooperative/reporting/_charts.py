@@ -299,6 +299,8 @@ def severity(places: Mapping[str, Sequence[Mapping[str, Any]]], labels: Mapping[
 
     places: consequence -> modes by rank, as in the summary. labels: name -> axis label with its unit.
     """
+    # The summary ranks areas too, which a section has none of.
+    places = {name: ranked for name, ranked in places.items() if name in labels}
     columns = min(len(places), 3)
     figure, axes = panels(-(-len(places) // columns), columns, size=(3.5, 2.4))
     for ax, (name, ranked) in zip(axes, places.items(), strict=False):
