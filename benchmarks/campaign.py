@@ -12,7 +12,6 @@ hours of a campaign that two of them ran would be those of neither.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import sys
 import threading
@@ -26,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.measure import ROOT, Report
+from benchmarks.measure import ROOT, Report, code_digest
 from cooperative import campaign
 from cooperative.reporting import progress_of
 from cooperative.runs import Stopped, cores_to_use, heeding
@@ -69,7 +68,7 @@ def run(quick: bool) -> Report:
     """Run what is left of the stages; figures of those that have ended."""
     cores = len(cores_to_use())
     texts = {name: scene_text(stage.scene[quick], PLAN | {"slides": stage.slides}) for name, stage in STAGES.items()}
-    folder = ROOT / "out" / "campaign" / _digest(*texts.values())
+    folder = ROOT / "out" / "campaign" / code_digest(*texts.values())
     found: dict[str, dict[str, Any]] = {}
     try:
         with heeding():
@@ -189,13 +188,3 @@ def _shares(found: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
     spent = dict.fromkeys(("set-up", *PARTS.values()), 0.0) | {**found["hours_to_cov_10"]["seconds"]}
     spent["slides"] += sum(found.get("hours_slides", {"seconds": {}})["seconds"].values())
     return {part: round(seconds / sum(spent.values()), 4) for part, seconds in spent.items()}
-
-
-def _digest(*texts: str) -> str:
-    """Of the code that runs, native kernels included, and of the scenes."""
-    told = hashlib.sha256("\0".join(texts).encode())
-    for package in ("foundation", "jaxmpm", "kl", "cooperative"):
-        for path in sorted((ROOT / package).rglob("*")):
-            if path.suffix in (".py", ".so"):
-                told.update(f"{path.relative_to(ROOT)}\0".encode() + path.read_bytes())
-    return told.hexdigest()[:16]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import platform
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from cooperative.scene import Campaign, parse
+from cooperative.store import write_aside
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -62,6 +64,26 @@ def timed(run: Callable[[], Any], repeats: int = 5) -> Timing:
 def scene_campaign(name: str) -> Campaign:
     """A scene that stands in benchmarks/scenes."""
     return parse((ROOT / "benchmarks" / "scenes" / f"{name}.toml").read_text())
+
+
+def code_digest(*texts: str) -> str:
+    """Of the code that runs, native kernels included, and of texts that say what it runs."""
+    told = hashlib.sha256("\0".join(texts).encode())
+    for package in ("foundation", "jaxmpm", "kl", "cooperative"):
+        for path in sorted((ROOT / package).rglob("*")):
+            if path.suffix in (".py", ".so"):
+                told.update(f"{path.relative_to(ROOT)}\0".encode() + path.read_bytes())
+    return told.hexdigest()[:16]
+
+
+def kept_row(folder: Path, name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """The row that a command which was stopped later left in the folder, else one made now and left there."""
+    path = folder / f"{name}.json"
+    if not path.is_file():
+        folder.mkdir(parents=True, exist_ok=True)
+        write_aside(path, json.dumps(make()).encode())
+    row: dict[str, Any] = json.loads(path.read_text())
+    return row
 
 
 def peak_memory_mb() -> float:

@@ -1,42 +1,47 @@
-"""Ground as its users draw it: outlines and terrain against closed forms, a cut domain, a run-out over real terrain.
+"""Ground as its users draw it: outlines and terrain against closed forms, known slopes as scenes, a cut domain, slides
+over real terrain and in sensitive clay.
 
 `polyline_difference` is that of a trapezoid drawn as a line to `Slope`. A plane under a terrain model has a known
 volume, and between walls on rollers a known mean upright stress at every level: the weight of what lies above it.
-`scene_difference` is that of the scenes in `scenes/sites` to the same slopes built in Python.
+`scene_difference` is that of the scenes in `scenes/sites` to the same slopes built in Python; `..._fos` their factors
+of safety by the limit load, on the finest grid, beside the known ones. A row that is done is kept in `out/sites`, so
+that the command goes on where it was stopped; rows are made again when the code has changed.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
-from matplotlib.cbook import get_sample_data
-from scipy.interpolate import RegularGridInterpolator
 
 import jaxmpm as mpm
-from benchmarks.measure import Report
+from benchmarks import sites_retrogression, sites_terrain
+from benchmarks.measure import ROOT, Report, code_digest, kept_row
+from benchmarks.sites_retrogression import PUBLISHED, READINGS, SCENES
 from benchmarks.slopes import cases
 from cooperative.measure import OpenGround, consequences
 from cooperative.scene import built, parse, read_scene
-from jaxmpm import Layer, Section, Soil, Terrain
+from jaxmpm import Section, Soil, Terrain
 
-SCENES = Path(__file__).parent / "scenes" / "sites"
+HERE = Path(__file__).parent
 AS_CASES = {"acads_1c": "ACADS 1c", "acads_3a": "ACADS 3a"}
 """Scenes of slopes that `benchmarks.slopes` builds in Python, from the same coordinates."""
+
+FACTORS = {"acads_1c": 1.35, "acads_3a": 1.26, "griffiths_lane_3": 1.40}
+"""Known factors of safety: the first two by strength reduction, the third read off a figure, good to a tenth."""
 
 CLAY = Soil(strength=42e3, softening_modulus=85e3)
 PLANE = (40.0, -0.32, 0.09)
 """Height (m) at the origin of the tilted plane, and its slopes along x and y."""
 
-METRES_PER_DEGREE = 111_195.0
-WINDOW = (960.0, 640.0)
-"""Of real terrain, along x and y (m): its steepest place, where a layer of clay slides on rock."""
-
 WHOLE = Section([(0, 16), (90, 16), (114, 4), (204, 4)])
-CUT = Section(WHOLE.surface, walls=(60.0, 156.0))
+DOMAINS = {"whole": WHOLE, "cut": Section(WHOLE.surface, walls=(60.0, 156.0))}
 """The published slope, with much ground around it and with as much as was published."""
 
 
@@ -90,96 +95,78 @@ def drawn(name: str) -> dict[str, Any]:
     return row | {"difference": largest_difference(scene, known)}
 
 
-def run_out(shape: Section) -> dict[str, Any]:
-    """The slide of the published slope with three quarters of its strength, to its end."""
+def run_out(name: str) -> dict[str, Any]:
+    """The slide of the published slope with three quarters of its strength, to its end, in one of the domains."""
+    shape = DOMAINS[name]
     scene, state = mpm.section(shape, CLAY, mpm.Discretisation(1.0, (0.5, 0.5), fbar=True))
+    scene = mpm.reduced(scene, 4 / 3)
+    mpm.solve(scene, state, t_end=float(scene.time_step))  # compiles
     start = time.perf_counter()
-    final = mpm.solve(mpm.reduced(scene, 4 / 3), state, t_end=20.0).raise_if_failed().state
-    moved = np.asarray(final.displacement)
+    moved = np.asarray(mpm.solve(scene, state, t_end=20.0).raise_if_failed().state.displacement)
     seconds = time.perf_counter() - start
-    return {"particles": moved.shape[1], "runout_m": _measured(scene, moved, shape).runout, "seconds": seconds}
-
-
-def _measured(scene: mpm.Scene, moved: np.ndarray, shape: Section | Terrain) -> Any:
-    """Consequences of a slide, one that hangs together."""
     position = np.asarray(scene.particles.position, float)
-    half = (np.asarray(scene.particles.volume).max() ** (1 / len(position)) / 2,) * len(position)
-    return consequences(
-        position, moved, np.asarray(scene.particles.volume), OpenGround(shape.heights(*position[:-1])),
-        half_size=np.asarray(half), reach=1.5 * scene.grid.cell,
+    found = consequences(
+        position, moved, np.asarray(scene.particles.volume), OpenGround(shape.heights(position[0])),
+        half_size=np.full(2, 0.25), reach=1.5,
     )  # fmt: skip
+    return {"case": f"{name} domain", "particles": position.shape[1], "runout_m": found.runout, "seconds": seconds}
 
 
-def real_terrain(step: float) -> mpm.Raster:
-    """The steepest window of the terrain model that matplotlib ships, projected to metres; heights from its lowest."""
-    data: Any = get_sample_data("jacksboro_fault_dem.npz")
-    with data:
-        heights, dx, dy = data["elevation"][::-1].T.astype(float), float(data["dx"]), float(data["dy"])
-        south = min(float(data["ymin"]), float(data["ymax"]))
-    scale = METRES_PER_DEGREE * np.array([np.cos(np.radians(south + heights.shape[1] * dy / 2)), 1.0])
-    x, y = (np.arange(n) * d * s for n, d, s in zip(heights.shape, (dx, dy), scale, strict=True))
-    between = RegularGridInterpolator((x, y), heights)
-    counts = [int(length / step) for length in (x[-1], y[-1])]
-    at = np.meshgrid(*(np.arange(count) * step for count in counts), indexing="ij")
-    whole = mpm.Raster(between(tuple(at)), (0.0, 0.0), step)
-    span = [round(length / step) for length in WINDOW]
-    corners = [
-        (i, j) for i in range(0, counts[0] - span[0], span[0] // 2) for j in range(0, counts[1] - span[1], span[1] // 2)
-    ]
-
-    def fall(corner: tuple[int, int]) -> float:
-        """From the middle of the window's west edge to that of its east edge."""
-        i, j = corner
-        middle = whole.heights[i : i + span[0] + 1, j + span[1] // 2]
-        return float(middle[0] - middle[-1])
-
-    i, j = max(corners, key=fall)
-    part = whole.heights[i : i + span[0] + 1, j : j + span[1] + 1]
-    return mpm.Raster(part - part.min(), (0.0, 0.0), step)
-
-
-def over_terrain(raster: mpm.Raster, cell: float) -> dict[str, Any]:
-    """A layer of clay 40 m thick that slides over rock, on cells of this size (m)."""
-    clay = Soil(strength=150e3, young=2e8, softening_modulus=100e3, softening_length=10.0)
-    shape = Terrain(raster, base=-40.0)
-    layers = [
-        Layer(clay, depth=40.0),
-        Layer(Soil(strength=2e8, young=2e8, softening_modulus=100e3, softening_length=10.0)),
-    ]
+def factor(name: str, grid: str) -> dict[str, Any]:
+    """The factor of safety of a scene's mean soil, by the limit load, beside the known one."""
+    campaign, known = parse(read_scene(SCENES / f"{name}.toml")), FACTORS[name]
     start = time.perf_counter()
-    scene, state = mpm.terrain(shape, layers, mpm.Discretisation(cell, (cell / 2,) * 3, fbar=True))
-    final = mpm.solve(scene, state, t_end=20.0).raise_if_failed().state
-    found = _measured(scene, np.asarray(final.displacement), shape)
+    scene, state = built(campaign, grid)
+    found = mpm.factor_of_safety(
+        scene, state, criterion="limit load", bracket=(0.8 * known, 1.25 * known), resolution=0.02, batch=6
+    )
+    assert found.kink is not None
     return {
-        "case": "real terrain",
-        "cell_m": cell,
+        "case": f"factor of {name}",
+        "cell_m": campaign.grids[grid].cell,
         "particles": scene.particles.mass.size,
-        "displacement_m": found.displacement,
-        "runout_m": found.runout,
-        "depth_m": found.depth,
-        "volume_m3": found.volume,
-        "area_m2": found.area,
-        "seconds": time.perf_counter() - start,
+        "fos": round(found.kink, 3),
+        "known": known,
+        "error": round(found.kink / known - 1, 4),
+        "sharpness": found.sharpness,
+        "seconds": round(time.perf_counter() - start, 1),
     }
 
 
 def run(quick: bool) -> Report:
     """All of it; `quick` leaves out the finest cells."""
-    planes = [plane(cell) for cell in ((4.0, 2.0) if quick else (4.0, 2.0, 1.0))]
-    scenes = [drawn(path.stem) for path in sorted(SCENES.glob("*.toml"))]
-    whole, cut = ({"case": f"{name} domain", **run_out(shape)} for name, shape in (("whole", WHOLE), ("cut", CUT)))
-    raster = real_terrain(20.0)
-    slides = [over_terrain(raster, cell) for cell in ((80.0, 40.0) if quick else (80.0, 40.0, 20.0))]
-    for coarse in slides[:-1]:
-        coarse["displacement_error"] = coarse["displacement_m"] / slides[-1]["displacement_m"] - 1
-    line = polyline()
+    texts = [path.read_text() for path in (*sorted(SCENES.glob("*.toml")), *sorted(HERE.glob("sites*.py")))]
+    folder = ROOT / "out" / "sites" / code_digest(*texts)
+
+    def rows(name: str, make: Callable[[Any], dict[str, Any]], *given: Any) -> list[dict[str, Any]]:
+        return [kept_row(folder, f"{name} {each}", partial(make, each)) for each in given]
+
+    def either(few: tuple[Any, ...], more: tuple[Any, ...]) -> tuple[Any, ...]:
+        return few if quick else (*few, *more)
+
+    line = kept_row(folder, "polyline", polyline)
+    planes = rows("plane", plane, *either((4.0, 2.0), (1.0,)))
+    scenes = rows("scene", drawn, *sorted(path.stem for path in SCENES.glob("*.toml")))
+    grids = {name: ("rough",) if quick or name == "acads_3a" else ("rough", "refined") for name in FACTORS}
+    factors = {name: rows(f"factor {name}", partial(factor, name), *grids[name]) for name in FACTORS}
+    whole, cut = rows("domain", run_out, "whole", "cut")
+    slides = rows("terrain", sites_terrain.slide, *either((24.0, 16.0), (12.0, 8.0)))
+    for name in ("travel_m", "runout_m"):
+        for coarse in slides[:-1]:
+            coarse[f"{name}_error"] = round(coarse[name] / slides[-1][name] - 1, 4)
+    clay = {name: rows(name, partial(sites_retrogression.slide, name), *either((0.5,), (0.25,))) for name in READINGS}
     values = {
         "polyline_difference": line["difference"],
         "plane_volume_error": max(row["volume_error"] for row in planes),
         "plane_stress_error": max(row["stress_error"] for row in planes),
         "scene_difference": max(row["difference"] for row in scenes if "difference" in row),
+        **{f"{name}_fos": found[-1]["fos"] for name, found in factors.items()},
+        **{f"{name}_fos_known": FACTORS[name] for name in FACTORS},
         "cut_runout_error": abs(cut["runout_m"] / whole["runout_m"] - 1),
         "cut_seconds_over_whole": cut["seconds"] / whole["seconds"],
-        "terrain_displacement_error": slides[-2]["displacement_error"],
+        "terrain_travel_error": slides[-2]["travel_m_error"],
+        "terrain_runout_error": slides[-2]["runout_m_error"],
+        **{f"{name}_{what}": found[-1][what] for name, found in clay.items() for what in PUBLISHED},
     }
-    return Report(values, [line, *planes, *scenes, whole, cut, *slides])
+    known = chain.from_iterable(factors.values())
+    return Report(values, [line, *planes, *scenes, *known, whole, cut, *slides, *chain.from_iterable(clay.values())])

@@ -122,11 +122,16 @@ class Terrain:
         return [*counts, math.ceil(self.extent[-1] / discretisation.cell * (1 - 1e-12)) + 1]
 
     def layer_of(self, layers: Sequence[Layer], position: np.ndarray, discretisation: Discretisation) -> np.ndarray:
-        """Number of the layer (N,), from 0 on, in which points at position (3, N) m lie. Raises as `terrain` does."""
+        """Number of the layer (N,), from 0 on, of boxes of particles about position (3, N) m: that in which the middle
+        of what they hold under the surface lies. Raises as `terrain` does."""
         x, y, z = np.asarray(position, float)
+        spacing, surface = discretisation.spacing[-1], self.heights(x, y)
+        rounding = RESOLVED * spacing
+        # The centre of a box that the surface cuts may lie in the air, above a layer that has no thickness there.
+        z = np.minimum(np.minimum(z, (z - spacing / 2 + surface) / 2), surface - 2 * rounding)
         layer = np.zeros(z.size, int)
-        for bottom in _bottoms(self, layers, x, y, discretisation.spacing[-1]):
-            layer += below(z, bottom, RESOLVED * discretisation.spacing[-1])
+        for bottom in _bottoms(self, layers, x, y, spacing):
+            layer += below(z, bottom, rounding)
         return layer
 
     def box_of(self, layers: Sequence[Layer], number: int) -> Box:
@@ -160,10 +165,10 @@ def terrain(
 
     Of a lattice of particles each has the volume and mass of the part of its box that lies under the surface.
     soil: one for all, or layers from the top down, whose bottoms are rasters, depths or thicknesses; a particle is of
-    the layer in which its centre lies. water: level (m) or heights of the water table, a pool where it lies above the
-    ground, see `WaterSurface`. r_u: instead, pore pressure over the weight of what stands above. speed: largest
-    particle speed that the time step allows for (m/s), by default of a fall through the height. at_rest: with the
-    stress of elastic gravity loading, else free of stress.
+    the layer in which the middle of what it holds lies. water: level (m) or heights of the water table, a pool where
+    it lies above the ground, see `WaterSurface`. r_u: instead, pore pressure over the weight of what stands above.
+    speed: largest particle speed that the time step allows for (m/s), by default of a fall through the height.
+    at_rest: with the stress of elastic gravity loading, else free of stress.
     Raises ValueError for rasters that are none, have holes or end before the walls, layers that lie above the ground or
     hold no particle, and sizes that do not fit the grid, with the coordinates.
     """

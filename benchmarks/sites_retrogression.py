@@ -1,0 +1,84 @@
+"""A retrogressive slide in sensitive clay, in both readings of its published strength.
+
+Del Castillo, Borja and Favero Neto (2026), International Journal for Numerical and Analytical Methods in Geomechanics,
+by smoothed particles 0.1 m apart: a face 5 m high, clay of 15.1 kPa that falls to a tenth of it, whose strength is
+divided by 1.65 to set it off. Slip circles give the slope a factor of 0.87 at 15.1 kPa, so that it cannot stand before:
+15.1 kPa may be what is left after the division. Both readings are scenes.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+
+import jaxmpm as mpm
+from benchmarks.measure import ROOT
+from cooperative.measure import Motion, OpenGround, consequences
+from cooperative.scene import built, parse, read_scene
+
+SCENES = ROOT / "benchmarks" / "scenes" / "sites"
+READINGS = ("retrogression_5m", "retrogression_5m_divided")
+"""Scenes whose strength is 15.1 kPa once it slides, and 15.1 kPa over 1.65."""
+
+PUBLISHED = {"runout_m": 21.6, "retrogression_m": 14.0, "slides": 3}
+CREST, TOE, HEIGHT = 20.0, 25.0, 5.0
+LETS_GO = 0.5
+"""Displacement (m) from which on soil has let go: a tenth of the height."""
+
+EVERY = 0.1
+"""Seconds between looks."""
+
+
+def slides(onset: np.ndarray) -> int:
+    """How many slides took the ground behind the crest, from the times (n,) s at which its columns let go, in their
+    order from the crest backwards; inf where one stands.
+
+    Neighbours that let go within the time of a fall through the height belong to one slide.
+    """
+    gone = onset[np.isfinite(onset)]
+    pause = math.sqrt(2 * HEIGHT / 9.81)
+    return int(gone.size > 0) + int((np.abs(np.diff(gone)) > pause).sum())
+
+
+def slide(scene_name: str, cell: float) -> dict[str, Any]:
+    """The slide of a scene's mean soil on cells of this size (m)."""
+    campaign = parse(read_scene(SCENES / f"{scene_name}.toml"))
+    grid = next((grid for grid, choices in campaign.grids.items() if choices.cell == cell), None)
+    if grid is None:
+        raise ValueError(f"cell = {cell:g} m: scene {scene_name} has other grids")
+    start = time.perf_counter()
+    scene, state = built(campaign, grid)
+    looks = (np.arange(1, round(campaign.run.t_end / EVERY)) * EVERY).tolist()
+    result = mpm.solve(scene, state, t_end=campaign.run.t_end, snapshots=looks).raise_if_failed()
+    position, volume = np.asarray(scene.particles.position, float), np.asarray(scene.particles.volume, float)
+    motion = Motion.start(volume, LETS_GO)
+    for at, seen in zip((*result.times, campaign.run.t_end), (*result.snapshots, result.state), strict=True):
+        motion = motion.after(at, np.linalg.norm(np.asarray(seen.displacement), axis=0))
+    moved = np.asarray(result.state.displacement, float)
+    level = OpenGround(np.full(volume.size, HEIGHT))
+    found = consequences(
+        position, moved, volume, level, half_size=np.full(2, cell / 4), reach=1.5 * cell, failure_displacement=LETS_GO
+    )
+    # The top row of particles behind the crest, from there backwards.
+    top = np.flatnonzero((position[0] < CREST) & (position[1] > HEIGHT - cell / 2))
+    onset = motion.onset[top[np.argsort(-position[0, top])]]
+    slid = motion.moved >= LETS_GO
+    rear = float(position[0, slid].min()) - cell / 4
+    order = np.argsort((position + moved)[0])
+    share = np.cumsum(volume[order]) / volume.sum()
+    return {
+        "case": scene_name,
+        "cell_m": cell,
+        "particles": volume.size,
+        "strength_kpa": campaign.random["strength"].mean / 1e3,
+        "runout_m": round(found.runout - (TOE - rear), 2),
+        "runout_of_99_percent_m": round(float((position + moved)[0, order[np.searchsorted(share, 0.99)]]) - TOE, 2),
+        "retrogression_m": round(CREST - rear, 2),
+        "slides": slides(onset),
+        "ends_s": [round(float(at), 1) for at in np.unique(np.round(onset[np.isfinite(onset)], 1))],
+        "published": ", ".join(f"{name} {value:g}" for name, value in PUBLISHED.items()),
+        "seconds": round(time.perf_counter() - start, 1),
+    }
