@@ -64,11 +64,13 @@ def show(given: argparse.Namespace) -> None:
 
 
 def export(given: argparse.Namespace) -> None:
-    """Write what a campaign holds as CSV, one HDF5 file and VTKHDF for ParaView."""
+    """Write what a campaign holds for other programs: tables, one file of all, series for ParaView, hazard maps."""
     if given.sample is None and given.frames is not None:
         raise ValueError(f"--frames {given.frames} is for one sample: give --sample too")
+    if given.sample is not None and given.kinds:
+        raise ValueError(f"--as {given.kinds[0]} is for the whole campaign: leave out --sample, which writes particles")
     if given.sample is None:
-        for path in exports.export(given.folder):
+        for path in exports.export(given.folder, given.kinds):
             print(path)
     else:
         print(exports.export_sample(given.folder, given.sample, given.grid, frames=given.frames))
@@ -209,6 +211,14 @@ def parser() -> argparse.ArgumentParser:
     shows.add_argument("--slides", type=int, default=SLIDES, help="slides drawn at several times (%(default)s)")
     shows.add_argument("--again", action="store_true", help="run these samples again and draw more moments")
     writes = command("export", export)
+    writes.add_argument(
+        "--as",
+        dest="kinds",
+        nargs="+",
+        choices=exports.KINDS,
+        metavar="KIND",
+        help=f"{', '.join(exports.KINDS)} (the first {len(exports.DEFAULT)})",
+    )
     writes.add_argument("--sample", type=int, help="write this sample's series alone")
     writes.add_argument("--grid", choices=GRIDS, default="refined", help="grid of that sample (%(default)s)")
     writes.add_argument("--frames", type=int, help="run the sample again and write so many moments")

@@ -26,7 +26,7 @@ class Maps:
     one), the expected thickness of the deposit over all samples (m), and the mean time of arrival of those slides that
     come (s), nan where none does. units: of each. beyond: the mapped columns along x that lie beyond the toe. slides:
     that the maps are made from. least: thickness from which on soil counts as there (m). every: seconds between two
-    looks. missed: how far the fastest soil went between two looks (m).
+    looks. missed: how far the fastest soil went between two looks (m). level: of the intervals.
     """
 
     plan: ColumnPlan
@@ -38,6 +38,7 @@ class Maps:
     least: float
     every: float
     missed: float
+    level: float = 0.95
 
 
 def hazard_maps(folder: str | Path, *, estimator: Estimator | None = None) -> Maps:
@@ -88,6 +89,7 @@ def maps_of(campaign: Campaign, store: Store, model: runs.GridModel, rough: Rows
         least=kept.least,
         every=step,
         missed=step * float(fields["column_speed"].max()),
+        level=phases.estimate.level,
     )
 
 

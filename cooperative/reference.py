@@ -130,6 +130,12 @@ MEANINGS = {
         ),
         "y": Meaning("Walls along y, likewise.", "[0.0, 120.0]", unit="m"),
         "step": Meaning("Step to which the raster is resampled; by default its own.", "2.0", **_LENGTH),
+        "origin": Meaning(
+            "Where x = 0 and y = 0 lie in the projection of the surface's file, by default at its 0, 0; exported maps "
+            "lie there. Give heights from a corner: single precision takes no coordinates of millions of metres.",
+            "[689000.0, 5334000.0]",
+            unit="m",
+        ),
         "ends": Meaning("What holds the ground at its walls.", '"roller"'),
         "run_out_line": Meaning(
             "Line in plan along which run-out is measured, straight on beyond its ends; without it, along the mean "

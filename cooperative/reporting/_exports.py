@@ -1,43 +1,107 @@
-"""A campaign for other programs: a table, one HDF5 file, and series of particles for ParaView."""
+"""A campaign for other programs: tables, one file of all, series of particles for ParaView, maps."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from cooperative.estimate import Estimator
+from cooperative.hazard import Maps, maps_of
+from cooperative.reporting._dataset import write_netcdf
+from cooperative.reporting._geography import MissingLibrary, write_ascii, write_contours, write_geotiff, write_tidy
 from cooperative.reporting._pictures import end_of
 from cooperative.reporting._tables import consolidate, write_table
 from cooperative.runs import GridModel, build, foreign, random_soil, rows_reader
-from cooperative.scene import campaign_of
+from cooperative.scene import Campaign, campaign_of
 from cooperative.store import GRIDS, Sample, Store, own_folder, read_sample, read_store, sample_path
+from cooperative.summary import stored
 from jaxmpm import Result, solve, write_particles, write_vtkhdf
 
+DEFAULT = ("table", "hdf5", "particles", "maps")
+KINDS = (*DEFAULT, "geotiff", "netcdf")
 
-def export(folder: str | Path, *, estimator: Estimator | None = None) -> Iterator[Path]:
-    """Write all that a campaign's folder holds for other programs; yields each file once it is there.
+
+def export(
+    folder: str | Path, kinds: Sequence[str] | None = None, *, estimator: Estimator | None = None
+) -> Iterator[Path]:
+    """Write what a campaign's folder holds for other programs; yields each file once it is there.
+
+    kinds: of files, by default those that need no further library; any of
+
+    - "table": `table.csv`, a line for each run, see `write_table`;
+    - "hdf5": `campaign.h5`, every sample with its arrays;
+    - "particles": `series/refined-000123.vtkhdf` for ParaView, of each sample whose fields were kept: its particles at
+      the start and at the end;
+    - "maps": `maps/hazard.csv`, and in plan `maps/*.asc` and contours as `maps/*.geojson`, of a scene with hazard maps;
+    - "geotiff": `maps/*.tif`, of a scene in 3D with hazard maps, by rasterio (extra "terrain");
+    - "netcdf": `campaign.nc`, by xarray and h5netcdf (extra "exports").
 
     estimator: the one that `cooperative.campaign.run` was given, where it was given one, see `write_table`.
-
-    `table.csv`, `campaign.h5`, and `series/refined-000123.vtkhdf` for each sample whose fields were kept: its particles
-    at the start and at the end. Raises ValueError where the folder holds no finished sample, OSError where the disk
-    refuses.
+    Damaged files are left out with a warning. Raises ValueError for kinds that are not known or, where they are asked
+    for by name, that the campaign does not have, for libraries that are not installed and a folder without a finished
+    sample, OSError where the disk refuses.
     """
+    asked, kinds = kinds or (), kinds or DEFAULT
+    if wrong := [kind for kind in kinds if kind not in KINDS]:
+        raise ValueError(f"{wrong[0]!r} is no kind of export: give one of {', '.join(KINDS)}")
     store = read_store(folder)
     campaign = campaign_of(store, estimator)
     models = {grid: build(campaign, grid, random_soil(campaign), at_rest=False) for grid in GRIDS}
     read = rows_reader(campaign, store, models)
-    if not any(read(grid).numbers for grid in GRIDS):
+    rows = {grid: read(grid) for grid in GRIDS}
+    if not any(rows[grid].numbers for grid in GRIDS):
         raise ValueError(f"folder {folder} has no finished sample yet: start the run first")
-    yield write_table(store, estimator=estimator)
-    yield consolidate(store)
-    for grid in GRIDS:
-        for number in read(grid).numbers:
-            sample = read_sample(store, grid, number)
-            if "displacement" in sample.fields:
-                yield _series_of_fields(store, models[grid], sample)
+    for why in [why for grid in GRIDS for why in rows[grid].damaged]:
+        warnings.warn(f"{why}: left out", stacklevel=2)
+    if "table" in kinds:
+        yield write_table(store, models=models, estimator=estimator)
+    if "hdf5" in kinds:
+        yield consolidate(store, models=models)
+    if {"maps", "geotiff", "netcdf"} & {*kinds}:
+        maps = None
+        if campaign.hazard is not None and (campaign.plan.estimator is not None or asked):
+            maps = maps_of(campaign, store, models["refined"], rows["rough"], rows["refined"])
+        _check_maps(campaign, maps, asked)
+        if maps is not None:
+            yield from _of_maps(campaign, store, maps, kinds)
+        if "netcdf" in kinds:
+            found = stored(campaign, store, rows["rough"], rows["refined"])
+            yield write_netcdf(store, found, maps, models=models, estimator=estimator)
+    if "particles" in kinds:
+        for grid in GRIDS:
+            for number in rows[grid].numbers:
+                sample = read_sample(store, grid, number)
+                if "displacement" in sample.fields:
+                    yield _series_of_fields(store, models[grid], sample)
+
+
+def _check_maps(campaign: Campaign, maps: Maps | None, asked: Sequence[str]) -> None:
+    """Raise ValueError where maps are asked for that the campaign does not have."""
+    if not {"maps", "geotiff"} & {*asked}:
+        return
+    if campaign.hazard is None:
+        raise ValueError("the campaign has no hazard maps to export: give [hazard] in the scene of another")
+    if maps is None:
+        raise ValueError("the campaign has no hazard maps to export yet: no refined run has slid to its end")
+    if "geotiff" in asked and campaign.dimension != 3:
+        raise ValueError("a section has no map in plan to export as geotiff: give maps, whose hazard.csv is along x")
+
+
+def _of_maps(campaign: Campaign, store: Store, maps: Maps, kinds: Sequence[str]) -> Iterator[Path]:
+    """The files of hazard maps."""
+    if "maps" in kinds:
+        yield write_tidy(store.folder, maps)
+        if campaign.dimension == 3:
+            yield from write_ascii(store.folder, campaign.site, maps)
+            try:
+                yield from write_contours(store.folder, campaign.site, maps)
+            except MissingLibrary as error:
+                warnings.warn(f"no contours: {error}", stacklevel=2)
+    if "geotiff" in kinds:
+        yield from write_geotiff(store.folder, campaign.site, maps)
 
 
 def export_sample(folder: str | Path, number: int, grid: str = "refined", *, frames: int | None = None) -> Path:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Mapping
 from pathlib import Path
 
 import h5py
 import numpy as np
 
 from cooperative.estimate import Estimator
-from cooperative.runs import phases_of, rows_reader
+from cooperative.runs import GridModel, phases_of, rows_reader
 from cooperative.scene import Campaign, campaign_of
 from cooperative.store import GRIDS, Rows, Store, fill_sample, read_sample
 from cooperative.summary import slides_of
@@ -18,7 +19,13 @@ from foundation import files
 from foundation.files import write_aside
 
 
-def write_table(store: Store, path: str | Path | None = None, *, estimator: Estimator | None = None) -> Path:
+def write_table(
+    store: Store,
+    path: str | Path | None = None,
+    *,
+    models: Mapping[str, GridModel] | None = None,
+    estimator: Estimator | None = None,
+) -> Path:
     """Write one CSV line per finished sample and grid, `table.csv` in the campaign's folder by default.
 
     Columns: grid, sample, status, steps, seconds, then all scalars by name; empty where a sample has none. Refined runs
@@ -27,15 +34,11 @@ def write_table(store: Store, path: str | Path | None = None, *, estimator: Esti
     what slides did: 0 for failures that did not slide on to their end, and the more for those that did.
     estimator: the one that `cooperative.campaign.run` was given, where it was given one; without it these three columns
     are left out, as nobody else knows what the runs stand for.
+    models: of both grids, by which samples with arrays of other grids are damaged ones.
     Damaged files are left out; `read_rows` names them. OSError if the disk refuses.
     """
     path = store.folder / "table.csv" if path is None else Path(path)
-    campaign = campaign_of(store, estimator)
-    read = rows_reader(campaign, store)
-    rows = {grid: read(grid) for grid in GRIDS}
-    tables = {grid: rows[grid].columns for grid in GRIDS}
-    if campaign.plan.estimator is not None:
-        tables["refined"] = tables["refined"] | _standing_for(campaign, rows["rough"], rows["refined"])
+    tables = tables_of(campaign_of(store, estimator), store, models)
     names = list(dict.fromkeys(name for columns in tables.values() for name in columns))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -45,6 +48,18 @@ def write_table(store: Store, path: str | Path | None = None, *, estimator: Esti
             writer.writerow([grid, *(_cell(columns.get(name), at) for name in names)])
     write_aside(path, text.getvalue().encode())
     return path
+
+
+def tables_of(
+    campaign: Campaign, store: Store, models: Mapping[str, GridModel] | None = None
+) -> dict[str, dict[str, np.ndarray]]:
+    """Columns of each grid's rows by name, with what the refined runs stand for; see `write_table`."""
+    read = rows_reader(campaign, store, models)
+    rows = {grid: read(grid) for grid in GRIDS}
+    tables = {grid: rows[grid].columns for grid in GRIDS}
+    if campaign.plan.estimator is not None:
+        tables["refined"] = tables["refined"] | _standing_for(campaign, rows["rough"], rows["refined"])
+    return tables
 
 
 def _standing_for(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, np.ndarray]:
@@ -58,15 +73,15 @@ def _standing_for(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, n
     }
 
 
-def consolidate(store: Store, path: str | Path | None = None) -> Path:
+def consolidate(store: Store, path: str | Path | None = None, *, models: Mapping[str, GridModel] | None = None) -> Path:
     """Write all verified samples into one HDF5 file, `campaign.h5` in the campaign's folder by default.
 
     The scene is the attribute `scene`; each sample is a group `rough/000123` or `refined/000123` with what was read of
-    its own file; `tables/rough/...` are the columns of the rows. One sample is in memory at a time. OSError if
-    the disk refuses; what was there before stays.
+    its own file; `tables/rough/...` are the columns of the rows. One sample is in memory at a time. models: as for
+    `write_table`. OSError if the disk refuses; what was there before stays.
     """
     path = store.folder / "campaign.h5" if path is None else Path(path)
-    read = rows_reader(campaign_of(store), store)
+    read = rows_reader(campaign_of(store), store, models)
     with files.hdf5_aside(path) as file:
         file.attrs["scene"] = store.scene_text
         for grid in GRIDS:

@@ -25,24 +25,28 @@ def packed(name: str, raster: Raster) -> dict[str, Any]:
             "that lie closer, or a longer step in [terrain]"
         )
     data = zlib.compress(np.asarray(raster.heights, "<f4").tobytes(), 9)
-    return {
-        "corner": list(raster.corner), "step": raster.step, "shape": [nx, ny],
-        "heights": base64.b64encode(data).decode(),
-    }  # fmt: skip
+    table: dict[str, Any] = {"corner": list(raster.corner), "step": raster.step, "shape": [nx, ny]}
+    if raster.projection is not None:
+        table["projection"] = raster.projection
+    return table | {"heights": base64.b64encode(data).decode()}
 
 
 def unpacked(where: str, table: Any) -> Raster:
     """The raster in a table of a scene. ValueError for one that holds something else, or less than it says."""
     try:
         (nx, ny), (x, y), step = table["shape"], table["corner"], table["step"]
+        projection = table.get("projection")
+        if not (projection is None or isinstance(projection, str)):
+            raise ValueError(f"projection {shown(projection)}")
         if not (all(isinstance(n, int) and n >= 2 for n in (nx, ny)) and nx * ny <= MOST_HEIGHTS):
             raise ValueError(f"shape {shown(table['shape'])}")
         unpack = zlib.decompressobj()
         data = unpack.decompress(base64.b64decode(table["heights"], validate=True), 4 * nx * ny + 1)
         if len(data) != 4 * nx * ny:
             raise ValueError(f"{len(data)} bytes for {nx} times {ny} heights")
-        found = Raster(np.frombuffer(data, "<f4").astype(float).reshape(nx, ny), (float(x), float(y)), float(step))
-    except (TypeError, KeyError, ValueError, OverflowError, zlib.error, binascii.Error) as error:
+        heights = np.frombuffer(data, "<f4").astype(float).reshape(nx, ny)
+        found = Raster(heights, (float(x), float(y)), float(step), projection)
+    except (AttributeError, TypeError, KeyError, ValueError, OverflowError, zlib.error, binascii.Error) as error:
         raise ValueError(
             f"{where}: its table in [files] is damaged ({shown(str(error))}): run the scene's file"
         ) from error

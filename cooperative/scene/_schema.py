@@ -105,6 +105,7 @@ _TERRAIN = {
     "x": Key(tuple, None),
     "y": Key(tuple, None),
     "step": Key(float, None),
+    "origin": Key(tuple, None),
     "ends": Key(ENDS, "roller"),
     "run_out_line": Key(ROWS, None),
 }

@@ -50,7 +50,8 @@ class SiteLayer:
 class Site:
     """The ground of a campaign. shape: its outline. ends: what holds its ends, those along y of a slope. layers: from
     the top down; none where all is of the campaign's own soil. water: its level or table, r_u: pore pressure instead,
-    see `jaxmpm.section` and `jaxmpm.terrain`. track: along which run-out is measured, None for along the slide."""
+    see `jaxmpm.section` and `jaxmpm.terrain`. track: along which run-out is measured, None for along the slide. origin:
+    where x = 0 and y = 0 lie in the projection of a terrain's surface (m)."""
 
     shape: Slope | Section | Terrain
     ends: Literal["fixed", "roller"]
@@ -58,6 +59,12 @@ class Site:
     water: float | tuple[tuple[float, float], ...] | Raster | None = None
     r_u: float | None = None
     track: Track | None = None
+    origin: tuple[float, ...] = (0.0, 0.0)
+
+    @property
+    def projection(self) -> str | None:
+        """That of the file of its surface (WKT), None where it has none."""
+        return self.shape.surface.projection if isinstance(self.shape, Terrain) else None
 
     def built(
         self, soil: Soil | FrictionalSoil, numerics: Discretisation, gravity: float, *, at_rest: bool
@@ -154,7 +161,10 @@ def _terrain(tables: Mapping[str, Any]) -> Site:
         raise ValueError(f"[terrain] step = {said['step']:g}: give metres above 0")
     shape = Terrain(surface, said["base"], **walls)
     shape.check()
-    return Site(shape, said["ends"], (), *_water(tables, shape), _track(said["run_out_line"], shape))
+    origin = (0.0, 0.0) if said["origin"] is None else said["origin"]
+    if len(origin) != 2:
+        raise ValueError(f"[terrain] origin = {shown(origin)}: give x and y")
+    return Site(shape, said["ends"], (), *_water(tables, shape), _track(said["run_out_line"], shape), origin)
 
 
 def _track(points: tuple[tuple[float, ...], ...] | None, shape: Terrain) -> Track | None:

@@ -16,6 +16,9 @@ from foundation.text import shown
 MOST_BYTES = 2**28
 """Of a file of heights."""
 
+MOST_PROJECTION = 20_000
+"""Bytes of a projection."""
+
 SHORTEST_STEP = 0.05
 """Step (m) of a raster below which it is taken for degrees, where its corner may be one of degrees too."""
 
@@ -35,17 +38,19 @@ class Raster:
     """Heights on a square grid of points, linear between them.
 
     heights: (nx, ny) m, x from west to east, y from south to north; nan where there is none. corner: x and y of the
-    first point (m). step: distance of the points (m).
+    first point (m). step: distance of the points (m). projection: as well-known text (WKT), where the file has one; it
+    is carried along, and nothing is projected by it.
     """
 
     heights: np.ndarray
     corner: tuple[float, float]
     step: float
+    projection: str | None = None
 
     def __eq__(self, other: object) -> bool:
         return (
             isinstance(other, Raster)
-            and (self.corner, self.step) == (other.corner, other.step)
+            and (self.corner, self.step, self.projection) == (other.corner, other.step, other.projection)
             and np.array_equal(self.heights, other.heights)
         )
 
@@ -156,7 +161,7 @@ def _esri(path: Path) -> Raster:
         raise ValueError(
             f"{path} lacks {', '.join([*lacks, *(['xllcorner'] if corner is None else [])])}: is it an ESRI grid?"
         )
-    _refuse_units(path)
+    projection = _beside(path)
     nx, ny = said["ncols"], said["nrows"]
     if not (nx.is_integer() and ny.is_integer() and nx * ny == len(words) - at):
         raise ValueError(f"{path} says {nx:g} times {ny:g} heights and holds {len(words) - at}: it is damaged")
@@ -167,14 +172,17 @@ def _esri(path: Path) -> Raster:
     heights = np.where((heights == said.get("nodata_value", -9999.0)) | ~np.isfinite(heights), np.nan, heights)
     x, y, half = corner
     step = said["cellsize"]
-    return Raster(np.ascontiguousarray(heights), (said[x] + half * step, said[y] + half * step), step)
+    return Raster(np.ascontiguousarray(heights), (said[x] + half * step, said[y] + half * step), step, projection)
 
 
-def _refuse_units(path: Path) -> None:
-    """Raise ValueError where the projection beside a grid is in degrees or feet."""
+def _beside(path: Path) -> str | None:
+    """The projection beside a grid, if there is one. ValueError for one in degrees or feet."""
     beside = path.with_suffix(".prj")
-    if beside.is_file():
-        _refuse_projection(f"{path} ({beside.name})", files.read_plain(beside, 2**20).decode(errors="replace"))
+    if not beside.is_file():
+        return None
+    projection = files.read_plain(beside, MOST_PROJECTION).decode("ascii", errors="replace").strip()
+    _refuse_projection(f"{path} ({beside.name})", projection)
+    return projection or None
 
 
 def _refuse_projection(where: str, projection: str) -> None:
@@ -225,12 +233,14 @@ def _heights(path: Path, file: Any) -> Raster:
             f"{path} has steps of {turned.a:g} and {-turned.e:g} m, or is turned: resample it to squares, e.g. with "
             "gdalwarp -tr"
         )
-    if file.crs is not None:
-        _refuse_projection(str(path), file.crs.to_wkt())
+    projection = None if file.crs is None else file.crs.to_wkt()
+    if projection is not None:
+        _refuse_projection(str(path), projection)
     unit = file.units[0]
     if unit is not None and unit.lower() not in METRES:
         raise ValueError(f"{path} has heights in {shown(unit)}: give them in metres, e.g. with gdal_calc")
     heights = file.read(1, masked=True).astype(float) * file.scales[0] + file.offsets[0]
     found = heights.filled(np.nan)[::-1].T
     corner = (turned.c + turned.a / 2, turned.f + (file.height - 0.5) * turned.e)
-    return Raster(np.ascontiguousarray(np.where(np.isfinite(found), found, np.nan)), corner, float(turned.a))
+    heights = np.ascontiguousarray(np.where(np.isfinite(found), found, np.nan))
+    return Raster(heights, corner, float(turned.a), projection or None)

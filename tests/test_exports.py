@@ -1,0 +1,235 @@
+"""What a campaign writes for other programs, read back by those: rasterio, xarray, pandas, and the project's own."""
+
+import json
+import sys
+import tomllib
+from dataclasses import replace
+from types import SimpleNamespace
+
+import h5py
+import numpy as np
+import pytest
+
+import jaxmpm as mpm
+from benchmarks.invented import TERRAIN
+from cooperative import hazard, runs
+from cooperative.__main__ import main
+from cooperative.reporting import _exports
+from cooperative.reporting import _geography as geography
+from cooperative.reporting._exports import export
+from cooperative.scene import parse
+from cooperative.scene._rasters import packed
+from cooperative.store import Sample, open_store, read_sample, read_store, write_sample
+from cooperative.sweep import to_toml
+
+UTM = (
+    'PROJCS["WGS 84 / UTM zone 33N",GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],'
+    'PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433]],PROJECTION["Transverse_Mercator"],'
+    'PARAMETER["latitude_of_origin",0],PARAMETER["central_meridian",15],PARAMETER["scale_factor",0.9996],'
+    'PARAMETER["false_easting",500000],PARAMETER["false_northing",0],UNIT["metre",1],AUTHORITY["EPSG","32633"]]'
+)
+ORIGIN = (500_000.0, 5_200_000.0)
+
+
+def scene_of(projection):
+    """The tilted plane, asked for maps, with a file of heights that has a projection or none."""
+    tables = tomllib.loads(TERRAIN)
+    hill = mpm.Raster(np.linspace(10.0, 6.0, 5)[:, None] * np.ones(3), (0.0, 0.0), 4.0, projection)
+    tables["files"]["hill"] = packed("hill", hill)
+    tables["terrain"]["origin"] = list(ORIGIN if projection else (0.0, 0.0))
+    tables["hazard"] = {}
+    tables["campaign"] = {"samples": 10, "seed": 3, "estimator": "monte carlo"}
+    return to_toml(tables)
+
+
+def filled(folder, text):
+    """A campaign of ten samples of which four slid: sample n covers the first 3 + n rows of columns along x."""
+    campaign = parse(text)
+    soil = runs.random_soil(campaign)
+    model = runs.build(campaign, "refined", soil, at_rest=False)
+    shape = mpm.column_shape(model.scene)
+    with open_store(folder, text) as store:
+        for number in range(10):
+            slid = number < 4
+            row = {"displacement": 5.0 if slid else 0.1, "broke_off": False, "mode": "deep" if slid else ""}
+            row |= dict.fromkeys(("runout", "volume", "area", "depth"), 1.0 + number if slid else 0.0)
+            covered = np.arange(shape[0])[:, None] * np.ones(shape) < 3 + number
+            thick = np.where(covered, 0.5 + number, 0).astype(np.float32)
+            fields = {"column_deposit": thick, "column_thickness": thick, "column_speed": thick}
+            fields["column_arrival"] = np.where(covered, 1.0, np.nan).astype(np.float32)
+            row |= {"area_columns": float(covered.sum())} if slid else {}
+            xi = np.random.default_rng(number).standard_normal(soil.modes)
+            write_sample(store, "rough", Sample(number, "SETTLED", 9, 1.0, xi, {**row, "displacement": 0.1}))
+            write_sample(store, "refined", Sample(number, "SETTLED", 9, 1.0, xi, row, fields if slid else {}))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    return filled(tmp_path_factory.mktemp("plain"), scene_of(None))
+
+
+@pytest.fixture(scope="module")
+def maps(plain):
+    return hazard.hazard_maps(plain)
+
+
+@pytest.fixture(scope="module")
+def files(plain):
+    """What is written of the scene without a projection."""
+    return {path.name: path for path in export(plain, ["table", "hdf5", "maps"])}
+
+
+@pytest.fixture(scope="module")
+def site():
+    """That of the scene with a projection."""
+    return parse(scene_of(UTM)).site
+
+
+def test_ascii_grids_hold_the_maps_where_they_lie(tmp_path, site, maps):
+    written = {path.name: path for path in geography.write_ascii(tmp_path, site, maps)}
+    found = mpm.read_raster(written["reached.asc"])
+    np.testing.assert_allclose(found.heights, maps.maps["reached"].value, rtol=1e-8)
+    assert found.corner == (maps.edges[0][0] + 0.5 + ORIGIN[0], maps.edges[1][0] + 0.5 + ORIGIN[1])
+    assert (found.step, found.projection) == (1.0, UTM)
+    arrival = mpm.read_raster(written["arrival.asc"]).heights
+    assert np.array_equal(np.isnan(arrival), np.isnan(maps.maps["arrival"].value))
+    assert np.isnan(arrival).any()
+
+
+def test_geotiff_is_read_by_rasterio(tmp_path, site, maps):
+    rasterio = pytest.importorskip("rasterio", reason="the extra terrain is not installed")
+    written = {path.name: path for path in geography.write_geotiff(tmp_path, site, maps)}
+    assert len(written) == len(maps.maps)
+    with rasterio.open(written["expected_thickness.tif"]) as file:
+        assert file.crs.to_epsg() == 32633
+        assert file.units == ("m",) * 3
+        assert file.tags()["level"] == "0.95"
+        # The north-west cell comes first.
+        assert (file.bounds.left, file.bounds.top) == (maps.edges[0][0] + ORIGIN[0], maps.edges[1][-1] + ORIGIN[1])
+        for band, limit in enumerate(("value", "low", "high"), 1):
+            expected = getattr(maps.maps["expected thickness"], limit)
+            np.testing.assert_array_equal(file.read(band)[::-1].T, expected)
+        x, y = 2.3, 5.1
+        at = next(file.sample([(x + ORIGIN[0], y + ORIGIN[1])]))
+        i, j = np.searchsorted(maps.edges[0], x) - 1, np.searchsorted(maps.edges[1], y) - 1
+        assert at[0] == maps.maps["expected thickness"].value[i, j]
+
+
+def test_contours_are_where_the_probability_passes_their_value(files, maps):
+    whole = json.loads(files["reached.geojson"].read_text())
+    assert "no projection" in whole["coordinates_are"]
+    assert [each["properties"]["value"] for each in whole["features"]] == [0.01, 0.02, 0.05, 0.1, 0.2]
+    likely, x = maps.maps["reached"].value[:, 0], geography.middle(maps.edges[0])
+    for feature in whole["features"]:
+        for line in feature["geometry"]["coordinates"]:
+            along = np.array(line)[:, 0]
+            np.testing.assert_allclose(np.interp(along, x, likely), feature["properties"]["value"], atol=1e-12)
+
+
+def test_contours_with_a_projection_are_in_degrees(tmp_path, site, maps, files):
+    pytest.importorskip("rasterio", reason="the extra terrain is not installed")
+    placed = {path.name: path for path in geography.write_contours(tmp_path, site, maps)}
+    degrees, metres = (json.loads(written["reached.geojson"].read_text()) for written in (placed, files))
+    (lon, lat), (x, y) = (each["features"][0]["geometry"]["coordinates"][0][0] for each in (degrees, metres))
+    # The meridian of the zone is 15 degrees east; a degree of longitude is 76 km here.
+    assert lon == pytest.approx(15 + x / (111_320 * np.cos(np.radians(46.95))), abs=2e-6)
+    assert lat == pytest.approx(46.95, abs=0.05)
+    assert y < 9
+
+
+def test_tables_are_read_by_pandas(files, maps):
+    pandas = pytest.importorskip("pandas", reason="pandas is not installed")
+    table = pandas.read_csv(files["table.csv"])
+    assert (table["weight"] * table["failed"]).sum() == pytest.approx(0.4)
+    tidy = pandas.read_csv(files["hazard.csv"])
+    reached = tidy[tidy["map"] == "reached"].pivot(index="x", columns="y", values="value")
+    np.testing.assert_allclose(reached.to_numpy(), maps.maps["reached"].value)
+    assert tidy[tidy["map"] == "arrival"]["value"].isna().any()
+    assert set(tidy["unit"]) == {"-", "m", "s"}
+
+
+def test_the_campaign_is_read_by_xarray(plain, maps):
+    xarray = pytest.importorskip("xarray", reason="the extra exports is not installed")
+    pytest.importorskip("h5netcdf", reason="the extra exports is not installed")
+    (path,) = export(plain, ["netcdf"])
+    with xarray.open_dataset(path) as data:
+        assert data.attrs["probability_of_failure"] == pytest.approx(0.4)
+        assert data.attrs["scene"] == read_store(plain).scene_text
+        failed = data.refined_displacement > 1.0
+        assert float(data.refined_weight.where(failed).sum()) == pytest.approx(0.4)
+        assert data.refined_mode.sel(sample=2).item() == "deep"
+        assert np.isnan(data.refined_area_columns.sel(sample=7).item())
+        xi = np.random.default_rng(5).standard_normal(data.sizes["mode"])
+        np.testing.assert_array_equal(data.coefficients.sel(sample=5), xi)
+        np.testing.assert_array_equal(data.map_reached, maps.maps["reached"].value)
+        assert data.map_arrival.dims == ("x", "y")
+        assert data.map_expected_thickness_high.attrs["units"] == "m"
+        beyond = data.runout_exceedance.sel(runout_threshold=2.5, method="ffill")
+        assert beyond == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(
+    ("library", "kind", "message"),
+    [
+        ("rasterio", "geotiff", r"GeoTIFF needs rasterio.*pip install 'jaxmpm\[terrain\]'"),
+        ("xarray", "netcdf", r"campaign.nc needs xarray.*pip install 'jaxmpm\[exports\]'"),
+        ("h5netcdf", "netcdf", r"campaign.nc needs h5netcdf.*pip install 'jaxmpm\[exports\]'"),
+    ],
+)
+def test_what_is_not_installed_is_named_with_its_remedy(library, kind, message, plain, monkeypatch):
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(ValueError, match=message):
+        list(export(plain, [kind]))
+
+
+def test_without_rasterio_all_but_the_contours_is_there(tmp_path, site, maps, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rasterio", None)
+    campaign, store = SimpleNamespace(dimension=3, site=site), SimpleNamespace(folder=tmp_path)
+    with pytest.warns(UserWarning, match="no contours: GeoJSON of a scene with a projection needs rasterio"):
+        written = {path.suffix for path in _exports._of_maps(campaign, store, maps, ["maps"])}
+    assert written == {".csv", ".asc", ".prj"}
+
+
+def test_what_the_campaign_does_not_have_is_refused(plain, tmp_path, capsys):
+    bare = scene_of(None).replace("[hazard]", "")
+    with open_store(tmp_path / "bare", bare) as store:
+        write_sample(store, "refined", sample_of(plain, 7))
+    assert main(["export", str(tmp_path / "bare"), "--as", "geotiff"]) == 2
+    assert "has no hazard maps to export: give [hazard]" in capsys.readouterr().err
+    with pytest.raises(ValueError, match="'gis' is no kind of export: give one of table, hdf5"):
+        list(export(plain, ["gis"]))
+    assert main(["export", str(plain), "--as", "table", "--sample", "1"]) == 2
+    assert "leave out --sample" in capsys.readouterr().err
+
+
+def test_samples_with_arrays_of_another_grid_are_left_out_of_every_file_and_named(plain, tmp_path):
+    text = read_store(plain).scene_text
+    with open_store(tmp_path / "c", text) as store:
+        for number in (0, 7):
+            write_sample(store, "refined", sample_of(plain, number))
+        spoilt = replace(sample_of(plain, 1), fields={"column_deposit": np.zeros((2, 2))})
+        write_sample(store, "refined", spoilt)
+    with pytest.warns(UserWarning, match=r"000001\.h5 holds column_deposit of shape \(2, 2\).*left out"):
+        written = {path.name: path for path in export(tmp_path / "c", ["table", "hdf5"])}
+
+    with h5py.File(written["campaign.h5"]) as file:
+        assert sorted(file["refined"]) == ["000000", "000007"]
+    assert written["table.csv"].read_text().count("\nrefined,") == 2
+
+
+def test_a_projection_goes_with_the_scene(tmp_path):
+    campaign = parse(scene_of(UTM))
+    assert (campaign.site.projection, campaign.site.origin) == (UTM, ORIGIN)
+    assert parse(scene_of(None)).site.projection is None
+    damaged = scene_of(UTM).replace(json.dumps(UTM), "3")
+    assert damaged != scene_of(UTM)
+    with pytest.raises(ValueError, match=r"its table in \[files\] is damaged \('projection 3'\)"):
+        parse(damaged)
+    with pytest.raises(ValueError, match=r"\[terrain\] origin = .*give x and y"):
+        parse(scene_of(None).replace("origin = [0.0, 0.0]", "origin = [0.0]"))
+
+
+def sample_of(folder, number):
+
+    return read_sample(read_store(folder), "refined", number)
