@@ -1,6 +1,9 @@
 # Every target makes .venv first, so that each works in a fresh clone.
 PYTHON ?= python3
 BIN := .venv/bin
+# Versions to keep to: make clean test CONSTRAINTS=packaging/constraints-oldest.txt
+CONSTRAINTS ?=
+PIP := $(BIN)/pip install --quiet $(if $(CONSTRAINTS),--constraint $(CONSTRAINTS))
 
 .PHONY: .venv demo figures notebooks test test-slow bench lint dist clean
 
@@ -8,7 +11,7 @@ BIN := .venv/bin
 
 .venv/installed: pyproject.toml CMakeLists.txt $(wildcard jaxmpm/transfer/native/*.cc jaxmpm/transfer/native/*.h)
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --editable '.[test]'
+	$(PIP) --editable '.[test]'
 	touch $@
 
 demo: .venv
@@ -21,12 +24,12 @@ figures: demo
 	$(BIN)/python -m benchmarks published --json > /dev/null
 	$(BIN)/python -m benchmarks.work_precision
 	$(BIN)/python -m benchmarks.gallery
-	$(BIN)/pip install --quiet --editable '.[notebooks]'
+	$(PIP) --editable '.[notebooks]'
 	$(BIN)/python -m notebooks 01
 
 # Runs the scripts at full size; `.venv/bin/python -m notebooks 03` makes one.
 notebooks: .venv
-	$(BIN)/pip install --quiet --editable '.[notebooks]'
+	$(PIP) --editable '.[notebooks]'
 	$(BIN)/python -m notebooks
 
 lint: .venv
@@ -39,11 +42,11 @@ test: lint
 
 # With VTK to read exports back, and playwright to drive a Chromium if there is one. Programs are compiled as for users.
 test-slow: .venv
-	$(BIN)/pip install --quiet --editable '.[test,vtk,browser]'
+	$(PIP) --editable '.[test,vtk,browser]'
 	XLA_FLAGS= $(BIN)/python -m pytest -m slow
 
 bench: .venv
-	$(BIN)/pip install --quiet --editable '.[test,peers]'
+	$(PIP) --editable '.[test,peers]'
 	$(BIN)/python -m benchmarks all
 
 # The wheel is made from the sdist. Each is tried in a clean environment, the sdist also where no compiler is to be had.

@@ -1,4 +1,4 @@
-"""The commands: new, check, draw, run, resume, status, report, export, sweep, example, doctor."""
+"""The commands: new, check, draw, run, resume, status, report, export, sweep, example, doctor, completion."""
 
 from __future__ import annotations
 
@@ -145,6 +145,20 @@ def examine(given: argparse.Namespace) -> None:
         raise ValueError("the self-check found wrong answers: see above")
 
 
+def complete(given: argparse.Namespace) -> None:
+    """Print a script that has a shell complete commands, options and files; needs the extra completion."""
+    try:
+        import shtab
+    except ImportError as error:
+        raise ValueError("shtab is not installed: install jaxmpm[completion]") from error
+    whole = parser()
+    for command in whole._subparsers._group_actions[0].choices.values():  # type: ignore[union-attr]
+        for argument in command._actions:
+            if argument.type is Path:
+                argument.complete = shtab.FILE
+    print(shtab.complete(whole, given.shell))
+
+
 EPILOG = """examples:
   jaxmpm example demo                     write demo.toml
   jaxmpm new --kind section               write section.toml, a scene of your own to fill in
@@ -154,8 +168,8 @@ EPILOG = """examples:
   jaxmpm status out/demo                  how far it is, from another terminal
   jaxmpm report out/demo                  write report.html again
 
-exit codes: 0 done; 2 a scene, folder or argument that cannot be used, said in one line; 130 stopped by Ctrl-C, to be
-gone on with by the same command.
+exit codes: 0 done; 2 a scene, folder or argument that cannot be used, said in one line; 130 stopped by Ctrl-C, 143 by
+SIGTERM, to be gone on with by the same command.
 """
 
 
@@ -223,7 +237,7 @@ def parser() -> argparse.ArgumentParser:
     writes.add_argument("--grid", choices=GRIDS, default="refined", help="grid of that sample (%(default)s)")
     writes.add_argument("--frames", type=int, help="run the sample again and write so many moments")
     begins = commands.add_parser("new", help=new.__doc__, description=new.__doc__)
-    begins.add_argument("--kind", choices=starters(), default="slope", help="of ground: %(choices)s (%(default)s)")
+    begins.add_argument("--kind", choices=tuple(starters()), default="slope", help="of ground: %(choices)s (%(default)s)")
     begins.add_argument("--out", type=Path, help="file to write (KIND.toml)")
     begins.set_defaults(does=new)
     for does, name in ((check, "check"), (sketch, "draw")):
@@ -236,11 +250,14 @@ def parser() -> argparse.ArgumentParser:
             looks.add_argument("--out", type=Path, help="PNG, PDF, SVG or in 3D HTML to write (beside the scene)")
             looks.add_argument("--sample", type=int, default=0, help="whose field is drawn (%(default)s)")
     starts = commands.add_parser("example", help=write_example.__doc__, description=write_example.__doc__)
-    starts.add_argument("name", choices=examples(), metavar="NAME", help=", ".join(examples()))
+    starts.add_argument("name", choices=tuple(examples()), metavar="NAME", help=", ".join(examples()))
     starts.add_argument("--out", type=Path, help="file to write (NAME.toml)")
     starts.set_defaults(does=write_example)
     checks = commands.add_parser("doctor", help=examine.__doc__, description=examine.__doc__)
     checks.set_defaults(does=examine)
+    completes = commands.add_parser("completion", help=complete.__doc__, description=complete.__doc__)
+    completes.add_argument("shell", choices=("bash", "zsh", "tcsh"), help="of %(choices)s", metavar="SHELL")
+    completes.set_defaults(does=complete)
     return whole
 
 

@@ -1,6 +1,7 @@
 """What the package says of itself, and the commands that help a newcomer: doctor and example."""
 
 import re
+import sys
 import tomllib
 from importlib import import_module
 from pathlib import Path
@@ -64,6 +65,21 @@ def test_doctor_finds_wrong_answers(errors, monkeypatch, capsys):
     monkeypatch.setattr(doctor, "step_speed", lambda: (1, 1, 1.0))
     assert main(["doctor"]) == 2
     assert "NOT WELL" in capsys.readouterr().out
+
+
+def test_a_shell_completes_commands_and_files(capsys):
+    shtab = pytest.importorskip("shtab")
+    assert main(["completion", "bash"]) == 0
+    said = capsys.readouterr().out
+    assert "--refined-runs" in said
+    assert "completion" in said
+    assert shtab.FILE["bash"] in said
+
+
+def test_completion_says_what_it_needs(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "shtab", None)
+    assert main(["completion", "bash"]) == 2
+    assert "install jaxmpm[completion]" in capsys.readouterr().err
 
 
 def test_help_has_examples_and_exit_codes(capsys):
