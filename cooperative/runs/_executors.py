@@ -117,6 +117,8 @@ _told_to_stop = threading.Event()
 def _begin(shares: SimpleQueue[list[int]], listening: connection.Connection) -> None:
     """Take a share of the cores (a worker that replaces a dead one finds none left and takes all), and watch."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # That transfers run on XLA was said by the controller.
+    warnings.filterwarnings("ignore", message=".* was not built: particle-grid transfers run on XLA")
     if not shares.empty():
         os.sched_setaffinity(0, shares.get())
     threading.Thread(target=_watch, args=(listening,), daemon=True).start()
