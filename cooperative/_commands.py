@@ -237,7 +237,9 @@ def parser() -> argparse.ArgumentParser:
     writes.add_argument("--grid", choices=GRIDS, default="refined", help="grid of that sample (%(default)s)")
     writes.add_argument("--frames", type=int, help="run the sample again and write so many moments")
     begins = commands.add_parser("new", help=new.__doc__, description=new.__doc__)
-    begins.add_argument("--kind", choices=tuple(starters()), default="slope", help="of ground: %(choices)s (%(default)s)")
+    begins.add_argument(
+        "--kind", choices=tuple(starters()), default="slope", help="of ground: %(choices)s (%(default)s)"
+    )
     begins.add_argument("--out", type=Path, help="file to write (KIND.toml)")
     begins.set_defaults(does=new)
     for does, name in ((check, "check"), (sketch, "draw")):

@@ -3,10 +3,12 @@
 import re
 import sys
 import tomllib
+import warnings
 from importlib import import_module
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 import cooperative
 import jaxmpm
@@ -30,6 +32,30 @@ def test_every_package_ships_and_says_that_it_is_typed():
     for name in ("foundation", "jaxmpm", "kl", "cooperative"):
         assert shipped[name] == name
         assert (ROOT / name / "py.typed").exists()
+
+
+def test_no_file_has_what_a_later_python_warns_of():
+    folders = ("foundation", "jaxmpm", "kl", "cooperative", "benchmarks", "tests", "notebooks")
+    files = [path for folder in folders for path in (ROOT / folder).rglob("*.py")]
+    assert len(files) > 200
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for path in files:
+            compile(path.read_text(), str(path), "exec", dont_inherit=True)
+
+
+@pytest.mark.parametrize("kind", ["oldest", "newest"])
+def test_pinned_versions_are_those_that_the_package_allows(kind):
+    text = (ROOT / "packaging" / f"constraints-{kind}.txt").read_text()
+    pinned = [Requirement(line) for line in text.splitlines() if line and not line.startswith("#")]
+    allowed = {r.name.replace("_", "-"): r for r in map(Requirement, PROJECT["project"]["dependencies"])}
+    names = {each.name.replace("_", "-") for each in pinned}
+    assert names >= allowed.keys()
+    for each in pinned:
+        (version,) = each.specifier
+        assert version.operator == "=="
+        if (wanted := allowed.get(each.name.replace("_", "-"))) is not None:
+            assert wanted.specifier.contains(version.version)
 
 
 def test_the_command_on_the_path_is_there():
