@@ -1,5 +1,9 @@
 """Figures: every one is drawn, its axes carry units, its legend tells, its marks are the data's."""
 
+import base64
+import json
+from xml.etree import ElementTree
+
 import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
@@ -10,6 +14,7 @@ from cooperative.hazard import Maps
 from cooperative.measure import ColumnPlan
 from cooperative.reporting import _charts as charts
 from cooperative.reporting import _plots as plots
+from cooperative.reporting import _svg as svg
 
 HALF = np.array([0.5, 0.5])
 X, Z = (grid.ravel() for grid in np.meshgrid(np.arange(0.5, 24), np.arange(0.5, 8), indexing="ij"))
@@ -67,7 +72,6 @@ FIGURES = {
             "audited": np.array([True, False, False]),
         }
     ),
-    "histograms": lambda: charts.histograms({"L": X, "V": np.array([])}, {"L": "run-out L [m]", "V": "volume V [m³]"}),
     "convergence": lambda: charts.convergence(
         {"two-phase": RUNS},
         {"two-phase": RUNS / 200},
@@ -96,12 +100,72 @@ def test_every_figure_is_drawn_with_units(name, tmp_path):
             assert "[" in ax.get_ylabel()
 
 
+@pytest.mark.parametrize("name", FIGURES)
+def test_the_page_draws_every_panel_of_every_figure(name):
+    figure = FIGURES[name]()
+    scales = {id(each.colorbar.ax) for ax in figure.axes for each in ax.collections if each.colorbar}
+    shown = [ax for ax in figure.axes if ax.axison and id(ax) not in scales]
+    panels = [ElementTree.fromstring(panel) for panel in svg.panels(figure)]
+    assert len(panels) == len(shown) > 0
+    for panel, ax in zip(panels, shown, strict=True):
+        data, drawing = json.loads(panel.get("data-panel")), panel.find("svg")
+        assert drawing.get("aria-label").startswith(svg.plain(ax.get_title(loc="left") or ax.get_ylabel()))
+        assert data["x"]["ends"] == list(ax.get_xlim())
+        labelled = [line for line in ax.lines if not line.get_label().startswith("_")]
+        labelled = [line for line in labelled if line.get_transform() == ax.transData]
+        assert [series["name"] for series in data["series"]] == [svg.plain(line.get_label()) for line in labelled]
+        marks = [mark for mark in drawing.iter("path") if mark.get("data-at")]
+        assert len(marks) == sum(
+            np.isfinite(np.sum(line.get_data(), axis=0)).sum()
+            for line in ax.lines
+            if line.get_marker() not in ("None", "")
+        )
+        assert len(list(drawing.iter("image"))) == sum(each.get_array() is not None for each in ax.collections)
+        places = [text.text for text in drawing.find("g[@class='ticks']").iter("text")]
+        assert len(places) >= 2
+
+
+def test_a_panel_draws_a_curve_where_its_values_are():
+    (panel,) = map(ElementTree.fromstring, svg.panels(FIGURES["exceedance"]()))
+    (series,) = json.loads(panel.get("data-panel"))["series"]
+    assert (series["x"], series["y"]) == (CURVE["thresholds"], CURVE["probability"])
+    assert (series["low"], series["high"], series["kind"]) == (CURVE["low"], CURVE["high"], "step")
+    rows = [[float(cell.text) for cell in row] for row in panel.find("details").iter("tr")
+            if row[0].tag == "td"]  # fmt: skip
+    assert rows == [list(row) for row in zip(*(CURVE[key] for key in CURVE), strict=True)]
+    frame = panel.find("svg/svg")
+    wide, high = float(frame.get("width")), float(frame.get("height"))
+    line = next(path for path in frame.iter("path") if "stroke-width:2" in path.get("style"))
+    corners = np.array([[float(number) for number in each.split()] for each in line.get("d")[1:].split("L")])
+    ends = json.loads(panel.get("data-panel"))["y"]["ends"]
+    x, y = corners[:, 0] / wide * 9.0, ends[0] + (1 - corners[:, 1] / high) * (ends[1] - ends[0])
+    np.testing.assert_allclose(x, [0, 5, 5, 9, 9], atol=1e-3)
+    np.testing.assert_allclose(y, [0.3, 0.3, 0.1, 0.1, 0.0], atol=1e-4)
+
+
+def test_the_page_has_the_values_of_a_map():
+    found = maps(8, 6)
+    first = ElementTree.fromstring(svg.panels(charts.plan_maps(found, toe=None))[0])
+    (kept,) = json.loads(first.get("data-panel"))["maps"]
+    steps = np.frombuffer(base64.b64decode(kept["values"]), "<u2").reshape(kept["shape"])
+    np.testing.assert_allclose(steps.T / svg.LEVELS * kept["top"], found.maps["reached"].value, atol=1e-5)
+    assert (kept["left"], kept["right"], kept["high"]) == (found.edges[0][0], found.edges[0][-1], found.edges[1][-1])
+
+
+def test_what_the_page_cannot_draw_is_refused():
+    figure, (ax,) = plots.panels(1, size=(3.0, 3.0))
+    ax.annotate("a", (10, 10), xycoords="figure pixels")
+    with pytest.raises(TypeError, match="cannot place a note by 'figure pixels': give 'data' or 'axes fraction'"):
+        svg.panels(figure)
+
+
 def test_particles_are_drawn_in_true_size():
     figure = FIGURES["before_and_after"]()
     boxes = [c for ax in figure.axes for c in ax.collections if isinstance(c, PolyCollection)]
     corners = boxes[0].get_paths()[0].vertices
     np.testing.assert_allclose(np.ptp(corners, axis=0), [1.0, 1.0])
-    assert len(boxes[1].get_paths()) == X.size
+    # Over the soil between them.
+    assert len(boxes[0].get_paths()) == X.size < len(boxes[1].get_paths())
 
 
 def test_the_panels_of_a_slide_show_the_same_piece_of_ground():
@@ -169,6 +233,16 @@ def test_soil_that_stretches_is_drawn_without_cracks():
     corners = {tuple(corner) for box in stretched.round(9) for corner in box}
     assert len(corners) == 7 * 5
     assert area(stretched).sum() == pytest.approx((3.0 + 0.8 * 2.5) * 2.0)
+
+
+def test_gaps_narrower_than_soil_are_filled_and_wider_ones_are_not():
+    position, half = lattice()
+    for gap, filled in ((0.6, True), (1.6, False)):
+        apart = position + np.stack([np.where(position[0] > 1.5, gap, 0.0), 0 * position[0]])
+        corners = apart.T[plots.soil_between(apart, half)]
+        over = (corners[..., 0].min(axis=1) < 1.5) & (corners[..., 0].max(axis=1) > 1.5)
+        assert np.abs(area(corners[over])).sum() == pytest.approx(1.5 * (0.5 + gap) if filled else 0.0)
+    assert plots.soil_between(np.stack([np.arange(5.0), np.zeros(5)]), half).shape == (0, 3)
 
 
 def test_soil_that_tears_is_drawn_torn():

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from cooperative.estimate import CANDIDATES, Chances
 from cooperative.hazard import ARRIVAL, REACHED, THICKNESS, Maps
@@ -35,7 +34,7 @@ def ranked_displacements(rows: Mapping[str, np.ndarray], *, failure_displacement
     rank = np.arange(1, rough.size + 1)
     rough, refined = rough[order], refined[order]
     audited = np.asarray(rows.get("audited", np.zeros(rough.size, dtype=bool)))[order]
-    ax.plot(rank, rough, ".", color=ROUGH, ms=4, label=f"rough grid ({np.isfinite(rough).sum()} samples)")
+    ax.plot(rank, rough, ".", color=ROUGH, ms=7, label=f"rough grid ({np.isfinite(rough).sum()} samples)")
     for chosen, marker, name in ((~audited, "^", "refined grid"), (audited, "s", "refined grid, audit")):
         if np.isfinite(refined[chosen]).any():
             count = np.isfinite(refined[chosen]).sum()
@@ -71,28 +70,6 @@ def ranked_displacements(rows: Mapping[str, np.ndarray], *, failure_displacement
     return figure
 
 
-def histograms(samples: Mapping[str, np.ndarray], labels: Mapping[str, str]) -> Figure:
-    """Histograms of consequences, one panel each.
-
-    samples: name -> values (n,). labels: name -> axis label with its unit.
-    """
-    columns = min(len(samples), 3)
-    figure, axes = panels(-(-len(samples) // columns), columns, size=(3.2, 2.7))
-    for ax, (name, values) in zip(axes, samples.items(), strict=False):
-        values = np.asarray(values, dtype=float)
-        values = values[np.isfinite(values)]
-        if values.size:
-            ax.hist(values, bins="sqrt", color="#BBD5E8", edgecolor=ROUGH, lw=0.6)
-            ax.yaxis.set_major_locator(MaxNLocator(integer=True))
-        else:
-            ax.annotate("no samples", (0.5, 0.5), xycoords="axes fraction", ha="center", color=GREY)
-        ax.set(xlabel=labels[name], ylabel="samples [-]")
-        ax.set_title(f"{values.size} samples", loc="left", fontsize=9)
-    for ax in axes[len(samples) :]:
-        ax.set_axis_off()
-    return figure
-
-
 def exceedance(curves: Mapping[str, Mapping[str, Any]], labels: Mapping[str, str], *, level: float) -> Figure:
     """Exceedance curves with their pointwise intervals, one panel each.
 
@@ -102,9 +79,9 @@ def exceedance(curves: Mapping[str, Mapping[str, Any]], labels: Mapping[str, str
     columns = min(len(curves), 3)
     figure, axes = panels(-(-len(curves) // columns), columns, size=(3.7, 3.1))
     for ax, (name, curve) in zip(axes, curves.items(), strict=False):
-        at = curve["thresholds"]
-        ax.fill_between(at, curve["low"], curve["high"], step="post", color=ROUGH, alpha=0.2, lw=0)
-        ax.step(at, curve["probability"], where="post", color=ROUGH, lw=2, label=f"with {level:.0%} interval")
+        at = np.array(curve["thresholds"])
+        values = (np.array(curve[key]) for key in ("probability", "low", "high"))
+        _banded(ax, at, *values, colour=ROUGH, name=f"with {level:.0%} interval", steps=True)
         ax.set(xlabel=labels[name], ylabel="probability of more [-]")
         ax.set_ylim(bottom=0)
         ax.set_xlim(0, at[-1] or 1.0)
@@ -125,13 +102,16 @@ def profile(maps: Maps, *, toe: float | None) -> Figure:
     edges, styles = maps.edges[0], ("-", "--", "-.", ":")
     for number, name in enumerate(likely):
         colour = (ROUGH, REFINED, FAILED, "#009E73", "#56B4E9", GREY)[number % 6]
-        _staircase(axes[0], edges, maps.maps[name], colour, styles[number % 4], name, banded=number == 0)
+        mark = "" if number < 4 else "."
+        style = styles[number % 4] + mark
+        _staircase(axes[0], edges, maps.maps[name], colour, style, name, banded=number == 0)
     axes[0].set(ylabel="probability [-]")
     _staircase(axes[1], edges, maps.maps[THICKNESS], ROUGH, "-", "expected thickness of the deposit")
     axes[1].set(ylabel="thickness [m]")
     _staircase(axes[2], edges, maps.maps[ARRIVAL], ROUGH, "-", "mean arrival of the slides that come")
-    axes[2].set(ylabel="arrival [s]", xlabel="x [m]")
+    axes[2].set(ylabel="arrival [s]")
     for ax in axes:
+        ax.set(xlabel="x [m]")
         ax.set_ylim(bottom=0)
         ax.set_xlim(edges[0], edges[-1])
         if toe is not None:
@@ -148,8 +128,31 @@ def _staircase(
     """A value for each column, with its interval if `banded`; one that no slide tells is left out."""
     value, low, high = (np.append(each, each[-1:]) for each in (found.value, found.low, found.high))
     if banded:
-        ax.fill_between(edges, low, high, step="post", color=colour, alpha=0.15, lw=0)
-    ax.step(edges, value, style, where="post", color=colour, lw=1.8, label=name)
+        _banded(ax, edges, value, low, high, colour=colour, name=name, style=style, steps=True)
+    else:
+        ax.step(edges, value, style, where="post", color=colour, lw=1.8, label=name)
+
+
+def _banded(
+    ax: Axes,
+    at: np.ndarray,
+    value: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    *,
+    colour: str,
+    name: str,
+    style: str = "-",
+    marker: str = "",
+    steps: bool = False,
+) -> None:
+    """A curve in the band of its interval, whose ends are thin lines, to be seen in black and white too. The gid of the
+    ends tells the page what they are."""
+    drawn = "steps-post" if steps else "default"
+    ax.fill_between(at, low, high, step="post" if steps else None, color=colour, alpha=0.2, lw=0)
+    ax.plot(at, value, style, color=colour, lw=2, marker=marker, ms=4, drawstyle=drawn, label=name)
+    for limit, gid in ((low, "low"), (high, "high")):
+        ax.plot(at, limit, "-", color=colour, lw=0.6, drawstyle=drawn, gid=gid)
 
 
 def plan_maps(maps: Maps, *, toe: float | None) -> Figure:
@@ -184,8 +187,7 @@ def losses(curve: Mapping[str, Sequence[float]], *, level: float) -> Figure:
     figure, (ax,) = panels(1, size=(6.0, 3.6))
     at, chance = np.array(curve["thresholds"]), np.array(curve["probability"])
     low, high = np.array(curve["low"]), np.array(curve["high"])
-    ax.fill_between(at, low, high, step="post", color=REFINED, alpha=0.2, lw=0)
-    ax.step(at, chance, where="post", color=REFINED, lw=2, label=f"with {level:.0%} interval")
+    _banded(ax, at, chance, low, high, colour=REFINED, name=f"with {level:.0%} interval", steps=True)
     ax.set(xlabel="loss [currency of the scene]", ylabel="probability of losing more [-]")
     ax.set_ylim(bottom=0)
     ax.legend()
@@ -208,10 +210,9 @@ def convergence(
     for (method, runs), (colour, style) in zip(
         spent.items(), ((ROUGH, "-"), (REFINED, "--"), ("#009E73", "-."), (FAILED, ":")), strict=False
     ):
-        ax.fill_between(runs, *interval[method], color=colour, alpha=0.15, lw=0)
-        ax.plot(
-            runs, probability[method], style, color=colour, lw=2, marker="o", ms=4, label=f"{method}, 95 % interval"
-        )
+        low, high = interval[method]
+        name = f"{method}, 95 % interval"
+        _banded(ax, runs, probability[method], low, high, colour=colour, name=name, style=style, marker="o")
     if truth is not None:
         ax.axhline(truth, color=GREY, lw=1, label=f"all samples refined: {truth:.3g}")
     ax.set(xlabel="refined runs spent [-]", ylabel="probability of failure $P_f$ [-]")
@@ -248,17 +249,15 @@ def mode_shares(modes: Mapping[str, Mapping[str, Any]]) -> Figure:
     modes: name -> count, ratio, interval, as in the summary.
     """
     figure, (ax,) = panels(1, size=(6.0, 3.2))
-    names = list(modes)
-    ratio = np.array([modes[name]["ratio"] for name in names])
-    low, high = np.array([modes[name]["interval"] for name in names]).T
-    at = np.arange(len(names))
-    # An estimate at the end of its interval may round beyond it.
-    spread = np.maximum([ratio - low, high - ratio], 0.0)
-    ax.bar(at, ratio, 0.6, color=[MODE_COLOURS[name] for name in names], alpha=0.8)
-    ax.errorbar(at, ratio, spread, fmt="none", ecolor="black", capsize=5, lw=1.2, label="95 % interval")
-    ax.set_xticks(at, [f"{name}\n{modes[name]['count']} runs" for name in names])
+    for at, (name, share) in enumerate(modes.items()):
+        low, high = share["interval"]
+        ax.plot([at, at], [low, high], "-", color="black", lw=1.2)
+        ax.plot([at], [share["ratio"]], "o", color=MODE_COLOURS[name], ms=9, label=name)
+        for limit, gid in ((low, "low"), (high, "high")):
+            ax.plot([at], [limit], "_", color="black", ms=12, gid=gid)
+    ax.set_xticks(range(len(modes)), [f"{name}\n{share['count']} runs" for name, share in modes.items()])
     ax.set(ylabel="share of the failures [-]", xlabel="failure mode [-]", ylim=(0, 1.02))
-    ax.legend()
+    ax.set_xlim(-0.6, len(modes) - 0.4)
     return figure
 
 
@@ -308,9 +307,11 @@ def severity(places: Mapping[str, Sequence[Mapping[str, Any]]], labels: Mapping[
             colour = MODE_COLOURS[place["group"]]
             low, high = place["interval"]
             # A mode seen once has no interval.
+            ax.plot([place["middle"]], [height], "o", color=colour, ms=7, label=place["group"])
             if low is not None and high is not None:
-                ax.plot([low, high], [height, height], "-", color=colour, lw=2.5, alpha=0.6)
-            ax.plot(place["middle"], height, "o", color=colour, ms=7)
+                ax.plot([low, high], [height, height], "-", color=colour, lw=2.5)
+                for limit, gid in ((low, "low"), (high, "high")):
+                    ax.plot([limit], [height], "|", color=colour, ms=9, gid=gid)
         ax.set_yticks(range(len(ranked)), [f"{place['group']} ({place['count']})" for place in reversed(ranked)])
         ax.set(xlabel=labels[name], ylim=(-0.6, len(ranked) - 0.4))
         ax.set_ylabel("failure mode (runs) [-]")

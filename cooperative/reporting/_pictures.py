@@ -5,14 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from matplotlib.colors import Normalize
+from scipy.spatial import cKDTree
 
 from cooperative.measure import SEVERITY
 from cooperative.reporting import _plots as plots
+from cooperative.reporting import _turn as turn
 from cooperative.reporting._plots import Drawn
 from cooperative.runs import Frames, GridModel, build, random_soil
 from cooperative.scene import Campaign
 from cooperative.store import Rows, Sample
 from jaxmpm import Midway, Slope, solve_each
+
+FACES = 5000
+"""Of a body on the page: a slide has several, and the page is to stay below 5 MB."""
 
 SHARES = (0.1, 0.3, 0.6)
 """Shares of the largest displacement at which a slide that is run again is drawn, and at its end."""
@@ -86,7 +92,33 @@ def slides(model: GridModel, samples: Sequence[Sample], *, again: bool) -> Itera
             shape = model.campaign.site.shape
             toe = shape.toe_x if isinstance(shape, Slope) else None
             figure = plots.plan(position, displacement, shown.times, model.half_size, toe=toe)
-            yield Drawn(f"plan-{sample.number:06d}", f"Sample {sample.number}{mode} from above.", figure)
+            said = f"Sample {sample.number}{mode}, by how far the soil on top has moved"
+            body = turn.turning(bodies(position, displacement, shown.times, model.half_size), f"{said}.")
+            yield Drawn(f"plan-{sample.number:06d}", f"{said}, from above.", figure, body)
+
+
+def bodies(
+    position: np.ndarray, displacement: np.ndarray, times: Sequence[float], half_size: np.ndarray
+) -> list[turn.Body]:
+    """A slide in 3D at several times, the last one first: the skin of the ground before, moved with its soil.
+
+    position: initial (3, N) m. displacement: (T, 3, N) m at the T times (s). half_size: half the particle spacing
+    (3,) m.
+    """
+    faces, of = turn.skin(position, 2 * half_size, most=FACES)
+    corners, place = np.unique(faces.reshape(-1, 3).round(6), axis=0, return_inverse=True)
+    # A corner goes with the particles that meet there, as in a section; where boxes are larger, with the nearest ones.
+    away, near = cKDTree(position.T).query(corners, k=min(8, position.shape[1]))
+    meets = (away <= away[:, :1] * (1 + 1e-6))[None]
+    moved = np.linalg.norm(displacement, axis=1)
+    norm = Normalize(0.0, max(float(moved.max()), 1e-6))
+    found = []
+    for time, step, far in zip(times, displacement, moved, strict=True):
+        now = corners + (np.where(meets, step[:, near], 0).sum(axis=2) / meets.sum(axis=2)).T
+        colours = turn.coloured(far[of], norm, "viridis")
+        scale = ("displacement, m", 0.0, float(norm.vmax or 0.0), "viridis")
+        found.append(turn.Body(f"t = {time:.3g} s", now[place.reshape(-1)].reshape(faces.shape), colours, scale=scale))
+    return found[::-1]
 
 
 def kept_moments(model: GridModel, sample: Sample) -> Frames:

@@ -17,6 +17,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from scipy.spatial import Delaunay, QhullError
 
 from foundation import files
 
@@ -24,17 +25,21 @@ Section = tuple[np.ndarray, np.ndarray]
 """Positions (2, N) as x and z (m), and half the particle spacing (2,) m."""
 
 
+NEAR = 1.5
+"""Spacings of the largest circle without a particle in it that is still drawn as soil."""
+
 TORN = 2.0
 """Spacings by which particles that were neighbours have moved apart where soil is drawn as torn."""
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """A figure, its file name and what it shows."""
+    """A figure, its file name and what it shows. page: HTML that stands for it on the page, where that shows more."""
 
     name: str
     caption: str
     figure: Figure
+    page: str | None = None
 
 
 @dataclass(frozen=True)
@@ -97,7 +102,7 @@ def before_and_after(
     ):
         boxes = draw_particles(ax, position, half_size, plastic_strain, "viridis", norm, displacement=step)
         ax.set_title(title, loc="left")
-    axes[0].set_xlim(axes[1].get_xlim())
+    _share_limits(axes)
     figure.colorbar(boxes, ax=axes, label="accumulated plastic shear strain [-]", extend="max")
     return figure
 
@@ -199,11 +204,16 @@ def draw_particles(
     vertical: str = "z [m]",
 ) -> PolyCollection:
     """Particles as boxes in true size, so that both grids fill the same area; with a displacement (2, N) m from a
-    lattice, moved and stretched."""
-    corners = moved_boxes(position, np.zeros_like(position) if displacement is None else displacement, half)
+    lattice, moved and stretched, over the soil between them."""
+    still = np.zeros_like(position)
+    drawn, shown = list(moved_boxes(position, still if displacement is None else displacement, half)), values
+    if displacement is not None and displacement.any():
+        between = soil_between(position + displacement, half)
+        drawn = [*(position + displacement).T[between], *drawn]
+        shown = np.concatenate([values[between].mean(axis=1), values])
     boxes = PolyCollection(
-        list(corners),
-        array=np.ma.masked_invalid(values),
+        drawn,
+        array=np.ma.masked_invalid(shown),
         cmap=colormaps[colours].with_extremes(bad="0.6"),
         norm=norm,
         lw=0,
@@ -238,6 +248,25 @@ def moved_boxes(position: np.ndarray, displacement: np.ndarray, half: np.ndarray
             total, count = total + np.where(meets, displacement[:, other], 0.0), count + meets
         corners.append((position + np.array(side)[:, None] * half[:, None] + total / count).T)
     return np.stack(corners, axis=1)
+
+
+def soil_between(position: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """Triangles (m, 3) of particles so near to each other that there is soil between them: those of their Delaunay
+    triangulation whose circumcircle has a radius of at most `NEAR` spacings (the alpha shape of Edelsbrunner,
+    Kirkpatrick and Seidel 1983, doi:10.1109/TIT.1983.1056714).
+
+    position: (2, N) m, where the particles are. half: half the spacing (2,) m. None where they lie on a line.
+    """
+    try:
+        found = Delaunay(position.T).simplices
+    except QhullError:
+        return np.zeros((0, 3), int)
+    corners = position.T[found]
+    sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    twice = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    # Radius: the product of the sides by four times the area.
+    return found[sides.prod(axis=1) <= 2 * twice * NEAR * 2 * half.max()]
 
 
 def _share_limits(axes: Sequence[Axes]) -> None:

@@ -96,17 +96,18 @@ def current_estimate(campaign: Campaign, rough: Rows, refined: Rows) -> Estimate
 def planned_refined(campaign: Campaign, rough: Rows, refined: Rows) -> tuple[int, bool]:
     """Refined runs of the campaign in all, and whether they may become more: the budget, or where there is none what
     is asked for so far."""
-    most = campaign.estimator.budget(_planned_rough(campaign))
+    most = campaign.estimator.budget(planned_rough(campaign))
     if most is not None:
         return most, False
     done = len(refined.numbers)
-    if len(rough.numbers) < _planned_rough(campaign):
+    if len(rough.numbers) < planned_rough(campaign):
         return done + 1, True
     missing = runs.phases_of(campaign, rough, refined).next_runs(campaign.plan.samples, ())
     return done + len(missing), bool(missing)
 
 
-def _planned_rough(campaign: Campaign) -> int:
+def planned_rough(campaign: Campaign) -> int:
+    """Samples that the campaign's estimator runs on the rough grid."""
     return campaign.estimator.rough_runs(runs.sampling_of(campaign))
 
 
@@ -167,7 +168,7 @@ def duration(seconds: float) -> str:
 def _grid(campaign: Campaign, grid: str, rows: dict[str, Rows], pace: float) -> GridProgress:
     mine = rows[grid]
     done = len(mine.numbers)
-    planned, at_least = _planned_rough(campaign), False
+    planned, at_least = planned_rough(campaign), False
     if grid == "refined":
         planned, at_least = planned_refined(campaign, rows["rough"], rows["refined"])
     return GridProgress(

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 
 from cooperative import runs, summary
-from cooperative.estimate import ENOUGH, Estimator, Phases
+from cooperative.estimate import ENOUGH, Estimator, Phases, after_more_runs
 from cooperative.hazard import Maps, maps_of
 from cooperative.reporting import _charts as charts
 from cooperative.reporting import _page as page
 from cooperative.reporting import _pictures as pictures
 from cooperative.reporting import _plots as plots
 from cooperative.reporting._plots import Drawn
-from cooperative.reporting._progress import duration
+from cooperative.reporting._progress import duration, planned_rough
 from cooperative.runs import GridModel
 from cooperative.scene import Campaign, campaign_of
 from cooperative.store import GRIDS, Rows, Store, own_folder, read_sample, read_store, write_aside
@@ -27,6 +27,15 @@ from jaxmpm import Slope
 
 INDISTINCT = 2.0
 """Difference in AIC below which two distributions are as good as each other."""
+
+MORE_RUNS = (10, 25, 50, 100, 200, 500, 1000)
+"""Further refined runs of which the page tells what they would buy."""
+
+HOW = (
+    "Figures answer: point at one to read its values, draw a frame in it to see that part larger, double-click for all "
+    "of it. With the keyboard, Tab goes to a figure, arrow keys read, + and - zoom, 0 shows all."
+)
+"""To whom the page's script runs; not printed."""
 
 SLIDES = 3
 """Slides drawn at several times, unless the caller says otherwise."""
@@ -195,13 +204,8 @@ def _numbers(told: Told) -> Iterator[Drawn]:
         figure = charts.grids(first[ended], both[ended], failure_displacement=limit)
         yield Drawn("grids", f"Samples that ran on both grids. {_agreement(told.summary)}", figure)
     modes = {mode: share for mode, share in (told.summary["modes"] or {}).items() if share["count"]}
-    if modes:
+    if len(modes) > 1:
         yield Drawn("modes", "Failure modes, by what the runs stand for.", charts.mode_shares(modes))
-    consequences = {name: refined.columns[name][told.failed] for name in told.labels if told.failed.any()}
-    consequences = {name: values for name, values in consequences.items() if np.ptp(values) > 0}
-    if consequences:
-        figure = charts.histograms(consequences, told.labels)
-        yield Drawn("consequences", "Consequences of the refined runs that failed, each run counted once.", figure)
     if told.summary["severity"] and len(modes) > 1:
         yield Drawn(
             "severity",
@@ -212,7 +216,7 @@ def _numbers(told: Told) -> Iterator[Drawn]:
     for group, fits in _distinct(told).items():
         mine = told.failed & (weight > 0)
         mine &= (refined.columns["mode"] == group) if group != "all" else True
-        if any(fit["fits"] for fit in fits.values()):
+        if fits:
             yield Drawn(
                 f"fits-{group}",
                 f"Distribution of the consequences of {group} failures ({mine.sum()} runs), with the three best fits.",
@@ -257,11 +261,15 @@ def _mapped(maps: Maps, level: float) -> str:
 
 
 def _distinct(told: Told) -> dict[str, dict[str, Any]]:
-    """Fits of all failures and of each mode, but of a mode that all failures have."""
+    """Fits of all failures and of each mode, but not of a mode that all failures have."""
     fits: dict[str, dict[str, Any]] = told.summary["fits"]
     modes = [fit for group, fit in fits.items() if group != "all"]
     kept = {"all": fits["all"]} if modes == [fits.get("all")] else fits
-    return {group: {name: fit for name, fit in each.items() if name in told.labels} for group, each in kept.items()}
+    # What is the same in all slides has no distribution.
+    return {
+        group: {name: fit for name, fit in each.items() if name in told.labels and fit["fits"]}
+        for group, each in kept.items()
+    }
 
 
 def _slopes(told: Told, models: dict[str, GridModel], slides: int, again: bool) -> Iterator[Drawn]:
@@ -269,56 +277,139 @@ def _slopes(told: Told, models: dict[str, GridModel], slides: int, again: bool) 
     grid, rows = ("refined", told.refined) if told.refined.numbers else ("rough", told.rough)
     failed = told.failed if grid == "refined" else np.zeros(len(rows.numbers), bool)
     chosen = [read_sample(told.store, grid, n) for n in pictures.choose(rows, failed, max(slides, 1))]
-    yield from pictures.fields(models, chosen[0])
+    yield from pictures.slides(models[grid], chosen[:slides], again=again)
     if {"displacement", "plastic_strain"} <= chosen[0].fields.keys():
         yield pictures.before_and_after(models[grid], chosen[0])
-    yield from pictures.slides(models[grid], chosen[:slides], again=again)
+    yield from pictures.fields(models, chosen[0])
 
 
 def _parts(told: Told, numbers: Sequence[Drawn], slopes: Sequence[Drawn]) -> Iterator[str]:
-    """The page from top to bottom."""
+    """The page from top to bottom: what a decision needs, then how it was found."""
     found = told.summary
-    low, high = found["interval"]
-    figures = {drawn.name: page.picture(drawn.figure, drawn.caption) for drawn in [*numbers, *slopes]}
+    figures = {drawn.name: drawn for drawn in [*numbers, *slopes]}
 
     def shown(*names: str) -> Iterator[str]:
-        yield from (figure for name, figure in figures.items() if name.startswith(names))
+        mine = [drawn for name, drawn in figures.items() if name.startswith(names)]
+        if mine:
+            yield page.figures(drawn.page or page.picture(drawn.figure, drawn.caption) for drawn in mine)
 
     yield page.heading(told.campaign.name, 1)
-    yield page.answer(
-        f"{found['probability_of_failure']:.3g}",
-        f"probability of failure, {found['level']:.0%} interval {low:.3g} to {high:.3g}",
-    )
-    yield page.paragraph(
-        f"{found['samples']} samples ran on the rough grid, {found['refined_runs']} of them refined, where "
-        f"{found['failures_refined']} moved farther than {told.campaign.run.failure_displacement:g} m."
-    )
-    for note in [*found["notes"], *(f"broke off: {line}" for line in _broken(found))]:
-        yield page.paragraph(note, "note")
-    if "exceedance" in figures:
+    yield from _answer(told)
+    if {"exceedance", "hazard"} & figures.keys():
         yield page.heading("How far, how much, how deep")
+        yield page.paragraph(HOW, "how")
         yield from shown("exceedance", "hazard")
     if found["risk"]:
         yield page.heading("Exposed places")
         yield from _risk(found)
         yield from shown("losses")
-    yield page.heading("What the slides look like")
-    yield from shown("slide", "plan", "slope", "field")
+    yield page.heading("What the slides look like" if told.failed.any() else "What the slope looks like")
+    yield from _look(told)
+    yield from shown("slide", "plan", "slope")
     yield page.heading("How sure, and why")
     yield _estimates(found)
-    yield page.paragraph(" ".join(line for line in (_unseen(found), _more(found), _finished(found)) if line))
+    yield page.paragraph(" ".join(line for line in (_unseen(found), _finished(found)) if line))
     yield from shown("convergence", "ranked", "grids")
-    yield page.heading("What the slides do")
-    yield _consequences(told)
-    yield from shown("modes", "severity", "consequences")
-    if "fits-all" in figures:
-        yield page.heading("Distributions", 3)
-        yield from _fits(told)
-        yield from shown("fits")
+    yield page.heading("What more runs would buy")
+    yield from _bought(told)
     yield page.heading("How it was run")
     yield _runs(told)
-    yield page.heading("Scene", 3)
+    yield from shown("field")
+    if {"severity", "fits-all"} & figures.keys():
+        yield page.heading("Distributions of what the slides do")
+        yield from shown("severity")
+        yield from _fits(told)
+        yield from shown("fits")
+    yield page.heading("Scene")
     yield page.preformatted("\n".join(short(line, 400) for line in told.campaign.text.strip().splitlines()))
+    yield page.SCRIPT
+    if any(drawn.page for drawn in slopes):
+        yield page.TURN
+
+
+def _answer(told: Told) -> Iterator[str]:
+    """The answer in a sentence, what it rests on, and what a reader must beware of."""
+    found = told.summary
+    chance, (low, high) = found["probability_of_failure"], found["interval"]
+    yield page.answer(
+        "The slope fails with probability",
+        f"{chance:.3g}",
+        f"({found['level']:.0%} interval {low:.3g} to {high:.3g}){_in_people_s_words(chance)}.",
+    )
+    yield page.paragraph(
+        f"It fails when soil moves farther than {told.campaign.run.failure_displacement:g} m. "
+        f"{found['samples']} random slopes ran on the rough grid, {found['refined_runs']} of them on the refined one, "
+        f"where {found['failures_refined']} failed. {_reach(told)}".strip()
+    )
+    if not found["finished"]:
+        planned = planned_rough(told.campaign)
+        yield page.paragraph(
+            f"The campaign has not ended: this is what is known so far, from {found['samples']} of {planned} samples "
+            f"on the rough grid and {found['refined_runs']} refined runs.",
+            "note",
+        )
+    for note in [*found["notes"], *(f"broke off: {line}" for line in _broken(found))]:
+        yield page.paragraph(note, "note")
+
+
+def _in_people_s_words(chance: float) -> str:
+    """A probability as a count of slopes; empty where there is nothing to count."""
+    if not 0 < chance < 1:
+        return ""
+    return f": {chance * 100:.0f} in 100 such slopes" if chance > 0.095 else f": one in {1 / chance:.2g} such slopes"
+
+
+def _reach(told: Told) -> str:
+    """How far one slope in ten, a hundred or a thousand goes, the rarest of which the runs tell; else empty."""
+    curve, found = told.summary["exceedance"].get("runout"), told.phases.estimate
+    if not curve:
+        return ""
+    for many in (10, 100, 1000):
+        if found.probability > 1.2 / many:
+            reached = [at for at, chance in zip(curve["thresholds"], curve["probability"], strict=True)
+                       if chance >= 1 / many]  # fmt: skip
+            return (
+                f"One slope in {many} slides to {reached[-1]:.3g} {told.units['runout']} or farther." if reached else ""
+            )
+    return ""
+
+
+def _look(told: Told) -> Iterator[str]:
+    """What the slides do on average, and which modes they have."""
+    yield _consequences(told)
+    modes = {mode: share for mode, share in (told.summary["modes"] or {}).items() if share["count"]}
+    if len(modes) == 1:
+        yield page.paragraph(f"All failures are {next(iter(modes))}.")
+    elif modes:
+        yield page.table(
+            ["failure mode", "runs", "share of the failures", f"{told.summary['level']:.0%} interval", "probability"],
+            [
+                [mode, each["count"], float(each["ratio"]), _limits(each["interval"]), float(each["probability"])]
+                for mode, each in modes.items()
+            ],
+        )
+
+
+def _bought(told: Told) -> Iterator[str]:
+    """What further refined runs would buy, and how long they would take."""
+    found, estimate = told.summary, told.phases.estimate
+    left = found["samples"] - found["refined_runs"]
+    if left <= 0:
+        yield page.paragraph("Every sample has run on the refined grid: only more samples would narrow the interval.")
+        return
+    if found["coefficient_of_variation"] is None:
+        yield page.paragraph("No run has failed so far: the runs do not tell yet what more of them would buy.")
+        return
+    each = found["seconds"]["refined"] / max(found["refined_runs"], 1)
+    counts = [*(count for count in MORE_RUNS if count < left), left]
+    yield page.table(
+        ["more refined runs", "coefficient of variation", "time of one machine, about"],
+        [[count, float(after_more_runs(estimate, count)), duration(count * each)] for count in counts],
+    )
+    yield page.paragraph(
+        "The last row runs every sample: what doubt is left then is that of the number of samples, and only more of "
+        "them would lessen it."
+    )
 
 
 def _estimates(found: dict[str, Any]) -> str:
