@@ -7,6 +7,7 @@ five times quicker. `XLA_FLAGS=` (empty) compiles them as for users; `make test-
 The processes of a session (pytest-xdist's, and those that tests start) share the programs they compile.
 """
 
+import gc
 import os
 import signal
 import subprocess
@@ -34,6 +35,7 @@ if "XLA_FLAGS" not in os.environ:
     os.environ["XLA_FLAGS"] = QUICK if known(QUICK) else ""
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "0")
+os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")  # no test reads where in Python an operation was written
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA writes to stderr about tuning flags of entries that it reads
 STARTED = SESSION not in os.environ
 os.environ.setdefault(SESSION, f"{os.getpid()}-{time.time_ns()}")
@@ -45,6 +47,10 @@ from hypothesis import settings  # noqa: E402
 from cooperative.runs import keep_compiled  # noqa: E402
 
 keep_compiled(ROOT / ".cache")
+
+# JAX keeps what it has traced, millions of objects in the end, and a full collection walks them all.
+gc.freeze()
+gc.set_threshold(100_000, 20, 100)
 
 # A shell has what it starts in the background ignore Ctrl-C, and so would what tests start and interrupt.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

@@ -29,6 +29,7 @@ def noisy(model, truth, seed=0):
     return jax.tree.map(lambda a: a + NOISE * rng.standard_normal(a.shape).astype(np.float32), clean)
 
 
+@pytest.mark.slow
 def test_strength_and_field_behind_a_slide_are_recovered(model):
     truth = Parameters(jnp.float32(-0.5), jnp.float32(0.1), jnp.asarray([0.5, -0.4], jnp.float32))
     observed = noisy(model, truth)

@@ -152,6 +152,7 @@ def test_both_grids_see_the_same_field(done):
     assert np.array_equal(*values)
 
 
+@pytest.mark.slow
 def test_report_draws_its_figures_and_says_the_probability(done, capsys):
     folder, summary = done
     assert main(["report", str(folder)]) == 0

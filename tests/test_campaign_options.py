@@ -30,6 +30,7 @@ def subset(tmp_path_factory):
     return finished(SUBSET, tmp_path_factory)
 
 
+@pytest.mark.slow
 def test_subset_simulation_runs_from_a_scene(subset):
     folder, summary = subset
     store = read_store(folder)
@@ -145,7 +146,7 @@ def test_workers_give_the_answer_of_one_process_in_subset_simulation(subset, tmp
     assert together["probability_of_failure"] == subset[1]["probability_of_failure"]
 
 
-@pytest.mark.parametrize("estimator", ["control variate", "monte carlo"])
+@pytest.mark.parametrize("estimator", ["control variate", pytest.param("monte carlo", marks=pytest.mark.slow)])
 def test_the_first_samples_run_refined(estimator, tmp_path):
     text = changed('estimator = "published"', f'estimator = "{estimator}"\nrefined_runs = 10')
     summary = run(text.replace("samples = 6", "samples = 12"), tmp_path / "out")

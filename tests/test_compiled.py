@@ -45,6 +45,7 @@ def test_what_is_compiled_is_found_again(tmp_path):
     assert {path: path.stat().st_mtime_ns for path in written} == written
 
 
+@pytest.mark.slow
 def test_the_users_own_choice_of_folder_stands_and_off_is_off(tmp_path):
     assert run(tmp_path / "ours", JAX_COMPILATION_CACHE_DIR=str(tmp_path / "own")) == str(tmp_path / "own")
     assert entries(tmp_path / "own")

@@ -146,6 +146,7 @@ def test_durations_are_said_as_people_say_them(seconds, said):
     assert progress.duration(seconds) == said
 
 
+@pytest.mark.slow
 def test_resume_goes_on_from_the_folder_alone(done, tmp_path, capsys):
     folder, summary = done
     again = tmp_path / "again"

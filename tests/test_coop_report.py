@@ -312,7 +312,7 @@ def copied(done, folder):
     return folder
 
 
-@pytest.mark.parametrize("what", ["deleted", "damaged", "surplus"])
+@pytest.mark.parametrize("what", ["deleted", "damaged", pytest.param("surplus", marks=pytest.mark.slow)])
 def test_a_rough_file_that_lacks_or_is_too_many_does_not_stop_the_report(tmp_path, done, what, capsys):
     folder = copied(done, tmp_path / "c")
     store = read_store(folder)

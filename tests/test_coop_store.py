@@ -381,7 +381,7 @@ def killed_and_resumed(folder, kills: int, seed: int):
         return promised, read_rows(store, "rough"), list((store.folder / "samples/rough").glob(".*.part"))
 
 
-@pytest.mark.parametrize("kills", [5, pytest.param(100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kills", [2, pytest.param(100, marks=pytest.mark.slow)])
 def test_kill_9_while_writing_loses_nothing_that_was_finished(tmp_path, kills):
     promised, rows, parts = killed_and_resumed(tmp_path, kills, seed=kills)
     assert rows.damaged == ()

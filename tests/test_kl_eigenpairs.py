@@ -79,7 +79,13 @@ def test_nystrom_converges_faster_than_any_power(x64):
     assert errors[-1] < 1e-8
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+OFTEN = (kl.Exponential, kl.SquaredExponential)
+"""The least smooth and the smoothest run with every change, the others with the slow tests."""
+
+
+@pytest.mark.parametrize(
+    "family", [pytest.param(each, marks=[] if each in OFTEN else pytest.mark.slow) for each in FAMILIES]
+)
 def test_solvers_agree_and_chosen_order_holds_its_tolerance(x64, family):
     covariance, extent = family(3.0), 3.0
     best = kl.expand((covariance,), (0.0,), (extent,), modes=6)

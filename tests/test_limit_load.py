@@ -64,6 +64,7 @@ def test_clay_that_does_not_soften_has_the_limit_load_of_slip_circles():
     assert found.sharpness > 10
 
 
+@pytest.mark.slow
 def test_where_soil_softens_both_criteria_mean_the_same():
     shape = mpm.Slope(crest=6, height=4, run_per_rise=1.0, toe=8, foundation=2)
     soil = mpm.Soil(young=1e7, strength=22e3, softening_modulus=60e3)

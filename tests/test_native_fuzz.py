@@ -79,6 +79,7 @@ HURRIED = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow, Hea
 
 @settings(max_examples=25, derandomize=True, **HURRIED)
 @given(case=cases())
+@pytest.mark.slow
 def test_stays_within_its_arrays(driver: Path, case: str) -> None:
     assert _outcome(driver, case).endswith("1 cases\n")
 

@@ -107,7 +107,7 @@ def small_run(name: str) -> dict[str, float]:
 
 
 # One of each kind runs with every change, the others with the slow tests.
-ALWAYS = ("01", "03", "07")
+ALWAYS = ("01", "07")
 
 
 @pytest.mark.parametrize(

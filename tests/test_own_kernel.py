@@ -96,6 +96,7 @@ def test_an_own_hat_is_the_linear_kernel_to_rounding():
 
 
 @pytest.mark.usefixtures("x64")
+@pytest.mark.slow
 def test_own_cubic_splines_follow_the_axial_bar_as_it_is_refined():
     errors = [bar_error(cells, kernel=SoftGrain)[0] for cells in (25, 50)]
     assert errors[1] < min(0.02, errors[0])

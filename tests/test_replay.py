@@ -60,7 +60,7 @@ def test_observations_are_the_snapshots_of_the_run():
 
 
 @pytest.mark.usefixtures("x64")
-@pytest.mark.parametrize("engine", [None, Engine.XLA])
+@pytest.mark.parametrize("engine", [None, pytest.param(Engine.XLA, marks=pytest.mark.slow)])
 def test_reverse_over_a_thousand_elastic_steps_against_central_differences(engine):
     scene, state = mpm.bar(
         20.0, mpm.Soil(unit_weight=9.81e3, young=1e6, poisson=0.0), mpm.Discretisation(1.0, (0.5,)), velocity=0.1

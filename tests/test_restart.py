@@ -178,6 +178,7 @@ def test_a_finished_sample_has_no_restart_point(undisturbed, tmp_path):
         assert not path.exists()
 
 
+@pytest.mark.slow
 def test_a_campaign_killed_within_a_refined_run_ends_the_same(undisturbed, tmp_path):
     scene, folder = tmp_path / "tiny.toml", tmp_path / "killed"
     scene.write_text(OFTEN)

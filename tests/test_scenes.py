@@ -29,7 +29,7 @@ def test_rough_published_slope_has_42624_particles():
     assert np.isclose(float(jnp.sum(scene.particles.volume)), 85_248.0)
 
 
-@settings(max_examples=8)
+@settings(max_examples=5)
 @given(
     crest=st.integers(2, 6),
     height=st.integers(1, 5),

@@ -273,6 +273,7 @@ WIDE |= {"rough": {"cell": 4.0, "spacing": [2.0] * 3}, "refined": {"cell": 4.0, 
 WIDE |= {"run": {"t_end": 2.0}}
 
 
+@pytest.mark.slow
 def test_a_typical_slide_of_each_mode_is_run_again_and_drawn(monkeypatch, tmp_path):
     monkeypatch.setitem(study_runs.CASES, "published", {"scene": "demo", "changes": WIDE})
     study_runs.prepared.cache_clear()

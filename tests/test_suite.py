@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 
 from tests.conftest import SESSION, known, left_behind
 
@@ -32,6 +33,7 @@ def run(file, **environment):
     return np.load(file), int(done.stdout)
 
 
+@pytest.mark.slow
 def test_programs_from_the_cache_give_the_same_bits(tmp_path):
     fresh, none = run(tmp_path / "fresh.npy", JAX_COMPILATION_CACHE_DIR=str(tmp_path / "cache"))
     kept, hits = run(tmp_path / "kept.npy", JAX_COMPILATION_CACHE_DIR=str(tmp_path / "cache"))

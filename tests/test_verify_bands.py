@@ -86,6 +86,7 @@ def softening_work(cell, *, softening_length=None, **choices):
     return work - FALL * float(jnp.sum(slip)), float(jnp.sum(slip * weaker) / jnp.sum(slip))
 
 
+@pytest.mark.slow
 def test_work_of_a_band_is_that_of_the_softening_length_whatever_the_cell(x64):
     for cell in (0.5, 0.25, 0.125):
         work, share = softening_work(cell, softening_length=LENGTH)

@@ -22,6 +22,7 @@ def cut_factor(cell, *, fbar, poisson=0.3):
     return found.fails
 
 
+@pytest.mark.slow
 def test_vertical_cut_with_fbar_stands_as_limit_analysis_says_and_locks_without():
     plain, cured = (cut_factor(0.5, fbar=fbar) for fbar in (False, True))
     assert abs(cured - 1) < 0.1

@@ -32,7 +32,9 @@ def test_updating_the_stress_first_rings_below_one_per_cent_but_needs_small_step
 
 
 @pytest.mark.usefixtures("x64")
-@pytest.mark.parametrize(("dimension", "cells"), [(2, (8, 16, 32)), (3, (4, 8, 16))])
+@pytest.mark.parametrize(
+    ("dimension", "cells"), [(2, (8, 16, 32)), pytest.param(3, (4, 8, 16), marks=pytest.mark.slow)]
+)
 def test_manufactured_wave_converges_at_order_2_in_the_plane_and_in_space(dimension, cells):
     errors = [manufactured_error(n, dimension, amplitude=1e-4, finest=cells[-1], t_end=0.01) for n in cells]
     assert order(1 / np.array(cells), errors) > 1.8
