@@ -14,6 +14,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from benchmarks.measure import Report, scene_campaign
 from cooperative.scene import built
@@ -96,6 +97,12 @@ def with_pore_pressure(scene: Scene, state: State) -> tuple[Scene, State]:
     return replace(scene, pore_pressure=1e3 * scene.particles.position[-1]), state
 
 
+def with_cut(scene: Scene, state: State) -> tuple[Scene, State]:
+    """Nodes beyond a cut: a tenth of them, which no particle reaches."""
+    nodes = int(np.prod(scene.grid.shape))
+    return replace(scene, cut=jnp.arange(nodes) % 10 == 0), state
+
+
 def with_motion(scene: Scene, state: State) -> tuple[Scene, State]:
     """A record of the base's acceleration, of a thousand samples."""
     dtype = state.stress.dtype
@@ -176,6 +183,7 @@ FEATURES: dict[str, tuple[Variant, Variant]] = {
     "averaged plastic strain": (with_averages, unchanged),
     "water table": (with_table, unchanged),
     "pore pressure of particles (r_u)": (with_pore_pressure, unchanged),
+    "cut of any shape": (with_cut, unchanged),
     "motion of the base": (with_motion, unchanged),
     "tied ends": (with_tied_ends, unchanged),
     "largest per column (hazard maps)": (with_looks, unchanged),

@@ -137,6 +137,17 @@ MEANINGS = {
             unit="m",
         ),
         "ends": Meaning("What holds the ground at its walls.", '"roller"'),
+        "polygon": Meaning(
+            "Corners in plan of the part that is kept; what lies around it is left out.",
+            "[[20, 10], [180, 10], [180, 110], [20, 110]]",
+            unit="m",
+        ),
+        "depth": Meaning(
+            "Depth below the surface down to which ground is kept; the cut stands still.", "15.0", **_LENGTH
+        ),
+        "cut": Meaning(
+            "What holds the ground along its polygon: free is as if the soil around had been dug away.", '"fixed"'
+        ),
         "run_out_line": Meaning(
             "Line in plan along which run-out is measured, straight on beyond its ends; without it, along the mean "
             "displacement of the slide.",

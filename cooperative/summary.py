@@ -25,7 +25,7 @@ from cooperative.estimate import (
     severity_ranking,
     shares,
 )
-from cooperative.measure import SEVERITY
+from cooperative.measure import EDGE, SEVERITY
 from cooperative.runs import phases_of
 from cooperative.scene import Campaign
 from cooperative.store import Rows, Store
@@ -323,8 +323,8 @@ def _walls(rough: Rows, refined: Rows) -> list[str]:
         reached = [place for walls in rows.columns.get("walls", ()) for place in str(walls).split("; ") if place]
         if reached:
             return [
-                f"the slide reached the wall at {place}, which held it, in {count} {grid} runs: lengthen the ground "
-                "there"
+                f"the slide reached {place if place == EDGE else f'the wall at {place}'}, which held it, in {count} "
+                f"{grid} runs: {'draw it farther out' if place == EDGE else 'lengthen the ground'} there"
                 for place, count in sorted(Counter(reached).items())
             ]
     return []

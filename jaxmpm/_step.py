@@ -193,7 +193,7 @@ def move_grid(scene: Scene, nodal: Nodal, time: Array, dt: Array) -> Moved:
     acceleration = nodal.per_mass * (nodal.force + nodal.mass * felt_gravity(scene, time))
     if scene.damping is not None:
         acceleration = acceleration - scene.damping * before
-    acceleration = hold(scene.walls, scene.grid, acceleration)
+    acceleration = hold(scene, acceleration)
     pressed = before + dt * acceleration
     if scene.wall_friction is None:
         return Moved(pressed, acceleration, pressed)
@@ -242,7 +242,7 @@ def straining_velocity(scene: Scene, state: State, nodal: Nodal, dt: Array, maps
 
 def nodal_velocity(scene: Scene, nodal: Nodal) -> Array:
     """Velocity (nodes, d) of the nodes, walls held."""
-    return hold(scene.walls, scene.grid, nodal.per_mass * nodal.momentum)
+    return hold(scene, nodal.per_mass * nodal.momentum)
 
 
 def reciprocal(scene: Scene, mass: Array) -> Array:

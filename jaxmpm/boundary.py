@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxmpm.tensors import safe_sqrt
-from jaxmpm.types import Grid, Wall
+from jaxmpm.types import Grid, Scene, Wall
 
 
 def fold(tied: tuple[int, int], grid: Grid, nodal: Array) -> Array:
@@ -41,8 +41,11 @@ def _one_with(tied: tuple[int, int]) -> list[tuple[int, int]]:
     return [(node, low + (node - low) % (high - low)) for node in (low - 1, high, high + 1)]
 
 
-def hold(walls: Sequence[Wall], grid: Grid, nodal: Array) -> Array:
-    """Velocities or accelerations (nodes, d) with the held components set to 0."""
+def hold(scene: Scene, nodal: Array) -> Array:
+    """Velocities or accelerations (nodes, d) with the components set to 0 that walls hold, and all beyond a cut."""
+    walls, grid = scene.walls, scene.grid
+    if scene.cut is not None:
+        nodal = jnp.where(scene.cut[:, None], 0, nodal)
     if all(wall.hold == "friction" for wall in walls):
         return nodal
     shape = (*grid.shape, grid.dimension)

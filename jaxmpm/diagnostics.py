@@ -76,7 +76,7 @@ def grid_velocity(scene: Scene, state: State) -> Array:
         jnp.concatenate([scene.particles.mass[None], particle_momentum(scene, state, maps.position)]), None
     )
     mass, moving = nodal[:, :1], nodal_momentum(scene.grid, nodal[:, 1:])
-    velocity = hold(scene.walls, scene.grid, reciprocal(scene, mass) * moving)
+    velocity = hold(scene, reciprocal(scene, mass) * moving)
     return maps.to_particles(velocity, values=d, gradients=0)[0]
 
 
@@ -122,6 +122,6 @@ def unbalanced_force(scene: Scene, state: State) -> Array:
     external = external_force(scene, maps.position, volume, time)
     if external is not None:
         load = load + maps.to_grid(external, None)
-    weight = hold(scene.walls, scene.grid, load)
-    net = hold(scene.walls, scene.grid, nodal[:, 1:] + load)
+    weight = hold(scene, load)
+    net = hold(scene, nodal[:, 1:] + load)
     return jnp.sqrt(jnp.sum(net**2) / jnp.maximum(jnp.sum(weight**2), jnp.finfo(net.dtype).tiny))

@@ -197,6 +197,7 @@ class Scene:
     body_force: (initial positions (d, N) m, time s) -> acceleration (d, N) m/s2 added to gravity's.
     water: a `WaterTable` or `WaterSurface`; pore_pressure: (N,) Pa that particles carry along. With either, stress is
     effective stress; None is soil without pore pressure, or undrained soil in total stress.
+    cut: (nodes,) bool, nodes beyond the edge of ground of any shape, at which nothing moves; None where walls are all.
     motion: a `BaseMotion`, the acceleration of the base, in whose frame the scene is solved; None stands still.
     tied: numbers of two planes of nodes along x that are one: what leaves at one enters at the other, waves too.
     """
@@ -222,6 +223,7 @@ class Scene:
     water: Any = None
     pore_pressure: Array | None = None
     motion: Any = None
+    cut: Array | None = None
 
     LIMITS: ClassVar[Mapping[str, Limit]] = {
         "time_step": above_zero("s"),

@@ -1,12 +1,13 @@
 """What a slide did: consequences, onsets, failure modes, what came over places."""
 
-from cooperative.measure._consequences import Consequences, OpenGround, SlopeGeometry, consequences, walls_reached
+from cooperative.measure._consequences import EDGE, Consequences, OpenGround, SlopeGeometry, consequences, walls_reached
 from cooperative.measure._modes import SEVERITY, FailureMode, ModeRules, failure_mode
 from cooperative.measure._onsets import Motion
 from cooperative.measure._places import ColumnPlan, Place, Vulnerability, quantity
 from cooperative.measure._track import Track
 
 __all__ = [
+    "EDGE",
     "SEVERITY",
     "ColumnPlan",
     "Consequences",

@@ -15,11 +15,15 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
+import shapely
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from cooperative.measure._track import Track
+
+EDGE = "the edge of the polygon"
+"""What a slide reached that came to the cut around its ground."""
 
 SMALLEST_SHARE = 0.01
 """Share of the sliding volume from which on soil that came off the rest is a mass of its own."""
@@ -156,9 +160,12 @@ def walls_reached(
     failure_displacement: float,
     within: float,
     reach: float | None = None,
+    polygon: Sequence[Sequence[float]] | None = None,
 ) -> str:
     """The walls that the sliding mass has come to, or slid from, within so many metres: "x = 0 m; x = 92 m". Empty
     where it reached none.
+
+    polygon: corners in plan (m) of the ground, whose edge is told as `EDGE`.
 
     position, displacement: (d, N) m. volume: (N,). walls: axis, side (-1 low, 1 high) and place (m) of each.
     half_size: (d,) m. reach: as for `consequences`.
@@ -173,6 +180,10 @@ def walls_reached(
         farthest = max((side * where[axis, mass]).max() for where in (before, now)) + half_size[axis]
         if farthest > side * place - within:
             found.append(f"{'xyz'[axis]} = {place:g} m")
+    if polygon is not None:
+        edge = shapely.LinearRing(polygon)
+        apart = min(shapely.distance(edge, shapely.points(*where[:2, mass])).min() for where in (before, now))
+        found += [EDGE] if apart < within + half_size[:2].max() else []
     return "; ".join(found)
 
 

@@ -199,8 +199,9 @@ def finished(
         geometry, half, limit = model.geometry, model.half_size, campaign.run.failure_displacement
         measured = consequences(*run, geometry, half_size=half, failure_displacement=limit, reach=model.reach)
         walls = walls_reached(
-            *run, model.walls, half_size=half, failure_displacement=limit, within=scene.grid.cell, reach=model.reach
-        )
+            *run, model.walls, half_size=half, failure_displacement=limit, within=scene.grid.cell, reach=model.reach,
+            polygon=campaign.site.fixed_edge,
+        )  # fmt: skip
         row = {**measured.as_row(), "broke_off": False, "walls": walls}
         if measured.displacement > limit:
             fields |= {} if frames is None else frames.as_fields()

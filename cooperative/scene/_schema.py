@@ -53,6 +53,7 @@ PLASTIC_STRAINS = {measure.value: measure for measure in PlasticStrain}
 SAMPLED_AT = {"particles": "particles", "cells": "cells"}
 Y_ENDS = {"fixed": "fixed", "roller": "roller"}
 ENDS = {"roller": "roller", "fixed": "fixed"}
+CUTS = {"fixed": "fixed", "free": "free"}
 FIELDS = {"none": (), "refined": ("refined",), "both": ("rough", "refined")}
 FAILURES = {"displacement": "displacement", "limit load": "limit load"}
 MODES = {"refined": ("refined",), "both": ("rough", "refined")}
@@ -107,6 +108,9 @@ _TERRAIN = {
     "step": Key(float, None),
     "origin": Key(tuple, None),
     "ends": Key(ENDS, "roller"),
+    "polygon": Key(ROWS, None),
+    "depth": Key(float, None),
+    "cut": Key(CUTS, "fixed"),
     "run_out_line": Key(ROWS, None),
 }
 _WATER = {

@@ -82,6 +82,12 @@ class Site:
         """From the foot of the ground to its top (m)."""
         return self.shape.height if isinstance(self.shape, Slope) else self.shape.relief
 
+    @property
+    def fixed_edge(self) -> tuple[tuple[float, float], ...] | None:
+        """Corners in plan (m) of the ground, where a polygon is cut out that is fixed along its edge."""
+        cut = isinstance(self.shape, Terrain) and self.shape.cut == "fixed"
+        return self.shape.polygon if cut else None  # type: ignore[union-attr]
+
     def soils(self, soil: Soil | FrictionalSoil) -> list[Layer]:
         """Its layers for the solver; one of the campaign's own soil where it has none."""
         return [each.layer for each in self.layers] or [Layer(soil)]
@@ -159,7 +165,9 @@ def _terrain(tables: Mapping[str, Any]) -> Site:
             raise ValueError(f"[terrain] {axis} = {shown(ends)}: give two walls, low and high")
     if said["step"] is not None and not said["step"] > 0:
         raise ValueError(f"[terrain] step = {said['step']:g}: give metres above 0")
-    shape = Terrain(surface, said["base"], **walls)
+    if said["cut"] == "free" and said["polygon"] is None:
+        raise ValueError("[terrain] cut = 'free' has no say without a polygon, a depth is always fixed: leave it out")
+    shape = Terrain(surface, said["base"], **walls, **{key: said[key] for key in ("polygon", "depth", "cut")})
     shape.check()
     origin = (0.0, 0.0) if said["origin"] is None else said["origin"]
     if len(origin) != 2:

@@ -367,6 +367,7 @@ def build(
     pore_pressure: np.ndarray | None = None,
     motion: BaseMotion | None = None,
     tied: tuple[int, int] | None = None,
+    cut: np.ndarray | None = None,
 ) -> tuple[Scene, State]:
     """Scene and motionless, stress-free state of these particles."""
     built = scene(
@@ -390,6 +391,7 @@ def build(
         pore_pressure=pore_pressure,
         motion=motion,
         tied=tied,
+        cut=cut,
     )
     return built, unstressed(built, apic=discretisation.apic)
 

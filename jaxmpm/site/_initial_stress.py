@@ -42,7 +42,7 @@ def elastic_equilibrium(
     carries = mass > MASS_FLOOR * jnp.mean(particles.mass)
 
     def free(nodal: Array) -> Array:
-        return hold(scene.walls, grid, jnp.where(carries, nodal, 0))
+        return hold(scene, jnp.where(carries, nodal, 0))
 
     def internal_force(stress: Array) -> Array:
         return free(maps.to_grid(None, acting_stress(scene, stress, particles.volume, maps)))

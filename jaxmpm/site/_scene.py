@@ -50,6 +50,7 @@ def scene(
     pore_pressure: ArrayLike | None = None,
     motion: BaseMotion | None = None,
     tied: tuple[int, int] | None = None,
+    cut: ArrayLike | None = None,
     engine: Engine | None = None,
 ) -> Scene:
     """A scene of any particles and law; numbers take the precision of the particles' positions.
@@ -59,7 +60,7 @@ def scene(
     nodes are held, and the coefficient of those with friction. cfl: time_step = cfl cell / (c + speed), c the fastest
     elastic wave. speed: largest particle speed that the time step allows for (m/s), by default of a fall through half
     the grid. flip, damping, fbar, cell_average, finite_strain, internal_length: as in `Discretisation`. body_force,
-    water, pore_pressure, motion, tied, engine: as in `Scene`; water needs a law of effective stress.
+    water, pore_pressure, motion, tied, cut, engine: as in `Scene`; water needs a law of effective stress.
     Warns of linear hats where they cannot work: with USL, or with particles on the faces of cells.
     Raises ValueError for shapes, numbers and choices that do not fit, naming each.
     """
@@ -84,6 +85,8 @@ def scene(
         raise ValueError("fbar = True with cell_average = True: both average the volumetric strain, give one of them")
     if motion is not None:
         check_motion(motion, d)
+    if cut is not None and (np.shape(cut) != (math.prod(grid.shape),) or np.asarray(cut).dtype != bool):
+        raise ValueError(f"cut has shape {np.shape(cut)}: give ({math.prod(grid.shape)},), one bool for each node")
     if tied is not None:
         _check_tied(tied, grid, particles, walls, internal_length)
     if water is not None or pore_pressure is not None:
@@ -112,6 +115,7 @@ def scene(
         pore_pressure=None if pore_pressure is None else number(pore_pressure),
         motion=jax.tree.map(number, motion),
         tied=tied,
+        cut=None if cut is None else jnp.asarray(cut),
     )
     check_scene(built)
     return built

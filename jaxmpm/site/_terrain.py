@@ -10,9 +10,11 @@ from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
+import shapely
 from jax.typing import DTypeLike
 
 from foundation import check
+from foundation.text import shown
 from jaxmpm.laws import WaterSurface
 from jaxmpm.site import _initial_stress
 from jaxmpm.site._builders import PADDING, below, build, end_walls, fill, material_on, sorted_by_cell
@@ -34,13 +36,19 @@ class Terrain:
     """Ground under a terrain model, between four upright walls and on a rigid level base.
 
     surface: heights of the ground. base: height of the base (m). x, y: places of the walls (m), by default the ends of
-    the surface; what lies beyond them is left out.
+    the surface; what lies beyond them is left out. polygon: corners in plan (m) of the part that is kept, None for all.
+    depth: below the surface (m) down to which ground is kept, None for down to the base. cut: what holds the kept part
+    along these cuts: "fixed" stands still, as the soil beyond would if it were rock; "free" holds nothing along the
+    polygon, as if the soil beyond had been dug away, while a depth always stands still.
     """
 
     surface: Raster
     base: float
     x: tuple[float, float] | None = None
     y: tuple[float, float] | None = None
+    polygon: tuple[tuple[float, float], ...] | None = None
+    depth: float | None = None
+    cut: Literal["fixed", "free"] = "fixed"
 
     @property
     def dimension(self) -> int:
@@ -76,8 +84,11 @@ class Terrain:
         (west, east), (south, north) = self.walls
         counts = [max(round(length / self.surface.step), 1) * SAMPLED for length in self.extent[:2]]
         x, y = ((np.arange(n) + 0.5) / n * length for n, length in zip(counts, self.extent[:2], strict=True))
-        heights = self.heights(*np.meshgrid(west + x, south + y, indexing="ij"))
-        return float((heights - self.base).mean() * (east - west) * (north - south))
+        along, across = np.meshgrid(west + x, south + y, indexing="ij")
+        heights = self.heights(along, across) - self.base
+        if self.depth is not None:
+            heights = np.minimum(heights, self.depth)
+        return float((heights * self.in_plan(along, across)).mean() * (east - west) * (north - south))
 
     @cached_property
     def _ends(self) -> tuple[float, float]:
@@ -104,6 +115,57 @@ class Terrain:
                 f"the surface at ({x:g}, {y:g}, {part.heights[i, j]:g}) m lies below the base at {self.base:g} m: "
                 "lower the base"
             )
+
+        self._check_cuts()
+
+    def _check_cuts(self) -> None:
+        if self.cut not in ("fixed", "free"):
+            raise ValueError(f"cut = {self.cut!r}: give 'fixed' or 'free'; nothing can roll along a cut through cells")
+        if self.depth is not None:
+            check.positive("depth", self.depth, "m")
+        if self.polygon is None:
+            return
+        if len(self.polygon) < 3 or any(len(corner) != 2 or not np.isfinite(corner).all() for corner in self.polygon):
+            raise ValueError(f"polygon = {shown(self.polygon)}: give three or more corners [x, y] in metres")
+        corners = np.array(self.polygon, float)
+        polygon = shapely.Polygon(corners)
+        if not polygon.is_valid or polygon.area == 0:
+            raise ValueError(f"the polygon encloses nothing, or crosses itself ({shapely.is_valid_reason(polygon)}): "
+                             "give its corners in order")  # fmt: skip
+        for axis, at, (low, high) in zip("xy", corners.T, self.walls, strict=True):
+            if at.min() < low or at.max() > high:
+                raise ValueError(
+                    f"the polygon reaches from {axis} = {at.min():g} to {at.max():g} m, beyond the walls at {low:g} "
+                    f"and {high:g} m: draw it between them"
+                )
+
+    def in_plan(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Whether points (m) lie in the part that is kept, seen from above."""
+        if self.polygon is None:
+            return np.ones(np.shape(x), bool)
+        return shapely.contains_xy(shapely.Polygon(self.polygon), x, y)
+
+    def kept(self, position: np.ndarray) -> np.ndarray:
+        """Whether points (3, N) m between the walls lie in the part that is kept (N,) bool."""
+        x, y, z = np.asarray(position, float)
+        kept = self.in_plan(x, y)
+        return kept if self.depth is None else kept & (z > self.heights(x, y) - self.depth)
+
+    def beyond(self, grid: Grid) -> np.ndarray | None:
+        """Nodes (nodes,) bool of a grid at which ground that a cut leaves out stands still; None where none does."""
+        held = self.polygon is not None and self.cut == "fixed"
+        if not held and self.depth is None:
+            return None
+        axes = [start + grid.cell * np.arange(n) for start, n in zip(grid.origin, grid.shape, strict=True)]
+        # Where the polygon follows a wall, the wall says what holds.
+        inner = ((low + 1e-6 * grid.cell, high - 1e-6 * grid.cell) for low, high in self.walls)
+        x, y = np.meshgrid(*(axis.clip(*ends) for axis, ends in zip(axes, inner, strict=False)), indexing="ij")
+        found = np.zeros(grid.shape, bool)
+        if held:
+            found |= ~self.in_plan(x, y)[..., None]
+        if self.depth is not None:
+            found |= axes[2] <= (self.heights(x, y) - self.depth)[..., None]
+        return found.ravel()
 
     def heights(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Height of the surface (m) at points (m)."""
@@ -199,6 +261,7 @@ def terrain(
         speed=math.sqrt(gravity * shape.extent[-1]) if speed is None else speed,
         water=None if table is None else _water_surface(table, spacing, particles.mass.dtype),
         pore_pressure=pore_pressure_of(r_u, table is not None, z, layers, tops),
+        cut=shape.beyond(grid),
     )
     return built, _initial_stress.settled(built, state) if at_rest else state
 
@@ -240,6 +303,12 @@ def _boxes(shape: Terrain, discretisation: Discretisation) -> Particles:
     share -= sliver
     share[..., :-1] += sliver[..., 1:]
     kept = share.ravel() > 0
+    if shape.polygon is not None or shape.depth is not None:
+        steps = zip(shape.corner, (nx, ny, nz), discretisation.spacing, strict=True)
+        centres = [start + (np.arange(n) + 0.5) * step for start, n, step in steps]
+        kept &= shape.kept(np.stack([axis.ravel() for axis in np.meshgrid(*centres, indexing="ij")]))
+    if not kept.any():
+        raise ValueError("the cuts leave no particle: draw the polygon larger, or take smaller particles")
     particles = fill(
         (length, width, nz * dz), (dx, dy, dz), unit_weight=STANDARD_GRAVITY, inside=lambda _: kept,
         corner=shape.corner, dtype=discretisation.dtype,

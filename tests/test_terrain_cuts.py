@@ -1,0 +1,140 @@
+"""Terrain cut to a polygon and to a depth: what is kept, what holds it, what a slide does there, what is refused."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxmpm as mpm
+from benchmarks.invented import TERRAIN
+from cooperative import runs
+from cooperative.measure import EDGE, walls_reached
+from cooperative.scene import parse
+from jaxmpm.diagnostics import unbalanced_force
+
+CLAY = mpm.Soil(strength=30e3, young=2e7)
+ONES = mpm.Discretisation(2.0, (1.0, 1.0, 1.0))
+X, Y = np.meshgrid(np.arange(0, 17, 4.0), np.arange(0, 9, 4.0), indexing="ij")
+PLANE = mpm.Raster(9.0 - 0.25 * X, (0.0, 0.0), 4.0)
+TRIANGLE = ((0.0, 0.0), (16.0, 0.0), (0.0, 8.0))
+
+
+def built(at_rest=False, **cuts):
+    shape = mpm.Terrain(PLANE, 0.0, **cuts)
+    return shape, *mpm.terrain(shape, CLAY, ONES, at_rest=at_rest)
+
+
+def test_a_polygon_keeps_what_lies_in_it():
+    shape, scene, _ = built(polygon=TRIANGLE)
+    x, y, _ = np.asarray(scene.particles.position, float)
+    assert (x / 16 + y / 8 < 1).all()
+    whole = built()[1]
+    assert x.size == pytest.approx(whole.particles.mass.size * 0.55, rel=0.1)
+    assert float(jnp.sum(scene.particles.volume)) == pytest.approx(shape.volume, rel=0.02)
+    # A third of the way along x stands the middle of a triangle.
+    assert shape.volume == pytest.approx(64 * (9 - 0.25 * 16 / 3), rel=0.02)
+    held = np.asarray(scene.cut).reshape(scene.grid.shape)
+    x, y, _ = (start + 2.0 * np.arange(n) for start, n in zip(scene.grid.origin, scene.grid.shape, strict=True))
+    # Along the walls these hold, which are rollers.
+    x, y = np.meshgrid(x.clip(0.01, 15.99), y.clip(0.01, 7.99), indexing="ij")
+    assert np.array_equal(held[:, :, 0], x / 16 + y / 8 > 0.9999)
+    assert (held == held[:, :, :1]).all()
+
+
+def test_a_depth_keeps_what_lies_above_it():
+    shape, scene, _ = built(depth=3.0)
+    x, _, z = np.asarray(scene.particles.position, float)
+    assert (9 - 0.25 * x - z < 3).all()
+    assert shape.volume == pytest.approx(16 * 8 * 3, rel=1e-6)
+    assert float(jnp.sum(scene.particles.volume)) == pytest.approx(shape.volume, rel=0.05)
+    held = np.asarray(scene.cut).reshape(scene.grid.shape)
+    assert held[2, 2, :].nonzero()[0].max() * 2 - 2 == 4  # at x = 2 m the cut lies at 5.5 m
+
+
+@pytest.fixture(scope="module")
+def rested():
+    return {cut: built(at_rest=True, polygon=TRIANGLE, cut=cut)[1:] for cut in ("fixed", "free")}
+
+
+def test_what_a_cut_holds_is_in_balance_and_a_free_one_holds_nothing(rested):
+    assert rested["free"][0].cut is None
+    for scene, state in rested.values():
+        assert float(unbalanced_force(scene, state)) < 1e-3
+    # Across the edge, towards (1, 2) / sqrt(5), the one is pressed as by the soil around it and the other not.
+    x, y, _ = np.asarray(rested["free"][0].particles.position, float)
+    beside = x / 16 + y / 8 > 0.85
+    across = {
+        cut: np.asarray((state.stress[0] + 4 * state.stress[1] + 4 * state.stress[3]) / 5)[beside].mean()
+        for cut, (_, state) in rested.items()
+    }
+    assert across["fixed"] < 2 * across["free"] < 0
+
+
+def test_soil_stays_within_a_fixed_edge_and_leaves_a_free_one(rested):
+    beyond = {}
+    for cut, (scene, state) in rested.items():
+        weak = mpm.reduced(scene, 8.0)
+        final = mpm.solve(weak, state, t_end=1.5).raise_if_failed().state
+        x, y, _ = np.asarray(scene.particles.position + final.displacement, float)
+        beyond[cut] = (x / 16 + y / 8).max() - 1
+    assert beyond["fixed"] < 0.06  # half a cell
+    assert beyond["free"] > 0.1
+
+
+def test_a_slide_that_reaches_the_edge_is_told():
+    position = np.array([[2.5, 3.5, 4.5], [2.5, 2.5, 2.5], [1.0, 1.0, 1.0]])
+
+    def reached(moved):
+        displacement = np.array([moved, [0.0] * 3, [0.0] * 3])
+        return walls_reached(
+            position, displacement, np.ones(3), [], half_size=np.full(3, 0.5), failure_displacement=1.0, within=1.0,
+            polygon=TRIANGLE,
+        )  # fmt: skip
+
+    assert reached([2.0] * 3) == ""
+    assert reached([5.0] * 3) == EDGE
+    assert reached([0.0] * 3) == ""
+
+
+def test_a_scene_says_its_cuts():
+    cuts = "base = 0.0\npolygon = [[0, 0], [16, 0], [0, 8]]\ndepth = 3.0\n"
+    campaign = parse(TERRAIN.replace("base = 0.0\n", cuts))
+    model = runs.build(campaign, "rough", None, at_rest=False)
+    x, y, z = np.asarray(model.scene.particles.position, float)
+    assert (x / 16 + y / 8 < 1).all()
+    assert (campaign.site.shape.heights(x, y) - z < 3).all()
+    assert campaign.site.fixed_edge == TRIANGLE
+    free = parse(TERRAIN.replace("base = 0.0\n", cuts + 'cut = "free"\n'))
+    assert free.site.fixed_edge is None
+    # The field is that of the whole ground.
+    assert np.allclose(free.site.shape.extent, parse(TERRAIN).site.shape.extent)
+
+
+REFUSED = [
+    ("polygon = [[0, 0], [16, 0]]", "give three or more corners"),
+    ("polygon = [[0, 0], [16, 0], [16]]", "give three or more corners"),
+    ("polygon = [[0, 0], [16, 8], [16, 0], [0, 8]]", r"crosses itself \(Self-intersection"),
+    ("polygon = [[0, 0], [8, 4], [16, 8]]", "encloses nothing, or crosses itself"),
+    ("polygon = [[0, 0], [17, 0], [0, 8]]", "reaches from x = 0 to 17 m, beyond the walls at 0 and 16 m"),
+    ("depth = 0.0", "depth = 0"),
+    ('cut = "roller"', r"\[terrain\] cut = 'roller': give one of 'fixed', 'free'"),
+    ('cut = "free"', "cut = 'free' has no say without a polygon"),
+    ('ends = "free"', r"\[terrain\] ends = 'free': give one of 'roller', 'fixed'"),
+]
+
+
+@pytest.mark.parametrize(("said", "message"), REFUSED, ids=[message[:30] for _, message in REFUSED])
+def test_cuts_that_cannot_be_are_refused(said, message):
+    with pytest.raises(ValueError, match=message):
+        parse(TERRAIN.replace("base = 0.0\n", f"base = 0.0\n{said}\n"))
+
+
+def test_cuts_in_python_are_refused_likewise():
+    for cuts, message in (
+        ({"cut": "roller"}, "cut = 'roller': give 'fixed' or 'free'; nothing can roll"),
+        ({"polygon": ((1.1, 1.1), (1.2, 1.1), (1.1, 1.2))}, "the cuts leave no particle"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            built(**cuts)
+    scene = built()[1]
+    with pytest.raises(ValueError, match=r"cut has shape \(3,\): give"):
+        mpm.scene(scene.particles, scene.grid, scene.material, kernel=scene.kernel, cut=np.zeros(3, bool))
