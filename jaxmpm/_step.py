@@ -6,6 +6,7 @@ again, the velocity's gradient strains the soil. The schemes differ in the order
 
 from __future__ import annotations
 
+import operator
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple, Protocol
@@ -311,6 +312,6 @@ def strained_by_logarithms(scene: Scene, state: State, entries: Any, dt: Array, 
     strain = maps.unlocked(strain, scene.particles.volume * state.volume_ratio)
     grown = tensors.mean(strain)
     trial = tensors.with_mean(logarithmic(elastic, entries, dt), tensors.mean(elastic) + grown)
-    before = tuple(e - s for e, s in zip(trial, strain, strict=True))
+    before = tensors.by_component(operator.sub, trial, strain)
     stress = elastic_increment(law.bulk, law.shear, before)
     return Strained(strain, stress, state.volume_ratio * jnp.exp(3 * grown))

@@ -5,15 +5,14 @@ A component that a dimension cannot have is the Python number 0.0, which vanishe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmpm.types import Tensor
+from jaxmpm.types import Component, Tensor
 
 # Axes of space (x, y, z = 0, 1, 2) that a 1D, 2D or 3D grid spans.
 AXES: dict[int, tuple[int, ...]] = {1: (0,), 2: (0, 2), 3: (0, 1, 2)}
@@ -49,10 +48,22 @@ def _(count: int, axis: int, primals: tuple[Array], tangents: tuple[Array]) -> t
 
 def expand(components: Array, dimension: int) -> Tensor:
     """The carried components (s, N) as a full tensor, absent ones as 0.0."""
-    full: list[Any] = [0.0] * 6
-    for index, component in zip(CARRIED[dimension], rows(components), strict=True):
+    return placed(zip(CARRIED[dimension], rows(components), strict=True))
+
+
+def placed(components: Iterable[tuple[int, Component]]) -> Tensor:
+    """The tensor with these components in their places among xx, yy, zz, xy, yz, xz, the others absent."""
+    full: list[Component] = [0.0] * 6
+    for index, component in components:
         full[index] = component
-    return tuple(full)
+    xx, yy, zz, xy, yz, xz = full
+    return xx, yy, zz, xy, yz, xz
+
+
+def by_component(function: Callable[..., Component], *tensors: Tensor) -> Tensor:
+    """The tensor whose components are the function of those of the tensors given."""
+    xx, yy, zz, xy, yz, xz = map(function, *tensors)
+    return xx, yy, zz, xy, yz, xz
 
 
 def entries(gradient: Array) -> list[list[Array]]:
@@ -78,12 +89,12 @@ def acting(components: Array, dimension: int) -> Array:
 def strain_increment(gradient: Sequence[Sequence[Array]], dt: Array) -> Tensor:
     """Symmetric part of the velocity gradient's entries times dt; shear components are tensorial."""
     axes = AXES[len(gradient)]
-    full: list[Any] = [0.0] * 6
-    for a, i in enumerate(axes):
-        for b, j in enumerate(axes):
-            if a <= b:
-                full[VOIGT[i][j]] = 0.5 * dt * (gradient[a][b] + gradient[b][a]) if a < b else dt * gradient[a][a]
-    return tuple(full)
+    return placed(
+        (VOIGT[i][j], 0.5 * dt * (gradient[a][b] + gradient[b][a]) if a < b else dt * gradient[a][a])
+        for a, i in enumerate(axes)
+        for b, j in enumerate(axes)
+        if a <= b
+    )
 
 
 def rotate(stress: Tensor, gradient: Sequence[Sequence[Array]], dt: Array) -> Tensor:
@@ -95,29 +106,29 @@ def rotate(stress: Tensor, gradient: Sequence[Sequence[Array]], dt: Array) -> Te
     if dimension == 1:
         return stress
     axes = AXES[dimension]
-    spin: list[list[Any]] = [[0.0] * 3 for _ in range(3)]
+    spin: list[list[Component]] = [[0.0] * 3 for _ in range(3)]
     for a, i in enumerate(axes):
         for b, j in enumerate(axes):
             if a < b:
                 spin[i][j] = 0.5 * dt * (gradient[a][b] - gradient[b][a])
                 spin[j][i] = -spin[i][j]
 
-    def component(i: int, j: int) -> Any:
+    def component(i: int, j: int) -> Component:
         return stress[VOIGT[i][j]]
 
-    rotated: list[Any] = list(stress)
+    rotated = list(enumerate(stress))
     for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2)):
-        change: Any = 0.0
+        change: Component = 0.0
         for k in range(3):
             for s, t in ((spin[i][k], component(k, j)), (spin[j][k], component(k, i))):
                 if not absent(s) and not absent(t):
                     change = change + s * t
         if not absent(change):
-            rotated[VOIGT[i][j]] = component(i, j) + change
-    return tuple(rotated)
+            rotated.append((VOIGT[i][j], component(i, j) + change))
+    return placed(rotated)
 
 
-def absent(component: Any) -> bool:
+def absent(component: Component) -> bool:
     """Whether a component is the number 0.0 that stands for one that the dimension cannot have."""
     return isinstance(component, float) and component == 0.0
 
@@ -129,10 +140,7 @@ def row_by_row(tensor: Tensor) -> Tensor:
     it does not vectorise. A step with Mohr-Coulomb took seventy times as long.
     """
     present = [k for k in range(6) if not absent(tensor[k])]
-    full: list[Any] = [0.0] * 6
-    for k, row in zip(present, _written(jnp.broadcast_arrays(*(tensor[k] for k in present))), strict=True):
-        full[k] = row
-    return tuple(full)
+    return placed(zip(present, _written(jnp.broadcast_arrays(*(tensor[k] for k in present))), strict=True))
 
 
 @jax.custom_jvp
@@ -150,7 +158,7 @@ def _(primals: tuple[Sequence[Array]], tangents: tuple[Sequence[Array]]) -> tupl
 
 def mean(tensor: Tensor) -> Array:
     """Third of the trace."""
-    return (tensor[0] + tensor[1] + tensor[2]) / 3.0
+    return jnp.asarray((tensor[0] + tensor[1] + tensor[2]) / 3.0)
 
 
 def deviator(tensor: Tensor) -> Tensor:
@@ -159,14 +167,14 @@ def deviator(tensor: Tensor) -> Tensor:
     return (tensor[0] - m, tensor[1] - m, tensor[2] - m, tensor[3], tensor[4], tensor[5])
 
 
-def with_mean(tensor: Tensor, value: Array) -> Tensor:
+def with_mean(tensor: Tensor, value: Component) -> Tensor:
     """The tensor with another mean, its deviator kept."""
     change = value - mean(tensor)
     xx, yy, zz, xy, yz, xz = tensor
     return (xx + change, yy + change, zz + change, xy, yz, xz)
 
 
-def second_invariant(deviatoric: Tensor) -> Array:
+def second_invariant(deviatoric: Tensor) -> Component:
     """J2 = s:s / 2 of a deviator."""
     xx, yy, zz, xy, yz, xz = deviatoric
     return 0.5 * (xx * xx + yy * yy + zz * zz) + xy * xy + yz * yz + xz * xz

@@ -9,14 +9,17 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Literal, Protocol, TypeAlias
 
 from jax import Array
 
 from foundation.check import Limit, above_zero, from_zero
 from foundation.pytrees import pytree
 
-Tensor = tuple[Any, Any, Any, Any, Any, Any]
+Component: TypeAlias = Array | float
+"""A component of a tensor; one that the dimension cannot have is the number 0.0, which vanishes in the program."""
+
+Tensor: TypeAlias = tuple[Component, Component, Component, Component, Component, Component]
 """Symmetric tensor as its six components (xx, yy, zz, xy, yz, xz); a component absent in 1D or 2D is 0.0."""
 
 

@@ -7,6 +7,7 @@ engineering plastic shear strain g, kept only where the soil softens.
 from __future__ import annotations
 
 import enum
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -22,7 +23,7 @@ from jaxmpm.laws._base import Law
 from jaxmpm.laws._softening import ANGLE, FrictionalSoftening
 from jaxmpm.laws._spectral import isotropic
 from jaxmpm.laws._undrained import add, elastic_increment
-from jaxmpm.tensors import deviator, mean, row_by_row, safe_sqrt, second_invariant
+from jaxmpm.tensors import by_component, deviator, mean, row_by_row, safe_sqrt, second_invariant
 from jaxmpm.types import Particles, Tensor
 
 SMALLEST = 1e-6
@@ -158,7 +159,7 @@ class MohrCoulomb(Law):
         law = PyramidLaw(self.bulk, self.shear, *_strength(self, history), tension=self.tension_cutoff)
         law = jax.tree.map(lambda p: jnp.asarray(p, jnp.result_type(self.bulk)), law)
         drop, g = isotropic(principal_drop, trial, law)
-        result = row_by_row(tuple(t - d for t, d in zip(trial, drop, strict=True)))
+        result = row_by_row(by_component(operator.sub, trial, drop))
         return result, None if history is None else history + g
 
 

@@ -10,16 +10,13 @@ Source: de Souza Neto, Peric and Owen (2008), sections 14.3 to 14.5; Weber and A
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmpm.laws._spectral import isotropic
-from jaxmpm.tensors import AXES, VOIGT, absent, row_by_row
-from jaxmpm.types import Tensor
-
-Matrix = list[list[Any]]
+from jaxmpm.laws._spectral import Matrix, isotropic
+from jaxmpm.tensors import AXES, VOIGT, absent, by_component, placed, row_by_row
+from jaxmpm.types import Component, Tensor
 
 
 def logarithmic(elastic: Tensor, gradient: Sequence[Sequence[Array]], dt: Array) -> Tensor:
@@ -37,16 +34,19 @@ def logarithmic(elastic: Tensor, gradient: Sequence[Sequence[Array]], dt: Array)
     moved = _sum(g, _product(g, h))  # g b
     twice = _product(moved, _transposed(g))  # g b g^T
     change = _sum(_sum(moved, _transposed(moved)), twice)
-    pairs: list[Any] = [0.0] * 6  # before and after the step
-    for i in range(3):
-        for j in range(i, 3):
-            after = _add(h[i][j], change[i][j])
-            if not absent(after):
-                pairs[VOIGT[i][j]] = jnp.stack([jnp.broadcast_to(h[i][j], after.shape), after])
-    logarithms, _ = isotropic(_logarithm, row_by_row(tuple(pairs)))
+    both = placed((VOIGT[i][j], _before_and_after(h[i][j], change[i][j])) for i in range(3) for j in range(i, 3))
+    logarithms, _ = isotropic(_logarithm, row_by_row(both))
     # The difference, so that what rounds alike before and after does not add up over a million steps at rest.
-    logarithms = row_by_row(logarithms)
-    return tuple(e if absent(pair) else e + (pair[1] - pair[0]) for e, pair in zip(elastic, logarithms, strict=True))
+    return by_component(_grown, elastic, row_by_row(logarithms))
+
+
+def _before_and_after(component: Component, change: Component) -> Component:
+    after = _add(component, change)
+    return jnp.stack([jnp.broadcast_to(component, after.shape), after]) if isinstance(after, Array) else after
+
+
+def _grown(component: Component, both: Component) -> Component:
+    return component + (both[1] - both[0]) if isinstance(both, Array) else component
 
 
 def volumetric(gradient: Sequence[Sequence[Array]], dt: Array) -> Array:
@@ -76,7 +76,7 @@ def _logarithm(*stretches: Array) -> tuple[Array, Array, Array, Array]:
     return x, y, z, jnp.zeros_like(x)
 
 
-def _add(a: Any, b: Any) -> Any:
+def _add(a: Component, b: Component) -> Component:
     return b if absent(a) else a if absent(b) else a + b
 
 

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmpm.tensors import VOIGT, absent
-from jaxmpm.types import Tensor
+from jaxmpm.tensors import VOIGT, absent, placed
+from jaxmpm.types import Component, Tensor
 
 SWEEPS = 5
 """Rounds of Jacobi's method: it converges quadratically, and after 5 a 3 x 3 matrix is diagonal to rounding."""
 
-Matrix = list[list[Any]]
+Matrix: TypeAlias = list[list[Component]]
 
 
-def principal(tensor: Tensor) -> tuple[list[Any], Matrix]:
+def principal(tensor: Tensor) -> tuple[list[Array], Matrix]:
     """Principal values in falling order, and the axes as columns of a 3 x 3 list.
 
     By Jacobi's cyclic rotations: no branches, as accurate in float32 for equal values as for distinct ones. A shear
@@ -32,7 +32,7 @@ def principal(tensor: Tensor) -> tuple[list[Any], Matrix]:
         for p, q, r in ((0, 2, 1), (0, 1, 2), (1, 2, 0)):
             if not absent(a[p][q]):
                 _rotate(a, axes, p, q, r)
-    values = [a[i][i] for i in range(3)]
+    values = [jnp.asarray(a[i][i]) for i in range(3)]
     for i, j in ((0, 1), (1, 2), (0, 1)):
         swap = values[i] < values[j]
         values[i], values[j] = jnp.where(swap, values[j], values[i]), jnp.where(swap, values[i], values[j])
@@ -71,17 +71,14 @@ def isotropic(
     """
     present = tuple(k for k in range(6) if not absent(tensor[k]))
     components, scalar = _isotropic(function, present, tuple(tensor[k] for k in present), parameters)
-    full: list[Any] = [0.0] * 6
-    for k, component in zip(present, components, strict=True):
-        full[k] = component
-    return tuple(full), scalar
+    return placed(zip(present, components, strict=True)), scalar
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))
 def _isotropic(
     function: Callable[..., Any], present: tuple[int, ...], components: Sequence[Array], parameters: Sequence[Any]
-) -> tuple[tuple[Array, ...], Array]:
-    values, axes = principal(_full(present, components))
+) -> tuple[tuple[Component, ...], Array]:
+    values, axes = principal(placed(zip(present, components, strict=True)))
     *mapped, scalar = function(*values, *parameters)
     return tuple(_component(axes, mapped, k) for k in present), scalar
 
@@ -91,10 +88,10 @@ def _isotropic_jvp(
     function: Callable[..., Any], present: tuple[int, ...], primals: tuple[Any, Any], tangents: tuple[Any, Any]
 ) -> tuple[Any, Any]:
     (components, parameters), (moved, changed) = primals, tangents
-    x, axes = principal(_full(present, components))
+    x, axes = principal(placed(zip(present, components, strict=True)))
     *y, scalar = function(*x, *parameters)
     out = tuple(_component(axes, y, k) for k in present), scalar
-    tangent = _full(present, moved)
+    tangent = placed(zip(present, moved, strict=True))
     # The tangent on the principal axes.
     t = [
         [sum(axes[k][i] * tangent[VOIGT[k][l]] * axes[l][j] for k in range(3) for l in range(3)) for j in range(3)]
@@ -107,7 +104,7 @@ def _isotropic_jvp(
         for k in range(3)
     ]
     along = [direct[i] + sum(slopes[k][i] * t[k][k] for k in range(3)) for i in range(4)]
-    turned: Matrix = [[along[i] if i == j else None for j in range(3)] for i in range(3)]
+    turned: Matrix = [[along[i] if i == j else 0.0 for j in range(3)] for i in range(3)]
     near = jnp.sqrt(jnp.finfo(x[0].dtype).eps) * (abs(x[0]) + abs(x[2]))
     for i, j in ((0, 1), (1, 2), (0, 2)):
         gap = x[i] - x[j]
@@ -124,13 +121,6 @@ def _isotropic_jvp(
 _PLACE = {0: (0, 0), 1: (1, 1), 2: (2, 2), 3: (0, 1), 4: (1, 2), 5: (0, 2)}
 
 
-def _full(present: tuple[int, ...], components: Sequence[Any]) -> Tensor:
-    full: list[Any] = [0.0] * 6
-    for k, component in zip(present, components, strict=True):
-        full[k] = component
-    return tuple(full)
-
-
-def _component(axes: Matrix, values: Sequence[Any], k: int) -> Array:
+def _component(axes: Matrix, values: Sequence[Component], k: int) -> Component:
     row, column = _PLACE[k]
     return sum(axes[row][i] * values[i] * axes[column][i] for i in range(3))

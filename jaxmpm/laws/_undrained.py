@@ -6,6 +6,7 @@ Tension is positive.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -17,7 +18,7 @@ from foundation.check import Limit, above_zero, from_zero
 from foundation.pytrees import pytree
 from jaxmpm.laws._base import Law
 from jaxmpm.laws._softening import ExponentialSoftening, RateEffect, Softening
-from jaxmpm.tensors import absent, deviator, mean, safe_sqrt, second_invariant
+from jaxmpm.tensors import absent, by_component, deviator, mean, safe_sqrt, second_invariant
 from jaxmpm.types import Particles, Tensor
 
 
@@ -39,13 +40,13 @@ def elastic_increment(bulk: Array, shear: Array, strain_increment: Tensor) -> Te
 def elastic_strain(bulk: Array, shear: Array, stress: Tensor) -> Tensor:
     """Strain that isotropic linear elasticity has under a stress (Pa): the inverse of `elastic_increment`."""
     volumetric = mean(stress) / (3 * bulk)
-    xx, yy, zz, xy, yz, xz = (s if absent(s) else s / (2 * shear) for s in deviator(stress))
+    xx, yy, zz, xy, yz, xz = by_component(lambda s: s if absent(s) else s / (2 * shear), deviator(stress))
     return (xx + volumetric, yy + volumetric, zz + volumetric, xy, yz, xz)
 
 
 def add(a: Tensor, b: Tensor) -> Tensor:
     """Sum of two tensors."""
-    return tuple(x + y for x, y in zip(a, b, strict=True))
+    return by_component(operator.add, a, b)
 
 
 @pytree
