@@ -175,6 +175,8 @@ def test_export_writes_the_table_the_file_and_the_series(done, capsys):
     np.testing.assert_array_equal(steps[1][1]["displacement"][:, [0, 2]].T, sample.fields["displacement"])
     np.testing.assert_array_equal(steps[1][1]["plastic_strain"], sample.fields["plastic_strain"])
     assert steps[1][1]["strength"].std() > 0
+    told = (folder / "README.txt").read_text()
+    assert [path.name for path in folder.iterdir() if path.name not in told] == []
 
 
 def test_export_runs_a_sample_again_for_its_moments(done, capsys):

@@ -17,13 +17,18 @@ PAGES = [*docs.pages(), "CONTRIBUTING.md"]
 WALKS = "docs/walks.md"
 
 
-def commands(text: str) -> list[list[str]]:
-    """Arguments of each command of this package in a text."""
-    found = re.findall(r"^ *(?:\$ |nice |PATH\S* )*(?:jaxmpm|\S*python\d? -m cooperative) (.*)$", text, re.M)
+def commands(page: str) -> list[list[str]]:
+    """Arguments of each command of this package in the blocks of a page."""
+    text = "".join(block for language in ("sh", "text", "bash") for block in docs.blocks(page, language))
+    found = re.findall(r"^(?:\$ )?(?:jaxmpm|\S*python -m cooperative) (.*)$", text, re.M)
     return [shlex.split(line, comments=True) for line in found]
 
 
-NAMED = sorted({(page, *each) for page in PAGES for each in commands(docs.page(page))})
+NAMED = sorted({(page, *each) for page in PAGES for each in commands(page)})
+
+
+def test_commands_of_the_pages_are_found():
+    assert len(NAMED) > 15
 
 
 @pytest.mark.parametrize("named", NAMED, ids=lambda named: " ".join(named))

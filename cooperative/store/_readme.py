@@ -56,9 +56,11 @@ WHAT IS WHAT
   summary.json        the answer: probability of failure, its interval, modes, consequences
   report.html         the answer for people, with every figure
   figures/            the same figures, one by one
+  maps/               how likely soil comes, how thick and fast, as `jaxmpm export` writes it, for GIS too
   series/             slides for ParaView, as `jaxmpm export` writes them
   table.csv           one line per sample and grid
   campaign.h5         every sample in one file
+  campaign.nc         the same as netCDF, for xarray
   progress.log        when what was done, where that was no terminal
   *.damaged           a file that did not match its checksum. It was set aside and its sample run again
   .lock               held by the process that runs the campaign
