@@ -120,7 +120,10 @@ MEANINGS = {
         "surface": Meaning("The surface, from wall to wall.", "[[0, 12], [20, 12], [44, 0], [92, 0]]", unit="m"),
         "base": Meaning("Height of the rigid base.", "-4.0", unit="m"),
         "walls": Meaning("Where the ground ends; by default with its surface.", "[0.0, 92.0]", unit="m"),
-        "ends": Meaning("What holds the ground at its walls.", '"roller"'),
+        "ends": Meaning(
+            "What holds the ground at its walls. For a free face draw the surface down to the base, and on along it.",
+            '"roller"',
+        ),
     },
     "terrain": {
         "surface": Meaning("File of the heights of the ground.", '"terrain.asc"', unit="m"),
@@ -136,7 +139,7 @@ MEANINGS = {
             "[689000.0, 5334000.0]",
             unit="m",
         ),
-        "ends": Meaning("What holds the ground at its walls.", '"roller"'),
+        "ends": Meaning("What holds the ground at its walls; for a free face see `cut`.", '"roller"'),
         "polygon": Meaning(
             "Corners in plan of the part that is kept; what lies around it is left out.",
             "[[20, 10], [180, 10], [180, 110], [20, 110]]",

@@ -52,6 +52,18 @@ def test_walls_leave_out_what_is_drawn_beyond_them():
     assert cut.particles.mass.size == np.count_nonzero((x > 4) & (x < 18))
 
 
+def test_an_end_is_free_where_the_surface_is_drawn_down_to_the_base():
+    held, free = mpm.Section([(0, 6), (8, 6)]), mpm.Section([(0, 6), (8, 6), (8, 0), (20, 0)])
+    across = []
+    for shape in (held, free):
+        scene, state = mpm.section(shape, CLAY, HALVES)
+        x, z = np.asarray(scene.particles.position)
+        across.append(-np.asarray(state.stress[0])[(x > 7.5) & (z > 2)].mean())  # above what the base holds
+    assert across[1] < 0.25 * across[0]
+    final = mpm.solve(mpm.reduced(scene, 4.0), state, t_end=0.5).raise_if_failed().state
+    assert float(jnp.max(scene.particles.position[0] + final.displacement[0])) > 8.1
+
+
 LAYERS = [
     mpm.Layer(drained(0.0, 38, unit_weight=18e3), [(0, 4.5), (11, 4.5)]),  # ends on the slope's face
     mpm.Layer(drained(5e3, 23, unit_weight=20e3), [(0, 1), (20, 2)]),

@@ -152,6 +152,11 @@ REFUSED = [
     ),
     (mpm.Terrain(TILTED, 0.0), [mpm.Layer(CLAY, with_hole()), mpm.Layer(CLAY)], r"layer 1 has no height at \("),
     (mpm.Terrain(TILTED, 0.0), [mpm.Layer(CLAY, depth=20.0), mpm.Layer(CLAY)], "layer 2 holds no particle"),
+    (
+        mpm.Terrain(TILTED, 0.0),
+        [mpm.Layer(CLAY, depth=2.0), mpm.Layer(CLAY, thickness=0.6), mpm.Layer(CLAY)],
+        r"layer 2 is at most 0.6 m thick, at \(\S+, \S+\) m, less than a particle of 1 m",
+    ),
 ]
 
 

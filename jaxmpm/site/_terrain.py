@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Literal
 
 import jax.numpy as jnp
@@ -231,8 +232,8 @@ def terrain(
     it lies above the ground, see `WaterSurface`. r_u: instead, pore pressure over the weight of what stands above.
     speed: largest particle speed that the time step allows for (m/s), by default of a fall through the height.
     at_rest: with the stress of elastic gravity loading, else free of stress.
-    Raises ValueError for rasters that are none, have holes or end before the walls, layers that lie above the ground or
-    hold no particle, and sizes that do not fit the grid, with the coordinates.
+    Raises ValueError for rasters that are none, have holes or end before the walls, layers that lie above the ground,
+    hold no particle or are nowhere as thick as one, and sizes that do not fit the grid, with the coordinates.
     """
     check.not_negative("gravity", gravity, "m/s2")
     if ends not in ("fixed", "roller"):
@@ -251,6 +252,7 @@ def terrain(
     under = None if table is None else below(z, table.at(x, y), RESOLVED * spacing)
     density = jnp.asarray(weights(layers, layer, under) / STANDARD_GRAVITY, particles.mass.dtype)
     tops = [shape.heights(x, y), *_bottoms(shape, layers, x, y, spacing), np.full(z.size, shape.base)]
+    _refuse_thin(x, y, [np.maximum(top, shape.base) for top in tops], spacing)
     built, state = build(
         replace(particles, mass=particles.volume * density),
         grid,
@@ -342,6 +344,19 @@ def _bottoms(shape: Terrain, layers: Sequence[Layer], x: np.ndarray, y: np.ndarr
             )
         found.append(np.minimum(bottom, found[-1]))
     return found[1:]
+
+
+def _refuse_thin(x: np.ndarray, y: np.ndarray, tops: Sequence[np.ndarray], spacing: float) -> None:
+    """Raise ValueError for a layer that is nowhere as thick as a particle. x, y: places (N,) m. tops: heights (N,) m
+    there of the layers' upper boundaries and of the base."""
+    for number, (top, bottom) in enumerate(pairwise(tops), 1):
+        thickness = top - bottom
+        most = int(np.argmax(thickness))
+        if thickness[most] < spacing * (1 - RESOLVED):
+            raise ValueError(
+                f"layer {number} is at most {thickness[most]:g} m thick, at ({x[most]:g}, {y[most]:g}) m, less than a "
+                f"particle of {spacing:g} m: take smaller particles, or draw it thicker"
+            )
 
 
 def _refuse_holes(name: str, heights: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
