@@ -1,4 +1,4 @@
-"""`python -m benchmarks NAME [--json] [--quick]`: run one benchmark and print its figures; `all` writes RESULTS.md."""
+"""`python -m benchmarks NAME [--json] [--quick] [--keep]`: run one and print its figures, `--keep` for RESULTS.md too."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import argparse
 import importlib
 import sys
 
-from benchmarks.measure import ROOT, Report, as_json
-from benchmarks.results import run_all
+from benchmarks.measure import Report, as_json
+from benchmarks.results import keep, run_all
 
 # Each module has `run(quick: bool) -> Report`; the order is that of RESULTS.md.
 NAMES = (
@@ -47,13 +47,19 @@ def main() -> int:
     parser.add_argument("name", choices=(*NAMES, *LONG, "all"))
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--quick", action="store_true", help="smaller and coarser, to see that it runs")
+    parser.add_argument("--keep", action="store_true", help="put the answer into RESULTS.md")
     arguments = parser.parse_args()
+    if arguments.keep and arguments.quick:
+        parser.error("--keep and --quick: RESULTS.md holds whole runs, leave one of them out")
     if arguments.name == "all":
-        failed = run_all(NAMES, ROOT / "out" / "bench")
+        failed = run_all(NAMES)
         print("\n".join(["benchmarks/RESULTS.md written", *(f"failed: {line}" for line in failed)]))
         return 1 if failed else 0
     report: Report = importlib.import_module(f"benchmarks.{arguments.name}").run(quick=arguments.quick)
-    print(as_json(arguments.name, report) if arguments.json else _table(report))
+    answer = as_json(arguments.name, report)
+    print(answer if arguments.json else _table(report))
+    if arguments.keep:
+        keep(answer, (*NAMES, *LONG))
     return 0
 
 

@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -130,5 +131,6 @@ def machine() -> dict[str, Any]:
 
 
 def as_json(name: str, report: Report) -> str:
-    """One JSON object: the benchmark's name, machine and versions, values and rows."""
-    return json.dumps({"benchmark": name, "machine": machine(), **asdict(report)})
+    """One JSON object: the benchmark's name, day, machine and versions, values and rows."""
+    today = datetime.now(UTC).date().isoformat()
+    return json.dumps({"benchmark": name, "date": today, "machine": machine(), **asdict(report)})

@@ -9,6 +9,7 @@ import pytest
 from matplotlib import image
 
 from benchmarks import measure, random_slopes, results, slopes, stability_of_slopes, summary, work_precision
+from benchmarks.__main__ import LONG, NAMES
 from benchmarks.throughput_case import Case
 from benchmarks.throughput_case import measure as measure_case
 from cooperative.runs import check_size, random_soil
@@ -39,16 +40,20 @@ def test_results_hold_every_value_and_row():
     assert "| z |" in page
 
 
-def test_rows_come_back_from_the_page(tmp_path, monkeypatch):
+def test_the_page_is_of_the_answers_that_are_kept(tmp_path, monkeypatch):
+    assert results.PAGE.read_text() == results.document(results.kept((*NAMES, *LONG)))
     rows = [{"x": 1.5, "of": "a b"}, {"x": None, "of": "c"}, {"z": 2.0}]
-    pages = [json.loads(measure.as_json(name, measure.Report({}, rows))) for name in ("slope", "screening")]
-    (tmp_path / "benchmarks").mkdir()
-    (tmp_path / "benchmarks" / "RESULTS.md").write_text(results.document(pages))
-    monkeypatch.setattr(results, "ROOT", tmp_path)
+    monkeypatch.setattr(results, "FOLDER", tmp_path / "results")
+    monkeypatch.setattr(results, "PAGE", tmp_path / "RESULTS.md")
+    for name in ("slope", "screening"):
+        results.keep(measure.as_json(name, measure.Report({}, rows)), NAMES)
     assert results.kept_rows("slope") == results.kept_rows("screening") == rows
+    page = (tmp_path / "RESULTS.md").read_text()
+    assert page == results.document(results.kept(NAMES))
+    assert page.index("## slope") < page.index("## screening")
 
 
-def test_figures_of_error_and_time_are_drawn_from_the_page(tmp_path, monkeypatch):
+def test_figures_of_error_and_time_are_drawn_from_the_kept_answer(tmp_path, monkeypatch):
     monkeypatch.setattr(work_precision, "FIGURES", tmp_path)
     work_precision.draw(results.kept_rows("work_precision"))
     for name in ("work_precision", "work_precision_theory"):
