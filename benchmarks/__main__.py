@@ -1,4 +1,4 @@
-"""`python -m benchmarks NAME [--json] [--quick] [--keep]`: run one and print its figures, `--keep` for RESULTS.md too."""
+"""`python -m benchmarks NAME [--json] [--quick] [--keep]`: run one, print its figures; `--keep` for RESULTS.md too."""
 
 from __future__ import annotations
 
