@@ -43,6 +43,7 @@ The same version gives the same numbers. A later one reads the folder too. Pin t
 
 WHAT IS WHAT
 
+  README.txt          this text, written once. It may be changed, and keeps what you add
   scene.toml          what was asked: ground, soil, random fields, grids, number of samples. Do not change it:
                       the samples would no longer belong to it
   samples/rough/      one HDF5 file per finished sample on the rough grid
