@@ -5,13 +5,17 @@ import json
 import re
 import shutil
 import zlib
+from types import SimpleNamespace
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from matplotlib.colors import Normalize
 
+import jaxmpm as mpm
 from benchmarks.invented import TERRAIN
 from cooperative.__main__ import main
+from cooperative.reporting import _ground as ground
 from cooperative.reporting import _turn as turn
 
 GRID = np.stack(np.meshgrid(*(np.arange(n) + 0.5 for n in (4, 3, 2)), indexing="ij")).reshape(3, -1) * 2.0 + 10
@@ -71,7 +75,10 @@ def test_the_page_holds_its_bodies_and_lets_no_text_out():
 
 
 def test_a_scene_in_3d_is_drawn_as_a_page(tmp_path, capsys):
-    text = TERRAIN + '\n[[exposed]]\nname = "road"\npolygon = [[12, 0], [14, 0], [14, 8], [12, 8]]\n'
+    text = (
+        TERRAIN.replace("[terrain]", "[terrain]\nrun_out_line = [[1, 4], [8, 3], [15, 4]]", 1)
+        + '\n[[exposed]]\nname = "road"\npolygon = [[12, 0], [14, 0], [14, 8], [12, 8]]\n'
+    )
     (tmp_path / "mine.toml").write_text(text)
     page, picture = tmp_path / "mine.html", tmp_path / "mine.png"
     assert main(["draw", str(tmp_path / "mine.toml")]) == 0
@@ -83,10 +90,22 @@ def test_a_scene_in_3d_is_drawn_as_a_page(tmp_path, capsys):
     assert len(bodies) == 3
     for body in bodies:
         names = {line["name"] for line in body["lines"]}
-        assert "road" in names
+        assert {"road", "run-out line"} <= names
         assert any("wall, x = " in name for name in names)
         assert any("fixed base" in name for name in names)
         assert body["faces"] > 100
+
+
+def test_water_is_drawn_where_it_stands_whatever_says_so():
+    x, y = np.array([-1.0, 0.5, 3.0]), np.array([0.0, 1.0, 9.0])
+    weight, height = jnp.asarray(9810.0), jnp.asarray(1.0)
+    table = mpm.WaterTable(jnp.array([0.0, 2.0]), jnp.array([4.0, 6.0]), weight, height)
+    # Heights 4 + x + 2 y on points 2 m apart, level beyond the outermost.
+    heights = 4 + jnp.array([[0.0, 4.0], [2.0, 6.0]])
+    surface = mpm.WaterSurface(heights, jnp.zeros(2), jnp.asarray(2.0), weight, height)
+    for water, known in ((table, [4, 4.5, 6]), (surface, [4, 6.5, 10]), (None, None)):
+        found = ground._water(SimpleNamespace(scene=SimpleNamespace(water=water)), x, y)
+        assert found is None if known is None else np.allclose(found, known)
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ In 3D a map and a section, and a page whose ground the reader turns.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -23,15 +24,19 @@ from cooperative.reporting import _turn as turn
 from cooperative.runs import GridModel, coefficients_of
 from cooperative.scene import Campaign
 from cooperative.store import write_aside
+from jaxmpm import Raster, WaterSurface, WaterTable
 
 LAYERS = matplotlib.colormaps["Set2"]
 WATER = "#1f77b4"
+POOL = (31, 119, 180, 110)
+"""The same, that soil shows through."""
 
 
 Values = dict[str, dict[str, np.ndarray]]
 """By grid and parameter of the soil, of the particles (N,), nan for rock."""
 
 PLACE = "#D55E00"
+TRACK = "#CC0066"
 NAME: dict[str, Any] = {"color": PLACE, "fontsize": "small", "xytext": (0, 8), "textcoords": "offset points"}
 """How an exposed place and its name are drawn."""
 
@@ -89,7 +94,27 @@ def _layered(model: GridModel) -> turn.Body:
     number = np.zeros(len(of), int) if model.layer is None else model.layer[of]
     colours = LAYERS(number % LAYERS.N, bytes=True)
     key = [(to_hex(LAYERS(k % LAYERS.N)), name) for k, name in enumerate(_names(model.campaign))]
+    pool = _pool(model)
+    if len(pool):
+        faces = np.concatenate([faces, pool])
+        colours = np.concatenate([colours, np.full((len(pool), 4), POOL)])
+        key.append((WATER, "water"))
     return turn.Body("layers", faces, colours, _outlines(model), key)
+
+
+def _pool(model: GridModel) -> np.ndarray:
+    """Squares (n, 4, 3) m of the water table, where it stands above the ground."""
+    shape: Any = model.campaign.site.shape
+    low, extent, cell = shape.corner[:2], shape.extent[:2], model.scene.grid.cell
+    edges = [start + np.linspace(0, size, round(size / cell) + 1) for start, size in zip(low, extent, strict=True)]
+    x, y = np.meshgrid(*edges, indexing="ij")
+    table = _water(model, x, y)
+    if table is None:
+        return np.empty((0, 4, 3))
+    corners = np.stack([x, y, table], axis=-1)
+    squares = np.stack([corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:]], axis=2)
+    middle = squares.mean(axis=2)
+    return squares[middle[..., 2] > shape.heights(middle[..., 0], middle[..., 1])]
 
 
 def _outlines(model: GridModel) -> list[turn.Line]:
@@ -106,6 +131,12 @@ def _outlines(model: GridModel) -> list[turn.Line]:
         for end, said in zip(ends, (f"{hold} wall, {'xy'[axis]} = {at:g} m", ""), strict=True):
             points = np.array([(ends[0] + ends[1]) / 2, end, (*end[:2], z0)])
             found.append(turn.Line(points, name=said, dashed=hold == "roller"))
+    x, y = _around(np.array(ring[:4]), model.scene.grid.cell / 2).T
+    if (table := _water(model, x, y)) is not None:
+        found.append(turn.Line(np.column_stack([x, y, table]), WATER, "water"))
+    if campaign.site.track is not None:
+        points = _between(np.array(campaign.site.track.points), model.scene.grid.cell / 2)
+        found.append(turn.Line(np.column_stack([points, shape.heights(*points.T)]), TRACK, "run-out line", dashed=True))
     for place in _places(campaign):
         corners = _around(np.array(place.corners), model.scene.grid.cell / 2)
         found.append(turn.Line(np.column_stack([corners, shape.heights(*corners.T)]), PLACE, place.name))
@@ -113,11 +144,15 @@ def _outlines(model: GridModel) -> list[turn.Line]:
 
 
 def _around(corners: np.ndarray, step: float) -> np.ndarray:
-    """Points (m, 2) along the sides of a polygon, back to its start, at most `step` (m) apart; a point is left."""
-    if len(corners) == 1:
-        return corners
-    sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
-    return np.concatenate([np.linspace(a, b, max(int(np.ceil(np.linalg.norm(b - a) / step)), 1) + 1) for a, b in sides])
+    """Points (m, 2) along the sides of a polygon, back to its start; a point is left."""
+    return corners if len(corners) == 1 else _between(np.concatenate([corners, corners[:1]]), step)
+
+
+def _between(line: np.ndarray, step: float) -> np.ndarray:
+    """Points (m, 2) along a line, at most `step` (m) apart."""
+    return np.concatenate(
+        [np.linspace(a, b, max(int(np.ceil(np.linalg.norm(b - a) / step)), 1) + 1) for a, b in pairwise(line)]
+    )
 
 
 def _names(campaign: Campaign) -> list[str]:
@@ -129,6 +164,18 @@ def _holds(model: GridModel) -> dict[tuple[int, str], str]:
     """What each upright wall holds, by axis and side."""
     upright = len(model.half_size) - 1
     return {(wall.axis, wall.side): wall.hold for wall in model.scene.walls if wall.axis < upright}
+
+
+def _water(model: GridModel, x: np.ndarray, y: np.ndarray) -> np.ndarray | None:
+    """Height of the water table (m) at points (m), in a section whatever y; None where there is none."""
+    table = model.scene.water
+    if isinstance(table, WaterTable):
+        return np.interp(x, np.asarray(table.x), np.asarray(table.z))
+    if not isinstance(table, WaterSurface):
+        return None
+    west, south = np.asarray(table.corner, float).tolist()
+    raster = Raster(np.asarray(table.heights, float), (west, south), float(table.step))
+    return raster.at(*(np.clip(at, *ends) for at, ends in zip((x, y), raster.ends, strict=True)))
 
 
 def _places(campaign: Campaign) -> tuple[Place, ...]:
@@ -173,9 +220,10 @@ def _layers(ax: Axes, model: GridModel, plane: np.ndarray, section: plots.Sectio
     handles: list[Any] = [Patch(color=LAYERS(k % LAYERS.N), label=name) for k, name in enumerate(_names(campaign))]
     corner, extent = campaign.site.shape.corner, campaign.site.shape.extent
     ends = corner[0], corner[0] + extent[0]
-    table = model.scene.water
+    x = np.linspace(*ends, 200)
+    table = _water(model, x, np.full(x.size, pictures.middle(model)))
     if table is not None:
-        handles += ax.plot(np.asarray(table.x), np.asarray(table.z), color=WATER, lw=1.5, label="water")
+        handles += ax.plot(x, table, color=WATER, lw=1.5, label="water")
     hold = [_holds(model).get((0, side), "no") for side in ("low", "high")]
     for end, held in zip(ends, hold, strict=True):
         ax.axvline(end, color="k", lw=1.5, ls="--" if held == "roller" else "-")
@@ -204,6 +252,9 @@ def _map(figure: Figure, ax: Axes, model: GridModel) -> None:
         corners = np.array([*place.corners, place.corners[0]])
         ax.plot(*corners.T, color=PLACE, lw=2, marker="o" if len(place.corners) == 1 else "")
         ax.annotate(place.name, tuple(corners[0]), **NAME)
+    if model.campaign.site.track is not None:
+        ax.plot(*np.array(model.campaign.site.track.points).T, color=TRACK, lw=1.5, ls=":", label="run-out line")
+        ax.legend(loc="upper left", fontsize="small", framealpha=0.8)
     ax.set(aspect="equal", anchor="W", xlabel="x [m]", ylabel="y [m]")
     ax.set_title("height of the ground, and the section below", loc="left")
     # Below it the sections begin at the left, too.
