@@ -150,7 +150,7 @@ def run(quick: bool) -> Report:
     grids = {name: ("rough",) if quick or name == "acads_3a" else ("rough", "refined") for name in FACTORS}
     factors = {name: rows(f"factor {name}", partial(factor, name), *grids[name]) for name in FACTORS}
     whole, cut = rows("domain", run_out, "whole", "cut")
-    slides = rows("terrain", sites_terrain.slide, *either((24.0, 16.0), (12.0, 8.0)))
+    slides = rows("terrain", sites_terrain.slide, *either((16.0, 12.0), (8.0, 6.0)))
     for name in ("travel_m", "runout_m"):
         for coarse in slides[:-1]:
             coarse[f"{name}_error"] = round(coarse[name] / slides[-1][name] - 1, 4)

@@ -2,7 +2,11 @@
 
 The model is the one that matplotlib ships, of steps of some 74 by 93 m: it is in degrees, which the package refuses,
 and is projected to metres first. The window is the steepest slope above a level floor in it. What slides is made up:
-clay above a slip surface that leaves the slope at its foot and steepens upwards to a scar below the top.
+clay above a slip surface that leaves the slope at its foot and steepens upwards to a scar below the top, 27 m thick in
+the mean and 52 m at most. One particle a cell, which locks least.
+
+No cell tried is fine enough for the mean travel: rock and clay share the nodes at the slip surface, so that about a
+cell's thickness of clay stays behind on it.
 """
 
 from __future__ import annotations
@@ -71,11 +75,11 @@ def slide(cell: float) -> dict[str, Any]:
     ground = surface()
     shape = Terrain(ground, base=BASE)
     layers = [Layer(CLAY, slip(ground)), Layer(ROCK)]
-    numerics = mpm.Discretisation(cell, (cell / 2,) * 3, cfl=0.9, fbar=True, dtype="float32")
+    numerics = mpm.Discretisation(cell, (cell,) * 3, cfl=0.9, fbar=True, dtype="float32")
     scene, state = mpm.terrain(shape, layers, numerics)
     final = mpm.solve(scene, state, t_end=T_END).raise_if_failed().state
     moved, position = np.asarray(final.displacement, float), np.asarray(scene.particles.position, float)
-    volume, half, reach = np.asarray(scene.particles.volume, float), np.full(3, cell / 4), 1.5 * cell
+    volume, half, reach = np.asarray(scene.particles.volume, float), np.full(3, cell / 2), 1.5 * cell
     above = OpenGround(shape.heights(*position[:2]))
     found = consequences(position, moved, volume, above, half_size=half, reach=reach)
     clay = shape.layer_of(layers, position, numerics) == 0
