@@ -1,5 +1,7 @@
 """Ground under a terrain model: shares of cut boxes, stress at depth, files of heights, and what is refused."""
 
+import tomllib
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -10,7 +12,9 @@ from benchmarks.invented import LAYERED, TERRAIN
 from cooperative import run, runs
 from cooperative.__main__ import main
 from cooperative.scene import begin, parse, read_scene
+from cooperative.scene._rasters import packed
 from cooperative.store import read_rows, read_store
+from cooperative.sweep import to_toml
 
 CLAY = mpm.Soil(strength=30e3, young=2e7)
 
@@ -259,3 +263,16 @@ def test_a_scene_draws_the_line_along_which_run_out_is_measured():
             parse(with_line(points))
     with pytest.raises(ValueError, match="unknown key 'run_out_line'"):
         parse(LAYERED.replace("[ground]", "[ground]\nrun_out_line = [[1, 4], [2, 4]]"))
+
+
+def test_particles_that_the_highest_point_cuts_have_a_strength():
+    # Middles of boxes of 1 m that reach 0.2 m into the ground lie above all of it.
+    tables = tomllib.loads(TERRAIN)
+    peak = mpm.Raster(np.linspace(9.2, 6.0, 5)[:, None] * np.ones(3), (0.0, 0.0), 4.0)
+    tables["files"]["hill"] = packed("hill", peak)
+    campaign = parse(to_toml(tables))
+    model = runs.build(campaign, "rough", runs.random_soil(campaign), at_rest=False)
+    assert float(model.scene.particles.position[2].max()) > 9.2
+    strength = np.asarray(model.strength(np.zeros(model.soil.modes)))
+    assert np.isfinite(strength).all()
+    assert (strength > 0).all()

@@ -1,5 +1,6 @@
 """What people see of a campaign: words, charts, pictures, one page, exports, progress."""
 
+from cooperative.reporting._exports import export, export_sample
 from cooperative.reporting._ground import draw
 from cooperative.reporting._plots import panels, save
 from cooperative.reporting._progress import progress_of, watched, words
@@ -10,6 +11,8 @@ __all__ = [
     "SLIDES",
     "consolidate",
     "draw",
+    "export",
+    "export_sample",
     "panels",
     "progress_of",
     "report",

@@ -177,7 +177,7 @@ class GridModel:
         )
         groups = self.soil.groups_of(name)
         fields = tuple(
-            (group.expansion, coefficients[stops], points if stops is None else group.inside(points))
+            (group.expansion, coefficients[stops], group.inside(points))
             for stops, group in groups.items()
         )
         numbers = list(groups)

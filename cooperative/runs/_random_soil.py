@@ -48,7 +48,8 @@ class Group:
         return dict(zip(self.names, jnp.asarray(self.root, fields.dtype) @ fields, strict=True))
 
     def inside(self, points: jax.Array) -> jax.Array:
-        """The points (d, N) m, those beyond the box moved to its faces: what they are given is of no use."""
+        """The points (d, N) m, those beyond the box moved to its faces: the middle of a particle's box that the surface
+        cuts may lie above the ground's highest point, and points of other layers beyond a layer's own box."""
         corner, extent = (jnp.asarray(each, points.dtype)[:, None] for each in self.box)
         return jnp.clip(points, corner, corner + extent)
 
