@@ -98,7 +98,7 @@ def with_pore_pressure(scene: Scene, state: State) -> tuple[Scene, State]:
 
 
 def with_cut(scene: Scene, state: State) -> tuple[Scene, State]:
-    """Nodes beyond a cut: a tenth of them, which no particle reaches."""
+    """Nodes beyond a cut: every tenth."""
     nodes = int(np.prod(scene.grid.shape))
     return replace(scene, cut=jnp.arange(nodes) % 10 == 0), state
 

@@ -7,7 +7,7 @@ import pytest
 import jaxmpm as mpm
 from benchmarks.invented import TERRAIN
 from cooperative import runs
-from cooperative.measure import EDGE, walls_reached
+from cooperative.measure import EDGE, OpenGround, consequences, walls_reached
 from cooperative.scene import parse
 from jaxmpm.diagnostics import unbalanced_force
 
@@ -138,3 +138,28 @@ def test_cuts_in_python_are_refused_likewise():
     scene = built()[1]
     with pytest.raises(ValueError, match=r"cut has shape \(3,\): give"):
         mpm.scene(scene.particles, scene.grid, scene.material, kernel=scene.kernel, cut=np.zeros(3, bool))
+
+
+@pytest.mark.slow
+def test_what_slides_within_the_cuts_slides_as_in_the_whole():
+    x, y = np.meshgrid(np.arange(0, 65, 4.0), np.arange(0, 49, 4.0), indexing="ij")
+    plane = mpm.Raster(34.0 - 0.4 * x + 0 * y, (0.0, 0.0), 4.0)
+    around = ((8.0, 6.0), (60.0, 8.0), (60.0, 40.0), (8.0, 42.0))
+    found = []
+    for cuts in ({}, {"polygon": around, "depth": 8.0}):
+        scene, state = mpm.terrain(mpm.Terrain(plane, 0.0, **cuts), CLAY, ONES)
+        x, y, z = np.asarray(scene.particles.position, float)
+        weak = (np.hypot(x - 28, y - 24) < 10) & (34 - 0.4 * x - z < 3)
+        slides = mpm.with_strength(scene, np.where(weak, 1e3, 200e3).astype(np.float32))
+        final = mpm.solve(slides, state, t_end=3.0).raise_if_failed().state
+        measured = consequences(
+            np.asarray(scene.particles.position), np.asarray(final.displacement), np.asarray(scene.particles.volume),
+            OpenGround(plane.at(x, y)), half_size=np.full(3, 0.5),
+        )  # fmt: skip
+        found.append((measured, x.size))
+    (whole, particles), (cut, fewer) = found
+    assert whole.displacement > 1.5
+    assert fewer < 0.5 * particles
+    assert (cut.runout, cut.volume, cut.displacement) == pytest.approx(
+        (whole.runout, whole.volume, whole.displacement), rel=0.01
+    )
