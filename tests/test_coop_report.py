@@ -25,6 +25,7 @@ from cooperative.reporting import _pictures as pictures
 from cooperative.reporting import _plots as plots
 from cooperative.reporting import report, write_table
 from cooperative.reporting._exports import export
+from cooperative.reporting._words import in_slopes
 from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, sample_path, write_sample
 from tests.test_campaign import TINY
@@ -200,6 +201,8 @@ def test_names_with_markup_stay_text(tmp_path, done):
     shown = Page((tmp_path / "odd" / "report.html").read_text())
     assert shown.tags.count("script") == 1
     assert any("<script>alert(1)</script> & co" in text for text in shown.text)
+    # A campaign that has not ended says so.
+    assert any("has not ended: this is what is known so far, from 14 of 14 samples" in text for text in shown.text)
 
 
 def test_runs_that_broke_off_and_damaged_files_are_on_the_page(tmp_path, done):
@@ -299,11 +302,40 @@ def test_no_slides_and_bad_numbers_of_slides(done, capsys):
     assert "slides = -1: give 0 or more" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("chance", "said"),
+    [(0.0, ""), (1.0, ""), (0.4, ": 40 in 100 such slopes"), (0.1, ": 10 in 100 such slopes"),
+     (0.05, ": one in 20 such slopes"), (0.0012, ": one in 830 such slopes"), (1e-6, ": one in 1000000 such slopes")],
+)  # fmt: skip
+def test_probabilities_are_counted_in_slopes(chance, said):
+    assert in_slopes(chance) == said
+
+
+def test_bodies_go_with_their_soil():
+    at = np.meshgrid(np.arange(6.0), np.arange(4.0), np.arange(3.0), indexing="ij")
+    position, half = np.stack([each.ravel() for each in at]), np.full(3, 0.5)
+    stretch = np.array([[0.5], [0.0], [0.0]]) * position
+    moved = np.stack([0 * position, 2.0 + 0 * position, stretch])
+    stretched, shifted, still = pictures.bodies(position, moved, [0.0, 1.0, 2.0], half)
+    assert [body.name for body in (still, stretched)] == ["t = 0 s", "t = 2 s"]
+    np.testing.assert_allclose(still.faces.reshape(-1, 3).min(axis=0), -0.5)
+    np.testing.assert_allclose(shifted.faces, still.faces + 2.0)
+    # Faces that shared a corner still do: the skin has no cracks.
+    joined = {tuple(corner): tuple(to) for corner, to in zip(
+        still.faces.reshape(-1, 3).round(6), stretched.faces.reshape(-1, 3).round(6), strict=True)}  # fmt: skip
+    assert len(joined) == len(np.unique(stretched.faces.reshape(-1, 3).round(6), axis=0))
+    inner = still.faces[..., 0] % 1 == 0.5
+    inner &= (still.faces[..., 0] > 0) & (still.faces[..., 0] < 5)
+    np.testing.assert_allclose(stretched.faces[..., 0][inner], 1.5 * still.faces[..., 0][inner])
+
+
 def test_tables_set_numbers_apart_from_text():
     made = page.table(["a", "b"], [["x < y", 1.23456], [None, 7]])
     assert '<td data-head="a">x &lt; y</td><td class="number" data-head="b">1.235</td>' in made
     assert '<td class="number" data-head="a">–</td><td class="number" data-head="b">7</td>' in made
     assert '<th scope="col">a</th><th scope="col" class="number">b</th>' in made
+    values = (0.12345, 42_561.0, 1e12, -123.456)
+    assert [page.number(value) for value in values] == ["0.1235", "42,560", "1e+12", "-123.5"]
 
 
 def copied(done, folder):

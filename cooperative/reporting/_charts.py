@@ -57,11 +57,12 @@ def ranked_displacements(rows: Mapping[str, np.ndarray], *, failure_displacement
             label=f"rough run broke off ({lost.sum()})",
         )
     ax.axhline(failure_displacement, color=GREY, lw=1, ls=":")
+    below = failure_displacement > max(np.nanmax(rough, initial=0.0), np.nanmax(refined, initial=0.0))
     ax.annotate(
         f"failure from {failure_displacement:g} m",
         (rank[-1], failure_displacement),
         ha="right",
-        va="bottom",
+        va="top" if below else "bottom",
         color=GREY,
         fontsize=9,
     )
@@ -102,7 +103,7 @@ def profile(maps: Maps, *, toe: float | None) -> Figure:
     edges, styles = maps.edges[0], ("-", "--", "-.", ":")
     for number, name in enumerate(likely):
         colour = (ROUGH, REFINED, FAILED, "#009E73", "#56B4E9", GREY)[number % 6]
-        mark = "" if number < 4 else "."
+        mark = "" if number < 4 else "o"
         style = styles[number % 4] + mark
         _staircase(axes[0], edges, maps.maps[name], colour, style, name, banded=number == 0)
     axes[0].set(ylabel="probability [-]")
@@ -130,7 +131,7 @@ def _staircase(
     if banded:
         _banded(ax, edges, value, low, high, colour=colour, name=name, style=style, steps=True)
     else:
-        ax.step(edges, value, style, where="post", color=colour, lw=1.8, label=name)
+        ax.step(edges, value, style, where="post", color=colour, lw=1.8, ms=2.5, label=name)
 
 
 def _banded(

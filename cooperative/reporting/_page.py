@@ -55,6 +55,11 @@ def preformatted(text: str) -> str:
     return f"<pre>{escape(text)}</pre>"
 
 
+def number(value: float) -> str:
+    """Four figures of a number, as people write them: 0.1234, 42,560."""
+    return f"{float(f'{value:.4g}'):,.0f}" if 1e4 <= abs(value) < 1e12 else f"{value:.4g}"
+
+
 def table(head: Sequence[str], rows: Iterable[Sequence[str | float | int | None]]) -> str:
     """A table, without a head where `head` is empty. Numbers are set to the right, None is a dash."""
     names = [escape(name) for name in head]
@@ -92,7 +97,7 @@ def _cell(value: str | float | int | None, head: str | None) -> str:
     named = "" if head is None else f' data-head="{head}"'
     if isinstance(value, str):
         return f"<td{named}>{escape(value)}</td>"
-    said = "–" if value is None else f"{value:.4g}" if isinstance(value, float) else f"{value}"
+    said = "–" if value is None else number(value) if isinstance(value, float) else f"{value}"
     return f'<td class="number"{named}>{said}</td>'
 
 

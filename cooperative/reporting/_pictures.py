@@ -17,7 +17,7 @@ from cooperative.scene import Campaign
 from cooperative.store import Rows, Sample
 from jaxmpm import Midway, Slope, solve_each
 
-FACES = 5000
+FACES = 10_000
 """Of a body on the page: a slide has several, and the page is to stay below 5 MB."""
 
 SHARES = (0.1, 0.3, 0.6)

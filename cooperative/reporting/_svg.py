@@ -33,13 +33,15 @@ from matplotlib.text import Annotation, Text
 from matplotlib.ticker import FixedFormatter, LogLocator, MaxNLocator
 from matplotlib.transforms import Affine2D, IdentityTransform, Transform
 
-WIDE, LEFT, RIGHT, TOP, BOTTOM = 420.0, 54.0, 12.0, 8.0, 40.0
+WIDE, LEFT, RIGHT, TOP, BOTTOM = 420.0, 62.0, 12.0, 8.0, 40.0
 """Of a panel, in the units of its drawing: width, and margins for ticks and labels."""
 RATIO = 0.58
 """Height by width of a panel whose axes have units of their own."""
 PIXELS = 1200
 """Across a picture of particles."""
 TICKS = 5
+ROUND = MaxNLocator(TICKS, steps=[1, 2, 5, 10])
+"""Where the ticks of an axis stand; `_page.js` takes the same steps."""
 LEVELS = 65_534
 """Steps between nothing and the largest value of a map, as the page has it; the next number is for no value."""
 COLOURS = {
@@ -293,7 +295,7 @@ def _scale(mappable: Any) -> str:
     label = ax.get_ylabel() or ax.get_xlabel()
     marks = "".join(
         f'<text text-anchor="middle" x="{LEFT + width * (at - low) / (high - low):.5g}" y="24">{at:g}</text>'
-        for at in _between(MaxNLocator(TICKS).tick_values(low, high), low, high)
+        for at in _between(ROUND.tick_values(low, high), low, high)
         if high > low
     )
     return (
@@ -328,7 +330,7 @@ def _ticks(ax: Axes, width: float, height: float) -> str:
 def _places(log: bool, low: float, high: float) -> list[float]:
     decades = LogLocator(numticks=TICKS + 2).tick_values(low, high) if log else []
     found = _between(decades, low, high)
-    return found if len(found) > 1 else _between(MaxNLocator(TICKS).tick_values(low, high), low, high)
+    return found if len(found) > 1 else _between(ROUND.tick_values(low, high), low, high)
 
 
 def _between(places: Sequence[float], low: float, high: float) -> list[float]:

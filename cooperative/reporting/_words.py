@@ -332,9 +332,9 @@ def _answer(told: Told) -> Iterator[str]:
     found = told.summary
     chance, (low, high) = found["probability_of_failure"], found["interval"]
     yield page.answer(
-        "The slope fails with probability",
+        "The slope fails with probability" if chance else "No run has failed: the slope fails with probability",
         f"{chance:.3g}",
-        f"({found['level']:.0%} interval {low:.3g} to {high:.3g}){_in_people_s_words(chance)}.",
+        f"({found['level']:.0%} interval {low:.3g} to {high:.3g}){in_slopes(chance)}.",
     )
     yield page.paragraph(
         f"It fails when soil moves farther than {told.campaign.run.failure_displacement:g} m. "
@@ -352,11 +352,15 @@ def _answer(told: Told) -> Iterator[str]:
         yield page.paragraph(note, "note")
 
 
-def _in_people_s_words(chance: float) -> str:
+def in_slopes(chance: float) -> str:
     """A probability as a count of slopes; empty where there is nothing to count."""
     if not 0 < chance < 1:
         return ""
-    return f": {chance * 100:.0f} in 100 such slopes" if chance > 0.095 else f": one in {1 / chance:.2g} such slopes"
+    return (
+        f": {chance * 100:.0f} in 100 such slopes"
+        if chance > 0.095
+        else f": one in {float(f'{1 / chance:.2g}'):.0f} such slopes"
+    )
 
 
 def _reach(told: Told) -> str:
@@ -473,14 +477,14 @@ def _risk(found: dict[str, Any]) -> Iterator[str]:
     modes = ", ".join(f"{share:.0%} {mode}" for mode, share in loss["modes"].items() if share)
     most = ", ".join(f"{each['sample']} ({each['share']:.0%})" for each in loss["samples"])
     yield page.paragraph(
-        f"Expected loss per slope {loss['expected']:.4g} ({_limits(loss['interval'])})"
+        f"Expected loss per slope {page.number(loss['expected'])} ({_limits(loss['interval'])})"
         + (f"; {modes} slides make it" if modes else "")
         + (f"; most of it the samples {most}." if most else ".")
     )
 
 
 def _limits(interval: Sequence[float] | None) -> str:
-    return "too few for an interval" if interval is None else "{:.4g} to {:.4g}".format(*interval)
+    return "too few for an interval" if interval is None else " to ".join(map(page.number, interval))
 
 
 def _fits(told: Told) -> Iterator[str]:
