@@ -88,6 +88,16 @@ BOUNDS = {
         "cov_over_monte_carlo": (0.1, 1.0),
         "weakest_layer_ratio": (0.4, 0.9),
     },
+    "08_hazard_maps": {
+        "probability": (0.1, 0.9),
+        "curve_starts_at_probability": (1 - 1e-12, 1 + 1e-12),
+        "mapped_over_counted": (1 - 1e-6, 1 + 1e-6),
+        "road_reached": (0.1, 0.9),
+        "hill_probability": (0.1, 0.95),
+        "hill_reached": (0.1, 0.95),
+        "read_back_error": (0.0, 1e-8),
+        "corner_east": (0.5, 1.5),  # half a cell from the origin
+    },
 }
 
 
