@@ -176,10 +176,7 @@ class GridModel:
             layer.distribution if isinstance(layer, RandomField) else kl.Normal(layer, 0.0) for layer in layers
         )
         groups = self.soil.groups_of(name)
-        fields = tuple(
-            (group.expansion, coefficients[stops], group.inside(points))
-            for stops, group in groups.items()
-        )
+        fields = tuple((group.expansion, coefficients[stops], group.inside(points)) for stops, group in groups.items())
         numbers = list(groups)
         of_layer = [number if number in groups else None for number in range(len(layers))]
         which = tuple(numbers.index(stops) if stops in groups else 0 for stops in of_layer)
