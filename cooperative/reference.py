@@ -121,7 +121,8 @@ MEANINGS = {
         "base": Meaning("Height of the rigid base.", "-4.0", unit="m"),
         "walls": Meaning("Where the ground ends; by default with its surface.", "[0.0, 92.0]", unit="m"),
         "ends": Meaning(
-            "What holds the ground at its walls. For a free face draw the surface down to the base, and on along it.",
+            "What holds the ground at its walls, the other one of two on a roller. For a free face draw the surface "
+            "down to the base, and on along it.",
             '"roller"',
         ),
     },

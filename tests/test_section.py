@@ -52,6 +52,19 @@ def test_walls_leave_out_what_is_drawn_beyond_them():
     assert cut.particles.mass.size == np.count_nonzero((x > 4) & (x < 18))
 
 
+def test_each_end_is_held_as_asked():
+    """Level ground that gets its weight at once hangs on a fixed end, and comes down along a roller."""
+    level, fallen = mpm.Section([(0, 6), (20, 6)]), {}
+    for ends in ("left fixed", "right fixed"):
+        scene, state = mpm.section(level, CLAY, HALVES, ends=ends, at_rest=False)
+        x, z = np.asarray(scene.particles.position)
+        down = -np.asarray(mpm.solve(scene, state, t_end=0.2).raise_if_failed().state.displacement[1])
+        fallen[ends] = [down[(z > 5) & side].mean() for side in (x < 0.5, x > 19.5)]
+    left, right = fallen["left fixed"]
+    assert left < 0.5 * right
+    assert np.allclose(fallen["right fixed"], (right, left), rtol=1e-2)
+
+
 def test_an_end_is_free_where_the_surface_is_drawn_down_to_the_base():
     held, free = mpm.Section([(0, 6), (8, 6)]), mpm.Section([(0, 6), (8, 6), (8, 0), (20, 0)])
     across = []

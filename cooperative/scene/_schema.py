@@ -53,6 +53,7 @@ PLASTIC_STRAINS = {measure.value: measure for measure in PlasticStrain}
 SAMPLED_AT = {"particles": "particles", "cells": "cells"}
 Y_ENDS = {"fixed": "fixed", "roller": "roller"}
 ENDS = {"roller": "roller", "fixed": "fixed"}
+SECTION_ENDS = ENDS | {"left fixed": "left fixed", "right fixed": "right fixed"}
 CUTS = {"fixed": "fixed", "free": "free"}
 FIELDS = {"none": (), "refined": ("refined",), "both": ("rough", "refined")}
 FAILURES = {"displacement": "displacement", "limit load": "limit load"}
@@ -98,7 +99,7 @@ _GROUND = {
     "surface": Key(LINE),
     "base": Key(float, 0.0),
     "walls": Key(tuple, None),
-    "ends": Key(ENDS, "roller"),
+    "ends": Key(SECTION_ENDS, "roller"),
 }
 _TERRAIN = {
     "surface": Key(RASTER),

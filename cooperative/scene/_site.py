@@ -54,12 +54,17 @@ class Site:
     where x = 0 and y = 0 lie in the projection of a terrain's surface (m)."""
 
     shape: Slope | Section | Terrain
-    ends: Literal["fixed", "roller"]
+    ends: str
     layers: tuple[SiteLayer, ...] = ()
     water: float | tuple[tuple[float, float], ...] | Raster | None = None
     r_u: float | None = None
     track: Track | None = None
     origin: tuple[float, ...] = (0.0, 0.0)
+
+    @property
+    def y_ends(self) -> Literal["fixed", "roller"]:
+        """What holds the ends of a slope along y."""
+        return "roller" if self.ends == "roller" else "fixed"
 
     @property
     def projection(self) -> str | None:
@@ -71,7 +76,7 @@ class Site:
     ) -> tuple[Scene, State]:
         """Scene and initial state on a grid; ValueError where ground, soil and grid do not fit together."""
         if isinstance(self.shape, Slope):
-            return slope(self.shape, soil, numerics, gravity=gravity, y_ends=self.ends, at_rest=at_rest)
+            return slope(self.shape, soil, numerics, gravity=gravity, y_ends=self.y_ends, at_rest=at_rest)
         said: dict[str, Any] = {"gravity": gravity, "water": self.water, "r_u": self.r_u, "ends": self.ends}
         if isinstance(self.shape, Terrain):
             return terrain(self.shape, self.soils(soil), numerics, **said, at_rest=at_rest)

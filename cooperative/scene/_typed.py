@@ -166,7 +166,7 @@ class Campaign:
     @property
     def y_ends(self) -> Literal["fixed", "roller"]:
         """What holds the slope's ends along y."""
-        return self.site.ends
+        return self.site.y_ends
 
     @property
     def dimension(self) -> int:

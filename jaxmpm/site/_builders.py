@@ -289,9 +289,12 @@ def block(
     return built, replace(state, velocity=jnp.broadcast_to(start, state.velocity.shape))
 
 
-def end_walls(axis: int, cells: int, hold: Literal["fixed", "roller", "friction"]) -> list[Wall]:
-    """Walls at both ends of an axis that is `cells` cells long."""
-    return [Wall(axis, "low", PADDING, hold), Wall(axis, "high", PADDING + cells, hold)]
+Hold = Literal["fixed", "roller", "friction"]
+
+
+def end_walls(axis: int, cells: int, hold: Hold, high: Hold | None = None) -> list[Wall]:
+    """Walls at both ends of an axis that is `cells` cells long; high: of the higher end, where it holds otherwise."""
+    return [Wall(axis, "low", PADDING, hold), Wall(axis, "high", PADDING + cells, high or hold)]
 
 
 def fill(

@@ -17,7 +17,7 @@ from foundation import check
 from foundation.text import shown
 from jaxmpm.laws import BaseMotion, WaterTable
 from jaxmpm.site import _initial_stress
-from jaxmpm.site._builders import PADDING, ROUNDING, below, build, end_walls, fill, material_on, sorted_by_cell
+from jaxmpm.site._builders import PADDING, ROUNDING, Hold, below, build, end_walls, fill, material_on, sorted_by_cell
 from jaxmpm.site._discretisation import RESOLVED, Discretisation, check_discretisation, check_resolved
 from jaxmpm.site._raster import Raster
 from jaxmpm.site._soil import STANDARD_GRAVITY, Ground
@@ -162,6 +162,15 @@ class Section:
         return max(point[1] for point in self.surface)
 
 
+HELD: dict[str, tuple[Hold, Hold]] = {
+    "roller": ("roller", "roller"),
+    "fixed": ("fixed", "fixed"),
+    "left fixed": ("fixed", "roller"),
+    "right fixed": ("roller", "fixed"),
+}
+"""What holds the left end of a section and the right one, by the word for both."""
+
+
 def section(
     shape: Section,
     soil: Ground | Sequence[Layer],
@@ -173,7 +182,7 @@ def section(
     k_h: float = 0.0,
     k_v: float = 0.0,
     motion: BaseMotion | None = None,
-    ends: Literal["roller", "fixed", "tied"] = "roller",
+    ends: Literal["roller", "fixed", "left fixed", "right fixed", "tied"] = "roller",
     speed: float | None = None,
     at_rest: bool = True,
 ) -> tuple[Scene, State]:
@@ -183,18 +192,18 @@ def section(
     or points (x, z) of the water table (m), a pool where it lies above the ground, see `WaterTable`. r_u: instead,
     pore pressure over the weight of what stands above. k_h, k_v: pseudo-static acceleration over gravity, towards the
     lower end of the surface, and upwards. motion: of the base, from time 0, after the initial stress; the section is
-    solved in its frame. ends: "tied" makes both ends one, for ground as high at both: waves go on round, none comes
-    back from a wall, and a level layer moves as a column of endless ground. speed: largest particle speed that the time
-    step allows for (m/s), by default of a fall through the height. at_rest: with the stress of elastic gravity loading,
-    else free of stress.
+    solved in its frame. ends: what holds both, "left fixed" the other on a roller; "tied" makes both ends one, for
+    ground as high at both: waves go on round, none comes back from a wall, and a level layer moves as a column of
+    endless ground. speed: largest particle speed that the time step allows for (m/s), by default of a fall through the
+    height. at_rest: with the stress of elastic gravity loading, else free of stress.
     Raises ValueError for lines that turn back, cross or end in the ground, layers thinner than a particle, layers whose
     soils follow no common law, and sizes that do not fit the grid, with the coordinates.
     """
     check.not_negative("gravity", gravity, "m/s2")
     check.between("k_h", k_h, -1.0, 1.0)
     check.between("k_v", k_v, -1.0, 1.0)
-    if ends not in ("fixed", "roller", "tied"):
-        raise ValueError(f"ends = {ends!r}: give 'fixed', 'roller' or 'tied'")
+    if ends not in HELD and ends != "tied":
+        raise ValueError(f"ends = {ends!r}: give {', '.join(map(repr, HELD))} or 'tied'")
     cells = shape.cells(discretisation)
     layers = list(soil) if isinstance(soil, Sequence) else [Layer(soil)]
     tops = _layering(shape, layers, discretisation)
@@ -210,7 +219,7 @@ def section(
         grid,
         common_law([material_on(discretisation, each.soil) for each in layers], layer),
         discretisation,
-        walls=(*(() if ends == "tied" else end_walls(0, cells[0], ends)), Wall(1, "low", PADDING, "fixed")),
+        walls=(*(() if ends == "tied" else end_walls(0, cells[0], *HELD[ends])), Wall(1, "low", PADDING, "fixed")),
         tied=(PADDING, PADDING + cells[0]) if ends == "tied" else None,
         motion=motion,
         gravity=(towards * k_h * gravity, -(1 - k_v) * gravity),
