@@ -4,6 +4,11 @@ Del Castillo, Borja and Favero Neto (2026), International Journal for Numerical 
 by smoothed particles 0.1 m apart: a face 5 m high, clay of 15.1 kPa that falls to a tenth of it, whose strength is
 divided by 1.65 to set it off. Slip circles give the slope a factor of 0.87 at 15.1 kPa, so that it cannot stand before:
 15.1 kPa may be what is left after the division. Both readings are scenes.
+
+On cells of 0.25 m and 15.1 kPa slides let go 0.8, 3.1, 5.5, 8.1 and 10.2 s after the start. The first three take 14 m
+behind the crest, as published, but here two more follow, back to the wall. Over 15.1 / 1.65 kPa the ground does so
+without a pause. What has slid runs out twice as far as published, and leaves the scarp without support. Cells of 0.5 m
+do not tell the slides apart. What clay resists at speed is in neither; the published particles may add some.
 """
 
 from __future__ import annotations
@@ -78,7 +83,6 @@ def slide(scene_name: str, cell: float) -> dict[str, Any]:
         "runout_of_99_percent_m": round(float((position + moved)[0, order[np.searchsorted(share, 0.99)]]) - TOE, 2),
         "retrogression_m": round(CREST - rear, 2),
         "slides": slides(onset),
-        "ends_s": [round(float(at), 1) for at in np.unique(np.round(onset[np.isfinite(onset)], 1))],
         "published": ", ".join(f"{name} {value:g}" for name, value in PUBLISHED.items()),
         "seconds": round(time.perf_counter() - start, 1),
     }
