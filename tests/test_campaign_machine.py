@@ -20,7 +20,7 @@ from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_s
 from benchmarks import hostile_files, invented, robustness
 from cooperative import campaign
 from cooperative.__main__ import main
-from cooperative.reporting import _exports, _plots, _words
+from cooperative.reporting import _composition, _exports, _plots
 from cooperative.store import DamagedFile, read_sample, read_store
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -176,7 +176,7 @@ def test_a_folder_to_which_anything_happens_often_ends_as_an_undisturbed_one(tmp
 def quick(monkeypatch):
     """Made-up runs, whose fields belong to no particles that could be drawn or exported."""
     invented.invent(put=monkeypatch.setattr)
-    monkeypatch.setattr(_words, "_slopes", lambda *_: [])
+    monkeypatch.setattr(_composition, "_slopes", lambda *_: [])
     monkeypatch.setattr(_plots, "save", lambda *_: None)
     monkeypatch.setattr(_exports, "_series_of_fields", lambda store, *_: store.folder)
 

@@ -148,12 +148,12 @@ def test_summary_and_words_tell_sampling_from_what_was_not_seen():
     assert found["interval"][0] == low
     assert found["interval"][1] > high > found["probability_of_failure"]
     assert 0 < found["unseen"] < 0.5
-    said = _words._unseen(found)
+    said = _words.unseen(found)
     assert f"{low:.3g} to {high:.3g}" in said
     assert f"{found['coefficient_of_variation']:.1%}" in said
     assert f"up to {found['unseen']:.2g} of all samples" in said
     plain = summarise(campaign_with(samples=600, estimator="monte carlo"), rough, refined(range(600)))
-    assert (plain["unseen"], plain["sampling_interval"], _words._unseen(plain)) == (0.0, None, "")
+    assert (plain["unseen"], plain["sampling_interval"], _words.unseen(plain)) == (0.0, None, "")
 
 
 def test_summary_says_where_the_ranks_mislead():

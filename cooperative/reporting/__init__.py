@@ -1,11 +1,11 @@
 """What people see of a campaign: words, charts, pictures, one page, exports, progress."""
 
+from cooperative.reporting._composition import SLIDES, report
 from cooperative.reporting._exports import export, export_sample
 from cooperative.reporting._ground import draw
 from cooperative.reporting._plots import panels, save
 from cooperative.reporting._progress import progress_of, watched, words
 from cooperative.reporting._tables import consolidate, write_table
-from cooperative.reporting._words import SLIDES, report
 
 __all__ = [
     "SLIDES",
