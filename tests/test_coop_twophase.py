@@ -130,6 +130,13 @@ def test_all_samples_known_gives_the_exact_share():
     assert found.interval == pytest.approx(wilson_interval(int(failed.sum()), 40))
 
 
+@pytest.mark.parametrize("outcome", [False, True])
+def test_few_samples_that_all_end_alike_leave_the_probability_open(outcome):
+    displacement, _ = pair(10, 0.3, 0.9, 0)
+    found = two_phase(Population(displacement), dict.fromkeys(range(10), outcome), AuditPlan(runs=10))
+    assert found.sampling_interval == pytest.approx(wilson_interval(10 * outcome, 10))
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 1000), st.sampled_from([None, 3]), st.randoms(use_true_random=False))
 def test_runs_asked_for_one_by_one_in_any_order_give_the_same_answer(seed, k_t, random):

@@ -53,20 +53,23 @@ def with_variance(
     level: float = 0.95,
     notes: tuple[str, ...] = (),
     unseen: float | None = None,
+    independent: float = np.inf,
 ) -> Estimate:
     """An estimate from P_f and its variance: Wilson's interval of as many independent samples as would scatter
     as much, with Student's t for the degrees of freedom of the variance.
 
     unseen: upper limit of what was not seen, an independent part of P_f that the estimate takes for 0; it widens the
     interval upwards by squares, as `cooperative.estimate._audit` explains. None for no such part.
+    independent: samples that there are: however little varies among them, none of 10 failing leaves P_f open to 0.28.
     """
     share = min(max(probability, 0.0), 1.0)
     cov = float(np.sqrt(variance) / share) if share > 0 else float("inf")
     if variance > 0:
         # At 0 or 1 one standard error away stands for P_f in the binomial variance.
         typical = share if 0 < share < 1 else min(float(np.sqrt(variance)), 0.5)
-        samples = typical * (1 - typical) / variance
-        interval = wilson_interval(share * samples, samples, level, freedom=freedom)
+        independent = min(typical * (1 - typical) / variance, independent)
+    if np.isfinite(independent):
+        interval = wilson_interval(share * independent, independent, level, freedom=freedom)
     else:
         interval = (share, share)
     if unseen is None:

@@ -218,6 +218,7 @@ def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: f
         level=level,
         notes=tuple(notes),
         unseen=hidden,
+        independent=np.inf if group is not None else float(weight.size),
     )
 
 
