@@ -22,6 +22,7 @@ def quick(monkeypatch):
     invented.invent(put=monkeypatch.setattr)
 
 
+@pytest.mark.slow
 def test_a_folder_that_allows_more_ends_as_one_that_allowed_it_from_the_start(tmp_path):
     first = campaign.run(SCENE, tmp_path / "more")
     assert (first["refined_runs"], first["refined_runs_allowed"]) == (15, None)

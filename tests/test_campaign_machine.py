@@ -163,7 +163,7 @@ class Folder(RuleBasedStateMachine):
 
 @pytest.mark.usefixtures("quick")
 def test_a_folder_to_which_anything_happens_ends_as_an_undisturbed_one(tmp_path):
-    assert_holds(tmp_path, max_examples=3, stateful_step_count=8)
+    assert_holds(tmp_path, max_examples=2, stateful_step_count=8)
 
 
 @pytest.mark.slow

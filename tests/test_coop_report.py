@@ -185,6 +185,7 @@ def test_expected_loss_is_the_area_under_its_curve(done):
     assert 0 < road["arrival"]["mean"] < summary["risk"]["places"]["house"]["arrival"]["mean"]
 
 
+@pytest.mark.slow
 def test_the_same_folder_gives_the_same_page(done):
     folder, _ = done
     first = (folder / "report.html").read_bytes()

@@ -66,6 +66,7 @@ def known_population():
     return rough, refined, np.array([row["refined_mode"] for row in rows])
 
 
+@pytest.mark.slow
 def test_slides_drawn_from_an_audit_estimate_a_known_population_without_bias():
     rough, refined, mode = known_population()
     population, fails = Population(rough), refined > 1.0

@@ -62,6 +62,7 @@ def test_the_one_file_holds_what_the_many_hold(tmp_path):
         consolidate(store)
 
 
+@pytest.mark.slow
 def test_a_full_disk_leaves_the_old_file(tmp_path):
     with open_store(tmp_path, SCENE) as store:
         write_sample(store, "rough", sample(0, size=40_000))
@@ -81,7 +82,7 @@ def test_a_full_disk_leaves_the_old_file(tmp_path):
     assert not [name for name in os.listdir(tmp_path) if name.endswith(".part")]
 
 
-@pytest.mark.parametrize("name", ["table.csv", "series/rough-000002.vtkhdf"])
+@pytest.mark.parametrize("name", ["table.csv", pytest.param("series/rough-000002.vtkhdf", marks=pytest.mark.slow)])
 def test_a_full_disk_stops_an_export_in_one_line_and_leaves_what_was_there(name, tmp_path):
     model = build(parse(SCENE), "rough", SOIL, at_rest=False)
     made = replace(sample(0), coefficients=np.zeros(SOIL.modes))

@@ -48,6 +48,7 @@ def test_a_layer_shaken_at_its_base_moves_as_the_sum_of_its_modes():
 
 
 @pytest.mark.usefixtures("x64")
+@pytest.mark.slow
 def test_tied_sides_are_no_ends():
     # However long, the layer moves alike along x, and alike on both engines.
     (one, start), (three, wide) = (layer(cells, motion=shaking()) for cells in (1, 3))

@@ -92,6 +92,7 @@ def test_no_workers_are_refused():
         process_pool(0)
 
 
+@pytest.mark.slow
 def test_a_killed_worker_process_is_replaced_and_its_sample_redone():
     pools = []
 

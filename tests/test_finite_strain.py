@@ -167,7 +167,7 @@ def test_in_small_strains_a_slope_moves_as_with_rates():
 
 
 @pytest.mark.usefixtures("x64")
-@pytest.mark.parametrize("choice", [{"fbar": True}, {"cell_average": True}])
+@pytest.mark.parametrize("choice", [pytest.param({"fbar": True}, marks=pytest.mark.slow), {"cell_average": True}])
 def test_averages_leave_a_uniform_change_of_volume(choice):
     scene, state = mpm.slope(SHAPE, CLAY, replace(EIGHTS, **choice))
     squeezed = jnp.broadcast_to(jnp.diag(jnp.asarray([-0.1, -0.2]))[..., None], (2, 2, scene.particles.mass.size))
@@ -190,7 +190,7 @@ def test_float32_stays_where_it_rests():
 
 @pytest.mark.usefixtures("x64")
 @pytest.mark.parametrize(
-    ("strength", "tolerance"), [pytest.param(None, 1e-6, marks=pytest.mark.slow), (6e3, 1e-4)], ids=["elastic", "clay"]
+    ("strength", "tolerance"), [(None, 1e-6), pytest.param(6e3, 1e-4, marks=pytest.mark.slow)], ids=["elastic", "clay"]
 )
 def test_gradients_are_those_of_differences_and_engines_and_lanes_agree(strength, tolerance):
     scene, state = mpm.slope(SHAPE, replace(CLAY, strength=strength), EIGHTS, at_rest=False)

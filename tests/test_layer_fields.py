@@ -110,6 +110,7 @@ def test_a_field_that_no_layer_shares_takes_no_coefficients():
     assert np.isfinite(np.asarray(model.strength(draws(model, 1)[0]))).all()
 
 
+@pytest.mark.slow
 def test_parameters_of_a_layer_correlate_there():
     stops = "cohesion = { length = [16.0, 3.6] }\nfriction = { length = [16.0, 3.6] }"
     ground = LAYERED[LAYERED.index("[ground]") : LAYERED.index("[soil]")].replace(FILL, stops).replace(ROCK, "")

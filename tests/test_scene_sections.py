@@ -73,6 +73,7 @@ def test_files_of_points_that_are_none_are_named(content, message, tmp_path):
         read_scene(tmp_path / "scene.toml")
 
 
+@pytest.mark.slow
 def test_a_campaign_on_layers_is_stopped_and_goes_on(tmp_path, capsys):
     def stop(phase):
         if phase == "audit":

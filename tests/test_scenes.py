@@ -29,7 +29,7 @@ def test_rough_published_slope_has_42624_particles():
     assert np.isclose(float(jnp.sum(scene.particles.volume)), 85_248.0)
 
 
-@settings(max_examples=5)
+@settings(max_examples=3)
 @given(
     crest=st.integers(2, 6),
     height=st.integers(1, 5),
@@ -155,6 +155,7 @@ def test_bad_runs_are_refused():
         mpm.with_strength(scene, -np.ones(scene.particles.mass.size))
 
 
+@pytest.mark.slow
 def test_factor_of_safety_brackets_the_jump_and_refuses_a_wrong_bracket():
     shape = mpm.Slope(crest=10, height=6, run_per_rise=1.0, toe=14, foundation=2)
     scene, state = mpm.slope(shape, replace(PAPER_SOIL, strength=30e3), SECTION)
@@ -166,6 +167,7 @@ def test_factor_of_safety_brackets_the_jump_and_refuses_a_wrong_bracket():
         mpm.factor_of_safety(scene, state, bracket=(0.8, 0.9), resolution=0.05, batch=2, t_end=8.0)
 
 
+@pytest.mark.slow
 def test_a_slide_ends_when_its_deposit_rests_though_it_rings():
     scene, state = mpm.slope(mpm.Slope(), PAPER_SOIL, SECTION)
     varied, axes = mpm.lanes(scene, strength=42e3 / jnp.asarray([1.3, 1.5]))

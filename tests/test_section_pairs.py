@@ -49,7 +49,7 @@ def test_every_refined_failure_has_a_mode(pairs):
     assert set(pairs.mode["refined"][~fails]) == {"none"}
 
 
-@pytest.mark.parametrize("of", STUDIES)
+@pytest.mark.parametrize("of", ["default", pytest.param("published", marks=pytest.mark.slow)])
 def test_its_samples_can_be_made_again(of):
     pairs, campaign = read(of), study(scene_campaign(STUDIES[of][0]))
     soil = runs.random_soil(campaign)

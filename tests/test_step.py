@@ -110,7 +110,9 @@ def test_vmapped_lanes_equal_single_runs():
 
 
 @pytest.mark.usefixtures("x64")
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize(
+    "scheme", [pytest.param(s, marks=() if s is mpm.Scheme.MUSL else pytest.mark.slow) for s in SCHEMES]
+)
 def test_fifty_steps_differentiate_with_respect_to_strength_and_modulus(scheme):
     scene, state = small_slope(scheme=scheme)
 

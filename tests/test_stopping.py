@@ -166,6 +166,7 @@ def wait_until_told():
     return executors._told_to_stop.wait(300)
 
 
+@pytest.mark.slow
 def test_workers_are_told_to_come_to_an_end():
     pool = process_pool(1)
     task = pool.submit(wait_until_told)

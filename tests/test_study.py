@@ -219,6 +219,7 @@ def tiny(monkeypatch):
     monkeypatch.setitem(study_pieces.PIECES, "tiny", lambda rows: RUNS)
 
 
+@pytest.mark.slow
 def test_a_killed_study_goes_on_with_the_same_answers(tiny, tmp_path):
     killed, whole = tmp_path / "killed", tmp_path / "whole"
     process = subprocess.Popen(

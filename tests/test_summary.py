@@ -62,6 +62,7 @@ def play(campaign, rough, refined):
     return summarise(campaign, rough, refined(numbers))
 
 
+@pytest.mark.slow
 def test_ratios_means_and_fits_are_those_of_the_population_not_of_the_runs():
     ratio, mean, plain, covered = [], [], [], 0
     for seed in range(14):

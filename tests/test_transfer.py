@@ -203,10 +203,12 @@ def assert_trees_close(a, b, tolerance=1e-12):
 
 
 HESSIANS = [(1, "linear"), (1, "gimp"), (1, "bspline"), (2, "gimp")]
-RARER = [pytest.param(*case, marks=pytest.mark.slow) for case in ((2, "linear"), (2, "bspline"), (3, "gimp"))]
+RARER = [
+    pytest.param(*case, marks=pytest.mark.slow) for case in ((2, "gimp"), (2, "linear"), (2, "bspline"), (3, "gimp"))
+]
 
 
-@pytest.mark.parametrize(("d", "name"), [*HESSIANS, *RARER])
+@pytest.mark.parametrize(("d", "name"), [*HESSIANS[:3], *RARER])
 def test_derivatives_agree_with_differentiated_xla(x64, d, name):
     """Reverse and forward, and for some forward over reverse: the primitives' rules against JAX's own of jnp."""
     grid, *args = data(d, 12)

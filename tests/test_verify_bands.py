@@ -94,6 +94,7 @@ def test_work_of_a_band_is_that_of_the_softening_length_whatever_the_cell(x64):
         assert abs(work / (FALL**2 * LENGTH / (2 * MODULUS)) - 1) < 0.01
 
 
+@pytest.mark.slow
 def test_work_of_a_band_falls_like_the_cell_without_a_length(x64):
     for cell in (0.5, 0.25, 0.125):
         work, share = softening_work(cell)

@@ -52,6 +52,7 @@ def softened_band(cell, **choices):
     return float(jnp.max(final.history)), float(jnp.sum(scene.particles.volume * final.history))
 
 
+@pytest.mark.slow
 def test_averaged_plastic_strain_peaks_less_and_its_sum_stays():
     local, total = softened_band(0.5)
     averaged, averaged_total = softened_band(0.5, internal_length=1.0)

@@ -167,7 +167,7 @@ def test_damped_steps_end_at_the_same_deflection(x64, fbar):
     assert abs(stepped / direct - 1) < 1e-4
 
 
-@pytest.mark.parametrize("poisson", [0.3, 0.49])
+@pytest.mark.parametrize("poisson", [pytest.param(0.3, marks=pytest.mark.slow), 0.49])
 def test_slope_with_fbar_starts_in_balance(x64, poisson):
     soil = mpm.Soil(poisson=poisson)
     scene, state = mpm.slope(mpm.Slope(), soil, mpm.Discretisation(1.0, (0.5, 0.5), fbar=True))

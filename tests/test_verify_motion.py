@@ -91,7 +91,7 @@ def turned(cell, kernel=mpm.GIMP, scheme=mpm.Scheme.MUSL, apic=False):
 
 
 @pytest.mark.usefixtures("x64")
-@pytest.mark.parametrize("kernel", [mpm.GIMP, mpm.QuadraticBSpline])
+@pytest.mark.parametrize("kernel", [pytest.param(mpm.GIMP, marks=pytest.mark.slow), mpm.QuadraticBSpline])
 def test_rotation_passes_into_vibration_less_with_every_refinement_and_energy_stays(kernel):
     losses, energies = zip(*[turned(cell, kernel) for cell in (0.25, 0.125)], strict=True)
     assert order([0.25, 0.125], losses) > 1.5
@@ -160,7 +160,7 @@ def test_two_bodies_that_collide_keep_their_momentum(kernel, apic, schemes):
 
 @pytest.mark.usefixtures("x64")
 @pytest.mark.parametrize(
-    "scheme", [pytest.param(s, marks=() if s is SCHEMES[0] else pytest.mark.slow) for s in SCHEMES]
+    "scheme", [pytest.param(s, marks=() if s is mpm.Scheme.MUSL else pytest.mark.slow) for s in SCHEMES]
 )
 def test_block_slides_on_a_plane_as_coulomb_says(scheme):
     slope, friction, height = np.radians(24), np.radians(15), 1.0

@@ -105,7 +105,9 @@ ONES = mpm.Discretisation(2.0, (1.0, 1.0, 1.0))
 
 
 @pytest.mark.parametrize(
-    "water", [8.0, 30.0, mpm.Raster(np.full((3, 2), 8.0), (0.0, 0.0), 4.0)], ids=["8", "30", "raster"]
+    "water",
+    [pytest.param(8.0, marks=pytest.mark.slow), 30.0, mpm.Raster(np.full((3, 2), 8.0), (0.0, 0.0), 4.0)],
+    ids=["8", "30", "raster"],
 )
 def test_terrain_under_water_bears_its_buoyant_weight(water):
     scene, state = mpm.terrain(FLAT_TERRAIN, SAND, ONES, water=water)
