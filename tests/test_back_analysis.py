@@ -81,6 +81,7 @@ def test_a_soil_without_a_modulus_of_softening_is_refused():
         recover(model, SURVEY, observed, NOISE, modes=1)
 
 
+@pytest.mark.slow
 def test_the_design_point_of_a_slope_fails_by_the_campaigns_own_count(model):
     # With half as much strength again the median field stands, and a failing one is some deviations away.
     stronger = runs.GridModel(**{**vars(model), "strength_factor": 1.5})

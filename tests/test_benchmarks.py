@@ -88,7 +88,10 @@ def test_throughput_case_measures_a_lane_that_runs():
     assert all(us > 0 for us in found["us"])
 
 
-@pytest.mark.parametrize("family", slopes.FAMILIES)
+@pytest.mark.parametrize(
+    "family",
+    [pytest.param(each, marks=() if each is slopes.FAMILIES[0] else pytest.mark.slow) for each in slopes.FAMILIES],
+)
 def test_slopes_with_known_answers_fit_their_cells_and_layers(family):
     for case in family():
         coarse, fine = (case.built(cell, at_rest=False)[0] for cell in case.cells)

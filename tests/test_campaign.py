@@ -43,6 +43,7 @@ def done(tmp_path_factory):
     return finished(TINY, tmp_path_factory)
 
 
+@pytest.mark.slow
 def test_campaign_counts_what_it_ran(done):
     folder, summary = done
     store = read_store(folder)

@@ -134,6 +134,7 @@ def asked(slides):
     return SCENE + f"slides = {json.dumps(slides)}\n"
 
 
+@pytest.mark.slow
 def test_a_drawn_slide_goes_on_bit_for_bit(all_slides, tmp_path):
     folder, whole = all_slides
     summary = campaign.run(asked(1), tmp_path)

@@ -323,6 +323,7 @@ def test_a_full_disk_says_so_and_leaves_no_half_file(tmp_path, monkeypatch):
         assert read_rows(store, "rough").numbers == [0]
 
 
+@pytest.mark.slow
 def test_a_file_size_limit_stops_the_writer_without_damage(tmp_path):
     script = f"""if True:
         import resource, sys

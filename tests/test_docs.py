@@ -40,7 +40,12 @@ def test_scene_in_the_readme_is_the_demos():
         assert keys == {key: demo[section][key] for key in keys}
 
 
-@pytest.mark.parametrize(("path", "block"), [(p, b) for p, _, b in BLOCKS], ids=[f"{p}-{n}" for p, n, _ in BLOCKS])
+# Those of pages that notebooks and other tests cover run with the slow tests.
+SELDOM = ("docs/gradients.md", "docs/random-fields.md", "docs/walks.md")
+EACH = [pytest.param(p, b, id=f"{p}-{n}", marks=pytest.mark.slow if p in SELDOM else ()) for p, n, b in BLOCKS]
+
+
+@pytest.mark.parametrize(("path", "block"), EACH)
 def test_python_block_runs(path, block, capsys):
     exec(compile(block, path, "exec"), {})
     assert capsys.readouterr().out.strip()

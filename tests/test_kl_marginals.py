@@ -121,10 +121,10 @@ def test_transforms_rise_and_stay_finite(cov, family):
     "make",
     [
         kl.Lognormal,
-        kl.Gamma,
+        pytest.param(kl.Gamma, marks=pytest.mark.slow),
         pytest.param(kl.Weibull, marks=pytest.mark.slow),
         pytest.param(lambda m, c: kl.Beta(m, c, 0.0, 30.0), id="Beta", marks=pytest.mark.slow),
-        kl.TruncatedNormal,
+        pytest.param(kl.TruncatedNormal, marks=pytest.mark.slow),
     ],
 )
 def test_derivatives_by_mean_and_cov(x64, make):

@@ -131,6 +131,7 @@ def test_signals_at_random_moments_end_campaigns_and_lose_nothing(workers, tmp_p
     assert (toll.disturbed, toll.lost, toll.orphans, signals.signals_lost) == (25, [], [], [])
 
 
+@pytest.mark.slow
 def test_workers_end_with_a_controller_that_is_killed(tmp_path):
     life = robustness.Life(robustness.CASES[0], tmp_path / "killed", workers=2)
     until = robustness.time.monotonic() + robustness.PATIENCE

@@ -41,7 +41,9 @@ def bar_error(cells, periods=1.0, **choices):
 
 
 @pytest.mark.usefixtures("x64")
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize(
+    "scheme", [pytest.param(s, marks=pytest.mark.slow if s is mpm.Scheme.USF else ()) for s in SCHEMES]
+)
 def test_axial_bar_against_theory_falls_with_refinement(scheme):
     errors = [bar_error(cells, scheme=scheme)[0] for cells in (12, 25, 50)]
     assert errors[2] < 0.02

@@ -45,6 +45,7 @@ def test_campaigns_share_their_coefficients():
         np.testing.assert_array_equal(design[:, :modes], designs["base"][:, :modes])
 
 
+@pytest.mark.slow
 def test_a_sweep_answers_for_every_value(swept):
     folder, found = swept
     assert json.loads((folder / "sweep.json").read_text()) == found
@@ -69,6 +70,7 @@ def test_a_sweep_answers_for_every_value(swept):
         assert (folder / "figures" / f"{name}.png").stat().st_size > 5000
 
 
+@pytest.mark.slow
 def test_a_sweep_goes_on_where_it_was(swept):
     folder, found = swept
     files = sorted(folder.glob("campaigns/*/samples/*/*.h5"))

@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cooperative import _commands
@@ -21,6 +21,7 @@ DEEP = st.recursive(
 )
 
 
+@settings(max_examples=30)
 @given(DEEP)
 def test_a_value_is_shown_in_one_short_line(value):
     assert len(shown(value)) <= MOST_SHOWN

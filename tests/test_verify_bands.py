@@ -102,6 +102,7 @@ def test_work_of_a_band_falls_like_the_cell_without_a_length(x64):
         assert abs(work / (FALL**2 * cell / (2 * MODULUS)) - 1) < 0.01
 
 
+@pytest.mark.slow
 def test_work_of_a_band_is_that_of_the_internal_length_whatever_the_cell(x64):
     # The averaged strain in the band is the slip times the peak of the bell. A whole number of filters makes a bell
     # whose variance is off by up to cell^2 / 4, and its peak by half that share of the variance.

@@ -19,6 +19,7 @@ def front(aspect, cells):
     return found["front"]
 
 
+@pytest.mark.slow
 def test_low_columns_run_out_by_their_height_alone_and_rest_below_the_angle_of_friction():
     # A collapse that does not reach the wall behind has no length but the height: the linear law. Both are 4 cells
     # high.

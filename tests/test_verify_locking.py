@@ -147,6 +147,7 @@ def test_error_with_fbar_hardly_grows_with_the_bulk_modulus_and_without_it_does(
     assert plain[1] > 5 * plain[0]
 
 
+@pytest.mark.slow
 def test_without_fbar_the_panel_locks_near_incompressibility_only(x64):
     cells = CELLS[:3]
     compressible, locked = (-np.array([error(cell, poisson, False) for cell in cells]) for poisson in (0.3, 0.499))

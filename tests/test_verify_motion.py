@@ -41,6 +41,7 @@ def test_manufactured_wave_converges_at_order_2_in_the_plane_and_in_space(dimens
 
 
 @pytest.mark.usefixtures("x64")
+@pytest.mark.slow
 def test_order_falls_once_particles_cross_and_is_lost_once_their_boxes_no_longer_fit():
     crossing, gaps = (
         [manufactured_error(n, 1, amplitude=a, finest=64, cfl=0.2) for n in (16, 32, 64)] for a in (5e-3, 5e-2)

@@ -71,7 +71,7 @@ def chance_of(found: Estimate, weight: np.ndarray, happens: np.ndarray) -> Chanc
 
 @dataclass(frozen=True)
 class Curve:
-    """Probability that a sample fails and its slide exceeds each of `thresholds` (k,)."""
+    """Probability that a sample fails and its slide exceeds each of `thresholds` (k,): `chance`, with intervals."""
 
     thresholds: np.ndarray
     chance: Chances
