@@ -159,6 +159,7 @@ def bought(told: Told) -> Iterator[str]:
 
 
 def estimates(found: dict[str, Any]) -> str:
+    """Table of P_f by every estimator, with its interval."""
     own = {"probability": found["probability_of_failure"], "interval": found["interval"]}
     methods = {found["estimator"]: own} | found["other_estimates"]
     cov = found["coefficient_of_variation"]
@@ -230,6 +231,7 @@ def _limits(interval: Sequence[float] | None) -> str:
 
 
 def best_fits(told: Told) -> Iterator[str]:
+    """The distribution that fits each consequence best, and what had too few slides for one."""
     rows: list[list[str | float | int | None]] = []
     few: dict[str, int] = {}
     for group, fits in distinct(told).items():
@@ -247,6 +249,7 @@ def best_fits(told: Told) -> Iterator[str]:
 
 
 def run_table(told: Told) -> str:
+    """Table of what ran on each grid, and with which settings and versions."""
     rows: list[list[str | float | int | None]] = []
     made: dict[str, str] = {}
     for grid, of in zip(GRIDS, (told.rough, told.refined), strict=True):
@@ -306,6 +309,7 @@ def _more(found: dict[str, Any]) -> str:
 
 
 def finished(found: dict[str, Any]) -> str:
+    """Whether the campaign has ended, and why."""
     return f"The campaign has ended: {found['finished']}." if found["finished"] else "The campaign has not ended yet."
 
 

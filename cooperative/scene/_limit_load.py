@@ -47,6 +47,7 @@ def at_limit_load(campaign: Campaign, found: LimitLoad) -> Campaign:
 
 
 def measure_limit_load(campaign: Campaign, scene: Scene, state: State) -> LimitLoad:
+    """The limit load of the slope of mean soil, by strength reduction; scene, state: of the refined grid at rest."""
     t_end = campaign.run.t_end
     found = factor_of_safety(scene, state, criterion="limit load", t_end=t_end, batch=factors_at_once())
     assert found.kink is not None
