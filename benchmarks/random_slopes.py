@@ -41,7 +41,9 @@ def without_softening(tables: Tables) -> None:
         tables[grid]["fbar"] = True
     tables["run"] = {"t_end": 20.0, "failure": "limit load"}
     plan = tables["campaign"]
-    tables["campaign"] = {"samples": plan["samples"], "seed": plan["seed"], "slides": 0, "fields": "none"}
+    tables["campaign"] = {
+        **{key: plan[key] for key in ("samples", "seed")}, "refined_runs": 60, "slides": 0, "fields": "none",
+    }  # fmt: skip
 
 
 def without_softening_or_ends(tables: Tables) -> None:

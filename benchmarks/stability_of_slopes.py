@@ -3,17 +3,24 @@
 Eighteen answers of the literature, by strength reduction where published. Each slope is solved on two cells, with the
 settings that its soil has by default: clay with F-bar, soil with friction with its volumetric strain averaged over
 cells. The factor is the kink of displacement over R (see `jaxmpm.factor_of_safety`).
+
+Slopes are solved side by side, one to a core, so seconds are those of a core with the others busy. Rows that have ended
+stand in out/stability_of_slopes, and a command that was stopped goes on behind them.
 """
 
 from __future__ import annotations
 
 import time
+from concurrent.futures import Future
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import jaxmpm as mpm
 from benchmarks.leave_out import microseconds
-from benchmarks.measure import Report
+from benchmarks.measure import ROOT, Report, code_digest, kept_row
 from benchmarks.slopes import Case, cases
+from cooperative.runs import cores_to_use, process_pool
 
 CURES: dict[str, dict[str, Any]] = {
     "none": {"cell_average": False},
@@ -53,22 +60,42 @@ def row(case: Case, cell: float, **choices: Any) -> dict[str, Any]:
     }
 
 
-def cures(case: Case, cell: float) -> list[dict[str, Any]]:
-    """One slope with every cure, and microseconds per step of a lane of each, taken in turn."""
+def cured(case: Case, cell: float, cure: str) -> dict[str, Any]:
+    """One slope with one of the cures."""
+    return {"cure": cure, **row(case, cell, **CURES[cure])}
+
+
+def costs(case: Case, cell: float) -> dict[str, Any]:
+    """Microseconds per step of a lane with each cure, taken in turn."""
     steps = microseconds([case.built(cell, **choices) for choices in CURES.values()], repeats=5)
-    return [
-        {"cure": cure, **row(case, cell, **choices), "us_per_step": round(us, 1)}
-        for (cure, choices), us in zip(CURES.items(), steps, strict=True)
-    ]
+    return {cure: round(us, 1) for cure, us in zip(CURES, steps, strict=True)}
 
 
 def run(quick: bool) -> Report:
-    """All slopes on both of their cells, and two of them with every cure; `quick` takes the coarse cells, no cures."""
+    """All slopes on their cells, and two of them with every cure; `quick` takes the coarse cells, no cures."""
     known = cases()
-    rows = [row(case, cell) for case in known for cell in (case.cells[:1] if quick else case.cells)]
-    values = summarised(rows)
-    locked = [] if quick else [case for case in known if case.name in LOCKED]
-    return Report(values, rows + [one for case in locked for cell in case.cells for one in cures(case, cell)])
+    folder = ROOT / "out" / "stability_of_slopes" / code_digest((Path(__file__).parent / "slopes.py").read_text())
+    locked = [(case, cell) for case in known if case.name in LOCKED and not quick for cell in case.cells]
+    with process_pool(len(cores_to_use())) as crew:
+
+        def begun(what: str, make: Any, case: Case, *given: Any) -> Future[dict[str, Any]]:
+            name = " ".join([what, case.name.replace("/", " of "), *map(str, given)])
+            return crew.submit(kept_row, folder, name, partial(make, case, *given))
+
+        # What takes longest begins first.
+        ours = {
+            (case.name, cell): begun("slope", row, case, cell) for case in known for cell in _finest_first(case, quick)
+        }
+        cost = [begun("steps", costs, case, cell) for case, cell in locked]
+        treated = [[begun("cure", cured, case, cell, cure) for cure in CURES] for case, cell in locked]
+        rows = [ours[case.name, cell].result() for case in known for cell in reversed(_finest_first(case, quick))]
+        for runs, steps in zip(treated, cost, strict=True):
+            rows += [one.result() | {"us_per_step": steps.result()[one.result()["cure"]]} for one in runs]
+    return Report(summarised([one for one in rows if "cure" not in one]), rows)
+
+
+def _finest_first(case: Case, quick: bool) -> list[float]:
+    return sorted(case.cells[:1] if quick else case.cells)
 
 
 def summarised(rows: list[dict[str, Any]]) -> dict[str, Any]:
