@@ -17,12 +17,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from scipy import stats
 
 from benchmarks.measure import ROOT, Report
 from cooperative import run as run_campaign
 from cooperative.runs import Stopped, cores_to_use
 from cooperative.scene import parse
+from cooperative.store import Store, read_rows, read_sample, read_store
 from cooperative.sweep import to_toml
 
 SCENES = ROOT / "benchmarks" / "scenes"
@@ -107,6 +109,7 @@ def row(name: str, case: Case, folder: Path, text: str, workers: int) -> dict[st
     low, high = found["interval"]
     limit = found["limit_load"]
     expected = closed_form(text, limit["factor"]) if case.printed is None else None
+    store = read_store(folder / name)
     return {
         "case": name,
         "fos": limit["factor"],
@@ -119,8 +122,16 @@ def row(name: str, case: Case, folder: Path, text: str, workers: int) -> dict[st
         "holds_closed_form": None if expected is None else bool(low <= expected <= high),
         "samples": found["samples"],
         "refined_runs": found["refined_runs"],
+        "rough_beyond_toe": round(beyond_toe(store), 3),
         "hours": sum(found["seconds"].values()) / 3600,
+        "device": read_sample(store, "rough", 0).device,
     }
+
+
+def beyond_toe(store: Store) -> float:
+    """Share of the rough samples whose soil runs out beyond the toe. Rough runs go on to their end, so this tells
+    slides of the whole slope from soil that slips within its face, which is a failure too."""
+    return float(np.mean(read_rows(store, "rough").columns["runout"] > 0))
 
 
 def run(quick: bool) -> Report:
@@ -145,6 +156,7 @@ def summarised(rows: list[dict[str, Any]]) -> dict[str, Any]:
         return known.get(case, {}).get(key)
 
     values = {f"example_2_{key}": of("example_2", key) for key in ("fos", "pf", "low", "high", "hours")}
+    values["example_2_rough_beyond_toe"] = of("example_2", "rough_beyond_toe")
     values["pf_3d_limit_load"] = of("pf_3d_limit_load", "pf")
     values["cho_pf"] = of("cho", "pf")
     for name in ("section_infinite", "griffiths_fenton"):
