@@ -169,7 +169,7 @@ EPILOG = """examples:
   jaxmpm report out/demo                  write report.html again
 
 exit codes: 0 done; 2 a scene, folder or argument that cannot be used, said in one line; 130 stopped by Ctrl-C, 143 by
-SIGTERM, to be gone on with by the same command.
+SIGTERM. Then the same run, resume or sweep goes on from what is finished.
 """
 
 
@@ -288,6 +288,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt as interrupt:
         stopped = interrupt if isinstance(interrupt, Stopped) else Stopped()
-        print(f"\n{stopped}", file=sys.stderr)
+        # Whoever looks, draws or exports leaves nothing that the same command could go on with.
+        print(f"\n{stopped if given.does in (run, resume, sweep_over) else stopped.by}", file=sys.stderr)
         return stopped.exit_code
     return 0

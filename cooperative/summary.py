@@ -39,7 +39,7 @@ MOST_LOSS = 5
 """Samples named that make most of the expected loss."""
 CHECKSUM = "checksum"
 """Key of a summary that tells whether it is whole, and of which rows."""
-CONTENT = 2
+CONTENT = 3
 """Of what a summary says, counted up when it says more: one of an earlier version is made anew."""
 MORE = 50
 """What so many more refined runs would buy is told."""
@@ -121,7 +121,7 @@ def _summary(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, Any]:
             if failed.any()
         },
         "exceedance": _exceedance(found, refined, failed & (weight > 0), weight),
-        "risk": _risk(campaign, found, refined, failed & (weight > 0), weight),
+        "risk": _risk(campaign, found, refined, slides),
         "fits": _fits(refined, failed, weight),
         "severity": _severity(refined, failed, weight),
         "seconds": {
@@ -225,15 +225,16 @@ def _curve(curve: Curve) -> dict[str, list[float]]:
     }
 
 
-def _risk(
-    campaign: Campaign, found: Estimate, refined: Rows, slid: np.ndarray, weight: np.ndarray
-) -> dict[str, Any] | None:
-    """What comes over the exposed places, and what is lost there; None where there are none."""
+def _risk(campaign: Campaign, found: Estimate, refined: Rows, slides: Slides) -> dict[str, Any] | None:
+    """What comes over the exposed places, and what is lost there; None where there are none. Of a place nothing is
+    known, None, while no run counts, or runs failed and none of them has slid to its end."""
     if campaign.hazard is None or not campaign.hazard.places:
         return None
     # A slide that broke off has no columns.
-    mine = slid & np.isfinite(_measure(refined, "area_columns"))
-    weight, places = weight[mine], {}
+    mine = slides.slid & (slides.weight > 0) & np.isfinite(_measure(refined, "area_columns"))
+    if not mine.any() and (slides.failed.any() or not slides.weight.any()):
+        return {"places": dict.fromkeys(place.name for place in campaign.hazard.places), "loss": None}
+    weight, places = slides.weight[mine], {}
     lost = np.zeros(weight.size)
     for place in campaign.hazard.places:
         came = {what: _measure(refined, f"{what}_at_{place.key}")[mine] for what in ("thickness", "speed", "arrival")}
@@ -255,7 +256,7 @@ def _risk(
     if not any("loss" in told for told in places.values()):
         return {"places": places, "loss": None}
     curve = exceedance(found, weight, lost, np.unique(np.concatenate([[0.0], lost])))
-    modes = refined.columns.get("mode", np.full(slid.size, ""))[mine]
+    modes = refined.columns.get("mode", np.full(mine.size, ""))[mine]
     whole, number = float(weight @ lost), refined.columns["sample"][mine]
     most = np.argsort(-weight * lost, kind="stable")[:MOST_LOSS]
     return {

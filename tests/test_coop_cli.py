@@ -135,6 +135,18 @@ def test_status_is_watched_until_the_campaign_ends(tmp_path, monkeypatch, capsys
     assert "--watch -1: give the seconds between two looks" in capsys.readouterr().err
 
 
+def test_a_watcher_that_is_stopped_promises_nothing(tmp_path, monkeypatch, capsys):
+    folder = invented_campaign(tmp_path / "c", TWO_PHASE, [(0, 0.1)], [])
+    (folder / ".lock").write_text(f"process {os.getpid()} on {socket.gethostname()}")
+
+    def interrupted(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(progress.time, "sleep", interrupted)
+    assert main(["status", str(folder), "--watch"]) == 130
+    assert capsys.readouterr().err == "\nstopped by SIGINT\n"
+
+
 def test_a_pause_is_no_pace():
     ended = [0.0, 10.0, 20.0, 50_000.0, 50_010.0]
     assert progress.seconds_per_sample(ended, [10.0] * 5) == pytest.approx(10)

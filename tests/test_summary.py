@@ -12,6 +12,7 @@ from cooperative.scene import parse
 from cooperative.store import Rows
 from cooperative.summary import summarise
 from tests.test_campaign import TINY
+from tests.test_coop_places import HAZARD
 from tests.test_coop_twophase import pair
 
 BASE = parse(TINY)
@@ -132,6 +133,25 @@ def test_a_run_that_broke_off_has_no_part_in_modes_and_fits():
     assert found["failures_refined"] == failed.sum()
     assert sum(part["count"] for part in found["modes"].values()) == failed.sum() - 1
     assert found["fits"]["all"]["volume"]["samples"] == failed.sum() - 1
+
+
+def test_of_exposed_places_nothing_is_said_before_a_slide_counts():
+    rough, refined, failed, *_ = made_up(60, 0.4, 1)
+    campaign = campaign_with(samples=60, estimator="monte carlo")
+    campaign = replace(campaign, hazard=parse(TINY + HAZARD).hazard, plan=replace(campaign.plan, slides=2))
+    fails = refined(np.flatnonzero(failed)[:3])
+    fails.columns["status"][:] = "DECIDED"
+    for runs in (refined([]), fails):
+        found = summarise(campaign, rough, runs)
+        assert found["risk"] == {"places": {"road": None, "house": None}, "loss": None}
+        (said,) = _words.risks(found)
+        assert "Nothing is known of how likely a slide reaches road, house" in said
+    # Where many runs ended and none failed, that is known.
+    stands = refined(range(60))
+    stands.columns["displacement"][:] = 0.05
+    reached = summarise(campaign, rough, stands)["risk"]["places"]["house"]["reached"]
+    assert reached["probability"] == 0
+    assert 0 < reached["interval"][1] < 0.2
 
 
 def test_a_rough_sample_that_is_to_be_redone_is_no_obstacle():

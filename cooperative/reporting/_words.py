@@ -196,7 +196,15 @@ def risks(found: dict[str, Any]) -> Iterator[str]:
         return spread.get("mean")
 
     rows: list[list[str | float | int | None]] = []
-    for name, place in found["risk"]["places"].items():
+    places = found["risk"]["places"]
+    if None in places.values():
+        yield page.paragraph(
+            f"Nothing is known of how likely a slide reaches {', '.join(places)}: no slide that has come to its end "
+            "counts in the estimate so far.",
+            "note",
+        )
+        return
+    for name, place in places.items():
         loss = place.get("loss")
         rows.append(
             [

@@ -35,7 +35,12 @@ class Stopped(KeyboardInterrupt):
         self.number = number
 
     def __str__(self) -> str:
-        return f"stopped by {signal.Signals(self.number).name}; {HOW_TO_GO_ON}"
+        return f"{self.by}; {HOW_TO_GO_ON}"
+
+    @property
+    def by(self) -> str:
+        """By which signal, in words, without how to go on."""
+        return f"stopped by {signal.Signals(self.number).name}"
 
     @property
     def exit_code(self) -> int:
