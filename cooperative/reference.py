@@ -473,7 +473,7 @@ def _row(name: str, key: Key, meaning: Meaning) -> str:
     elif key.kind is int:
         allowed += ", whole" if allowed else "whole"
     elif key.kind is tuple:
-        allowed += ", one per axis"
+        allowed += ", one per axis" if allowed else "one per axis"
     elif isinstance(key.kind, Table):
         allowed = "a table"
     elif key.kind in (ROWS, NAMES):
