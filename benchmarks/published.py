@@ -511,6 +511,9 @@ def modes(rows: Rows) -> Iterator[Line]:
     for mode in ("deep", "progressive", "compound", "shallow"):
         what, printed = f"share of {mode} failures", POOLED[mode] / pool
         cause = f"the published share pools all correlation lengths ({POOLED[mode]} of some {pool} failures)"
+        _, pooled = rough_shares(rows, sweep_cases(), mode)
+        if isinstance(pooled, Found):
+            cause += f"; pooled here, on the calibrated rough grid, it is {pooled.value:.2f}. Theirs are told by eye"
         answer: Found | str = words
         if mode in found:
             answer = Found(found[mode].share, found[mode].interval, f"{words}, {found[mode].count} {mode}", spent)
