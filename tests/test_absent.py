@@ -49,16 +49,19 @@ def test_without_tension_cutoff_nothing_limits_the_mean_stress():
     assert count(without, "minimum") == count(with_it, "minimum") - 1
 
 
-def test_homogeneous_strength_is_one_number():
+def test_homogeneous_strength_and_softening_are_numbers():
     scene, state = section()
     assert scene.material.strength.shape == ()
     uneven = mpm.with_strength(scene, jnp.full_like(scene.particles.mass, 9e3))
+    modulus = jnp.full_like(scene.particles.mass, 40e3)
+    softer, _ = mpm.with_soil(scene, state, **{"softening.modulus": modulus})
     arrays = f"tensor<{scene.particles.mass.size}xf32>"
 
     def arguments(scene):
         return next(line for line in program(scene, state).splitlines() if "@main" in line).split("->")[0].count(arrays)
 
-    assert arguments(uneven) == arguments(scene) + 1
+    assert arguments(uneven) == arguments(softer) == arguments(scene) + 1
+    assert scene.material.softening.modulus.shape == scene.material.softening.residual_ratio.shape == ()
 
 
 @pytest.mark.parametrize(("name", "value"), [("damping", 0.5), ("flip", 0.9)])

@@ -14,6 +14,7 @@ SHAPE = mpm.Slope(crest=4, height=2, run_per_rise=1.0, toe=4, foundation=2)
 CLAY = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3)
 NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5))
 VALUES = {"strength": [8e3, 4e3, 9e3, 5e3], "young": [5e6, 2e7, 2e6, 9e6], "unit_weight": [20e3, 18e3, 16e3, 22e3]}
+VALUES |= {"softening.modulus": [4e4, 1e4, 8e4, 2e4], "softening.residual_ratio": [0.5, 0.9, 0.4, 0.6]}
 
 
 def built(**soil):
@@ -22,7 +23,8 @@ def built(**soil):
 
 @pytest.mark.usefixtures("x64")
 @pytest.mark.parametrize(
-    "soil", [{"young": 2e7}, {"poisson": 0.45, "young": 9e6}, {"unit_weight": 15e3}, {"bulk": 8e6}]
+    "soil",
+    [{"young": 2e7}, {"poisson": 0.45, "young": 9e6}, {"unit_weight": 15e3}, {"bulk": 8e6}, {"softening.modulus": 3e4}],
 )
 def test_other_soil_is_the_scene_built_with_it(soil):
     scene, state = built()
@@ -33,7 +35,7 @@ def test_other_soil_is_the_scene_built_with_it(soil):
             "young": 9 * bulk * shear / (3 * bulk + shear),
             "poisson": (3 * bulk - 2 * shear) / (6 * bulk + 2 * shear),
         }
-    other, rest = built(**soil)
+    other, rest = built(**{name.replace(".", "_"): value for name, value in soil.items()})
     for ours, theirs in (
         (varied.material, other.material),
         (varied.particles, other.particles),
@@ -70,6 +72,8 @@ def test_samples_of_any_soil_are_the_runs_of_their_own_scenes_in_any_company():
         own, start = mpm.with_soil(scene, state, **{name: values[number - 10] for name, values in VALUES.items()})
         alone = mpm.advance(own, start, np.asarray(result.state.step))
         np.testing.assert_allclose(result.state.displacement, alone.displacement, rtol=1e-4, atol=1e-7)
+    xla = jax.jit(mpm.advance)(replace(own, engine=mpm.Engine.XLA), start, np.asarray(result.state.step))
+    np.testing.assert_allclose(xla.displacement, alone.displacement, rtol=1e-4, atol=1e-6)
     assert len({float(result.time_step) for result in apart.values()}) == 4
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import kl
-from benchmarks.invented import TINY
+from benchmarks.invented import LAYERED, TINY
 from cooperative import run, runs
 from cooperative.reporting import report
 from cooperative.reporting._exports import export, run_again
@@ -50,7 +50,36 @@ mean = 20e3
 cov = 0.05
 length = [10.0, 10.0]
 """
-ALL = SAND.replace("unit_weight = 20e3\nyoung = 2e7\n", "") + STIFF + CORRELATED
+LEFT = """
+[soil.residual_cohesion]
+mean = 400.0
+cov = 0.3
+length = [10.0, 10.0]
+[soil.residual_friction]
+mean = 4.0
+cov = 0.05
+length = [10.0, 10.0]
+[soil.softening_strain]
+mean = 0.2
+cov = 0.3
+length = [10.0, 10.0]
+"""
+SOFT = SAND + LEFT
+ALL = SAND.replace("unit_weight = 20e3\nyoung = 2e7\n", "") + STIFF + LEFT + CORRELATED
+BRITTLE = """
+[soil.softening_modulus]
+mean = 85e3
+cov = 0.4
+length = [20.0, 4.0]
+[soil.residual_ratio]
+mean = 0.5
+cov = 0.1
+length = [20.0, 4.0]
+[cross_correlation]
+parameters = ["strength", "residual_ratio"]
+matrix = [[1.0, 0.6], [0.6, 1.0]]
+"""
+CRACKED = TINY.replace("softening_modulus = 85e3\nresidual_ratio = 0.5\n", "") + BRITTLE
 
 
 def changed(text, *changes):
@@ -203,7 +232,8 @@ def test_correlation_of_the_property_itself_is_had_on_request():
 
 def test_a_sample_of_stiffness_and_weight_has_its_own_start_and_step():
     model = model_of(ALL)
-    assert model.names == ("cohesion", "friction", "young", "unit_weight")
+    assert model.names[:4] == ("cohesion", "friction", "young", "unit_weight")
+    assert model.names[4:] == ("residual_cohesion", "residual_friction", "softening_strain")
     xi = drawn(model, 1)[0]
     found = {name: np.asarray(each, float) for name, each in model.parameters(xi).items()}
     scene, _ = model.of_sample(xi)
@@ -214,6 +244,59 @@ def test_a_sample_of_stiffness_and_weight_has_its_own_start_and_step():
     assert model.time_step(xi) == float(scene.time_step)
     assert model_of(SAND).time_step(np.zeros(1)) == float(model_of(SAND).scene.time_step)
     np.testing.assert_allclose(scene.particles.mass, density * scene.particles.volume, rtol=1e-5)
+
+
+def test_softening_varies_in_the_measure_and_the_bands_of_the_law():
+    layered = changed(LAYERED, ("softening_modulus = 85e3\nresidual_ratio = 0.5\n", "")) + BRITTLE
+    layered = changed(layered, ("depth = 1.0", "depth = 1.0\nsoftening_length = 3.2"))
+    for text in (CRACKED, changed(CRACKED, ("young", "plastic_strain = 'equivalent'\nyoung")), layered):
+        model = model_of(text)
+        assert [group.names for group in model.soil.groups] == [("strength", "residual_ratio"), ("softening_modulus",)]
+        xi, law = drawn(model, 1)[0], model.scene.material.softening
+        found, varied = model.parameters(xi), model.varied(xi)
+        assert set(varied) == {"strength", "softening.modulus", "softening.residual_ratio"}
+        assert np.std(varied["softening.modulus"]) > 0.1 * np.mean(varied["softening.modulus"])
+        np.testing.assert_allclose(
+            varied["softening.modulus"] / law.modulus, found["softening_modulus"] / 85e3, rtol=1e-5
+        )
+        assert np.array_equal(varied["softening.residual_ratio"], found["residual_ratio"])
+        scene, _ = model.of_sample(xi)
+        assert np.array_equal(scene.material.softening.modulus, varied["softening.modulus"])
+    fill = np.asarray(model.layer) == 0
+    assert np.ptp(law.modulus) > 0
+    assert np.all(np.asarray(law.modulus)[fill] == np.asarray(law.modulus).min())
+
+
+def test_exponential_softening_and_the_effect_of_rate_vary_too():
+    exponential = changed(CRACKED, ("[soil.softening_modulus]\nmean = 85e3", "[soil.strain_95]\nmean = 5.0"))
+    rate = "[soil.rate_coefficient]\nmean = 0.1\ncov = 0.2\nlength = [20.0, 4.0]\n"
+    model = model_of(changed(exponential, ("[cross_correlation]", rate + "[cross_correlation]")))
+    assert model.names == ("strength", "residual_ratio", "strain_95", "rate_coefficient")
+    scene, _ = model.of_sample(drawn(model, 1)[0])
+    for parameter in (scene.material.softening.strain_95, scene.material.rate.coefficient):
+        assert np.unique(parameter).size > 50
+
+
+def test_softening_that_leaves_its_limits_ends_its_sample_alone():
+    model = model_of(changed(CRACKED, ("t_end = 4.0", "t_end = 0.1")))
+    coefficients = drawn(model, 2)
+    for group in model.soil.groups:
+        if "residual_ratio" in group.names:  # some 6 deviations: more than the whole strength is left
+            sets = group.coefficients(coefficients[0])
+            assert set(sets) == {"strength", "residual_ratio"}
+            coefficients[0, group.place] = 0
+            coefficients[0, group.place[-group.expansion.modes :][0]] = 40.0
+    assert float(model.parameters(coefficients[0])["residual_ratio"].max()) > 1
+    rows = {sample.number: sample for sample in runs.run_samples(model, coefficients, [0, 1], width=2)}
+    assert (rows[0].status, rows[0].steps) == ("BAD_PARAMETER", 0)
+    assert rows[1].steps > 0
+
+
+def test_softening_that_would_snap_back_within_its_values_is_refused_before_it_runs():
+    steep = changed(CRACKED, ("mean = 85e3", "mean = 3e6"))
+    with pytest.raises(ValueError, match=r"4 deviations from the middle of what varies there is softening of .* snaps"):
+        runs.grid_size(parse(steep), "rough")
+    assert runs.grid_size(parse(CRACKED), "rough").steps > 0
 
 
 def test_weaker_grids_divide_cohesion_and_the_tangent_of_friction():
@@ -227,6 +310,13 @@ def test_weaker_grids_divide_cohesion_and_the_tangent_of_friction():
     np.testing.assert_allclose(after["dilation"], np.minimum(4.5, after["friction"]), rtol=1e-6)
     assert weaker.names == ("cohesion", "friction", "dilation")
     assert float(weaker.scene.material.cohesion) == pytest.approx(4e3)
+    soft = model_of(SOFT)
+    xi, weaker = drawn(soft, 1)[0], soft.weakened(0.8)
+    before, after = soft.varied(xi), weaker.varied(xi)
+    np.testing.assert_allclose(after["softening.cohesion"], 0.8 * before["softening.cohesion"], rtol=1e-6)
+    tangents = (np.tan(each["softening.friction"]) for each in (after, before))
+    np.testing.assert_allclose(next(tangents), 0.8 * next(tangents), rtol=1e-5)
+    np.testing.assert_allclose(after["softening.strain"], before["softening.strain"], rtol=1e-6)
 
 
 @pytest.fixture(scope="module")
@@ -246,7 +336,7 @@ def test_a_campaign_of_many_random_parameters_runs_and_is_reported(done):
     assert np.unique(moved).size == 3
     assert (moved > 0).all()
     page = report(folder)
-    for name in ("field", "field-friction", "field-young", "field-unit_weight"):
+    for name in ("field", "field-friction", "field-young", "field-unit_weight", "field-softening_strain"):
         assert (Path(folder) / "figures" / f"{name}.png").is_file()
     assert page
 
@@ -304,7 +394,7 @@ def test_such_a_campaign_is_exported_with_its_parameters(done):
 def test_what_knows_undrained_strength_alone_says_so():
     with pytest.raises(ValueError, match="a sweep varies the field of undrained strength"):
         variants(SAND + "[sweep]\ncov = [0.2, 0.4]\n")
-    with pytest.raises(ValueError, match="random are cohesion, friction, young, unit_weight, and with stiffness"):
+    with pytest.raises(ValueError, match=r"random are cohesion, friction, young, unit_weight, .* and with stiffness"):
         slide_limit_state(model_of(ALL), seconds=1.0, displacement=0.5)
 
 
@@ -354,6 +444,20 @@ REFUSED = [
         ("poisson = 0.3", "poisson = 0.3\nsoftening_strain = 0.2\nresidual_friction = 12.0"),
         r"residual_friction = 12 degrees, but friction comes down to 5\.49: give a residual of at most",
     ),
+    (SOFT, ("mean = 4.0", "mean = 6.0"), r"residual_friction reaches 7\.3.* degrees, but friction comes down to 5\.49"),
+    (
+        CRACKED,
+        ("[soil.softening_modulus]\nmean = 85e3\ncov = 0.4\nlength = [20.0, 4.0]", ""),
+        r"\[soil.residual_ratio\] varies, but the soil does not soften: add softening_modulus or strain_95 to \[soil\]",
+    ),
+    (SOFT, (LEFT[LEFT.index("[soil.softening_strain") :], ""), r"does not soften: add softening_strain to \[soil\]"),
+    (
+        CRACKED,
+        ("mean = 0.5\ncov = 0.1", "mean = 0.5\ncov = 0.3"),
+        r"\[soil.residual_ratio\] has values of 1\.55, 4 dev.*: give a value from 0 to 1",
+    ),
+    (CRACKED, ("mean = 85e3", "mean = 85.0"), r"\[soil.softening_modulus\] mean = 85 Pa: were kPa meant"),
+    (CRACKED, ("mean = 85e3", "mean = nan"), r"\[soil.softening_modulus\] mean = nan: give finite values"),
     (TINY, ("young = 2e7", "young = 2e7\ncohesion = 5e3"), r"\[soil\] cohesion is given beside a strength"),
     (TINY, ("young = 2e7", "young = 2e7\nstrength = 30e3"), r"both \[strength\] and \[soil\] strength are given"),
     (TINY, ("young = 2e7", "young = 2e7\ncriterion = 'mohr-coulomb'"), r"criterion has no say in undrained soil"),

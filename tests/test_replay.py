@@ -88,10 +88,11 @@ def test_reverse_over_softening_steps_against_central_differences():
 @pytest.mark.usefixtures("x64")
 def test_derivatives_by_gravity_softening_and_starting_velocity():
     scene, state = slide()
+    uneven = 1 + 0.3 * jnp.sin(jnp.arange(scene.particles.mass.size))
 
     def reached(angle, modulus, push):
         turned = jnp.stack([jnp.sin(angle), -jnp.cos(angle)]) * 9.81
-        material = replace(scene.material, softening=replace(scene.material.softening, modulus=modulus))
+        material = replace(scene.material, softening=replace(scene.material.softening, modulus=modulus * uneven))
         start = replace(state, velocity=state.velocity.at[0].add(push))
         final, _ = mpm.replay(replace(scene, gravity=turned, material=material), start, 120)
         return objectives.log_displacement(final)

@@ -65,6 +65,13 @@ QUANTITIES = {
     "young": Quantity("Young's modulus", "$E$", "MPa", 1e6),
     "poisson": Quantity("Poisson's ratio", r"$\nu$", "-"),
     "unit_weight": Quantity("unit weight", r"$\gamma$", "kN/m3", 1e3),
+    "softening_modulus": Quantity("softening modulus", "$H$", "kPa", 1e3),
+    "residual_cohesion": Quantity("residual cohesion", "$c_r$", "kPa", 1e3),
+    "residual_friction": Quantity("residual friction angle", r"$\varphi_r$", "degrees"),
+    "residual_ratio": Quantity("residual over peak strength", "$r$", "-"),
+    "strain_95": Quantity("plastic strain of 95 % of the loss", r"$\gamma_{95}$", "-"),
+    "softening_strain": Quantity("plastic strain of the loss", r"$\gamma_r$", "-"),
+    "rate_coefficient": Quantity("rise of strength per tenfold rate", r"$\mu$", "-"),
 }
 
 

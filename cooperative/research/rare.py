@@ -13,7 +13,7 @@ step, 10.1007/978-0-387-34866-7_32; Melchers (1989), importance sampling at the 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
@@ -22,7 +22,7 @@ from scipy import stats
 
 from cooperative.estimate import Estimate, with_variance
 from cooperative.runs import GridModel
-from jaxmpm import objectives, replay
+from jaxmpm import objectives, replay, with_soil
 
 # Displacement (m) below which the smooth measure flattens out.
 FLOOR = 1e-4
@@ -130,7 +130,7 @@ def slide_limit_state(
     steps = max(1, round(seconds / float(scene.time_step)))
 
     def measured(coefficients: jax.Array) -> jax.Array:
-        varied = replace(scene, material=replace(scene.material, **model.varied(coefficients)))
+        varied, _ = with_soil(scene, state, **model.varied(coefficients))
         final, _ = replay(varied, state, steps, memory=memory)
         return jnp.log(displacement / FLOOR) - objectives.log_displacement(final, FLOOR)
 

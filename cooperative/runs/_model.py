@@ -77,7 +77,7 @@ class GridModel:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The parameters that samples differ in, as `varied` gives them."""
+        """The parameters that samples differ in, as `parameters` gives them."""
         random = tuple(self.campaign.random)
         bound = self.strength_factor != 1 and "friction" in random and "dilation" not in random
         return (*random, "dilation") if bound else random
@@ -100,10 +100,21 @@ class GridModel:
         return found if self.strength_factor == 1 else self._weakened(found)
 
     def varied(self, coefficients: jax.Array | np.ndarray) -> dict[str, jax.Array]:
-        """The random parameters at the particles, each (N,), as `jaxmpm.solve_each` and `with_soil` take them: angles
-        in radians."""
+        """The random parameters at the particles, each (N,), as `jaxmpm.solve_each` and `with_soil` take them: by the
+        names of the law, angles in radians, softening that of the grid's bands."""
         found = self.parameters(coefficients)
-        return {name: jnp.deg2rad(value) if name in ANGLES else value for name, value in found.items()}
+        found |= {name: jnp.deg2rad(found[name]) for name in ANGLES if name in found}
+        found |= {name: found[name] * self._per_band(name) for name in PER_BAND if name in found}
+        return {IN_LAW.get(name, name): value for name, value in found.items()}
+
+    def _per_band(self, name: str) -> jax.Array:
+        """The law's number of a parameter over the scene's own, which is of a band as thick as `softening_length`."""
+        part, _, parameter = IN_LAW[name].partition(".")
+        soils = [each.soil for each in self.campaign.site.soils(self.campaign.soil)]
+        own = np.array([getattr(soil, name) for soil in soils])
+        return getattr(getattr(self.scene.material, part), parameter) / (
+            own[0] if self.layer is None else own[self.layer]
+        )
 
     def of_sample(self, coefficients: jax.Array | np.ndarray) -> tuple[Scene, State]:
         """Scene and initial state of a sample, with its own time step. Raises ValueError for values that no soil
@@ -145,11 +156,10 @@ class GridModel:
     def _weakened(self, found: dict[str, jax.Array]) -> dict[str, jax.Array]:
         """Parameters with their strength times the factor: of friction its tangent."""
         factor, weaker = self.strength_factor, dict(found)
-        for name in ("strength", "cohesion"):
-            if name in found:
-                weaker[name] = found[name] * factor
-        if "friction" in found:
-            weaker["friction"] = jnp.rad2deg(jnp.arctan(jnp.tan(jnp.deg2rad(found["friction"])) * factor))
+        for name in {"strength", "cohesion", "residual_cohesion"} & found.keys():
+            weaker[name] = found[name] * factor
+        for name in {"friction", "residual_friction"} & found.keys():
+            weaker[name] = jnp.rad2deg(jnp.arctan(jnp.tan(jnp.deg2rad(found[name])) * factor))
         if {"friction", "dilation"} & found.keys():
             law: Any = self.scene.material
             friction = weaker.get("friction", jnp.rad2deg(law.friction))
@@ -191,8 +201,22 @@ class GridModel:
         return jnp.minimum(centre, end[:, None])
 
 
-ANGLES = ("friction", "dilation")
+ANGLES = ("friction", "dilation", "residual_friction")
 """Parameters that scenes give in degrees and laws take in radians."""
+
+IN_LAW = {
+    "softening_modulus": "softening.modulus",
+    "residual_ratio": "softening.residual_ratio",
+    "strain_95": "softening.strain_95",
+    "residual_cohesion": "softening.cohesion",
+    "residual_friction": "softening.friction",
+    "softening_strain": "softening.strain",
+    "rate_coefficient": "rate.coefficient",
+}
+"""Names that parameters of a scene have in the law, where those are others."""
+
+PER_BAND = ("softening_modulus", "strain_95", "softening_strain")
+"""Parameters whose number in the law goes with the thickness of the grid's shear bands."""
 
 
 @partial(jax.jit, static_argnames="which")

@@ -24,7 +24,7 @@ from cooperative.measure import (
 )
 from cooperative.runs._columns import column_row, kept_columns
 from cooperative.runs._frames import Frames
-from cooperative.runs._model import GridModel
+from cooperative.runs._model import IN_LAW, GridModel
 from cooperative.runs._restart import RestartPoint, read_restart, write_restart
 from cooperative.runs._stopping import Asked, Stopped
 from cooperative.store import SLIDES, Sample, Scalar, read_store
@@ -72,8 +72,9 @@ def run_samples(
             on_chunk(chunk)
 
     wanted, drawn = tee(until_stopped())
-    soils = tee((model.varied(jnp.asarray(coefficients[number])) for number in drawn), len(model.names))
-    varied = {name: map(itemgetter(name), own) for name, own in zip(model.names, soils, strict=True)}
+    names = [IN_LAW.get(name, name) for name in model.names]
+    soils = tee((model.varied(jnp.asarray(coefficients[number])) for number in drawn), len(names))
+    varied = {name: map(itemgetter(name), own) for name, own in zip(names, soils, strict=True)}
     for number, result in solve_each(
         model.scene, model.state, varied, numbers=wanted, width=width, t_end=run.t_end, settle=run.settle,
         stop_at=stop_at, on_chunk=looked, observe=lanes.remember if lanes.remembers else None, resume=lanes.begin,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +13,9 @@ import jax
 import numpy as np
 
 from cooperative.runs._model import sampling_of
-from cooperative.scene import Campaign
+from cooperative.scene import TAIL, Campaign, steepest
 from cooperative.store import GRIDS
-from jaxmpm import block
+from jaxmpm import FrictionalSoil, Scene, Soil, block
 
 MOST_STEPS = 10**7
 """Of one run. The published slope takes 2,000 and 5,000; with more, rounding in float32 gets the better of a step."""
@@ -58,18 +58,20 @@ class GridSize:
 def grid_size(campaign: Campaign, grid: str) -> GridSize:
     """Size of one grid. Raises ValueError where slope, soil and grid do not fit together."""
     site, numerics, gravity = campaign.site, campaign.grids[grid], campaign.run.gravity
-    shape = site.shape
+    shape, depth = site.shape, site.shape.extent[-1]
     cells, speed = shape.cells(numerics), math.sqrt(gravity * shape.extent[-1])
     site.layer_of(np.zeros((shape.dimension, 0)), numerics)  # which refuses lines that do not go together
-    # One particle of the same soil has the same time step, and meets the same checks.
-    alone = [
-        block(
-            numerics.spacing, layer.soil, numerics, domain=(2 * numerics.cell,) * shape.dimension,
-            corner=(0.0,) * shape.dimension, speed=speed,
-        )[0]
-        for layer in site.soils(campaign.soil)
-    ]  # fmt: skip
-    one = min(alone, key=lambda scene: float(scene.time_step))
+
+    def alone(soil: Soil | FrictionalSoil) -> Scene:
+        # One particle of the same soil has the same time step, and meets the same checks.
+        domain, corner = (2 * numerics.cell,) * shape.dimension, (0.0,) * shape.dimension
+        return block(numerics.spacing, soil, numerics, domain=domain, corner=corner, speed=speed)[0]
+
+    soils = [layer.soil for layer in site.soils(campaign.soil)]
+    one = min(map(alone, soils), key=lambda scene: float(scene.time_step))
+    for soil, random in zip(soils, [layer.random for layer in site.layers] or [campaign.random], strict=True):
+        if not SOFTENING.isdisjoint(random):
+            _refused_at_the_ends(alone, steepest(soil, random, depth))
     dt, each = float(one.time_step), math.prod(numerics.spacing)
     steps = campaign.run.t_end / dt if dt > 0 else math.inf
     passes = 0 if one.nonlocal_passes is None else one.nonlocal_passes
@@ -80,6 +82,20 @@ def grid_size(campaign: Campaign, grid: str) -> GridSize:
         steps=steps,
         passes=passes,
     )
+
+
+SOFTENING = {"softening_modulus", "strain_95", "residual_ratio"}
+"""Parameters that say how steeply clay softens."""
+
+
+def _refused_at_the_ends(alone: Callable[[Soil | FrictionalSoil], Scene], soil: Soil | FrictionalSoil) -> None:
+    """Raise ValueError where the soil at the ends of what varies softens too steeply for any run."""
+    try:
+        alone(soil)
+    except ValueError as error:
+        raise ValueError(
+            f"[soil] {TAIL:g} deviations from the middle of what varies there is {error}; or give a smaller cov"
+        ) from error
 
 
 def check_size(campaign: Campaign, workers: int = 1) -> None:

@@ -21,7 +21,7 @@ from cooperative.scene._schema import (
     Table,
 )
 from cooperative.scene._site import Site, SiteLayer
-from cooperative.scene._soil import PARAMETERS, CrossCorrelation, RandomField, gaussian_root
+from cooperative.scene._soil import PARAMETERS, TAIL, CrossCorrelation, RandomField, gaussian_root, steepest
 from cooperative.scene._text import read_scene, tables_of
 from cooperative.scene._typed import Budget, Campaign, Plan, built, parse
 
@@ -38,6 +38,7 @@ __all__ = [
     "ROWS",
     "SECTIONS",
     "SITES",
+    "TAIL",
     "UNSAID",
     "Budget",
     "Campaign",
@@ -66,6 +67,7 @@ __all__ = [
     "raised",
     "read_scene",
     "starters",
+    "steepest",
     "tables_of",
     "with_defaults",
     "write_budget",

@@ -48,8 +48,23 @@ PARAMETERS = {
     "softening_modulus": Parameter(Limit(above=0), "Pa", 500.0, _KPA),
     "residual_cohesion": Parameter(Limit(least=0), "Pa", 100.0, _KPA),
     "residual_friction": Parameter(Limit(least=0, most=60), "degrees", 1.6, _DEGREES),
+    "residual_ratio": Parameter(Limit(least=0, most=1)),
+    "strain_95": Parameter(Limit(above=0)),
+    "softening_strain": Parameter(Limit(above=0)),
+    "rate_coefficient": Parameter(Limit(least=0)),
 }
-"""Strength first, which is what is drawn of a sample. The first seven may vary."""
+"""All that may vary. Strength first, which is what is drawn of a sample; the order of the others is that of a sample's
+coefficients, so a new one goes to the end."""
+
+SOFTENED_BY = {
+    "residual_ratio": ("softening_modulus", "strain_95"),
+    "residual_cohesion": ("softening_strain",),
+    "residual_friction": ("softening_strain",),
+}
+"""What is left of strength, and what else soil has that softens."""
+
+STEEPEST = {"softening_modulus": 1, "strain_95": 0, "residual_ratio": 0, "strength": 1, "young": 0, "poisson": 1}
+"""Which end of a parameter, 0 the least, makes clay soften most steeply beside its shear modulus."""
 
 OF_CLAY = ("strength", "softening_modulus", "residual_ratio", "plastic_strain", "strain_95", "rate_coefficient",
            "reference_rate")  # fmt: skip
@@ -147,6 +162,12 @@ def soil_of(
             said[name] = random[name].mean
         elif name in PARAMETERS and value is not None:
             _check_number(f"[soil] {name}", name, value, unusual)
+    for name, others in SOFTENED_BY.items():
+        if name in random and all(said[other] is None for other in others):
+            raise ValueError(
+                f"{places[name]} varies, but the soil does not soften: add {' or '.join(others)} to [soil], or leave "
+                "it out"
+            )
     if must_vary and not random:
         raise ValueError(
             "nothing in the scene is random: give at least one parameter of the soil as a table, such as "
@@ -227,8 +248,9 @@ def _check_field(where: str, name: str, field: RandomField, depth: float, unusua
     limit, unit = PARAMETERS[name].limit, PARAMETERS[name].unit
     for value in extremes(field, depth):
         if not limit.holds(value):
+            said = f"{value:.3g} {unit}".rstrip()
             raise ValueError(
-                f"{where} has values of {value:.3g} {unit}, {TAIL:g} deviations from the middle: give {limit} by a "
+                f"{where} has values of {said}, {TAIL:g} deviations from the middle: give {limit} by a "
                 "smaller cov, or marginal = 'truncated normal' with lower and upper"
             )
     for row in field.boreholes or ():
@@ -243,6 +265,13 @@ def extremes(field: RandomField, depth: float) -> tuple[float, float]:
     at = np.asarray(field.distribution.transform(jnp.asarray([-TAIL, 0.0, TAIL])), float)
     ends = [float(value) for value in np.outer(at[[0, 2]], [1.0, field.grown(depth)]).ravel()]
     return min(ends), max(ends)
+
+
+def steepest(soil: Soil | FrictionalSoil, random: Mapping[str, RandomField], depth: float) -> Soil | FrictionalSoil:
+    """The soil where it softens most steeply beside its shear modulus: what varies at that end of its values, down to a
+    depth (m)."""
+    ends: Any = {name: extremes(random[name], depth)[end] for name, end in STEEPEST.items() if name in random}
+    return replace(soil, **ends)
 
 
 def _check_number(where: str, name: str, value: float, unusual: bool) -> None:
@@ -266,22 +295,23 @@ def _check_friction(said: dict[str, Any], random: Mapping[str, RandomField], dep
     """Soil that dilates by more than its friction would gain work by sliding; none gains strength by softening."""
     if said["friction"] is None:
         return
+
+    def ends(name: str) -> tuple[float, float]:
+        return extremes(random[name], depth) if name in random else (said[name], said[name])
+
     for name in ("cohesion", "friction") if said["softening_strain"] is not None else ():
-        least = extremes(random[name], depth)[0] if name in random else said[name]
-        residual = said[f"residual_{name}"]
+        (least, _), (_, residual) = ends(name), ends(f"residual_{name}")
         if residual > least:
+            goes = "reaches" if f"residual_{name}" in random else "="
             raise ValueError(
-                f"[soil] residual_{name} = {residual:g} {PARAMETERS[name].unit}, but {name} comes down to {least:.3g}: "
-                "give a residual of at most that"
+                f"[soil] residual_{name} {goes} {residual:.4g} {PARAMETERS[name].unit}, but {name} comes down to "
+                f"{least:.3g}: give a residual of at most that"
             )
-    ends = {
-        name: extremes(random[name], depth) if name in random else (said[name],) * 2
-        for name in ("friction", "dilation")
-    }
-    if ends["dilation"][1] > ends["friction"][0]:
+    friction, dilation = ends("friction"), ends("dilation")
+    if dilation[1] > friction[0]:
         raise ValueError(
-            f"[soil] dilation reaches {ends['dilation'][1]:.3g} degrees, friction comes down to "
-            f"{ends['friction'][0]:.3g}: give a dilation of at most the friction"
+            f"[soil] dilation reaches {dilation[1]:.3g} degrees, friction comes down to {friction[0]:.3g}: give a "
+            "dilation of at most the friction"
         )
 
 

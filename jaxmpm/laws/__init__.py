@@ -2,7 +2,7 @@
 
 from jaxmpm.laws._base import Law, reduce_strength, snaps_back
 from jaxmpm.laws._base_motion import BaseMotion
-from jaxmpm.laws._frictional import DruckerPrager, Matching, MohrCoulomb, cone
+from jaxmpm.laws._frictional import DruckerPrager, Matching, MohrCoulomb, cone, hardens
 from jaxmpm.laws._hencky import logarithmic, volumetric
 from jaxmpm.laws._softening import Decay, ExponentialSoftening, FrictionalSoftening, RateEffect, Softening
 from jaxmpm.laws._undrained import J2, Elastic, add, elastic_increment, elastic_strain
@@ -27,6 +27,7 @@ __all__ = [
     "cone",
     "elastic_increment",
     "elastic_strain",
+    "hardens",
     "logarithmic",
     "reduce_strength",
     "snaps_back",

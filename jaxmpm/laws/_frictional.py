@@ -30,6 +30,9 @@ SMALLEST = 1e-6
 """Sine of friction below which the apex stays where this sine puts it: too far out to be reached."""
 
 
+ROUNDING = 1e-5
+"""Share by which a residual may be above its peak."""
+
 LIMITS = {"cohesion": from_zero("Pa"), "friction": ANGLE, "dilation": ANGLE, "tension_cutoff": from_zero("Pa")}
 
 
@@ -166,6 +169,15 @@ class MohrCoulomb(Law):
 def _strength(material: DruckerPrager | MohrCoulomb, history: Array | None) -> tuple[Array, Array, Array]:
     peak = material.cohesion, material.friction, material.dilation
     return peak if material.softening is None or history is None else material.softening.strength(*peak, history)
+
+
+def hardens(material: Any) -> Array | None:
+    """Whether cohesion or friction is left above its peak anywhere, by more than rounding; None where neither falls."""
+    softening = getattr(material, "softening", None)
+    if not isinstance(softening, FrictionalSoftening):
+        return None
+    pairs = ((softening.cohesion, material.cohesion), (softening.friction, material.friction))
+    return jnp.any(jnp.stack([jnp.any(residual > peak * (1 + ROUNDING)) for residual, peak in pairs]))
 
 
 def _reduced(material: Any, factor: Array) -> Any:

@@ -17,9 +17,9 @@ from tqdm import tqdm
 from foundation import check
 from jaxmpm import diagnostics
 from jaxmpm._step import place, step
-from jaxmpm.laws import snaps_back
+from jaxmpm.laws import hardens, snaps_back
 from jaxmpm.run._columns import kept
-from jaxmpm.site import check_scene, check_shape, parameter_names
+from jaxmpm.site import check_scene, check_shape, parameter_names, with_parameters
 from jaxmpm.transfer import inside, locate
 from jaxmpm.types import Scene, State, Status
 
@@ -94,7 +94,7 @@ _ADVICE = {
     Status.INVERTED: "a particle's volume is no longer positive: refine the grid, or lower the CFL number",
     Status.TIME_STEP_TOO_LARGE: "a particle is faster than the time step allows: build the scene with a larger `speed`",
     Status.BAD_PARAMETER: "a number of its scene, for example its strength at a particle, is not finite or beyond its "
-    "limit, or its softening snaps back: see to what it was drawn from",
+    "limit, its softening snaps back, or its residual is above its peak: see to what it was drawn from",
 }
 
 
@@ -116,8 +116,9 @@ def lane_status(scene: Scene, state: State) -> Array:
 
 def begun(scene: Scene, state: State) -> State:
     """The state, its status BAD_PARAMETER if it is running in a scene with numbers that no scene may have."""
-    good, back = check.admissible(scene), snaps_back(scene.material)
-    good = good if back is None else good & ~back
+    good = check.admissible(scene)
+    for wrong in (snaps_back(scene.material), hardens(scene.material)):
+        good = good if wrong is None else good & ~wrong
     bad = (state.status == Status.RUNNING) & ~good
     return replace(state, status=jnp.where(bad, int(Status.BAD_PARAMETER), state.status).astype(jnp.int32))
 
@@ -178,8 +179,8 @@ def lanes(scene: Scene, **values: Array) -> tuple[Scene, Scene]:
             raise ValueError(f"{name} has shape {np.shape(leaf)}: give (lanes,) or (lanes, N), as many for every name")
         check_shape(f"a lane of {name}", leaf[0], scene.particles)
     shared = jax.tree.map(lambda _: None, scene)
-    axes = replace(shared, material=replace(shared.material, **dict.fromkeys(values, 0)))
-    varied = replace(scene, material=replace(scene.material, **values))
+    axes = replace(shared, material=with_parameters(shared.material, dict.fromkeys(values, 0)))
+    varied = replace(scene, material=with_parameters(scene.material, values))
     check_scene(varied, axes)
     return varied, axes
 

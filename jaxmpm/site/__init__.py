@@ -10,7 +10,7 @@ from jaxmpm.site._scene import check_scene, check_shape, refuse_snap_back, scene
 from jaxmpm.site._section import Layer, Section, section
 from jaxmpm.site._soil import FrictionalSoil, PlasticStrain, Soil
 from jaxmpm.site._terrain import Terrain, terrain
-from jaxmpm.site._vary import check_names, check_start, parameter_names, vary, with_soil
+from jaxmpm.site._vary import check_names, check_start, parameter_names, vary, with_parameters, with_soil
 
 __all__ = [
     "Discretisation",
@@ -43,6 +43,7 @@ __all__ = [
     "terrain",
     "unstressed",
     "vary",
+    "with_parameters",
     "with_soil",
     "with_strength",
 ]

@@ -17,7 +17,7 @@ from jax.typing import ArrayLike
 
 from foundation import check
 from foundation.text import shown
-from jaxmpm.laws import BaseMotion, WaterSurface, WaterTable, snaps_back
+from jaxmpm.laws import BaseMotion, WaterSurface, WaterTable, hardens, snaps_back
 from jaxmpm.site._motion import check_motion
 from jaxmpm.tensors import CARRIED
 from jaxmpm.transfer import Linear, inside, locate, passes_for
@@ -137,12 +137,14 @@ def unstressed(scene: Scene, *, apic: bool = False) -> State:
 
 
 def check_scene(scene: Scene, axes: Scene | None = None) -> None:
-    """Raise ValueError where a number of a scene is beyond its limit, softening snaps back or dilation passes friction.
+    """Raise ValueError where a number of a scene is beyond its limit, softening snaps back, or a residual passes its
+    peak or dilation friction.
 
     axes: which leaves have lanes first, None without lanes. What is being traced is not looked at.
     """
     check.within_limits(scene)
     refuse_snap_back(scene.material, None if axes is None else axes.material)
+    _refuse_hardening(scene.material, None if axes is None else axes.material)
     _refuse_dilation(scene.material, None if axes is None else axes.material)
 
 
@@ -157,6 +159,18 @@ def refuse_snap_back(material: Material, axes: Material | None = None) -> None:
             f"softening of {steepest:g} Pa per unit of shear strain is steeper than elastic unloading (shear modulus "
             f"{float(np.min(np.asarray(material.shear))):g} Pa), which snaps back: soften more slowly, raise the "
             "stiffness, or, where softening is scaled by the cell, take smaller cells"
+        )
+
+
+def _refuse_hardening(material: Material, axes: Material | None = None) -> None:
+    """Raise ValueError where cohesion or friction is left above its peak."""
+    if check.is_traced(material):
+        return
+    harder = hardens(material) if axes is None else jax.vmap(hardens, in_axes=(axes,))(material)
+    if harder is not None and bool(np.any(harder)):
+        raise ValueError(
+            "softening leaves more cohesion or friction than the peak has: give residuals of at most the peak at each "
+            "particle"
         )
 
 

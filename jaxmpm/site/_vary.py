@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any
@@ -26,8 +25,9 @@ STARTING = {"young", "poisson", "bulk", "shear", "unit_weight"}
 def with_soil(scene: Scene, state: State, **values: ArrayLike) -> tuple[Scene, State]:
     """The scene with other parameters of its soil, and the state from which it starts.
 
-    values: numbers or one value per particle (N,), by name: any parameter of the scene's material, young (Pa), poisson,
-    unit_weight (N/m3). Where stiffness or weight change, `state` must not have moved: its initial stress is found
+    values: numbers or one value per particle (N,), by name: any parameter of the scene's material, one of a part of it
+    with a dot, as in `**{"softening.modulus": 85e3}`; young (Pa), poisson, unit_weight (N/m3, of all soil, under water
+    too). Where stiffness or weight change, `state` must not have moved: its initial stress is found
     anew, unless it has none, and the time step shortens with the wave's way through a cell (it never grows, since the
     scene does not know what speed it allows for).
     Raises ValueError for unknown names, other shapes, values beyond their limits, and a state that has moved.
@@ -62,10 +62,17 @@ def check_start(state: State, names: Collection[str]) -> None:
 
 
 def parameter_names(scene: Scene) -> list[str]:
-    """Names of the material's parameters: those that are numbers."""
-    law: Any = scene.material
-    fields = [f.name for f in dataclasses.fields(law) if not f.metadata.get("static")]
-    return [name for name in fields if not dataclasses.is_dataclass(getattr(law, name))]
+    """Names of the material's parameters: the numbers that it has, those of its parts with a dot."""
+    return [name for name, _, _ in check.parameters(scene.material)]
+
+
+def with_parameters(law: Any, values: Mapping[str, Any]) -> Any:
+    """A law with other parameters, named as `parameter_names` does."""
+    own = {name: value for name, value in values.items() if "." not in name}
+    for part in {name.split(".", 1)[0] for name in values.keys() - own.keys()}:
+        inner = {name.split(".", 1)[1]: value for name, value in values.items() if name.startswith(f"{part}.")}
+        own[part] = with_parameters(getattr(law, part), inner)
+    return replace(law, **own)
 
 
 def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[Scene, State]:
@@ -96,4 +103,4 @@ def _material(material: Any, given: Mapping[str, Array]) -> Any:
         young = given.get("young", 9 * bulk * shear / (3 * bulk + shear))
         poisson = given.get("poisson", (3 * bulk - 2 * shear) / (2 * (3 * bulk + shear)))
         own["bulk"], own["shear"] = moduli(young, poisson)
-    return replace(material, **own)
+    return with_parameters(material, own)
