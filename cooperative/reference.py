@@ -169,7 +169,13 @@ MEANINGS = {
         "r_u": Meaning("Pore pressure over the weight of the soil above.", "0.25", least=0, below=1),
     },
     "soil": {
-        "unit_weight": Meaning("Weight of the soil.", "20e3", unit="N/m3", above=0),
+        "unit_weight": Meaning("Weight of the soil with the water in it.", "20e3", unit="N/m3", above=0),
+        "saturated_unit_weight": Meaning(
+            "Weight of soil that lies below the water table at the start, where soil above it weighs unit_weight.",
+            "20e3",
+            unit="N/m3",
+            above=0,
+        ),
         "young": Meaning("Young's modulus.", "1e8", unit="Pa", above=0),
         "poisson": Meaning("Poisson's ratio.", "0.3", above=-1, below=0.5),
         "strength": Meaning(

@@ -8,9 +8,10 @@ from benchmarks.invented import LAYERED
 from cooperative import run, runs
 from cooperative.__main__ import main
 from cooperative.reporting import report
-from cooperative.scene import parse, read_scene
+from cooperative.scene import built, parse, read_scene
 from cooperative.store import read_rows, read_store
 from tests.test_campaign import TINY
+from tests.test_random_soil import SAND, STIFF, changed
 
 GROUND = LAYERED[LAYERED.index("[ground]") : LAYERED.index("[[layer]]")]
 OUTLINE = LAYERED.replace(LAYERED[LAYERED.index("[[layer]]") : LAYERED.index("[soil]")], "")
@@ -166,3 +167,64 @@ def test_every_wrong_key_is_named_at_once():
 def test_undrained_clay_refuses_water_in_its_pores(water):
     with pytest.raises(ValueError, match="pore pressure in J2, whose strength is undrained"):
         rough(LAYERED.replace("[rough]", f"[water]\n{water}\n[rough]"))
+
+
+LEVEL = """[ground]
+surface = [[0.0, 8.0], [12.0, 8.0]]
+base = -4.0
+[water]
+level = 2.0
+[[layer]]
+depth = 8.0
+[[layer]]
+saturated_unit_weight = 21e3
+"""
+WET = changed(
+    SAND,
+    (SAND[SAND.index("[slope]") : SAND.index("[soil]")], LEVEL),
+    ("unit_weight = 20e3", "unit_weight = 18e3\nsaturated_unit_weight = 20e3"),
+)
+
+
+def test_ground_below_the_water_bears_its_saturated_weight_less_what_water_bears():
+    scene, state = built(parse(WET), "refined")
+    z = np.asarray(scene.particles.position[1])
+    above, under = 18e3 * np.minimum(8 - z, 6), (20e3 - 9810) * np.clip(2 - z, 0, 2)
+    expected = above + under + (21e3 - 9810) * np.maximum(-z, 0)
+    kept = (z > -3) & (z < 7) & (abs(z - 2) > 1) & (abs(z) > 1)
+    assert kept.sum() > 100
+    assert np.allclose(-np.asarray(state.stress[2])[kept], expected[kept], rtol=1e-2)
+
+
+SATURATED = "saturated_unit_weight = 20e3"
+NO_SAY = [
+    (
+        ("[water]\nlevel = 2.0\n", ""),
+        r"= 20000 N/m3 has no say without water in the ground: add \[water\] with a level",
+    ),
+    (
+        ("level = 2.0", "r_u = 0.2"),
+        r"saturated_unit_weight = 20000 N/m3 has no say beside r_u, which knows no water table",
+    ),
+    ((SATURATED, "saturated_unit_weight = 17e3"), r"= 17000 N/m3 is below unit_weight = 18000 N/m3, .* unusual = true"),
+    (
+        ("saturated_unit_weight = 21e3", "unit_weight = 23e3"),
+        r"\[layer 2\]: .* = 20000 N/m3 is below unit_weight = 23000",
+    ),
+    ((SATURATED, "saturated_unit_weight = 20.0"), r"saturated_unit_weight = 20 N/m3: were kN/m3 meant"),
+    ((SATURATED, "saturated_unit_weight = nan"), "saturated_unit_weight = nan: give finite values"),
+    (("[soil.cohesion]", STIFF[STIFF.index("[soil.unit") :] + "[soil.cohesion]"), "beside a unit_weight that varies"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), NO_SAY, ids=[message[-25:] for _, message in NO_SAY])
+def test_saturated_weights_that_no_ground_has_are_refused(change, message):
+    varies = "[soil.unit_weight]" in change[1]
+    with pytest.raises(ValueError, match=message):
+        parse(changed(WET.replace("unit_weight = 18e3\n", "") if varies else WET, change))
+
+
+def test_undrained_clay_has_no_saturated_weight():
+    with pytest.raises(ValueError, match="saturated_unit_weight has no say in undrained soil"):
+        parse(changed(TINY, ("young = 2e7", f"young = 2e7\n{SATURATED}")))
+    assert parse(changed(WET, (SATURATED, "saturated_unit_weight = 17e3\nunusual = true"))).soil is not None

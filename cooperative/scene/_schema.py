@@ -146,6 +146,7 @@ def _random(default: Any) -> Key:
 
 _SOIL = {
     "unit_weight": _random(REQUIRED),
+    "saturated_unit_weight": Key(float, None),
     "young": _random(REQUIRED),
     "poisson": _random(REQUIRED),
     "strength": _random(None),
@@ -383,6 +384,7 @@ MEANT = {
     "young": "e youngs_modulus young_modulus modulus stiffness",
     "poisson": "nu poisson_ratio poissons_ratio",
     "unit_weight": "gamma density rho weight",
+    "saturated_unit_weight": "gamma_sat saturated_weight wet_unit_weight",
     "friction": "phi friction_angle",
     "cohesion": "c",
     "dilation": "psi dilatancy",

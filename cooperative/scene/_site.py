@@ -127,6 +127,19 @@ class Site:
         return np.maximum(self.shape.heights(*at[:-1]) - at[-1], 0.0)
 
 
+def refuse_saturated(site: Site, soil: Soil | FrictionalSoil) -> None:
+    """Raise ValueError for a saturated unit weight in ground without a water table, where no soil would have it."""
+    for each in site.soils(soil):
+        saturated = getattr(each.soil, "saturated_unit_weight", None)
+        if saturated is not None and site.water is None:
+            why = (
+                "without water in the ground: add [water] with a level, a table, a raster or a depth"
+                if site.r_u is None
+                else "beside r_u, which knows no water table: let unit_weight be that of soil and its water"
+            )
+            raise ValueError(f"[soil] saturated_unit_weight = {saturated:g} N/m3 has no say {why}, or leave it out")
+
+
 def refuse_both(tables: Mapping[str, Any]) -> None:
     """Raise ValueError for a scene without ground, with two, or with tables that its ground does not have."""
     given = [name for name in SITES if name in tables]

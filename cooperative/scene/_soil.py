@@ -52,9 +52,10 @@ PARAMETERS = {
     "strain_95": Parameter(Limit(above=0)),
     "softening_strain": Parameter(Limit(above=0)),
     "rate_coefficient": Parameter(Limit(least=0)),
+    "saturated_unit_weight": Parameter(Limit(above=0), "N/m3", 3e3, "were kN/m3 meant?"),
 }
-"""All that may vary. Strength first, which is what is drawn of a sample; the order of the others is that of a sample's
-coefficients, so a new one goes to the end."""
+"""Strength first, which is what is drawn of a sample; the order of the others is that of a sample's coefficients, so a
+new one goes to the end. All may vary but the last."""
 
 SOFTENED_BY = {
     "residual_ratio": ("softening_modulus", "strain_95"),
@@ -69,7 +70,7 @@ STEEPEST = {"softening_modulus": 1, "strain_95": 0, "residual_ratio": 0, "streng
 OF_CLAY = ("strength", "softening_modulus", "residual_ratio", "plastic_strain", "strain_95", "rate_coefficient",
            "reference_rate")  # fmt: skip
 OF_FRICTION = ("cohesion", "friction", "dilation", "criterion", "matching", "residual_cohesion", "residual_friction",
-               "softening_strain", "decay")  # fmt: skip
+               "softening_strain", "decay", "saturated_unit_weight")  # fmt: skip
 """Keys of the soil that only undrained clay, or only soil with friction, has a use for."""
 
 
@@ -168,6 +169,7 @@ def soil_of(
                 f"{places[name]} varies, but the soil does not soften: add {' or '.join(others)} to [soil], or leave "
                 "it out"
             )
+    _check_saturated(said, random, unusual)
     if must_vary and not random:
         raise ValueError(
             "nothing in the scene is random: give at least one parameter of the soil as a table, such as "
@@ -288,6 +290,23 @@ def _ask(where: str, name: str, value: float) -> None:
     if 0 < value < known.believed:
         raise ValueError(
             f"{where} = {value:g} {known.unit}: {known.slip} If it is meant as it is, say unusual = true in [soil]"
+        )
+
+
+def _check_saturated(said: Mapping[str, Any], random: Mapping[str, RandomField], unusual: bool) -> None:
+    """Water in its pores does not make soil lighter."""
+    saturated, weight = said["saturated_unit_weight"], said["unit_weight"]
+    if saturated is None:
+        return
+    if "unit_weight" in random:
+        raise ValueError(
+            f"[soil] saturated_unit_weight = {saturated:g} N/m3 beside a unit_weight that varies, which is that of all "
+            "soil, wet or dry: give unit_weight as a number, or leave saturated_unit_weight out"
+        )
+    if saturated < weight and not unusual:
+        raise ValueError(
+            f"[soil] saturated_unit_weight = {saturated:g} N/m3 is below unit_weight = {weight:g} N/m3, that of soil "
+            "above the water: give at least that. If it is meant as it is, say unusual = true in [soil]"
         )
 
 

@@ -31,7 +31,7 @@ from cooperative.scene._schema import (
     unknown_keys,
     wrong_keys,
 )
-from cooperative.scene._site import Site, SiteLayer, listed, refuse_both, site_of
+from cooperative.scene._site import Site, SiteLayer, listed, refuse_both, refuse_saturated, site_of
 from cooperative.scene._soil import CrossCorrelation, RandomField, check_cross_correlation, soil_of
 from cooperative.scene._text import tables_of
 from foundation.text import short, shown
@@ -326,6 +326,7 @@ def _grid(table: dict[str, Any], soil: Soil | FrictionalSoil) -> Discretisation:
 def _check(campaign: Campaign) -> None:
     """Ranges that no builder looks at."""
     campaign.site.shape.check()
+    refuse_saturated(campaign.site, campaign.soil)
     run, plan, dimension = campaign.run, campaign.plan, campaign.dimension
     _above_zero("run", {name: getattr(run, name) for name in ("t_end", "gravity", "failure_displacement")})
     _above_zero("campaign", {"restart_every": plan.restart_every})
