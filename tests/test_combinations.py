@@ -38,6 +38,8 @@ FEATURES = {
     "body_force": (False, True),
     "dtype": ("float32", "float64"),
     "engine": (mpm.Engine.XLA, None),
+    "finite_strain": (False, True),
+    "ends": ("walls", "tied"),
 }
 
 
@@ -46,7 +48,8 @@ def allowed(choice):
     apic = choice["velocities"] == "APIC" and choice["kernel"] is not mpm.QuadraticBSpline
     frictional = isinstance(SOILS[choice["soil"]], mpm.FrictionalSoil) and choice["fbar"]
     hard = choice["soil"] in ("elastic", "perfectly plastic", "mohr-coulomb") and choice["internal_length"]
-    return not (apic or frictional or hard)
+    tied = choice["ends"] == "tied" and (choice["dimension"] == 1 or choice["internal_length"])
+    return not (apic or frictional or hard or tied)
 
 
 def pairs(choice):
@@ -81,6 +84,7 @@ def built(choice):
         damping=choice["damping"],
         fbar=choice["fbar"],
         internal_length=choice["internal_length"],
+        finite_strain=choice["finite_strain"],
         dtype=choice["dtype"],
     )
     walls = choice["walls"]
@@ -98,6 +102,9 @@ def built(choice):
     )
     if choice["body_force"]:
         scene = replace(scene, body_force=lambda x, t: 0.1 * jnp.sin(3 * t) * jnp.ones_like(x))
+    if choice["ends"] == "tied":
+        planes = tuple(wall.index for wall in scene.walls if wall.axis == 0)
+        scene = replace(scene, walls=tuple(wall for wall in scene.walls if wall.axis != 0), tied=planes)
     return replace(scene, engine=choice["engine"]), state
 
 
