@@ -1,11 +1,13 @@
 """Samples through worker processes: the same answer, workers that die, samples that are given up."""
 
 import json
+import multiprocessing
 import os
 import signal
 import sys
 import threading
 import time
+import warnings
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 
 import numpy as np
@@ -18,6 +20,7 @@ from cooperative.runs import _executors as executors
 from cooperative.runs._executors import ATTEMPTS, LOST, WorkerLost
 from cooperative.scene import parse
 from cooperative.store import Sample, read_rows, read_sample, read_store
+from jaxmpm.transfer import native
 from tests.test_campaign import TINY
 
 XI = np.zeros((6, 1))
@@ -43,6 +46,23 @@ class Breaking(Executor):
 
     def shutdown(self, wait=True, *, cancel_futures=False):
         return None
+
+
+def test_workers_do_not_repeat_that_transfers_run_on_xla(monkeypatch):
+    context = multiprocessing.get_context("spawn")
+    listening, telling = context.Pipe(duplex=False)
+    before = signal.getsignal(signal.SIGINT)
+    monkeypatch.setattr(native, "__path__", [])
+    try:
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            assert not native.available.__wrapped__()
+            executors._begin(context.SimpleQueue(), listening)
+            assert not native.available.__wrapped__()
+    finally:
+        signal.signal(signal.SIGINT, before)
+        telling.close()
+    assert ["was not built" in str(each.message) for each in said] == [True]
 
 
 def test_samples_of_a_killed_worker_are_redone():
