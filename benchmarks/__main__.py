@@ -31,7 +31,7 @@ NAMES = (
 )
 
 # Of hours, or about no answer of the solver: not part of `all`.
-LONG = ("campaign", "robustness", "stability_of_slopes", "random_slopes", "sites")
+LONG = ("campaign", "robustness", "stability_of_slopes", "limit_equilibrium", "random_slopes", "sites")
 
 
 def _table(report: Report) -> str:
