@@ -1,6 +1,7 @@
 """Earthquakes against closed forms: Newmark's sliding block, the infinite slope, and a layer shaken at its base.
 
 Slopes lie along the grid and gravity is tilted. Sides are tied, so that a layer of two cells stands for an endless one.
+Ends without walls, which need no sides alike, stand beside them (`earthquakes_ends`).
 Sources: Newmark (1965), 10.1680/geot.1965.15.2.139 (the block); Kramer (1996), Geotechnical Earthquake Engineering,
 section 7.2.1 (the layer).
 """
@@ -11,13 +12,14 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 import jaxmpm as mpm
+from benchmarks import earthquakes_ends
 from benchmarks.measure import Report
 
 GRAVITY = 9.81
@@ -140,7 +142,7 @@ def amplification(frequency: float) -> float:
     return 1 / math.sqrt(math.cos(ratio) ** 2 + (DAMPING_RATIO * ratio) ** 2)
 
 
-def shear_layer_row(share: float, quick: bool) -> dict[str, Any]:
+def shear_layer_row(share: float, quick: bool, ends: Literal["tied", "free field"] = "tied") -> dict[str, Any]:
     """A layer on rock shaken by a sine of `share` of its own frequency: amplitude of its surface over that of the base.
 
     The record starts slowly, so that the layer's own oscillation is small; what is left of it is fitted beside.
@@ -158,7 +160,7 @@ def shear_layer_row(share: float, quick: bool) -> dict[str, Any]:
     shaking = amplitude * ramp * np.sin(omega * times)
     motion = mpm.BaseMotion(jnp.asarray(np.stack([shaking, 0 * shaking])), jnp.asarray(interval))
     scene, state = mpm.section(
-        mpm.Section([(0, LAYER), (2 * cell, LAYER)]), soil, numerics, ends="tied", motion=motion, speed=1.0
+        mpm.Section([(0, LAYER), (2 * cell, LAYER)]), soil, numerics, ends=ends, motion=motion, speed=1.0
     )
     looks = np.linspace(settled, t_end, 241)
     result = mpm.solve(scene, state, t_end=t_end, snapshots=looks.tolist()).raise_if_failed()
@@ -173,7 +175,7 @@ def shear_layer_row(share: float, quick: bool) -> dict[str, Any]:
     found = math.hypot(sine + base, cosine) / abs(base)
     exact = amplification(frequency) * math.cos(omega * depth / SHEAR_WAVE)
     return {
-        "case": f"layer on rock shaken at {share:g} of its own frequency",
+        "case": f"layer on rock shaken at {share:g} of its own frequency, ends: {ends}",
         "cell_m": cell,
         "reference": round(exact, 4),
         "found": round(found, 4),
@@ -188,10 +190,13 @@ def run(quick: bool) -> Report:
         newmark = list(newmark_rows(quick))
         slopes = [infinite_slope_row(k, quick) for k in (0.0, 0.1)]
         layers = [shear_layer_row(share, quick) for share in ((0.5,) if quick else (0.5, 0.8, 1.0))]
+        layers.append(shear_layer_row(0.5, quick, "free field"))
+        ends = list(earthquakes_ends.rows(quick))
     values = {
         "newmark_rectangular_error": abs(newmark[0]["error"]),
         "newmark_harmonic_error": abs(newmark[1]["error"]),
         "infinite_slope_error": max(abs(row["error"]) for row in slopes),
         "shear_layer_error": max(abs(row["error"]) for row in layers),
+        "sent_back_by_ends": max(row["sent_back"] for row in ends if "sent_back" in row),
     }
-    return Report(values, [*newmark, *slopes, *layers])
+    return Report(values, [*newmark, *slopes, *layers, *ends])

@@ -80,6 +80,7 @@ from jaxmpm.transfer import GIMP, Linear, QuadraticBSpline, native_available, na
 from jaxmpm.types import (
     Columns,
     Engine,
+    FreeField,
     Grid,
     Kernel,
     Material,
@@ -106,6 +107,7 @@ __all__ = [
     "Engine",
     "ExponentialSoftening",
     "FactorOfSafety",
+    "FreeField",
     "FrictionalSoftening",
     "FrictionalSoil",
     "Grid",

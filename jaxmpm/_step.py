@@ -17,7 +17,7 @@ import numpy as np
 from jax import Array
 
 from jaxmpm import tensors
-from jaxmpm.boundary import around, fold, hold, slide, unfold
+from jaxmpm.boundary import around, fold, hold, one_with, slide, unfold
 from jaxmpm.laws import elastic_increment, elastic_strain, logarithmic, volumetric
 from jaxmpm.transfer import filtered, g2p, momentum, nodal_momentum, p2g, velocity_gradient, within_cells
 from jaxmpm.types import Scene, Scheme, State, Tensor
@@ -33,8 +33,11 @@ def step(scene: Scene, state: State, dt: Array) -> State:
     Sources: Sulsky, Chen and Schreyer (1994), 10.1016/0045-7825(94)90112-0 (the method); Bardenhagen (2002),
     10.1006/jcph.2002.7103 (USF, USL) and Sulsky, Zhou and Schreyer (1995), 10.1016/0010-4655(94)00170-7 (MUSL).
     """
-    maps = Maps(scene, place(scene, state))
-    return SCHEMES[scene.scheme](scene, state, dt, maps)
+    moved = SCHEMES[scene.scheme](scene, state, dt, Maps(scene, place(scene, state)))
+    if scene.free_field is None:
+        return moved
+    low, high = (step(column, own, dt) for column, own in beyond_ends(scene, state))
+    return replace(moved, free_field=(low, high))
 
 
 def place(scene: Scene, state: State) -> Array:
@@ -84,14 +87,25 @@ SCHEMES: dict[Scheme, Move] = {
 }
 
 
+class Beyond(NamedTuple):
+    """What the free field does to the nodes at the ends of the ground, those of both ends (2, nz, d) from the base up:
+    its velocity in m/s at the end of the step, its traction in N, and the impedance of the dashpots in kg/s."""
+
+    velocity: Array
+    traction: Array
+    impedance: Array
+
+
 class Nodal(NamedTuple):
     """What the nodes hold: mass (nodes, d) kg, alike along all axes, momentum (nodes, d) kg m/s, and the force on them
-    (nodes, d) N, None while there is none. per_mass: 1 / mass (nodes, d) 1/kg, 0 where there is none."""
+    (nodes, d) N, None while there is none. per_mass: 1 / mass (nodes, d) 1/kg, 0 where there is none. beyond: the
+    ends' free field, None without."""
 
     mass: Array
     momentum: Array
     force: Array | None
     per_mass: Array
+    beyond: Beyond | None = None
 
 
 class Moved(NamedTuple):
@@ -113,13 +127,12 @@ class Maps(NamedTuple):
         """See `jaxmpm.transfer.p2g`."""
         scene = self.scene
         nodal = p2g(scene.grid, scene.kernel, self.position, carried, stress, engine=scene.engine)
-        return nodal if scene.tied is None else fold(scene.tied, scene.grid, nodal)
+        return fold(one_with(scene), scene.grid, nodal)
 
     def to_particles(self, nodal: Array, *, values: int, gradients: int) -> tuple[Any, Any]:
         """See `jaxmpm.transfer.g2p`."""
         scene = self.scene
-        if scene.tied is not None:
-            nodal = unfold(scene.tied, scene.grid, nodal)
+        nodal = unfold(one_with(scene), scene.grid, nodal)
         return g2p(
             scene.grid, scene.kernel, self.position, nodal, values=values, gradients=gradients, engine=scene.engine
         )
@@ -162,7 +175,46 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
         momentum=nodal_momentum(grid, moving),
         force=sum(forces[1:], forces[0]) if forces else None,
         per_mass=reciprocal(scene, mass),
+        beyond=None if scene.free_field is None else free_field(scene, state, dt),
     )
+
+
+SHARED = (
+    *("gravity", "motion", "body_force", "damping", "flip", "scheme", "engine"),
+    *("fbar", "cell_average", "finite_strain"),
+)
+"""What columns of a free field take over from the scene."""
+
+
+def beyond_ends(scene: Scene, state: State) -> list[tuple[Scene, State]]:
+    """The columns of the free field, at the scene's time and shaken as it is."""
+    assert scene.free_field is not None
+    assert state.free_field is not None
+    shared: dict[str, Any] = {name: getattr(scene, name) for name in SHARED}
+    columns = (replace(column, **shared) for column in (scene.free_field.low, scene.free_field.high))
+    return [(column, replace(own, step=state.step)) for column, own in zip(columns, state.free_field, strict=True)]
+
+
+def free_field(scene: Scene, state: State, dt: Array) -> Beyond:
+    """What the free field does to the ends in a step of dt (s). See `FreeField`."""
+    assert scene.free_field is not None
+    sides = [beside(*one, dt, scene.grid.shape[-1]) for one in beyond_ends(scene, state)]
+    velocity, (low, high), impedance = (jnp.stack(each) for each in zip(*sides, strict=True))
+    return Beyond(velocity, scene.free_field.held + jnp.stack([-low, high]), impedance)
+
+
+def beside(column: Scene, state: State, dt: Array, height: int) -> list[Array]:
+    """Of a column of the free field, at each of `height` nodes from the base up (height, d): its velocity at the end of
+    a step of dt in m/s, the force of its stress on a plane across x in N, and the plane's impedance to both waves."""
+    maps, mass = Maps(column, place(column, state)), column.particles.mass
+    moved = move_grid(column, particles_to_grid(column, state, dt, maps), state.step * dt, dt)
+    stress = acting_stress(column, state.stress, column.particles.volume * state.volume_ratio, maps)
+    density = mass / column.particles.volume
+    waves = [mass * jnp.sqrt(modulus / density) for modulus in (column.material.p_wave_modulus, column.material.shear)]
+    sums = maps.to_grid(jnp.stack([stress[0], stress[-1], *waves]) / column.grid.cell, None)
+    assert column.tied is not None
+    plane = jnp.concatenate([moved.velocity, sums], axis=1).reshape(*column.grid.shape, -1)[column.tied[0]]
+    return jnp.split(jnp.pad(plane, ((0, height - len(plane)), (0, 0))), 3, axis=1)
 
 
 def external_force(scene: Scene, position: Array, volume: Array, time: Array) -> Array | None:
@@ -194,12 +246,30 @@ def move_grid(scene: Scene, nodal: Nodal, time: Array, dt: Array) -> Moved:
     acceleration = nodal.per_mass * (nodal.force + nodal.mass * felt_gravity(scene, time))
     if scene.damping is not None:
         acceleration = acceleration - scene.damping * before
+    if nodal.beyond is not None:
+        acceleration = led(scene, nodal, before, acceleration, dt)
     acceleration = hold(scene, acceleration)
     pressed = before + dt * acceleration
     if scene.wall_friction is None:
         return Moved(pressed, acceleration, pressed)
     velocity = slide(scene.walls, scene.grid, pressed, scene.wall_friction)
     return Moved(velocity, (velocity - before) / dt, pressed)
+
+
+def led(scene: Scene, nodal: Nodal, before: Array, acceleration: Array, dt: Array) -> Array:
+    """Acceleration (nodes, d) with the traction of the free field on the ends, and of the dashpots that tie them to it.
+
+    before: velocity (nodes, d). Dashpots take the velocities at the end of the step, so that no node is too light.
+    """
+    assert scene.free_field is not None
+    assert nodal.beyond is not None
+    shape = (*scene.grid.shape, scene.grid.dimension)
+    per_mass, before, field = (each.reshape(shape) for each in (nodal.per_mass, before, acceleration))
+    for plane, velocity, traction, impedance in zip(scene.free_field.planes, *nodal.beyond, strict=True):
+        rate = per_mass[plane] * impedance
+        pull = per_mass[plane] * traction + rate * (velocity - before[plane])
+        field = field.at[plane].set((field[plane] + pull) / (1 + dt * rate))
+    return field.reshape(acceleration.shape)
 
 
 def grid_to_particles(

@@ -1,4 +1,4 @@
-"""Nodal walls: what they hold is zero on and beyond their plane; those with friction act by impulses; tied sides."""
+"""Nodal walls: what they hold is zero on and beyond their plane; those with friction act by impulses; open ends."""
 
 from __future__ import annotations
 
@@ -12,19 +12,35 @@ from jaxmpm.tensors import safe_sqrt
 from jaxmpm.types import Grid, Scene, Wall
 
 
-def fold(tied: tuple[int, int], grid: Grid, nodal: Array) -> Array:
-    """Sums (nodes, c) of what particles gave, where the planes of nodes `tied` along x are one and the grid goes on
-    round: what lies on the upper plane or beyond either is added to the nodes that it is one with, and 0 itself."""
+def one_with(scene: Scene) -> list[tuple[int, int]]:
+    """Pairs of planes of nodes along x: one that particles reach on or beyond an end of the ground, and the one that it
+    is one with: of tied sides that between them at which the grid goes on round, of a free field the end itself."""
+    if scene.free_field is not None:
+        low, high = scene.free_field.planes
+        return [(low - 1, low), (high + 1, high)]
+    if scene.tied is None:
+        return []
+    low, high = scene.tied
+    return [(node, low + (node - low) % (high - low)) for node in (low - 1, high, high + 1)]
+
+
+def fold(pairs: Sequence[tuple[int, int]], grid: Grid, nodal: Array) -> Array:
+    """Sums (nodes, c) of what particles gave, those of the first of each pair of planes added to the second's; the
+    first has 0 itself."""
+    if not pairs:
+        return nodal
     field = nodal.reshape(*grid.shape, -1)
-    for node, same in _one_with(tied):
+    for node, same in pairs:
         field = field.at[same].add(field[node]).at[node].set(0)
     return field.reshape(nodal.shape)
 
 
-def unfold(tied: tuple[int, int], grid: Grid, nodal: Array) -> Array:
-    """Nodal values (nodes, c) where those on and beyond the tied planes are the ones of the nodes they are one with."""
+def unfold(pairs: Sequence[tuple[int, int]], grid: Grid, nodal: Array) -> Array:
+    """Nodal values (nodes, c), those of the first of each pair of planes being the second's."""
+    if not pairs:
+        return nodal
     field = nodal.reshape(*grid.shape, -1)
-    for node, same in _one_with(tied):
+    for node, same in pairs:
         field = field.at[node].set(field[same])
     return field.reshape(nodal.shape)
 
@@ -33,12 +49,6 @@ def around(tied: tuple[int, int], grid: Grid, position: Array) -> Array:
     """Positions (d, N) m, those beyond a tied plane brought back in at the other."""
     low, high = (grid.origin[0] + node * grid.cell for node in tied)
     return position.at[0].set(low + jnp.mod(position[0] - low, high - low))
-
-
-def _one_with(tied: tuple[int, int]) -> list[tuple[int, int]]:
-    """Pairs of nodes along x: one that particles reach on or beyond a tied plane, and the one between that it is."""
-    low, high = tied
-    return [(node, low + (node - low) % (high - low)) for node in (low - 1, high, high + 1)]
 
 
 def hold(scene: Scene, nodal: Array) -> Array:

@@ -203,6 +203,7 @@ class Scene:
     cut: (nodes,) bool, nodes beyond the edge of ground of any shape, at which nothing moves; None where walls are all.
     motion: a `BaseMotion`, the acceleration of the base, in whose frame the scene is solved; None stands still.
     tied: numbers of two planes of nodes along x that are one: what leaves at one enters at the other, waves too.
+    free_field: the ground beyond both ends of a section that ends without walls; None for walls or tied sides.
     """
 
     grid: Grid
@@ -227,6 +228,7 @@ class Scene:
     pore_pressure: Array | None = None
     motion: Any = None
     cut: Array | None = None
+    free_field: FreeField | None = None
 
     LIMITS: ClassVar[Mapping[str, Limit]] = {
         "time_step": above_zero("s"),
@@ -234,6 +236,28 @@ class Scene:
         "damping": from_zero("1/s"),
         "wall_friction": from_zero(),
     }
+
+
+@pytree
+@dataclass(frozen=True)
+class FreeField:
+    """Level ground without end beyond both ends of a section in plane strain: what shakes it shakes it alike along x.
+
+    low, high: for each end a column of it, a scene one cell wide with tied sides, on nodes as high as the section's.
+    They take gravity, motion, body force and numerical choices from the section, which does not act on them. planes:
+    numbers of the planes of nodes along x at which the section ends. There the stress of the column acts on it, and
+    dashpots of impedance density times wave speed between its velocity and the column's, P waves across the plane,
+    S waves along it: waves that come from within go out, all of one that meets the plane squarely, less of one that
+    comes aslant. held: force (2, nz, d) N on the nodes of both planes, which keeps the section at rest that walls held
+    until then.
+    Sources: Lysmer and Kuhlemeyer (1969), 10.1061/JMCEA3.0001144 (the dashpots); Zienkiewicz, Bicanic and Shen (1989),
+    10.1007/978-3-7091-2828-2_3 (the free field).
+    """
+
+    low: Scene
+    high: Scene
+    held: Array
+    planes: tuple[int, int] = static()
 
 
 @pytree
@@ -264,7 +288,8 @@ class State:
     (xx, yy, zz, xy, yz, xz) in 3D. volume_ratio: (N,) current over initial volume.
     history: of the material, (N,), or None. step: steps taken so far. status: of the lane, see `Status`.
     affine: (d, d, N) gradient of the velocity that APIC carries (1/s), None without. columns: what has passed over each
-    column of cells, None where nobody asked, see `with_columns`.
+    column of cells, None where nobody asked, see `with_columns`. free_field: states of the scene's
+    free field, of its low column and its high one, None without.
     """
 
     displacement: Array
@@ -276,3 +301,4 @@ class State:
     status: Array
     affine: Array | None = None
     columns: Columns | None = None
+    free_field: tuple[State, State] | None = None

@@ -152,6 +152,18 @@ def test_motion_of_the_base_and_tied_sides_are_absent_unless_asked_for():
     assert count(program(*tied), "remainder") > 0
 
 
+def test_a_free_field_is_absent_unless_asked_for():
+    drawn = mpm.Section([(0, 4), (6, 4)])
+    walled, open_ = (
+        mpm.section(drawn, replace(SOIL, strength=None), NUMERICS, ends=ends) for ends in ("roller", "free field")
+    )
+    assert (walled[0].free_field, walled[1].free_field) == (None, None)
+    text = program(*walled)
+    assert count(text, "sqrt") == 0  # the speed of waves, for the impedance of the ends
+    assert count(program(*open_), "sqrt") > 0
+    assert scatters(*walled) < scatters(*open_)
+
+
 def test_walls_with_friction_leave_no_operation_behind():
     soil, sizes = replace(SOIL, strength=None), {"domain": (4, 4), "corner": (1, 0)}
     held, sliding = (

@@ -76,6 +76,11 @@ def factor_of_safety(
     check.whole("batch", batch, least=2)
     check_run(t_end, settle, None)
     check_scene(scene)
+    if scene.free_field is not None:
+        raise ValueError(
+            "a factor of safety with ends = 'free field', whose ground would keep its strength: build the section with "
+            "walls, or shake `reduced(scene, R)`"
+        )
     low, high = round(bracket[0] / resolution), round(bracket[1] / resolution)
     if not 0 < low < high:
         raise ValueError(f"bracket = {bracket}: give a lower and a higher reduction factor above 0")
@@ -162,4 +167,8 @@ def reductions(scene: Scene, factors: Array) -> tuple[Scene, Scene]:
 def reduced(scene: Scene, factor: float) -> Scene:
     """The scene with its strength divided by `factor`. ValueError for a law without strength, a factor not above 0."""
     check.positive("factor", factor)
-    return replace(scene, material=reduce_strength(scene.material, jnp.asarray(factor, scene.particles.mass.dtype)))
+    weaker = reduce_strength(scene.material, jnp.asarray(factor, scene.particles.mass.dtype))
+    field = scene.free_field
+    if field is not None:
+        field = replace(field, low=reduced(field.low, factor), high=reduced(field.high, factor))
+    return replace(scene, material=weaker, free_field=field)

@@ -89,8 +89,12 @@ def at_rest(scene: Scene, *, apic: bool = False) -> State:
 def settled(scene: Scene, state: State) -> State:
     """The state with the stress of elastic gravity loading, started from the columns' own weight with K0 = nu/(1 - nu).
 
-    Without gravity and body force it stays as it is.
+    Without gravity and body force it stays as it is. Raises ValueError for ends without walls, which hold nothing.
     """
+    if scene.free_field is not None:
+        raise ValueError(
+            "ends = 'free field' hold nothing at rest: the stress of such a section is that of `section`, build it anew"
+        )
     if not np.any(np.asarray(scene.gravity)) and scene.body_force is None and scene.water is None:
         return state
     d, dtype = scene.grid.dimension, state.stress.dtype

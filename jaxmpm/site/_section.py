@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Literal
@@ -19,6 +19,7 @@ from jaxmpm.laws import BaseMotion, WaterTable
 from jaxmpm.site import _initial_stress
 from jaxmpm.site._builders import PADDING, ROUNDING, Hold, below, build, end_walls, fill, material_on, sorted_by_cell
 from jaxmpm.site._discretisation import RESOLVED, Discretisation, check_discretisation, check_resolved
+from jaxmpm.site._free_field import check_free_field, joined
 from jaxmpm.site._raster import Raster
 from jaxmpm.site._soil import STANDARD_GRAVITY, Ground
 from jaxmpm.types import Grid, Material, Particles, Scene, State, Wall
@@ -170,6 +171,8 @@ HELD: dict[str, tuple[Hold, Hold]] = {
 }
 """What holds the left end of a section and the right one, by the word for both."""
 
+FREE_FIELD: Literal["free field"] = "free field"
+
 
 def section(
     shape: Section,
@@ -182,7 +185,7 @@ def section(
     k_h: float = 0.0,
     k_v: float = 0.0,
     motion: BaseMotion | None = None,
-    ends: Literal["roller", "fixed", "left fixed", "right fixed", "tied"] = "roller",
+    ends: Literal["roller", "fixed", "left fixed", "right fixed", "tied", "free field"] = "roller",
     speed: float | None = None,
     at_rest: bool = True,
 ) -> tuple[Scene, State]:
@@ -194,16 +197,18 @@ def section(
     lower end of the surface, and upwards. motion: of the base, from time 0, after the initial stress; the section is
     solved in its frame. ends: what holds both, "left fixed" the other on a roller; "tied" makes both ends one, for
     ground as high at both: waves go on round, none comes back from a wall, and a level layer moves as a column of
-    endless ground. speed: largest particle speed that the time step allows for (m/s), by default of a fall through the
-    height. at_rest: with the stress of elastic gravity loading, else free of stress.
+    endless ground. "free field" ends it without walls where the ground is level: dashpots join it to columns of level
+    ground, as high and with the same layers, shaken alike, and waves go out, see `FreeField`. speed: largest particle
+    speed that the time step allows for (m/s), by default of a fall through the height. at_rest: with the stress of
+    elastic gravity loading, else free of stress.
     Raises ValueError for lines that turn back, cross or end in the ground, layers thinner than a particle, layers whose
     soils follow no common law, and sizes that do not fit the grid, with the coordinates.
     """
     check.not_negative("gravity", gravity, "m/s2")
     check.between("k_h", k_h, -1.0, 1.0)
     check.between("k_v", k_v, -1.0, 1.0)
-    if ends not in HELD and ends != "tied":
-        raise ValueError(f"ends = {ends!r}: give {', '.join(map(repr, HELD))} or 'tied'")
+    if ends not in HELD and ends not in ("tied", FREE_FIELD):
+        raise ValueError(f"ends = {ends!r}: give {', '.join(map(repr, HELD))}, 'tied' or {FREE_FIELD!r}")
     cells = shape.cells(discretisation)
     layers = list(soil) if isinstance(soil, Sequence) else [Layer(soil)]
     tops = _layering(shape, layers, discretisation)
@@ -213,13 +218,17 @@ def section(
     particles, layer = _particles(shape, layers, tops, discretisation, grid, table)
     if ends == "tied":
         _check_alike(shape, tops, table, discretisation.spacing[-1])
+    if ends == FREE_FIELD:
+        check_free_field(discretisation)
+        _check_level(tops, shape, discretisation)
+    held = () if ends == "tied" else end_walls(0, cells[0], *HELD.get(ends, HELD["roller"]))
     towards = 1 if shape.surface[0][1] >= shape.surface[-1][1] else -1
     built, state = build(
         particles,
         grid,
         common_law([material_on(discretisation, each.soil) for each in layers], layer),
         discretisation,
-        walls=(*(() if ends == "tied" else end_walls(0, cells[0], *HELD[ends])), Wall(1, "low", PADDING, "fixed")),
+        walls=(*held, Wall(1, "low", PADDING, "fixed")),
         tied=(PADDING, PADDING + cells[0]) if ends == "tied" else None,
         motion=motion,
         gravity=(towards * k_h * gravity, -(1 - k_v) * gravity),
@@ -233,7 +242,54 @@ def section(
             [top(np.asarray(particles.position[0], float)) for top in tops],
         ),
     )
-    return built, _initial_stress.settled(built, state) if at_rest else state
+    state = _initial_stress.settled(built, state) if at_rest else state
+    if ends != FREE_FIELD:
+        return built, state
+    loads = {"gravity": gravity, "r_u": r_u, "k_h": towards * k_h, "k_v": k_v, "at_rest": at_rest}
+    return joined(built, state, *_columns_beyond(shape, layers, tops, table, discretisation, loads))
+
+
+def _columns_beyond(
+    shape: Section,
+    layers: Sequence[Layer],
+    tops: Sequence[Height],
+    table: WaterTable | None,
+    discretisation: Discretisation,
+    loads: dict[str, Any],
+) -> Iterator[tuple[Scene, State]]:
+    """Columns of the level ground beyond both walls, the low one first."""
+    for wall in shape.outline()[1]:
+        ground, here = _level_ground(wall, layers, tops, discretisation)
+        water = None if table is None else float(np.interp(wall, table.x, table.z))
+        yield section(ground, here, discretisation, ends="tied", water=water, **loads)
+
+
+def _level_ground(
+    wall: float, layers: Sequence[Layer], tops: Sequence[Height], discretisation: Discretisation
+) -> tuple[Section, list[Layer]]:
+    """Level ground one cell wide with the layers that there are at a wall (m)."""
+    heights = [float(top(np.array([wall]))[0]) for top in tops]
+    span = (wall, wall + discretisation.cell)
+    here = [
+        Layer(layer.soil, [(x, bottom) for x in span])
+        for layer, (top, bottom) in zip(layers, pairwise(heights), strict=True)
+        if top - bottom > TOUCHING * discretisation.spacing[-1]
+    ]
+    here[-1] = Layer(here[-1].soil)
+    return Section([(x, heights[0]) for x in span], base=heights[-1]), here
+
+
+def _check_level(tops: Sequence[Height], shape: Section, discretisation: Discretisation) -> None:
+    """Raise ValueError where the surface or a layer is not level within a cell of a wall, to half a particle."""
+    left, right = shape.outline()[1]
+    for wall, within in ((left, left + discretisation.cell), (right, right - discretisation.cell)):
+        for number, top in enumerate(tops[:-1], 1):
+            at, inside = top(np.array([wall, within]))
+            if abs(at - inside) > discretisation.spacing[-1] / 2:
+                raise ValueError(
+                    f"ends = {FREE_FIELD!r}, but the top of layer {number} goes from {inside:g} to {at:g} m within a "
+                    f"cell of the wall at x = {wall:g} m: draw it on level there, ground beyond it is taken as level"
+                )
 
 
 def _check_alike(shape: Section, tops: Sequence[Height], table: WaterTable | None, spacing: float) -> None:

@@ -1,0 +1,52 @@
+"""Sections that end without walls: joined at both ends to a column of level ground, by dashpots that let waves out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxmpm._step import Maps, particles_to_grid
+from jaxmpm.site._builders import PADDING
+from jaxmpm.site._discretisation import Discretisation
+from jaxmpm.transfer import GIMP, Linear
+from jaxmpm.types import FreeField, Scene, Scheme, State
+
+
+def check_free_field(discretisation: Discretisation) -> None:
+    """Raise ValueError for choices that ends without walls cannot have."""
+    if discretisation.scheme is Scheme.USF:
+        raise ValueError("ends = 'free field' with scheme = USF, whose stress is a step ahead: take MUSL or USL")
+    if discretisation.kernel not in (GIMP, Linear):
+        raise ValueError(
+            f"ends = 'free field' with kernel = {discretisation.kernel.__name__}, which spreads what acts on an end "
+            "over more nodes than its own: take GIMP"
+        )
+    if discretisation.internal_length is not None:
+        raise ValueError(
+            f"internal_length = {discretisation.internal_length:g} m with ends = 'free field', whose columns are "
+            "narrower: leave it out"
+        )
+
+
+def joined(scene: Scene, state: State, low: tuple[Scene, State], high: tuple[Scene, State]) -> tuple[Scene, State]:
+    """The scene and state with a free field in place of the walls at both ends.
+
+    scene: a section, `state` at rest between its walls or free of stress. low, high: columns of the ground at its ends,
+    with tied sides, in states alike. What the walls bore at rest goes on acting on the ends.
+    """
+    (left, left_state), (right, right_state) = low, high
+    planes = (PADDING, scene.grid.shape[0] - 1 - PADDING)
+    nothing = jnp.zeros((2, *scene.grid.shape[1:], scene.grid.dimension), state.stress.dtype)
+    field = FreeField(left, right, nothing, planes)
+    walls = tuple(wall for wall in scene.walls if wall.axis != 0)
+    scene = replace(scene, walls=walls, free_field=field)
+    state = replace(state, free_field=(left_state, right_state))
+    if not np.any(np.asarray(state.stress)):
+        return scene, state
+    nodal = particles_to_grid(scene, state, scene.time_step, Maps(scene, scene.particles.position))
+    assert nodal.force is not None
+    assert nodal.beyond is not None
+    net = (nodal.force + nodal.mass * scene.gravity).reshape(*scene.grid.shape, -1)[jnp.asarray(planes)]
+    return replace(scene, free_field=replace(field, held=-net - nodal.beyond.traction)), state
