@@ -146,15 +146,18 @@ def factors(case: Case) -> dict[str, Any]:
             movement_distance=STEP * height,
             move_tol=LEAST_STEP * height,
         )
-    circle, shaped = float(circles[0]["FS"]), float(shapes[0]["FS"])
+    # A circle that the second search does not take for a start leaves it without an answer.
+    circle = float(circles[0]["FS"])
+    shaped = float(shapes[0]["FS"]) if shapes else None
+    least = circle if shaped is None else min(circle, shaped)
     return {
         "case": case.name,
         "reference": case.reference,
         "circle": round(circle, 3),
-        "any_shape": round(shaped, 3),
-        "fos": round(min(circle, shaped), 3),
-        "error": round(min(circle, shaped) / case.reference - 1, 4),
-        "settled": bool(settled and done),
+        "any_shape": "none found" if shaped is None else round(shaped, 3),
+        "fos": round(least, 3),
+        "error": round(least / case.reference - 1, 4),
+        "settled": bool(settled and (done or shaped is None)),
         "seconds": round(time.perf_counter() - start, 1),
     }
 
