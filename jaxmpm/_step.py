@@ -125,17 +125,36 @@ class Maps(NamedTuple):
 
     def to_grid(self, carried: Array | None, stress: Array | None) -> Array:
         """See `jaxmpm.transfer.p2g`."""
-        scene = self.scene
-        nodal = p2g(scene.grid, scene.kernel, self.position, carried, stress, engine=scene.engine)
-        return fold(one_with(scene), scene.grid, nodal)
+        return self.joined(self.to_reached(carried, stress))
 
     def to_particles(self, nodal: Array, *, values: int, gradients: int) -> tuple[Any, Any]:
         """See `jaxmpm.transfer.g2p`."""
+        return self.from_reached(self.parted(nodal), values=values, gradients=gradients)
+
+    def to_reached(self, carried: Array | None, stress: Array | None) -> Array:
+        """As `to_grid`, at the nodes that particles reach: those beyond open ends of the ground too."""
         scene = self.scene
-        nodal = unfold(one_with(scene), scene.grid, nodal)
+        return p2g(scene.grid, scene.kernel, self.position, carried, stress, engine=scene.engine)
+
+    def from_reached(self, nodal: Array, *, values: int, gradients: int) -> tuple[Any, Any]:
+        """As `to_particles`, from the nodes that they reach."""
+        scene = self.scene
         return g2p(
             scene.grid, scene.kernel, self.position, nodal, values=values, gradients=gradients, engine=scene.engine
         )
+
+    def joined(self, reached: Array) -> Array:
+        """Sums (nodes, c) with those beyond open ends added to the nodes that they are one with."""
+        return fold(one_with(self.scene), self.scene.grid, reached)
+
+    def parted(self, nodal: Array) -> Array:
+        """Nodal values (nodes, c), beyond open ends too."""
+        return unfold(one_with(self.scene), self.scene.grid, nodal)
+
+    def momentum(self, moving: Array) -> Array:
+        """Momentum (nodes, d) kg m/s of the nodes from the channels of `jaxmpm.transfer.momentum` at the nodes that
+        particles reach: an affine part is of these nodes' own places, before those beyond open ends are added."""
+        return self.joined(nodal_momentum(self.scene.grid, moving))
 
     def gradient(self, velocity: Array) -> Array:
         """Gradient (d, d, N) 1/s of velocities (nodes, d) m/s at the particles."""
@@ -166,14 +185,14 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
     if external is not None:
         carried.append(external)
     stress = acting_stress(scene, state.stress, particles.volume * state.volume_ratio, maps) if stressed else None
-    nodal = maps.to_grid(jnp.concatenate(carried), stress)
+    nodal = maps.to_reached(jnp.concatenate(carried), stress)
     ends = np.cumsum([len(block) for block in carried][: None if stressed else -1])
     mass, moving, *forces = jnp.split(nodal, ends, axis=1)
-    mass = tensors.spread(mass, grid.dimension, axis=1)
+    mass = tensors.spread(maps.joined(mass), grid.dimension, axis=1)
     return Nodal(
         mass=mass,
-        momentum=nodal_momentum(grid, moving),
-        force=sum(forces[1:], forces[0]) if forces else None,
+        momentum=maps.momentum(moving),
+        force=maps.joined(sum(forces[1:], forces[0])) if forces else None,
         per_mass=reciprocal(scene, mass),
         beyond=None if scene.free_field is None else free_field(scene, state, dt),
     )
@@ -287,14 +306,14 @@ def grid_to_particles(
         velocity=flip_velocity if scene.flip is None else scene.flip * flip_velocity + (1 - scene.flip) * pic_velocity,
     )
     if state.affine is not None:
-        affine = velocity_gradient(scene.grid, maps.position, moved.velocity, maps.to_particles)
+        affine = velocity_gradient(scene.grid, maps.position, maps.parted(moved.velocity), maps.from_reached)
         state = replace(state, affine=affine)
     return state, gradient
 
 
 def mapped_again(scene: Scene, state: State, nodal: Nodal, moved: Moved, maps: Maps) -> Array:
     """Velocity (nodes, d) of the nodes by the particles' new momentum, at the masses that they had."""
-    moving = nodal_momentum(scene.grid, maps.to_grid(momentum(scene, state, maps.position), None))
+    moving = maps.momentum(maps.to_reached(momentum(scene, state, maps.position), None))
     velocity = nodal_velocity(scene, nodal._replace(momentum=moving))
     if scene.wall_friction is None:
         return velocity

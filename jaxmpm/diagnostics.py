@@ -13,7 +13,6 @@ from jaxmpm import tensors
 from jaxmpm._step import Maps, acting_stress, external_force, felt_gravity, place, reciprocal
 from jaxmpm.boundary import hold
 from jaxmpm.transfer import momentum as particle_momentum
-from jaxmpm.transfer import nodal_momentum
 from jaxmpm.types import Scene, State
 
 
@@ -72,10 +71,10 @@ def grid_velocity(scene: Scene, state: State) -> Array:
     """
     _of_one_lane(scene, state)
     maps, d = Maps(scene, place(scene, state)), scene.grid.dimension
-    nodal = maps.to_grid(
+    nodal = maps.to_reached(
         jnp.concatenate([scene.particles.mass[None], particle_momentum(scene, state, maps.position)]), None
     )
-    mass, moving = nodal[:, :1], nodal_momentum(scene.grid, nodal[:, 1:])
+    mass, moving = maps.joined(nodal[:, :1]), maps.momentum(nodal[:, 1:])
     velocity = hold(scene, reciprocal(scene, mass) * moving)
     return maps.to_particles(velocity, values=d, gradients=0)[0]
 

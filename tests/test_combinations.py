@@ -48,8 +48,9 @@ def allowed(choice):
     apic = choice["velocities"] == "APIC" and choice["kernel"] is not mpm.QuadraticBSpline
     frictional = isinstance(SOILS[choice["soil"]], mpm.FrictionalSoil) and choice["fbar"]
     hard = choice["soil"] in ("elastic", "perfectly plastic", "mohr-coulomb") and choice["internal_length"]
+    hats = choice["kernel"] is mpm.Linear and choice["scheme"] is mpm.Scheme.USL  # of which a warning says it all
     tied = choice["ends"] == "tied" and (choice["dimension"] == 1 or choice["internal_length"])
-    return not (apic or frictional or hard or tied)
+    return not (apic or frictional or hard or hats or tied)
 
 
 def pairs(choice):

@@ -64,6 +64,23 @@ def test_tied_sides_are_no_ends():
 
 
 @pytest.mark.usefixtures("x64")
+def test_affine_transfers_do_not_know_where_the_sides_are():
+    affine = replace(HALVES, kernel=mpm.QuadraticBSpline, apic=True, flip=0.0)
+    scene, state = layer(5, 2.0, numerics=affine)
+    x, z = scene.particles.position
+    turning = jnp.stack([z * jnp.sin(2 * jnp.pi * x / 5), jnp.cos(2 * jnp.pi * x / 5)])
+    here, there = (
+        mpm.advance(scene, replace(state, velocity=turning, displacement=state.displacement.at[0].add(by)), 20)
+        for by in (0.0, 2.0)
+    )
+    assert np.ptp(here.velocity[0]) > 0.1
+    assert np.allclose(there.velocity, here.velocity, atol=1e-10)
+    assert np.allclose(there.affine, here.affine, atol=1e-9)
+    seen = [diagnostics.grid_velocity(scene, state) for state in (here, there)]
+    assert np.allclose(*seen, atol=1e-10)
+
+
+@pytest.mark.usefixtures("x64")
 def test_what_leaves_at_one_side_comes_in_at_the_other():
     scene, state = layer(3, gravity=0.0, speed=30.0)
     scene = replace(scene, walls=())
