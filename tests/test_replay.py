@@ -113,6 +113,30 @@ def test_reverse_mode_stays_within_its_bytes(memory):
     assert compiled.memory_analysis().temp_size_in_bytes <= memory
 
 
+ELASTIC, SAND = mpm.Soil(young=1e7), mpm.FrictionalSoil(5e3, 25.0, young=1e7)
+
+
+@pytest.mark.parametrize(
+    ("soil", "finite_strain"),
+    [
+        (ELASTIC, True),
+        *(pytest.param(*each, marks=pytest.mark.slow) for each in ((ELASTIC, False), (SAND, False), (SAND, True))),
+    ],
+)
+def test_the_bytes_of_a_step_are_those_of_its_law_and_its_strains(soil, finite_strain):
+    scene, state = mpm.slope(
+        SLOPE, soil, mpm.Discretisation(1.0, (0.5, 0.5), finite_strain=finite_strain), at_rest=False
+    )
+
+    def reached(stiffer):
+        varied = replace(scene, material=replace(scene.material, bulk=scene.material.bulk * stiffer))
+        return objectives.log_displacement(mpm.replay(varied, state, 8)[0])
+
+    told = mpm.checkpoints(scene, state, 8, 1e9).bytes
+    taken = jax.jit(jax.grad(reached)).lower(1.0).compile().memory_analysis().temp_size_in_bytes
+    assert 0.6 * told < taken <= told
+
+
 def test_bytes_too_few_for_any_checkpoints_are_refused():
     with pytest.raises(ValueError, match="is too small for 400 steps"):
         mpm.checkpoints(*slide(), 400, 1e4)

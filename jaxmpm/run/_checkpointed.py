@@ -23,8 +23,9 @@ from jaxmpm.tensors import rows
 from jaxmpm.transfer import scatter_p
 from jaxmpm.types import Scene, State, Status
 
-# What reversing one step holds at once, in sizes of the state: measured, see tests/test_replay.py.
-STEP_IN_STATES = 10
+# What reversing one step holds at once, in sizes of the state, and what friction and finite strains add, whose
+# principal values are found in many rotations: measured in two and three dimensions, see tests/test_replay.py.
+STEP_IN_STATES, MORE_WITH_FRICTION, MORE_WITH_FINITE_STRAIN = 10, 4, 16
 
 
 @dataclass(frozen=True)
@@ -50,9 +51,12 @@ def checkpoints(scene: Scene, state: State, steps: int, memory: float) -> Checkp
     check.whole("steps", steps)
     check.positive("memory", memory, "bytes")
     size, nodal, needed = _bytes(state), _nodal_bytes(scene, state), 0
+    step_in_states = (
+        STEP_IN_STATES + MORE_WITH_FRICTION * scene.material.FRICTIONAL + MORE_WITH_FINITE_STRAIN * scene.finite_strain
+    )
     for depth in range(1, 1 + max(1, int(np.log2(max(steps, 2))))):
         levels = _levels(steps, depth)
-        needed = size * (sum(levels) + STEP_IN_STATES) + nodal * levels[-1]
+        needed = size * (sum(levels) + step_in_states) + nodal * levels[-1]
         if needed <= memory:
             return Checkpoints(levels, needed)
     raise ValueError(
