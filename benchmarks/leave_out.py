@@ -23,7 +23,10 @@ from jaxmpm import (
     DruckerPrager,
     Elastic,
     Engine,
+    ExponentialSoftening,
+    FrictionalSoftening,
     MohrCoulomb,
+    RateEffect,
     Scene,
     Scheme,
     State,
@@ -32,6 +35,7 @@ from jaxmpm import (
     passing,
     step,
     with_columns,
+    with_soil,
 )
 
 Variant = Callable[[Scene, State], tuple[Scene, State]]
@@ -56,6 +60,28 @@ def without_cutoff(scene: Scene, state: State) -> tuple[Scene, State]:
 def homogeneous(scene: Scene, state: State) -> tuple[Scene, State]:
     """One strength for all particles: a scalar."""
     return replace(scene, material=replace(scene.material, strength=scene.material.strength[0])), state
+
+
+def with_uneven_softening(scene: Scene, state: State) -> tuple[Scene, State]:
+    """Modulus and residual of the softening that differ from particle to particle, as random fields make them."""
+    law = scene.material.softening
+    uneven = 1 + 0.3 * jnp.sin(jnp.arange(scene.particles.mass.size, dtype=state.stress.dtype))
+    values = {"softening.modulus": law.modulus * uneven, "softening.residual_ratio": law.residual_ratio * uneven}
+    return with_soil(scene, state, **values)
+
+
+def with_exponential_softening(scene: Scene, state: State) -> tuple[Scene, State]:
+    """Softening that ends by and by, as that of sensitive clay, for the linear one."""
+    strain = jnp.asarray(10.0, state.stress.dtype)
+    softening = ExponentialSoftening(scene.material.softening.residual_ratio, strain)
+    return replace(scene, material=replace(scene.material, softening=softening)), state
+
+
+def with_rate(scene: Scene, state: State) -> tuple[Scene, State]:
+    """Strength that rises with the rate of shear."""
+    coefficient, reference = (jnp.asarray(value, state.stress.dtype) for value in (0.1, 3e-6))
+    rate = RateEffect(coefficient, reference)
+    return replace(scene, material=replace(scene.material, rate=rate)), state
 
 
 def with_damping(scene: Scene, state: State) -> tuple[Scene, State]:
@@ -146,8 +172,17 @@ def on_a_cone(scene: Scene, state: State) -> tuple[Scene, State]:
     return replace(scene, material=material), replace(state, history=None)
 
 
+def on_a_soft_cone(scene: Scene, state: State) -> tuple[Scene, State]:
+    """The same, its cohesion lost and its friction falling to 15 degrees."""
+    history, dtype = state.history, state.stress.dtype
+    scene, state = on_a_cone(scene, state)
+    cohesion, friction, strain = (jnp.asarray(value, dtype) for value in (0.0, np.radians(15.0), 0.2))
+    softening = FrictionalSoftening(cohesion, friction, strain)
+    return replace(scene, material=replace(scene.material, softening=softening)), replace(state, history=history)
+
+
 def on_a_pyramid(scene: Scene, state: State) -> tuple[Scene, State]:
-    """The same with Mohr-Coulomb."""
+    """The cone's soil with Mohr-Coulomb."""
     scene, state = on_a_cone(scene, state)
     cone = scene.material
     material = MohrCoulomb(
@@ -172,8 +207,12 @@ FEATURES: dict[str, tuple[Variant, Variant]] = {
     "yielding": (without_softening, without_yielding),
     "friction (Drucker-Prager)": (on_a_cone, without_softening),
     "edges (Mohr-Coulomb)": (on_a_pyramid, on_a_cone),
+    "softening with friction": (on_a_soft_cone, on_a_cone),
+    "exponential softening": (with_exponential_softening, unchanged),
+    "effect of rate": (with_rate, unchanged),
     "tension cutoff": (unchanged, without_cutoff),
     "strength per particle": (unchanged, homogeneous),
+    "softening per particle": (with_uneven_softening, unchanged),
     "second mapping (MUSL)": (unchanged, single_mapping),
     "damping": (with_damping, unchanged),
     "PIC blend": (with_pic, unchanged),
