@@ -325,7 +325,8 @@ def _walls(rough: Rows, refined: Rows) -> list[str]:
         if reached:
             return [
                 f"the slide reached {place if place == EDGE else f'the wall at {place}'}, which held it, in {count} "
-                f"{grid} runs: {'draw it farther out' if place == EDGE else 'lengthen the ground'} there"
+                f"{grid} run{'s' if count > 1 else ''}: "
+                f"{'draw it farther out' if place == EDGE else 'lengthen the ground'} there"
                 for place, count in sorted(Counter(reached).items())
             ]
     return []
