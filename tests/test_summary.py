@@ -10,7 +10,7 @@ from cooperative.reporting import _words
 from cooperative.runs import phases_of
 from cooperative.scene import parse
 from cooperative.store import Rows
-from cooperative.summary import summarise
+from cooperative.summary import _walls, summarise
 from tests.test_campaign import TINY
 from tests.test_coop_places import HAZARD
 from tests.test_coop_twophase import pair
@@ -152,6 +152,14 @@ def test_of_exposed_places_nothing_is_said_before_a_slide_counts():
     reached = summarise(campaign, rough, stands)["risk"]["places"]["house"]["reached"]
     assert reached["probability"] == 0
     assert 0 < reached["interval"][1] < 0.2
+
+
+def test_walls_are_named_with_how_many_runs_reached_them():
+    refined = rows([0, 1, 2], [5.0, 5.0, 0.1], walls=np.array(["x = 0 m; x = 84 m", "x = 84 m", ""]))
+    assert _walls(rows([], []), refined) == [
+        "the slide reached the wall at x = 0 m, which held it, in 1 refined run: lengthen the ground there",
+        "the slide reached the wall at x = 84 m, which held it, in 2 refined runs: lengthen the ground there",
+    ]
 
 
 def test_a_rough_sample_that_is_to_be_redone_is_no_obstacle():
