@@ -132,6 +132,8 @@ def test_a_run_that_broke_off_has_no_part_in_modes_and_fits():
     found = summarise(campaign_with(samples=60, estimator="monte carlo"), rough, table)
     assert found["failures_refined"] == failed.sum()
     assert sum(part["count"] for part in found["modes"].values()) == failed.sum() - 1
+    # Every sample has run: there are no more to buy.
+    assert not _words._more(found)
     assert found["fits"]["all"]["volume"]["samples"] == failed.sum() - 1
 
 

@@ -310,7 +310,7 @@ def _more(found: dict[str, Any]) -> str:
     more, now = found["after_more_runs"], found["coefficient_of_variation"]
     then = more["coefficient_of_variation"]
     left = found["samples"] - found["refined_runs"]
-    if now is None or then is None:
+    if now is None or then is None or not left:
         return ""
     said = f"Another {more['runs']} refined runs would bring the coefficient of variation from {now:.1%} to {then:.1%}"
     return f"{said}; {left} samples are left for them." if left < more["runs"] else f"{said}."
