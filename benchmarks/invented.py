@@ -96,7 +96,7 @@ MODES, PARTICLES = 20, 6000
 
 def random_soil(campaign: Campaign) -> Any:
     """As much of a random soil as made-up runs need."""
-    return SimpleNamespace(modes=MODES)
+    return SimpleNamespace(modes=MODES, counts=(MODES,))
 
 
 REAL_COEFFICIENTS = runs.coefficients_of

@@ -23,10 +23,13 @@ from cooperative.scene import (
     allowing,
     at_limit_load,
     calibrated,
+    keep_field_modes,
     measured,
     measured_limit_load,
     parse,
     with_defaults,
+    with_field_modes,
+    with_kept_field_modes,
     write_budget,
 )
 from cooperative.store import GRIDS, SLIDES, Rows, Sample, Store, open_store, restart_path, write_aside, write_sample
@@ -69,6 +72,7 @@ def run(
             with stop.at_once():
                 if campaign.raised is not None:
                     write_budget(folder, campaign.raised)
+                keep_field_modes(models["rough"].campaign, folder)
                 ready = _calibrated(models, folder)
                 for model in models.values():
                     runs.keep_initial(folder, model.grid, model.scene, model.state)
@@ -79,7 +83,8 @@ def run(
 def _models(campaign: Campaign, folder: Path) -> dict[str, runs.GridModel]:
     """Both grids of a campaign, at rest by what its folder keeps. Raises ValueError where slope, soil, field and grids
     do not fit."""
-    soil = runs.random_soil(campaign)
+    soil = runs.random_soil(with_kept_field_modes(campaign, folder))
+    campaign = with_field_modes(campaign, soil.counts)
     runs.check_coefficients(campaign, soil.modes)
     return {grid: runs.build(campaign, grid, soil, folder=folder) for grid in GRIDS}
 

@@ -361,6 +361,7 @@ def json_schema() -> dict[str, Any]:
             **tables,
             **_hazards(),
             "calibration": {"type": "object"},
+            "field_modes": {"type": "object"},
             "files": {"type": "object"},
             "limit_load": {"type": "object"},
             "sweep": {"type": "object"},

@@ -169,7 +169,7 @@ def test_a_scheduler_that_does_not_answer_is_named_before_the_folder_is_made(add
     pytest.importorskip("distributed", reason="extra `dask` is not installed")
     monkeypatch.setattr(runs._executors, "PATIENCE", 1)
     for name in ("build", "random_soil"):
-        monkeypatch.setattr(runs, name, lambda *_, **__: type("Invented", (), {"modes": 3})())
+        monkeypatch.setattr(runs, name, lambda *_, **__: type("Invented", (), {"modes": 3, "counts": (3,)})())
     scene = tmp_path / "scene.toml"
     scene.write_text(TINY)
     assert main(["run", str(scene), "--out", str(tmp_path / "out"), "--dask", address]) == 2

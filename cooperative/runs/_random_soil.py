@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from types import MappingProxyType
 
 import jax
@@ -20,6 +20,9 @@ from cooperative.scene import Campaign, CrossCorrelation, RandomField, Site, gau
 
 Box = tuple[tuple[float, ...], tuple[float, ...]]
 """Lowest corner and edges (d,) m."""
+ROUNDING = 2e-5
+"""Of the share of the variance that modes hold, with eigenvalues in single precision on two machines."""
+REMEDY = "delete the folder's field_modes.json, whose samples are then those of this machine"
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,11 @@ class RandomSoil:
         return sum(len(group.names) * group.expansion.modes for group in self.groups)
 
     @property
+    def counts(self) -> tuple[int, ...]:
+        """Number of modes of each group's expansion."""
+        return tuple(group.expansion.modes for group in self.groups)
+
+    @property
     def expansions(self) -> Mapping[str, kl.Expansion]:
         """The expansion of the field of each parameter that goes through all layers."""
         return {name: group.expansion for group in self.groups if group.layer is None for name in group.names}
@@ -104,7 +112,8 @@ def random_soil(campaign: Campaign) -> RandomSoil:
         if layer.own:
             own = tuple((name, field) for name, field in layer.random.items() if name in layer.own)
             parts.append((number, own, site.box_of(number)))
-    return _random_soil(tuple(parts), correlated, replace(site, layers=()))
+    counts = None if campaign.field_modes is None else campaign.field_modes.counts
+    return _random_soil(tuple(parts), correlated, replace(site, layers=()), counts)
 
 
 Part = tuple[int | None, tuple[tuple[str, RandomField], ...], Box]
@@ -112,23 +121,25 @@ Part = tuple[int | None, tuple[tuple[str, RandomField], ...], Box]
 
 
 @lru_cache(maxsize=8)
-def _random_soil(parts: tuple[Part, ...], correlated: CrossCorrelation | None, site: Site) -> RandomSoil:
-    groups = [group for part in parts for group in _groups(part, correlated, site)]
+def _random_soil(
+    parts: tuple[Part, ...], correlated: CrossCorrelation | None, site: Site, counts: tuple[int, ...] | None
+) -> RandomSoil:
+    members = [(part, names) for part in parts for names in _members(part, correlated)]
+    if counts is not None and len(counts) != len(members):
+        raise ValueError(f"[field_modes] counts has {len(counts)} numbers for {len(members)} expansions: {REMEDY}")
+    groups = [
+        _group(part, names, correlated, site, count)
+        for (part, names), count in zip(members, counts or (None,) * len(members), strict=True)
+    ]
     return RandomSoil(tuple(groups if len(groups) == 1 else _placed(groups)))
 
 
-def _groups(part: Part, correlated: CrossCorrelation | None, site: Site) -> list[Group]:
-    layer, random, box = part
-    fields = dict(random)
-    together = () if correlated is None or correlated.parameters[0] not in fields else correlated.parameters
-    members = [(name,) for name in fields if name not in together] + ([together] if together else [])
-    members.sort(key=lambda names: min(list(fields).index(name) for name in names))
-    return [
-        replace(
-            _group(names, MappingProxyType(fields), correlated if names == together else None, box, site), layer=layer
-        )
-        for names in members
-    ]
+def _members(part: Part, correlated: CrossCorrelation | None) -> list[tuple[str, ...]]:
+    """The parameters of each group of a part."""
+    names = [name for name, _ in part[1]]
+    together = () if correlated is None or correlated.parameters[0] not in names else correlated.parameters
+    members = [(name,) for name in names if name not in together] + ([together] if together else [])
+    return sorted(members, key=lambda group: min(map(names.index, group)))
 
 
 def _placed(groups: list[Group]) -> list[Group]:
@@ -143,21 +154,28 @@ def _placed(groups: list[Group]) -> list[Group]:
 
 
 def _group(
-    names: tuple[str, ...],
-    fields: Mapping[str, RandomField],
-    correlated: CrossCorrelation | None,
-    box: Box,
-    site: Site,
+    part: Part, names: tuple[str, ...], correlated: CrossCorrelation | None, site: Site, count: int | None
 ) -> Group:
-    first, (corner, extent) = fields[names[0]], box
+    layer, fields, box = part[0], MappingProxyType(dict(part[1])), part[2]
     try:
-        expansion = kl.expand(
-            first.covariance, origin=corner, extent=extent, energy=first.energy, bedding=first.bedding
-        )
-        root = None if correlated is None else gaussian_root(correlated, fields)
-        return Group(names, expansion, box, root, _conditioning(names, fields, expansion, root, site))
+        expansion = _expansion(fields[names[0]], box, count)
+        root = None if correlated is None or names != correlated.parameters else gaussian_root(correlated, fields)
+        return Group(names, expansion, box, root, _conditioning(names, fields, expansion, root, site), layer)
     except ValueError as error:
         raise ValueError(f"random {' and '.join(names)}: {error}") from error
+
+
+def _expansion(field: RandomField, box: Box, count: int | None) -> kl.Expansion:
+    """Of as many modes as hold the field's energy, or of `count` if these hold it but for rounding."""
+    expand = partial(kl.expand, field.covariance, *box, bedding=field.bedding)
+    own = expand(energy=field.energy)
+    if count is None or count == own.modes:
+        return own
+    counted = expand(modes=count, solver=own.solvers)
+    held = np.cumsum(np.asarray(counted.fractions, float))
+    if held[-1] < field.energy - ROUNDING or (count > 1 and held[-2] > field.energy + ROUNDING):
+        raise ValueError(f"[field_modes] has {count} modes where energy = {field.energy:g} takes {own.modes}: {REMEDY}")
+    return counted
 
 
 def _conditioning(

@@ -6,13 +6,13 @@ strength, by strength reduction, and cost some ten runs on each grid.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 from cooperative.estimate import Estimator
 from cooperative.scene._budget import kept_budget, raised
+from cooperative.scene._field_modes import with_kept_field_modes
 from cooperative.scene._kept import Kept, factors_at_once
 from cooperative.scene._limit_load import KEPT as LIMIT_LOAD_KEPT
 from cooperative.scene._limit_load import at_limit_load
@@ -57,19 +57,22 @@ def calibrated(campaign: Campaign, found: Calibration) -> Campaign:
 
 
 def campaign_of(store: Store, estimator: Estimator | None = None) -> Campaign:
-    """The scene of a campaign's folder, with its factors of safety where they were measured, and the refined runs that
-    were allowed since.
+    """The scene of a campaign's folder, with the numbers that it keeps: modes of its fields, what was measured before
+    its first run, and the refined runs that were allowed since.
 
     estimator: that of the script, where one gave it.
     """
     campaign, budget = parse(store.scene_text, estimator), kept_budget(store.folder)
     if budget is not None and campaign.plan.estimator is not None:
         campaign = raised(campaign, budget)
+    campaign = with_kept_field_modes(campaign, store.folder)
     asked = campaign.run.failure == "limit load" and campaign.limit_load is None
-    if asked and os.path.lexists(LIMIT_LOAD_KEPT.path(store.folder)):
-        campaign = at_limit_load(campaign, LIMIT_LOAD_KEPT.read(store.folder))
-    wants = campaign.plan.calibrate and campaign.calibration is None and os.path.lexists(KEPT.path(store.folder))
-    return calibrated(campaign, kept(store.folder)) if wants else campaign
+    if asked and (limit_load := LIMIT_LOAD_KEPT.there(store.folder)) is not None:
+        campaign = at_limit_load(campaign, limit_load)
+    asked = campaign.plan.calibrate and campaign.calibration is None
+    if asked and (factors := KEPT.there(store.folder)) is not None:
+        campaign = calibrated(campaign, factors)
+    return campaign
 
 
 def _factor_of_safety(campaign: Campaign, scene: Scene, state: State) -> float:

@@ -12,11 +12,11 @@ from typing import Generic, TypeVar
 import jax
 
 from cooperative.scene._schema import Key, read
-from cooperative.scene._typed import Calibration, LimitLoad
+from cooperative.scene._typed import Calibration, FieldModes, LimitLoad
 from cooperative.store import MOST_TEXT, write_aside
 from foundation import files
 
-Numbers = TypeVar("Numbers", Calibration, LimitLoad)
+Numbers = TypeVar("Numbers", Calibration, LimitLoad, FieldModes)
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,10 @@ class Kept(Generic[Numbers]):
             write_aside(self.path(folder), json.dumps(asdict(measure())).encode())
         return self.read(folder)
 
+    def there(self, folder: Path) -> Numbers | None:
+        """The numbers that a campaign's folder keeps, None where it keeps none. Raises as `read`."""
+        return self.read(folder) if os.path.lexists(self.path(folder)) else None
+
     def read(self, folder: Path) -> Numbers:
         """The numbers in the file, checked as those of a scene are. Raises ValueError where it is damaged, OSError
         where it is missing."""
@@ -52,7 +56,7 @@ class Kept(Generic[Numbers]):
 
     def in_text(self, text: str, found: Numbers) -> str:
         """A scene's text with the numbers in it, so that whoever reads the text has them."""
-        numbers = "".join(f"{name} = {value!r}\n" for name, value in asdict(found).items())
+        numbers = "".join(f"{name} = {json.dumps(value)}\n" for name, value in asdict(found).items())
         return f"{text}\n[{self.table}]\n{numbers}"
 
 

@@ -68,8 +68,8 @@ LINE = "line"
 """The kind of a key that holds points [x, z], or names a file of them."""
 RASTER = "raster"
 """The kind of a key that names a file of heights."""
-ROWS, NAMES = tuple[tuple[float, ...], ...], tuple[str, ...]
-"""Kinds of keys: a list of lists of numbers, and a list of texts."""
+ROWS, NAMES, COUNTS = tuple[tuple[float, ...], ...], tuple[str, ...], tuple[int, ...]
+"""Kinds of keys: a list of lists of numbers, a list of texts, and a list of whole numbers."""
 
 
 @dataclass(frozen=True)
@@ -232,6 +232,7 @@ GIVEN = {"given": Key(str)}
 """The table [estimator] of a stored scene, whose estimator a script gave: how it describes itself."""
 CALIBRATION = {"rough": Key(float), "refined": Key(float)}
 LIMIT_LOAD = {"factor": Key(float), "displacement": Key(float)}
+FIELD_MODES = {"counts": Key(COUNTS)}
 DEFAULTS = {"cfl": Key(float)}
 """The table [defaults] of a stored scene: defaults of both grids that were others once, as they were at its start."""
 SITES = ("slope", "ground", "terrain")
@@ -311,6 +312,8 @@ def _value(section: str, name: str, value: Any, key: Key, given: bool) -> Any:
         return tuple(tuple(map(float, row)) for row in value)
     if kind == NAMES and _is_list(value, lambda name: isinstance(name, str)):
         return tuple(value)
+    if kind == COUNTS and _is_list(value, lambda count: _is_number(count) and isinstance(count, int)):
+        return tuple(value)
     otherwise = "" if key.none is None else f", or {key.none!r}"
     otherwise += "" if key.or_table is None else ", or a table that says how it varies"
     raise ValueError(f"{where} = {shown(value)} is {in_words(value)}: give {_WANTED[kind]}{otherwise}")
@@ -325,6 +328,7 @@ _WANTED = {
     list: "a list",
     ROWS: "a list of lists of numbers",
     NAMES: "a list of texts",
+    COUNTS: "a list of whole numbers",
     RASTER: "the name of a file of heights",
 }
 

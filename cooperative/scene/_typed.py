@@ -18,6 +18,7 @@ from cooperative.scene._hazard import Hazard, hazard_of
 from cooperative.scene._schema import (
     CALIBRATION,
     DEFAULTS,
+    FIELD_MODES,
     GIVEN,
     LIMIT_LOAD,
     LISTS,
@@ -84,6 +85,19 @@ class LimitLoad:
         _above_zero("limit_load", vars(self))
 
 
+@dataclass(frozen=True)
+class FieldModes:
+    """How many modes each expansion of the random soil has, in the order of `runs.RandomSoil.groups`. Eigenvalues are
+    rounded otherwise on another machine, and those that hold the energy may be one more or less there."""
+
+    counts: tuple[int, ...]
+
+    def check(self) -> None:
+        """Raise ValueError for numbers that no expansion has."""
+        if not self.counts or min(self.counts) < 1:
+            raise ValueError(f"[field_modes] counts = {list(self.counts)}: give 1 or more for each expansion")
+
+
 def _above_zero(table: str, numbers: Mapping[str, float]) -> None:
     for name, value in numbers.items():
         if not 0 < value < float("inf"):
@@ -137,9 +151,9 @@ class Campaign:
     of what varies, where a layer of the site does not say otherwise. random: what varies, by parameter of the soil.
     cross_correlation: of what varies, None without. grids: discretisation of "rough" and "refined". run: how each
     sample runs. plan: what the campaign does. calibration: factors of safety of both grids, where they are known.
-    limit_load: where failure is told by it, and it is known. raised: refined runs that the campaign's folder allows
-    beyond the scene. hazard: what is kept of slides for maps and exposed places, None where the scene asks for
-    neither.
+    limit_load: where failure is told by it, and it is known. field_modes: of its expansions, where a folder keeps them.
+    raised: refined runs that the campaign's folder allows beyond the scene. hazard: what is kept of slides for maps and
+    exposed places, None where the scene asks for neither.
     """
 
     text: str
@@ -153,6 +167,7 @@ class Campaign:
     plan: Plan
     calibration: Calibration | None = None
     limit_load: LimitLoad | None = None
+    field_modes: FieldModes | None = None
     raised: Budget | None = None
     hazard: Hazard | None = None
 
@@ -244,6 +259,9 @@ def parse(text: str, estimator: Estimator | None = None) -> Campaign:
         calibration=(
             Calibration(**read("calibration", tables["calibration"], CALIBRATION)) if "calibration" in tables else None
         ),
+        field_modes=(
+            FieldModes(**read("field_modes", tables["field_modes"], FIELD_MODES)) if "field_modes" in tables else None
+        ),
         hazard=hazard,
     )
     _check(campaign)
@@ -258,7 +276,7 @@ def built(campaign: Campaign, grid: str, *, at_rest: bool = True) -> tuple[Scene
 
 def _refuse_wrong_keys(tables: Mapping[str, Any]) -> None:
     """Raise ValueError that names every table and key that is not known, and every one that lacks."""
-    added = dict.fromkeys(("calibration", "defaults", "estimator", "files", "limit_load", "name"))
+    added = dict.fromkeys(("calibration", "defaults", "estimator", "field_modes", "files", "limit_load", "name"))
     wrong = unknown_keys("the scene", tables, {**SECTIONS, **added})
     # A table that lacks may be there under a name that is not known.
     needed = () if wrong else [section for section in SECTIONS if section not in OPTIONAL]
@@ -330,8 +348,9 @@ def _check(campaign: Campaign) -> None:
     run, plan, dimension = campaign.run, campaign.plan, campaign.dimension
     _above_zero("run", {name: getattr(run, name) for name in ("t_end", "gravity", "failure_displacement")})
     _above_zero("campaign", {"restart_every": plan.restart_every})
-    if campaign.calibration is not None:
-        campaign.calibration.check()
+    for kept in (campaign.calibration, campaign.field_modes):
+        if kept is not None:
+            kept.check()
     for name, field in campaign.random.items():
         if len(field.length) != dimension:
             raise ValueError(f"[{name}] length has {len(field.length)} values: give {dimension}, one per axis")

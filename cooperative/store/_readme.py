@@ -51,6 +51,7 @@ WHAT IS WHAT
   samples/slides/     refined runs that went on to the end of their slide, where they had stopped at failure
   initial/            the stress of each grid at rest, solved once. It may be deleted
   restart/            where long runs go on after an interruption. It may be deleted; these runs then start afresh
+  field_modes.json    numbers of modes of the random fields, which another machine might count otherwise
   calibration.json    factors of safety of both grids, where the scene asks for calibration
   limit_load.json     the failure displacement, where the scene has it found from the limit load
   budget.json         refined runs allowed beyond the scene
@@ -66,8 +67,8 @@ WHAT IS WHAT
   *.damaged           a file that did not match its checksum. It was set aside and its sample run again
   .lock               held by the process that runs the campaign
 
-Not every campaign has every file. To keep one, keep scene.toml, samples/, calibration.json, limit_load.json and
-budget.json: the rest can be made again from these.
+Not every campaign has every file. To keep one, keep scene.toml, samples/, field_modes.json, calibration.json,
+limit_load.json and budget.json: the rest can be made again from these.
 
 READ A SAMPLE WITHOUT JAXMPM
 
