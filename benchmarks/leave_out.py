@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -29,10 +29,12 @@ from jaxmpm import (
     RateEffect,
     Scene,
     Scheme,
+    Section,
     State,
     WaterTable,
     advance_lanes,
     passing,
+    section,
     step,
     with_columns,
     with_soil,
@@ -265,37 +267,50 @@ def microseconds(variants: list[tuple[Scene, State]], repeats: int) -> list[floa
     return [statistics.median(values) for values in zip(*turns(variants, repeats), strict=True)]
 
 
+def ends_of_the_section() -> tuple[tuple[Scene, State], tuple[Scene, State]]:
+    """The published section on the rough grid that ends without walls, and between its walls."""
+    campaign = scene_campaign("paper_section")
+    slope = campaign.slope
+    top, low = slope.foundation + slope.height, slope.foundation
+    drawn = Section([(0, top), (slope.crest, top), (slope.toe_x, low), (slope.extent[0], low)])
+    numerics = campaign.grids["rough"]
+    open_, walled = (section(drawn, campaign.soil, numerics, ends=ends) for ends in ("free field", "roller"))
+    return open_, walled
+
+
 def rows_of(name: str, repeats: int) -> list[dict[str, Any]]:
     """A row per feature for one scene of benchmarks/scenes on its rough grid."""
     campaign = scene_campaign(name)
     scene, state = built(campaign, "rough")
     uneven = scene.material.strength * (1 + 0.3 * jnp.sin(jnp.arange(scene.particles.mass.size)))
     scene = replace(scene, material=replace(scene.material, strength=uneven))
-    rows = []
-    for feature, (present, absent) in FEATURES.items():
-        pair = [present(scene, state), absent(scene, state)]
-        (flops, size), (flops_without, size_without) = (cost(*variant) for variant in pair)
-        us, us_without = microseconds(pair, repeats)
-        rows.append(
-            {
-                "scene": name,
-                "feature": feature,
-                "flops": flops,
-                "flops_without": flops_without,
-                "bytes": size,
-                "bytes_without": size_without,
-                "us_per_step": round(us, 1),
-                "us_per_step_without": round(us_without, 1),
-            }
-        )
-    return rows
+    pairs = {feature: tuple(make(scene, state) for make in both) for feature, both in FEATURES.items()}
+    if scene.grid.dimension == 2:
+        pairs["ends without walls (free field)"] = ends_of_the_section()
+    return [row(name, feature, pair, repeats) for feature, pair in pairs.items()]
+
+
+def row(name: str, feature: str, pair: Sequence[tuple[Scene, State]], repeats: int) -> dict[str, Any]:
+    """A scene with a feature beside the same without it."""
+    (flops, size), (flops_without, size_without) = (cost(*variant) for variant in pair)
+    us, us_without = microseconds([*pair], repeats)
+    return {
+        "scene": name,
+        "feature": feature,
+        "flops": flops,
+        "flops_without": flops_without,
+        "bytes": size,
+        "bytes_without": size_without,
+        "us_per_step": round(us, 1),
+        "us_per_step_without": round(us_without, 1),
+    }
 
 
 def run(quick: bool) -> Report:
     """Every feature, in the section and in 3D."""
-    rows = [row for name in (["paper_section"] if quick else ["paper_section", "paper"]) for row in rows_of(name, 7)]
+    rows = [one for name in (["paper_section"] if quick else ["paper_section", "paper"]) for one in rows_of(name, 7)]
     saved = {
-        f"{row['scene']}, {row['feature']}": round(1 - row["us_per_step_without"] / row["us_per_step"], 3)
-        for row in rows
+        f"{one['scene']}, {one['feature']}": round(1 - one["us_per_step_without"] / one["us_per_step"], 3)
+        for one in rows
     }
     return Report({"share_of_step_saved_without": saved}, rows)
