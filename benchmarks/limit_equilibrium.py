@@ -44,7 +44,7 @@ def search_module() -> Any:
     try:
         return importlib.import_module("xslope.search")
     except ModuleNotFoundError as error:
-        raise ValueError(f"limit equilibrium needs {error.name}: pip install 'jaxmpm[peers]'") from error
+        raise ValueError(f"limit equilibrium needs {error.name}: pip install xslope") from error
 
 
 def zones(shape: Section, layers: Sequence[Layer]) -> Iterator[tuple[int, shapely.Polygon]]:

@@ -105,7 +105,7 @@ def _cost(scene: Campaign, cost: Cost) -> Iterator[str]:
     shape = scene.site.shape
     yield f"  ground         {' x '.join(f'{edge:g}' for edge in shape.extent)} m, {shape.volume:.4g} {unit}"
     for layer in scene.site.layers:
-        yield f"  layer          {layer.name}" + (", rock" if layer.rock else "")
+        yield f"  layer          {layer.name}" + (", rock" if layer.rock and layer.name != "rock" else "")
     for grid, size in cost.sizes.items():
         most = "" if grid == "rough" else "at most "
         yield (
@@ -150,7 +150,7 @@ def complete(given: argparse.Namespace) -> None:
     try:
         import shtab
     except ImportError as error:
-        raise ValueError("shtab is not installed: install jaxmpm[completion]") from error
+        raise ValueError("shtab is not installed: pip install shtab") from error
     whole = parser()
     for command in whole._subparsers._group_actions[0].choices.values():  # type: ignore[union-attr]
         for argument in command._actions:

@@ -21,6 +21,8 @@ from cooperative.runs import cores_to_use, keep_compiled
 # Largest error of the settling column over its largest value; the stress is constant in a cell, of which there are 16.
 _SETTLEMENT, _STRESS = 0.01, 0.05
 _SECONDS = 2.0
+_TIMED = "NVIDIA H100"
+"""Devices beside the CPU that campaigns have been timed on (docs/published-study.md)."""
 
 
 def installation() -> Iterator[tuple[str, str]]:
@@ -40,7 +42,8 @@ def installation() -> Iterator[tuple[str, str]]:
     yield "C++ compiler", compiler or "none on the path"
     yield "cores", f"{len(cores_to_use())} of {os.cpu_count()}"
     for device in jax.devices():
-        untimed = "" if device.platform == "cpu" else " (the solver runs here, untimed)"
+        known = device.platform == "cpu" or device.device_kind.startswith(_TIMED)
+        untimed = "" if known else " (the solver runs here, untimed)"
         yield "device", f"{device.platform}: {device.device_kind}{untimed}"
     yield "compiled programs", f"kept in {kept}" if (kept := keep_compiled()) else "not kept"
     yield "precision", f"{jnp.result_type(float)} unless a scene says otherwise"

@@ -172,9 +172,9 @@ def test_the_campaign_is_read_by_xarray(plain, maps):
 @pytest.mark.parametrize(
     ("library", "kind", "message"),
     [
-        ("rasterio", "geotiff", r"GeoTIFF needs rasterio.*pip install 'jaxmpm\[terrain\]'"),
-        ("xarray", "netcdf", r"campaign.nc needs xarray.*pip install 'jaxmpm\[exports\]'"),
-        ("h5netcdf", "netcdf", r"campaign.nc needs h5netcdf.*pip install 'jaxmpm\[exports\]'"),
+        ("rasterio", "geotiff", r"GeoTIFF needs rasterio.*pip install rasterio"),
+        ("xarray", "netcdf", r"campaign.nc needs xarray.*pip install xarray"),
+        ("h5netcdf", "netcdf", r"campaign.nc needs h5netcdf.*pip install h5netcdf"),
     ],
 )
 def test_what_is_not_installed_is_named_with_its_remedy(library, kind, message, plain, monkeypatch):

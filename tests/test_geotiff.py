@@ -129,5 +129,5 @@ def test_only_the_file_itself_is_opened(tmp_path):
 def test_what_reads_geotiffs_is_asked_for_where_it_lacks(tmp_path, monkeypatch):
     path = written(tmp_path / "dem.tif")
     monkeypatch.setitem(sys.modules, "rasterio", None)
-    with pytest.raises(ValueError, match=r"is a GeoTIFF, which rasterio reads: pip install 'jaxmpm\[terrain\]'"):
+    with pytest.raises(ValueError, match=r"is a GeoTIFF, which rasterio reads: pip install rasterio"):
         mpm.read_raster(path)

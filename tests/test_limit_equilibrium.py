@@ -37,7 +37,7 @@ def test_ground_down_at_the_base_is_left_out_of_its_zone():
 
 def test_without_the_package_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "xslope", None)
-    with pytest.raises(ValueError, match=r"needs xslope.*: pip install 'jaxmpm\[peers\]'"):
+    with pytest.raises(ValueError, match=r"needs xslope.*: pip install xslope"):
         limit_equilibrium.run(quick=True)
 
 

@@ -6,6 +6,7 @@ import tomllib
 import warnings
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from packaging.requirements import Requirement
@@ -85,6 +86,12 @@ def test_doctor_tells_what_it_runs_on_and_that_it_is_well(monkeypatch, capsys):
     assert said.endswith("well\n")
 
 
+@pytest.mark.parametrize(("kind", "untimed"), [("NVIDIA H100 80GB HBM3", False), ("NVIDIA A100-SXM4-40GB", True)])
+def test_doctor_says_which_gpu_nobody_has_timed(kind, untimed, monkeypatch):
+    monkeypatch.setattr(doctor.jax, "devices", lambda: [SimpleNamespace(platform="gpu", device_kind=kind)])
+    assert dict(doctor.installation())["device"] == f"gpu: {kind}" + " (the solver runs here, untimed)" * untimed
+
+
 @pytest.mark.parametrize("errors", [(0.02, 0.0), (0.0, 0.06), (float("nan"), 0.0)])
 def test_doctor_finds_wrong_answers(errors, monkeypatch, capsys):
     monkeypatch.setattr(doctor, "column_errors", lambda: errors)
@@ -105,7 +112,7 @@ def test_a_shell_completes_commands_and_files(capsys):
 def test_completion_says_what_it_needs(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "shtab", None)
     assert main(["completion", "bash"]) == 2
-    assert "install jaxmpm[completion]" in capsys.readouterr().err
+    assert "pip install shtab" in capsys.readouterr().err
 
 
 def test_help_has_examples_and_exit_codes(capsys):

@@ -120,7 +120,7 @@ def _xarray() -> ModuleType:
         try:
             __import__(library)
         except ImportError as error:
-            raise missing(library, "campaign.nc", "exports") from error
+            raise missing(library, "campaign.nc") from error
     import xarray
 
     found: ModuleType = xarray

@@ -118,9 +118,9 @@ def middle(edges: np.ndarray) -> np.ndarray:
     return (edges[1:] + edges[:-1]) / 2
 
 
-def missing(library: str, what: str, extra: str) -> MissingLibrary:
+def missing(library: str, what: str) -> MissingLibrary:
     """That a library of an extra is not installed."""
-    return MissingLibrary(f"{what} needs {library}, which is not installed: pip install 'jaxmpm[{extra}]'")
+    return MissingLibrary(f"{what} needs {library}, which is not installed: pip install {library}")
 
 
 def _contours(maps: Maps, values: np.ndarray, unit: str) -> Iterator[tuple[float, list[np.ndarray]]]:
@@ -162,7 +162,7 @@ def _rasterio(what: str) -> ModuleType:
     try:
         import rasterio
     except ImportError as error:
-        raise missing("rasterio", what, "terrain") from error
+        raise missing("rasterio", what) from error
     found: ModuleType = rasterio
     return found
 

@@ -285,7 +285,7 @@ def dask_executor(client: Any) -> Callable[[], Executor]:
     try:
         import distributed
     except ImportError as error:
-        raise ValueError("Dask is not installed: install jaxmpm[dask]") from error
+        raise ValueError("Dask is not installed: pip install distributed") from error
 
     def make() -> Executor:
         if not isinstance(client, str):

@@ -105,7 +105,7 @@ def _drawing(path: Path) -> Any:
     try:
         import ezdxf
     except ImportError as error:
-        raise ValueError(f"{path} is a DXF drawing, which ezdxf reads: pip install 'jaxmpm[sections]'") from error
+        raise ValueError(f"{path} is a DXF drawing, which ezdxf reads: pip install ezdxf") from error
     try:
         files.read_plain(path, MOST_BYTES["dxf"])  # refuses what is no plain file, or too large
         return ezdxf.filemanagement.readfile(path)

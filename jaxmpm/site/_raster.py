@@ -199,7 +199,7 @@ def _geotiff(path: Path) -> Raster:
     try:
         import rasterio
     except ImportError as error:
-        raise ValueError(f"{path} is a GeoTIFF, which rasterio reads: pip install 'jaxmpm[terrain]'") from error
+        raise ValueError(f"{path} is a GeoTIFF, which rasterio reads: pip install rasterio") from error
     try:
         # Its bytes, so that the library opens nothing else: no address of a server, no file beside it.
         data = files.read_plain(path, MOST_BYTES)
