@@ -29,7 +29,7 @@ def with_soil(scene: Scene, state: State, **values: ArrayLike) -> tuple[Scene, S
     with a dot, as in `**{"softening.modulus": 85e3}`; young (Pa), poisson, unit_weight (N/m3, of all soil, under water
     too). Where stiffness or weight change, `state` must not have moved: its initial stress is found
     anew, unless it has none, and the time step shortens with the wave's way through a cell (it never grows, since the
-    scene does not know what speed it allows for).
+    scene does not know what speed it allows for). Columns of a free field keep the soil that they were built with.
     Raises ValueError for unknown names, other shapes, values beyond their limits, and a state that has moved.
     """
     check_names(scene, values)
