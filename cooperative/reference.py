@@ -1,12 +1,15 @@
-"""Every key of a scene: docs/scenes.md, and a JSON schema for editors (`python -m cooperative.reference`)."""
+"""Every key of a scene: docs/scenes.md, and the JSON schema that goes along for editors
+(`python -m cooperative.reference`)."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from cooperative.estimate import SubsetPlan
 from cooperative.scene import (
     EXPOSED,
     HAZARD,
@@ -17,6 +20,7 @@ from cooperative.scene import (
     RASTER,
     REQUIRED,
     ROWS,
+    SCHEMA,
     SECTIONS,
     SITES,
     UNSAID,
@@ -25,21 +29,34 @@ from cooperative.scene import (
 )
 from foundation.files import write_aside
 
+NUMBERS, WHOLE_NUMBERS = frozenset[float], frozenset[int]
+"""Kinds of keys: a list of different numbers, and of whole ones."""
+SWEEP = {name: Key(NUMBERS, None) for name in ("lx", "ly", "lz", "cov")} | {"k_t": Key(WHOLE_NUMBERS, None)}
+KEYS: Mapping[str, Mapping[str, Key]] = {**SECTIONS, "hazard": HAZARD, "exposed": EXPOSED, "sweep": SWEEP}
+"""The keys of every table that a scene may have."""
+SEVERAL = (*LISTS, "exposed")
+"""Tables of which there may be several."""
+STORED = ("calibration", "defaults", "estimator", "field_modes", "files", "limit_load")
+"""Tables that a campaign writes into the scene that it keeps."""
+
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a key means: words, a unit, an example, and the range of a number: its ends, open or closed."""
+    """What a key means: words, a unit, an example. default: what stands in its place, in words, where that is no value.
+    allowed: its range in words, where that has no ends. above, least, below, most: ends of a number, open or closed."""
 
     words: str
     example: str
-    unit: str = ""
+    unit: str = "-"
+    default: str = ""
+    allowed: str = ""
     above: float | None = None
     least: float | None = None
     below: float | None = None
     most: float | None = None
 
     def range(self) -> str:
-        """The range in words."""
+        """The range of a number in words, empty where it has no ends."""
         low = [f"above {self.above:g}"] if self.above is not None else []
         low += [f"{self.least:g} or more"] if self.least is not None else []
         high = [f"below {self.below:g}"] if self.below is not None else []
@@ -85,11 +102,23 @@ TABLES = {
     "refined": "The grid of the audit, on which ranked samples run. Keys as in `[rough]`.",
     "run": "How each sample runs.",
     "campaign": "How many samples, and how the failure probability is estimated.",
+    "hazard": (
+        "What is kept of each refined slide for maps: with this table, or `[[exposed]]`, the largest thickness, the "
+        "largest speed and the arrival of the soil in each column of cells. Both may be left out."
+    ),
+    "exposed": "A place that a slide may reach, one table for each, with one of `at`, `between` and `polygon`.",
+    "sweep": (
+        "Values of parameters, of which each is changed alone while the others stay as the scene has them: then the "
+        "scene is many campaigns, and `jaxmpm sweep` runs it. It needs a table `[strength]`, "
+        '`coefficients = "latin hypercube"` and an estimator other than `"subset"`. One key at least.'
+    ),
 }
 _LENGTH: dict[str, Any] = {"unit": "m", "above": 0}
+_WALLS: dict[str, Any] = {"unit": "m", "allowed": "two numbers, the lower one first"}
+_CORNERS = "three points or more"
 _GRID = {
     "cell": Meaning("Edge of a cell of the background grid.", "2.0", **_LENGTH),
-    "spacing": Meaning("Distance of the particles along each axis.", "[1.0, 1.0]", **_LENGTH),
+    "spacing": Meaning("Distance of the particles along each axis, at most a cell.", "[1.0, 1.0]", **_LENGTH),
     "kernel": Meaning("Shape function of a particle.", '"gimp"'),
     "scheme": Meaning("When the stress is updated within a step.", '"musl"'),
     "cfl": Meaning("Time step over the time in which a wave crosses a cell.", "0.9", above=0, most=1),
@@ -97,12 +126,21 @@ _GRID = {
     "apic": Meaning("Affine transfers instead of the blend of FLIP and PIC.", "false"),
     "damping": Meaning("Damping of the velocity.", "0.0", unit="1/s", least=0),
     "fbar": Meaning(
-        "F-bar, the cure of volumetric locking. By default what makes answers follow the cell least.", "true"
+        "F-bar, the cure of volumetric locking.",
+        "true",
+        default="`true`; `false` where soil has friction, or with `cell_average`",
     ),
     "cell_average": Meaning(
-        "Volumetric strain averaged over each cell: the cure where soil has friction, and its default.", "true"
+        "Volumetric strain averaged over each cell: the cure where soil has friction.",
+        "true",
+        default="`true` where soil has friction, else `false`",
     ),
-    "internal_length": Meaning('Length over which plastic strain is averaged, or `"none"`.', "2.0", **_LENGTH),
+    "internal_length": Meaning(
+        "Length over which plastic strain is averaged.",
+        "2.0",
+        **_LENGTH,
+        default='0.4 of `softening_length`; `"none"` where that is less than cells resolve, or soil does not soften',
+    ),
 }
 MEANINGS = {
     "slope": {
@@ -111,15 +149,13 @@ MEANINGS = {
         "run_per_rise": Meaning("Cotangent of the slope's angle.", "2.0", least=0),
         "toe": Meaning("Length of the level ground below, on which a slide runs out.", "48.0", **_LENGTH),
         "foundation": Meaning("Depth of soil below the toe, down to rock.", "4.0", unit="m", least=0),
-        "width": Meaning(
-            "Width along the slope; without it the slope is a section in plane strain.", "96.0", **_LENGTH
-        ),
+        "width": Meaning("Width along the slope.", "96.0", **_LENGTH, default="none: a section in plane strain"),
         "y_ends": Meaning("What holds the ends of a slope of finite width.", '"fixed"'),
     },
     "ground": {
         "surface": Meaning("The surface, from wall to wall.", "[[0, 12], [20, 12], [44, 0], [92, 0]]", unit="m"),
         "base": Meaning("Height of the rigid base.", "-4.0", unit="m"),
-        "walls": Meaning("Where the ground ends; by default with its surface.", "[0.0, 92.0]", unit="m"),
+        "walls": Meaning("Where the ground ends.", "[0.0, 92.0]", **_WALLS, default="the ends of the surface"),
         "ends": Meaning(
             "What holds the ground at its walls, the other one of two on a roller. For a free face draw the surface "
             "down to the base, and on along it.",
@@ -130,33 +166,43 @@ MEANINGS = {
         "surface": Meaning("File of the heights of the ground.", '"terrain.asc"', unit="m"),
         "base": Meaning("Height of the rigid base.", "80.0", unit="m"),
         "x": Meaning(
-            "Walls along x, a multiple of both cells apart; by default the raster's ends.", "[0.0, 200.0]", unit="m"
+            "Walls along x, a multiple of both cells apart.", "[0.0, 200.0]", **_WALLS, default="the surface's ends"
         ),
-        "y": Meaning("Walls along y, likewise.", "[0.0, 120.0]", unit="m"),
-        "step": Meaning("Step to which the raster is resampled; by default its own.", "2.0", **_LENGTH),
+        "y": Meaning("Walls along y, likewise.", "[0.0, 120.0]", **_WALLS, default="the surface's ends"),
+        "step": Meaning(
+            "Step to which the surface's raster is resampled.", "2.0", **_LENGTH, default="that of the surface"
+        ),
         "origin": Meaning(
-            "Where x = 0 and y = 0 lie in the projection of the surface's file, by default at its 0, 0; exported maps "
-            "lie there. Give heights from a corner: single precision takes no coordinates of millions of metres.",
+            "Where x = 0 and y = 0 lie in the projection of the surface's file; exported maps lie there. Give heights "
+            "from a corner: single precision takes no coordinates of millions of metres.",
             "[689000.0, 5334000.0]",
             unit="m",
+            default="`[0.0, 0.0]`",
+            allowed="two numbers",
         ),
         "ends": Meaning("What holds the ground at its walls; for a free face see `cut`.", '"roller"'),
         "polygon": Meaning(
             "Corners in plan of the part that is kept; what lies around it is left out.",
             "[[20, 10], [180, 10], [180, 110], [20, 110]]",
             unit="m",
+            default="not used: all is kept",
+            allowed=_CORNERS,
         ),
         "depth": Meaning(
-            "Depth below the surface down to which ground is kept; the cut stands still.", "15.0", **_LENGTH
+            "Depth below the surface down to which ground is kept; the cut stands still.",
+            "15.0",
+            **_LENGTH,
+            default="not used: kept down to the base",
         ),
         "cut": Meaning(
             "What holds the ground along its polygon: free is as if the soil around had been dug away.", '"fixed"'
         ),
         "run_out_line": Meaning(
-            "Line in plan along which run-out is measured, straight on beyond its ends; without it, along the mean "
-            "displacement of the slide.",
+            "Line in plan along which run-out is measured, straight on beyond its ends.",
             "[[20, 60], [90, 60], [180, 80]]",
             unit="m",
+            default="along the mean displacement of the slide",
+            allowed="two points or more",
         ),
     },
     "water": {
@@ -175,6 +221,7 @@ MEANINGS = {
             "20e3",
             unit="N/m3",
             above=0,
+            default="that of soil above it",
         ),
         "young": Meaning("Young's modulus.", "1e8", unit="Pa", above=0),
         "poisson": Meaning("Poisson's ratio.", "0.3", above=-1, below=0.5),
@@ -182,10 +229,10 @@ MEANINGS = {
             "Undrained shear strength; `[strength]` is short for a table of it.", "42e3", unit="Pa", above=0
         ),
         "softening_modulus": Meaning(
-            "Loss of strength over plastic strain; none without it.", "85e3", unit="Pa", above=0
+            "Loss of strength over plastic strain.", "85e3", unit="Pa", above=0, default="none: no softening"
         ),
         "residual_ratio": Meaning("Strength left at large strain, over the peak.", "0.5", least=0, most=1),
-        "tension_cutoff": Meaning("Largest mean tension; none without it.", "0.0", unit="Pa", least=0),
+        "tension_cutoff": Meaning("Largest mean tension.", "0.0", unit="Pa", least=0, default="no limit"),
         "plastic_strain": Meaning("Measure of plastic strain by which the soil softens.", '"engineering"'),
         "strain_95": Meaning(
             "Plastic strain at which 95 % of an exponential loss is done, instead of softening_modulus.",
@@ -193,11 +240,14 @@ MEANINGS = {
             above=0,
         ),
         "softening_length": Meaning(
-            'Thickness of the band that softening refers to, or `"cell"`. By default a fifth of the height.',
+            'Thickness of the band that softening refers to; `"cell"`: that of a cell, whichever it is.',
             "2.4",
             **_LENGTH,
+            default="a fifth of the height of the slope, or of the ground's relief",
         ),
-        "rate_coefficient": Meaning("Rise of strength for each tenfold rate of strain.", "0.1", least=0),
+        "rate_coefficient": Meaning(
+            "Rise of strength for each tenfold rate of strain.", "0.1", least=0, default="none: no effect of rate"
+        ),
         "reference_rate": Meaning("Rate of shear strain at which strength is as given.", "1e-5", unit="1/s", above=0),
         "cohesion": Meaning("Cohesion, with friction in place of strength.", "5e3", unit="Pa", least=0),
         "friction": Meaning("Angle of friction.", "25.0", unit="degrees", least=0, most=60),
@@ -207,9 +257,10 @@ MEANINGS = {
         "residual_cohesion": Meaning("Cohesion left at large strain.", "0.0", unit="Pa", least=0),
         "residual_friction": Meaning("Friction left at large strain.", "20.0", unit="degrees", least=0, most=60),
         "softening_strain": Meaning(
-            "Plastic shear strain over which cohesion and friction fall to the residual; none without it.",
+            "Plastic shear strain over which cohesion and friction fall to the residual.",
             "0.2",
             above=0,
+            default="none: no softening",
         ),
         "decay": Meaning("How they fall.", '"linear"'),
         "unusual": Meaning("Whether numbers that betray another unit are meant as they are.", "false"),
@@ -228,26 +279,48 @@ MEANINGS = {
         ),
         "energy": Meaning("Share of the field's variance that its modes keep.", "0.999", above=0, most=1),
         "sampled_at": Meaning("Where the field is taken: at particles, or one value for each cell.", '"particles"'),
-        "lower": Meaning("Lower bound of the distribution, where its family has one.", "10e3", unit="Pa"),
-        "upper": Meaning("Upper bound, likewise.", "90e3", unit="Pa"),
-        "trend": Meaning("Growth of the mean, and of the deviation with it, per metre of depth.", "1.2e3", unit="Pa/m"),
+        "lower": Meaning(
+            "Lower bound of the distribution, where its family has one.",
+            "10e3",
+            unit="Pa",
+            default="0; none, give it, of a beta distribution",
+        ),
+        "upper": Meaning(
+            "Upper bound, likewise.", "90e3", unit="Pa", default="no bound; none, give it, of a beta distribution"
+        ),
+        "trend": Meaning(
+            "Growth of the mean, and of the deviation with it, per metre of depth.",
+            "1.2e3",
+            unit="Pa/m",
+            default="none: alike at every depth",
+        ),
         "bedding": Meaning(
             "Inclined strata: `dip` below the horizontal and `strike`, anticlockwise from x seen from above, both in "
             "degrees. With strike 90, as by default, they dip towards the toe. Lengths are then down the dip, along "
             "strike and across.",
             "{ dip = 15.0, strike = 90.0 }",
+            default="level strata",
+            allowed="a table, its dip from 0 to 90",
         ),
         "nataf": Meaning("Whether the parameter itself has the correlation, not the Gaussian field behind it.", "true"),
         "boreholes": Meaning(
             "Measured values: the place and the value there. x of a simple slope is from its rear, z from its base.",
             "[[10.0, 2.5, 45e3]]",
             unit="m, Pa",
+            default="none measured",
+            allowed="rows of a coordinate per axis and the value",
         ),
         "borehole_error": Meaning("Deviation of the measured values, in deviations of the field.", "0.1", least=0),
     },
     "cross_correlation": {
-        "parameters": Meaning("Names of the parameters.", '["cohesion", "friction"]'),
-        "matrix": Meaning("Their correlation, a row for each.", "[[1.0, -0.5], [-0.5, 1.0]]"),
+        "parameters": Meaning(
+            "Names of the parameters.", '["cohesion", "friction"]', allowed="two or more that vary, each once"
+        ),
+        "matrix": Meaning(
+            "Their correlation, a row for each.",
+            "[[1.0, -0.5], [-0.5, 1.0]]",
+            allowed="symmetric, 1 on the diagonal, positive definite",
+        ),
         "nataf": Meaning("Whether it is that of the parameters, not that of the Gaussian fields behind them.", "true"),
     },
     "rough": _GRID,
@@ -262,38 +335,55 @@ MEANINGS = {
         ),
         "failure_displacement": Meaning("Displacement from which on soil counts as sliding.", "1.0", **_LENGTH),
         "settle": Meaning("Whether a run ends once its slope stands still.", "true"),
-        "rest": Meaning("Whether a slide ends once its deposit rests. By default as `settle`.", "true"),
+        "rest": Meaning("Whether a slide ends once its deposit rests.", "true", default="as `settle`"),
     },
     "campaign": {
         "samples": Meaning("Number of random slopes.", "200", least=1),
         "seed": Meaning("Number from which all randomness follows.", "1", least=0),
         "coefficients": Meaning("How coefficients of the field are drawn.", '"latin hypercube"'),
-        "k_t": Meaning('Stopping rule of `"published"`: refined runs in a row that stand.', "5", least=1),
+        "k_t": Meaning(
+            'Stopping rule of `"published"`: refined runs in a row that stand.',
+            "5",
+            least=1,
+            default='not used; `"published"`: none, give it',
+        ),
         "estimator": Meaning("How the failure probability is estimated.", '"two-phase"'),
         "refined_runs": Meaning(
-            "Budget of refined runs; by default a fifth of the samples, at least 20.", "60", least=10
+            "Budget of refined runs.",
+            "60",
+            least=10,
+            default='a fifth of the samples, at least 20; with `target_cov`, and of `"monte carlo"`, all samples',
         ),
-        "target_cov": Meaning("Coefficient of variation of the estimate at which to stop.", "0.2", above=0, below=1),
-        "levels": Meaning("Largest number of levels of subset simulation.", "6", least=1),
-        "replicates": Meaning("Independent repeats of subset simulation.", "8", least=2),
-        "lanes": Meaning("Rough runs in one program; 1 on CPU and 64 elsewhere by default.", "1", least=1),
+        "target_cov": Meaning(
+            "Coefficient of variation of the estimate at which to stop.", "0.2", above=0, below=1, default="none"
+        ),
+        "levels": Meaning(
+            "Levels of subset simulation above plain sampling.", "6", least=1, default=f"`{SubsetPlan.levels}`"
+        ),
+        "replicates": Meaning(
+            "Independent repeats of subset simulation.", "8", least=2, default=f"`{SubsetPlan.replicates}`"
+        ),
+        "lanes": Meaning("Rough runs in one program.", "1", least=1, default="`1` on CPU, `64` elsewhere"),
         "look_ahead": Meaning("Refined runs under way at once.", "1", least=1),
-        "screening_stop": Meaning("Displacement at which a rough run ends undisputed.", "2.0", **_LENGTH),
+        "screening_stop": Meaning(
+            "Displacement at which a rough run ends undisputed.", "2.0", **_LENGTH, default="none: rough runs go on"
+        ),
         "calibrate": Meaning("Whether rough strength is brought down by the grids' factors of safety.", "false"),
         "restart_every": Meaning("Time between restart points of a refined run.", "600.0", unit="s", above=0),
         "fields": Meaning(
             "Grids whose final displacement and plastic strain are kept, and of a failure two frames.", '"refined"'
         ),
-        "modes": Meaning("Grids whose failures get a mode.", '"refined"'),
+        "modes": Meaning("Grids whose failures get a mode; only a `[slope]` has modes.", '"refined"'),
         "slides": Meaning(
-            'Refined failures that slide on to their end, the others end once they have failed; or `"all"`.',
+            "Refined failures that slide on to their end; the others end once they have failed.",
             "30",
             least=0,
+            default='`"all"`',
         ),
     },
 }
 MEANINGS["layer"] = {
-    "name": Meaning("What it is called.", '"soft clay"'),
+    "name": Meaning("What it is called.", '"soft clay"', default="`layer` and its number"),
     "bottom": Meaning(
         "Its lower boundary; where that meets the one above, the layer ends.", "[[0, 2], [92, -2]]", unit="m"
     ),
@@ -301,40 +391,57 @@ MEANINGS["layer"] = {
     "depth": Meaning("Instead, depth of the boundary below the surface.", "3.0", **_LENGTH),
     "thickness": Meaning("Instead, thickness of the layer.", "2.0", **_LENGTH),
     "rock": Meaning("Whether it is rock, which does not yield.", "true"),
-    **MEANINGS["soil"],
+    **{name: replace(meaning, default="that of [soil]") for name, meaning in MEANINGS["soil"].items()},
 }
-HAZARDS = {
-    "[hazard]": (
-        HAZARD,
-        "What is kept of each refined slide for maps: with this table, or `[[exposed]]`, the largest thickness, the "
-        "largest speed and the arrival of the soil in each column of cells. Both may be left out.",
-        {
-            "thresholds": Meaning(
-                "Thicknesses of the deposit (m, cm) and speeds (m/s, km/h) to map, each with its unit.",
-                '["0.5 m", "1 m/s"]',
-            ),
-            "every": Meaning("Steps from one look at the columns to the next.", "20", least=1),
-        },
+MEANINGS["hazard"] = {
+    "thresholds": Meaning(
+        "Thicknesses of the deposit (m, cm) and speeds (m/s, km/h) to map.",
+        '["0.5 m", "1 m/s"]',
+        unit="with each",
+        allowed="texts: a number above 0 and its unit",
     ),
-    "[[exposed]]": (
-        EXPOSED,
-        "A place that a slide may reach, one table for each, with one of `at`, `between` and `polygon`.",
-        {
-            "name": Meaning("Its name, of which there is one.", '"road"'),
-            "at": Meaning("A point: `[x]` in a section, `[x, y]` in 3D.", "[72.0]", unit="m"),
-            "between": Meaning("In a section, the two ends of a stretch.", "[70.0, 76.0]", unit="m"),
-            "polygon": Meaning("In 3D, the corners of a polygon in order.", "[[70, 5], [76, 5], [73, 12]]", unit="m"),
-            "value": Meaning("What stands there, in any currency.", "250e3", least=0),
-            "vulnerability": Meaning(
-                "Share of the value that is lost at each largest thickness, or each largest speed, straight lines "
-                "between; it does not fall.",
-                '[["0 m", 0.0], ["1 m", 0.4], ["3 m", 1.0]]',
-            ),
-        },
+    "every": Meaning("Steps from one look at the columns to the next.", "20", least=1),
+}
+MEANINGS["exposed"] = {
+    "name": Meaning("Its name, of which there is one.", '"road"', allowed="text of up to 60 characters"),
+    "at": Meaning("A point: `[x]` in a section, `[x, y]` in 3D.", "[72.0]", unit="m", allowed="one or two numbers"),
+    "between": Meaning("In a section, the two ends of a stretch.", "[70.0, 76.0]", unit="m", allowed="two numbers"),
+    "polygon": Meaning(
+        "In 3D, the corners of a polygon in order.", "[[70, 5], [76, 5], [73, 12]]", unit="m", allowed=_CORNERS
+    ),
+    "value": Meaning("What stands there.", "250e3", unit="any currency", least=0),
+    "vulnerability": Meaning(
+        "Share of the value that is lost at each largest thickness, or each largest speed, straight lines "
+        "between; it does not fall.",
+        '[["0 m", 0.0], ["1 m", 0.4], ["3 m", 1.0]]',
+        unit="with each",
+        allowed="pairs: a number and its unit, a share from 0 to 1",
     ),
 }
-"""Tables of hazard and risk, which no scene needs."""
+_VARIED: dict[str, Any] = {"default": "not varied"}
+MEANINGS["sweep"] = {
+    "lx": Meaning("Correlation lengths of the strength along x.", "[10, 30, 60, 120]", **_LENGTH, **_VARIED),
+    "ly": Meaning("Along y, of a scene in 3D.", "[6, 12, 24]", **_LENGTH, **_VARIED),
+    "lz": Meaning("Along z.", "[1, 2, 4]", **_LENGTH, **_VARIED),
+    "cov": Meaning("Coefficients of variation of the strength.", "[0.2, 0.3, 0.4]", least=0, **_VARIED),
+    "k_t": Meaning(
+        'Stopping rules of `"published"`, all told from the runs of one campaign by the largest.',
+        "[2, 5, 10]",
+        least=1,
+        **_VARIED,
+    ),
+}
 _TYPES = {float: "number", int: "integer", bool: "boolean", str: "string", list: "array"}
+_ALLOWED = {
+    float: "any number",
+    int: "any number",
+    tuple: "any numbers",
+    bool: "`true`, `false`",
+    str: "text",
+    LINE: "points, or a file's name",
+    RASTER: "a file's name",
+}
+"""What a key of a kind may hold that has no other range."""
 
 
 def json_schema() -> dict[str, Any]:
@@ -347,49 +454,27 @@ def json_schema() -> dict[str, Any]:
             "required": [name for name, key in keys.items() if key.default is REQUIRED],
             "additionalProperties": False,
         }
-        for section, keys in SECTIONS.items()
+        for section, keys in KEYS.items()
     }
-    for section in LISTS:
+    tables["sweep"]["minProperties"] = 1
+    for section in SEVERAL:
         tables[section] = {"type": "array", "items": tables[section]}
-    needed = [section for section in SECTIONS if section not in OPTIONAL]
+    stored = {"type": "object", "description": "Written by a campaign into the scene that it keeps: leave it out."}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "A scene of jaxmpm",
         "type": "object",
-        "properties": {
-            "name": {"type": "string"},
-            **tables,
-            **_hazards(),
-            "calibration": {"type": "object"},
-            "field_modes": {"type": "object"},
-            "files": {"type": "object"},
-            "limit_load": {"type": "object"},
-            "sweep": {"type": "object"},
-        },
-        "required": needed,
+        "properties": {"name": {"type": "string"}, **tables, **dict.fromkeys(STORED, stored)},
+        "required": [section for section in SECTIONS if section not in OPTIONAL],
         "oneOf": [{"required": [section]} for section in SITES],
         "additionalProperties": False,
     }
 
 
-def _hazards() -> dict[str, Any]:
-    """Schema of the tables of hazard and risk."""
-    found: dict[str, Any] = {}
-    for title, (keys, said, meanings) in HAZARDS.items():
-        table = {
-            "type": "object",
-            "description": said,
-            "properties": {name: _property(key, meanings[name]) for name, key in keys.items()},
-            "required": [name for name, key in keys.items() if key.default is REQUIRED],
-            "additionalProperties": False,
-        }
-        found[title.strip("[]")] = {"type": "array", "items": table} if title.startswith("[[") else table
-    return found
-
-
 def _property(key: Key, meaning: Meaning) -> dict[str, Any]:
-    unit = f" ({meaning.unit})" if meaning.unit else ""
-    said: dict[str, Any] = {"description": meaning.words + unit}
+    unit = f" ({meaning.unit})" if meaning.unit != "-" else ""
+    default = f" Default: {meaning.default}." if meaning.default else ""
+    said: dict[str, Any] = {"description": meaning.words + unit + default}
     if key.default not in (REQUIRED, UNSAID, None):
         said["default"] = key.default
     if isinstance(key.kind, dict):
@@ -410,6 +495,9 @@ def _property(key: Key, meaning: Meaning) -> dict[str, Any]:
     value: dict[str, Any] = {name: end for name, end in ends.items() if end is not None}
     if key.kind is tuple:
         return said | _list({"type": "number", **value})
+    if key.kind in (NUMBERS, WHOLE_NUMBERS):
+        type_ = "integer" if key.kind == WHOLE_NUMBERS else "number"
+        return said | _list({"type": type_, **value}) | {"uniqueItems": True}
     if key.kind in (ROWS, NAMES):
         return said | _list({"type": "string"} if key.kind == NAMES else _list({"type": "number"}))
     value = {"type": _TYPES[key.kind], **value}
@@ -444,57 +532,48 @@ def markdown() -> str:
     parts = [
         "# Scenes: every key\n",
         "A scene is a TOML file. This page is made from the checks that read it (`python -m cooperative.reference`).",
-        "So is [`scene.schema.json`](scene.schema.json), from which an editor completes keys: begin a scene with the",
-        "line `#:schema scene.schema.json`. Lengths are in metres, stresses in Pa. `name`, outside all tables, is a",
-        "title.\n",
+        f"So is [`{SCHEMA.name}`](../cooperative/{SCHEMA.name}), from which an editor completes keys. Lengths are in",
+        "metres, stresses in Pa. `name`, outside all tables, is a title.\n",
     ]
-    for section, keys in SECTIONS.items():
-        brackets = 2 if section in LISTS else 1
+    for section, keys in KEYS.items():
+        brackets = 2 if section in SEVERAL else 1
         parts += [f"## `{'[' * brackets}{section}{']' * brackets}`\n", TABLES[section] + "\n"]
         if section == "refined":
             continue
         parts += ["| key | what | unit | default | range | example |", "|---|---|---|---|---|---|"]
-        shown = {name: key for name, key in keys.items() if section not in LISTS or name not in SECTIONS["soil"]}
+        shown = {name: key for name, key in keys.items() if section != "layer" or name not in SECTIONS["soil"]}
         parts += [_row(name, key, MEANINGS[section][name]) for name, key in shown.items()]
-        parts.append("")
-    for title, (keys, said, meanings) in HAZARDS.items():
-        parts += [f"## `{title}`\n", said + "\n"]
-        parts += ["| key | what | unit | default | range | example |", "|---|---|---|---|---|---|"]
-        parts += [_row(name, key, meanings[name]) for name, key in keys.items()]
         parts.append("")
     return "\n".join(parts)
 
 
 def _row(name: str, key: Key, meaning: Meaning) -> str:
-    if key.default is REQUIRED:
-        default = "none, give it"
-    elif key.default is UNSAID:
-        default = "follows from the rest"
-    else:
-        default = "not used" if key.default is None else f"`{json.dumps(key.default)}`"
-    allowed = meaning.range()
+    default = "none, give it" if key.default is REQUIRED else meaning.default or "not used"
+    if key.default not in (REQUIRED, UNSAID, None):
+        default = f"`{json.dumps(key.default)}`"
+    cells = (f"`{name}`", meaning.words, meaning.unit, default, _allowed(key, meaning), f"`{meaning.example}`")
+    return f"| {' | '.join(cells)} |"
+
+
+def _allowed(key: Key, meaning: Meaning) -> str:
+    """What a key may hold, in words; empty for a list of which nobody has said what it holds."""
     if isinstance(key.kind, dict):
-        allowed = ", ".join(f'`"{choice}"`' for choice in key.kind)
-    elif key.kind is bool:
-        allowed = "`true`, `false`"
-    elif key.kind is int:
-        allowed += ", whole" if allowed else "whole"
-    elif key.kind is tuple:
-        allowed += ", one per axis" if allowed else "one per axis"
-    elif isinstance(key.kind, Table):
-        allowed = "a table"
-    elif key.kind in (ROWS, NAMES):
-        allowed = "a list"
-    if key.or_table is not None:
-        allowed += ", or a table"
-    return f"| `{name}` | {meaning.words} | {meaning.unit} | {default} | {allowed} | `{meaning.example}` |"
+        return ", ".join(f'`"{choice}"`' for choice in key.kind)
+    if key.kind in (NUMBERS, WHOLE_NUMBERS):
+        return f"different {'whole ' if key.kind == WHOLE_NUMBERS else ''}numbers, each {meaning.range()}"
+    found = meaning.allowed or meaning.range() or _ALLOWED.get(key.kind, "")
+    found += ", or inf" if key.infinite else ""
+    found += ", whole" if key.kind is int else ""
+    found += ", one per axis" if key.kind is tuple and not meaning.allowed else ""
+    found += f', or `"{key.none}"`' if key.none else ""
+    return found + (", or a table" if key.or_table else "")
 
 
-def write(folder: Path) -> None:
-    """Write scenes.md and scene.schema.json into `folder`."""
-    write_aside(folder / "scenes.md", markdown().encode())
-    write_aside(folder / "scene.schema.json", (json.dumps(json_schema(), indent=1) + "\n").encode())
+def write(root: Path) -> None:
+    """Write the page and the schema into a checkout."""
+    write_aside(root / "docs" / "scenes.md", markdown().encode())
+    write_aside(root / "cooperative" / SCHEMA.name, (json.dumps(json_schema(), indent=1) + "\n").encode())
 
 
 if __name__ == "__main__":
-    write(Path("docs"))
+    write(Path())

@@ -31,6 +31,19 @@ def test_a_broken_link_is_seen(tmp_path, monkeypatch):
     assert docs.broken_links("a.md") == ["nowhere.md", "b.png", "a.md#two"]
 
 
+def test_a_key_counts_as_explained_in_its_own_section_alone(tmp_path, monkeypatch):
+    (tmp_path / "docs").mkdir()
+    page = docs.page("docs/scenes.md")
+    assert docs.undocumented_keys() == []
+    before, sweep = page.split("## `[sweep]`")
+    for row in ("| `depth` | Depth of the water table", "| `cell` | Edge"):
+        assert page.count(row) == 1
+        before = before.replace(row, row[1:])
+    (tmp_path / "docs" / "scenes.md").write_text(f"{before}## `[sweep]`{sweep.replace('| `cov` |', '| cov |')}")
+    monkeypatch.setattr(docs, "ROOT", tmp_path)
+    assert docs.undocumented_keys() == ["[water] depth", "[rough] cell", "[refined] cell", "[sweep] cov"]
+
+
 def test_scene_in_the_readme_is_the_demos():
     (scene,) = docs.blocks("README.md", "toml")
     demo = tomllib.loads((ROOT / "benchmarks" / "scenes" / "demo.toml").read_text())

@@ -10,6 +10,9 @@ import cooperative
 from foundation.files import write_aside
 from foundation.text import shown
 
+SCHEMA = Path(cooperative.__file__).parent / "scene.schema.json"
+"""The JSON schema of scenes, for editors. It goes along with the package."""
+
 
 def examples() -> dict[str, Path]:
     """Files of the example scenes by name. An installed package holds them; a checkout has them under benchmarks."""
