@@ -38,7 +38,8 @@ RESULTS = {
     "paper": "P_f 0.282 (0.244 to 0.382), from 750 rough and 100 refined runs of [the study](published-study.md); "
     "0.244 printed",
     "section_sweep": "P_f 0.17, 0.37, 0.57 at cov 0.2, 0.3, 0.4; 0.37 to 0.40 over lx: [figures](report.md#sweeps)",
-    "paper_sweep": "P_f rises along y, as printed; along x the rough grid alone shows it: [the study](published-study.md)",
+    "paper_sweep": "P_f rises along y, as printed; along x the rough grid alone shows it: "
+    "[the study](published-study.md)",
     "cho": "P_f 0.081 (0.065 to 0.153); 0.065 to 0.079 printed",
     "example_2": "P_f 0.84 (0.81 to 0.93); 0.43 printed, see [random fields](random-fields.md)",
     "griffiths_fenton": "P_f 0.279 (0.249 to 0.378); 0.285 by the closed form",

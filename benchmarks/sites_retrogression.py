@@ -6,11 +6,12 @@ divided by 1.65 to set it off. Slip circles give the slope a factor of 0.87 at 1
 15.1 kPa may be what is left after the division. Both readings are scenes.
 
 Of 15.1 kPa slides let go 0.8, 3.1, 5.5, 8.0 and 10.3 s after the start on cells of 0.25 m, and 0.7, 3.4, 6.1, 8.9 and
-11.2 s on cells of 0.5 m. The first three take 14 m behind the crest, as published, but here two more follow, back to the
-wall. Of 15.1 / 1.65 kPa the ground lets go in three, and on cells of 0.5 m without a pause. What has slid runs out 1.7
-times as far as published, and leaves the scarp without support. What clay resists at speed is in neither; the published
-particles may add some. The clay bears no tension: else grains that come loose carry it along, which throws them about.
-Then the slide of 15.1 kPa runs out 46 m, and over the weaker clay a fifth of the campaign's rough runs leave the grid.
+11.2 s on cells of 0.5 m. The first three take 14 m behind the crest, as published, but here two more follow, back to
+the wall. Of 15.1 / 1.65 kPa the ground lets go in three, and on cells of 0.5 m without a pause. What has slid runs out
+1.7 times as far as published, and leaves the scarp without support. What clay resists at speed is in neither; the
+published particles may add some. The clay bears no tension: else grains that come loose carry it along, which throws
+them about. Then the slide of 15.1 kPa runs out 46 m, and over the weaker clay a fifth of the campaign's rough runs
+leave the grid.
 """
 
 from __future__ import annotations
