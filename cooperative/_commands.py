@@ -11,11 +11,11 @@ from pathlib import Path
 
 import jax
 
-from cooperative import __version__, campaign, doctor, sweep, write_aside
+from cooperative import __version__, campaign, doctor, sweep
 from cooperative.reporting import SLIDES, draw, progress_of, report, watched, words
 from cooperative.reporting import _exports as exports
 from cooperative.runs import Cost, Stopped, check_size, cores_to_use, cost_of, dask_executor, heeding, keep_compiled
-from cooperative.scene import Campaign, begin, example, examples, parse, read_scene, starters
+from cooperative.scene import Campaign, begin, examples, parse, read_scene, starters, write_example
 from cooperative.store import GRIDS, read_store
 from foundation.text import printable
 
@@ -84,7 +84,7 @@ def sweep_over(given: argparse.Namespace) -> None:
 
 
 def new(given: argparse.Namespace) -> None:
-    """Write a commented scene of your own to fill in."""
+    """Write a commented scene of your own to fill in, and the schema for editors beside it."""
     for path in begin(given.kind, given.out or Path(f"{given.kind}.toml")):
         print(path)
 
@@ -129,14 +129,10 @@ def sketch(given: argparse.Namespace) -> None:
     print(*paths, sep="\n")
 
 
-def write_example(given: argparse.Namespace) -> None:
-    """Write an example scene to start from."""
-    out = given.out or Path(f"{given.name}.toml")
-    text = example(given.name)
-    if out.exists():
-        raise ValueError(f"{out} exists already: give another name with --out")
-    write_aside(out, text.encode())
-    print(out)
+def example(given: argparse.Namespace) -> None:
+    """Write an example scene to start from, and the schema for editors beside it."""
+    for path in write_example(given.name, given.out or Path(f"{given.name}.toml")):
+        print(path)
 
 
 def examine(given: argparse.Namespace) -> None:
@@ -159,52 +155,68 @@ def complete(given: argparse.Namespace) -> None:
     print(shtab.complete(whole, given.shell))
 
 
-EPILOG = """examples:
-  jaxmpm example demo                     write demo.toml
-  jaxmpm new --kind section               write section.toml, a scene of your own to fill in
-  jaxmpm check section.toml               what it will cost
-  jaxmpm draw section.toml                see it, as section.png; in 3D also as a page that turns
-  jaxmpm run demo.toml --out out/demo     run it, or go on where it was
-  jaxmpm status out/demo                  how far it is, from another terminal
-  jaxmpm report out/demo                  write report.html again
+EXAMPLES = {
+    "example": ("demo", "write demo.toml"),
+    "new": ("--kind section", "write section.toml, a scene of your own to fill in"),
+    "check": ("section.toml", "what it will cost"),
+    "draw": ("section.toml", "see it, as section.png; in 3D also as a page that turns"),
+    "run": ("demo.toml --out out/demo", "run it, or go on where it was"),
+    "status": ("out/demo --watch", "how far it is, from another terminal, until it ends"),
+    "resume": ("out/demo --refined-runs 40", "go on, and allow more refined runs than its scene"),
+    "report": ("out/demo", "write report.html again"),
+    "export": ("out/demo", "write what it holds for other programs"),
+    "sweep": ("sweep.toml --out out/sweep", "a campaign for each value in the scene's [sweep]"),
+    "doctor": ("", "is all well here?"),
+    "completion": ("bash", "print what has this shell complete commands"),
+}
+"""Of each command: arguments, and what it then does."""
 
-exit codes: 0 done; 2 a scene, folder or argument that cannot be used, said in one line; 130 stopped by Ctrl-C, 143 by
-SIGTERM. Then the same run, resume or sweep goes on from what is finished.
+EXIT_CODES = """
+exit codes: 0 done; 2 a scene, folder or argument that cannot be used, said in one line, or wrong answers in doctor's
+self-check; 130 stopped by Ctrl-C, 143 by SIGTERM. Then the same run, resume or sweep goes on from what is finished.
 """
+
+TAKES = {"scene": "scene in TOML", "folder": "folder of the campaign"}
+"""Files and folders that commands take, in words."""
+
+
+def _typed(name: str) -> str:
+    """The example of a command as one types it."""
+    return f"jaxmpm {name} {EXAMPLES[name][0]}".rstrip()
 
 
 def parser() -> argparse.ArgumentParser:
     """The commands and their arguments."""
+    lines = "\n".join(f"  {_typed(name):<45} {what}" for name, (_, what) in EXAMPLES.items())
     whole = argparse.ArgumentParser(
         prog="jaxmpm",
         description="Campaigns of random slopes.",
-        epilog=EPILOG,
+        epilog=f"examples:\n{lines}\n{EXIT_CODES}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     whole.add_argument("--version", action="version", version=f"jaxmpm {__version__}")
     commands = whole.add_subparsers(required=True, metavar="COMMAND")
 
-    def command(
-        name: str, does: Callable[[argparse.Namespace], None], *, scene: bool = False
-    ) -> argparse.ArgumentParser:
-        added = commands.add_parser(name, help=does.__doc__, description=does.__doc__)
+    def command(name: str, does: Command, *takes: str) -> argparse.ArgumentParser:
+        epilog = f"example: {_typed(name)}"
+        added = commands.add_parser(name, help=does.__doc__, description=does.__doc__, epilog=epilog)
         added.set_defaults(does=does)
-        if scene:
-            added.add_argument("scene", type=Path, help="scene in TOML")
-            added.add_argument("--out", type=Path, required=True, help="folder to write to")
-        else:
-            added.add_argument("folder", type=Path, help="folder of the campaign")
+        for each in takes:
+            added.add_argument(each, type=Path, help=TAKES[each])
         return added
 
-    runs, sweeps = (
-        (command("run", run, scene=True), command("resume", resume)),
-        command("sweep", sweep_over, scene=True),
+    first, again, sweeps = (
+        command("run", run, "scene"),
+        command("resume", resume, "folder"),
+        command("sweep", sweep_over, "scene"),
     )
-    for heavy in (*runs, sweeps):
+    for begun in (first, sweeps):
+        begun.add_argument("--out", type=Path, required=True, help="folder to write to")
+    for heavy in (first, again, sweeps):
         heavy.add_argument(
             "--workers", type=int, default=default_workers(), help="samples to run at a time (%(default)s)"
         )
-    for each in runs:
+    for each in (first, again):
         each.add_argument("--dask", metavar="ADDRESS", help="run them on the Dask cluster of this scheduler")
         each.add_argument(
             "--refined-runs",
@@ -212,7 +224,7 @@ def parser() -> argparse.ArgumentParser:
             metavar="RUNS",
             help="allow more than the scene does; the folder keeps it",
         )
-    looks = command("status", status)
+    looks = command("status", status, "folder")
     looks.add_argument(
         "--watch",
         type=float,
@@ -221,10 +233,10 @@ def parser() -> argparse.ArgumentParser:
         metavar="SECONDS",
         help="say it again every so many seconds (5) until the campaign ends",
     )
-    shows = command("report", show)
+    shows = command("report", show, "folder")
     shows.add_argument("--slides", type=int, default=SLIDES, help="slides drawn at several times (%(default)s)")
     shows.add_argument("--again", action="store_true", help="run these samples again and draw more moments")
-    writes = command("export", export)
+    writes = command("export", export, "folder")
     writes.add_argument(
         "--as",
         dest="kinds",
@@ -236,30 +248,22 @@ def parser() -> argparse.ArgumentParser:
     writes.add_argument("--sample", type=int, help="write this sample's series alone")
     writes.add_argument("--grid", choices=GRIDS, default="refined", help="grid of that sample (%(default)s)")
     writes.add_argument("--frames", type=int, help="run the sample again and write so many moments")
-    begins = commands.add_parser("new", help=new.__doc__, description=new.__doc__)
+    begins = command("new", new)
     begins.add_argument(
         "--kind", choices=tuple(starters()), default="slope", help="of ground: %(choices)s (%(default)s)"
     )
     begins.add_argument("--out", type=Path, help="file to write (KIND.toml)")
-    begins.set_defaults(does=new)
-    for does, name in ((check, "check"), (sketch, "draw")):
-        looks = commands.add_parser(name, help=does.__doc__, description=does.__doc__)
-        looks.add_argument("scene", type=Path, help="scene in TOML")
-        looks.set_defaults(does=does)
-        if does is check:
-            looks.add_argument("--seconds", type=float, default=10.0, help="of the trial (%(default)g)")
-        else:
-            looks.add_argument("--out", type=Path, help="PNG, PDF, SVG or in 3D HTML to write (beside the scene)")
-            looks.add_argument("--sample", type=int, default=0, help="whose field is drawn (%(default)s)")
-    starts = commands.add_parser("example", help=write_example.__doc__, description=write_example.__doc__)
+    costs = command("check", check, "scene")
+    costs.add_argument("--seconds", type=float, default=10.0, help="of the trial (%(default)g)")
+    draws = command("draw", sketch, "scene")
+    draws.add_argument("--out", type=Path, help="PNG, PDF, SVG or in 3D HTML to write (beside the scene)")
+    draws.add_argument("--sample", type=int, default=0, help="whose field is drawn (%(default)s)")
+    starts = command("example", example)
     starts.add_argument("name", choices=tuple(examples()), metavar="NAME", help=", ".join(examples()))
     starts.add_argument("--out", type=Path, help="file to write (NAME.toml)")
-    starts.set_defaults(does=write_example)
-    checks = commands.add_parser("doctor", help=examine.__doc__, description=examine.__doc__)
-    checks.set_defaults(does=examine)
-    completes = commands.add_parser("completion", help=complete.__doc__, description=complete.__doc__)
+    command("doctor", examine)
+    completes = command("completion", complete)
     completes.add_argument("shell", choices=("bash", "zsh", "tcsh"), help="of %(choices)s", metavar="SHELL")
-    completes.set_defaults(does=complete)
     return whole
 
 

@@ -15,6 +15,7 @@ from cooperative.scene import (
     HAZARD,
     LINE,
     LISTS,
+    NAMED,
     NAMES,
     OPTIONAL,
     RASTER,
@@ -532,8 +533,9 @@ def markdown() -> str:
     parts = [
         "# Scenes: every key\n",
         "A scene is a TOML file. This page is made from the checks that read it (`python -m cooperative.reference`).",
-        f"So is [`{SCHEMA.name}`](../cooperative/{SCHEMA.name}), from which an editor completes keys. Lengths are in",
-        "metres, stresses in Pa. `name`, outside all tables, is a title.\n",
+        f"So is [`{SCHEMA.name}`](../cooperative/{SCHEMA.name}), from which an editor completes keys:",
+        "`jaxmpm new` and `jaxmpm example` write it beside the scene, which names it in its first line,",
+        f"`{NAMED.strip()}`. Lengths are in metres, stresses in Pa. `name`, outside all tables, is a title.\n",
     ]
     for section, keys in KEYS.items():
         brackets = 2 if section in SEVERAL else 1

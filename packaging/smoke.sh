@@ -25,6 +25,7 @@ jaxmpm --version
 jaxmpm doctor | tee doctor.txt
 test -z "${WITHOUT_COMPILER-}" || grep -q "C++ compiler: *none on the path" doctor.txt
 jaxmpm example demo
+test -s scene.schema.json
 # Cells of twice the size and ten samples instead of forty: seconds, not minutes.
 sed -e 's/cell = 2.0/cell = 4.0/; s/cell = 1.0/cell = 2.0/; s/\[1.0, 1.0\]/[2.0, 2.0]/; s/\[0.5, 0.5\]/[1.0, 1.0]/' \
     -e 's/samples = 40/samples = 10\nrefined_runs = 10/; s/t_end = 20.0/t_end = 4.0/' demo.toml > small.toml

@@ -1,6 +1,8 @@
 """What the package says of itself, and the commands that help a newcomer: doctor and example."""
 
+import json
 import re
+import shlex
 import sys
 import tomllib
 import warnings
@@ -16,7 +18,9 @@ import jaxmpm
 import kl
 from cooperative import doctor
 from cooperative.__main__ import main
-from cooperative.scene import example, examples, parse
+from cooperative._commands import EXAMPLES, parser
+from cooperative.reference import json_schema
+from cooperative.scene import SCHEMA, example, examples, parse
 
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -69,8 +73,12 @@ def test_examples_are_the_scenes_that_ship(tmp_path, monkeypatch, capsys):
     assert examples() == {path.stem: path for path in sorted(source.glob("*.toml"))}
     monkeypatch.chdir(tmp_path)
     assert main(["example", "demo"]) == 0
-    assert capsys.readouterr().out == "demo.toml\n"
-    assert parse((tmp_path / "demo.toml").read_text()).name.startswith("demo")
+    assert capsys.readouterr().out == "demo.toml\nscene.schema.json\n"
+    written = (tmp_path / "demo.toml").read_text()
+    assert parse(written).name.startswith("demo")
+    assert written == "#:schema ./scene.schema.json\n" + example("demo")
+    assert json.loads((tmp_path / "scene.schema.json").read_text()) == json_schema()
+    assert SCHEMA.parent == ROOT / PROJECT["tool"]["scikit-build"]["wheel"]["packages"]["cooperative"]
     assert main(["example", "demo"]) == 2
     assert "exists already" in capsys.readouterr().err
     with pytest.raises(ValueError, match="no example scene is called 'nope': give one of cho, demo, "):
@@ -115,9 +123,29 @@ def test_completion_says_what_it_needs(monkeypatch, capsys):
     assert "pip install shtab" in capsys.readouterr().err
 
 
+def told(capsys, *arguments):
+    """What a command says when it is asked for help, its lines joined."""
+    with pytest.raises(SystemExit) as ended:
+        main([*arguments, "--help"])
+    assert ended.value.code == 0
+    return " ".join(capsys.readouterr().out.split())
+
+
 def test_help_has_examples_and_exit_codes(capsys):
-    with pytest.raises(SystemExit):
-        main(["--help"])
-    said = capsys.readouterr().out
-    assert "jaxmpm run demo.toml" in said
+    said = told(capsys)
+    for name, (arguments, what) in EXAMPLES.items():
+        assert f"jaxmpm {name} {arguments}".strip() + f" {what}" in said
     assert "exit codes: 0" in said
+    assert "said in one line, or wrong answers in doctor's self-check; 130" in said
+
+
+def test_every_command_has_an_example_which_it_takes():
+    (commands,) = parser()._subparsers._group_actions
+    assert set(EXAMPLES) == set(commands.choices)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_help_of_a_command_ends_with_its_example(name, capsys):
+    typed = shlex.split(told(capsys, name).rpartition("example: ")[2])
+    assert typed[:2] == ["jaxmpm", name]
+    assert parser().parse_args(typed[1:]).does.__doc__

@@ -5,7 +5,7 @@ import pytest
 from benchmarks.invented import LAYERED
 from cooperative.__main__ import main
 from cooperative.runs import check_size, grid_size
-from cooperative.scene import parse, read_scene, starters
+from cooperative.scene import SCHEMA, parse, read_scene, starters
 
 
 @pytest.mark.parametrize("kind", ["section", "slope", "terrain"])
@@ -22,6 +22,33 @@ def test_a_scene_of_each_kind_is_begun_and_fits(kind, tmp_path, capsys):
     assert set(starters()) == {"section", "slope", "terrain"}
 
 
+def test_the_schema_for_editors_is_written_beside_a_scene_and_never_over_another(tmp_path, capsys):
+    schema = tmp_path / SCHEMA.name
+    assert main(["new", "--out", str(tmp_path / "one.toml")]) == 0
+    assert capsys.readouterr().out.splitlines() == [str(tmp_path / "one.toml"), str(schema)]
+    assert schema.read_bytes() == SCHEMA.read_bytes()
+    assert (tmp_path / "one.toml").read_text() == f"#:schema ./{schema.name}\n" + starters()["slope"].read_text()
+    # One that is there already is enough.
+    assert main(["example", "demo", "--out", str(tmp_path / "two.toml")]) == 0
+    assert capsys.readouterr() == (f"{tmp_path / 'two.toml'}\n", "")
+    for number, other in enumerate(("{}", SCHEMA.read_text() + "\n")):
+        schema.write_text(other)
+        with pytest.warns(
+            UserWarning, match=f"{schema} is there already, is not the schema of this version, and stays"
+        ):
+            assert main(["new", "--out", str(tmp_path / f"three-{number}.toml")]) == 0
+        assert schema.read_text() == other
+    # A scene that exists is refused before anything is written.
+    schema.unlink()
+    assert main(["new", "--out", str(tmp_path / "one.toml")]) == 2
+    assert not schema.exists()
+    (tmp_path / "nowhere").mkdir()
+    (tmp_path / "nowhere" / schema.name).symlink_to(tmp_path / "gone.json")
+    with pytest.warns(UserWarning, match="stays as it is"):
+        assert main(["new", "--out", str(tmp_path / "nowhere" / "four.toml")]) == 0
+    assert not (tmp_path / "gone.json").exists()
+
+
 def test_a_scene_is_drawn(tmp_path, capsys):
     (tmp_path / "mine.toml").write_text(LAYERED + '\n[[exposed]]\nname = "road"\nbetween = [12, 14]\n')
     assert main(["draw", str(tmp_path / "mine.toml")]) == 0
@@ -35,15 +62,16 @@ def test_a_scene_is_drawn(tmp_path, capsys):
 
 
 def test_check_says_what_a_scene_costs(tmp_path, capsys):
-    (tmp_path / "mine.toml").write_text(LAYERED)
+    text = LAYERED.replace('name = "rock"', 'name = "gneiss"')
+    (tmp_path / "mine.toml").write_text(text)
     assert main(["check", str(tmp_path / "mine.toml"), "--seconds", "0.1"]) == 0
     said = capsys.readouterr().out
-    campaign = parse(LAYERED)
+    campaign = parse(text)
     for grid in ("rough", "refined"):
         size = grid_size(campaign, grid)
         assert f"{size.particles:,.0f} particles, {size.nodes:,.0f} nodes" in said
         assert f"runs of {size.steps:,.0f} steps" in said
-    for name in ("fill", "clay", "rock, rock", "hours of one core", "GB for both grids"):
+    for name in ("fill", "clay", "gneiss, rock", "hours of one core", "GB for both grids"):
         assert name in said
     assert main(["check", str(tmp_path / "mine.toml"), "--seconds", "0"]) == 2
     assert "give more than 0" in capsys.readouterr().err

@@ -1,7 +1,9 @@
-"""The example scenes that come with the package."""
+"""The example scenes that come with the package, and how one is written where an editor completes its keys."""
 
 from __future__ import annotations
 
+import os
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,9 @@ from foundation.text import shown
 
 SCHEMA = Path(cooperative.__file__).parent / "scene.schema.json"
 """The JSON schema of scenes, for editors. It goes along with the package."""
+
+NAMED = f"#:schema ./{SCHEMA.name}\n"
+"""The first line of a scene whose editor is to find the schema beside it."""
 
 
 def examples() -> dict[str, Path]:
@@ -28,20 +33,39 @@ def starters() -> dict[str, Path]:
 
 
 def begin(kind: str, path: Path) -> list[Path]:
-    """Write the commented scene of a kind of ground, with a terrain model beside it where it needs one; the files
-    written. Raises ValueError for another kind, and where a file exists already."""
+    """Write the commented scene of a kind of ground, with a terrain model beside it where it needs one, and the schema
+    for editors; the files written. Raises ValueError for another kind, and where a file exists already."""
     known = starters()
     if kind not in known:
         raise ValueError(f"kind = {shown(kind)}: give one of {', '.join(known)}")
-    written = {path: known[kind].read_bytes()}
-    if kind == "terrain":
-        written[path.parent / "terrain.asc"] = _hillside().encode()
-    for each in written:
+    hillside = {path.parent / "terrain.asc": _hillside()} if kind == "terrain" else {}
+    return _write({path: NAMED + known[kind].read_text(), **hillside})
+
+
+def write_example(name: str, path: Path) -> list[Path]:
+    """Write the example scene `name`, and the schema for editors beside it; the files written. Raises ValueError for a
+    name that no example has, and where the file exists already."""
+    return _write({path: NAMED + example(name)})
+
+
+def _write(texts: dict[Path, str]) -> list[Path]:
+    """Write a scene and what it needs, and beside it the schema; what was there before stays."""
+    for each in texts:
         if each.exists():
             raise ValueError(f"{each} exists already: give another name with --out")
-    for each, data in written.items():
-        write_aside(each, data)
-    return list(written)
+    for each, text in texts.items():
+        write_aside(each, text.encode())
+    schema = next(iter(texts)).with_name(SCHEMA.name)
+    if not os.path.lexists(schema):
+        write_aside(schema, SCHEMA.read_bytes())
+        return [*texts, schema]
+    if not (schema.is_file() and schema.read_bytes() == SCHEMA.read_bytes()):
+        warnings.warn(
+            f"{schema} is there already, is not the schema of this version, and stays as it is; an editor completes "
+            "keys from it. Remove it and write a scene again to have that of this version",
+            stacklevel=3,
+        )
+    return list(texts)
 
 
 def _hillside() -> str:
