@@ -60,7 +60,9 @@ def run(
     Raises ValueError for a scene, a size or a folder that will not do, before anything is run or written.
     """
     folder = Path(folder)
-    campaign = allowing(parse(with_defaults(text, folder / "scene.toml"), estimator), folder, refined_runs)
+    kept = folder / "scene.toml"
+    campaign = parse(with_defaults(text, kept), estimator, begun=kept.exists())
+    campaign = allowing(campaign, folder, refined_runs)
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
     runs.check_size(campaign, workers if executor is None else 1)

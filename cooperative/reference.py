@@ -264,7 +264,11 @@ MEANINGS = {
             default="none: no softening",
         ),
         "decay": Meaning("How they fall.", '"linear"'),
-        "unusual": Meaning("Whether numbers that betray another unit are meant as they are.", "false"),
+        "unusual": Meaning(
+            "Whether numbers of the soil, of gravity and of the water's height that betray another unit are meant as "
+            "they are; without it they are refused.",
+            "false",
+        ),
     },
     "strength": {
         "mean": Meaning("Mean, at the ground where there is a trend.", "42e3", unit="Pa", above=0),

@@ -62,12 +62,13 @@ def run(text: str, folder: Path, *, workers: int = 1, progress: bool = False) ->
     sweep that will not do, before anything is run, and for a folder of another sweep.
     """
     folder = Path(folder)
-    text = with_defaults(text, folder / "sweep.toml")
-    parts = variants(text)
+    path = folder / "sweep.toml"
+    text, begun = with_defaults(text, path), path.exists()
+    parts = variants(text, begun=begun)
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
     for part in parts:
-        check_size(parse(part.text), workers)
+        check_size(parse(part.text, begun=begun), workers)
     _claim(folder, text)
     with heeding():
         return _ran(parts, folder, list(_sweep(text)), workers=workers, progress=progress)
@@ -96,11 +97,12 @@ def _ran(parts: list[Variant], folder: Path, names: list[str], *, workers: int, 
     return found
 
 
-def variants(text: str) -> list[Variant]:
-    """The campaigns of a sweep. ValueError where the table `[sweep]` is missing or holds what cannot be swept."""
+def variants(text: str, *, begun: bool = False) -> list[Variant]:
+    """The campaigns of a sweep. begun: as for `parse`. ValueError where the table `[sweep]` is missing or holds what
+    cannot be swept."""
     sweep = _sweep(text)
     scene = {name: table for name, table in tomllib.loads(text).items() if name != "sweep"}
-    campaign = parse(to_toml(scene))
+    campaign = parse(to_toml(scene), begun=begun)
     if campaign.plan.coefficients is not kl.latin_hypercube:
         raise ValueError("[sweep] shares coefficients between fields of different lengths: take 'latin hypercube'")
     estimator, first = campaign.estimator, Sampling(campaign.plan.samples, campaign.run.failure_displacement)
@@ -250,7 +252,7 @@ def _claim(folder: Path, text: str) -> None:
 
 def _with_factors(part: Variant, folder: Path) -> str:
     """The variant's scene; where it is calibrated, with the factors of safety that the base campaign measured."""
-    campaign = parse(part.text)
+    campaign = parse(part.text, begun=True)
     if part.name == "base" or not campaign.plan.calibrate or campaign.calibration is not None:
         return part.text
     found = kept(folder / "campaigns" / "base")
@@ -260,7 +262,7 @@ def _with_factors(part: Variant, folder: Path) -> str:
 def _ranked(folder: Path, k_t: int) -> dict[str, Any]:
     """Summary that a campaign by the published rule would have had with this k_t."""
     store = read_store(folder)
-    campaign = parse(store.scene_text)
+    campaign = parse(store.scene_text, begun=True)
     campaign = replace(campaign, plan=replace(campaign.plan, estimator=Published(k_t)))
     rough, refined = map(rows_reader(campaign, store), GRIDS)
     order = rank_samples(rough.columns["displacement"], rough.columns["broke_off"].astype(bool)).order

@@ -50,6 +50,7 @@ from jaxmpm.run import (
     with_columns,
 )
 from jaxmpm.site import (
+    Believed,
     Discretisation,
     FrictionalSoil,
     Layer,
@@ -72,6 +73,7 @@ from jaxmpm.site import (
     section,
     slope,
     terrain,
+    unit_slip,
     unstressed,
     with_soil,
     with_strength,
@@ -96,6 +98,7 @@ __all__ = [
     "GIMP",
     "J2",
     "BaseMotion",
+    "Believed",
     "Checkpoints",
     "Chunk",
     "Columns",
@@ -178,6 +181,7 @@ __all__ = [
     "strength_sensitivity",
     "tensors",
     "terrain",
+    "unit_slip",
     "unstressed",
     "with_columns",
     "with_soil",

@@ -15,7 +15,7 @@ from cooperative.reporting import report
 from cooperative.reporting._exports import export, run_again
 from cooperative.research.rare import slide_limit_state
 from cooperative.runs._executors import run_sample
-from cooperative.scene import parse
+from cooperative.scene import campaign_of, parse
 from cooperative.store import read_rows, read_sample, read_store, restart_path
 from cooperative.sweep import variants
 from jaxmpm import DruckerPrager, FrictionalSoil, MohrCoulomb
@@ -415,14 +415,32 @@ def test_a_friction_that_is_no_number_ends_its_sample_alone(done, monkeypatch):
     assert dict(rows[1].row) == dict(read_sample(read_store(folder), "rough", 1).row)
 
 
+def bounded(lower, upper):
+    return f'cov = 0.4\nmarginal = "truncated normal"\nlower = {lower}\nupper = {upper}'
+
+
 REFUSED = [
-    (TINY, ("mean = 30e3", "mean = 30.0"), r"\[strength\] mean = 30 Pa: were kPa meant\?.* unusual = true in \[soil\]"),
-    (TINY, ("unit_weight = 20e3", "unit_weight = 18.0"), r"unit_weight = 18 N/m3: were kN/m3 meant\?"),
-    (TINY, ("young = 2e7", "young = 20.0"), r"young = 20 Pa: were kPa or MPa meant\?"),
-    (TINY, ("softening_modulus = 85e3", "softening_modulus = 85.0"), r"softening_modulus = 85 Pa: were kPa meant"),
-    (SAND, ("mean = 5e3", "mean = 3.0"), r"\[soil.cohesion\] mean = 3 Pa: were kPa meant\?"),
-    (SAND, ("mean = 22.0", "mean = 0.35"), r"\[soil.friction\] mean = 0.35 degrees: .* were degrees meant\?"),
-    (TINY, ("cov = 0.4", "cov = 0.4\nboreholes = [[1.0, 1.0, 35.0]]"), r"boreholes, value = 35 Pa: were kPa meant"),
+    (TINY, ("mean = 30e3", "mean = 30.0"), r"mean = 30 Pa, below 1000 Pa: were kPa meant\?.* unusual = true in"),
+    (TINY, ("unit_weight = 20e3", "unit_weight = 18.0"), r"unit_weight = 18 N/m3, below 3000 N/m3: were kN/m3 .*meant"),
+    (TINY, ("young = 2e7", "young = 20.0"), r"young = 20 Pa, below 200000 Pa: were kPa or MPa meant\?"),
+    (TINY, ("softening_modulus = 85e3", "softening_modulus = 85.0"), r"modulus = 85 Pa, below 500 Pa: were kPa meant"),
+    (SAND, ("mean = 5e3", "mean = 3.0"), r"\[soil.cohesion\] mean = 3 Pa, below 100 Pa: were kPa meant\?"),
+    (SAND, ("mean = 22.0", "mean = 0.35"), r"\[soil.friction\] mean = 0.35 degrees, below 1.6 .* degrees meant"),
+    (TINY, ("cov = 0.4", "cov = 0.4\nboreholes = [[1.0, 1.0, 35.0]]"), r"value = 35 Pa, below 1000 Pa: were kPa meant"),
+    (TINY, ("young = 2e7", "young = 1e5"), r"young = 100000 Pa, below 200000 Pa: were kPa or MPa meant"),
+    (TINY, ("unit_weight = 20e3", "unit_weight = 18e6"), r"= 1.8e\+07 N/m3, above 40000 N/m3: was a factor of 1000"),
+    (TINY, ("unit_weight = 20e3", "unit_weight = 1800.0"), r"= 1800 N/m3, below .* or kg/m3 \(9.81 N/m3\) meant"),
+    (TINY, ("mean = 30e3", "mean = 30e6"), r"\[strength\] mean = 3e\+07 Pa, above 5e\+06 Pa: was a factor of 1000 put"),
+    (SAND, ("mean = 5e3", "mean = 5e7"), r"\[soil.cohesion\] mean = 5e\+07 Pa, above 5e\+06 Pa: was a factor of 1000"),
+    (TINY, ("cov = 0.4", "cov = 0.4\ntrend = 1.2"), r"trend = 1.2 Pa per metre, below 50 Pa per metre: were kPa"),
+    (TINY, ("cov = 0.4", "cov = 0.4\ntrend = -1.2"), r"\[strength\] -trend = 1.2 Pa per metre, below 50 Pa per metre"),
+    (TINY, ("cov = 0.4", bounded("10.0", "60e3")), r"\[strength\] lower = 10 Pa, below 1000 Pa: were kPa meant"),
+    (TINY, ("cov = 0.4", bounded("10e3", "60.0")), r"\[strength\] upper = 60 Pa, below 1000 Pa: were kPa meant"),
+    (SAND, ("upper = 50.0", "upper = 0.9"), r"\[soil.friction\] upper = 0.9 degrees, below 1.6 degrees"),
+    (TINY, ("cov = 0.4", "cov = 30.0"), r"\[strength\] cov = 30, above 3: it is a share, 1 for 100 per cent; were per"),
+    (TINY, ("softening_modulus = 85e3", "strain_95 = 200.0"), r"strain_95 = 200, above 5: .* were per cent meant"),
+    (SOFT, ("mean = 0.2", "mean = 20.0"), r"\[soil.softening_strain\] mean = 20, above 5: .* per cent meant"),
+    (TINY, ("[run]", "[run]\ngravity = 981.0"), r"\[run\] gravity = 981 m/s2, above 30 m/s2: were cm/s2 meant"),
     (
         SAND,
         ("poisson = 0.3", "poisson = 0.3\nresidual_friction = 70.0"),
@@ -456,7 +474,7 @@ REFUSED = [
         ("mean = 0.5\ncov = 0.1", "mean = 0.5\ncov = 0.3"),
         r"\[soil.residual_ratio\] has values of 1\.55, 4 dev.*: give a value from 0 to 1",
     ),
-    (CRACKED, ("mean = 85e3", "mean = 85.0"), r"\[soil.softening_modulus\] mean = 85 Pa: were kPa meant"),
+    (CRACKED, ("mean = 85e3", "mean = 85.0"), r"\[soil.softening_modulus\] mean = 85 Pa, below 500 Pa: were kPa meant"),
     (CRACKED, ("mean = 85e3", "mean = nan"), r"\[soil.softening_modulus\] mean = nan: give finite values"),
     (TINY, ("young = 2e7", "young = 2e7\ncohesion = 5e3"), r"\[soil\] cohesion is given beside a strength"),
     (TINY, ("young = 2e7", "young = 2e7\nstrength = 30e3"), r"both \[strength\] and \[soil\] strength are given"),
@@ -488,6 +506,19 @@ def test_slips_and_fields_that_no_soil_has_are_refused(text, change, message):
 def test_a_scene_may_mean_what_looks_like_a_slip():
     odd = changed(TINY, ("mean = 30e3", "mean = 30.0"), ("unit_weight = 20e3", "unit_weight = 18.0\nunusual = true"))
     assert parse(odd).soil.unit_weight == 18.0
+    spun = changed(TINY, ("[run]", "[run]\ngravity = 490.5"), ("young = 2e7", "young = 1e5\nunusual = true"))
+    assert parse(spun).run.gravity == 490.5
+
+
+def test_a_campaign_under_way_is_not_asked_about_its_numbers(tmp_path):
+    odd = changed(TINY, ("young = 2e7", "young = 1e5"), ("[run]", "[run]\ngravity = 490.5"))
+    with pytest.raises(ValueError, match=r"\[run\] gravity = 490.5 m/s2, above 30 m/s2"):
+        run(odd, tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+    (tmp_path / "scene.toml").write_text(odd)
+    assert campaign_of(read_store(tmp_path)).soil.young == 1e5
+    with pytest.raises(ValueError, match="workers = 0"):
+        run(odd, tmp_path, workers=0)
 
 
 def test_boreholes_that_cannot_be_are_refused():

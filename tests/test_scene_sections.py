@@ -211,7 +211,7 @@ NO_SAY = [
         ("saturated_unit_weight = 21e3", "unit_weight = 23e3"),
         r"\[layer 2\]: .* = 20000 N/m3 is below unit_weight = 23000",
     ),
-    ((SATURATED, "saturated_unit_weight = 20.0"), r"saturated_unit_weight = 20 N/m3: were kN/m3 meant"),
+    ((SATURATED, "saturated_unit_weight = 20.0"), r"unit_weight = 20 N/m3, below 3000 N/m3: were kN/m3 .* meant"),
     ((SATURATED, "saturated_unit_weight = nan"), "saturated_unit_weight = nan: give finite values"),
     (("[soil.cohesion]", STIFF[STIFF.index("[soil.unit") :] + "[soil.cohesion]"), "beside a unit_weight that varies"),
 ]

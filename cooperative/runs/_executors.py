@@ -178,7 +178,7 @@ def run_sample(
 
 @lru_cache(maxsize=2)
 def _prepared(text: str, grid: str, folder: Path | None) -> GridModel:
-    campaign = parse(text)
+    campaign = parse(text, begun=True)
     return build(campaign, grid, random_soil(campaign), folder=folder)
 
 

@@ -62,7 +62,7 @@ def campaign_of(store: Store, estimator: Estimator | None = None) -> Campaign:
 
     estimator: that of the script, where one gave it.
     """
-    campaign, budget = parse(store.scene_text, estimator), kept_budget(store.folder)
+    campaign, budget = parse(store.scene_text, estimator, begun=True), kept_budget(store.folder)
     if budget is not None and campaign.plan.estimator is not None:
         campaign = raised(campaign, budget)
     campaign = with_kept_field_modes(campaign, store.folder)

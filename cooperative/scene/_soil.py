@@ -14,7 +14,7 @@ import numpy as np
 import kl
 from cooperative.scene._schema import UNSAID
 from foundation.text import shown
-from jaxmpm import FrictionalSoil, Limit, Soil
+from jaxmpm import Believed, FrictionalSoil, Limit, Soil, unit_slip
 
 BAND = 1 / 5
 """Thickness of the band to which softening refers, over the slope's height, where a scene does not say."""
@@ -26,36 +26,45 @@ TAIL = 4.0
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of soil: its limit, its unit, and the number above 0 from which on it is believed. slip: what is
-    asked of one below."""
+    """A parameter of soil: its limit and its unit. What of it is believed, `jaxmpm.unit_slip` knows."""
 
     limit: Limit
     unit: str = ""
-    believed: float = 0.0
-    slip: str = ""
 
 
-_KPA = "were kPa meant?"
-_DEGREES = "it is taken in degrees; are these radians, or a tangent, and were degrees meant?"
 PARAMETERS = {
-    "strength": Parameter(Limit(above=0), "Pa", 1e3, _KPA),
-    "cohesion": Parameter(Limit(least=0), "Pa", 100.0, _KPA),
-    "friction": Parameter(Limit(least=0, most=60), "degrees", 1.6, _DEGREES),
+    "strength": Parameter(Limit(above=0), "Pa"),
+    "cohesion": Parameter(Limit(least=0), "Pa"),
+    "friction": Parameter(Limit(least=0, most=60), "degrees"),
     "dilation": Parameter(Limit(least=0, most=60), "degrees"),
-    "young": Parameter(Limit(above=0), "Pa", 5e4, "were kPa or MPa meant?"),
+    "young": Parameter(Limit(above=0), "Pa"),
     "poisson": Parameter(Limit(above=-1, below=0.5)),
-    "unit_weight": Parameter(Limit(above=0), "N/m3", 3e3, "were kN/m3 meant?"),
-    "softening_modulus": Parameter(Limit(above=0), "Pa", 500.0, _KPA),
-    "residual_cohesion": Parameter(Limit(least=0), "Pa", 100.0, _KPA),
-    "residual_friction": Parameter(Limit(least=0, most=60), "degrees", 1.6, _DEGREES),
+    "unit_weight": Parameter(Limit(above=0), "N/m3"),
+    "softening_modulus": Parameter(Limit(above=0), "Pa"),
+    "residual_cohesion": Parameter(Limit(least=0), "Pa"),
+    "residual_friction": Parameter(Limit(least=0, most=60), "degrees"),
     "residual_ratio": Parameter(Limit(least=0, most=1)),
     "strain_95": Parameter(Limit(above=0)),
     "softening_strain": Parameter(Limit(above=0)),
     "rate_coefficient": Parameter(Limit(least=0)),
-    "saturated_unit_weight": Parameter(Limit(above=0), "N/m3", 3e3, "were kN/m3 meant?"),
+    "saturated_unit_weight": Parameter(Limit(above=0), "N/m3"),
 }
 """Strength first, which is what is drawn of a sample; the order of the others is that of a sample's coefficients, so a
 new one goes to the end. All may vary but the last."""
+
+COV = Believed(most=3.0, above="it is a share, 1 for 100 per cent; were per cent meant?")
+"""Coefficients of variation that are believed."""
+
+_PER_METRE = "were kPa or MPa per metre meant?"
+TRENDS = {
+    "strength": Believed("Pa per metre", 50.0, _PER_METRE),
+    "cohesion": Believed("Pa per metre", 50.0, _PER_METRE),
+    "young": Believed("Pa per metre", 1e4, _PER_METRE),
+    "unit_weight": Believed("N/m3 per metre", 1.0, "were kN/m3 per metre meant?"),
+    "softening_modulus": Believed("Pa per metre", 50.0, _PER_METRE),
+    "residual_cohesion": Believed("Pa per metre", 50.0, _PER_METRE),
+}
+"""Trends with depth that are believed, upwards or downwards."""
 
 SOFTENED_BY = {
     "residual_ratio": ("softening_modulus", "strain_95"),
@@ -238,9 +247,7 @@ def _field(where: str, table: Mapping[str, Any]) -> RandomField:
 def _check_field(where: str, name: str, field: RandomField, depth: float, unusual: bool) -> None:
     """Whether the values of a field stay within the limits of its parameter."""
     if not unusual:
-        _ask(f"{where} mean", name, field.mean)
-        for row in field.boreholes or ():
-            _ask(f"{where} boreholes, value", name, row[-1])
+        _ask_of_field(where, name, field)
     kl.check_marginal(field.distribution)
     if field.grown(depth) <= 0:
         raise ValueError(
@@ -281,16 +288,26 @@ def _check_number(where: str, name: str, value: float, unusual: bool) -> None:
     if not known.limit.holds(value):
         raise ValueError(f"{where} = {value:g} {known.unit}".rstrip() + f": give {known.limit}")
     if not unusual:
-        _ask(where, name, value)
+        ask(where, name, value)
 
 
-def _ask(where: str, name: str, value: float) -> None:
-    """Raise ValueError for a number that betrays another unit."""
-    known = PARAMETERS[name]
-    if 0 < value < known.believed:
-        raise ValueError(
-            f"{where} = {value:g} {known.unit}: {known.slip} If it is meant as it is, say unusual = true in [soil]"
-        )
+def _ask_of_field(where: str, name: str, field: RandomField) -> None:
+    """Raise ValueError for a number of a field that betrays another unit."""
+    ask(f"{where} mean", name, field.mean)
+    ask(f"{where} cov", name, field.cov, COV)
+    # Angles may well come down to a degree.
+    for end in ("upper",) if PARAMETERS[name].unit == "degrees" else ("lower", "upper"):
+        ask(f"{where} {end}", name, getattr(field, end) or 0.0)
+    if field.trend is not None and name in TRENDS:
+        ask(f"{where} {'-' if field.trend < 0 else ''}trend", name, abs(field.trend), TRENDS[name])
+    for row in field.boreholes or ():
+        ask(f"{where} boreholes, value", name, row[-1])
+
+
+def ask(where: str, name: str, value: float, believed: Believed | None = None) -> None:
+    """Raise ValueError for a number that betrays another unit, see `jaxmpm.unit_slip`."""
+    if slip := unit_slip(name, value, believed):
+        raise ValueError(f"{where} = {slip} If it is meant as it is, say unusual = true in [soil]")
 
 
 def _check_saturated(said: Mapping[str, Any], random: Mapping[str, RandomField], unusual: bool) -> None:

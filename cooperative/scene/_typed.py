@@ -33,7 +33,7 @@ from cooperative.scene._schema import (
     wrong_keys,
 )
 from cooperative.scene._site import Site, SiteLayer, listed, refuse_both, refuse_saturated, site_of
-from cooperative.scene._soil import CrossCorrelation, RandomField, check_cross_correlation, soil_of
+from cooperative.scene._soil import CrossCorrelation, RandomField, ask, check_cross_correlation, soil_of
 from cooperative.scene._text import tables_of
 from foundation.text import short, shown
 from jaxmpm import Discretisation, FrictionalSoil, Scene, Settle, Slope, Soil, State, cell_independent
@@ -197,11 +197,12 @@ class Campaign:
         return self.plan.estimator
 
 
-def parse(text: str, estimator: Estimator | None = None) -> Campaign:
+def parse(text: str, estimator: Estimator | None = None, *, begun: bool = False) -> Campaign:
     """Read and check a scene.
 
     estimator: takes the place of the one that the scene names. It is written into the text in words, so that a folder
-    knows which estimator it belongs to.
+    knows which estimator it belongs to. begun: whether the campaign is under way; its numbers were accepted when
+    it began, and none is asked about.
     Raises ValueError for TOML that does not parse, unknown keys (naming the nearest one), missing keys, wrong
     types and values out of range. What depends on the geometry is checked when the grids are built.
     """
@@ -218,6 +219,8 @@ def parse(text: str, estimator: Estimator | None = None) -> Campaign:
         raise ValueError("the scene has a table [sweep], so it is many campaigns: run it as a sweep")
     _refuse_wrong_keys(tables)
     refuse_both(tables)
+    if begun:
+        tables["soil"]["unusual"] = True
     given = _given(tables, estimator)
     if given is not None and "estimator" not in tables:
         text += f"\n[estimator]\ngiven = {json.dumps(given)}\n"
@@ -231,6 +234,8 @@ def parse(text: str, estimator: Estimator | None = None) -> Campaign:
         for grid in ("rough", "refined"):
             said[grid] |= {key: value for key, value in unsaid.items() if key not in tables[grid]}
     plan, run = said["campaign"], said["run"]
+    if not said["soil"]["unusual"]:
+        ask("[run] gravity", "gravity", run["gravity"])
     limit_load = _limit_load(tables, run)
     _settle_modes(plan, tables["campaign"], "slope" in tables)
     settings = {key: plan.pop(key) for key in SETTINGS}

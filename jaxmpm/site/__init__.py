@@ -1,5 +1,6 @@
 """From a slope, its soil and a grid to (Scene, State): geometry, soil, initial stress, and all validation."""
 
+from jaxmpm.site._believed import Believed, unit_slip
 from jaxmpm.site._builders import Slope, bar, block, column, fill, slope
 from jaxmpm.site._discretisation import Discretisation, cell_independent
 from jaxmpm.site._initial_stress import at_rest
@@ -13,6 +14,7 @@ from jaxmpm.site._terrain import Terrain, terrain
 from jaxmpm.site._vary import check_names, check_start, parameter_names, vary, with_parameters, with_soil
 
 __all__ = [
+    "Believed",
     "Discretisation",
     "FrictionalSoil",
     "Layer",
@@ -41,6 +43,7 @@ __all__ = [
     "section",
     "slope",
     "terrain",
+    "unit_slip",
     "unstressed",
     "vary",
     "with_parameters",

@@ -1,0 +1,61 @@
+"""Numbers that are believed of soil: one beyond them betrays another unit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+
+@dataclass(frozen=True)
+class Believed:
+    """Numbers of a parameter that are believed: 0, and from `least` to `most`, in its unit. below, above: what is asked
+    of one beyond."""
+
+    unit: str = ""
+    least: float = 0.0
+    below: str = ""
+    most: float = math.inf
+    above: str = ""
+
+
+_KPA = "were kPa meant?"
+_TWICE = "was a factor of 1000 put in twice?"
+_WEIGHT = "were kN/m3 (1000 N/m3) or kg/m3 (9.81 N/m3) meant?"
+_DEGREES = "it is taken in degrees; are these radians, or a tangent, and were degrees meant?"
+_SHARE = "it is a share, 1 for 100 per cent; were per cent meant?"
+
+BELIEVED: Mapping[str, Believed] = MappingProxyType(
+    {
+        "strength": Believed("Pa", 1e3, _KPA, 5e6, _TWICE),
+        "cohesion": Believed("Pa", 100.0, _KPA, 5e6, _TWICE),
+        "friction": Believed("degrees", 1.6, _DEGREES),
+        "young": Believed("Pa", 2e5, "were kPa or MPa meant?"),
+        "unit_weight": Believed("N/m3", 3e3, _WEIGHT, 40e3, _TWICE),
+        "saturated_unit_weight": Believed("N/m3", 3e3, _WEIGHT, 40e3, _TWICE),
+        "softening_modulus": Believed("Pa", 500.0, _KPA),
+        "residual_cohesion": Believed("Pa", 100.0, _KPA, 5e6, _TWICE),
+        "residual_friction": Believed("degrees", 1.6, _DEGREES),
+        "strain_95": Believed(most=5.0, above=_SHARE),
+        "softening_strain": Believed(most=5.0, above=_SHARE),
+        "gravity": Believed("m/s2", 0.1, "were multiples of 9.81 m/s2 meant?", 30.0, "were cm/s2 meant?"),
+    }
+)
+"""By parameter of the soil, and gravity."""
+
+
+def unit_slip(name: str, value: float, believed: Believed | None = None) -> str | None:
+    """The value with its limit and what was probably meant, where a number betrays another unit; None where it is
+    believed, or nothing is known of the parameter.
+
+    name: of a parameter of soil, or "gravity". believed: its numbers, by default those that are known.
+    """
+    known = BELIEVED.get(name) if believed is None else believed
+    if known is None or not value > 0:
+        return None
+    for beyond, limit, asked in (("below", known.least, known.below), ("above", known.most, known.above)):
+        if (value < limit) if beyond == "below" else (value > limit):
+            said, bound = (f"{number:g} {known.unit}".rstrip() for number in (value, limit))
+            return f"{said}, {beyond} {bound}: {asked}"
+    return None
