@@ -1,9 +1,9 @@
 """Slopes with known factors of safety by limit equilibrium, as a comparator: Spencer's method, by the package `xslope`.
 
 Each slope of `benchmarks.slopes` is given to xslope as it is given to the solver, from the same outline, layers, loads
-and water; what it was given is left in out/limit_equilibrium. The critical circle is looked for all over the section.
-From it a second search lets the slip surface take other shapes, as a weak band asks for. References are by strength
-reduction where published, so that the error is the difference of two methods.
+and water; what it was given stands in benchmarks/data/limit_equilibrium. The critical circle is looked for all over the
+section. From it a second search lets the slip surface take other shapes, as a weak band asks for. References are by
+strength reduction where published, so that the error is the difference of two methods.
 Source: Spencer (1967), 10.1680/geot.1967.17.1.11, in the implementation of xslope.
 """
 
@@ -25,6 +25,7 @@ from benchmarks.slopes import FAMILIES, Case, cases
 from cooperative.store import write_aside
 from jaxmpm import Layer, Section, Soil
 
+INPUTS = ROOT / "benchmarks" / "data" / "limit_equilibrium"
 METHOD = "spencer"
 SLICES = 40
 POINTS = 12
@@ -128,10 +129,9 @@ def factors(case: Case) -> dict[str, Any]:
     """The slope's factors of safety: of the critical circle, and of the critical slip surface of any shape."""
     search, start = search_module(), time.perf_counter()
     given = inputs(case)
-    folder = ROOT / "out" / "limit_equilibrium"
-    folder.mkdir(parents=True, exist_ok=True)
-    written = json.dumps(given, default=lambda shape: shape.wkt, indent=1)
-    write_aside(folder / f"{case.name.replace('/', ' of ')}.json", written.encode())
+    INPUTS.mkdir(exist_ok=True)
+    written = json.dumps(given, default=lambda shape: shape.wkt, indent=1) + "\n"
+    write_aside(INPUTS / f"{case.name.replace('/', ' of ')}.json", written.encode())
     height = case.shape.relief
     with contextlib.redirect_stdout(io.StringIO()):  # it tells of every circle
         circles, settled, *_ = search.circular_search(given, METHOD, seed="grid", num_slices=SLICES)

@@ -1,5 +1,7 @@
 """Failure probabilities of slopes of the literature, by class and by the limit load.
 
+Factors of safety alone are in `stability_of_slopes`.
+
 Example 2 of the paper (3D, random cohesion and friction); the published 3D slope without softening, counterpart of the
 printed 0.231; infinite correlation lengths, where P_f is P(S_u < mean / factor of safety), on the published section and
 on Griffiths and Fenton's slope; Cho's slope. Each is a campaign in out/random_slopes, which goes on with the next
@@ -58,15 +60,16 @@ def without_softening_or_ends(tables: Tables) -> None:
 @dataclass(frozen=True)
 class Case:
     """A slope. scene: of benchmarks/scenes. change: what is done to it. printed: P_f of the literature, None where the
-    closed form tells."""
+    closed form tells. large: m3, from which on a slide counts as one of the whole slope, None for no such count."""
 
     scene: str
     change: Callable[[Tables], None]
     printed: tuple[float, ...] | None
+    large: float | None = None
 
 
 CASES = {
-    "example_2": Case("example_2", as_printed, (0.43,)),
+    "example_2": Case("example_2", as_printed, (0.43,), large=2000.0),
     "pf_3d_limit_load": Case("paper", without_softening, (0.231,)),
     "section_infinite": Case("paper_section", without_softening_or_ends, None),
     "griffiths_fenton": Case("griffiths_fenton", as_printed, None),
@@ -122,16 +125,19 @@ def row(name: str, case: Case, folder: Path, text: str, workers: int) -> dict[st
         "holds_closed_form": None if expected is None else bool(low <= expected <= high),
         "samples": found["samples"],
         "refined_runs": found["refined_runs"],
-        "rough_beyond_toe": round(beyond_toe(store), 3),
+        **shares(store, limit["displacement"], case.large),
         "hours": sum(found["seconds"].values()) / 3600,
         "device": read_sample(store, "rough", 0).device,
     }
 
 
-def beyond_toe(store: Store) -> float:
-    """Share of the rough samples whose soil runs out beyond the toe. Rough runs go on to their end, so this tells
-    slides of the whole slope from soil that slips within its face, which is a failure too."""
-    return float(np.mean(read_rows(store, "rough").columns["runout"] > 0))
+def shares(store: Store, limit: float, large: float | None) -> dict[str, float | None]:
+    """Shares of the rough samples that fail, whose soil runs out beyond the toe, and whose slides are large. Rough runs
+    go on to their end, so this tells slides of the whole slope from soil that slips within its face, a failure too."""
+    found = read_rows(store, "rough").columns
+    counted = {"fails": found["displacement"] > limit, "beyond_toe": found["runout"] > 0}
+    told: dict[str, float | None] = {f"rough_{name}": round(float(np.mean(each)), 3) for name, each in counted.items()}
+    return told | {"rough_large": None if large is None else round(float(np.mean(found["volume"] > large)), 3)}
 
 
 def run(quick: bool) -> Report:
@@ -156,7 +162,7 @@ def summarised(rows: list[dict[str, Any]]) -> dict[str, Any]:
         return known.get(case, {}).get(key)
 
     values = {f"example_2_{key}": of("example_2", key) for key in ("fos", "pf", "low", "high", "hours")}
-    values["example_2_rough_beyond_toe"] = of("example_2", "rough_beyond_toe")
+    values |= {f"example_2_{key}": of("example_2", key) for key in ("rough_fails", "rough_beyond_toe", "rough_large")}
     values["pf_3d_limit_load"] = of("pf_3d_limit_load", "pf")
     values["cho_pf"] = of("cho", "pf")
     for name in ("section_infinite", "griffiths_fenton"):

@@ -20,8 +20,7 @@ FOOT = 0.3048
 class Case:
     """A slope and the factor of safety to hold it against.
 
-    reference: by strength reduction where published. cells: m, the coarsest first; one alone where a band is as thin as
-    it. source: of section and answer.
+    reference: by strength reduction where published. cells: m, the coarsest first. source: of section and answer.
     """
 
     name: str
@@ -74,7 +73,7 @@ def _acads() -> list[Case]:
         Case("ACADS 1a", 0.988, source, shape, plain, cells),
         Case("ACADS 1c", 1.35, source, shape, layers, cells),
         Case("ACADS 1d", 0.96, source, shape, layers, cells, {"k_h": 0.15}),
-        Case("ACADS 3a", 1.26, source, hill, band, (0.5,), {"water": 26.5}),
+        Case("ACADS 3a", 1.26, source, hill, band, (0.5, 0.25), {"water": 26.5}),
     ]
 
 

@@ -2,7 +2,8 @@
 
 Eighteen answers of the literature, by strength reduction where published. Each slope is solved on one or two cells,
 with the settings that its soil has by default: clay with F-bar, soil with friction with its volumetric strain averaged
-over cells. The factor is the kink of displacement over R (see `jaxmpm.factor_of_safety`).
+over cells. The factor is the kink of displacement over R (see `jaxmpm.factor_of_safety`). What random soil does to such
+slopes, Example 2 of Jiang et al. (2024) among them, is in `random_slopes`.
 
 Slopes are solved side by side, one to a core, so seconds are those of a core with the others busy. Rows that have ended
 stand in out/stability_of_slopes, and a command that was stopped goes on behind them.
@@ -72,11 +73,11 @@ def costs(case: Case, cell: float) -> dict[str, Any]:
 
 
 def run(quick: bool) -> Report:
-    """All slopes on their cells, and two of them with every cure on the coarse ones; `quick` takes those alone, without
+    """All slopes on their cells, and two of them with every cure; `quick` takes the coarse cells alone, and no
     cures."""
     known = cases()
     folder = ROOT / "out" / "stability_of_slopes" / code_digest((Path(__file__).parent / "slopes.py").read_text())
-    locked = [(case, case.cells[0]) for case in known if case.name in LOCKED and not quick]
+    locked = [(case, cell) for case in known for cell in case.cells if case.name in LOCKED and not quick]
     with process_pool(len(cores_to_use())) as crew:
 
         def begun(what: str, make: Any, case: Case, *given: Any) -> Future[dict[str, Any]]:

@@ -37,6 +37,16 @@ QUESTIONS = (
     Question("Factor of safety in 3D, cells of 1 m", "published", "fos_refined_3d", published=1.15),
     Question("Run-out in 3D, cells of 1 m", "published", "runout_refined_3d_m", "m", published=14.17),
     Question("Probability of failure in 3D", "published", "pf_3d", published=0.244),
+    Question("Two cores to a COV of 10 % of it", "campaign", "hours_to_cov_10", "h", high=1.2),
+    Question("Factors of safety of 18 known slopes, worst error", "stability_of_slopes", "fos_error_max", high=0.04),
+    Question("The same by limit equilibrium", "limit_equilibrium", "lem_error_max"),
+    Question("Newmark's block, a rectangular pulse: error", "earthquakes", "newmark_rectangular_error", high=0.01),
+    Question("The same, a sine", "earthquakes", "newmark_harmonic_error", high=0.01),
+    Question("Infinite slope, still and shaken: error", "earthquakes", "infinite_slope_error", high=0.01),
+    Question("Shear layer shaken at its base: error", "earthquakes", "shear_layer_error", high=0.01),
+    Question("Example 2, factor of safety", "random_slopes", "example_2_fos", published=1.08),
+    Question("Example 2, probability of failure", "random_slopes", "example_2_pf", published=0.43),
+    Question("The slope in 3D without softening, the same", "random_slopes", "pf_3d_limit_load", published=0.231),
     Question(
         "A step in 3D, rough, MUSL, one core", "throughput", "rough_musl_f32_1core_us", "us per particle", high=0.13
     ),
