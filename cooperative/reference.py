@@ -402,7 +402,7 @@ MEANINGS["hazard"] = {
     "thresholds": Meaning(
         "Thicknesses of the deposit (m, cm) and speeds (m/s, km/h) to map.",
         '["0.5 m", "1 m/s"]',
-        unit="with each",
+        unit="in each",
         allowed="texts: a number above 0 and its unit",
     ),
     "every": Meaning("Steps from one look at the columns to the next.", "20", least=1),
@@ -419,15 +419,15 @@ MEANINGS["exposed"] = {
         "Share of the value that is lost at each largest thickness, or each largest speed, straight lines "
         "between; it does not fall.",
         '[["0 m", 0.0], ["1 m", 0.4], ["3 m", 1.0]]',
-        unit="with each",
+        unit="in each",
         allowed="pairs: a number and its unit, a share from 0 to 1",
     ),
 }
 _VARIED: dict[str, Any] = {"default": "not varied"}
 MEANINGS["sweep"] = {
     "lx": Meaning("Correlation lengths of the strength along x.", "[10, 30, 60, 120]", **_LENGTH, **_VARIED),
-    "ly": Meaning("Along y, of a scene in 3D.", "[6, 12, 24]", **_LENGTH, **_VARIED),
-    "lz": Meaning("Along z.", "[1, 2, 4]", **_LENGTH, **_VARIED),
+    "ly": Meaning("Correlation lengths along y, of a scene in 3D.", "[6, 12, 24]", **_LENGTH, **_VARIED),
+    "lz": Meaning("Correlation lengths along z.", "[1, 2, 4]", **_LENGTH, **_VARIED),
     "cov": Meaning("Coefficients of variation of the strength.", "[0.2, 0.3, 0.4]", least=0, **_VARIED),
     "k_t": Meaning(
         'Stopping rules of `"published"`, all told from the runs of one campaign by the largest.',
