@@ -14,6 +14,7 @@ import jaxmpm as mpm
 from jaxmpm import diagnostics, tensors
 from jaxmpm._step import Maps, update_stress
 from jaxmpm.run._integrate import lane_status
+from tests.differences import check_run
 
 K, G, PEAK, SLOPE, RATIO = 8e6, 3e6, 40e3, 85e3, 0.5
 ELASTIC = mpm.Elastic(jnp.asarray(K), jnp.asarray(G))
@@ -188,23 +189,29 @@ def test_float32_stays_where_it_rests():
     assert np.abs(end.stress - state.stress).max() < 1e-5 * np.abs(state.stress).max()
 
 
+SAND = mpm.FrictionalSoil(cohesion=1e3, friction=20.0, young=5e6)
+SOILS = {
+    "elastic": (replace(CLAY, strength=None), ("bulk", "shear"), 1e-6),
+    "clay": (replace(CLAY, strength=6e3), ("bulk", "strength"), 1e-4),
+    "cone": (replace(SAND, criterion=mpm.DruckerPrager), ("cohesion", "friction"), 1e-4),
+    "pyramid": (SAND, ("cohesion", "friction"), 1e-4),
+}
+
+
 @pytest.mark.usefixtures("x64")
 @pytest.mark.parametrize(
-    ("strength", "tolerance"), [(None, 1e-6), pytest.param(6e3, 1e-4, marks=pytest.mark.slow)], ids=["elastic", "clay"]
+    "kind", ["elastic", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("clay", "cone", "pyramid"))]
 )
-def test_gradients_are_those_of_differences_and_engines_and_lanes_agree(strength, tolerance):
-    scene, state = mpm.slope(SHAPE, replace(CLAY, strength=strength), EIGHTS, at_rest=False)
+def test_gradients_are_those_of_differences_and_engines_and_lanes_agree(kind):
+    soil, names, tolerance = SOILS[kind]
+    scene, state = mpm.slope(SHAPE, soil, EIGHTS, at_rest=False)
 
-    def moved(scene, stiffer):
-        law = replace(scene.material, bulk=scene.material.bulk * stiffer, shear=scene.material.shear * stiffer)
-        return jnp.sum(mpm.advance(replace(scene, material=law), state, 30).displacement[0] ** 2)
+    def moved(scene, *factors):
+        own = {name: getattr(scene.material, name) * factor for name, factor in zip(names, factors, strict=True)}
+        varied = replace(scene, material=replace(scene.material, **own))
+        return jnp.sum(mpm.advance(varied, state, 30).displacement[0] ** 2)
 
-    step = 1e-6
-    value, slope = jax.jit(jax.value_and_grad(moved, argnums=1))(scene, 1.0)
-    behind, here, ahead = jax.jit(jax.vmap(moved, in_axes=(None, 0)))(scene, 1 + step * jnp.arange(-1.0, 2.0))
-    assert np.isclose(slope, (ahead - behind) / (2 * step), rtol=tolerance)
-    assert np.isclose(here, value, rtol=1e-12)
-    assert np.isclose(jax.jit(moved)(replace(scene, engine=mpm.Engine.XLA), 1.0), value, rtol=1e-9)
+    check_run(moved, scene, (1.0, 1.0), (1e-6, 1e-6), tolerance)
 
 
 @pytest.mark.usefixtures("x64")
