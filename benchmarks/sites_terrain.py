@@ -39,7 +39,7 @@ HALF_WIDTH, SIDES = 85.0, 60.0
 """Half the width of the slip surface, and how far it has risen there (m)."""
 
 CLAY = Soil(strength=50e3, young=5e7)
-ROCK = Soil(strength=1e8, young=5e7)
+ROCK = Soil(strength=1e8, young=5e7, unusual=True)
 T_END = 40.0
 
 

@@ -252,6 +252,25 @@ def test_linear_hats_are_warned_of_where_they_cannot_work():
         mpm.block((1, 1), soil, halves, **room)
 
 
+@pytest.mark.parametrize(
+    ("soil", "message"),
+    [
+        (mpm.FrictionalSoil(3e3, 0.35), "friction = 0.35 degrees, below 1.6 degrees: .* degrees meant"),
+        (mpm.FrictionalSoil(3.0, 30.0), "cohesion = 3 Pa, below 100 Pa: were kPa meant"),
+        (mpm.Soil(unit_weight=18.0, strength=30.0), "strength = 30 Pa, .*; unit_weight = 18 N/m3, .* unusual=True"),
+    ],
+    ids=["radians", "cohesion", "both"],
+)
+def test_numbers_that_betray_another_unit_are_warned_of_once(soil, message):
+    with pytest.warns(UserWarning, match=message) as warned:
+        mpm.slope(SHAPE, soil, NUMERICS, at_rest=False)
+    assert len(warned) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mpm.slope(SHAPE, replace(soil, unusual=True), NUMERICS, at_rest=False)
+        mpm.slope(SHAPE, mpm.Soil(strength=30e3), NUMERICS, at_rest=False)
+
+
 def test_dilation_above_friction_is_refused_wherever_it_comes_from():
     sand = mpm.FrictionalSoil(5e3, 30.0, dilation=10.0)
     scene, state = mpm.slope(SHAPE, sand, NUMERICS, at_rest=False)

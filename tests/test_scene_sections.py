@@ -123,6 +123,18 @@ REFUSED = [
     (("[rough]", "[water]\ndepth = -1.0\n[rough]"), r"\[water\] depth = -1 m: give 0 or more"),
     (("[rough]", "[water]\nraster = 'a.asc'\n[rough]"), r"\[water\] raster is not for a scene with \[ground\]"),
     (("[rough]", "[water]\nr_u = 1.0\n[rough]"), r"\[water\] r_u = 1: give a value of 0 or more and below 1"),
+    (
+        ("[rough]", "[water]\ntable = [[0, 12], [8, 12], [16, 2], [32, 2]]\n[rough]"),
+        r"water above the ground slopes from \(0.5, 12\) to \(13.5, 5.125\) m, where a pool is level: draw one",
+    ),
+    (
+        ("[rough]", "[water]\nlevel = 5000.0\n[rough]"),
+        r"\[water\] level stands 4990 m above .* more than 10 times its height of 10 m: .* unusual = true in \[soil\]",
+    ),
+    (
+        ("[rough]", "[water]\ntable = [[0, -1], [32, -3]]\n[rough]"),
+        r"\[water\] table lies below the base at 0 m everywhere, at -1 m and lower, and wets nothing: leave \[water\]",
+    ),
     (('fields = "both"', 'fields = "both"\nmodes = "both"'), "only a .slope. with its crest and toe has"),
     (("[ground]", "[ground]\nwalls = [1.0]"), r"\[ground\] walls = \(1.0,\): give two"),
     (("[ground]", "[ground]\nwalls = [-2.0, 32.0]"), r"surface ends at \(0, 10\) m, 2 m from the wall at x = -2 m"),
@@ -163,7 +175,7 @@ def test_every_wrong_key_is_named_at_once():
         parse(TINY.replace("run_per_rise", "slope_ratio"))
 
 
-@pytest.mark.parametrize("water", ["level = 6.0", "depth = 2.0", "r_u = 0.2", "table = [[0, 8], [32, 2]]"])
+@pytest.mark.parametrize("water", ["level = 6.0", "depth = 2.0", "r_u = 0.2", "table = [[0, 8], [16, 2], [32, 2]]"])
 def test_undrained_clay_refuses_water_in_its_pores(water):
     with pytest.raises(ValueError, match="pore pressure in J2, whose strength is undrained"):
         rough(LAYERED.replace("[rough]", f"[water]\n{water}\n[rough]"))
@@ -228,3 +240,4 @@ def test_undrained_clay_has_no_saturated_weight():
     with pytest.raises(ValueError, match="saturated_unit_weight has no say in undrained soil"):
         parse(changed(TINY, ("young = 2e7", f"young = 2e7\n{SATURATED}")))
     assert parse(changed(WET, (SATURATED, "saturated_unit_weight = 17e3\nunusual = true"))).soil is not None
+    assert parse(changed(WET, ("level = 2.0", "level = 5e3"), (SATURATED, "unusual = true"))).site.water == 5e3

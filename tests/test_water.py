@@ -192,6 +192,24 @@ def test_gradients_through_water_are_those_of_differences_and_engines_and_lanes_
     check_run(slid, mpm.reduced(scene, 1.5), (0.01, 0.1), (1e-7, 1e-7), tolerance=1e-4)
 
 
+@pytest.mark.parametrize(
+    "water",
+    [
+        7.0,  # a pool over all
+        -1.0,  # nowhere, as a script that lowers the level may have it
+        [(0, 5), (8, 5), (10, 5), (20, 5)],
+        [(0, 2), (9, 5), (10.2, 5), (20, 5)],  # up to a pool, whose shore is drawn by hand
+        [(0, 7), (20, 7.2)],  # level to half a particle
+        [(0, 6), (8, 6), (14, 3), (20, 3)],  # along the ground
+    ],
+    ids=str,
+)
+def test_pools_that_are_level_and_tables_in_the_ground_are_built_as_drawn(water):
+    scene, _ = mpm.section(HILL, SAND, HALVES, water=water, at_rest=False)
+    drawn = [(0, water), (20, water)] if isinstance(water, float) else water
+    assert np.allclose(np.stack([scene.water.x, scene.water.z], axis=1), drawn)
+
+
 @pytest.mark.usefixtures("x64")
 @pytest.mark.parametrize("built", [section_with_a_table, terrain_with_a_surface])
 def test_lanes_share_the_water_on_both_engines(built):
@@ -218,6 +236,11 @@ REFUSED = {
     "wall": ({"water": [(0, 4), (15, 4)]}, r"water goes from \(0, 4\) to \(15, 4\) m: draw it to the walls"),
     "back": ({"water": [(0, 4), (12, 4), (11, 3), (20, 3)]}, r"water turns back from \(12, 4\) to \(11, 3\) m"),
     "step": ({"water": [(0, 4), (12, 4), (12, 3), (20, 3)]}, r"water is upright at \(12, 4\) m"),
+    "pool": (
+        {"water": [(0, 8), (8, 8), (14, 3), (20, 3)]},
+        r"above the ground slopes from \(0.25, 8\) to \(12.75, 4.042\) m, .*: draw one level above .* 0.25 to 12.75 m",
+    ),
+    "film": ({"water": [(0, 7), (20, 7.5)]}, r"slopes from \(0.25, 7.0.*\) to \(19.75, 7.4.*\) m"),
     "infinite": ({"water": float("inf")}, "water = inf m at"),
     "weight": ({"soil": replace(SAND, saturated_unit_weight=-1.0)}, "saturated_unit_weight = -1"),
     "k_h": ({"k_h": 1.5}, "k_h = 1.5"),

@@ -32,6 +32,9 @@ from jaxmpm import (
 
 MOST_LAYERS = 100
 
+DEEPEST_POOL = 10.0
+"""Depth of water on the ground up to which it is believed, over the height of the ground above its base."""
+
 
 @dataclass(frozen=True)
 class SiteLayer:
@@ -307,11 +310,36 @@ def _water(tables: Mapping[str, Any], shape: Section | Terrain) -> tuple[Any, fl
         if not 0 <= value < 1:
             raise ValueError(f"[water] r_u = {value:g}: give a value of 0 or more and below 1")
         return None, value
+    water: Any = value
     if key == "table":
-        return _drawn(tables)("[water] table", value), None
-    if key == "raster":
-        return _heights(tables, "[water] raster", value), None
-    return (value if key == "level" else _lowered(shape, value)), None
+        water = _drawn(tables)("[water] table", value)
+    elif key == "raster":
+        water = _heights(tables, "[water] raster", value)
+    elif key == "depth":
+        water = _lowered(shape, value)
+    if not tables["soil"].get("unusual", False):
+        _ask_of_water(f"[water] {key}", water, shape)
+    return water, None
+
+
+def _ask_of_water(where: str, water: float | Sequence[Sequence[float]] | Raster, shape: Section | Terrain) -> None:
+    """Raise ValueError for water that stands wildly above the ground, or below its base everywhere."""
+    heights = water.heights if isinstance(water, Raster) else np.atleast_2d(water)[:, -1]
+    heights, base, height = heights[np.isfinite(heights)], shape.corner[-1], shape.extent[-1]
+    if not heights.size:
+        return
+    low, high, top = float(heights.min()), float(heights.max()), base + height
+    meant = "If it is meant as it is, say unusual = true in [soil]"
+    if low - top > DEEPEST_POOL * height:
+        raise ValueError(
+            f"{where} stands {low - top:g} m above the ground's highest point at {top:g} m, more than {DEEPEST_POOL:g} "
+            f"times its height of {height:g} m: were cm or mm meant, or heights from another zero? {meant}"
+        )
+    if high < base:
+        raise ValueError(
+            f"{where} lies below the base at {base:g} m everywhere, at {high:g} m and lower, and wets nothing: leave "
+            f"[water] out, or give heights from the same zero as those of the ground. {meant}"
+        )
 
 
 def _lowered(shape: Section | Terrain, depth: float) -> Raster | tuple[tuple[float, float], ...]:

@@ -159,7 +159,7 @@ def soil_of(
     fields whose values leave their limits.
     """
     said, random = {**table}, {}
-    unusual, places = said.pop("unusual"), {name: f"[soil.{name}]" for name in said}
+    unusual, places = said["unusual"], {name: f"[soil.{name}]" for name in said}
     if strength is not None:
         if said["strength"] is not None:
             raise ValueError("both [strength] and [soil] strength are given: leave one of them out")
@@ -192,7 +192,7 @@ def rock_of(table: Mapping[str, Any], *, height: float) -> Soil | FrictionalSoil
     """A soil like that of the table, which does not yield: its strength is its Young's modulus, which no load of a
     slope can reach. What varies is at its mean. height: of the slope (m)."""
     said = {name: value["mean"] if isinstance(value, Mapping) else value for name, value in table.items()}
-    said.pop("unusual")
+    said["unusual"] = True
     said["strength" if said["cohesion"] is None else "cohesion"] = said["young"]
     return _built(said, height)
 

@@ -17,7 +17,7 @@ from jaxmpm.laws import BaseMotion, WaterSurface, WaterTable
 from jaxmpm.site import _initial_stress
 from jaxmpm.site._discretisation import Discretisation, check_discretisation, kernel_of
 from jaxmpm.site._scene import scene, unstressed
-from jaxmpm.site._soil import STANDARD_GRAVITY, Ground, material_of
+from jaxmpm.site._soil import STANDARD_GRAVITY, Ground, material_of, warn_of_units
 from jaxmpm.transfer import band_thickness
 from jaxmpm.types import Grid, Material, Particles, Scene, State, Wall
 
@@ -353,7 +353,9 @@ def material_on(discretisation: Discretisation, soil: Ground) -> Material:
     """The law of a soil on this grid, whose shear bands are as thick as a cell or as their average makes them."""
     length = discretisation.internal_length
     dtype = check.dtype(discretisation.dtype or jax.dtypes.canonicalize_dtype(float))
-    return material_of(soil, dtype, discretisation.cell if length is None else band_thickness(length))
+    law = material_of(soil, dtype, discretisation.cell if length is None else band_thickness(length))
+    warn_of_units(soil)
+    return law
 
 
 def build(

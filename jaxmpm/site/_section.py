@@ -192,7 +192,7 @@ def section(
     """A section at rest: base fixed, ends as asked; of a lattice of particles those whose centres lie in the ground.
 
     soil: one for all, or layers from the top down; a particle is of the layer in which its centre lies. water: level
-    or points (x, z) of the water table (m), a pool where it lies above the ground, see `WaterTable`. r_u: instead,
+    or points (x, z) of the water table (m), a level pool where above the ground, see `WaterTable`. r_u: instead,
     pore pressure over the weight of what stands above. k_h, k_v: pseudo-static acceleration over gravity, towards the
     lower end of the surface, and upwards. motion: of the base, from time 0, after the initial stress; the section is
     solved in its frame. ends: what holds both, "left fixed" the other on a roller; "tied" makes both ends one, for
@@ -201,8 +201,8 @@ def section(
     ground, as high and with the same layers, shaken alike, and waves go out, see `FreeField`. speed: largest particle
     speed that the time step allows for (m/s), by default of a fall through the height. at_rest: with the stress of
     elastic gravity loading, else free of stress.
-    Raises ValueError for lines that turn back, cross or end in the ground, layers thinner than a particle, layers whose
-    soils follow no common law, and sizes that do not fit the grid, with the coordinates.
+    Raises ValueError for lines that turn back, cross or end in the ground, pools that slope, layers thinner than a
+    particle, layers whose soils follow no common law, and sizes that do not fit the grid, with the coordinates.
     """
     check.not_negative("gravity", gravity, "m/s2")
     check.between("k_h", k_h, -1.0, 1.0)
@@ -462,9 +462,29 @@ def _water_table(shape: Section, water: float | Line | None, discretisation: Dis
     if upright.size:
         x, z = points[upright[0]]
         raise ValueError(f"water is upright at ({x:g}, {z:g}) m: draw a table that slopes there")
+    _refuse_sloping_pool(shape, points, discretisation)
     dtype = check.dtype(discretisation.dtype or jax.dtypes.canonicalize_dtype(float))
     x, z = points.T
     return WaterTable(*(jnp.asarray(value, dtype) for value in (x, z, WATER_WEIGHT, discretisation.spacing[-1])))
+
+
+def _refuse_sloping_pool(shape: Section, points: np.ndarray, discretisation: Discretisation) -> None:
+    """Raise ValueError where water that stands above the ground is not level, to half a particle: its weight would push
+    soil sideways, with nothing to hold it."""
+    left, right = shape.outline()[1]
+    dx, dz = discretisation.spacing
+    x = left + (np.arange(round((right - left) / dx)) + 0.5) * dx
+    water, ground = np.interp(x, *points.T), shape.heights(x)
+    stands = water - ground > dz / 2
+    for pool in np.split(np.arange(x.size), np.flatnonzero(np.diff(stands)) + 1):
+        low, high = pool[np.argmin(water[pool])], pool[np.argmax(water[pool])]
+        if stands[pool[0]] and water[high] - water[low] > dz / 2:
+            (x0, z0), (x1, z1) = sorted((x[end], water[end]) for end in (low, high))
+            raise ValueError(
+                f"water above the ground slopes from ({x0:g}, {z0:.4g}) to ({x1:g}, {z1:.4g}) m, where a pool is "
+                f"level: draw one level above the ground from x = {x[pool[0]]:g} to {x[pool[-1]]:g} m, or the table "
+                "below the ground there"
+            )
 
 
 def pore_pressure_of(

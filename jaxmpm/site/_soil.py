@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -26,6 +27,7 @@ from jaxmpm.laws import (
     RateEffect,
     Softening,
 )
+from jaxmpm.site._believed import BELIEVED, unit_slip
 
 STANDARD_GRAVITY = 9.81
 """What turns a unit weight into a density (m/s2), whatever gravity a scene has."""
@@ -52,7 +54,8 @@ class Soil:
     measure of both. softening_length: thickness of the shear band (m) to which they refer; softening is then scaled by
     the thickness of the grid's bands (a cell, or what an internal_length makes of them) over it, so that a band takes
     the same work whatever the grid. None leaves them as they are. rate_coefficient: gain of strength per tenfold shear
-    rate above reference_rate (1/s), None without. tension_cutoff: largest mean stress (Pa) or None.
+    rate above reference_rate (1/s), None without. tension_cutoff: largest mean stress (Pa) or None. unusual: whether
+    numbers that betray another unit are meant as they are; builders warn of them otherwise, see `unit_slip`.
     """
 
     unit_weight: float = 20e3
@@ -67,6 +70,7 @@ class Soil:
     softening_length: float | None = None
     rate_coefficient: float | None = None
     reference_rate: float = 3e-6
+    unusual: bool = False
 
     @property
     def softens(self) -> bool:
@@ -83,7 +87,7 @@ class FrictionalSoil:
     friction. criterion: the law. matching: of Drucker-Prager's cone. residual_cohesion, residual_friction: reached over
     the engineering plastic shear strain `softening_strain`, in the manner of `decay`; softening_strain None keeps the
     peak. softening_length: as for `Soil`. tension_cutoff: largest mean stress of Drucker-Prager, largest principal
-    stress of Mohr-Coulomb (Pa); None leaves it to the apex.
+    stress of Mohr-Coulomb (Pa); None leaves it to the apex. unusual: as for `Soil`.
     """
 
     cohesion: float
@@ -101,6 +105,7 @@ class FrictionalSoil:
     softening_length: float | None = None
     tension_cutoff: float | None = None
     saturated_unit_weight: float | None = None
+    unusual: bool = False
 
     @property
     def softens(self) -> bool:
@@ -134,6 +139,24 @@ def material_of(soil: Ground, dtype: np.dtype, band: float) -> Elastic | J2 | Mo
     check.positive("strength", soil.strength, "Pa")
     strength, softening = number(soil.strength), _softening(soil, scale, number)
     return J2(bulk, shear, strength, softening, cutoff, _rate(soil, number))
+
+
+def warn_of_units(soil: Ground) -> None:
+    """Warn, once for all of them, of numbers that betray another unit, unless the soil says that it means them."""
+    slips = () if soil.unusual else dict.fromkeys(_slips(soil))
+    if slips:
+        warnings.warn(f"{'; '.join(slips)} If that is meant, give the soil unusual=True", stacklevel=4)
+
+
+def _slips(soil: Ground) -> Iterator[str]:
+    """What to ask of each number, of the least and the largest where there are several."""
+    for name in BELIEVED:
+        value = getattr(soil, name, None)
+        if value is None or check.is_traced(value) or not np.size(value):
+            continue
+        for end in (np.min, np.max):
+            if slip := unit_slip(name, float(end(np.asarray(value)))):
+                yield f"{name} = {slip}"
 
 
 def moduli(young: Any, poisson: Any) -> tuple[Any, Any]:
