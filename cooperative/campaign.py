@@ -28,7 +28,6 @@ from cooperative.scene import (
     measured_limit_load,
     parse,
     with_defaults,
-    with_field_modes,
     with_kept_field_modes,
     write_budget,
 )
@@ -62,7 +61,7 @@ def run(
     folder = Path(folder)
     kept = folder / "scene.toml"
     campaign = parse(with_defaults(text, kept), estimator, begun=kept.exists())
-    campaign = allowing(campaign, folder, refined_runs)
+    campaign = with_kept_field_modes(allowing(campaign, folder, refined_runs), folder)
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
     runs.check_size(campaign, workers if executor is None else 1)
@@ -74,7 +73,8 @@ def run(
             with stop.at_once():
                 if campaign.raised is not None:
                     write_budget(folder, campaign.raised)
-                keep_field_modes(models["rough"].campaign, folder)
+                counted = keep_field_modes(campaign, folder, models["rough"].soil.counts)
+                models = {grid: replace(model, campaign=counted) for grid, model in models.items()}
                 ready = _calibrated(models, folder)
                 for model in models.values():
                     runs.keep_initial(folder, model.grid, model.scene, model.state)
@@ -85,8 +85,7 @@ def run(
 def _models(campaign: Campaign, folder: Path) -> dict[str, runs.GridModel]:
     """Both grids of a campaign, at rest by what its folder keeps. Raises ValueError where slope, soil, field and grids
     do not fit."""
-    soil = runs.random_soil(with_kept_field_modes(campaign, folder))
-    campaign = with_field_modes(campaign, soil.counts)
+    soil = runs.random_soil(campaign)
     runs.check_coefficients(campaign, soil.modes)
     return {grid: runs.build(campaign, grid, soil, folder=folder) for grid in GRIDS}
 

@@ -222,7 +222,7 @@ def test_a_sample_that_kills_dask_workers_is_given_up_and_the_others_go_on():
 
 def test_dask_that_is_not_installed_is_said_to_be(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(ValueError, match=r"install jaxmpm\[dask\]"):
+    with pytest.raises(ValueError, match=r"pip install distributed"):
         dask_executor("tcp://127.0.0.1:1")
 
 

@@ -12,7 +12,8 @@ import pytest
 
 from benchmarks.invented import TINY
 from cooperative import run, runs
-from cooperative.scene import campaign_of, parse, with_field_modes
+from cooperative.scene import campaign_of, parse
+from cooperative.scene._field_modes import with_field_modes
 from cooperative.store import read_sample, read_store
 from tests.test_random_soil import CORRELATED, FIELDS, LEFT, SAND
 

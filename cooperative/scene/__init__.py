@@ -4,7 +4,7 @@ from cooperative.scene._budget import allowing, kept_budget, raised, write_budge
 from cooperative.scene._calibration import calibrated, campaign_of, kept, measured
 from cooperative.scene._defaults import with_defaults
 from cooperative.scene._examples import NAMED, SCHEMA, begin, example, examples, starters, write_example
-from cooperative.scene._field_modes import keep_field_modes, with_field_modes, with_kept_field_modes
+from cooperative.scene._field_modes import keep_field_modes, with_kept_field_modes
 from cooperative.scene._hazard import EXPOSED, HAZARD, Hazard
 from cooperative.scene._limit_load import at_limit_load, measured_limit_load
 from cooperative.scene._schema import (
@@ -74,7 +74,6 @@ __all__ = [
     "steepest",
     "tables_of",
     "with_defaults",
-    "with_field_modes",
     "with_kept_field_modes",
     "write_budget",
     "write_example",

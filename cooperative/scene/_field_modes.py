@@ -13,29 +13,29 @@ from pathlib import Path
 
 from cooperative.scene._kept import Kept
 from cooperative.scene._schema import FIELD_MODES
+from cooperative.scene._text import tables_of
 from cooperative.scene._typed import Campaign, FieldModes
 
 KEPT = Kept("field_modes", FIELD_MODES, FieldModes, "numbers of modes")
-
-
-def with_field_modes(campaign: Campaign, counts: Sequence[int]) -> Campaign:
-    """The scene with so many modes of each expansion, in its text too, so that whoever reads the text has them. A scene
-    that has them already keeps its own."""
-    if campaign.field_modes is not None:
-        return campaign
-    found = FieldModes(tuple(counts))
-    return replace(campaign, text=KEPT.in_text(campaign.text, found), field_modes=found)
 
 
 def with_kept_field_modes(campaign: Campaign, folder: Path) -> Campaign:
     """The scene with the numbers of modes that its folder keeps, if it does. Raises ValueError where the file is
     damaged."""
     found = KEPT.there(folder)
-    return campaign if found is None else with_field_modes(campaign, found.counts)
+    return campaign if found is None or campaign.field_modes is not None else replace(campaign, field_modes=found)
 
 
-def keep_field_modes(campaign: Campaign, folder: Path) -> None:
-    """Have the campaign's folder keep the numbers of modes of a scene that has them, unless it keeps some."""
-    assert campaign.field_modes is not None
-    found = campaign.field_modes
-    KEPT.once(folder, lambda: found)
+def keep_field_modes(campaign: Campaign, folder: Path, counts: Sequence[int]) -> Campaign:
+    """Have the campaign's folder keep so many modes of each expansion, unless it keeps some. The scene with them."""
+    KEPT.once(folder, lambda: FieldModes(tuple(counts)))
+    return with_field_modes(campaign, counts)
+
+
+def with_field_modes(campaign: Campaign, counts: Sequence[int]) -> Campaign:
+    """The scene with so many modes of each expansion, in its text too, so that whoever reads the text has them. A scene
+    whose text has them already keeps its own."""
+    if KEPT.table in tables_of(campaign.text):
+        return campaign
+    found = FieldModes(tuple(counts))
+    return replace(campaign, text=KEPT.in_text(campaign.text, found), field_modes=found)
