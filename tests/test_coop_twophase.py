@@ -368,6 +368,17 @@ def test_ranks_that_mislead_are_said_loudly():
     assert not any("MISLEAD" in note for found in good for note in found.notes)
 
 
+def test_soil_that_fails_throughout_does_not_speak_against_the_ranks():
+    displacement, _ = pair(100, 0.244, 0.95, 1)
+    fails = np.ones(100, bool)
+    found = two_phase(Population(displacement), answers(fails), AuditPlan(runs=20))
+    assert not any("MISLEAD" in note for note in found.notes)
+    # One that stands at the top of the ranking, and the failures below it are a surprise.
+    fails[np.argmax(displacement)] = False
+    found = two_phase(Population(displacement), answers(fails), AuditPlan(runs=20, k_t=1))
+    assert any(note.startswith("THE RANKS MISLEAD") for note in found.notes)
+
+
 def test_what_more_runs_would_buy():
     displacement, failed = pair(2000, 0.244, 0.95, 3)
     forecast, measured = [], []

@@ -80,7 +80,8 @@ RARELY = 0.05
 
 @dataclass(frozen=True)
 class Surprise:
-    """Draws far down the ranking. drawn: how many. failed: of them. expected: failures among them, by the model."""
+    """Draws far down the ranking. drawn: how many. failed: of them, below a sample that stands. expected: failures among
+    them, by the model."""
 
     drawn: int
     failed: int
@@ -199,12 +200,18 @@ def draw_wave(
 
 
 def surprise(waves: Sequence[Wave], outcome: np.ndarray) -> Surprise:
-    """How draws far down the ranking came out. outcome: 0, 1 or nan by rank (N,)."""
+    """How draws far down the ranking came out. outcome: 0, 1 or nan by rank (N,).
+
+    A failure speaks against the ranks only where a sample that they place above it stands: soil that fails throughout
+    agrees with any ranking.
+    """
     drawn, failed, expected = 0, 0, 0.0
+    stands = np.flatnonzero(outcome == 0)
+    highest = stands[0] if stands.size else outcome.size
     for wave in waves:
         far = wave.ranks[(wave.model[wave.ranks] < FAR_DOWN) & ~np.isnan(outcome[wave.ranks])]
         drawn += far.size
-        failed += int(outcome[far].sum())
+        failed += int(outcome[far[far > highest]].sum())
         expected += float(wave.model[far].sum())
     return Surprise(drawn, failed, expected)
 

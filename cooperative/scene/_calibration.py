@@ -12,7 +12,7 @@ from pathlib import Path
 
 from cooperative.estimate import Estimator
 from cooperative.scene._budget import kept_budget, raised
-from cooperative.scene._field_modes import with_field_modes, with_kept_field_modes
+from cooperative.scene._field_modes import with_kept_field_modes
 from cooperative.scene._kept import Kept, factors_at_once
 from cooperative.scene._limit_load import KEPT as LIMIT_LOAD_KEPT
 from cooperative.scene._limit_load import at_limit_load
@@ -66,8 +66,6 @@ def campaign_of(store: Store, estimator: Estimator | None = None) -> Campaign:
     if budget is not None and campaign.plan.estimator is not None:
         campaign = raised(campaign, budget)
     campaign = with_kept_field_modes(campaign, store.folder)
-    if campaign.field_modes is not None:
-        campaign = with_field_modes(campaign, campaign.field_modes.counts)
     asked = campaign.run.failure == "limit load" and campaign.limit_load is None
     if asked and (limit_load := LIMIT_LOAD_KEPT.there(store.folder)) is not None:
         campaign = at_limit_load(campaign, limit_load)

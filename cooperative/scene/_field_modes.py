@@ -23,7 +23,7 @@ def with_kept_field_modes(campaign: Campaign, folder: Path) -> Campaign:
     """The scene with the numbers of modes that its folder keeps, if it does. Raises ValueError where the file is
     damaged."""
     found = KEPT.there(folder)
-    return campaign if found is None or campaign.field_modes is not None else replace(campaign, field_modes=found)
+    return campaign if found is None else with_field_modes(campaign, found.counts)
 
 
 def keep_field_modes(campaign: Campaign, folder: Path, counts: Sequence[int]) -> Campaign:
