@@ -2,17 +2,19 @@
 
 Source: Jiang, Li, Ma and Rezania (2024), Computers and Geotechnics 172, 106413. Nothing is run here: what the files
 `benchmarks/data/study_*.csv` do not hold is not run yet, and has no value. An interval is that of 95 per cent; of a
-factor of safety, one step of the search. Hours are processor time of one core, or those of a GPU.
+factor of safety, one step of the search. Hours are processor time of one core, or those of a GPU, of the runs that an
+answer rests on.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.stats import t as student
 
 from benchmarks import study_figures as figures
 from benchmarks.measure import Report
@@ -36,15 +38,15 @@ from benchmarks.study_pieces import (
 from benchmarks.study_runs import LENGTHS, ON_CPU, READINGS, SAMPLES, SECTION_SAMPLES, SWEEP_SAMPLES, sweep_case
 from benchmarks.study_table import CPU, Outcome, Rows, Run, merged
 from cooperative.estimate import (
-    ENOUGH,
     AuditPlan,
     Estimate,
     correlation,
+    effective_size,
     fit_distributions,
     published,
+    rank_samples,
     sample_weights,
     severity_ranking,
-    shares,
     two_phase,
     wilson_interval,
 )
@@ -52,6 +54,14 @@ from cooperative.measure import SEVERITY
 
 FEWEST = 20
 """Pairs from which on a reading is judged."""
+FEW_SLIDES = 5
+"""Slides of a mode from which on the spread of their area is told."""
+UNDECIDED = 2.0
+"""Differences of AIC below this tell two distributions apart no better than chance."""
+FEW_RUNS = 8
+"""Runs from which on the mean of their seconds has an interval."""
+REFINED_CLASSES = {"case": "published", "grid": "refined", "until": "class"}
+"""The refined runs of the headline campaign."""
 BEST_FITS = {
     "shallow": {"area": "normal", "volume": "logistic", "runout": "normal"},
     "deep": {"area": "normal", "volume": "logistic", "runout": "normal"},
@@ -99,14 +109,15 @@ class Line:
 
     def verdict(self) -> str:
         """Whether the published value lies in our interval, and if not, why; two shares that were both counted agree
-        where their difference is no larger than the root of the sum of squares of the two half widths between them."""
+        where their difference is no larger than the root of the sum of squares of the two half widths between them.
+        Where nothing was found, an interval that holds the published value decides nothing."""
         if isinstance(self.found, str):
             return f"not run yet: {self.found}"
         low, high = self.found.interval
         if self.printed is None:
             return self.cause or "not published"
         if low - 1e-9 <= self.printed <= high + 1e-9:
-            return "agrees"
+            return "agrees" if self.found.value else f"not resolved: none was found, up to {high:.2g} may be"
         if self.counted is not None:
             above = self.found.value > self.printed
             ours = self.found.value - low if above else high - self.found.value
@@ -157,6 +168,16 @@ def hours_of(rows: Mapping[Run, Outcome], **which: Any) -> Hours:
     chosen = [o for run, o in rows.items() if all(getattr(run, name) == value for name, value in which.items())]
     core = sum(outcome.seconds for outcome in chosen if outcome.device == CPU)
     return Hours(core / 3600, (sum(outcome.seconds for outcome in chosen) - core) / 3600)
+
+
+def hours_of_audit(rows: Rows, case: str, refined: Collection[int]) -> Hours:
+    """Hours of the rough classes of a case and of these refined ones."""
+    mine = {
+        run: outcome
+        for run, outcome in rows.items()
+        if (run.case, run.until) == (case, "class") and (run.grid == "rough" or run.sample in refined)
+    }
+    return hours_of(mine)
 
 
 # Factors of safety, run-out, Table 3
@@ -290,7 +311,14 @@ def probability(rows: Rows, case: str, samples: int, plan: AuditPlan, reduction:
     if found is None:
         return words
     notes = "".join(f"; {note}" for note in found.notes)
-    return Found(found.probability, found.interval, words + notes, hours_of(rows, case=case, until="class"))
+    spent = hours_of_audit(rows, case, drawn(rows, case, samples, plan, reduction))
+    return Found(found.probability, found.interval, words + notes, spent)
+
+
+def drawn(rows: Rows, case: str, samples: int, plan: AuditPlan, reduction: float = 1.0) -> dict[int, float]:
+    """Refined samples that the two-phase estimate of a case rests on, with what each stands for."""
+    screened = population(rows, case, samples, reduction)
+    return {} if screened is None else sample_weights(screened, refined_classes(rows, case), plan)
 
 
 def probabilities(rows: Rows) -> Iterator[Line]:
@@ -302,17 +330,30 @@ def probabilities(rows: Rows) -> Iterator[Line]:
     yield Line("P_f in 3D", "pf_3d", 0.244, headline, cause, counted)
     runs = "refined runs behind P_f in 3D"
     found, words = estimated(rows, "published", SAMPLES, AUDIT)
-    spent = hours_of(rows, case="published", grid="refined", until="class")
+    mine = drawn(rows, "published", SAMPLES, AUDIT)
+    spent = hours_of({run: o for run, o in rows.items() if run.sample in mine}, **REFINED_CLASSES)
     count = words if found is None else Found(found.refined_runs, (found.refined_runs,) * 2, words, spent)
     yield Line(
         runs, "refined_runs_3d", 280, count, "an audit draws where the ranks leave doubt, the rule runs all above"
     )
     yield published_rule(rows)
-    yield from agreement(rows)
+    yield from agreement(rows, "published", SAMPLES, AUDIT)
     yield devices_agree(rows)
     for case, words in (("default", "default settings"), ("rollers", "y ends on rollers")):
         answer = probability(rows, case, SWEEP_SAMPLES, SWEEP_AUDIT)
-        yield Line(f"P_f in 3D, {words}", f"pf_3d_{case}", 0.244, answer, "a setting that is not the published one")
+        yield Line(f"P_f in 3D, {words}", f"pf_3d_{case}", 0.244, answer, of_setting(rows, case))
+    yield from agreement(rows, "default", SWEEP_SAMPLES, SWEEP_AUDIT)
+
+
+def of_setting(rows: Rows, case: str) -> str:
+    """What was measured of a setting that is not the published one, on the section and by factors of safety."""
+    worth = {line.what.split(": ")[-1]: line.cause for line in readings(rows) if line.cause}
+    named = ("F-bar", "default") if case == "default" else ()
+    told = [f"on the section {name} {worth[name]}" for name in named if name in worth]
+    pair = [factor_of_safety(rows, name, "refined") for name in ("mean strength", f"mean strength, {case}")]
+    if None not in pair:
+        told.append(f"the factor of safety in 3D is {pair[1]:.2f} in place of {pair[0]:.2f}")
+    return "not the published setting" + (f"; {'; '.join(told)}" if told else "")
 
 
 def published_rule(rows: Rows) -> Line:
@@ -324,31 +365,33 @@ def published_rule(rows: Rows) -> Line:
     found = published(screened.rough_displacement, refined_classes(rows, "published"), K_T)
     if any("not met yet" in note for note in found.notes):
         return Line(what, None, 0.244, f"{found.refined_runs} refined runs are there, the rule is not met yet")
-    spent = hours_of(rows, case="published", until="class")
+    first = rank_samples(screened.rough_displacement).order[: found.refined_runs]
+    spent = hours_of_audit(rows, "published", {int(sample) for sample in first})
     words = f"{SAMPLES} rough samples, {found.refined_runs} refined"
     return Line(what, None, 0.244, Found(found.probability, found.interval, words, spent), "it counts no failure below")
 
 
-def agreement(rows: Rows) -> Iterator[Line]:
+def agreement(rows: Rows, case: str, samples: int, plan: AuditPlan) -> Iterator[Line]:
     """Rank correlation and classes of the two grids in 3D, over the audited samples with their weights."""
-    names = ("rank correlation of the grids in 3D (Spearman)", "share of samples that both grids class alike in 3D")
-    found, words = estimated(rows, "published", SAMPLES, AUDIT)
-    screened = population(rows, "published", SAMPLES)
+    setting, suffix = ("", "") if case == "published" else (f", {case} settings", f"_{case}")
+    what = "rank correlation of the grids in 3D (Spearman)", "share of samples that both grids class alike in 3D"
+    names = f"spearman_3d{suffix}", f"same_class_3d{suffix}"
+    found, words = estimated(rows, case, samples, plan)
+    weights = drawn(rows, case, samples, plan)
     both = None
-    if found is not None and screened is not None:
-        weights = sample_weights(screened, refined_classes(rows, "published"), AUDIT)
-        pairs = [[score(rows[Run("published", grid, n)]) for n in weights] for grid in ("rough", "refined")]
+    if found is not None:
+        pairs = [[score(rows[Run(case, grid, n)]) for n in weights] for grid in ("rough", "refined")]
         each = np.array(list(weights.values()))
         both = correlation(np.array(pairs[0]), np.array(pairs[1]), each, failure_displacement=LIMIT)
     if both is None:
-        yield from (Line(name, value, None, words) for name, value in zip(names, ("spearman_3d", None), strict=True))
+        yield from (Line(told + setting, name, None, words) for told, name in zip(what, names, strict=True))
         return
     words = f"{both.samples} samples on both grids; of failures the rank is that of their speed to 1 m"
-    spent = hours_of(rows, case="published", until="class")
-    yield Line(names[0], "spearman_3d", None, Found(both.spearman, both.interval, words, spent))
-    size = each.sum() ** 2 / (each @ each)
+    spent = hours_of_audit(rows, case, weights)
+    yield Line(what[0] + setting, names[0], None, Found(both.spearman, both.interval, words, spent))
+    size = effective_size(each)
     limits = wilson_interval(min(both.same_class, 1.0) * size, size)
-    yield Line(names[1], "same_class_3d", None, Found(both.same_class, limits, words, spent))
+    yield Line(what[1] + setting, names[1], None, Found(both.same_class, limits, words, spent))
 
 
 def devices_agree(rows: Rows) -> Line:
@@ -439,13 +482,9 @@ def lengths(rows: Rows) -> Iterator[Line]:
         if len(ends) < 2:
             yield Line(what, None, None, "both ends of the range come first")
             continue
-        rise = ends[1].value - ends[0].value
-        half = float(np.hypot(*(np.ptp(end.interval) / 2 for end in ends)))
-        words = (
-            "rises, as published" if rise > half else "falls, published as rising" if rise < -half else "not resolved"
-        )
-        found = Found(rise, (rise - half, rise + half), "the two ends, taken as independent", Hours(0.0, 0.0))
-        yield Line(what, None, None, found, words)
+        rise, limits = difference(*ends)
+        found = Found(rise, limits, "the two ends, taken as independent", Hours(0.0, 0.0))
+        yield Line(what, None, None, found, rises(limits))
 
 
 def rough_lengths(rows: Rows, axis: str) -> Iterator[Line]:
@@ -466,10 +505,25 @@ def rough_lengths(rows: Rows, axis: str) -> Iterator[Line]:
         yield Line(what, None, None, f"{len(common)} common samples are there")
         return
     rise, limits = paired_change([first[n] for n in common], [last[n] for n in common])
-    words = (
-        "rises, as published" if limits[0] > 0 else "falls, published as rising" if limits[1] < 0 else "not resolved"
-    )
-    yield Line(what, None, None, Found(rise, limits, f"{len(common)} common samples", Hours(0.0, 0.0)), words)
+    found = Found(rise, limits, f"{len(common)} common samples", Hours(0.0, 0.0))
+    yield Line(what, None, None, found, rises(limits))
+
+
+def difference(first: Found, last: Found) -> tuple[float, tuple[float, float]]:
+    """By how much the second of two independent answers is larger, with its interval, from their own intervals.
+
+    Zou and Donner (2008), Statistics in Medicine 27, 1693-1702, DOI 10.1002/sim.3095: on each side the distances of the
+    two limits that lie that way add up as squares.
+    """
+    change = last.value - first.value
+    below = float(np.hypot(last.value - last.interval[0], first.interval[1] - first.value))
+    above = float(np.hypot(last.interval[1] - last.value, first.value - first.interval[0]))
+    return change, (change - below, change + above)
+
+
+def rises(limits: tuple[float, float]) -> str:
+    """What an interval of a rise says beside the published one, upwards."""
+    return "rises, as published" if limits[0] > 0 else "falls, published as rising" if limits[1] < 0 else "not resolved"
 
 
 def rough_length(axis: str, length: float) -> str:
@@ -477,14 +531,24 @@ def rough_length(axis: str, length: float) -> str:
     return f"rough grid alone: P_f at {axis} = {length:g} m"
 
 
-def weighted_slides(rows: Rows) -> tuple[list[Outcome], np.ndarray, str]:
-    """Refined slides of the headline campaign with their weights: all failures of as many draws as are whole. Slides
-    that broke off have no mode; they are counted and left out."""
+@dataclass(frozen=True)
+class Slides:
+    """Refined slides of the headline campaign: those that ended, what each stands for (n,), the share of all failures
+    that those stand for which broke off and so have no mode, and in words what they are."""
+
+    ended: list[Outcome]
+    weight: np.ndarray
+    lost: float
+    words: str
+
+
+def weighted_slides(rows: Rows) -> Slides:
+    """Refined slides of the headline campaign with their weights: all failures of as many draws as are whole."""
     screened = population(rows, "published", SAMPLES)
     there = sum(run.case == "published" and run.grid == "refined" and run.until == "end" for run in rows)
-    words = f"{there} refined slides are there"
+    none = Slides([], np.zeros(0), 0.0, f"{there} refined slides are there")
     if screened is None:
-        return [], np.zeros(0), words
+        return none
     refined = refined_classes(rows, "published")
     fewest = AUDIT.first_wave + int(np.isnan(screened.rough_displacement).sum())
     for runs in range(AUDIT.runs, fewest - 1, -1):
@@ -494,44 +558,72 @@ def weighted_slides(rows: Rows) -> tuple[list[Outcome], np.ndarray, str]:
         if fallen and None not in slides:
             weight = np.array(list(fallen.values()))
             whole = np.array([slide is not None and slide.mode is not None for slide in slides])
+            lost = float(weight[~whole].sum() / weight.sum())
             words = f"{whole.sum()} refined slides of {len(slides)} failures of {runs} draws"
-            if not whole.all():
-                words += f", the others broke off and stand for {weight[~whole].sum() / weight.sum():.0%} of failures"
-            return [slide for slide in slides if slide is not None and slide.mode], weight[whole], words
-    return [], np.zeros(0), words
+            if lost:
+                words += (
+                    f", the others broke off and stand for {lost:.0%} of failures: the interval leaves them any mode"
+                )
+            return Slides([slide for slide in slides if slide is not None and slide.mode], weight[whole], lost, words)
+    return none
+
+
+def share_found(mine: np.ndarray, slides: Slides, spent: Hours, words: str) -> Found:
+    """Share of these slides (n,) bool among the failures. The interval holds whatever those that broke off would have
+    been: Wilson's lower limit where none of them is one of these, the upper where all are."""
+    share, size = float(slides.weight[mine].sum() / slides.weight.sum()), effective_size(slides.weight)
+    ends = share * (1 - slides.lost), share * (1 - slides.lost) + slides.lost
+    limits = [wilson_interval(min(end, 1.0) * size, size) for end in ends]
+    return Found(share, (limits[0][0], limits[1][1]), words, spent)
 
 
 def modes(rows: Rows) -> Iterator[Line]:
     """Shares, severity and fits of the modes at lx = ly = 60 m, and their shares on the calibrated rough grid."""
-    slides, weight, words = weighted_slides(rows)
-    names = np.array([slide.mode for slide in slides])
+    slides = weighted_slides(rows)
+    names = np.array([slide.mode for slide in slides.ended])
     spent = hours_of(rows, case="published", grid="refined", until="end")
-    found = shares(names, weight, SEVERITY) if len(slides) > 1 else {}
     pool = sum(POOLED.values())
-    for mode in ("deep", "progressive", "compound", "shallow"):
-        what, printed = f"share of {mode} failures", POOLED[mode] / pool
-        cause = f"the published share pools all correlation lengths ({POOLED[mode]} of some {pool} failures)"
-        _, pooled = rough_shares(rows, sweep_cases(), mode)
+    groups = [("deep",), ("progressive",), ("compound",), ("shallow",), ("progressive", "compound")]
+    for group in groups:
+        what, printed = " or ".join(group), sum(POOLED[mode] for mode in group)
+        cause = f"the published share pools all correlation lengths ({printed} of some {pool} failures)"
+        pooled = rough_shares(rows, sweep_cases(), group)
         if isinstance(pooled, Found):
-            cause += f"; pooled here, on the calibrated rough grid, it is {pooled.value:.2f}. Theirs are told by eye"
-        answer: Found | str = words
-        if mode in found:
-            answer = Found(found[mode].share, found[mode].interval, f"{words}, {found[mode].count} {mode}", spent)
-        yield Line(what, f"share_{mode}", printed, answer, cause)
-    groups = {mode: names == mode for mode in SEVERITY if found and found[mode].count}
-    areas = np.array([slide.area for slide in slides], float)
-    if len(groups) > 1:
-        places = severity_ranking(
-            {mode: areas[mine] for mode, mine in groups.items()}, weights={m: weight[i] for m, i in groups.items()}
-        )
-        for place in places:
-            limits = (float(place.interval[0]), float(place.interval[1]))
-            answer = Found(place.middle, limits, f"{place.count} slides; 90 per cent interval", spent)
-            yield Line(f"median area of {place.group} failures (m2)", None, None, answer, f"rank {place.rank}")
-    for mode, mine in groups.items():
+            cause += f"; pooled here, on the calibrated rough grid, it is {pooled.value:.2f}; beyond that not measured"
+        answer: Found | str = slides.words
+        if names.size > 1:
+            mine = np.isin(names, group)
+            answer = share_found(mine, slides, spent, f"{slides.words}; {mine.sum()} {what}")
+        name = f"share_{'_or_'.join(group)}"
+        yield Line(f"share of {what} failures", name, printed / pool, answer, cause)
+    yield from severity(slides, names, spent)
+    for mode in SEVERITY:
+        mine = names == mode
         if mine.sum() >= 20:
-            yield from fits(mode, [slide for slide in slides if slide.mode == mode], weight[mine], spent)
+            chosen = [slide for slide, one in zip(slides.ended, mine, strict=True) if one]
+            yield from fits(mode, chosen, slides.weight[mine], spent)
     yield from rough_modes(rows)
+
+
+def severity(slides: Slides, names: np.ndarray, spent: Hours) -> Iterator[Line]:
+    """Median area of each mode, and its place among those that have slides enough to tell one."""
+    areas = np.array([slide.area for slide in slides.ended], float)
+    groups = {mode: names == mode for mode in SEVERITY if (names == mode).any()}
+    many = {mode: mine for mode, mine in groups.items() if mine.sum() >= FEW_SLIDES}
+    what = "median area of {} failures (m2)"
+    for mode in groups.keys() - many.keys():
+        each = ", ".join(f"{area:.0f}" for area in areas[groups[mode]])
+        words = f"{groups[mode].sum()} slides ({each} m2), a median wants {FEW_SLIDES}"
+        yield Line(what.format(mode), None, None, words)
+    if not many:
+        return
+    for place in severity_ranking(
+        {mode: areas[mine] for mode, mine in many.items()}, weights={m: slides.weight[i] for m, i in many.items()}
+    ):
+        limits = (float(place.interval[0]), float(place.interval[1]))
+        answer = Found(place.middle, limits, f"{place.count} slides; 90 per cent interval", spent)
+        rank = f"rank {place.rank} ({place.rank_interval[0]} to {place.rank_interval[1]}) of {len(many)}"
+        yield Line(what.format(place.group), None, None, answer, rank if len(many) > 1 else "no other mode to rank")
 
 
 def fits(mode: str, slides: list[Outcome], weight: np.ndarray, spent: Hours) -> Iterator[Line]:
@@ -543,9 +635,10 @@ def fits(mode: str, slides: list[Outcome], weight: np.ndarray, spent: Hours) -> 
         if done.best_aic is None or printed not in by_name:
             continue
         behind = by_name[printed] - by_name[done.best_aic]
-        words = "agrees" if printed == done.best_aic else f"{done.best_aic} fits best, {printed} by {behind:.1f} worse"
-        few = f", fewer than the {ENOUGH} that a choice needs" if len(slides) < ENOUGH else ""
-        found = Found(behind, (behind, behind), f"{len(slides)} slides{few}", spent)
+        words = "fits best, as printed" if not behind else f"{done.best_aic} fits best, {printed} by {behind:.1f} worse"
+        words += ", which these slides do not tell apart" if done.notes and behind < UNDECIDED else ""
+        notes = "".join(f"; {note}" for note in done.notes)
+        found = Found(behind, (behind, behind), f"{len(slides)} slides{notes}", spent)
         yield Line(
             f"AIC of the printed {printed} over the best, {measure} of {mode} failures", None, None, found, words
         )
@@ -556,32 +649,43 @@ def rough_modes(rows: Rows) -> Iterator[Line]:
     as Table 4 pools them."""
     for axis in ("lx", "ly"):
         for length in LENGTHS:
+            case = [sweep_case(axis, length)]
             what = f"share of deep failures, rough grid calibrated, {axis} = {length:g} m"
-            known, answer = rough_shares(rows, [sweep_case(axis, length)], "deep")
-            rest = ", ".join(
-                f"{mode} {known.count(mode) / len(known):.2f}" for mode in SEVERITY if mode != "deep" and known
-            )
-            yield Line(what, None, None, answer, rest)
-    for mode in POOLED:
-        _, answer = rough_shares(rows, sweep_cases(), mode)
-        what, printed = (
-            f"share of {mode} failures, rough grid calibrated, all lengths",
-            POOLED[mode] / sum(POOLED.values()),
-        )
-        yield Line(what, None, printed, answer, "its lengths and their numbers of samples are not printed")
+            others = ((mode, rough_shares(rows, case, (mode,))) for mode in SEVERITY if mode != "deep")
+            rest = ", ".join(f"{mode} {other.value:.2f}" for mode, other in others if isinstance(other, Found))
+            yield Line(what, None, None, rough_shares(rows, case, ("deep",)), rest)
+    for mode, count in POOLED.items():
+        what = f"share of {mode} failures, rough grid calibrated, all lengths"
+        answer, cause = rough_shares(rows, sweep_cases(), (mode,)), "its lengths and numbers of samples are not printed"
+        yield Line(what, None, count / sum(POOLED.values()), answer, cause)
 
 
-def rough_shares(rows: Rows, cases: list[str], mode: str) -> tuple[list[str], Found | str]:
-    """Modes of the calibrated rough slides of some cases, and the share of one; why not, while any is missing."""
-    known = [str(o.mode) for run, o in rows.items() if run.case in cases and run.grid == "rough" and o.mode]
+def rough_shares(rows: Rows, cases: list[str], group: tuple[str, ...]) -> Found | str:
+    """Share of these modes among the calibrated rough slides of some cases; why not, while any slide is missing.
+
+    The cases have common samples, whose slides are alike: as many count as samples that fail in all cases or in none
+    would tell as much, the effective size of samples weighted by their number of slides.
+    """
+    known = {run: o for run, o in rows.items() if run.case in cases and run.grid == "rough" and o.mode}
     fallen = sum(sum(classes(rows, case, "rough").values()) for case in cases)
     screened = all(len(classes(rows, case, "rough")) == SWEEP_SAMPLES for case in cases)
     if not screened or not known or len(known) < fallen:
-        return known, f"{len(known)} slides of {fallen} failures are there"
-    share = shares(np.array(known), np.ones(len(known)), SEVERITY)[mode]
-    ours = {run: outcome for run, outcome in rows.items() if run.case in cases}
-    spent = hours_of(ours, grid="rough", until="end")
-    return known, Found(share.share, share.interval, f"{len(known)} rough slides, {share.count} {mode}", spent)
+        return f"{len(known)} slides of {fallen} failures are there"
+    mine = sum(outcome.mode in group for outcome in known.values())
+    samples = np.unique([run.sample for run in known], return_counts=True)[1]
+    share, size = mine / len(known), effective_size(samples)
+    words = f"{len(known)} rough slides of {samples.size} samples, {mine} {' or '.join(group)}"
+    return Found(share, wilson_interval(share * size, size), words, hours_of(known))
+
+
+def mean_seconds(seconds: np.ndarray) -> tuple[float, tuple[float, float], str]:
+    """Mean of the seconds of some runs (n,) with its interval by Student's t; of too few runs the least and the most
+    instead, and words that say so."""
+    middle = float(seconds.mean())
+    if seconds.size < FEW_RUNS:
+        return middle, (float(seconds.min()), float(seconds.max())), "; the interval is from the least to the most"
+    half = float(student.ppf(0.975, seconds.size - 1) * seconds.std(ddof=1) / np.sqrt(seconds.size))
+    return middle, (middle - half, middle + half), ""
 
 
 def hours(rows: Rows) -> Iterator[Line]:
@@ -594,12 +698,10 @@ def hours(rows: Rows) -> Iterator[Line]:
             answer: Found | str = "no run is there"
             if done:
                 wanted = 1000 if grid == "rough" else 280
-                seconds = np.array([o.seconds for o in done.values()])
-                spread = 1.96 * seconds.std() / np.sqrt(seconds.size)
-                low, middle, high = (float(each) * wanted / 3600 for each in seconds.mean() + spread * np.arange(-1, 2))
-                answer = Found(
-                    middle, (low, high), f"{len(done)} runs to their class, scaled to {wanted}", hours_of(done)
-                )
+                middle, limits, spread = mean_seconds(np.array([o.seconds for o in done.values()]))
+                low, high = (each * wanted / 3600 for each in limits)
+                words = f"{len(done)} runs to their class, scaled to {wanted}{spread}"
+                answer = Found(middle * wanted / 3600, (low, high), words, hours_of(done))
             yield Line(
                 f"{kind} hours of {grid} runs",
                 None,

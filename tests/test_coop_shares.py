@@ -6,8 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import pearsonr, spearmanr
 
-from cooperative.estimate import AuditPlan, Population, correlation, sample_weights, shares, two_phase, wilson_interval
-from cooperative.estimate._shares import effective_size
+from cooperative.estimate import (
+    AuditPlan,
+    Population,
+    correlation,
+    effective_size,
+    sample_weights,
+    shares,
+    two_phase,
+    wilson_interval,
+)
 from cooperative.estimate._twophase import path
 from tests.test_coop_twophase import answers, pair
 

@@ -133,6 +133,87 @@ def test_shares_of_modes_weigh_all_failures_of_the_draws_that_are_whole(tmp_path
     assert f"{len(slides) - 1} refined slides of {len(slides)} failures" in told
     assert "the others broke off and stand for" in told
     assert without["share_deep"] < values["share_deep"]
+    # The one that was lost may have been deep.
+    assert rows["share of deep failures"]["high"] > values["share_deep"]
+
+
+def test_the_interval_of_a_share_leaves_slides_that_broke_off_any_mode():
+    """16 of 36 slides that ended are deep; the four others would have been any mode."""
+    slides = published.Slides([], np.ones(36), 4 / 40, "")
+    low, high = published.share_found(np.arange(36) < 16, slides, NO_TIME, "").interval
+    for deep in range(5):
+        would_be = wilson_interval(16 + deep, 40)
+        assert low <= would_be[0]
+        assert would_be[1] <= high
+    whole = published.Slides([], np.ones(40), 0.0, "")
+    assert published.share_found(np.arange(40) < 20, whole, NO_TIME, "").interval == wilson_interval(20, 40)
+
+
+def test_hours_are_those_of_the_runs_that_an_answer_rests_on(tmp_path, campaign):
+    screened, audited = campaign
+    beside = {Run("published", "refined", n): made_up(n)[1] for n in range(60)}
+    keep(tmp_path, "screening", screened)
+    keep(tmp_path, "audit", audited)
+    before = reported(tmp_path)[1]
+    keep(tmp_path, "ranked", beside)
+    after = reported(tmp_path)[1]
+    for what in ("P_f in 3D", "refined runs behind P_f in 3D", "rank correlation of the grids in 3D (Spearman)"):
+        assert after[what]["hours"] == before[what]["hours"]
+    assert after["core hours of the whole study"]["ours"] > before["core hours of the whole study"]["ours"]
+
+
+def test_slides_too_few_for_a_median_are_named(tmp_path, campaign):
+    screened, audited = campaign
+    fallen = [run for run, outcome in audited.items() if study_pieces.failed(outcome)]
+    slides = {
+        replace(run, until="end"): replace(SLID, mode="deep" if n else "compound") for n, run in enumerate(fallen)
+    }
+    for piece, kept in (("screening", screened), ("audit", audited), ("slides", slides)):
+        keep(tmp_path, piece, kept)
+    _, rows = reported(tmp_path)
+    assert "a median wants 5" in rows["median area of compound failures (m2)"]["verdict"]
+    assert rows["median area of deep failures (m2)"]["verdict"] == "no other mode to rank"
+    assert "not resolved: none was found, up to" in rows["share of shallow failures"]["verdict"]
+    both = rows["share of progressive or compound failures"]["ours"]
+    assert both == rows["share of compound failures"]["ours"] > 0
+
+
+def test_common_samples_count_once_in_a_pool_of_lengths():
+    """Slides of one sample at several lengths are alike: the interval is that of the samples."""
+    rows = {
+        Run(case, "rough", n, 1.1, until): replace(SLID, mode="deep") if until == "end" else FAILED
+        for case in study_pieces.sweep_cases()
+        for n in range(200)
+        for until in ("class", "end")
+    }
+    pooled = published.rough_shares(rows, study_pieces.sweep_cases(), ("shallow",))
+    single = published.rough_shares(rows, study_pieces.sweep_cases()[:1], ("shallow",))
+    assert pooled.interval == pytest.approx(wilson_interval(0, 200))
+    assert pooled.interval == pytest.approx(single.interval)
+
+
+@pytest.mark.parametrize("shares", [(0.1, 0.4), (0.05, 0.1), (0.3, 0.3)])
+def test_the_interval_of_a_difference_covers(shares):
+    rng, held = np.random.default_rng(6), 0
+    for _ in range(1000):
+        ends = [rng.binomial(40, share) for share in shares]
+        answers = [Found(n / 40, wilson_interval(n, 40), "", NO_TIME) for n in ends]
+        change, (low, high) = published.difference(*answers)
+        assert low <= change <= high
+        held += low <= shares[1] - shares[0] <= high
+    assert 0.93 < held / 1000 < 0.99
+
+
+def test_few_runs_have_a_range_in_place_of_an_interval():
+    middle, limits, words = published.mean_seconds(np.array([10.0, 20.0, 60.0]))
+    assert (middle, limits) == (30.0, (10.0, 60.0))
+    assert "from the least to the most" in words
+    rng, held = np.random.default_rng(7), 0
+    for _ in range(1000):
+        _, (low, high), words = published.mean_seconds(rng.normal(100, 20, 8))
+        held += low <= 100 <= high
+    assert words == ""
+    assert 0.93 < held / 1000 < 0.97
 
 
 def test_readings_are_paired_and_need_enough_common_samples(tmp_path):
@@ -200,11 +281,11 @@ def test_rough_modes_are_told_once_all_slides_of_a_length_are_there_and_pooled_o
     keep(tmp_path, "fos_rough", search(1.29, "rough"))
     keep(tmp_path, "fos_refined", search(1.17, "refined"))
     runs = [Run(case, "rough", n, 1.103) for case in study_pieces.sweep_cases() for n in range(200)]
-    screened = {run: FAILED if run.sample < 10 else STOOD for run in runs}
+    screened = {run: FAILED if run.sample < 50 else STOOD for run in runs}
     slides = {
-        replace(run, until="end"): replace(SLID, mode="deep" if run.sample < 8 else "shallow")
+        replace(run, until="end"): replace(SLID, mode="deep" if run.sample < 40 else "shallow")
         for run in runs
-        if run.sample < 10
+        if run.sample < 50
     }
     keep(tmp_path, "sweep", screened)
     keep(tmp_path, "sweep_slides", dict(list(slides.items())[:-1]))
@@ -212,7 +293,7 @@ def test_rough_modes_are_told_once_all_slides_of_a_length_are_there_and_pooled_o
     rows = reported(tmp_path)[1]
     assert rows[f"{deep}lx = 10 m"]["ours"] == 0.8
     assert "shallow 0.20" in rows[f"{deep}lx = 10 m"]["verdict"]
-    assert rows[f"{deep}all lengths"]["verdict"] == "not run yet: 69 slides of 70 failures are there"
+    assert rows[f"{deep}all lengths"]["verdict"] == "not run yet: 349 slides of 350 failures are there"
     keep(tmp_path, "sweep_slides", slides)
     rows = reported(tmp_path)[1]
     assert rows[f"{deep}all lengths"]["ours"] == 0.8
@@ -227,6 +308,7 @@ def test_rough_modes_are_told_once_all_slides_of_a_length_are_there_and_pooled_o
         (Line("a", "a", 1.3, Found(1.1, (1.0, 1.2), "b", NO_TIME), "locking"), "differs by -0.2: locking"),
         (Line("a", "a", 1.3, Found(1.1, (1.0, 1.2), "b", NO_TIME)), "differs by -0.2: cause not measured yet"),
         (Line("a", "a", None, Found(1.1, (1.0, 1.2), "b", NO_TIME)), "not published"),
+        (Line("a", "a", 0.1, Found(0.0, (0.0, 0.13), "b", NO_TIME)), "not resolved: none was found, up to 0.13 may be"),
         (
             Line("a", "a", 0.24, Found(0.29, (0.25, 0.4), "b", NO_TIME), "", (0.21, 0.27)),
             "agrees: +0.05, where the two samples leave 0.05 open",

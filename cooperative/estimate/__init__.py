@@ -15,7 +15,7 @@ from cooperative.estimate._fits import CANDIDATES, ENOUGH, Fit, Fits, Severity, 
 from cooperative.estimate._phases import Phases
 from cooperative.estimate._protocol import Answers, Estimator, Population, Sampling, Screened, all_samples
 from cooperative.estimate._ranking import Ranking, next_refined, rank_samples, stopping_rank
-from cooperative.estimate._shares import Correlation, Share, correlation, mean_interval, shares
+from cooperative.estimate._shares import Correlation, Share, correlation, effective_size, mean_interval, shares
 from cooperative.estimate._slides import Slides, drawn_slides, slide_chances, slide_weights
 from cooperative.estimate._subset import SubsetPlan, SubsetSamples, subset_simulation
 from cooperative.estimate._twophase import next_audit, sample_weights, two_phase
@@ -67,6 +67,7 @@ __all__ = [
     "control_variate",
     "correlation",
     "drawn_slides",
+    "effective_size",
     "exceedance",
     "fit_distributions",
     "mean_interval",

@@ -80,8 +80,8 @@ RARELY = 0.05
 
 @dataclass(frozen=True)
 class Surprise:
-    """Draws far down the ranking. drawn: how many. failed: of them, below a sample that stands. expected: failures among
-    them, by the model."""
+    """Draws far down the ranking. drawn: how many. failed: of them, below a sample that stands. expected: failures
+    among them, by the model."""
 
     drawn: int
     failed: int
