@@ -9,19 +9,20 @@ kinetic, elastic and potential, is told from its start: more than nothing would 
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from benchmarks.csv_rows import ENDED, REMEDY, lines_of, number, row_of, whole, word
 from benchmarks.measure import ROOT, scene_campaign
 from benchmarks.section_pairs import study
 from cooperative import runs
 from cooperative.measure import Consequences, SlopeGeometry, consequences
 from cooperative.runs import GridModel
-from jaxmpm import Result, Scene, Settle, State, diagnostics, solve_each
+from jaxmpm import Result, Scene, Settle, State, Status, diagnostics, solve_each
 
 DATA = ROOT / "benchmarks" / "data" / "levers.csv"
 SCENES = ("paper_section", "section")
@@ -37,16 +38,48 @@ Variant = tuple[str, str, float, float, str]
 
 
 def read() -> dict[Variant, dict[int, dict[str, float]]]:
-    """The file: variant -> number -> what was measured. ValueError for a line that does not parse."""
+    """The file: variant -> number -> what was measured. ValueError for a line that does not parse, that no run could
+    have left, or whose run stands there twice."""
     found: dict[Variant, dict[int, dict[str, float]]] = {}
-    with DATA.open(newline="") as file:
-        for line, row in enumerate(csv.DictReader(file), start=2):
-            try:
-                variant = row["scene"], row["grid"], float(row["spacing"]), float(row["cfl"]), row["until"]
-                found.setdefault(variant, {})[int(row["number"])] = {name: float(row[name]) for name in MEASURED}
-            except (KeyError, TypeError, ValueError) as error:
-                raise ValueError(f"{DATA.name}, line {line} is no row of a run ({error}): mend or delete it") from error
+    head, *lines = lines_of(DATA) or [""]
+    if head != ",".join(COLUMNS):
+        raise ValueError(f"{DATA.name}, line 1: columns {head}: they are {','.join(COLUMNS)}, put back the file")
+    for at, line in enumerate(lines, start=2):
+        where = f"{DATA.name}, line {at}"
+        row = row_of(line, COLUMNS, where)
+        known = found.setdefault(_variant(row, where), {})
+        if (sample := whole(row["number"], f"{where}: number")) in known:
+            raise ValueError(f"{where}: its run stands there twice: delete one of the two")
+        known[sample] = _measured(row, where)
     return found
+
+
+def _variant(row: Mapping[str, str], where: str) -> Variant:
+    scene, grid, until = (
+        word(row[name], f"{where}: {name}", allowed=allowed)
+        for name, allowed in (("scene", SCENES), ("grid", SPACINGS), ("until", SAMPLES))
+    )
+    spacing, cfl = (number(row[name], f"{where}: {name}", above=True) for name in ("spacing", "cfl"))
+    variant = scene, grid, spacing, cfl, until
+    if variant not in variants():
+        told = f"spacing = {spacing:g}, cfl = {cfl:g} of the {grid} grid to its {until}"
+        raise ValueError(f"{where}: {told} is no variant: spacings are {SPACINGS}, CFL {CFL}, {REMEDY}")
+    return variant
+
+
+def _measured(row: Mapping[str, str], where: str) -> dict[str, float]:
+    """What a run left. Its energy may be less than nothing, and a run that broke off at once has taken no time."""
+    word(row["status"], f"{where}: status", allowed=[str(Status[name].value) for name in ENDED])
+    took = float(row["status"]) <= Status.DECIDED
+    return {
+        name: number(
+            row[name],
+            f"{where}: {name}",
+            least=-np.inf if name == "energy" else 0.0,
+            above=took and name in ("steps", "time"),
+        )
+        for name in MEASURED
+    }
 
 
 def variants() -> Iterator[Variant]:
@@ -80,15 +113,15 @@ def _rows(variant: Variant, numbers: list[int]) -> Iterator[tuple[object, ...]]:
     coefficients = runs.coefficients_of(campaign, soil)
     model = runs.build(campaign, grid, soil)
     begun = float(_energy(model.scene, model.state))
-    strengths = (model.strength(jnp.asarray(coefficients[number])) for number in numbers)
-    for number, result in solve_each(
+    strengths = (model.strength(jnp.asarray(coefficients[sample])) for sample in numbers)
+    for sample, result in solve_each(
         model.scene, model.state, {"strength": strengths}, numbers=numbers, width=1, t_end=campaign.run.t_end,
         settle=Settle(), stop_at=campaign.run.failure_displacement if until == "class" else None,
     ):  # fmt: skip
         done = measured(model, result)
         energy = float(_energy(model.scene, result.state)) - begun
         told = (int(result.state.step) * float(result.time_step), done.displacement, done.runout, energy)
-        yield (number, int(result.status), int(result.state.step), *(f"{value:.6g}" for value in told))
+        yield (sample, int(result.status), int(result.state.step), *(f"{value:.6g}" for value in told))
 
 
 def measured(model: GridModel, result: Result) -> Consequences:

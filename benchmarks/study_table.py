@@ -5,12 +5,16 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+from benchmarks.csv_rows import ENDED, REMEDY, filled, lines_of, number, row_of, whole, word
 from cooperative import write_aside
+from cooperative.measure import SEVERITY
+from jaxmpm import Status
 
 Until = Literal["class", "end"]
 CPU = "cpu"
@@ -59,21 +63,30 @@ class Outcome:
 Rows = dict[Run, Outcome]
 """What is known of the study."""
 
-_KINDS = {"str": str, "int": int, "float": float, "Until": str}
+_KINDS: dict[str, Callable[[str, str], Any]] = {"str": filled, "int": whole, "float": number}
+_CELLS: dict[str, Callable[[str, str], Any]] = {
+    "grid": partial(word, allowed=("rough", "refined")),
+    "until": partial(word, allowed=get_args(Until)),
+    "status": partial(word, allowed=ENDED),
+    "mode": partial(word, allowed=SEVERITY),
+    "reduction": partial(number, above=True),
+}
+"""How columns are read that hold less than their kind may."""
 _COLUMNS = tuple(field.name for kind in (Run, Outcome) for field in fields(kind))
 
 
 def read_table(path: Path, definitions: Mapping[str, Any]) -> Rows:
     """The rows of a file, none where it is not there.
 
-    definitions: what each case is. Raises ValueError naming file and line for a row that does not parse or that
-    stands there twice, and for a case that the file's first line defines otherwise. Nothing is changed.
+    definitions: what each case is. Raises ValueError naming file and line for text that is not UTF-8, for a row that
+    does not parse, that no run could have left or that stands there twice, and for a case that the file's first line
+    defines otherwise. Nothing is changed.
     """
     if not path.exists():
         return {}
-    lines = path.read_text().splitlines()
+    lines = lines_of(path)
     try:
-        head = json.loads(lines[0].removeprefix("# "))["cases"]
+        head = dict(json.loads(lines[0].removeprefix("# "))["cases"])
         columns = tuple(lines[1].split(","))
     except (IndexError, KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path}, line 1: no definitions of its cases: put back the file from before") from error
@@ -81,8 +94,8 @@ def read_table(path: Path, definitions: Mapping[str, Any]) -> Rows:
         raise ValueError(f"{path}, line 2: columns {', '.join(columns)}: the study has {', '.join(_COLUMNS)}")
     now = json.loads(json.dumps(dict(definitions)))
     rows: Rows = {}
-    for number, line in enumerate(lines[2:], start=3):
-        where = f"{path}, line {number}"
+    for at, line in enumerate(lines[2:], start=3):
+        where = f"{path}, line {at}"
         run, outcome = _parsed(line, where)
         if run in rows:
             raise ValueError(f"{where}: {run} stands there twice: delete one of the two")
@@ -122,29 +135,22 @@ def _cell(value: Any) -> str:
 
 
 def _parsed(line: str, where: str) -> tuple[Run, Outcome]:
-    cells = next(csv.reader([line]), [])
-    if len(cells) != len(_COLUMNS):
-        raise ValueError(f"{where}: {len(cells)} cells instead of {len(_COLUMNS)}: mend or delete the line")
-    row = dict(zip(_COLUMNS, cells, strict=True))
+    row = row_of(line, _COLUMNS, where)
     values = {
-        field.name: _value(row[field.name], str(field.type), f"{where}: {field.name}")
+        field.name: _value(row[field.name], field.name, str(field.type), f"{where}: {field.name}")
         for kind in (Run, Outcome)
         for field in fields(kind)
     }
     run = Run(**{field.name: values.pop(field.name) for field in fields(Run)})
     outcome = Outcome(**values)
-    if run.grid not in ("rough", "refined") or run.until not in get_args(Until):
-        raise ValueError(f"{where}: grid = {run.grid!r}, until = {run.until!r}: mend or delete the line")
+    if Status[outcome.status] <= Status.DECIDED and not (outcome.time > 0 and outcome.steps > 0):
+        told = f"time = {outcome.time:g}, steps = {outcome.steps}"
+        raise ValueError(f"{where}: {told} of a run that is {outcome.status}: both are above 0, {REMEDY}")
     return run, outcome
 
 
-def _value(cell: str, kind: str, where: str) -> Any:
+def _value(cell: str, column: str, kind: str, where: str) -> Any:
     if cell == "" and "None" in kind:
         return None
-    try:
-        value = _KINDS[kind.removesuffix(" | None")](cell)
-    except ValueError as error:
-        raise ValueError(f"{where} = {cell!r} is no {kind}: mend or delete the line") from error
-    if cell == "" or value != value:
-        raise ValueError(f"{where} = {cell!r} says nothing: mend or delete the line")
-    return value
+    read = _CELLS.get(column) or _KINDS[kind.removesuffix(" | None")]
+    return read(cell, where)

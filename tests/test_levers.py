@@ -42,14 +42,40 @@ def test_slopes_that_fail_sooner_rank_above():
     assert rank == pytest.approx([21.0, 6.0, 0.5])
 
 
+GOOD = "section,rough,1.0,0.5,class,6,2,490,1.8,0.07,0,-1"
+NEXT = GOOD.replace(",6,", ",7,")
+
+
 @pytest.mark.parametrize(
-    "row", ["section,rough,1.0,0.5,class,7,2,many,1,1,1,1", "section,rough,1.0", "a,b,c,d,e,f,g,h,i,j,k,l"]
+    ("row", "message"),
+    [
+        (NEXT.replace("490", "many"), "steps = 'many' is no number"),
+        (NEXT.replace("-1", "nan"), "energy = 'nan' is not finite"),
+        (NEXT.replace("0.07", "inf"), "displacement = 'inf' is not finite"),
+        (NEXT.replace("0.07", "-0.07"), "displacement = '-0.07' is not at least 0"),
+        (NEXT.replace("1.8", "0"), "time = '0' is not above 0"),
+        (NEXT.replace(",2,490", ",0,490"), "status = '0' is none of 1, 2, 3, 4"),
+        (NEXT.replace(",7,", ",-7,"), "number = '-7' is no whole number"),
+        (NEXT.replace("class", "clas"), "until = 'clas' is none of class, end"),
+        (NEXT.replace("1.0,", "1.5,"), "spacing = 1.5, cfl = 0.5 of the rough grid to its class is no variant"),
+        ("section,rough,1.0", "3 cells instead of 12"),
+        (NEXT + ",1", "13 cells instead of 12"),
+        ("a,b,c,d,e,f,g,h,i,j,k,l", "scene = 'a' is none of paper_section, section"),
+        (GOOD, "its run stands there twice"),
+    ],
 )
-def test_a_row_that_does_not_parse_is_named_with_its_line(tmp_path, monkeypatch, row):
-    good = "section,rough,1.0,0.5,class,6,2,490,1.8,0.07,0,-1"
+def test_a_row_that_does_not_parse_is_named_with_its_line(tmp_path, monkeypatch, row, message):
     path = tmp_path / "levers.csv"
-    path.write_text("\n".join([",".join(levers_runs.COLUMNS), good, row, ""]))
+    path.write_text("\n".join([",".join(levers_runs.COLUMNS), GOOD, row, ""]))
     monkeypatch.setattr(levers_runs, "DATA", path)
-    with pytest.raises(ValueError, match=r"levers\.csv, line 3 is no row of a run .*mend or delete it"):
+    with pytest.raises(ValueError, match=rf"levers\.csv, line 3: .*{message}.*delete"):
         levers_runs.read()
-    assert path.read_text().count(good) == 1
+    assert path.read_text().startswith(",".join(levers_runs.COLUMNS) + "\n" + GOOD)
+
+
+def test_a_run_that_broke_off_at_once_may_have_taken_no_time(tmp_path, monkeypatch):
+    path = tmp_path / "levers.csv"
+    path.write_text(",".join(levers_runs.COLUMNS) + "\n" + GOOD.replace("2,490,1.8", "8,0,0"))
+    monkeypatch.setattr(levers_runs, "DATA", path)
+    (row,) = levers_runs.read()[PLAIN].values()
+    assert row["time"] == 0

@@ -49,20 +49,39 @@ def test_any_row_comes_back_to_six_digits(tmp_path_factory, displacement, sample
 @pytest.mark.parametrize(
     ("was", "becomes", "message"),
     [
-        ("0.05", "0.05x", r"study_fos\.csv, line 3: displacement = '0.05x' is no float"),
-        ("0.05", "", r"line 3: displacement = '' is no float"),
-        ("0.05", "nan", r"line 3: displacement = 'nan' says nothing"),
+        ("0.05", "0.05x", r"study_fos\.csv, line 3: displacement = '0.05x' is no number: mend or delete the line"),
+        ("0.05", "", r"line 3: displacement = '' is no number"),
+        ("0.05", "nan", r"line 3: displacement = 'nan' is not finite"),
+        ("0.05", "inf", r"line 3: displacement = 'inf' is not finite"),
+        ("0.05", "-0.05", r"line 3: displacement = '-0.05' is not at least 0: mend"),
+        (",2,500,", ",0,500,", r"line 3: time = 0, steps = 500 of a run that is SETTLED: both are above 0, mend"),
+        (",2,500,", ",2,0,", r"line 3: time = 2, steps = 0 of a run that is SETTLED"),
+        (",2,500,", ",-2,500,", r"line 3: time = '-2' is not at least 0"),
+        (",2,500,", ",2,-500,", r"line 3: steps = '-500' is no whole number of 0 or more: mend"),
+        (",2,500,", ",2,5e2,", r"line 3: steps = '5e2' is no whole number"),
+        ("500,1.5", "500,-1.5", r"line 3: seconds = '-1.5' is not at least 0"),
+        ("1.26,", "0,", r"line 3: reduction = '0' is not above 0"),
+        ("rough,0,", "rough,-1,", r"line 3: sample = '-1' is no whole number"),
+        ("SETTLED", "DECIDE", r"line 3: status = 'DECIDE' is none of FINISHED, SETTLED, DECIDED, NOT_FINITE, .*: mend"),
+        ("SETTLED", "RUNNING", r"line 3: status = 'RUNNING' is none of"),
+        ("SETTLED", "", r"line 3: status = '' is none of"),
+        (",deep,", ",deap,", r"line 4: mode = 'deap' is none of progressive, compound, deep, shallow: mend"),
+        (",1,1.5,", ",1,inf,", r"line 4: onset = 'inf' is not finite"),
+        (",cpu", ",", r"line 3: device is empty"),
         ("mean strength,rough,", "mean strength,", r"line 3: 20 cells instead of 21"),
-        ("published,refined", "published,fine", r"line 4: grid = 'fine'"),
+        ("published,refined", "published,fine", r"line 4: grid = 'fine' is none of rough, refined"),
         ("published,refined", '"published,refined', r"line 4: "),
+        ("cpu", "x" * 200_000, r"line 3: field larger than field limit"),
         ("case,grid", "case,Grid", r"line 2: columns case, Grid"),
         ("# {", "# ", r"line 1: no definitions"),
+        ('{"cases": {', '{"cases": 5, "x": {', r"line 1: no definitions"),
         ('"cov": 0.0', '"cov": 0.1', r"line 3: case 'mean strength' was .*0\.1.* and is .*0\.0"),
     ],
 )
 def test_a_damaged_row_is_named_and_nothing_is_lost(table, tmp_path, was, becomes, message):
     path = table[0]
     damaged = path.read_text().replace(was, becomes, 1)
+    assert damaged != path.read_text()
     path.rename(tmp_path / "study_fos_rough.csv")
     (tmp_path / "study_fos_rough.csv").write_text(damaged)
     with pytest.raises(ValueError, match=message.replace("study_fos", "study_fos_rough")):
@@ -70,6 +89,19 @@ def test_a_damaged_row_is_named_and_nothing_is_lost(table, tmp_path, was, become
     with pytest.raises(ValueError, match="line"):
         study.collect(tmp_path, tmp_path / "other")
     assert (tmp_path / "study_fos_rough.csv").read_text() == damaged
+
+
+def test_text_that_is_not_utf_8_is_named_with_its_file_and_line(table):
+    path = table[0]
+    path.write_bytes(path.read_bytes().replace(b"published,refined", b"published,re\xfffined"))
+    with pytest.raises(ValueError, match=r"study_fos\.csv, line 4: byte \d+ is no UTF-8: mend or delete the line"):
+        read_table(path, study_runs.CASES)
+
+
+def test_a_run_that_broke_off_at_once_has_taken_no_time(tmp_path):
+    rows = {Run("published", "rough"): Outcome("BAD_PARAMETER", 0.0, 0.0, 0, 0.1)}
+    write_table(tmp_path / "study_screening.csv", rows, study_runs.CASES)
+    assert read_table(tmp_path / "study_screening.csv", study_runs.CASES) == rows
 
 
 def test_a_row_that_stands_there_twice_is_refused(table):
