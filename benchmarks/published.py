@@ -17,6 +17,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from benchmarks import study_figures as figures
+from benchmarks import study_pieces as pieces
 from benchmarks.measure import Report
 from benchmarks.study import DATA, FIGURES, read_study
 from benchmarks.study_pieces import (
@@ -35,7 +36,16 @@ from benchmarks.study_pieces import (
     score,
     sweep_cases,
 )
-from benchmarks.study_runs import LENGTHS, ON_CPU, READINGS, SAMPLES, SECTION_SAMPLES, SWEEP_SAMPLES, sweep_case
+from benchmarks.study_runs import (
+    LENGTHS,
+    MORE_AIR,
+    ON_CPU,
+    READINGS,
+    SAMPLES,
+    SECTION_SAMPLES,
+    SWEEP_SAMPLES,
+    sweep_case,
+)
 from benchmarks.study_table import CPU, Outcome, Rows, Run, merged
 from cooperative.estimate import (
     AuditPlan,
@@ -554,7 +564,7 @@ def weighted_slides(rows: Rows) -> Slides:
     for runs in range(AUDIT.runs, fewest - 1, -1):
         weights = sample_weights(screened, refined, replace(AUDIT, runs=runs))
         fallen = {sample: weight for sample, weight in weights.items() if refined[sample]}
-        slides = [rows.get(Run("published", "refined", sample, 1.0, "end")) for sample in fallen]
+        slides = [pieces.slide_of(rows, sample) for sample in fallen]
         if fallen and None not in slides:
             weight = np.array(list(fallen.values()))
             whole = np.array([slide is not None and slide.mode is not None for slide in slides])
@@ -581,7 +591,8 @@ def modes(rows: Rows) -> Iterator[Line]:
     """Shares, severity and fits of the modes at lx = ly = 60 m, and their shares on the calibrated rough grid."""
     slides = weighted_slides(rows)
     names = np.array([slide.mode for slide in slides.ended])
-    spent = hours_of(rows, case="published", grid="refined", until="end")
+    slid = {run: o for run, o in rows.items() if run.case in ("published", MORE_AIR)}
+    spent = hours_of(slid, grid="refined", until="end")
     pool = sum(POOLED.values())
     groups = [("deep",), ("progressive",), ("compound",), ("shallow",), ("progressive", "compound")]
     for group in groups:

@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.study_runs import LENGTHS, ON_CPU, READINGS, SAMPLES, SECTION_SAMPLES, SWEEP_SAMPLES, sweep_case
+from benchmarks.study_runs import (
+    LENGTHS,
+    MORE_AIR,
+    ON_CPU,
+    READINGS,
+    SAMPLES,
+    SECTION_SAMPLES,
+    SWEEP_SAMPLES,
+    sweep_case,
+)
 from benchmarks.study_table import Outcome, Rows, Run
 from cooperative.estimate import AuditPlan, Population, next_audit, next_refined
 
@@ -180,6 +190,19 @@ def slides(rows: Rows) -> list[Run]:
     return [Run(run.case, "refined", run.sample, 1.0, "end") for run in drawn if failed(rows[run])]
 
 
+def slides_more_air(rows: Rows) -> list[Run]:
+    """Slides that left the grid once more, on a higher one."""
+    left = (run for run in slides(rows) if run in rows and rows[run].status == "OUTSIDE_GRID")
+    return [replace(run, case=MORE_AIR) for run in left]
+
+
+def slide_of(rows: Rows, sample: int) -> Outcome | None:
+    """The refined slide of a sample of the headline campaign, on the higher grid where it left the other; None if it
+    is not there."""
+    run = Run("published", "refined", sample, 1.0, "end")
+    return rows.get(replace(run, case=MORE_AIR), rows.get(run))
+
+
 def section(rows: Rows) -> list[Run]:
     """Every sample of the section under each reading of what the publication leaves open; on the rough grid too under
     those that random fields enter."""
@@ -221,6 +244,7 @@ PIECES: Mapping[str, Callable[[Rows], list[Run]]] = {
     "sweep": sweep_screening,
     "sweep_audit": sweep_audit,
     "slides": slides,
+    "slides_more_air": slides_more_air,
     "sweep_slides": sweep_slides,
     "ranked": in_rank_order("published", SAMPLES, K_T),
     "fos_default_rollers": factors("mean strength, default, rollers"),

@@ -33,6 +33,9 @@ LENGTHS = (10, 30, 60, 120)
 ON_CPU = "published, on a CPU"
 """The first samples of the headline campaign once more on a CPU: what they cost there, and whether both agree."""
 
+MORE_AIR = "published, more air"
+"""The headline campaign's slopes on a refined grid that is higher, for slides whose soil is thrown out of the other."""
+
 EVEN = {"strength": {"cov": 0.0}}
 ROLLERS = {"slope": {"y_ends": "roller"}}
 FAST = {"rough": {"cfl": 0.9}, "refined": {"cfl": 0.9}}
@@ -98,6 +101,7 @@ CASES: dict[str, dict[str, Any]] = {
     },
     "published": _case("paper", SAMPLES, FAST),
     ON_CPU: _case("paper", SAMPLES, FAST),
+    MORE_AIR: _case("paper", SAMPLES, FAST, {"refined": {"air": 8.0}}),
     "default": _case("slope", SAMPLES, FAST),
     "rollers": _case("paper", SAMPLES, FAST, ROLLERS),
     **_sweep_cases(),

@@ -142,6 +142,12 @@ _GRID = {
         **_LENGTH,
         default='0.4 of `softening_length`; `"none"` where that is less than cells resolve, or soil does not soften',
     ),
+    "air": Meaning(
+        "Height of the grid above the highest ground; a run whose soil is thrown higher breaks off.",
+        "6.0",
+        **_LENGTH,
+        default="a cell",
+    ),
 }
 MEANINGS = {
     "slope": {

@@ -135,6 +135,12 @@ def test_shares_of_modes_weigh_all_failures_of_the_draws_that_are_whole(tmp_path
     assert without["share_deep"] < values["share_deep"]
     # The one that was lost may have been deep.
     assert rows["share of deep failures"]["high"] > values["share_deep"]
+    # On a higher grid it ended.
+    left = merged((screened, audited, slides | {lost: replace(FAILED, status="OUTSIDE_GRID")}))
+    (again,) = study_pieces.PIECES["slides_more_air"](left)
+    assert (again.sample, again.case) == (lost.sample, study_runs.MORE_AIR)
+    keep(tmp_path, "slides_more_air", {again: slides[lost]})
+    assert reported(tmp_path)[0]["share_deep"] == values["share_deep"]
 
 
 def test_the_interval_of_a_share_leaves_slides_that_broke_off_any_mode():

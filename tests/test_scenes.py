@@ -121,6 +121,7 @@ BAD_SLOPES = [
     ("cfl", SLOPE, {}, {"cfl": 1.5}, "cfl = 1.5"),
     ("flip", SLOPE, {}, {"flip": 1.5}, "flip = 1.5"),
     ("damping", SLOPE, {}, {"damping": -1.0}, "damping = -1"),
+    ("air", SLOPE, {}, {"air": 0.0}, "air = 0 m"),
     ("kernel", SLOPE, {}, {"kernel": "gimp"}, "kernel = 'gimp'"),
     ("scheme", SLOPE, {}, {"scheme": "MUSL"}, "scheme = 'MUSL'"),
     ("dtype", SLOPE, {}, {"dtype": "float16"}, "dtype = float16"),
@@ -134,6 +135,36 @@ BAD_SLOPES = [
 def test_bad_slopes_are_refused(shape, soil, numerics, message):
     with pytest.raises(ValueError, match=message):
         mpm.slope(shape, replace(PAPER_SOIL, **soil), replace(SECTION, **numerics))
+
+
+HALVES = mpm.Discretisation(1.0, (0.5, 0.5))
+HIGHER = replace(HALVES, air=2.5)
+
+
+@pytest.mark.parametrize(
+    "build",
+    [
+        lambda numerics: mpm.slope(SMALL, mpm.Soil(), numerics),
+        lambda numerics: mpm.section(mpm.Section([(0, 6), (6, 6), (10, 2), (18, 2)]), mpm.Soil(), numerics),
+        lambda numerics: mpm.column(3.0, mpm.Soil(), numerics),
+    ],
+    ids=["slope", "section", "column"],
+)
+def test_more_air_is_more_cells_above_and_nothing_else(build):
+    (scene, state), (higher, same) = build(HALVES), build(HIGHER)
+    assert [b - a for a, b in zip(scene.grid.shape, higher.grid.shape, strict=True)] == [0, 2]
+    np.testing.assert_array_equal(scene.particles.position, higher.particles.position)
+    np.testing.assert_allclose(state.stress, same.stress, rtol=1e-3, atol=5.0)
+
+
+def test_soil_thrown_up_stays_where_there_is_air():
+    """Thrown up at 6 m/s the column rises 1.8 m: out of one cell of air, not out of three."""
+    ended = []
+    for numerics in (HALVES, HIGHER):
+        scene, state = mpm.column(2.0, mpm.Soil(young=1e6), replace(numerics, cfl=0.2), at_rest=False)
+        state = replace(state, velocity=state.velocity.at[-1].set(6.0))
+        ended.append(mpm.solve(replace(scene, walls=scene.walls[:-1]), state, t_end=0.5).status)
+    assert ended == [mpm.Status.OUTSIDE_GRID, mpm.Status.FINISHED]
 
 
 def test_grid_too_small_for_the_block_is_refused():

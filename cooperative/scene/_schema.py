@@ -200,6 +200,7 @@ _GRID = {
     "fbar": Key(bool, UNSAID),
     "cell_average": Key(bool, UNSAID),
     "internal_length": Key(float, UNSAID, none="none"),
+    "air": Key(float, UNSAID),
 }
 _RUN = {
     "gravity": Key(float, 9.81),

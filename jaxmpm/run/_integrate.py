@@ -90,7 +90,8 @@ class Result:
 
 _ADVICE = {
     Status.NOT_FINITE: "a particle's motion is not finite: lower the CFL number, or look at the material's parameters",
-    Status.OUTSIDE_GRID: "a particle has left the grid: enlarge the domain, or put a wall there",
+    Status.OUTSIDE_GRID: "a particle has left the grid: enlarge the domain, put a wall there, or give the grid more "
+    "`air` above the ground",
     Status.INVERTED: "a particle's volume is no longer positive: refine the grid, or lower the CFL number",
     Status.TIME_STEP_TOO_LARGE: "a particle is faster than the time step allows: build the scene with a larger `speed`",
     Status.BAD_PARAMETER: "a number of its scene, for example its strength at a particle, is not finite or beyond its "

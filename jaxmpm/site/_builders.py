@@ -15,7 +15,7 @@ from jax.typing import DTypeLike
 from foundation import check
 from jaxmpm.laws import BaseMotion, WaterSurface, WaterTable
 from jaxmpm.site import _initial_stress
-from jaxmpm.site._discretisation import Discretisation, check_discretisation, kernel_of
+from jaxmpm.site._discretisation import Discretisation, cells_up, check_discretisation, kernel_of
 from jaxmpm.site._scene import scene, unstressed
 from jaxmpm.site._soil import STANDARD_GRAVITY, Ground, material_of, warn_of_units
 from jaxmpm.transfer import band_thickness
@@ -88,7 +88,7 @@ class Slope:
         return self.area * (1.0 if self.width is None else self.width)
 
     def cells(self, discretisation: Discretisation) -> list[int]:
-        """Cells of a grid along each axis, one of air above the crest. Raises ValueError for a slope or a grid that is
+        """Cells of a grid along each axis, with air above the crest. Raises ValueError for a slope or a grid that is
         none, and where one does not fit the other."""
         d, cell = self.dimension, discretisation.cell
         check_discretisation(discretisation, d)
@@ -111,7 +111,7 @@ class Slope:
         if self.width is not None:
             check.multiple("width", self.width, "the spacing along y", discretisation.spacing[1])
             cells.append(check.multiple("width", self.width, "cell", cell))
-        return [*cells, math.ceil((self.foundation + self.height) / cell * (1 - 1e-12)) + 1]
+        return [*cells, cells_up(discretisation, self.foundation + self.height)]
 
     def heights(self, x: np.ndarray, _: np.ndarray | None = None) -> np.ndarray:
         """Height of the surface (m) at x, and wherever along y."""
@@ -187,7 +187,7 @@ def column(
     check.multiple("height", height, "the spacing along the height", discretisation.spacing[-1])
     walls = [wall for a in range(d - 1) for wall in end_walls(a, 1, "roller")]
     walls.append(Wall(d - 1, "low", PADDING, "fixed"))
-    cells = [1] * (d - 1) + [math.ceil(height / cell * (1 - 1e-12)) + 1]
+    cells = [1] * (d - 1) + [cells_up(discretisation, height)]
     built, state = build(
         _particles([cell] * (d - 1) + [height], soil, discretisation),
         Grid(tuple(n + 1 + 2 * PADDING for n in cells), cell, (-PADDING * cell,) * d),
@@ -214,7 +214,7 @@ def bar(
     check.finite("velocity", velocity, "m/s")
     check.whole("mode", mode)
     cell = discretisation.cell
-    cells = math.ceil(length / cell * (1 - 1e-12)) + 1
+    cells = cells_up(discretisation, length)
     built, state = build(
         _particles([length], soil, discretisation),
         Grid((cells + 1 + 2 * PADDING,), cell, (-PADDING * cell,)),

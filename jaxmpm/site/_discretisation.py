@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -32,7 +33,8 @@ class Discretisation:
     the hypoelastic stress of the Jaumann rate makes or loses energy.
     internal_length: standard deviation (m) of the average of the plastic strain over neighbours, which keeps softening
     from localising into single cells: its bands are then 2.5 times as thick; None keeps it local. See
-    `cell_independent`. dtype: float32 or float64, as JAX is set if None.
+    `cell_independent`. air: height of the grid above the highest ground (m), in whole cells, one of them if None; soil
+    that is thrown higher leaves the grid. dtype: float32 or float64, as JAX is set if None.
     """
 
     cell: float
@@ -47,7 +49,15 @@ class Discretisation:
     cell_average: bool | None = None
     finite_strain: bool = False
     internal_length: float | None = None
+    air: float | None = None
     dtype: DTypeLike | None = None
+
+
+def cells_up(discretisation: Discretisation, height: float) -> int:
+    """Cells of a grid from the base up to the highest ground (m) and on through the air above it."""
+    cell = discretisation.cell
+    air = cell if discretisation.air is None else discretisation.air
+    return sum(math.ceil(part / cell * (1 - 1e-12)) for part in (height, air))
 
 
 def kernel_of(discretisation: Discretisation) -> Kernel:
@@ -104,3 +114,5 @@ def check_discretisation(discretisation: Discretisation, dimension: int) -> None
     check.between("cfl", discretisation.cfl, 0.0, 1.0)
     check.between("flip", discretisation.flip, 0.0, 1.0, ends=True)
     check.not_negative("damping", discretisation.damping, "1/s")
+    if discretisation.air is not None:
+        check.positive("air", discretisation.air, "m")

@@ -18,7 +18,7 @@ from foundation.text import shown
 from jaxmpm.laws import BaseMotion, WaterTable
 from jaxmpm.site import _initial_stress
 from jaxmpm.site._builders import PADDING, ROUNDING, Hold, below, build, end_walls, fill, material_on, sorted_by_cell
-from jaxmpm.site._discretisation import RESOLVED, Discretisation, check_discretisation, check_resolved
+from jaxmpm.site._discretisation import RESOLVED, Discretisation, cells_up, check_discretisation, check_resolved
 from jaxmpm.site._free_field import check_free_field, joined
 from jaxmpm.site._raster import Raster
 from jaxmpm.site._soil import STANDARD_GRAVITY, Ground
@@ -134,14 +134,14 @@ class Section:
         return np.interp(x, points[:, 0], points[:, 1])
 
     def cells(self, discretisation: Discretisation) -> list[int]:
-        """Cells of a grid along each axis, one of air above the highest point. Raises ValueError for ground or a grid
+        """Cells of a grid along each axis, with air above the highest point. Raises ValueError for ground or a grid
         that is none, and where one does not fit the other."""
         check_discretisation(discretisation, 2)
         length, height = self.extent
         check.multiple("the section's length", length, "the spacing along x", discretisation.spacing[0])
         across = check.multiple("the section's length", length, "cell", discretisation.cell)
         check_resolved("the section", self.corner, self.extent, discretisation)
-        return [across, math.ceil(height / discretisation.cell * (1 - 1e-12)) + 1]
+        return [across, cells_up(discretisation, height)]
 
     def layer_of(self, layers: Sequence[Layer], position: np.ndarray, discretisation: Discretisation) -> np.ndarray:
         """Number of the layer (N,), from 0 on, in which points at position (2, N) m lie. Raises as `section` does."""

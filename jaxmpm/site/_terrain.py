@@ -19,7 +19,7 @@ from foundation.text import shown
 from jaxmpm.laws import WaterSurface
 from jaxmpm.site import _initial_stress
 from jaxmpm.site._builders import PADDING, below, build, end_walls, fill, material_on, sorted_by_cell
-from jaxmpm.site._discretisation import RESOLVED, Discretisation, check_discretisation, check_resolved
+from jaxmpm.site._discretisation import RESOLVED, Discretisation, cells_up, check_discretisation, check_resolved
 from jaxmpm.site._raster import Raster
 from jaxmpm.site._section import WATER_WEIGHT, Box, Layer, check_ends, common_law, pore_pressure_of, weights
 from jaxmpm.site._soil import STANDARD_GRAVITY, Ground
@@ -173,7 +173,7 @@ class Terrain:
         return self.surface.at(x, y)
 
     def cells(self, discretisation: Discretisation) -> list[int]:
-        """Cells of a grid along each axis, one of air above the highest point. Raises ValueError for ground or a grid
+        """Cells of a grid along each axis, with air above the highest point. Raises ValueError for ground or a grid
         that is none, and where one does not fit the other."""
         check_discretisation(discretisation, 3)
         self.check()
@@ -182,7 +182,7 @@ class Terrain:
             check.multiple(f"the terrain's length along {axis}", length, f"the spacing along {axis}", spacing)
             counts.append(check.multiple(f"the terrain's length along {axis}", length, "cell", discretisation.cell))
         check_resolved("the terrain", self.corner, self.extent, discretisation)
-        return [*counts, math.ceil(self.extent[-1] / discretisation.cell * (1 - 1e-12)) + 1]
+        return [*counts, cells_up(discretisation, self.extent[-1])]
 
     def layer_of(self, layers: Sequence[Layer], position: np.ndarray, discretisation: Discretisation) -> np.ndarray:
         """Number of the layer (N,), from 0 on, of boxes of particles about position (3, N) m: that in which the middle
