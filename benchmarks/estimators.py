@@ -17,6 +17,13 @@ allowance for what no run has looked at; `coverage_sampling` and `width_sampling
 95 % where the ranking is good (`two_phase_coverage_*`). With the allowance they hold more there, and at least 90 %
 wherever the failures hide (`coverage_bad_ranking_min`).
 
+A campaign may also end by itself, once the coefficient of variation that it claims is at most `target_cov`: then its
+cost is as random as its answer. Two cases have 1000 samples, P_f 0.28 and a target of 0.1, as `benchmarks campaign`
+asks, with the audit of a campaign. Of each correlation, as `r095` and `r098`, the figures are the true error of P_f
+(`target_cov_rmse_*`) beside the mean of what is claimed at the end (`target_cov_claimed_*`), the coverage of the whole
+interval and of sampling alone (`target_cov_coverage_*`, `target_cov_coverage_sampling_*`), and the quartiles of the
+refined runs (`target_cov_runs_q25_*`, `_q50_*`, `_q75_*`).
+
 Means of consequences over the failures, from the audit or from a part of its failures that slid on, have intervals of
 their own (`coverage_mean_min`, `coverage_mean_max`; `benchmarks.estimators_means`).
 
@@ -40,7 +47,7 @@ from benchmarks import estimators_means as means
 from benchmarks import estimators_section as section
 from benchmarks.measure import Report
 from cooperative import AuditPlan, Estimate, Population, control_variate, monte_carlo, published, two_phase
-from cooperative.estimate import SubsetPlan, subset_simulation
+from cooperative.estimate import SubsetPlan, TwoPhase, subset_simulation
 
 ROUGH_COST = 1 / 30
 CORRELATIONS = (0.8, 0.9, 0.95, 0.98)
@@ -52,7 +59,8 @@ ROUGH_FAILS = 0.5
 class Case:
     """One cell of the study. pf: truth. samples: N of the first phase. runs: of the second.
     contaminated: share of samples whose rough response says nothing, which no model here foresees. link: how the
-    responses of both grids hang together, a name in `LINKS`."""
+    responses of both grids hang together, a name in `LINKS`. target_cov: coefficient of variation at which the audit
+    ends before its runs are spent."""
 
     method: str
     pf: float
@@ -61,6 +69,7 @@ class Case:
     runs: int
     contaminated: float = 0.0
     link: str = "normal"
+    target_cov: float | None = None
 
 
 Pair = tuple[np.ndarray, np.ndarray]
@@ -99,9 +108,12 @@ def draw(case: Case, generator: np.random.Generator) -> tuple[np.ndarray, np.nda
 
 
 def _two_phase(case: Case, displacement: np.ndarray, failed: np.ndarray, seed: int, k_t: int | None) -> Estimate:
-    growth = 0.25 if case.runs < 200 else 0.5
-    plan = AuditPlan(runs=case.runs, seed=seed, k_t=k_t, growth=growth)
-    return two_phase(Population(displacement), dict(enumerate(failed.tolist())), plan)
+    population = Population(displacement)
+    if case.target_cov is None:
+        plan = AuditPlan(runs=case.runs, seed=seed, k_t=k_t, growth=0.25 if case.runs < 200 else 0.5)
+    else:
+        plan = TwoPhase(refined_runs=case.runs, target_cov=case.target_cov, seed=seed).audit(population)
+    return two_phase(population, dict(enumerate(failed.tolist())), plan)
 
 
 METHODS: dict[str, Callable[[Case, np.ndarray, np.ndarray, int], Estimate]] = {
@@ -134,7 +146,7 @@ def _subset(case: Case, seed: int) -> tuple[Estimate, int]:
 
 def repeat(case: Case, first: int, count: int) -> np.ndarray:
     """Campaigns number `first` to `first + count`: rows of P_f, limits, the upper one of sampling alone,
-    refined runs, rough runs, sample P_f."""
+    coefficient of variation claimed, refined runs, rough runs, sample P_f."""
     rows = []
     for number in range(first, first + count):
         seeds = [number, int(1e4 * case.pf), int(100 * abs(case.correlation))]
@@ -150,15 +162,16 @@ def repeat(case: Case, first: int, count: int) -> np.ndarray:
             share = case.pf if case.method == "Monte Carlo" else float(failed.mean())
             rough_runs = 0 if case.method == "Monte Carlo" else case.samples
         high = (found.sampling_interval or found.interval)[1]
-        rows.append((found.probability, *found.interval, high, found.refined_runs, rough_runs, share))
+        rows.append((found.probability, *found.interval, high, found.cov, found.refined_runs, rough_runs, share))
     return np.array(rows)
 
 
 def summarise(case: Case, rows: np.ndarray) -> dict[str, Any]:
-    """Bias, error, coverage and cost of one case, relative to P_f."""
-    probability, low, high, sampling_high, refined_runs, rough_runs, share = rows.T
+    """Bias, error, coverage and cost of one case, relative to P_f; with a target, what was claimed at the end and the
+    quartiles of the refined runs."""
+    probability, low, high, sampling_high, claimed, refined_runs, rough_runs, share = rows.T
     off = (probability - share) / case.pf
-    return {
+    told: dict[str, Any] = {
         "method": case.method + (f", {case.contaminated:.0%} contaminated" if case.contaminated else ""),
         "pf": case.pf,
         "link": case.link,
@@ -173,6 +186,11 @@ def summarise(case: Case, rows: np.ndarray) -> dict[str, Any]:
         "refined_runs": float(refined_runs.mean()),
         "equivalents": float(refined_runs.mean() + ROUGH_COST * rough_runs.mean()),
     }
+    if case.target_cov is None:
+        return told
+    quartiles = np.quantile(refined_runs, (0.25, 0.5, 0.75), method="inverted_cdf")
+    told |= {"target_cov": case.target_cov, "claimed": float(claimed.mean())}
+    return told | {f"runs_q{at}": int(runs) for at, runs in zip((25, 50, 75), quartiles, strict=True)}
 
 
 def cases() -> list[Case]:
@@ -221,6 +239,17 @@ def ranking_values(rows: list[dict[str, Any]]) -> dict[str, float]:
     return named
 
 
+def target_cases() -> list[Case]:
+    """Campaigns that end by their target, however many of their samples that takes."""
+    return [Case("two-phase", 0.28, correlation, 1000, 1000, target_cov=0.1) for correlation in (0.95, 0.98)]
+
+
+def target_values(rows: list[dict[str, Any]]) -> dict[str, float]:
+    """The true error beside the claimed one, coverage, and quartiles of the refined runs, by correlation."""
+    told = ("rmse", "claimed", "coverage", "coverage_sampling", "runs_q25", "runs_q50", "runs_q75")
+    return {f"target_cov_{name}_r{100 * row['correlation']:03.0f}": row[name] for row in rows for name in told}
+
+
 def runs_for_cov(rows: list[dict[str, Any]], samples: int, target: float) -> float:
     """Equivalents at which the measured error meets `target`, from a fit of rmse^2 = a + b / refined runs."""
     runs = np.array([row["refined_runs"] for row in rows])
@@ -234,8 +263,8 @@ def run(quick: bool = False) -> Report:
     repetitions = 40 if quick else 2000
     study = cases()
     budgets = [Case("two-phase", 0.244, 0.95, 750, runs) for runs in (52, 64, 90)]
-    ranking = ranking_cases()
-    todo = [*study, *budgets, *ranking]
+    ranking, to_target = ranking_cases(), target_cases()
+    todo = [*study, *budgets, *ranking, *to_target]
     if quick:
         todo = [case for case in todo if case.samples <= 5000]
     pieces = [(case, at, repetitions // 20) for case in todo for at in range(0, repetitions, repetitions // 20)]
@@ -275,6 +304,7 @@ def run(quick: bool = False) -> Report:
         "two_phase_coverage_guarded_max": max(row["coverage"] for row in ours),
         "two_phase_runs_pf0244_r095": runs_for_cov(curve, 750, 0.1),
         **ranking_values([table[case] for case in ranking]),
+        **target_values([table[case] for case in to_target]),
         "coverage_mean_min": min(row["coverage"] for row in of_failures),
         "coverage_mean_max": max(row["coverage"] for row in of_failures),
         **section.values(population),
