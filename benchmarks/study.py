@@ -159,7 +159,10 @@ def main() -> int:
         if arguments.collect is not None:
             print(collect(arguments.collect, arguments.folder) or "nothing new")
         elif arguments.draw:
-            print("\n".join(map(str, study_slides.draw(merged(read_study(arguments.folder).values()), FIGURES))))
+            drawn = study_slides.draw(merged(read_study(arguments.folder).values()), FIGURES)
+            print(*drawn.files, sep="\n")
+            if drawn.broke_off:
+                raise ValueError("\n".join(drawn.broke_off))
         elif arguments.list:
             print("\n".join(progress(arguments.folder)))
         else:

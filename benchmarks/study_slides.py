@@ -120,9 +120,23 @@ def drawing(slide: Slide) -> Figure:
     return figure
 
 
-def draw(rows: Rows, folder: Path) -> list[Path]:
-    """Run and draw the typical slides of all modes that have one; returns the files."""
-    return [
-        save(drawing(run_again(run)), folder / f"published_slide_{mode}.png", dpi=80)
-        for mode, run in typical(rows).items()
-    ]
+@dataclass(frozen=True)
+class Drawn:
+    """The pictures of typical slides that were drawn, and of those that broke off what is to be said of each."""
+
+    files: tuple[Path, ...]
+    broke_off: tuple[str, ...]
+
+
+def draw(rows: Rows, folder: Path) -> Drawn:
+    """Run and draw the typical slides of all modes that have one. One that breaks off leaves the others, and the
+    picture of its mode as it was."""
+    files, broke_off = [], []
+    for mode, run in typical(rows).items():
+        try:
+            slide = run_again(run)
+        except FloatingPointError as error:
+            broke_off.append(f"{mode}: sample {run.sample} of {run.case!r} broke off, nothing is drawn of it: {error}")
+        else:
+            files.append(save(drawing(slide), folder / f"published_slide_{mode}.png", dpi=80))
+    return Drawn(tuple(files), tuple(broke_off))

@@ -329,3 +329,27 @@ def test_a_typical_slide_of_each_mode_is_run_again_and_drawn(monkeypatch, tmp_pa
     assert np.ptp(slide.position[1, cut]) < 4.0
     assert study_slides.save(study_slides.drawing(slide), tmp_path / "slide.png").stat().st_size > 10_000
     study_runs.prepared.cache_clear()
+
+
+def test_a_typical_slide_that_breaks_off_leaves_the_others(monkeypatch, tmp_path, capsys):
+    rows = {
+        Run("published", "refined", n, until="end"): replace(SLID, mode=mode)
+        for n, mode in enumerate(("compound", "deep", "shallow"))
+    }
+    write_table(study.file_of(tmp_path, "slides"), rows, study_runs.CASES)
+
+    def run_again(run):
+        if run.sample == 1:
+            raise FloatingPointError("a particle left the grid: lengthen toe")
+        return run
+
+    monkeypatch.setattr(study_slides, "run_again", run_again)
+    monkeypatch.setattr(study_slides, "drawing", lambda slide: slide)
+    monkeypatch.setattr(study_slides, "save", lambda figure, path, dpi: path)
+    monkeypatch.setattr(study, "FIGURES", Path("figures"))
+    monkeypatch.setattr(sys, "argv", ["benchmarks.study", "--draw", "--folder", str(tmp_path)])
+    assert study.main() == 1
+    told = capsys.readouterr()
+    assert told.out.split() == ["figures/published_slide_compound.png", "figures/published_slide_shallow.png"]
+    assert "deep: sample 1 of 'published' broke off" in told.err
+    assert "lengthen toe" in told.err
