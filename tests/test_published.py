@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks import published, study_pieces, study_runs
-from benchmarks.published import Found, Hours, Line
+from benchmarks import published, published_modes, published_probability, study_pieces, study_runs
+from benchmarks.published_answers import Found, Hours, Line, difference, mean_seconds, paired_change
 from benchmarks.study import DATA, file_of, read_study
 from benchmarks.study_table import Outcome, Rows, Run, merged, write_table
 from cooperative.estimate import two_phase, wilson_interval
@@ -69,11 +69,11 @@ def test_half_a_search_has_no_value(tmp_path):
 @pytest.fixture
 def campaign(monkeypatch):
     """60 samples on both grids where an audit of 40 wants them, and the slides of those that fail."""
-    monkeypatch.setattr(published, "SAMPLES", 60)
-    monkeypatch.setattr(published, "AUDIT", replace(study_pieces.AUDIT, runs=40))
+    monkeypatch.setattr(study_runs, "SAMPLES", 60)
+    monkeypatch.setattr(study_pieces, "AUDIT", replace(study_pieces.AUDIT, runs=40))
     screened: Rows = {Run("published", "rough", n): made_up(n)[0] for n in range(60)}
     audited: Rows = {}
-    wanted = study_pieces.audit("published", 60, published.AUDIT)
+    wanted = study_pieces.audit("published", 60, study_pieces.AUDIT)
     while runs := [run for run in wanted(screened | audited) if run not in audited]:
         audited[runs[0]] = made_up(runs[0].sample)[1]
     return screened, audited
@@ -90,7 +90,7 @@ def test_probability_of_failure_is_the_estimators_and_needs_its_screening(tmp_pa
     values, rows = reported(tmp_path)
     together = screened | audited
     population = study_pieces.population(together, "published", 60)
-    expected = two_phase(population, study_pieces.refined_classes(together, "published"), published.AUDIT)
+    expected = two_phase(population, study_pieces.refined_classes(together, "published"), study_pieces.AUDIT)
     assert values["pf_3d"] == pytest.approx(expected.probability, abs=1e-4)
     assert (values["pf_3d_low"], values["pf_3d_high"]) == pytest.approx(expected.interval, abs=1e-4)
     assert values["refined_runs_3d"] == 40
@@ -125,7 +125,7 @@ def test_shares_of_modes_weigh_all_failures_of_the_draws_that_are_whole(tmp_path
     fewer, rows = reported(tmp_path)
     told = rows["share of deep failures"]["rests on"]
     assert "share_deep" in fewer
-    assert f"failures of {published.AUDIT.runs} draws" not in told
+    assert f"failures of {study_pieces.AUDIT.runs} draws" not in told
     lost = next(run for run, slide in slides.items() if slide.mode == "deep")
     keep(tmp_path, "slides", slides | {lost: replace(FAILED, status="OUTSIDE_GRID")})
     without, rows = reported(tmp_path)
@@ -145,14 +145,14 @@ def test_shares_of_modes_weigh_all_failures_of_the_draws_that_are_whole(tmp_path
 
 def test_the_interval_of_a_share_leaves_slides_that_broke_off_any_mode():
     """16 of 36 slides that ended are deep; the four others would have been any mode."""
-    slides = published.Slides([], np.ones(36), 4 / 40, "")
-    low, high = published.share_found(np.arange(36) < 16, slides, NO_TIME, "").interval
+    slides = published_modes.Slides([], np.ones(36), 4 / 40, "")
+    low, high = published_modes.share_found(np.arange(36) < 16, slides, NO_TIME, "").interval
     for deep in range(5):
         would_be = wilson_interval(16 + deep, 40)
         assert low <= would_be[0]
         assert would_be[1] <= high
-    whole = published.Slides([], np.ones(40), 0.0, "")
-    assert published.share_found(np.arange(40) < 20, whole, NO_TIME, "").interval == wilson_interval(20, 40)
+    whole = published_modes.Slides([], np.ones(40), 0.0, "")
+    assert published_modes.share_found(np.arange(40) < 20, whole, NO_TIME, "").interval == wilson_interval(20, 40)
 
 
 def test_hours_are_those_of_the_runs_that_an_answer_rests_on(tmp_path, campaign):
@@ -192,8 +192,8 @@ def test_common_samples_count_once_in_a_pool_of_lengths():
         for n in range(200)
         for until in ("class", "end")
     }
-    pooled = published.rough_shares(rows, study_pieces.sweep_cases(), ("shallow",))
-    single = published.rough_shares(rows, study_pieces.sweep_cases()[:1], ("shallow",))
+    pooled = published_modes.rough_shares(rows, study_pieces.sweep_cases(), ("shallow",))
+    single = published_modes.rough_shares(rows, study_pieces.sweep_cases()[:1], ("shallow",))
     assert pooled.interval == pytest.approx(wilson_interval(0, 200))
     assert pooled.interval == pytest.approx(single.interval)
 
@@ -204,19 +204,19 @@ def test_the_interval_of_a_difference_covers(shares):
     for _ in range(1000):
         ends = [rng.binomial(40, share) for share in shares]
         answers = [Found(n / 40, wilson_interval(n, 40), "", NO_TIME) for n in ends]
-        change, (low, high) = published.difference(*answers)
+        change, (low, high) = difference(*answers)
         assert low <= change <= high
         held += low <= shares[1] - shares[0] <= high
     assert 0.93 < held / 1000 < 0.99
 
 
 def test_few_runs_have_a_range_in_place_of_an_interval():
-    middle, limits, words = published.mean_seconds(np.array([10.0, 20.0, 60.0]))
+    middle, limits, words = mean_seconds(np.array([10.0, 20.0, 60.0]))
     assert (middle, limits) == (30.0, (10.0, 60.0))
     assert "from the least to the most" in words
     rng, held = np.random.default_rng(7), 0
     for _ in range(1000):
-        _, (low, high), words = published.mean_seconds(rng.normal(100, 20, 8))
+        _, (low, high), words = mean_seconds(rng.normal(100, 20, 8))
         held += low <= 100 <= high
     assert words == ""
     assert 0.93 < held / 1000 < 0.97
@@ -247,7 +247,7 @@ def test_the_interval_of_a_change_covers():
     rng, held = np.random.default_rng(5), 0
     for _ in range(2000):
         kind = rng.choice(3, 60, p=[0.1, 0.05, 0.85])
-        _, (low, high) = published.paired_change((kind == 1).tolist(), (kind == 0).tolist())
+        _, (low, high) = paired_change((kind == 1).tolist(), (kind == 0).tolist())
         held += low <= 0.05 <= high
     assert 0.93 < held / 2000 < 0.985
 
@@ -339,20 +339,20 @@ def test_a_damaged_file_is_named(tmp_path):
 
 def test_rough_shares_of_broken_off_runs_are_no_classes():
     broken = {Run("section, as here", "refined", 0): Outcome("INVERTED", 3.0, 1.0, 10, 1.0)}
-    assert published.classes(broken, "section, as here", "refined") == {}
+    assert published_probability.classes(broken, "section, as here", "refined") == {}
     assert wilson_interval(0, 1)[1] < 1
 
 
 def test_the_committed_files_parse_and_their_audits_are_those_that_the_estimator_draws():
     tables = read_study(DATA)
     rows = merged(tables.values())
-    assert published.factor_of_safety(rows, "mean strength", "rough") == 1.29
+    assert study_pieces.factor_of_safety(rows, "mean strength", "rough") == 1.29
     for piece, case, samples, plan in (
-        ("audit", "published", published.SAMPLES, study_pieces.AUDIT),
-        ("audit_default", "default", published.SWEEP_SAMPLES, study_pieces.SWEEP_AUDIT),
-        ("audit_rollers", "rollers", published.SWEEP_SAMPLES, study_pieces.SWEEP_AUDIT),
+        ("audit", "published", study_runs.SAMPLES, study_pieces.AUDIT),
+        ("audit_default", "default", study_runs.SWEEP_SAMPLES, study_pieces.SWEEP_AUDIT),
+        ("audit_rollers", "rollers", study_runs.SWEEP_SAMPLES, study_pieces.SWEEP_AUDIT),
     ):
-        found, _ = published.estimated(rows, case, samples, plan)
+        found, _ = published_probability.estimated(rows, case, samples, plan)
         counted = 0 if found is None else found.refined_runs
         assert len(tables[piece]) - counted <= plan.wave(counted)
 
