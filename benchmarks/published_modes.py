@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks import study_pieces, study_runs
 from benchmarks.published_answers import Found, Hours, Line, hours_of
 from benchmarks.published_probability import classes
-from benchmarks.study_pieces import population, refined_classes, slide_of, sweep_cases
+from benchmarks.study_pieces import population, refined_classes, refined_slide, sweep_cases
 from benchmarks.study_runs import LENGTHS, MORE_AIR, SWEEP_SAMPLES, sweep_case
 from benchmarks.study_table import Outcome, Rows
 from cooperative.estimate import effective_size, fit_distributions, sample_weights, severity_ranking, wilson_interval
@@ -57,7 +57,7 @@ def weighted_slides(rows: Rows) -> Slides:
     for runs in range(study_pieces.AUDIT.runs, fewest - 1, -1):
         weights = sample_weights(screened, refined, replace(study_pieces.AUDIT, runs=runs))
         fallen = {sample: weight for sample, weight in weights.items() if refined[sample]}
-        slides = [slide_of(rows, sample) for sample in fallen]
+        slides = [refined_slide(rows, sample) for sample in fallen]
         if fallen and None not in slides:
             weight = np.array(list(fallen.values()))
             whole = np.array([slide is not None and slide.mode is not None for slide in slides])

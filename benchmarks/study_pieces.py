@@ -196,7 +196,7 @@ def slides_more_air(rows: Rows) -> list[Run]:
     return [replace(run, case=MORE_AIR) for run in left]
 
 
-def slide_of(rows: Rows, sample: int) -> Outcome | None:
+def refined_slide(rows: Rows, sample: int) -> Outcome | None:
     """The refined slide of a sample of the headline campaign, on the higher grid where it left the other; None if it
     is not there."""
     run = Run("published", "refined", sample, 1.0, "end")
@@ -234,6 +234,7 @@ PIECES: Mapping[str, Callable[[Rows], list[Run]]] = {
     "screening": screening("published", SAMPLES),
     "fos_rollers": factors("mean strength, rollers", grids=("refined",)),
     "slide": slide_at_failure("mean strength"),
+    "slide_default": slide_at_failure("mean strength, default"),
     "audit": audit("published", SAMPLES, AUDIT),
     "on_cpu": on_cpu,
     "fos_default": factors("mean strength, default"),
