@@ -158,7 +158,8 @@ def slope_row(
     campaign = scene_campaign("paper_section")
     start = time.perf_counter()
     soil = replace(campaign.soil, **soil_choice)
-    choice = {"spacing": (spacing, spacing), "cfl": 0.5} | choice  # what a choice is beside, whatever scenes have
+    # CFL 0.5 is what choices stand beside, whatever scenes have.
+    choice = {"cfl": 0.5, "spacing": (spacing, spacing), **choice}
     with jax.enable_x64(choice.get("dtype") == "float64"):
         numerics = replace(campaign.grids["rough"], cell=cell, **choice)
         scene, state = mpm.slope(campaign.slope, soil, numerics)
