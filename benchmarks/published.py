@@ -35,7 +35,7 @@ def report(folder: Path, draw_in: Path) -> Report:
     rows = merged(read_study(folder).values())
     lines = [*factors(rows), *table_3(rows), *probabilities(rows), *readings(rows), *lengths(rows), *modes(rows)]
     lines += hours(rows)
-    figures.draw(rows, [(line.what, line.found) for line in lines], draw_in)
+    figures.draw(figures.Study(rows, lines), draw_in)
     values = {line.name: line.found.value for line in lines if line.name and isinstance(line.found, Found)}
     for line in lines:
         if line.name == "pf_3d" and isinstance(line.found, Found):
