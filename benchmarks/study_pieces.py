@@ -18,7 +18,7 @@ from benchmarks.study_runs import (
     sweep_case,
 )
 from benchmarks.study_table import Outcome, Rows, Run
-from cooperative.estimate import AuditPlan, Population, next_audit, next_refined
+from cooperative.estimate import AuditPlan, Population, next_audit, next_refined, sample_weights
 
 LIMIT = 1.0
 """Displacement (m) from which on a slope has failed, as published."""
@@ -185,9 +185,14 @@ def sweep_slides(rows: Rows) -> list[Run]:
 
 
 def slides(rows: Rows) -> list[Run]:
-    """Slides of the audited samples that failed."""
-    drawn = (run for run in rows if run.case == "published" and run.grid == "refined" and run.until == "class")
-    return [Run(run.case, "refined", run.sample, 1.0, "end") for run in drawn if failed(rows[run])]
+    """Slides of the samples that the audit drew and that failed; those of the published rule alone are no probability
+    sample."""
+    screened = population(rows, "published", SAMPLES)
+    if screened is None:
+        return []
+    refined = refined_classes(rows, "published")
+    drawn = sample_weights(screened, refined, AUDIT)
+    return [Run("published", "refined", sample, 1.0, "end") for sample in drawn if refined[sample]]
 
 
 def slides_more_air(rows: Rows) -> list[Run]:

@@ -74,7 +74,8 @@ def test_half_a_search_has_no_value(tmp_path):
 @pytest.fixture
 def campaign(monkeypatch):
     """60 samples on both grids where an audit of 40 wants them, and the slides of those that fail."""
-    monkeypatch.setattr(study_runs, "SAMPLES", 60)
+    for module in (study_runs, study_pieces):
+        monkeypatch.setattr(module, "SAMPLES", 60)
     monkeypatch.setattr(study_pieces, "AUDIT", replace(study_pieces.AUDIT, runs=40))
     screened: Rows = {Run("published", "rough", n): made_up(n)[0] for n in range(60)}
     audited: Rows = {}
