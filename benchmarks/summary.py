@@ -38,6 +38,8 @@ QUESTIONS = (
     Question("Run-out in 3D, cells of 1 m", "published", "runout_refined_3d_m", "m", published=14.17),
     Question("Probability of failure in 3D", "published", "pf_3d", published=0.244),
     Question("Two cores to a COV of 10 % of it", "campaign", "hours_to_cov_10", "h", high=1.2),
+    Question("The same with default settings", "campaign", "hours_to_cov_10_default", "h", high=1.8),
+    Question("On top, slides of the failures to their end", "campaign", "hours_slides", "h"),
     Question("Factors of safety of 18 known slopes, worst error", "stability_of_slopes", "fos_error_max", high=0.04),
     Question("The same by limit equilibrium", "limit_equilibrium", "lem_error_max"),
     Question("Newmark's block, a rectangular pulse: error", "earthquakes", "newmark_rectangular_error", high=0.01),
@@ -62,6 +64,7 @@ QUESTIONS = (
         "Least coverage of its 95 % interval, sampling alone", "estimators", "two_phase_coverage_min", "", 0.93, 0.97
     ),
     Question("Least coverage where the ranking is bad", "estimators", "coverage_bad_ranking_min", low=0.90),
+    Question("Error of campaigns that stop at a COV of 10 %", "estimators", "target_cov_rmse_r098", high=0.11),
     Question(
         "Refined runs for a COV of 10 % (Monte Carlo 310)", "estimators", "two_phase_runs_pf0244_r095", "", high=115
     ),
