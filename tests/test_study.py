@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.colors import Normalize
 
 from benchmarks import study, study_pieces, study_runs, study_slides
 from benchmarks.study_table import Outcome, Run, merged, read_table, write_table
@@ -321,14 +322,57 @@ def test_a_typical_slide_of_each_mode_is_run_again_and_drawn(monkeypatch, tmp_pa
     moved = np.linalg.norm(slide.displacement, axis=1).max(axis=1)
     assert moved[1] > moved[0] > 0
     x, y, height, value = study_slides.surface(slide.position, slide.position[2], 4.0)
-    assert x.shape == y.shape == (23, 2)
+    assert (len(x), len(y)) == height.shape == (33, 2)
     assert height == pytest.approx(value)
     assert height[0] == pytest.approx(15.0)
     assert height[-1] == pytest.approx(3.0)
     cut = study_slides.deepest_section(slide)
-    assert np.ptp(slide.position[1, cut]) < 4.0
-    assert study_slides.save(study_slides.drawing(slide), tmp_path / "slide.png").stat().st_size > 10_000
+    assert np.ptp(slide.position[1, cut]) < 1e-3
+    figure = study_slides.drawing(slide, study_slides.titled("deep", chosen["deep"]))
+    assert study_slides.save(figure, tmp_path / "slide.png").stat().st_size > 10_000
     study_runs.prepared.cache_clear()
+
+
+def made_up_slide(slip):
+    """A block of 16 x 4 x 6 particles 0.5 m apart. slip: of each of its 4 layers, how many particles high the soil is
+    that stands; what lies above has moved 0.25 m along x first and 3 m in the end."""
+    place = np.stack(np.meshgrid(*(np.arange(n) for n in (16, 4, 6)), indexing="ij")).reshape(3, -1)
+    step = np.zeros((2, *place.shape))
+    step[:, 0] = np.outer((0.25, 3.0), place[2] >= np.array(slip)[place[1]])
+    return study_slides.Slide(
+        0.5 * place + 0.25, np.full(3, 0.25), 4e4 + 1e3 * place[2], (2.0, 20.0), step, 1.0
+    )  # fmt: skip
+
+
+def test_the_section_is_the_layer_with_the_lowest_soil_that_slid():
+    slide = made_up_slide((4, 3, 2, 5))
+    assert set(slide.position[1, study_slides.deepest_section(slide)]) == {1.25}
+    wider = replace(slide, displacement=slide.displacement * (slide.position[1] < 1.0))
+    assert set(wider.position[1, study_slides.deepest_section(wider)]) == {0.75}
+    still = replace(slide, displacement=0 * slide.displacement)
+    assert set(still.position[1, study_slides.deepest_section(still)]) == {0.25}
+
+
+def test_a_slide_is_drawn_in_views_and_sections_at_each_time_and_named():
+    slide = made_up_slide((4, 3, 2, 5))
+    figure = study_slides.drawing(slide, study_slides.titled("deep", Run("published", "refined", 7)))
+    assert figure.get_suptitle() == "Typical deep slide: sample 7 of 'published', refined grid"
+    above, below = figure.subfigs
+    assert [ax.get_title("left") for ax in above.axes] == ["t = 2 s", "t = 20 s"]
+    assert [ax.get_title("right").strip() for ax in below.axes[:3]] == ["t = 2 s", "t = 20 s", "strength before"]
+    early, late = (below.axes[n].collections[0].get_array() for n in range(2))
+    # Soil that moved a quarter of a metre counts as standing; what lies above the second particle has slid.
+    assert early.mask.all()
+    assert late.compressed() == pytest.approx(3.0)
+    x, y, z, colours = study_slides.tiles(slide, slide.displacement[0], Normalize(0, 3))
+    assert (len(x), len(y), z.shape, colours.shape) == (10, 3, (10, 3), (9, 2, 3))
+    assert z[1, 1] == pytest.approx(3.0)
+
+
+def test_a_slope_that_stands_is_drawn_too():
+    slide = made_up_slide((6, 6, 6, 6))
+    figure = study_slides.drawing(slide, "stands")
+    assert all(ax.collections[0].get_array().mask.all() for ax in figure.subfigs[1].axes[:2])
 
 
 def test_a_typical_slide_that_breaks_off_leaves_the_others(monkeypatch, tmp_path, capsys):
@@ -344,7 +388,7 @@ def test_a_typical_slide_that_breaks_off_leaves_the_others(monkeypatch, tmp_path
         return run
 
     monkeypatch.setattr(study_slides, "run_again", run_again)
-    monkeypatch.setattr(study_slides, "drawing", lambda slide: slide)
+    monkeypatch.setattr(study_slides, "drawing", lambda slide, title: slide)
     monkeypatch.setattr(study_slides, "save", lambda figure, path, dpi: path)
     monkeypatch.setattr(study, "FIGURES", Path("figures"))
     monkeypatch.setattr(sys, "argv", ["benchmarks.study", "--draw", "--folder", str(tmp_path)])

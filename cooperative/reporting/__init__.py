@@ -3,7 +3,7 @@
 from cooperative.reporting._composition import SLIDES, report
 from cooperative.reporting._exports import export, export_sample
 from cooperative.reporting._ground import draw
-from cooperative.reporting._plots import panels, save
+from cooperative.reporting._plots import draw_particles, panels, save
 from cooperative.reporting._progress import progress_of, watched, words
 from cooperative.reporting._tables import consolidate, write_table
 
@@ -11,6 +11,7 @@ __all__ = [
     "SLIDES",
     "consolidate",
     "draw",
+    "draw_particles",
     "export",
     "export_sample",
     "panels",
