@@ -62,12 +62,13 @@ def run(
     kept = folder / "scene.toml"
     campaign = parse(with_defaults(text, kept), estimator, begun=kept.exists())
     campaign = allowing(campaign, folder, refined_runs)
+    counted = with_kept_field_modes(campaign, folder)
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
-    runs.check_size(campaign, workers if executor is None else 1)
+    runs.check_size(counted, workers if executor is None else 1)
     with runs.heeding() as stop:
         with stop.at_once():
-            models = _models(with_kept_field_modes(campaign, folder), folder)
+            models = _models(counted, folder)
         crew = None if executor is None and workers == 1 else runs.Workers(executor or partial(_pool, workers), workers)
         with closing(crew.opened()) if crew else nullcontext(), open_store(folder, campaign.text) as store:
             with stop.at_once():
