@@ -6,7 +6,7 @@ where: file, line and column, as messages begin with them.
 from __future__ import annotations
 
 import csv
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +26,17 @@ def lines_of(path: Path) -> list[str]:
     except UnicodeDecodeError as error:
         line = text.count(b"\n", 0, error.start) + 1
         raise ValueError(f"{path}, line {line}: byte {error.start} is no UTF-8: {REMEDY}") from error
+
+
+def rows_of(path: Path, columns: Sequence[str]) -> Iterator[tuple[str, dict[str, str]]]:
+    """File and line, and the row there, of a file whose first line names its columns. ValueError where it names others,
+    and as `lines_of` and `row_of`."""
+    head, *lines = lines_of(path) or [""]
+    if head != ",".join(columns):
+        raise ValueError(f"{path.name}, line 1: columns {head}: they are {','.join(columns)}, put back the file")
+    for at, line in enumerate(lines, start=2):
+        where = f"{path.name}, line {at}"
+        yield where, row_of(line, columns, where)
 
 
 def row_of(line: str, columns: Sequence[str], where: str) -> dict[str, str]:

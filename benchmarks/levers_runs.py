@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.csv_rows import ENDED, REMEDY, lines_of, number, row_of, whole, word
+from benchmarks.csv_rows import ENDED, REMEDY, number, rows_of, whole, word
 from benchmarks.measure import ROOT, scene_campaign
 from benchmarks.section_pairs import study
 from cooperative import runs
@@ -41,12 +41,7 @@ def read() -> dict[Variant, dict[int, dict[str, float]]]:
     """The file: variant -> number -> what was measured. ValueError for a line that does not parse, that no run could
     have left, or whose run stands there twice."""
     found: dict[Variant, dict[int, dict[str, float]]] = {}
-    head, *lines = lines_of(DATA) or [""]
-    if head != ",".join(COLUMNS):
-        raise ValueError(f"{DATA.name}, line 1: columns {head}: they are {','.join(COLUMNS)}, put back the file")
-    for at, line in enumerate(lines, start=2):
-        where = f"{DATA.name}, line {at}"
-        row = row_of(line, COLUMNS, where)
+    for where, row in rows_of(DATA, COLUMNS):
         known = found.setdefault(_variant(row, where), {})
         if (sample := whole(row["number"], f"{where}: number")) in known:
             raise ValueError(f"{where}: its run stands there twice: delete one of the two")

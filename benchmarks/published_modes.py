@@ -27,6 +27,9 @@ BEST_FITS = {
 POOLED = {"shallow": 14, "deep": 1043, "compound": 177, "progressive": 353}
 """Failures of each mode behind Table 4, as BIC - AIC = 2 (ln N - 2) implies: all correlation lengths together."""
 
+TO_FIT = 20
+"""Slides of a mode from which on distributions are fitted to its consequences."""
+
 FEW_SLIDES = 5
 """Slides of a mode from which on the spread of their area is told."""
 
@@ -103,7 +106,7 @@ def modes(rows: Rows) -> Iterator[Line]:
     yield from severity(slides, names, spent)
     for mode in SEVERITY:
         mine = names == mode
-        if mine.sum() >= 20:
+        if mine.sum() >= TO_FIT:
             chosen = [slide for slide, one in zip(slides.ended, mine, strict=True) if one]
             yield from fits(mode, chosen, slides.weight[mine], spent)
     yield from rough_modes(rows)

@@ -23,7 +23,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.csv_rows import ENDED, lines_of, number, row_of, whole, word
+from benchmarks.csv_rows import ENDED, number, rows_of, whole, word
 from benchmarks.measure import ROOT, Report, scene_campaign
 from benchmarks.section_pairs import study
 from cooperative import runs
@@ -92,12 +92,7 @@ def _checked(path: Path, columns: Sequence[str], measures: Sequence[str]) -> Ite
     """File and line, and the row there. A run that broke off has not all of its measures."""
     if not path.exists():
         return
-    head, *lines = lines_of(path) or [""]
-    if head != ",".join(columns):
-        raise ValueError(f"{path.name}, line 1: columns {head}: they are {','.join(columns)}, put back the file")
-    for at, line in enumerate(lines, start=2):
-        where = f"{path.name}, line {at}"
-        row = row_of(line, columns, where)
+    for where, row in rows_of(path, columns):
         word(row["case"], f"{where}: case", allowed=CASES)
         whole(row["steps"], f"{where}: steps")
         status = Status[word(row["status"], f"{where}: status", allowed=ENDED)]

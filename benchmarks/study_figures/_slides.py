@@ -7,14 +7,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks.published_answers import Found
-from benchmarks.published_modes import BEST_FITS, rough_shares, weighted_slides
+from benchmarks.published_modes import BEST_FITS, TO_FIT, rough_shares, weighted_slides
 from benchmarks.study_figures._study import BLUE, GREY, INSIDE, MODES, RED, Study, sheet, upright
 from benchmarks.study_pieces import sweep_cases
 from benchmarks.study_runs import LENGTHS, sweep_case
 from cooperative.estimate import Fit, fit_distributions
 
-ENOUGH = 20
-"""Slides of a mode from which on distributions are fitted to its consequences."""
 LABELS = {"area": "influence area [m$^2$]", "volume": "sliding volume [m$^3$]", "runout": "run-out [m]"}
 
 
@@ -79,7 +77,7 @@ def fits(study: Study) -> Figure | None:
     """Distributions fitted to the consequences of each mode of enough refined slides, the printed family among them."""
     slides = weighted_slides(study.rows)
     names = np.array([slide.mode for slide in slides.ended])
-    told = [mode for mode in MODES if (names == mode).sum() >= ENOUGH]
+    told = [mode for mode in MODES if (names == mode).sum() >= TO_FIT]
     if not told:
         return None
     figure, axes = sheet(len(told), len(LABELS), (3.15, 3.7))
