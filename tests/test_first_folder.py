@@ -1,24 +1,30 @@
-"""A campaign's folder written by the first version still opens, is read, and goes on."""
+"""Campaign folders that earlier versions wrote still open, are read and reported, and go on."""
 
 import json
+import shutil
 import tarfile
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cooperative import run, runs
-from cooperative.reporting import progress_of
+from cooperative.reporting import progress_of, report
 from cooperative.scene import campaign_of
 from cooperative.store import read_rows, read_sample, read_store
 
-KEPT = Path(__file__).parent / "reference" / "first_campaign.tar.gz"
+HERE = Path(__file__).parent
+FIRST = HERE / "reference" / "first_campaign.tar.gz"
+KEPT = {name: HERE / "data" / f"{name}.tar.xz" for name in ("screening", "audit", "finished")}
+"""One campaign of version 0.1.0 with one file per sample, killed while it screened, killed in its audit with a restart
+point of each kind, and finished, with three slides."""
 
 
 @pytest.fixture
 def folder(tmp_path):
     """Four samples of the small slope on both grids, as the first version wrote them."""
-    with tarfile.open(KEPT) as kept:
+    with tarfile.open(FIRST) as kept:
         kept.extractall(tmp_path / "first", filter="data")
     return tmp_path / "first"
 
@@ -49,3 +55,56 @@ def test_it_goes_on_with_what_it_has(folder):
         assert found[name] == before[name], name
     for name, spread in before["consequences_of_failures"].items():
         assert {key: found["consequences_of_failures"][name][key] for key in spread} == pytest.approx(spread), name
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """The three folders, unpacked."""
+    folder = tmp_path_factory.mktemp("kept")
+    for path in KEPT.values():
+        with tarfile.open(path) as packed:
+            packed.extractall(folder, filter="data")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("name", "done", "answer"),
+    [
+        ("screening", [5, 0, 0], "0.200"),
+        ("audit", [14, 4, 0], "0.369"),
+        pytest.param("finished", [14, 10, 3], "0.327", marks=pytest.mark.slow),
+    ],
+)
+def test_a_kept_folder_opens_tells_how_far_it_is_and_is_reported(kept, tmp_path, name, done, answer):
+    folder = tmp_path / name
+    shutil.copytree(kept / name, folder)
+    assert [grid.done for grid in progress_of(folder).grids] == done
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        words = report(folder)
+    assert answer in words
+    assert (folder / "report.html").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("name", [pytest.param("screening", marks=pytest.mark.slow), "audit"])
+def test_a_folder_killed_half_way_gives_the_answer_that_it_would_have_had(kept, tmp_path, name):
+    folder = tmp_path / name
+    shutil.copytree(kept / name, folder)
+    before = {grid: read_rows(read_store(folder), grid) for grid in ("rough", "refined")}
+    whole = {grid: read_rows(read_store(kept / "finished"), grid).columns for grid in ("rough", "refined")}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = run((folder / "scene.toml").read_text(), folder)
+    expected = json.loads((kept / "finished" / "summary.json").read_text())
+    for key in ("refined_runs", "failures_rough", "failures_refined", "slides"):
+        assert found[key] == expected[key], key
+    # Runs of another machine differ by rounding.
+    assert found["probability_of_failure"] == pytest.approx(expected["probability_of_failure"], rel=1e-3)
+    for grid, columns in whole.items():
+        rows = read_rows(read_store(folder), grid)
+        assert rows.numbers == columns["sample"].tolist()
+        assert rows.columns["displacement"] == pytest.approx(columns["displacement"], rel=0.02, abs=1e-3)
+        kept_ones = np.isin(rows.numbers, before[grid].numbers)
+        if grid == "rough":
+            assert rows.columns["seconds"][kept_ones].tolist() == before[grid].columns["seconds"].tolist()
+    assert not list(folder.glob("restart/*"))
