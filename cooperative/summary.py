@@ -39,7 +39,7 @@ MOST_LOSS = 5
 """Samples named that make most of the expected loss."""
 CHECKSUM = "checksum"
 """Key of a summary that tells whether it is whole, and of which rows."""
-CONTENT = 3
+CONTENT = 4
 """Of what a summary says, counted up when it says more: one of an earlier version is made anew."""
 MORE = 50
 """What so many more refined runs would buy is told."""
@@ -109,9 +109,10 @@ def _summary(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, Any]:
         "refined_runs": len(refined.numbers),
         "failures_refined": int(slides.failed.sum()),
         "slides": int(failed.sum()),
+        "slides_drawn": int(slides.drawn.sum()),
         "calibration": campaign.calibration and {**asdict(campaign.calibration), "factor": campaign.calibration.factor},
         "limit_load": campaign.limit_load and asdict(campaign.limit_load),
-        "grids": _grids(campaign, rough, refined, weight),
+        "grids": _grids(campaign, phases, rough, refined),
         "modes": _modes(found, refined, failed, weight),
         "status": {"rough": _counts(rough), "refined": _counts(refined)},
         "broke_off": {grid: _broken(rows) for grid, rows in (("rough", rough), ("refined", refined))},
@@ -163,24 +164,29 @@ def _convergence(way: list[Estimate]) -> dict[str, list[float]]:
     }
 
 
-def _grids(campaign: Campaign, rough: Rows, refined: Rows, weight: np.ndarray) -> dict[str, Any] | None:
-    """How well the rough grid tells the refined one, over runs that ended on both."""
-    on_rough = {number: at for at, number in enumerate(rough.numbers)}
+def _grids(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -> dict[str, Any] | None:
+    """How well the rough grid tells the refined one, over all runs that have a class on both, by their weights in the
+    audit: whether a failure slid on to its end does not matter for its class."""
+    weights, classes = phases.weights, {n: phases.answer(*result) for n, result in rough.results.items()}
     # A rough sample may lack while its damaged file waits to be redone.
-    both = np.array([at for at, number in enumerate(refined.numbers) if number in on_rough], int)
-    if not both.size:
+    both = [number for number in refined.numbers if weights[number] > 0 and classes.get(number) is not None]
+    if not both:
         return None
-    place = np.array([on_rough[refined.numbers[at]] for at in both])
-    ended = ~(rough.columns["broke_off"][place].astype(bool) | refined.columns["broke_off"][both].astype(bool))
-    ended &= weight[both] > 0
-    both, place = both[ended], place[ended]
     found = correlation(
-        rough.columns["displacement"][place],
-        refined.columns["displacement"][both],
-        weight[both],
+        _as_far_as_known(rough, both),
+        _as_far_as_known(refined, both),
+        np.array([weights[number] for number in both]),
         failure_displacement=campaign.run.failure_displacement,
     )
     return None if found is None else {name: _plain(value) for name, value in asdict(found).items()}
+
+
+def _as_far_as_known(rows: Rows, numbers: list[int]) -> np.ndarray:
+    """Largest displacement of these samples (n,) m. Runs that ended once they had failed, or broke off, would have
+    moved farther, so nothing tells which of those beyond the least of them moved farthest: they are all alike."""
+    at = np.isin(rows.numbers, numbers)
+    moved, cut = rows.columns["displacement"][at], (~rows.ended | rows.columns["broke_off"].astype(bool))[at]
+    return np.minimum(moved, moved[cut].min(initial=np.inf))
 
 
 def _modes(found: Estimate, refined: Rows, failed: np.ndarray, weight: np.ndarray) -> dict[str, Any] | None:

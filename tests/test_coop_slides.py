@@ -26,7 +26,7 @@ from cooperative.estimate import (
     slide_weights,
     two_phase,
 )
-from cooperative.reporting import progress_of, words
+from cooperative.reporting import progress_of, report, words
 from cooperative.scene import parse
 from cooperative.store import SLIDES, open_store, read_rows, read_sample, restart_path
 from tests.test_campaign import TINY
@@ -211,6 +211,12 @@ def test_a_class_is_all_that_an_audit_without_slides_asks(all_slides, tmp_path):
     assert summary["slides"] == 0
     assert summary["consequences_of_failures"] == {}
     assert not (tmp_path / "restart").exists() or not list((tmp_path / "restart").iterdir())
+    assert not any("slid on" in note for note in summary["notes"])
+    assert "note: the scene asks for no slides (slides = 0)" in report(tmp_path)
+    shown = (tmp_path / "report.html").read_text()
+    # Every section that needs slides says so.
+    for section in ("How far, how much, how deep", "What the slope looks like", "Distributions of what the slides do"):
+        assert f"<h2>{section}</h2>\n<p>No consequence was asked for" in shown
 
 
 @pytest.mark.parametrize(

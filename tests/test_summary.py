@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import spearmanr
 
 from cooperative.estimate import named_estimator
 from cooperative.reporting import _words
 from cooperative.runs import phases_of
 from cooperative.scene import parse
 from cooperative.store import Rows
-from cooperative.summary import _walls, summarise
+from cooperative.summary import _walls, slides_of, summarise
 from tests.test_campaign import TINY
 from tests.test_coop_places import HAZARD
 from tests.test_coop_twophase import pair
@@ -212,3 +213,66 @@ def test_refined_runs_that_all_broke_off_beyond_the_limit_have_a_summary():
     assert found["consequences_of_failures"]["depth"] == {}
     assert found["consequences_of_failures"]["displacement"]["largest"] == 3.0
     assert found["fits"] == {"all": {}}
+
+
+def drawn_classes(slides):
+    """200 samples on both grids, of which 11 stand on the rough one alone; failures end once they have failed, but for
+    those drawn to slide on. The campaign, rough and refined rows."""
+    generator = np.random.default_rng(8)
+    rough = np.sort(np.exp(generator.normal(-1.5, 1.0, 200)))[::-1]
+    fails, missed = np.zeros(200, bool), generator.choice(np.flatnonzero(rough < 1.0)[:60], 11, replace=False)
+    fails[rough > 1.0] = fails[missed] = True
+    moved = np.where(fails, 1.0 + 0.01 * generator.random(200), rough.clip(max=0.9))
+    campaign = campaign_with(samples=200, estimator="monte carlo")
+    campaign = replace(campaign, plan=replace(campaign.plan, slides=slides))
+    own = {name: np.where(fails, np.nan, 0.0) for name in ("depth", "runout", "volume", "area")}
+    table = rows(np.arange(200), moved, mode=np.full(200, "", "<U8"), **own)
+    table.columns["status"] = np.where(fails, "DECIDED", "SETTLED")
+    before = rows(np.arange(200), rough)
+    drawn = slides_of(campaign, phases_of(campaign, before, table), table).drawn
+    table.columns["status"][drawn] = "SETTLED"
+    table.columns["mode"][drawn] = "deep"
+    table.columns["displacement"][drawn] = 5 + 10 * generator.random(drawn.sum())
+    for name in own:
+        table.columns[name][drawn] = 20 + 10 * generator.random(drawn.sum())
+    return campaign, before, table
+
+
+@pytest.mark.parametrize("slides", [0, 3, None])
+def test_grids_agree_as_all_classes_do_whichever_failures_slide_on(slides):
+    campaign, rough, refined = drawn_classes(slides)
+    found = summarise(campaign, rough, refined)["grids"]
+    assert (found["samples"], found["same_class"]) == (200, pytest.approx(0.945))
+    # Where some failures' ways are unknown all are, and the ranks are those of displacements up to the limit.
+    moved = refined.columns["displacement"]
+    known = moved if slides is None else np.minimum(moved, moved[refined.columns["status"] == "DECIDED"].min())
+    assert found["spearman"] == pytest.approx(spearmanr(rough.columns["displacement"], known).statistic)
+
+
+def test_runs_that_broke_off_have_the_class_that_they_tell():
+    campaign, rough, refined = drawn_classes(None)
+    lost = np.flatnonzero(refined.columns["displacement"] > 1)[[0, 1, 5]]
+    lost = np.append(lost, np.flatnonzero(refined.columns["displacement"] < 1)[:2])
+    refined.columns["broke_off"][lost], refined.columns["status"][lost] = 1.0, "NOT_FINITE"
+    found = summarise(campaign, rough, refined)["grids"]
+    # Those that stood until they broke off have no class.
+    assert found["samples"] == 198
+    rough.columns["broke_off"][[0, 199]] = 1.0
+    assert summarise(campaign, rough, refined)["grids"]["samples"] == 197
+
+
+def test_a_campaign_without_slides_says_that_no_consequence_was_asked_for():
+    campaign, rough, refined = drawn_classes(0)
+    found = summarise(campaign, rough, refined)
+    (note,) = found["notes"]
+    assert note.startswith("the scene asks for no slides (slides = 0): the 30 refined failures ended")
+    assert (found["slides"], found["slides_drawn"], found["failures_refined"]) == (0, 0, 30)
+    assert _words.without_slides(found).startswith("No consequence was asked for")
+    assert "over 200 samples. Failures that did not slide on rank alike." in _words.agreement(found)
+    three = summarise(*drawn_classes(3))
+    assert three["notes"][0].startswith("3 of 30 refined failures slid on")
+    assert (three["slides_drawn"], _words.without_slides(three)) == (3, "")
+    # Drawn, and not yet at their end.
+    campaign, rough, refined = drawn_classes(3)
+    refined.columns["status"][refined.columns["status"] == "SETTLED"] = "DECIDED"
+    assert _words.without_slides(summarise(campaign, rough, refined)) == "No slide has come to its end yet."

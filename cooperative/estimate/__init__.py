@@ -16,7 +16,7 @@ from cooperative.estimate._phases import Phases
 from cooperative.estimate._protocol import Answers, Estimator, Population, Sampling, Screened, all_samples
 from cooperative.estimate._ranking import Ranking, next_refined, rank_samples, stopping_rank
 from cooperative.estimate._shares import Correlation, Share, correlation, effective_size, mean_interval, shares
-from cooperative.estimate._slides import Slides, drawn_slides, slide_chances, slide_weights
+from cooperative.estimate._slides import NOT_ASKED, Slides, drawn_slides, slide_chances, slide_weights
 from cooperative.estimate._subset import SubsetPlan, SubsetSamples, subset_simulation
 from cooperative.estimate._twophase import next_audit, sample_weights, two_phase
 from cooperative.estimate.estimators import (
@@ -35,6 +35,7 @@ __all__ = [
     "CANDIDATES",
     "ENOUGH",
     "ESTIMATORS",
+    "NOT_ASKED",
     "SETTINGS",
     "Answers",
     "AuditPlan",

@@ -16,6 +16,9 @@ import numpy as np
 
 from cooperative.estimate._phases import Phases
 
+NOT_ASKED = "the scene asks for no slides (slides = 0)"
+"""Why there are no consequences, in words, where refined runs only tell a class."""
+
 
 def slide_chances(weight: np.ndarray, count: int | None) -> np.ndarray:
     """Chance of each failure to slide on (n,), in proportion to its weight (n,) and at most 1; they sum to `count`.
@@ -81,9 +84,14 @@ class Slides:
 
     @property
     def notes(self) -> list[str]:
-        """That not all failures slid on, in words."""
+        """That not all failures slid on, or that none was asked to, in words."""
         if self.failed.sum() == self.slid.sum():
             return []
+        if not self.drawn.any():
+            return [
+                f"{NOT_ASKED}: the {self.failed.sum()} refined failures ended once they had failed, and there are no "
+                "modes, consequences, maps and fits"
+            ]
         return [
             f"{self.slid.sum()} of {self.failed.sum()} refined failures slid on to their end; modes, consequences and "
             "fits are theirs, weighted for all. The others ended once they had failed"

@@ -28,6 +28,7 @@ from cooperative.reporting._words import (
     risks,
     run_table,
     unseen,
+    without_slides,
     words,
 )
 from cooperative.runs import GridModel
@@ -200,9 +201,10 @@ def _parts(told: Told, numbers: Sequence[Drawn], slopes: Sequence[Drawn]) -> Ite
 
     yield page.heading(told.campaign.name, 1)
     yield from answer(told)
-    if {"exceedance", "hazard"} & figures.keys():
+    missing = without_slides(found)
+    if missing or {"exceedance", "hazard"} & figures.keys():
         yield page.heading("How far, how much, how deep")
-        yield page.paragraph(HOW, "how")
+        yield page.paragraph(missing) if missing else page.paragraph(HOW, "how")
         yield from shown("exceedance", "hazard")
     if found["risk"]:
         yield page.heading("Exposed places")
@@ -214,14 +216,19 @@ def _parts(told: Told, numbers: Sequence[Drawn], slopes: Sequence[Drawn]) -> Ite
     yield page.heading("How sure, and why")
     yield estimates(found)
     yield page.paragraph(" ".join(line for line in (unseen(found), finished(found)) if line))
+    if missing:
+        yield page.paragraph(HOW, "how")
     yield from shown("convergence", "ranked", "grids")
     yield page.heading("What more runs would buy")
     yield from bought(told)
     yield page.heading("How it was run")
     yield run_table(told)
     yield from shown("field")
-    if {"severity", "fits-all"} & figures.keys():
+    if missing or {"severity", "fits-all"} & figures.keys():
         yield page.heading("Distributions of what the slides do")
+    if missing:
+        yield page.paragraph(missing)
+    elif {"severity", "fits-all"} & figures.keys():
         yield from shown("severity")
         yield from best_fits(told)
         yield from shown("fits")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from cooperative.estimate import ENOUGH, after_more_runs
+from cooperative.estimate import ENOUGH, NOT_ASKED, after_more_runs
 from cooperative.reporting import _page as page
 from cooperative.reporting._progress import duration, planned_rough
 from cooperative.reporting._told import Told
@@ -120,9 +120,21 @@ def _reach(told: Told) -> str:
     return ""
 
 
+def without_slides(found: dict[str, Any]) -> str:
+    """Why nothing is known of what slides do, in words; empty where some have come to their end."""
+    if found["consequences_of_failures"].get("depth"):
+        return ""
+    if not found["failures_refined"]:
+        return "No refined run has failed, so there is no slide."
+    if not found["slides_drawn"]:
+        return f"No consequence was asked for: {NOT_ASKED}, and refined runs end once they have failed."
+    return "No slide has come to its end yet."
+
+
 def look(told: Told) -> Iterator[str]:
     """What the slides do on average, and which modes they have."""
-    yield _consequences(told)
+    missing = without_slides(told.summary)
+    yield page.paragraph(missing) if missing else _consequences(told)
     modes = {mode: share for mode, share in (told.summary["modes"] or {}).items() if share["count"]}
     if len(modes) == 1:
         yield page.paragraph(f"All failures are {next(iter(modes))}.")
@@ -183,8 +195,6 @@ def _consequences(told: Told) -> str:
         for name, spread in told.summary["consequences_of_failures"].items()
         if spread and name in told.labels
     ]
-    if not rows:
-        return page.paragraph("No refined run failed.")
     columns = ["of the failed samples", "unit", "mean", f"{told.summary['level']:.0%} interval", "smallest", "largest"]
     return page.table(columns, rows)
 
@@ -198,11 +208,8 @@ def risks(found: dict[str, Any]) -> Iterator[str]:
     rows: list[list[str | float | int | None]] = []
     places = found["risk"]["places"]
     if None in places.values():
-        yield page.paragraph(
-            f"Nothing is known of how likely a slide reaches {', '.join(places)}: no slide that has come to its end "
-            "counts in the estimate so far.",
-            "note",
-        )
+        why = without_slides(found) or "No slide that has come to its end counts in the estimate so far."
+        yield page.paragraph(f"Nothing is known of how likely a slide reaches {', '.join(places)}. {why}", "note")
         return
     for name, place in places.items():
         loss = place.get("loss")
@@ -329,7 +336,8 @@ def agreement(found: dict[str, Any]) -> str:
     low, high = grids["interval"]
     return (
         f"Rank correlation of both grids {grids['spearman']:.2f} ({low:.2f} to {high:.2f}), same class in "
-        f"{grids['same_class']:.0%}, over {grids['samples']} samples."
+        f"{grids['same_class']:.1%}, over {grids['samples']} samples."
+        + (" Failures that did not slide on rank alike." if found["status"]["refined"].get("DECIDED") else "")
     )
 
 
