@@ -82,9 +82,10 @@ def main() -> None:
 def _complete(campaign: Campaign, path: Path) -> None:
     soil = runs.random_soil(campaign)
     coefficients = runs.coefficients_of(campaign, soil)
+    models = {grid: runs.build(campaign, grid, soil) for grid in ("rough", "refined")}
     if not path.exists():
         clock, here = time.perf_counter(), machine()
-        factors = measure(campaign)
+        factors = measure(campaign, models)
         seconds = round(time.perf_counter() - clock, 1)
         path.write_text(
             f"# {json.dumps({'factors_of_safety': vars(factors), 'seconds': seconds})}\n"
@@ -92,7 +93,6 @@ def _complete(campaign: Campaign, path: Path) -> None:
             f"{','.join(COLUMNS)}\n"
         )
     factors = Calibration(**json.loads(path.read_text().splitlines()[0].removeprefix("# "))["factors_of_safety"])
-    models = {grid: runs.build(campaign, grid, soil) for grid in ("rough", "refined")}
     models["calibrated"] = replace(models["rough"], strength_factor=factors.factor)
     for model in models.values():
         _run(model, coefficients, 0)  # compiles

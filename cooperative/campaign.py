@@ -98,18 +98,17 @@ def _calibrated(models: dict[str, runs.GridModel], folder: Path) -> dict[str, ru
     campaign = models["rough"].campaign
     if not campaign.plan.calibrate or campaign.calibration is not None:
         return models
-    grids = {grid: (model.scene, model.state) for grid, model in models.items()}
-    found = measured(campaign, folder, grids)
+    found = measured(campaign, folder, models)
     ready = {grid: replace(model, campaign=calibrated(campaign, found)) for grid, model in models.items()}
     return ready | {"rough": ready["rough"].weakened(found.factor)}
 
 
 def _at_limit_load(models: dict[str, runs.GridModel], folder: Path) -> dict[str, runs.GridModel]:
     """The same grids, whose samples fail from the displacement that the limit load tells, where it is to."""
-    campaign, refined = models["refined"].campaign, models["refined"]
+    campaign = models["refined"].campaign
     if campaign.run.failure != "limit load" or campaign.limit_load is not None:
         return models
-    ready = at_limit_load(campaign, measured_limit_load(campaign, folder, refined.scene, refined.state))
+    ready = at_limit_load(campaign, measured_limit_load(campaign, folder, models["refined"]))
     return {grid: replace(model, campaign=ready).looking() for grid, model in models.items()}
 
 

@@ -340,8 +340,8 @@ MEANINGS = {
         "gravity": Meaning("Acceleration of gravity.", "9.81", unit="m/s2", above=0),
         "t_end": Meaning("Time at which a run ends, if it has not before.", "20.0", unit="s", above=0),
         "failure": Meaning(
-            "What failure is: a displacement, or the limit load of the slope of mean soil, from which the displacement "
-            "is then found and printed with the answer.",
+            "What failure is: a displacement, or the limit load of the slope of median soil, from which the "
+            "displacement is then found and printed with the answer.",
             '"limit load"',
         ),
         "failure_displacement": Meaning("Displacement from which on soil counts as sliding.", "1.0", **_LENGTH),

@@ -26,9 +26,9 @@ from jaxmpm import Scene, Slope, State, column_shape, with_columns
 class GridModel:
     """One grid of a campaign, ready to run.
 
-    grid: "rough" or "refined" of the `campaign`. scene, state: what the solver runs, at rest, with the means of what is
-    random. soil: what is random. strength_factor: on strength, where the grids are calibrated. layer: number of the
-    layer that each particle is of (N,), None where the ground has none.
+    grid: "rough" or "refined" of the `campaign`. scene, state: what a sample's soil is put into, at rest; what is
+    random is there the same in a layer, and of no sample. soil: what is random. strength_factor: on strength, where the
+    grids are calibrated. layer: number of the layer that each particle is of (N,), None where the ground has none.
     """
 
     grid: str
@@ -120,6 +120,11 @@ class GridModel:
         """Scene and initial state of a sample, with its own time step. Raises ValueError for values that no soil
         has."""
         return jaxmpm.with_soil(self.scene, self.state, **self.varied(coefficients))
+
+    @property
+    def median(self) -> tuple[Scene, State]:
+        """Scene and initial state of the median soil: that of a sample whose coefficients are all zero."""
+        return self.of_sample(np.zeros(self.soil.modes))
 
     def time_step(self, coefficients: jax.Array | np.ndarray) -> float:
         """Of a sample (s)."""

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from cooperative.runs._model import GridModel, build, sampling_of
 from cooperative.runs._random_soil import random_soil
 from cooperative.runs._size import GridSize, grid_size
 from cooperative.scene import Campaign
 from cooperative.store import GRIDS
-from jaxmpm import Scene, State, Status, advance, with_soil
+from jaxmpm import Scene, State, Status, advance
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ def cost_of(campaign: Campaign, seconds: float = 10.0) -> Cost:
 
 def seconds_per_step(model: GridModel, seconds: float) -> float:
     """Seconds of one step of a run, from as many as fit into the time given."""
-    scene, start = with_soil(model.scene, model.state, **model.varied(np.zeros(model.soil.modes)))
+    scene, start = model.median
     state, taken, spent, steps = _steps(scene, start, 1), 0, 0.0, 1
     while spent < seconds:
         begun = time.perf_counter()

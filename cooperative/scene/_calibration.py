@@ -1,7 +1,7 @@
 """Making the rough grid fail as easily as the refined one: its strength times the ratio of their factors of safety.
 
-A rough grid is stiffer and stands where the refined one fails. The factors are those of the homogeneous slope of mean
-strength, by strength reduction, and cost some ten runs on each grid.
+A rough grid is stiffer and stands where the refined one fails. The factors are those of the slope of median soil, by
+strength reduction, and cost some ten runs on each grid.
 """
 
 from __future__ import annotations
@@ -13,31 +13,26 @@ from pathlib import Path
 from cooperative.estimate import Estimator
 from cooperative.scene._budget import kept_budget, raised
 from cooperative.scene._field_modes import with_kept_field_modes
-from cooperative.scene._kept import Kept, factors_at_once
+from cooperative.scene._kept import Grid, Kept, factors_at_once
 from cooperative.scene._limit_load import KEPT as LIMIT_LOAD_KEPT
 from cooperative.scene._limit_load import at_limit_load
 from cooperative.scene._schema import CALIBRATION
-from cooperative.scene._typed import Calibration, Campaign, built, parse
+from cooperative.scene._typed import Calibration, Campaign, parse
 from cooperative.store import Store
 from jaxmpm import Scene, State, factor_of_safety
 
 KEPT = Kept("calibration", CALIBRATION, Calibration, "two factors of safety")
 
-Grids = Mapping[str, tuple[Scene, State]]
-"""Both grids by name, at rest."""
+Grids = Mapping[str, Grid]
+"""Both grids by name."""
 
 
-def measure(campaign: Campaign, grids: Grids | None = None) -> Calibration:
-    """Factors of safety of the scene's slope with its mean strength everywhere, on both grids, which are built if not
-    given.
-
-    Raises ValueError where a factor lies outside 0.5 to 3.
-    """
-    grids = grids or {grid: built(campaign, grid) for grid in ("rough", "refined")}
-    return Calibration(**{grid: _factor_of_safety(campaign, *at_rest) for grid, at_rest in grids.items()})
+def measure(campaign: Campaign, grids: Grids) -> Calibration:
+    """Factors of safety of the slope of median soil. Raises ValueError where one lies outside 0.5 to 3."""
+    return Calibration(**{grid: _factor_of_safety(campaign, *model.median) for grid, model in grids.items()})
 
 
-def measured(campaign: Campaign, folder: Path, grids: Grids | None = None) -> Calibration:
+def measured(campaign: Campaign, folder: Path, grids: Grids) -> Calibration:
     """Factors of safety kept in `calibration.json` of the campaign's folder, measured and written there at first.
 
     Raises ValueError for a file that holds something else.

@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import jax
 
@@ -15,6 +15,16 @@ from cooperative.scene._schema import Key, read
 from cooperative.scene._typed import Calibration, FieldModes, LimitLoad
 from cooperative.store import MOST_TEXT, write_aside
 from foundation import files
+from jaxmpm import Scene, State
+
+
+class Grid(Protocol):
+    """A grid of which something is measured, see `runs.GridModel`."""
+
+    @property
+    def median(self) -> tuple[Scene, State]:
+        """Scene and initial state of the median soil."""
+
 
 Numbers = TypeVar("Numbers", Calibration, LimitLoad, FieldModes)
 

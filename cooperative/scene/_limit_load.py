@@ -1,7 +1,7 @@
-"""Failure by the limit load: the displacement from which on the slope of mean soil is beyond its limit load.
+"""Failure by the limit load: the displacement from which on the slope of median soil is beyond its limit load.
 
 A displacement of 1 m is no failure where soil does not soften: such a slope slides a little and stands again. At its
-limit load the displacement of the slope of mean soil turns upwards with the reduction factor, or jumps. The geometric
+limit load the displacement of the slope of median soil turns upwards with the reduction factor, or jumps. The geometric
 mean of its displacements a little below and above that factor is the failure displacement of all samples, so that this
 slope's factor of safety by displacement is that of its limit load.
 """
@@ -12,7 +12,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from cooperative.scene._kept import Kept, factors_at_once
+from cooperative.scene._kept import Grid, Kept, factors_at_once
 from cooperative.scene._schema import LIMIT_LOAD
 from cooperative.scene._typed import Campaign, LimitLoad, check_failure
 from jaxmpm import Scene, Settle, State, diagnostics, factor_of_safety, reduced, solve
@@ -23,13 +23,13 @@ BESIDE = 0.02
 """How far below and above the factor of the limit load displacements are taken, over that factor."""
 
 
-def measured_limit_load(campaign: Campaign, folder: Path, scene: Scene, state: State) -> LimitLoad:
+def measured_limit_load(campaign: Campaign, folder: Path, refined: Grid) -> LimitLoad:
     """The limit load kept in `limit_load.json` of the campaign's folder, measured and written there at first.
 
-    scene, state: of the refined grid at rest, with mean soil. Raises ValueError for a file that holds something else,
-    or a slope whose displacement shows no limit load between factors of 0.5 and 3.
+    Raises ValueError for a file that holds something else, or a slope whose displacement shows no limit load between
+    factors of 0.5 and 3.
     """
-    return KEPT.once(folder, lambda: measure_limit_load(campaign, scene, state))
+    return KEPT.once(folder, lambda: measure_limit_load(campaign, refined))
 
 
 def at_limit_load(campaign: Campaign, found: LimitLoad) -> Campaign:
@@ -46,17 +46,19 @@ def at_limit_load(campaign: Campaign, found: LimitLoad) -> Campaign:
     return ready
 
 
-def measure_limit_load(campaign: Campaign, scene: Scene, state: State) -> LimitLoad:
-    """The limit load of the slope of mean soil, by strength reduction; scene, state: of the refined grid at rest."""
-    t_end = campaign.run.t_end
-    found = factor_of_safety(scene, state, criterion="limit load", t_end=t_end, batch=factors_at_once())
+def measure_limit_load(campaign: Campaign, refined: Grid) -> LimitLoad:
+    """The limit load of the slope of median soil, by strength reduction."""
+    scene, state = refined.median
+    found = factor_of_safety(scene, state, criterion="limit load", t_end=campaign.run.t_end, batch=factors_at_once())
     assert found.kink is not None
-    moved = [
-        float(
-            diagnostics.largest_displacement(
-                solve(reduced(scene, factor), state, t_end=t_end, settle=Settle()).raise_if_failed().state
-            )
-        )
+    below, above = (
+        _displacement(campaign, reduced(scene, factor), state)
         for factor in (found.kink * (1 - BESIDE), found.kink * (1 + BESIDE))
-    ]
-    return LimitLoad(found.kink, float(f"{math.sqrt(moved[0] * moved[1]):.3g}"))
+    )
+    return LimitLoad(found.kink, float(f"{math.sqrt(below * above):.3g}"))
+
+
+def _displacement(campaign: Campaign, scene: Scene, state: State) -> float:
+    """Largest displacement (m) of the slope by the end of a run."""
+    result = solve(scene, state, t_end=campaign.run.t_end, settle=Settle()).raise_if_failed()
+    return float(diagnostics.largest_displacement(result.state))

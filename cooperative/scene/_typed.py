@@ -58,7 +58,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Factors of safety of the homogeneous slope on both grids; the rough strength is multiplied by `factor`."""
+    """Factors of safety of the slope of median soil on both grids; the rough strength is multiplied by `factor`."""
 
     rough: float
     refined: float
@@ -75,7 +75,7 @@ class Calibration:
 
 @dataclass(frozen=True)
 class LimitLoad:
-    """Of the refined slope of mean soil: its factor of safety, and the failure displacement (m) that goes with it."""
+    """Of the refined slope of median soil: its factor of safety, and the failure displacement (m) that goes with it."""
 
     factor: float
     displacement: float
