@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxmpm as mpm
-from cooperative.runs import cores_to_use, keep_compiled
+from cooperative.runs import cores_to_use, keep_compiled, memory_mappings
 
 # Largest error of the settling column over its largest value; the stress is constant in a cell, of which there are 16.
 _SETTLEMENT, _STRESS = 0.01, 0.05
@@ -46,6 +46,14 @@ def installation() -> Iterator[tuple[str, str]]:
         untimed = "" if known else " (the solver runs here, untimed)"
         yield "device", f"{device.platform}: {device.device_kind}{untimed}"
     yield "compiled programs", f"kept in {kept}" if (kept := keep_compiled()) else "not kept"
+    mappings = memory_mappings()
+    yield (
+        "memory mappings",
+        f"{mappings[0]:,} of the {mappings[1]:,} that a process may hold here (vm.max_map_count); "
+        "each loaded program holds 8 to 50"
+        if mappings
+        else "this system gives neither their number nor a limit",
+    )
     yield "precision", f"{jnp.result_type(float)} unless a scene says otherwise"
 
 

@@ -29,7 +29,7 @@ from cooperative.campaign import run as run_campaign
 from cooperative.estimate import Published, Sampling, rank_samples, stopping_rank
 from cooperative.measure import SEVERITY
 from cooperative.reporting import panels, save
-from cooperative.runs import check_size, heeding, phases_of, rows_reader
+from cooperative.runs import check_size, heeding, phases_of, release_programs, rows_reader
 from cooperative.scene import kept, parse, tables_of, with_defaults
 from cooperative.store import GRIDS, Rows, kept_scene, read_store, write_aside
 from cooperative.summary import summarise
@@ -83,6 +83,7 @@ def _ran(parts: list[Variant], folder: Path, names: list[str], *, workers: int, 
         if progress:
             print(f"{part.name}:", flush=True)
         summary = run_campaign(_with_factors(part, folder), where, workers=workers, progress=progress)
+        release_programs()
         name = summary["name"]
         for parameter, value in part.points:
             answer = _ranked(where, int(value)) if parameter == "k_t" else summary

@@ -24,6 +24,10 @@ QUICK = "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
 """Flags of XLA for programs that are compiled quickly and run slowly."""
 
 
+BETWEEN_LOOKS = 5.0
+"""Seconds from one look at the memory mappings to the next."""
+
+
 def known(flags: str) -> bool:
     """Whether this jaxlib knows the flags: it ends the process where it meets one that it does not know."""
     asked = [sys.executable, "-c", "from jaxlib import xla_client; xla_client.CompileOptions()"]
@@ -44,7 +48,7 @@ import jax  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
 
-from cooperative.runs import keep_compiled  # noqa: E402
+from cooperative.runs import keep_compiled, release_programs  # noqa: E402
 
 keep_compiled(ROOT / ".cache")
 
@@ -89,6 +93,18 @@ def _running(session: str) -> Iterator[str]:
         ours = environment.get(SESSION) == session and int(process.name) != os.getpid()
         if ours and command and "resource_tracker" not in command:
             yield f"process {process.name}, begun by {environment.get('PYTEST_CURRENT_TEST', 'no test')}: {command}"
+
+
+_looked = 0.0
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown() -> None:
+    """Release the programs of tests that ended before they take all memory mappings; a look costs up to 50 ms."""
+    global _looked
+    if time.monotonic() > _looked + BETWEEN_LOOKS:
+        release_programs()
+        _looked = time.monotonic()
 
 
 @pytest.hookimpl(trylast=True)

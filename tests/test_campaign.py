@@ -159,7 +159,7 @@ def test_report_draws_its_figures_and_says_the_probability(done, capsys):
     assert main(["report", str(folder)]) == 0
     said = capsys.readouterr().out
     assert f"{summary['probability_of_failure']:.3f}" in said
-    for name in ("ranked", "field", "slope", "consequences"):
+    for name in ("ranked", "field", "slope", "exceedance"):
         assert (folder / "figures" / f"{name}.png").stat().st_size > 5000
 
 

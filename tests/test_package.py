@@ -20,6 +20,7 @@ from cooperative import doctor
 from cooperative.__main__ import main
 from cooperative._commands import EXAMPLES, parser
 from cooperative.reference import json_schema
+from cooperative.runs import _compiled, memory_mappings, release_programs
 from cooperative.scene import SCHEMA, example, examples, parse
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -91,7 +92,17 @@ def test_doctor_tells_what_it_runs_on_and_that_it_is_well(monkeypatch, capsys):
     said = capsys.readouterr().out
     for name in ("jaxmpm", "jax", "transfers on CPU", "C++ compiler", "cores", "device", "column at rest", "a step"):
         assert re.search(rf"^{re.escape(name)}: +\S", said, re.M)
+    held, allowed = memory_mappings()
+    assert re.search(rf"^memory mappings: +[\d,]+ of the {allowed:,} that a process may hold", said, re.M)
+    assert 0 < held < allowed
     assert said.endswith("well\n")
+
+
+def test_nothing_is_released_where_the_system_gives_no_number_of_mappings(monkeypatch, tmp_path):
+    monkeypatch.setattr(_compiled, "MAPPINGS", tmp_path / "none")
+    assert memory_mappings() is None
+    assert not release_programs(most=0)
+    assert dict(doctor.installation())["memory mappings"] == "this system gives neither their number nor a limit"
 
 
 @pytest.mark.parametrize(("kind", "untimed"), [("NVIDIA H100 80GB HBM3", False), ("NVIDIA A100-SXM4-40GB", True)])

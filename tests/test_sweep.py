@@ -45,6 +45,17 @@ def test_campaigns_share_their_coefficients():
         np.testing.assert_array_equal(design[:, :modes], designs["base"][:, :modes])
 
 
+def test_programs_are_released_after_each_campaign_of_a_sweep(tmp_path, monkeypatch):
+    order = []
+    point = dict.fromkeys(("interval", "level", "estimator", "refined_runs", "samples", "failures_refined", "modes"))
+    summary = {"name": "tiny", "probability_of_failure": 0.5, "finished": None, **point, "interval": [0.4, 0.6]}
+    monkeypatch.setattr(sweep, "run_campaign", lambda text, where, **_: order.append(where.name) or summary)
+    monkeypatch.setattr(sweep, "release_programs", lambda: order.append("released"))
+    monkeypatch.setattr(sweep, "save", lambda figure, path: None)
+    sweep.run(TINY + "[sweep]\ncov = [0.2, 0.4]\n", tmp_path / "out")
+    assert order == ["base", "released", "cov-0.2", "released"]
+
+
 @pytest.mark.slow
 def test_a_sweep_answers_for_every_value(swept):
     folder, found = swept

@@ -2,7 +2,7 @@
 
 from cooperative.runs._bars import Bar, advance, bars
 from cooperative.runs._columns import COLUMNS, beyond_toe
-from cooperative.runs._compiled import keep_compiled, machine
+from cooperative.runs._compiled import keep_compiled, machine, memory_mappings, release_programs
 from cooperative.runs._executors import Workers, cores_to_use, dask_executor, process_pool, run_through
 from cooperative.runs._frames import Frames
 from cooperative.runs._initial import keep_initial
@@ -43,9 +43,11 @@ __all__ = [
     "keep_compiled",
     "keep_initial",
     "machine",
+    "memory_mappings",
     "phases_of",
     "process_pool",
     "random_soil",
+    "release_programs",
     "rows_reader",
     "run_samples",
     "run_through",

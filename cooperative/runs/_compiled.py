@@ -1,14 +1,23 @@
-"""Compiled programs kept between commands, so that the second run of a scene does not compile again."""
+"""Compiled programs: stored between commands, so that the second run of a scene does not compile again, and released
+before a process has loaded too many."""
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import os
 import platform
+import threading
 from pathlib import Path
+from typing import Any
 
 import jax
 import platformdirs
+
+try:
+    from jax._src import compilation_cache as jax_cache
+except ImportError:
+    jax_cache = None  # type: ignore[assignment]
 
 from jaxmpm import native_library
 
@@ -17,15 +26,24 @@ SHORTEST = 0.1
 
 VARIABLE = "JAX_COMPILATION_CACHE_DIR"
 
+MAPPINGS, MOST_MAPPINGS = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
+FULL = 0.6
+"""Share of the memory mappings that a process may hold, from which on its programs are released."""
+
+_jaxs_entries = getattr(jax_cache, "get_file_cache", None)
+
 
 def keep_compiled(parent: Path | None = None) -> Path | None:
     """Have JAX keep what it compiles, for this process and those that it starts; gives the folder.
 
     parent: of that folder; None takes the user's cache folder. JAX's own variables are heeded:
-    JAX_COMPILATION_CACHE_DIR names another folder, JAX_ENABLE_COMPILATION_CACHE=0 keeps nothing (None).
+    JAX_COMPILATION_CACHE_DIR names another folder, JAX_ENABLE_COMPILATION_CACHE=0 keeps nothing (None). A damaged entry
+    is compiled and written anew; where JAX_COMPILATION_CACHE_MAX_SIZE bounds the folder, JAX alone writes and reads it.
     """
     if not jax.config.jax_enable_compilation_cache:  # type: ignore[attr-defined]
         return None
+    if _jaxs_entries is not None:
+        jax_cache.get_file_cache = _entries  # type: ignore[assignment]
     if VARIABLE not in os.environ:
         parent = platformdirs.user_cache_path("jaxmpm") if parent is None else parent
         os.environ[VARIABLE] = str(parent / machine())
@@ -51,3 +69,75 @@ def machine() -> str:
     if library is not None:
         told.update(library.read_bytes())
     return told.hexdigest()[:16]
+
+
+def _entries(folder: str) -> Any:
+    """The entries of a folder, and its name, as JAX asks for them: ours, or JAX's own for what ours do not do."""
+    bounded = getattr(jax.config, "jax_compilation_cache_max_size", -1) != -1
+    compared = getattr(jax.config, "jax_compilation_cache_check_contents", False)
+    if bounded or compared or "://" in folder:
+        return _jaxs_entries(folder)  # type: ignore[misc]
+    return _Entries(folder), folder
+
+
+class _Entries:
+    """Files of compiled programs, named as JAX names them, each with its SHA-256 at the end.
+
+    JAX writes them in place and never replaces one, so that it compiles what a killed process left half written again
+    in every process. Here a file whose end is not the SHA-256 of the rest counts as missing, those that JAX wrote too,
+    and is replaced. Decompression stops before the SHA-256, so that JAX reads these files too.
+    """
+
+    def __init__(self, folder: str) -> None:
+        self._path = Path(folder)
+        self._path.mkdir(parents=True, exist_ok=True)
+
+    def get(self, key: str) -> bytes | None:
+        """The program of this key, None where there is none that is whole."""
+        try:
+            stored = self._file(key).read_bytes()
+        except FileNotFoundError:
+            return None
+        program = stored[: -hashlib.sha256().digest_size]
+        return program if stored == _sealed(program) else None
+
+    def put(self, key: str, program: bytes) -> None:
+        """Write the program beside its place and rename it: processes may write the same one at the same time."""
+        file = self._file(key)
+        part = file.with_name(f".{key}.{os.getpid()}-{threading.get_ident()}")
+        try:
+            part.write_bytes(_sealed(program))
+            os.replace(part, file)
+        finally:
+            part.unlink(missing_ok=True)
+
+    def _file(self, key: str) -> Path:
+        return self._path / f"{key}-cache"
+
+
+def _sealed(program: bytes) -> bytes:
+    return program + hashlib.sha256(program).digest()
+
+
+def memory_mappings() -> tuple[int, int] | None:
+    """Memory mappings that this process holds, and how many the system allows it; None where it does not tell.
+
+    A process that needs one more ends by a segmentation fault. Each program loaded on CPU holds 8 to 50.
+    """
+    try:
+        return MAPPINGS.read_bytes().count(b"\n"), int(MOST_MAPPINGS.read_bytes())
+    except OSError:
+        return None
+
+
+def release_programs(most: int | None = None) -> bool:
+    """Release all loaded programs where this process holds more than `most` memory mappings; whether it did.
+
+    most: None takes 60 per cent of those allowed. What is called again is read again from the stored programs.
+    """
+    mappings = memory_mappings()
+    if mappings is None or mappings[0] <= (FULL * mappings[1] if most is None else most):
+        return False
+    jax.clear_caches()
+    gc.collect()
+    return True

@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 
+from cooperative.runs._compiled import VARIABLE, keep_compiled
 from cooperative.runs._model import GridModel, build
 from cooperative.runs._random_soil import random_soil
 from cooperative.runs._samples import run_samples
@@ -117,6 +118,8 @@ _told_to_stop = threading.Event()
 def _begin(shares: SimpleQueue[list[int]], listening: connection.Connection) -> None:
     """Take a share of the cores (a worker that replaces a dead one finds none left and takes all), and watch."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if VARIABLE in os.environ:
+        keep_compiled()
     # That transfers run on XLA was said by the controller.
     warnings.filterwarnings("ignore", message=".* was not built: particle-grid transfers run on XLA")
     if not shares.empty():
