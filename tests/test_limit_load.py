@@ -1,5 +1,6 @@
 """A factor of safety by the limit load: when a slope moves on, and where its displacement turns over R."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -49,8 +50,22 @@ def test_where_displacement_jumps_the_kink_is_at_the_jump():
 
 
 def test_displacement_that_grows_evenly_has_no_kink():
-    with pytest.raises(ValueError, match=r"no kink at R = .* give a failure_displacement"):
+    with pytest.raises(ValueError, match=r"no kink, .* grows too evenly .* give a failure_displacement"):
         find_kink(lambda factor: 0.01 * factor, 1.2)
+
+
+def test_displacement_that_falls_is_no_even_growth_and_is_named():
+    # As a slope of sand with half its weight borne by water does: it moves at 0.80 and 0.82 and stands at 0.84.
+    over, moved = [0.76, 0.78, 0.80, 0.82, 0.84, 0.87, 0.95, 1.1], [0.04, 0.05, 0.69, 0.83, 0.12, 0.33, 0.72, 1.9]
+    with pytest.raises(ValueError, match=r"no kink, .* share of PIC") as refused:
+        find_kink(lambda factor: np.interp(factor, over, moved), 0.9)
+    with pytest.warns(UserWarning, match=r"limit load at R = 0.8\d+ is in doubt") as warned:
+        find_kink(lambda factor: np.interp(factor, over, moved), 0.82)
+    for message in (str(refused.value), str(warned[0].message)):
+        seen = re.search(r"it moves ([\d.]+) m at R = ([\d.]+) and ([\d.]+) m at R = ([\d.]+),", message)
+        more, at, less, then = map(float, seen.groups())
+        assert more > 1.5 * less
+        assert 0.78 < at < 0.83 < then < 0.87
 
 
 @pytest.mark.slow

@@ -117,6 +117,16 @@ def test_a_strong_layer_does_not_yield():
     assert moved[rock].max() < 1e-3
 
 
+@pytest.mark.parametrize("bottom", [[(0, 6), (20, 0)], [(0, 6), (9, 0), (20, 0)], [(0, 0), (14, 3), (20, 3)]], ids=str)
+def test_a_layer_may_taper_off_exactly_at_a_wall(bottom):
+    soils = drained(5e3, 20), drained(1e3, 30)
+    scene, _ = mpm.section(FLAT, [mpm.Layer(soils[0], bottom), mpm.Layer(soils[1])], HALVES, at_rest=False)
+    x, z = np.asarray(scene.particles.position)
+    above = z > np.interp(x, *np.transpose(bottom))
+    assert 50 < above.sum() < above.size - 50
+    assert np.array_equal(np.asarray(scene.material.cohesion) == 5e3, above)
+
+
 def layered(*bottoms):
     return [mpm.Layer(CLAY, bottom) for bottom in bottoms] + [mpm.Layer(CLAY)]
 
@@ -146,6 +156,7 @@ REFUSED = {
         layered([(0, 2.4), (20, 2.4)], [(0, 2), (20, 2)]),
         "layer 2 is 0.4 m thick at .* less than a particle",
     ),
+    "thin at a wall": (FLAT, layered([(0, 5.9), (20, 0)]), "layer 1 is .* m thick at .* less than a particle of 0.5 m"),
     "thin in between": (FLAT, layered([(0, 2), (4, 5.75), (8, 5), (14, 2), (20, 2)]), "layer 1 is .* m thick at"),
     "below the base": (FLAT, layered([(0, 1), (20, 1)], [(0, -1), (20, -1)]), "layer 3 holds no particle"),
     "order": (FLAT, [mpm.Layer(CLAY), mpm.Layer(CLAY, [(0, 1), (20, 1)])], "all but the last with their bottom"),

@@ -335,7 +335,8 @@ def _layering(shape: Section, layers: Sequence[Layer], discretisation: Discretis
     tops = _tops(shape, layers, dz)
     left, right = shape.outline()[1]
     columns = left + (np.arange(round((right - left) / dx)) + 0.5) * dx
-    _refuse_thin(columns, [np.maximum(top(columns), shape.base) for top in tops], dz)
+    x = np.r_[left, columns, right]
+    _refuse_thin(x, [np.maximum(top(x), shape.base) for top in tops], dz)
     return tops
 
 
@@ -510,19 +511,24 @@ def pore_pressure_of(
 def _refuse_thin(x: np.ndarray, tops: Sequence[np.ndarray], spacing: float) -> None:
     """Raise ValueError for a layer thinner than a particle, but where it tapers off to nothing.
 
-    x: of the columns of particles. tops: heights (n,) m there of the layers' upper boundaries and of the base.
+    x: of both walls and of the columns of particles between them. tops: heights (n,) m there of the layers' upper
+    boundaries and of the base.
     """
     for number, (top, bottom) in enumerate(pairwise(tops), 1):
         thickness = top - bottom
         size = np.where(thickness < spacing * (1 - RESOLVED), np.where(thickness > TOUCHING * spacing, 1, 0), 2)
+        ends, size = size[[0, -1]], size[1:-1]
         changes = np.flatnonzero(np.diff(size)) + 1
         kinds = [int(run[0]) for run in np.split(size, changes)]
+        # A wall at which the layer has come to nothing is like ground without it; another is none.
+        beyond = np.where(ends == 0, 0, -1)
         for kind, before, after, start in zip(
-            kinds, [-1, *kinds], [*kinds[1:], -1], [0, *changes.tolist()], strict=False
+            kinds, [beyond[0], *kinds], [*kinds[1:], beyond[1]], [0, *changes.tolist()], strict=False
         ):
             if kind == 1 and {before, after} != {0, 2}:
+                at = start + 1
                 raise ValueError(
-                    f"layer {number} is {thickness[start]:g} m thick at ({x[start]:g}, {bottom[start]:g}) m, less than "
+                    f"layer {number} is {thickness[at]:g} m thick at ({x[at]:g}, {bottom[at]:g}) m, less than "
                     f"a particle of {spacing:g} m: take smaller particles, or draw it thicker"
                 )
         if not (size == 2).any():
