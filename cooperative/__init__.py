@@ -2,7 +2,7 @@
 
 from cooperative import report, run
 
-run(open("scene.toml").read(), "out", workers=2)
+run(open("scene.toml", encoding="utf-8").read(), "out", workers=2)
 print(report("out"))
 
 Names are loaded when first asked for: those listed in `__init__.pyi`.

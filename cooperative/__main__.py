@@ -1,13 +1,28 @@
 """`jaxmpm`, or `python -m cooperative`. The commands stand in `cooperative._commands`."""
 
+import io
 import os
 import signal
 import sys
 
 
+def _open_streams() -> None:
+    """Open each standard stream that is closed to nowhere, so that no file opened later takes its number and with it
+    what libraries print; a letter that an output's encoding lacks is printed as its escape."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            number = os.open(os.devnull, os.O_RDWR)
+            os.set_inheritable(number, True)
+            setattr(sys, name, os.fdopen(number, mode, encoding="utf-8"))
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run a command. Ctrl-C ends the process without a word while its libraries load, which takes seconds: nothing has
     begun."""
+    _open_streams()
     # XLA writes to stderr about the tuning of programs that it reads from its cache.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     before = signal.getsignal(signal.SIGINT)

@@ -131,6 +131,8 @@ def read_plain(path: str | Path, most: int = MOST) -> bytes:
         if error.errno in (errno.ELOOP, errno.EMLINK, errno.ENXIO, errno.EISDIR):
             raise DamagedFile(f"{path} is no regular file") from error
         raise
+    except ValueError as error:
+        raise DamagedFile(f"{path} names no file ({error}): give a name that the system allows") from error
     try:
         about = os.fstat(descriptor)
         if not stat.S_ISREG(about.st_mode):

@@ -1,6 +1,7 @@
 """Scenes that no campaign can be made of: each is refused in one line, before anything is built or written."""
 
 import math
+import re
 
 import pytest
 
@@ -9,6 +10,7 @@ from cooperative import run, runs
 from cooperative.__main__ import main
 from cooperative.runs import check_coefficients, check_size, grid_size
 from cooperative.scene import LISTS, SECTIONS, parse, read_scene
+from cooperative.store import open_store, read_store
 from tests.test_campaign import SCENES, TINY, changed
 
 TOO_LARGE = [
@@ -18,6 +20,10 @@ TOO_LARGE = [
     (("cell = 2.0", "cell = 2.0\ncfl = 1e-9"), r"\[rough\] a run takes .* steps, the limit is 1e\+07: give a larger"),
     (("t_end = 4.0", "t_end = 1e12"), r"\[rough\] a run takes .* steps, the limit is 1e\+07"),
     (("young = 2e7", "young = 1e30"), r"\[rough\] a run takes .* steps"),
+    (
+        ("t_end = 4.0", "t_end = 1e-12"),
+        r"\[run\] t_end = 1e-12 s is less than one time step .*0\.014 s: give the seconds",
+    ),
     (("cell = 1.0", "cell = inf"), r"\[refined\] cell = inf: give finite values"),
     (("cell = 1.0", "cell = nan"), r"\[refined\] cell = nan: give finite values"),
     (("cell = 1.0", "cell = 1e-320"), r"\[refined\] cell = 1e-320: give finite values, in single precision"),
@@ -150,6 +156,25 @@ def test_files_that_are_no_scene_are_named(content, message, tmp_path, capsys):
         assert said.count("\n") == 1
     with pytest.raises(ValueError, match="is no file"):
         read_scene(tmp_path)
+
+
+def test_a_byte_order_mark_at_the_head_of_a_file_is_no_part_of_the_scene(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text("\ufeff" + TINY, encoding="utf-8")
+    assert read_scene(path) == TINY
+    with open_store(tmp_path / "out", TINY) as store:
+        path.replace(tmp_path / "out" / "scene.toml")
+    assert read_store(tmp_path / "out").digest == store.digest
+    with pytest.raises(ValueError, match=r"begins with a byte order mark .*: read its file with encoding"):
+        parse("\ufeff" + TINY)
+
+
+@pytest.mark.parametrize("name", ["a\\u0000b.csv", "a\\u0000b.dxf#GROUND"])
+def test_a_file_whose_name_holds_what_no_name_may_is_named(name, tmp_path, capsys):
+    path = tmp_path / "scene.toml"
+    path.write_text(f'[ground]\nsurface = "{name}"\n')
+    assert main(["check", str(path)]) == 2
+    assert re.fullmatch(r"error: .*/a\?b.\w+ names no file \(.*\): give .*\n", capsys.readouterr().err)
 
 
 @pytest.mark.parametrize("workers", [0, -3])

@@ -37,6 +37,13 @@ def test_without_a_terminal_lines_tell_it_on_stderr_and_in_the_folder(tmp_path, 
     assert capsys.readouterr().err.splitlines() == log[1:-1]
 
 
+def test_a_campaign_whose_stderr_is_closed_writes_its_log(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "stderr", None)
+    invented.invent(put=monkeypatch.setattr)
+    run(AUDITED, tmp_path / "out", progress=True)
+    assert (tmp_path / "out" / "progress.log").read_text().endswith("done\n")
+
+
 def test_the_log_goes_on_tells_an_early_end_and_is_no_link(tmp_path, monkeypatch):
     invented.invent(put=monkeypatch.setattr)
     elsewhere = tmp_path / "theirs.txt"

@@ -62,6 +62,8 @@ def test_a_campaign_whose_rough_runs_broke_off_has_a_way_out(tmp_path, capsys, m
     [
         (SCENE, 15, "refined_runs = 15: the campaign allows 15 already, give more"),
         (SCENE, -1, "refined_runs = -1: the campaign allows 15 already, give more"),
+        (SCENE, 99999999999999999999, "refined_runs = 99999999999999999999: give at most 2,147,483,647"),
+        (SCENE, 2**31, "refined_runs = 2147483648: give at most 2,147,483,647"),
         (TINY, 20, "estimator 'published' has no number of runs to raise"),
     ],
 )
@@ -69,6 +71,11 @@ def test_a_budget_that_is_none_is_refused_before_anything_is_written(scene, runs
     with pytest.raises(ValueError, match=message):
         campaign.run(scene, tmp_path / "out", refined_runs=runs)
     assert not (tmp_path / "out").exists()
+
+
+def test_the_most_that_may_be_allowed_is_read_again(tmp_path):
+    for _ in range(2):
+        assert campaign.run(SCENE, tmp_path / "out", refined_runs=2**31 - 1)["refined_runs"] == 50
 
 
 def test_what_a_folder_allows_does_not_shrink(tmp_path):

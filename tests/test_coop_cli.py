@@ -1,8 +1,12 @@
 """The commands: going on from a folder, how far a campaign is, exports; errors in one line."""
 
+import ast
 import os
 import socket
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -19,6 +23,7 @@ from cooperative.summary import summarise
 from tests.test_campaign import TINY
 from tests.test_io import vtk_steps
 
+ROOT = Path(__file__).resolve().parent.parent
 PUBLISHED = TINY.replace("samples = 6", "samples = 20")
 TWO_PHASE = PUBLISHED.replace('estimator = "published"', "refined_runs = 10")
 
@@ -256,3 +261,48 @@ def test_status_of_a_folder_without_samples(tmp_path, capsys):
     open_store(tmp_path / "c", TINY).close()
     assert main(["status", str(tmp_path / "c")]) == 0
     assert "no finished sample yet" in capsys.readouterr().out
+
+
+POOR = """
+import os, sys
+from benchmarks import invented
+from cooperative import campaign
+from cooperative.__main__ import main
+folder = sys.argv[1]
+assert sys.stderr is None
+assert main(["new", "--kind", "section", "--out", f"{folder}/new.toml"]) == 0
+assert main(["example", "demo", "--out", f"{folder}/demo.toml"]) == 0
+assert main(["check", f"{folder}/none.toml"]) == 2
+assert os.open(os.devnull, os.O_RDONLY) > 2
+invented.invent()
+scene = invented.SCENE.replace('"tiny"', '"B\\u00f6schung"').replace("samples = 50", "samples = 20")
+campaign.run(scene, f"{folder}/out", progress=True)
+assert main(["status", f"{folder}/out"]) == 0
+"""
+
+
+def test_commands_work_in_an_ascii_locale_with_stderr_closed(tmp_path):
+    environment = os.environ | {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    # The shell closes stderr, as a service or a scheduler may.
+    command = ["sh", "-c", 'exec "$@" 2>&-', "sh", sys.executable, "-c", POOR, str(tmp_path)]
+    environment["PYTHONIOENCODING"] = "ascii"
+    done = subprocess.run(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE)
+    assert done.returncode == 0, done.stdout
+    printed = done.stdout.decode("ascii")
+    assert "\nB\\xf6schung" in printed
+    assert "20 of 20 samples" in printed
+    assert (tmp_path / "new.toml").read_text(encoding="utf-8").startswith("#:schema")
+    assert (tmp_path / "out" / "progress.log").read_text(encoding="utf-8").endswith("done\n")
+
+
+def test_every_text_file_that_a_package_opens_has_an_encoding():
+    without = []
+    for package in ("foundation", "jaxmpm", "kl", "cooperative"):
+        for path in (ROOT / package).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                name = getattr(node.func, "attr", getattr(node.func, "id", "")) if isinstance(node, ast.Call) else ""
+                if name in ("read_text", "write_text") or (name == "open" and isinstance(node.func, ast.Name)):
+                    words = {keyword.arg for keyword in node.keywords}
+                    binary = any(isinstance(each, ast.Constant) and "b" in str(each.value) for each in node.args[1:])
+                    without += [] if "encoding" in words or binary else [f"{path}:{node.lineno}"]
+    assert without == []

@@ -124,9 +124,10 @@ def test_a_block_slides_as_newmark_says():
 TAKEN = "time, x\n# g\n0.00, 0.1\n0.01, -0.2\n\n0.02, 0.3\n"
 
 
-def test_a_record_is_read(tmp_path):
+@pytest.mark.parametrize("head", ["", "\ufeff"], ids=["plain", "byte order mark"])
+def test_a_record_is_read(head, tmp_path):
     path = tmp_path / "record.csv"
-    path.write_text(TAKEN)
+    path.write_text(head + TAKEN, encoding="utf-8")
     motion = mpm.read_motion(path, scale=10.0)
     assert np.allclose(motion.acceleration, [[1.0, -2.0, 3.0], [0, 0, 0]])
     assert np.isclose(motion.interval, 0.01)

@@ -10,6 +10,7 @@ from cooperative.__main__ import main
 from cooperative.reporting import report
 from cooperative.scene import built, parse, read_scene
 from cooperative.store import read_rows, read_store
+from jaxmpm import read_line
 from tests.test_campaign import TINY
 from tests.test_random_soil import SAND, STIFF, changed
 
@@ -47,6 +48,9 @@ def test_each_layer_has_its_own_distribution_of_the_one_field():
 
 def test_points_may_lie_in_a_file_beside_the_scene(tmp_path):
     (tmp_path / "ground.csv").write_text("x,z\n0,10\n8;10\n16 2\n32,2\n")
+    # Spreadsheets write a byte order mark, with or without headings after it.
+    (tmp_path / "marked.csv").write_text("\ufeff0,10\n8,10\n16,2\n32,2\n", encoding="utf-8")
+    assert read_line(tmp_path / "marked.csv") == read_line(tmp_path / "ground.csv")
     drawn = OUTLINE.replace("[[0.0, 10.0], [8.0, 10.0], [16.0, 2.0], [32.0, 2.0]]", '"ground.csv"')
     (tmp_path / "scene.toml").write_text(drawn)
     text = read_scene(tmp_path / "scene.toml")

@@ -12,8 +12,8 @@ from cooperative.reporting import _svg as svg
 from cooperative.reporting import _turn as turn
 
 HERE = Path(__file__)
-STYLE = HERE.with_suffix(".css").read_text()
-SCRIPT = f"<script>\n{HERE.with_suffix('.js').read_text()}</script>"
+STYLE = HERE.with_suffix(".css").read_text(encoding="utf-8")
+SCRIPT = f"<script>\n{HERE.with_suffix('.js').read_text(encoding='utf-8')}</script>"
 """What makes all figures before it answer, once on a page."""
 
 TURN = turn.SCRIPT

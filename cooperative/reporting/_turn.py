@@ -150,5 +150,5 @@ def _key(body: Body) -> str:
     )
 
 
-SCRIPT = f"<script>\n{Path(__file__).with_name('_turn.js').read_text()}</script>"
+SCRIPT = f"<script>\n{Path(__file__).with_name('_turn.js').read_text(encoding='utf-8')}</script>"
 """What turns all figures before it, once on a page."""

@@ -29,7 +29,7 @@ Bar = Callable[..., tqdm]
 def bars(folder: Path, wanted: bool) -> Iterator[Bar]:
     """The bars of a campaign in `folder`; none that shows anything unless `wanted`. Raises OSError where the log cannot
     be written."""
-    if not wanted or sys.stderr.isatty():
+    if not wanted or (sys.stderr is not None and sys.stderr.isatty()):
 
         def drawn(title: str, total: int | None, done: int) -> tqdm:
             shape = TOLD % " |{bar:20}|"
@@ -58,11 +58,12 @@ def advance(bar: tqdm, known: Callable[[], str]) -> None:
 
 @contextmanager
 def _log(path: Path) -> Iterator[logging.Logger]:
-    """Lines on stderr and at the end of a file, which also has how the campaign began and ended."""
+    """Lines on stderr, where it is open, and at the end of a file, which also has how the campaign began and ended."""
     # An own logger, not one by name: campaigns may run beside each other in threads.
     log = logging.Logger("cooperative")
     with append_to(path) as file:
-        for stream, level in ((sys.stderr, logging.INFO), (file, logging.DEBUG)):
+        streams = [(file, logging.DEBUG), *([] if sys.stderr is None else [(sys.stderr, logging.INFO)])]
+        for stream, level in streams:
             handler = logging.StreamHandler(stream)
             handler.setFormatter(logging.Formatter("%(asctime)s %(message)s", "%Y-%m-%d %H:%M:%S"))
             handler.setLevel(level)

@@ -63,8 +63,8 @@ def machine() -> str:
     told = hashlib.sha256(f"{platform.machine()} {platform.processor()}".encode())
     processor = Path("/proc/cpuinfo")
     if processor.exists():
-        lines = processor.read_text().splitlines()
-        told.update("".join(sorted({x for x in lines if x.startswith(("model name", "flags", "Features"))})).encode())
+        lines = processor.read_bytes().splitlines()
+        told.update(b"".join(sorted({x for x in lines if x.startswith((b"model name", b"flags", b"Features"))})))
     library = native_library()
     if library is not None:
         told.update(library.read_bytes())

@@ -109,6 +109,12 @@ def check_size(campaign: Campaign, workers: int = 1) -> None:
         raise ValueError(f"[campaign] asks for {runs} rough runs, the limit is {MOST_RUNS:.0e}: give fewer samples")
     sizes = {grid: grid_size(campaign, grid) for grid in GRIDS}
     for grid, size in sizes.items():
+        if size.steps < 1:
+            t_end = campaign.run.t_end
+            raise ValueError(
+                f"[run] t_end = {t_end:g} s is less than one time step of the {grid} grid, {t_end / size.steps:.2g} s: "
+                "give the seconds that a slide takes"
+            )
         if not size.steps <= MOST_STEPS:
             raise ValueError(
                 f"[{grid}] a run takes {size.steps:.3g} steps, the limit is {MOST_STEPS:.0e}: give a larger cell, a "
@@ -159,7 +165,7 @@ def _limits() -> Iterator[float]:
     if hasattr(os, "sysconf") and {"SC_PHYS_PAGES", "SC_PAGE_SIZE"} <= os.sysconf_names.keys():
         yield float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
     with suppress(OSError, ValueError):
-        yield float(Path("/sys/fs/cgroup/memory.max").read_text())
+        yield float(Path("/sys/fs/cgroup/memory.max").read_bytes())
     try:
         import resource  # not on every system
     except ImportError:

@@ -14,6 +14,8 @@ from foundation import files
 from foundation.text import shown
 
 KEPT = "budget.json"
+MOST_RUNS = 2**31 - 1
+"""Refined runs at most that a folder may allow."""
 
 
 def allowing(campaign: Campaign, folder: Path, refined_runs: int | None) -> Campaign:
@@ -44,6 +46,8 @@ def raised(campaign: Campaign, budget: Budget) -> Campaign:
     """
     if not budget.refined_runs > budget.scene >= 1:
         raise ValueError(f"refined_runs = {budget.refined_runs}: the scene allows {budget.scene} already, give more")
+    if budget.refined_runs > MOST_RUNS:
+        raise ValueError(f"refined_runs = {shown(budget.refined_runs)}: give at most {MOST_RUNS:,}")
     chosen: Any = campaign.estimator
     if "refined_runs" not in {setting.name for setting in fields(chosen)}:
         raise ValueError(f"refined_runs = {budget.refined_runs}: estimator {chosen.name!r} has no such setting")
@@ -70,7 +74,7 @@ def kept_budget(folder: Path) -> Budget | None:
         values = found["refined_runs"], found["scene"]
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise ValueError(f"{path} holds no number of refined runs: {REMEDY}") from error
-    if not all(type(value) is int and 0 < value < 2**31 for value in values):
+    if not all(type(value) is int and 0 < value <= MOST_RUNS for value in values):
         raise ValueError(f"{path} holds {shown(values)} in place of numbers of refined runs: {REMEDY}")
     return Budget(*values)
 

@@ -39,7 +39,7 @@ def begin(kind: str, path: Path) -> list[Path]:
     if kind not in known:
         raise ValueError(f"kind = {shown(kind)}: give one of {', '.join(known)}")
     hillside = {path.parent / "terrain.asc": _hillside()} if kind == "terrain" else {}
-    return _write({path: NAMED + known[kind].read_text(), **hillside})
+    return _write({path: NAMED + known[kind].read_text(encoding="utf-8"), **hillside})
 
 
 def write_example(name: str, path: Path) -> list[Path]:
@@ -82,4 +82,4 @@ def example(name: str) -> str:
     known = examples()
     if name not in known:
         raise ValueError(f"no example scene is called {shown(name)}: give one of {', '.join(known)}")
-    return known[name].read_text()
+    return known[name].read_text(encoding="utf-8")

@@ -27,7 +27,7 @@ def read_scene(path: Path) -> str:
     if path.stat().st_size > LARGEST:
         raise ValueError(f"scene {path} has {path.stat().st_size} bytes, the limit is {LARGEST}: is it a scene?")
     try:
-        return _with_files(path.read_bytes().decode(), path.parent)
+        return _with_files(path.read_bytes().decode("utf-8-sig"), path.parent)
     except UnicodeDecodeError as error:
         raise ValueError(f"scene {path} is no text in UTF-8 (byte {error.start}): give a scene in TOML") from error
     except OSError as error:
@@ -36,6 +36,8 @@ def read_scene(path: Path) -> str:
 
 def tables_of(text: str) -> dict[str, Any]:
     """The tables of a scene. Raises ValueError for text that is no TOML."""
+    if text.startswith("\ufeff"):
+        raise ValueError("the scene begins with a byte order mark (U+FEFF): read its file with encoding = 'utf-8-sig'")
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -56,6 +56,6 @@ def restart_path(folder: str | Path, grid: str, number: int) -> Path:
 def small_text(path: Path) -> str:
     """Text of a scene. ValueError for what is no regular file or no text."""
     try:
-        return files.read_plain(path, MOST_TEXT).decode()
+        return files.read_plain(path, MOST_TEXT).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is not text in UTF-8: {error}") from error

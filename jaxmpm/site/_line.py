@@ -48,7 +48,7 @@ def read_line(path: str | Path, layer: str | None = None) -> list[list[float]]:
 
 def _rows(path: Path) -> list[list[float]]:
     try:
-        lines = files.read_plain(path, MOST_BYTES["csv"]).decode().splitlines()
+        lines = files.read_plain(path, MOST_BYTES["csv"]).decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is no text in UTF-8 (byte {error.start}): give x and z as CSV") from error
     except OSError as error:

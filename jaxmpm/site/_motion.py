@@ -29,7 +29,7 @@ def read_motion(path: str | Path, *, axes: str = "xz", scale: float = 1.0) -> Ba
     if axes not in ("x", "xz", "xyz"):
         raise ValueError(f"axes = {axes!r}: give 'x', 'xz' or 'xyz'")
     check.positive("scale", scale)
-    with Path(path).open(newline="", encoding="utf-8") as file:
+    with Path(path).open(newline="", encoding="utf-8-sig") as file:
         kept = [(n, line) for n, line in enumerate(file, 1) if line.strip() and not line.lstrip().startswith("#")]
     rows = list(csv.reader(line for _, line in kept))
     lines = [n for n, _ in kept]
