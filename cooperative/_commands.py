@@ -43,8 +43,9 @@ def _run(text: str, folder: Path, given: argparse.Namespace) -> None:
     with heeding(ends_process=True):
         executor = None if given.dask is None else dask_executor(given.dask)
         campaign.run(
-            text, folder, workers=given.workers, executor=executor, refined_runs=given.refined_runs, progress=True
-        )
+            text, folder, workers=given.workers, executor=executor, refined_runs=given.refined_runs, progress=True,
+            verify=given.verify,
+        )  # fmt: skip
     print(report(folder))
 
 
@@ -223,6 +224,9 @@ def parser() -> argparse.ArgumentParser:
             type=int,
             metavar="RUNS",
             help="allow more than the scene does; the folder keeps it",
+        )
+        each.add_argument(
+            "--verify", action="store_true", help="read the files of all finished samples anew, unchanged ones too"
         )
     looks = command("status", status, "folder")
     looks.add_argument(

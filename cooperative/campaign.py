@@ -45,6 +45,7 @@ def run(
     progress: bool = False,
     estimator: Estimator | None = None,
     on_phase: Callable[[str], None] = lambda phase: None,
+    verify: bool = False,
 ) -> dict[str, Any]:
     """Run the campaign of a scene (TOML text) in its folder, or go on where it was; returns the summary.
 
@@ -55,6 +56,7 @@ def run(
     estimator: a frozen dataclass with the methods of `cooperative.Estimator`, in place of one that the scene names. The
     folder remembers it in words: whoever goes on with it, reports it or asks for its progress has to give the same one.
     on_phase: told that "screening", "audit", "slides" and "summary" begin; it may raise, and the campaign ends there.
+    verify: read and verify every sample's file anew, those too that have not changed since they were verified.
     Ctrl-C and SIGTERM end it between two chunks of steps, with `runs.Stopped`; the same call goes on from there.
     Raises ValueError for a scene, a size or a folder that will not do, before anything is run or written.
     """
@@ -70,7 +72,8 @@ def run(
         with stop.at_once():
             models = _models(counted, folder)
         crew = None if executor is None and workers == 1 else runs.Workers(executor or partial(_pool, workers), workers)
-        with closing(crew.opened()) if crew else nullcontext(), open_store(folder, campaign.text) as store:
+        holding = closing(crew.opened()) if crew else nullcontext()
+        with holding, open_store(folder, campaign.text, verify=verify) as store:
             with stop.at_once():
                 if campaign.raised is not None:
                     write_budget(folder, campaign.raised)
@@ -156,7 +159,7 @@ class _Hands:
 def _ran(hands: _Hands, store: Store, on_phase: Callable[[str], None]) -> dict[str, Any]:
     """Both phases, and the summary, which is written too."""
     campaign = hands.campaign
-    rows = runs.rows_reader(campaign, store, hands.models)
+    rows = runs.rows_reader(campaign, store, hands.models, hands.stop.look)
     on_phase("screening")
     coefficients, screened = _screen(hands, store, rows)
     on_phase("audit")

@@ -54,12 +54,22 @@ def aside(path: str | Path) -> Iterator[Path]:
     path = Path(path)
     part = path.with_name(f".{path.name}.part")
     try:
-        # What a killed process left, or a link that leads elsewhere.
+        with explained(path):
+            # What a killed process left, or a link that leads elsewhere.
+            part.unlink(missing_ok=True)
+            yield part
+            _sync(part)
+            os.replace(part, path)
+            _sync(path.parent)
+    finally:
         part.unlink(missing_ok=True)
-        yield part
-        _sync(part)
-        os.replace(part, path)
-        _sync(path.parent)
+
+
+@contextmanager
+def explained(path: Path) -> Iterator[None]:
+    """Raise an OSError of what writes `path` with the system's errno, the file's name and a remedy."""
+    try:
+        yield
     except OSError as error:
         reason = os.strerror(error.errno) if error.errno else str(error)
         full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -67,8 +77,6 @@ def aside(path: str | Path) -> Iterator[Path]:
         raise OSError(
             error.errno, f"cannot write {path} ({reason}): {remedy} and start the same command again"
         ) from error
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def write_aside(path: str | Path, data: bytes | memoryview) -> None:

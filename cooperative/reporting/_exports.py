@@ -122,7 +122,7 @@ def export_sample(folder: str | Path, number: int, grid: str = "refined", *, fra
             'set fields = "both" for another campaign, or give --frames to run the sample again'
         )
     model = _model(store, grid, at_rest=frames is not None)
-    if why := foreign(None, model, sample):
+    if why := foreign(None, model, sample.record):
         raise ValueError(f"{sample_path(store, grid, number)} {why}: delete it and resume the campaign")
     if frames is None:
         return _series_of_fields(store, model, sample)

@@ -9,6 +9,7 @@ named, set aside and counted as not done.
     samples/rough/000123.h5       coefficients, row, fields, provenance of sample 123 on the rough grid
     samples/refined/000123.h5
     samples/slides/000123.h5      the same run to the end of its slide, where samples/refined has it until it failed
+    samples/rough.index           the rows of files that were verified, so that unchanged files are not read again
     initial/rough.h5              stress of a grid at rest, solved once (`cooperative.runs`)
     restart/refined-000123.h5     a long run under way (`cooperative.runs`), removed once it has ended
     progress.log                  what was done when, where there was no terminal to tell it (`cooperative.runs`)
@@ -20,8 +21,9 @@ from cooperative.store._lock import lock_holder
 from cooperative.store._opened import open_store, read_store
 from cooperative.store._reading import check_frames, read_sample
 from cooperative.store._rows import Rows, read_rows, reader
-from cooperative.store._samples import Sample, fill_sample, write_sample
+from cooperative.store._samples import Record, Sample, fill_sample
 from cooperative.store._scene_text import FIRST_DEFAULTS, kept_scene, scene_digest
+from cooperative.store._writing import write_sample
 from foundation.files import DamagedFile, Scalar, own_folder, set_aside, write_aside
 
 __all__ = [
@@ -30,6 +32,7 @@ __all__ = [
     "MOST_TEXT",
     "SLIDES",
     "DamagedFile",
+    "Record",
     "Rows",
     "Sample",
     "Scalar",

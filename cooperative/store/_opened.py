@@ -7,6 +7,7 @@ import warnings
 from pathlib import Path
 
 from cooperative.store._folder import GRIDS, SLIDES, Store
+from cooperative.store._index import drop_indices
 from cooperative.store._lock import take_lock
 from cooperative.store._readme import write_readme
 from cooperative.store._scene_text import differences, kept_scene, scene_digest
@@ -14,8 +15,10 @@ from foundation.files import set_aside, write_aside
 from foundation.text import shown
 
 
-def open_store(folder: str | Path, scene_text: str) -> Store:
+def open_store(folder: str | Path, scene_text: str, *, verify: bool = False) -> Store:
     """Open the campaign folder for the one controller, made if it is not there.
+
+    verify: have every sample's file read and verified anew, those too that have not changed since they were verified.
 
     Raises ValueError when the folder cannot be written, holds something else or a campaign of another scene
     (naming what differs), or is held by another controller.
@@ -51,6 +54,8 @@ def open_store(folder: str | Path, scene_text: str) -> Store:
             _claim(directory)
             for leftover in directory.glob(".*.part"):
                 leftover.unlink()
+        if verify:
+            drop_indices(folder)
     except BaseException:
         os.close(lock)
         raise

@@ -34,24 +34,22 @@ def read_sample(store: Store, grid: str, number: int) -> Sample:
     """
     if grid == "refined" and sample_path(store, SLIDES, number).exists():
         grid = SLIDES
-    return read_file(store, grid, sample_path(store, grid, number))
+    try:
+        return read_file(store, grid, sample_path(store, grid, number))
+    except DamagedFile as error:
+        raise DamagedFile(f"{error}: `jaxmpm resume --verify` sets it aside and runs its sample again") from error
 
 
 def read_file(store: Store, grid: str, path: Path) -> Sample:
     """The sample in one file of this grid. DamagedFile if it cannot be trusted."""
     with files.read_sealed(path, KIND, SCHEMA) as file:
         said, row = file.scalars("/"), file.scalars("row")
-        _check_types(path, said, SAID, required=SAID)
-        _check_types(path, row, ROW, required=("displacement", "broke_off"))
-        # A refined run that ended once it had failed slid no farther than that.
-        cut_short = row["broke_off"] or (grid == "refined" and said["status"] == "DECIDED")
-        _check_types(path, row, ROW, required=() if cut_short else MEASURED)
+        check_types(path, said, SAID, required=SAID)
         if said["scene"] != store.digest:
             raise DamagedFile(f"{path} belongs to another scene")
         if (said["grid"], f"{said['sample']:06d}.h5") != (grid, path.name):
             raise DamagedFile(f"{path} holds sample {said['sample']} of grid {said['grid']}")
-        if not 0 <= float(row["displacement"]) < float("inf"):
-            raise DamagedFile(f"{path} holds a largest displacement of {row['displacement']} m")
+        check_row(path, grid, str(said["status"]), row)
         fields = {name: file.array("fields", name) for name in file.names("fields")}
         check_frames(path, fields, fields.get("displacement", np.empty(0)).shape)
         versions = json.loads(str(said["versions"]))
@@ -71,6 +69,16 @@ def read_file(store: Store, grid: str, path: Path) -> Sample:
         )
 
 
+def check_row(path: Path, grid: str, status: str, row: Mapping[str, Scalar]) -> None:
+    """DamagedFile for a row that lacks what estimators and reports read, or has it of another type."""
+    check_types(path, row, ROW, required=("displacement", "broke_off"))
+    # A refined run that ended once it had failed slid no farther than that.
+    cut_short = row["broke_off"] or (grid == "refined" and status == "DECIDED")
+    check_types(path, row, ROW, required=() if cut_short else MEASURED)
+    if not 0 <= float(row["displacement"]) < float("inf"):
+        raise DamagedFile(f"{path} holds a largest displacement of {row['displacement']} m")
+
+
 def check_frames(path: Path, fields: Mapping[str, ArrayLike], shape: tuple[int, ...]) -> None:
     """DamagedFile for frames that are not (T, *shape), or whose times (T,) do not ascend. None at all will do."""
     if "frames" not in fields and "frame_times" not in fields:
@@ -84,7 +92,7 @@ def check_frames(path: Path, fields: Mapping[str, ArrayLike], shape: tuple[int, 
         )
 
 
-def _check_types(
+def check_types(
     path: Path, found: Mapping[str, Scalar], known: Mapping[str, tuple[type, ...]], required: Collection[str] = ()
 ) -> None:
     """DamagedFile for a value of another type than is known of it, or one that is missing."""

@@ -49,6 +49,8 @@ WHAT IS WHAT
   samples/rough/      one HDF5 file per finished sample on the rough grid
   samples/refined/    the same on the refined grid
   samples/slides/     refined runs that went on to the end of their slide, where they had stopped at failure
+  samples/*.index     the numbers of files that were read and verified, with the size and times of each file, so that
+                      only changed files are read again. They may be deleted: all files are then verified anew
   initial/            the stress of each grid at rest, solved once. It may be deleted
   restart/            where long runs go on after an interruption. It may be deleted; these runs then start afresh
   field_modes.json    numbers of modes of the random fields, which another machine might count otherwise

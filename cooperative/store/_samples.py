@@ -1,24 +1,33 @@
-"""A finished sample, and how it is written."""
+"""A finished sample, and how it stands in a file."""
 
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 
 import h5py
 import numpy as np
 
-from cooperative.store._folder import Store, restart_path, sample_path
-from foundation import files
+from cooperative.store._folder import Store
 from foundation.files import Scalar
 
 KIND = "cooperative sample"
 SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class Record:
+    """A finished sample without its arrays, see `Sample`. shapes: of "coefficients" and of each "fields/NAME"."""
+
+    number: int
+    status: str
+    steps: int
+    seconds: float
+    row: Mapping[str, Scalar]
+    shapes: Mapping[str, tuple[int, ...]]
 
 
 @dataclass(frozen=True)
@@ -48,22 +57,12 @@ class Sample:
         """Its largest displacement (m), and whether the run broke off."""
         return float(self.row["displacement"]), bool(self.row["broke_off"])
 
-
-def write_sample(store: Store, grid: str, sample: Sample) -> Path:
-    """Write one finished sample, whole or not at all; its restart point is removed.
-
-    Raises ValueError for a store opened for reading or a sample that is there already, OSError (with the
-    errno of the system, for example ENOSPC) when the disk refuses; no half file is left then.
-    """
-    path = sample_path(store, grid, sample.number)
-    if store.lock is None:
-        raise ValueError(f"{store.folder} is open for reading: use open_store to write {path.name}")
-    if os.path.lexists(path):
-        raise ValueError(f"{path} is finished already: results are never overwritten, delete it to redo it")
-
-    files.write_sealed(path, KIND, SCHEMA, lambda file: fill_sample(file, store, grid, sample))
-    restart_path(store.folder, grid, sample.number).unlink(missing_ok=True)
-    return path
+    @property
+    def record(self) -> Record:
+        """The same without its arrays."""
+        arrays = {"coefficients": self.coefficients} | {f"fields/{name}": each for name, each in self.fields.items()}
+        shapes = {name: np.shape(values) for name, values in arrays.items()}
+        return Record(int(self.number), self.status, int(self.steps), float(self.seconds), self.row, shapes)
 
 
 def fill_sample(group: h5py.Group, store: Store, grid: str, sample: Sample) -> None:
