@@ -54,12 +54,17 @@ def without_softening(scene: Scene, state: State) -> tuple[Scene, State]:
 def without_yielding(scene: Scene, state: State) -> tuple[Scene, State]:
     """Elastic: no return mapping, no history."""
     material = Elastic(scene.material.bulk, scene.material.shear)
-    return replace(scene, material=material), replace(state, history=None)
+    return replace(scene, material=material), replace(state, history=None, gap=None)
 
 
 def without_cutoff(scene: Scene, state: State) -> tuple[Scene, State]:
     """No limit to the mean stress."""
-    return replace(scene, material=replace(scene.material, tension_cutoff=None)), state
+    return replace(scene, material=replace(scene.material, tension_cutoff=None)), replace(state, gap=None)
+
+
+def without_gap(scene: Scene, state: State) -> tuple[Scene, State]:
+    """Soil that has opened forgets it."""
+    return replace(scene, material=replace(scene.material, gap_memory=False)), replace(state, gap=None)
 
 
 def homogeneous(scene: Scene, state: State) -> tuple[Scene, State]:
@@ -228,6 +233,7 @@ FEATURES: dict[str, tuple[Variant, Variant]] = {
     "exponential softening": (with_exponential_softening, unchanged),
     "effect of rate": (with_rate, unchanged),
     "tension cutoff": (unchanged, without_cutoff),
+    "memory of the gap": (unchanged, without_gap),
     "strength per particle": (unchanged, homogeneous),
     "softening per particle": (with_uneven_softening, unchanged),
     "stiffness per particle": (with_uneven_stiffness, unchanged),

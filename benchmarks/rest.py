@@ -113,14 +113,14 @@ def _put(rows: dict[int, Row], row: Row, where: str) -> None:
 def main() -> None:
     """Run what is missing, one slide after the other."""
     done = read(DATA)
-    with _appending(DATA, COLUMNS) as put:
+    with appending(DATA, COLUMNS) as put:
         for name, case in CASES.items():
             with_rule, without = (set(done.get((name, rest), {})) for rest in (True, False))
             if len(with_rule) < case.slides:
                 for row in _rows(name, case, with_rule, without):
                     put(row)
     slid, longer = read(DATA), read_longer(LONGER)
-    with _appending(LONGER, COLUMNS_LONGER) as put:
+    with appending(LONGER, COLUMNS_LONGER) as put:
         for name, case in CASES.items():
             left = slid.get((name, True), {}).keys() - longer.get(name, {}).keys()
             if case.longer and left:
@@ -129,7 +129,7 @@ def main() -> None:
 
 
 @contextmanager
-def _appending(path: Path, columns: Sequence[str]) -> Iterator[Callable[[Sequence[object]], None]]:
+def appending(path: Path, columns: Sequence[str]) -> Iterator[Callable[[Sequence[object]], None]]:
     """Gives what writes a row to the end of the file at once."""
     new = not path.exists()
     with path.open("a", newline="") as file:
@@ -147,7 +147,9 @@ def _appending(path: Path, columns: Sequence[str]) -> Iterator[Callable[[Sequenc
 def prepared(case: Case) -> tuple[GridModel, np.ndarray]:
     """The model of a case, whose runs end as its scene says, and the coefficients of its samples (samples, modes)."""
     campaign = scene_campaign(case.scene)
-    campaign = study(campaign) if case.grid == "refined" else campaign
+    if case.grid == "refined":
+        campaign = study(campaign)
+    campaign = replace(campaign, soil=replace(campaign.soil, gap_memory=False))
     campaign = replace(campaign, plan=replace(campaign.plan, fields=(), modes=(case.grid,)))
     soil = runs.random_soil(campaign)
     model = replace(runs.build(campaign, case.grid, soil), strength_factor=case.factor)

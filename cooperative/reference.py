@@ -240,6 +240,11 @@ MEANINGS = {
         ),
         "residual_ratio": Meaning("Strength left at large strain, over the peak.", "0.5", least=0, most=1),
         "tension_cutoff": Meaning("Largest mean tension.", "0.0", unit="Pa", least=0, default="no limit"),
+        "gap_memory": Meaning(
+            "Whether soil that the tension cutoff has opened closes its gap before it bears pressure; without it it "
+            "resists at once, and grains are thrown out.",
+            "true",
+        ),
         "plastic_strain": Meaning("Measure of plastic strain by which the soil softens.", '"engineering"'),
         "strain_95": Meaning(
             "Plastic strain at which 95 % of an exponential loss is done, instead of softening_modulus.",

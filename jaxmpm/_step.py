@@ -18,7 +18,7 @@ from jax import Array
 
 from jaxmpm import tensors
 from jaxmpm.boundary import around, fold, hold, one_with, slide, unfold
-from jaxmpm.laws import elastic_increment, elastic_strain, logarithmic, volumetric
+from jaxmpm.laws import elastic_increment, elastic_strain, logarithmic, update_with_gap, volumetric
 from jaxmpm.transfer import filtered, g2p, momentum, nodal_momentum, p2g, velocity_gradient, within_cells
 from jaxmpm.types import Scene, Scheme, State, Tensor
 
@@ -361,19 +361,20 @@ def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps) -> Arr
 
 
 def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, maps: Maps) -> State:
-    """Stress, history and volume after a step in the velocity gradient (d, d, N)."""
+    """Stress, history, gap and volume after a step in the velocity gradient (d, d, N)."""
     d = scene.grid.dimension
     strained = (strained_by_logarithms if scene.finite_strain else strained_by_rates)(
         scene, state, tensors.entries(gradient), dt, maps
     )
-    stress, history = scene.material.update(strained.strain, strained.stress, state.history, dt)
+    given = strained.strain, strained.stress, state.history, dt
+    stress, history, gap = update_with_gap(scene.material, *given, gap=state.gap, logarithmic=scene.finite_strain)
     if scene.nonlocal_passes is not None:
         smooth = partial(maps.average, passes=scene.nonlocal_passes)
         history = jax.tree.map(lambda new, old: old + smooth(new - old), history, state.history)
     components = tensors.compress(stress, d)
     if scene.finite_strain:
         components = components / strained.volume_ratio
-    return replace(state, stress=components, history=history, volume_ratio=strained.volume_ratio)
+    return replace(state, stress=components, history=history, gap=gap, volume_ratio=strained.volume_ratio)
 
 
 class Strained(NamedTuple):

@@ -286,7 +286,9 @@ class State:
     displacement: (d, N) m from the initial position. velocity: (d, N) m/s.
     stress: (s, N) Pa, the components that the dimension can have: xx, yy, zz in 1D, with xz in 2D, all six
     (xx, yy, zz, xy, yz, xz) in 3D. volume_ratio: (N,) current over initial volume.
-    history: of the material, (N,), or None. step: steps taken so far. status: of the lane, see `Status`.
+    history: of the material, (N,), or None. gap: (N,) growth in volume, a logarithm, that soil has opened under its
+    tension cutoff and not closed since; None where it does not remember it. step: steps taken so far. status: of the
+    lane, see `Status`.
     affine: (d, d, N) gradient of the velocity that APIC carries (1/s), None without. columns: what has passed over each
     column of cells, None where nobody asked, see `with_columns`. free_field: states of the scene's
     free field, of its low column and its high one, None without.
@@ -300,5 +302,6 @@ class State:
     step: Array
     status: Array
     affine: Array | None = None
+    gap: Array | None = None
     columns: Columns | None = None
     free_field: tuple[State, State] | None = None

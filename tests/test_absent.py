@@ -11,6 +11,7 @@ import jaxmpm as mpm
 
 SHAPE = mpm.Slope(crest=6, height=4, run_per_rise=1.0, toe=8, foundation=2)
 SOIL = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3)
+FORGETS = replace(SOIL, gap_memory=False)
 NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5))
 
 
@@ -45,8 +46,17 @@ def test_without_softening_there_is_no_history_in_state_or_program():
 
 
 def test_without_tension_cutoff_nothing_limits_the_mean_stress():
-    with_it, without = program(*section()), program(*section(replace(SOIL, tension_cutoff=None)))
+    with_it, without = (program(*section(replace(FORGETS, tension_cutoff=cutoff))) for cutoff in (0.0, None))
     assert count(without, "minimum") == count(with_it, "minimum") - 1
+
+
+def test_a_gap_is_absent_from_state_and_program_unless_the_cutoff_opens_one():
+    remembers, forgets = section(), section(FORGETS)
+    without = [section(replace(soil, tension_cutoff=None)) for soil in (SOIL, FORGETS)]
+    assert forgets[1].gap is without[0][1].gap is None
+    assert len(jax.tree.leaves(remembers)) == len(jax.tree.leaves(forgets)) + 1
+    assert count(program(*remembers), "log_plus_one") == count(program(*forgets), "log_plus_one") + 1 == 1
+    assert program(*without[0]) == program(*without[1])
 
 
 def test_homogeneous_strength_and_softening_are_numbers():
@@ -129,7 +139,7 @@ def test_water_is_absent_from_arguments_and_program_unless_given():
 
 
 def test_finite_strains_leave_no_operation_and_no_array_behind():
-    plain, asked = section(), section(finite_strain=True)
+    plain, asked = section(FORGETS), section(FORGETS, finite_strain=True)
     assert not plain[0].finite_strain
     assert len(jax.tree.leaves(asked)) == len(jax.tree.leaves(plain))
     for operation in ("log_plus_one", "exponential_minus_one", "exponential"):

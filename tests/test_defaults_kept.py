@@ -34,7 +34,7 @@ def test_a_folder_begun_before_goes_on_with_the_default_of_its_time(tmp_path):
 
 def test_a_folder_keeps_the_default_that_it_was_begun_with(tmp_path):
     text = with_defaults(TINY, tmp_path / "scene.toml")
-    assert tomllib.loads(text)["defaults"] == {"cfl": 0.9}
+    assert tomllib.loads(text)["defaults"] == {"cfl": 0.9, "gap_memory": True}
     with open_store(tmp_path, text):
         pass
     (tmp_path / "scene.toml").write_text(text.replace("0.9", "0.7"))

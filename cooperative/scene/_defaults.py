@@ -3,6 +3,7 @@ was, with the values in the table `[defaults]` of the text that its folder keeps
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 from cooperative.scene._schema import DEFAULTS, SECTIONS, read
@@ -17,6 +18,6 @@ def with_defaults(text: str, kept: Path) -> str:
     """
     if "defaults" in tables_of(text):
         return text
-    today = {key: SECTIONS["rough"][key].default for key in DEFAULTS}
+    today = {key: (SECTIONS["rough"] | SECTIONS["soil"])[key].default for key in DEFAULTS}
     values = read("defaults", tables_of(kept_scene(kept))["defaults"], DEFAULTS) if kept.exists() else today
-    return text + "\n[defaults]\n" + "".join(f"{key} = {value!r}\n" for key, value in values.items())
+    return text + "\n[defaults]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in values.items())

@@ -153,6 +153,7 @@ _SOIL = {
     "softening_modulus": _random(None),
     "residual_ratio": _random(1.0),
     "tension_cutoff": Key(float, None),
+    "gap_memory": Key(bool, True),
     "plastic_strain": Key(PLASTIC_STRAINS, "engineering"),
     "strain_95": _random(None),
     "softening_length": Key(float, UNSAID, none="cell"),
@@ -234,8 +235,9 @@ GIVEN = {"given": Key(str)}
 CALIBRATION = {"rough": Key(float), "refined": Key(float)}
 LIMIT_LOAD = {"factor": Key(float), "displacement": Key(float)}
 FIELD_MODES = {"counts": Key(COUNTS)}
-DEFAULTS = {"cfl": Key(float)}
-"""The table [defaults] of a stored scene: defaults of both grids that were others once, as they were at its start."""
+DEFAULTS = {"cfl": Key(float), "gap_memory": Key(bool, False)}
+"""The table [defaults] of a stored scene: defaults of both grids and of the soil that were others once, as they were at
+its start. A key that it lacks is younger than the campaign."""
 SITES = ("slope", "ground", "terrain")
 """Tables of which a scene has one: it says what ground there is."""
 OF_GROUND = ("layer", "water")

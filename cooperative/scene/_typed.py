@@ -221,6 +221,7 @@ def parse(text: str, estimator: Estimator | None = None, *, begun: bool = False)
     refuse_both(tables)
     if begun:
         tables["soil"]["unusual"] = True
+    _settle_defaults(tables)
     given = _given(tables, estimator)
     if given is not None and "estimator" not in tables:
         text += f"\n[estimator]\ngiven = {json.dumps(given)}\n"
@@ -229,10 +230,6 @@ def parse(text: str, estimator: Estimator | None = None, *, begun: bool = False)
         for section, keys in SECTIONS.items()
         if section not in (*SITES, *OF_GROUND) and (section in tables or section not in OPTIONAL)
     }
-    if "defaults" in tables:
-        unsaid = read("defaults", tables["defaults"], DEFAULTS)
-        for grid in ("rough", "refined"):
-            said[grid] |= {key: value for key, value in unsaid.items() if key not in tables[grid]}
     plan, run = said["campaign"], said["run"]
     if not said["soil"]["unusual"]:
         ask("[run] gravity", "gravity", run["gravity"])
@@ -294,6 +291,21 @@ def _refuse_wrong_keys(tables: Mapping[str, Any]) -> None:
     if wrong:
         more = f"; and {len(wrong) - MOST_WRONG} more" if len(wrong) > MOST_WRONG else ""
         raise ValueError("; ".join(wrong[:MOST_WRONG]) + more)
+
+
+def _settle_defaults(tables: dict[str, Any]) -> None:
+    """What the scene leaves out is what it was when the campaign began. ValueError for a key that has no say."""
+    cut_off = any("tension_cutoff" in table for table in (tables["soil"], *listed("layer", tables)))
+    if "gap_memory" in tables["soil"] and not cut_off:
+        raise ValueError(
+            "[soil] gap_memory has no say in soil without tension_cutoff, which opens no gap: leave it out, or give "
+            "tension_cutoff"
+        )
+    if "defaults" in tables:
+        for key, value in read("defaults", tables["defaults"], DEFAULTS).items():
+            for section in ("rough", "refined", "soil"):
+                if key in SECTIONS[section]:
+                    tables[section].setdefault(key, value)
 
 
 def _settle_modes(plan: dict[str, Any], said: Mapping[str, Any], has_modes: bool) -> None:

@@ -10,8 +10,8 @@ from pathlib import Path
 from cooperative.store._folder import small_text
 from foundation.text import short
 
-FIRST_DEFAULTS = "\n[defaults]\ncfl = 0.5\n"
-"""What a kept scene means that has no such table."""
+FIRST_DEFAULTS = "\n[defaults]\ncfl = 0.5\ngap_memory = false\n"
+"""What a kept scene means that has no such table, or not all of its keys."""
 
 
 def kept_scene(path: Path) -> str:
@@ -60,6 +60,7 @@ def _flat(scene_text: str) -> dict[str, str]:
         return flat
 
     tables = tomllib.loads(scene_text)
-    if tables.get("defaults") == tomllib.loads(FIRST_DEFAULTS)["defaults"]:
-        del tables["defaults"]
-    return walk("", tables)
+    if isinstance(said := tables.pop("defaults", {}), dict):
+        first = tomllib.loads(FIRST_DEFAULTS)["defaults"]
+        said = {key: value for key, value in said.items() if value != first.get(key)}
+    return walk("", tables | ({"defaults": said} if said else {}))

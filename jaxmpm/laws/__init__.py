@@ -3,6 +3,7 @@
 from jaxmpm.laws._base import Law, reduce_strength, snaps_back
 from jaxmpm.laws._base_motion import BaseMotion
 from jaxmpm.laws._frictional import DruckerPrager, Matching, MohrCoulomb, cone, hardens
+from jaxmpm.laws._gap import remembers_gap, update_with_gap
 from jaxmpm.laws._hencky import logarithmic, volumetric
 from jaxmpm.laws._softening import Decay, ExponentialSoftening, FrictionalSoftening, RateEffect, Softening
 from jaxmpm.laws._undrained import J2, Elastic, add, elastic_increment, elastic_strain
@@ -30,6 +31,8 @@ __all__ = [
     "hardens",
     "logarithmic",
     "reduce_strength",
+    "remembers_gap",
     "snaps_back",
+    "update_with_gap",
     "volumetric",
 ]

@@ -76,7 +76,7 @@ class DruckerPrager(Law):
     """Elastic soil that yields on a cone matched to Mohr-Coulomb.
 
     bulk, shear: Pa. cohesion: Pa. friction, dilation: rad. softening: None keeps the peak. tension_cutoff: largest
-    mean stress (Pa); None leaves it to the cone's apex. matching: see `Matching`.
+    mean stress (Pa); None leaves it to the cone's apex. matching: see `Matching`. gap_memory: as for `J2`.
     """
 
     LIMITS: ClassVar[Mapping[str, Limit]] = LIMITS
@@ -91,6 +91,7 @@ class DruckerPrager(Law):
     softening: FrictionalSoftening | None = None
     tension_cutoff: Array | None = None
     matching: Matching = field(default=Matching.PLANE_STRAIN, metadata={"static": True})
+    gap_memory: bool = field(default=True, metadata={"static": True})
 
     def initial_history(self, particles: Particles) -> Array | None:
         """No plastic strain yet; None without softening."""
@@ -132,6 +133,7 @@ class MohrCoulomb(Law):
 
     bulk, shear: Pa. cohesion: Pa. friction, dilation: rad, the dilation at most the friction. softening: None keeps
     the peak. tension_cutoff: largest principal stress (Pa), its flow associated; None leaves it to the apex.
+    gap_memory: as for `J2`, of soil that comes apart along all axes.
     """
 
     LIMITS: ClassVar[Mapping[str, Limit]] = LIMITS
@@ -145,6 +147,7 @@ class MohrCoulomb(Law):
     dilation: Array
     softening: FrictionalSoftening | None = None
     tension_cutoff: Array | None = None
+    gap_memory: bool = field(default=True, metadata={"static": True})
 
     def initial_history(self, particles: Particles) -> Array | None:
         """No plastic strain yet; None without softening."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
@@ -71,7 +71,8 @@ class J2(Law):
 
     In plane strain this is Tresca's criterion. bulk, shear: Pa. strength: peak undrained shear strength S_u (Pa).
     softening: None keeps the peak. tension_cutoff: largest mean stress (Pa); None sets no limit.
-    rate: how strength rises with the rate of shear; None is rate-independent.
+    rate: how strength rises with the rate of shear; None is rate-independent. gap_memory: whether soil that the cutoff
+    has opened closes its gap before it bears pressure, see `jaxmpm.laws.update_with_gap`.
     The history variable is the accumulated engineering plastic shear strain g (in simple shear, the plastic
     part of gamma), kept only where the soil softens. Strength reduction divides the peak, and with it the residual
     strength; the softening modulus stays.
@@ -86,6 +87,7 @@ class J2(Law):
     softening: Softening | ExponentialSoftening | None = None
     tension_cutoff: Array | None = None
     rate: RateEffect | None = None
+    gap_memory: bool = field(default=True, metadata={"static": True})
 
     def initial_history(self, particles: Particles) -> Array | None:
         """No plastic strain yet; None without softening."""

@@ -17,7 +17,7 @@ from tqdm import tqdm
 from foundation import check
 from jaxmpm import diagnostics
 from jaxmpm._step import place, step
-from jaxmpm.laws import hardens, snaps_back
+from jaxmpm.laws import hardens, remembers_gap, snaps_back
 from jaxmpm.run._columns import kept
 from jaxmpm.site import check_scene, check_shape, parameter_names, with_parameters
 from jaxmpm.transfer import inside, locate
@@ -295,7 +295,8 @@ def check_run(t_end: float, settle: Settle | None, stop_at: float | None) -> Non
 
 
 def check_state(scene: Scene, state: State, axes: Scene | None) -> None:
-    """Raise ValueError for a state of other particles than the scene's, or without the lanes that `axes` says."""
+    """Raise ValueError for a state of other particles than the scene's, without the lanes that `axes` says, or without
+    a gap that its soil remembers."""
     leading = () if axes is None else np.shape(state.status)
     wanted = (*leading, *scene.particles.position.shape[-2:])
     if axes is not None and len(leading) != 1:
@@ -304,6 +305,11 @@ def check_state(scene: Scene, state: State, axes: Scene | None) -> None:
         raise ValueError(
             f"the state's displacement has shape {np.shape(state.displacement)}, the scene asks for {wanted}: give the "
             "state that was built with it, and `axes` with lanes"
+        )
+    if state.gap is None and remembers_gap(scene.material):
+        raise ValueError(
+            f"{type(scene.material).__name__} remembers the gap that its tension cutoff opens, and the state has none: "
+            "give the state that was built with it, or the law gap_memory = False"
         )
 
 

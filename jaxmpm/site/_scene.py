@@ -17,7 +17,7 @@ from jax.typing import ArrayLike
 
 from foundation import check
 from foundation.text import shown
-from jaxmpm.laws import BaseMotion, WaterSurface, WaterTable, hardens, snaps_back
+from jaxmpm.laws import BaseMotion, WaterSurface, WaterTable, hardens, remembers_gap, snaps_back
 from jaxmpm.site._motion import check_motion
 from jaxmpm.tensors import CARRIED
 from jaxmpm.transfer import Linear, inside, locate, passes_for
@@ -133,6 +133,7 @@ def unstressed(scene: Scene, *, apic: bool = False) -> State:
         step=jnp.zeros((), jnp.int32),
         status=jnp.asarray(int(Status.RUNNING), jnp.int32),
         affine=jnp.zeros((d, *particles.position.shape), particles.mass.dtype) if apic else None,
+        gap=jnp.zeros_like(particles.mass) if remembers_gap(scene.material) else None,
     )
 
 

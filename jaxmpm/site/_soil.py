@@ -6,7 +6,7 @@ import enum
 import math
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -54,8 +54,9 @@ class Soil:
     measure of both. softening_length: thickness of the shear band (m) to which they refer; softening is then scaled by
     the thickness of the grid's bands (a cell, or what an internal_length makes of them) over it, so that a band takes
     the same work whatever the grid. None leaves them as they are. rate_coefficient: gain of strength per tenfold shear
-    rate above reference_rate (1/s), None without. tension_cutoff: largest mean stress (Pa) or None. unusual: whether
-    numbers that betray another unit are meant as they are; builders warn of them otherwise, see `unit_slip`.
+    rate above reference_rate (1/s), None without. tension_cutoff: largest mean stress (Pa) or None. gap_memory: whether
+    soil that the cutoff has opened closes its gap before it bears pressure; False lets it resist at once. unusual:
+    whether numbers that betray another unit are meant as they are; builders warn of them otherwise, see `unit_slip`.
     """
 
     unit_weight: float = 20e3
@@ -65,6 +66,7 @@ class Soil:
     softening_modulus: float | None = None
     residual_ratio: float = 0.5
     tension_cutoff: float | None = 0.0
+    gap_memory: bool = True
     plastic_strain: PlasticStrain = PlasticStrain.ENGINEERING
     strain_95: float | None = None
     softening_length: float | None = None
@@ -87,7 +89,7 @@ class FrictionalSoil:
     friction. criterion: the law. matching: of Drucker-Prager's cone. residual_cohesion, residual_friction: reached over
     the engineering plastic shear strain `softening_strain`, in the manner of `decay`; softening_strain None keeps the
     peak. softening_length: as for `Soil`. tension_cutoff: largest mean stress of Drucker-Prager, largest principal
-    stress of Mohr-Coulomb (Pa); None leaves it to the apex. unusual: as for `Soil`.
+    stress of Mohr-Coulomb (Pa); None leaves it to the apex. gap_memory, unusual: as for `Soil`.
     """
 
     cohesion: float
@@ -104,6 +106,7 @@ class FrictionalSoil:
     decay: Decay = Decay.LINEAR
     softening_length: float | None = None
     tension_cutoff: float | None = None
+    gap_memory: bool = True
     saturated_unit_weight: float | None = None
     unusual: bool = False
 
@@ -126,6 +129,8 @@ def material_of(soil: Ground, dtype: np.dtype, band: float) -> Elastic | J2 | Mo
     check.between("poisson", soil.poisson, -1.0, 0.5)
     if soil.tension_cutoff is not None:
         check.not_negative("tension_cutoff", soil.tension_cutoff, "Pa")
+    if not isinstance(soil.gap_memory, bool):
+        raise ValueError(f"gap_memory = {soil.gap_memory!r}: give True or False")
     if soil.softening_length is not None:
         check.positive("softening_length", soil.softening_length, "m")
     number = partial(jnp.asarray, dtype=dtype)
@@ -138,7 +143,7 @@ def material_of(soil: Ground, dtype: np.dtype, band: float) -> Elastic | J2 | Mo
         return Elastic(bulk, shear)
     check.positive("strength", soil.strength, "Pa")
     strength, softening = number(soil.strength), _softening(soil, scale, number)
-    return J2(bulk, shear, strength, softening, cutoff, _rate(soil, number))
+    return J2(bulk, shear, strength, softening, cutoff, _rate(soil, number), soil.gap_memory)
 
 
 def warn_of_units(soil: Ground) -> None:
@@ -212,7 +217,8 @@ def _frictional(
     if soil.criterion is DruckerPrager:
         if not isinstance(soil.matching, Matching):
             raise ValueError(f"matching = {soil.matching!r}: give a member of Matching")
-        return DruckerPrager(bulk, shear, number(soil.cohesion), *angles, softening, cutoff, soil.matching)
+        law = DruckerPrager(bulk, shear, number(soil.cohesion), *angles, softening, cutoff, soil.matching)
+        return replace(law, gap_memory=soil.gap_memory)
     if soil.criterion is MohrCoulomb:
-        return MohrCoulomb(bulk, shear, number(soil.cohesion), *angles, softening, cutoff)
+        return MohrCoulomb(bulk, shear, number(soil.cohesion), *angles, softening, cutoff, soil.gap_memory)
     raise ValueError(f"criterion = {soil.criterion!r}: give MohrCoulomb or DruckerPrager")
