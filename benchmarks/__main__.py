@@ -19,6 +19,7 @@ NAMES = (
     "screening",
     "levers",
     "rest",
+    "opened_soil",
     "leave_out",
     "fields",
     "estimators",
