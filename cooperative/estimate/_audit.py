@@ -49,8 +49,8 @@ class AuditPlan:
 
     runs: refined runs in all, the ranked prefix included. seed: of the draws. k_t: run the ranked prefix down
     to k_t consecutive standing samples first, as a stratum that is known with certainty; None for no prefix.
-    target_cov: stop earlier, once the estimator's coefficient of variation is at most this. Looking at the
-    result to decide when to stop costs a little of the unbiasedness.
+    target_cov: stop earlier, after the runs that the estimator takes for this coefficient of variation, as
+    `cooperative.estimate._target` fixes them.
     first_wave, growth: a wave has the larger of `first_wave` runs and the share `growth` of those before.
     proving: the ranks prove themselves in so many draws: after them the share of draws spread evenly over all that is
     unknown has come down from 1 to a half. 0 trusts the ranks from the start, and the interval then holds no allowance
@@ -99,13 +99,15 @@ class AuditTotal:
 
     total: the estimate. variance: of the audit alone; nan without draws. effective_draws: how many equal
     residuals would scatter as much, the degrees of freedom of `variance`. doubt: the variance that the final
-    model expects of the same draws, which does not vanish when they happen to meet no failure.
+    model expects of the same draws, which does not vanish when they happen to meet no failure. beyond: mean square of
+    the draws about the total over what the model of their wave expected. by_group: the total of each group (G,).
     """
 
     total: float
     variance: float
     effective_draws: float
     doubt: float
+    beyond: float
     by_group: np.ndarray
 
 
@@ -241,6 +243,13 @@ def unseen(waves: Sequence[Wave], outcome: np.ndarray, known: np.ndarray, *, wei
     return min(float(-np.log(1 - level)) / least, hidden) if least else hidden
 
 
+def draw_variance(wave: Wave, model: np.ndarray, weight: np.ndarray) -> float:
+    """Variance of the first draw of a wave, where samples fail with the probabilities `model` (N,). weight: (N,)."""
+    open_ = wave.chance > 0
+    p, expected = model[open_], wave.model[open_]
+    return float((weight[open_] ** 2 * (p * (1 - p) + (p - expected) ** 2) * (1 / wave.chance[open_] - 1)).sum())
+
+
 def audit_total(
     waves: Sequence[Wave],
     outcome: np.ndarray,
@@ -248,24 +257,23 @@ def audit_total(
     *,
     weight: np.ndarray,
     model: np.ndarray,
+    share: np.ndarray,
     group: np.ndarray | None = None,
 ) -> AuditTotal:
     """The ordered estimate from complete waves.
 
     outcome: 0 or 1 for each rank that is known, nan for a run that gave no answer (N,); the model then stands
     in for it. certain: ranks known without a draw. weight: (N,). model: failure probability from all results (N,).
-    group: of each rank, 0 to G - 1 (N,).
+    share: of each draw in the mean (draws,), in proportion. group: of each rank, 0 to G - 1 (N,).
     """
     group = np.zeros(weight.size, dtype=int) if group is None else group
     groups = int(group.max()) + 1
-    count = sum(wave.ranks.size for wave in waves)
-    # Later draws rest on a better model and on more known outcomes.
-    share = np.sqrt(np.arange(1.0, count + 1))
-    share /= max(float(share.sum()), 1.0)
+    count = share.size
+    share = share / max(float(share.sum()), np.finfo(float).tiny)
     value, seen = np.zeros(weight.size), np.zeros(weight.size, dtype=bool)
     seen[certain] = True
     value[certain] = np.where(np.isnan(outcome[certain]), model[certain], outcome[certain])
-    each = np.empty(count)
+    each, foreseen = np.empty(count), np.empty(count)
     by_group: np.ndarray = np.zeros(groups)
     doubt, at = 0.0, 0
     for wave in waves:
@@ -279,15 +287,15 @@ def audit_total(
         later = mine.sum() - np.cumsum(mine)
         by_group = by_group + mine.sum() * before
         by_group += np.bincount(group[ranks], residual * (mine / wave.probability + later), groups)
-        expected = weight**2 * (model * (1 - model) + (model - wave.model) ** 2)
-        doubt += float(mine @ mine) * float((expected[~seen] * (1 / wave.chance[~seen] - 1)).sum())
+        foreseen[at : at + ranks.size] = draw_variance(wave, wave.model, weight)
+        doubt += float(mine @ mine) * draw_variance(wave, model, weight)
         seen[ranks] = True
         value[ranks] = drawn
         at += ranks.size
     if seen.all() or not count:
         by_group = np.bincount(group, weight * np.where(seen, value, model), groups)
         exact = 0.0 if seen.all() else np.nan
-        return AuditTotal(float(by_group.sum()), exact, np.inf if seen.all() else 0.0, exact, by_group)
+        return AuditTotal(float(by_group.sum()), exact, np.inf if seen.all() else 0.0, exact, 1.0, by_group)
     total = float(share @ each)
     squares = (share * (each - total)) ** 2
     spread = float(squares.sum())
@@ -296,5 +304,6 @@ def audit_total(
         variance=spread / (1 - float(share @ share)),
         effective_draws=spread**2 / float(squares @ squares) if spread > 0 else float(count),
         doubt=doubt,
+        beyond=float(np.mean((each - total) ** 2 / foreseen)),
         by_group=by_group,
     )

@@ -4,8 +4,9 @@ Phase one is the sampling of the N fields, phase two the audit of `cooperative.e
 both.
 Two-phase sampling: Sarndal, Swensson and Wretman (1992), Model Assisted Survey Sampling, Chapter 9.
 The interval assumes nothing of the ranking: to the scatter of both phases it adds, upwards only, what failures may
-hide where no run has looked; `Estimate.unseen` and `Estimate.sampling_interval` tell the two apart, and a target for
-the coefficient of variation goes by the scatter alone. Where draws far down the ranking fail, the notes say so.
+hide where no run has looked; `Estimate.unseen` and `Estimate.sampling_interval` tell the two apart. A target for the
+coefficient of variation (`cooperative.estimate._target`) goes by the scatter alone. Where draws far down the ranking
+fail, the notes say so.
 Everything is a pure function of the rows and the plan: what to run next and the estimate come out the same
 whatever ran at once, in whatever order, and after any interruption.
 """
@@ -23,6 +24,7 @@ from cooperative.estimate._audit import (
     Wave,
     audit_total,
     check_plan,
+    draw_variance,
     draw_wave,
     even_share,
     fit_logistic,
@@ -35,12 +37,17 @@ from cooperative.estimate._audit import (
 from cooperative.estimate._estimates import Estimate, with_variance
 from cooperative.estimate._protocol import Population
 from cooperative.estimate._ranking import next_refined, rank_samples, stopping_rank
+from cooperative.estimate._target import PRIOR_DRAWS, needed_share, place_share, target_share
+
+SPENT = 1e-9
+"""What is left of the shares of a mean that are all given."""
 
 
 @dataclass(frozen=True)
 class _Replay:
     """The campaign so far, by rank (N,): order of samples, weights, outcomes (nan where none), whether known, ranks of
-    the certainty stratum, complete waves, ranks to run next, and the model of all results."""
+    the certainty stratum, complete waves, what each of their draws counts for (draws,), ranks to run next, and the
+    model of all results."""
 
     order: np.ndarray
     weight: np.ndarray
@@ -48,6 +55,7 @@ class _Replay:
     known: np.ndarray
     certain: np.ndarray
     waves: tuple[Wave, ...]
+    share: np.ndarray
     missing: np.ndarray
     model: np.ndarray
     unanswered: int
@@ -78,9 +86,9 @@ def path(
     population: Population, refined: Mapping[int, bool | None], plan: AuditPlan, *, level: float = 0.95
 ) -> list[Estimate]:
     """The estimate after every complete wave, first to last: how it came to where it is."""
-    replay = _replay(population, refined, plan)
-    spent = replay.certain.size + np.cumsum([wave.ranks.size for wave in replay.waves], dtype=int)
-    return [two_phase(population, refined, replace(plan, runs=max(int(runs), 2)), level=level) for runs in spent]
+    whole = _replay(population, refined, plan)
+    replays = [_replay(population, refined, plan, most_waves=count) for count in range(1, len(whole.waves))]
+    return [_estimate(population, replay, plan, level) for replay in [*replays, whole][: len(whole.waves)]]
 
 
 def sample_weights(population: Population, refined: Mapping[int, bool | None], plan: AuditPlan) -> dict[int, float]:
@@ -93,12 +101,17 @@ def sample_weights(population: Population, refined: Mapping[int, bool | None], p
     count, nothing = replay.order.size, np.zeros(replay.order.size)
     waves = [replace(wave, model=nothing) for wave in replay.waves]
     known = np.where(np.isnan(replay.outcome), 0.0, 1.0)
-    total = audit_total(waves, known, replay.certain, weight=replay.weight, model=nothing, group=np.arange(count))
+    total = audit_total(
+        waves, known, replay.certain, weight=replay.weight, model=nothing, share=replay.share, group=np.arange(count)
+    )
     counted = np.flatnonzero(total.by_group > 0)
     return {int(replay.order[rank]): float(total.by_group[rank]) for rank in counted}
 
 
-def _replay(population: Population, refined: Mapping[int, bool | None], plan: AuditPlan) -> _Replay:
+def _replay(
+    population: Population, refined: Mapping[int, bool | None], plan: AuditPlan, *, most_waves: int | None = None
+) -> _Replay:
+    """Go through the campaign again, to its end or until so many waves are complete."""
     check_plan(plan)
     ranking = rank_samples(population.rough_displacement, population.broke_off)
     order, count, lost = ranking.order, ranking.order.size, ranking.broke_off.size
@@ -132,23 +145,24 @@ def _replay(population: Population, refined: Mapping[int, bool | None], plan: Au
     certain, missing = _certainty_stratum(population, refined, plan, order, lost)
     missing = np.union1d(missing, look_up(certain))
     waves: list[Wave] = []
-    drawn = 0
+    shares: list[np.ndarray] = []
+    drawn, rest = 0, 1.0
     generator = np.random.default_rng(plan.seed)
 
     def state() -> _Replay:
         unanswered = int((answered & np.isnan(outcome)).sum())
-        return _Replay(order, weight, outcome, answered.copy(), certain, tuple(waves), missing, model(), unanswered)
+        share = np.concatenate([np.zeros(0), *shares])
+        return _Replay(
+            order, weight, outcome, answered.copy(), certain, tuple(waves), share, missing, model(), unanswered
+        )
 
-    while not missing.size and certain.size + drawn < min(plan.runs, count):
-        if (
-            plan.target_cov is not None
-            and len(waves) > 1
-            and _estimate(population, state(), plan).cov <= plan.target_cov
-        ):
-            break
-        share = even_share(plan, waves, outcome)
-        size = min(plan.wave(drawn), plan.runs - certain.size - drawn)
-        wave = draw_wave(generator, model(), weight=weight, known=answered, size=size, floor=share)
+    most = min(plan.runs, count) - certain.size
+    while not missing.size and drawn < most and rest > SPENT and len(waves) != most_waves:
+        so_far = state()
+        floor, size = even_share(plan, waves, outcome), min(plan.wave(drawn), most - drawn)
+        wave = draw_wave(generator, so_far.model, weight=weight, known=answered, size=size, floor=floor)
+        share = _wave_share(population, so_far, plan, wave, rest, most - drawn)
+        wave = replace(wave, ranks=wave.ranks[: share.size], probability=wave.probability[: share.size])
         missing = look_up(wave.ranks)
         if missing.size:
             # Results of an incomplete wave wait for the others.
@@ -156,8 +170,30 @@ def _replay(population: Population, refined: Mapping[int, bool | None], plan: Au
             missing = wave.ranks[np.isin(wave.ranks, missing)]
         else:
             waves.append(wave)
+            shares.append(share)
             drawn += wave.ranks.size
+            rest -= float(share.sum()) if plan.target_cov is not None else 0.0
     return state()
+
+
+def _wave_share(
+    population: Population, so_far: _Replay, plan: AuditPlan, wave: Wave, rest: float, left: int
+) -> np.ndarray:
+    """What the draws of the next wave count for, from the waves before alone; fewer than its draws where these are
+    enough for the target. rest: what is left of the shares. left: draws that the budget allows."""
+    size, drawn = wave.ranks.size, so_far.share.size
+    if plan.target_cov is None:
+        return place_share(drawn, size)
+    needed = 0.0
+    if drawn and size < left:
+        # The estimate by place is the steadier one while shares are few.
+        so_far = replace(so_far, share=place_share(0, drawn))
+        found, beyond = _estimate(population, so_far, plan), _audit(so_far).beyond
+        expected = float(so_far.weight @ np.where(np.isnan(so_far.outcome), so_far.model, so_far.outcome))
+        variance = draw_variance(wave, wave.model, so_far.weight)
+        # Two waves at least.
+        needed = min(needed_share(plan.target_cov, found, expected, beyond, variance), 0.5 / plan.first_wave)
+    return target_share(needed, rest, drawn=drawn, size=size, left=left)
 
 
 def _certainty_stratum(
@@ -177,12 +213,19 @@ def _certainty_stratum(
     return np.union1d(known, np.arange(lost)), missing
 
 
+def _audit(replay: _Replay, group: np.ndarray | None = None) -> AuditTotal:
+    return audit_total(
+        replay.waves, replay.outcome, replay.certain,
+        weight=replay.weight, model=replay.model, share=replay.share, group=group,
+    )  # fmt: skip
+
+
 def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: float = 0.95) -> Estimate:
     weight, model = replay.weight, replay.model
     group = None
     if population.replicate is not None:
         group = np.unique(population.replicate[replay.order], return_inverse=True)[1]
-    audit = audit_total(replay.waves, replay.outcome, replay.certain, weight=weight, model=model, group=group)
+    audit = _audit(replay, group)
     runs = replay.certain.size + sum(wave.ranks.size for wave in replay.waves)
     notes = []
     if replay.unanswered:
@@ -191,6 +234,10 @@ def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: f
         notes.append("no wave of the audit is complete yet: this is the model's guess")
         return Estimate(audit.total, (0.0, 1.0), np.inf, runs, "two-phase", level, tuple(notes), np.nan)
     variance, total = audit.variance, audit.total
+    if plan.target_cov is not None:
+        # What few draws scatter is told with what the model expects of them.
+        draws = replay.share.size
+        variance = (draws * variance + PRIOR_DRAWS * audit.doubt) / (draws + PRIOR_DRAWS)
     if np.nansum(replay.outcome) == 0 and not np.isinf(audit.effective_draws):
         notes.append("no refined failure found yet: the interval rests on the model")
         variance, total = max(variance, audit.doubt), max(total, float(weight @ model))

@@ -6,10 +6,10 @@ from collections.abc import Collection
 from typing import Protocol
 
 from cooperative.estimate._audit import AuditPlan
-from cooperative.estimate._estimates import Estimate, after_more_runs
+from cooperative.estimate._estimates import Estimate
 from cooperative.estimate._protocol import Answers, Population
 from cooperative.estimate._twophase import next_audit, path, sample_weights, two_phase
-from cooperative.estimate.estimators._budgeted import Budgeted, usual_budget
+from cooperative.estimate.estimators._budgeted import Budgeted, out_of_reach, usual_budget
 
 
 class Audited(Budgeted, Protocol):
@@ -24,7 +24,7 @@ class Audited(Budgeted, Protocol):
         asked = [sample for sample in next_audit(population, answers, audit) if sample not in under_way]
         if asked and self.target_cov is not None and self.refined_runs is None:
             found = two_phase(population, answers, audit)
-            if found.refined_runs >= usual_budget(population.size) and _out_of_reach(found, self.target_cov):
+            if found.refined_runs >= usual_budget(population.size) and out_of_reach(found, self.target_cov):
                 return []
         return asked
 
@@ -39,8 +39,3 @@ class Audited(Budgeted, Protocol):
     def weights(self, population: Population, answers: Answers) -> dict[int, float]:
         """Those of the ordered draws."""
         return sample_weights(population, answers, self.audit(population))
-
-
-def _out_of_reach(found: Estimate, target: float) -> bool:
-    """Whether the sampling of the fields alone scatters more than the target, so that no refined run would help."""
-    return after_more_runs(found, 10**9) > target

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from cooperative.estimate._estimates import Estimate, after_more_runs
 from cooperative.estimate._protocol import Answers, Estimator, Population, Sampling
 
 
@@ -37,15 +38,24 @@ class Budgeted(Estimator, Protocol):
             return None
         if len(answers) == population.size:
             return "all samples ran on the refined grid"
-        target = self.target_cov
-        if target is not None and self.estimate(population, answers).cov <= target:
+        target, found = self.target_cov, self.estimate(population, answers)
+        if target is not None and found.cov <= target:
             return f"the coefficient of variation is at most {target:g}"
-        if target is not None and len(answers) < self.budget(population.size):
+        if target is not None and found.refined_runs < self.budget(population.size):
+            if not out_of_reach(found, target):
+                return (
+                    f"the runs that a coefficient of variation of {target:g} takes are made, as fixed before the last"
+                )
             return (
                 f"a coefficient of variation of {target:g} is out of reach with {population.size} samples, "
                 "however many run refined: give more samples"
             )
         return "the refined runs allowed are spent"
+
+
+def out_of_reach(found: Estimate, target: float) -> bool:
+    """Whether the sampling of the fields alone scatters more than the target, so that no refined run would help."""
+    return after_more_runs(found, 10**9) > target
 
 
 def usual_budget(samples: int) -> int:
