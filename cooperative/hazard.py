@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cooperative import runs, summary
+from cooperative import effects, runs, summary
 from cooperative.estimate import Chances, Estimate, Estimator, chance_of, mean_interval, mean_of
 from cooperative.measure import ColumnPlan
 from cooperative.scene import Campaign, campaign_of
@@ -26,7 +26,8 @@ class Maps:
     one), the expected thickness of the deposit over all samples (m), and the mean time of arrival of those slides that
     come (s), nan where none does. units: of each. beyond: the mapped columns along x that lie beyond the toe. slides:
     that the maps are made from. least: thickness from which on soil counts as there (m). every: seconds between two
-    looks. missed: how far the fastest soil went between two looks (m). level: of the intervals.
+    looks. missed: how far the fastest soil went between two looks (m). level: of the intervals. moving: slides that had
+    not come to rest at their end, `until` (s): all maps are then at least what is given.
     """
 
     plan: ColumnPlan
@@ -39,6 +40,8 @@ class Maps:
     every: float
     missed: float
     level: float = 0.95
+    moving: int = 0
+    until: float = np.inf
 
 
 def hazard_maps(folder: str | Path, *, estimator: Estimator | None = None) -> Maps:
@@ -90,6 +93,8 @@ def maps_of(campaign: Campaign, store: Store, model: runs.GridModel, rough: Rows
         every=step,
         missed=step * float(fields["column_speed"].max()),
         level=phases.estimate.level,
+        moving=effects.cut_off(campaign, refined, slides)["at_t_end"],
+        until=campaign.run.t_end,
     )
 
 
@@ -104,21 +109,22 @@ def _maps(
     happens |= {f"faster than {level:g} m/s": speed > level for level in hazard.speed}
     maps = {name: chance_of(found, weight, each) for name, each in happens.items()}
     maps[THICKNESS] = mean_of(found, weight, deposit)
-    maps[ARRIVAL] = _arrival(arrival, weight, found.level)
+    maps[ARRIVAL] = _arrival(arrival, weight, found.level, campaign.run.t_end)
     return maps, dict.fromkeys(happens, "-") | {THICKNESS: "m", ARRIVAL: "s"}
 
 
-def _arrival(arrival: np.ndarray, weight: np.ndarray, level: float) -> Chances:
-    """Mean time of arrival in each column, over the slides that come, with the interval of a mean."""
+def _arrival(arrival: np.ndarray, weight: np.ndarray, level: float, until: float) -> Chances:
+    """Mean time of arrival in each column, over the slides that come, with the interval of a mean, which holds no time
+    after the end of the runs, `until` (s)."""
     came = np.isfinite(arrival)
     share = came * weight.reshape(-1, *[1] * (arrival.ndim - 1))
     total = share.sum(axis=0)
     some = total > 0
     value = np.where(some, np.where(came, arrival * share, 0).sum(axis=0) / np.where(some, total, 1), np.nan)
     low, high = np.full(value.shape, np.nan), np.full(value.shape, np.nan)
-    for at in np.argwhere(came.sum(axis=0) >= 3):
+    for at in np.argwhere(some):
         here = (slice(None), *at)
         interval = mean_interval(arrival[here][came[here]], weight[came[here]], level=level)
         if interval is not None:
-            low[tuple(at)], high[tuple(at)] = interval
+            low[tuple(at)], high[tuple(at)] = interval[0], max(min(interval[1], until), value[tuple(at)])
     return Chances(value, low, high, came.sum(axis=0))

@@ -10,18 +10,15 @@ from typing import Any
 
 import numpy as np
 
+from cooperative import effects
+from cooperative.effects import MEASURES
 from cooperative.estimate import (
-    Curve,
     Estimate,
     Phases,
     Slides,
     after_more_runs,
-    chance_of,
     correlation,
-    exceedance,
     fit_distributions,
-    mean_interval,
-    mean_of,
     severity_ranking,
     shares,
 )
@@ -32,17 +29,12 @@ from cooperative.store import Rows, Store
 from foundation import files
 
 NOT_BROKEN = ("FINISHED", "SETTLED", "DECIDED")
-MEASURES = ("displacement", "depth", "runout", "volume", "area")
-CURVES = ("runout", "volume", "depth")
-"""Consequences whose probability of being exceeded is told."""
-MOST_LOSS = 5
-"""Samples named that make most of the expected loss."""
 CHECKSUM = "checksum"
 """Key of a summary that tells whether it is whole, and of which rows."""
-CONTENT = 4
+CONTENT = 5
 """Of what a summary says, counted up when it says more: one of an earlier version is made anew."""
 MORE = 50
-"""What so many more refined runs would buy is told."""
+"""What so many more refined runs would buy is told, or fewer where no more are left."""
 
 
 def summarise(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, Any]:
@@ -88,7 +80,7 @@ def _summary(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, Any]:
     phases = phases_of(campaign, rough, refined)
     found, slides = phases.estimate, slides_of(campaign, phases, refined)
     weight, failed = slides.weight, slides.slid
-    limit = campaign.run.failure_displacement
+    limit, cut = campaign.run.failure_displacement, effects.cut_off(campaign, refined, slides)
     return {
         "name": campaign.name,
         "probability_of_failure": found.probability,
@@ -99,7 +91,7 @@ def _summary(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, Any]:
         "unseen": found.unseen,
         "sampling_interval": found.sampling_interval and list(found.sampling_interval),
         "finished": phases.why_finished,
-        "after_more_runs": {"runs": MORE, "coefficient_of_variation": _finite(after_more_runs(found, MORE))},
+        "after_more_runs": _after_more_runs(campaign, phases),
         "other_estimates": {
             e.method: {"probability": e.probability, "interval": list(e.interval)} for e in phases.beside
         },
@@ -116,13 +108,10 @@ def _summary(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, Any]:
         "modes": _modes(found, refined, failed, weight),
         "status": {"rough": _counts(rough), "refined": _counts(refined)},
         "broke_off": {grid: _broken(rows) for grid, rows in (("rough", rough), ("refined", refined))},
-        "consequences_of_failures": {
-            name: _spread(_measure(refined, name)[failed], weight[failed], found.level)
-            for name in MEASURES
-            if failed.any()
-        },
-        "exceedance": _exceedance(found, refined, failed & (weight > 0), weight),
-        "risk": _risk(campaign, found, refined, slides),
+        "cut_off": cut,
+        "consequences_of_failures": effects.means(campaign, found, refined, slides),
+        "exceedance": effects.exceedances(found, refined, slides),
+        "risk": effects.risk(campaign, found, refined, slides),
         "fits": _fits(refined, failed, weight),
         "severity": _severity(refined, failed, weight),
         "seconds": {
@@ -135,6 +124,8 @@ def _summary(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, Any]:
             *_walls(rough, refined),
             *_raised(campaign),
             *slides.notes,
+            *effects.cut_off_notes(campaign, cut),
+            *_still_moving(campaign, phases, refined),
         ],
     }
 
@@ -142,6 +133,36 @@ def _summary(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, Any]:
 def slides_of(campaign: Campaign, phases: Phases, refined: Rows) -> Slides:
     """Which refined failures slid on to their end, and what each run stands for then."""
     return Slides.of(phases, refined.numbers, refined.ended, campaign.plan.slides, campaign.plan.seed)
+
+
+def _after_more_runs(campaign: Campaign, phases: Phases) -> dict[str, Any]:
+    """What further refined runs would buy: so many as the budget and the samples leave, and all samples. Coefficients
+    of variation are None where the runs do not tell, or the estimator takes no more."""
+    found, population = phases.estimate, phases.population
+    if population is None:
+        return {"runs": 0, "coefficient_of_variation": None, "samples_left": None, "all_samples": None}
+    left, budget = max(population.size - len(phases.answers), 0), campaign.estimator.budget(population.size)
+    # Once the budget is spent the folder may allow more.
+    allowed = left if budget is None or phases.why_finished else max(budget - len(phases.answers), 0)
+    runs, none = min(MORE, left, allowed), left > 0 and not found.audit_variance
+    then, at_last = (
+        None if none else _finite(after_more_runs(found, more, samples=population.size)) for more in (runs, left)
+    )
+    return {"runs": runs, "coefficient_of_variation": then, "samples_left": left, "all_samples": at_last}
+
+
+def _still_moving(campaign: Campaign, phases: Phases, refined: Rows) -> list[str]:
+    """That runs stood at t_end and had not settled: their class is that of this time."""
+    if campaign.run.settle is None:
+        return []
+    stands = np.array([phases.answers[number] is False for number in refined.numbers], bool)
+    moving = stands & (refined.columns["status"] == "FINISHED")
+    if not moving.any():
+        return []
+    return [
+        f"{moving.sum()} of {stands.sum()} refined runs that stand had not settled at t_end = {campaign.run.t_end:g} "
+        f"s, having moved {refined.columns['displacement'][moving].max():.2g} m at most: they may fail later"
+    ]
 
 
 def _limit_load(campaign: Campaign) -> list[str]:
@@ -208,89 +229,6 @@ def _modes(found: Estimate, refined: Rows, failed: np.ndarray, weight: np.ndarra
     }
 
 
-def _exceedance(found: Estimate, refined: Rows, slid: np.ndarray, weight: np.ndarray) -> dict[str, Any]:
-    """Probability that a sample fails and goes beyond each threshold, failures that stay below included; nothing where
-    no slide has consequences."""
-    curves = {}
-    for name in CURVES:
-        values = _measure(refined, name)
-        mine = slid & np.isfinite(values)
-        if mine.any():
-            curve = exceedance(found, weight[mine], values[mine])
-            curves[name] = _curve(curve)
-    return curves
-
-
-def _curve(curve: Curve) -> dict[str, list[float]]:
-    chance = curve.chance
-    return {
-        "thresholds": curve.thresholds.tolist(),
-        "probability": chance.value.tolist(),
-        "low": chance.low.tolist(),
-        "high": chance.high.tolist(),
-    }
-
-
-def _risk(campaign: Campaign, found: Estimate, refined: Rows, slides: Slides) -> dict[str, Any] | None:
-    """What comes over the exposed places, and what is lost there; None where there are none. Of a place nothing is
-    known, None, while no run counts, or runs failed and none of them has slid to its end."""
-    if campaign.hazard is None or not campaign.hazard.places:
-        return None
-    # A slide that broke off has no columns.
-    mine = slides.slid & (slides.weight > 0) & np.isfinite(_measure(refined, "area_columns"))
-    if not mine.any() and (slides.failed.any() or not slides.weight.any()):
-        return {"places": dict.fromkeys(place.name for place in campaign.hazard.places), "loss": None}
-    weight, places = slides.weight[mine], {}
-    lost = np.zeros(weight.size)
-    for place in campaign.hazard.places:
-        came = {what: _measure(refined, f"{what}_at_{place.key}")[mine] for what in ("thickness", "speed", "arrival")}
-        reached = np.isfinite(came["arrival"])
-        chance = chance_of(found, weight, reached[:, None])
-        told: dict[str, Any] = {
-            "reached": {
-                "probability": float(chance.value[0]),
-                "interval": [float(chance.low[0]), float(chance.high[0])],
-            }
-        }
-        for what, values in came.items():
-            told[what] = _spread(values[reached], weight[reached], found.level)
-        if place.vulnerability is not None and place.value is not None:
-            each = np.where(reached, place.value * place.vulnerability.share(came[place.vulnerability.of]), 0.0)
-            told["loss"] = {"value": place.value, **_expected(found, weight, each)}
-            lost += each
-        places[place.name] = told
-    if not any("loss" in told for told in places.values()):
-        return {"places": places, "loss": None}
-    curve = exceedance(found, weight, lost, np.unique(np.concatenate([[0.0], lost])))
-    modes = refined.columns.get("mode", np.full(mine.size, ""))[mine]
-    whole, number = float(weight @ lost), refined.columns["sample"][mine]
-    most = np.argsort(-weight * lost, kind="stable")[:MOST_LOSS]
-    return {
-        "places": places,
-        "loss": {
-            **_expected(found, weight, lost),
-            "exceedance": _curve(curve),
-            "modes": {
-                mode: float((weight * lost)[modes == mode].sum() / whole)
-                for mode in SEVERITY
-                if mode in modes and whole
-            },
-            "samples": [
-                {"sample": int(number[at]), "loss": float(lost[at]), "share": float(weight[at] * lost[at] / whole)}
-                for at in most
-                if lost[at] > 0
-            ],
-        },
-    }
-
-
-def _expected(found: Estimate, weight: np.ndarray, amount: np.ndarray) -> dict[str, Any]:
-    """Expected value over all samples, with its interval, None where there is too little for one."""
-    mean = mean_of(found, weight, amount)
-    low, high = float(mean.low), float(mean.high)
-    return {"expected": float(mean.value), "interval": [low, high] if np.isfinite(high) else None}
-
-
 def _groups(refined: Rows, failed: np.ndarray, weight: np.ndarray) -> dict[str, np.ndarray]:
     """Failed runs of each mode that occurs, (runs,) bool each."""
     told = failed & (weight > 0) & ~refined.columns.get("broke_off", np.zeros(failed.size)).astype(bool)
@@ -338,11 +276,6 @@ def _walls(rough: Rows, refined: Rows) -> list[str]:
     return []
 
 
-def _measure(rows: Rows, name: str) -> np.ndarray:
-    """A consequence of each run (runs,), nan where it has none: those that broke off have not."""
-    return rows.columns.get(name, np.full(len(rows.numbers), np.nan))
-
-
 def _raised(campaign: Campaign) -> list[str]:
     if campaign.raised is None:
         return []
@@ -361,24 +294,6 @@ def _broken(rows: Rows) -> dict[str, str]:
         str(number): f"{status} at step {steps}"
         for number, status, steps in zip(rows.numbers, columns["status"], columns["steps"], strict=True)
         if status not in NOT_BROKEN
-    }
-
-
-def _spread(values: np.ndarray, weight: np.ndarray, level: float) -> dict[str, Any]:
-    """Weighted mean with its interval, smallest and largest; of runs that broke off or stand for nothing only the last
-    two. No interval, None, for fewer than 3 runs."""
-    known = np.isfinite(values)
-    values, weight = values[known], weight[known]
-    if not values.size:
-        return {}
-    mean = float(weight @ values / weight.sum()) if weight.any() else float(values.mean())
-    stands = weight > 0
-    interval = mean_interval(values[stands], weight[stands], level=level) if stands.any() else None
-    return {
-        "mean": mean,
-        "interval": interval and list(interval),
-        "smallest": float(values.min()),
-        "largest": float(values.max()),
     }
 
 

@@ -211,7 +211,8 @@ def test_summary_tells_modes_fits_severity_and_what_more_runs_would_buy(tmp_path
     assert summary["fits"].keys() == {"all", *occurring}
     assert "too few" in summary["fits"]["all"]["displacement"]["notes"][0]
     assert {place["group"] for place in summary["severity"]["volume"]} == occurring
-    assert summary["after_more_runs"]["runs"] == 50
+    left = 6 - summary["refined_runs"]
+    assert summary["after_more_runs"]["runs"] == summary["after_more_runs"]["samples_left"] == left
     assert -1 <= summary["grids"]["spearman"] <= 1
     assert summary["convergence"]["probability"][-1] == summary["probability_of_failure"]
     assert "NaN" not in (tmp_path / "out" / "summary.json").read_text()

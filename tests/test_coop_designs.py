@@ -104,10 +104,13 @@ def test_a_scene_names_estimators_and_gives_them_what_they_take():
 def test_monte_carlo_of_all_samples_is_the_plain_share():
     displacement, failed = pair(120, 0.25, 0.9, 0)
     population, answers = play(MonteCarlo(), displacement, failed, places=3)
-    assert MonteCarlo().estimate(population, answers) == monte_carlo(failed)
+    whole = monte_carlo(failed, samples=120)
+    assert MonteCarlo().estimate(population, answers) == whole
+    # More runs of these samples would buy nothing.
+    assert (whole.audit_variance, after_more_runs(whole, 50, samples=120)) == (0, pytest.approx(whole.cov))
     assert MonteCarlo().weights(population, answers) == dict.fromkeys(range(120), 1.0)
     assert MonteCarlo().why_finished(population, answers) == "all samples ran on the refined grid"
-    assert TwoPhase().beside(population, answers) == Published(5).beside(population, answers) == [monte_carlo(failed)]
+    assert TwoPhase().beside(population, answers) == Published(5).beside(population, answers) == [whole]
     assert MonteCarlo().beside(population, answers) == []
 
 

@@ -14,7 +14,11 @@ positive = st.lists(st.tuples(st.floats(0.1, 50.0), st.floats(0.01, 1.0)), min_s
 @given(positive, st.floats(0.01, 100.0), st.floats(0.01, 100.0))
 def test_units_and_the_sum_of_the_weights_do_not_matter(rows, unit, total):
     values, weight = rows.T
-    low, high = mean_interval(values, weight)
+    found = mean_interval(values, weight)
+    assert (found is None) == (weight.sum() ** 2 / (weight @ weight) < 5 - 1e-8)
+    if found is None:
+        return
+    low, high = found
     assert low <= weight @ values / weight.sum() * (1 + 1e-9)
     assert high >= weight @ values / weight.sum() * (1 - 1e-9)
     scaled = mean_interval(unit * values, total * weight)
@@ -32,9 +36,18 @@ def test_equal_weights_give_the_jackknifes_variance():
 
 
 def test_too_few_values_and_equal_ones():
-    assert mean_interval(np.array([1.0, 2.0]), np.ones(2)) is None
+    assert mean_interval(np.array([1.0, 2.0, 1.5, 1.7]), np.ones(4)) is None
+    # Ten of which one stands for nearly all are as few.
+    assert mean_interval(np.arange(1.0, 11.0), np.array([50.0, *[1.0] * 9])) is None
     assert mean_interval(np.zeros(5), np.ones(5)) is None
-    assert mean_interval(np.full(4, 2.5), np.array([0.1, 0.2, 0.3, 0.4])) == pytest.approx((2.5, 2.5))
+    assert mean_interval(np.full(6, 2.5), np.array([0.3, 0.2, 0.3, 0.4, 0.3, 0.3])) == pytest.approx((2.5, 2.5))
+
+
+def test_one_slide_far_beyond_the_others_does_not_make_an_interval_without_end():
+    values = np.array([1.0, 1.1, 0.9, 1.0, 1.05, 20.0])
+    low, high = mean_interval(values, np.ones(6))
+    # Student's t of at least 3 degrees of freedom; 1 gave 0.0001 to 200,000.
+    assert low < 1.0 < values.mean() < 20 < high < 100
 
 
 def test_intervals_hold_the_truth_of_campaigns_that_draw_their_slides_twice():

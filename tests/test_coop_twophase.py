@@ -455,9 +455,28 @@ def test_what_more_runs_would_buy():
         after_more_runs(now, -1)
 
 
+def test_what_more_runs_would_buy_where_few_samples_are_left():
+    displacement, failed = pair(160, 0.3, 0.8, 3)
+    population, forecast, measured = Population(displacement), [], []
+    for seed in range(60):
+        now, later, last = (
+            two_phase(population, answers(failed), AuditPlan(runs=runs, seed=seed)) for runs in (60, 120, 160)
+        )
+        forecast.append([after_more_runs(now, more, samples=160) for more in (60, 100, 10**6)])
+        measured.append([later.cov, last.cov, last.cov])
+        # The limit is the sampling of the 160.
+        assert forecast[-1][1] == forecast[-1][2] == pytest.approx(np.sqrt((1 / now.probability - 1) / 160))
+        assert after_more_runs(last, 50, samples=160) == last.cov
+    np.testing.assert_allclose(np.mean(forecast, axis=0), np.mean(measured, axis=0), rtol=0.05)
+
+
 def test_more_monte_carlo_runs_shrink_as_the_square_root():
     failed = np.arange(100) < 20
     assert after_more_runs(monte_carlo(failed), 300) == pytest.approx(monte_carlo(failed).cov / 2)
+    # Whether 400 samples are all that there are does not matter for the first 400 of them.
+    assert after_more_runs(monte_carlo(failed, samples=400), 900, samples=400) == pytest.approx(
+        monte_carlo(failed).cov / 2
+    )
     assert monte_carlo(failed).interval == wilson_interval(20, 100)
 
 

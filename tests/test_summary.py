@@ -134,7 +134,8 @@ def test_a_run_that_broke_off_has_no_part_in_modes_and_fits():
     assert found["failures_refined"] == failed.sum()
     assert sum(part["count"] for part in found["modes"].values()) == failed.sum() - 1
     # Every sample has run: there are no more to buy.
-    assert not _words._more(found)
+    assert found["after_more_runs"]["samples_left"] == 0
+    assert "only more would bring" in _words._more(found)
     assert found["fits"]["all"]["volume"]["samples"] == failed.sum() - 1
 
 
@@ -276,3 +277,125 @@ def test_a_campaign_without_slides_says_that_no_consequence_was_asked_for():
     campaign, rough, refined = drawn_classes(3)
     refined.columns["status"][refined.columns["status"] == "SETTLED"] = "DECIDED"
     assert _words.without_slides(summarise(campaign, rough, refined)) == "No slide has come to its end yet."
+
+
+def five_slides(status="SETTLED", *, slid=5, reached=2):
+    """20 samples that all ran refined, of which some slid; `reached` of these came over the road, worth 1000, and none
+    over the house. The campaign with both places, rough and refined rows."""
+    base = parse(TINY + HAZARD)
+    campaign = campaign_with(samples=20, estimator="monte carlo")
+    campaign = replace(campaign, hazard=base.hazard, run=replace(base.run, t_end=20.0))
+    number = np.arange(20)
+    moved, came = np.where(number < slid, 5.0 + number, 0.1), number < reached
+    fails = moved > 1
+    own = {name: np.where(fails, 0.5 * moved, 0.0) for name in ("depth", "runout", "volume", "area")}
+    for name, value in (("thickness", 2.0), ("speed", 3.0), ("arrival", 15.0)):
+        own[f"{name}_at_road"] = np.where(came, value + 4.0 * (number % 2), np.nan)
+        own[f"{name}_at_house"] = np.full(20, np.nan)
+    own["area_columns"] = np.where(fails, 1.0, np.nan)
+    table = rows(number, moved, mode=np.where(fails, "deep", "none"), **own)
+    table.columns["status"] = np.where(fails, status, "SETTLED").astype("<U10")
+    return campaign, rows(number, moved), table
+
+
+def test_four_slides_have_a_range_and_no_interval_and_five_have_one():
+    four = summarise(*five_slides(slid=4))["consequences_of_failures"]
+    five = summarise(*five_slides(slid=5))["consequences_of_failures"]
+    for name, (smallest, largest) in {"displacement": (5, 8), "runout": (2.5, 4), "volume": (2.5, 4)}.items():
+        assert four[name]["interval"] is None
+        assert (four[name]["smallest"], four[name]["largest"]) == (smallest, largest)
+        low, high = five[name]["interval"]
+        assert 0.3 * five[name]["mean"] < low < high < 3 * five[name]["mean"]
+    assert _words._interval(four["runout"]) == "too few for an interval"
+
+
+def test_no_mean_lies_beyond_the_time_of_the_runs_or_below_the_ground():
+    campaign, rough, refined = five_slides(slid=12, reached=12)
+    number, deep = np.arange(20), campaign.site.shape.extent[-1]
+    refined.columns["arrival_at_road"] = np.where(number < 12, np.where(number < 5, 0.1, 19.9), np.nan)
+    refined.columns["depth"] = np.where(number < 12, np.where(number < 2, 0.1 * deep, deep), 0.0)
+    found = summarise(campaign, rough, refined)
+    arrival = found["risk"]["places"]["road"]["arrival"]
+    assert arrival["mean"] < arrival["interval"][1] == 20.0
+    depth = found["consequences_of_failures"]["depth"]
+    assert depth["mean"] < depth["interval"][1] == deep
+
+
+@pytest.mark.parametrize(("slid", "reached"), [(0, 0), (3, 0), (3, 2), (8, 0), (8, 3)])
+def test_an_expected_loss_is_at_most_value_times_the_upper_probability(slid, reached):
+    found = summarise(*five_slides(slid=slid, reached=reached))
+    road, house = (found["risk"]["places"][name] for name in ("road", "house"))
+    low, high = road["loss"]["interval"]
+    assert 0 <= low <= road["loss"]["expected"] <= high <= 1000 * road["reached"]["interval"][1]
+    assert found["risk"]["loss"]["interval"] == [low, high]
+    if slid < 5 or not reached:
+        assert (low, high) == (0, pytest.approx(1000 * road["reached"]["interval"][1]))
+    assert high > 0
+    assert "loss" not in house
+    text = " ".join(_words.risks(found))
+    assert ("not within 20 s" in text, "at most" in text) == (True, True)
+
+
+def test_slides_that_had_not_come_to_rest_are_counted_and_all_they_do_is_at_least_that():
+    campaign, rough, refined = five_slides("FINISHED")
+    refined.columns["status"][0] = "SETTLED"
+    found = summarise(campaign, rough, refined)
+    assert found["cut_off"] == {"of": 5, "at_t_end": 4, "broke_off": 0, "t_end": 20.0}
+    assert "4 of 5 slides had not come to rest when they ended at 20 s" in " ".join(found["notes"])
+    assert all(each["at_least"] for each in found["consequences_of_failures"].values())
+    text = " ".join(_words.risks(found))
+    assert "at least 0.1" in text
+    assert "interval of what 20 s show" in text
+    assert "4 of 5 slides had not come to rest" in _words.cut_off(found)
+    settled = summarise(*five_slides())
+    assert settled["cut_off"]["at_t_end"] == 0
+    assert not any(each["at_least"] for each in settled["consequences_of_failures"].values())
+    assert "at least" not in " ".join([*_words.risks(settled), *settled["notes"], _words.cut_off(settled)])
+    # Where nothing looks for rest it is not known.
+    campaign = replace(campaign, run=replace(campaign.run, settle=None))
+    assert any("not looked at for rest" in note for note in summarise(campaign, rough, refined)["notes"])
+
+
+def test_a_slide_that_broke_off_moved_at_least_so_far_and_has_no_other_part():
+    campaign, rough, refined = five_slides()
+    refined.columns["status"][1], refined.columns["broke_off"][1] = "NOT_FINITE", 1.0
+    for name in ("depth", "runout", "volume", "area", "area_columns"):
+        refined.columns[name][1] = np.nan
+    found = summarise(campaign, rough, refined)
+    assert (found["cut_off"]["broke_off"], found["cut_off"]["at_t_end"]) == (1, 0)
+    assert any(note.startswith("1 of 5 slides broke off") for note in found["notes"])
+    spreads = found["consequences_of_failures"]
+    assert [spreads[name]["at_least"] for name in ("displacement", "runout")] == [True, False]
+
+
+def test_runs_that_still_moved_when_their_class_was_taken_are_named():
+    campaign, rough, refined = five_slides()
+    refined.columns["status"][7:9], refined.columns["displacement"][8] = "FINISHED", 0.7
+    (note,) = summarise(campaign, rough, refined)["notes"]
+    assert note.startswith(
+        "2 of 15 refined runs that stand had not settled at t_end = 20 s, having moved 0.7 m at most"
+    )
+
+
+def test_more_runs_are_no_more_than_are_left_and_all_samples_are_the_limit():
+    rough, refined, failed, *_ = made_up(80, 0.4, 3)
+    found = play(campaign_with(samples=80, refined_runs=60), rough, refined)
+    more = found["after_more_runs"]
+    assert (more["runs"], more["samples_left"]) == (20, 20)
+    # All refined, only the sampling of the 80 is left.
+    share = found["probability_of_failure"]
+    assert more["coefficient_of_variation"] == more["all_samples"] == pytest.approx(np.sqrt((1 - share) / share / 80))
+    assert "Another 20 refined runs" in _words._more(found)
+    assert "only more samples help" in _words._more(found)
+    whole = play(campaign_with(samples=80, refined_runs=80), rough, refined)
+    share = whole["probability_of_failure"]
+    assert whole["coefficient_of_variation"] == pytest.approx(np.sqrt((1 - share) / share / 80))
+    assert share == pytest.approx(failed.mean())
+    # Under way, the budget leaves fewer.
+    campaign = campaign_with(samples=80, refined_runs=30)
+    begun = summarise(campaign, rough, refined(phases_of(campaign, rough, refined([])).next_runs(1, ())))
+    more = begun["after_more_runs"]
+    assert more["runs"] == 30 - begun["refined_runs"] < more["samples_left"] == 80 - begun["refined_runs"]
+    # The published rule takes no more.
+    ended = play(campaign_with(samples=80, estimator="published", k_t=9), rough, refined)
+    assert (ended["after_more_runs"]["coefficient_of_variation"], _words._more(ended)) == (None, "")

@@ -79,17 +79,21 @@ def with_variance(
     return Estimate(share, wider, cov, refined_runs, method, level, notes, audit_variance, unseen, interval, freedom)
 
 
-def after_more_runs(estimate: Estimate, more: int = 50) -> float:
-    """Coefficient of variation to expect after `more` refined runs: what they would buy.
+def after_more_runs(estimate: Estimate, more: int = 50, *, samples: float = np.inf) -> float:
+    """Coefficient of variation to expect after `more` refined runs, or fewer where no more are left: what they would
+    buy.
 
-    The audit's variance falls as one over its runs; the sampling variance of the N samples stays.
+    samples: N that can run. The audit's variance falls as 1/n - 1/N over its n runs (the finite population's
+    correction; Cochran 1977, Sampling Techniques, Section 2.6), to nothing where all have run; the sampling variance of
+    the N samples stays. Raises ValueError for more below 0.
     """
     if more < 0:
         raise ValueError(f"more = {more} is negative: give the number of further runs")
     if not estimate.probability:
         return float("inf")
-    audit = estimate.audit_variance / estimate.probability**2
-    left = estimate.refined_runs / max(estimate.refined_runs + more, 1)
+    audit, done = estimate.audit_variance / estimate.probability**2, estimate.refined_runs
+    then = min(done + more, samples)
+    left = (1 / then - 1 / samples) / (1 / done - 1 / samples) if 0 < done < samples else 0.0
     return float(np.sqrt(max(estimate.cov**2 - audit * (1 - left), 0.0)))
 
 
@@ -116,8 +120,9 @@ def wilson_interval(
     return low, high
 
 
-def monte_carlo(failed: np.ndarray, *, level: float = 0.95) -> Estimate:
-    """n/N of samples that all ran on the refined grid, with a Wilson interval. failed: (N,) bool."""
+def monte_carlo(failed: np.ndarray, *, level: float = 0.95, samples: float = np.inf) -> Estimate:
+    """n/N of samples that all ran on the refined grid, with a Wilson interval. failed: (N,) bool. samples: that can run
+    in all, these among them."""
     failed = np.asarray(failed, dtype=bool)
     failures, share = int(failed.sum()), float(failed.mean())
     return Estimate(
@@ -127,7 +132,7 @@ def monte_carlo(failed: np.ndarray, *, level: float = 0.95) -> Estimate:
         refined_runs=failed.size,
         method="Monte Carlo",
         level=level,
-        audit_variance=share * (1 - share) / failed.size,
+        audit_variance=share * (1 - share) * (1 / failed.size - 1 / samples),
     )
 
 

@@ -26,7 +26,7 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from cooperative.estimate._estimates import Estimate, wilson_interval
-from cooperative.estimate._shares import MOST_LEVERAGE
+from cooperative.estimate._shares import MOST_LEVERAGE, too_few
 
 POINTS = 61
 """Thresholds of a curve."""
@@ -103,7 +103,7 @@ def mean_of(found: Estimate, weight: np.ndarray, amount: np.ndarray) -> Chances:
     """Expected value over all samples of what slides bring, 0 where nothing fails, for many things at once.
 
     found, weight: as for `chance_of`. amount: of each slide (n, ...), 0 or more. The interval is on the logarithm, as
-    that of `mean_interval`; its upper limit is nan with fewer than 3 slides or where none brings anything.
+    that of `mean_interval`; it is 0 to nan where the slides are too few for that one, or none brings anything.
     Raises ValueError for shapes that do not fit and amounts below 0 or not finite.
     """
     weight, amount = _checked(weight, amount)
@@ -111,7 +111,7 @@ def mean_of(found: Estimate, weight: np.ndarray, amount: np.ndarray) -> Chances:
     shape = amount.shape[1:]
     brings = amount.reshape(weight.size, math.prod(shape)).astype(float)
     count = (brings > 0).sum(axis=0).reshape(shape)
-    if weight.size < 3:
+    if too_few(weight):
         share = weight / weight.sum() if weight.size else weight
         value = (found.probability * (share @ brings)).reshape(shape)
         return Chances(value, np.zeros(shape), np.full(shape, np.nan), count)

@@ -17,6 +17,11 @@ def effective_size(weight: np.ndarray) -> float:
     return float(weight.sum() ** 2 / (weight @ weight)) if weight.size else 0.0
 
 
+def too_few(weight: np.ndarray) -> bool:
+    """Whether samples with these weights (n,) are too few for the interval of a mean."""
+    return effective_size(weight) < FEWEST * (1 - 1e-9)
+
+
 @dataclass(frozen=True)
 class Share:
     """A part of a whole. count: samples in it. share: weighted. interval: confidence limits."""
@@ -38,8 +43,8 @@ def shares(group: np.ndarray, weight: np.ndarray, names: tuple[str, ...], *, lev
 
 
 def mean_interval(values: np.ndarray, weight: np.ndarray, *, level: float = 0.95) -> tuple[float, float] | None:
-    """Confidence limits of the weighted mean of positive values (n,), None for fewer than 3 or where all are 0. weight:
-    above 0 (n,).
+    """Confidence limits of the weighted mean of positive values (n,), None where they are effectively fewer than
+    `FEWEST`, or all are 0. weight: above 0 (n,).
 
     The mean is a ratio of two totals, each of samples drawn with unequal chances, which the weights undo. Its variance
     is that of the linearised ratio for draws with replacement, the sum of the squared residuals times their shares of
@@ -47,23 +52,28 @@ def mean_interval(values: np.ndarray, weight: np.ndarray, *, level: float = 0.95
     population itself (Sarndal, Swensson and Wretman 1992, Model Assisted Survey Sampling, Sections 2.9, 5.6 and 9.3).
     Residuals are over one less their share, since a heavy sample draws the mean to itself (MacKinnon and White 1985,
     Journal of Econometrics 29, 305-325, DOI 10.1016/0304-4076(85)90158-7). Student's t has the degrees of freedom that
-    the variance tells (Satterthwaite 1946, DOI 10.2307/3002019). On the logarithm: a mean that is too low for want of
-    its longest slides has a variance that is too low as well.
+    the variance tells (Satterthwaite 1946, DOI 10.2307/3002019), at least `LEAST_FREEDOM`. On the logarithm: a mean
+    that is too low for want of its longest slides has a variance that is too low as well.
     """
     values, weight = np.asarray(values, float), np.asarray(weight, float)
     share = weight / weight.sum()
     mean = float(share @ values)
-    if values.size < 3 or not mean > 0:
+    if too_few(weight) or not mean > 0:
         return None
     parts = (share * (values - mean) / np.maximum(1 - share, MOST_LEVERAGE)) ** 2
     variance = float(parts.sum())
     if variance == 0:
         return mean, mean
-    freedom = max(variance**2 / float(parts @ parts) - 1, 1.0)
+    freedom = max(variance**2 / float(parts @ parts) - 1, LEAST_FREEDOM)
     half = float(student.ppf(0.5 + level / 2, freedom)) * np.sqrt(variance) / mean
-    return mean * float(np.exp(-half)), mean * float(np.exp(min(half, 700.0)))
+    return mean * float(np.exp(-half)), mean * float(np.exp(half))
 
 
+FEWEST = 5
+"""Effective number of samples from which on a mean has an interval: fewer show too little of their scatter."""
+LEAST_FREEDOM = 3.0
+"""Degrees of freedom that a variance of `FEWEST` or more samples has at least. With 1 or 2 the upper limits of made-up
+campaigns reached 15,000 and 46 times the truth, with 3 they reach 21 times, and hold it as often to within 1 %."""
 MOST_LEVERAGE = 0.05
 """One less the share of a sample that weighs nearly all: its residual tells nothing, and is not taken for more."""
 

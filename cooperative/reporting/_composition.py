@@ -21,6 +21,7 @@ from cooperative.reporting._words import (
     answer,
     best_fits,
     bought,
+    cut_off,
     distinct,
     estimates,
     finished,
@@ -137,7 +138,8 @@ def _numbers(told: Told) -> Iterator[Drawn]:
         if fits:
             yield Drawn(
                 f"fits-{group}",
-                f"Distribution of the consequences of {group} failures ({mine.sum()} runs), with the three best fits.",
+                f"Distribution of the consequences of {group} failures ({mine.sum()} runs), with the three best fits."
+                f"{cut_off(told.summary)}",
                 charts.fitted({name: refined.columns[name][mine] for name in fits}, weight[mine], fits, told.labels),
             )
 
@@ -150,20 +152,22 @@ def _hazards(told: Told) -> Iterator[Drawn]:
         yield Drawn(
             "exceedance",
             "Probability that a sample of the slope fails and its slide goes beyond what stands below, with its "
-            f"{told.summary['level']:.0%} interval at each point. The curves start at the probability of failure.",
+            f"{told.summary['level']:.0%} interval at each point. The curves start at the probability of failure."
+            f"{cut_off(told.summary)}",
             charts.exceedance(curves, told.labels, level=told.summary["level"]),
         )
     maps, shape = told.maps, told.campaign.site.shape
     toe = shape.toe_x if isinstance(shape, Slope) else None
     if maps is not None:
         draw = charts.plan_maps if told.campaign.dimension == 3 else charts.profile
-        yield Drawn("hazard", _mapped(maps, told.summary["level"]), draw(maps, toe=toe))
+        said = _mapped(maps, told.summary["level"]) + cut_off(told.summary)
+        yield Drawn("hazard", said, draw(maps, toe=toe))
     risk = told.summary["risk"]
     if risk and risk["loss"] and risk["loss"]["expected"]:
         yield Drawn(
             "losses",
             "Probability of losing more than stands below at the exposed places together. The area under the curve is "
-            "the expected loss.",
+            f"the expected loss.{cut_off(told.summary)}",
             charts.losses(risk["loss"]["exceedance"], level=told.summary["level"]),
         )
 

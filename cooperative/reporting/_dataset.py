@@ -34,7 +34,8 @@ def write_netcdf(
     Along `sample`: `rough_displacement`, `refined_runout` and so on, all columns of `table.csv` with their grid's name,
     nan (or "" for text) where a sample did not run there, and `coefficients` of the random fields along `mode`. Along
     `x` and, in 3D, `y`: the hazard maps with their limits, where the scene asks for them. Along thresholds of their
-    own: the exceedance curves. Attributes: the probability of failure with its interval and method, and the scene.
+    own: the exceedance curves. Attributes: the probability of failure with its interval and method, how many slides had
+    not come to rest at their end (what slides do is then at least what is given), and the scene.
 
     found: the summary. models: of both grids, which tell damaged samples; see `write_table` for `estimator`.
     ValueError without xarray and h5netcdf (extra "exports"), OSError where the disk refuses.
@@ -52,6 +53,8 @@ def write_netcdf(
         "interval_high": high,
         "level": found["level"],
         "estimator": found["estimator"],
+        "slides": found["cut_off"]["of"],
+        "slides_not_at_rest": found["cut_off"]["at_t_end"],
         "scene": store.scene_text,
     }
     # Along a single name a variable of that name is its axis.

@@ -11,7 +11,14 @@ import numpy as np
 from cooperative.estimate import Estimator
 from cooperative.hazard import Maps, maps_of
 from cooperative.reporting._dataset import write_netcdf
-from cooperative.reporting._geography import MissingLibrary, write_ascii, write_contours, write_geotiff, write_tidy
+from cooperative.reporting._geography import (
+    MissingLibrary,
+    write_ascii,
+    write_contours,
+    write_geotiff,
+    write_notice,
+    write_tidy,
+)
 from cooperative.reporting._pictures import end_of
 from cooperative.reporting._tables import consolidate, write_table
 from cooperative.runs import GridModel, build, foreign, random_soil, rows_reader
@@ -94,6 +101,7 @@ def _of_maps(campaign: Campaign, store: Store, maps: Maps, kinds: Sequence[str])
     """The files of hazard maps."""
     if "maps" in kinds:
         yield write_tidy(store.folder, maps)
+        yield from write_notice(store.folder, maps)
         if campaign.dimension == 3:
             yield from write_ascii(store.folder, campaign.site, maps)
             try:

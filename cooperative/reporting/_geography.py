@@ -80,6 +80,7 @@ def write_geotiff(folder: Path, site: Site, maps: Maps) -> Iterator[Path]:
                     file.set_band_description(band, name if limit == "value" else f"{name}, {limit} limit")
                     file.set_band_unit(band, maps.units[name])
                 file.update_tags(map=name, level=f"{maps.level:g}", slides=str(maps.slides))
+                file.update_tags(slides_not_at_rest=str(maps.moving))
             data = bytes(memory.getbuffer())
         yield _written(folder, f"{key(name)}.tif", data)
 
@@ -103,9 +104,25 @@ def write_contours(folder: Path, site: Site, maps: Maps) -> Iterator[Path]:
                 }
             )
         whole: dict[str, Any] = {"type": "FeatureCollection", "name": name, "features": features}
+        if maps.moving:
+            whole["at_least"] = at_least(maps)
         if site.projection is None:
             whole["coordinates_are"] = "metres of the scene: it has no projection"
         yield _written(folder, f"{key(name)}.geojson", json.dumps(whole).encode())
+
+
+def write_notice(folder: Path, maps: Maps) -> Iterator[Path]:
+    """Write `maps/AT_LEAST.txt` where slides had not come to rest; tables and rasters have no room to say so."""
+    if maps.moving:
+        yield _written(folder, "AT_LEAST.txt", f"{at_least(maps)}\n".encode())
+
+
+def at_least(maps: Maps) -> str:
+    """That slides would have gone on, in words."""
+    return (
+        f"{maps.moving} of {maps.slides} slides had not come to rest when they ended at {maps.until:g} s: all these "
+        "maps are at least what is given."
+    )
 
 
 def key(name: str) -> str:

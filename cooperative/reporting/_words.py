@@ -46,15 +46,38 @@ def words(told: Told) -> str:
             lines.append(f"  {mode:<13}  {share['ratio']:.0%} of the failures ({low:.0%} to {high:.0%})")
     for name, spread in found["consequences_of_failures"].items():
         if spread and name in told.labels:
-            lines.append(
-                f"  {name:<13}  mean {spread['mean']:.4g} ({_limits(spread['interval'])}), {spread['smallest']:.4g} to "
-                f"{spread['largest']:.4g} ({told.units[name]}, failed samples)"
-            )
+            mean, largest = (_least(spread, key) for key in ("mean", "largest"))
+            limits = f"{page.number(spread['smallest'])} to {largest}"
+            lines.append(f"  {name:<13}  mean {mean} ({_interval(spread)}), {limits} ({told.units[name]})")
     lines += [f"  BROKE OFF      {line}" for line in _broken(found)]
     lines += [f"  LEFT OUT       {line}" for line in told.left_out]
     lines += [f"  note: {note}" for note in found["notes"]]
     lines.append(f"  all of it, with figures: {told.store.folder / 'report.html'}")
     return "\n".join(map(printable, lines))
+
+
+def _least(of: dict[str, Any], key: str) -> str:
+    """A number of what slides do in words, "at least" that where they would have gone on."""
+    return ("at least " if of["at_least"] else "") + page.number(of[key])
+
+
+def _cell(of: dict[str, Any], key: str) -> str | float:
+    """The same for a table, which sets plain numbers to the right."""
+    number: float = of[key]
+    return _least(of, key) if of["at_least"] else number
+
+
+def cut_off(found: dict[str, Any]) -> str:
+    """A sentence for figures of what slides do, empty where all came to rest."""
+    cut = found["cut_off"]
+    if not cut["at_t_end"]:
+        return ""
+    return f" It is at least that: {cut['at_t_end']} of {cut['of']} slides had not come to rest at {cut['t_end']:g} s."
+
+
+def _interval(spread: dict[str, Any]) -> str:
+    """Of a mean, in words."""
+    return "all alike" if spread["smallest"] == spread["largest"] else _limits(spread["interval"])
 
 
 def distinct(told: Told) -> dict[str, dict[str, Any]]:
@@ -151,18 +174,19 @@ def look(told: Told) -> Iterator[str]:
 def bought(told: Told) -> Iterator[str]:
     """What further refined runs would buy, and how long they would take."""
     found, estimate = told.summary, told.phases.estimate
-    left = found["samples"] - found["refined_runs"]
-    if left <= 0:
+    left = found["after_more_runs"]["samples_left"]
+    if left == 0:
         yield page.paragraph("Every sample has run on the refined grid: only more samples would narrow the interval.")
         return
-    if found["coefficient_of_variation"] is None:
-        yield page.paragraph("No run has failed so far: the runs do not tell yet what more of them would buy.")
+    if found["after_more_runs"]["coefficient_of_variation"] is None:
+        yield page.paragraph("The runs do not tell what more of them would buy.")
         return
     each = found["seconds"]["refined"] / max(found["refined_runs"], 1)
     counts = [*(count for count in MORE_RUNS if count < left), left]
+    bought = {count: after_more_runs(estimate, count, samples=estimate.refined_runs + left) for count in counts}
     yield page.table(
         ["more refined runs", "coefficient of variation", "time of one machine, about"],
-        [[count, float(after_more_runs(estimate, count)), duration(count * each)] for count in counts],
+        [[count, float(cov), duration(count * each)] for count, cov in bought.items()],
     )
     yield page.paragraph(
         "The last row runs every sample: what doubt is left then is that of the number of samples, and only more of "
@@ -191,20 +215,25 @@ def estimates(found: dict[str, Any]) -> str:
 
 def _consequences(told: Told) -> str:
     rows = [
-        [name, told.units[name], spread["mean"], _limits(spread["interval"]), spread["smallest"], spread["largest"]]
+        [
+            name,
+            told.units[name],
+            _cell(spread, "mean"),
+            _interval(spread),
+            spread["smallest"],
+            _cell(spread, "largest"),
+        ]
         for name, spread in told.summary["consequences_of_failures"].items()
         if spread and name in told.labels
     ]
-    columns = ["of the failed samples", "unit", "mean", f"{told.summary['level']:.0%} interval", "smallest", "largest"]
+    columns = ["of the slides", "unit", "mean", f"{told.summary['level']:.0%} interval", "smallest", "largest"]
     return page.table(columns, rows)
 
 
 def risks(found: dict[str, Any]) -> Iterator[str]:
     """What comes over the exposed places and what is lost."""
 
-    def mean(spread: dict[str, Any]) -> float | None:
-        return spread.get("mean")
-
+    cut = found["cut_off"]
     rows: list[list[str | float | int | None]] = []
     places = found["risk"]["places"]
     if None in places.values():
@@ -212,18 +241,19 @@ def risks(found: dict[str, Any]) -> Iterator[str]:
         yield page.paragraph(f"Nothing is known of how likely a slide reaches {', '.join(places)}. {why}", "note")
         return
     for name, place in places.items():
-        loss = place.get("loss")
+        loss, arrival = place.get("loss"), place["arrival"]
         rows.append(
             [
                 name,
-                place["reached"]["probability"],
+                _cell(place["reached"], "probability"),
                 _limits(place["reached"]["interval"]),
-                *(mean(place[what]) for what in ("arrival", "thickness", "speed")),
-                loss and loss["expected"],
+                f"{_least(arrival, 'mean')} ({_interval(arrival)})" if arrival else f"not within {cut['t_end']:g} s",
+                *(_cell(place[what], "mean") if place[what] else None for what in ("thickness", "speed")),
+                loss and _cell(loss, "expected"),
                 loss and _limits(loss["interval"]),
             ]
         )
-    level = f"{found['level']:.0%} interval"
+    level = f"{found['level']:.0%} interval" + (f" of what {cut['t_end']:g} s show" if cut["at_t_end"] else "")
     heads = ["place", "probability of being reached", level, "arrival, s", "thickness, m", "speed, m/s"]
     yield page.table([*heads, "expected loss", level], rows)
     yield page.paragraph(
@@ -232,17 +262,20 @@ def risks(found: dict[str, Any]) -> Iterator[str]:
     loss = found["risk"]["loss"]
     if not loss:
         return
-    modes = ", ".join(f"{share:.0%} {mode}" for mode, share in loss["modes"].items() if share)
+    modes = ", ".join(f"{mode} slides make {share:.0%} of it" for mode, share in loss["modes"].items() if share)
     most = ", ".join(f"{each['sample']} ({each['share']:.0%})" for each in loss["samples"])
     yield page.paragraph(
-        f"Expected loss per slope {page.number(loss['expected'])} ({_limits(loss['interval'])})"
-        + (f"; {modes} slides make it" if modes else "")
+        f"Expected loss per slope {_least(loss, 'expected')} ({_limits(loss['interval'])})"
+        + (f"; {modes}" if modes else "")
         + (f"; most of it the samples {most}." if most else ".")
     )
 
 
 def _limits(interval: Sequence[float] | None) -> str:
-    return "too few for an interval" if interval is None else " to ".join(map(page.number, interval))
+    if interval is None:
+        return "too few for an interval"
+    low, high = map(page.number, interval)
+    return f"{low} to {high}" if interval[0] else f"at most {high}"
 
 
 def best_fits(told: Told) -> Iterator[str]:
@@ -268,7 +301,7 @@ def run_table(told: Told) -> str:
     rows: list[list[str | float | int | None]] = []
     made: dict[str, str] = {}
     for grid, of in zip(GRIDS, (told.rough, told.refined), strict=True):
-        statuses = ", ".join(f"{count} {status}" for status, count in told.summary["status"][grid].items())
+        statuses = ", ".join(_ended(told.campaign, *each) for each in told.summary["status"][grid].items())
         rows.append([f"{grid} grid", f"{statuses or 'none'}; {duration(told.summary['seconds'][grid])} of runs"])
         rows.append([f"{grid} grid", _bands(told.campaign, grid)])
         for number in of.numbers[-1:]:
@@ -285,6 +318,13 @@ def run_table(told: Told) -> str:
     return page.table([], rows)
 
 
+def _ended(campaign: Campaign, status: str, count: int) -> str:
+    """How many runs ended in which way."""
+    if status != "FINISHED":
+        return f"{count} {status}"
+    return f"{count} FINISHED (at t_end{', not settled' if campaign.run.settle else ''})"
+
+
 def _bands(campaign: Campaign, grid: str) -> str:
     """How a grid's answers depend on its cell, in words."""
     numerics, thickness = campaign.grids[grid], campaign.soil.softening_length
@@ -298,7 +338,7 @@ def _bands(campaign: Campaign, grid: str) -> str:
 
 def unseen(found: dict[str, Any]) -> str:
     """How much of the interval is for what no run has looked at, in words; empty where it holds no such part."""
-    if found["sampling_interval"] is None:
+    if found["sampling_interval"] is None or not found["unseen"]:
         return ""
     low, high = found["sampling_interval"]
     cov = (
@@ -315,12 +355,18 @@ def unseen(found: dict[str, Any]) -> str:
 def _more(found: dict[str, Any]) -> str:
     """What further refined runs would buy, in words; empty where nothing can be said."""
     more, now = found["after_more_runs"], found["coefficient_of_variation"]
-    then = more["coefficient_of_variation"]
-    left = found["samples"] - found["refined_runs"]
-    if now is None or then is None or not left:
+    runs, left, then, last = (more[key] for key in ("runs", "samples_left", "coefficient_of_variation", "all_samples"))
+    if now is None or then is None:
         return ""
-    said = f"Another {more['runs']} refined runs would bring the coefficient of variation from {now:.1%} to {then:.1%}"
-    return f"{said}; {left} samples are left for them." if left < more["runs"] else f"{said}."
+    if not left:
+        return f"All samples have run refined: only more would bring the coefficient of variation below {now:.1%}."
+    if runs == left:
+        return f"{_bring(runs, now, then)}, and then all have run refined: beyond that only more samples help."
+    return f"{_bring(runs, now, then)}, and all {left} samples that are left to {last:.1%}."
+
+
+def _bring(runs: int, now: float, then: float) -> str:
+    return f"Another {runs} refined runs would bring the coefficient of variation from {now:.1%} to {then:.1%}"
 
 
 def finished(found: dict[str, Any]) -> str:

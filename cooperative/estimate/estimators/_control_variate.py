@@ -32,7 +32,7 @@ class ControlVariate(InOrder):
         known, notes = first_answers(answers)
         if len(known) < 2 * FOLDS:
             few = f"too few runs for a control variate, it takes {2 * FOLDS}"
-            return replace(monte_carlo_of_first(answers), notes=(*notes, few))
+            return replace(monte_carlo_of_first(population, answers), notes=(*notes, few))
         found = control_variate(
             population.rough_displacement, known, folds=FOLDS, failure_displacement=population.failure_displacement
         )
@@ -40,4 +40,4 @@ class ControlVariate(InOrder):
 
     def beside(self, population: Population, answers: Answers) -> list[Estimate]:
         """n/N where its rule is met, and plain Monte Carlo: nobody chose the first samples."""
-        return [*published_where_met(self.k_t, population, answers), monte_carlo_of_first(answers)]
+        return [*published_where_met(self.k_t, population, answers), monte_carlo_of_first(population, answers)]

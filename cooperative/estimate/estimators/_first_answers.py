@@ -18,18 +18,18 @@ def first_answers(answers: Answers) -> tuple[dict[int, bool], tuple[str, ...]]:
     return known, (f"{lost} refined runs gave no answer and are left out",) if lost else ()
 
 
-def monte_carlo_of_first(answers: Answers) -> Estimate:
+def monte_carlo_of_first(population: Population, answers: Answers) -> Estimate:
     """The share of the first samples that fails."""
     known, notes = first_answers(answers)
     if not known:
         return Estimate(0.0, (0.0, 1.0), np.inf, 0, "Monte Carlo", notes=("no refined run yet",))
-    return replace(monte_carlo(np.array(list(known.values()))), notes=notes)
+    return replace(monte_carlo(np.array(list(known.values())), samples=population.size), notes=notes)
 
 
 def monte_carlo_of_all(population: Population, answers: Answers) -> list[Estimate]:
     """Plain Monte Carlo, where every sample has an answer."""
     whole = len(answers) == population.size and None not in answers.values()
-    return [monte_carlo_of_first(answers)] if whole else []
+    return [monte_carlo_of_first(population, answers)] if whole else []
 
 
 def without_gap(answers: Answers) -> int:

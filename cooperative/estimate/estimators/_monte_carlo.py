@@ -31,7 +31,7 @@ class MonteCarlo(InOrder):
 
     def estimate(self, population: Population, answers: Answers) -> Estimate:
         """The share of the first samples that fails."""
-        return monte_carlo_of_first(answers)
+        return monte_carlo_of_first(population, answers)
 
     def beside(self, population: Population, answers: Answers) -> list[Estimate]:
         """n/N where its rule is met, and the control variate where there are samples that it can add."""
