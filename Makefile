@@ -21,7 +21,7 @@ demo: .venv
 # tables in RESULTS.md, of the first notebook, of every scene.
 figures: demo
 	cp out/demo/figures/field.png out/demo/figures/slope.png out/demo/figures/ranked.png benchmarks/figures/
-	$(BIN)/python -m benchmarks published --json > /dev/null
+	$(BIN)/python -m benchmarks.published
 	$(BIN)/python -m benchmarks.work_precision
 	$(BIN)/python -m benchmarks.gallery
 	$(PIP) --editable '.[notebooks]'

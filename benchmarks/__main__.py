@@ -1,4 +1,6 @@
-"""`python -m benchmarks NAME [--json] [--quick] [--keep]`: run one, print its figures; `--keep` for RESULTS.md too."""
+"""`python -m benchmarks NAME [--json] [--quick] [--keep]`: run one, print its figures; `--keep` for RESULTS.md too.
+
+Without `--keep` no file of the repository changes."""
 
 from __future__ import annotations
 
@@ -48,7 +50,7 @@ def main() -> int:
     parser.add_argument("name", choices=(*NAMES, *LONG, "all"))
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--quick", action="store_true", help="smaller and coarser, to see that it runs")
-    parser.add_argument("--keep", action="store_true", help="put the answer into RESULTS.md")
+    parser.add_argument("--keep", action="store_true", help="put the answer into RESULTS.md and draw its pictures")
     arguments = parser.parse_args()
     if arguments.keep and arguments.quick:
         parser.error("--keep and --quick: RESULTS.md holds whole runs, leave one of them out")
@@ -60,7 +62,7 @@ def main() -> int:
     answer = as_json(arguments.name, report)
     print(answer if arguments.json else _table(report))
     if arguments.keep:
-        keep(answer, (*NAMES, *LONG))
+        keep(answer, (*NAMES, *LONG), report.draw)
     return 0
 
 

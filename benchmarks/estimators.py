@@ -36,6 +36,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import get_context
 from typing import Any
 
@@ -287,7 +288,6 @@ def run(quick: bool = False) -> Report:
         for (method, runs, *_), rows in zip(real, pool.map(section.repeat, *zip(*real, strict=True)), strict=True):
             on_section[method, runs].append(rows)
     population = [section.summarise(*key, np.concatenate(rows)) for key, rows in on_section.items()]
-    section.draw(population)
     of_failures = [means.summarise(case, np.concatenate(rows)) for case, rows in of_means.items()]
     table = {case: summarise(case, np.concatenate(rows)) for case, rows in answers.items()}
     ours = [
@@ -309,4 +309,4 @@ def run(quick: bool = False) -> Report:
         "coverage_mean_max": max(row["coverage"] for row in of_failures),
         **section.values(population),
     }
-    return Report(values, [*table.values(), *of_failures, *population])
+    return Report(values, [*table.values(), *of_failures, *population], partial(section.draw, population))

@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from benchmarks.measure import ROOT
 from benchmarks.section_pairs import Pairs, read
 from cooperative import (
     AuditPlan,
@@ -30,10 +30,10 @@ from cooperative import (
     two_phase,
 )
 from cooperative.estimate import correlation, sample_weights, wilson_interval
+from cooperative.reporting import save
 
 LIMIT = 1.0
 BUDGETS = (20, 40, 80, 160)
-FIGURE = ROOT / "benchmarks" / "figures" / "estimators_error_time.png"
 Spent = tuple[Estimate, float]
 
 
@@ -197,7 +197,7 @@ def seconds_for(rows: list[dict[str, Any]], error: float) -> float:
     return float(fixed + slope / error**2)
 
 
-def draw(rows: list[dict[str, Any]]) -> None:
+def draw(rows: list[dict[str, Any]], folder: Path) -> None:
     """Error and bias against run time, one line per method."""
     colours = {"two-phase": "#0072B2", "control variate": "#009E73", "published n/N": "#D55E00"}
     colours |= {"screening alone": "#CC79A7", "Monte Carlo": "#5A5A5A"}
@@ -229,4 +229,4 @@ def draw(rows: list[dict[str, Any]]) -> None:
         ax.minorticks_off()
     error.set_yticks([2, 5, 10, 20, 50], ["2", "5", "10", "20", "50"])
     figure.legend(*error.get_legend_handles_labels(), loc="outside right upper", frameon=False)
-    figure.savefig(FIGURE, dpi=110)
+    save(figure, folder / "estimators_error_time.png", dpi=110)

@@ -1,13 +1,14 @@
 """Random fields: error in covariance against run time, beside other methods, and the published examples.
 
 Every timing is of one core, in a process of its own, on 1 m cells of 96 x 96 x 24 m with correlation lengths of 60, 60
-and 2 m unless the row says otherwise. Writes `figures/fields_error_time.png` and `figures/fields_example_1.png`.
+and 2 m unless the row says otherwise.
 """
 
 from __future__ import annotations
 
 import importlib.util
 import json
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -16,10 +17,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import kl
-from benchmarks.measure import ROOT, Report, on_cores
+from benchmarks.measure import Report, on_cores
+from cooperative.reporting import save
 from kl import plots
 
-FIGURES = ROOT / "benchmarks" / "figures"
 PAPER: dict[str, Any] = {"name": "paper", "lengths": [60.0, 60.0, 2.0], "extent": [96.0, 96.0, 24.0], "cell": 1.0}
 SHORT = {**PAPER, "name": "short lengths", "lengths": [10.0, 10.0, 2.0], "batch": 20}
 SMALL: dict[str, Any] = {"name": "small box", "lengths": [10.0, 10.0, 2.0], "extent": [16.0, 16.0, 8.0], "cell": 1.0}
@@ -70,7 +71,7 @@ LOOK = {
 }
 
 
-def _figure(rows: list[dict[str, Any]]) -> None:
+def _figure(rows: list[dict[str, Any]]) -> Figure:
     """Worst and rms error against seconds per realisation: the paper's lattice, and the small box with open marks."""
     figure = Figure(figsize=(9, 5), layout="constrained")
     panels = figure.subplots(1, 2, sharex=True)
@@ -90,11 +91,11 @@ def _figure(rows: list[dict[str, Any]]) -> None:
         panel.set(xlabel="seconds per realisation, one core", ylabel=measure.replace("_", " of covariance, "))
         panel.grid(alpha=0.3)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
-    figure.savefig(FIGURES / "fields_error_time.png", dpi=90)
+    return figure
 
 
-def _example_1() -> dict[str, Any]:
-    """Autocorrelation of 1000 realisations along the axes through the centre, as the paper's Fig. 1.
+def _example_1() -> tuple[dict[str, Any], Figure]:
+    """Autocorrelation of 1000 realisations along the axes through the centre, and its picture as the paper's Fig. 1.
 
     The paper does not print the box; its reference point is the first cell beyond the middle of 20 x 10 x 10 m.
     """
@@ -119,7 +120,6 @@ def _example_1() -> dict[str, Any]:
         targets.append(np.exp(-((lag / lengths[number]) ** 2)))
     names = ("x", "y", "z")
     figure = plots.correlation(tuple(lags), tuple(estimates), tuple(targets), samples=samples, names=names)
-    figure.savefig(FIGURES / "fields_example_1.png", dpi=90)
     worst = max(float(np.abs(e - t).max()) for e, t in zip(estimates, targets, strict=True))
     return {
         "example_1_modes_95": kl.expand(covariance, (0.0,) * 3, extent, energy=0.95).modes,
@@ -127,7 +127,7 @@ def _example_1() -> dict[str, Any]:
         "example_1_modes_95_published": 30,
         "example_1_energy_of_30": kl.expand(covariance, (0.0,) * 3, extent, modes=30).variance_mean,
         "example_1_autocorrelation_error": worst,
-    }
+    }, figure
 
 
 def _modes_by_axis(covariance: tuple[Any, ...], extent: tuple[float, ...]) -> int:
@@ -157,14 +157,18 @@ def _example_2() -> dict[str, Any]:
 
 def run(quick: bool) -> Report:
     """All rows; `values` are the paper's field at 99.9 % of the variance, and the two examples."""
-    FIGURES.mkdir(exist_ok=True)
     # Other work on the machine spoils a whole process, so the figures that matter are the median of several.
     field = _median([_case("truncated", 0.999) for _ in range(1 if quick else 5)], "setup_s", "realisation_s")
     count = POINTS // 8 if quick else POINTS
     scattered = _median([_case("points", count, repeats=5) for _ in range(1 if quick else 3)], "realisation_s")
     short_points = _case("points", count, SHORT, repeats=3)
     rows = [field, *_curves(quick), scattered, short_points]
-    _figure(rows)
+    example_1, figure = _example_1()
+
+    def draw(folder: Path) -> None:
+        save(_figure(rows), folder / "fields_error_time.png", dpi=90)
+        save(figure, folder / "fields_example_1.png", dpi=90)
+
     short = next(row for row in rows if row["method"] == "truncated" and row["domain"] == SHORT["name"])
     values = {
         "setup_ms": field["setup_s"]["median"] * 1e3,
@@ -181,7 +185,7 @@ def run(quick: bool) -> Report:
         "short_lengths_ms_per_realisation": short["realisation_s"]["median"] * 1e3,
         "short_lengths_points_s": short_points["realisation_s"]["median"] * POINTS / count,
         "short_lengths_error_in_correlation": short["error_worst"],
-        **_example_1(),
+        **example_1,
         **_example_2(),
     }
-    return Report(values=values, rows=rows)
+    return Report(values, rows, draw)

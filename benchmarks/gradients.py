@@ -11,6 +11,8 @@ import json
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -18,7 +20,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import jaxmpm as mpm
-from benchmarks.measure import ROOT, Report, on_cores
+from benchmarks.measure import Report, on_cores
+from cooperative.reporting import save
 from jaxmpm.run import objectives
 
 SLOPE = mpm.Slope(crest=10.0, height=6.0, run_per_rise=1.0, toe=14.0, foundation=2.0)
@@ -83,7 +86,7 @@ def difference_rows(problem: str, steps: int) -> Iterator[dict[str, Any]]:
             }
 
 
-def draw(rows: list[dict[str, Any]]) -> None:
+def draw(rows: list[dict[str, Any]], folder: Path) -> None:
     """Error of central differences against step length: elastic, softening, and softening ever longer."""
     figure = Figure(figsize=(9, 4), layout="constrained")
     panels = figure.subplots(1, 3, sharey=True)
@@ -104,7 +107,7 @@ def draw(rows: list[dict[str, Any]]) -> None:
     for panel in panels:
         panel.legend(fontsize=9)
         panel.grid(alpha=0.3)
-    figure.savefig(ROOT / "benchmarks" / "figures" / "gradients_step_length.png", dpi=90)
+    save(figure, folder / "gradients_step_length.png", dpi=90)
 
 
 def cost_row(engine: str | None, quick: bool) -> dict[str, Any]:
@@ -143,8 +146,6 @@ def run(quick: bool) -> Report:
         for problem, steps in named
     }
     native, xla = (cost["reverse_over_forward"] for cost in costs)
-    if not quick:
-        draw(rows)
     values = {
         **worst,
         "reverse_over_forward_native": native,
@@ -153,6 +154,5 @@ def run(quick: bool) -> Report:
         "rough_reverse_steps": long_case["steps"],
         "rough_reverse_seconds": long["seconds"],
     }
-    return Report(
-        values, [*[{k: v for k, v in r.items() if k != "errors"} for r in rows], *costs, {**long_case, **long}]
-    )
+    told = [{k: v for k, v in r.items() if k != "errors"} for r in rows]
+    return Report(values, [*told, *costs, {**long_case, **long}], partial(draw, rows))

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -26,10 +26,12 @@ ROOT = Path(__file__).resolve().parent.parent
 
 @dataclass(frozen=True)
 class Report:
-    """A benchmark's answer: `values` are the named figures, `rows` the table behind them."""
+    """A benchmark's answer: `values` are the named figures, `rows` the table behind them. draw: draws its pictures in a
+    folder, None where it has none."""
 
     values: dict[str, Any]
     rows: list[dict[str, Any]]
+    draw: Callable[[Path], object] | None = None
 
 
 @dataclass(frozen=True)
@@ -133,4 +135,5 @@ def machine() -> dict[str, Any]:
 def as_json(name: str, report: Report) -> str:
     """One JSON object: the benchmark's name, day, machine and versions, values and rows."""
     today = datetime.now(UTC).date().isoformat()
-    return json.dumps({"benchmark": name, "date": today, "machine": machine(), **asdict(report)})
+    answer = {"values": report.values, "rows": report.rows}
+    return json.dumps({"benchmark": name, "date": today, "machine": machine(), **answer})

@@ -3,12 +3,13 @@
 Source: Jiang, Li, Ma and Rezania (2024), Computers and Geotechnics 172, 106413. Nothing is run here: what the files
 `benchmarks/data/study_*.csv` do not hold is not run yet, and has no value. An interval is that of 95 per cent; of a
 factor of safety, one step of the search. Hours are processor time of one core, or those of a GPU, of the runs that an
-answer rests on.
+answer rests on. `python -m benchmarks.published` draws the figures anew.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,22 +26,29 @@ from benchmarks.study_table import CPU, Rows, merged
 
 
 def run(quick: bool) -> Report:
-    """All rows, from the files; the figures are drawn beside. `quick` changes nothing, there is nothing to run."""
+    """All rows, from the files. `quick` changes nothing, there is nothing to run."""
     del quick
-    return report(DATA, FIGURES)
+    return report(DATA)
 
 
-def report(folder: Path, draw_in: Path) -> Report:
-    """Rows and values from the files in a folder, the figures of what is there. ValueError for a damaged file."""
-    rows = merged(read_study(folder).values())
-    lines = [*factors(rows), *table_3(rows), *probabilities(rows), *readings(rows), *lengths(rows), *modes(rows)]
-    lines += hours(rows)
-    figures.draw(figures.Study(rows, lines), draw_in)
+def report(folder: Path) -> Report:
+    """Rows and values from the files in a folder, and what draws the figures of what is there. ValueError for a damaged
+    file."""
+    study = study_in(folder)
+    lines = study.lines
     values = {line.name: line.found.value for line in lines if line.name and isinstance(line.found, Found)}
     for line in lines:
         if line.name == "pf_3d" and isinstance(line.found, Found):
             values |= dict(zip(("pf_3d_low", "pf_3d_high"), line.found.interval, strict=True))
-    return Report({name: round(value, 4) for name, value in values.items()}, [line.as_row() for line in lines])
+    values = {name: round(value, 4) for name, value in values.items()}
+    return Report(values, [line.as_row() for line in lines], partial(figures.draw, study))
+
+
+def study_in(folder: Path) -> figures.Study:
+    """What a folder has of the study. ValueError for a damaged file."""
+    rows = merged(read_study(folder).values())
+    lines = [*factors(rows), *table_3(rows), *probabilities(rows), *readings(rows), *lengths(rows), *modes(rows)]
+    return figures.Study(rows, [*lines, *hours(rows)])
 
 
 def hours(rows: Rows) -> Iterator[Line]:
@@ -69,3 +77,7 @@ def hours(rows: Rows) -> Iterator[Line]:
         kind = "GPU" if name.startswith("gpu") else "core"
         everything = Found(total, (total, total), f"{len(rows)} runs, all pieces", spent) if rows else "no run is there"
         yield Line(f"{kind} hours of the whole study", name, None, everything)
+
+
+if __name__ == "__main__":
+    figures.draw(study_in(DATA), FIGURES)

@@ -11,14 +11,17 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from benchmarks.measure import ROOT, Report, scene_campaign
+from benchmarks.measure import Report, scene_campaign
 from cooperative import runs
 from cooperative.estimate import Estimate, SubsetPlan, monte_carlo, subset_simulation
+from cooperative.reporting import save
 from cooperative.research.rare import design_point, importance_sampling, slide_limit_state
 
 MEAN = 57e3
@@ -72,7 +75,7 @@ def subset(run: Callable[[np.ndarray], np.ndarray], modes: int, limit: float, pl
     ), drawn.rough_runs
 
 
-def draw(rows: list[dict[str, Any]]) -> None:
+def draw(rows: list[dict[str, Any]], folder: Path) -> None:
     """Coefficient of variation against seconds, each estimator's point and the line it moves along."""
     figure = Figure(figsize=(6, 4), layout="constrained")
     ax = figure.subplots()
@@ -85,7 +88,7 @@ def draw(rows: list[dict[str, Any]]) -> None:
     ax.axhline(0.1, color="grey", lw=0.8, ls=":")
     ax.legend(fontsize=8)
     ax.grid(alpha=0.3)
-    figure.savefig(ROOT / "benchmarks" / "figures" / "rare_events.png", dpi=90)
+    save(figure, folder / "rare_events.png", dpi=90)
 
 
 def run(quick: bool) -> Report:
@@ -122,8 +125,6 @@ def run(quick: bool) -> Report:
             time.perf_counter() - start,
         )
     )
-    if not quick:
-        draw(rows)
     values = {
         "form_probability": point.probability,
         "form_beta": point.beta,
@@ -136,4 +137,4 @@ def run(quick: bool) -> Report:
         "work_monte_carlo_over_importance": rows[2]["work_s"] / rows[0]["work_s"] if rows[0]["work_s"] else None,
         "work_subset_over_importance": rows[1]["work_s"] / rows[0]["work_s"] if rows[0]["work_s"] else None,
     }
-    return Report(values, rows)
+    return Report(values, rows, partial(draw, rows))

@@ -10,12 +10,16 @@ import importlib
 import json
 import subprocess
 import sys
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from benchmarks.measure import ROOT
 from benchmarks.summary import lead
+from cooperative.store import write_aside
 
 FOLDER = ROOT / "benchmarks" / "data" / "results"
+FIGURES = ROOT / "benchmarks" / "figures"
 PAGE = ROOT / "benchmarks" / "RESULTS.md"
 
 HEAD = """# Results
@@ -37,11 +41,14 @@ def run_all(names: tuple[str, ...]) -> list[str]:
     return failed
 
 
-def keep(answer: str, names: tuple[str, ...]) -> None:
-    """Keep a benchmark's JSON and write the page of all that are kept, in the order of `names`."""
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    (FOLDER / f"{json.loads(answer)['benchmark']}.json").write_text(answer + "\n")
-    PAGE.write_text(document(kept(names)))
+def keep(answer: str, names: tuple[str, ...], draw: Callable[[Path], object] | None = None) -> None:
+    """Keep a benchmark's JSON, draw its pictures and write the page of all that are kept, in the order of `names`."""
+    for folder in (FOLDER, FIGURES):
+        folder.mkdir(parents=True, exist_ok=True)
+    write_aside(FOLDER / f"{json.loads(answer)['benchmark']}.json", f"{answer}\n".encode())
+    if draw is not None:
+        draw(FIGURES)
+    write_aside(PAGE, document(kept(names)).encode())
 
 
 def kept(names: tuple[str, ...]) -> list[dict[str, Any]]:
@@ -67,7 +74,7 @@ def section(answer: dict[str, Any]) -> str:
     versions = ", ".join(f"{package} {number}" for package, number in machine["versions"].items())
     lines = [f"## {name}", "", about, ""]
     lines += [f"{answer['date']}: {machine['processor']}, {machine['cores']} cores; {versions}.", ""]
-    figures = sorted((ROOT / "benchmarks" / "figures").glob(f"{name}*.png"))
+    figures = sorted(FIGURES.glob(f"{name}*.png"))
     lines += [f"![{figure.stem}](figures/{figure.name})" for figure in figures]
     return "\n".join([*lines, *tables(answer["rows"])])
 

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import shutil
 import subprocess
 import sys
 
@@ -14,6 +15,11 @@ from benchmarks.throughput_case import Case
 from benchmarks.throughput_case import measure as measure_case
 from cooperative.runs import check_size, random_soil
 from cooperative.scene import parse
+
+QUICK = [
+    *("stability", "work_precision", "slope", "leave_out", "screening"),
+    *("fields", "gradients", "rare_events", "estimators", "levers", "rest"),
+]
 
 
 def test_report_is_one_json_object_with_machine_and_versions():
@@ -45,12 +51,16 @@ def test_the_page_is_of_the_answers_that_are_kept(tmp_path, monkeypatch):
     rows = [{"x": 1.5, "of": "a b"}, {"x": None, "of": "c"}, {"z": 2.0}]
     monkeypatch.setattr(results, "FOLDER", tmp_path / "results")
     monkeypatch.setattr(results, "PAGE", tmp_path / "RESULTS.md")
+    monkeypatch.setattr(results, "FIGURES", tmp_path / "figures")
     for name in ("slope", "screening"):
-        results.keep(measure.as_json(name, measure.Report({}, rows)), NAMES)
+        report = measure.Report({}, rows, lambda folder: (folder / f"{name}_all.png").write_bytes(b""))  # noqa: B023
+        results.keep(measure.as_json(name, report), NAMES, report.draw)
     assert results.kept_rows("slope") == results.kept_rows("screening") == rows
     page = (tmp_path / "RESULTS.md").read_text()
     assert page == results.document(results.kept(NAMES))
     assert page.index("## slope") < page.index("## screening")
+    for name in ("slope", "screening"):
+        assert f"![{name}_all](figures/{name}_all.png)" in page
 
 
 def test_figures_of_error_and_time_are_drawn_from_the_kept_answer(tmp_path, monkeypatch):
@@ -124,12 +134,31 @@ def test_core_counts_beyond_the_machine_are_refused():
         measure.on_cores(4096, "benchmarks.throughput_case", "{}")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["stability", "work_precision", "slope", "leave_out", "screening"])
-def test_quick_benchmarks_print_json(name):
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory):
+    """A clone of the repository with the files as they stand here, committed."""
+    folder = tmp_path_factory.mktemp("copy") / "repository"
+    listed = git(measure.ROOT, "ls-files", "-z").split("\0")[:-1]
+    for name in filter(None, listed):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(measure.ROOT / name, folder / name)
+    git(folder, "init", "-q")
+    git(folder, "add", "-A")
+    git(folder, "-c", "user.name=a", "-c", "user.email=a@b.c", "commit", "-qm", "as it is")
+    return folder
+
+
+def git(folder, *arguments):
+    return subprocess.run(["git", *arguments], cwd=folder, capture_output=True, text=True, check=True).stdout
+
+
+@pytest.mark.parametrize("name", ["published", *(pytest.param(each, marks=pytest.mark.slow) for each in QUICK)])
+def test_quick_benchmarks_print_json_and_change_no_file(name, copy):
     command = [sys.executable, "-m", "benchmarks", name, "--json", "--quick"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=measure.ROOT, check=True)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=copy)
+    assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["values"]
+    assert git(copy, "status", "--porcelain") == ""
 
 
 @pytest.mark.parametrize("quick", [False, True])

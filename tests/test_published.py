@@ -15,18 +15,12 @@ from tests.test_study import FAILED, SLID, STOOD, made_up
 NO_TIME = Hours(0.0, 0.0)
 
 
-@pytest.fixture(autouse=True)
-def undrawn(monkeypatch):
-    """No figures: they have tests of their own, and drawing would take most of the time here."""
-    monkeypatch.setattr(published.figures, "draw", lambda study, folder: [])
-
-
 def keep(folder, piece: str, rows: Rows):
     write_table(file_of(folder, piece), rows, study_runs.CASES)
 
 
 def reported(folder):
-    report = published.report(folder, folder)
+    report = published.report(folder)
     return report.values, {row["what"]: row for row in report.rows}
 
 
@@ -338,7 +332,7 @@ def test_a_damaged_file_is_named(tmp_path):
     path = file_of(tmp_path, "slide")
     path.write_text(path.read_text().replace("deep", "deep,").replace("14", "1O"))
     with pytest.raises(ValueError, match=r"study_slide\.csv, line 3"):
-        published.report(tmp_path, tmp_path)
+        published.report(tmp_path)
 
 
 def test_rough_shares_of_broken_off_runs_are_no_classes():

@@ -23,11 +23,7 @@ SWEPT = 5
 @pytest.fixture(scope="module")
 def nothing(tmp_path_factory):
     """What is handed to the figures where nothing ran."""
-    given, folder = [], tmp_path_factory.mktemp("empty")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study_figures, "draw", lambda study, _: given.append(study))
-        published.report(folder, folder)
-    return given[0]
+    return published.study_in(tmp_path_factory.mktemp("empty"))
 
 
 @pytest.fixture
@@ -70,11 +66,13 @@ def test_every_figure_is_drawn_and_small(study, tmp_path):
     assert all(5_000 < path.stat().st_size < 150_000 for path in drawn)
 
 
-def test_the_figures_are_drawn_with_the_table(tmp_path):
+def test_the_figures_of_a_table_are_drawn_where_they_are_asked_for(tmp_path):
     runs = [Run(f"section, {name}", "refined", n) for name in ("as here", "F-bar") for n in range(20)]
     rows = {run: FAILED if run.sample < 8 else STOOD for run in runs}
     write_table(file_of(tmp_path, "section"), rows, study_runs.CASES)
-    published.report(tmp_path, tmp_path)
+    report = published.report(tmp_path)
+    assert list(tmp_path.glob("*.png")) == []
+    report.draw(tmp_path)
     assert [path.name for path in tmp_path.glob("*.png")] == ["published_readings.png"]
 
 
