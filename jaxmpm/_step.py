@@ -17,7 +17,7 @@ import numpy as np
 from jax import Array
 
 from jaxmpm import tensors
-from jaxmpm.boundary import around, fold, hold, one_with, slide, unfold
+from jaxmpm.boundary import around, fold, hold, moved_along, one_with, slide, unfold
 from jaxmpm.laws import elastic_increment, elastic_strain, logarithmic, update_with_gap, volumetric
 from jaxmpm.transfer import filtered, g2p, momentum, nodal_momentum, p2g, velocity_gradient, within_cells
 from jaxmpm.types import Scene, Scheme, State, Tensor
@@ -109,12 +109,10 @@ class Nodal(NamedTuple):
 
 
 class Moved(NamedTuple):
-    """The grid after its motion: velocity (nodes, d) m/s, acceleration (nodes, d) m/s2, and pressed (nodes, d) m/s, the
-    velocity before walls with friction changed it, which says where the body presses on them."""
+    """The grid after its motion: velocity (nodes, d) m/s and acceleration (nodes, d) m/s2."""
 
     velocity: Array
     acceleration: Array
-    pressed: Array
 
 
 class Maps(NamedTuple):
@@ -268,11 +266,11 @@ def move_grid(scene: Scene, nodal: Nodal, time: Array, dt: Array) -> Moved:
     if nodal.beyond is not None:
         acceleration = led(scene, nodal, before, acceleration, dt)
     acceleration = hold(scene, acceleration)
-    pressed = before + dt * acceleration
+    velocity = before + dt * acceleration
     if scene.wall_friction is None:
-        return Moved(pressed, acceleration, pressed)
-    velocity = slide(scene.walls, scene.grid, pressed, scene.wall_friction)
-    return Moved(velocity, (velocity - before) / dt, pressed)
+        return Moved(velocity, acceleration)
+    velocity = slide(scene.walls, scene.grid, velocity, scene.wall_friction)
+    return Moved(velocity, (velocity - before) / dt)
 
 
 def led(scene: Scene, nodal: Nodal, before: Array, acceleration: Array, dt: Array) -> Array:
@@ -317,17 +315,17 @@ def mapped_again(scene: Scene, state: State, nodal: Nodal, moved: Moved, maps: M
     velocity = nodal_velocity(scene, nodal._replace(momentum=moving))
     if scene.wall_friction is None:
         return velocity
-    return slide(scene.walls, scene.grid, velocity, None, moved.pressed)
+    return moved_along(scene.walls, scene.grid, velocity, moved.velocity)
 
 
 def straining_velocity(scene: Scene, state: State, nodal: Nodal, dt: Array, maps: Maps) -> Array:
-    """Velocity (nodes, d) in which USF strains the soil: that of the nodes, held by walls on which the body presses."""
+    """Velocity (nodes, d) in which USF strains the soil: that of the nodes; at walls with friction that in which the
+    forces of the stress so far would move them."""
     velocity = nodal_velocity(scene, nodal)
     if scene.wall_friction is None:
         return velocity
-    force = maps.to_grid(None, acting_stress(scene, state.stress, scene.particles.volume * state.volume_ratio, maps))
-    pressed = velocity + dt * (nodal.per_mass * force + felt_gravity(scene, state.step * dt))
-    return slide(scene.walls, scene.grid, velocity, None, pressed)
+    moved = move_grid(scene, pushed(scene, state, nodal, maps), state.step * dt, dt)
+    return moved_along(scene.walls, scene.grid, velocity, moved.velocity)
 
 
 def nodal_velocity(scene: Scene, nodal: Nodal) -> Array:

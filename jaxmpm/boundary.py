@@ -63,46 +63,50 @@ def hold(scene: Scene, nodal: Array) -> Array:
     for wall in walls:
         if wall.hold == "friction":
             continue
-        # Index arithmetic, not a stored mask: it is fused into the nodal update and costs no memory.
-        along = jax.lax.broadcasted_iota(jnp.int32, shape, wall.axis)
-        held = along <= wall.index if wall.side == "low" else along >= wall.index
+        held = _beyond(wall, shape)
         if wall.hold == "roller":
             held &= jax.lax.broadcasted_iota(jnp.int32, shape, grid.dimension) == wall.axis
         field = jnp.where(held, 0, field)
     return field.reshape(nodal.shape)
 
 
-def slide(
-    walls: Sequence[Wall], grid: Grid, velocity: Array, friction: Array | None, pressed: Array | None = None
-) -> Array:
+def slide(walls: Sequence[Wall], grid: Grid, velocity: Array, friction: Array) -> Array:
     """Velocities (nodes, d) after the impulses of the walls with friction.
 
     A wall takes away the velocity into it, and of the velocity along it up to `friction` times as much; it does not
-    hold back what leaves. pressed: velocities (nodes, d) of which those into a wall say that it holds the node, which
-    then has no normal velocity at all: strains of a body that rebounds must not let go of a wall before its forces do,
-    or energy is made. Source: Coulomb's law for impulses, as in Bardenhagen et al. (2000),
+    hold back what leaves. Source: Coulomb's law for impulses, as in Bardenhagen et al. (2000),
     10.1016/S0045-7825(99)00338-2, section 3.
     """
     shape = (*grid.shape, grid.dimension)
     field = velocity.reshape(shape)
-    for wall in walls:
-        if wall.hold != "friction":
-            continue
-        along = jax.lax.broadcasted_iota(jnp.int32, grid.shape, wall.axis)
+    for wall in _with_friction(walls):
         inward = 1 if wall.side == "low" else -1
-        beyond = along <= wall.index if wall.side == "low" else along >= wall.index
-        into = -inward * field[..., wall.axis]
-        push = jnp.maximum(into, 0)
-        if pressed is not None:
-            push = jnp.where(inward * pressed.reshape(shape)[..., wall.axis] < 0, into, push)
-        push = jnp.where(beyond, push, 0)
+        push = jnp.where(_beyond(wall, grid.shape), jnp.maximum(-inward * field[..., wall.axis], 0), 0)
         normal = jax.lax.broadcasted_iota(jnp.int32, shape, grid.dimension) == wall.axis
         tangential = jnp.where(normal, 0, field)
-        left: Array | float = 1.0
-        if friction is not None:
-            speed = safe_sqrt(jnp.sum(tangential**2, axis=-1))
-            left = jnp.where(speed > 0, jnp.maximum(1 - friction * push / jnp.where(speed > 0, speed, 1), 0), 1)[
-                ..., None
-            ]
-        field = jnp.where(normal, field + inward * push[..., None], left * tangential)
+        speed = safe_sqrt(jnp.sum(tangential**2, axis=-1))
+        left = jnp.where(speed > 0, jnp.maximum(1 - friction * push / jnp.where(speed > 0, speed, 1), 0), 1)
+        field = jnp.where(normal, field + inward * push[..., None], left[..., None] * tangential)
     return field.reshape(velocity.shape)
+
+
+def moved_along(walls: Sequence[Wall], grid: Grid, velocity: Array, moved: Array) -> Array:
+    """Velocities (nodes, d) in which soil is strained: on and beyond walls with friction those in which it moved.
+
+    Particles bring back to such a node only a part of what the wall took from it. Strains in what they bring would let
+    the soil go from a wall that holds it: they make energy, which shakes a block off a plane that it would stick to.
+    """
+    for wall in _with_friction(walls):
+        velocity = jnp.where(_beyond(wall, grid.shape).reshape(-1, 1), moved, velocity)
+    return velocity
+
+
+def _with_friction(walls: Sequence[Wall]) -> list[Wall]:
+    return [wall for wall in walls if wall.hold == "friction"]
+
+
+def _beyond(wall: Wall, shape: tuple[int, ...]) -> Array:
+    """Where in an array of this shape nodes stand on the wall or beyond it: index arithmetic, not a stored mask, which
+    is fused into the nodal update and costs no memory."""
+    along = jax.lax.broadcasted_iota(jnp.int32, shape, wall.axis)
+    return along <= wall.index if wall.side == "low" else along >= wall.index

@@ -2,12 +2,15 @@
 
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxmpm as mpm
+from benchmarks.earthquakes import GRAVITY, block
 from benchmarks.manufactured import manufactured_error
+from benchmarks.stability_rigid import sliding_row
 from jaxmpm import diagnostics
 from tests.verification import order
 
@@ -211,3 +214,40 @@ def test_rebound_from_a_frictional_wall_makes_no_energy(scheme):
     final = mpm.advance(scene, state, 100)
     assert float(jnp.min(diagnostics.position(scene, final))) > 0
     assert energy(final) < energy(state)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_block_sticks_to_a_plane_that_is_rough_enough_and_slides_on_one_that_is_not(scheme):
+    sticks, slides = (sliding_row(30, friction, scheme) for friction in (0.6, 0.55))  # tan 30 = 0.577
+    assert sticks["expected_m"] == 0
+    assert sticks["passed"]
+    assert abs(slides["displacement_m"] / slides["expected_m"] - 1) < 0.02
+
+
+@pytest.mark.usefixtures("x64")
+@pytest.mark.parametrize("scheme", [mpm.Scheme.MUSL, mpm.Scheme.USF])
+def test_vibration_of_a_block_that_friction_holds_makes_no_energy(scheme):
+    scene, state = block(0.5, 1e8, tilt=0.0, friction=0.7, scheme=scheme)
+    shear = 0.01 * scene.particles.position[1]  # m/s, some way below what would overcome friction
+    state = replace(state, velocity=state.velocity.at[0].set(shear))
+    energies = []
+    for steps in (200, 2000):
+        final = mpm.advance(scene, state, jnp.asarray(steps))
+        stored = diagnostics.kinetic_energy(scene, final) + diagnostics.elastic_energy(scene, final)
+        energies.append(float(stored + diagnostics.potential_energy(scene, final)))
+    assert energies[1] < energies[0]
+
+
+@pytest.mark.usefixtures("x64")
+def test_derivative_of_a_sliding_blocks_displacement_by_its_friction_is_that_of_coulombs_law():
+    tilt, steps = np.radians(30), 400
+
+    def moved(friction):
+        scene, state = block(0.5, 1e9, tilt=tilt)
+        final = mpm.advance(replace(scene, wall_friction=friction), state, steps)
+        return jnp.mean(final.displacement[0])
+
+    scene, _ = block(0.5, 1e9, tilt=tilt)
+    exact = -GRAVITY * np.cos(tilt) * (steps * float(scene.time_step)) ** 2 / 2
+    _, derivative = jax.jvp(moved, (jnp.asarray(0.3),), (jnp.asarray(1.0),))
+    assert abs(float(derivative) / exact - 1) < 0.02
