@@ -30,7 +30,7 @@ def cut_off(campaign: Campaign, refined: Rows, slides: Slides) -> dict[str, Any]
         "of": int(mine.sum()),
         "at_t_end": int(np.sum((status == "FINISHED") & ~broke_off)),
         "broke_off": int(broke_off.sum()),
-        "t_end": campaign.run.t_end,
+        "t_end": campaign.run.last("refined"),
     }
 
 
@@ -41,7 +41,7 @@ def cut_off_notes(campaign: Campaign, cut: dict[str, Any]) -> list[str]:
         how = "had not come to rest" if campaign.run.settle else "were not looked at for rest (settle = false)"
         found.append(
             f"{cut['at_t_end']} of {cut['of']} slides {how} when they ended at {cut['t_end']:g} s: all that slides do "
-            "is at least what is given"
+            "is at least what is given. A later [run] slides_t_end lets slides run on"
         )
     if cut["broke_off"]:
         found.append(
@@ -107,7 +107,7 @@ def risk(campaign: Campaign, found: Estimate, refined: Rows, slides: Slides) -> 
         }
         for what, values in came.items():
             # Nothing that comes after the end of the runs is seen.
-            most = campaign.run.t_end if what == "arrival" else np.inf
+            most = campaign.run.last("refined") if what == "arrival" else np.inf
             told[what] = _spread(values[reached], weight[reached], found.level, at_least=at_least, most=most)
         if place.vulnerability is not None and place.value is not None:
             each = np.where(reached, place.value * place.vulnerability.share(came[place.vulnerability.of]), 0.0)

@@ -94,7 +94,7 @@ def maps_of(campaign: Campaign, store: Store, model: runs.GridModel, rough: Rows
         missed=step * float(fields["column_speed"].max()),
         level=phases.estimate.level,
         moving=effects.cut_off(campaign, refined, slides)["at_t_end"],
-        until=campaign.run.t_end,
+        until=campaign.run.last("refined"),
     )
 
 
@@ -109,7 +109,7 @@ def _maps(
     happens |= {f"faster than {level:g} m/s": speed > level for level in hazard.speed}
     maps = {name: chance_of(found, weight, each) for name, each in happens.items()}
     maps[THICKNESS] = mean_of(found, weight, deposit)
-    maps[ARRIVAL] = _arrival(arrival, weight, found.level, campaign.run.t_end)
+    maps[ARRIVAL] = _arrival(arrival, weight, found.level, campaign.run.last("refined"))
     return maps, dict.fromkeys(happens, "-") | {THICKNESS: "m", ARRIVAL: "s"}
 
 

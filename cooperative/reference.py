@@ -344,6 +344,15 @@ MEANINGS = {
     "run": {
         "gravity": Meaning("Acceleration of gravity.", "9.81", unit="m/s2", above=0),
         "t_end": Meaning("Time at which a run ends, if it has not before.", "20.0", unit="s", above=0),
+        "slides_t_end": Meaning(
+            "Time up to which slides of the refined grid go on that had not come to rest at t_end; what has failed is "
+            "told at t_end.",
+            "60.0",
+            unit="s",
+            default="`t_end`",
+            allowed="`t_end` or more",
+            above=0,
+        ),
         "failure": Meaning(
             "What failure is: a displacement, or the limit load of the slope of median soil, from which the "
             "displacement is then found and printed with the answer.",

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cooperative import campaign
+from cooperative import campaign, runs
 from cooperative.estimate import (
     AuditPlan,
     MonteCarlo,
@@ -28,7 +28,7 @@ from cooperative.estimate import (
 )
 from cooperative.reporting import progress_of, report, words
 from cooperative.scene import parse
-from cooperative.store import SLIDES, open_store, read_rows, read_sample, restart_path
+from cooperative.store import SLIDES, open_store, read_rows, read_sample, read_store, restart_path
 from tests.test_campaign import TINY
 
 DATA = Path(__file__).resolve().parent.parent / "benchmarks" / "data" / "section_pairs.csv"
@@ -156,6 +156,37 @@ def test_a_drawn_slide_goes_on_bit_for_bit(all_slides, tmp_path):
     assert np.isnan(rows.columns["runout"][[rows.numbers.index(n) for n in decided]]).all()
 
 
+LONGER = SCENE.replace("t_end = 4.0", "t_end = 4.0\nslides_t_end = 40.0")
+
+
+def test_slides_run_on_beyond_the_time_of_their_class(all_slides, tmp_path):
+    folder, before = all_slides
+    whole = campaign.run(LONGER, tmp_path / "all")
+    # Which samples fail, and so the answer, is what it was.
+    for key in ("probability_of_failure", "interval", "failures_refined", "refined_runs"):
+        assert whole[key] == before[key]
+    assert whole["grids"]["same_class"] == before["grids"]["same_class"]
+    assert before["cut_off"]["at_t_end"] > whole["cut_off"]["at_t_end"] == 0
+    assert any("had not come to rest when they ended at 4 s" in note for note in before["notes"])
+    some = campaign.run(LONGER + "slides = 2\n", tmp_path / "some")
+    assert (some["slides"], some["probability_of_failure"]) == (2, whole["probability_of_failure"])
+    stores = {name: read_store(tmp_path / name) for name in ("all", "some")} | {"short": read_store(folder)}
+    rows = {name: read_rows(store, "refined") for name, store in stores.items()}
+    short, long = rows["short"].columns, rows["all"].columns
+    fails, cut = short["displacement"] > 1.0, short["status"] == "FINISHED"
+    assert np.array_equal(long["displacement"] > 1.0, fails)
+    assert (long["steps"][fails & cut] > short["steps"][fails & cut]).all()
+    for name in ("displacement", "steps", "status"):
+        assert np.array_equal(long[name][~(fails & cut)], short[name][~(fails & cut)])
+    # From where a slide had failed it comes to the same end.
+    for number in read_rows(stores["some"], SLIDES).numbers:
+        one, same = (read_sample(stores[name], "refined", number) for name in ("some", "all"))
+        assert (one.row, one.status, one.steps) == (same.row, same.status, same.steps)
+    # What it costs at most is counted.
+    sizes = [runs.grid_size(parse(text), grid).steps for text in (SCENE, LONGER) for grid in ("rough", "refined")]
+    assert (sizes[2], sizes[3]) == (sizes[0], pytest.approx(10 * sizes[1]))
+
+
 def test_slides_that_lost_their_restart_point_start_afresh(all_slides, tmp_path, monkeypatch):
     class Killed(Exception):
         pass
@@ -225,8 +256,11 @@ def test_a_class_is_all_that_an_audit_without_slides_asks(all_slides, tmp_path):
         ('slides = 0\nmodes = "refined"', "slides = 0 ends every refined run.*modes = 'refined'"),
         ("slides = -1", "slides = -1: give 0 or more"),
         ('slides = "some"', "or 'all'"),
+        ("[run]\nslides_t_end = 3.0", "slides_t_end = 3 s is before t_end = 4 s"),
+        ("slides = 0\n[run]\nslides_t_end = 9.0", "slides_t_end = 9 s has no say beside .* slides = 0"),
     ],
 )
 def test_bad_slides_are_named(said, match):
+    plan, _, run = said.partition("[run]")
     with pytest.raises(ValueError, match=match):
-        parse(SCENE + said)
+        parse(SCENE.replace("[run]", f"[run]{run}") + plan)

@@ -77,6 +77,39 @@ def test_samples_of_any_soil_are_the_runs_of_their_own_scenes_in_any_company():
     assert len({float(result.time_step) for result in apart.values()}) == 4
 
 
+def test_slides_go_on_where_others_end_and_from_any_point_bit_for_bit():
+    scene, state = built()
+    strengths, seen, settle = {"strength": [4e3, 30e3, 6e3, 30e3]}, {}, mpm.Settle(slides=0.1, every=0.1)
+
+    def runs(width=2, **given):
+        return dict(mpm.solve_each(scene, state, strengths, width=width, t_end=1.0, settle=settle, **given))
+
+    whole = runs(slides_end=(0.1, 2.0), observe=lambda n, t, midway: seen.setdefault((n, round(t, 6)), midway))
+    short, alike = runs(), runs(width=4, slides_end=(0.1, 2.0))
+    times = {n: int(r.state.step) * float(r.time_step) for n, r in whole.items()}
+    farthest = {n: float(np.linalg.norm(r.state.displacement, axis=0).max()) for n, r in short.items()}
+    assert [farthest[n] > 0.1 for n in range(4)] == [True, False, True, False]
+    for number, result in whole.items():
+        assert np.array_equal(result.state.displacement, alike[number].state.displacement)
+        if farthest[number] <= 0.1:
+            assert np.array_equal(result.state.displacement, short[number].state.displacement)
+            assert result.status == short[number].status
+            continue
+        # A class is that of t_end: the slide passed it as the shorter run did.
+        assert result.status == mpm.Status.FINISHED == short[number].status
+        assert 2.0 <= times[number] < 2.2
+        end = int(short[number].state.step) * float(result.time_step)
+        assert np.array_equal(seen[number, round(end, 6)].state.displacement, short[number].state.displacement)
+    # From a point before t_end or after it.
+    for at in (0.5, 1.5):
+        points = {n: min((t for m, t in seen if m == n and t >= at), default=None) for n in (0, 2)}
+        again = runs(slides_end=(0.1, 2.0), resume=lambda n, p=points: p.get(n) and seen[n, p[n]])
+        for number in points:
+            assert np.array_equal(again[number].state.displacement, whole[number].state.displacement)
+    with pytest.raises(ValueError, match=r"slides_end = 0.5 s lies before t_end = 1 s"):
+        runs(slides_end=(0.1, 0.5))
+
+
 def test_only_what_samples_differ_in_has_lanes():
     scene, state = built()
     samples = [_Sample(i, *vary(scene, state, {"strength": 9e3 + i}), None) for i in range(3)]

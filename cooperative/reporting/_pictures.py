@@ -153,8 +153,9 @@ def moments(model: GridModel, sample: Sample) -> Frames:
     run = model.campaign.run
     varied = {name: [value] for name, value in model.varied(sample.coefficients).items()}
     for _, result in solve_each(
-        model.scene, model.state, varied, width=1, t_end=run.t_end, settle=run.settle, observe=look
-    ):
+        model.scene, model.state, varied, width=1, t_end=run.t_end, settle=run.settle, slides_end=model.slides_end,
+        observe=look,
+    ):  # fmt: skip
         end = int(result.state.step) * float(result.time_step)
         if not times or end > times[-1]:
             times.append(end)

@@ -322,7 +322,7 @@ def _ended(campaign: Campaign, status: str, count: int) -> str:
     """How many runs ended in which way."""
     if status != "FINISHED":
         return f"{count} {status}"
-    return f"{count} FINISHED (at t_end{', not settled' if campaign.run.settle else ''})"
+    return f"{count} FINISHED (at its end time{', not settled' if campaign.run.settle else ''})"
 
 
 def _bands(campaign: Campaign, grid: str) -> str:

@@ -50,6 +50,14 @@ class GridModel:
         return self.grid == "refined" and bool(self.campaign.plan.slides)
 
     @property
+    def slides_end(self) -> tuple[float, float] | None:
+        """Displacement (m) from which on a run goes on beyond t_end, and up to when (s); None where none does."""
+        run = self.campaign.run
+        if run.last(self.grid) == run.t_end:
+            return None
+        return run.failure_displacement, run.last(self.grid)
+
+    @property
     def geometry(self) -> SlopeGeometry | OpenGround:
         """The slope's crest and toe, or the height of the ground's surface above each particle."""
         shape = self.campaign.site.shape

@@ -77,6 +77,7 @@ def run_samples(
     varied = {name: map(itemgetter(name), own) for name, own in zip(names, soils, strict=True)}
     for number, result in solve_each(
         model.scene, model.state, varied, numbers=wanted, width=width, t_end=run.t_end, settle=run.settle,
+        slides_end=model.slides_end,
         stop_at=stop_at, on_chunk=looked, observe=lanes.remember if lanes.remembers else None, resume=lanes.begin,
     ):  # fmt: skip
         seconds = lanes.before[number] + lanes.lap()

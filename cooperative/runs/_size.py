@@ -73,7 +73,7 @@ def grid_size(campaign: Campaign, grid: str) -> GridSize:
         if not SOFTENING.isdisjoint(random):
             _refused_at_the_ends(alone, steepest(soil, random, depth))
     dt, each = float(one.time_step), math.prod(numerics.spacing)
-    steps = campaign.run.t_end / dt if dt > 0 else math.inf
+    steps = campaign.run.last(grid) / dt if dt > 0 else math.inf
     passes = 0 if one.nonlocal_passes is None else one.nonlocal_passes
     return GridSize(
         particles=shape.volume / each,
@@ -109,10 +109,10 @@ def check_size(campaign: Campaign, workers: int = 1) -> None:
         raise ValueError(f"[campaign] asks for {runs} rough runs, the limit is {MOST_RUNS:.0e}: give fewer samples")
     sizes = {grid: grid_size(campaign, grid) for grid in GRIDS}
     for grid, size in sizes.items():
-        if size.steps < 1:
-            t_end = campaign.run.t_end
+        t_end, step = campaign.run.t_end, campaign.run.last(grid) / size.steps
+        if t_end < step:
             raise ValueError(
-                f"[run] t_end = {t_end:g} s is less than one time step of the {grid} grid, {t_end / size.steps:.2g} s: "
+                f"[run] t_end = {t_end:g} s is less than one time step of the {grid} grid, {step:.2g} s: "
                 "give the seconds that a slide takes"
             )
         if not size.steps <= MOST_STEPS:

@@ -206,6 +206,7 @@ _GRID = {
 _RUN = {
     "gravity": Key(float, 9.81),
     "t_end": Key(float, 20.0),
+    "slides_t_end": Key(float, None),
     "failure": Key(FAILURES, "displacement"),
     "failure_displacement": Key(float, 1.0),
     "settle": Key(bool, True),

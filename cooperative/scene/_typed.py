@@ -46,14 +46,19 @@ MOST_WRONG = 8
 
 @dataclass(frozen=True)
 class Run:
-    """How each sample runs: gravity (m/s2), t_end (s), what is failure and from what displacement (m), when a lane has
-    settled."""
+    """How each sample runs: gravity (m/s2), t_end (s), up to when slides of the refined grid go on (s; None: up to
+    t_end), what is failure and from what displacement (m), when a lane has settled."""
 
     gravity: float
     t_end: float
+    slides_t_end: float | None
     failure: Literal["displacement", "limit load"]
     failure_displacement: float
     settle: Settle | None
+
+    def last(self, grid: str) -> float:
+        """Time (s) at which a run of a grid ends at the latest."""
+        return self.t_end if grid == "rough" or self.slides_t_end is None else self.slides_t_end
 
 
 @dataclass(frozen=True)
@@ -364,6 +369,16 @@ def _check(campaign: Campaign) -> None:
     refuse_saturated(campaign.site, campaign.soil)
     run, plan, dimension = campaign.run, campaign.plan, campaign.dimension
     _above_zero("run", {name: getattr(run, name) for name in ("t_end", "gravity", "failure_displacement")})
+    if run.slides_t_end is not None and not run.t_end <= run.slides_t_end < float("inf"):
+        raise ValueError(
+            f"[run] slides_t_end = {run.slides_t_end:g} s is before t_end = {run.t_end:g} s, up to which all runs go: "
+            "give at least that, or leave it out"
+        )
+    if run.slides_t_end is not None and plan.slides == 0:
+        raise ValueError(
+            f"[run] slides_t_end = {run.slides_t_end:g} s has no say beside [campaign] slides = 0, which asks for no "
+            "slides: leave one of them out"
+        )
     _above_zero("campaign", {"restart_every": plan.restart_every})
     for kept in (campaign.calibration, campaign.field_modes):
         if kept is not None:

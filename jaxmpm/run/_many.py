@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,6 +15,7 @@ import numpy as np
 from jax import Array
 
 from foundation import check
+from jaxmpm import diagnostics
 from jaxmpm.run._integrate import Result, Settle, Watch, advance_lanes, check_run, check_state, steps_until
 from jaxmpm.site import check_names, check_scene, check_start, vary
 from jaxmpm.types import Scene, State, Status
@@ -51,6 +53,7 @@ def solve_each(
     numbers: Iterable[int] | None = None,
     settle: Settle | None = None,
     stop_at: float | None = None,
+    slides_end: tuple[float, float] | None = None,
     on_chunk: Callable[[Chunk], None] | None = None,
     observe: Callable[[int, float, Midway], None] | None = None,
     resume: Callable[[int], Midway | None] | None = None,
@@ -62,6 +65,8 @@ def solve_each(
     of the material, young (Pa), poisson, unit_weight (N/m3). Where stiffness or weight vary, every sample has its own
     initial stress and time step, and `state` must be at rest; else all start from `state`.
     width: number of lanes. t_end, settle, stop_at: as for `solve`; t_end is reached to within a few steps.
+    slides_end: displacement (m) and time (s): a sample that has moved farther than that at t_end goes on to that time,
+    to within a chunk, with the same looks; what it does before t_end, and all others, are as without.
     numbers: of the samples, drawn with them, by default 0, 1, 2, ... on_chunk: told of every chunk.
     observe: shown (number, seconds simulated, midway) of every sample after every chunk, about each `settle.every`.
     resume: gives what `observe` was shown of a sample in an earlier run, or None; it goes on from there, bit for bit.
@@ -73,6 +78,7 @@ def solve_each(
     """
     check.whole("width", width)
     check_run(t_end, settle, stop_at)
+    _check_slides_end(t_end, slides_end)
     check_state(scene, state, None)
     check_scene(scene)
     if not isinstance(varied, Mapping) or not varied:
@@ -86,7 +92,7 @@ def solve_each(
         return
     batch = Batch.of(scene, first, t_end=t_end, every=every)
     while batch.busy:
-        batch = batch.advanced(settle, stop_at)
+        batch = batch.advanced(settle, stop_at, slides_end)
         if on_chunk is not None:
             on_chunk(Chunk(len(batch.numbers), len(batch.busy), int(batch.chunk.max())))
         if observe is not None:
@@ -212,12 +218,19 @@ class Batch:
         scene = _take(self.scene, lane, self.axes)
         return Result(jax.device_get(_take(self.state, lane)), scene.time_step)
 
-    def advanced(self, settle: Settle | None, stop_at: float | None) -> Batch:
+    def advanced(
+        self, settle: Settle | None, stop_at: float | None, slides_end: tuple[float, float] | None = None
+    ) -> Batch:
         """After a chunk of steps of every lane, and a look at each."""
         state = advance_lanes(self.scene, self.state, jnp.asarray(self.chunk), self.axes)
         elapsed = self.chunk * self.time_step
         watch, status = self.watch.look(self.scene, state, self.axes, elapsed, settle, stop_at)
-        over = (status == Status.RUNNING) & (np.asarray(state.step) >= self.total)
+        step = np.asarray(state.step)
+        over = (status == Status.RUNNING) & (step >= self.total)
+        if slides_end is not None and over.any():
+            beyond, time = slides_end
+            last = np.array([steps_until(time, dt) for dt in self.time_step])
+            over &= (step >= last) | (np.asarray(_farthest(state)) <= beyond)
         ended = jnp.asarray(np.where(over, Status.FINISHED, status), jnp.int32)
         return replace(self, state=replace(state, status=ended), watch=watch)
 
@@ -259,6 +272,19 @@ class Batch:
             total=self.total[keep],
             chunk=self.chunk[keep],
         )
+
+
+def _check_slides_end(t_end: float, slides_end: tuple[float, float] | None) -> None:
+    """Raise ValueError for slides that end before other runs, or are none."""
+    if slides_end is None:
+        return
+    beyond, time = slides_end
+    check.positive("slides_end's displacement", beyond, "m")
+    if not t_end <= time < math.inf:
+        raise ValueError(f"slides_end = {time:g} s lies before t_end = {t_end:g} s: give a finite time from then on")
+
+
+_farthest = jax.jit(jax.vmap(diagnostics.largest_displacement))
 
 
 def _pace(scene: Scene, t_end: float, every: float) -> tuple[float, int, int]:
