@@ -9,6 +9,7 @@ import threading
 import time
 import warnings
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from multiprocessing import connection
 
 import numpy as np
 import pytest
@@ -17,7 +18,9 @@ from cooperative import run, runs
 from cooperative.__main__ import main
 from cooperative.runs import Workers, dask_executor, process_pool, run_through
 from cooperative.runs import _executors as executors
-from cooperative.runs._executors import ATTEMPTS, LOST, WorkerLost
+from cooperative.runs import _processes as processes
+from cooperative.runs._executors import LOST
+from cooperative.runs._processes import ATTEMPTS, Processes, WorkerLost
 from cooperative.scene import parse
 from cooperative.store import Sample, read_rows, read_sample, read_store
 from jaxmpm.transfer import native
@@ -57,7 +60,7 @@ def test_workers_do_not_repeat_that_transfers_run_on_xla(monkeypatch):
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
             assert not native.available.__wrapped__()
-            executors._begin(context.SimpleQueue(), listening)
+            processes._begin(listening, [])
             assert not native.available.__wrapped__()
     finally:
         signal.signal(signal.SIGINT, before)
@@ -72,10 +75,137 @@ def test_samples_of_a_killed_worker_are_redone():
         made.append(Breaking({3} if not made else set()))
         return made[-1]
 
-    got = list(run_through(Workers(make, 2), "", "rough", range(6), XI))
+    with pytest.warns(UserWarning, match=r"sample 3 lost its worker \(killed\): it runs again, alone"):
+        got = list(run_through(Workers(make, 2), "", "rough", range(6), XI))
     assert sorted(s.number for s in got) == list(range(6))
     assert {s.status for s in got} == {"FINISHED"}
-    assert len(made) == 2
+    assert len(made) == 3  # after it broke, and for what runs alone
+
+
+class Crowded(Breaking):
+    """Runs its tasks a little later, together; a deadly one breaks it for all of them, and for what is submitted then,
+    as the pool of processes of `concurrent.futures` breaks."""
+
+    def __init__(self, deadly, held):
+        super().__init__(deadly)
+        self.under_way, self.broken, self.held = {}, False, held
+
+    def submit(self, function, text, grid, number, *_):
+        if self.broken:
+            raise BrokenExecutor("was killed")
+        future = Future()
+        self.under_way[number] = future
+        self.held.append(sorted(self.under_way))
+        threading.Timer(0.02, self.end).start()
+        return future
+
+    def end(self):
+        under_way, self.under_way = self.under_way, {}
+        self.broken = self.broken or not self.deadly.isdisjoint(under_way)
+        for number, future in under_way.items():
+            if self.broken:
+                future.set_exception(BrokenExecutor("killed"))
+            else:
+                future.set_result(sample(number))
+
+
+@pytest.mark.filterwarnings("ignore:sample .* lost its worker")
+@pytest.mark.parametrize("workers", [1, 2, 3, 8])
+@pytest.mark.parametrize("deadly", [{0}, {3}, {5}, {0, 1, 4}, set(range(6))], ids=str)
+def test_healthy_samples_beside_deadly_ones_are_never_given_up(workers, deadly):
+    held = []
+    crew = Workers(lambda: Crowded(deadly, held), workers)
+    got = {s.number: s.status for s in run_through(crew, "", "rough", range(6), XI)}
+    assert got == {number: LOST if number in deadly else "FINISHED" for number in range(6)}
+    for number in deadly:
+        assert held.count([number]) >= ATTEMPTS
+
+
+@pytest.mark.filterwarnings("ignore:sample .* lost its worker")
+def test_a_pool_that_breaks_before_a_task_reaches_it_is_made_anew():
+    made = []
+
+    class Gone(Breaking):
+        def submit(self, *_):
+            raise BrokenExecutor("a worker was killed while it had no task")
+
+    def make():
+        made.append(Gone(set()) if len(made) < 2 else Breaking(set()))
+        return made[-1]
+
+    got = {s.number: s.status for s in run_through(Workers(make, 2), "", "rough", range(4), XI)}
+    assert got == dict.fromkeys(range(4), "FINISHED")
+
+
+def test_a_worker_that_dies_costs_its_own_task_alone():
+    with process_pool(2) as pool:
+        dying, resting = pool.submit(os._exit, 9), pool.submit(time.sleep, 1.0)
+        with pytest.raises(WorkerLost, match="exit code 9"):
+            dying.result(60)
+        assert resting.result(60) is None
+        assert pool.submit(divmod, 7, 2).result(60) == (3, 1)
+        with pytest.raises(ZeroDivisionError) as raised:
+            pool.submit(divmod, 7, 0).result(60)
+        assert "Traceback" in raised.value.__notes__[0]
+        idle = [worker.process.pid for worker in pool.workers]
+        for process in idle:
+            os.kill(process, signal.SIGKILL)
+        assert pool.submit(divmod, 9, 2).result(60) == (4, 1)
+    assert not pool.thread.is_alive()
+    with pytest.raises(RuntimeError, match="was shut down"):
+        pool.submit(divmod, 7, 2)
+
+
+def half_sent():
+    """Kill this worker halfway through sending its result."""
+    whole = connection.Connection._send
+
+    def send(self, data, *write):
+        whole(self, data[: len(data) // 2], *write)
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    connection.Connection._send = send
+    return b"\0" * 1_000_000
+
+
+@pytest.mark.slow
+def test_a_worker_killed_while_it_sends_its_result_or_starts_is_replaced():
+    with process_pool(1) as pool:
+        with pytest.raises(WorkerLost, match="exit code -9"):
+            pool.submit(half_sent).result(60)
+        begun = pool.submit(divmod, 7, 2)
+        while not pool.workers:
+            time.sleep(0.001)
+        os.kill(pool.workers[0].process.pid, signal.SIGKILL)
+        assert begun.result(60) == (3, 1)
+
+
+class Unsent:
+    def __reduce__(self):
+        raise TypeError("stays here")
+
+
+def unsent(raises):
+    if raises:
+        raise ValueError(Unsent())
+    return Unsent()
+
+
+@pytest.mark.slow
+def test_what_cannot_be_sent_is_an_error_of_its_task():
+    with process_pool(1) as pool:
+        with pytest.raises(TypeError, match="stays here"):
+            pool.submit(unsent, False).result(60)
+        with pytest.raises(RuntimeError, match="stays here"):
+            pool.submit(unsent, True).result(60)
+        with pytest.raises(TypeError, match="stays here"):
+            pool.submit(print, Unsent())
+
+
+@pytest.mark.slow
+def test_workers_that_never_start_are_an_error_and_no_lost_sample():
+    with Processes([[10_000]]) as pool, pytest.raises(ValueError, match=r"no worker starts, 3 in turn .*fewer workers"):
+        list(run_through(Workers(lambda: pool, 1), "", "rough", range(3), XI))
 
 
 def test_a_sample_that_kills_its_worker_three_times_is_reported():
@@ -85,12 +215,13 @@ def test_a_sample_that_kills_its_worker_three_times_is_reported():
         made.append(None)
         return Breaking({3})
 
-    got = {s.number: s for s in run_through(Workers(make, 1), "", "rough", range(5), XI)}
+    with pytest.warns(UserWarning, match="sample 3 lost its worker"):
+        got = {s.number: s for s in run_through(Workers(make, 1), "", "rough", range(5), XI)}
     assert got[3].status == LOST
     assert got[3].row["broke_off"]
     assert sorted(got) == list(range(5))
     assert {s.status for n, s in got.items() if n != 3} == {"FINISHED"}
-    assert len(made) == ATTEMPTS + 1
+    assert len(made) == ATTEMPTS
 
 
 def test_errors_of_a_run_are_not_taken_for_dead_workers():
@@ -127,10 +258,10 @@ def test_a_killed_worker_process_is_replaced_and_its_sample_redone():
     for done in run_through(crew, TINY, "rough", range(3), coefficients):
         got.append(done.number)
         if len(got) == 1:
-            os.kill(next(iter(pools[0].pool._processes)), signal.SIGKILL)
+            os.kill(pools[0].workers[0].process.pid, signal.SIGKILL)
     crew.close()
     assert sorted(got) == [0, 1, 2]
-    assert len(pools) == 2
+    assert len(pools) == 1
 
 
 @pytest.fixture
@@ -216,7 +347,8 @@ def test_a_sample_that_kills_dask_workers_is_given_up_and_the_others_go_on():
                 future.set_exception(WorkerLost(f"sample {number}"))
             return future
 
-    got = {s.number: s.status for s in run_through(Workers(lambda: Killing({3}), 2), "", "rough", range(6), XI)}
+    with pytest.warns(UserWarning, match=r"sample 3 lost its worker \(sample 3\): it runs again, alone"):
+        got = {s.number: s.status for s in run_through(Workers(lambda: Killing({3}), 2), "", "rough", range(6), XI)}
     assert got == {n: LOST if n == 3 else "FINISHED" for n in range(6)}
 
 

@@ -16,7 +16,7 @@ from benchmarks.invented import SCENE
 from cooperative import campaign
 from cooperative.__main__ import main
 from cooperative.runs import Stopped, heeding, process_pool
-from cooperative.runs import _executors as executors
+from cooperative.runs import _processes as processes
 from cooperative.store import read_rows, read_store
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -134,9 +134,9 @@ POOL = """
     if __name__ == "__main__":
         pool = process_pool(2)
         tasks = [pool.submit(time.sleep, 1000) for _ in range(4)]
-        while len(pool.pool._processes) < 2:
+        while len(pool.workers) < 2:
             time.sleep(0.01)
-        print(*pool.pool._processes, flush=True)
+        print(*(worker.process.pid for worker in pool.workers), flush=True)
         tasks[0].result()
 """
 
@@ -163,7 +163,7 @@ def test_no_worker_outlives_its_controller(number):
 
 
 def wait_until_told():
-    return executors._told_to_stop.wait(300)
+    return processes._stop_wanted.wait(300)
 
 
 @pytest.mark.slow

@@ -7,90 +7,44 @@ sees the campaign's folder keeps the restart point of its long run there.
 
 from __future__ import annotations
 
-import multiprocessing
 import os
-import signal
 import sys
-import threading
 import warnings
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
-from multiprocessing import connection
-from multiprocessing.queues import SimpleQueue
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cooperative.runs._compiled import VARIABLE, keep_compiled
 from cooperative.runs._model import GridModel, build
+from cooperative.runs._processes import ATTEMPTS, Processes, WorkerLost, stop_wanted
 from cooperative.runs._random_soil import random_soil
 from cooperative.runs._samples import run_samples
 from cooperative.scene import parse
 from cooperative.store import Sample
 from foundation.text import short, shown
 
-ATTEMPTS = 3
-"""How often a sample is tried before it is given up and reported."""
-
 PATIENCE = 10
 """Seconds for a Dask scheduler to answer."""
 
 LOST = "WORKER_LOST"
-"""Status of a sample whose worker died at every attempt."""
-
+"""Status of a sample that ended its worker as often as it was tried alone."""
 
 LOOK = 0.2
 """Seconds between two looks at whether a stop was asked for, while samples run elsewhere."""
 
 
 def process_pool(workers: int) -> Executor:
-    """Worker processes, each bound to its own share of the cores, so that they do not fight for them.
-
-    They end within seconds when this process does, however it ends, and at the next chunk when it shuts them down.
-    """
+    """Worker processes, each bound to its own share of the cores, so that they do not fight for them; see `Processes`.
+    ValueError for fewer than one."""
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
-    return _Processes(workers)
-
-
-class _Processes(Executor):
-    """A pool of processes that hear from their controller: a pipe that it closes tells them to come to an end."""
-
-    def __init__(self, workers: int) -> None:
-        context = multiprocessing.get_context("spawn")
-        shares: SimpleQueue[list[int]] = context.SimpleQueue()
-        for cores in _shares(workers):
-            shares.put(cores)
-        listening, self.telling = context.Pipe(duplex=False)
-        self.pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(shares, listening))
-
-    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        with _unseen_interrupts():
-            return self.pool.submit(function, *args, **kwargs)
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        self.telling.close()
-        self.pool.shutdown(wait=wait, cancel_futures=cancel_futures)
-
-
-@contextmanager
-def _unseen_interrupts() -> Iterator[None]:
-    """Processes started meanwhile do not see Ctrl-C, which a terminal sends to all of a command's: their controller
-    tells them. It comes here once this has ended."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    return Processes(_shares(workers))
 
 
 def cores_to_use() -> list[int]:
@@ -101,49 +55,19 @@ def cores_to_use() -> list[int]:
 
 
 def _shares(workers: int) -> list[list[int]]:
-    """The cores of each worker; none where the system cannot bind a process to cores."""
+    """The cores of each worker; no cores where the system cannot bind a process to them."""
     if not hasattr(os, "sched_setaffinity"):
         warnings.warn("this system binds no process to cores: workers take what they get", stacklevel=4)
-        return []
+        return [[] for _ in range(workers)]
     cores = cores_to_use()
     share = max(1, len(cores) // workers)
     firsts = (worker * share % len(cores) for worker in range(workers))
     return [cores[first : first + share] for first in firsts]
 
 
-_told_to_stop = threading.Event()
-"""Of a worker: whether its controller wants it to come to an end."""
-
-
-def _begin(shares: SimpleQueue[list[int]], listening: connection.Connection) -> None:
-    """Take a share of the cores (a worker that replaces a dead one finds none left and takes all), and watch."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if VARIABLE in os.environ:
-        keep_compiled()
-    # That transfers run on XLA was said by the controller.
-    warnings.filterwarnings("ignore", message=".* was not built: particle-grid transfers run on XLA")
-    if not shares.empty():
-        os.sched_setaffinity(0, shares.get())
-    threading.Thread(target=_watch, args=(listening,), daemon=True).start()
-
-
-def _watch(listening: connection.Connection) -> None:
-    """Stop the run when the controller says so, and end the process, even inside a compiled program, once it is gone.
-
-    A controller that dies closes its pipe too, whatever it died of.
-    """
-    parent = multiprocessing.parent_process()
-    if parent is None:
-        return
-    connection.wait([parent.sentinel, listening])
-    _told_to_stop.set()
-    connection.wait([parent.sentinel])
-    os._exit(1)
-
-
 def _wanted_no_more() -> bool:
     """Whether the run of this worker has nobody left who wants it."""
-    return _told_to_stop.is_set() or _dropped_by_dask()
+    return stop_wanted() or _dropped_by_dask()
 
 
 def _dropped_by_dask() -> bool:
@@ -183,10 +107,6 @@ def run_sample(
 def _prepared(text: str, grid: str, folder: Path | None) -> GridModel:
     campaign = parse(text, begun=True)
     return build(campaign, grid, random_soil(campaign), folder=folder)
-
-
-class WorkerLost(RuntimeError):
-    """Every worker that was given a task died of it, as often as its executor allows; other tasks go on."""
 
 
 @dataclass
@@ -236,46 +156,56 @@ def run_through(
     folder: of the campaign, where workers find the initial stress; one that does not see it solves for it.
     look: called several times a second, may raise to stop.
 
-    Numbers are drawn one by one as places become free. The samples of a worker that was killed are handed out again;
-    one whose worker dies three times is given back with status WORKER_LOST, so that it is reported, not tried for ever.
+    Numbers are drawn one by one as places become free. A sample whose worker was killed, or whose executor broke, may
+    be the cause or not, so it runs again once the others have ended, alone. One that ends its worker three times while
+    it runs alone is given back with status WORKER_LOST, so that it is reported, not tried for ever.
     """
     waiting = iter(numbers)
-    tries: Counter[int] = Counter()
+    suspects: deque[int] = deque()
+    deaths: Counter[int] = Counter()
     pending: dict[Future[Sample], int] = {}
+    alone = workers.count == 1
 
     def submit(number: int) -> None:
-        tries[number] += 1
-        pending[workers.submit(text, grid, number, coefficients[number], stop_at, restart_in, slides, folder)] = number
+        try:
+            future = workers.submit(text, grid, number, coefficients[number], stop_at, restart_in, slides, folder)
+        except BrokenExecutor as error:
+            future = Future()
+            future.set_exception(error)
+        pending[future] = number
 
     while True:
         look()
         for number in islice(waiting, workers.count - len(pending)):
             submit(number)
         if not pending:
-            return
+            if not suspects:
+                return
+            if not alone:
+                workers.close()  # what idle workers hold of the memory is free then
+                alone = True
+            submit(suspects.popleft())
         done, _ = wait(pending, timeout=LOOK, return_when=FIRST_COMPLETED)
-        lost: list[int] = []
+        broken = False
         for future in done:
             number = pending.pop(future)
             try:
                 sample = future.result()
-            except WorkerLost:
+            except (WorkerLost, BrokenExecutor) as error:
+                warnings.warn(f"sample {number} lost its worker ({error}): it runs again, alone", stacklevel=2)
+                broken = broken or isinstance(error, BrokenExecutor)
+                deaths[number] += alone
+                if deaths[number] < ATTEMPTS:
+                    suspects.append(number)
+                    continue
                 sample = _given_up(number)
-            except BrokenExecutor:
-                lost.append(number)
-                continue
             yield sample
         look()
-        if lost:
-            # A broken pool drops all it held, and does not say whose worker died.
-            lost += pending.values()
+        if broken:
+            # It drops all it held, and does not say whose worker died.
+            suspects += pending.values()
             pending.clear()
             workers.close()
-            for number in lost:
-                if tries[number] < ATTEMPTS:
-                    submit(number)
-                else:
-                    yield _given_up(number)
 
 
 def dask_executor(client: Any) -> Callable[[], Executor]:

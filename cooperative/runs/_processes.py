@@ -1,0 +1,253 @@
+"""Worker processes of this machine: one that is killed costs its own task, whatever it was at, and no other.
+
+A pool of `concurrent.futures` drops all its tasks when one of its processes dies, cannot tell whose it was, and hangs
+where the process died halfway through sending its result. Here every worker has a pipe of its own: what it was given
+is known, and a pipe that ends within a message tells of its death.
+"""
+
+from __future__ import annotations
+
+import atexit
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+import traceback
+import warnings
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass
+from multiprocessing import connection
+from typing import Any
+
+from cooperative.runs._compiled import VARIABLE, keep_compiled
+
+ATTEMPTS = 3
+"""How often in turn a worker may end before it has started, and how often a sample alone may end its worker."""
+
+
+class WorkerLost(RuntimeError):
+    """The worker of a task ended before the task did; other tasks go on."""
+
+
+Task = tuple[Future[Any], bytes]
+"""What is asked for, packed, and where its result goes."""
+
+
+@dataclass(eq=False)
+class _Worker:
+    """A process. pipe: to it. cores: that it is bound to. started: whether it takes tasks. task: that it was given.
+    begun: whether it has received that."""
+
+    process: Any
+    pipe: connection.Connection
+    cores: list[int]
+    started: bool = False
+    task: Task | None = None
+    begun: bool = False
+
+
+class Processes(Executor):
+    """Worker processes, one for each share of the cores, begun when there are tasks for them.
+
+    A task whose worker dies raises `WorkerLost`; another worker takes the place of the dead one. Workers end when this
+    process does, however it ends, and come to an end at the next look (`stop_wanted`) once the pool is shut down.
+    ValueError comes out of every task where workers cannot be started.
+    """
+
+    def __init__(self, shares: Sequence[list[int]]) -> None:
+        self.context = multiprocessing.get_context("spawn")
+        self.free = list(shares)
+        self.workers: list[_Worker] = []
+        self.waiting: deque[Task] = deque()
+        self.lost_at_start, self.closing, self.lock = 0, False, threading.Lock()
+        self.ending, self.end = self.context.Pipe(duplex=False)
+        self.woken, self.wake = self.context.Pipe(duplex=False)
+        self.thread = threading.Thread(target=self._serve, daemon=True)
+        self.thread.start()
+        atexit.register(self.shutdown, wait=False, cancel_futures=True)
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        task = pickle.dumps((function, args, kwargs))
+        with self.lock:
+            if self.closing:
+                raise RuntimeError("the pool was shut down: make another")
+            self.waiting.append((future, task))
+            self.wake.send_bytes(b"")
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        with self.lock:
+            while cancel_futures and self.waiting:
+                self.waiting.pop()[0].cancel()
+            if not self.closing:
+                self.closing = True
+                self.end.close()
+                self.wake.send_bytes(b"")
+        if wait:
+            self.thread.join()
+
+    def _serve(self) -> None:
+        """What the pool's thread does: begins workers, hands out tasks, and takes in what comes of them."""
+        if hasattr(signal, "pthread_sigmask"):
+            # Inherited by the workers: a terminal sends Ctrl-C to all processes, and their controller tells them.
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            while self._hand_out():
+                ready = connection.wait([self.woken, *(worker.pipe for worker in self.workers)])
+                if self.woken in ready:
+                    self.woken.recv_bytes()
+                for worker in [each for each in self.workers if each.pipe in ready]:
+                    self._hear(worker)
+        except BaseException as error:
+            self._fail(error)
+        finally:
+            atexit.unregister(self.shutdown)
+            for worker in self.workers:
+                worker.pipe.close()
+                if not worker.started or worker.task is not None:
+                    worker.process.kill()
+            for worker in self.workers:
+                worker.process.join()
+
+    def _hand_out(self) -> bool:
+        """Give tasks to workers that are free, and begin workers for what waits; whether there is more to come."""
+        for worker in [each for each in self.workers if each.started and each.task is None]:
+            with self.lock:
+                task = self.waiting.popleft() if self.waiting else None
+            if task is None or not (task[0].running() or task[0].set_running_or_notify_cancel()):
+                continue
+            worker.task, worker.begun = task, False
+            try:
+                worker.pipe.send_bytes(task[1])
+            except OSError:
+                self._lost(worker)
+        starting = sum(not worker.started for worker in self.workers)
+        for cores in self.free[: max(len(self.waiting) - starting, 0)]:
+            self._begin(cores)
+        return not (self.closing and not self.waiting and all(worker.task is None for worker in self.workers))
+
+    def _begin(self, cores: list[int]) -> None:
+        here, there = self.context.Pipe()
+        process = self.context.Process(target=_work, args=(there, self.ending, cores), daemon=True)
+        try:
+            process.start()
+        except OSError as error:
+            self._not_started(str(error))
+            return
+        finally:
+            there.close()
+        self.free.remove(cores)
+        self.workers.append(_Worker(process, here, cores))
+
+    def _hear(self, worker: _Worker) -> None:
+        """Take in what a worker sends: that it has started, then of each task that it has it, and what comes of it."""
+        try:
+            outcome = worker.pipe.recv()
+        except (EOFError, OSError):
+            self._lost(worker)
+            return
+        except Exception as error:  # a result that cannot be read here
+            outcome = False, error
+        if worker.task is None:
+            worker.started, self.lost_at_start = True, 0
+        elif outcome is None:
+            worker.begun = True
+        else:
+            (future, _), worker.task = worker.task, None
+            well, found = outcome
+            (future.set_result if well else future.set_exception)(found)
+
+    def _lost(self, worker: _Worker) -> None:
+        worker.process.kill()
+        worker.process.join()
+        worker.pipe.close()
+        self.workers.remove(worker)
+        self.free.append(worker.cores)
+        why = f"a worker process ended with exit code {worker.process.exitcode}"
+        if worker.task is None:
+            if not worker.started:
+                self._not_started(why)
+        elif worker.begun:
+            worker.task[0].set_exception(WorkerLost(why))
+        else:  # it was killed while it had no task
+            self.waiting.appendleft(worker.task)
+
+    def _not_started(self, why: str) -> None:
+        """Count it; tasks end with an error where no worker comes to start."""
+        self.lost_at_start += 1
+        if self.lost_at_start >= ATTEMPTS and not any(worker.started for worker in self.workers):
+            self._fail(ValueError(f"no worker starts, {self.lost_at_start} in turn ({why}): give fewer workers, or 1"))
+            self.lost_at_start = 0
+
+    def _fail(self, error: BaseException) -> None:
+        """End all tasks with an error."""
+        with self.lock:
+            futures = [future for future, _ in self.waiting]
+            self.waiting.clear()
+        for future in [*futures, *(worker.task[0] for worker in self.workers if worker.task is not None)]:
+            if future.running() or future.set_running_or_notify_cancel():
+                future.set_exception(error)
+
+
+_stop_wanted = threading.Event()
+
+
+def stop_wanted() -> bool:
+    """In a worker: whether its controller wants it to come to an end."""
+    return _stop_wanted.is_set()
+
+
+def _work(pipe: connection.Connection, ending: connection.Connection, cores: list[int]) -> None:
+    """What a worker does: one task after the other, until its controller closes the pipe."""
+    _begin(ending, cores)
+    try:
+        pipe.send(None)
+        while True:
+            task = pipe.recv_bytes()
+            pipe.send(None)
+            pipe.send_bytes(_outcome(task))
+    except (EOFError, OSError):
+        return
+
+
+def _begin(ending: connection.Connection, cores: list[int]) -> None:
+    """Take a share of the cores, and watch."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if VARIABLE in os.environ:
+        keep_compiled()
+    # That transfers run on XLA was said by the controller.
+    warnings.filterwarnings("ignore", message=".* was not built: particle-grid transfers run on XLA")
+    if cores:
+        os.sched_setaffinity(0, cores)
+    threading.Thread(target=_watch, args=(ending,), daemon=True).start()
+
+
+def _outcome(task: bytes) -> bytes:
+    """Whether a task went well, and its result, or the error that it ended with."""
+    try:
+        function, args, kwargs = pickle.loads(task)
+        return pickle.dumps((True, function(*args, **kwargs)))
+    except BaseException as error:
+        error.add_note(traceback.format_exc())
+        try:
+            return pickle.dumps((False, error))
+        except Exception:  # an error that cannot be sent
+            return pickle.dumps((False, RuntimeError(traceback.format_exc())))
+
+
+def _watch(ending: connection.Connection) -> None:
+    """Stop the run when the controller says so, and end the process, even inside a compiled program, once it is gone.
+
+    A controller that dies closes its pipe too, whatever it died of.
+    """
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+    connection.wait([parent.sentinel, ending])
+    _stop_wanted.set()
+    connection.wait([parent.sentinel])
+    os._exit(1)
