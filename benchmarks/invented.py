@@ -99,6 +99,9 @@ def random_soil(campaign: Campaign) -> Any:
     return SimpleNamespace(modes=MODES, counts=(MODES,))
 
 
+TORN = "JAXMPM_TORN"
+"""Environment variable with a folder: for each file in it one worker is killed halfway through sending a sample."""
+
 REAL_COEFFICIENTS = runs.coefficients_of
 
 

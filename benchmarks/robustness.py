@@ -1,228 +1,42 @@
-"""What a campaign survives: kills, signals, damaged and hand-made files, scenes that nobody should write.
+"""What a campaign survives: kills of it and of its workers, signals, damaged and hand-made files, scenes that nobody
+should write.
 
 Campaigns run in processes of their own with made-up runs, so that the controller, its workers and its folder are tried
 and not the solver. `lost`: samples that were finished before a kill or signal and gone after it, and campaigns whose
 answer or samples differ from those of an undisturbed one. `orphans`: processes that outlived their controller by more
-than ten seconds. `signals_lost`: controllers that SIGTERM or Ctrl-C did not end. `undetected`: damaged files whose
-changed content was accepted. `escapes`: hand-made files that made a reader touch what is outside the folder.
+than ten seconds. `signals_lost`: controllers that SIGTERM or Ctrl-C did not end. `worker_kills`: single workers killed,
+at random moments, as they start, and halfway through sending a sample; their campaign goes on by itself.
+`resume_20000_s`: from the command to the first new sample of a campaign that has 20,000. `signal_to_end_s`: the longest
+from a signal to the end of a campaign; `signal_while_verifying_s`: while it reads 20,000 files. `undetected`: damaged
+files whose changed content was accepted. `escapes`: hand-made files that made a reader touch what is outside the
+folder.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import random
 import shutil
 import signal
-import subprocess
-import sys
 import tempfile
-import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from benchmarks import hostile_files, hostile_scenes
-from benchmarks.invented import CALIBRATED, SCENE, SUBSET, SWEEP
-from benchmarks.measure import ROOT, Report
-from cooperative.store import GRIDS, DamagedFile, Store, open_store, read_rows, read_sample, read_store, sample_path
-
-MARK = "JAXMPM_ROBUSTNESS"
-"""Environment variable by which the processes of a campaign are known, its workers too."""
-
-SOON = 10.0
-"""Seconds in which workers have to end after their controller."""
-
-PATIENCE = 60.0
-"""Seconds in which a controller has to end after a signal; made-up runs take 0.02 s, but machines are loaded."""
-
-
-ANSWERS = ("summary.json", "sweep.json")
-"""What a command writes last: a campaign, and a sweep of them."""
-
-
-@dataclass(frozen=True)
-class Case:
-    """A campaign, or a sweep of them, that is disturbed. text: its scene."""
-
-    name: str
-    command: str
-    text: str
-
-
-CASES = (
-    Case("plain", "run", SCENE),
-    Case("calibrate", "run", CALIBRATED),
-    Case("subset", "run", SUBSET),
-    Case("sweep", "sweep", SWEEP),
+from benchmarks.lives import CASES, CREWS, PATIENCE, Toll, content, disturb, kill_workers, killed, large, signalled
+from benchmarks.measure import Report
+from cooperative.store import (
+    GRIDS,
+    DamagedFile,
+    Store,
+    open_store,
+    read_rows,
+    read_store,
+    sample_path,
 )
-
-
-@dataclass
-class Toll:
-    """What disturbances cost so far: how many there were, what was lost, and who was left."""
-
-    disturbed: int = 0
-    lost: list[str] = field(default_factory=list)
-    orphans: list[str] = field(default_factory=list)
-    signals_lost: list[str] = field(default_factory=list)
-
-
-class Life:
-    """A controller under way in a process group of its own."""
-
-    def __init__(self, case: Case, folder: Path, workers: int) -> None:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        self.folder, scene = folder, folder.with_suffix(".toml")
-        scene.write_text(case.text)
-        self.mark = f"{os.getpid()}-{time.time_ns()}"
-        command = [sys.executable, "-m", "benchmarks.hostile_campaign", case.command, str(scene), "--out", str(folder)]
-        self.process = subprocess.Popen(
-            [*command, "--workers", str(workers)], cwd=ROOT, env=os.environ | {MARK: self.mark},
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
-        )  # fmt: skip
-
-    def runs(self) -> bool:
-        """Whether it has not ended."""
-        return self.process.poll() is None
-
-    def left(self) -> list[str]:
-        """Processes of it that still run some seconds after it has ended; they are ended then."""
-        until = time.monotonic() + SOON
-        while (found := list(_marked(self.mark))) and time.monotonic() < until:
-            time.sleep(0.1)
-        for number, _ in found:
-            os.kill(number, signal.SIGKILL)
-        return [command for _, command in found]
-
-
-def _marked(mark: str) -> Iterator[tuple[int, str]]:
-    for process in Path("/proc").glob("[0-9]*"):
-        try:
-            environment = (process / "environ").read_bytes().split(b"\0")
-            command = (process / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
-        except OSError:
-            continue
-        if f"{MARK}={mark}".encode() in environment and command:
-            yield int(process.name), command
-
-
-def finished(folder: Path) -> set[Path]:
-    """Files of the samples that have ended, in all campaigns of a folder."""
-    return set(folder.rglob("samples/*/*.h5"))
-
-
-def disturb(
-    case: Case, workers: int, times: int, end: Callable[[Life, random.Random], bool], folder: Path, seed: int
-) -> Toll:
-    """Begin a campaign, and end it at a random moment, so many times; then let it go on, and compare.
-
-    end: ends a life; gives whether it did so before that had ended by itself.
-    """
-    generator, toll, round_ = random.Random(f"{case.name}-{workers}-{seed}"), Toll(), 0
-    undisturbed = folder / "undisturbed"
-    whole(case, undisturbed, 1)
-    while toll.disturbed < times:
-        disturbed, before = folder / f"disturbed-{round_}", set[Path]()
-        while toll.disturbed < times:
-            life = Life(case, disturbed, workers)
-            enough, until = len(before) + generator.randrange(6), time.monotonic() + PATIENCE
-            while len(finished(disturbed)) < enough and life.runs() and time.monotonic() < until:
-                time.sleep(0.002)
-            time.sleep(generator.uniform(0.0, 0.05))
-            if not end(life, generator):
-                break
-            toll.disturbed += 1
-            toll.orphans += life.left()
-            toll.lost += [f"{path} is gone" for path in before - finished(disturbed)]
-            before = finished(disturbed)
-        toll.orphans += whole(case, disturbed, workers).left()
-        toll.lost += differences(disturbed, undisturbed)
-        round_ += 1
-    return toll
-
-
-def whole(case: Case, folder: Path, workers: int) -> Life:
-    """A campaign that is left to end by itself. Raises RuntimeError where that is no good end: nothing could then be
-    compared."""
-    life = Life(case, folder, workers)
-    if life.process.wait():
-        raise RuntimeError(f"{case.name} with {workers} workers ends with {life.process.returncode}: see {folder}")
-    return life
-
-
-def killed(life: Life, generator: random.Random) -> bool:
-    """End it by SIGKILL."""
-    ran = life.runs()
-    life.process.kill()
-    life.process.wait()
-    return ran
-
-
-def signalled(toll: Toll) -> Callable[[Life, random.Random], bool]:
-    """Ends lives by SIGTERM, or by Ctrl-C as a terminal sends it, to all processes of a group; those that do not end
-    are written into `toll` and killed."""
-
-    def end(life: Life, generator: random.Random) -> bool:
-        number = generator.choice((signal.SIGTERM, signal.SIGINT))
-        # With its answer written, a controller has nothing left to stop.
-        if not life.runs() or any((life.folder / name).exists() for name in ANSWERS):
-            life.process.wait()
-            return False
-        if number == signal.SIGINT:
-            os.killpg(life.process.pid, number)
-        else:
-            life.process.send_signal(number)
-        try:
-            status = life.process.wait(PATIENCE)
-        except subprocess.TimeoutExpired:
-            toll.signals_lost.append(f"{number.name}: still running after {PATIENCE:g} s")
-            return killed(life, generator)
-        if status == 0:
-            toll.signals_lost.append(f"{number.name}: went on to the end")
-        return True
-
-    return end
-
-
-def differences(folder: Path, undisturbed: Path) -> list[str]:
-    """Where a folder's answer or samples differ from those of an undisturbed campaign, apart from times."""
-    wrong = [f"{path} was set aside" for path in folder.rglob("*.damaged")]
-    for answer in [path for name in ANSWERS for path in sorted(undisturbed.rglob(name))]:
-        other = folder / answer.relative_to(undisturbed)
-        if not other.exists() or _without_times(other) != _without_times(answer):
-            wrong.append(f"{other} is missing or another")
-    for path in sorted(undisturbed.rglob("scene.toml")):
-        one, two = read_store(path.parent), read_store(folder / path.parent.relative_to(undisturbed))
-        for grid in GRIDS:
-            numbers = read_rows(one, grid).numbers
-            if numbers != read_rows(two, grid).numbers:
-                wrong.append(f"{two.folder}: other {grid} samples")
-                continue
-            wrong += [f"{sample_path(two, grid, n)} is another" for n in numbers if _differ(one, two, grid, n)]
-    return wrong
-
-
-def _without_times(path: Path) -> dict[str, Any]:
-    return {name: value for name, value in json.loads(path.read_text()).items() if name not in ("seconds", "checksum")}
-
-
-def _differ(one: Store, other: Store, grid: str, number: int) -> bool:
-    first, second = (content(store, grid, number) for store in (one, other))
-    return first != second
-
-
-def content(store: Store, grid: str, number: int) -> tuple[Any, ...]:
-    """What a sample's file says, apart from the seconds it took, so that it can be compared."""
-    sample = read_sample(store, grid, number)
-    arrays = {"coefficients": sample.coefficients, **sample.fields}
-    shown = {name: (str(a.dtype), a.shape, np.ascontiguousarray(a).tobytes()) for name, a in arrays.items()}
-    return (sample.number, sample.status, sample.steps, dict(sample.row), shown, sample.dtype, dict(sample.versions))
 
 
 def damage(count: int, folder: Path, seed: int) -> tuple[int, list[str]]:
@@ -340,14 +154,16 @@ def run(quick: bool = False) -> Report:
             (case, workers, disturb(case, workers, 25 // part, signalled(signals), folder / f"signals-{workers}", 1))
             for case, workers in ((CASES[0], 1), (CASES[0], 2))
         ]
+        crews = [(CREWS, 2, kill_workers(CREWS, 36 // part, folder / "crews", 4))]
+        seconds = large(20_000 // part, folder / "large")
         damaged, undetected = damage(400 // part, folder / "plain-1" / "undisturbed", seed=2)
         made, escapes = by_hand(folder / "plain-1" / "undisturbed", folder / "outside")
         scenes, bad = fuzzed(2000 // part, 20 // part, folder, seed=3)
-    tolls = [toll for _, _, toll in (*kills, *stopped)]
+    tolls = [toll for _, _, toll in (*kills, *stopped, *crews)]
     rows = [
         {"case": case.name, "workers": workers, "end": end, "times": toll.disturbed, "lost": len(toll.lost),
          "orphans": len(toll.orphans)}
-        for end, group in (("kill", kills), ("signal", stopped))
+        for end, group in (("kill", kills), ("signal", stopped), ("worker kill", crews))
         for case, workers, toll in group
     ]  # fmt: skip
     said = (
@@ -356,6 +172,9 @@ def run(quick: bool = False) -> Report:
     values = {
         "kills": sum(toll.disturbed for _, _, toll in kills),
         "signals": sum(toll.disturbed for _, _, toll in stopped),
+        "worker_kills": sum(toll.disturbed for _, _, toll in crews),
+        **seconds,
+        "signal_to_end_s": round(max(signals.signal_to_end, seconds["signal_while_verifying_s"]), 2),
         "lost": sum(len(toll.lost) for toll in tolls),
         "orphans": sum(len(toll.orphans) for toll in tolls),
         "signals_lost": len(signals.signals_lost),

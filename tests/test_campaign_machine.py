@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
 
-from benchmarks import hostile_files, invented, robustness
+from benchmarks import hostile_files, invented, lives
 from cooperative import campaign
 from cooperative.__main__ import main
 from cooperative.reporting import _composition, _exports, _plots
@@ -91,7 +91,7 @@ class Folder(RuleBasedStateMachine):
             campaign.run(SCENE if command == "run" else read_store(self.folder).scene_text, self.folder)
         said = " ".join(str(warning.message) for warning in warned)
         assert all(str(path) in said for path in damaged)
-        assert [line for line in robustness.differences(self.folder, self.undisturbed) if "aside" not in line] == []
+        assert [line for line in lives.differences(self.folder, self.undisturbed) if "aside" not in line] == []
 
     @rule(writes=st.integers(0, 40), after=st.booleans())
     def is_cut_short(self, writes, after):

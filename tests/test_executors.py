@@ -139,7 +139,7 @@ def test_a_pool_that_breaks_before_a_task_reaches_it_is_made_anew():
 
 def test_a_worker_that_dies_costs_its_own_task_alone():
     with process_pool(2) as pool:
-        dying, resting = pool.submit(os._exit, 9), pool.submit(time.sleep, 1.0)
+        dying, resting = pool.submit(os._exit, 9), pool.submit(time.sleep, 0.1)
         with pytest.raises(WorkerLost, match="exit code 9"):
             dying.result(60)
         assert resting.result(60) is None

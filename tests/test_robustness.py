@@ -1,11 +1,12 @@
 """What `benchmarks robustness` tries, in small, and that each of its checks finds what it is there for."""
 
 import random
+import time
 from pathlib import Path
 
 import pytest
 
-from benchmarks import hostile_scenes, invented, robustness
+from benchmarks import hostile_scenes, invented, lives, robustness
 from benchmarks.invented import SCENE
 from cooperative import _commands as command
 from cooperative import campaign
@@ -91,7 +92,7 @@ def test_damage_would_be_found_out_if_seals_were_not_looked_at(finished, monkeyp
             return False
 
     store = read_store(finished)
-    path, expected = sample_path(store, "rough", 3), robustness.content(store, "rough", 3)
+    path, expected = sample_path(store, "rough", 3), lives.content(store, "rough", 3)
     number = read_sample(store, "rough", 3).coefficients[:1].tobytes()
     changed = path.read_bytes().replace(number, number[:-1] + bytes([number[-1] ^ 1]))
     path.write_bytes(changed)
@@ -109,34 +110,45 @@ def test_nothing_made_by_hand_is_believed_or_leads_outside(finished, tmp_path):
 def test_what_is_lost_is_told(finished, tmp_path):
     other = tmp_path / "other"
     campaign.run(SMALL, other)
-    assert robustness.differences(other, finished) == []
+    assert lives.differences(other, finished) == []
     (other / "summary.json").write_text((finished / "summary.json").read_text().replace("0", "1"))
     (other / "samples" / "rough" / "000004.h5").unlink()
-    assert len(robustness.differences(other, finished)) == 2
+    assert len(lives.differences(other, finished)) == 2
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
-@pytest.mark.parametrize("case", robustness.CASES, ids=lambda case: case.name)
+@pytest.mark.parametrize("case", lives.CASES, ids=lambda case: case.name)
 def test_kills_lose_nothing_and_leave_nobody(case, workers, tmp_path):
-    toll = robustness.disturb(case, workers, 3, robustness.killed, tmp_path, seed=7)
+    toll = lives.disturb(case, workers, 3, lives.killed, tmp_path, seed=7)
     assert (toll.disturbed, toll.lost, toll.orphans) == (3, [], [])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_signals_at_random_moments_end_campaigns_and_lose_nothing(workers, tmp_path):
-    signals = robustness.Toll()
-    toll = robustness.disturb(robustness.CASES[0], workers, 25, robustness.signalled(signals), tmp_path, seed=8)
+    signals = lives.Toll()
+    toll = lives.disturb(lives.CASES[0], workers, 25, lives.signalled(signals), tmp_path, seed=8)
     assert (toll.disturbed, toll.lost, toll.orphans, signals.signals_lost) == (25, [], [], [])
 
 
 @pytest.mark.slow
+def test_a_campaign_whose_workers_are_killed_goes_on_to_the_same_answer(tmp_path):
+    toll = lives.kill_workers(lives.CREWS, 5, tmp_path, seed=9)
+    assert (toll.disturbed, toll.lost, toll.orphans) == (5, [], [])
+
+
+@pytest.mark.slow
+def test_a_large_folder_goes_on_and_a_signal_ends_its_verification(tmp_path):
+    assert lives.large(1500, tmp_path / "large").keys() == {"resume_1500_s", "signal_while_verifying_s"}
+
+
+@pytest.mark.slow
 def test_workers_end_with_a_controller_that_is_killed(tmp_path):
-    life = robustness.Life(robustness.CASES[0], tmp_path / "killed", workers=2)
-    until = robustness.time.monotonic() + robustness.PATIENCE
-    while not robustness.finished(tmp_path) and robustness.time.monotonic() < until:
-        robustness.time.sleep(0.01)
-    assert len(list(robustness._marked(life.mark))) >= 3
-    assert robustness.killed(life, random.Random(0))
+    life = lives.Life(lives.CASES[0], tmp_path / "killed", workers=2)
+    until = time.monotonic() + lives.PATIENCE
+    while not lives.finished(tmp_path) and time.monotonic() < until:
+        time.sleep(0.01)
+    assert len(list(lives._marked(life.mark))) >= 3
+    assert lives.killed(life, random.Random(0))
     assert life.left() == []

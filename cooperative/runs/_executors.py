@@ -212,8 +212,8 @@ def dask_executor(client: Any) -> Callable[[], Executor]:
     """Makes the executor that runs samples on a Dask cluster, for `campaign.run(..., executor=...)`.
 
     client: a `distributed.Client`, which stays open, or the address of a scheduler, "tcp://host:8786". Dask itself runs
-    the sample of a dead worker again, on another one; a sample that kills as many as Dask's `allowed-failures` is given
-    back with status WORKER_LOST. Needs the extra `dask`; raises ValueError where that is not installed.
+    the sample of a dead worker again, on another one; one that kills more than Dask's `allowed-failures` raises
+    `WorkerLost`, see `run_through`. Needs the extra `dask`; raises ValueError where that is not installed.
     """
     try:
         import distributed
