@@ -133,8 +133,20 @@ def test_a_pool_that_breaks_before_a_task_reaches_it_is_made_anew():
         made.append(Gone(set()) if len(made) < 2 else Breaking(set()))
         return made[-1]
 
-    got = {s.number: s.status for s in run_through(Workers(make, 2), "", "rough", range(4), XI)}
+    got = {s.number: s.status for s in run_through(Workers(make, 1), "", "rough", range(4), XI)}
     assert got == dict.fromkeys(range(4), "FINISHED")
+
+    class Once(Breaking):
+        def submit(self, *task):
+            if self.deadly:
+                raise BrokenExecutor("a worker was killed while it had no task")
+            self.deadly = {None}
+            return super().submit(*task)
+
+    got = {s.number: s.status for s in run_through(Workers(lambda: Once(set()), 8), "", "rough", range(6), XI)}
+    assert got == dict.fromkeys(range(6), "FINISHED")
+    with pytest.raises(BrokenExecutor, match="had no task"):
+        list(run_through(Workers(lambda: Gone(set()), 2), "", "rough", range(4), XI))
 
 
 def test_a_worker_that_dies_costs_its_own_task_alone():

@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -138,6 +137,10 @@ class Workers:
             self.executor = None
 
 
+class _Refused(BrokenExecutor):
+    """An executor had broken before a task reached it."""
+
+
 def run_through(
     workers: Workers,
     text: str,
@@ -159,24 +162,30 @@ def run_through(
     Numbers are drawn one by one as places become free. A sample whose worker was killed, or whose executor broke, may
     be the cause or not, so it runs again once the others have ended, alone. One that ends its worker three times while
     it runs alone is given back with status WORKER_LOST, so that it is reported, not tried for ever.
+    BrokenExecutor where three executors in turn do not take a task.
     """
     waiting = iter(numbers)
     suspects: deque[int] = deque()
     deaths: Counter[int] = Counter()
     pending: dict[Future[Sample], int] = {}
-    alone = workers.count == 1
+    alone, broken, refused = workers.count == 1, False, 0
 
     def submit(number: int) -> None:
+        nonlocal broken, refused
         try:
             future = workers.submit(text, grid, number, coefficients[number], stop_at, restart_in, slides, folder)
+            refused = 0
         except BrokenExecutor as error:
+            broken, refused = True, refused + 1
+            if refused == ATTEMPTS:
+                raise
             future = Future()
-            future.set_exception(error)
+            future.set_exception(_Refused(str(error)))
         pending[future] = number
 
     while True:
         look()
-        for number in islice(waiting, workers.count - len(pending)):
+        while len(pending) < workers.count and not broken and (number := next(waiting, None)) is not None:
             submit(number)
         if not pending:
             if not suspects:
@@ -186,16 +195,17 @@ def run_through(
                 alone = True
             submit(suspects.popleft())
         done, _ = wait(pending, timeout=LOOK, return_when=FIRST_COMPLETED)
-        broken = False
         for future in done:
             number = pending.pop(future)
             try:
                 sample = future.result()
             except (WorkerLost, BrokenExecutor) as error:
-                warnings.warn(f"sample {number} lost its worker ({error}): it runs again, alone", stacklevel=2)
                 broken = broken or isinstance(error, BrokenExecutor)
-                deaths[number] += alone
-                if deaths[number] < ATTEMPTS:
+                deaths[number] += alone and not isinstance(error, _Refused)
+                left = deaths[number] < ATTEMPTS
+                then = "it runs again, alone" if left else f"it did so {ATTEMPTS} times alone and is given up"
+                warnings.warn(f"sample {number} lost its worker ({error}): {then}", stacklevel=2)
+                if left:
                     suspects.append(number)
                     continue
                 sample = _given_up(number)
@@ -206,6 +216,7 @@ def run_through(
             suspects += pending.values()
             pending.clear()
             workers.close()
+            broken = False
 
 
 def dask_executor(client: Any) -> Callable[[], Executor]:
