@@ -1,17 +1,18 @@
 """Slopes with known factors of safety, as sections from their published coordinates.
 
 Lengths m, stresses Pa, angles degrees. Slopes drawn towards -x are mirrored; those drawn in feet have cells that divide
-feet. Young's modulus 1e8 Pa, Poisson's ratio 0.3, no dilation.
+feet. Young's modulus 1e8 Pa, Poisson's ratio 0.3, no dilation. `cases` are slopes that the usual cells and settings
+serve, `special_cases` those that ask for more.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import jaxmpm as mpm
-from jaxmpm import FrictionalSoil, Layer, Section, Soil
+from jaxmpm import FrictionalSoil, Interface, Layer, Section, Soil
 
 FOOT = 0.3048
 
@@ -21,6 +22,8 @@ class Case:
     """A slope and the factor of safety to hold it against.
 
     reference: by strength reduction where published. cells: m, the coarsest first. source: of section and answer.
+    loads: of the section. choices: of the discretisation, beside the usual ones. figure: what a benchmark calls its
+    error, where it has a name of its own. highest: factor up to which it is looked for, over the reference.
     """
 
     name: str
@@ -30,6 +33,9 @@ class Case:
     soil: FrictionalSoil | Soil | Sequence[Layer]
     cells: tuple[float, ...]
     loads: dict[str, Any] = field(default_factory=dict)
+    choices: dict[str, Any] = field(default_factory=dict)
+    figure: str = ""
+    highest: float = 1.25
 
     def built(
         self, cell: float, *, across: int = 2, at_rest: bool = True, **choices: Any
@@ -41,7 +47,7 @@ class Case:
         """
         soil = self.soil[0].soil if isinstance(self.soil, Sequence) else self.soil
         usual = {"fbar": True} if isinstance(soil, Soil) else {"flip": 0.99}
-        numerics = mpm.Discretisation(cell, (cell / across,) * 2, **(usual | choices))
+        numerics = mpm.Discretisation(cell, (cell / across,) * 2, **(usual | self.choices | choices))
         return mpm.section(self.shape, self.soil, numerics, at_rest=at_rest, **self.loads)
 
 
@@ -137,3 +143,47 @@ FAMILIES: tuple[Callable[[], list[Case]], ...] = (_acads, _griffiths_lane, _fred
 def cases() -> list[Case]:
     """All of them."""
     return [case for family in FAMILIES for case in family()]
+
+
+SOFT = 1e7
+"""Young's modulus (Pa) of special cases on small cells, whose time step it lets be three times as long: the factor of
+the weak seam in half a cell is 1.72 with it and 1.73 with 1e8 Pa."""
+
+
+def _weak_seam(r_u: float | None, reference: float) -> list[Case]:
+    """A weak seam a foot thick on rock, drawn as a layer, and as the strength of the base in its place."""
+    surface, seam = [(0, 18.288), (18.288, 18.288), (42.672, 6.096), (54.864, 6.096)], (0.0, 10.0)
+    base, water = 4.572, "dry" if r_u is None else f"r_u {r_u:g}"
+    line = [(0, base + FOOT), (54.864, base + FOOT)]
+    soil, weak = (FrictionalSoil(*strength, unit_weight=18850.0, young=SOFT) for strength in ((28728.0, 20.0), seam))
+    loads = {} if r_u is None else {"r_u": r_u}
+    source = "Fredlund and Krahn (1977), 10.1139/t77-045; strength reduction as published since"
+    rock = Section(surface, base=base, interface=Interface(cohesion=seam[0], friction=seam[1]))
+    name, figure = "Fredlund and Krahn, weak seam", f"fos_error_weak_seam_{water.split()[0]}"
+    layers = [Layer(soil, line), Layer(replace(weak, unusual=True))]
+    return [
+        Case(f"{name}, {water}", reference, source, Section(surface, base=base), layers, (2 * FOOT, FOOT), loads,
+             figure=figure, highest=1.5),
+        Case(f"{name} as the strength of the base, {water}", reference, source, rock, soil, (3 * FOOT, 2 * FOOT), loads,
+             figure=f"{figure}_on_base"),
+    ]  # fmt: skip
+
+
+def special_cases() -> list[Case]:
+    """A seam thinner than a cell, a thin weak band, and sand half of whose weight the water bears."""
+    end, unit_weight = 96.0, 18820.0
+    surface = _mirrored([(0, 15), (18, 15), (48, 35), (96, 35)], end)
+    bottoms = [_mirrored(line, end) for line in ([(18, 15), (24, 19), (72, 35), (96, 35)], [(0, 3), (96, 35)])]
+    strengths = ((29.4e3, 12.0), (9.8e3, 5.0), (294e3, 40.0))
+    soils = [FrictionalSoil(*strength, unit_weight=unit_weight, young=SOFT) for strength in strengths]
+    band = [Layer(soil, bottom) for soil, bottom in zip(soils, [*bottoms, None], strict=True)]
+    face = Section([(0, 40), (10, 40), (70, 10), (80, 10)])
+    sand = FrictionalSoil(10.8e3, 40.0, unit_weight=18e3)
+    return [
+        *_weak_seam(None, 1.34),
+        *_weak_seam(0.25, 1.05),
+        Case("Arai and Tagyo 2", 0.417, "Arai and Tagyo (1985); strength reduction",
+             Section(surface), band, (1.5, 0.75), figure="fos_error_arai_tagyo_2"),
+        Case("Spencer 1969, r_u 0.5", 0.98, "Spencer (1969); strength reduction",
+             face, sand, (2.0, 1.0), {"r_u": 0.5}, {"flip": 0.95}, "fos_error_spencer_1969"),
+    ]  # fmt: skip

@@ -105,8 +105,15 @@ def _cost(scene: Campaign, cost: Cost) -> Iterator[str]:
     yield scene.name
     shape = scene.site.shape
     yield f"  ground         {' x '.join(f'{edge:g}' for edge in shape.extent)} m, {shape.volume:.4g} {unit}"
-    for layer in scene.site.layers:
-        yield f"  layer          {layer.name}" + (", rock" if layer.rock and layer.name != "rock" else "")
+    for layer, thickness in zip(scene.site.layers, scene.site.thicknesses, strict=True):
+        rock = ", rock" if layer.rock and layer.name != "rock" else ""
+        cells = {grid: thickness.metres / scene.grids[grid].cell for grid in GRIDS}
+        few = [grid for grid in GRIDS if thickness.too_thin(scene.grids[grid].cell)]
+        yield (
+            f"  layer          {layer.name}{rock}, {thickness.metres:.3g} m thick: "
+            + ", ".join(f"{count:.2g} {grid} cells" for grid, count in cells.items())
+            + (f"; a weak layer, too strong on the {' and the '.join(few)} grid" if few else "")
+        )
     for grid, size in cost.sizes.items():
         most = "" if grid == "rough" else "at most "
         yield (

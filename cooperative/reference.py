@@ -168,6 +168,14 @@ MEANINGS = {
             "down to the base, and on along it.",
             '"roller"',
         ),
+        "interface": Meaning(
+            "Strength of the contact of soil with the base, on which soil then slides: of a joint, or a weak seam on "
+            "rock too thin for the cells. `friction` in degrees, `cohesion` in Pa; they do not vary, and strength "
+            "reduction divides them too.",
+            "{ friction = 10.0, cohesion = 0.0 }",
+            default="none: soil sticks to the base",
+            allowed="a table, its friction from 0 to 60, its cohesion 0 or more",
+        ),
     },
     "terrain": {
         "surface": Meaning("File of the heights of the ground.", '"terrain.asc"', unit="m"),

@@ -7,6 +7,7 @@ again, the velocity's gradient strains the soil. The schemes differ in the order
 from __future__ import annotations
 
 import operator
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple, Protocol
@@ -98,13 +99,15 @@ class Beyond(NamedTuple):
 
 class Nodal(NamedTuple):
     """What the nodes hold: mass (nodes, d) kg, alike along all axes, momentum (nodes, d) kg m/s, and the force on them
-    (nodes, d) N, None while there is none. per_mass: 1 / mass (nodes, d) 1/kg, 0 where there is none. beyond: the
-    ends' free field, None without."""
+    (nodes, d) N, None while there is none. per_mass: 1 / mass (nodes, d) 1/kg, 0 where there is none. area: of soil
+    on a wall (nodes,) m2, at nodes that lie on one, None where no wall asks. beyond: the ends' free field, None
+    without."""
 
     mass: Array
     momentum: Array
     force: Array | None
     per_mass: Array
+    area: Array | None = None
     beyond: Beyond | None = None
 
 
@@ -179,19 +182,28 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
     """Mass, momentum and force of the particles at the nodes; the force of their stress only if `stressed`."""
     particles, grid = scene.particles, scene.grid
     carried = [particles.mass[None], momentum(scene, state, maps.position)]
-    external = external_force(scene, maps.position, particles.volume * state.volume_ratio, state.step * dt)
+    volume, area = particles.volume * state.volume_ratio, None
+    external = external_force(scene, maps.position, volume, state.step * dt)
     if external is not None:
         carried.append(external)
-    stress = acting_stress(scene, state.stress, particles.volume * state.volume_ratio, maps) if stressed else None
-    nodal = maps.to_reached(jnp.concatenate(carried), stress)
+    if bonded(scene):
+        # Soil that fills the cells on a wall gives its nodes half of their volume.
+        carried.insert(0, 2 / grid.cell * volume[None])
+    nodal = maps.to_reached(
+        jnp.concatenate(carried), acting_stress(scene, state.stress, volume, maps) if stressed else None
+    )
     ends = np.cumsum([len(block) for block in carried][: None if stressed else -1])
-    mass, moving, *forces = jnp.split(nodal, ends, axis=1)
+    blocks = jnp.split(nodal, ends, axis=1)
+    if bonded(scene):
+        area = maps.joined(blocks.pop(0))[:, 0]
+    mass, moving, *forces = blocks
     mass = tensors.spread(maps.joined(mass), grid.dimension, axis=1)
     return Nodal(
         mass=mass,
         momentum=maps.momentum(moving),
         force=maps.joined(sum(forces[1:], forces[0])) if forces else None,
         per_mass=reciprocal(scene, mass),
+        area=area,
         beyond=None if scene.free_field is None else free_field(scene, state, dt),
     )
 
@@ -269,8 +281,26 @@ def move_grid(scene: Scene, nodal: Nodal, time: Array, dt: Array) -> Moved:
     velocity = before + dt * acceleration
     if scene.wall_friction is None:
         return Moved(velocity, acceleration)
-    velocity = slide(scene.walls, scene.grid, velocity, scene.wall_friction)
+    velocity = slide(scene.walls, scene.grid, velocity, braked(scene, nodal, dt))
     return Moved(velocity, (velocity - before) / dt)
+
+
+def bonded(scene: Scene) -> bool:
+    """Whether what walls with friction do depends on the area of soil on them."""
+    return scene.wall_cohesion is not None or scene.wall_pressure is not None
+
+
+def braked(scene: Scene, nodal: Nodal, dt: Array) -> Callable[[Array], Array]:
+    """Gives for velocities into walls (nodes,) m/s, which they take away in dt (s), those along them (nodes,) m/s that
+    they take away at most: friction of what soil presses on them, less what water bears of it, and cohesion."""
+    friction = scene.wall_friction
+    assert friction is not None
+    if nodal.area is None:
+        return lambda push: friction * push
+    rate = dt * nodal.area * nodal.per_mass[:, 0]
+    borne = 0.0 if scene.wall_pressure is None else rate * scene.wall_pressure
+    held = 0.0 if scene.wall_cohesion is None else rate * scene.wall_cohesion
+    return lambda push: jnp.where(push > 0, friction * jnp.maximum(push - borne, 0) + held, 0)
 
 
 def led(scene: Scene, nodal: Nodal, before: Array, acceleration: Array, dt: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -70,11 +70,11 @@ def hold(scene: Scene, nodal: Array) -> Array:
     return field.reshape(nodal.shape)
 
 
-def slide(walls: Sequence[Wall], grid: Grid, velocity: Array, friction: Array) -> Array:
+def slide(walls: Sequence[Wall], grid: Grid, velocity: Array, braked: Callable[[Array], Array]) -> Array:
     """Velocities (nodes, d) after the impulses of the walls with friction.
 
-    A wall takes away the velocity into it, and of the velocity along it up to `friction` times as much; it does not
-    hold back what leaves. Source: Coulomb's law for impulses, as in Bardenhagen et al. (2000),
+    A wall takes away the velocity into it, and of the velocity along it at most what `braked` gives for that, (nodes,)
+    m/s; it does not hold back what leaves. Source: Coulomb's law for impulses, as in Bardenhagen et al. (2000),
     10.1016/S0045-7825(99)00338-2, section 3.
     """
     shape = (*grid.shape, grid.dimension)
@@ -85,7 +85,8 @@ def slide(walls: Sequence[Wall], grid: Grid, velocity: Array, friction: Array) -
         normal = jax.lax.broadcasted_iota(jnp.int32, shape, grid.dimension) == wall.axis
         tangential = jnp.where(normal, 0, field)
         speed = safe_sqrt(jnp.sum(tangential**2, axis=-1))
-        left = jnp.where(speed > 0, jnp.maximum(1 - friction * push / jnp.where(speed > 0, speed, 1), 0), 1)
+        taken = braked(push.ravel()).reshape(push.shape)
+        left = jnp.where(speed > 0, jnp.maximum(1 - taken / jnp.where(speed > 0, speed, 1), 0), 1)
         field = jnp.where(normal, field + inward * push[..., None], left[..., None] * tangential)
     return field.reshape(velocity.shape)
 

@@ -111,7 +111,7 @@ class Wall:
 
     axis: index of the normal's axis. side: "low" holds nodes up to `index`, "high" from `index` on.
     index: node number of the plane along the axis. hold: "fixed" stops all motion, "roller" the normal one, "friction"
-    what goes into it, and brakes what slides along it (Coulomb).
+    what goes into it, and brakes what slides along it (Coulomb, with cohesion where the scene has some).
     """
 
     axis: int
@@ -191,7 +191,8 @@ class Scene:
     shape function. walls: where nodes are held. scheme: when the stress is updated.
     gravity: (d,) m/s2. time_step: s. flip: share of FLIP in the particle velocity update, the rest is PIC;
     None is pure FLIP. damping: mass-proportional damping (1/s); None is undamped. engine: of the transfers, None
-    takes the fastest there is. wall_friction: coefficient of the walls with friction.
+    takes the fastest there is. wall_friction: coefficient of the walls with friction. wall_cohesion: their cohesion
+    (Pa), wall_pressure: (nodes,) Pa, of the water between them and the soil; None without.
     fbar: whether volumetric strain and mean stress are averaged over neighbouring particles, against locking.
     cell_average: whether the volumetric strain alone is averaged, over each cell. finite_strain: whether elasticity is
     that of Hencky strains, not hypoelastic by the Jaumann rate; yield is then of J times the stress.
@@ -224,6 +225,8 @@ class Scene:
     flip: Array | None = None
     damping: Array | None = None
     wall_friction: Array | None = None
+    wall_cohesion: Array | None = None
+    wall_pressure: Array | None = None
     water: Any = None
     pore_pressure: Array | None = None
     motion: Any = None
@@ -235,6 +238,8 @@ class Scene:
         "flip": Limit(least=0.0, most=1.0),
         "damping": from_zero("1/s"),
         "wall_friction": from_zero(),
+        "wall_cohesion": from_zero("Pa"),
+        "wall_pressure": from_zero("Pa"),
     }
 
 

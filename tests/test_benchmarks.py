@@ -114,6 +114,16 @@ def test_slopes_with_known_answers_fit_their_cells_and_layers(family):
 
 def test_there_are_eighteen_of_them():
     assert len({case.name for case in slopes.cases()}) == 18
+    assert len({case.figure for case in slopes.special_cases()}) == len(slopes.special_cases())
+
+
+@pytest.mark.parametrize("case", slopes.special_cases(), ids=lambda case: case.name)
+def test_special_slopes_fit_their_coarse_cells_and_have_figures_of_their_own(case):
+    scene, _ = case.built(case.cells[0], at_rest=False)
+    assert abs(float(scene.particles.volume.sum()) / case.shape.volume - 1) < 0.02
+    assert case.figure.startswith("fos_error_")
+    rows = [{"case": case.name, "error": error} for error in (0.3, 0.01)]
+    assert stability_of_slopes.special(rows, {case.name: case.figure}) == {case.figure: 0.01}
 
 
 def test_figures_of_slopes_are_those_of_their_finest_cells():

@@ -100,6 +100,7 @@ _GROUND = {
     "base": Key(float, 0.0),
     "walls": Key(tuple, None),
     "ends": Key(SECTION_ENDS, "roller"),
+    "interface": Key(Table({"friction": Key(float), "cohesion": Key(float, 0.0)}), None),
 }
 _TERRAIN = {
     "surface": Key(RASTER),

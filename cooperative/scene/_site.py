@@ -12,11 +12,12 @@ import numpy as np
 from cooperative.measure import Track
 from cooperative.scene._rasters import unpacked
 from cooperative.scene._schema import OF_A_FIELD, OF_GROUND, SECTIONS, SITES, in_words, read
-from cooperative.scene._soil import RandomField, rock_of, soil_of
+from cooperative.scene._soil import RandomField, ask, rock_of, soil_of
 from foundation.text import shown
 from jaxmpm import (
     Discretisation,
     FrictionalSoil,
+    Interface,
     Layer,
     Raster,
     Scene,
@@ -25,6 +26,7 @@ from jaxmpm import (
     Soil,
     State,
     Terrain,
+    Thickness,
     section,
     slope,
     terrain,
@@ -81,9 +83,11 @@ class Site:
         if isinstance(self.shape, Slope):
             return slope(self.shape, soil, numerics, gravity=gravity, y_ends=self.y_ends, at_rest=at_rest)
         said: dict[str, Any] = {"gravity": gravity, "water": self.water, "r_u": self.r_u, "ends": self.ends}
+        # What is unusual was asked about when the scene was read.
+        layers = [replace(each, soil=replace(each.soil, unusual=True)) for each in self.soils(soil)]
         if isinstance(self.shape, Terrain):
-            return terrain(self.shape, self.soils(soil), numerics, **said, at_rest=at_rest)
-        return section(self.shape, self.soils(soil), numerics, **said, at_rest=at_rest)
+            return terrain(self.shape, layers, numerics, **said, at_rest=at_rest)
+        return section(self.shape, layers, numerics, **said, at_rest=at_rest)
 
     @property
     def height(self) -> float:
@@ -105,6 +109,18 @@ class Site:
         if not self.layers or isinstance(self.shape, Slope):
             return None
         return self.shape.layer_of([each.layer for each in self.layers], position, numerics)
+
+    @property
+    def interface(self) -> Interface | None:
+        """The strength of its base, None where soil sticks to it."""
+        return self.shape.interface if isinstance(self.shape, Section) else None
+
+    @property
+    def thicknesses(self) -> list[Thickness]:
+        """That of each layer; none where there are none."""
+        if not self.layers or isinstance(self.shape, Slope):
+            return []
+        return self.shape.thicknesses([each.layer for each in self.layers])
 
     def values_of(self, parameter: str, field: RandomField) -> tuple[RandomField | float, ...]:
         """What a parameter that varies is in each layer: a field, or the number of one in which it does not vary."""
@@ -143,6 +159,14 @@ def refuse_saturated(site: Site, soil: Soil | FrictionalSoil) -> None:
             raise ValueError(f"[soil] saturated_unit_weight = {saturated:g} N/m3 has no say {why}, or leave it out")
 
 
+def ask_of_seams(site: Site, cell: float) -> None:
+    """Raise ValueError for a weak layer too thin for the cells (m) of the refined grid."""
+    for each, thickness in zip(site.layers, site.thicknesses, strict=True):
+        asked = thickness.too_thin(cell)
+        if asked is not None and not each.layer.soil.unusual:
+            raise ValueError(f"[{each.name}] {asked} If it is meant as it is, say unusual = true in [soil]")
+
+
 def refuse_both(tables: Mapping[str, Any]) -> None:
     """Raise ValueError for a scene without ground, with two, or with tables that its ground does not have."""
     given = [name for name in SITES if name in tables]
@@ -172,7 +196,11 @@ def _section(tables: Mapping[str, Any]) -> Site:
     said, line = read("ground", tables["ground"], SECTIONS["ground"]), _drawn(tables)
     if said["walls"] is not None and len(said["walls"]) != 2:
         raise ValueError(f"[ground] walls = {shown(said['walls'])}: give two, left and right")
-    shape = Section(line("[ground] surface", said["surface"]), said["base"], said["walls"])
+    contact = None if said["interface"] is None else Interface(**said["interface"])
+    if contact is not None and not tables["soil"].get("unusual", False):
+        for name in ("friction", "cohesion"):
+            ask(f"[ground] interface {name}", name, getattr(contact, name))
+    shape = Section(line("[ground] surface", said["surface"]), said["base"], said["walls"], contact)
     shape.check()
     return Site(shape, said["ends"], (), *_water(tables, shape))
 

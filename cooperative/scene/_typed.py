@@ -32,7 +32,7 @@ from cooperative.scene._schema import (
     unknown_keys,
     wrong_keys,
 )
-from cooperative.scene._site import Site, SiteLayer, listed, refuse_both, refuse_saturated, site_of
+from cooperative.scene._site import Site, SiteLayer, ask_of_seams, listed, refuse_both, refuse_saturated, site_of
 from cooperative.scene._soil import CrossCorrelation, RandomField, ask, check_cross_correlation, soil_of
 from cooperative.scene._text import tables_of
 from foundation.text import short, shown
@@ -367,6 +367,7 @@ def _check(campaign: Campaign) -> None:
     """Ranges that no builder looks at."""
     campaign.site.shape.check()
     refuse_saturated(campaign.site, campaign.soil)
+    ask_of_seams(campaign.site, campaign.grids["refined"].cell)
     run, plan, dimension = campaign.run, campaign.plan, campaign.dimension
     _above_zero("run", {name: getattr(run, name) for name in ("t_end", "gravity", "failure_displacement")})
     if run.slides_t_end is not None and not run.t_end <= run.slides_t_end < float("inf"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -158,17 +158,29 @@ def _with_kink(found: FactorOfSafety, scene: Scene, state: State, t_end: float) 
 
 
 def reductions(scene: Scene, factors: Array) -> tuple[Scene, Scene]:
-    """The scene with a lane for every factor (B,) by which the strength is divided, and its axes for `solve`."""
+    """The scene with a lane for every factor (B,) by which the strength is divided, also of walls with friction, and
+    its axes for `solve`."""
     material = jax.vmap(lambda factor: reduce_strength(scene.material, factor))(factors)
     found = {name: getattr(material, name) for name in type(material).STRENGTH}
-    return lanes(scene, **{name: value for name, value in found.items() if value is not None})
+    varied, axes = lanes(scene, **{name: value for name, value in found.items() if value is not None})
+    walls = jax.vmap(partial(_reduced_walls, scene))(factors)
+    lanes_first: dict[str, Any] = dict.fromkeys(walls, 0)
+    return replace(varied, **walls), replace(axes, **lanes_first)
+
+
+def _reduced_walls(scene: Scene, factor: Array) -> dict[str, Any]:
+    """Friction and cohesion of the walls, where there are some, divided by a factor."""
+    strength = {name: getattr(scene, name) for name in ("wall_friction", "wall_cohesion")}
+    return {name: value / factor for name, value in strength.items() if value is not None}
 
 
 def reduced(scene: Scene, factor: float) -> Scene:
-    """The scene with its strength divided by `factor`. ValueError for a law without strength, a factor not above 0."""
+    """The scene with its strength divided by `factor`, also of walls with friction. ValueError for a law without
+    strength, a factor not above 0."""
     check.positive("factor", factor)
-    weaker = reduce_strength(scene.material, jnp.asarray(factor, scene.particles.mass.dtype))
+    by = jnp.asarray(factor, scene.particles.mass.dtype)
     field = scene.free_field
     if field is not None:
         field = replace(field, low=reduced(field.low, factor), high=reduced(field.high, factor))
-    return replace(scene, material=weaker, free_field=field)
+    weaker = reduce_strength(scene.material, by)
+    return replace(scene, material=weaker, free_field=field, **_reduced_walls(scene, by))

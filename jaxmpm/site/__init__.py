@@ -8,8 +8,9 @@ from jaxmpm.site._line import read_line
 from jaxmpm.site._motion import read_motion
 from jaxmpm.site._raster import Raster, read_raster
 from jaxmpm.site._scene import check_scene, check_shape, refuse_snap_back, scene, unstressed, with_strength
+from jaxmpm.site._seam import Thickness
 from jaxmpm.site._section import Layer, Section, section
-from jaxmpm.site._soil import FrictionalSoil, PlasticStrain, Soil
+from jaxmpm.site._soil import FrictionalSoil, Interface, PlasticStrain, Soil
 from jaxmpm.site._terrain import Terrain, terrain
 from jaxmpm.site._vary import check_names, check_start, parameter_names, vary, with_parameters, with_soil
 
@@ -17,6 +18,7 @@ __all__ = [
     "Believed",
     "Discretisation",
     "FrictionalSoil",
+    "Interface",
     "Layer",
     "PlasticStrain",
     "Raster",
@@ -24,6 +26,7 @@ __all__ = [
     "Slope",
     "Soil",
     "Terrain",
+    "Thickness",
     "at_rest",
     "bar",
     "block",

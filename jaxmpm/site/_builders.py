@@ -239,13 +239,15 @@ def block(
     gravity: Sequence[float] | None = None,
     walls: Literal["none", "fixed", "roller", "friction"] = "none",
     friction: float = 0.0,
+    cohesion: float = 0.0,
     speed: float | None = None,
 ) -> tuple[Scene, State]:
     """A box of soil in a box-shaped domain, free of stress, moving at `velocity` (m/s).
 
     size, domain: edges (m). corner: lowest corner of the block in the domain. gravity: vector (m/s2).
     walls: what stands on all faces of the domain; with "none" a lane that leaves it fails with OUTSIDE_GRID.
-    friction: coefficient of walls with "friction", tan of the wall's friction angle; they hold nothing back.
+    friction: coefficient of walls with "friction", tan of the wall's friction angle; they hold nothing back. cohesion:
+    of such walls (Pa), along them.
     speed: largest particle speed allowed for in the time step (m/s), by default that of the start.
     """
     d, cell = len(size), discretisation.cell
@@ -270,9 +272,10 @@ def block(
             )
     if walls not in ("none", "fixed", "roller", "friction"):
         raise ValueError(f"walls = {walls!r}: give 'none', 'fixed', 'roller' or 'friction'")
-    check.not_negative("friction", friction)
-    if friction and walls != "friction":
-        raise ValueError(f"friction = {friction:g} with walls = {walls!r}: give walls = 'friction'")
+    for name, value in (("friction", friction), ("cohesion", cohesion)):
+        check.not_negative(name, value)
+        if value and walls != "friction":
+            raise ValueError(f"{name} = {value:g} with walls = {walls!r}: give walls = 'friction'")
     cells = [check.multiple(f"domain[{a}]", domain[a], "cell", cell) for a in range(d)]
     held = () if walls == "none" else tuple(wall for a in range(d) for wall in end_walls(a, cells[a], walls))
     built, state = build(
@@ -284,6 +287,7 @@ def block(
         gravity=gravity,
         speed=float(np.linalg.norm(velocity)) if speed is None else speed,
         friction=friction if walls == "friction" else None,
+        cohesion=cohesion or None,
     )
     start = jnp.asarray(velocity, state.velocity.dtype)[:, None]
     return built, replace(state, velocity=jnp.broadcast_to(start, state.velocity.shape))
@@ -368,6 +372,8 @@ def build(
     gravity: float | Sequence[float],
     speed: float,
     friction: float | None = None,
+    cohesion: float | None = None,
+    wall_pressure: np.ndarray | None = None,
     water: WaterTable | WaterSurface | None = None,
     pore_pressure: np.ndarray | None = None,
     motion: BaseMotion | None = None,
@@ -383,6 +389,8 @@ def build(
         gravity=gravity,
         walls=walls,
         wall_friction=friction,
+        wall_cohesion=cohesion,
+        wall_pressure=wall_pressure,
         scheme=discretisation.scheme,
         cfl=discretisation.cfl,
         speed=speed,

@@ -36,6 +36,9 @@ def elastic_equilibrium(
     would be out of balance.
     """
     grid, particles = scene.grid, scene.particles
+    # At rest soil sticks to walls with friction.
+    sticking = (replace(wall, hold="fixed") if wall.hold == "friction" else wall for wall in scene.walls)
+    scene = replace(scene, walls=tuple(sticking))
     d = grid.dimension
     maps = Maps(scene, particles.position)
     mass = maps.to_grid(particles.mass[None], None)

@@ -36,6 +36,8 @@ def scene(
     gravity: float | Sequence[float] = 0.0,
     walls: Sequence[Wall] = (),
     wall_friction: float | None = None,
+    wall_cohesion: float | None = None,
+    wall_pressure: ArrayLike | None = None,
     scheme: Scheme = Scheme.MUSL,
     cfl: float = 0.5,
     speed: float | None = None,
@@ -56,17 +58,17 @@ def scene(
     """A scene of any particles and law; numbers take the precision of the particles' positions.
 
     particles: position (d, N) m inside the grid, mass (N,) kg, volume (N,) m3. material: parameters () or (N,).
-    kernel: an object, e.g. GIMP(half_size). gravity: downwards (m/s2), or a vector (d,). walls, wall_friction: where
-    nodes are held, and the coefficient of those with friction. cfl: time_step = cfl cell / (c + speed), c the fastest
-    elastic wave. speed: largest particle speed that the time step allows for (m/s), by default of a fall through half
-    the grid. flip, damping, fbar, cell_average, finite_strain, internal_length: as in `Discretisation`. body_force,
-    water, pore_pressure, motion, tied, cut, engine: as in `Scene`; water needs a law of effective stress.
+    kernel: an object, e.g. GIMP(half_size). gravity: downwards (m/s2), or a vector (d,). walls: where nodes are held.
+    cfl: time_step = cfl cell / (c + speed), c the fastest elastic wave. speed: largest particle speed that the time
+    step allows for (m/s), by default of a fall through half the grid. flip, damping, fbar, cell_average, finite_strain,
+    internal_length: as in `Discretisation`. wall_friction, wall_cohesion, wall_pressure, body_force, water,
+    pore_pressure, motion, tied, cut, engine: as in `Scene`; water needs a law of effective stress.
     Warns of linear hats where they cannot work: with USL, or with particles on the faces of cells.
     Raises ValueError for shapes, numbers and choices that do not fit, naming each.
     """
     d = _check_grid(grid)
     dtype = _check_particles(particles, grid)
-    _check_walls(walls, grid, wall_friction)
+    _check_walls(walls, grid, wall_friction, bonded=wall_cohesion is not None or wall_pressure is not None)
     _check_kernel(kernel, grid)
     _check_choices(scheme, engine, cfl=cfl, flip=flip, damping=damping)
     _warn_of_hats(kernel, scheme, particles, grid)
@@ -76,6 +78,8 @@ def scene(
     check.not_negative("speed", speed, "m/s")
     number = _number_of(dtype)
     material = _checked_material(material, particles, dtype)
+    if wall_pressure is not None and np.shape(wall_pressure) != (math.prod(grid.shape),):
+        raise ValueError(f"wall_pressure has shape {np.shape(wall_pressure)}: give ({math.prod(grid.shape)},), in Pa")
     if fbar and material.FRICTIONAL:
         raise ValueError(
             "fbar = True with a frictional soil: it averages the mean stress, on which friction depends, and soil at a "
@@ -111,6 +115,8 @@ def scene(
         flip=None if flip == 1 else number(flip),
         damping=None if damping == 0 else number(damping),
         wall_friction=None if wall_friction is None else number(wall_friction),
+        wall_cohesion=None if wall_cohesion is None else number(wall_cohesion),
+        wall_pressure=None if wall_pressure is None else number(wall_pressure),
         water=jax.tree.map(number, water),
         pore_pressure=None if pore_pressure is None else number(pore_pressure),
         motion=jax.tree.map(number, motion),
@@ -244,7 +250,7 @@ def _check_particles(particles: Particles, grid: Grid) -> np.dtype:
     return check.dtype(dtypes.pop())
 
 
-def _check_walls(walls: Sequence[Wall], grid: Grid, friction: float | None) -> None:
+def _check_walls(walls: Sequence[Wall], grid: Grid, friction: float | None, *, bonded: bool) -> None:
     for wall in walls:
         if not isinstance(wall, Wall):
             raise ValueError(f"walls hold {wall!r}: give Wall(axis, side, index, hold)")
@@ -258,6 +264,8 @@ def _check_walls(walls: Sequence[Wall], grid: Grid, friction: float | None) -> N
             f"wall_friction = {friction} with walls of {sorted({wall.hold for wall in walls})}: give it with, and only "
             "with, walls of 'friction'"
         )
+    if bonded and not rough:
+        raise ValueError("wall_cohesion or wall_pressure without walls of 'friction': leave them out")
     if friction is not None:
         check.not_negative("wall_friction", friction)
 

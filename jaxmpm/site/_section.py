@@ -21,7 +21,8 @@ from jaxmpm.site._builders import PADDING, ROUNDING, Hold, below, build, end_wal
 from jaxmpm.site._discretisation import RESOLVED, Discretisation, cells_up, check_discretisation, check_resolved
 from jaxmpm.site._free_field import check_free_field, joined
 from jaxmpm.site._raster import Raster
-from jaxmpm.site._soil import STANDARD_GRAVITY, Ground
+from jaxmpm.site._seam import Thickness, thicknesses, warn_of_seams
+from jaxmpm.site._soil import STANDARD_GRAVITY, Ground, Interface
 from jaxmpm.types import Grid, Material, Particles, Scene, State, Wall
 
 Line = Sequence[Sequence[float]]
@@ -35,6 +36,9 @@ Box = tuple[tuple[float, ...], tuple[float, ...]]
 
 TOUCHING = 0.01
 """Share of a particle's height up to which two lines touch."""
+
+PLACES = 512
+"""Places between the walls at which layers are measured."""
 
 WATER_WEIGHT = 9810.0
 """Unit weight of water (N/m3)."""
@@ -66,12 +70,13 @@ class Section:
 
     surface: of the ground, points (x, z) m with x rising, two of the same x where it is a vertical face. base: height
     of the rigid base (m). walls: x of the walls at both ends (m), by default the ends of the surface; what is drawn
-    beyond them is left out.
+    beyond them is left out. interface: strength with which soil sticks to the base, None where it cannot slide on it.
     """
 
     surface: Line
     base: float = 0.0
     walls: tuple[float, float] | None = None
+    interface: Interface | None = None
 
     def outline(self) -> tuple[np.ndarray, tuple[float, float]]:
         """Points (n, 2) of the surface and x of both walls (m). Raises ValueError for a surface that is none, does not
@@ -80,6 +85,8 @@ class Section:
         left, right = points[[0, -1], 0] if self.walls is None else self.walls
         check.finite("walls", (left, right), "m")
         check.finite("base", self.base, "m")
+        if self.interface is not None:
+            self.interface.check()
         if not left < right:
             raise ValueError(f"walls at x = {left:g} m and {right:g} m: give the left one first")
         for (x, z), wall, gap in ((points[0], left, points[0, 0] - left), (points[-1], right, right - points[-1, 0])):
@@ -147,6 +154,12 @@ class Section:
         """Number of the layer (N,), from 0 on, in which points at position (2, N) m lie. Raises as `section` does."""
         return _layer_of(_layering(self, layers, discretisation), position, discretisation.spacing[-1])
 
+    def thicknesses(self, layers: Sequence[Layer]) -> list[Thickness]:
+        """How thick each layer is, and whether it is a weak seam. Raises ValueError for lines that are none."""
+        left, right = self.outline()[1]
+        x = left + (right - left) * (np.arange(PLACES) + 0.5) / PLACES
+        return thicknesses(layers, [np.maximum(top(x), self.base) for top in _tops(self, layers, spacing=math.inf)])
+
     def box_of(self, layers: Sequence[Layer], number: int) -> Box:
         """A box that holds a layer, numbered from 0. Raises ValueError for lines that are none, and for a layer that
         lies nowhere."""
@@ -189,7 +202,8 @@ def section(
     speed: float | None = None,
     at_rest: bool = True,
 ) -> tuple[Scene, State]:
-    """A section at rest: base fixed, ends as asked; of a lattice of particles those whose centres lie in the ground.
+    """A section at rest: base fixed, or of given strength, ends as asked; of a lattice of particles those whose centres
+    lie in the ground.
 
     soil: one for all, or layers from the top down; a particle is of the layer in which its centre lies. water: level
     or points (x, z) of the water table (m), a level pool where above the ground, see `WaterTable`. r_u: instead,
@@ -219,16 +233,21 @@ def section(
     if ends == "tied":
         _check_alike(shape, tops, table, discretisation.spacing[-1])
     if ends == FREE_FIELD:
+        if shape.interface is not None:
+            raise ValueError("ends = 'free field' with an interface on the base, which ground beyond it would need too")
         check_free_field(discretisation)
         _check_level(tops, shape, discretisation)
     held = () if ends == "tied" else end_walls(0, cells[0], *HELD.get(ends, HELD["roller"]))
+    base = Wall(1, "low", PADDING, "fixed" if shape.interface is None else "friction")
+    warn_of_seams(layers, shape.thicknesses(layers), discretisation.cell)
     towards = 1 if shape.surface[0][1] >= shape.surface[-1][1] else -1
     built, state = build(
         particles,
         grid,
         common_law([material_on(discretisation, each.soil) for each in layers], layer),
         discretisation,
-        walls=(*held, Wall(1, "low", PADDING, "fixed")),
+        walls=(*held, base),
+        **_strength_of_base(shape, layers, tops, grid, r_u),
         tied=(PADDING, PADDING + cells[0]) if ends == "tied" else None,
         motion=motion,
         gravity=(towards * k_h * gravity, -(1 - k_v) * gravity),
@@ -247,6 +266,27 @@ def section(
         return built, state
     loads = {"gravity": gravity, "r_u": r_u, "k_h": towards * k_h, "k_v": k_v, "at_rest": at_rest}
     return joined(built, state, *_columns_beyond(shape, layers, tops, table, discretisation, loads))
+
+
+def _strength_of_base(
+    shape: Section,
+    layers: Sequence[Layer],
+    tops: Sequence[Height],
+    grid: Grid,
+    r_u: float | None,
+) -> dict[str, Any]:
+    """What `build` is given of an interface on the base: nothing where there is none. Under a water table soil presses
+    on it with its effective stress alone, with r_u with that of the water too."""
+    if shape.interface is None:
+        return {}
+    x = np.clip(grid.origin[0] + np.arange(grid.shape[0]) * grid.cell, *shape.outline()[1])
+    base = np.full(x.size, shape.base)
+    pressure = pore_pressure_of(r_u, table=False, z=base, layers=layers, tops=[top(x) for top in tops])
+    return {
+        "friction": math.tan(math.radians(shape.interface.friction)),
+        "cohesion": shape.interface.cohesion or None,
+        "wall_pressure": None if pressure is None else np.repeat(pressure, grid.shape[1]),
+    }
 
 
 def _columns_beyond(

@@ -146,6 +146,22 @@ def material_of(soil: Ground, dtype: np.dtype, band: float) -> Elastic | J2 | Mo
     return J2(bulk, shear, strength, softening, cutoff, _rate(soil, number), soil.gap_memory)
 
 
+@dataclass(frozen=True)
+class Interface:
+    """Strength of the contact between soil and the rigid base: what slides on rock, or on a seam too thin for a cell.
+
+    friction: degrees. cohesion: Pa. Strength reduction divides both, as it does those of the soil.
+    """
+
+    friction: float
+    cohesion: float = 0.0
+
+    def check(self) -> None:
+        """Raise ValueError for a strength that no contact has."""
+        check.between("the interface's friction", self.friction, 0.0, 60.0, ends=True)
+        check.not_negative("the interface's cohesion", self.cohesion, "Pa")
+
+
 def warn_of_units(soil: Ground) -> None:
     """Warn, once for all of them, of numbers that betray another unit, unless the soil says that it means them."""
     slips = () if soil.unusual else dict.fromkeys(_slips(soil))

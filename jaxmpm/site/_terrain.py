@@ -21,12 +21,16 @@ from jaxmpm.site import _initial_stress
 from jaxmpm.site._builders import PADDING, below, build, end_walls, fill, material_on, sorted_by_cell
 from jaxmpm.site._discretisation import RESOLVED, Discretisation, cells_up, check_discretisation, check_resolved
 from jaxmpm.site._raster import Raster
+from jaxmpm.site._seam import Thickness, thicknesses, warn_of_seams
 from jaxmpm.site._section import WATER_WEIGHT, Box, Layer, check_ends, common_law, pore_pressure_of, weights
 from jaxmpm.site._soil import STANDARD_GRAVITY, Ground
 from jaxmpm.types import Grid, Particles, Scene, State, Wall
 
 SAMPLED = 4
 """Points along each side of a column of particles at which its surface is looked at."""
+
+PLACES = 64
+"""Places along each wall at which layers are measured."""
 
 LEAST_SHARE = 0.02
 """Share of its box below which a particle is left out: what it would hold is nothing, its stress all rounding."""
@@ -197,6 +201,15 @@ class Terrain:
             layer += below(z, bottom, rounding)
         return layer
 
+    def thicknesses(self, layers: Sequence[Layer]) -> list[Thickness]:
+        """How thick each layer is, and whether it is a weak seam. Raises ValueError for bottoms that have holes."""
+        share = (np.arange(PLACES) + 0.5) / PLACES
+        x, y = (axis.ravel() for axis in np.meshgrid(*(low + share * (high - low) for low, high in self.walls)))
+        within = self.in_plan(x, y)
+        x, y = x[within], y[within]
+        tops = [self.heights(x, y), *_bottoms(self, layers, x, y, math.inf), np.full(x.size, self.base)]
+        return thicknesses(layers, [np.maximum(top, self.base) for top in tops])
+
     def box_of(self, layers: Sequence[Layer], number: int) -> Box:
         """A box that holds a layer, numbered from 0. Raises ValueError for layers that are none, have holes, or lie
         nowhere."""
@@ -252,7 +265,9 @@ def terrain(
     under = None if table is None else below(z, table.at(x, y), RESOLVED * spacing)
     density = jnp.asarray(weights(layers, layer, under) / STANDARD_GRAVITY, particles.mass.dtype)
     tops = [shape.heights(x, y), *_bottoms(shape, layers, x, y, spacing), np.full(z.size, shape.base)]
-    _refuse_thin(x, y, [np.maximum(top, shape.base) for top in tops], spacing)
+    held = [np.maximum(top, shape.base) for top in tops]
+    _refuse_thin(x, y, held, spacing)
+    warn_of_seams(layers, thicknesses(layers, held), discretisation.cell)
     built, state = build(
         replace(particles, mass=particles.volume * density),
         grid,

@@ -1,0 +1,100 @@
+"""Ground on a base of given strength: blocks and layers that slide on it as theory says, and what sticks."""
+
+import math
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxmpm as mpm
+from jaxmpm.run._strength_reduction import reductions
+
+HALVES = mpm.Discretisation(1.0, (0.5, 0.5), flip=0.9)
+STIFF = mpm.FrictionalSoil(200e3, 30.0, unit_weight=20e3, young=2e7)
+HEIGHT, WATER = 4.0, 9810.0
+
+
+def layer(interface, k_h, **water):
+    """A layer without end on a level base, pulled along it."""
+    shape = mpm.Section([(0, HEIGHT), (4, HEIGHT)], interface=interface)
+    return mpm.section(shape, STIFF, HALVES, k_h=k_h, ends="tied", **water)
+
+
+ON_A_BASE = {
+    "both": (mpm.Interface(10.0, 8e3), 0.3, {}, 0.0),
+    "r_u": (mpm.Interface(20.0, 5e3), 0.2, {"r_u": 0.3}, 0.3 * STIFF.unit_weight * HEIGHT),
+    "water table": (mpm.Interface(20.0, 5e3), 0.2, {"water": 2.0}, 2 * WATER),
+}
+
+
+@pytest.mark.parametrize(("interface", "k_h", "water", "borne"), ON_A_BASE.values(), ids=ON_A_BASE)
+def test_a_layer_without_end_slides_from_its_factor_of_safety_on(interface, k_h, water, borne):
+    pressed, pull = STIFF.unit_weight * HEIGHT - borne, k_h * STIFF.unit_weight * HEIGHT
+    exact = (interface.cohesion + pressed * math.tan(math.radians(interface.friction))) / pull
+    scene, state = layer(interface, k_h, **water)
+    varied, axes = reductions(scene, exact * jnp.array([0.99, 1.25]))
+    result = mpm.solve(varied, mpm.repeat(state, 2), t_end=1.0, axes=axes).raise_if_failed()
+    stands, slides = np.asarray(result.state.displacement[:, 0]).mean(axis=1)
+    assert abs(stands) < 1e-5
+    assert np.isclose(slides, 0.5 * k_h * 9.81 * (1 - 1 / 1.25), rtol=0.01)
+
+
+@pytest.mark.parametrize(("friction", "cohesion"), [(0.0, 4e3), (0.2, 3e3)])
+def test_a_block_on_a_plane_is_held_back_by_the_cohesion_under_it(friction, cohesion):
+    tilt, length, height = math.radians(30.0), 3.0, 1.0
+    soil = mpm.Soil(unit_weight=20e3, young=1e8, poisson=0.0)
+    pull = (9.81 * math.sin(tilt), -9.81 * math.cos(tilt))
+    scene, _ = mpm.block(
+        (length, height), soil, replace(HALVES, cell=0.5, spacing=(0.25, 0.25)), domain=(8.0, 2.0), corner=(1.0, 0.0),
+        gravity=pull, walls="friction", friction=friction, cohesion=cohesion, speed=2.0,
+    )  # fmt: skip
+    scene = replace(scene, walls=scene.walls[2:3])
+    held = friction * 9.81 * math.cos(tilt) + cohesion * 9.81 / (soil.unit_weight * height)
+    result = mpm.solve(scene, mpm.at_rest(scene), t_end=1.0).raise_if_failed()
+    moved = float(jnp.mean(result.state.displacement[0]))
+    assert np.isclose(moved, 0.5 * (pull[0] - held), rtol=0.02)
+
+
+def test_strength_reduction_divides_that_of_the_base_too():
+    scene, _ = layer(mpm.Interface(30.0, 10e3), 0.2)
+    weaker = mpm.reduced(scene, 2.0)
+    assert np.isclose(weaker.wall_friction, math.tan(math.radians(30)) / 2)
+    assert np.isclose(weaker.wall_cohesion, 5e3)
+
+
+def test_soil_slides_over_a_strong_base_as_over_a_fixed_one():
+    surface, soil = [(0, 6), (6, 6), (10, 2), (18, 2)], mpm.FrictionalSoil(3e3, 20.0, young=1e7)
+    moved = []
+    for interface in (None, mpm.Interface(60.0, 1e6)):
+        scene, state = mpm.section(mpm.Section(surface, interface=interface), soil, HALVES)
+        final = mpm.solve(mpm.reduced(scene, 2.0), state, t_end=1.5).raise_if_failed().state
+        moved.append(float(mpm.diagnostics.mean_displacement(scene, final)))
+    assert moved[0] > 0.2
+    # Nodes that stick take from particles what those bring; nodes that are fixed leave it to them.
+    assert np.isclose(*moved, rtol=0.05)
+
+
+def test_only_cohesion_and_water_map_the_area_of_soil_on_a_base():
+    plain, rubbed, stuck = (layer(each, 0.2)[0] for each in (None, mpm.Interface(20.0), mpm.Interface(20.0, 1e3)))
+    assert (plain.wall_friction, plain.wall_cohesion, plain.wall_pressure) == (None, None, None)
+    assert (rubbed.wall_cohesion, rubbed.wall_pressure, stuck.wall_pressure) == (None, None, None)
+    assert stuck.wall_cohesion.shape == ()
+    pressure = layer(mpm.Interface(20.0), 0.2, r_u=0.25)[0].wall_pressure
+    assert np.allclose(pressure, 0.25 * STIFF.unit_weight * HEIGHT)
+
+
+REFUSED = [
+    ({"interface": mpm.Interface(61.0)}, "the interface's friction = 61"),
+    ({"interface": mpm.Interface(20.0, -1.0)}, "the interface's cohesion = -1 Pa"),
+]
+
+
+@pytest.mark.parametrize(("given", "message"), REFUSED)
+def test_strengths_that_no_contact_has_are_refused(given, message):
+    with pytest.raises(ValueError, match=message):
+        mpm.section(mpm.Section([(0, 4), (4, 4)], **given), STIFF, HALVES)
+    with pytest.raises(ValueError, match="ends = 'free field' with an interface on the base"):
+        mpm.section(mpm.Section([(0, 4), (4, 4)], interface=mpm.Interface(20.0)), STIFF, HALVES, ends="free field")
+    with pytest.raises(ValueError, match="cohesion = 5 with walls = 'fixed'"):
+        mpm.block((2, 2), STIFF, HALVES, domain=(4, 4), corner=(1, 0), walls="fixed", cohesion=5.0)
