@@ -239,7 +239,7 @@ def _slide_on(
 ) -> None:
     """Let the failures that are drawn slide on to their end, as far as they have not yet; the others never will."""
     plan = hands.campaign.plan
-    if plan.slides is None:
+    if not plan.slides:
         return
     refined = rows("refined")
     numbers, phases = np.array(refined.numbers, int), screened.refined(refined.results)

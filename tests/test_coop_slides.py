@@ -243,6 +243,7 @@ def test_a_class_is_all_that_an_audit_without_slides_asks(all_slides, tmp_path):
     assert summary["consequences_of_failures"] == {}
     assert not (tmp_path / "restart").exists() or not list((tmp_path / "restart").iterdir())
     assert not any("slid on" in note for note in summary["notes"])
+    assert [each.grid for each in progress_of(tmp_path).grids] == ["rough", "refined"]
     assert "note: the scene asks for no slides (slides = 0)" in report(tmp_path)
     shown = (tmp_path / "report.html").read_text()
     # Every section that needs slides says so.

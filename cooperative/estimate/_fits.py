@@ -14,7 +14,7 @@ from scipy import optimize, stats
 from scipy.stats import rv_continuous
 from scipy.stats.distributions import rv_frozen
 
-from cooperative.estimate._shares import effective_size
+from cooperative.estimate._shares import FEWEST, effective_size
 
 # Fewer samples than this tell six two-parameter distributions apart no better than chance would.
 ENOUGH = 30
@@ -141,7 +141,7 @@ def severity_ranking(
     groups: name -> values (n,) of one consequence. weights: name -> what each value stands for (n,); None is all alike.
     statistic: function of (values, axis=...). Percentile bootstrap of
     Efron (1979), Annals of Statistics 7, 1-26: groups are resampled independently, ranked each time. A group of
-    one has no spread that a bootstrap could see: its interval is (-inf, inf) and its rank anything.
+    fewer than `FEWEST` shows too little of its spread: its interval is (-inf, inf) and its rank anything.
     Raises ValueError for an empty group.
     """
     names = list(groups)
@@ -163,9 +163,9 @@ def severity_ranking(
     tails = (0.5 - level / 2, 0.5 + level / 2)
     found = []
     for place, at in enumerate(np.argsort(-middle, kind="stable"), start=1):
-        alone = np.size(groups[names[at]]) == 1
-        limits = (-np.inf, np.inf) if alone else tuple(float(q) for q in np.quantile(draws[at], tails))
-        span = (1, len(names)) if alone else tuple(int(q) for q in np.quantile(ranks[at], tails, method="nearest"))
+        few = np.size(groups[names[at]]) < FEWEST
+        limits = (-np.inf, np.inf) if few else tuple(float(q) for q in np.quantile(draws[at], tails))
+        span = (1, len(names)) if few else tuple(int(q) for q in np.quantile(ranks[at], tails, method="nearest"))
         found.append(
             Severity(
                 names[at],

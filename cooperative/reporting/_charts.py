@@ -307,7 +307,7 @@ def severity(places: Mapping[str, Sequence[Mapping[str, Any]]], labels: Mapping[
         for height, place in enumerate(reversed(ranked)):
             colour = MODE_COLOURS[place["group"]]
             low, high = place["interval"]
-            # A mode seen once has no interval.
+            # A mode of few slides has no interval.
             ax.plot([place["middle"]], [height], "o", color=colour, ms=7, label=place["group"])
             if low is not None and high is not None:
                 ax.plot([low, high], [height, height], "-", color=colour, lw=2.5)

@@ -9,7 +9,7 @@ import numpy as np
 
 from cooperative import runs, summary
 from cooperative.estimate import Estimator
-from cooperative.hazard import Maps, maps_of
+from cooperative.hazard import THICKNESS, Maps, maps_of
 from cooperative.reporting import _charts as charts
 from cooperative.reporting import _page as page
 from cooperative.reporting import _pictures as pictures
@@ -101,10 +101,13 @@ def _numbers(told: Told) -> Iterator[Drawn]:
     both = np.full(len(place), np.nan)
     both[[place[number] for number in refined.numbers]] = refined.columns.get("displacement", np.zeros(0))
     first = np.where(rough.columns["broke_off"].astype(bool), np.nan, rough.columns["displacement"])
+    # Such a run is drawn where it had come to by then.
+    decided = "DECIDED" in refined.columns.get("status", ())
+    stopped = " Failures that did not slide on are drawn where they had failed." if decided else ""
     yield Drawn(
         "ranked",
         "Largest displacement of every sample by its rank on the rough grid, with the refined runs. Refined failures "
-        "should thin out down the ranks.",
+        f"should thin out down the ranks.{stopped}",
         charts.ranked_displacements({"rough": first, "refined": both}, failure_displacement=limit),
     )
     way = told.summary["convergence"]
@@ -121,7 +124,7 @@ def _numbers(told: Told) -> Iterator[Drawn]:
     ended = np.isfinite(first) & np.isfinite(both)
     if ended.any():
         figure = charts.grids(first[ended], both[ended], failure_displacement=limit)
-        yield Drawn("grids", f"Samples that ran on both grids. {agreement(told.summary)}", figure)
+        yield Drawn("grids", f"Samples that ran on both grids. {agreement(told.summary)}{stopped}", figure)
     modes = {mode: share for mode, share in (told.summary["modes"] or {}).items() if share["count"]}
     if len(modes) > 1:
         yield Drawn("modes", "Failure modes, by what the runs stand for.", charts.mode_shares(modes))
@@ -174,11 +177,13 @@ def _hazards(told: Told) -> Iterator[Drawn]:
 
 def _mapped(maps: Maps, level: float) -> str:
     """What maps show, in words."""
+    few = not np.isfinite(maps.maps[THICKNESS].high).any()
     return (
         f"How likely soil that moved reaches a column of cells of {maps.plan.cell:g} m, from {maps.slides} slides, "
         f"with the {level:.0%} interval of each column. Soil counts as there from {maps.least:.2g} m on, averaged over "
         f"the column. It was looked at every {maps.every:.2g} s, in which the fastest soil went {maps.missed:.2g} "
         "m: peaks shorter than that are missed."
+        + (" The slides are too few for intervals of thickness and arrival." if few else "")
     )
 
 

@@ -67,7 +67,7 @@ def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Pr
     if not np.isfinite(pace["refined"]):
         pace["refined"] = pace["rough"] * cost_ratio(campaign)
     grids = tuple(_grid(campaign, grid, rows, pace[grid]) for grid in GRIDS)
-    if campaign.plan.slides is not None:
+    if campaign.plan.slides:
         grids += (_slides(campaign, store, rows),)
     estimate = current_estimate(campaign, rows["rough"], rows["refined"])
     return Progress(campaign.name, *_controller(store), grids, estimate)
