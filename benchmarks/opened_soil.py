@@ -12,9 +12,9 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -125,34 +125,32 @@ def carry_on(cases: Mapping[str, Case], path: Path, minutes: float = float("inf"
     end, done = time.monotonic() + 60 * minutes, read(path)
     with appending(path, COLUMNS) as put:
         for name, case in cases.items():
-            for memory in (True, False) if case.study is None else (True,):
-                left = [sample for sample in case.numbers() if sample not in done.get((name, memory), {})]
-                for row in _rows(case, left, memory):
-                    put((name, int(memory), *row))
-                    print(time.strftime("%H:%M:%S"), name, memory, *row, flush=True)
-                    if time.monotonic() > end:
-                        return
+            ways = (True, False) if case.study is None else (True,)
+            left = [(n, way) for n in case.numbers() for way in ways if n not in done.get((name, way), {})]
+            models = cache(partial(_model, case))
+            for sample, memory in left:
+                if time.monotonic() > end:
+                    return
+                found, closed = run_watched(models(memory), sample)
+                measured = (_cell(found.row.get(each)) for each in (*MEASURES, "mode"))
+                row = (name, int(memory), sample, found.status, found.steps, *measured, closed)
+                put(row)
+                print(time.strftime("%H:%M:%S"), *row, flush=True)
 
 
-def _rows(case: Case, samples: list[int], memory: bool) -> Iterator[tuple[object, ...]]:
-    if not samples:
-        return
+def _model(case: Case, memory: bool) -> GridModel:
     campaign = campaign_with(case.scene, {**case.changes, "soil": {"gap_memory": memory}})
     campaign = replace(campaign, plan=replace(campaign.plan, fields=(), modes=(case.grid,)))
-    soil = runs.random_soil(campaign)
-    model = replace(runs.build(campaign, case.grid, soil), strength_factor=1 / case.reduction)
-    coefficients = runs.coefficients_of(campaign, soil)
-    for sample in samples:
-        done, closed = run_watched(model, coefficients, sample)
-        yield sample, done.status, done.steps, *(_cell(done.row.get(name)) for name in (*MEASURES, "mode")), closed
+    return replace(runs.build(campaign, case.grid, runs.random_soil(campaign)), strength_factor=1 / case.reduction)
 
 
 def _cell(value: Any) -> Any:
     return f"{value:.6g}" if isinstance(value, float) else "" if value is None else value
 
 
-def run_watched(model: GridModel, coefficients: np.ndarray, sample: int) -> tuple[Sample, str]:
+def run_watched(model: GridModel, sample: int) -> tuple[Sample, str]:
     """A sample's run to its end, and the volume that it opened and closed again, nothing without memory."""
+    coefficients = runs.coefficients_of(model.campaign, model.soil)[sample]
     volume, run = np.asarray(model.scene.particles.volume), model.campaign.run
     past, widest = Motion.start(volume, run.failure_displacement), np.zeros(volume.size)
 
@@ -163,11 +161,11 @@ def run_watched(model: GridModel, coefficients: np.ndarray, sample: int) -> tupl
         if midway.state.gap is not None:
             widest = np.maximum(widest, np.asarray(midway.state.gap, float))
 
-    own = {name: [values] for name, values in model.varied(jnp.asarray(coefficients[sample])).items()}
+    own = {name: [values] for name, values in model.varied(jnp.asarray(coefficients)).items()}
     ((_, result),) = solve_each(
         model.scene, model.state, own, numbers=[sample], width=1, t_end=run.t_end, settle=run.settle, observe=remember
     )
-    found = runs.finished(model, sample, coefficients[sample], result, 0.0, past)
+    found = runs.finished(model, sample, coefficients, result, 0.0, past)
     if result.state.gap is None:
         return found, ""
     return found, f"{np.sum(volume * (np.exp(widest) - np.exp(np.asarray(result.state.gap, float)))):.6g}"

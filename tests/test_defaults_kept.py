@@ -4,6 +4,7 @@ import tomllib
 
 import pytest
 
+from benchmarks.invented import LAYERED
 from cooperative import campaign, sweep
 from cooperative.scene import campaign_of, parse, with_defaults
 from cooperative.store import FIRST_DEFAULTS, open_store, read_store, scene_digest
@@ -42,6 +43,27 @@ def test_a_folder_keeps_the_default_that_it_was_begun_with(tmp_path):
     assert with_defaults(text, tmp_path / "scene.toml") == text
     with pytest.raises(ValueError, match=r"defaults.cfl is 0.7 there and 0.9 now"):
         open_store(tmp_path, text)
+
+
+def remembers(text):
+    """Whether each of the soils of a scene remembers its gap, that of its layers too."""
+    campaign = parse(text)
+    return {layer.soil.gap_memory for layer in campaign.site.soils(campaign.soil)} | {campaign.soil.gap_memory}
+
+
+@pytest.mark.parametrize("scene", [TINY, LAYERED])
+def test_a_folder_that_is_older_than_a_default_goes_on_without_it(scene, tmp_path):
+    # The version before had the time step of today, and a cutoff that forgets.
+    kept = scene + "\n[defaults]\ncfl = 0.9\n"
+    (tmp_path / "scene.toml").write_text(kept)
+    assert remembers(scene) == {True}
+    assert remembers(with_defaults(scene, tmp_path / "scene.toml")) == remembers(kept) == {False}
+    assert remembers(scene + FIRST_DEFAULTS) == {False}
+    assert set(steps(with_defaults(scene, tmp_path / "scene.toml")).values()) == {0.9}
+    with open_store(tmp_path, with_defaults(scene, tmp_path / "scene.toml")) as held:
+        assert held.digest == scene_digest(kept)
+    own = LAYERED.replace("tension_cutoff = 0.0", "tension_cutoff = 0.0\ngap_memory = true")
+    assert remembers(own + "\n[defaults]\ncfl = 0.9\n") == {True}
 
 
 class _Looked(Exception):

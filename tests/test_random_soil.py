@@ -479,6 +479,7 @@ REFUSED = [
     (TINY, ("young = 2e7", "young = 2e7\ncohesion = 5e3"), r"\[soil\] cohesion is given beside a strength"),
     (TINY, ("young = 2e7", "young = 2e7\nstrength = 30e3"), r"both \[strength\] and \[soil\] strength are given"),
     (TINY, ("young = 2e7", "young = 2e7\ncriterion = 'mohr-coulomb'"), r"criterion has no say in undrained soil"),
+    (SAND, ("young = 2e7", "young = 2e7\ngap_memory = true"), r"gap_memory has no say in soil without tension_cutoff"),
     (SAND, ("young = 2e7", "young = 2e7\nresidual_ratio = 0.5"), r"residual_ratio has no say in soil with cohesion"),
     (TINY, ("cov = 0.4", "cov = 0.4\ntrend = -5e3"), r"trend = -5000 per metre brings the mean of 30000 to -2e\+04"),
     (TINY, ("cov = 0.4", "cov = 0.4\nbedding = { dip = 95.0 }"), r"\[strength.bedding\] dip = 95: give degrees"),
