@@ -91,7 +91,7 @@ class DruckerPrager(Law):
     softening: FrictionalSoftening | None = None
     tension_cutoff: Array | None = None
     matching: Matching = field(default=Matching.PLANE_STRAIN, metadata={"static": True})
-    gap_memory: bool = field(default=True, metadata={"static": True})
+    gap_memory: bool = field(default=True, metadata={"static": True, "absent": False})
 
     def initial_history(self, particles: Particles) -> Array | None:
         """No plastic strain yet; None without softening."""
@@ -147,7 +147,7 @@ class MohrCoulomb(Law):
     dilation: Array
     softening: FrictionalSoftening | None = None
     tension_cutoff: Array | None = None
-    gap_memory: bool = field(default=True, metadata={"static": True})
+    gap_memory: bool = field(default=True, metadata={"static": True, "absent": False})
 
     def initial_history(self, particles: Particles) -> Array | None:
         """No plastic strain yet; None without softening."""

@@ -87,7 +87,7 @@ class J2(Law):
     softening: Softening | ExponentialSoftening | None = None
     tension_cutoff: Array | None = None
     rate: RateEffect | None = None
-    gap_memory: bool = field(default=True, metadata={"static": True})
+    gap_memory: bool = field(default=True, metadata={"static": True, "absent": False})
 
     def initial_history(self, particles: Particles) -> Array | None:
         """No plastic strain yet; None without softening."""
