@@ -233,3 +233,21 @@ def test_a_projection_goes_with_the_scene(tmp_path):
 def sample_of(folder, number):
 
     return read_sample(read_store(folder), "refined", number)
+
+
+def test_maps_of_slides_that_had_not_come_to_rest_say_at_least(tmp_path, plain, maps):
+    assert maps.moving == 0
+    assert not list(geography.write_notice(tmp_path, maps))
+    moving = replace(maps, moving=3, until=20.0)
+    (notice,) = geography.write_notice(tmp_path, moving)
+    said = "3 of 4 slides had not come to rest when they ended at 20 s: all these maps are at least what is given."
+    assert (notice.name, notice.read_text()) == ("AT_LEAST.txt", f"{said}\n")
+    written = {path.name: path for path in geography.write_contours(tmp_path, parse(scene_of(None)).site, moving)}
+    assert json.loads(written["reached.geojson"].read_text())["at_least"] == said
+    with open_store(tmp_path / "moving", (plain / "scene.toml").read_text()) as store:
+        for grid in ("rough", "refined"):
+            for number in range(10):
+                sample = read_sample(read_store(plain), grid, number)
+                write_sample(store, grid, replace(sample, status="FINISHED" if number in (1, 2) else sample.status))
+    found = hazard.hazard_maps(tmp_path / "moving")
+    assert (found.moving, found.slides, found.until) == (2, 4, parse(scene_of(None)).run.t_end)
