@@ -141,13 +141,19 @@ def _after_more_runs(campaign: Campaign, phases: Phases) -> dict[str, Any]:
     found, population = phases.estimate, phases.population
     if population is None:
         return {"runs": 0, "coefficient_of_variation": None, "samples_left": None, "all_samples": None}
-    left, budget = max(population.size - len(phases.answers), 0), campaign.estimator.budget(population.size)
+    # A sample at which a chain of subset simulation stood still has several places.
+    left = np.setdiff1d(population.numbers, list(phases.answers)).size
+    budget = campaign.estimator.budget(population.size)
     # Once the budget is spent the folder may allow more.
     allowed = left if budget is None or phases.why_finished else max(budget - len(phases.answers), 0)
-    runs, none = min(MORE, left, allowed), left > 0 and not found.audit_variance
-    then, at_last = (
-        None if none else _finite(after_more_runs(found, more, samples=population.size)) for more in (runs, left)
-    )
+    runs = min(MORE, left, allowed)
+
+    def after(more: int) -> float | None:
+        if left and not found.audit_variance:
+            return None
+        return _finite(after_more_runs(found, more if more < left else population.size, samples=population.size))
+
+    then, at_last = after(runs), after(left)
     return {"runs": runs, "coefficient_of_variation": then, "samples_left": left, "all_samples": at_last}
 
 

@@ -74,6 +74,18 @@ def test_the_allowance_for_what_no_run_has_met_is_that_of_the_failures_alone():
     assert chance_of(wide, np.zeros(0), np.zeros((0, 1), bool)).high[0] == 0.9
 
 
+def test_a_variance_of_one_freedom_makes_no_mean_without_end():
+    thickness = np.linspace(1.0, 3.0, 12)[:, None]
+    rough = replace(PLAIN, cov=0.5, freedom=1.0)
+    found, plain = (mean_of(each, np.ones(12), thickness) for each in (rough, PLAIN))
+    assert plain.low[0] < found.value[0] == plain.value[0] < plain.high[0] < found.high[0]
+    # Student's t of one would give 13 / 0.5 deviations, 600 times the mean.
+    assert found.high[0] < 10 * found.value[0]
+    # Four slides have no interval, and may bring more than they show.
+    few = mean_of(PLAIN, np.ones(4), thickness[:4])
+    assert (few.low[0], np.isnan(few.high[0])) == (0.0, True)
+
+
 weights = st.lists(st.floats(0.01, 1.0), min_size=3, max_size=20).map(np.array)
 
 

@@ -26,7 +26,7 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from cooperative.estimate._estimates import Estimate, wilson_interval
-from cooperative.estimate._shares import MOST_LEVERAGE, too_few
+from cooperative.estimate._shares import LEAST_FREEDOM, MOST_LEVERAGE, too_few
 
 POINTS = 61
 """Thresholds of a curve."""
@@ -125,7 +125,7 @@ def mean_of(found: Estimate, weight: np.ndarray, amount: np.ndarray) -> Chances:
         relative = np.where(ratio > 0, spread / ratio**2, np.nan)
     of_pf = found.cov**2 if found.probability else np.nan
     freedom = _welch((np.full_like(relative, of_pf), found.freedom), (relative, freedom))
-    half = _quantile(found.level, freedom) * np.sqrt(relative + of_pf)
+    half = _quantile(found.level, np.maximum(freedom, LEAST_FREEDOM)) * np.sqrt(relative + of_pf)
     value = found.probability * ratio
     low = np.where(ratio > 0, value * np.exp(-half), 0.0)
     high = value * np.exp(np.minimum(half, 700.0))

@@ -356,7 +356,7 @@ def _more(found: dict[str, Any]) -> str:
     """What further refined runs would buy, in words; empty where nothing can be said."""
     more, now = found["after_more_runs"], found["coefficient_of_variation"]
     runs, left, then, last = (more[key] for key in ("runs", "samples_left", "coefficient_of_variation", "all_samples"))
-    if now is None or then is None:
+    if now is None or then is None or (left and not runs):
         return ""
     if not left:
         return f"All samples have run refined: only more would bring the coefficient of variation below {now:.1%}."
