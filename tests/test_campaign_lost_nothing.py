@@ -1,6 +1,7 @@
 """Nothing is lost: campaigns killed, starved of disk, damaged or doubled end with the answer of an undisturbed one."""
 
 import errno
+import json
 import os
 import random
 import shutil
@@ -16,9 +17,10 @@ import pytest
 
 from benchmarks import invented
 from benchmarks.invented import LONG, SCENE
+from cooperative import _commands as command
 from cooperative import campaign
 from cooperative.__main__ import main
-from cooperative.store import open_store, read_rows, read_sample, read_store, sample_path, write_sample
+from cooperative.store import _rows, open_store, read_rows, read_sample, read_store, sample_path, write_sample
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -88,6 +90,27 @@ def test_damaged_samples_are_named_and_redone(undisturbed, tmp_path):
         assert path.name in said
         assert path.with_name(path.name + ".damaged").exists()
     assert without_times(again) == without_times(undisturbed[1])
+    assert_same_folders(folder, undisturbed[0])
+
+
+def test_a_file_that_rotted_unseen_is_redone_when_asked_to_verify(undisturbed, tmp_path, monkeypatch):
+    folder = tmp_path / "rotten"
+    shutil.copytree(undisturbed[0], folder)
+    campaign.run(SCENE, folder)
+    path = folder / "samples/rough/000007.h5"
+    before, real = _rows.stamp_of(path), _rows.stamp_of
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    # A bit that flips on the disk changes neither size nor times.
+    monkeypatch.setattr(_rows, "stamp_of", lambda each: before if each == path else real(each))
+    monkeypatch.setattr(command, "report", lambda folder: "")
+    assert without_times(campaign.run(SCENE, folder)) == without_times(undisturbed[1])
+    assert not path.with_name("000007.h5.damaged").exists()
+    with pytest.warns(UserWarning, match=r"000007\.h5 does not match its checksum.*set aside, the sample is run again"):
+        assert main(["resume", str(folder), "--workers", "1", "--verify"]) == 0
+    assert path.with_name("000007.h5.damaged").exists()
+    assert without_times(json.loads((folder / "summary.json").read_text())) == without_times(undisturbed[1])
     assert_same_folders(folder, undisturbed[0])
 
 

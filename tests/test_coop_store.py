@@ -41,6 +41,9 @@ from foundation import files
 
 SCENE = '[soil]\nSu_mean = 42000.0\nSu_cov = 0.3\n[campaign]\nsamples = 10\ngrids = ["rough", "refined"]\n'
 
+TICK = 0.02
+"""Seconds within which a file system may give two changes of a file the same time."""
+
 
 def sample(number: int, size: int = 50) -> Sample:
     generator = np.random.default_rng(number)
@@ -229,6 +232,7 @@ def test_truncated_flipped_and_foreign_files_are_set_aside_and_redone(tmp_path):
         foreign = write_sample(other, "rough", sample(5)).read_bytes()
     with open_store(tmp_path / "campaign", SCENE) as store:
         paths = [write_sample(store, "rough", sample(number)) for number in range(5)]
+        time.sleep(TICK)
         data = bytearray(paths[1].read_bytes())
         data[data.find(sample(1).fields["displacement"].tobytes()) + 8] ^= 0x10
         paths[0].write_bytes(paths[0].read_bytes()[:-100])
@@ -541,6 +545,7 @@ def test_files_that_have_not_changed_are_not_read_again_and_give_the_same_rows(t
 def test_a_file_that_was_changed_copied_or_replaced_is_verified_anew(tmp_path, same_times, monkeypatch):
     paths = in_campaign(tmp_path)
     about = [path.stat() for path in paths]
+    time.sleep(TICK)
     flipped = bytearray(paths[1].read_bytes())
     flipped[-20] ^= 1
     paths[1].write_bytes(flipped)
