@@ -46,6 +46,7 @@ OTHERS = (135, 349, 188, 102, 696, 737, 86, 212, 363, 176)
 """Ten others of its refined slides, the two progressive ones among them."""
 CALIBRATED = 1.093
 """What the study divides the strength on the rough grid by."""
+ANEW = {"campaign": {"seed": 2025}}
 FEW = 1e-3
 Row = Mapping[str, Any]
 
@@ -88,13 +89,15 @@ def _of_study(name: str, grid: str, samples: tuple[int, ...] | int, reduction: f
 
 
 CASES = {
-    "section, published": Case("paper_section", FAST, "refined", 200),
-    "section, default": Case("section", FAST, "refined", 200),
+    "section, published": Case("paper_section", FAST, "refined", 100),
+    "section, default": Case("section", FAST, "refined", 100),
     "3D, refined, left the grid": _of_study("published", "refined", LEFT),
     **{
         f"3D, calibrated, {name}": _of_study(name, "rough", slides, CALIBRATED)
         for name, slides in (("lx = ly = 60", 53), ("lx = 120", 54), ("lx = 30", 54), ("ly = 120", 39))
     },
+    "section, published, other samples": Case("paper_section", {**FAST, **ANEW}, "refined", 100),
+    "section, default, other samples": Case("section", {**FAST, **ANEW}, "refined", 100),
     "3D, refined, others": _of_study("published", "refined", OTHERS),
 }
 """In the order in which they are run."""
