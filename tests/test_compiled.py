@@ -78,7 +78,7 @@ warnings.simplefilter("error")
 folder = keep_compiled(Path(sys.argv[1]))
 
 def program(x):
-    return sum(jax.numpy.sin(n * x) for n in range(40))
+    return sum(jax.numpy.sin(n * x) for n in range(8))
 
 def once_more():
     jax.clear_caches()
@@ -96,8 +96,8 @@ for name, damaged in damages.items():
     path.write_bytes(damaged(path.read_bytes()))
     same[name] = once_more() == answer
 
-loaded, held, most = [], [memory_mappings()[0]], memory_mappings()[0] + 300
-while not release_programs(most) and len(loaded) < 500:
+loaded, held, most = [], [memory_mappings()[0]], memory_mappings()[0] + 100
+while not release_programs(most) and len(loaded) < 200:
     loaded.append(jax.jit(lambda x, n=len(loaded): n + jax.lax.fori_loop(0, 3, lambda _, y: 2 * y + n, x)))
     loaded[-1](1.0)
     held.append(memory_mappings()[0])

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks import invented
 from cooperative import runs, sweep
 from cooperative.scene import parse
 from cooperative.store import read_rows, read_store
@@ -93,9 +94,12 @@ def test_a_sweep_goes_on_where_it_was(swept):
     assert len(read_rows(read_store(folder / "campaigns" / "base"), "rough").numbers) == 6
 
 
-def test_the_folder_of_another_sweep_is_refused(swept, tmp_path):
+def test_the_folder_of_another_sweep_is_refused(tmp_path, monkeypatch):
+    invented.invent(put=monkeypatch.setattr)
+    monkeypatch.setattr(sweep, "save", lambda figure, path: None)
+    assert sweep.run(SWEEP, tmp_path / "mine") == sweep.run(SWEEP, tmp_path / "mine")
     with pytest.raises(ValueError, match="belongs to another sweep"):
-        sweep.run(SWEEP.replace("[10, 20.0]", "[10, 30]"), swept[0])
+        sweep.run(SWEEP.replace("[10, 20.0]", "[10, 30]"), tmp_path / "mine")
     (tmp_path / "letter").write_text("")
     with pytest.raises(ValueError, match=r"no sweep\.toml"):
         sweep.run(SWEEP, tmp_path)
