@@ -15,6 +15,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 SESSION = "JAXMPM_TEST_SESSION"
@@ -47,7 +48,9 @@ os.environ.setdefault(SESSION, f"{os.getpid()}-{time.time_ns()}")
 import jax  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
+from matplotlib.figure import Figure  # noqa: E402
 
+from cooperative.reporting import _plots  # noqa: E402
 from cooperative.runs import keep_compiled, release_programs  # noqa: E402
 
 keep_compiled(ROOT / ".cache")
@@ -70,6 +73,18 @@ def x64() -> Iterator[None]:
     """Run the test in float64."""
     with jax.enable_x64(True):
         yield
+
+
+@pytest.fixture
+def unrendered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have figures written as empty files and not laid out, which takes most of a report's time, where a test looks at
+    what the report says."""
+
+    def empty(figure: Figure, path: Any, **_: object) -> None:
+        path.write(b"") if hasattr(path, "write") else Path(path).write_bytes(b"")
+
+    monkeypatch.setattr(Figure, "savefig", empty)
+    monkeypatch.setattr(_plots, "lay_out", lambda figure: None)
 
 
 def left_behind(session: str, seconds: float = 10.0) -> list[str]:

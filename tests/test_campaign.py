@@ -198,6 +198,7 @@ def test_broken_off_runs_are_kept_counted_and_reported(tmp_path):
     assert summary["status"]["rough"] == {Status.NOT_FINITE.name: 2}
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_samples_with_a_strength_that_none_may_have_break_off_and_are_reported(tmp_path, done, monkeypatch):
     whole = read_store(done[0])
     worst = int(np.argmax(read_rows(whole, "rough").columns["displacement"]))

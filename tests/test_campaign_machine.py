@@ -178,6 +178,7 @@ def quick(monkeypatch):
     invented.invent(put=monkeypatch.setattr)
     monkeypatch.setattr(_composition, "_slopes", lambda *_: [])
     monkeypatch.setattr(_plots, "save", lambda *_: None)
+    monkeypatch.setattr(_plots, "lay_out", lambda _: None)
     monkeypatch.setattr(_exports, "_series_of_fields", lambda store, *_: store.folder)
 
 

@@ -193,6 +193,7 @@ def test_the_same_folder_gives_the_same_page(done):
     assert (folder / "report.html").read_bytes() == first
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_names_with_markup_stay_text(tmp_path, done):
     text = SCENE.replace('name = "tiny"', "name = '<script>alert(1)</script> & co'")
     with open_store(tmp_path / "odd", text) as store:
@@ -206,6 +207,7 @@ def test_names_with_markup_stay_text(tmp_path, done):
     assert any("has not ended: this is what is known so far, from 14 of 14 samples" in text for text in shown.text)
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_runs_that_broke_off_and_damaged_files_are_on_the_page(tmp_path, done):
     with open_store(tmp_path / "c", SCENE) as store:
         for number in range(14):
@@ -267,6 +269,7 @@ def test_the_report_and_the_export_solve_nothing(tmp_path, done, monkeypatch):
 
     for module, name in places:
         monkeypatch.setattr(module, name, refused)
+    monkeypatch.setattr(plots, "save", lambda figure, path: path.write_bytes(b""))
     (folder / "report.html").unlink()
     report(folder)
     assert (folder / "report.html").read_bytes() == (done[0] / "report.html").read_bytes()
@@ -345,6 +348,7 @@ def copied(done, folder):
     return folder
 
 
+@pytest.mark.usefixtures("unrendered")
 @pytest.mark.parametrize("what", ["deleted", "damaged", pytest.param("surplus", marks=pytest.mark.slow)])
 def test_a_rough_file_that_lacks_or_is_too_many_does_not_stop_the_report(tmp_path, done, what, capsys):
     folder = copied(done, tmp_path / "c")
@@ -374,6 +378,7 @@ def of_other_particles(sample):
     return replace(sample, fields=sample.fields | {"displacement": sample.fields["displacement"][:, :7]})
 
 
+@pytest.mark.usefixtures("unrendered")
 @pytest.mark.parametrize(
     ("spoilt", "why"),
     [(of_another_field, r"holds 3 coefficients of a field that has \d+"),
@@ -398,15 +403,9 @@ def test_a_sample_whose_arrays_are_not_the_scenes_is_left_out_and_named(tmp_path
     assert re.search(why, capsys.readouterr().err)
 
 
-def unrendered(figure, path, **_):
-    """In place of Figure.savefig: an empty picture, where a test looks at what seven reports say."""
-    path.write(b"") if hasattr(path, "write") else path.write_bytes(b"")
-
-
+@pytest.mark.usefixtures("unrendered")
 def test_the_report_reads_the_summary_and_makes_it_anew_only_from_other_rows(tmp_path, done, monkeypatch):
     folder = copied(done, tmp_path / "c")
-    monkeypatch.setattr(Figure, "savefig", unrendered)
-    monkeypatch.setattr(plots, "lay_out", lambda _: None)
     asked = []
     made = summary._summary
     monkeypatch.setattr(summary, "_summary", lambda *given: asked.append(given) or made(*given))

@@ -235,6 +235,7 @@ def test_restart_points_that_wait_for_the_draw_are_no_more_than_twice_the_slides
     assert kept(1) == [1, 4]
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_class_is_all_that_an_audit_without_slides_asks(all_slides, tmp_path):
     _, whole = all_slides
     summary = campaign.run(asked(0), tmp_path)

@@ -328,6 +328,7 @@ def done(tmp_path_factory):
     return text, folder, run(text, folder)
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_campaign_of_many_random_parameters_runs_and_is_reported(done):
     text, folder, summary = done
     assert summary["broke_off"] == {"rough": {}, "refined": {}}
