@@ -367,6 +367,15 @@ MEANINGS = {
             '"limit load"',
         ),
         "failure_displacement": Meaning("Displacement from which on soil counts as sliding.", "1.0", **_LENGTH),
+        "least_volume": Meaning(
+            "Volume of soil that has to move farther than that where a slope fails, so that a few grains are no "
+            "failure; in a section m2.",
+            "5.0",
+            unit="m3",
+            above=0,
+            default='any particle; with `"limit load"` 0.05 times the slope\'s height to the power of 2 in a section, '
+            "3 in 3D",
+        ),
         "settle": Meaning("Whether a run ends once its slope stands still.", "true"),
         "rest": Meaning("Whether a slide ends once its deposit rests.", "true", default="as `settle`"),
     },

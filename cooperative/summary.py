@@ -176,8 +176,8 @@ def _limit_load(campaign: Campaign) -> list[str]:
     if found is None:
         return []
     return [
-        f"failure counts from {found.displacement:g} m, where the slope of median soil passes its limit load, a "
-        f"factor of safety of {found.factor:.3f}"
+        f"failure counts from {found.displacement:g} m of {campaign.least_volume or 'any soil'}, where the slope of "
+        f"median soil passes its limit load, a factor of safety of {found.factor:.3f}"
     ]
 
 

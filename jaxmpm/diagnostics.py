@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from foundation import check
 from jaxmpm import tensors
 from jaxmpm._step import Maps, acting_stress, external_force, felt_gravity, place, reciprocal
 from jaxmpm.boundary import hold
@@ -39,6 +40,21 @@ def displacement(state: State) -> Array:
 def largest_displacement(state: State) -> Array:
     """Largest length of a particle's displacement (m)."""
     return jnp.max(displacement(state))
+
+
+def exceeded_displacement(scene: Scene, state: State, volume: float) -> Array:
+    """Largest displacement (m) that a volume of soil (m3, in a section m2, undeformed) has reached or exceeded.
+
+    Soil is counted from that which moved farthest down, so that neither a few grains nor soil that stands have any
+    weight. Of more soil than there is, the least displacement. Raises ValueError for a volume not above 0.
+    """
+    _of_one_lane(scene, state)
+    check.positive("volume", volume)
+    moved, own = displacement(state), scene.particles.volume
+    order = jnp.argsort(-moved)
+    # Half a particle away from the sum that is asked for, rounding cannot tell.
+    last = jnp.searchsorted(jnp.cumsum(own[order]), volume - jnp.min(own) / 2)
+    return moved[order][jnp.minimum(last, moved.size - 1)]
 
 
 def mean_displacement(scene: Scene, state: State) -> Array:

@@ -1,6 +1,7 @@
 """Campaigns whose failure is the limit load: the displacement that it gives, kept, told and used everywhere."""
 
 import json
+from types import SimpleNamespace
 
 import pytest
 
@@ -8,7 +9,9 @@ import jaxmpm as mpm
 from benchmarks.invented import TINY
 from cooperative import run, runs
 from cooperative.scene import campaign_of, parse
-from cooperative.store import read_rows, read_store
+from cooperative.scene._limit_load import measure_limit_load
+from cooperative.scene._typed import LimitLoad
+from cooperative.store import open_store, read_rows, read_store
 
 PLASTIC = (
     TINY.replace("softening_modulus = 85e3\nresidual_ratio = 0.5\n", "")
@@ -30,7 +33,8 @@ def test_samples_fail_from_the_displacement_at_the_limit_load(done):
     assert 0.01 < found["displacement"] < 1.0
     moved = read_rows(read_store(folder), "refined").columns["displacement"]
     assert summary["failures_refined"] == (moved > found["displacement"]).sum()
-    said = f"failure counts from {found['displacement']:g} m, where the slope of median soil passes its limit load"
+    assert found["volume"] == 0.05 * 8.0**2
+    said = f"failure counts from {found['displacement']:g} m of 3.2 m2, where the slope of median soil passes its limit"
     assert any(said in note for note in summary["notes"])
 
 
@@ -39,7 +43,8 @@ def test_the_two_factors_of_the_slope_of_median_soil_agree(done):
     scene, state = runs.build(campaign, "refined", runs.random_soil(campaign)).median
     for share, fails in ((0.98, False), (1.02, True)):
         result = mpm.solve(mpm.reduced(scene, share * found["factor"]), state, t_end=4.0, settle=mpm.Settle())
-        assert (float(mpm.diagnostics.largest_displacement(result.state)) > found["displacement"]) == fails
+        moved = mpm.diagnostics.exceeded_displacement(scene, result.state, found["volume"])
+        assert (float(moved) > found["displacement"]) == fails
 
 
 def test_it_is_measured_once_and_kept(done):
@@ -56,6 +61,31 @@ def test_it_is_measured_once_and_kept(done):
         campaign_of(read_store(folder))
 
 
+def test_a_scene_says_how_much_soil_is_a_failure(monkeypatch):
+    campaign = parse(PLASTIC.replace("t_end = 4.0", "t_end = 4.0\nleast_volume = 7.5"))
+    asked = []
+
+    def safe(scene, state, *, least_volume, **_):
+        asked.append(least_volume)
+        return SimpleNamespace(kink=1.2)
+
+    monkeypatch.setattr("cooperative.scene._limit_load.factor_of_safety", safe)
+    monkeypatch.setattr("cooperative.scene._limit_load._displacement", lambda *_: 0.3)
+    monkeypatch.setattr("cooperative.scene._limit_load.reduced", lambda scene, _: scene)
+    model = SimpleNamespace(median=(None, None))
+    assert measure_limit_load(campaign, model) == LimitLoad(1.2, 0.3, 7.5)
+    assert measure_limit_load(parse(PLASTIC), model).volume == 3.2
+    assert asked == [7.5, 3.2]
+
+
+def test_a_folder_of_before_counts_any_particle(tmp_path):
+    with open_store(tmp_path, PLASTIC) as store:
+        (tmp_path / "limit_load.json").write_text('{"factor": 1.1, "displacement": 0.3}')
+        campaign = campaign_of(store)
+    assert (campaign.run.failure_displacement, campaign.run.least_volume) == (0.3, None)
+    assert parse(campaign.text).run == campaign.run
+
+
 def test_what_does_not_go_with_it_is_refused():
     both = PLASTIC.replace("t_end = 4.0", "t_end = 4.0\nfailure_displacement = 0.5")
     with pytest.raises(ValueError, match="failure_displacement has no say beside failure = 'limit load'"):
@@ -63,6 +93,12 @@ def test_what_does_not_go_with_it_is_refused():
     table = "\n[limit_load]\nfactor = 1.1\ndisplacement = 0.3\n"
     with pytest.raises(ValueError, match=r"table \[limit_load\] without"):
         parse(TINY + table)
+    other = PLASTIC.replace("t_end = 4.0", "t_end = 4.0\nleast_volume = 7.5") + table + "volume = 3.0\n"
+    with pytest.raises(ValueError, match=r"least_volume = 7\.5 and \[limit_load\] volume = 3\.0 differ"):
+        parse(other)
+    for volume in (0.0, 1e4):
+        with pytest.raises(ValueError, match=rf"least_volume = {volume:g} m2: give more than 0 and less than .* 160"):
+            parse(TINY.replace("t_end = 4.0", f"t_end = 4.0\nleast_volume = {volume}"))
     early = PLASTIC.replace("k_t = 2", "k_t = 2\nscreening_stop = 0.2")
     assert parse(early).plan.screening_stop == 0.2
     with pytest.raises(ValueError, match=r"screening_stop = 0\.2 m is below the failure displacement of 0\.3 m"):

@@ -1,6 +1,14 @@
 """What a slide did: consequences, onsets, failure modes, what came over places."""
 
-from cooperative.measure._consequences import EDGE, Consequences, OpenGround, SlopeGeometry, consequences, walls_reached
+from cooperative.measure._consequences import (
+    EDGE,
+    Consequences,
+    OpenGround,
+    SlopeGeometry,
+    consequences,
+    exceeded,
+    walls_reached,
+)
 from cooperative.measure._modes import SEVERITY, FailureMode, ModeRules, failure_mode
 from cooperative.measure._onsets import Motion
 from cooperative.measure._places import ColumnPlan, Place, Vulnerability, quantity
@@ -20,6 +28,7 @@ __all__ = [
     "Track",
     "Vulnerability",
     "consequences",
+    "exceeded",
     "failure_mode",
     "quantity",
     "walls_reached",

@@ -57,7 +57,8 @@ class Consequences:
     """Consequences of one sample. The sliding soil is all that is displaced by `failure_displacement` or more, the
     sliding mass all of it but detached grains, see `consequences`.
 
-    displacement: R_d (m), the largest displacement of a particle of the sliding mass, of any where nothing slides.
+    displacement: R_d (m), the largest displacement of a particle of the sliding mass, of any where nothing slides; with
+        a least volume that which so much soil has exceeded.
     depth: H (m), from crest level down to the deepest point of the sliding soil before it slid. Measured from
         the crest, it exceeds the slope height exactly if the slip surface passes below the toe. On `OpenGround`,
         from the surface above it, where that is most.
@@ -96,6 +97,7 @@ def consequences(
     slice_width: float = 0.5,
     failure_displacement: float = 1.0,
     reach: float | None = None,
+    least_volume: float | None = None,
 ) -> Consequences:
     """Consequences of one final state.
 
@@ -109,6 +111,7 @@ def consequences(
     failure_displacement: displacement from which on soil counts as sliding (m); 1 m in the paper.
     reach: distance of two particles up to which they hang together (m). Sliding soil that hangs together with less than
         a hundredth of the sliding volume is detached grains. None counts none as detached.
+    least_volume: of the soil whose displacement is asked for (m3; in a section m2), see `exceeded`.
 
     Raises ValueError for shapes that do not fit, values that are not finite, lengths that are not positive.
     """
@@ -120,9 +123,9 @@ def consequences(
 
     moved = np.linalg.norm(displacement, axis=0)
     sliding = moved >= failure_displacement
-    largest = float(moved.max())
+    largest, told = float(moved.max()), exceeded(moved, volume, least_volume)
     if not sliding.any():
-        return Consequences(largest, 0.0, 0.0, 0.0, 0.0, largest, 0.0)
+        return Consequences(told, 0.0, 0.0, 0.0, 0.0, largest, 0.0)
 
     before, now = position[:, sliding], (position + displacement)[:, sliding]
     mass = np.ones(now.shape[1], bool) if reach is None else hangs_together(now, volume[sliding], reach)
@@ -140,7 +143,7 @@ def consequences(
     else:
         area = _covered(now[:, mass], half)
     return Consequences(
-        displacement=float(moved[sliding][mass].max()),
+        displacement=float(moved[sliding][mass].max()) if least_volume is None else told,
         depth=float(depth),
         runout=float(beyond[mass].max()),
         volume=float(volume[sliding].sum() * scale),
@@ -148,6 +151,16 @@ def consequences(
         displacement_any=largest,
         runout_any=float(beyond.max()),
     )
+
+
+def exceeded(moved: np.ndarray, volume: np.ndarray, least_volume: float | None) -> float:
+    """Largest of the displacements (N,) m that so much of the soil's volume (N,) has reached; None: that a particle
+    has. As `jaxmpm.diagnostics.exceeded_displacement`, bit for bit."""
+    if least_volume is None:
+        return float(moved.max())
+    order = np.argsort(-moved, kind="stable")
+    last = np.searchsorted(np.cumsum(volume[order], dtype=float), least_volume - volume.min() / 2)
+    return float(moved[order][min(last, moved.size - 1)])
 
 
 def walls_reached(

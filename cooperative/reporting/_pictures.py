@@ -154,7 +154,7 @@ def moments(model: GridModel, sample: Sample) -> Frames:
     varied = {name: [value] for name, value in model.varied(sample.coefficients).items()}
     for _, result in solve_each(
         model.scene, model.state, varied, width=1, t_end=run.t_end, settle=run.settle, slides_end=model.slides_end,
-        observe=look,
+        least_volume=run.least_volume, observe=look,
     ):  # fmt: skip
         end = int(result.state.step) * float(result.time_step)
         if not times or end > times[-1]:

@@ -92,6 +92,10 @@ def distinct(told: Told) -> dict[str, dict[str, Any]]:
     }
 
 
+def _soil(campaign: Campaign) -> str:
+    return "soil" if campaign.least_volume is None else f"at least {campaign.least_volume} of soil"
+
+
 def answer(told: Told) -> Iterator[str]:
     """The answer in a sentence, what it rests on, and what a reader must beware of."""
     found = told.summary
@@ -102,7 +106,7 @@ def answer(told: Told) -> Iterator[str]:
         f"({found['level']:.0%} interval {low:.3g} to {high:.3g}){in_slopes(chance)}.",
     )
     yield page.paragraph(
-        f"It fails when soil moves farther than {told.campaign.run.failure_displacement:g} m. "
+        f"It fails when {_soil(told.campaign)} moves farther than {told.campaign.run.failure_displacement:g} m. "
         f"{found['samples']} random slopes ran on the rough grid, {found['refined_runs']} of them on the refined one, "
         f"where {found['failures_refined']} failed. {_reach(told)}".strip()
     )

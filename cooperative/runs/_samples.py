@@ -19,6 +19,7 @@ from cooperative.measure import (
     Motion,
     SlopeGeometry,
     consequences,
+    exceeded,
     failure_mode,
     walls_reached,
 )
@@ -77,8 +78,8 @@ def run_samples(
     varied = {name: map(itemgetter(name), own) for name, own in zip(names, soils, strict=True)}
     for number, result in solve_each(
         model.scene, model.state, varied, numbers=wanted, width=width, t_end=run.t_end, settle=run.settle,
-        slides_end=model.slides_end,
-        stop_at=stop_at, on_chunk=looked, observe=lanes.remember if lanes.remembers else None, resume=lanes.begin,
+        slides_end=model.slides_end, stop_at=stop_at, least_volume=run.least_volume, on_chunk=looked,
+        observe=lanes.remember if lanes.remembers else None, resume=lanes.begin,
     ):  # fmt: skip
         seconds = lanes.before[number] + lanes.lap()
         past = lanes.motions.pop(number)
@@ -192,14 +193,19 @@ def finished(
         if history is not None:
             fields["plastic_strain"] = np.asarray(history, np.float32)
     row: dict[str, Scalar]
+    volume, least = np.asarray(scene.particles.volume), campaign.run.least_volume
     if bool(result.broke_off) or decided:
         reached = np.linalg.norm(displacement, axis=0)
-        largest = float(np.max(reached, where=np.isfinite(reached), initial=0.0))
-        row = {"displacement": largest, "broke_off": bool(result.broke_off)}
+        row = {
+            "displacement": exceeded(np.where(np.isfinite(reached), reached, 0.0), volume, least),
+            "broke_off": bool(result.broke_off),
+        }
     else:
-        run = np.asarray(scene.particles.position), displacement, np.asarray(scene.particles.volume)
+        run = np.asarray(scene.particles.position), displacement, volume
         geometry, half, limit = model.geometry, model.half_size, campaign.run.failure_displacement
-        measured = consequences(*run, geometry, half_size=half, failure_displacement=limit, reach=model.reach)
+        measured = consequences(
+            *run, geometry, half_size=half, failure_displacement=limit, reach=model.reach, least_volume=least
+        )
         walls = walls_reached(
             *run, model.walls, half_size=half, failure_displacement=limit, within=scene.grid.cell, reach=model.reach,
             polygon=campaign.site.fixed_edge,

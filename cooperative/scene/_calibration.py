@@ -73,5 +73,5 @@ def campaign_of(store: Store, estimator: Estimator | None = None) -> Campaign:
 def _factor_of_safety(campaign: Campaign, scene: Scene, state: State) -> float:
     return factor_of_safety(
         scene, state, failure_displacement=campaign.run.failure_displacement, t_end=campaign.run.t_end,
-        batch=factors_at_once(), settle=campaign.run.settle,
+        batch=factors_at_once(), settle=campaign.run.settle, least_volume=campaign.run.least_volume,
     ).stable  # fmt: skip

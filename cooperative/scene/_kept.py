@@ -66,7 +66,8 @@ class Kept(Generic[Numbers]):
 
     def in_text(self, text: str, found: Numbers) -> str:
         """A scene's text with the numbers in it, so that whoever reads the text has them."""
-        numbers = "".join(f"{name} = {json.dumps(value)}\n" for name, value in asdict(found).items())
+        given = {name: value for name, value in asdict(found).items() if value is not None}
+        numbers = "".join(f"{name} = {json.dumps(value)}\n" for name, value in given.items())
         return f"{text}\n[{self.table}]\n{numbers}"
 
 

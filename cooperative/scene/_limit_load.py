@@ -19,6 +19,10 @@ from jaxmpm import Scene, Settle, State, diagnostics, factor_of_safety, reduced,
 
 KEPT = Kept("limit_load", LIMIT_LOAD, LimitLoad, "limit load")
 
+SHARE = 0.05
+"""Least volume that counts as a failure where the scene does not say, over the height of the slope to the power of the
+dimensions."""
+
 BESIDE = 0.02
 """How far below and above the factor of the limit load displacements are taken, over that factor."""
 
@@ -40,7 +44,7 @@ def at_limit_load(campaign: Campaign, found: LimitLoad) -> Campaign:
     settle = campaign.run.settle
     if settle is not None and settle.slides is not None:
         settle = replace(settle, slides=found.displacement)
-    run = replace(campaign.run, failure_displacement=found.displacement, settle=settle)
+    run = replace(campaign.run, failure_displacement=found.displacement, least_volume=found.volume, settle=settle)
     ready = replace(campaign, text=KEPT.in_text(campaign.text, found), run=run, limit_load=found)
     check_failure(ready)
     return ready
@@ -49,16 +53,21 @@ def at_limit_load(campaign: Campaign, found: LimitLoad) -> Campaign:
 def measure_limit_load(campaign: Campaign, refined: Grid) -> LimitLoad:
     """The limit load of the slope of median soil, by strength reduction."""
     scene, state = refined.median
-    found = factor_of_safety(scene, state, criterion="limit load", t_end=campaign.run.t_end, batch=factors_at_once())
+    t_end, volume = campaign.run.t_end, campaign.run.least_volume
+    if volume is None:
+        volume = float(f"{SHARE * campaign.site.height**campaign.dimension:.3g}")
+    found = factor_of_safety(
+        scene, state, criterion="limit load", t_end=t_end, batch=factors_at_once(), least_volume=volume
+    )
     assert found.kink is not None
     below, above = (
-        _displacement(campaign, reduced(scene, factor), state)
+        _displacement(reduced(scene, factor), state, t_end, volume)
         for factor in (found.kink * (1 - BESIDE), found.kink * (1 + BESIDE))
     )
-    return LimitLoad(found.kink, float(f"{math.sqrt(below * above):.3g}"))
+    return LimitLoad(found.kink, float(f"{math.sqrt(below * above):.3g}"), volume)
 
 
-def _displacement(campaign: Campaign, scene: Scene, state: State) -> float:
-    """Largest displacement (m) of the slope by the end of a run."""
-    result = solve(scene, state, t_end=campaign.run.t_end, settle=Settle()).raise_if_failed()
-    return float(diagnostics.largest_displacement(result.state))
+def _displacement(scene: Scene, state: State, t_end: float, volume: float) -> float:
+    """Displacement (m) that a volume of soil has exceeded by the end of a run."""
+    result = solve(scene, state, t_end=t_end, settle=Settle(), least_volume=volume).raise_if_failed()
+    return float(diagnostics.exceeded_displacement(scene, result.state, volume))

@@ -210,6 +210,7 @@ _RUN = {
     "slides_t_end": Key(float, None),
     "failure": Key(FAILURES, "displacement"),
     "failure_displacement": Key(float, 1.0),
+    "least_volume": Key(float, None),
     "settle": Key(bool, True),
     "rest": Key(bool, UNSAID),
 }
@@ -235,7 +236,7 @@ _PLAN = {
 GIVEN = {"given": Key(str)}
 """The table [estimator] of a stored scene, whose estimator a script gave: how it describes itself."""
 CALIBRATION = {"rough": Key(float), "refined": Key(float)}
-LIMIT_LOAD = {"factor": Key(float), "displacement": Key(float)}
+LIMIT_LOAD = {"factor": Key(float), "displacement": Key(float), "volume": Key(float, None)}
 FIELD_MODES = {"counts": Key(COUNTS)}
 DEFAULTS = {"cfl": Key(float), "gap_memory": Key(bool, False)}
 """The table [defaults] of a stored scene: defaults of both grids and of the soil that were others once, as they were at

@@ -47,13 +47,15 @@ MOST_WRONG = 8
 @dataclass(frozen=True)
 class Run:
     """How each sample runs: gravity (m/s2), t_end (s), up to when slides of the refined grid go on (s; None: up to
-    t_end), what is failure and from what displacement (m), when a lane has settled."""
+    t_end), what is failure, from what displacement (m) and of how much soil (m3, in a section m2), None for any
+    particle, when a lane has settled."""
 
     gravity: float
     t_end: float
     slides_t_end: float | None
     failure: Literal["displacement", "limit load"]
     failure_displacement: float
+    least_volume: float | None
     settle: Settle | None
 
     def last(self, grid: str) -> float:
@@ -80,14 +82,17 @@ class Calibration:
 
 @dataclass(frozen=True)
 class LimitLoad:
-    """Of the refined slope of median soil: its factor of safety, and the failure displacement (m) that goes with it."""
+    """Of the refined slope of median soil: its factor of safety, and the failure displacement (m) that goes with it.
+    volume: that exceeds it where a slope fails (m3, in a section m2); None in folders of before, where any particle
+    did."""
 
     factor: float
     displacement: float
+    volume: float | None = None
 
     def check(self) -> None:
         """Raise ValueError for numbers that no slope has."""
-        _above_zero("limit_load", vars(self))
+        _above_zero("limit_load", {name: value for name, value in vars(self).items() if value is not None})
 
 
 @dataclass(frozen=True)
@@ -192,6 +197,12 @@ class Campaign:
     def dimension(self) -> int:
         """2 for a section, 3 otherwise."""
         return self.site.shape.dimension
+
+    @property
+    def least_volume(self) -> str | None:
+        """Least volume of soil that counts as a failure, with its unit; None where any particle does."""
+        volume, unit = self.run.least_volume, "m3" if self.dimension == 3 else "m2"
+        return None if volume is None else f"{volume:g} {unit}"
 
     @property
     def estimator(self) -> Estimator:
@@ -343,7 +354,12 @@ def _limit_load(tables: Mapping[str, Any], run: dict[str, Any]) -> LimitLoad | N
     found.check()
     if not asked:
         raise ValueError("the scene has a table [limit_load] without [run] failure = 'limit load': leave it out")
-    run["failure_displacement"] = found.displacement
+    if run["least_volume"] not in (None, found.volume):
+        raise ValueError(
+            f"[run] least_volume = {run['least_volume']:g} and [limit_load] volume = {shown(found.volume)} differ: the "
+            "displacement belongs to one volume, give that one in both"
+        )
+    run["failure_displacement"], run["least_volume"] = found.displacement, found.volume
     return found
 
 
@@ -381,6 +397,11 @@ def _check(campaign: Campaign) -> None:
             "slides: leave one of them out"
         )
     _above_zero("campaign", {"restart_every": plan.restart_every})
+    if run.least_volume is not None and not 0 < run.least_volume < campaign.site.shape.volume:
+        raise ValueError(
+            f"[run] least_volume = {campaign.least_volume}: give more than 0 and less than the ground's "
+            f"{campaign.site.shape.volume:.4g}"
+        )
     for kept in (campaign.calibration, campaign.field_modes):
         if kept is not None:
             kept.check()

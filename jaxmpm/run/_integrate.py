@@ -205,15 +205,30 @@ def advance_lanes(scene: Scene, state: State, steps: Array, axes: Scene | None) 
     return _over_lanes(one, axes, 0 if jnp.ndim(steps) else None)(scene, state, steps)
 
 
-@partial(jax.jit, static_argnames=("axes", "slides"))
-def _look(scene: Scene, state: State, axes: Scene | None, slides: float | None) -> tuple[Array, ...]:
-    """Speed and largest displacement of each lane, and where slides are known the mean displacement of its slide."""
+@partial(jax.jit, static_argnames=("axes", "slides", "volume"))
+def _look(
+    scene: Scene, state: State, axes: Scene | None, slides: float | None, volume: float | None
+) -> tuple[Array, ...]:
+    """Speed and largest displacement of each lane, or the one that a volume exceeds, and where slides are known the
+    mean displacement of its slide."""
 
     def measures(scene: Scene, state: State) -> tuple[Array, ...]:
-        known = diagnostics.speed(scene, state), diagnostics.largest_displacement(state)
+        known = diagnostics.speed(scene, state), _farthest(scene, state, volume)
         return known if slides is None else (*known, diagnostics.slide_displacement(scene, state, slides))
 
     return _over_lanes(measures, axes)(scene, state)
+
+
+@partial(jax.jit, static_argnames=("axes", "volume"))
+def farthest(scene: Scene, state: State, axes: Scene | None, volume: float | None) -> Array:
+    """Largest displacement of each lane (m), or that which a volume of soil has exceeded."""
+    return _over_lanes(partial(_farthest, volume=volume), axes)(scene, state)
+
+
+def _farthest(scene: Scene, state: State, volume: float | None) -> Array:
+    if volume is None:
+        return diagnostics.largest_displacement(state)
+    return diagnostics.exceeded_displacement(scene, state, volume)
 
 
 def _over_lanes(function: Callable[..., Any], axes: Scene | None, *others: int | None) -> Callable[..., Any]:
@@ -228,6 +243,7 @@ def solve(
     snapshots: Sequence[float] = (),
     settle: Settle | None = None,
     stop_at: float | None = None,
+    least_volume: float | None = None,
     axes: Scene | None = None,
     progress: bool = False,
 ) -> Result:
@@ -235,13 +251,15 @@ def solve(
 
     snapshots: times (s) at which the state is kept; a lane that has ended keeps its last one.
     settle: end a lane once it is quiet. stop_at: end a lane once its largest displacement exceeds this (m).
+    least_volume: take for a lane's largest displacement, here and in `settle`, that which this volume of soil (m3, in a
+    section m2) has exceeded, see `diagnostics.exceeded_displacement`. None counts every particle.
     axes: which leaves of `scene` have lanes as leading axis (see `lanes`); then every leaf of `state` has.
     progress: show a bar with the simulated time.
     Raises ValueError for times below 0 or without end, snapshots after t_end, lanes of different time steps, and, of a
     run without lanes, for numbers in its scene that are not finite or beyond their limits.
     Lanes that break off say so in the result: see `Result.raise_if_failed`. One with such a number is BAD_PARAMETER.
     """
-    check_run(t_end, settle, stop_at)
+    check_run(t_end, settle, stop_at, least_volume)
     if np.ndim(scene.time_step):
         raise ValueError("time_step differs between lanes: give one number, the smallest of them")
     check.positive("time_step", scene.time_step, "s")
@@ -268,7 +286,7 @@ def solve(
             state = advance_lanes(scene, state, jnp.asarray(stop - done), axes)
             bar.update(min((stop - done) * dt, t_end - bar.n))
             if looks:
-                watch, ended = watch.look(scene, state, axes, (stop - done) * dt, settle, stop_at)
+                watch, ended = watch.look(scene, state, axes, (stop - done) * dt, settle, stop_at, least_volume)
                 state = replace(state, status=jnp.asarray(ended))
             done = stop
             if stop in wanted:
@@ -285,13 +303,15 @@ def solve(
     )
 
 
-def check_run(t_end: float, settle: Settle | None, stop_at: float | None) -> None:
+def check_run(t_end: float, settle: Settle | None, stop_at: float | None, least_volume: float | None = None) -> None:
     """Raise ValueError for ends that no run comes to."""
     check.positive("t_end", t_end, "s")
     if settle is not None and not isinstance(settle, Settle):
         raise ValueError(f"settle = {settle!r}: give Settle(...), or None")
     if stop_at is not None:
         check.positive("stop_at", stop_at, "m")
+    if least_volume is not None:
+        check.positive("least_volume", least_volume)
 
 
 def check_state(scene: Scene, state: State, axes: Scene | None) -> None:
@@ -350,11 +370,12 @@ class Watch:
         elapsed: float | np.ndarray,
         settle: Settle | None,
         stop_at: float | None,
+        least_volume: float | None,
     ) -> tuple[Watch, np.ndarray]:
         """The watch after `elapsed` more seconds, () or (B,), and each lane's status: settled and decided ones have
         ended."""
         slides = None if settle is None else settle.slides
-        speed, displacement, *slid = (np.asarray(measure) for measure in _look(scene, state, axes, slides))
+        speed, displacement, *slid = map(np.asarray, _look(scene, state, axes, slides, least_volume))
         status, watch = np.asarray(state.status), self
         if settle is not None:
             fast, seen = speed > settle.speed, displacement

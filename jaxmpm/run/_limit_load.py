@@ -15,7 +15,7 @@ import numpy as np
 from jax import Array
 
 from jaxmpm import diagnostics
-from jaxmpm.run._integrate import Result, Settle, Watch, advance_lanes, steps_until
+from jaxmpm.run._integrate import Result, Settle, Watch, advance_lanes, farthest, steps_until
 from jaxmpm.types import Scene, State, Status
 
 LOOKS = 4
@@ -68,11 +68,13 @@ def displacements(
     t_end: float,
     every: float,
     settle: Settle | None = None,
+    least_volume: float | None = None,
     decide: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean displacement (looks, B) m of each lane every `every` seconds, and at the end the largest one (B,) m.
+    """Mean displacement (looks, B) m of each lane every `every` seconds, or that which a least volume exceeds, and at
+    the end the largest one (B,) m.
 
-    settle: end a lane once it is quiet. decide: tells from the mean displacements so far which lanes need not go on.
+    settle: end a lane once it is quiet. decide: tells from the displacements so far which lanes need not go on.
     Raises FloatingPointError where a lane breaks off.
     """
     dt = float(scene.time_step)
@@ -81,15 +83,16 @@ def displacements(
     moved: list[np.ndarray] = []
     for _ in range(max(1, steps_until(t_end, dt * chunk))):
         state = advance_lanes(scene, state, jnp.asarray(chunk), axes)
-        moved.append(np.asarray(_mean(scene, state, axes)))
-        watch, ended = watch.look(scene, state, axes, chunk * dt, settle, None)
+        now = _mean(scene, state, axes) if least_volume is None else farthest(scene, state, axes, least_volume)
+        moved.append(np.asarray(now))
+        watch, ended = watch.look(scene, state, axes, chunk * dt, settle, None, least_volume)
         if decide is not None:
             ended = np.where((ended == Status.RUNNING) & decide(np.array(moved)), int(Status.DECIDED), ended)
         state = replace(state, status=jnp.asarray(ended, jnp.int32))
         if not np.any(ended == Status.RUNNING):
             break
     Result(state, scene.time_step).raise_if_failed()
-    return np.array(moved), np.asarray(jax.vmap(diagnostics.largest_displacement)(state))
+    return np.array(moved), np.asarray(farthest(scene, state, axes, least_volume))
 
 
 @partial(jax.jit, static_argnames="axes")

@@ -15,8 +15,7 @@ import numpy as np
 from jax import Array
 
 from foundation import check
-from jaxmpm import diagnostics
-from jaxmpm.run._integrate import Result, Settle, Watch, advance_lanes, check_run, check_state, steps_until
+from jaxmpm.run._integrate import Result, Settle, Watch, advance_lanes, check_run, check_state, farthest, steps_until
 from jaxmpm.site import check_names, check_scene, check_start, vary
 from jaxmpm.types import Scene, State, Status
 
@@ -54,6 +53,7 @@ def solve_each(
     settle: Settle | None = None,
     stop_at: float | None = None,
     slides_end: tuple[float, float] | None = None,
+    least_volume: float | None = None,
     on_chunk: Callable[[Chunk], None] | None = None,
     observe: Callable[[int, float, Midway], None] | None = None,
     resume: Callable[[int], Midway | None] | None = None,
@@ -64,7 +64,7 @@ def solve_each(
     `{"strength": strengths}`, `{"strength": strengths, "young": moduli}`. Names are those of `with_soil`: any parameter
     of the material, young (Pa), poisson, unit_weight (N/m3). Where stiffness or weight vary, every sample has its own
     initial stress and time step, and `state` must be at rest; else all start from `state`.
-    width: number of lanes. t_end, settle, stop_at: as for `solve`; t_end is reached to within a few steps.
+    width: number of lanes. t_end, settle, stop_at, least_volume: as for `solve`; t_end is reached to a few steps.
     slides_end: displacement (m) and time (s): a sample that has moved farther than that at t_end goes on to that time,
     to within a chunk, with the same looks; what it does before t_end, and all others, are as without.
     numbers: of the samples, drawn with them, by default 0, 1, 2, ... on_chunk: told of every chunk.
@@ -77,7 +77,7 @@ def solve_each(
     ends that no run comes to, and numbers in `scene` itself that are beyond their limits.
     """
     check.whole("width", width)
-    check_run(t_end, settle, stop_at)
+    check_run(t_end, settle, stop_at, least_volume)
     _check_slides_end(t_end, slides_end)
     check_state(scene, state, None)
     check_scene(scene)
@@ -92,7 +92,7 @@ def solve_each(
         return
     batch = Batch.of(scene, first, t_end=t_end, every=every)
     while batch.busy:
-        batch = batch.advanced(settle, stop_at, slides_end)
+        batch = batch.advanced(settle, stop_at, slides_end, least_volume)
         if on_chunk is not None:
             on_chunk(Chunk(len(batch.numbers), len(batch.busy), int(batch.chunk.max())))
         if observe is not None:
@@ -219,18 +219,23 @@ class Batch:
         return Result(jax.device_get(_take(self.state, lane)), scene.time_step)
 
     def advanced(
-        self, settle: Settle | None, stop_at: float | None, slides_end: tuple[float, float] | None = None
+        self,
+        settle: Settle | None,
+        stop_at: float | None,
+        slides_end: tuple[float, float] | None = None,
+        least_volume: float | None = None,
     ) -> Batch:
         """After a chunk of steps of every lane, and a look at each."""
         state = advance_lanes(self.scene, self.state, jnp.asarray(self.chunk), self.axes)
         elapsed = self.chunk * self.time_step
-        watch, status = self.watch.look(self.scene, state, self.axes, elapsed, settle, stop_at)
+        watch, status = self.watch.look(self.scene, state, self.axes, elapsed, settle, stop_at, least_volume)
         step = np.asarray(state.step)
         over = (status == Status.RUNNING) & (step >= self.total)
         if slides_end is not None and over.any():
             beyond, time = slides_end
             last = np.array([steps_until(time, dt) for dt in self.time_step])
-            over &= (step >= last) | (np.asarray(_farthest(state)) <= beyond)
+            reached = np.asarray(farthest(self.scene, state, self.axes, least_volume))
+            over &= (step >= last) | (reached <= beyond)
         ended = jnp.asarray(np.where(over, Status.FINISHED, status), jnp.int32)
         return replace(self, state=replace(state, status=ended), watch=watch)
 
@@ -282,9 +287,6 @@ def _check_slides_end(t_end: float, slides_end: tuple[float, float] | None) -> N
     check.positive("slides_end's displacement", beyond, "m")
     if not t_end <= time < math.inf:
         raise ValueError(f"slides_end = {time:g} s lies before t_end = {t_end:g} s: give a finite time from then on")
-
-
-_farthest = jax.jit(jax.vmap(diagnostics.largest_displacement))
 
 
 def _pace(scene: Scene, t_end: float, every: float) -> tuple[float, int, int]:

@@ -14,9 +14,8 @@ from jax import Array
 
 from foundation import check
 from foundation.text import shown
-from jaxmpm import diagnostics
 from jaxmpm.laws import reduce_strength
-from jaxmpm.run._integrate import Settle, check_run, lanes, repeat, solve
+from jaxmpm.run._integrate import Settle, check_run, farthest, lanes, repeat, solve
 from jaxmpm.run._limit_load import LOOKS, Times, displacements, find_kink, speeds_up
 from jaxmpm.site import check_scene
 from jaxmpm.types import Scene, State
@@ -53,6 +52,7 @@ def factor_of_safety(
     t_end: float = 20.0,
     batch: int = 8,
     settle: Settle | None = None,
+    least_volume: float | None = None,
 ) -> FactorOfSafety:
     """Divide the strength by R and find where the slope fails within t_end (s).
 
@@ -62,7 +62,8 @@ def factor_of_safety(
     long (at least an elastic oscillation). A displacement depends on the metres chosen where soil does not soften,
     since a perfectly plastic slope slides a little and stands again. bracket: R that stands and R that
     fails. resolution: R is a multiple of it. batch: lanes per round.
-    settle: when a lane counts as standing before t_end; the default of `Settle`.
+    settle: when a lane counts as standing before t_end; the default of `Settle`. least_volume: judge by what this
+    volume (m3, in a section m2) has exceeded, in place of the largest displacement and, by the limit load, of the mean.
     Raises ValueError when the bracket's ends do not stand and fail, FloatingPointError when a run breaks off.
     """
     if criterion not in (None, LIMIT_LOAD):
@@ -74,7 +75,7 @@ def factor_of_safety(
     check.positive("resolution", resolution)
     check.positive("bracket", bracket)
     check.whole("batch", batch, least=2)
-    check_run(t_end, settle, None)
+    check_run(t_end, settle, None, least_volume)
     check_scene(scene)
     if scene.free_field is not None:
         raise ValueError(
@@ -89,7 +90,7 @@ def factor_of_safety(
     points = sorted({round(p) for p in np.linspace(low, high, batch)})
     while points:
         factors = [p * resolution for p in points]
-        moved |= zip(points, judge(scene, state, factors, t_end, settle or Settle()), strict=True)
+        moved |= zip(points, judge(scene, state, factors, t_end, settle or Settle(), least_volume), strict=True)
         stands = [p for p, (_, failed) in moved.items() if not failed]
         fails = [p for p, (_, failed) in moved.items() if failed]
         if not stands or not fails:
@@ -104,21 +105,29 @@ def factor_of_safety(
         fails=round(high * resolution, digits),
         tried=tuple((round(p * resolution, digits), moved[p][0]) for p in sorted(moved)),
     )
-    return found if criterion is None else _with_kink(found, scene, state, t_end)
+    return found if criterion is None else _with_kink(found, scene, state, t_end, least_volume)
 
 
 def _by_displacement(
-    limit: float, scene: Scene, state: State, factors: list[float], t_end: float, settle: Settle
+    limit: float, scene: Scene, state: State, factors: list[float], t_end: float, settle: Settle, volume: float | None
 ) -> list[tuple[float, bool]]:
-    """Largest displacement (m) at each factor, and whether it passes the limit."""
+    """Largest displacement (m) at each factor, and whether the slope passes the limit."""
     varied, axes = reductions(scene, jnp.asarray(factors, scene.particles.mass.dtype))
     lanes = repeat(state, len(factors))
-    result = solve(varied, lanes, t_end=t_end, settle=settle, stop_at=limit, axes=axes).raise_if_failed()
-    return [(u, u > limit) for u in np.asarray(jax.vmap(diagnostics.largest_displacement)(result.state)).tolist()]
+    result = solve(
+        varied, lanes, t_end=t_end, settle=settle, stop_at=limit, least_volume=volume, axes=axes
+    ).raise_if_failed()
+    return [(u, u > limit) for u in np.asarray(farthest(varied, result.state, axes, volume)).tolist()]
 
 
 def _by_limit_load(
-    times: Times, scene: Scene, state: State, factors: list[float], t_end: float, settle: Settle
+    times: Times,
+    scene: Scene,
+    state: State,
+    factors: list[float],
+    t_end: float,
+    settle: Settle,
+    volume: float | None,
 ) -> list[tuple[float, bool]]:
     """Largest displacement (m) at each factor, and whether the slope moves on."""
     varied, axes = reductions(scene, jnp.asarray(factors, scene.particles.mass.dtype))
@@ -130,19 +139,21 @@ def _by_limit_load(
         t_end=t_end,
         every=times.elastic / LOOKS,
         settle=settle,
+        least_volume=volume,
         decide=decide,
     )
     return list(zip(largest.tolist(), decide(mean).tolist(), strict=True))
 
 
-def _with_kink(found: FactorOfSafety, scene: Scene, state: State, t_end: float) -> FactorOfSafety:
+def _with_kink(found: FactorOfSafety, scene: Scene, state: State, t_end: float, volume: float | None) -> FactorOfSafety:
     """The factor with its kink, and the bracket around that: lanes run as long as the soil takes to get going."""
     times = Times.of(scene, t_end)
     end = min(t_end, max(times.fall, 2 * times.elastic))
 
     def displacement(factors: np.ndarray) -> np.ndarray:
         varied, axes = reductions(scene, jnp.asarray(factors, scene.particles.mass.dtype))
-        return displacements(varied, repeat(state, len(factors)), axes, t_end=end, every=end)[0][-1]
+        lanes = repeat(state, len(factors))
+        return displacements(varied, lanes, axes, t_end=end, every=end, least_volume=volume)[0][-1]
 
     turn = find_kink(displacement, (found.stable + found.fails) / 2)
     if turn.jumps:  # in time the bracket is told more closely than by these lanes
