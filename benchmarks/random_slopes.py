@@ -2,9 +2,10 @@
 
 Factors of safety alone are in `stability_of_slopes`.
 
-Example 2 of the paper (3D, random cohesion and friction); the published 3D slope without softening, counterpart of the
-printed 0.231; infinite correlation lengths, where P_f is P(S_u < mean / factor of safety), on the published section and
-on Griffiths and Fenton's slope; Cho's slope. Each is a campaign in out/random_slopes, which goes on with the next
+Cho's slopes, with cohesion and friction and undrained; infinite correlation lengths, where P_f is P(S_u < median /
+factor of safety), on the published section and on Griffiths and Fenton's slope; in 3D, of 100 rough and 24 refined runs
+each, Example 2 of the paper (random cohesion and friction) and the published slope without softening, counterpart of
+the printed 0.231, between fixed ends and rollers. Each is a campaign in out/random_slopes, which goes on with the next
 command where it was stopped; what has not ended is null. `--quick` runs a few samples of each on coarse grids.
 """
 
@@ -37,6 +38,11 @@ def as_printed(tables: Tables) -> None:
     """A scene as it stands."""
 
 
+def in_part(tables: Tables) -> None:
+    """So many samples of a scene in 3D as some hours of one core allow."""
+    tables["campaign"] |= {"samples": 100, "refined_runs": 24}
+
+
 def without_softening(tables: Tables) -> None:
     """The same soil, perfectly plastic, with what keeps clay from locking; failure by the limit load."""
     for key in ("softening_modulus", "residual_ratio", "softening_length", "plastic_strain", "tension_cutoff"):
@@ -48,6 +54,18 @@ def without_softening(tables: Tables) -> None:
     tables["campaign"] = {
         **{key: plan[key] for key in ("samples", "seed")}, "refined_runs": 60, "slides": 0, "fields": "none",
     }  # fmt: skip
+
+
+def in_3d(tables: Tables) -> None:
+    """As `without_softening`, and in part."""
+    without_softening(tables)
+    in_part(tables)
+
+
+def on_rollers(tables: Tables) -> None:
+    """As `in_3d`, with ends along y that do not hold the slope."""
+    in_3d(tables)
+    tables["slope"]["y_ends"] = "roller"
 
 
 def without_softening_or_ends(tables: Tables) -> None:
@@ -69,11 +87,13 @@ class Case:
 
 
 CASES = {
-    "example_2": Case("example_2", as_printed, (0.43,), large=2000.0),
-    "pf_3d_limit_load": Case("paper", without_softening, (0.231,)),
+    "cho_cphi": Case("cho_cphi", as_printed, (0.055, 0.0637)),
+    "cho": Case("cho", as_printed, (0.079, 0.065, 0.078)),
     "section_infinite": Case("paper_section", without_softening_or_ends, None),
     "griffiths_fenton": Case("griffiths_fenton", as_printed, None),
-    "cho": Case("cho", as_printed, (0.079, 0.065, 0.078)),
+    "example_2": Case("example_2", in_part, (0.43,), large=2000.0),
+    "pf_3d_limit_load": Case("paper", in_3d, (0.231,)),
+    "pf_3d_rollers": Case("paper", on_rollers, (0.231,)),
 }
 
 
@@ -100,10 +120,8 @@ def scene_text(case: Case, quick: bool) -> str:
 
 
 def closed_form(text: str, factor: float) -> float:
-    """P(S_u < mean / factor) of a lognormal strength that is the same everywhere."""
-    strength = parse(text).random["strength"]
-    variance = math.log1p(strength.cov**2)
-    return float(stats.norm.cdf((-math.log(factor) + variance / 2) / math.sqrt(variance)))
+    """P(S_u < median / factor) of a lognormal strength that is the same everywhere."""
+    return float(stats.norm.cdf(-math.log(factor) / math.sqrt(math.log1p(parse(text).random["strength"].cov ** 2))))
 
 
 def row(name: str, case: Case, folder: Path, text: str, workers: int) -> dict[str, Any]:
@@ -117,6 +135,7 @@ def row(name: str, case: Case, folder: Path, text: str, workers: int) -> dict[st
         "case": name,
         "fos": limit["factor"],
         "failure_displacement_m": limit["displacement"],
+        "least_volume": limit["volume"],
         "pf": found["probability_of_failure"],
         "low": low,
         "high": high,
@@ -163,8 +182,10 @@ def summarised(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
     values = {f"example_2_{key}": of("example_2", key) for key in ("fos", "pf", "low", "high", "hours")}
     values |= {f"example_2_{key}": of("example_2", key) for key in ("rough_fails", "rough_beyond_toe", "rough_large")}
-    values["pf_3d_limit_load"] = of("pf_3d_limit_load", "pf")
-    values["cho_pf"] = of("cho", "pf")
+    for name in ("pf_3d_limit_load", "pf_3d_rollers"):
+        values |= {name: of(name, "pf"), f"{name}_fos": of(name, "fos")}
+    for name in ("cho", "cho_cphi"):
+        values |= {f"{name}_{key}": of(name, key) for key in ("pf", "low", "high", "fos")}
     for name in ("section_infinite", "griffiths_fenton"):
         values |= {f"{name}_{key}": of(name, key) for key in ("pf", "low", "high", "closed_form")}
     return values

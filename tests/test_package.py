@@ -82,7 +82,7 @@ def test_examples_are_the_scenes_that_ship(tmp_path, monkeypatch, capsys):
     assert SCHEMA.parent == ROOT / PROJECT["tool"]["scikit-build"]["wheel"]["packages"]["cooperative"]
     assert main(["example", "demo"]) == 2
     assert "exists already" in capsys.readouterr().err
-    with pytest.raises(ValueError, match="no example scene is called 'nope': give one of cho, demo, "):
+    with pytest.raises(ValueError, match="no example scene is called 'nope': give one of cho, cho_cphi, demo, "):
         example("nope")
 
 
