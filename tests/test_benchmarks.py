@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import math
 import shutil
 import subprocess
 import sys
@@ -186,7 +187,7 @@ def test_random_slopes_are_campaigns_that_fail_by_the_limit_load(quick):
 def test_random_slopes_know_the_closed_form_and_tell_what_has_not_ended():
     text = random_slopes.scene_text(random_slopes.CASES["griffiths_fenton"], False)
     # The printed factor of 1.47 is that of the mean strength.
-    factor = 1.47 / np.sqrt(1 + parse(text).random["strength"].cov ** 2)
+    factor = 1.47 / math.sqrt(1 + parse(text).random["strength"].cov ** 2)
     assert random_slopes.closed_form(text, factor) == pytest.approx(0.281, abs=1e-3)
     row = dict.fromkeys(("fos", "pf", "low", "high", "hours"), 0.5)
     values = random_slopes.summarised([{"case": "example_2", **row}])
