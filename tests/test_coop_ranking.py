@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cooperative.estimate import next_refined, rank_samples, stopping_rank
+from cooperative.estimate import next_refined, published, rank_samples, stopping_rank
 
 
 def test_rank_is_by_displacement_then_number():
@@ -79,3 +79,11 @@ def test_the_answer_depends_on_neither_look_ahead_nor_arrival(pairs, k_t, look_a
     order = rank_samples(displacement).order
     assert results == sequential(order, fails, k_t)
     assert stopping_rank(order, results, k_t) == len(results)
+
+
+def test_the_published_rule_warns_of_samples_that_it_never_ran_where_there_are_any():
+    displacement, fails = np.arange(6.0)[::-1], dict.fromkeys(range(6), False)
+    below = published(displacement, fails | {0: True}, 3)
+    assert any("taken to stand" in note for note in below.notes)
+    # A failure at the end has all of them run.
+    assert not published(displacement, fails | {0: True, 3: True, 5: True}, 3).notes

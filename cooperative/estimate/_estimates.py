@@ -199,7 +199,9 @@ def published(
     rank = stopping_rank(order, refined, k_t)
     ranked = [refined[int(sample)] for sample in order[:rank] if int(sample) in refined]
     failures, unanswered = ranked.count(True), ranked.count(None)
-    notes = ["samples below the stopping rank are taken to stand: the estimate tends to be low"]
+    notes = []
+    if rank is None or rank < order.size:
+        notes.append("samples below the stopping rank are taken to stand: the estimate tends to be low")
     if rank is None:
         notes.append(f"the stopping rule (k_t = {k_t}) is not met yet")
     if unanswered:
