@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+from tests import conftest
 from tests.conftest import SESSION, known, left_behind
 
 RUN = """if True:
@@ -46,6 +47,15 @@ def test_programs_from_the_cache_give_the_same_bits(tmp_path):
 def test_flags_that_jaxlib_does_not_know_are_told_from_those_it_knows():
     assert known("--xla_backend_optimization_level=0")
     assert not known("--xla_no_such_flag=0")
+
+
+def test_programs_are_released_between_tests_but_not_looked_at_after_each(monkeypatch):
+    looks = []
+    monkeypatch.setattr(conftest, "release_programs", lambda: looks.append(conftest._looked))
+    monkeypatch.setattr(conftest, "_looked", -conftest.BETWEEN_LOOKS)
+    for _ in range(3):
+        conftest.pytest_runtest_teardown()
+    assert looks == [-conftest.BETWEEN_LOOKS]
 
 
 def test_a_process_left_behind_is_named():
