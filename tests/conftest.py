@@ -50,6 +50,8 @@ import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 
+from benchmarks.invented import TINY  # noqa: E402
+from cooperative import run  # noqa: E402
 from cooperative.reporting import _plots  # noqa: E402
 from cooperative.runs import keep_compiled, release_programs  # noqa: E402
 
@@ -73,6 +75,13 @@ def x64() -> Iterator[None]:
     """Run the test in float64."""
     with jax.enable_x64(True):
         yield
+
+
+@pytest.fixture(scope="session")
+def tiny_campaign(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """A campaign of TINY that has run: its folder, to which no test adds a sample, and its summary."""
+    folder = tmp_path_factory.mktemp("campaign") / "tiny"
+    return folder, run(TINY, folder)
 
 
 @pytest.fixture

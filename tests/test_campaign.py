@@ -38,9 +38,9 @@ def finished(text, tmp_path_factory):
     return folder, run(text, folder)
 
 
-@pytest.fixture(scope="module")
-def done(tmp_path_factory):
-    return finished(TINY, tmp_path_factory)
+@pytest.fixture
+def done(tiny_campaign):
+    return tiny_campaign
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 import pytest
 
-from cooperative import run, runs, sweep
+from cooperative import runs, sweep
 from cooperative.__main__ import main
 from cooperative.estimate import wilson_interval
 from cooperative.reporting import _exports as exports
@@ -49,11 +49,10 @@ def invented_campaign(folder, text, rough, refined, *, every=2.0):
     return folder
 
 
-@pytest.fixture(scope="module")
-def done(tmp_path_factory):
+@pytest.fixture
+def done(tiny_campaign):
     """A finished campaign: its folder and summary."""
-    folder = tmp_path_factory.mktemp("campaign") / "tiny"
-    return folder, run(TINY, folder)
+    return tiny_campaign
 
 
 def test_status_while_screening(tmp_path, capsys):
