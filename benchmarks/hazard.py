@@ -21,12 +21,12 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import estimators_means as means
 from benchmarks.hazard_populations import LIMIT, SOLID, Population, population
 from benchmarks.measure import Report, on_cores
-from cooperative import Estimate, MonteCarlo, Phases, TwoPhase, report
+from cooperative import Estimate, MonteCarlo, TwoPhase, report
 from cooperative import run as run_campaign
-from cooperative.estimate import Chances, Estimator, Slides, chance_of, exceedance, mean_of
-from cooperative.estimate import Population as Screening
+from cooperative.estimate import Chances, Estimator, chance_of, exceedance, mean_of
 from cooperative.measure import Vulnerability
 
 SAMPLES, REFINED, OFTEN = 600, 60, 5.0
@@ -58,12 +58,10 @@ def campaigns(
     """One campaign whose samples are drawn from a population with replacement, with as many of its failures sliding as
     each of `slides` says."""
     at = np.random.default_rng([seed, samples]).integers(of.rough.size, size=samples)
-    phases = Phases(estimator, LIMIT, population=Screening(of.rough[at]))
-    while wanted := phases.next_runs(64, ()):
-        phases = phases.refined({n: (of.refined[at[n]], False) for n in {*phases.answers, *wanted}})
-    numbers, found = sorted(phases.answers), []
+    failed, found = of.refined[at] > LIMIT, []
+    audit = means.audited(estimator, of.rough[at], failed)
     for count in slides:
-        drawn = Slides.of(phases, numbers, np.ones(len(numbers), bool), count, seed)
+        phases, numbers, drawn = means.slid(audit, failed, count, seed)
         mine = drawn.slid & (drawn.weight > 0)
         found.append(Drawn(phases.estimate, drawn.weight[mine], at[np.array(numbers)[mine]]))
     return found

@@ -220,38 +220,41 @@ def _refine(
 
 
 def _drop_restart_points(hands: _Hands, store: Store, phases: Phases) -> None:
-    """Failures that wait for the draw of slides keep no more restart points than twice the slides to be drawn: those
-    that stand for most, which are the likeliest to be drawn. One that is drawn without starts afresh."""
+    """Failures that wait for the draw of slides keep no more restart points than twice the slides to be drawn: all are
+    as likely to be drawn. One that is drawn without starts afresh."""
     count = hands.campaign.plan.slides
     if not count:
         return
     waiting = [n for n, fails in phases.answers.items() if fails and restart_path(store.folder, SLIDES, n).exists()]
-    if len(waiting) > 2 * count:
-        weights = phases.weights
-        # Those of a wave under way stand for nothing yet, and are kept before others.
-        waiting.sort(key=lambda number: (weights.get(number, 0.0) > 0, -weights.get(number, 0.0), number))
-        for number in waiting[2 * count :]:
-            restart_path(store.folder, SLIDES, number).unlink()
+    for number in sorted(waiting)[2 * count :]:
+        restart_path(store.folder, SLIDES, number).unlink()
 
 
 def _slide_on(
     hands: _Hands, store: Store, rows: Callable[[str], Rows], screened: Phases, coefficients: np.ndarray
 ) -> None:
-    """Let the failures that are drawn slide on to their end, as far as they have not yet; the others never will."""
+    """Let as many failures slide on to their end as are asked for, as far as they have not yet. A sample that is drawn
+    and has not run refined runs to its end; where it stands, the next is drawn."""
     plan = hands.campaign.plan
     if not plan.slides:
         return
-    refined = rows("refined")
-    numbers, phases = np.array(refined.numbers, int), screened.refined(refined.results)
-    slides = Slides.of(phases, refined.numbers, refined.ended, plan.slides, plan.seed)
-    for number in numbers[~slides.drawn].tolist():
+
+    def known() -> tuple[list[int], Slides]:
+        refined = rows("refined")
+        phases = screened.refined(refined.results)
+        return refined.numbers, Slides.of(phases, refined.numbers, refined.ended, plan.slides, plan.seed)
+
+    numbers, so_far = known()
+    with hands.bar("slides", so_far.planned, int(so_far.slid.sum())) as bar:
+        while so_far.wanted:
+            for sample in hands.samples("refined", so_far.wanted, coefficients, slides=True):
+                write_sample(store, SLIDES if sample.number in numbers else "refined", sample)
+                if screened.answer(*sample.result):
+                    bar.update()
+                hands.stop.look()
+            numbers, so_far = known()
+    for number in numbers:
         restart_path(store.folder, SLIDES, number).unlink(missing_ok=True)
-    missing = numbers[slides.drawn & ~slides.slid].tolist()
-    with hands.bar("slides", int(slides.drawn.sum()), int(slides.slid.sum())) as bar:
-        for sample in hands.samples("refined", missing, coefficients, slides=True) if missing else ():
-            write_sample(store, SLIDES, sample)
-            bar.update()
-            hands.stop.look()
 
 
 def _in_rank_order(wanted: Callable[[Collection[int]], list[int]], known: Screened) -> Iterator[int]:

@@ -417,7 +417,7 @@ MEANINGS = {
         ),
         "modes": Meaning("Grids whose failures get a mode; only a `[slope]` has modes.", '"refined"'),
         "slides": Meaning(
-            "Refined failures that slide on to their end; the others end once they have failed.",
+            "Failures that slide on to their end, drawn along the ranks; other refined runs end once they have failed.",
             "30",
             least=0,
             default='`"all"`',

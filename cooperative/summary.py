@@ -101,7 +101,7 @@ def _summary(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, Any]:
         "refined_runs": len(refined.numbers),
         "failures_refined": int(slides.failed.sum()),
         "slides": int(failed.sum()),
-        "slides_drawn": int(slides.drawn.sum()),
+        "slides_drawn": slides.planned,
         "calibration": campaign.calibration and {**asdict(campaign.calibration), "factor": campaign.calibration.factor},
         "limit_load": campaign.limit_load and asdict(campaign.limit_load),
         "grids": _grids(campaign, phases, rough, refined),

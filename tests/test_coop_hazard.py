@@ -9,11 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import trapezoid
 
+from benchmarks import estimators_means as means
 from cooperative.estimate import (
     MonteCarlo,
-    Phases,
-    Population,
-    Slides,
     TwoPhase,
     chance_of,
     exceedance,
@@ -141,11 +139,9 @@ def covered(estimator, slides, repeats):
     held, mean = np.zeros(thresholds.size), 0
     for seed in range(repeats):
         at = np.random.default_rng([seed, 5]).integers(rough.size, size=400)
-        phases = Phases(replace(estimator, **({"seed": seed} if slides else {})), 1.0, population=Population(rough[at]))
-        while wanted := phases.next_runs(64, ()):
-            phases = phases.refined({n: (refined[at[n]], False) for n in {*phases.answers, *wanted}})
-        numbers = sorted(phases.answers)
-        drawn = Slides.of(phases, numbers, np.ones(len(numbers), bool), slides, seed)
+        seeded = replace(estimator, **({"seed": seed} if slides else {}))
+        audit = means.audited(seeded, rough[at], fails[at])
+        phases, numbers, drawn = means.slid(audit, fails[at], slides, seed)
         mine = drawn.slid & (drawn.weight > 0)
         which = at[np.array(numbers)[mine]]
         found = chance_of(phases.estimate, drawn.weight[mine], does[which])

@@ -2,29 +2,30 @@
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import norm
 
+from benchmarks import estimators_means as means
+from benchmarks import invented
 from cooperative import campaign, runs
 from cooperative.estimate import (
-    AuditPlan,
+    Failures,
     MonteCarlo,
     Phases,
     Population,
     Published,
+    Slides,
     TwoPhase,
-    drawn_slides,
-    next_audit,
-    sample_weights,
     shares,
-    slide_chances,
-    slide_weights,
-    two_phase,
+    slide_order,
+    zone_weights,
 )
 from cooperative.reporting import progress_of, report, words
 from cooperative.scene import parse
@@ -35,28 +36,88 @@ DATA = Path(__file__).resolve().parent.parent / "benchmarks" / "data" / "section
 SCENE = TINY.replace("k_t = 2", "k_t = 4")
 
 
-weights = st.lists(st.floats(1e-3, 1.0), min_size=1, max_size=40).map(np.array)
+sizes = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=60).map(np.array)
 
 
-@given(weights, st.integers(1, 45), st.integers(0, 2**63 - 1))
-def test_as_many_slide_as_are_asked_for_and_order_does_not_matter(weight, count, seed):
-    number = np.arange(weight.size) * 7
-    chance = slide_chances(weight, count)
-    assert chance.sum() == pytest.approx(min(count, weight.size))
-    assert np.all((chance > 0) & (chance <= 1))
-    drawn = drawn_slides(number, chance, seed)
-    assert drawn.sum() == min(count, weight.size)
-    assert np.array_equal(drawn[::-1], drawn_slides(number[::-1], chance[::-1], seed))
+@given(sizes, st.integers(0, 2**63 - 1))
+def test_every_sample_that_may_fail_has_its_turn(size, seed):
+    order = slide_order(size, seed) if size.any() else np.zeros(0, int)
+    assert sorted(order) == np.flatnonzero(size > 0).tolist()
 
 
-def test_chances_are_those_of_the_draw():
-    weight = np.array([5.0, 1.0, 1.0, 2.0, 1.0, 0.5])
-    chance = slide_chances(weight, 3)
-    assert chance == pytest.approx([1.0, 2 / 5.5, 2 / 5.5, 4 / 5.5, 2 / 5.5, 1 / 5.5])
-    drawn = np.mean([drawn_slides(np.arange(6), chance, seed) for seed in range(4000)], axis=0)
-    assert drawn == pytest.approx(chance, abs=0.03)
-    assert np.array_equal(slide_chances(weight, None), np.ones(6))
-    assert not drawn_slides(np.arange(6), slide_chances(weight, 0), 1).any()
+def test_slides_lie_along_the_ranks_as_densely_as_failures_do():
+    size = 1 / (1 + np.exp((np.arange(400) - 120) / 25))
+    reached = np.cumsum(size) / size.sum()
+    for seed in range(20):
+        for count in (5, 13, 30):
+            first = np.sort(reached[slide_order(size, seed)[:count]])
+            # Points of the golden section lie within 1.9 / n of even ones; a sample is up to 0.01 wide.
+            assert np.abs(first - (np.arange(count) + 0.5) / count).max() < 1.9 / count + 0.01
+
+
+def test_zones_hold_what_is_counted_nearest_and_never_less_than_the_slide_itself():
+    even = np.full(10, 0.1)
+    failures = Failures(np.arange(10), even, np.array([1.0] * 6 + [0.0] * 4), np.array([0.1] * 6 + [0.0] * 4))
+    np.testing.assert_allclose(zone_weights(failures, np.array([1, 4])), [0.3, 0.3])
+    np.testing.assert_allclose(zone_weights(failures, np.array([0, 1, 4])), [0.1, 0.2, 0.3])
+    below = replace(failures, count=np.array([0.1] * 5 + [-0.3] + [0.0] * 4))
+    assert zone_weights(below, np.array([0, 5])).min() == pytest.approx(0.1)
+
+
+def made_up(seed, samples=200, pf=0.2, runs=40):
+    """A campaign whose audit has ended, and which samples fail."""
+    rough, other = np.random.default_rng(seed).standard_normal((2, samples))
+    failed = 0.95 * rough + np.sqrt(1 - 0.95**2) * other > norm.isf(pf)
+    return means.audited(TwoPhase(refined_runs=runs, seed=seed), np.exp(rough - norm.isf(pf / 2)), failed), failed
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 30), st.integers(1, 8), st.randoms(use_true_random=False))
+def test_as_many_slide_as_are_asked_for_in_whatever_order_they_run(seed, count, random):
+    audit, failed = made_up(seed)
+    _, numbers, whole = means.slid(audit, failed, count, seed)
+    assert whole.slid.sum() == count
+    assert whole.weight[whole.slid].sum() == pytest.approx(audit.estimate.probability)
+    assert whole.weight.sum() == pytest.approx(1.0)
+    assert np.all(whole.weight[whole.failed & ~whole.slid] == 0)
+    # One by one in any order, looked at anew after each, as a campaign that is killed again and again.
+    phases, ended = audit, {n for n, fails in audit.answers.items() if not fails}
+    while True:
+        there = sorted(phases.answers)
+        slides = Slides.of(phases, there, np.array([n in ended for n in there]), count, seed)
+        if not slides.wanted:
+            break
+        one = random.choice(slides.wanted)
+        ended.add(one)
+        phases = replace(phases, answers={**phases.answers, one: bool(failed[one])})
+    assert there == numbers
+    assert np.array_equal(slides.slid, whole.slid)
+    np.testing.assert_allclose(slides.weight, whole.weight)
+    assert phases.estimate == audit.estimate
+
+
+def test_slides_run_beyond_the_audit_where_it_seldom_looked():
+    audit, failed = made_up(3)
+    phases, _, slides = means.slid(audit, failed, 20, 3)
+    beyond = phases.answers.keys() - audit.answers.keys()
+    assert slides.slid.sum() == 20
+    assert len(beyond) > 5
+    # They are no runs of the audit: its estimate and what its runs stand for stay.
+    assert {n: w for n, w in phases.weights.items() if n not in beyond} == pytest.approx(audit.weights)
+    assert all(phases.weights[n] == 0 for n in beyond)
+
+
+def test_slides_of_an_earlier_draw_count_and_no_more_are_asked_for():
+    audit, _ = made_up(5)
+    waiting = [n for n, fails in audit.answers.items() if fails]
+    numbers = sorted(audit.answers)
+    ended = np.array([n in waiting[:6] or not audit.answers[n] for n in numbers])
+    slides = Slides.of(audit, numbers, ended, 6, 5)
+    assert (slides.slid.sum(), slides.wanted, slides.planned) == (6, (), 6)
+    more = Slides.of(audit, numbers, ended, 8, 5)
+    assert (more.slid.sum(), len(more.wanted)) == (6, 2)
+    none = Slides.of(audit, numbers, ended, 0, 5)
+    assert (none.slid.sum(), none.planned) == (0, 0)
 
 
 def known_population():
@@ -67,32 +128,22 @@ def known_population():
 
 
 @pytest.mark.slow
-def test_slides_drawn_from_an_audit_estimate_a_known_population_without_bias():
+def test_slides_of_a_known_population_stand_for_all_of_its_failures():
     rough, refined, mode = known_population()
-    population, fails = Population(rough), refined > 1.0
-    truth = float((mode[fails] == "deep").mean())
-    runs, count, repeats = 60, 15, 200
-    totals, covered = [], []
+    fails = refined > 1.0
+    truth, share = refined[fails].mean(), float((mode[fails] == "deep").mean())
+    found, former, covered, repeats = [], [], [], 100
     for seed in range(repeats):
-        plan, answers = AuditPlan(runs=runs, seed=seed), {}
-        while wanted := next_audit(population, answers, plan):
-            answers |= {number: bool(fails[number]) for number in wanted}
-        stands_for = sample_weights(population, answers, plan)
-        numbers = np.array(list(stands_for))
-        weight, failed = np.array([stands_for[n] for n in numbers]), fails[numbers]
-        chance, drawn = np.ones(numbers.size), failed.copy()
-        chance[failed] = slide_chances(weight[failed], count)
-        drawn[failed] = drawn_slides(numbers[failed], chance[failed], seed)
-        whole = slide_weights(weight, failed, chance, drawn)
-        totals.append((whole[drawn] @ refined[numbers[drawn]], whole[drawn].sum(), whole @ np.ones(numbers.size)))
-        share = shares(mode[numbers[drawn]], whole[drawn], ("deep",))["deep"]
-        covered.append(share.interval[0] <= truth <= share.interval[1])
-        assert two_phase(population, answers, plan).refined_runs == runs
-    totals = np.array(totals)
-    error = totals.std(axis=0, ddof=1) / np.sqrt(repeats)
-    expected = refined[fails].sum() / fails.size, fails.mean()
-    assert np.all(np.abs(totals[:, :2].mean(axis=0) - expected) < 3.5 * error[:2])
-    assert np.mean(covered) == pytest.approx(0.95, abs=0.05)
+        audit = means.audited(TwoPhase(refined_runs=60, seed=seed), rough, fails)
+        _, numbers, slides = means.slid(audit, fails, 15, seed)
+        slid, weight = np.array(numbers)[slides.slid], slides.weight[slides.slid]
+        found.append(weight @ refined[slid] / weight.sum() / truth - 1)
+        former.append(means._former_mean(audit, refined, 15, np.random.default_rng(seed)) / truth - 1)
+        low, high = shares(mode[slid], weight, ("deep",))["deep"].interval
+        covered.append(low <= share <= high)
+    assert abs(np.mean(found)) < 0.02
+    assert np.std(found) < 0.8 * np.std(former)
+    assert np.mean(covered) >= 0.9
 
 
 @pytest.mark.parametrize("estimator", [TwoPhase(refined_runs=60), MonteCarlo(refined_runs=60), Published(k_t=8)])
@@ -118,10 +169,16 @@ def test_a_run_without_an_answer_stands_for_nothing():
     assert found.weights == pytest.approx({0: 1 / 3, 1: 0.0, 2: 1 / 3, 3: 1 / 3})
 
 
-def test_slides_that_all_run_change_nothing():
-    weight, failed = np.array([0.1, 0.2, 0.3]), np.array([True, True, False])
-    assert np.array_equal(slide_weights(weight, failed, np.ones(3), failed), weight)
-    assert np.array_equal(slide_weights(weight, failed, np.ones(3), np.zeros(3, bool)), [0.0, 0.0, 0.3])
+def test_estimators_without_a_model_draw_their_slides_from_their_failures_alone():
+    moved = np.random.default_rng(2).permutation(np.linspace(0.1, 3.0, 50))
+    phases = Phases(MonteCarlo(refined_runs=30), 1.0, population=Population(moved))
+    phases = phases.refined({n: (moved[n], False) for n in range(30)})
+    numbers, failed = list(range(30)), moved[:30] > 1.0
+    slides = Slides.of(phases, numbers, ~failed, 6, 1)
+    assert len(slides.wanted) == 6
+    assert all(failed[n] for n in slides.wanted)
+    every = Slides.of(phases, numbers, np.ones(30, bool), None, 1)
+    np.testing.assert_allclose(every.weight, 1 / 30)
 
 
 @pytest.fixture(scope="module")
@@ -221,8 +278,7 @@ def test_restart_points_that_wait_for_the_draw_are_no_more_than_twice_the_slides
         path.parent.mkdir(exist_ok=True)
         path.touch()
     restart_path(tmp_path, SLIDES, 5).unlink()
-    weights = {0: 0.1, 1: 0.4, 2: 0.2, 3: 0.3, 4: 0.0, 5: 0.5}
-    phases = SimpleNamespace(answers={**dict.fromkeys(range(6), True), 6: False}, weights=weights)
+    phases = SimpleNamespace(answers={**dict.fromkeys(range(6), True), 6: False})
     store = SimpleNamespace(folder=tmp_path)
 
     def kept(slides):
@@ -231,8 +287,8 @@ def test_restart_points_that_wait_for_the_draw_are_no_more_than_twice_the_slides
         return [number for number in range(6) if restart_path(tmp_path, SLIDES, number).exists()]
 
     assert kept(None) == kept(0) == kept(3) == [0, 1, 2, 3, 4]
-    assert kept(2) == [1, 2, 3, 4]
-    assert kept(1) == [1, 4]
+    assert kept(2) == [0, 1, 2, 3]
+    assert kept(1) == [0, 1]
 
 
 @pytest.mark.usefixtures("unrendered")
@@ -266,3 +322,55 @@ def test_bad_slides_are_named(said, match):
     plan, _, run = said.partition("[run]")
     with pytest.raises(ValueError, match=match):
         parse(SCENE.replace("[run]", f"[run]{run}") + plan)
+
+
+FULL = invented.SCENE.replace("samples = 50", "samples = 120\nslides = 8").replace("runs = 15", "runs = 30")
+
+
+@pytest.fixture
+def deciding(monkeypatch):
+    """Made-up runs that end once they have failed, where only their class is asked for."""
+    invented.invent(put=monkeypatch.setattr)
+
+    def run_samples(*arguments, stop_at=None, **choices):
+        for sample in invented.run_samples(*arguments, **choices):
+            if arguments[0].grid == "refined" and stop_at is not None and sample.row["displacement"] > stop_at:
+                cut = dict.fromkeys(("depth", "runout", "volume", "area"), np.nan) | {"displacement": 1.01 * stop_at}
+                sample = replace(sample, status="DECIDED", row=sample.row | cut, fields={})
+            yield sample
+
+    monkeypatch.setattr(campaign.runs, "run_samples", run_samples)
+
+
+def test_a_campaign_runs_refined_what_its_slides_want_beyond_the_audit(tmp_path, deciding, monkeypatch):
+    whole = campaign.run(FULL, tmp_path / "whole")
+    assert (whole["slides"], whole["slides_drawn"]) == (8, 8)
+    assert whole["refined_runs"] > 30
+    assert whole["finished"] == "the refined runs allowed are spent"
+    audit = campaign.run(FULL.replace("slides = 8", "slides = 0"), tmp_path / "audit")
+    assert (audit["slides"], audit["refined_runs"]) == (0, 30)
+    for same in ("probability_of_failure", "interval", "convergence", "coefficient_of_variation"):
+        assert whole[same] == audit[same]
+    # Killed after every second slide, it comes to the same end.
+    written = campaign.write_sample
+
+    def killed(store, grid, sample):
+        written(store, grid, sample)
+        if grid == SLIDES or (lives > 1 and grid == "refined"):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(campaign, "write_sample", killed)
+    lives, summary = 0, None
+    while summary is None:
+        try:
+            summary = campaign.run(FULL, tmp_path / "killed")
+        except KeyboardInterrupt:
+            lives += 1
+    assert lives > 2
+    assert {n: v for n, v in summary.items() if n != "seconds"} == {n: v for n, v in whole.items() if n != "seconds"}
+    # More runs allowed later: what slid stays, and no more slides than asked for.
+    monkeypatch.setattr(campaign, "write_sample", written)
+    more = campaign.run(FULL, tmp_path / "killed", refined_runs=50)
+    assert more["slides"] == 8
+    status = progress_of(tmp_path / "killed")
+    assert (status.grids[2].done, status.grids[2].planned) == (8, 8)

@@ -230,7 +230,8 @@ def drawn_classes(slides):
     table = rows(np.arange(200), moved, mode=np.full(200, "", "<U8"), **own)
     table.columns["status"] = np.where(fails, "DECIDED", "SETTLED")
     before = rows(np.arange(200), rough)
-    drawn = slides_of(campaign, phases_of(campaign, before, table), table).drawn
+    wanted = slides_of(campaign, phases_of(campaign, before, table), table).wanted
+    drawn = np.isin(np.arange(200), wanted) if slides is not None else fails
     table.columns["status"][drawn] = "SETTLED"
     table.columns["mode"][drawn] = "deep"
     table.columns["displacement"][drawn] = 5 + 10 * generator.random(drawn.sum())

@@ -13,10 +13,10 @@ from cooperative.estimate._estimates import (
 from cooperative.estimate._exceedance import Chances, Curve, chance_of, exceedance, mean_of
 from cooperative.estimate._fits import CANDIDATES, ENOUGH, Fit, Fits, Severity, fit_distributions, severity_ranking
 from cooperative.estimate._phases import Phases
-from cooperative.estimate._protocol import Answers, Estimator, Population, Sampling, Screened, all_samples
+from cooperative.estimate._protocol import Answers, Estimator, Failures, Population, Sampling, Screened, all_samples
 from cooperative.estimate._ranking import Ranking, next_refined, rank_samples, stopping_rank
 from cooperative.estimate._shares import Correlation, Share, correlation, effective_size, mean_interval, shares
-from cooperative.estimate._slides import NOT_ASKED, Slides, drawn_slides, slide_chances, slide_weights
+from cooperative.estimate._slides import NOT_ASKED, Slides, slide_order, zone_weights
 from cooperative.estimate._subset import SubsetPlan, SubsetSamples, subset_simulation
 from cooperative.estimate._twophase import next_audit, sample_weights, two_phase
 from cooperative.estimate.estimators import (
@@ -45,6 +45,7 @@ __all__ = [
     "Curve",
     "Estimate",
     "Estimator",
+    "Failures",
     "Fit",
     "Fits",
     "MonteCarlo",
@@ -67,7 +68,6 @@ __all__ = [
     "chance_of",
     "control_variate",
     "correlation",
-    "drawn_slides",
     "effective_size",
     "exceedance",
     "fit_distributions",
@@ -82,11 +82,11 @@ __all__ = [
     "sample_weights",
     "severity_ranking",
     "shares",
-    "slide_chances",
-    "slide_weights",
+    "slide_order",
     "stopping_rank",
     "subset_simulation",
     "two_phase",
     "wilson_interval",
     "with_variance",
+    "zone_weights",
 ]

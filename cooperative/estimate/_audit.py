@@ -304,6 +304,6 @@ def audit_total(
         variance=spread / (1 - float(share @ share)),
         effective_draws=spread**2 / float(squares @ squares) if spread > 0 else float(count),
         doubt=doubt,
-        beyond=float(np.mean((each - total) ** 2 / foreseen)),
+        beyond=float(np.mean((each - total) ** 2 / np.where(foreseen > 0, foreseen, np.inf))),
         by_group=by_group,
     )

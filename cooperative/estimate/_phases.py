@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
 from cooperative.estimate._estimates import Estimate, wilson_interval
-from cooperative.estimate._protocol import Answers, Estimator, Population, Sampling, Screened
+from cooperative.estimate._protocol import (
+    Answers,
+    Estimator,
+    Failures,
+    Modelled,
+    Population,
+    Sampling,
+    Screened,
+)
+from cooperative.estimate._ranking import rank_samples
 
 
 @dataclass(frozen=True)
@@ -98,6 +107,23 @@ class Phases:
         return {
             n: w * factor.get(self.answers[n] is True, 1.0) * (self.answers[n] is not None) for n, w in found.items()
         }
+
+    @property
+    def failures(self) -> Failures | None:
+        """Where the failures lie, by rank; None while the first phase is not complete. Those that ran refined alone,
+        each with its weight, where the estimator has no model of the others."""
+        if self.population is None:
+            return None
+        if isinstance(self.estimator, Modelled):
+            found = self.estimator.failures(self.population, self._by_place)
+        else:
+            count = np.zeros(self.population.size)
+            for place, weight in self.estimator.weights(self.population, self._by_place).items():
+                count[place] = weight * (self._by_place[place] is True)
+            count /= max(float(count.sum()), np.finfo(float).tiny)
+            found = Failures(self.population.numbers, count, (count > 0).astype(float), count)
+        order = rank_samples(self.population.rough_displacement, self.population.broke_off).order
+        return Failures(*(getattr(found, each.name)[order] for each in fields(found)))
 
     @property
     def why_finished(self) -> str | None:

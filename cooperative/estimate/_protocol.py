@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import NoReturn, Protocol
+from typing import NoReturn, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -111,6 +111,34 @@ class Estimator(Protocol):
 
     def why_finished(self, population: Population, answers: Answers) -> str | None:
         """Why no further refined run is asked for, in words; None where some still are."""
+
+
+@dataclass(frozen=True)
+class Failures:
+    """Where the failures lie: (N,) each, by place in the population, or by rank.
+
+    number: of each sample in the campaign. weight: share of all samples that it is. chance: probability that it fails,
+    as far as the estimator's own runs tell, 0 or 1 where one of them has its class. count: failures that the estimator
+    counts there, as a share of all samples; they add up to about P_f, and single ones may be below 0.
+    """
+
+    number: np.ndarray
+    weight: np.ndarray
+    chance: np.ndarray
+    count: np.ndarray
+
+    @property
+    def size(self) -> np.ndarray:
+        """Failures expected of each sample, as a share of all samples (N,)."""
+        return self.weight * self.chance
+
+
+@runtime_checkable
+class Modelled(Protocol):
+    """What an estimator has beside the rest that knows how likely samples fail which it did not run."""
+
+    def failures(self, population: Population, answers: Answers) -> Failures:
+        """Where the failures lie, by place in the population."""
 
 
 def all_samples(sampling: Sampling, screened: Screened) -> Population | None:

@@ -35,7 +35,7 @@ from cooperative.estimate._audit import (
     unseen,
 )
 from cooperative.estimate._estimates import Estimate, with_variance
-from cooperative.estimate._protocol import Population
+from cooperative.estimate._protocol import Failures, Population
 from cooperative.estimate._ranking import next_refined, rank_samples, stopping_rank
 from cooperative.estimate._target import PRIOR_DRAWS, needed_share, place_share, target_share
 
@@ -106,6 +106,16 @@ def sample_weights(population: Population, refined: Mapping[int, bool | None], p
     )
     counted = np.flatnonzero(total.by_group > 0)
     return {int(replay.order[rank]): float(total.by_group[rank]) for rank in counted}
+
+
+def failures(population: Population, refined: Mapping[int, bool | None], plan: AuditPlan) -> Failures:
+    """Where the failures lie, by place in the population: what the model expects of each sample and, where samples were
+    drawn, what the ordered draws correct."""
+    replay = _replay(population, refined, plan)
+    place = np.argsort(replay.order)
+    chance = np.where(np.isnan(replay.outcome), replay.model, replay.outcome)
+    count = _audit(replay, np.arange(place.size)).by_group
+    return Failures(population.numbers, replay.weight[place], chance[place], count[place])
 
 
 def _replay(

@@ -96,10 +96,10 @@ def current_estimate(campaign: Campaign, rough: Rows, refined: Rows) -> Estimate
 def planned_refined(campaign: Campaign, rough: Rows, refined: Rows) -> tuple[int, bool]:
     """Refined runs of the campaign in all, and whether they may become more: the budget, or where there is none what
     is asked for so far."""
-    most = campaign.estimator.budget(planned_rough(campaign))
+    most, done = campaign.estimator.budget(planned_rough(campaign)), len(refined.numbers)
     if most is not None:
-        return most, False
-    done = len(refined.numbers)
+        # Slides may have wanted more than the estimator.
+        return max(most, done), False
     if len(rough.numbers) < planned_rough(campaign):
         return done + 1, True
     missing = runs.phases_of(campaign, rough, refined).next_runs(campaign.plan.samples, ())
@@ -189,7 +189,7 @@ def _slides(campaign: Campaign, store: Store, rows: dict[str, Rows]) -> GridProg
     drawn = slides_of(campaign, phases, rows["refined"])
     mine = read_rows(store, SLIDES)
     pace = seconds_per_sample(*_ends(store, SLIDES, mine))
-    done, planned = int(drawn.slid.sum()), int(drawn.drawn.sum())
+    done, planned = int(drawn.slid.sum()), drawn.planned
     return GridProgress(
         SLIDES, done, planned, at_least=phases.why_finished is None, hourly=3600 / pace if pace > 0 else float("nan"),
         seconds_left=(planned - done) * pace, broke_off=0, damaged=(),

@@ -127,8 +127,8 @@ class Plan:
     restart_every: seconds of wall time after which a refined run writes a restart point, and again after as many.
     fields: grids whose final displacement and plastic strain are kept, and two frames of a failure. modes: grids whose
     failures get a mode.
-    slides: how many of the refined failures slide on to their end, a probability sample; the others end once they have
-    failed, which is all that the probability asks. None lets all slide, 0 none.
+    slides: how many failures slide on to their end, drawn along the ranks among all samples; the other refined runs end
+    once they have failed, which is all that the probability asks. None lets all failures of the audit slide, 0 none.
     """
 
     samples: int

@@ -7,8 +7,8 @@ from typing import Protocol
 
 from cooperative.estimate._audit import AuditPlan
 from cooperative.estimate._estimates import Estimate
-from cooperative.estimate._protocol import Answers, Population
-from cooperative.estimate._twophase import next_audit, path, sample_weights, two_phase
+from cooperative.estimate._protocol import Answers, Failures, Population
+from cooperative.estimate._twophase import failures, next_audit, path, sample_weights, two_phase
 from cooperative.estimate.estimators._budgeted import Budgeted, out_of_reach, usual_budget
 
 
@@ -39,3 +39,7 @@ class Audited(Budgeted, Protocol):
     def weights(self, population: Population, answers: Answers) -> dict[int, float]:
         """Those of the ordered draws."""
         return sample_weights(population, answers, self.audit(population))
+
+    def failures(self, population: Population, answers: Answers) -> Failures:
+        """By the audit's model and its draws."""
+        return failures(population, answers, self.audit(population))
