@@ -124,8 +124,10 @@ METHODS = {
 }
 
 
-def repeat(method: str, runs: int, first: int, count: int) -> np.ndarray:
-    """Campaigns number `first` to `first + count`: rows of P_f, limits, refined runs, seconds."""
+def repeat(case: tuple[str, int], first: int, count: int) -> np.ndarray:
+    """Campaigns number `first` to `first + count` of a method with so many runs: rows of P_f, limits, refined runs,
+    seconds."""
+    method, runs = case
     how = METHODS[method]
     pairs = population(how.study)
     size = pairs.displacement[how.grid].size

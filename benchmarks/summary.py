@@ -66,7 +66,7 @@ QUESTIONS = (
     Question("Least coverage where the ranking is bad", "estimators", "coverage_bad_ranking_min", low=0.90),
     Question("Error of campaigns that stop at a COV of 10 %", "estimators", "target_cov_rmse_r098", high=0.11),
     Question(
-        "Refined runs for a COV of 10 % (Monte Carlo 310)", "estimators", "two_phase_runs_pf0244_r095", "", high=115
+        "Equivalents for a COV of 10 % (Monte Carlo 310)", "estimators", "two_phase_runs_pf0244_r095", "", high=115
     ),
     Question("Coverage of hazard maps' 95 % intervals, mean", "hazard", "map_coverage_mean", "", 0.93, 0.97),
     Question("The same in the worst cell", "hazard", "map_coverage_min", low=0.90),

@@ -62,7 +62,7 @@ def test_its_samples_can_be_made_again(of):
 
 @pytest.mark.parametrize("method", section.METHODS)
 def test_campaigns_from_it_are_unbiased_where_they_say_so(method):
-    found = section.summarise(method, 40, section.repeat(method, 40, 0, 60))
+    found = section.summarise(method, 40, section.repeat((method, 40), 0, 60))
     assert found["seconds"] > 0
     if method == "screening alone":
         assert found["bias"] < -0.4
