@@ -185,5 +185,5 @@ def special_cases() -> list[Case]:
         Case("Arai and Tagyo 2", 0.417, "Arai and Tagyo (1985); strength reduction",
              Section(surface), band, (1.5, 0.75), figure="fos_error_arai_tagyo_2"),
         Case("Spencer 1969, r_u 0.5", 0.98, "Spencer (1969); strength reduction",
-             face, sand, (2.0, 1.0), {"r_u": 0.5}, {"flip": 0.95}, "fos_error_spencer_1969"),
+             face, sand, (2.0,), {"r_u": 0.5}, {"flip": 0.95}, "fos_error_spencer_1969"),
     ]  # fmt: skip
