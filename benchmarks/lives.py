@@ -246,15 +246,15 @@ def large(count: int, folder: Path) -> dict[str, float]:
     with open_store(folder, with_defaults(case.text, folder / "scene.toml")) as store:
         for sample in invented.run_samples(invented.build(campaign, "rough", None), coefficients, range(count)):
             write_sample(store, "rough", replace(sample, fields={}))
+        following, index = sample_path(store, "rough", count), folder / "samples" / "rough.index"
     begun = time.monotonic()
     life = Life(case, folder, 1)
-    _until(lambda: len(finished(folder)) > count or not life.runs())
+    _until(following, life)
     resumed = time.monotonic() - begun
     killed(life, random.Random())
-    index = folder / "samples" / "rough.index"
     index.unlink()
     life = Life(case, folder, 1)
-    _until(lambda: index.exists() or not life.runs())
+    _until(index, life)
     life.process.terminate()
     sent = time.monotonic()
     life.process.wait()
@@ -264,12 +264,11 @@ def large(count: int, folder: Path) -> dict[str, float]:
     return {name: round(seconds, 2) for name, seconds in seen.items()}
 
 
-def _until(seen: Callable[[], bool]) -> None:
-    """Wait; raises TimeoutError after `PATIENCE`."""
-    end = time.monotonic() + PATIENCE
-    while not seen():
-        if time.monotonic() > end:
-            raise TimeoutError(f"nothing happened for {PATIENCE:g} s")
+def _until(path: Path, life: Life) -> None:
+    """Wait for a file of a life. Raises RuntimeError where that ends without it."""
+    while not path.exists():
+        if not life.runs():
+            raise RuntimeError(f"the campaign ended without {path}")
         time.sleep(0.02)
 
 
