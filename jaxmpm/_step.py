@@ -399,9 +399,11 @@ def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, maps: 
     if scene.nonlocal_passes is not None:
         smooth = partial(maps.average, passes=scene.nonlocal_passes)
         history = jax.tree.map(lambda new, old: old + smooth(new - old), history, state.history)
-    components = tensors.compress(stress, d)
     if scene.finite_strain:
-        components = components / strained.volume_ratio
+        # Unless it is written first, XLA on CPU divides all components in the one loop that computes them.
+        components = tensors.compress(tensors.row_by_row(stress), d) / strained.volume_ratio
+    else:
+        components = tensors.compress(stress, d)
     return replace(state, stress=components, history=history, gap=gap, volume_ratio=strained.volume_ratio)
 
 
