@@ -96,7 +96,7 @@ def lead(answers: list[Answer]) -> list[str]:
     """The lines of the page, of those benchmarks that have an answer."""
     by_name = {answer["benchmark"]: answer for answer in answers}
     found = [(q, by_name[q.benchmark]["values"]) for q in QUESTIONS if q.benchmark in by_name]
-    judged = [(q, values[q.value]) for q, values in found if q.value in values]
+    judged = [(q, values[q.value]) for q, values in found if values.get(q.value) is not None]
     judged.sort(key=lambda pair: keeps(*pair) != "no")
     lines = [
         "## In one page",
