@@ -109,7 +109,8 @@ def _former_mean(audit: Phases, consequence: np.ndarray, count: int | None, gene
 
 
 def summarise(case: Means, rows: np.ndarray) -> dict[str, Any]:
-    """Bias, error, coverage and width, relative to the true mean. A campaign without an interval covers nothing."""
+    """Bias, error, coverage and width, relative to the true mean. Coverage is of the campaigns that give an interval;
+    the others, `without_interval`, have effectively too few slides for one."""
     mean, low, high, count, extra, former = rows.T
     true = truth(case.pf)
     named = {None: "of the audit", AS_MANY: "as many as of the audit"}
@@ -122,7 +123,8 @@ def summarise(case: Means, rows: np.ndarray) -> dict[str, Any]:
         "bias": float(np.nanmean(mean) / true - 1),
         "rmse": float(np.sqrt(np.nanmean((mean / true - 1) ** 2))),
         "former_rmse": float(np.sqrt(np.nanmean((former / true - 1) ** 2))),
-        "coverage": float(np.mean((low <= true) & (true <= high))),
+        "campaigns": len(rows),
+        "coverage": float(np.mean((low <= true) & (true <= high)) / np.isfinite(low).mean()),
         "width_median": float(np.nanmedian(high - low) / true),
         "without_interval": int(np.isnan(low).sum()),
     }
@@ -135,6 +137,7 @@ def values(rows: list[dict[str, Any]]) -> dict[str, float]:
     return {
         "coverage_mean_min": min(row["coverage"] for row in rows),
         "coverage_mean_max": max(row["coverage"] for row in rows),
+        "mean_without_interval_max": max(row["without_interval"] / row["campaigns"] for row in rows),
         "mean_rmse_over_former_min": min(along),
         "mean_rmse_over_former_max": max(along),
         "mean_rmse_over_former_of_the_audits_max": max(each for of_audit, each in ratio if of_audit),
