@@ -18,7 +18,8 @@ from jax import Array
 
 from foundation import check
 from jaxmpm._step import step
-from jaxmpm.run._integrate import begun, lane_status
+from jaxmpm.run._checks import check_state
+from jaxmpm.run._integrate import begun, lane_status, running
 from jaxmpm.tensors import rows
 from jaxmpm.transfer import scatter_p
 from jaxmpm.types import Scene, State, Status
@@ -107,8 +108,8 @@ def replay(
     then the largest. memory: bytes that reverse mode may hold for one lane.
     A lane that breaks off says so in its status (see `Status`), and its derivatives mean nothing; those of other lanes
     under `jax.vmap(jax.grad(...))` are what they would be without it. Mask after differentiating, not before.
-    Raises ValueError for a number of steps that is no Python integer, an `every` that does not divide it, or too
-    little memory.
+    Raises ValueError for a number of steps that is no Python integer, an `every` that does not divide it, too little
+    memory, and a state that is not the scene's (see `solve`).
     """
     if not isinstance(steps, int) or isinstance(steps, bool) or steps < 1:
         raise ValueError(f"steps = {steps!r}: give a Python integer of 1 or more, for example int(result.state.step)")
@@ -121,7 +122,8 @@ def replay(
         check.not_negative("limit", limit, "steps")
     if steps % every:
         raise ValueError(f"every = {every} does not divide {steps} steps: give a divisor")
-    state = begun(scene, state)
+    check_state(scene, state, None)
+    state = begun(scene, running(state))
     plan = checkpoints(scene, state, every, memory - (0 if every == steps else steps // every * _bytes(state)))
 
     def one(old: State) -> State:

@@ -17,7 +17,8 @@ from tqdm import tqdm
 from foundation import check
 from jaxmpm import diagnostics
 from jaxmpm._step import place, step
-from jaxmpm.laws import hardens, remembers_gap, snaps_back
+from jaxmpm.laws import hardens, snaps_back
+from jaxmpm.run._checks import check_state
 from jaxmpm.run._columns import kept
 from jaxmpm.site import check_scene, check_shape, parameter_names, with_parameters
 from jaxmpm.transfer import inside, locate
@@ -124,6 +125,12 @@ def begun(scene: Scene, state: State) -> State:
     return replace(state, status=jnp.where(bad, int(Status.BAD_PARAMETER), state.status).astype(jnp.int32))
 
 
+def running(state: State) -> State:
+    """The state with all lanes running that have not broken off."""
+    ended = state.status <= Status.DECIDED
+    return replace(state, status=jnp.where(ended, Status.RUNNING, state.status).astype(jnp.int32))
+
+
 def advance(scene: Scene, state: State, steps: int | Array) -> State:
     """Take `steps` steps; a lane that is not running stays as it is.
 
@@ -176,7 +183,7 @@ def lanes(scene: Scene, **values: Array) -> tuple[Scene, Scene]:
     first = {name: jax.tree.leaves(value)[0] for name, value in values.items()}
     count = {np.shape(leaf)[:1] for leaf in first.values()}
     for name, leaf in first.items():
-        if np.ndim(leaf) < 1 or len(count) > 1:
+        if np.ndim(leaf) < 1 or len(count) > 1 or not len(leaf):
             raise ValueError(f"{name} has shape {np.shape(leaf)}: give (lanes,) or (lanes, N), as many for every name")
         check_shape(f"a lane of {name}", leaf[0], scene.particles)
     shared = jax.tree.map(lambda _: None, scene)
@@ -249,16 +256,24 @@ def solve(
 ) -> Result:
     """Run from `state` for `t_end` seconds, or until every lane has come to an end.
 
+    A lane that had finished, settled or been decided in an earlier run goes on; one that broke off stays as it is.
     snapshots: times (s) at which the state is kept; a lane that has ended keeps its last one.
     settle: end a lane once it is quiet. stop_at: end a lane once its largest displacement exceeds this (m).
     least_volume: take for a lane's largest displacement, here and in `settle`, that which this volume of soil (m3, in a
     section m2) has exceeded, see `diagnostics.exceeded_displacement`. None counts every particle.
     axes: which leaves of `scene` have lanes as leading axis (see `lanes`); then every leaf of `state` has.
     progress: show a bar with the simulated time.
-    Raises ValueError for times below 0 or without end, snapshots after t_end, lanes of different time steps, and, of a
-    run without lanes, for numbers in its scene that are not finite or beyond their limits.
+    Raises ValueError for times below 0, below a step or without end, a `t_end` of each lane's own, within jit or a
+    derivative (see `replay`), a state of another precision or without what its law remembers, snapshots after t_end,
+    lanes of different time steps, and, of a run without lanes, for numbers in its scene that are not finite or beyond
+    their limits.
     Lanes that break off say so in the result: see `Result.raise_if_failed`. One with such a number is BAD_PARAMETER.
     """
+    if check.is_traced(scene, state):
+        raise ValueError(
+            "solve stops on the host, where jit, vmap and derivatives do not reach: take the steps of a run again with "
+            "replay(scene, state, int(result.state.step))"
+        )
     check_run(t_end, settle, stop_at, least_volume)
     if np.ndim(scene.time_step):
         raise ValueError("time_step differs between lanes: give one number, the smallest of them")
@@ -270,6 +285,8 @@ def solve(
     if outside:
         raise ValueError(f"snapshots at {outside} s lie outside the run: give times from 0 to t_end = {t_end} s")
     dt = float(scene.time_step)
+    if t_end < dt * (1 - 1e-6):
+        raise ValueError(f"t_end = {t_end:g} s is below the time step of {dt:g} s: give that or more")
     total = steps_until(t_end, dt)
     wanted = {steps_until(t, dt): t for t in sorted(snapshots)}
     rule = settle or Settle()
@@ -279,7 +296,7 @@ def solve(
 
     kept_at: dict[int, State] = {}
     watch = Watch.start(np.shape(state.status))
-    state = jax.tree.map(jnp.copy, state)
+    state = running(jax.tree.map(jnp.copy, state))
     done = 0
     with tqdm(total=round(t_end, 6), unit="s", disable=not progress, bar_format=_BAR) as bar:
         for stop in stops:
@@ -305,6 +322,8 @@ def solve(
 
 def check_run(t_end: float, settle: Settle | None, stop_at: float | None, least_volume: float | None = None) -> None:
     """Raise ValueError for ends that no run comes to."""
+    if np.ndim(t_end):
+        raise ValueError(f"t_end has shape {np.shape(t_end)}: give one number of seconds, the same for all lanes")
     check.positive("t_end", t_end, "s")
     if settle is not None and not isinstance(settle, Settle):
         raise ValueError(f"settle = {settle!r}: give Settle(...), or None")
@@ -312,25 +331,6 @@ def check_run(t_end: float, settle: Settle | None, stop_at: float | None, least_
         check.positive("stop_at", stop_at, "m")
     if least_volume is not None:
         check.positive("least_volume", least_volume)
-
-
-def check_state(scene: Scene, state: State, axes: Scene | None) -> None:
-    """Raise ValueError for a state of other particles than the scene's, without the lanes that `axes` says, or without
-    a gap that its soil remembers."""
-    leading = () if axes is None else np.shape(state.status)
-    wanted = (*leading, *scene.particles.position.shape[-2:])
-    if axes is not None and len(leading) != 1:
-        raise ValueError("axes name lanes, but the state has none: give repeat(state, lanes)")
-    if np.shape(state.status) != leading or np.shape(state.displacement) != wanted:
-        raise ValueError(
-            f"the state's displacement has shape {np.shape(state.displacement)}, the scene asks for {wanted}: give the "
-            "state that was built with it, and `axes` with lanes"
-        )
-    if state.gap is None and remembers_gap(scene.material):
-        raise ValueError(
-            f"{type(scene.material).__name__} remembers the gap that its tension cutoff opens, and the state has none: "
-            "give the state that was built with it, or the law gap_memory = False"
-        )
 
 
 _BAR = "{l_bar}{bar}| {n:.2f}/{total:.2f} s simulated [{elapsed}<{remaining}]"
