@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from cooperative import runs
@@ -56,12 +56,12 @@ def test_a_polygon_takes_the_columns_that_points_in_it_lie_in(seed, count):
     angle = np.sort(generator.random(count)) * 2 * np.pi
     radius = 0.3 + 1.6 * generator.random(count)
     corners = np.stack([3 + radius * np.cos(angle), 2 + radius * np.sin(angle)], axis=-1)
+    pairs = list(zip(corners, np.roll(corners, -1, axis=0), strict=True))
+    # Triangles with the middle that all turn left make a star; other corners may make a polygon that crosses itself.
+    assume(all((one[0] - 3) * (other[1] - 2) > (one[1] - 2) * (other[0] - 3) for one, other in pairs))
     found = Place("star", tuple(map(tuple, corners.tolist()))).columns(GROUND)
-    # Points between the corners of triangles with the middle: the star is the union of those that turn left.
     inside = np.zeros(GROUND.shape, bool)
-    for one, other in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        if (one[0] - 3) * (other[1] - 2) - (one[1] - 2) * (other[0] - 3) <= 0:
-            return
+    for one, other in pairs:
         share = generator.dirichlet([1, 1, 1], size=60)
         points = share @ np.array([[3.0, 2.0], one, other])
         inside[tuple(np.floor(points - GROUND.origin).astype(int).T)] = True
