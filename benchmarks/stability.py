@@ -20,7 +20,7 @@ import kl
 from benchmarks.measure import Report
 from benchmarks.stability_case import CLAY, NUMERICS, SLOPE, Row, energy_row, judged, metered_run, status_of
 from benchmarks.stability_cfl import KERNELS, cfl_rows
-from benchmarks.stability_rigid import sliding_rows
+from benchmarks.stability_rigid import sliding_rows, spinning_rows
 from cooperative.scene._soil import BAND
 from jaxmpm import diagnostics
 from jaxmpm.transfer import p2g
@@ -358,6 +358,7 @@ def run(quick: bool) -> Report:
         *collapse_rows(quick),
         *shaking_rows(quick),
         *sliding_rows(quick),
+        *spinning_rows(quick),
         *flight_rows(quick),
         *place_rows(quick),
         *agreement_rows(quick),
