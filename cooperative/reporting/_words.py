@@ -77,7 +77,8 @@ def cut_off(found: dict[str, Any]) -> str:
 
 def _interval(spread: dict[str, Any]) -> str:
     """Of a mean, in words."""
-    return "all alike" if spread["smallest"] == spread["largest"] else _limits(spread["interval"])
+    alike = spread["interval"] is not None and spread["smallest"] == spread["largest"]
+    return "all alike" if alike else _limits(spread["interval"])
 
 
 def distinct(told: Told) -> dict[str, dict[str, Any]]:
