@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,15 @@ import numpy as np
 from benchmarks.measure import Report, scene_campaign
 from cooperative.measure import SlopeGeometry, consequences
 from cooperative.scene import Campaign
-from jaxmpm import PlasticStrain, Settle, Soil, factor_of_safety, reduced, slope, solve
+from jaxmpm import PlasticStrain, QuadraticBSpline, Settle, Soil, factor_of_safety, reduced, slope, solve
+
+TRANSFERS: dict[str, dict[str, Any]] = {
+    "gimp_flip": {},
+    "spline_flip": {"kernel": QuadraticBSpline},
+    "spline_apic": {"kernel": QuadraticBSpline, "apic": True, "flip": 0.0},
+}
+"""How a slide turns, at R = 1.5. FLIP loses the spin of what rotates and APIC keeps it (`stability`): both on the same
+kernel, and GIMP, which APIC does not do with."""
 
 PUBLISHED = {"rough": {"stable": 1.25, "fails": 1.26}, "refined": {"stable": 1.14, "fails": 1.15, "runout_m": 14.17}}
 
@@ -26,9 +35,18 @@ def particles(campaign: Campaign, grid: str) -> int:
     return scene.particles.mass.size
 
 
-def row(campaign: Campaign, grid: str, measure: PlasticStrain, resolution: float = 0.01) -> dict[str, Any]:
-    """Factor of safety of a scene without random field, and what the first failing slide does."""
-    numerics = campaign.grids[grid]
+def row(
+    campaign: Campaign,
+    grid: str,
+    measure: PlasticStrain,
+    *,
+    resolution: float = 0.01,
+    reduction: float | None = None,
+    **transfers: Any,
+) -> dict[str, Any]:
+    """Factor of safety of a scene without random field, and what a slide does: the first one that fails, or that at a
+    reduction factor. transfers: fields of the grid's `Discretisation` in place of the scene's."""
+    numerics = replace(campaign.grids[grid], **transfers)
     start = time.perf_counter()
     assert isinstance(campaign.soil, Soil)
     soil = replace(campaign.soil, plastic_strain=measure)
@@ -37,7 +55,8 @@ def row(campaign: Campaign, grid: str, measure: PlasticStrain, resolution: float
     found = factor_of_safety(
         scene, state, bracket=(1.0, 1.6), failure_displacement=limit, resolution=resolution, batch=4
     )
-    slide = solve(reduced(scene, found.fails), state, t_end=campaign.run.t_end, settle=Settle()).raise_if_failed()
+    weaker = reduced(scene, found.fails if reduction is None else reduction)
+    slide = solve(weaker, state, t_end=campaign.run.t_end, settle=Settle()).raise_if_failed()
     position, shape = np.asarray(scene.particles.position), campaign.slope
     done = consequences(
         position,
@@ -51,9 +70,13 @@ def row(campaign: Campaign, grid: str, measure: PlasticStrain, resolution: float
         "y_ends": "plane strain" if shape.width is None else campaign.y_ends,
         "cell_m": numerics.cell,
         "plastic_strain": measure.value,
+        "kernel": numerics.kernel.__name__,
+        "update": "APIC" if numerics.apic else "FLIP",
         "stable_R": found.stable,
         "fails_R": found.fails,
+        "slides_at_R": found.fails if reduction is None else reduction,
         "runout_m": round(done.runout, 2),
+        "depth_m": round(done.depth, 2),
         "largest_displacement_m": round(done.displacement, 2),
         "published": PUBLISHED[grid],
         "seconds": round(time.perf_counter() - start, 1),
@@ -61,7 +84,8 @@ def row(campaign: Campaign, grid: str, measure: PlasticStrain, resolution: float
 
 
 def run(quick: bool) -> Report:
-    """Counts of paper.toml; both grids and both measures of plastic strain of paper_section.toml; fixed y ends."""
+    """Counts of paper.toml; both grids and both measures of plastic strain of paper_section.toml, and three transfers;
+    fixed y ends."""
     section = scene_campaign("paper_section")
     assert isinstance(section.soil, Soil)
     measures = [PlasticStrain.ENGINEERING] if quick else list(PlasticStrain)
@@ -76,4 +100,8 @@ def run(quick: bool) -> Report:
     if not quick:
         rows.append(row(scene_campaign("paper"), "rough", section.soil.plastic_strain, resolution=0.02))
         values["runout_refined_m"] = by_grid["refined"]["runout_m"]
+    for grid, (name, transfers) in product(grids, TRANSFERS.items()):
+        turned = row(section, grid, section.soil.plastic_strain, reduction=1.5, **transfers)
+        rows.append(turned)
+        values |= {f"fos_{grid}_{name}": turned["fails_R"], f"runout_{grid}_{name}_m": turned["runout_m"]}
     return Report(values, rows)
