@@ -13,8 +13,8 @@ import numpy as np
 
 from cooperative import runs
 from cooperative.scene import Campaign, _calibration
+from cooperative.scene._campaign import Calibration
 from cooperative.scene._rasters import packed
-from cooperative.scene._typed import Calibration
 from cooperative.store import Sample
 from cooperative.sweep import to_toml
 from jaxmpm import Raster

@@ -21,7 +21,7 @@ from benchmarks.measure import ROOT, machine, scene_campaign
 from cooperative import runs
 from cooperative.scene import Campaign
 from cooperative.scene._calibration import measure
-from cooperative.scene._typed import Calibration
+from cooperative.scene._campaign import Calibration
 from cooperative.store import Sample
 
 DATA = ROOT / "benchmarks" / "data"

@@ -9,8 +9,8 @@ import jaxmpm as mpm
 from benchmarks.invented import TINY
 from cooperative import run, runs
 from cooperative.scene import campaign_of, parse
+from cooperative.scene._campaign import LimitLoad
 from cooperative.scene._limit_load import measure_limit_load
-from cooperative.scene._typed import LimitLoad
 from cooperative.store import open_store, read_rows, read_store
 
 PLASTIC = (

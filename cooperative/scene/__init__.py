@@ -2,6 +2,7 @@
 
 from cooperative.scene._budget import allowing, kept_budget, raised, write_budget
 from cooperative.scene._calibration import calibrated, campaign_of, kept, measured
+from cooperative.scene._campaign import Budget, Campaign, Plan
 from cooperative.scene._defaults import with_defaults
 from cooperative.scene._examples import NAMED, SCHEMA, begin, example, examples, starters, write_example
 from cooperative.scene._field_modes import keep_field_modes, with_kept_field_modes
@@ -24,7 +25,7 @@ from cooperative.scene._schema import (
 from cooperative.scene._site import Site, SiteLayer
 from cooperative.scene._soil import PARAMETERS, TAIL, CrossCorrelation, RandomField, gaussian_root, steepest
 from cooperative.scene._text import read_scene, tables_of
-from cooperative.scene._typed import Budget, Campaign, Plan, built, parse
+from cooperative.scene._typed import built, parse
 
 __all__ = [
     "EXPOSED",

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cooperative.estimate import Sampling
-from cooperative.scene._typed import Budget, Campaign
+from cooperative.scene._campaign import Budget, Campaign
 from cooperative.store import MOST_TEXT, write_aside
 from foundation import files
 from foundation.text import shown

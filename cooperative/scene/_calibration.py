@@ -12,12 +12,13 @@ from pathlib import Path
 
 from cooperative.estimate import Estimator
 from cooperative.scene._budget import kept_budget, raised
+from cooperative.scene._campaign import Calibration, Campaign
 from cooperative.scene._field_modes import with_kept_field_modes
 from cooperative.scene._kept import Grid, Kept, factors_at_once
 from cooperative.scene._limit_load import KEPT as LIMIT_LOAD_KEPT
 from cooperative.scene._limit_load import at_limit_load
 from cooperative.scene._schema import CALIBRATION
-from cooperative.scene._typed import Calibration, Campaign, parse
+from cooperative.scene._typed import parse
 from cooperative.store import Store
 from jaxmpm import Scene, State, factor_of_safety
 

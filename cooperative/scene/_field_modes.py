@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from cooperative.scene._campaign import Campaign, FieldModes
 from cooperative.scene._kept import Kept
 from cooperative.scene._schema import FIELD_MODES
 from cooperative.scene._text import tables_of
-from cooperative.scene._typed import Campaign, FieldModes
 
 KEPT = Kept("field_modes", FIELD_MODES, FieldModes, "numbers of modes")
 

@@ -11,8 +11,8 @@ from typing import Generic, Protocol, TypeVar
 
 import jax
 
+from cooperative.scene._campaign import Calibration, FieldModes, LimitLoad
 from cooperative.scene._schema import Key, read
-from cooperative.scene._typed import Calibration, FieldModes, LimitLoad
 from cooperative.store import MOST_TEXT, write_aside
 from foundation import files
 from jaxmpm import Scene, State

@@ -12,9 +12,9 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+from cooperative.scene._campaign import Campaign, LimitLoad, check_failure
 from cooperative.scene._kept import Grid, Kept, factors_at_once
 from cooperative.scene._schema import LIMIT_LOAD
-from cooperative.scene._typed import Campaign, LimitLoad, check_failure
 from jaxmpm import Scene, Settle, State, diagnostics, factor_of_safety, reduced, solve
 
 KEPT = Kept("limit_load", LIMIT_LOAD, LimitLoad, "limit load")
