@@ -6,6 +6,19 @@ from foundation.files import DamagedFile, write_aside
 from foundation.pytrees import pytree
 from jaxmpm import diagnostics, tensors
 from jaxmpm._step import step
+from jaxmpm.ground import (
+    Layer,
+    Raster,
+    Section,
+    Slope,
+    Terrain,
+    Thickness,
+    read_line,
+    read_raster,
+    section,
+    slope,
+    terrain,
+)
 from jaxmpm.io import load_state, save_state, write_particles, write_vtkhdf
 from jaxmpm.laws import (
     J2,
@@ -49,37 +62,21 @@ from jaxmpm.run import (
     strength_sensitivity,
     with_columns,
 )
-from jaxmpm.site import (
-    Believed,
+from jaxmpm.setup import (
     Discretisation,
-    FrictionalSoil,
-    Interface,
-    Layer,
-    PlasticStrain,
-    Raster,
-    Section,
-    Slope,
-    Soil,
-    Terrain,
-    Thickness,
     at_rest,
     bar,
     block,
     cell_independent,
     column,
     fill,
-    read_line,
     read_motion,
-    read_raster,
     scene,
-    section,
-    slope,
-    terrain,
-    unit_slip,
     unstressed,
     with_soil,
     with_strength,
 )
+from jaxmpm.soil import Believed, FrictionalSoil, Interface, PlasticStrain, Soil, unit_slip
 from jaxmpm.transfer import GIMP, Linear, QuadraticBSpline, native_available, native_library
 from jaxmpm.types import (
     Columns,

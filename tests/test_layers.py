@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parent.parent
 # From the bottom up: a room, or a module that stands alone, may import what stands before it.
 ROOMS = {
     "foundation": "text pytrees check files",
-    "jaxmpm": "types tensors transfer laws boundary _step diagnostics site run io",
+    "jaxmpm": "types tensors transfer laws boundary _step diagnostics soil setup ground run io",
     "kl": "types axis marginal sampling field soil plots",
     "cooperative": (
         "store measure estimate scene runs effects summary hazard campaign reporting sweep research doctor reference"

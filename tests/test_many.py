@@ -8,7 +8,7 @@ import pytest
 
 import jaxmpm as mpm
 from jaxmpm.run._many import Batch, Midway, _Sample
-from jaxmpm.site import vary
+from jaxmpm.setup import vary
 
 SHAPE = mpm.Slope(crest=4, height=2, run_per_rise=1.0, toe=4, foundation=2)
 CLAY = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3)

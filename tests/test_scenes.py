@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import jaxmpm as mpm
 from jaxmpm import diagnostics
-from jaxmpm.site._initial_stress import elastic_equilibrium
+from jaxmpm.setup._initial_stress import elastic_equilibrium
 
 PAPER_SOIL = mpm.Soil(strength=42e3, softening_modulus=85e3)
 SECTION = mpm.Discretisation(2.0, (1.0, 1.0))

@@ -26,7 +26,7 @@ from skfem.helpers import ddot, div, sym_grad
 import jaxmpm as mpm
 from jaxmpm import tensors
 from jaxmpm.diagnostics import unbalanced_force
-from jaxmpm.site._initial_stress import elastic_equilibrium
+from jaxmpm.setup._initial_stress import elastic_equilibrium
 from jaxmpm.types import Wall
 from tests.verification import order
 

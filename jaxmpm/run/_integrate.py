@@ -20,7 +20,7 @@ from jaxmpm._step import place, step
 from jaxmpm.laws import hardens, snaps_back
 from jaxmpm.run._checks import check_state
 from jaxmpm.run._columns import kept
-from jaxmpm.site import check_scene, check_shape, parameter_names, with_parameters
+from jaxmpm.setup import check_scene, check_shape, parameter_names, with_parameters
 from jaxmpm.transfer import inside, locate
 from jaxmpm.types import Scene, State, Status
 

@@ -17,7 +17,7 @@ from jax import Array
 from foundation import check
 from jaxmpm.run._checks import check_state
 from jaxmpm.run._integrate import Result, Settle, Watch, advance_lanes, check_run, farthest, steps_until
-from jaxmpm.site import check_names, check_scene, check_start, vary
+from jaxmpm.setup import check_names, check_scene, check_start, vary
 from jaxmpm.types import Scene, State, Status
 
 

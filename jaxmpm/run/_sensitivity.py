@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxmpm.run._checkpointed import replay
-from jaxmpm.site import check_scene
+from jaxmpm.setup import check_scene
 from jaxmpm.types import Scene, State
 
 

@@ -17,7 +17,7 @@ from foundation.text import shown
 from jaxmpm.laws import reduce_strength
 from jaxmpm.run._integrate import Settle, check_run, farthest, lanes, repeat, solve
 from jaxmpm.run._limit_load import LOOKS, Times, displacements, find_kink, speeds_up
-from jaxmpm.site import check_scene
+from jaxmpm.setup import check_scene
 from jaxmpm.types import Scene, State
 
 

@@ -19,7 +19,7 @@ from jaxmpm import tensors
 from jaxmpm._step import MASS_FLOOR, Maps, acting_stress, external_force
 from jaxmpm.boundary import hold
 from jaxmpm.laws import elastic_increment
-from jaxmpm.site._scene import unstressed
+from jaxmpm.setup._scene import unstressed
 from jaxmpm.types import Scene, State
 
 

@@ -8,8 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxmpm._step import Maps, particles_to_grid
-from jaxmpm.site._builders import PADDING
-from jaxmpm.site._discretisation import Discretisation
+from jaxmpm.setup import PADDING, Discretisation
 from jaxmpm.transfer import GIMP, Linear
 from jaxmpm.types import FreeField, Scene, Scheme, State
 

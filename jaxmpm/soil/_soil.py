@@ -27,7 +27,7 @@ from jaxmpm.laws import (
     RateEffect,
     Softening,
 )
-from jaxmpm.site._believed import BELIEVED, unit_slip
+from jaxmpm.soil._units import BELIEVED, unit_slip
 
 STANDARD_GRAVITY = 9.81
 """What turns a unit weight into a density (m/s2), whatever gravity a scene has."""
@@ -116,10 +116,11 @@ class FrictionalSoil:
         return self.softening_strain is not None
 
 
-Ground = Soil | FrictionalSoil
+AnySoil = Soil | FrictionalSoil
+"""Of either kind."""
 
 
-def material_of(soil: Ground, dtype: np.dtype, band: float) -> Elastic | J2 | MohrCoulomb | DruckerPrager:
+def material_of(soil: AnySoil, dtype: np.dtype, band: float) -> Elastic | J2 | MohrCoulomb | DruckerPrager:
     """The law of a soil on a grid whose shear bands are `band` (m) thick.
 
     Raises ValueError for what no soil can have.
@@ -162,14 +163,14 @@ class Interface:
         check.not_negative("the interface's cohesion", self.cohesion, "Pa")
 
 
-def warn_of_units(soil: Ground) -> None:
+def warn_of_units(soil: AnySoil) -> None:
     """Warn, once for all of them, of numbers that betray another unit, unless the soil says that it means them."""
     slips = () if soil.unusual else dict.fromkeys(_slips(soil))
     if slips:
         warnings.warn(f"{'; '.join(slips)} If that is meant, give the soil unusual=True", stacklevel=4)
 
 
-def _slips(soil: Ground) -> Iterator[str]:
+def _slips(soil: AnySoil) -> Iterator[str]:
     """What to ask of each number, of the least and the largest where there are several."""
     for name in BELIEVED:
         value = getattr(soil, name, None)

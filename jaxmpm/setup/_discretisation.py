@@ -11,7 +11,7 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from foundation import check
-from jaxmpm.site._soil import Ground, Soil
+from jaxmpm.soil import AnySoil, Soil
 from jaxmpm.transfer import GIMP, QuadraticBSpline, length_of_band
 from jaxmpm.types import Kernel, Scheme
 
@@ -65,7 +65,7 @@ def kernel_of(discretisation: Discretisation) -> Kernel:
     return discretisation.kernel.of_spacing(tuple(discretisation.spacing))
 
 
-def cell_independent(discretisation: Discretisation, soil: Ground) -> Discretisation:
+def cell_independent(discretisation: Discretisation, soil: AnySoil) -> Discretisation:
     """These choices, with F-bar and averaged plastic strain where they keep the answers from following the cell.
 
     F-bar for all but frictional soil, whose volumetric strain is averaged over cells in any case. Plastic strain is

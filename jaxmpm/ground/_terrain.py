@@ -16,14 +16,26 @@ from jax.typing import DTypeLike
 
 from foundation import check
 from foundation.text import shown
+from jaxmpm.ground._raster import Raster
+from jaxmpm.ground._seam import Thickness, thicknesses, warn_of_seams
+from jaxmpm.ground._section import WATER_WEIGHT, Box, Layer, check_ends, pore_pressure_of
 from jaxmpm.laws import WaterSurface
-from jaxmpm.site import _initial_stress
-from jaxmpm.site._builders import PADDING, below, build, end_walls, fill, material_on, sorted_by_cell
-from jaxmpm.site._discretisation import RESOLVED, Discretisation, cells_up, check_discretisation, check_resolved
-from jaxmpm.site._raster import Raster
-from jaxmpm.site._seam import Thickness, thicknesses, warn_of_seams
-from jaxmpm.site._section import WATER_WEIGHT, Box, Layer, check_ends, common_law, pore_pressure_of, weights
-from jaxmpm.site._soil import STANDARD_GRAVITY, Ground
+from jaxmpm.setup import (
+    PADDING,
+    RESOLVED,
+    Discretisation,
+    below,
+    build,
+    cells_up,
+    check_discretisation,
+    check_resolved,
+    end_walls,
+    fill,
+    material_on,
+    settled,
+    sorted_by_cell,
+)
+from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, common_law, weights
 from jaxmpm.types import Grid, Particles, Scene, State, Wall
 
 SAMPLED = 4
@@ -227,7 +239,7 @@ class Terrain:
 
 def terrain(
     shape: Terrain,
-    soil: Ground | Sequence[Layer],
+    soil: AnySoil | Sequence[Layer],
     discretisation: Discretisation,
     *,
     gravity: float = 9.81,
@@ -263,7 +275,9 @@ def terrain(
     (x, y, z), spacing = np.asarray(particles.position, float), discretisation.spacing[-1]
     table = _water_table(shape, water)
     under = None if table is None else below(z, table.at(x, y), RESOLVED * spacing)
-    density = jnp.asarray(weights(layers, layer, under) / STANDARD_GRAVITY, particles.mass.dtype)
+    density = jnp.asarray(
+        weights([each.soil for each in layers], layer, under) / STANDARD_GRAVITY, particles.mass.dtype
+    )
     tops = [shape.heights(x, y), *_bottoms(shape, layers, x, y, spacing), np.full(z.size, shape.base)]
     held = [np.maximum(top, shape.base) for top in tops]
     _refuse_thin(x, y, held, spacing)
@@ -280,7 +294,7 @@ def terrain(
         pore_pressure=pore_pressure_of(r_u, table is not None, z, layers, tops),
         cut=shape.beyond(grid),
     )
-    return built, _initial_stress.settled(built, state) if at_rest else state
+    return built, settled(built, state) if at_rest else state
 
 
 def _water_table(shape: Terrain, water: float | Raster | None) -> Raster | None:

@@ -18,7 +18,7 @@ from jax.typing import ArrayLike
 from foundation import check
 from foundation.text import shown
 from jaxmpm.laws import BaseMotion, WaterSurface, WaterTable, hardens, remembers_gap, snaps_back
-from jaxmpm.site._motion import check_motion
+from jaxmpm.setup._motion import check_motion
 from jaxmpm.tensors import CARRIED
 from jaxmpm.transfer import Linear, inside, locate, passes_for
 from jaxmpm.types import Engine, Grid, Kernel, Material, Particles, Scene, Scheme, State, Status, Wall

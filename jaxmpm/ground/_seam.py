@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from foundation import check
-from jaxmpm.site._soil import FrictionalSoil
+from jaxmpm.soil import FrictionalSoil
 
 RESOLVING = 2.0
 """Cells in the thickness of a weak layer from which on its strength is its own, wherever it lies on the grid."""

@@ -11,19 +11,32 @@ from typing import Any, Literal
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from foundation import check
 from foundation.text import shown
+from jaxmpm.ground._free_field import check_free_field, joined
+from jaxmpm.ground._raster import Raster
+from jaxmpm.ground._seam import Thickness, thicknesses, warn_of_seams
 from jaxmpm.laws import BaseMotion, WaterTable
-from jaxmpm.site import _initial_stress
-from jaxmpm.site._builders import PADDING, ROUNDING, Hold, below, build, end_walls, fill, material_on, sorted_by_cell
-from jaxmpm.site._discretisation import RESOLVED, Discretisation, cells_up, check_discretisation, check_resolved
-from jaxmpm.site._free_field import check_free_field, joined
-from jaxmpm.site._raster import Raster
-from jaxmpm.site._seam import Thickness, thicknesses, warn_of_seams
-from jaxmpm.site._soil import STANDARD_GRAVITY, Ground, Interface
-from jaxmpm.types import Grid, Material, Particles, Scene, State, Wall
+from jaxmpm.setup import (
+    PADDING,
+    RESOLVED,
+    ROUNDING,
+    Discretisation,
+    Hold,
+    below,
+    build,
+    cells_up,
+    check_discretisation,
+    check_resolved,
+    end_walls,
+    fill,
+    material_on,
+    settled,
+    sorted_by_cell,
+)
+from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, Interface, common_law, weights
+from jaxmpm.types import Grid, Particles, Scene, State, Wall
 
 Line = Sequence[Sequence[float]]
 """Points (x, z) m with x rising; two points of the same x make a step."""
@@ -53,7 +66,7 @@ class Layer:
     surface (m). thickness: instead, of the layer (m). The last layer has none of them: it reaches down to the base.
     """
 
-    soil: Ground
+    soil: AnySoil
     bottom: Line | Raster | None = None
     depth: float | None = None
     thickness: float | None = None
@@ -189,7 +202,7 @@ FREE_FIELD: Literal["free field"] = "free field"
 
 def section(
     shape: Section,
-    soil: Ground | Sequence[Layer],
+    soil: AnySoil | Sequence[Layer],
     discretisation: Discretisation,
     *,
     gravity: float = 9.81,
@@ -261,7 +274,7 @@ def section(
             [top(np.asarray(particles.position[0], float)) for top in tops],
         ),
     )
-    state = _initial_stress.settled(built, state) if at_rest else state
+    state = settled(built, state) if at_rest else state
     if ends != FREE_FIELD:
         return built, state
     loads = {"gravity": gravity, "r_u": r_u, "k_h": towards * k_h, "k_v": k_v, "at_rest": at_rest}
@@ -475,17 +488,8 @@ def _particles(
     x, z = np.asarray(particles.position, float)
     layer = _layer_of(tops, np.stack([x, z]), dz)
     under = None if table is None else below(z, np.interp(x, table.x, table.z), RESOLVED * dz)
-    mass = weights(layers, layer, under) / STANDARD_GRAVITY * (dx * dz)
+    mass = weights([each.soil for each in layers], layer, under) / STANDARD_GRAVITY * (dx * dz)
     return replace(particles, mass=jnp.asarray(mass, particles.mass.dtype)), layer
-
-
-def weights(layers: Sequence[Layer], layer: np.ndarray, under: np.ndarray | None) -> np.ndarray:
-    """Unit weights (N,) N/m3 of particles of these layers, saturated where they lie under a water table."""
-    weight = np.array([each.soil.unit_weight for each in layers])[layer]
-    if under is None:
-        return weight
-    saturated = [getattr(each.soil, "saturated_unit_weight", None) or each.soil.unit_weight for each in layers]
-    return np.where(under, np.array(saturated)[layer], weight)
 
 
 def _water_table(shape: Section, water: float | Line | None, discretisation: Discretisation) -> WaterTable | None:
@@ -573,26 +577,3 @@ def _refuse_thin(x: np.ndarray, tops: Sequence[np.ndarray], spacing: float) -> N
                 )
         if not (size == 2).any():
             raise ValueError(f"layer {number} holds no particle between the walls: draw it there, or leave it out")
-
-
-def common_law(laws: Sequence[Material], layer: np.ndarray) -> Material:
-    """The law of all layers, a parameter per particle where they differ."""
-    kinds = [type(law).__name__ for law in laws]
-    structures: list[Any] = [jax.tree.structure(law) for law in laws]
-    for number, structure in enumerate(structures[1:], 2):
-        if structure != structures[0]:
-            raise ValueError(
-                f"layers 1 ({kinds[0]}) and {number} ({kinds[number - 1]}) have soils of unlike laws, or only one of "
-                "them softens, is cut off in tension or feels the rate of shear: give all layers one kind of soil with "
-                "the same features, e.g. undrained clay as FrictionalSoil(cohesion=S_u, friction=0)"
-            )
-
-    def parameter(*values: Array) -> Array:
-        if any(np.ndim(value) for value in values):
-            if len(values) > 1:
-                raise ValueError("a soil of a layer has a parameter per particle: give numbers, then `with_soil`")
-            return values[0]
-        different = any(value != values[0] for value in values[1:])
-        return jnp.stack(values)[layer] if different else values[0]
-
-    return jax.tree.map(parameter, *laws)

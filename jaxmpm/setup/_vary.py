@@ -12,9 +12,9 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from foundation import check
-from jaxmpm.site._initial_stress import at_rest
-from jaxmpm.site._scene import check_scene, check_shape, wave_speed
-from jaxmpm.site._soil import STANDARD_GRAVITY, moduli
+from jaxmpm.setup._initial_stress import at_rest
+from jaxmpm.setup._scene import check_scene, check_shape, wave_speed
+from jaxmpm.soil import STANDARD_GRAVITY, moduli
 from jaxmpm.types import Scene, State
 
 ENGINEERING = ("young", "poisson", "unit_weight")

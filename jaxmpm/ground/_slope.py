@@ -1,0 +1,166 @@
+"""A slope over a foundation, as sizes in metres."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from foundation import check
+from jaxmpm.setup import (
+    PADDING,
+    ROUNDING,
+    Discretisation,
+    below,
+    box_particles,
+    build,
+    cells_up,
+    check_discretisation,
+    end_walls,
+    material_on,
+    settled,
+)
+from jaxmpm.soil import AnySoil
+from jaxmpm.types import Grid, Scene, State, Wall
+
+
+@dataclass(frozen=True)
+class Slope:
+    """A slope over a foundation, falling along x from the crest at x = 0 (m).
+
+    crest: flat length behind the slope. height: of the slope. run_per_rise: 2 is 1:2. toe: flat length before it.
+    foundation: thickness below the toe. width: along y, None for a section in plane strain.
+    """
+
+    crest: float = 30.0
+    height: float = 12.0
+    run_per_rise: float = 2.0
+    toe: float = 42.0
+    foundation: float = 4.0
+    width: float | None = None
+
+    @property
+    def toe_x(self) -> float:
+        """Where the slope meets the flat ground (m)."""
+        return self.crest + self.run_per_rise * self.height
+
+    @property
+    def length(self) -> float:
+        """Length along x (m)."""
+        return self.toe_x + self.toe
+
+    @property
+    def dimension(self) -> int:
+        """2 for a section, 3 with a width."""
+        return 2 if self.width is None else 3
+
+    def check(self) -> None:
+        """Raise ValueError for sizes that no slope has."""
+        for name in ("crest", "height", "toe", "foundation"):
+            check.positive(name, getattr(self, name), "m")
+        check.not_negative("run_per_rise", self.run_per_rise)
+        if self.width is not None:
+            check.positive("width", self.width, "m")
+
+    @property
+    def area(self) -> float:
+        """Of the section (m2)."""
+        return self.length * self.foundation + self.height * (self.crest + self.run_per_rise * self.height / 2)
+
+    @property
+    def corner(self) -> tuple[float, ...]:
+        """Lowest corner (d,) m of the box that holds the ground: the origin."""
+        return (0.0,) * self.dimension
+
+    @property
+    def extent(self) -> tuple[float, ...]:
+        """Edges (d,) m of the box that holds the ground."""
+        top = self.foundation + self.height
+        return (self.length, top) if self.width is None else (self.length, self.width, top)
+
+    @property
+    def volume(self) -> float:
+        """Of the ground (m3), in a section per metre of width (m2)."""
+        return self.area * (1.0 if self.width is None else self.width)
+
+    def cells(self, discretisation: Discretisation) -> list[int]:
+        """Cells of a grid along each axis, with air above the crest. Raises ValueError for a slope or a grid that is
+        none, and where one does not fit the other."""
+        d, cell = self.dimension, discretisation.cell
+        check_discretisation(discretisation, d)
+        self.check()
+        if self.toe < 2 * cell:
+            raise ValueError(
+                f"toe = {self.toe:g} m leaves no room for a run-out: give at least two cells ({2 * cell:g} m)"
+            )
+        dx, dz = discretisation.spacing[0], discretisation.spacing[-1]
+        for name, value in (
+            ("crest", self.crest),
+            ("slope's run", self.run_per_rise * self.height),
+            ("toe", self.toe),
+        ):
+            if value > 0:
+                check.multiple(name, value, "the spacing along x", dx)
+        for name, value in (("height", self.height), ("foundation", self.foundation)):
+            check.multiple(name, value, "the spacing along z", dz)
+        cells = [check.multiple("length", self.length, "cell", cell)]
+        if self.width is not None:
+            check.multiple("width", self.width, "the spacing along y", discretisation.spacing[1])
+            cells.append(check.multiple("width", self.width, "cell", cell))
+        return [*cells, cells_up(discretisation, self.foundation + self.height)]
+
+    def heights(self, x: np.ndarray, _: np.ndarray | None = None) -> np.ndarray:
+        """Height of the surface (m) at x, and wherever along y."""
+        return self.surface(x)
+
+    def surface(self, x: np.ndarray) -> np.ndarray:
+        """Height of the ground above the base (m) at x."""
+        if self.run_per_rise == 0:
+            return self.foundation + self.height * (x <= self.crest)
+        return self.foundation + np.clip(self.height - (x - self.crest) / self.run_per_rise, 0.0, self.height)
+
+
+def slope(
+    shape: Slope,
+    soil: AnySoil,
+    discretisation: Discretisation,
+    *,
+    gravity: float = 9.81,
+    y_ends: Literal["fixed", "roller"] = "fixed",
+    speed: float | None = None,
+    at_rest: bool = True,
+) -> tuple[Scene, State]:
+    """A slope at rest: base fixed, x ends on rollers, y ends as asked, stress from elastic gravity loading.
+
+    at_rest: False leaves it free of stress, which is not solved for then (gravity would act suddenly).
+    speed: largest particle speed that the time step allows for (m/s), by default of a fall
+    through half the relief.
+    Raises ValueError for sizes, moduli, spacings and walls that do not fit (each message says which and why).
+    """
+    check.not_negative("gravity", gravity, "m/s2")
+    if y_ends not in ("fixed", "roller"):
+        raise ValueError(f"y_ends = {y_ends!r}: give 'fixed' or 'roller'")
+    d, cell, cells = shape.dimension, discretisation.cell, shape.cells(discretisation)
+    top = shape.foundation + shape.height
+    walls = end_walls(0, cells[0], "roller")
+    if shape.width is not None:
+        walls += end_walls(1, cells[1], y_ends)
+    walls.append(Wall(d - 1, "low", PADDING, "fixed"))
+
+    built, state = build(
+        box_particles(
+            shape.extent,
+            soil,
+            discretisation,
+            inside=lambda x: below(x[-1], shape.surface(x[0]), ROUNDING * discretisation.spacing[-1]),
+        ),
+        Grid(tuple(n + 1 + 2 * PADDING for n in cells), cell, (-PADDING * cell,) * d),
+        material_on(discretisation, soil),
+        discretisation,
+        walls=tuple(walls),
+        gravity=gravity,
+        speed=math.sqrt(gravity * top) if speed is None else speed,
+    )
+    return built, settled(built, state) if at_rest else state

@@ -1,0 +1,66 @@
+"""From particles, a law and numerical choices to Scene and State: all of it checked, the initial stress solved."""
+
+from jaxmpm.setup._builders import (
+    PADDING,
+    ROUNDING,
+    Hold,
+    bar,
+    below,
+    block,
+    box_particles,
+    build,
+    column,
+    end_walls,
+    fill,
+    material_on,
+    sorted_by_cell,
+)
+from jaxmpm.setup._discretisation import (
+    RESOLVED,
+    Discretisation,
+    cell_independent,
+    cells_up,
+    check_discretisation,
+    check_resolved,
+)
+from jaxmpm.setup._initial_stress import at_rest, settled
+from jaxmpm.setup._motion import read_motion
+from jaxmpm.setup._scene import check_scene, check_shape, refuse_snap_back, scene, unstressed, with_strength
+from jaxmpm.setup._vary import check_names, check_start, parameter_names, vary, with_parameters, with_soil
+
+__all__ = [
+    "PADDING",
+    "RESOLVED",
+    "ROUNDING",
+    "Discretisation",
+    "Hold",
+    "at_rest",
+    "bar",
+    "below",
+    "block",
+    "box_particles",
+    "build",
+    "cell_independent",
+    "cells_up",
+    "check_discretisation",
+    "check_names",
+    "check_resolved",
+    "check_scene",
+    "check_shape",
+    "check_start",
+    "column",
+    "end_walls",
+    "fill",
+    "material_on",
+    "parameter_names",
+    "read_motion",
+    "refuse_snap_back",
+    "scene",
+    "settled",
+    "sorted_by_cell",
+    "unstressed",
+    "vary",
+    "with_parameters",
+    "with_soil",
+    "with_strength",
+]

@@ -1,0 +1,31 @@
+"""Soil in engineers' numbers, the law that it makes, and what betrays another unit."""
+
+from jaxmpm.soil._layers import common_law, weights
+from jaxmpm.soil._soil import (
+    STANDARD_GRAVITY,
+    AnySoil,
+    FrictionalSoil,
+    Interface,
+    PlasticStrain,
+    Soil,
+    material_of,
+    moduli,
+    warn_of_units,
+)
+from jaxmpm.soil._units import Believed, unit_slip
+
+__all__ = [
+    "STANDARD_GRAVITY",
+    "AnySoil",
+    "Believed",
+    "FrictionalSoil",
+    "Interface",
+    "PlasticStrain",
+    "Soil",
+    "common_law",
+    "material_of",
+    "moduli",
+    "unit_slip",
+    "warn_of_units",
+    "weights",
+]
