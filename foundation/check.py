@@ -118,7 +118,7 @@ def whole(name: str, value: Any, least: int = 1) -> None:
 def parameters(tree: Any, prefix: str = "") -> Iterator[tuple[str, Limit, Any]]:
     """Name, limit and value of every number in a dataclass and in those that it holds.
 
-    A dataclass says what its fields may be in LIMITS; all others may have any finite value.
+    A dataclass says what its fields may be in PARAMETERS; all others may have any finite value.
     """
     for field in dataclasses.fields(tree):
         value = getattr(tree, field.name)
@@ -127,7 +127,7 @@ def parameters(tree: Any, prefix: str = "") -> Iterator[tuple[str, Limit, Any]]:
         if dataclasses.is_dataclass(value):
             yield from parameters(value, f"{prefix}{field.name}.")
         else:
-            limit = getattr(type(tree), "LIMITS", {}).get(field.name, Limit())
+            limit = getattr(type(tree), "PARAMETERS", {}).get(field.name, Limit())
             for leaf in jax.tree.leaves(value):
                 yield prefix + field.name, limit, leaf
 

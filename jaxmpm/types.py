@@ -132,7 +132,7 @@ class Particles:
     mass: Array
     volume: Array
 
-    LIMITS: ClassVar[Mapping[str, Limit]] = {"mass": above_zero("kg"), "volume": above_zero("m3")}
+    PARAMETERS: ClassVar[Mapping[str, Limit]] = {"mass": above_zero("kg"), "volume": above_zero("m3")}
 
 
 class Material(Protocol):
@@ -141,11 +141,9 @@ class Material(Protocol):
     All that the package asks of a law; `Law` is a base class with what most laws share.
     """
 
-    LIMITS: ClassVar[Mapping[str, Limit]]
-    """What values the parameters may have; those that are not named here may have any that is finite."""
-
-    STRENGTH: ClassVar[tuple[str, ...]]
-    """Names of the parameters that strength reduction changes; none for a law without strength."""
+    PARAMETERS: ClassVar[Mapping[str, Limit]]
+    """What values the parameters may have, each a `Limit`, or a `Parameter` where strength reduction, a campaign or the
+    thickness of shear bands concern it; those that are not named here may have any that is finite."""
 
     FRICTIONAL: ClassVar[bool]
     """Whether strength depends on the mean stress, which F-bar would average."""
@@ -233,7 +231,7 @@ class Scene:
     cut: Array | None = None
     free_field: FreeField | None = None
 
-    LIMITS: ClassVar[Mapping[str, Limit]] = {
+    PARAMETERS: ClassVar[Mapping[str, Limit]] = {
         "time_step": above_zero("s"),
         "flip": Limit(least=0.0, most=1.0),
         "damping": from_zero("1/s"),

@@ -75,8 +75,10 @@ class Bingham(mpm.Law):
     strength: Array
     viscosity: Array
 
-    LIMITS = {"strength": mpm.Limit(least=0.0, unit="Pa"), "viscosity": mpm.Limit(above=0.0, unit="Pa s")}  # noqa: RUF012
-    STRENGTH = ("strength",)  # what strength reduction divides
+    PARAMETERS = {  # noqa: RUF012
+        "strength": mpm.Parameter(least=0.0, unit="Pa", reduced=True),
+        "viscosity": mpm.Parameter(above=0.0, unit="Pa s"),
+    }
 
     def update(self, strain_increment: Any, stress: Any, history: None, dt: Array) -> tuple[Any, None]:
         pressure = mean(stress) + 3 * self.bulk * mean(strain_increment)

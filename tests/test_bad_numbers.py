@@ -210,7 +210,7 @@ def test_a_law_of_the_users_own_is_held_to_its_own_limits(section):
         shear: float
         exponent: float
 
-        LIMITS = {"exponent": mpm.Limit(least=1.0, most=2.0)}  # noqa: RUF012
+        PARAMETERS = {"exponent": mpm.Limit(least=1.0, most=2.0)}  # noqa: RUF012
 
         def update(self, strain_increment, stress, history, dt=None):
             return stress, history

@@ -2,9 +2,10 @@
 
 from jaxmpm.laws._base import Law, reduce_strength, snaps_back
 from jaxmpm.laws._base_motion import BaseMotion
-from jaxmpm.laws._frictional import DruckerPrager, Matching, MohrCoulomb, cone, hardens
+from jaxmpm.laws._frictional import DruckerPrager, Matching, MohrCoulomb, cone
 from jaxmpm.laws._gap import remembers_gap, update_with_gap
 from jaxmpm.laws._hencky import logarithmic, volumetric
+from jaxmpm.laws._parameter import Declared, Parameter, declared, excesses, hardens, has_strength, with_parameters
 from jaxmpm.laws._softening import Decay, ExponentialSoftening, FrictionalSoftening, RateEffect, Softening
 from jaxmpm.laws._undrained import J2, Elastic, add, elastic_increment, elastic_strain
 from jaxmpm.laws._water import WaterSurface, WaterTable
@@ -13,6 +14,7 @@ __all__ = [
     "J2",
     "BaseMotion",
     "Decay",
+    "Declared",
     "DruckerPrager",
     "Elastic",
     "ExponentialSoftening",
@@ -20,19 +22,24 @@ __all__ = [
     "Law",
     "Matching",
     "MohrCoulomb",
+    "Parameter",
     "RateEffect",
     "Softening",
     "WaterSurface",
     "WaterTable",
     "add",
     "cone",
+    "declared",
     "elastic_increment",
     "elastic_strain",
+    "excesses",
     "hardens",
+    "has_strength",
     "logarithmic",
     "reduce_strength",
     "remembers_gap",
     "snaps_back",
     "update_with_gap",
     "volumetric",
+    "with_parameters",
 ]

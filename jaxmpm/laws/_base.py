@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
 from jax import Array
 
 from foundation.check import Limit, above_zero
+from jaxmpm.laws._parameter import with_strength_divided
 from jaxmpm.types import Material, Particles, Tensor
 
 MODULI = {"bulk": above_zero("Pa"), "shear": above_zero("Pa")}
@@ -19,15 +19,16 @@ class Law:
     """Base of a law with the moduli `bulk` and `shear` (Pa), no history, no strength, no friction, no softening.
 
     A law derives from it, is a frozen dataclass decorated with `pytree`, and writes `update`; what else it has it
-    writes over. LIMITS are those of the law's own parameters, besides the moduli's. See `Material` for every member.
+    writes over. PARAMETERS declares the law's own numbers, besides the moduli. See `Material` for every member.
     """
 
-    LIMITS: ClassVar[Mapping[str, Limit]] = MODULI
-    STRENGTH: ClassVar[tuple[str, ...]] = ()
+    PARAMETERS: ClassVar[Mapping[str, Limit]] = MODULI
     FRICTIONAL: ClassVar[bool] = False
 
     def __init_subclass__(cls) -> None:
-        cls.LIMITS = {**MODULI, **cls.LIMITS}
+        if wrong := {"LIMITS", "STRENGTH"} & vars(cls).keys():
+            raise ValueError(f"{cls.__name__} has {min(wrong)}: declare its numbers in PARAMETERS, as Parameter")
+        cls.PARAMETERS = {**MODULI, **cls.PARAMETERS}
 
     @property
     def p_wave_modulus(self) -> Array:
@@ -45,11 +46,8 @@ class Law:
         return None
 
     def reduced(self, factor: Array) -> Any:
-        """The parameters named in STRENGTH, divided by `factor`; ValueError where there are none."""
-        if not self.STRENGTH:
-            raise ValueError(f"{type(self).__name__} has no strength to divide: give a law that names some in STRENGTH")
-        law: Any = self
-        return replace(law, **{name: getattr(self, name) / factor for name in self.STRENGTH})
+        """The parameters declared as `reduced`, divided by `factor`; ValueError where there are none."""
+        return with_strength_divided(self, factor)
 
     def update(
         self, strain_increment: Tensor, stress: Tensor, history: Any, dt: Array | None = None

@@ -27,7 +27,7 @@ class BaseMotion:
     acceleration: Array
     interval: Array
 
-    LIMITS: ClassVar[Mapping[str, Limit]] = {"acceleration": Limit(unit="m/s2"), "interval": above_zero("s")}
+    PARAMETERS: ClassVar[Mapping[str, Limit]] = {"acceleration": Limit(unit="m/s2"), "interval": above_zero("s")}
 
     def at(self, time: Array) -> Array:
         """Acceleration (d,) m/s2 at a time (s)."""

@@ -7,9 +7,10 @@ engineering plastic shear strain g, kept only where the soil softens.
 from __future__ import annotations
 
 import enum
+import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
@@ -20,7 +21,8 @@ from jax import Array
 from foundation.check import Limit, from_zero
 from foundation.pytrees import pytree
 from jaxmpm.laws._base import Law
-from jaxmpm.laws._softening import ANGLE, FrictionalSoftening
+from jaxmpm.laws._parameter import Parameter
+from jaxmpm.laws._softening import FrictionalSoftening
 from jaxmpm.laws._spectral import isotropic
 from jaxmpm.laws._undrained import add, elastic_increment
 from jaxmpm.tensors import by_component, deviator, mean, row_by_row, safe_sqrt, second_invariant
@@ -30,10 +32,12 @@ SMALLEST = 1e-6
 """Sine of friction below which the apex stays where this sine puts it: too far out to be reached."""
 
 
-ROUNDING = 1e-5
-"""Share by which a residual may be above its peak."""
-
-LIMITS = {"cohesion": from_zero("Pa"), "friction": ANGLE, "dilation": ANGLE, "tension_cutoff": from_zero("Pa")}
+PARAMETERS = {
+    "cohesion": Parameter(least=0.0, unit="Pa", reduced=True),
+    "friction": Parameter(least=0.0, below=math.pi / 2, unit="rad", reduced=True),
+    "dilation": Parameter(least=0.0, below=math.pi / 2, unit="rad", at_most="friction"),
+    "tension_cutoff": from_zero("Pa"),
+}
 
 
 class Matching(enum.Enum):
@@ -79,8 +83,7 @@ class DruckerPrager(Law):
     mean stress (Pa); None leaves it to the cone's apex. matching: see `Matching`. gap_memory: as for `J2`.
     """
 
-    LIMITS: ClassVar[Mapping[str, Limit]] = LIMITS
-    STRENGTH: ClassVar[tuple[str, ...]] = ("cohesion", "friction", "dilation", "softening")
+    PARAMETERS: ClassVar[Mapping[str, Limit]] = PARAMETERS
     FRICTIONAL: ClassVar[bool] = True
 
     bulk: Array
@@ -96,10 +99,6 @@ class DruckerPrager(Law):
     def initial_history(self, particles: Particles) -> Array | None:
         """No plastic strain yet; None without softening."""
         return None if self.softening is None else jnp.zeros_like(particles.mass)
-
-    def reduced(self, factor: Array) -> DruckerPrager:
-        """Cohesion and tan(phi) divided by `factor`."""
-        return _reduced(self, factor)
 
     def update(
         self, strain_increment: Tensor, stress: Tensor, history: Array | None, dt: Array | None = None
@@ -136,8 +135,7 @@ class MohrCoulomb(Law):
     gap_memory: as for `J2`, of soil that comes apart along all axes.
     """
 
-    LIMITS: ClassVar[Mapping[str, Limit]] = LIMITS
-    STRENGTH: ClassVar[tuple[str, ...]] = ("cohesion", "friction", "dilation", "softening")
+    PARAMETERS: ClassVar[Mapping[str, Limit]] = PARAMETERS
     FRICTIONAL: ClassVar[bool] = True
 
     bulk: Array
@@ -152,10 +150,6 @@ class MohrCoulomb(Law):
     def initial_history(self, particles: Particles) -> Array | None:
         """No plastic strain yet; None without softening."""
         return None if self.softening is None else jnp.zeros_like(particles.mass)
-
-    def reduced(self, factor: Array) -> MohrCoulomb:
-        """Cohesion and tan(phi) divided by `factor`."""
-        return _reduced(self, factor)
 
     def update(
         self, strain_increment: Tensor, stress: Tensor, history: Array | None, dt: Array | None = None
@@ -172,31 +166,6 @@ class MohrCoulomb(Law):
 def _strength(material: DruckerPrager | MohrCoulomb, history: Array | None) -> tuple[Array, Array, Array]:
     peak = material.cohesion, material.friction, material.dilation
     return peak if material.softening is None or history is None else material.softening.strength(*peak, history)
-
-
-def hardens(material: Any) -> Array | None:
-    """Whether cohesion or friction is left above its peak anywhere, by more than rounding; None where neither falls."""
-    softening = getattr(material, "softening", None)
-    if not isinstance(softening, FrictionalSoftening):
-        return None
-    pairs = ((softening.cohesion, material.cohesion), (softening.friction, material.friction))
-    return jnp.any(jnp.stack([jnp.any(residual > peak * (1 + ROUNDING)) for residual, peak in pairs]))
-
-
-def _reduced(material: Any, factor: Array) -> Any:
-    def angle(friction: Array) -> Array:
-        return jnp.arctan(jnp.tan(friction) / factor)
-
-    softening, friction = material.softening, angle(material.friction)
-    if softening is not None:
-        softening = replace(softening, cohesion=softening.cohesion / factor, friction=angle(softening.friction))
-    return replace(
-        material,
-        cohesion=material.cohesion / factor,
-        friction=friction,
-        dilation=jnp.minimum(material.dilation, friction),
-        softening=softening,
-    )
 
 
 class PyramidLaw(NamedTuple):

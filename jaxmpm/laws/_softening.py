@@ -14,13 +14,13 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jax import Array
 
-from foundation.check import Limit, above_zero, from_zero
+from foundation.check import Limit
 from foundation.pytrees import pytree
+from jaxmpm.laws._parameter import Parameter
 from jaxmpm.tensors import deviator, safe_sqrt, second_invariant
 from jaxmpm.types import Tensor
 
-RATIO = Limit(least=0.0, most=1.0)
-ANGLE = Limit(least=0.0, below=math.pi / 2, unit="rad")
+RATIO = Parameter(least=0.0, most=1.0)
 
 NEWTON_STEPS = 8
 """From the residual branch Newton's steps fall monotonically to the root of a convex law; 8 reach rounding."""
@@ -38,7 +38,10 @@ class Softening:
     modulus: Array
     residual_ratio: Array
 
-    LIMITS: ClassVar[Mapping[str, Limit]] = {"modulus": above_zero("Pa"), "residual_ratio": RATIO}
+    PARAMETERS: ClassVar[Mapping[str, Limit]] = {
+        "modulus": Parameter(above=0.0, unit="Pa", name="softening_modulus", per_band=True),
+        "residual_ratio": RATIO,
+    }
 
     def strength(self, peak: Array, g: Array) -> Array:
         """Strength (Pa) after the plastic shear strain g."""
@@ -70,7 +73,10 @@ class ExponentialSoftening:
     residual_ratio: Array
     strain_95: Array
 
-    LIMITS: ClassVar[Mapping[str, Limit]] = {"residual_ratio": RATIO, "strain_95": above_zero()}
+    PARAMETERS: ClassVar[Mapping[str, Limit]] = {
+        "residual_ratio": RATIO,
+        "strain_95": Parameter(above=0.0, per_band=True),
+    }
 
     def strength(self, peak: Array, g: Array) -> Array:
         """Strength (Pa) after the plastic shear strain g."""
@@ -101,7 +107,10 @@ class RateEffect:
     coefficient: Array
     reference_rate: Array
 
-    LIMITS: ClassVar[Mapping[str, Limit]] = {"coefficient": from_zero(), "reference_rate": above_zero("1/s")}
+    PARAMETERS: ClassVar[Mapping[str, Limit]] = {
+        "coefficient": Parameter(least=0.0, name="rate_coefficient"),
+        "reference_rate": Parameter(above=0.0, unit="1/s"),
+    }
 
     def factor(self, strain_increment: Tensor, dt: Array) -> Array:
         """Strength over that at the reference rate, for a strain increment within dt (s)."""
@@ -130,10 +139,12 @@ class FrictionalSoftening:
     strain: Array
     decay: Decay = field(default=Decay.LINEAR, metadata={"static": True})
 
-    LIMITS: ClassVar[Mapping[str, Limit]] = {
-        "cohesion": from_zero("Pa"),
-        "friction": ANGLE,
-        "strain": above_zero(),
+    PARAMETERS: ClassVar[Mapping[str, Limit]] = {
+        "cohesion": Parameter(least=0.0, unit="Pa", name="residual_cohesion", reduced=True, at_most="cohesion"),
+        "friction": Parameter(
+            least=0.0, below=math.pi / 2, unit="rad", name="residual_friction", reduced=True, at_most="friction"
+        ),
+        "strain": Parameter(above=0.0, name="softening_strain", per_band=True),
     }
 
     def strength(self, cohesion: Array, friction: Array, dilation: Array, g: Array) -> tuple[Array, Array, Array]:

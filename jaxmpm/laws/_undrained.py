@@ -14,9 +14,10 @@ from typing import Any, ClassVar
 import jax.numpy as jnp
 from jax import Array
 
-from foundation.check import Limit, above_zero, from_zero
+from foundation.check import Limit, from_zero
 from foundation.pytrees import pytree
 from jaxmpm.laws._base import Law
+from jaxmpm.laws._parameter import Parameter
 from jaxmpm.laws._softening import ExponentialSoftening, RateEffect, Softening
 from jaxmpm.tensors import absent, by_component, deviator, mean, safe_sqrt, second_invariant
 from jaxmpm.types import Particles, Tensor
@@ -78,8 +79,10 @@ class J2(Law):
     strength; the softening modulus stays.
     """
 
-    LIMITS: ClassVar[Mapping[str, Limit]] = {"strength": above_zero("Pa"), "tension_cutoff": from_zero("Pa")}
-    STRENGTH: ClassVar[tuple[str, ...]] = ("strength",)
+    PARAMETERS: ClassVar[Mapping[str, Limit]] = {
+        "strength": Parameter(above=0.0, unit="Pa", reduced=True),
+        "tension_cutoff": from_zero("Pa"),
+    }
 
     bulk: Array
     shear: Array

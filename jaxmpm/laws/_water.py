@@ -32,7 +32,7 @@ class WaterTable:
     unit_weight: Array
     height: Array
 
-    LIMITS: ClassVar[Mapping[str, Limit]] = {"unit_weight": above_zero("N/m3"), "height": above_zero("m")}
+    PARAMETERS: ClassVar[Mapping[str, Limit]] = {"unit_weight": above_zero("N/m3"), "height": above_zero("m")}
 
     def push(self, position: Array) -> Array:
         """-grad u (d, N) N/m3 at positions (d, N) m."""
@@ -64,7 +64,7 @@ class WaterSurface:
     unit_weight: Array
     height: Array
 
-    LIMITS: ClassVar[Mapping[str, Limit]] = {**WaterTable.LIMITS, "step": above_zero("m")}
+    PARAMETERS: ClassVar[Mapping[str, Limit]] = {**WaterTable.PARAMETERS, "step": above_zero("m")}
 
     def push(self, position: Array) -> Array:
         """-grad u (3, N) N/m3 at positions (3, N) m."""

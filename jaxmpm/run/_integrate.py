@@ -17,10 +17,10 @@ from tqdm import tqdm
 from foundation import check
 from jaxmpm import diagnostics
 from jaxmpm._step import place, step
-from jaxmpm.laws import hardens, snaps_back
+from jaxmpm.laws import hardens, snaps_back, with_parameters
 from jaxmpm.run._checks import check_state
 from jaxmpm.run._columns import kept
-from jaxmpm.setup import check_scene, check_shape, parameter_names, with_parameters
+from jaxmpm.setup import check_scene, check_shape, parameter_names
 from jaxmpm.transfer import inside, locate
 from jaxmpm.types import Scene, State, Status
 
@@ -174,7 +174,7 @@ def lanes(scene: Scene, **values: Array) -> tuple[Scene, Scene]:
     strength (B,) or (B, N) Pa.
     Raises ValueError for unknown names, other shapes, and values beyond their limits, naming the lane as first index.
     """
-    unknown = set(values) - set(parameter_names(scene)) - set(type(scene.material).STRENGTH)
+    unknown = set(values) - set(parameter_names(scene))
     if unknown or not values:
         raise ValueError(
             f"{sorted(unknown)} is no parameter of {type(scene.material).__name__}: "

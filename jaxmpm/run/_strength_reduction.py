@@ -14,7 +14,7 @@ from jax import Array
 
 from foundation import check
 from foundation.text import shown
-from jaxmpm.laws import reduce_strength
+from jaxmpm.laws import declared, reduce_strength
 from jaxmpm.run._integrate import Settle, check_run, farthest, lanes, repeat, solve
 from jaxmpm.run._limit_load import LOOKS, Times, displacements, find_kink, speeds_up
 from jaxmpm.setup import check_scene
@@ -172,8 +172,10 @@ def reductions(scene: Scene, factors: Array) -> tuple[Scene, Scene]:
     """The scene with a lane for every factor (B,) by which the strength is divided, also of walls with friction, and
     its axes for `solve`."""
     material = jax.vmap(lambda factor: reduce_strength(scene.material, factor))(factors)
-    found = {name: getattr(material, name) for name in type(material).STRENGTH}
-    varied, axes = lanes(scene, **{name: value for name, value in found.items() if value is not None})
+    before, after = declared(scene.material), declared(reduce_strength(scene.material, factors[0]))
+    changed = {name for name, each in after.items() if each.value is not before[name].value}
+    found = {each.path: each.value for name, each in declared(material).items() if name in changed}
+    varied, axes = lanes(scene, **found)
     walls = jax.vmap(partial(_reduced_walls, scene))(factors)
     lanes_first: dict[str, Any] = dict.fromkeys(walls, 0)
     return replace(varied, **walls), replace(axes, **lanes_first)

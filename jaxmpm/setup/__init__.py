@@ -26,7 +26,7 @@ from jaxmpm.setup._discretisation import (
 from jaxmpm.setup._initial_stress import at_rest, settled
 from jaxmpm.setup._motion import read_motion
 from jaxmpm.setup._scene import check_scene, check_shape, refuse_snap_back, scene, unstressed, with_strength
-from jaxmpm.setup._vary import check_names, check_start, parameter_names, vary, with_parameters, with_soil
+from jaxmpm.setup._vary import check_names, check_start, parameter_names, vary, with_soil
 
 __all__ = [
     "PADDING",
@@ -60,7 +60,6 @@ __all__ = [
     "sorted_by_cell",
     "unstressed",
     "vary",
-    "with_parameters",
     "with_soil",
     "with_strength",
 ]

@@ -17,13 +17,23 @@ from jax.typing import ArrayLike
 
 from foundation import check
 from foundation.text import shown
-from jaxmpm.laws import BaseMotion, WaterSurface, WaterTable, hardens, remembers_gap, snaps_back
+from jaxmpm.laws import (
+    BaseMotion,
+    WaterSurface,
+    WaterTable,
+    declared,
+    excesses,
+    hardens,
+    has_strength,
+    remembers_gap,
+    snaps_back,
+)
 from jaxmpm.setup._motion import check_motion
 from jaxmpm.tensors import CARRIED
 from jaxmpm.transfer import Linear, inside, locate, passes_for
 from jaxmpm.types import Engine, Grid, Kernel, Material, Particles, Scene, Scheme, State, Status, Wall
 
-MEMBERS = [name for name in vars(Material) if not name.startswith("_")] + ["LIMITS", "STRENGTH", "FRICTIONAL"]
+MEMBERS = [name for name in vars(Material) if not name.startswith("_")] + ["PARAMETERS", "FRICTIONAL"]
 """What the protocol `Material` names."""
 
 
@@ -152,7 +162,7 @@ def check_scene(scene: Scene, axes: Scene | None = None) -> None:
     check.within_limits(scene)
     refuse_snap_back(scene.material, None if axes is None else axes.material)
     _refuse_hardening(scene.material, None if axes is None else axes.material)
-    _refuse_dilation(scene.material, None if axes is None else axes.material)
+    _refuse_excess(scene.material, None if axes is None else axes.material)
 
 
 def refuse_snap_back(material: Material, axes: Material | None = None) -> None:
@@ -181,20 +191,18 @@ def _refuse_hardening(material: Material, axes: Material | None = None) -> None:
         )
 
 
-def _refuse_dilation(material: Any, axes: Any = None) -> None:
-    """Raise ValueError where a soil dilates more than it has friction."""
-    if not (hasattr(material, "friction") and hasattr(material, "dilation")) or check.is_traced(material):
+def _refuse_excess(material: Material, axes: Material | None = None) -> None:
+    """Raise ValueError where a number of the law is above that which it may not exceed: dilation above friction."""
+    if check.is_traced(material):
         return
-
-    def excess(law: Any) -> Array:
-        return jnp.max(law.dilation - law.friction)
-
-    worst = float(np.max(np.asarray(excess(material) if axes is None else jax.vmap(excess, in_axes=(axes,))(material))))
-    if worst > 0:
-        raise ValueError(
-            f"dilation is up to {math.degrees(worst):.3g} degrees above the friction, which would make energy of "
-            "shearing: give at most the friction"
-        )
+    found = excesses(material) if axes is None else jax.vmap(excesses, in_axes=(axes,))(material)
+    for name, excess in found.items():
+        worst, parameter = float(np.max(np.asarray(excess))), declared(material)[name].parameter
+        if worst > 0:
+            above = f"{math.degrees(worst):.3g} degrees" if parameter.angle else f"{worst:.3g} {parameter.unit}"
+            raise ValueError(
+                f"{name} is up to {above.rstrip()} above the {parameter.at_most}: give at most the {parameter.at_most}"
+            )
 
 
 def wave_speed(particles: Particles, material: Material) -> float:
@@ -375,7 +383,7 @@ def _check_water(
     material: Material,
     particles: Particles,
 ) -> None:
-    if material.STRENGTH and not material.FRICTIONAL:
+    if has_strength(material) and not material.FRICTIONAL:
         raise ValueError(
             f"pore pressure in {type(material).__name__}, whose strength is undrained and knows total stress only: "
             "leave the water out, or give a frictional soil (of clay with friction = 0, its cohesion the strength)"

@@ -12,6 +12,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from foundation import check
+from jaxmpm.laws import with_parameters
 from jaxmpm.setup._initial_stress import at_rest
 from jaxmpm.setup._scene import check_scene, check_shape, wave_speed
 from jaxmpm.soil import STANDARD_GRAVITY, moduli
@@ -64,15 +65,6 @@ def check_start(state: State, names: Collection[str]) -> None:
 def parameter_names(scene: Scene) -> list[str]:
     """Names of the material's parameters: the numbers that it has, those of its parts with a dot."""
     return [name for name, _, _ in check.parameters(scene.material)]
-
-
-def with_parameters(law: Any, values: Mapping[str, Any]) -> Any:
-    """A law with other parameters, named as `parameter_names` does."""
-    own = {name: value for name, value in values.items() if "." not in name}
-    for part in {name.split(".", 1)[0] for name in values.keys() - own.keys()}:
-        inner = {name.split(".", 1)[1]: value for name, value in values.items() if name.startswith(f"{part}.")}
-        own[part] = with_parameters(getattr(law, part), inner)
-    return replace(law, **own)
 
 
 def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[Scene, State]:
