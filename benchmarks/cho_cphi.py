@@ -21,7 +21,7 @@ from benchmarks.measure import ROOT, scene_campaign
 from cooperative import runs
 from cooperative.estimate import wilson_interval
 from cooperative.measure import exceeded
-from cooperative.scene._limit_load import measure_limit_load
+from cooperative.scene import measure_limit_load
 from jaxmpm import Midway, Settle, Slope, solve_each
 from jaxmpm.run._limit_load import speeds_up
 

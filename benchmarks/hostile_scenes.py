@@ -238,10 +238,10 @@ def by_command_line(text: str, folder: Path) -> Answer:
 def main() -> None:
     """Answer for each scene of the input."""
     from cooperative import runs
-    from cooperative.scene import _calibration, _limit_load
+    from cooperative.scene import factors_of_safety, measure_limit_load
 
     for module in [module for name, module in sys.modules.items() if name.split(".")[0] == "cooperative"]:
-        for real in (runs.run_samples, _calibration.measure, _limit_load.measure_limit_load):
+        for real in (runs.run_samples, factors_of_safety, measure_limit_load):
             if vars(module).get(real.__name__) is real:
                 setattr(module, real.__name__, _began)
     answers, sys.stdout = sys.stdout, sys.stderr

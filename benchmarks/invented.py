@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from cooperative import runs
-from cooperative.scene import Campaign, _calibration
-from cooperative.scene._campaign import Calibration
+from cooperative.scene import Calibration, Campaign, factors_of_safety
 from cooperative.scene._rasters import packed
 from cooperative.store import Sample
 from cooperative.sweep import to_toml
@@ -136,7 +135,7 @@ def run_samples(
     **_: Any,
 ) -> Iterator[Sample]:
     """Displacements that both grids see alike, with some scatter of their own; calibration scales the rough ones."""
-    calibration = model.campaign.calibration
+    calibration = model.campaign.measured.calibration
     factor = 1.0 if calibration is None or model.grid == "refined" else calibration.factor
     for number in numbers:
         if stop is not None and stop():
@@ -164,7 +163,7 @@ def invent(seconds: float = 0.0, put: Callable[[ModuleType, str, Any], None] = s
 
     made_up = {
         runs.random_soil: random_soil, REAL_COEFFICIENTS: coefficients_of, runs.build: build,
-        runs.run_samples: timed, runs.keep_initial: keep_initial, _calibration.measure: measure,
+        runs.run_samples: timed, runs.keep_initial: keep_initial, factors_of_safety: measure,
     }  # fmt: skip
     for module in [module for name, module in sys.modules.items() if name.split(".")[0] == "cooperative"]:
         for real, substitute in made_up.items():

@@ -19,9 +19,7 @@ import numpy as np
 
 from benchmarks.measure import ROOT, machine, scene_campaign
 from cooperative import runs
-from cooperative.scene import Campaign
-from cooperative.scene._calibration import measure
-from cooperative.scene._campaign import Calibration
+from cooperative.scene import Calibration, Campaign, factors_of_safety
 from cooperative.store import Sample
 
 DATA = ROOT / "benchmarks" / "data"
@@ -86,7 +84,7 @@ def _complete(campaign: Campaign, path: Path) -> None:
     models = {grid: runs.build(campaign, grid, soil) for grid in ("rough", "refined")}
     if not path.exists():
         clock, here = time.perf_counter(), machine()
-        factors = measure(campaign, models)
+        factors = factors_of_safety(campaign, models)
         seconds = round(time.perf_counter() - clock, 1)
         path.write_text(
             f"# {json.dumps({'factors_of_safety': vars(factors), 'seconds': seconds})}\n"

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import closing, nullcontext
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -18,19 +18,7 @@ import numpy as np
 
 from cooperative import runs
 from cooperative.estimate import Estimator, Phases, Screened, Slides, wilson_interval
-from cooperative.scene import (
-    Campaign,
-    allowing,
-    at_limit_load,
-    calibrated,
-    keep_field_modes,
-    measured,
-    measured_limit_load,
-    parse,
-    with_defaults,
-    with_kept_field_modes,
-    write_budget,
-)
+from cooperative.scene import Campaign, Measured, allowing, measure, parse, with_defaults, with_measured, write_budget
 from cooperative.store import GRIDS, SLIDES, Rows, Sample, Store, open_store, restart_path, write_aside, write_sample
 from cooperative.summary import summarise
 
@@ -63,27 +51,27 @@ def run(
     folder = Path(folder)
     kept = folder / "scene.toml"
     campaign = parse(with_defaults(text, kept), estimator, begun=kept.exists())
-    campaign = allowing(campaign, folder, refined_runs)
-    counted = with_kept_field_modes(campaign, folder)
+    campaign = with_measured(allowing(campaign, folder, refined_runs), folder)
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
-    runs.check_size(counted, workers if executor is None else 1)
+    runs.packed(campaign)  # nothing is written for one that cannot be sent
+    runs.check_size(campaign, workers if executor is None else 1)
     with runs.heeding() as stop:
         with stop.at_once():
-            models = _models(counted, folder)
-        crew = None if executor is None and workers == 1 else runs.Workers(executor or partial(_pool, workers), workers)
-        holding = closing(crew.opened()) if crew else nullcontext()
-        with holding, open_store(folder, campaign.text, verify=verify) as store:
+            models = _models(replace(campaign, measured=Measured(campaign.measured.terms)), folder)
+        alone = executor is None and workers == 1
+        pool = None if alone else runs.Workers(executor or partial(_pool, workers), workers)
+        opened = closing(pool.opened()) if pool else nullcontext()
+        with opened, open_store(folder, campaign.text, verify=verify) as store:
             with stop.at_once():
                 if campaign.raised is not None:
                     write_budget(folder, campaign.raised)
-                counted = keep_field_modes(campaign, folder, models["rough"].soil.counts)
-                models = {grid: replace(model, campaign=counted) for grid, model in models.items()}
-                ready = _calibrated(models, folder)
                 for model in models.values():
                     runs.keep_initial(folder, model.grid, model.scene, model.state)
+                campaign = measure(campaign, folder, models["rough"].soil.counts, models)
+                models = {grid: model.with_measured(campaign) for grid, model in models.items()}
             with runs.bars(folder, progress) as bar:
-                return _ran(_Hands(ready["rough"].campaign, ready, crew, stop, folder.resolve(), bar), store, on_phase)
+                return _ran(_Runs(campaign, models, pool, stop, folder.resolve(), bar), store, on_phase)
 
 
 def _models(campaign: Campaign, folder: Path) -> dict[str, runs.GridModel]:
@@ -94,46 +82,30 @@ def _models(campaign: Campaign, folder: Path) -> dict[str, runs.GridModel]:
     return {grid: runs.build(campaign, grid, soil, folder=folder) for grid in GRIDS}
 
 
-def _calibrated(models: dict[str, runs.GridModel], folder: Path) -> dict[str, runs.GridModel]:
-    """The same grids, with the failure displacement and the factors of safety in their scene where that asks for
-    them."""
-    models = _at_limit_load(models, folder)
-    campaign = models["rough"].campaign
-    if not campaign.plan.calibrate or campaign.calibration is not None:
-        return models
-    found = measured(campaign, folder, models)
-    ready = {grid: replace(model, campaign=calibrated(campaign, found)) for grid, model in models.items()}
-    return ready | {"rough": ready["rough"].weakened(found.factor)}
-
-
-def _at_limit_load(models: dict[str, runs.GridModel], folder: Path) -> dict[str, runs.GridModel]:
-    """The same grids, whose samples fail from the displacement that the limit load tells, where it is to."""
-    campaign = models["refined"].campaign
-    if campaign.run.failure != "limit load" or campaign.limit_load is not None:
-        return models
-    ready = at_limit_load(campaign, measured_limit_load(campaign, folder, models["refined"]))
-    return {grid: replace(model, campaign=ready).looking() for grid, model in models.items()}
-
-
 def _pool(workers: int) -> Executor:
     return runs.process_pool(workers)
 
 
 @dataclass(frozen=True)
-class _Hands:
-    """What runs a campaign's samples: its grids' models in this process, or a crew of workers."""
+class _Runs:
+    """Runs a campaign's samples: on its grids' models in this process, or by workers."""
 
     campaign: Campaign
     models: dict[str, runs.GridModel]
-    crew: runs.Workers | None
+    workers: runs.Workers | None
     stop: runs.Stop
     folder: Path
     bar: runs.Bar
 
+    @cached_property
+    def packed(self) -> runs.Packed:
+        """The campaign for its workers."""
+        return runs.packed(self.campaign)
+
     @property
-    def places(self) -> int:
+    def at_once(self) -> int:
         """Refined runs under way at once."""
-        return self.campaign.plan.look_ahead if self.crew is None else self.crew.count
+        return self.campaign.plan.look_ahead if self.workers is None else self.workers.count
 
     def samples(
         self, grid: str, numbers: Iterable[int], coefficients: np.ndarray, *, slides: bool = False
@@ -145,9 +117,9 @@ class _Hands:
         if grid == "refined" and plan.slides is not None and not slides:
             limit = self.campaign.run.failure_displacement
         restart_in = self.folder if grid == "refined" else None
-        if self.crew is not None:
+        if self.workers is not None:
             return runs.run_through(
-                self.crew, self.campaign.text, grid, numbers, coefficients, stop_at=limit, restart_in=restart_in,
+                self.workers, self.packed, grid, numbers, coefficients, stop_at=limit, restart_in=restart_in,
                 slides=slides, folder=self.folder, look=self.stop.look,
             )  # fmt: skip
         return runs.run_samples(
@@ -156,25 +128,25 @@ class _Hands:
         )  # fmt: skip
 
 
-def _ran(hands: _Hands, store: Store, on_phase: Callable[[str], None]) -> dict[str, Any]:
+def _ran(runner: _Runs, store: Store, on_phase: Callable[[str], None]) -> dict[str, Any]:
     """Both phases, and the summary, which is written too."""
-    campaign = hands.campaign
-    rows = runs.rows_reader(campaign, store, hands.models, hands.stop.look)
+    campaign = runner.campaign
+    rows = runs.rows_reader(campaign, store, runner.models, runner.stop.look)
     on_phase("screening")
-    coefficients, screened = _screen(hands, store, rows)
+    coefficients, screened = _screen(runner, store, rows)
     on_phase("audit")
-    _refine(hands, store, rows, screened, coefficients)
+    _refine(runner, store, rows, screened, coefficients)
     on_phase("slides")
-    _slide_on(hands, store, rows, screened, coefficients)
+    _slide_on(runner, store, rows, screened, coefficients)
     on_phase("summary")
     summary = summarise(campaign, rows("rough"), rows("refined"))
     write_aside(store.folder / "summary.json", json.dumps(summary, indent=1).encode())
     return summary
 
 
-def _screen(hands: _Hands, store: Store, rows: Callable[[str], Rows]) -> tuple[np.ndarray, Phases]:
+def _screen(runner: _Runs, store: Store, rows: Callable[[str], Rows]) -> tuple[np.ndarray, Phases]:
     """Run every sample of the first phase that is not there yet; the coefficients of all (n, modes), and that phase."""
-    campaign, known = hands.campaign, rows("rough").results
+    campaign, known = runner.campaign, rows("rough").results
     estimator, sampling = campaign.estimator, runs.sampling_of(campaign)
 
     def share() -> str:
@@ -183,46 +155,46 @@ def _screen(hands: _Hands, store: Store, rows: Callable[[str], Rows]) -> tuple[n
         )
         return "{:.3f} fail ({:.3f} to {:.3f})".format(fails / len(known), *wilson_interval(fails, len(known)))
 
-    with hands.bar("rough grid", estimator.rough_runs(sampling), len(known)) as bar:
+    with runner.bar("rough grid", estimator.rough_runs(sampling), len(known)) as bar:
         while True:
             coefficients = estimator.coefficients(sampling, known)
             missing = [number for number in range(len(coefficients)) if number not in known]
             if not missing:
                 return coefficients, Phases.known(estimator, sampling, known, {})
-            for sample in hands.samples("rough", missing, coefficients):
+            for sample in runner.samples("rough", missing, coefficients):
                 write_sample(store, "rough", sample)
                 known[sample.number] = sample.result
                 runs.advance(bar, share)
-                hands.stop.look()
+                runner.stop.look()
 
 
 def _refine(
-    hands: _Hands, store: Store, rows: Callable[[str], Rows], screened: Phases, coefficients: np.ndarray
+    runner: _Runs, store: Store, rows: Callable[[str], Rows], screened: Phases, coefficients: np.ndarray
 ) -> None:
     """Run refined what the estimator asks for, until it asks for nothing more."""
     known = rows("refined").results
 
     def wanted(under_way: Collection[int]) -> list[int]:
-        return screened.refined(known).next_runs(hands.places, under_way)
+        return screened.refined(known).next_runs(runner.at_once, under_way)
 
     def estimate() -> str:
         found = screened.refined(known).estimate
         return "P_f {:.3f} ({:.3f} to {:.3f})".format(found.probability, *found.interval)
 
-    with hands.bar("refined grid", hands.campaign.estimator.budget(len(coefficients)), len(known)) as bar:
+    with runner.bar("refined grid", runner.campaign.estimator.budget(len(coefficients)), len(known)) as bar:
         while wanted(()):
-            for sample in hands.samples("refined", _in_rank_order(wanted, known), coefficients):
+            for sample in runner.samples("refined", _in_rank_order(wanted, known), coefficients):
                 write_sample(store, "refined", sample)
                 known[sample.number] = sample.result
-                _drop_restart_points(hands, store, screened.refined(known))
+                _drop_restart_points(runner, store, screened.refined(known))
                 runs.advance(bar, estimate)
-                hands.stop.look()
+                runner.stop.look()
 
 
-def _drop_restart_points(hands: _Hands, store: Store, phases: Phases) -> None:
+def _drop_restart_points(runner: _Runs, store: Store, phases: Phases) -> None:
     """Failures that wait for the draw of slides keep no more restart points than twice the slides to be drawn: all are
     as likely to be drawn. One that is drawn without starts afresh."""
-    count = hands.campaign.plan.slides
+    count = runner.campaign.plan.slides
     if not count:
         return
     waiting = [n for n, fails in phases.answers.items() if fails and restart_path(store.folder, SLIDES, n).exists()]
@@ -231,11 +203,11 @@ def _drop_restart_points(hands: _Hands, store: Store, phases: Phases) -> None:
 
 
 def _slide_on(
-    hands: _Hands, store: Store, rows: Callable[[str], Rows], screened: Phases, coefficients: np.ndarray
+    runner: _Runs, store: Store, rows: Callable[[str], Rows], screened: Phases, coefficients: np.ndarray
 ) -> None:
     """Let as many failures slide on to their end as are asked for, as far as they have not yet. A sample that is drawn
     and has not run refined runs to its end; where it stands, the next is drawn."""
-    plan = hands.campaign.plan
+    plan = runner.campaign.plan
     if not plan.slides:
         return
 
@@ -245,13 +217,13 @@ def _slide_on(
         return refined.numbers, Slides.of(phases, refined.numbers, refined.ended, plan.slides, plan.seed)
 
     numbers, so_far = known()
-    with hands.bar("slides", so_far.planned, int(so_far.slid.sum())) as bar:
+    with runner.bar("slides", so_far.planned, int(so_far.slid.sum())) as bar:
         while so_far.wanted:
-            for sample in hands.samples("refined", so_far.wanted, coefficients, slides=True):
+            for sample in runner.samples("refined", so_far.wanted, coefficients, slides=True):
                 write_sample(store, SLIDES if sample.number in numbers else "refined", sample)
                 if screened.answer(*sample.result):
                     bar.update()
-                hands.stop.look()
+                runner.stop.look()
             numbers, so_far = known()
     for number in numbers:
         restart_path(store.folder, SLIDES, number).unlink(missing_ok=True)

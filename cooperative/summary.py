@@ -67,6 +67,7 @@ def _checksum(campaign: Campaign, rough: Rows, refined: Rows, found: dict[str, A
         campaign.text,
         repr(campaign.estimator),
         repr(campaign.raised),
+        repr(campaign.measured),
         json.dumps(found, sort_keys=True),
     )
     digest = hashlib.sha256("\0".join(said).encode())
@@ -81,6 +82,7 @@ def _summary(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, Any]:
     found, slides = phases.estimate, slides_of(campaign, phases, refined)
     weight, failed = slides.weight, slides.slid
     limit, cut = campaign.run.failure_displacement, effects.cut_off(campaign, refined, slides)
+    calibration, limit_load = campaign.measured.calibration, campaign.measured.limit_load
     return {
         "name": campaign.name,
         "probability_of_failure": found.probability,
@@ -102,8 +104,8 @@ def _summary(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, Any]:
         "failures_refined": int(slides.failed.sum()),
         "slides": int(failed.sum()),
         "slides_drawn": slides.planned,
-        "calibration": campaign.calibration and {**asdict(campaign.calibration), "factor": campaign.calibration.factor},
-        "limit_load": campaign.limit_load and asdict(campaign.limit_load),
+        "calibration": calibration and {**asdict(calibration), "factor": calibration.factor},
+        "limit_load": limit_load and asdict(limit_load),
         "grids": _grids(campaign, phases, rough, refined),
         "modes": _modes(found, refined, failed, weight),
         "status": {"rough": _counts(rough), "refined": _counts(refined)},
@@ -172,7 +174,7 @@ def _still_moving(campaign: Campaign, phases: Phases, refined: Rows) -> list[str
 
 
 def _limit_load(campaign: Campaign) -> list[str]:
-    found = campaign.limit_load
+    found = campaign.measured.limit_load
     if found is None:
         return []
     return [

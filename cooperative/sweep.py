@@ -30,7 +30,7 @@ from cooperative.estimate import Published, Sampling, rank_samples, stopping_ran
 from cooperative.measure import SEVERITY
 from cooperative.reporting import panels, save
 from cooperative.runs import check_size, heeding, phases_of, release_programs, rows_reader
-from cooperative.scene import kept, parse, tables_of, with_defaults
+from cooperative.scene import parse, stored_measured, tables_of, with_defaults
 from cooperative.store import GRIDS, Rows, kept_scene, read_store, write_aside
 from cooperative.summary import summarise
 from foundation.text import shown
@@ -254,9 +254,10 @@ def _claim(folder: Path, text: str) -> None:
 def _with_factors(part: Variant, folder: Path) -> str:
     """The variant's scene; where it is calibrated, with the factors of safety that the base campaign measured."""
     campaign = parse(part.text, begun=True)
-    if part.name == "base" or not campaign.plan.calibrate or campaign.calibration is not None:
+    if part.name == "base" or not campaign.plan.calibrate or campaign.measured.calibration is not None:
         return part.text
-    found = kept(folder / "campaigns" / "base")
+    found = stored_measured(folder / "campaigns" / "base").calibration
+    assert found is not None
     return part.text + to_toml({"calibration": {"rough": found.rough, "refined": found.refined}})
 
 

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from typing import Any, TypeVar
+from weakref import WeakSet
 
 import jax
 
 Class = TypeVar("Class", bound=type)
+
+PYTREES: WeakSet[type] = WeakSet()
+"""Classes that `pytree` has decorated in this process."""
 
 
 def pytree(cls: Class) -> Class:
@@ -40,4 +44,5 @@ def pytree(cls: Class) -> Class:
         return cls(**own, **dict(zip(leaves, children, strict=True)))
 
     jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten, flatten)
+    PYTREES.add(cls)
     return cls

@@ -8,9 +8,7 @@ import pytest
 import jaxmpm as mpm
 from benchmarks.invented import TINY
 from cooperative import run, runs
-from cooperative.scene import campaign_of, parse
-from cooperative.scene._campaign import LimitLoad
-from cooperative.scene._limit_load import measure_limit_load
+from cooperative.scene import Calibration, LimitLoad, campaign_of, measure_limit_load, parse
 from cooperative.store import open_store, read_rows, read_store
 
 PLASTIC = (
@@ -49,16 +47,47 @@ def test_the_two_factors_of_the_slope_of_median_soil_agree(done):
 
 def test_it_is_measured_once_and_kept(done):
     folder, summary = done
-    stamp = (folder / "limit_load.json").stat().st_mtime_ns
+    stamp = (folder / "measured.json").stat().st_mtime_ns
     assert run(PLASTIC, folder) == summary
-    assert (folder / "limit_load.json").stat().st_mtime_ns == stamp
+    assert (folder / "measured.json").stat().st_mtime_ns == stamp
     campaign = campaign_of(read_store(folder))
     assert campaign.run.failure_displacement == summary["limit_load"]["displacement"]
     assert campaign.run.settle.slides == campaign.run.failure_displacement
-    assert parse(campaign.text).run == campaign.run
-    (folder / "limit_load.json").write_text(json.dumps({**summary["limit_load"], "displacement": -1.0}))
-    with pytest.raises(ValueError, match=r"limit_load\.json holds no limit load .*delete it to measure it again"):
+    measured = json.loads((folder / "measured.json").read_text())
+    measured["limit_load"]["displacement"] = -1.0
+    (folder / "measured.json").write_text(json.dumps(measured))
+    with pytest.raises(ValueError, match=r"measured\.json holds no numbers .* = -1: .*delete it to measure it again"):
         campaign_of(read_store(folder))
+
+
+def test_a_campaign_killed_before_its_first_sample_measures_nothing_again(tmp_path, monkeypatch):
+    class Killed(Exception):
+        pass
+
+    def kill(phase, *_):
+        raise Killed(phase)
+
+    def found(value):
+        return lambda *_: value
+
+    text = PLASTIC.replace("[campaign]\n", "[campaign]\ncalibrate = true\n").replace("t_end = 4.0", "t_end = 0.2")
+    known = {"measure_limit_load": LimitLoad(1.2, 0.3, 7.5), "factors_of_safety": Calibration(1.2, 1.1)}
+    for name, value in known.items():
+        monkeypatch.setattr(f"cooperative.scene._measured.{name}", found(value))
+    with pytest.raises(Killed, match="screening"):
+        run(text, tmp_path, on_phase=kill)
+    monkeypatch.undo()
+    for name in known:
+        monkeypatch.setattr(f"cooperative.scene._measured.{name}", kill)
+    measured = json.loads((tmp_path / "measured.json").read_text())
+    assert (measured["limit_load"]["displacement"], measured["calibration"]["rough"]) == (0.3, 1.2)
+    summary = run(text, tmp_path)
+    assert json.loads((tmp_path / "measured.json").read_text()) == measured
+    assert (summary["limit_load"], summary["calibration"]["refined"]) == (measured["limit_load"], 1.1)
+    # A kill between two measurements costs the second alone.
+    (tmp_path / "measured.json").write_text(json.dumps({name: measured[name] for name in ("terms", "limit_load")}))
+    with pytest.raises(Killed):
+        run(text, tmp_path)
 
 
 def test_a_scene_says_how_much_soil_is_a_failure(monkeypatch):
@@ -69,9 +98,9 @@ def test_a_scene_says_how_much_soil_is_a_failure(monkeypatch):
         asked.append(least_volume)
         return SimpleNamespace(kink=1.2)
 
-    monkeypatch.setattr("cooperative.scene._limit_load.factor_of_safety", safe)
-    monkeypatch.setattr("cooperative.scene._limit_load._displacement", lambda *_: 0.3)
-    monkeypatch.setattr("cooperative.scene._limit_load.reduced", lambda scene, _: scene)
+    monkeypatch.setattr("cooperative.scene._measured.factor_of_safety", safe)
+    monkeypatch.setattr("cooperative.scene._measured._displacement", lambda *_: 0.3)
+    monkeypatch.setattr("cooperative.scene._measured.reduced", lambda scene, _: scene)
     model = SimpleNamespace(median=(None, None))
     assert measure_limit_load(campaign, model) == LimitLoad(1.2, 0.3, 7.5)
     assert measure_limit_load(parse(PLASTIC), model).volume == 3.2
@@ -83,7 +112,9 @@ def test_a_folder_of_before_counts_any_particle(tmp_path):
         (tmp_path / "limit_load.json").write_text('{"factor": 1.1, "displacement": 0.3}')
         campaign = campaign_of(store)
     assert (campaign.run.failure_displacement, campaign.run.least_volume) == (0.3, None)
-    assert parse(campaign.text).run == campaign.run
+    (tmp_path / "limit_load.json").write_text('{"factor": 1.1, "displacement": -1}')
+    with pytest.raises(ValueError, match=r"limit_load\.json holds no limit load .*delete it to measure it again"):
+        campaign_of(read_store(tmp_path))
 
 
 def test_what_does_not_go_with_it_is_refused():

@@ -11,8 +11,7 @@ import jaxmpm as mpm
 import kl
 from cooperative import run, runs
 from cooperative.reporting._progress import progress_of
-from cooperative.scene import _calibration as calibration
-from cooperative.scene import parse
+from cooperative.scene import parse, stored_measured, with_measured
 from cooperative.store import Rows, read_rows, read_store, write_sample
 from cooperative.summary import summarise
 from tests.test_campaign import TINY, changed, finished
@@ -166,12 +165,12 @@ def test_calibration_is_measured_once_and_lowers_the_rough_strength(tmp_path):
     found = summary["calibration"]
     assert found["factor"] == pytest.approx(found["refined"] / found["rough"])
     assert 0.5 < found["factor"] < 1
-    stamp = (tmp_path / "out" / "calibration.json").stat().st_mtime_ns
+    stamp = (tmp_path / "out" / "measured.json").stat().st_mtime_ns
     assert run(text, tmp_path / "out") == summary
-    assert (tmp_path / "out" / "calibration.json").stat().st_mtime_ns == stamp
+    assert (tmp_path / "out" / "measured.json").stat().st_mtime_ns == stamp
     # The same samples as without, moved farther.
-    campaign = calibration.calibrated(parse(text), calibration.kept(tmp_path / "out"))
-    assert parse(campaign.text).calibration == campaign.calibration
+    campaign = with_measured(parse(text), tmp_path / "out")
+    assert campaign.measured.calibration.factor == found["factor"]
     soil = runs.random_soil(campaign)
     coefficients = runs.coefficients_of(campaign, soil)
     plain, weaker = (runs.build(c, "rough", soil) for c in (parse(text), campaign))
@@ -190,13 +189,13 @@ def test_known_factors_of_safety_are_taken_from_the_scene(tmp_path):
     text = changed('fields = "both"', "calibrate = true\n[calibration]\nrough = 1.2\nrefined = 1.1")
     summary = run(text, tmp_path / "out")
     assert summary["calibration"] == {"rough": 1.2, "refined": 1.1, "factor": pytest.approx(1.1 / 1.2)}
-    assert not (tmp_path / "out" / "calibration.json").exists()
+    assert json.loads((tmp_path / "out" / "measured.json").read_text())["calibration"] == {"rough": 1.2, "refined": 1.1}
 
 
 def test_a_damaged_calibration_is_named(tmp_path):
     (tmp_path / "calibration.json").write_text("[1.0")
     with pytest.raises(ValueError, match=r"calibration.json holds no two factors of safety .*: delete it"):
-        calibration.kept(tmp_path)
+        stored_measured(tmp_path)
 
 
 def test_summary_tells_modes_fits_severity_and_what_more_runs_would_buy(tmp_path):
@@ -261,10 +260,10 @@ def test_options_that_do_not_go_together_are_refused(lines, message):
 def test_kept_factors_of_safety_are_checked_like_a_scenes(tmp_path, content):
     (tmp_path / "calibration.json").write_text(content)
     with pytest.raises(ValueError, match=r"calibration\.json holds no two factors of safety .*delete it"):
-        calibration.kept(tmp_path)
+        stored_measured(tmp_path)
 
 
 def test_kept_factors_of_safety_are_read_from_a_file_alone(tmp_path):
     os.mkfifo(tmp_path / "calibration.json")
     with pytest.raises(ValueError, match="no regular file"):
-        calibration.kept(tmp_path)
+        stored_measured(tmp_path)

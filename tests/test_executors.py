@@ -9,6 +9,7 @@ import threading
 import time
 import warnings
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from dataclasses import replace
 from multiprocessing import connection
 
 import numpy as np
@@ -16,7 +17,7 @@ import pytest
 
 from cooperative import run, runs
 from cooperative.__main__ import main
-from cooperative.runs import Workers, dask_executor, process_pool, run_through
+from cooperative.runs import Packed, Workers, dask_executor, packed, process_pool, run_through
 from cooperative.runs import _executors as executors
 from cooperative.runs import _processes as processes
 from cooperative.runs._executors import LOST
@@ -27,6 +28,7 @@ from jaxmpm.transfer import native
 from tests.test_campaign import TINY
 
 XI = np.zeros((6, 1))
+NOTHING = Packed("", b"")
 
 
 def sample(number):
@@ -39,7 +41,7 @@ class Breaking(Executor):
     def __init__(self, deadly):
         self.deadly = deadly
 
-    def submit(self, function, text, grid, number, *_):
+    def submit(self, function, campaign, grid, number, *_):
         future: Future = Future()
         if number in self.deadly:
             future.set_exception(BrokenExecutor("killed"))
@@ -76,7 +78,7 @@ def test_samples_of_a_killed_worker_are_redone():
         return made[-1]
 
     with pytest.warns(UserWarning, match=r"sample 3 lost its worker \(killed\): it runs again, alone"):
-        got = list(run_through(Workers(make, 2), "", "rough", range(6), XI))
+        got = list(run_through(Workers(make, 2), NOTHING, "rough", range(6), XI))
     assert sorted(s.number for s in got) == list(range(6))
     assert {s.status for s in got} == {"FINISHED"}
     assert len(made) == 3  # after it broke, and for what runs alone
@@ -90,7 +92,7 @@ class Crowded(Breaking):
         super().__init__(deadly)
         self.under_way, self.broken, self.held = {}, False, held
 
-    def submit(self, function, text, grid, number, *_):
+    def submit(self, function, campaign, grid, number, *_):
         if self.broken:
             raise BrokenExecutor("was killed")
         future = Future()
@@ -115,7 +117,7 @@ class Crowded(Breaking):
 def test_healthy_samples_beside_deadly_ones_are_never_given_up(workers, deadly):
     held = []
     crew = Workers(lambda: Crowded(deadly, held), workers)
-    got = {s.number: s.status for s in run_through(crew, "", "rough", range(6), XI)}
+    got = {s.number: s.status for s in run_through(crew, NOTHING, "rough", range(6), XI)}
     assert got == {number: LOST if number in deadly else "FINISHED" for number in range(6)}
     for number in deadly:
         assert held.count([number]) >= ATTEMPTS
@@ -133,7 +135,7 @@ def test_a_pool_that_breaks_before_a_task_reaches_it_is_made_anew():
         made.append(Gone(set()) if len(made) < 2 else Breaking(set()))
         return made[-1]
 
-    got = {s.number: s.status for s in run_through(Workers(make, 1), "", "rough", range(4), XI)}
+    got = {s.number: s.status for s in run_through(Workers(make, 1), NOTHING, "rough", range(4), XI)}
     assert got == dict.fromkeys(range(4), "FINISHED")
 
     class Once(Breaking):
@@ -143,10 +145,10 @@ def test_a_pool_that_breaks_before_a_task_reaches_it_is_made_anew():
             self.deadly = {None}
             return super().submit(*task)
 
-    got = {s.number: s.status for s in run_through(Workers(lambda: Once(set()), 8), "", "rough", range(6), XI)}
+    got = {s.number: s.status for s in run_through(Workers(lambda: Once(set()), 8), NOTHING, "rough", range(6), XI)}
     assert got == dict.fromkeys(range(6), "FINISHED")
     with pytest.raises(BrokenExecutor, match="had no task"):
-        list(run_through(Workers(lambda: Gone(set()), 2), "", "rough", range(4), XI))
+        list(run_through(Workers(lambda: Gone(set()), 2), NOTHING, "rough", range(4), XI))
 
 
 def test_a_worker_that_dies_costs_its_own_task_alone():
@@ -217,7 +219,7 @@ def test_what_cannot_be_sent_is_an_error_of_its_task():
 @pytest.mark.slow
 def test_workers_that_never_start_are_an_error_and_no_lost_sample():
     with Processes([[10_000]]) as pool, pytest.raises(ValueError, match=r"no worker starts, 3 in turn .*fewer workers"):
-        list(run_through(Workers(lambda: pool, 1), "", "rough", range(3), XI))
+        list(run_through(Workers(lambda: pool, 1), NOTHING, "rough", range(3), XI))
 
 
 def test_a_sample_that_kills_its_worker_three_times_is_reported():
@@ -228,7 +230,7 @@ def test_a_sample_that_kills_its_worker_three_times_is_reported():
         return Breaking({3})
 
     with pytest.warns(UserWarning, match="sample 3 lost its worker"):
-        got = {s.number: s for s in run_through(Workers(make, 1), "", "rough", range(5), XI)}
+        got = {s.number: s for s in run_through(Workers(make, 1), NOTHING, "rough", range(5), XI)}
     assert got[3].status == LOST
     assert got[3].row["broke_off"]
     assert sorted(got) == list(range(5))
@@ -244,7 +246,7 @@ def test_errors_of_a_run_are_not_taken_for_dead_workers():
     original, executors.run_sample = executors.run_sample, failing
     try:
         with pytest.raises(ZeroDivisionError):
-            list(run_through(workers, "", "rough", [0], XI))
+            list(run_through(workers, NOTHING, "rough", [0], XI))
     finally:
         executors.run_sample = original
         workers.close()
@@ -253,6 +255,48 @@ def test_errors_of_a_run_are_not_taken_for_dead_workers():
 def test_no_workers_are_refused():
     with pytest.raises(ValueError, match="workers = 0: give 1 or more"):
         process_pool(0)
+
+
+class Counting(ThreadPoolExecutor):
+    """Remembers the tasks that had the campaign with them."""
+
+    def __init__(self, workers):
+        super().__init__(workers)
+        self.sent = []
+
+    def submit(self, function, campaign, grid, number, *rest):
+        self.sent += [number] if campaign.content is not None else []
+        return super().submit(function, campaign, grid, number, *rest)
+
+
+def test_a_campaign_goes_once_to_a_worker_however_many_samples_it_runs(monkeypatch):
+    seen = []
+
+    def run_samples(model, coefficients, numbers, **_):
+        seen.append(model)
+        return (sample(number) for number in numbers)
+
+    monkeypatch.setattr(executors, "run_samples", run_samples)
+    monkeypatch.setattr(executors, "build", lambda campaign, grid, soil, **_: campaign)
+    monkeypatch.setattr(executors, "_campaigns", {})
+    executors._prepared.cache_clear()
+    first, second = parse(TINY), parse(TINY.replace("cov = 0.4", "cov = 0.3"))
+    crew = Workers(lambda: Counting(1), 1)
+    for campaign in (first, second, first):
+        got = list(run_through(crew, packed(campaign), "rough", range(6), XI))
+        assert [each.number for each in got] == list(range(6))
+        assert [model.random["strength"].cov for model in seen[-6:]] == [campaign.random["strength"].cov] * 6
+    assert crew.executor.sent == [0, 0, 0]
+    crew.close()
+    executors._prepared.cache_clear()
+
+
+def test_a_campaign_that_cannot_be_sent_is_refused(tmp_path):
+    with (
+        open(tmp_path / "log", "w") as file,
+        pytest.raises(ValueError, match=r"cannot be sent to a worker .*open file"),
+    ):
+        packed(replace(parse(TINY), hazard=file))
 
 
 @pytest.mark.slow
@@ -267,7 +311,7 @@ def test_a_killed_worker_process_is_replaced_and_its_sample_redone():
     got = []
     campaign = parse(TINY)
     coefficients = runs.coefficients_of(campaign, runs.random_soil(campaign))
-    for done in run_through(crew, TINY, "rough", range(3), coefficients):
+    for done in run_through(crew, packed(campaign), "rough", range(3), coefficients):
         got.append(done.number)
         if len(got) == 1:
             os.kill(pools[0].workers[0].process.pid, signal.SIGKILL)
@@ -329,7 +373,7 @@ BEGUN, DROPPED = threading.Event(), threading.Event()
 def until_nobody_wants_it():
     BEGUN.set()
     until = time.monotonic() + 60
-    while not executors._wanted_no_more() and time.monotonic() < until:
+    while not executors._unwanted() and time.monotonic() < until:
         time.sleep(0.01)
     DROPPED.set()
 
@@ -352,15 +396,17 @@ def test_a_dask_task_that_nobody_waits_for_ends_itself(dask, how):
 
 def test_a_sample_that_kills_dask_workers_is_given_up_and_the_others_go_on():
     class Killing(Breaking):
-        def submit(self, function, text, grid, number, *_):
-            future = super().submit(function, text, grid, number)
+        def submit(self, function, campaign, grid, number, *_):
+            future = super().submit(function, campaign, grid, number)
             if future.exception() is not None:
                 future = Future()
                 future.set_exception(WorkerLost(f"sample {number}"))
             return future
 
     with pytest.warns(UserWarning, match=r"sample 3 lost its worker \(sample 3\): it runs again, alone"):
-        got = {s.number: s.status for s in run_through(Workers(lambda: Killing({3}), 2), "", "rough", range(6), XI)}
+        got = {
+            s.number: s.status for s in run_through(Workers(lambda: Killing({3}), 2), NOTHING, "rough", range(6), XI)
+        }
     assert got == {n: LOST if n == 3 else "FINISHED" for n in range(6)}
 
 
@@ -378,7 +424,7 @@ def test_the_sample_of_a_killed_dask_worker_is_redone(dask):
         crew = Workers(dask_executor(client), 2)
         before = client.run(os.getpid)
         got = {}
-        for done in run_through(crew, TINY, "rough", range(6), coefficients):
+        for done in run_through(crew, packed(campaign), "rough", range(6), coefficients):
             got[done.number] = done.status
             if len(got) == 1:
                 os.kill(next(iter(before.values())), signal.SIGKILL)

@@ -12,8 +12,7 @@ import pytest
 
 from benchmarks.invented import TINY
 from cooperative import run, runs
-from cooperative.scene import campaign_of, parse
-from cooperative.scene._field_modes import with_field_modes
+from cooperative.scene import campaign_of, parse, taking, with_measured
 from cooperative.store import read_sample, read_store
 from tests.test_random_soil import CORRELATED, FIELDS, LEFT, SAND
 
@@ -32,11 +31,11 @@ def test_a_folder_keeps_the_count_of_the_machine_it_began_on(tmp_path):
     assert here == 7
     folder = tmp_path / "out"
     run(text, folder)
-    path = folder / "field_modes.json"
-    assert json.loads(path.read_text()) == {"counts": [7]}
-    assert campaign_of(read_store(folder)).field_modes.counts == (7,)
+    path = folder / "measured.json"
+    assert json.loads(path.read_text()) == {"terms": [7]}
+    assert campaign_of(read_store(folder)).measured.terms == (7,)
     # With the count of the other machine, everything of the folder is of 7 modes no more.
-    path.write_text('{"counts": [6]}')
+    path.write_text('{"terms": [6]}')
     with pytest.warns(UserWarning, match="holds 7 coefficients of a field that has 6"):
         run(text, folder)
     assert read_sample(read_store(folder), "refined", 0).coefficients.shape == (6,)
@@ -47,17 +46,16 @@ def test_a_folder_keeps_the_count_of_the_machine_it_began_on(tmp_path):
 
 def test_workers_and_readers_take_the_kept_count(tmp_path):
     text, _ = at_the_edge(6)
-    campaign = with_field_modes(parse(text), [6])
-    again = parse(campaign.text)
-    assert again.field_modes == campaign.field_modes
-    assert runs.random_soil(again).modes == 6
-    assert with_field_modes(again, [7]) is again
+    campaign = taking(parse(text), terms=(6,))
+    assert runs.random_soil(campaign).modes == 6
+    (tmp_path / "measured.json").write_text('{"terms": [7]}')
+    assert with_measured(campaign, tmp_path) == campaign
 
 
 def test_the_modes_are_those_of_the_field_but_for_the_last():
     text, here = at_the_edge(6)
     own = runs.build(parse(text), "rough", runs.random_soil(parse(text)), at_rest=False)
-    fewer_campaign = with_field_modes(parse(text), [6])
+    fewer_campaign = taking(parse(text), terms=(6,))
     fewer = runs.build(fewer_campaign, "rough", runs.random_soil(fewer_campaign), at_rest=False)
     xi = np.random.default_rng(1).normal(size=here).astype(np.float32)
     xi[-1] = 0
@@ -67,7 +65,7 @@ def test_the_modes_are_those_of_the_field_but_for_the_last():
 @pytest.mark.parametrize("text", [SAND, SAND + CORRELATED, SAND.replace(FIELDS, FIELDS + LEFT)])
 def test_each_group_takes_its_own(text):
     soil = runs.random_soil(parse(text))
-    kept = runs.random_soil(with_field_modes(parse(text), soil.counts))
+    kept = runs.random_soil(taking(parse(text), terms=soil.counts))
     assert kept.counts == soil.counts
     assert [group.names for group in kept.groups] == [group.names for group in soil.groups]
 
@@ -75,7 +73,7 @@ def test_each_group_takes_its_own(text):
 @pytest.mark.parametrize(
     ("counts", "said"),
     [
-        ([3], r"has 3 modes where energy = 0\.\d+ takes 7: delete the folder's field_modes\.json"),
+        ([3], r"has 3 modes where energy = 0\.\d+ takes 7: delete the folder's measured\.json"),
         ([12], r"has 12 modes where energy = 0\.\d+ takes 7: delete"),
         ([7, 7], r"counts has 2 numbers for 1 expansions: delete"),
         ([0], r"counts = \[0\]: give 1 or more"),
@@ -89,7 +87,7 @@ def test_counts_that_are_not_of_this_field_are_refused(tmp_path, counts, said):
         runs.random_soil(parse(f"{text}\n[field_modes]\ncounts = {counts}\n"))
     folder = tmp_path / "out"
     run(text, folder)
-    (folder / "field_modes.json").write_text(json.dumps({"counts": counts}))
+    (folder / "measured.json").write_text(json.dumps({"terms": counts}))
     with pytest.raises(ValueError, match=said):
         run(text, folder)
     assert read_sample(read_store(folder), "rough", 0).coefficients.shape == (7,)

@@ -64,7 +64,7 @@ def test_calibration_takes_the_grids_that_are_there(tmp_path, solved, monkeypatc
         assert np.ptp(np.asarray(state.stress)) > 0
         return SimpleNamespace(stable=1.0 + 0.1 * scene.grid.cell)
 
-    monkeypatch.setattr("cooperative.scene._calibration.factor_of_safety", stable)
+    monkeypatch.setattr("cooperative.scene._measured.factor_of_safety", stable)
     summary = campaign.run(SCENE + "calibrate = true\n", tmp_path)
     assert summary["calibration"]["factor"] == pytest.approx(1.1 / 1.2)
     assert len(solved) == 2

@@ -7,9 +7,7 @@ import pytest
 from scipy import stats
 
 from cooperative import runs
-from cooperative.campaign import _calibrated
-from cooperative.scene import parse
-from cooperative.scene._limit_load import measure_limit_load
+from cooperative.scene import measure, measure_limit_load, parse
 from cooperative.store import GRIDS
 
 FILL_ABOVE = 7.0
@@ -81,13 +79,12 @@ def test_both_are_of_the_soil_that_the_scene_has_at_the_median(tmp_path, monkeyp
         measured.append((criterion, scene))
         return SimpleNamespace(kink=1.2, stable=1.2)
 
-    monkeypatch.setattr("cooperative.scene._limit_load.factor_of_safety", safe)
-    monkeypatch.setattr("cooperative.scene._calibration.factor_of_safety", safe)
-    monkeypatch.setattr("cooperative.scene._limit_load._displacement", lambda *_: 0.3)
+    monkeypatch.setattr("cooperative.scene._measured.factor_of_safety", safe)
+    monkeypatch.setattr("cooperative.scene._measured._displacement", lambda *_: 0.3)
     campaign = parse(SCENE)
     soil = runs.random_soil(campaign)
     models = {grid: runs.build(campaign, grid, soil, at_rest=False) for grid in GRIDS}
-    _calibrated(models, tmp_path)
+    measure(campaign, tmp_path, soil.counts, models)
     assert [(criterion, scene.grid.cell) for criterion, scene in measured] == [
         ("limit load", 1.0), (None, 2.0), (None, 1.0),
     ]  # fmt: skip

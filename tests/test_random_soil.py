@@ -351,10 +351,10 @@ def test_a_sample_of_such_a_campaign_is_made_again_from_its_coefficients(done):
     np.testing.assert_allclose(again.state.displacement, kept.fields["displacement"], atol=2e-4)
 
 
-def test_a_worker_makes_the_same_sample_from_the_text(done):
+def test_a_worker_makes_the_same_sample(done):
     text, folder, _ = done
     kept = read_sample(read_store(folder), "rough", 2)
-    again = run_sample(text, "rough", 2, kept.coefficients, None, None, folder=folder)
+    again = run_sample(runs.packed(parse(text)), "rough", 2, kept.coefficients, None, None, folder=folder)
     assert dict(again.row) == dict(kept.row)
 
 

@@ -8,6 +8,7 @@ from cooperative.runs._frames import Frames
 from cooperative.runs._initial import keep_initial
 from cooperative.runs._known import foreign, phases_of, rows_reader
 from cooperative.runs._model import GridModel, build, coefficients_of, column_plan, sampling_of
+from cooperative.runs._packed import Packed, packed
 from cooperative.runs._random_soil import RandomSoil, random_soil
 from cooperative.runs._samples import finished, run_samples
 from cooperative.runs._size import GridSize, check_coefficients, check_size, grid_size
@@ -21,6 +22,7 @@ __all__ = [
     "Frames",
     "GridModel",
     "GridSize",
+    "Packed",
     "RandomSoil",
     "Stop",
     "Stopped",
@@ -44,6 +46,7 @@ __all__ = [
     "keep_initial",
     "machine",
     "memory_mappings",
+    "packed",
     "phases_of",
     "process_pool",
     "random_soil",

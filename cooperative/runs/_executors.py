@@ -1,8 +1,9 @@
 """Samples through worker processes, or through any `concurrent.futures.Executor`.
 
-A task is a scene's text, a grid, a sample's number and its coefficients: a worker makes everything else again from
-these, once per scene and grid, and sends back the finished sample. Only the controller writes samples; a worker that
-sees the campaign's folder keeps the restart point of its long run there.
+A task is a campaign's checksum, a grid, a sample's number and its coefficients. A worker that does not know the
+campaign returns None, and the task goes out again with the campaign itself: once per worker, whatever executor it
+belongs to. The worker builds each grid once and sends back the finished sample. Only the controller writes samples; a
+worker that sees the campaign's folder keeps the restart point of its long run there.
 """
 
 from __future__ import annotations
@@ -21,10 +22,11 @@ from typing import Any
 import numpy as np
 
 from cooperative.runs._model import GridModel, build
+from cooperative.runs._packed import Packed, unpacked
 from cooperative.runs._processes import ATTEMPTS, Processes, WorkerLost, stop_wanted
 from cooperative.runs._random_soil import random_soil
 from cooperative.runs._samples import run_samples
-from cooperative.scene import parse
+from cooperative.scene import Campaign
 from cooperative.store import Sample
 from foundation.text import short, shown
 
@@ -64,7 +66,7 @@ def _shares(workers: int) -> list[list[int]]:
     return [cores[first : first + share] for first in firsts]
 
 
-def _wanted_no_more() -> bool:
+def _unwanted() -> bool:
     """Whether the run of this worker has nobody left who wants it."""
     return stop_wanted() or _dropped_by_dask()
 
@@ -84,7 +86,7 @@ def _dropped_by_dask() -> bool:
 
 
 def run_sample(
-    text: str,
+    campaign: Packed,
     grid: str,
     number: int,
     coefficients: np.ndarray,
@@ -92,19 +94,29 @@ def run_sample(
     restart_in: Path | None,
     slides: bool = False,
     folder: Path | None = None,
-) -> Sample:
-    """Run one sample of a scene on one of its grids; what a worker does. restart_in, slides: see `run_samples`. folder:
-    of the campaign, for the grid's initial stress."""
-    one, model = {number: coefficients}, _prepared(text, grid, folder)
+) -> Sample | None:
+    """Run one sample of a campaign on one of its grids; what a worker does. restart_in, slides: see `run_samples`.
+    folder: of the campaign, for the grid's initial stress. Returns None where the campaign is not known here and did
+    not come along."""
+    if campaign.content is not None and campaign.key not in _campaigns:
+        _campaigns.clear()
+        _campaigns[campaign.key] = unpacked(campaign.content)
+    if campaign.key not in _campaigns:
+        return None
+    one, model = {number: coefficients}, _prepared(campaign.key, grid, folder)
     runs = run_samples(
-        model, one, one, width=1, stop_at=stop_at, restart_in=restart_in, stop=_wanted_no_more, slides=slides
+        model, one, one, width=1, stop_at=stop_at, restart_in=restart_in, stop=_unwanted, slides=slides
     )  # fmt: skip
     return next(iter(runs))
 
 
+_campaigns: dict[str, Campaign] = {}
+"""The campaign that this worker runs samples of, by its checksum."""
+
+
 @lru_cache(maxsize=2)
-def _prepared(text: str, grid: str, folder: Path | None) -> GridModel:
-    campaign = parse(text, begun=True)
+def _prepared(key: str, grid: str, folder: Path | None) -> GridModel:
+    campaign = _campaigns[key]
     return build(campaign, grid, random_soil(campaign), folder=folder)
 
 
@@ -125,7 +137,7 @@ class Workers:
             self.executor = self.make()
         return self
 
-    def submit(self, *task: Any) -> Future[Sample]:
+    def submit(self, *task: Any) -> Future[Sample | None]:
         """Hand out one sample, as `run_sample` takes it."""
         executor = self.executor = self.executor or self.make()
         return executor.submit(run_sample, *task)
@@ -143,7 +155,7 @@ class _Refused(BrokenExecutor):
 
 def run_through(
     workers: Workers,
-    text: str,
+    campaign: Packed,
     grid: str,
     numbers: Iterable[int],
     coefficients: np.ndarray,
@@ -156,6 +168,7 @@ def run_through(
 ) -> Iterator[Sample]:
     """Run the samples with these numbers, rows of `coefficients`, through an executor; yields each as it ends.
 
+    campaign: with its content, which goes to each worker that asks for it.
     folder: of the campaign, where workers find the initial stress; one that does not see it solves for it.
     look: called several times a second, may raise to stop.
 
@@ -167,13 +180,15 @@ def run_through(
     waiting = iter(numbers)
     suspects: deque[int] = deque()
     deaths: Counter[int] = Counter()
-    pending: dict[Future[Sample], int] = {}
+    pending: dict[Future[Sample | None], int] = {}
     alone, broken, refused = workers.count == 1, False, 0
 
-    def submit(number: int) -> None:
+    known = Packed(campaign.key)
+
+    def submit(number: int, packed: Packed = known) -> None:
         nonlocal broken, refused
         try:
-            future = workers.submit(text, grid, number, coefficients[number], stop_at, restart_in, slides, folder)
+            future = workers.submit(packed, grid, number, coefficients[number], stop_at, restart_in, slides, folder)
             refused = 0
         except BrokenExecutor as error:
             broken, refused = True, refused + 1
@@ -209,7 +224,10 @@ def run_through(
                     suspects.append(number)
                     continue
                 sample = _given_up(number)
-            yield sample
+            if sample is None:
+                submit(number, campaign)
+            else:
+                yield sample
         look()
         if broken:
             # It drops all it held, and does not say whose worker died.

@@ -160,6 +160,13 @@ class GridModel:
         moved = self.campaign.run.failure_displacement
         return replace(self, state=with_columns(self.scene, self.state, moved=moved, every=hazard.every))
 
+    def with_measured(self, campaign: Campaign) -> GridModel:
+        """The same grid once its campaign is measured: a rough one with the strength of its calibration, unless it has
+        that already. Raises ValueError for exposed places outside the ground."""
+        model, calibration = replace(self, campaign=campaign).looking(), campaign.measured.calibration
+        factor = calibration.factor if calibration is not None and self.grid == "rough" else 1.0
+        return model if factor == self.strength_factor else model.weakened(factor)
+
     def weakened(self, factor: float) -> GridModel:
         """The same grid with all strength, random or not, times a factor."""
         known = "strength" in self.campaign.random and self.campaign.site.interface is None
@@ -280,10 +287,8 @@ def build(
     if at_rest:
         kept = None if folder is None else read_initial(folder, grid, scene, state)
         state = jaxmpm.at_rest(scene, apic=campaign.grids[grid].apic) if kept is None else kept
-    factor = campaign.calibration.factor if campaign.calibration and grid == "rough" else 1.0
     layer = campaign.site.layer_of(np.asarray(scene.particles.position), campaign.grids[grid])
-    model = GridModel(grid, campaign, scene, state, soil, layer=layer).looking()
-    return model if factor == 1 else model.weakened(factor)
+    return GridModel(grid, campaign, scene, state, soil, layer=layer).with_measured(campaign)
 
 
 def column_plan(scene: Scene) -> ColumnPlan:

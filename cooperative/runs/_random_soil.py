@@ -22,7 +22,7 @@ Box = tuple[tuple[float, ...], tuple[float, ...]]
 """Lowest corner and edges (d,) m."""
 ROUNDING = 2e-5
 """Of the share of the variance that modes hold, with eigenvalues in single precision on two machines."""
-REMEDY = "delete the folder's field_modes.json, whose samples are then those of this machine"
+REMEDY = "delete the folder's measured.json, or its field_modes.json, whose samples are then those of this machine"
 
 
 @dataclass(frozen=True)
@@ -112,8 +112,7 @@ def random_soil(campaign: Campaign) -> RandomSoil:
         if layer.own:
             own = tuple((name, field) for name, field in layer.random.items() if name in layer.own)
             parts.append((number, own, site.box_of(number)))
-    counts = None if campaign.field_modes is None else campaign.field_modes.counts
-    return _random_soil(tuple(parts), correlated, replace(site, layers=()), counts)
+    return _random_soil(tuple(parts), correlated, replace(site, layers=()), campaign.measured.terms)
 
 
 Part = tuple[int | None, tuple[tuple[str, RandomField], ...], Box]

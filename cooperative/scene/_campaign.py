@@ -70,16 +70,24 @@ class LimitLoad:
 
 
 @dataclass(frozen=True)
-class FieldModes:
-    """How many modes each expansion of the random soil has, in the order of `runs.RandomSoil.groups`. Eigenvalues are
-    rounded otherwise on another machine, and those that hold the energy may be one more or less there."""
+class Measured:
+    """What a campaign measures before its first run, None where it is not known.
 
-    counts: tuple[int, ...]
+    terms: number of terms of each expansion of the random soil, in the order of `runs.RandomSoil.groups`. calibration:
+    factors of safety of both grids. limit_load: where failure counts from it.
+    """
+
+    terms: tuple[int, ...] | None = None
+    calibration: Calibration | None = None
+    limit_load: LimitLoad | None = None
 
     def check(self) -> None:
-        """Raise ValueError for numbers that no expansion has."""
-        if not self.counts or min(self.counts) < 1:
-            raise ValueError(f"[field_modes] counts = {list(self.counts)}: give 1 or more for each expansion")
+        """Raise ValueError for numbers that no expansion and no slope has."""
+        if self.terms is not None and (not self.terms or min(self.terms) < 1):
+            raise ValueError(f"[field_modes] counts = {list(self.terms)}: give 1 or more for each expansion")
+        for found in (self.calibration, self.limit_load):
+            if found is not None:
+                found.check()
 
 
 def _above_zero(table: str, numbers: Mapping[str, float]) -> None:
@@ -134,8 +142,7 @@ class Campaign:
     text: the TOML that it came from. name: of the campaign. site: where soil slides. soil: what slides, with the means
     of what varies, where a layer of the site does not say otherwise. random: what varies, by parameter of the soil.
     cross_correlation: of what varies, None without. grids: discretisation of "rough" and "refined". run: how each
-    sample runs. plan: what the campaign does. calibration: factors of safety of both grids, where they are known.
-    limit_load: where failure is told by it, and it is known. field_modes: of its expansions, where a folder keeps them.
+    sample runs. plan: what the campaign does. measured: what the scene gives, or the folder has measured, of it.
     raised: refined runs that the campaign's folder allows beyond the scene. hazard: what is kept of slides for maps and
     exposed places, None where the scene asks for neither.
     """
@@ -149,9 +156,7 @@ class Campaign:
     grids: Mapping[str, Discretisation]
     run: Run
     plan: Plan
-    calibration: Calibration | None = None
-    limit_load: LimitLoad | None = None
-    field_modes: FieldModes | None = None
+    measured: Measured = Measured()
     raised: Budget | None = None
     hazard: Hazard | None = None
 
@@ -210,9 +215,7 @@ def check_campaign(campaign: Campaign) -> None:
             f"[run] least_volume = {campaign.least_volume}: give more than 0 and less than the ground's "
             f"{campaign.site.shape.volume:.4g}"
         )
-    for kept in (campaign.calibration, campaign.field_modes):
-        if kept is not None:
-            kept.check()
+    campaign.measured.check()
     for name, field in campaign.random.items():
         if len(field.length) != dimension:
             raise ValueError(f"[{name}] length has {len(field.length)} values: give {dimension}, one per axis")
@@ -288,7 +291,7 @@ def check_failure(campaign: Campaign) -> None:
     plan, run = campaign.plan, campaign.run
     if plan.estimator is not None:
         plan.estimator.check(Sampling(plan.samples, run.failure_displacement, plan.screening_stop))
-    if run.failure == "limit load" and campaign.limit_load is None:
+    if run.failure == "limit load" and campaign.measured.limit_load is None:
         return  # not known yet
     if plan.screening_stop is not None and plan.screening_stop < run.failure_displacement:
         raise ValueError(

@@ -9,14 +9,12 @@ from types import MappingProxyType
 from typing import Any
 
 from cooperative.estimate import SETTINGS, Estimator, named_estimator
-from cooperative.scene._campaign import Calibration, Campaign, FieldModes, LimitLoad, Plan, Run, check_campaign
+from cooperative.scene._campaign import Campaign, Measured, Plan, Run, check_campaign
 from cooperative.scene._hazard import hazard_of
+from cooperative.scene._measured import given_measured, taking
 from cooperative.scene._schema import (
-    CALIBRATION,
     DEFAULTS,
-    FIELD_MODES,
     GIVEN,
-    LIMIT_LOAD,
     LISTS,
     OF_GROUND,
     OPTIONAL,
@@ -76,7 +74,8 @@ def parse(text: str, estimator: Estimator | None = None, *, begun: bool = False)
     plan, run = said["campaign"], said["run"]
     if not said["soil"]["unusual"]:
         ask("[run] gravity", "gravity", run["gravity"])
-    limit_load = _limit_load(tables, run)
+    measured = given_measured(tables)
+    _check_limit_load(tables, measured, run)
     _settle_modes(plan, tables["campaign"], "slope" in tables)
     settings = {key: plan.pop(key) for key in SETTINGS}
     if given is None:
@@ -99,16 +98,10 @@ def parse(text: str, estimator: Estimator | None = None, *, begun: bool = False)
         cross_correlation=CrossCorrelation(**said["cross_correlation"]) if "cross_correlation" in said else None,
         grids=MappingProxyType({grid: _grid(said[grid], soil) for grid in ("rough", "refined")}),
         run=_run(run),
-        limit_load=limit_load,
         plan=Plan(**plan),
-        calibration=(
-            Calibration(**read("calibration", tables["calibration"], CALIBRATION)) if "calibration" in tables else None
-        ),
-        field_modes=(
-            FieldModes(**read("field_modes", tables["field_modes"], FIELD_MODES)) if "field_modes" in tables else None
-        ),
         hazard=hazard,
     )
+    campaign = taking(campaign, **vars(measured))
     check_campaign(campaign)
     return campaign
 
@@ -168,26 +161,23 @@ def _settle_modes(plan: dict[str, Any], said: Mapping[str, Any], has_modes: bool
         plan["modes"] = ()
 
 
-def _limit_load(tables: Mapping[str, Any], run: dict[str, Any]) -> LimitLoad | None:
-    """The limit load that the scene holds, whose displacement is then that of failure."""
+def _check_limit_load(tables: Mapping[str, Any], measured: Measured, run: Mapping[str, Any]) -> None:
+    """Raise ValueError for a limit load, asked for or given, that does not go with the table [run]."""
     asked = run["failure"] == "limit load"
     if asked and "failure_displacement" in tables.get("run", {}):
         raise ValueError(
             "[run] failure_displacement has no say beside failure = 'limit load', which finds it: leave it out"
         )
-    if "limit_load" not in tables:
-        return None
-    found = LimitLoad(**read("limit_load", tables["limit_load"], LIMIT_LOAD))
-    found.check()
+    given = measured.limit_load
+    if given is None:
+        return
     if not asked:
         raise ValueError("the scene has a table [limit_load] without [run] failure = 'limit load': leave it out")
-    if run["least_volume"] not in (None, found.volume):
+    if run["least_volume"] not in (None, given.volume):
         raise ValueError(
-            f"[run] least_volume = {run['least_volume']:g} and [limit_load] volume = {shown(found.volume)} differ: the "
+            f"[run] least_volume = {run['least_volume']:g} and [limit_load] volume = {shown(given.volume)} differ: the "
             "displacement belongs to one volume, give that one in both"
         )
-    run["failure_displacement"], run["least_volume"] = found.displacement, found.volume
-    return found
 
 
 def _run(table: dict[str, Any]) -> Run:

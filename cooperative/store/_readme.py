@@ -53,9 +53,10 @@ WHAT IS WHAT
                       only changed files are read again. They may be deleted: all files are then verified anew
   initial/            the stress of each grid at rest, solved once. It may be deleted
   restart/            where long runs go on after an interruption. It may be deleted; these runs then start afresh
-  field_modes.json    numbers of modes of the random fields, which another machine might count otherwise
-  calibration.json    factors of safety of both grids, where the scene asks for calibration
-  limit_load.json     the failure displacement, where the scene has it found from the limit load
+  measured.json       what was measured before the first run: terms of the random fields, which another machine might
+                      count otherwise; factors of safety of both grids, and the failure displacement by the limit load,
+                      where the scene asks for them. Earlier versions had field_modes.json, calibration.json and
+                      limit_load.json in its place
   budget.json         refined runs allowed beyond the scene
   summary.json        the answer: probability of failure, its interval, modes, consequences
   report.html         the answer for people, with every figure
@@ -69,8 +70,8 @@ WHAT IS WHAT
   *.damaged           a file that did not match its checksum. It was set aside and its sample run again
   .lock               held by the process that runs the campaign
 
-Not every campaign has every file. To keep one, keep scene.toml, samples/, field_modes.json, calibration.json,
-limit_load.json and budget.json: the rest can be made again from these.
+Not every campaign has every file. To keep one, keep scene.toml, samples/, measured.json (or the three
+files of earlier versions) and budget.json: the rest can be made again from these.
 
 READ A SAMPLE WITHOUT JAXMPM
 

@@ -1,0 +1,222 @@
+"""What a campaign measures once, before its first run, and keeps in its folder as `measured.json`.
+
+Terms: an expansion takes as many as hold its share of the variance. Eigenvalues are rounded otherwise on another
+machine, where one term more or less may hold it, so the number of the machine on which a campaign began stands for all
+that go on with it, work for it or read it.
+
+Calibration: a rough grid is stiffer and stands where the refined one fails. Its strength is multiplied by the ratio of
+their factors of safety, those of the slope of median soil by strength reduction, some ten runs on each grid.
+
+Limit load: a displacement of 1 m is no failure where soil does not soften; such a slope slides a little and stands
+again. At its limit load the displacement of the slope of median soil turns upwards with the reduction factor, or jumps.
+The geometric mean of its displacements a little below and above that factor is the failure displacement of all samples,
+so that this slope's factor of safety by displacement is that of its limit load.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import jax
+
+from cooperative.scene._campaign import Calibration, Campaign, LimitLoad, Measured, check_failure
+from cooperative.scene._schema import CALIBRATION, FIELD_MODES, LIMIT_LOAD, read
+from cooperative.store import MOST_TEXT, write_aside
+from foundation import files
+from jaxmpm import Scene, Settle, State, diagnostics, factor_of_safety, reduced, solve
+
+NAME = "measured.json"
+
+TABLES: dict[str, tuple[str, str, Callable[[Any], Any]]] = {
+    "terms": ("field_modes", "numbers of terms", lambda table: read("field_modes", table, FIELD_MODES)["counts"]),
+    "calibration": (
+        "calibration",
+        "two factors of safety",
+        lambda table: Calibration(**read("calibration", table, CALIBRATION)),
+    ),
+    "limit_load": ("limit_load", "limit load", lambda table: LimitLoad(**read("limit_load", table, LIMIT_LOAD))),
+}
+"""By field of `Measured`: the table that a scene may give it in, which names the file in folders of earlier versions;
+what it is, in messages; and how the table is read."""
+
+SHARE = 0.05
+"""Least volume that counts as a failure where the scene does not give one, over the height of the slope to the power of
+the dimensions."""
+
+BESIDE = 0.02
+"""How far below and above the factor of the limit load displacements are taken, over that factor."""
+
+
+class Grid(Protocol):
+    """A grid of which something is measured, see `runs.GridModel`."""
+
+    @property
+    def median(self) -> tuple[Scene, State]:
+        """Scene and initial state of the median soil."""
+
+
+def given_measured(tables: Mapping[str, Any]) -> Measured:
+    """What the tables of a scene give. Raises ValueError for keys and numbers that will not do."""
+    values = {name: read_table(tables[table]) for name, (table, _, read_table) in TABLES.items() if table in tables}
+    given = Measured(**values)
+    given.check()
+    return given
+
+
+def stored_measured(folder: Path, wanted: Sequence[str] = tuple(TABLES)) -> Measured:
+    """What a campaign's folder has measured, as far as its files are there.
+
+    Args:
+        folder: of the campaign, of this version or an earlier one.
+        wanted: fields of `Measured` to read from the files of earlier versions; the others are None.
+
+    Raises:
+        ValueError: a file is damaged.
+    """
+    if os.path.lexists(path := folder / NAME):
+        return _checked(path, "numbers that were measured", _of_file)
+    earlier = {name: folder / f"{TABLES[name][0]}.json" for name in wanted}
+    there = {name: path for name, path in earlier.items() if os.path.lexists(path)}
+    return Measured(**{name: _earlier(name, path) for name, path in there.items()})
+
+
+def with_measured(campaign: Campaign, folder: Path) -> Campaign:
+    """The campaign with what its folder has measured; what it gives itself comes first.
+
+    Raises:
+        ValueError: a file is damaged, or the failure displacement does not go with the rest of the campaign.
+    """
+    asked = {
+        "terms": True,
+        "calibration": campaign.plan.calibrate,
+        "limit_load": campaign.run.failure == "limit load",
+    }
+    wanted = [name for name, wants in asked.items() if wants and getattr(campaign.measured, name) is None]
+    stored = stored_measured(folder, wanted)
+    return taking(campaign, **{name: getattr(stored, name) for name in wanted})
+
+
+def measure(campaign: Campaign, folder: Path, terms: Sequence[int], grids: Mapping[str, Grid]) -> Campaign:
+    """Measure what the campaign asks for and has not, and keep each number in the folder once it is known.
+
+    Args:
+        campaign: with what its folder has measured.
+        folder: of the campaign.
+        terms: number of terms of each expansion, counted on this machine.
+        grids: both grids by name.
+
+    Returns:
+        The campaign with all of it.
+
+    Raises:
+        ValueError: a slope's factor lies outside 0.5 to 3, or its displacement shows no limit load there.
+        OSError: the disk refuses.
+    """
+
+    def kept(**found: Any) -> Campaign:
+        ready = taking(campaign, **found)
+        there = {name: value for name, value in asdict(ready.measured).items() if value is not None}
+        write_aside(folder / NAME, json.dumps(there).encode())
+        return ready
+
+    if campaign.measured.terms is None:
+        campaign = kept(terms=tuple(terms))
+    if campaign.run.failure == "limit load" and campaign.measured.limit_load is None:
+        campaign = kept(limit_load=measure_limit_load(campaign, grids["refined"]))
+    if campaign.plan.calibrate and campaign.measured.calibration is None:
+        campaign = kept(calibration=factors_of_safety(campaign, grids))
+    return campaign
+
+
+def taking(campaign: Campaign, **found: Any) -> Campaign:
+    """The campaign with these fields of `Measured`; samples fail from the displacement of a limit load.
+
+    Raises:
+        ValueError: the failure displacement does not go with the rest of the campaign.
+    """
+    ready = replace(campaign, measured=replace(campaign.measured, **found))
+    limit_load = ready.measured.limit_load
+    if limit_load is None:
+        return ready
+    settle = campaign.run.settle
+    if settle is not None and settle.slides is not None:
+        settle = replace(settle, slides=limit_load.displacement)
+    run = replace(
+        campaign.run, failure_displacement=limit_load.displacement, least_volume=limit_load.volume, settle=settle
+    )
+    ready = replace(ready, run=run)
+    check_failure(ready)
+    return ready
+
+
+def factors_of_safety(campaign: Campaign, grids: Mapping[str, Grid]) -> Calibration:
+    """Factors of safety of the slope of median soil. Raises ValueError where one lies outside 0.5 to 3."""
+    run = campaign.run
+    found = {
+        grid: factor_of_safety(
+            *model.median, failure_displacement=run.failure_displacement, t_end=run.t_end, batch=_factors_at_once(),
+            settle=run.settle, least_volume=run.least_volume,
+        ).stable
+        for grid, model in grids.items()
+    }  # fmt: skip
+    return Calibration(**found)
+
+
+def measure_limit_load(campaign: Campaign, refined: Grid) -> LimitLoad:
+    """The limit load of the slope of median soil, by strength reduction. Raises ValueError where its displacement shows
+    none between factors of 0.5 and 3."""
+    scene, state = refined.median
+    t_end, volume = campaign.run.t_end, campaign.run.least_volume
+    if volume is None:
+        volume = float(f"{SHARE * campaign.site.height**campaign.dimension:.3g}")
+    found = factor_of_safety(
+        scene, state, criterion="limit load", t_end=t_end, batch=_factors_at_once(), least_volume=volume
+    )
+    assert found.kink is not None
+    below, above = (
+        _displacement(reduced(scene, factor), state, t_end, volume)
+        for factor in (found.kink * (1 - BESIDE), found.kink * (1 + BESIDE))
+    )
+    return LimitLoad(found.kink, float(f"{math.sqrt(below * above):.3g}"), volume)
+
+
+def _displacement(scene: Scene, state: State, t_end: float, volume: float) -> float:
+    """Displacement (m) that a volume of soil has exceeded by the end of a run."""
+    result = solve(scene, state, t_end=t_end, settle=Settle(), least_volume=volume).raise_if_failed()
+    return float(diagnostics.exceeded_displacement(scene, result.state, volume))
+
+
+def _factors_at_once() -> int:
+    """Reduction factors that a measurement tries at once: on CPU lanes run in turn, and bisection takes the fewest;
+    elsewhere a batch costs as much time as one."""
+    return 2 if jax.default_backend() == "cpu" else 8
+
+
+def _of_file(content: Any) -> Measured:
+    """The numbers in `measured.json`, checked as those of a scene are."""
+    if not isinstance(content, dict) or not content.keys() <= TABLES.keys():
+        raise ValueError(f"give an object of {', '.join(TABLES)}")
+    tables = {TABLES[name][0]: value for name, value in content.items()}
+    if "terms" in content:
+        tables["field_modes"] = {"counts": content["terms"]}
+    return given_measured(tables)
+
+
+def _earlier(name: str, path: Path) -> Any:
+    """The one field of `Measured` that a file of an earlier version holds."""
+    table, what, _ = TABLES[name]
+    return getattr(_checked(path, what, lambda content: given_measured({table: content})), name)
+
+
+def _checked(path: Path, what: str, measured: Callable[[Any], Measured]) -> Measured:
+    """What a file holds. Raises ValueError where it is damaged."""
+    try:
+        return measured(json.loads(files.read_plain(path, MOST_TEXT)))
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path} holds no {what} ({error}): delete it to measure it again") from error
