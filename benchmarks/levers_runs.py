@@ -20,7 +20,7 @@ from benchmarks.csv_rows import ENDED, REMEDY, number, rows_of, whole, word
 from benchmarks.measure import ROOT, scene_campaign
 from benchmarks.section_pairs import study
 from cooperative import runs
-from cooperative.measure import Consequences, SlopeGeometry, consequences
+from cooperative.measure import Consequences, consequences
 from cooperative.runs import GridModel
 from jaxmpm import Result, Scene, Settle, State, Status, diagnostics, solve_each
 
@@ -122,7 +122,7 @@ def _rows(variant: Variant, numbers: list[int]) -> Iterator[tuple[object, ...]]:
 def measured(model: GridModel, result: Result) -> Consequences:
     """Consequences of a run, detached grains included."""
     shape = model.campaign.slope
-    geometry = SlopeGeometry(shape.toe_x, shape.foundation, shape.height)
+    geometry = shape.face
     particles, moved = model.scene.particles, np.asarray(result.state.displacement)
     position, volume = np.asarray(particles.position), np.asarray(particles.volume)
     return consequences(position, moved, volume, geometry, half_size=model.half_size)

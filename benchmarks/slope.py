@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.measure import Report, scene_campaign
-from cooperative.measure import SlopeGeometry, consequences
+from cooperative.measure import consequences
 from cooperative.scene import Campaign
 from jaxmpm import PlasticStrain, QuadraticBSpline, Settle, Soil, factor_of_safety, reduced, slope, solve
 
@@ -62,7 +62,7 @@ def row(
         position,
         np.asarray(slide.state.displacement),
         np.asarray(scene.particles.volume),
-        SlopeGeometry(shape.toe_x, shape.foundation, shape.height),
+        shape.face,
         half_size=np.asarray(numerics.spacing) / 2,
     )
     return {

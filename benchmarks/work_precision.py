@@ -25,7 +25,7 @@ from benchmarks.footing import CAPACITY, capacity
 from benchmarks.manufactured import manufactured_run
 from benchmarks.measure import ROOT, Report, scene_campaign, timed
 from benchmarks.results import kept_rows
-from cooperative.measure import Consequences, SlopeGeometry, consequences
+from cooperative.measure import Consequences, consequences
 from cooperative.reporting import panels, save
 from jaxmpm import diagnostics
 
@@ -196,7 +196,7 @@ def slide(scene: mpm.Scene, state: mpm.State, reduction: float, numerics: mpm.Di
         np.asarray(scene.particles.position),
         np.asarray(ended.raise_if_failed().state.displacement),
         np.asarray(scene.particles.volume),
-        SlopeGeometry(shape.toe_x, shape.foundation, shape.height),
+        shape.face,
         half_size=np.asarray(numerics.spacing) / 2,
     )
 

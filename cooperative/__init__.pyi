@@ -49,7 +49,7 @@ from .estimate import (
     wilson_interval,
 )
 from .hazard import Maps, hazard_maps
-from .measure import Consequences, FailureMode, ModeRules, Motion, SlopeGeometry, consequences, failure_mode
+from .measure import Consequences, FailureMode, ModeRules, Motion, consequences, failure_mode
 from .reporting import consolidate, export, export_sample, progress_of, report, write_table
 from .runs import GridModel, Stopped, build, coefficients_of, dask_executor, phases_of, random_soil, run_samples
 from .scene import Campaign, campaign_of, parse
@@ -102,7 +102,6 @@ __all__ = [
     "Severity",
     "Share",
     "Slides",
-    "SlopeGeometry",
     "Stopped",
     "Store",
     "Subset",

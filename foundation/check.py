@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import sys
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -61,6 +63,15 @@ def above_zero(unit: str = "") -> Limit:
 def from_zero(unit: str = "") -> Limit:
     """Finite values of 0 or more."""
     return Limit(least=0.0, unit=unit)
+
+
+def warn(message: str) -> None:
+    """Warn at the line that called into the package of whoever calls this."""
+    frame, level = sys._getframe(1), 2
+    package = frame.f_globals["__name__"].partition(".")[0]
+    while frame.f_back is not None and frame.f_globals["__name__"].partition(".")[0] == package:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, stacklevel=level)
 
 
 def is_traced(*trees: Any) -> bool:

@@ -4,9 +4,11 @@ from foundation import __version__
 from foundation.check import Limit
 from foundation.files import DamagedFile, write_aside
 from foundation.pytrees import pytree
-from jaxmpm import diagnostics, tensors
+from jaxmpm import diagnostics, ground, tensors
 from jaxmpm._step import step
 from jaxmpm.ground import (
+    Face,
+    Ground,
     Layer,
     Raster,
     Section,
@@ -15,6 +17,7 @@ from jaxmpm.ground import (
     Thickness,
     read_line,
     read_raster,
+    scene_of,
     section,
     slope,
     terrain,
@@ -109,11 +112,13 @@ __all__ = [
     "Elastic",
     "Engine",
     "ExponentialSoftening",
+    "Face",
     "FactorOfSafety",
     "FreeField",
     "FrictionalSoftening",
     "FrictionalSoil",
     "Grid",
+    "Ground",
     "Interface",
     "Kernel",
     "Law",
@@ -160,6 +165,7 @@ __all__ = [
     "diagnostics",
     "factor_of_safety",
     "fill",
+    "ground",
     "lanes",
     "load_state",
     "native_available",
@@ -176,6 +182,7 @@ __all__ = [
     "replay",
     "save_state",
     "scene",
+    "scene_of",
     "section",
     "slope",
     "solve",

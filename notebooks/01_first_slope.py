@@ -23,7 +23,7 @@ from drawing import BLACK, BLUE, RED, corners, draw_section, style
 from matplotlib.animation import FuncAnimation, PillowWriter
 
 import jaxmpm as mpm
-from cooperative import SlopeGeometry, consequences
+from cooperative import consequences
 
 SMALL = os.environ.get("JAXMPM_SMALL") == "1"  # small sizes, for a quick look and for the tests
 cell = 2.0 if SMALL else 1.0  # m
@@ -146,7 +146,7 @@ measured = consequences(
     np.asarray(scene.particles.position),
     np.asarray(slide.state.displacement),
     np.asarray(scene.particles.volume),
-    SlopeGeometry(toe_x=shape.toe_x, toe_z=shape.foundation, height=shape.height),
+    shape.face,
     half_size=np.asarray(half_size),
 )
 print(f"largest displacement {measured.displacement:.1f} m, run-out beyond the toe {measured.runout:.1f} m")

@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cooperative.measure import OpenGround, SlopeGeometry, Track, consequences, walls_reached
+from cooperative.measure import OpenGround, Track, consequences, walls_reached
+from jaxmpm import Face
 
 # Crest level 16 m, toe at x = 54 m and z = 4 m, as in the published slope.
-SLOPE = SlopeGeometry(toe_x=54.0, toe_z=4.0, height=12.0)
+SLOPE = Face(toe_x=54.0, toe_z=4.0, height=12.0)
 
 
 def block(low, high, spacing):

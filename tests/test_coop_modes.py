@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cooperative.measure import SEVERITY, ModeRules, Motion, SlopeGeometry, failure_mode
+from cooperative.measure import SEVERITY, ModeRules, Motion, failure_mode
 from cooperative.measure._modes import name_mode
+from jaxmpm import Face
 
-SLOPE = SlopeGeometry(toe_x=54.0, toe_z=4.0, height=12.0)
+SLOPE = Face(toe_x=54.0, toe_z=4.0, height=12.0)
 LENGTH = 96.0
 TIMES = np.arange(0.0, 20.5, 0.5)
 

@@ -21,26 +21,13 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from cooperative.measure._track import Track
+from jaxmpm import Face
 
 EDGE = "the edge of the polygon"
 """What a slide reached that came to the cut around its ground."""
 
 SMALLEST_SHARE = 0.01
 """Share of the sliding volume from which on soil that came off the rest is a mass of its own."""
-
-
-@dataclass(frozen=True)
-class SlopeGeometry:
-    """Where the slope is (m). toe_x, toe_z: place and elevation of its toe. height: from toe to crest."""
-
-    toe_x: float
-    toe_z: float
-    height: float
-
-    @property
-    def crest_z(self) -> float:
-        """Elevation of the crest (m)."""
-        return self.toe_z + self.height
 
 
 @dataclass(frozen=True)
@@ -90,7 +77,7 @@ def consequences(
     position: np.ndarray,
     displacement: np.ndarray,
     volume: np.ndarray,
-    geometry: SlopeGeometry | OpenGround,
+    geometry: Face | OpenGround,
     *,
     half_size: np.ndarray,
     width: float | None = None,
@@ -130,7 +117,7 @@ def consequences(
     before, now = position[:, sliding], (position + displacement)[:, sliding]
     mass = np.ones(now.shape[1], bool) if reach is None else hangs_together(now, volume[sliding], reach)
     scale = 1.0 if width is None else width
-    if isinstance(geometry, SlopeGeometry):
+    if isinstance(geometry, Face):
         depth = geometry.crest_z - (before[-1].min() - half[-1])
         beyond = np.maximum(now[0] + half[0] - geometry.toe_x, 0.0)
     else:
@@ -138,7 +125,7 @@ def consequences(
         beyond = np.maximum(_travelled(before, now, volume[sliding], mass, half, geometry.track), 0.0)
     if len(position) == 2:
         area = beyond[mass].max()
-    elif isinstance(geometry, SlopeGeometry):
+    elif isinstance(geometry, Face):
         area = _swept_area(now[1, mass], half[1], beyond[mass], slice_width)
     else:
         area = _covered(now[:, mass], half)

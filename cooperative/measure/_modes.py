@@ -18,8 +18,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.signal import find_peaks
 
-from cooperative.measure._consequences import SlopeGeometry, largest_per_slice, overlapped_slices
+from cooperative.measure._consequences import largest_per_slice, overlapped_slices
 from cooperative.measure._onsets import Motion, releases
+from jaxmpm import Face
 
 SEVERITY = ("progressive", "compound", "deep", "shallow")
 
@@ -63,7 +64,7 @@ def failure_mode(
     position: np.ndarray,
     displacement: np.ndarray,
     volume: np.ndarray,
-    geometry: SlopeGeometry,
+    geometry: Face,
     *,
     half_size: np.ndarray,
     motion: Motion | None = None,
@@ -111,7 +112,7 @@ def depth_profile(
     position: np.ndarray,
     sliding: np.ndarray,
     volume: np.ndarray,
-    geometry: SlopeGeometry,
+    geometry: Face,
     *,
     half_size: np.ndarray,
     rules: ModeRules,

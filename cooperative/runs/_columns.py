@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from cooperative.measure import ColumnPlan, Place, SlopeGeometry
+from cooperative.measure import ColumnPlan, Place
 from cooperative.runs._model import GridModel, column_plan
 from cooperative.store import Scalar
-from jaxmpm import Result, passing
+from jaxmpm import Face, Result, passing
 
 COLUMNS = ("column_deposit", "column_thickness", "column_speed", "column_arrival")
 """Fields of a slide, one value for each column: thickness at the end (m), largest thickness (m) and speed (m/s), and
@@ -52,7 +52,7 @@ def beyond_toe(model: GridModel, plan: ColumnPlan) -> slice:
     """The columns, along x, that lie beyond the toe; that which holds the toe is none of them. All of ground that has
     no toe."""
     geometry = model.geometry
-    if not isinstance(geometry, SlopeGeometry):
+    if not isinstance(geometry, Face):
         return slice(0, None)
     return slice(int(np.searchsorted(plan.edges(0), geometry.toe_x - 1e-6)), None)
 

@@ -15,11 +15,11 @@ import numpy as np
 import jaxmpm
 import kl
 from cooperative.estimate import Sampling
-from cooperative.measure import ColumnPlan, OpenGround, SlopeGeometry
+from cooperative.measure import ColumnPlan, OpenGround
 from cooperative.runs._initial import read_initial
 from cooperative.runs._random_soil import RandomSoil, random_soil
 from cooperative.scene import Campaign, RandomField, built
-from jaxmpm import Scene, Slope, State, column_shape, with_columns
+from jaxmpm import Face, Scene, State, column_shape, with_columns
 
 
 @dataclass(frozen=True)
@@ -58,11 +58,11 @@ class GridModel:
         return run.failure_displacement, run.last(self.grid)
 
     @property
-    def geometry(self) -> SlopeGeometry | OpenGround:
-        """The slope's crest and toe, or the height of the ground's surface above each particle."""
+    def geometry(self) -> Face | OpenGround:
+        """The slope's face, or the height of the ground's surface above each particle."""
         shape = self.campaign.site.shape
-        if isinstance(shape, Slope):
-            return SlopeGeometry(toe_x=shape.toe_x, toe_z=shape.foundation, height=shape.height)
+        if shape.face is not None:
+            return shape.face
         return OpenGround(
             shape.heights(*np.asarray(self.scene.particles.position[:-1], float)), self.campaign.site.track
         )

@@ -17,7 +17,6 @@ from cooperative.measure import (
     FailureMode,
     ModeRules,
     Motion,
-    SlopeGeometry,
     consequences,
     exceeded,
     failure_mode,
@@ -29,7 +28,7 @@ from cooperative.runs._model import IN_LAW, GridModel
 from cooperative.runs._restart import RestartPoint, read_restart, write_restart
 from cooperative.runs._stopping import Asked, Stopped
 from cooperative.store import SLIDES, Sample, Scalar, read_store
-from jaxmpm import Chunk, Midway, Result, Status, solve_each
+from jaxmpm import Chunk, Face, Midway, Result, Status, solve_each
 
 
 def run_samples(
@@ -215,7 +214,7 @@ def finished(
             fields |= {} if frames is None else frames.as_fields()
             fields |= (columns := kept_columns(model, result))
             row |= column_row(model, columns)
-        if motion is not None and isinstance(geometry, SlopeGeometry):
+        if motion is not None and isinstance(geometry, Face):
             rules = ModeRules(failure_displacement=limit)
             mode = failure_mode(*run, geometry, half_size=half, motion=motion, rules=rules)
             row |= mode_row(mode)

@@ -1,22 +1,47 @@
-"""Ground: its shape, its layers and their files, and the particles that fill it."""
+"""Ground: what it is, slopes, sections and terrain, their layers and files, and the particles that fill it."""
 
+from jaxmpm.ground._ground import (
+    Face,
+    Ground,
+    box_of,
+    build_ground,
+    cells,
+    check_ground,
+    layer_of,
+    relief,
+    scene_of,
+    thicknesses,
+    volume,
+)
+from jaxmpm.ground._layer import Layer
 from jaxmpm.ground._line import read_line
 from jaxmpm.ground._raster import Raster, read_raster
 from jaxmpm.ground._seam import Thickness
-from jaxmpm.ground._section import Layer, Section, section
+from jaxmpm.ground._section import Section, section
 from jaxmpm.ground._slope import Slope, slope
 from jaxmpm.ground._terrain import Terrain, terrain
 
 __all__ = [
+    "Face",
+    "Ground",
     "Layer",
     "Raster",
     "Section",
     "Slope",
     "Terrain",
     "Thickness",
+    "box_of",
+    "build_ground",
+    "cells",
+    "check_ground",
+    "layer_of",
     "read_line",
     "read_raster",
+    "relief",
+    "scene_of",
     "section",
     "slope",
     "terrain",
+    "thicknesses",
+    "volume",
 ]

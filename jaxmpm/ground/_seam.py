@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -43,7 +42,7 @@ class Thickness:
         )
 
 
-def thicknesses(layers: Sequence[Any], tops: Sequence[np.ndarray]) -> list[Thickness]:
+def thicknesses_of(layers: Sequence[Any], tops: Sequence[np.ndarray]) -> list[Thickness]:
     """That of each layer, 0 m of those that lie nowhere or whose soil is being traced.
 
     tops: heights (n,) m of the layers' upper boundaries and of the base, at the same places.
@@ -81,4 +80,4 @@ def warn_of_seams(layers: Sequence[Any], found: Sequence[Thickness], cell: float
     for number, (layer, thickness) in enumerate(zip(layers, found, strict=True), 1):
         asked = thickness.too_thin(cell)
         if asked is not None and not layer.soil.unusual:
-            warnings.warn(f"layer {number} {asked} If that is meant, give its soil unusual=True", stacklevel=4)
+            check.warn(f"layer {number} {asked} If that is meant, give its soil unusual=True")

@@ -15,8 +15,10 @@ import numpy as np
 from foundation import check
 from foundation.text import shown
 from jaxmpm.ground._free_field import check_free_field, joined
+from jaxmpm.ground._ground import Face, box_cells, box_grid
+from jaxmpm.ground._layer import Box, Layer, Line, check_ends
 from jaxmpm.ground._raster import Raster
-from jaxmpm.ground._seam import Thickness, thicknesses, warn_of_seams
+from jaxmpm.ground._seam import Thickness, thicknesses_of, warn_of_seams
 from jaxmpm.laws import BaseMotion, WaterTable
 from jaxmpm.setup import (
     PADDING,
@@ -26,9 +28,7 @@ from jaxmpm.setup import (
     Hold,
     below,
     build,
-    cells_up,
     check_discretisation,
-    check_resolved,
     end_walls,
     fill,
     material_on,
@@ -38,14 +38,11 @@ from jaxmpm.setup import (
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, Interface, common_law, weights
 from jaxmpm.types import Grid, Particles, Scene, State, Wall
 
-Line = Sequence[Sequence[float]]
-"""Points (x, z) m with x rising; two points of the same x make a step."""
-
 Height = Callable[[np.ndarray], np.ndarray]
 """Heights (n,) m of a line at x (n,) m."""
 
-Box = tuple[tuple[float, ...], tuple[float, ...]]
-"""Lowest corner and edges (d,) m."""
+FOOT = 1e-6
+"""Share of the section's length up to which a toe lies at a point of the surface."""
 
 TOUCHING = 0.01
 """Share of a particle's height up to which two lines touch."""
@@ -58,38 +55,23 @@ WATER_WEIGHT = 9810.0
 
 
 @dataclass(frozen=True)
-class Layer:
-    """A layer of soil, from the surface or the layer before it down to its own lower boundary.
-
-    soil: its soil. bottom: the boundary, points (x, z) m with x rising, under a terrain a raster of heights. A boundary
-    that ends on the one above it, or on the surface, ends its layer there. depth: instead, of the boundary below the
-    surface (m). thickness: instead, of the layer (m). The last layer has none of them: it reaches down to the base.
-    """
-
-    soil: AnySoil
-    bottom: Line | Raster | None = None
-    depth: float | None = None
-    thickness: float | None = None
-
-    @property
-    def ends(self) -> bool:
-        """Whether it ends above the base."""
-        return (self.bottom, self.depth, self.thickness) != (None, None, None)
-
-
-@dataclass(frozen=True)
 class Section:
     """The outline of a section.
 
     surface: of the ground, points (x, z) m with x rising, two of the same x where it is a vertical face. base: height
     of the rigid base (m). walls: x of the walls at both ends (m), by default the ends of the surface; what is drawn
     beyond them is left out. interface: strength with which soil sticks to the base, None where it cannot slide on it.
+    toe: x of the toe of a slope that falls along x (m), a point of the surface at which it falls less steeply than
+    before; run-out is then measured from it. crest: x of its crest (m), by default where the surface before the toe is
+    highest.
     """
 
     surface: Line
     base: float = 0.0
     walls: tuple[float, float] | None = None
     interface: Interface | None = None
+    toe: float | None = None
+    crest: float | None = None
 
     def outline(self) -> tuple[np.ndarray, tuple[float, float]]:
         """Points (n, 2) of the surface and x of both walls (m). Raises ValueError for a surface that is none, does not
@@ -145,8 +127,34 @@ class Section:
         return float(np.trapezoid(z - self.base, x))
 
     def check(self) -> None:
-        """Raise ValueError for a surface that is none, does not reach the walls or goes below the base."""
+        """Raise ValueError for a surface that is none, does not reach the walls or goes below the base, and for a toe
+        or a crest that it has not."""
         self.outline()
+        _ = self.face
+
+    @property
+    def face(self) -> Face | None:
+        """The face of the slope, None without a toe. Raises ValueError for a toe or crest that the surface has not."""
+        if self.toe is None and self.crest is None:
+            return None
+        if self.toe is None:
+            raise ValueError(f"crest = {self.crest:g} m without a toe, from which its height is counted: give toe, too")
+        points, (left, right) = self.outline()
+        toe_z = _foot(points, left, self.toe, right)
+        if self.crest is not None and not left <= self.crest <= self.toe:
+            raise ValueError(
+                f"crest = {self.crest:g} m lies beyond the toe at x = {self.toe:g} m or the wall at x = {left:g} m: a "
+                "slope falls along x, so give an x between them, or mirror the section"
+            )
+        span = (left, self.toe) if self.crest is None else (self.crest, self.crest)
+        drawn = points[(points[:, 0] >= span[0]) & (points[:, 0] <= span[1]), 1]
+        height = float(np.r_[drawn, self.heights(np.array(span))].max()) - toe_z
+        if not height > 0:
+            raise ValueError(
+                f"crest = {self.crest:g} m is {height:g} m above the toe at x = {self.toe:g} m: give the x at which "
+                "the slope begins to fall to it"
+            )
+        return Face(self.toe, toe_z, height)
 
     def heights(self, x: np.ndarray) -> np.ndarray:
         """Height of the surface (m) at x (n,) m."""
@@ -157,11 +165,8 @@ class Section:
         """Cells of a grid along each axis, with air above the highest point. Raises ValueError for ground or a grid
         that is none, and where one does not fit the other."""
         check_discretisation(discretisation, 2)
-        length, height = self.extent
-        check.multiple("the section's length", length, "the spacing along x", discretisation.spacing[0])
-        across = check.multiple("the section's length", length, "cell", discretisation.cell)
-        check_resolved("the section", self.corner, self.extent, discretisation)
-        return [across, cells_up(discretisation, height)]
+        self.check()
+        return box_cells("the section", self, discretisation)
 
     def layer_of(self, layers: Sequence[Layer], position: np.ndarray, discretisation: Discretisation) -> np.ndarray:
         """Number of the layer (N,), from 0 on, in which points at position (2, N) m lie. Raises as `section` does."""
@@ -171,7 +176,7 @@ class Section:
         """How thick each layer is, and whether it is a weak seam. Raises ValueError for lines that are none."""
         left, right = self.outline()[1]
         x = left + (right - left) * (np.arange(PLACES) + 0.5) / PLACES
-        return thicknesses(layers, [np.maximum(top(x), self.base) for top in _tops(self, layers, spacing=math.inf)])
+        return thicknesses_of(layers, [np.maximum(top(x), self.base) for top in _tops(self, layers, spacing=math.inf)])
 
     def box_of(self, layers: Sequence[Layer], number: int) -> Box:
         """A box that holds a layer, numbered from 0. Raises ValueError for lines that are none, and for a layer that
@@ -184,6 +189,14 @@ class Section:
         near = slice(max(held[0] - 1, 0), held[-1] + 2)
         low = (float(x[near][0]), float(bottom[near].min()))
         return low, (float(x[near][-1]) - low[0], float(top[near].max()) - low[1])
+
+    def lowered(self, depth: float) -> tuple[tuple[float, float], ...]:
+        """The surface, so much (m) lower."""
+        return tuple((float(x), float(z) - depth) for x, z in self.surface)
+
+    def build(self, layers: Sequence[Layer], discretisation: Discretisation, **loads: Any) -> tuple[Scene, State]:
+        """As `section`."""
+        return section(self, layers, discretisation, **loads)
 
     def _top(self) -> float:
         return max(point[1] for point in self.surface)
@@ -239,8 +252,7 @@ def section(
     cells = shape.cells(discretisation)
     layers = list(soil) if isinstance(soil, Sequence) else [Layer(soil)]
     tops = _layering(shape, layers, discretisation)
-    corner = np.array(shape.corner) - PADDING * discretisation.cell
-    grid = Grid(tuple(n + 1 + 2 * PADDING for n in cells), discretisation.cell, tuple(corner.tolist()))
+    grid = box_grid(shape.corner, cells, discretisation.cell)
     table = _water_table(shape, water, discretisation)
     particles, layer = _particles(shape, layers, tops, discretisation, grid, table)
     if ends == "tied":
@@ -382,6 +394,28 @@ def _points(name: str, line: Line | Raster) -> np.ndarray:
     return points
 
 
+def _foot(points: np.ndarray, left: float, toe: float, right: float) -> float:
+    """Elevation (m) of the surface, points (n, 2), at its toe (m); ValueError unless it is a foot between the walls."""
+    check.finite("toe", toe, "m")
+    if not left < toe < right:
+        raise ValueError(
+            f"toe = {toe:g} m lies outside the ground, which reaches from x = {left:g} to {right:g} m: give the x at "
+            "which the slope meets the ground before it"
+        )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        steep = np.diff(points[:, 1]) / np.diff(points[:, 0])
+    feet = points[1:-1][(steep[:-1] < 0) & (steep[:-1] < steep[1:])]
+    feet = feet[(feet[:, 0] > left) & (feet[:, 0] < right)]
+    apart = np.abs(feet[:, 0] - toe)
+    if not feet.size or apart.min() > FOOT * (right - left):
+        there = ", ".join(f"{x:g}" for x in feet[np.argsort(apart)[:4], 0])
+        raise ValueError(
+            f"toe = {toe:g} m is no foot of a slope, a point of the surface beyond which it falls less steeply: "
+            + (f"give x = {there} m" if there else "no slope falls along x, mirror the section")
+        )
+    return float(feet[np.argmin(apart), 1])
+
+
 def _layering(shape: Section, layers: Sequence[Layer], discretisation: Discretisation) -> list[Height]:
     """The upper boundaries of the layers, and the base; ValueError for layers that particles cannot hold."""
     dx, dz = discretisation.spacing
@@ -431,19 +465,6 @@ def _knots(shape: Section, layers: Sequence[Layer]) -> np.ndarray:
     x = np.unique(np.concatenate([line[:, 0] for line in (surface, *lines)]).clip(left, right))
     step = 1e-9 * (right - left)
     return np.unique(np.concatenate([x - step, x + step]).clip(left, right))
-
-
-def check_ends(layers: Sequence[Layer]) -> None:
-    """Raise ValueError for layers of which not all but the last end above the base, each in one way."""
-    if not layers or layers[-1].ends or not all(layer.ends for layer in layers[:-1]):
-        raise ValueError("layers: give them from the top down, all but the last with their bottom, depth or thickness")
-    for number, layer in enumerate(layers, 1):
-        given = [key for key in ("bottom", "depth", "thickness") if getattr(layer, key) is not None]
-        if len(given) > 1:
-            raise ValueError(f"layer {number} has both {' and '.join(given)}: give one of them")
-        for key in ("depth", "thickness"):
-            if getattr(layer, key) is not None:
-                check.positive(f"{key} of layer {number}", getattr(layer, key), "m")
 
 
 def _offset(line: Height, down: float) -> Height:

@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from foundation import check
-from jaxmpm.setup import (
-    PADDING,
-    ROUNDING,
-    Discretisation,
-    below,
-    box_particles,
-    build,
-    cells_up,
-    check_discretisation,
-    end_walls,
-    material_on,
-    settled,
-)
+from jaxmpm.ground._ground import Face, scene_of
+from jaxmpm.ground._layer import Layer
+from jaxmpm.setup import Discretisation, cells_up, check_discretisation
 from jaxmpm.soil import AnySoil
-from jaxmpm.types import Grid, Scene, State, Wall
+from jaxmpm.types import Scene, State
 
 
 @dataclass(frozen=True)
@@ -55,6 +45,16 @@ class Slope:
     def dimension(self) -> int:
         """2 for a section, 3 with a width."""
         return 2 if self.width is None else 3
+
+    @property
+    def face(self) -> Face:
+        """Toe and height of the slope."""
+        return Face(self.toe_x, self.foundation, self.height)
+
+    @property
+    def relief(self) -> float:
+        """Height of the crest above the toe (m)."""
+        return self.height
 
     def check(self) -> None:
         """Raise ValueError for sizes that no slope has."""
@@ -121,6 +121,25 @@ class Slope:
             return self.foundation + self.height * (x <= self.crest)
         return self.foundation + np.clip(self.height - (x - self.crest) / self.run_per_rise, 0.0, self.height)
 
+    def layer_of(self, layers: Sequence[Layer], position: np.ndarray, discretisation: Discretisation) -> np.ndarray:
+        """Number of the layer (N,) in which points (d, N) m lie: 0. Raises ValueError for several layers."""
+        if len(layers) != 1:
+            raise ValueError(f"a Slope has {len(layers)} layers, and it is of one soil: draw it as a Section")
+        return np.zeros(np.shape(position)[1], int)
+
+    def build(
+        self,
+        layers: Sequence[Layer],
+        discretisation: Discretisation,
+        *,
+        gravity: float = 9.81,
+        ends: Literal["fixed", "roller"] = "fixed",
+        at_rest: bool = True,
+    ) -> tuple[Scene, State]:
+        """As `slope`, of one layer; ends: those along y."""
+        self.layer_of(layers, np.zeros((self.dimension, 0)), discretisation)
+        return slope(self, layers[0].soil, discretisation, gravity=gravity, y_ends=ends, at_rest=at_rest)
+
 
 def slope(
     shape: Slope,
@@ -139,28 +158,6 @@ def slope(
     through half the relief.
     Raises ValueError for sizes, moduli, spacings and walls that do not fit (each message says which and why).
     """
-    check.not_negative("gravity", gravity, "m/s2")
     if y_ends not in ("fixed", "roller"):
         raise ValueError(f"y_ends = {y_ends!r}: give 'fixed' or 'roller'")
-    d, cell, cells = shape.dimension, discretisation.cell, shape.cells(discretisation)
-    top = shape.foundation + shape.height
-    walls = end_walls(0, cells[0], "roller")
-    if shape.width is not None:
-        walls += end_walls(1, cells[1], y_ends)
-    walls.append(Wall(d - 1, "low", PADDING, "fixed"))
-
-    built, state = build(
-        box_particles(
-            shape.extent,
-            soil,
-            discretisation,
-            inside=lambda x: below(x[-1], shape.surface(x[0]), ROUNDING * discretisation.spacing[-1]),
-        ),
-        Grid(tuple(n + 1 + 2 * PADDING for n in cells), cell, (-PADDING * cell,) * d),
-        material_on(discretisation, soil),
-        discretisation,
-        walls=tuple(walls),
-        gravity=gravity,
-        speed=math.sqrt(gravity * top) if speed is None else speed,
-    )
-    return built, settled(built, state) if at_rest else state
+    return scene_of(shape, soil, discretisation, gravity=gravity, ends=("roller", y_ends), speed=speed, at_rest=at_rest)

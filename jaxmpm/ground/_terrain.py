@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,9 +16,11 @@ from jax.typing import DTypeLike
 
 from foundation import check
 from foundation.text import shown
+from jaxmpm.ground._ground import box_cells, box_grid
+from jaxmpm.ground._layer import Box, Layer, check_ends
 from jaxmpm.ground._raster import Raster
-from jaxmpm.ground._seam import Thickness, thicknesses, warn_of_seams
-from jaxmpm.ground._section import WATER_WEIGHT, Box, Layer, check_ends, pore_pressure_of
+from jaxmpm.ground._seam import Thickness, thicknesses_of, warn_of_seams
+from jaxmpm.ground._section import WATER_WEIGHT, pore_pressure_of
 from jaxmpm.laws import WaterSurface
 from jaxmpm.setup import (
     PADDING,
@@ -26,9 +28,7 @@ from jaxmpm.setup import (
     Discretisation,
     below,
     build,
-    cells_up,
     check_discretisation,
-    check_resolved,
     end_walls,
     fill,
     material_on,
@@ -89,6 +89,20 @@ class Terrain:
         """Edges (3,) m of the box that holds the ground."""
         (west, east), (south, north) = self.walls
         return (east - west, north - south, self._ends[1] - self.base)
+
+    @property
+    def face(self) -> None:
+        """None: a terrain has no straight toe."""
+
+    @property
+    def projection(self) -> str | None:
+        """That of the file of its surface (WKT), None where it has none."""
+        return self.surface.projection
+
+    @property
+    def fixed_edge(self) -> tuple[tuple[float, float], ...] | None:
+        """Corners in plan (m) of the ground, where a polygon is cut out that is fixed along its edge."""
+        return self.polygon if self.cut == "fixed" else None
 
     @property
     def relief(self) -> float:
@@ -188,17 +202,20 @@ class Terrain:
         """Height of the surface (m) at points (m)."""
         return self.surface.at(x, y)
 
+    def lowered(self, depth: float) -> Raster:
+        """The surface, so much (m) lower."""
+        return replace(self.surface, heights=self.surface.heights - depth)
+
+    def build(self, layers: Sequence[Layer], discretisation: Discretisation, **loads: Any) -> tuple[Scene, State]:
+        """As `terrain`."""
+        return terrain(self, layers, discretisation, **loads)
+
     def cells(self, discretisation: Discretisation) -> list[int]:
         """Cells of a grid along each axis, with air above the highest point. Raises ValueError for ground or a grid
         that is none, and where one does not fit the other."""
         check_discretisation(discretisation, 3)
         self.check()
-        counts = []
-        for axis, length, spacing in zip("xy", self.extent, discretisation.spacing, strict=False):
-            check.multiple(f"the terrain's length along {axis}", length, f"the spacing along {axis}", spacing)
-            counts.append(check.multiple(f"the terrain's length along {axis}", length, "cell", discretisation.cell))
-        check_resolved("the terrain", self.corner, self.extent, discretisation)
-        return [*counts, cells_up(discretisation, self.extent[-1])]
+        return box_cells("the terrain", self, discretisation)
 
     def layer_of(self, layers: Sequence[Layer], position: np.ndarray, discretisation: Discretisation) -> np.ndarray:
         """Number of the layer (N,), from 0 on, of boxes of particles about position (3, N) m: that in which the middle
@@ -220,7 +237,7 @@ class Terrain:
         within = self.in_plan(x, y)
         x, y = x[within], y[within]
         tops = [self.heights(x, y), *_bottoms(self, layers, x, y, math.inf), np.full(x.size, self.base)]
-        return thicknesses(layers, [np.maximum(top, self.base) for top in tops])
+        return thicknesses_of(layers, [np.maximum(top, self.base) for top in tops])
 
     def box_of(self, layers: Sequence[Layer], number: int) -> Box:
         """A box that holds a layer, numbered from 0. Raises ValueError for layers that are none, have holes, or lie
@@ -265,8 +282,7 @@ def terrain(
         raise ValueError(f"ends = {ends!r}: give 'fixed' or 'roller'")
     cells = shape.cells(discretisation)
     layers = list(soil) if isinstance(soil, Sequence) else [Layer(soil)]
-    corner = np.array(shape.corner) - PADDING * discretisation.cell
-    grid = Grid(tuple(n + 1 + 2 * PADDING for n in cells), discretisation.cell, tuple(corner.tolist()))
+    grid = box_grid(shape.corner, cells, discretisation.cell)
     particles = sorted_by_cell(_boxes(shape, discretisation), grid)
     layer = shape.layer_of(layers, np.asarray(particles.position), discretisation)
     empty = np.flatnonzero(np.bincount(layer, minlength=len(layers)) == 0)
@@ -281,7 +297,7 @@ def terrain(
     tops = [shape.heights(x, y), *_bottoms(shape, layers, x, y, spacing), np.full(z.size, shape.base)]
     held = [np.maximum(top, shape.base) for top in tops]
     _refuse_thin(x, y, held, spacing)
-    warn_of_seams(layers, thicknesses(layers, held), discretisation.cell)
+    warn_of_seams(layers, thicknesses_of(layers, held), discretisation.cell)
     built, state = build(
         replace(particles, mass=particles.volume * density),
         grid,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import enum
 import math
-import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -167,7 +166,7 @@ def warn_of_units(soil: AnySoil) -> None:
     """Warn, once for all of them, of numbers that betray another unit, unless the soil says that it means them."""
     slips = () if soil.unusual else dict.fromkeys(_slips(soil))
     if slips:
-        warnings.warn(f"{'; '.join(slips)} If that is meant, give the soil unusual=True", stacklevel=4)
+        check.warn(f"{'; '.join(slips)} If that is meant, give the soil unusual=True")
 
 
 def _slips(soil: AnySoil) -> Iterator[str]:

@@ -1,0 +1,302 @@
+"""What ground is: a protocol that slopes, sections, terrain and a user's own class meet, and what follows from it."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import jax.numpy as jnp
+import numpy as np
+
+from foundation import check
+from foundation.text import shown
+from jaxmpm.ground._layer import Box, Layer
+from jaxmpm.ground._seam import Thickness, thicknesses_of
+from jaxmpm.setup import (
+    PADDING,
+    ROUNDING,
+    Discretisation,
+    Hold,
+    below,
+    build,
+    cells_up,
+    check_discretisation,
+    check_resolved,
+    end_walls,
+    fill,
+    material_on,
+    settled,
+    sorted_by_cell,
+)
+from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, common_law, weights
+from jaxmpm.types import Grid, Scene, State, Wall
+
+PLAN = {1: 4096, 2: 256}
+"""Points along each horizontal axis at which ground is measured, by the number of these axes."""
+
+PROBED = {1: (512,), 2: (48, 48)}
+"""Columns of points at which layers are measured, by the number of horizontal axes."""
+
+PROBED_UP = 256
+"""Points in each of these columns."""
+
+
+@dataclass(frozen=True)
+class Face:
+    """The face of a slope, which falls along x and is the same for every y.
+
+    Args:
+        toe_x, toe_z: position and elevation of its toe (m).
+        height: from the toe to the crest (m).
+    """
+
+    toe_x: float
+    toe_z: float
+    height: float
+
+    @property
+    def crest_z(self) -> float:
+        """Elevation of the crest (m)."""
+        return self.toe_z + self.height
+
+
+class Ground(Protocol):
+    """Ground from which scenes are built: `Slope`, `Section`, `Terrain`, or a class of one's own with these members.
+
+    A class may have more: `check()`, `cells(discretisation)`, `volume`, `relief`, `thicknesses(layers)` and
+    `box_of(layers, number)`, which the functions of the same name in `jaxmpm.ground` otherwise work out from these.
+    `scene_of` builds ground that is filled with a lattice of particles.
+    """
+
+    @property
+    def corner(self) -> tuple[float, ...]:
+        """Lowest corner (d,) m of the box that holds the ground, d = 2 in plane strain, else 3; last its base."""
+
+    @property
+    def extent(self) -> tuple[float, ...]:
+        """Edges (d,) m of the box that holds the ground."""
+
+    @property
+    def face(self) -> Face | None:
+        """The face of its slope, whose toe run-out is measured from; None for ground without a toe."""
+
+    @property
+    def heights(self) -> Callable[..., np.ndarray]:
+        """heights(x) or, in 3D, heights(x, y): elevation (n,) m of the surface at points (n,) m in plan."""
+
+    @property
+    def build(self) -> Callable[..., tuple[Scene, State]]:
+        """build(layers, discretisation, *, gravity, at_rest): scene and state, with the stress of elastic gravity
+        loading if `at_rest`. It also takes those of `ends`, `water` and `r_u` that the ground can have."""
+
+    def layer_of(self, layers: Sequence[Layer], position: np.ndarray, discretisation: Discretisation) -> np.ndarray:
+        """Number of the layer (N,) int, from 0 on, in which particles at position (d, N) m lie."""
+
+
+def scene_of(
+    ground: Ground,
+    soil: AnySoil | Sequence[Layer],
+    discretisation: Discretisation,
+    *,
+    inside: Callable[[np.ndarray], np.ndarray] | None = None,
+    gravity: float = 9.81,
+    ends: Sequence[Hold] = ("roller", "roller"),
+    speed: float | None = None,
+    at_rest: bool = True,
+) -> tuple[Scene, State]:
+    """Ground filled with a lattice of particles, on a fixed base between upright walls.
+
+    Args:
+        ground: its box, surface and layers.
+        soil: one for all, or layers from the top down; a particle is of the layer that `ground.layer_of` gives it.
+        inside: given positions (d, N) m, returns (N,) bool, which of them lie in the ground; by default those below
+            its surface.
+        gravity: downwards (m/s2).
+        ends: what holds both walls along x, and along y.
+        speed: largest particle speed that the time step allows for (m/s), by default of a fall through half the box.
+        at_rest: with the stress of elastic gravity loading, else free of stress.
+
+    Raises:
+        ValueError: for sizes, soils and numbers that do not fit the grid or each other.
+    """
+    check.not_negative("gravity", gravity, "m/s2")
+    layers = list(soil) if isinstance(soil, Sequence) else [Layer(soil)]
+    counts, corner = cells(ground, discretisation), np.array(ground.corner, float)
+    grid = box_grid(corner, counts, discretisation.cell)
+    laws = [material_on(discretisation, each.soil) for each in layers]
+    dz = discretisation.spacing[-1]
+
+    def under(position: np.ndarray) -> np.ndarray:
+        return below(position[-1], ground.heights(*position[:-1]), ROUNDING * dz)
+
+    held = under if inside is None else inside
+    particles = fill(
+        (*ground.extent[:-1], math.ceil(ground.extent[-1] / dz * (1 - 1e-12)) * dz),
+        discretisation.spacing,
+        unit_weight=STANDARD_GRAVITY,
+        inside=lambda x: held(x + corner[:, None]),
+        corner=tuple(corner.tolist()),
+        dtype=discretisation.dtype,
+    )
+    particles = sorted_by_cell(particles, grid)
+    number = layer_of(ground, layers, np.asarray(particles.position, float), discretisation)
+    mass = weights([each.soil for each in layers], number, None) / STANDARD_GRAVITY * np.prod(discretisation.spacing)
+    walls = [wall for axis, hold in enumerate(ends[: len(corner) - 1]) for wall in end_walls(axis, counts[axis], hold)]
+    built, state = build(
+        replace(particles, mass=jnp.asarray(mass, particles.mass.dtype)),
+        grid,
+        common_law(laws, number),
+        discretisation,
+        walls=(*walls, Wall(len(corner) - 1, "low", PADDING, "fixed")),
+        gravity=gravity,
+        speed=math.sqrt(gravity * ground.extent[-1]) if speed is None else speed,
+    )
+    return built, settled(built, state) if at_rest else state
+
+
+def build_ground(
+    ground: Ground, layers: Sequence[Layer], discretisation: Discretisation, **loads: Any
+) -> tuple[Scene, State]:
+    """What the ground's own `build` makes of layers.
+
+    Args:
+        ground, layers, discretisation: what is built.
+        loads: what `build` takes besides: gravity (m/s2), at_rest, ends, water, r_u. None is not handed on.
+
+    Raises:
+        ValueError: for ground that is none, and for a load that it cannot have.
+    """
+    check_ground(ground)
+    given = {name: value for name, value in loads.items() if value is not None}
+    parameters = inspect.signature(ground.build).parameters
+    if not any(each.kind is inspect.Parameter.VAR_KEYWORD for each in parameters.values()):
+        for name in given.keys() - parameters.keys():
+            raise ValueError(
+                f"{name} = {shown(given[name])}, and {type(ground).__name__}.build takes none: leave it out"
+            )
+    return ground.build(layers, discretisation, **given)
+
+
+def check_ground(ground: Ground) -> None:
+    """Raise ValueError for an object that lacks a member of `Ground`, whose box is none, or that its own `check`
+    refuses."""
+    members = [name for name in vars(Ground) if not name.startswith("_")]
+    missing = [name for name in members if not hasattr(type(ground), name) and not hasattr(ground, name)]
+    if missing:
+        raise ValueError(f"{type(ground).__name__} lacks {', '.join(missing)}: add what jaxmpm.Ground names")
+    if hasattr(ground, "check"):
+        ground.check()
+    if len(ground.corner) not in (2, 3) or len(ground.extent) != len(ground.corner):
+        raise ValueError(
+            f"{type(ground).__name__} has corner {ground.corner} and extent {ground.extent}: give (x, z) in plane "
+            "strain, or (x, y, z)"
+        )
+    check.finite("corner", ground.corner, "m")
+    check.positive("extent", ground.extent, "m")
+
+
+def layer_of(
+    ground: Ground, layers: Sequence[Layer], position: np.ndarray, discretisation: Discretisation
+) -> np.ndarray:
+    """What the ground's own `layer_of` gives. Raises ValueError where that are no numbers of layers."""
+    number = np.asarray(ground.layer_of(layers, position, discretisation))
+    if number.shape != position.shape[1:] or number.dtype.kind not in "iu":
+        raise ValueError(
+            f"{type(ground).__name__}.layer_of gave {number.dtype} of shape {number.shape}: give one int for each of "
+            f"{position.shape[1]} particles"
+        )
+    if number.size and not 0 <= number.min() <= number.max() < len(layers):
+        raise ValueError(
+            f"{type(ground).__name__}.layer_of gave layers {number.min()} to {number.max()}: give 0 to "
+            f"{len(layers) - 1}"
+        )
+    return number
+
+
+def cells(ground: Any, discretisation: Discretisation) -> list[int]:
+    """Cells of a grid along each axis, with air above the highest point. Raises ValueError for ground or a grid that is
+    none, and where one does not fit the other."""
+    if hasattr(ground, "cells"):
+        return ground.cells(discretisation)
+    check_ground(ground)
+    return box_cells("the ground", ground, discretisation)
+
+
+def box_cells(what: str, ground: Ground, discretisation: Discretisation) -> list[int]:
+    """Cells along each axis of a grid that ends at the walls of a box of ground. what: its name in messages."""
+    check_discretisation(discretisation, len(ground.corner))
+    counts = []
+    for axis, length, spacing in zip("xy", ground.extent[:-1], discretisation.spacing, strict=False):
+        name = f"{what}'s length" + (f" along {axis}" if len(ground.corner) == 3 else "")
+        check.multiple(name, length, f"the spacing along {axis}", spacing)
+        counts.append(check.multiple(name, length, "cell", discretisation.cell))
+    check_resolved(what, ground.corner, ground.extent, discretisation)
+    return [*counts, cells_up(discretisation, ground.extent[-1])]
+
+
+def box_grid(corner: Sequence[float] | np.ndarray, counts: Sequence[int], cell: float) -> Grid:
+    """The grid of so many cells from a corner (d,) m, with PADDING beyond the walls."""
+    origin = np.array(corner) - PADDING * cell
+    return Grid(tuple(count + 1 + 2 * PADDING for count in counts), cell, tuple(origin.tolist()))
+
+
+def volume(ground: Any) -> float:
+    """Of the ground (m3), in plane strain per metre of width (m2): its own, or that below its surface."""
+    if hasattr(ground, "volume"):
+        return ground.volume
+    return float(np.mean(_surface(ground) - ground.corner[-1]) * math.prod(ground.extent[:-1]))
+
+
+def relief(ground: Any) -> float:
+    """Height of the ground's highest point above its lowest (m): its own, or that of its surface."""
+    return ground.relief if hasattr(ground, "relief") else float(np.ptp(_surface(ground)))
+
+
+def _surface(ground: Ground) -> np.ndarray:
+    """Elevations (n,) m of the surface, evenly spread in plan."""
+    axes = len(ground.corner) - 1
+    return ground.heights(*_spread(ground, (PLAN[axes],) * axes))
+
+
+def _spread(ground: Ground, counts: Sequence[int]) -> list[np.ndarray]:
+    """Coordinates (n,) m of the middles of so many equal parts of the box along each axis, of the first axes."""
+    sides = zip(ground.corner, ground.extent, counts, strict=False)
+    axes = [low + edge * (np.arange(count) + 0.5) / count for low, edge, count in sides]
+    return [axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")]
+
+
+def thicknesses(ground: Any, layers: Sequence[Layer]) -> list[Thickness]:
+    """How thick each layer is, and whether it is a weak seam: the ground's own, or to a 256th of its height. Raises
+    ValueError for layers that are none."""
+    if hasattr(ground, "thicknesses"):
+        return ground.thicknesses(layers)
+    number, step = _probed(ground, layers)
+    thick = [(number == each).sum(axis=-1).ravel() * step[-1] for each in range(len(layers))]
+    return thicknesses_of(layers, [-np.sum(thick[:each], axis=0) for each in range(len(layers) + 1)])
+
+
+def box_of(ground: Any, layers: Sequence[Layer], number: int) -> Box:
+    """A box (lowest corner, edges) that holds a layer, numbered from 0: the ground's own, or to a 256th of its height.
+    Raises ValueError for a layer that lies nowhere."""
+    if hasattr(ground, "box_of"):
+        return ground.box_of(layers, number)
+    found, step = _probed(ground, layers)
+    at = np.argwhere(found == number)
+    if not at.size:
+        raise ValueError(f"layer {number + 1} lies nowhere between the walls: draw it there, or leave it out")
+    low, high = np.maximum(at.min(axis=0) - 1, 0), np.minimum(at.max(axis=0) + 2, found.shape)
+    return tuple((ground.corner + low * step).tolist()), tuple(((high - low) * step).tolist())
+
+
+def _probed(ground: Ground, layers: Sequence[Layer]) -> tuple[np.ndarray, np.ndarray]:
+    """Layers, by number, of the middles of equal parts of the box, -1 above the surface; edges (d,) m of the parts."""
+    counts = (*PROBED[len(ground.corner) - 1], PROBED_UP)
+    step = np.array(ground.extent) / counts
+    position = np.stack(_spread(ground, counts))
+    numerics = Discretisation(float(step.max()), tuple(step.tolist()))
+    number = layer_of(ground, layers, position, numerics)
+    under = position[-1] < ground.heights(*position[:-1])
+    return np.where(under, number, -1).reshape(counts), step

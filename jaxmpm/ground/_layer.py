@@ -1,0 +1,49 @@
+"""A layer of soil and where it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from foundation import check
+from jaxmpm.ground._raster import Raster
+from jaxmpm.soil import AnySoil
+
+Line = Sequence[Sequence[float]]
+"""Points (x, z) m with x rising; two points of the same x make a step."""
+
+Box = tuple[tuple[float, ...], tuple[float, ...]]
+"""Lowest corner and edges (d,) m."""
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A layer of soil, from the surface or the layer before it down to its own lower boundary.
+
+    soil: its soil. bottom: the boundary, points (x, z) m with x rising, under a terrain a raster of heights. A boundary
+    that ends on the one above it, or on the surface, ends its layer there. depth: instead, of the boundary below the
+    surface (m). thickness: instead, of the layer (m). The last layer has none of them: it reaches down to the base.
+    """
+
+    soil: AnySoil
+    bottom: Line | Raster | None = None
+    depth: float | None = None
+    thickness: float | None = None
+
+    @property
+    def ends(self) -> bool:
+        """Whether it ends above the base."""
+        return (self.bottom, self.depth, self.thickness) != (None, None, None)
+
+
+def check_ends(layers: Sequence[Layer]) -> None:
+    """Raise ValueError for layers of which not all but the last end above the base, each in one way."""
+    if not layers or layers[-1].ends or not all(layer.ends for layer in layers[:-1]):
+        raise ValueError("layers: give them from the top down, all but the last with their bottom, depth or thickness")
+    for number, layer in enumerate(layers, 1):
+        given = [key for key in ("bottom", "depth", "thickness") if getattr(layer, key) is not None]
+        if len(given) > 1:
+            raise ValueError(f"layer {number} has both {' and '.join(given)}: give one of them")
+        for key in ("depth", "thickness"):
+            if getattr(layer, key) is not None:
+                check.positive(f"{key} of layer {number}", getattr(layer, key), "m")
