@@ -127,8 +127,8 @@ def severity(slides: Slides, names: np.ndarray, spent: Hours) -> Iterator[Line]:
     for place in severity_ranking(
         {mode: areas[mine] for mode, mine in many.items()}, weights={m: slides.weight[i] for m, i in many.items()}
     ):
-        limits = (float(place.interval[0]), float(place.interval[1]))
-        answer = Found(place.middle, limits, f"{place.count} slides; 90 per cent interval", spent)
+        assert place.interval is not None  # of FEW_SLIDES or more
+        answer = Found(place.middle, place.interval, f"{place.count} slides; 90 per cent interval", spent)
         rank = f"rank {place.rank} ({place.rank_interval[0]} to {place.rank_interval[1]}) of {len(many)}"
         yield Line(what.format(place.group), None, None, answer, rank if len(many) > 1 else "no other mode to rank")
 

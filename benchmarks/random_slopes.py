@@ -128,25 +128,26 @@ def closed_form(text: str, factor: float) -> float:
 def row(name: str, case: Case, folder: Path, text: str, workers: int) -> dict[str, Any]:
     """The campaign of a case, run or gone on with, beside what the literature or theory has."""
     found = run_campaign(text, folder / name, workers=workers)
-    low, high = found["interval"]
-    limit = found["limit_load"]
-    expected = closed_form(text, limit["factor"]) if case.printed is None else None
+    low, high = found.interval
+    limit = found.limit_load
+    assert limit is not None
+    expected = closed_form(text, limit.factor) if case.printed is None else None
     store = read_store(folder / name)
     return {
         "case": name,
-        "fos": limit["factor"],
-        "failure_displacement_m": limit["displacement"],
-        "least_volume": limit["volume"],
-        "pf": found["probability_of_failure"],
+        "fos": limit.factor,
+        "failure_displacement_m": limit.displacement,
+        "least_volume": limit.volume,
+        "pf": found.probability_of_failure,
         "low": low,
         "high": high,
         "printed": case.printed and list(case.printed),
         "closed_form": expected,
         "holds_closed_form": None if expected is None else bool(low <= expected <= high),
-        "samples": found["samples"],
-        "refined_runs": found["refined_runs"],
-        **shares(store, limit["displacement"], case.large),
-        "hours": sum(found["seconds"].values()) / 3600,
+        "samples": found.samples,
+        "refined_runs": found.refined_runs,
+        **shares(store, limit.displacement, case.large),
+        "hours": sum(found.seconds.values()) / 3600,
         "device": read_sample(store, "rough", 0).device,
     }
 

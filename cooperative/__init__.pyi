@@ -67,7 +67,7 @@ from .store import (
     write_aside,
     write_sample,
 )
-from .summary import summarise
+from .summary import Summary, summarise
 
 __version__: str
 __all__ = [
@@ -107,6 +107,7 @@ __all__ = [
     "Subset",
     "SubsetPlan",
     "SubsetSamples",
+    "Summary",
     "TwoPhase",
     "__version__",
     "after_more_runs",

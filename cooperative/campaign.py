@@ -5,22 +5,20 @@ Source: Jiang, Li, Ma and Rezania (2024), Computers and Geotechnics 172, 106413,
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import closing, nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from cooperative import runs
 from cooperative.estimate import Estimator, Phases, Screened, Slides, wilson_interval
 from cooperative.scene import Campaign, Measured, allowing, measure, parse, with_defaults, with_measured, write_budget
-from cooperative.store import GRIDS, SLIDES, Rows, Sample, Store, open_store, restart_path, write_aside, write_sample
-from cooperative.summary import summarise
+from cooperative.store import GRIDS, SLIDES, Rows, Sample, Store, open_store, restart_path, write_sample
+from cooperative.summary import Summary, write
 
 
 def run(
@@ -34,7 +32,7 @@ def run(
     estimator: Estimator | None = None,
     on_phase: Callable[[str], None] = lambda phase: None,
     verify: bool = False,
-) -> dict[str, Any]:
+) -> Summary:
     """Run the campaign of a scene (TOML text) in its folder, or go on where it was; returns the summary.
 
     workers: 1 runs in this process, more in as many processes, each bound to its share of the cores. executor: makes
@@ -128,7 +126,7 @@ class _Runs:
         )  # fmt: skip
 
 
-def _ran(runner: _Runs, store: Store, on_phase: Callable[[str], None]) -> dict[str, Any]:
+def _ran(runner: _Runs, store: Store, on_phase: Callable[[str], None]) -> Summary:
     """Both phases, and the summary, which is written too."""
     campaign = runner.campaign
     rows = runs.rows_reader(campaign, store, runner.models, runner.stop.look)
@@ -139,9 +137,7 @@ def _ran(runner: _Runs, store: Store, on_phase: Callable[[str], None]) -> dict[s
     on_phase("slides")
     _slide_on(runner, store, rows, screened, coefficients)
     on_phase("summary")
-    summary = summarise(campaign, rows("rough"), rows("refined"))
-    write_aside(store.folder / "summary.json", json.dumps(summary, indent=1).encode())
-    return summary
+    return write(campaign, store, rows("rough"), rows("refined"))
 
 
 def _screen(runner: _Runs, store: Store, rows: Callable[[str], Rows]) -> tuple[np.ndarray, Phases]:

@@ -93,7 +93,7 @@ def maps_of(campaign: Campaign, store: Store, model: runs.GridModel, rough: Rows
         every=step,
         missed=step * float(fields["column_speed"].max()),
         level=phases.estimate.level,
-        moving=effects.cut_off(campaign, refined, slides)["at_t_end"],
+        moving=effects.cut_off(campaign, refined, slides).at_t_end,
         until=campaign.run.last("refined"),
     )
 

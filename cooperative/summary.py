@@ -5,16 +5,21 @@ from __future__ import annotations
 import hashlib
 import json
 from collections import Counter
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from cooperative import effects
-from cooperative.effects import MEASURES
+from cooperative.effects import MEASURES, CutOff, Exceedance, Risk, Spread
 from cooperative.estimate import (
+    Correlation,
     Estimate,
+    Fits,
     Phases,
+    Severity,
     Slides,
     after_more_runs,
     correlation,
@@ -24,112 +29,222 @@ from cooperative.estimate import (
 )
 from cooperative.measure import EDGE, SEVERITY
 from cooperative.runs import phases_of
-from cooperative.scene import Campaign
+from cooperative.scene import Budget, Calibration, Campaign, LimitLoad
 from cooperative.store import Rows, Store
 from foundation import files
 
 NOT_BROKEN = ("FINISHED", "SETTLED", "DECIDED")
 CHECKSUM = "checksum"
 """Key of a summary that tells whether it is whole, and of which rows."""
-CONTENT = 5
+CONTENT = 6
 """Of what a summary says, counted up when it says more: one of an earlier version is made anew."""
 MORE = 50
 """What so many more refined runs would buy is told, or fewer where no more are left."""
 
 
-def summarise(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, Any]:
-    """The campaign in numbers, ready for JSON. Means, shares and fits weigh every refined run by what it stands for;
-    where only some failures slid on to their end, these stand for all (see `slide_weights`).
+@dataclass(frozen=True)
+class OtherEstimate:
+    """Probability of failure by another estimator from the same runs, with its confidence limits."""
+
+    probability: float
+    interval: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class MoreRuns:
+    """What further refined runs would buy. runs: so many as the budget and the samples leave, at most `MORE`.
+    coefficient_of_variation, all_samples: after these runs, and after all samples; None where the runs do not tell, or
+    the estimator takes no more. samples_left: not run refined yet, None while the first phase is not complete."""
+
+    runs: int
+    coefficient_of_variation: float | None
+    samples_left: int | None
+    all_samples: float | None
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """The estimate and its confidence limits after so many refined runs (k,) each."""
+
+    refined_runs: tuple[int, ...]
+    probability: tuple[float, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class ModeShare:
+    """A failure mode. count: refined runs that failed so. ratio: weighted share of the failures, with its confidence
+    limits. probability: that a sample fails so."""
+
+    count: int
+    ratio: float
+    interval: tuple[float, float]
+    probability: float
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A campaign in numbers.
+
+    name: of the campaign. probability_of_failure: by the `estimator`, with confidence limits at `level` and its
+    coefficient_of_variation, None at 0. unseen, sampling_interval: as in `Estimate`. finished: why no further run is
+    asked for, None where some are. after_more_runs: what these would buy. other_estimates: by estimator.
+    convergence: the estimate as refined runs came in. samples, failures_rough: on the rough grid. refined_runs,
+    failures_refined: on the refined grid. slides: failures that slid on to their end; slides_drawn: that there are in
+    the end, as far as is known. calibration, limit_load: as measured before the first run, None where not asked for.
+    grids: how well the rough grid tells the refined one, None without any spread. modes: by name, None where the rows
+    have none. status: count of runs by how they ended, of each grid. broke_off: by grid and sample, why and at which
+    step. cut_off: slides that had not come to rest. consequences_of_failures: by name, None where no slide has it.
+    exceedance: by consequence. risk: of the elements at risk, None without any. fits: by group ("all" or a mode) and
+    consequence. severity: modes by the median of each consequence, most severe first. seconds: of all runs of each grid
+    (s). refined_runs_allowed: where the folder allows more than the scene. notes: what a reader must know, in words.
+    """
+
+    name: str
+    probability_of_failure: float
+    interval: tuple[float, float]
+    level: float
+    estimator: str
+    coefficient_of_variation: float | None
+    unseen: float
+    sampling_interval: tuple[float, float] | None
+    finished: str | None
+    after_more_runs: MoreRuns
+    other_estimates: Mapping[str, OtherEstimate]
+    convergence: Convergence
+    samples: int
+    failures_rough: int
+    refined_runs: int
+    failures_refined: int
+    slides: int
+    slides_drawn: int
+    calibration: Calibration | None
+    limit_load: LimitLoad | None
+    grids: Correlation | None
+    modes: Mapping[str, ModeShare] | None
+    status: Mapping[str, Mapping[str, int]]
+    broke_off: Mapping[str, Mapping[int, str]]
+    cut_off: CutOff
+    consequences_of_failures: Mapping[str, Spread | None]
+    exceedance: Mapping[str, Exceedance]
+    risk: Risk | None
+    fits: Mapping[str, Mapping[str, Fits]]
+    severity: Mapping[str, tuple[Severity, ...]]
+    seconds: Mapping[str, float]
+    refined_runs_allowed: Budget | None
+    notes: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """Its fields as JSON has them, which `from_json` reads: a number that is not finite is null."""
+        fields: dict[str, Any] = _plain(asdict(self))
+        if self.calibration is not None:
+            fields["calibration"]["factor"] = self.calibration.factor
+        return fields
+
+    @classmethod
+    def from_json(cls, text: str | bytes) -> Summary:
+        """A summary from the JSON of `as_json`, without keys that are no field. Raises ValueError for anything else."""
+        return _SUMMARY.validate_json(text, strict=True)
+
+
+_SUMMARY = TypeAdapter(Summary)
+
+
+def summarise(campaign: Campaign, rough: Rows, refined: Rows) -> Summary:
+    """The campaign in numbers. Means, shares and fits weigh every refined run by what it stands for; where only some
+    failures slid on to their end, these stand for all (see `slide_weights`).
 
     What there is too little of is None or says so: modes of rows that have none (written before modes were kept), fits
     of fewer than two failures, a correlation without spread.
     """
-    found = _summary(campaign, rough, refined)
-    return {**found, CHECKSUM: _checksum(campaign, rough, refined, found)}
-
-
-def stored(campaign: Campaign, store: Store, rough: Rows, refined: Rows) -> dict[str, Any]:
-    """The summary in `summary.json`, where it is whole and of just these rows; else made anew from the rows."""
-    try:
-        kept = json.loads(files.read_plain(store.folder / "summary.json"))
-        seal = kept.pop(CHECKSUM)
-        if seal == _checksum(campaign, rough, refined, kept):
-            return {**kept, CHECKSUM: seal}
-    except (OSError, ValueError, TypeError, AttributeError, KeyError, RecursionError):
-        pass
-    return summarise(campaign, rough, refined)
-
-
-def _checksum(campaign: Campaign, rough: Rows, refined: Rows, found: dict[str, Any]) -> str:
-    """SHA-256 of a summary and of all that it was made from."""
-    said = (
-        str(CONTENT),
-        campaign.text,
-        repr(campaign.estimator),
-        repr(campaign.raised),
-        repr(campaign.measured),
-        json.dumps(found, sort_keys=True),
-    )
-    digest = hashlib.sha256("\0".join(said).encode())
-    for rows in (rough, refined):
-        for name, values in sorted(rows.columns.items()):
-            digest.update(f"{name} {values.dtype} {values.size}".encode() + np.ascontiguousarray(values).tobytes())
-    return digest.hexdigest()
-
-
-def _summary(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, Any]:
     phases = phases_of(campaign, rough, refined)
-    found, slides = phases.estimate, slides_of(campaign, phases, refined)
-    weight, failed = slides.weight, slides.slid
+    estimate, slides = phases.estimate, slides_of(campaign, phases, refined)
+    weight, slid = slides.weight, slides.slid
     limit, cut = campaign.run.failure_displacement, effects.cut_off(campaign, refined, slides)
-    calibration, limit_load = campaign.measured.calibration, campaign.measured.limit_load
-    return {
-        "name": campaign.name,
-        "probability_of_failure": found.probability,
-        "interval": list(found.interval),
-        "level": found.level,
-        "estimator": found.method,
-        "coefficient_of_variation": _finite(found.cov),
-        "unseen": found.unseen,
-        "sampling_interval": found.sampling_interval and list(found.sampling_interval),
-        "finished": phases.why_finished,
-        "after_more_runs": _after_more_runs(campaign, phases),
-        "other_estimates": {
-            e.method: {"probability": e.probability, "interval": list(e.interval)} for e in phases.beside
-        },
-        "convergence": _convergence(phases.path),
-        "samples": len(rough.numbers),
-        "failures_rough": int(np.sum(rough.columns["displacement"] > limit)),
-        "refined_runs": len(refined.numbers),
-        "failures_refined": int(slides.failed.sum()),
-        "slides": int(failed.sum()),
-        "slides_drawn": slides.planned,
-        "calibration": calibration and {**asdict(calibration), "factor": calibration.factor},
-        "limit_load": limit_load and asdict(limit_load),
-        "grids": _grids(campaign, phases, rough, refined),
-        "modes": _modes(found, refined, failed, weight),
-        "status": {"rough": _counts(rough), "refined": _counts(refined)},
-        "broke_off": {grid: _broken(rows) for grid, rows in (("rough", rough), ("refined", refined))},
-        "cut_off": cut,
-        "consequences_of_failures": effects.means(campaign, found, refined, slides),
-        "exceedance": effects.exceedances(found, refined, slides),
-        "risk": effects.risk(campaign, found, refined, slides),
-        "fits": _fits(refined, failed, weight),
-        "severity": _severity(refined, failed, weight),
-        "seconds": {
+    return Summary(
+        name=campaign.name,
+        probability_of_failure=estimate.probability,
+        interval=estimate.interval,
+        level=estimate.level,
+        estimator=estimate.method,
+        coefficient_of_variation=_finite(estimate.cov),
+        unseen=estimate.unseen,
+        sampling_interval=estimate.sampling_interval,
+        finished=phases.why_finished,
+        after_more_runs=_after_more_runs(campaign, phases),
+        other_estimates={each.method: OtherEstimate(each.probability, each.interval) for each in phases.beside},
+        convergence=_convergence(phases.path),
+        samples=len(rough.numbers),
+        failures_rough=int(np.sum(rough.columns["displacement"] > limit)),
+        refined_runs=len(refined.numbers),
+        failures_refined=int(slides.failed.sum()),
+        slides=int(slid.sum()),
+        slides_drawn=slides.planned,
+        calibration=campaign.measured.calibration,
+        limit_load=campaign.measured.limit_load,
+        grids=_grids(campaign, phases, rough, refined),
+        modes=_modes(estimate, refined, slid, weight),
+        status={"rough": _counts(rough), "refined": _counts(refined)},
+        broke_off={"rough": _broken(rough), "refined": _broken(refined)},
+        cut_off=cut,
+        consequences_of_failures=effects.means(campaign, estimate, refined, slides),
+        exceedance=effects.exceedances(estimate, refined, slides),
+        risk=effects.risk(campaign, estimate, refined, slides),
+        fits=_fits(refined, slid, weight),
+        severity=_severity(refined, slid, weight),
+        seconds={
             grid: float(np.sum(rows.columns["seconds"])) for grid, rows in (("rough", rough), ("refined", refined))
         },
-        "refined_runs_allowed": campaign.raised and asdict(campaign.raised),
-        "notes": [
+        refined_runs_allowed=campaign.raised,
+        notes=(
             *_limit_load(campaign),
-            *found.notes,
+            *estimate.notes,
             *_walls(rough, refined),
             *_raised(campaign),
             *slides.notes,
             *effects.cut_off_notes(campaign, cut),
             *_still_moving(campaign, phases, refined),
-        ],
-    }
+        ),
+    )
+
+
+def write(campaign: Campaign, store: Store, rough: Rows, refined: Rows) -> Summary:
+    """The summary of these rows, written to `summary.json` too. OSError where the disk refuses."""
+    made = summarise(campaign, rough, refined)
+    fields = made.as_json()
+    fields[CHECKSUM] = _checksum(campaign, rough, refined, fields)
+    files.write_aside(store.folder / "summary.json", json.dumps(fields, indent=1).encode())
+    return made
+
+
+def stored(campaign: Campaign, store: Store, rough: Rows, refined: Rows) -> Summary:
+    """The summary in `summary.json`, where it is whole and of just these rows; else made anew from the rows."""
+    try:
+        text = files.read_plain(store.folder / "summary.json")
+        fields = json.loads(text)
+        if fields.pop(CHECKSUM) == _checksum(campaign, rough, refined, fields):
+            return Summary.from_json(text)
+    except (OSError, ValueError, TypeError, AttributeError, KeyError, RecursionError):
+        pass
+    return summarise(campaign, rough, refined)
+
+
+def _checksum(campaign: Campaign, rough: Rows, refined: Rows, fields: dict[str, Any]) -> str:
+    """SHA-256 of the fields of a summary and of all that it was made from."""
+    parts = (
+        str(CONTENT),
+        campaign.text,
+        repr(campaign.estimator),
+        repr(campaign.raised),
+        repr(campaign.measured),
+        json.dumps(fields, sort_keys=True),
+    )
+    digest = hashlib.sha256("\0".join(parts).encode())
+    for rows in (rough, refined):
+        for name, values in sorted(rows.columns.items()):
+            digest.update(f"{name} {values.dtype} {values.size}".encode() + np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()
 
 
 def slides_of(campaign: Campaign, phases: Phases, refined: Rows) -> Slides:
@@ -137,12 +252,10 @@ def slides_of(campaign: Campaign, phases: Phases, refined: Rows) -> Slides:
     return Slides.of(phases, refined.numbers, refined.ended, campaign.plan.slides, campaign.plan.seed)
 
 
-def _after_more_runs(campaign: Campaign, phases: Phases) -> dict[str, Any]:
-    """What further refined runs would buy: so many as the budget and the samples leave, and all samples. Coefficients
-    of variation are None where the runs do not tell, or the estimator takes no more."""
+def _after_more_runs(campaign: Campaign, phases: Phases) -> MoreRuns:
     found, population = phases.estimate, phases.population
     if population is None:
-        return {"runs": 0, "coefficient_of_variation": None, "samples_left": None, "all_samples": None}
+        return MoreRuns(0, None, None, None)
     # A sample at which a chain of subset simulation stood still has several places.
     left = np.setdiff1d(population.numbers, list(phases.answers)).size
     budget = campaign.estimator.budget(population.size)
@@ -155,8 +268,7 @@ def _after_more_runs(campaign: Campaign, phases: Phases) -> dict[str, Any]:
             return None
         return _finite(after_more_runs(found, more if more < left else population.size, samples=population.size))
 
-    then, at_last = after(runs), after(left)
-    return {"runs": runs, "coefficient_of_variation": then, "samples_left": left, "all_samples": at_last}
+    return MoreRuns(runs, after(runs), left, after(left))
 
 
 def _still_moving(campaign: Campaign, phases: Phases, refined: Rows) -> list[str]:
@@ -183,17 +295,17 @@ def _limit_load(campaign: Campaign) -> list[str]:
     ]
 
 
-def _convergence(way: list[Estimate]) -> dict[str, list[float]]:
+def _convergence(path: Sequence[Estimate]) -> Convergence:
     """The estimate against the refined runs spent."""
-    return {
-        "refined_runs": [estimate.refined_runs for estimate in way],
-        "probability": [estimate.probability for estimate in way],
-        "low": [estimate.interval[0] for estimate in way],
-        "high": [estimate.interval[1] for estimate in way],
-    }
+    return Convergence(
+        refined_runs=tuple(estimate.refined_runs for estimate in path),
+        probability=tuple(estimate.probability for estimate in path),
+        low=tuple(estimate.interval[0] for estimate in path),
+        high=tuple(estimate.interval[1] for estimate in path),
+    )
 
 
-def _grids(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -> dict[str, Any] | None:
+def _grids(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -> Correlation | None:
     """How well the rough grid tells the refined one, over all runs that have a class on both, by their weights in the
     audit: whether a failure slid on to its end does not matter for its class."""
     weights, classes = phases.weights, {n: phases.answer(*result) for n, result in rough.results.items()}
@@ -201,13 +313,12 @@ def _grids(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -> di
     both = [number for number in refined.numbers if weights[number] > 0 and classes.get(number) is not None]
     if not both:
         return None
-    found = correlation(
+    return correlation(
         _as_far_as_known(rough, both),
         _as_far_as_known(refined, both),
         np.array([weights[number] for number in both]),
         failure_displacement=campaign.run.failure_displacement,
     )
-    return None if found is None else {name: _plain(value) for name, value in asdict(found).items()}
 
 
 def _as_far_as_known(rows: Rows, numbers: list[int]) -> np.ndarray:
@@ -218,21 +329,16 @@ def _as_far_as_known(rows: Rows, numbers: list[int]) -> np.ndarray:
     return np.minimum(moved, moved[cut].min(initial=np.inf))
 
 
-def _modes(found: Estimate, refined: Rows, failed: np.ndarray, weight: np.ndarray) -> dict[str, Any] | None:
+def _modes(estimate: Estimate, refined: Rows, failed: np.ndarray, weight: np.ndarray) -> dict[str, ModeShare] | None:
     """Count, ratio among the failures and probability of each mode."""
     if "mode" not in refined.columns:
         return None
-    told = failed & (refined.columns["mode"] != "") & (weight > 0)
-    if not told.any():
+    known = failed & (refined.columns["mode"] != "") & (weight > 0)
+    if not known.any():
         return {}
-    parts = shares(refined.columns["mode"][told], weight[told], SEVERITY, level=found.level)
+    parts = shares(refined.columns["mode"][known], weight[known], SEVERITY, level=estimate.level)
     return {
-        mode: {
-            "count": part.count,
-            "ratio": part.share,
-            "interval": list(part.interval),
-            "probability": found.probability * part.share,
-        }
+        mode: ModeShare(part.count, part.share, part.interval, estimate.probability * part.share)
         for mode, part in parts.items()
     }
 
@@ -244,28 +350,26 @@ def _groups(refined: Rows, failed: np.ndarray, weight: np.ndarray) -> dict[str, 
     return {"all": told} | {mode: told & (modes == mode) for mode in SEVERITY if (told & (modes == mode)).any()}
 
 
-def _fits(refined: Rows, failed: np.ndarray, weight: np.ndarray) -> dict[str, dict[str, Any]]:
+def _fits(refined: Rows, failed: np.ndarray, weight: np.ndarray) -> dict[str, dict[str, Fits]]:
     """Fitted distributions of each consequence, of all failures and of each mode, best by AIC first."""
-    found: dict[str, dict[str, Any]] = {}
-    for group, mine in _groups(refined, failed, weight).items():
-        fits = {name: fit_distributions(refined.columns[name][mine], weight[mine]) for name in MEASURES if mine.any()}
-        found[group] = {name: _plain(asdict(fit)) for name, fit in fits.items()}
-    return found
+    return {
+        group: {name: fit_distributions(refined.columns[name][mine], weight[mine]) for name in MEASURES if mine.any()}
+        for group, mine in _groups(refined, failed, weight).items()
+    }
 
 
-def _severity(refined: Rows, failed: np.ndarray, weight: np.ndarray) -> dict[str, list[dict[str, Any]]]:
+def _severity(refined: Rows, failed: np.ndarray, weight: np.ndarray) -> dict[str, tuple[Severity, ...]]:
     """Modes by the median of each consequence, most severe first."""
     groups = {mode: mine for mode, mine in _groups(refined, failed, weight).items() if mode != "all"}
     if not groups:
         return {}
     return {
-        name: [
-            _plain(asdict(place))
-            for place in severity_ranking(
+        name: tuple(
+            severity_ranking(
                 {mode: refined.columns[name][mine] for mode, mine in groups.items()},
                 weights={mode: weight[mine] for mode, mine in groups.items()},
             )
-        ]
+        )
         for name in MEASURES
     }
 
@@ -295,11 +399,11 @@ def _counts(rows: Rows) -> dict[str, int]:
     return dict(Counter(rows.columns["status"].tolist()))
 
 
-def _broken(rows: Rows) -> dict[str, str]:
+def _broken(rows: Rows) -> dict[int, str]:
     """Samples whose run broke off: why, and at which step."""
     columns = rows.columns
     return {
-        str(number): f"{status} at step {steps}"
+        number: f"{status} at step {steps}"
         for number, status, steps in zip(rows.numbers, columns["status"], columns["steps"], strict=True)
         if status not in NOT_BROKEN
     }
@@ -310,9 +414,9 @@ def _finite(value: float) -> float | None:
 
 
 def _plain(value: Any) -> Any:
-    """Ready for JSON, which has no infinity and no nan: None stands for them."""
+    """Ready for JSON, which has no infinity and no nan: None stands for them. Its keys are texts."""
     if isinstance(value, dict):
-        return {name: _plain(item) for name, item in value.items()}
+        return {str(name): _plain(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
     return _finite(value) if isinstance(value, float) else value

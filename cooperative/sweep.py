@@ -32,7 +32,7 @@ from cooperative.reporting import panels, save
 from cooperative.runs import check_size, heeding, phases_of, release_programs, rows_reader
 from cooperative.scene import parse, stored_measured, tables_of, with_defaults
 from cooperative.store import GRIDS, Rows, kept_scene, read_store, write_aside
-from cooperative.summary import summarise
+from cooperative.summary import Summary, summarise
 from foundation.text import shown
 
 LENGTHS = ("lx", "ly", "lz")
@@ -84,7 +84,7 @@ def _ran(parts: list[Variant], folder: Path, names: list[str], *, workers: int, 
             print(f"{part.name}:", flush=True)
         summary = run_campaign(_with_factors(part, folder), where, workers=workers, progress=progress)
         release_programs()
-        name = summary["name"]
+        name = summary.name
         for parameter, value in part.points:
             answer = _ranked(where, int(value)) if parameter == "k_t" else summary
             points[parameter].append({"value": value, "campaign": part.name, **_point(answer)})
@@ -261,7 +261,7 @@ def _with_factors(part: Variant, folder: Path) -> str:
     return part.text + to_toml({"calibration": {"rough": found.rough, "refined": found.refined}})
 
 
-def _ranked(folder: Path, k_t: int) -> dict[str, Any]:
+def _ranked(folder: Path, k_t: int) -> Summary:
     """Summary that a campaign by the published rule would have had with this k_t."""
     store = read_store(folder)
     campaign = parse(store.scene_text, begun=True)
@@ -273,6 +273,8 @@ def _ranked(folder: Path, k_t: int) -> dict[str, Any]:
     return summarise(campaign, rough, Rows({name: c[kept_rows] for name, c in refined.columns.items()}, ()))
 
 
-def _point(summary: dict[str, Any]) -> dict[str, Any]:
+def _point(summary: Summary) -> dict[str, Any]:
+    """What `sweep.json` has of one campaign."""
     names = ("interval", "level", "estimator", "refined_runs", "samples", "failures_refined", "modes", "finished")
-    return {"probability": summary["probability_of_failure"], **{name: summary[name] for name in names}}
+    fields = summary.as_json()
+    return {"probability": summary.probability_of_failure, **{name: fields[name] for name in names}}

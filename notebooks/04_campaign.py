@@ -99,14 +99,14 @@ folder = Path(scratch.name) / "section"
 with contextlib.redirect_stderr(sys.stdout):
     summary = run(scene, folder, progress=True)
 print()
-low, high = summary["interval"]
-print(f"P_f = {summary['probability_of_failure']:.3f}, 95 % interval {low:.3f} to {high:.3f}: {summary['finished']}")
-print(f"rough grid: {summary['failures_rough']} of {summary['samples']} failed, {summary['seconds']['rough']:.0f} s")
+low, high = summary.interval
+print(f"P_f = {summary.probability_of_failure:.3f}, 95 % interval {low:.3f} to {high:.3f}: {summary.finished}")
+print(f"rough grid: {summary.failures_rough} of {summary.samples} failed, {summary.seconds['rough']:.0f} s")
 print(
-    f"refined grid: {summary['failures_refined']} of {summary['refined_runs']} chosen samples failed, "
-    f"{summary['seconds']['refined']:.0f} s"
+    f"refined grid: {summary.failures_refined} of {summary.refined_runs} chosen samples failed, "
+    f"{summary.seconds['refined']:.0f} s"
 )
-print(*summary["notes"], sep="\n")
+print(*summary.notes, sep="\n")
 
 # %% [markdown]
 # ## By rank
@@ -127,8 +127,8 @@ charts.ranked_displacements({"rough": rough.columns["displacement"], "refined": 
 # on both. Its neighbour is the share that the rough grid puts in the same class.
 
 # %%
-grids = summary["grids"]
-print(f"rank correlation {grids['spearman']:.2f}, same class {grids['same_class']:.0%} of {grids['samples']} samples")
+grids = summary.grids
+print(f"rank correlation {grids.spearman:.2f}, same class {grids.same_class:.0%} of {grids.samples} samples")
 charts.grids(
     rough.columns["displacement"][list(refined.numbers)], refined.columns["displacement"], failure_displacement=1.0,
     title="samples that ran on both grids",
@@ -146,15 +146,17 @@ charts.grids(
 # a good one makes the interval narrow.
 
 # %%
-way = {name: np.array(values) for name, values in summary["convergence"].items()}
-method = summary["estimator"]
-more = summary["after_more_runs"]
+path = summary.convergence
+method = summary.estimator
+more = summary.after_more_runs
 print(
-    f"coefficient of variation {summary['coefficient_of_variation']:.2f}; after {more['runs']} more refined runs "
-    f"{more['coefficient_of_variation']:.2f} is to be expected"
+    f"coefficient of variation {summary.coefficient_of_variation:.2f}; after {more.runs} more refined runs "
+    f"{more.coefficient_of_variation:.2f} is to be expected"
 )
 charts.convergence(
-    {method: way["refined_runs"]}, {method: way["probability"]}, {method: np.stack([way["low"], way["high"]])}
+    {method: np.array(path.refined_runs)},
+    {method: np.array(path.probability)},
+    {method: np.array([path.low, path.high])},
 )
 
 # %% [markdown]
@@ -165,13 +167,13 @@ charts.convergence(
 # (`cooperative.failure_mode`). Shares and consequences weigh every refined run by what it stands for.
 
 # %%
-modes, columns = summary["modes"], refined.columns
+modes, columns = summary.modes, refined.columns
 failed = columns["displacement"] > 1.0
-modes = {mode: part for mode, part in modes.items() if part["count"]}
+modes = {mode: part for mode, part in modes.items() if part.count}
 for mode, part in modes.items():
     mine = failed & (columns["mode"] == mode)
     print(
-        f"{mode}: {part['count']} runs, P = {part['probability']:.3f}; run-out {columns['runout'][mine].mean():.1f} m, "
+        f"{mode}: {part.count} runs, P = {part.probability:.3f}; run-out {columns['runout'][mine].mean():.1f} m, "
         f"depth {columns['depth'][mine].mean():.1f} m, volume {columns['volume'][mine].mean():.0f} m3/m"
     )
 charts.mode_shares(modes)
@@ -205,9 +207,9 @@ plt.show()
 
 # %%
 labels = {"displacement": "displacement [m]", "runout": "run-out beyond the toe [m]", "volume": "volume [m3/m]"}
-fits = summary["fits"]["all"]
+fits = summary.fits["all"]
 for name in labels:
-    print(name, {fit["name"]: round(fit["aic"], 1) for fit in fits[name].get("fits", ())[:3]})
+    print(name, {fit.name: round(fit.aic, 1) for fit in fits[name].fits[:3]})
 ended = failed & ~columns["broke_off"].astype(bool)
 weights = slides_of(campaign, cooperative.phases_of(campaign, rough, refined), refined).weight[ended]
 charts.fitted({name: columns[name][ended] for name in labels}, weights, fits, labels)
@@ -223,7 +225,7 @@ victim = next((folder / "samples" / "rough").glob("*.h5"))
 victim.write_bytes(victim.read_bytes()[:1000])
 with warnings.catch_warnings(action="ignore"):  # that names the file, with its path
     again = run(scene, folder)
-same = again["probability_of_failure"] == summary["probability_of_failure"]
+same = again.probability_of_failure == summary.probability_of_failure
 print("the same answer after the damage:", same)
 print("set aside:", [path.name for path in folder.glob("samples/*/*.damaged")])
 
@@ -239,12 +241,12 @@ print("set aside:", [path.name for path in folder.glob("samples/*/*.damaged")])
 
 # %%
 results = {
-    "probability": summary["probability_of_failure"],
-    "interval_holds": bool(low < summary["probability_of_failure"] < high),
-    "refined_runs": summary["refined_runs"],
-    "rough_share": summary["failures_rough"] / samples,
-    "rank_correlation": grids["spearman"],
-    "mode_ratios": float(sum(part["ratio"] for part in modes.values())),
+    "probability": summary.probability_of_failure,
+    "interval_holds": bool(low < summary.probability_of_failure < high),
+    "refined_runs": summary.refined_runs,
+    "rough_share": summary.failures_rough / samples,
+    "rank_correlation": grids.spearman,
+    "mode_ratios": float(sum(part.ratio for part in modes.values())),
     "same_after_damage": same,
 }
 print(results)

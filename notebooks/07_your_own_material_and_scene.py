@@ -421,8 +421,8 @@ def two_threads() -> ThreadPoolExecutor:
 
 with TemporaryDirectory() as folder:
     told = campaign.run(SCENE, f"{folder}/own", estimator=EveryRank(3), executor=two_threads, workers=2)
-low, high = told["interval"]
-print(f"P_f {told['probability_of_failure']:.2f} ({low:.2f} to {high:.2f}), {told['estimator']}: {told['finished']}")
+low, high = told.interval
+print(f"P_f {told.probability_of_failure:.2f} ({low:.2f} to {high:.2f}), {told.estimator}: {told.finished}")
 
 # %% [markdown]
 # ## What to remember
@@ -442,7 +442,7 @@ results = {
     "dimensions_differ": dimensions_differ,
     "front_plane": fronts[0],
     "front_round": fronts[1],
-    "own_estimator_runs": told["refined_runs"],
-    "own_estimator_probability": told["probability_of_failure"],
+    "own_estimator_runs": told.refined_runs,
+    "own_estimator_probability": told.probability_of_failure,
 }
 print(results)

@@ -81,9 +81,9 @@ vulnerability = [["0.2 m", 0.0], ["1 m", 0.6], ["2 m", 1.0]]
 """
 with warnings.catch_warnings(action="ignore"):
     told = cooperative.run(SECTION, folder / "section")
-low, high = told["interval"]
-print(f"P_f = {told['probability_of_failure']:.2f}, 95 % interval {low:.2f} to {high:.2f}")
-print(f"{told['refined_runs']} refined runs, of which {told['slides']} slid to their end")
+low, high = told.interval
+print(f"P_f = {told.probability_of_failure:.2f}, 95 % interval {low:.2f} to {high:.2f}")
+print(f"{told.refined_runs} refined runs, of which {told.slides} slid to their end")
 
 # %% [markdown]
 # ## How far: the exceedance curve
@@ -93,10 +93,10 @@ print(f"{told['refined_runs']} refined runs, of which {told['slides']} slid to t
 # have been missed.
 
 # %%
-curve = told["exceedance"]["runout"]
+curve = told.exceedance["runout"]
 fig, ax = plt.subplots(figsize=(7, 3))
-ax.fill_between(curve["thresholds"], curve["low"], curve["high"], step="post", color=BLUE, alpha=0.2, lw=0)
-ax.step(curve["thresholds"], curve["probability"], where="post", color=BLUE, label="with 95 % interval")
+ax.fill_between(curve.thresholds, curve.low, curve.high, step="post", color=BLUE, alpha=0.2, lw=0)
+ax.step(curve.thresholds, curve.probability, where="post", color=BLUE, label="with 95 % interval")
 ax.set(xlabel="run-out beyond the toe [m]", ylabel="probability of more [-]", ylim=(0, None))
 ax.legend()
 plt.show()
@@ -144,14 +144,14 @@ print(f"expected covered length {mapped:.4f} m by the map, {counted:.4f} m by th
 # curve.
 
 # %%
-road, loss = told["risk"]["places"]["road"], told["risk"]["loss"]
-low, high = road["reached"]["interval"]
-print(f"the road is reached with probability {road['reached']['probability']:.2f} ({low:.2f} to {high:.2f})")
-print(f"expected loss {loss['expected'] / 1e6:.2f} million", end=", ")
-print("95 % interval " + " to ".join(f"{limit / 1e6:.2f}" for limit in loss["interval"] or ()))
-losses = loss["exceedance"]
-area = float(np.array(losses["probability"][:-1]) @ np.diff(losses["thresholds"]))
-print("area under the curve over expected loss:", round(area / loss["expected"], 9) if loss["expected"] else "no loss")
+road, loss = told.risk.places["road"], told.risk.loss
+low, high = road.reached.interval
+print(f"the road is reached with probability {road.reached.probability:.2f} ({low:.2f} to {high:.2f})")
+print(f"expected loss {loss.expected / 1e6:.2f} million", end=", ")
+print("95 % interval " + " to ".join(f"{limit / 1e6:.2f}" for limit in loss.interval or ()))
+losses = loss.exceedance
+area = float(np.array(losses.probability[:-1]) @ np.diff(losses.thresholds))
+print("area under the curve over expected loss:", round(area / loss.expected, 9) if loss.expected else "no loss")
 
 # %% [markdown]
 # ## A hillside
@@ -252,11 +252,11 @@ read_back = float(np.abs(grid.heights - reached.value).max())
 
 # %%
 results = {
-    "probability": told["probability_of_failure"],
-    "curve_starts_at_probability": curve["probability"][0] / told["probability_of_failure"],
+    "probability": told.probability_of_failure,
+    "curve_starts_at_probability": curve.probability[0] / told.probability_of_failure,
     "mapped_over_counted": mapped / counted,
-    "road_reached": road["reached"]["probability"],
-    "hill_probability": hill["probability_of_failure"],
+    "road_reached": road.reached.probability,
+    "hill_probability": hill.probability_of_failure,
     "hill_reached": float(reached.value.max()),
     "read_back_error": read_back,
     "corner_east": grid.corner[0] - 500_000,

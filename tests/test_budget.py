@@ -10,7 +10,7 @@ from benchmarks.invented import SCENE
 from cooperative import _commands as command
 from cooperative import campaign
 from cooperative.__main__ import main
-from cooperative.scene import campaign_of, kept_budget
+from cooperative.scene import Budget, campaign_of, kept_budget
 from cooperative.store import read_rows, read_store
 from tests.test_campaign import TINY
 from tests.test_coop_cli import invented_campaign
@@ -27,9 +27,9 @@ def test_a_folder_that_allows_more_ends_as_one_that_allowed_it_from_the_start(tm
     first = campaign.run(SCENE, tmp_path / "more")
     assert (first["refined_runs"], first["refined_runs_allowed"]) == (15, None)
     found = campaign.run(SCENE, tmp_path / "more", refined_runs=30)
-    assert found["refined_runs"] == 30
-    assert found["refined_runs_allowed"] == {"refined_runs": 30, "scene": 15}
-    assert "the folder allows 30 refined runs, the scene 15" in found["notes"]
+    assert found.refined_runs == 30
+    assert found.refined_runs_allowed == Budget(refined_runs=30, scene=15)
+    assert "the folder allows 30 refined runs, the scene 15" in found.notes
     whole = campaign.run(SCENE.replace("refined_runs = 15", "refined_runs = 30"), tmp_path / "whole")
     own = ("seconds", "notes", "refined_runs_allowed", "checksum")
     assert {k: v for k, v in found.items() if k not in own} == {k: v for k, v in whole.items() if k not in own}
@@ -75,14 +75,14 @@ def test_a_budget_that_is_none_is_refused_before_anything_is_written(scene, runs
 
 def test_the_most_that_may_be_allowed_is_read_again(tmp_path):
     for _ in range(2):
-        assert campaign.run(SCENE, tmp_path / "out", refined_runs=2**31 - 1)["refined_runs"] == 50
+        assert campaign.run(SCENE, tmp_path / "out", refined_runs=2**31 - 1).refined_runs == 50
 
 
 def test_what_a_folder_allows_does_not_shrink(tmp_path):
     campaign.run(SCENE, tmp_path / "out", refined_runs=30)
     with pytest.raises(ValueError, match="refined_runs = 20: the campaign allows 30 already"):
         campaign.run(SCENE, tmp_path / "out", refined_runs=20)
-    assert campaign.run(SCENE, tmp_path / "out", refined_runs=30)["refined_runs"] == 30
+    assert campaign.run(SCENE, tmp_path / "out", refined_runs=30).refined_runs == 30
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from cooperative.__main__ import main
 from cooperative.reporting import report
 from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, write_sample
-from cooperative.summary import summarise
+from cooperative.summary import Summary, summarise
 from jaxmpm import Status
 
 SCENES = Path(__file__).resolve().parent.parent / "benchmarks" / "scenes"
@@ -51,9 +51,9 @@ def test_campaign_counts_what_it_ran(done):
     assert rough.numbers == list(range(6))
     failures = int(np.sum(refined.columns["displacement"] > 1.0))
     assert 0 < failures < 6
-    assert summary["probability_of_failure"] == failures / 6
-    assert summary["interval"][0] < summary["probability_of_failure"] < summary["interval"][1]
-    assert json.loads((folder / "summary.json").read_text()) == summary
+    assert summary.probability_of_failure == failures / 6
+    assert summary.interval[0] < summary.probability_of_failure < summary.interval[1]
+    assert Summary.from_json((folder / "summary.json").read_text()) == summary
 
 
 def test_refined_runs_are_the_worst_ranked_and_end_with_k_t_that_stand(done):
@@ -70,11 +70,11 @@ def test_refined_runs_are_the_worst_ranked_and_end_with_k_t_that_stand(done):
 def test_two_phase_campaign_spends_its_budget(tmp_path):
     text = changed('estimator = "published"', "refined_runs = 10").replace("samples = 6", "samples = 14")
     summary = run(text, tmp_path / "two-phase")
-    assert summary["estimator"] == "two-phase"
-    assert summary["refined_runs"] == 10
-    low, high = summary["interval"]
-    assert 0 <= low < summary["probability_of_failure"] < high <= 1
-    assert summary["other_estimates"].keys() <= {"published n/N"}
+    assert summary.estimator == "two-phase"
+    assert summary.refined_runs == 10
+    low, high = summary.interval
+    assert 0 <= low < summary.probability_of_failure < high <= 1
+    assert summary.other_estimates.keys() <= {"published n/N"}
     assert run(text, tmp_path / "two-phase") == summary
 
 
@@ -158,7 +158,7 @@ def test_report_draws_its_figures_and_says_the_probability(done, capsys):
     folder, summary = done
     assert main(["report", str(folder)]) == 0
     said = capsys.readouterr().out
-    assert f"{summary['probability_of_failure']:.3f}" in said
+    assert f"{summary.probability_of_failure:.3f}" in said
     for name in ("ranked", "field", "slope", "exceedance"):
         assert (folder / "figures" / f"{name}.png").stat().st_size > 5000
 
@@ -181,7 +181,7 @@ def test_killed_campaign_goes_on_and_ends_the_same(done, tmp_path):
     resumed = run(TINY, again)
     assert {name: (again / "samples" / "rough" / name).stat().st_mtime_ns for name in before} == stamps
     for key in ("probability_of_failure", "interval", "refined_runs", "status", "consequences_of_failures"):
-        assert resumed[key] == summary[key]
+        assert getattr(resumed, key) == getattr(summary, key)
 
 
 def test_broken_off_runs_are_kept_counted_and_reported(tmp_path):
@@ -194,8 +194,8 @@ def test_broken_off_runs_are_kept_counted_and_reported(tmp_path):
         for sample in runs.run_samples(replace(model, state=state), coefficients, [0, 1], width=2):
             write_sample(store, "rough", sample)
         summary = summarise(campaign, read_rows(store, "rough"), read_rows(store, "refined"))
-    assert summary["broke_off"]["rough"] == {"0": "NOT_FINITE at step 1", "1": "NOT_FINITE at step 1"}
-    assert summary["status"]["rough"] == {Status.NOT_FINITE.name: 2}
+    assert summary.broke_off["rough"] == {0: "NOT_FINITE at step 1", 1: "NOT_FINITE at step 1"}
+    assert summary.status["rough"] == {Status.NOT_FINITE.name: 2}
 
 
 @pytest.mark.usefixtures("unrendered")
@@ -215,8 +215,8 @@ def test_samples_with_a_strength_that_none_may_have_break_off_and_are_reported(t
     monkeypatch.setattr(runs.GridModel, "varied", spoiling)
     folder = tmp_path / "bad"
     told = run(TINY, folder)
-    assert told["broke_off"] == {grid: {str(n): "BAD_PARAMETER at step 0"} for grid, n in spoilt.items()}
-    assert [told["status"][grid]["BAD_PARAMETER"] for grid in spoilt] == [1, 1]
+    assert told.broke_off == {grid: {n: "BAD_PARAMETER at step 0"} for grid, n in spoilt.items()}
+    assert [told.status[grid]["BAD_PARAMETER"] for grid in spoilt] == [1, 1]
     store = read_store(folder)
     for grid, number in spoilt.items():
         rows = read_rows(store, grid)

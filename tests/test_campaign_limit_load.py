@@ -26,23 +26,23 @@ def done(tmp_path_factory):
 
 def test_samples_fail_from_the_displacement_at_the_limit_load(done):
     folder, summary = done
-    found = summary["limit_load"]
-    assert 0.5 < found["factor"] < 3.0
-    assert 0.01 < found["displacement"] < 1.0
+    found = summary.limit_load
+    assert 0.5 < found.factor < 3.0
+    assert 0.01 < found.displacement < 1.0
     moved = read_rows(read_store(folder), "refined").columns["displacement"]
-    assert summary["failures_refined"] == (moved > found["displacement"]).sum()
-    assert found["volume"] == 0.05 * 8.0**2
-    said = f"failure counts from {found['displacement']:g} m of 3.2 m2, where the slope of median soil passes its limit"
-    assert any(said in note for note in summary["notes"])
+    assert summary.failures_refined == (moved > found.displacement).sum()
+    assert found.volume == 0.05 * 8.0**2
+    said = f"failure counts from {found.displacement:g} m of 3.2 m2, where the slope of median soil passes its limit"
+    assert any(said in note for note in summary.notes)
 
 
 def test_the_two_factors_of_the_slope_of_median_soil_agree(done):
-    campaign, found = parse(PLASTIC), done[1]["limit_load"]
+    campaign, found = parse(PLASTIC), done[1].limit_load
     scene, state = runs.build(campaign, "refined", runs.random_soil(campaign)).median
     for share, fails in ((0.98, False), (1.02, True)):
-        result = mpm.solve(mpm.reduced(scene, share * found["factor"]), state, t_end=4.0, settle=mpm.Settle())
-        moved = mpm.diagnostics.exceeded_displacement(scene, result.state, found["volume"])
-        assert (float(moved) > found["displacement"]) == fails
+        result = mpm.solve(mpm.reduced(scene, share * found.factor), state, t_end=4.0, settle=mpm.Settle())
+        moved = mpm.diagnostics.exceeded_displacement(scene, result.state, found.volume)
+        assert (float(moved) > found.displacement) == fails
 
 
 def test_it_is_measured_once_and_kept(done):
@@ -51,7 +51,7 @@ def test_it_is_measured_once_and_kept(done):
     assert run(PLASTIC, folder) == summary
     assert (folder / "measured.json").stat().st_mtime_ns == stamp
     campaign = campaign_of(read_store(folder))
-    assert campaign.run.failure_displacement == summary["limit_load"]["displacement"]
+    assert campaign.run.failure_displacement == summary.limit_load.displacement
     assert campaign.run.settle.slides == campaign.run.failure_displacement
     measured = json.loads((folder / "measured.json").read_text())
     measured["limit_load"]["displacement"] = -1.0

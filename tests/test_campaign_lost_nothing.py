@@ -43,7 +43,8 @@ def undisturbed(tmp_path_factory):
 
 
 def without_times(summary):
-    return {name: value for name, value in summary.items() if name not in ("seconds", "checksum")}
+    fields = summary if isinstance(summary, dict) else summary.as_json()
+    return {name: value for name, value in fields.items() if name not in ("seconds", "checksum")}
 
 
 def assert_same_folders(first, second):

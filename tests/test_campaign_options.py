@@ -13,7 +13,7 @@ from cooperative import run, runs
 from cooperative.reporting._progress import progress_of
 from cooperative.scene import parse, stored_measured, with_measured
 from cooperative.store import Rows, read_rows, read_store, write_sample
-from cooperative.summary import summarise
+from cooperative.summary import Summary, summarise
 from tests.test_campaign import TINY, changed, finished
 
 AS_PUBLISHED = TINY.replace("tension_cutoff = 0.0", 'tension_cutoff = 0.0\nsoftening_length = "cell"').replace(
@@ -35,11 +35,11 @@ def test_subset_simulation_runs_from_a_scene(subset):
     store = read_store(folder)
     rough = read_rows(store, "rough")
     assert rough.numbers == list(range(76))
-    assert 0 < summary["refined_runs"] <= 12
-    assert summary["finished"] == "the refined runs allowed are spent"
-    low, high = summary["interval"]
-    assert 0 <= low < summary["probability_of_failure"] < high <= 1
-    assert set(summary["other_estimates"]) == set()
+    assert 0 < summary.refined_runs <= 12
+    assert summary.finished == "the refined runs allowed are spent"
+    low, high = summary.interval
+    assert 0 <= low < summary.probability_of_failure < high <= 1
+    assert set(summary.other_estimates) == set()
     assert progress_of(folder).grids[0].planned == 76
     # The chains of the upper level lie above the rough threshold of the lower one.
     displacement = rough.columns["displacement"]
@@ -56,8 +56,8 @@ def test_subset_simulation_goes_on_where_it_was(subset, tmp_path):
     assert len(read_rows(read_store(again), "rough").numbers) == 50
     assert progress_of(again).estimate is not None
     resumed = run(SUBSET, again)
-    assert resumed["probability_of_failure"] == summary["probability_of_failure"]
-    assert resumed["interval"] == summary["interval"]
+    assert resumed.probability_of_failure == summary.probability_of_failure
+    assert resumed.interval == summary.interval
 
 
 def test_answers_of_a_scene_do_not_follow_the_cell_unless_it_says_so(tmp_path):
@@ -142,7 +142,7 @@ def failing_after(function, count):
 @pytest.mark.slow
 def test_workers_give_the_answer_of_one_process_in_subset_simulation(subset, tmp_path):
     together = run(SUBSET, tmp_path / "two", workers=2)
-    assert together["probability_of_failure"] == subset[1]["probability_of_failure"]
+    assert together.probability_of_failure == subset[1].probability_of_failure
 
 
 @pytest.mark.parametrize("estimator", ["control variate", pytest.param("monte carlo", marks=pytest.mark.slow)])
@@ -150,9 +150,9 @@ def test_the_first_samples_run_refined(estimator, tmp_path):
     text = changed('estimator = "published"', f'estimator = "{estimator}"\nrefined_runs = 10')
     summary = run(text.replace("samples = 6", "samples = 12"), tmp_path / "out")
     assert read_rows(read_store(tmp_path / "out"), "refined").numbers == list(range(10))
-    assert summary["finished"] == "the refined runs allowed are spent"
-    assert summary["convergence"]["refined_runs"] == [10]
-    assert {"Monte Carlo", "multifidelity control variate"} == {summary["estimator"], *summary["other_estimates"]} - {
+    assert summary.finished == "the refined runs allowed are spent"
+    assert summary.convergence.refined_runs == (10,)
+    assert {"Monte Carlo", "multifidelity control variate"} == {summary.estimator, *summary.other_estimates} - {
         "published n/N"
     }
 
@@ -162,20 +162,20 @@ def test_calibration_is_measured_once_and_lowers_the_rough_strength(tmp_path):
     text = changed('estimator = "published"', 'estimator = "published"\ncalibrate = true')
     text = text.replace("mean = 30e3", f"mean = {30e3 * np.sqrt(1 + 0.4**2)}")
     summary = run(text, tmp_path / "out")
-    found = summary["calibration"]
-    assert found["factor"] == pytest.approx(found["refined"] / found["rough"])
-    assert 0.5 < found["factor"] < 1
+    found = summary.calibration
+    assert found.factor == pytest.approx(found.refined / found.rough)
+    assert 0.5 < found.factor < 1
     stamp = (tmp_path / "out" / "measured.json").stat().st_mtime_ns
     assert run(text, tmp_path / "out") == summary
     assert (tmp_path / "out" / "measured.json").stat().st_mtime_ns == stamp
     # The same samples as without, moved farther.
     campaign = with_measured(parse(text), tmp_path / "out")
-    assert campaign.measured.calibration.factor == found["factor"]
+    assert campaign.measured.calibration.factor == found.factor
     soil = runs.random_soil(campaign)
     coefficients = runs.coefficients_of(campaign, soil)
     plain, weaker = (runs.build(c, "rough", soil) for c in (parse(text), campaign))
     np.testing.assert_allclose(
-        weaker.strength(coefficients[0]), found["factor"] * plain.strength(coefficients[0]), rtol=1e-5
+        weaker.strength(coefficients[0]), found.factor * plain.strength(coefficients[0]), rtol=1e-5
     )
     assert runs.build(campaign, "refined", soil).strength_factor == 1.0
     moved = read_rows(read_store(tmp_path / "out"), "rough").columns["displacement"]
@@ -187,8 +187,8 @@ def test_calibration_is_measured_once_and_lowers_the_rough_strength(tmp_path):
 
 def test_known_factors_of_safety_are_taken_from_the_scene(tmp_path):
     text = changed('fields = "both"', "calibrate = true\n[calibration]\nrough = 1.2\nrefined = 1.1")
-    summary = run(text, tmp_path / "out")
-    assert summary["calibration"] == {"rough": 1.2, "refined": 1.1, "factor": pytest.approx(1.1 / 1.2)}
+    factors = run(text, tmp_path / "out").as_json()["calibration"]
+    assert factors == {"rough": 1.2, "refined": 1.1, "factor": pytest.approx(1.1 / 1.2)}
     assert json.loads((tmp_path / "out" / "measured.json").read_text())["calibration"] == {"rough": 1.2, "refined": 1.1}
 
 
@@ -200,22 +200,22 @@ def test_a_damaged_calibration_is_named(tmp_path):
 
 def test_summary_tells_modes_fits_severity_and_what_more_runs_would_buy(tmp_path):
     summary = run(TINY, tmp_path / "out")
-    modes = summary["modes"]
-    assert sum(part["count"] for part in modes.values()) == summary["failures_refined"]
-    assert sum(part["ratio"] for part in modes.values()) == pytest.approx(1.0)
-    assert sum(part["probability"] for part in modes.values()) == pytest.approx(summary["probability_of_failure"])
+    modes = summary.modes
+    assert sum(part.count for part in modes.values()) == summary.failures_refined
+    assert sum(part.ratio for part in modes.values()) == pytest.approx(1.0)
+    assert sum(part.probability for part in modes.values()) == pytest.approx(summary.probability_of_failure)
     for part in modes.values():
-        assert part["interval"][0] <= part["ratio"] <= part["interval"][1]
-    occurring = {mode for mode, part in modes.items() if part["count"]}
-    assert summary["fits"].keys() == {"all", *occurring}
-    assert "too few" in summary["fits"]["all"]["displacement"]["notes"][0]
-    assert {place["group"] for place in summary["severity"]["volume"]} == occurring
-    left = 6 - summary["refined_runs"]
-    assert summary["after_more_runs"]["runs"] == summary["after_more_runs"]["samples_left"] == left
-    assert -1 <= summary["grids"]["spearman"] <= 1
-    assert summary["convergence"]["probability"][-1] == summary["probability_of_failure"]
+        assert part.interval[0] <= part.ratio <= part.interval[1]
+    occurring = {mode for mode, part in modes.items() if part.count}
+    assert summary.fits.keys() == {"all", *occurring}
+    assert "too few" in summary.fits["all"]["displacement"].notes[0]
+    assert {place.group for place in summary.severity["volume"]} == occurring
+    left = 6 - summary.refined_runs
+    assert summary.after_more_runs.runs == summary.after_more_runs.samples_left == left
+    assert -1 <= summary.grids.spearman <= 1
+    assert summary.convergence.probability[-1] == summary.probability_of_failure
     assert "NaN" not in (tmp_path / "out" / "summary.json").read_text()
-    assert json.loads((tmp_path / "out" / "summary.json").read_text()) == summary
+    assert Summary.from_json((tmp_path / "out" / "summary.json").read_text()) == summary
 
 
 def test_rows_written_before_modes_were_kept_still_read(tmp_path):
@@ -225,11 +225,11 @@ def test_rows_written_before_modes_were_kept_still_read(tmp_path):
     new = ("mode", "masses", "depth_shallowest", "depth_deepest", "onset", "onset_second")
     old = Rows({name: column for name, column in refined.columns.items() if name not in new}, ())
     summary = summarise(campaign, rough, old)
-    assert summary["modes"] is None
-    assert summary["fits"].keys() == {"all"}
-    assert summary["probability_of_failure"] == summarise(campaign, rough, refined)["probability_of_failure"]
+    assert summary.modes is None
+    assert summary.fits.keys() == {"all"}
+    assert summary.probability_of_failure == summarise(campaign, rough, refined).probability_of_failure
     nothing = Rows({name: column[:0] for name, column in refined.columns.items()}, ())
-    assert summarise(replace(campaign), rough, nothing)["grids"] is None
+    assert summarise(replace(campaign), rough, nothing).grids is None
 
 
 BAD = [

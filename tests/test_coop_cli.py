@@ -78,12 +78,12 @@ def test_a_report_while_screening_says_so_and_gives_the_share_on_the_rough_grid(
     folder = invented_campaign(tmp_path / "c", scene, rough, [])
     campaign, store = parse(scene), read_store(folder)
     found = summarise(campaign, read_rows(store, "rough"), read_rows(store, "refined"))
-    assert found["probability_of_failure"] == 2 / 5
-    assert found["interval"] == list(wilson_interval(2, 5))
-    assert found["estimator"] == "rough grid alone"
-    assert found["finished"] is None
-    assert found["notes"][0].startswith("screening is not complete")
-    assert "3 rough runs gave no answer" in found["notes"][1]
+    assert found.probability_of_failure == 2 / 5
+    assert found.interval == wilson_interval(2, 5)
+    assert found.estimator == "rough grid alone"
+    assert found.finished is None
+    assert found.notes[0].startswith("screening is not complete")
+    assert "3 rough runs gave no answer" in found.notes[1]
     assert progress.progress_of(folder).estimate.probability == 2 / 5
 
 
@@ -170,7 +170,7 @@ def test_resume_goes_on_from_the_folder_alone(done, tmp_path, capsys):
         for number in (0, 3):
             write_sample(store, "rough", read_sample(read_store(folder), "rough", number))
     assert main(["resume", str(again), "--workers", "1"]) == 0
-    assert f"{summary['probability_of_failure']:.3f}" in capsys.readouterr().out
+    assert f"{summary.probability_of_failure:.3f}" in capsys.readouterr().out
     first, second = (read_rows(read_store(f), "refined").columns for f in (folder, again))
     assert np.array_equal(first["displacement"], second["displacement"])
 

@@ -2,6 +2,7 @@
 
 import base64
 import json
+from dataclasses import astuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -9,12 +10,14 @@ import pytest
 from matplotlib.collections import PolyCollection
 from matplotlib.image import imread
 
+from cooperative.effects import Exceedance
 from cooperative.estimate import Chances, fit_distributions, severity_ranking
 from cooperative.hazard import Maps
 from cooperative.measure import ColumnPlan
 from cooperative.reporting import _charts as charts
 from cooperative.reporting import _plots as plots
 from cooperative.reporting import _svg as svg
+from cooperative.summary import ModeShare
 
 HALF = np.array([0.5, 0.5])
 X, Z = (grid.ravel() for grid in np.meshgrid(np.arange(0.5, 24), np.arange(0.5, 8), indexing="ij"))
@@ -22,26 +25,10 @@ POSITION = np.stack([X, Z])
 SOLID = np.stack([X, 4 + 0 * X, Z])
 RUNS = np.arange(10, 60, 10)
 SAMPLES = np.random.default_rng(0).gamma(4.0, 3.0, 40)
-FITS = {
-    "fits": [
-        {"name": fit.name, "parameters": fit.parameters, "aic": fit.aic}
-        for fit in fit_distributions(SAMPLES, np.ones(SAMPLES.size)).fits
-    ]
-}
-PLACES = [
-    {"group": place.group, "count": place.count, "middle": place.middle, "interval": place.interval}
-    for place in severity_ranking({"deep": SAMPLES[:20], "shallow": SAMPLES[20:] / 2})
-]
-MODES = {
-    "deep": {"count": 8, "ratio": 0.8, "interval": [0.5, 0.94]},
-    "shallow": {"count": 2, "ratio": 0.2, "interval": [0.06, 0.5]},
-}
-CURVE = {
-    "thresholds": [0.0, 5.0, 9.0],
-    "probability": [0.3, 0.1, 0.0],
-    "low": [0.2, 0.04, 0.0],
-    "high": [0.4, 0.2, 0.1],
-}
+FITS = fit_distributions(SAMPLES, np.ones(SAMPLES.size))
+SEVERITY = severity_ranking({"deep": SAMPLES[:20], "shallow": SAMPLES[20:] / 2})
+MODES = {"deep": ModeShare(8, 0.8, (0.5, 0.94), 0.08), "shallow": ModeShare(2, 0.2, (0.06, 0.5), 0.02)}
+CURVE = Exceedance((0.0, 5.0, 9.0), (0.3, 0.1, 0.0), (0.2, 0.04, 0.0), (0.4, 0.2, 0.1))
 
 
 def maps(*shape):
@@ -85,7 +72,7 @@ FIGURES = {
     "losses": lambda: charts.losses(CURVE, level=0.95),
     "profile": lambda: charts.profile(maps(8), toe=16.0),
     "plan_maps": lambda: charts.plan_maps(maps(8, 6), toe=16.0),
-    "severity": lambda: charts.severity({"L": PLACES}, {"L": "run-out L [m]"}),
+    "severity": lambda: charts.severity({"L": SEVERITY}, {"L": "run-out L [m]"}),
 }
 
 
@@ -128,11 +115,11 @@ def test_the_page_draws_every_panel_of_every_figure(name):
 def test_a_panel_draws_a_curve_where_its_values_are():
     (panel,) = map(ElementTree.fromstring, svg.panels(FIGURES["exceedance"]()))
     (series,) = json.loads(panel.get("data-panel"))["series"]
-    assert (series["x"], series["y"]) == (CURVE["thresholds"], CURVE["probability"])
-    assert (series["low"], series["high"], series["kind"]) == (CURVE["low"], CURVE["high"], "step")
+    assert (series["x"], series["y"]) == ([*CURVE.thresholds], [*CURVE.probability])
+    assert (series["low"], series["high"], series["kind"]) == ([*CURVE.low], [*CURVE.high], "step")
     rows = [[float(cell.text) for cell in row] for row in panel.find("details").iter("tr")
             if row[0].tag == "td"]  # fmt: skip
-    assert rows == [list(row) for row in zip(*(CURVE[key] for key in CURVE), strict=True)]
+    assert rows == [list(row) for row in zip(*astuple(CURVE), strict=True)]
     frame = panel.find("svg/svg")
     wide, high = float(frame.get("width")), float(frame.get("height"))
     line = next(path for path in frame.iter("path") if "stroke-width:2" in path.get("style"))
@@ -200,7 +187,7 @@ def test_the_fitted_figure_draws_the_runs_by_weight_and_the_best_fits():
     runs, *fits = figure.axes[0].lines
     assert runs.get_ydata().tolist() == [0.0, 0.75, 1.0]
     assert len(fits) == 2
-    assert fits[0].get_label().startswith(FITS["fits"][0]["name"])
+    assert fits[0].get_label().startswith(FITS.fits[0].name)
 
 
 def test_the_most_severe_mode_stands_on_top():
@@ -257,8 +244,5 @@ def test_soil_that_tears_is_drawn_torn():
 
 
 def test_severity_of_a_section_leaves_out_the_areas_that_it_has_none_of():
-    place = {"group": "deep", "count": 3, "middle": 2.0, "interval": [1.0, 3.0]}
-    figure = charts.severity(
-        {name: [place, place | {"group": "shallow"}] for name in ("depth", "area")}, {"depth": "H"}
-    )
+    figure = charts.severity(dict.fromkeys(("depth", "area"), SEVERITY), {"depth": "H"})
     assert [ax.get_xlabel() for ax in figure.axes] == ["H"]

@@ -28,6 +28,7 @@ from cooperative.reporting._exports import export
 from cooperative.reporting._words import in_slopes
 from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, sample_path, write_sample
+from cooperative.summary import Summary
 from tests.test_campaign import TINY
 from tests.test_coop_places import HAZARD
 
@@ -99,7 +100,7 @@ def test_the_page_needs_nothing_else_and_every_figure_is_drawn(done):
 
 def test_nothing_is_shown_twice(done):
     folder, summary = done
-    modes = {mode for mode, share in summary["modes"].items() if share["count"]}
+    modes = {mode for mode, share in summary.modes.items() if share.count}
     names = {path.stem for path in (folder / "figures").iterdir()}
     assert ("modes" in names) == ("severity" in names) == (len(modes) > 1)
     assert {f"fits-{mode}" for mode in modes} <= names if len(modes) > 1 else "fits-all" in names
@@ -113,30 +114,30 @@ def test_panels_hold_the_numbers_of_the_summary(done):
     folder, summary = done
     panels = {panel["x"]["label"]: panel for panel in Page((folder / "report.html").read_text()).panels[::-1]}
     (series,) = panels["run-out L [m]"]["series"]
-    curve = summary["exceedance"]["runout"]
+    curve = summary.exceedance["runout"]
     for name, key in (("x", "thresholds"), ("y", "probability"), ("low", "low"), ("high", "high")):
-        assert series[name] == pytest.approx(curve[key], rel=1e-4)
+        assert series[name] == pytest.approx(getattr(curve, key), rel=1e-4)
     assert series["kind"] == "step"
 
 
 def test_the_page_says_what_the_summary_holds(done):
     folder, summary = done
     text = " ".join(Page((folder / "report.html").read_text()).text)
-    low, high = summary["interval"]
-    assert f"{summary['probability_of_failure']:.3g}" in text
+    low, high = summary.interval
+    assert f"{summary.probability_of_failure:.3g}" in text
     assert f"{low:.3g} to {high:.3g}" in text
-    assert f"{summary['grids']['spearman']:.2f}" in text
+    assert f"{summary.grids.spearman:.2f}" in text
     assert "What more runs would buy" in text
     assert "One slope in 10 slides to" in text
-    for mode, share in summary["modes"].items():
-        assert (mode in text) == (share["count"] > 0)
-    for fits in summary["fits"]["all"].values():
-        assert fits["best_aic"] is None or fits["best_aic"] in text
-    for status in summary["status"]["refined"]:
+    for mode, share in summary.modes.items():
+        assert (mode in text) == (share.count > 0)
+    for fits in summary.fits["all"].values():
+        assert fits.best_aic is None or fits.best_aic in text
+    for status in summary.status["refined"]:
         assert status in text
     assert "jaxlib" in text
     assert "run_per_rise = 1.0" in text
-    assert json.loads((folder / "summary.json").read_text()) == json.loads(json.dumps(summary))
+    assert Summary.from_json((folder / "summary.json").read_text()) == summary
 
 
 def test_the_table_tells_what_each_refined_run_stands_for(done):
@@ -146,9 +147,9 @@ def test_the_table_tells_what_each_refined_run_stands_for(done):
     refined = [line for line in lines if line["grid"] == "refined"]
     failing = sum(float(line["weight"]) for line in refined if line["failed"] == "1.0")
     assert failing / sum(float(line["weight"]) for line in refined) == pytest.approx(
-        summary["probability_of_failure"], abs=1e-12
+        summary.probability_of_failure, abs=1e-12
     )
-    assert sum(line["failed"] == "1.0" for line in refined) == summary["failures_refined"] > 0
+    assert sum(line["failed"] == "1.0" for line in refined) == summary.failures_refined > 0
     assert {line["weight"] for line in lines if line["grid"] == "rough"} == {""}
 
 
@@ -157,8 +158,8 @@ def test_maps_add_up_to_what_the_slides_cover(done):
     found = hazard_maps(folder)
     reached, covered = found.maps["reached"], found.maps["covered at the end"]
     assert (reached.value + 1e-12 >= covered.value).all()
-    assert reached.value.max() == pytest.approx(summary["probability_of_failure"])
-    assert (reached.high <= summary["interval"][1] + 1e-12).all()
+    assert reached.value.max() == pytest.approx(summary.probability_of_failure)
+    assert (reached.high <= summary.interval[1] + 1e-12).all()
     with open(write_table(read_store(folder)), newline="") as file:
         slides = [line for line in csv.DictReader(file) if line["failed"] == "1.0"]
     expected = sum(float(line["slide_weight"]) * float(line["area_columns"]) for line in slides)
@@ -173,16 +174,14 @@ def test_maps_add_up_to_what_the_slides_cover(done):
 
 def test_expected_loss_is_the_area_under_its_curve(done):
     _, summary = done
-    loss, road = summary["risk"]["loss"], summary["risk"]["places"]["road"]
-    curve = loss["exceedance"]
-    assert float(np.array(curve["probability"][:-1]) @ np.diff(curve["thresholds"])) == pytest.approx(
-        loss["expected"], rel=1e-9
-    )
-    assert loss["expected"] == pytest.approx(road["loss"]["expected"])
-    assert 0 < loss["interval"][0] < loss["expected"] < loss["interval"][1]
-    assert sum(loss["modes"].values()) == pytest.approx(1.0)
-    assert "loss" not in summary["risk"]["places"]["house"]
-    assert 0 < road["arrival"]["mean"] < summary["risk"]["places"]["house"]["arrival"]["mean"]
+    loss, road = summary.risk.loss, summary.risk.places["road"]
+    curve = loss.exceedance
+    assert float(np.array(curve.probability[:-1]) @ np.diff(curve.thresholds)) == pytest.approx(loss.expected, rel=1e-9)
+    assert loss.expected == pytest.approx(road.loss.expected)
+    assert 0 < loss.interval[0] < loss.expected < loss.interval[1]
+    assert sum(loss.modes.values()) == pytest.approx(1.0)
+    assert summary.risk.places["house"].loss is None
+    assert 0 < road.arrival.mean < summary.risk.places["house"].arrival.mean
 
 
 @pytest.mark.slow
@@ -231,7 +230,7 @@ def test_slides_are_chosen_by_mode_then_by_distance(done):
     chosen = pictures.choose(rows, failed, 3)
     assert len(chosen) == len(set(chosen)) == 3
     modes = dict(zip(rows.numbers, rows.columns["mode"], strict=True))
-    occur = {mode for mode, share in summary["modes"].items() if share["count"]}
+    occur = {mode for mode, share in summary.modes.items() if share.count}
     assert {modes[number] for number in chosen} == occur or len(occur) > 3
     assert chosen[0] == rows.numbers[int(np.argmax(rows.columns["displacement"]))]
     none = pictures.choose(rows, np.zeros(failed.size, bool), 3)
@@ -407,8 +406,8 @@ def test_a_sample_whose_arrays_are_not_the_scenes_is_left_out_and_named(tmp_path
 def test_the_report_reads_the_summary_and_makes_it_anew_only_from_other_rows(tmp_path, done, monkeypatch):
     folder = copied(done, tmp_path / "c")
     asked = []
-    made = summary._summary
-    monkeypatch.setattr(summary, "_summary", lambda *given: asked.append(given) or made(*given))
+    made = summary.summarise
+    monkeypatch.setattr(summary, "summarise", lambda *given: asked.append(given) or made(*given))
     said = report(folder, slides=0)
     assert asked == []
     kept = (folder / "summary.json").read_text()

@@ -195,15 +195,15 @@ def asked(slides):
 def test_a_drawn_slide_goes_on_bit_for_bit(all_slides, tmp_path):
     folder, whole = all_slides
     summary = campaign.run(asked(1), tmp_path)
-    assert summary["probability_of_failure"] == whole["probability_of_failure"]
-    assert summary["failures_refined"] == whole["failures_refined"] > 1
-    assert (summary["slides"], whole["slides"]) == (1, whole["failures_refined"])
-    assert any("slid on" in note for note in summary["notes"])
-    assert not any("slid on" in note for note in whole["notes"])
+    assert summary.probability_of_failure == whole.probability_of_failure
+    assert summary.failures_refined == whole.failures_refined > 1
+    assert (summary.slides, whole.slides) == (1, whole.failures_refined)
+    assert any("slid on" in note for note in summary.notes)
+    assert not any("slid on" in note for note in whole.notes)
     with open_store(tmp_path, asked(1)) as store, open_store(folder, SCENE) as other:
         rows = read_rows(store, "refined")
         decided = [n for n, status in zip(rows.numbers, rows.columns["status"], strict=True) if status == "DECIDED"]
-        assert len(decided) == whole["failures_refined"] - 1
+        assert len(decided) == whole.failures_refined - 1
         (slid,) = read_rows(store, SLIDES).numbers
         one, same = read_sample(store, "refined", slid), read_sample(other, "refined", slid)
         assert (one.row, one.status, one.steps) == (same.row, same.status, same.steps)
@@ -221,12 +221,12 @@ def test_slides_run_on_beyond_the_time_of_their_class(all_slides, tmp_path):
     whole = campaign.run(LONGER, tmp_path / "all")
     # Which samples fail, and so the answer, is what it was.
     for key in ("probability_of_failure", "interval", "failures_refined", "refined_runs"):
-        assert whole[key] == before[key]
-    assert whole["grids"]["same_class"] == before["grids"]["same_class"]
-    assert before["cut_off"]["at_t_end"] > whole["cut_off"]["at_t_end"] == 0
-    assert any("had not come to rest when they ended at 4 s" in note for note in before["notes"])
+        assert getattr(whole, key) == getattr(before, key)
+    assert whole.grids.same_class == before.grids.same_class
+    assert before.cut_off.at_t_end > whole.cut_off.at_t_end == 0
+    assert any("had not come to rest when they ended at 4 s" in note for note in before.notes)
     some = campaign.run(LONGER + "slides = 2\n", tmp_path / "some")
-    assert (some["slides"], some["probability_of_failure"]) == (2, whole["probability_of_failure"])
+    assert (some.slides, some.probability_of_failure) == (2, whole.probability_of_failure)
     stores = {name: read_store(tmp_path / name) for name in ("all", "some")} | {"short": read_store(folder)}
     rows = {name: read_rows(store, "refined") for name, store in stores.items()}
     short, long = rows["short"].columns, rows["all"].columns
@@ -265,7 +265,7 @@ def test_slides_that_lost_their_restart_point_start_afresh(all_slides, tmp_path,
     for path in kept[1:]:
         path.unlink()
     again = campaign.run(asked(2), tmp_path)
-    assert again["slides"] == 2
+    assert again.slides == 2
     assert (progress_of(tmp_path).grids[2].done, len(progress_of(folder).grids)) == (2, 2)
     with open_store(tmp_path, asked(2)) as store, open_store(folder, SCENE) as other:
         for number in read_rows(store, SLIDES).numbers:
@@ -295,11 +295,11 @@ def test_restart_points_that_wait_for_the_draw_are_no_more_than_twice_the_slides
 def test_a_class_is_all_that_an_audit_without_slides_asks(all_slides, tmp_path):
     _, whole = all_slides
     summary = campaign.run(asked(0), tmp_path)
-    assert summary["probability_of_failure"] == whole["probability_of_failure"]
-    assert summary["slides"] == 0
-    assert summary["consequences_of_failures"] == {}
+    assert summary.probability_of_failure == whole.probability_of_failure
+    assert summary.slides == 0
+    assert summary.consequences_of_failures == {}
     assert not (tmp_path / "restart").exists() or not list((tmp_path / "restart").iterdir())
-    assert not any("slid on" in note for note in summary["notes"])
+    assert not any("slid on" in note for note in summary.notes)
     assert [each.grid for each in progress_of(tmp_path).grids] == ["rough", "refined"]
     assert "note: the scene asks for no slides (slides = 0)" in report(tmp_path)
     shown = (tmp_path / "report.html").read_text()
@@ -344,13 +344,13 @@ def deciding(monkeypatch):
 
 def test_a_campaign_runs_refined_what_its_slides_want_beyond_the_audit(tmp_path, deciding, monkeypatch):
     whole = campaign.run(FULL, tmp_path / "whole")
-    assert (whole["slides"], whole["slides_drawn"]) == (8, 8)
-    assert whole["refined_runs"] > 30
-    assert whole["finished"] == "the refined runs allowed are spent"
+    assert (whole.slides, whole.slides_drawn) == (8, 8)
+    assert whole.refined_runs > 30
+    assert whole.finished == "the refined runs allowed are spent"
     audit = campaign.run(FULL.replace("slides = 8", "slides = 0"), tmp_path / "audit")
-    assert (audit["slides"], audit["refined_runs"]) == (0, 30)
+    assert (audit.slides, audit.refined_runs) == (0, 30)
     for same in ("probability_of_failure", "interval", "convergence", "coefficient_of_variation"):
-        assert whole[same] == audit[same]
+        assert getattr(whole, same) == getattr(audit, same)
     # Killed after every second slide, it comes to the same end.
     written = campaign.write_sample
 
@@ -367,10 +367,10 @@ def test_a_campaign_runs_refined_what_its_slides_want_beyond_the_audit(tmp_path,
         except KeyboardInterrupt:
             lives += 1
     assert lives > 2
-    assert {n: v for n, v in summary.items() if n != "seconds"} == {n: v for n, v in whole.items() if n != "seconds"}
+    assert replace(summary, seconds=whole.seconds) == whole
     # More runs allowed later: what slid stays, and no more slides than asked for.
     monkeypatch.setattr(campaign, "write_sample", written)
     more = campaign.run(FULL, tmp_path / "killed", refined_runs=50)
-    assert more["slides"] == 8
+    assert more.slides == 8
     status = progress_of(tmp_path / "killed")
     assert (status.grids[2].done, status.grids[2].planned) == (8, 8)

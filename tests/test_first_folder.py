@@ -49,7 +49,7 @@ def test_it_goes_on_with_what_it_has(folder):
     before = json.loads((folder / "summary.json").read_text())
     text = (folder / "scene.toml").read_text()
     stamps = {path: path.stat().st_mtime_ns for path in folder.glob("samples/*/*.h5")}
-    found = run(text, folder)
+    found = run(text, folder).as_json()
     assert {path: path.stat().st_mtime_ns for path in folder.glob("samples/*/*.h5")} == stamps
     for name in ("probability_of_failure", "interval", "estimator", "samples", "refined_runs", "failures_refined"):
         assert found[name] == before[name], name
@@ -91,7 +91,7 @@ def test_a_finished_folder_keeps_the_slides_of_its_earlier_draw(kept, tmp_path):
     shutil.copytree(kept / "finished", folder)
     files = {path: path.stat().st_mtime_ns for path in folder.glob("samples/*/*.h5")}
     found = run((folder / "scene.toml").read_text(), folder)
-    assert (found["slides"], found["slides_drawn"]) == (3, 3)
+    assert (found.slides, found.slides_drawn) == (3, 3)
     assert {path: path.stat().st_mtime_ns for path in folder.glob("samples/*/*.h5")} == files
 
 
@@ -106,9 +106,9 @@ def test_a_folder_killed_half_way_gives_the_answer_that_it_would_have_had(kept, 
         found = run((folder / "scene.toml").read_text(), folder)
     expected = json.loads((kept / "finished" / "summary.json").read_text())
     for key in ("refined_runs", "failures_rough", "failures_refined", "slides"):
-        assert found[key] == expected[key], key
+        assert getattr(found, key) == expected[key], key
     # Runs of another machine differ by rounding.
-    assert found["probability_of_failure"] == pytest.approx(expected["probability_of_failure"], rel=1e-3)
+    assert found.probability_of_failure == pytest.approx(expected["probability_of_failure"], rel=1e-3)
     for grid, columns in whole.items():
         rows = read_rows(read_store(folder), grid)
         assert rows.numbers == columns["sample"].tolist()

@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,9 @@ from benchmarks import invented
 from cooperative import runs, sweep
 from cooperative.scene import parse
 from cooperative.store import read_rows, read_store
+from cooperative.summary import summarise
 from tests.test_campaign import TINY
+from tests.test_summary import five_slides
 
 TABLE = "[sweep]\nlx = [10, 20.0]\ncov = [0.2, 0.4]\nk_t = [1, 2]\n"
 SWEEP = TINY.replace('fields = "both"', 'fields = "none"') + TABLE
@@ -48,8 +51,7 @@ def test_campaigns_share_their_coefficients():
 
 def test_programs_are_released_after_each_campaign_of_a_sweep(tmp_path, monkeypatch):
     order = []
-    point = dict.fromkeys(("interval", "level", "estimator", "refined_runs", "samples", "failures_refined", "modes"))
-    summary = {"name": "tiny", "probability_of_failure": 0.5, "finished": None, **point, "interval": [0.4, 0.6]}
+    summary = replace(summarise(*five_slides()), modes=None)
     monkeypatch.setattr(sweep, "run_campaign", lambda text, where, **_: order.append(where.name) or summary)
     monkeypatch.setattr(sweep, "release_programs", lambda: order.append("released"))
     monkeypatch.setattr(sweep, "save", lambda figure, path: None)

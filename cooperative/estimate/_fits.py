@@ -117,12 +117,13 @@ def fit_distributions(values: np.ndarray, weight: np.ndarray | None = None) -> F
 @dataclass(frozen=True)
 class Severity:
     """One group of failures, for example a mode. count: failures. middle: of the statistic. interval: its bootstrap
-    limits. rank: 1 for the most severe. rank_interval: ranks that the bootstrap gives at the same level."""
+    limits, None for too few failures. rank: 1 for the most severe. rank_interval: ranks that the bootstrap gives at the
+    same level."""
 
     group: str
     count: int
     middle: float
-    interval: tuple[float, float]
+    interval: tuple[float, float] | None
     rank: int
     rank_interval: tuple[int, int]
 
@@ -141,7 +142,7 @@ def severity_ranking(
     groups: name -> values (n,) of one consequence. weights: name -> what each value stands for (n,); None is all alike.
     statistic: function of (values, axis=...). Percentile bootstrap of
     Efron (1979), Annals of Statistics 7, 1-26: groups are resampled independently, ranked each time. A group of
-    fewer than `FEWEST` shows too little of its spread: its interval is (-inf, inf) and its rank anything.
+    fewer than `FEWEST` shows too little of its spread: it has no interval, and any rank.
     Raises ValueError for an empty group.
     """
     names = list(groups)
@@ -164,14 +165,14 @@ def severity_ranking(
     found = []
     for place, at in enumerate(np.argsort(-middle, kind="stable"), start=1):
         few = np.size(groups[names[at]]) < FEWEST
-        limits = (-np.inf, np.inf) if few else tuple(float(q) for q in np.quantile(draws[at], tails))
+        low, high = np.quantile(draws[at], tails).tolist()
         span = (1, len(names)) if few else tuple(int(q) for q in np.quantile(ranks[at], tails, method="nearest"))
         found.append(
             Severity(
                 names[at],
                 int(np.size(groups[names[at]])),
                 float(middle[at]),
-                (limits[0], limits[1]),
+                None if few else (low, high),
                 place,
                 (span[0], span[1]),
             )

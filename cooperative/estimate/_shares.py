@@ -84,7 +84,7 @@ class Correlation:
 
     samples: run on both. spearman: of the ranks, with its interval. pearson_log: of the logarithm of the largest
     displacement. same_class: share of samples that both grids call failed or both standing. phi: correlation of the
-    two classes, nan where either grid has one class only.
+    two classes, None where either grid has one class only.
     """
 
     samples: int
@@ -92,7 +92,7 @@ class Correlation:
     interval: tuple[float, float]
     pearson_log: float
     same_class: float
-    phi: float
+    phi: float | None
 
 
 def correlation(
@@ -121,7 +121,7 @@ def correlation(
         interval=(min(float(np.tanh(middle - half)), spearman), max(float(np.tanh(middle + half)), spearman)),
         pearson_log=_pearson(np.log(np.maximum(rough, tiny)), np.log(np.maximum(refined, tiny)), weight),
         same_class=float(weight[fails[0] == fails[1]].sum() / weight.sum()),
-        phi=_pearson(*fails, weight) if both else float("nan"),
+        phi=_pearson(*fails, weight) if both else None,
     )
 
 

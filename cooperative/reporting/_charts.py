@@ -7,15 +7,16 @@ colour tells, shape or position tells too. Pictures of the slope itself are in `
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cooperative.estimate import CANDIDATES, Chances
+from cooperative.effects import Exceedance
+from cooperative.estimate import Chances, Fits, Severity
 from cooperative.hazard import ARRIVAL, REACHED, THICKNESS, Maps
 from cooperative.reporting._plots import panels
+from cooperative.summary import ModeShare
 
 ROUGH, REFINED, FAILED, GREY = "#0072B2", "#D55E00", "#CC79A7", "#5A5A5A"
 MODE_COLOURS = {"progressive": "#D55E00", "compound": "#CC79A7", "deep": "#0072B2", "shallow": "#009E73"}
@@ -71,17 +72,17 @@ def ranked_displacements(rows: Mapping[str, np.ndarray], *, failure_displacement
     return figure
 
 
-def exceedance(curves: Mapping[str, Mapping[str, Any]], labels: Mapping[str, str], *, level: float) -> Figure:
+def exceedance(curves: Mapping[str, Exceedance], labels: Mapping[str, str], *, level: float) -> Figure:
     """Exceedance curves with their pointwise intervals, one panel each.
 
-    curves: consequence -> thresholds, probability, low and high, as in the summary. labels: name -> axis label with its
+    curves: by consequence, as in the summary. labels: name -> axis label with its
     unit. level: of the intervals.
     """
     columns = min(len(curves), 3)
     figure, axes = panels(-(-len(curves) // columns), columns, size=(3.7, 3.1))
     for ax, (name, curve) in zip(axes, curves.items(), strict=False):
-        at = np.array(curve["thresholds"])
-        values = (np.array(curve[key]) for key in ("probability", "low", "high"))
+        at = np.array(curve.thresholds)
+        values = map(np.array, (curve.probability, curve.low, curve.high))
         _banded(ax, at, *values, colour=ROUGH, name=f"with {level:.0%} interval", steps=True)
         ax.set(xlabel=labels[name], ylabel="probability of more [-]")
         ax.set_ylim(bottom=0)
@@ -183,12 +184,11 @@ def plan_maps(maps: Maps, *, toe: float | None) -> Figure:
     return figure
 
 
-def losses(curve: Mapping[str, Sequence[float]], *, level: float) -> Figure:
+def losses(curve: Exceedance, *, level: float) -> Figure:
     """Loss exceedance (F-N) curve: probability of losing more, with its interval."""
     figure, (ax,) = panels(1, size=(6.0, 3.6))
-    at, chance = np.array(curve["thresholds"]), np.array(curve["probability"])
-    low, high = np.array(curve["low"]), np.array(curve["high"])
-    _banded(ax, at, chance, low, high, colour=REFINED, name=f"with {level:.0%} interval", steps=True)
+    values = map(np.array, (curve.thresholds, curve.probability, curve.low, curve.high))
+    _banded(ax, *values, colour=REFINED, name=f"with {level:.0%} interval", steps=True)
     ax.set(xlabel="loss [currency of the scene]", ylabel="probability of losing more [-]")
     ax.set_ylim(bottom=0)
     ax.legend()
@@ -244,19 +244,16 @@ def grids(rough: np.ndarray, refined: np.ndarray, *, failure_displacement: float
     return figure
 
 
-def mode_shares(modes: Mapping[str, Mapping[str, Any]]) -> Figure:
-    """Share of each failure mode among the failures, with its interval.
-
-    modes: name -> count, ratio, interval, as in the summary.
-    """
+def mode_shares(modes: Mapping[str, ModeShare]) -> Figure:
+    """Share of each failure mode among the failures, with its interval."""
     figure, (ax,) = panels(1, size=(6.0, 3.2))
     for at, (name, share) in enumerate(modes.items()):
-        low, high = share["interval"]
+        low, high = share.interval
         ax.plot([at, at], [low, high], "-", color="black", lw=1.2)
-        ax.plot([at], [share["ratio"]], "o", color=MODE_COLOURS[name], ms=9, label=name)
+        ax.plot([at], [share.ratio], "o", color=MODE_COLOURS[name], ms=9, label=name)
         for limit, gid in ((low, "low"), (high, "high")):
             ax.plot([at], [limit], "_", color="black", ms=12, gid=gid)
-    ax.set_xticks(range(len(modes)), [f"{name}\n{share['count']} runs" for name, share in modes.items()])
+    ax.set_xticks(range(len(modes)), [f"{name}\n{share.count} runs" for name, share in modes.items()])
     ax.set(ylabel="share of the failures [-]", xlabel="failure mode [-]", ylim=(0, 1.02))
     ax.set_xlim(-0.6, len(modes) - 0.4)
     return figure
@@ -265,15 +262,15 @@ def mode_shares(modes: Mapping[str, Mapping[str, Any]]) -> Figure:
 def fitted(
     samples: Mapping[str, np.ndarray],
     weights: np.ndarray,
-    fits: Mapping[str, Mapping[str, Any]],
+    fits: Mapping[str, Fits],
     labels: Mapping[str, str],
     *,
     most: int = 3,
 ) -> Figure:
     """Cumulative distribution of each consequence with the best fits, one panel each.
 
-    samples: name -> values (n,) of the failures. weights: what each stands for (n,). fits: name -> the summary's fits,
-    best first. labels: name -> axis label with its unit. most: fits drawn in each panel.
+    samples: name -> values (n,) of the failures. weights: what each stands for (n,). fits: of each name. labels: name
+    -> axis label with its unit. most: fits drawn in each panel.
     """
     columns = min(len(samples), 3)
     figure, axes = panels(-(-len(samples) // columns), columns, size=(3.5, 2.9))
@@ -284,9 +281,8 @@ def fitted(
         ax.step(at, np.concatenate([[0.0], share]), where="post", color="black", lw=1.4, label="runs")
         reach = np.ptp(values)
         curve = np.linspace(values.min() - 0.15 * reach, values.max() + 0.15 * reach, 200)
-        for fit, (colour, style) in zip(fits.get(name, {}).get("fits", ())[:most], FIT_STYLES, strict=False):
-            cumulative = CANDIDATES[fit["name"]].family(*fit["parameters"]).cdf(curve)
-            ax.plot(curve, cumulative, style, color=colour, lw=1.6, label=f"{fit['name']}, AIC {fit['aic']:.1f}")
+        for fit, (colour, style) in zip(fits[name].fits[:most], FIT_STYLES, strict=False):
+            ax.plot(curve, fit.frozen.cdf(curve), style, color=colour, lw=1.6, label=f"{fit.name}, AIC {fit.aic:.1f}")
         ax.set(xlabel=labels[name], ylabel="cumulative share [-]", ylim=(-0.02, 1.02))
         ax.legend(fontsize=7)
     for ax in axes[len(samples) :]:
@@ -294,28 +290,26 @@ def fitted(
     return figure
 
 
-def severity(places: Mapping[str, Sequence[Mapping[str, Any]]], labels: Mapping[str, str]) -> Figure:
+def severity(severities: Mapping[str, Sequence[Severity]], labels: Mapping[str, str]) -> Figure:
     """Median of each consequence by failure mode, most severe on top, with its bootstrap interval.
 
-    places: consequence -> modes by rank, as in the summary. labels: name -> axis label with its unit.
+    severities: consequence -> modes by rank, as in the summary. labels: name -> axis label with its unit.
     """
     # The summary ranks areas too, which a section has none of.
-    places = {name: ranked for name, ranked in places.items() if name in labels}
-    columns = min(len(places), 3)
-    figure, axes = panels(-(-len(places) // columns), columns, size=(3.5, 2.4))
-    for ax, (name, ranked) in zip(axes, places.items(), strict=False):
-        for height, place in enumerate(reversed(ranked)):
-            colour = MODE_COLOURS[place["group"]]
-            low, high = place["interval"]
-            # A mode of few slides has no interval.
-            ax.plot([place["middle"]], [height], "o", color=colour, ms=7, label=place["group"])
-            if low is not None and high is not None:
-                ax.plot([low, high], [height, height], "-", color=colour, lw=2.5)
-                for limit, gid in ((low, "low"), (high, "high")):
+    severities = {name: ranked for name, ranked in severities.items() if name in labels}
+    columns = min(len(severities), 3)
+    figure, axes = panels(-(-len(severities) // columns), columns, size=(3.5, 2.4))
+    for ax, (name, ranked) in zip(axes, severities.items(), strict=False):
+        for height, mode in enumerate(reversed(ranked)):
+            colour = MODE_COLOURS[mode.group]
+            ax.plot([mode.middle], [height], "o", color=colour, ms=7, label=mode.group)
+            if mode.interval is not None:
+                ax.plot(mode.interval, [height, height], "-", color=colour, lw=2.5)
+                for limit, gid in zip(mode.interval, ("low", "high"), strict=True):
                     ax.plot([limit], [height], "|", color=colour, ms=9, gid=gid)
-        ax.set_yticks(range(len(ranked)), [f"{place['group']} ({place['count']})" for place in reversed(ranked)])
+        ax.set_yticks(range(len(ranked)), [f"{mode.group} ({mode.count})" for mode in reversed(ranked)])
         ax.set(xlabel=labels[name], ylim=(-0.6, len(ranked) - 0.4))
         ax.set_ylabel("failure mode (runs) [-]")
-    for ax in axes[len(places) :]:
+    for ax in axes[len(severities) :]:
         ax.set_axis_off()
     return figure

@@ -110,29 +110,29 @@ def _numbers(told: Told) -> Iterator[Drawn]:
         f"should thin out down the ranks.{stopped}",
         charts.ranked_displacements({"rough": first, "refined": both}, failure_displacement=limit),
     )
-    way = told.summary["convergence"]
-    if len(way["refined_runs"]) > 1:
+    path, estimator = told.summary.convergence, told.summary.estimator
+    if len(path.refined_runs) > 1:
         yield Drawn(
             "convergence",
             "Probability of failure and its interval as refined runs came in.",
             charts.convergence(
-                {told.summary["estimator"]: np.array(way["refined_runs"])},
-                {told.summary["estimator"]: np.array(way["probability"])},
-                {told.summary["estimator"]: np.array([way["low"], way["high"]])},
+                {estimator: np.array(path.refined_runs)},
+                {estimator: np.array(path.probability)},
+                {estimator: np.array([path.low, path.high])},
             ),
         )
     ended = np.isfinite(first) & np.isfinite(both)
     if ended.any():
         figure = charts.grids(first[ended], both[ended], failure_displacement=limit)
         yield Drawn("grids", f"Samples that ran on both grids. {agreement(told.summary)}{stopped}", figure)
-    modes = {mode: share for mode, share in (told.summary["modes"] or {}).items() if share["count"]}
+    modes = {mode: share for mode, share in (told.summary.modes or {}).items() if share.count}
     if len(modes) > 1:
         yield Drawn("modes", "Failure modes, by what the runs stand for.", charts.mode_shares(modes))
-    if told.summary["severity"] and len(modes) > 1:
+    if told.summary.severity and len(modes) > 1:
         yield Drawn(
             "severity",
             "Median of each consequence by failure mode, with its 90 % bootstrap interval.",
-            charts.severity(told.summary["severity"], told.labels),
+            charts.severity(told.summary.severity, told.labels),
         )
     weight = summary.slides_of(told.campaign, told.phases, refined).weight
     for group, fits in distinct(told).items():
@@ -150,28 +150,28 @@ def _numbers(told: Told) -> Iterator[Drawn]:
 def _hazards(told: Told) -> Iterator[Drawn]:
     """Figures of how likely a slide does how much."""
     # A curve of one step, as of slides that are all as deep as the ground, tells no more than P_f.
-    curves = {name: each for name, each in told.summary["exceedance"].items() if len({*each["probability"][:-1]}) > 1}
+    curves = {name: each for name, each in told.summary.exceedance.items() if len({*each.probability[:-1]}) > 1}
     if curves:
         yield Drawn(
             "exceedance",
             "Probability that a sample of the slope fails and its slide goes beyond what stands below, with its "
-            f"{told.summary['level']:.0%} interval at each point. The curves start at the probability of failure."
+            f"{told.summary.level:.0%} interval at each point. The curves start at the probability of failure."
             f"{cut_off(told.summary)}",
-            charts.exceedance(curves, told.labels, level=told.summary["level"]),
+            charts.exceedance(curves, told.labels, level=told.summary.level),
         )
     maps, shape = told.maps, told.campaign.site.shape
     toe = shape.toe_x if isinstance(shape, Slope) else None
     if maps is not None:
         draw = charts.plan_maps if told.campaign.dimension == 3 else charts.profile
-        said = _mapped(maps, told.summary["level"]) + cut_off(told.summary)
+        said = _mapped(maps, told.summary.level) + cut_off(told.summary)
         yield Drawn("hazard", said, draw(maps, toe=toe))
-    risk = told.summary["risk"]
-    if risk and risk["loss"] and risk["loss"]["expected"]:
+    risk = told.summary.risk
+    if risk and risk.loss and risk.loss.expected:
         yield Drawn(
             "losses",
             "Probability of losing more than stands below at the exposed places together. The area under the curve is "
             f"the expected loss.{cut_off(told.summary)}",
-            charts.losses(risk["loss"]["exceedance"], level=told.summary["level"]),
+            charts.losses(risk.loss.exceedance, level=told.summary.level),
         )
 
 
@@ -215,9 +215,9 @@ def _parts(told: Told, numbers: Sequence[Drawn], slopes: Sequence[Drawn]) -> Ite
         yield page.heading("How far, how much, how deep")
         yield page.paragraph(missing) if missing else page.paragraph(HOW, "how")
         yield from shown("exceedance", "hazard")
-    if found["risk"]:
+    if found.risk:
         yield page.heading("Exposed places")
-        yield from risks(found)
+        yield from risks(found, found.risk)
         yield from shown("losses")
     yield page.heading("What the slides look like" if told.failed.any() else "What the slope looks like")
     yield from look(told)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from cooperative.reporting._tables import tables_of
 from cooperative.runs import GridModel
 from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, Store, read_sample
+from cooperative.summary import Summary
 from foundation.files import aside
 
 Variable = tuple[tuple[str, ...] | str, np.ndarray, dict[str, str]]
@@ -23,7 +23,7 @@ Variable = tuple[tuple[str, ...] | str, np.ndarray, dict[str, str]]
 
 def write_netcdf(
     store: Store,
-    found: Mapping[str, Any],
+    summary: Summary,
     maps: Maps | None,
     *,
     models: Mapping[str, GridModel] | None = None,
@@ -37,24 +37,24 @@ def write_netcdf(
     own: the exceedance curves. Attributes: the probability of failure with its interval and method, how many slides had
     not come to rest at their end (what slides do is then at least what is given), and the scene.
 
-    found: the summary. models: of both grids, which tell damaged samples; see `write_table` for `estimator`.
+    models: of both grids, which tell damaged samples; see `write_table` for `estimator`.
     ValueError without xarray and h5netcdf (extra "exports"), OSError where the disk refuses.
     """
     xarray = _xarray()
     tables = tables_of(campaign_of(store, estimator), store, models)
-    variables = _of_samples(store, tables) | _of_curves(found)
+    variables = _of_samples(store, tables) | _of_curves(summary)
     if maps is not None:
         variables |= _of_maps(maps)
-    low, high = found["interval"]
+    low, high = summary.interval
     attributes = {
-        "title": found["name"],
-        "probability_of_failure": found["probability_of_failure"],
+        "title": summary.name,
+        "probability_of_failure": summary.probability_of_failure,
         "interval_low": low,
         "interval_high": high,
-        "level": found["level"],
-        "estimator": found["estimator"],
-        "slides": found["cut_off"]["of"],
-        "slides_not_at_rest": found["cut_off"]["at_t_end"],
+        "level": summary.level,
+        "estimator": summary.estimator,
+        "slides": summary.cut_off.of,
+        "slides_not_at_rest": summary.cut_off.at_t_end,
         "scene": store.scene_text,
     }
     # Along a single name a variable of that name is its axis.
@@ -93,13 +93,13 @@ def _of_samples(store: Store, tables: Mapping[str, Mapping[str, np.ndarray]]) ->
     return found
 
 
-def _of_curves(found: Mapping[str, Any]) -> dict[str, Variable]:
+def _of_curves(summary: Summary) -> dict[str, Variable]:
     variables: dict[str, Variable] = {}
-    for name, curve in found["exceedance"].items():
+    for name, curve in summary.exceedance.items():
         axis = f"{name}_threshold"
-        variables[axis] = (axis, np.array(curve["thresholds"]), {"long_name": f"{name} that is exceeded"})
-        for limit, values in (("", "probability"), ("_low", "low"), ("_high", "high")):
-            variables[f"{name}_exceedance{limit}"] = (axis, np.array(curve[values]), {"units": "1"})
+        variables[axis] = (axis, np.array(curve.thresholds), {"long_name": f"{name} that is exceeded"})
+        for limit, values in (("", curve.probability), ("_low", curve.low), ("_high", curve.high)):
+            variables[f"{name}_exceedance{limit}"] = (axis, np.array(values), {"units": "1"})
     return variables
 
 

@@ -75,8 +75,8 @@ def export(
         if maps is not None:
             yield from _of_maps(campaign, store, maps, kinds)
         if "netcdf" in kinds:
-            found = stored(campaign, store, rows["rough"], rows["refined"])
-            yield write_netcdf(store, found, maps, models=models, estimator=estimator)
+            summary = stored(campaign, store, rows["rough"], rows["refined"])
+            yield write_netcdf(store, summary, maps, models=models, estimator=estimator)
     if "particles" in kinds:
         for grid in GRIDS:
             for number in rows[grid].numbers:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from cooperative import runs, summary
+from cooperative import runs
 from cooperative.estimate import Phases
 from cooperative.hazard import Maps
 from cooperative.scene import Campaign
 from cooperative.store import Rows, Store
+from cooperative.summary import Summary, slides_of
 from jaxmpm import Slope
 
 
@@ -25,7 +25,7 @@ class Told:
     campaign: Campaign
     rough: Rows
     refined: Rows
-    summary: dict[str, Any]
+    summary: Summary
     left_out: tuple[str, ...] = ()
     maps: Maps | None = None
 
@@ -63,5 +63,5 @@ class Told:
     @property
     def failed(self) -> np.ndarray:
         """Refined runs that failed and have consequences: they slid to their end (runs,) bool."""
-        slid = summary.slides_of(self.campaign, self.phases, self.refined).slid
+        slid = slides_of(self.campaign, self.phases, self.refined).slid
         return slid & ~self.refined.columns.get("broke_off", np.zeros(slid.size)).astype(bool)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
-from cooperative.estimate import ENOUGH, NOT_ASKED, after_more_runs
+from cooperative.effects import Risk, Spread
+from cooperative.estimate import ENOUGH, NOT_ASKED, Fits, after_more_runs
 from cooperative.reporting import _page as page
 from cooperative.reporting._progress import duration, planned_rough
 from cooperative.reporting._told import Told
 from cooperative.scene import Campaign
 from cooperative.store import GRIDS, read_sample
+from cooperative.summary import OtherEstimate, Summary
 from foundation.text import printable
 
 INDISTINCT = 2.0
@@ -23,72 +24,71 @@ MORE_RUNS = (10, 25, 50, 100, 200, 500, 1000)
 def words(told: Told) -> str:
     """The summary for people."""
     found = told.summary
-    low, high = found["interval"]
+    low, high = found.interval
     lines = [
-        f"{found['name']}",
-        f"  probability of failure  {found['probability_of_failure']:.3f}  "
-        f"({found['level']:.0%} interval {low:.3f} to {high:.3f}; {found['estimator']})",
+        f"{found.name}",
+        f"  probability of failure  {found.probability_of_failure:.3f}  "
+        f"({found.level:.0%} interval {low:.3f} to {high:.3f}; {found.estimator})",
     ]
     lines += [f"  {line}" for line in (unseen(found),) if line]
-    for method, other in found["other_estimates"].items():
-        low, high = other["interval"]
-        lines.append(f"  beside it: {method:<14} {other['probability']:.3f}  ({low:.3f} to {high:.3f})")
+    for method, other in found.other_estimates.items():
+        low, high = other.interval
+        lines.append(f"  beside it: {method:<14} {other.probability:.3f}  ({low:.3f} to {high:.3f})")
     lines += [
-        f"  rough grid     {found['samples']} samples, {found['failures_rough']} beyond the failure displacement, "
-        f"{found['seconds']['rough']:.0f} s",
-        f"  refined grid   {found['refined_runs']} runs, {found['failures_refined']} failures, "
-        f"{found['seconds']['refined']:.0f} s",
+        f"  rough grid     {found.samples} samples, {found.failures_rough} beyond the failure displacement, "
+        f"{found.seconds['rough']:.0f} s",
+        f"  refined grid   {found.refined_runs} runs, {found.failures_refined} failures, "
+        f"{found.seconds['refined']:.0f} s",
     ]
     lines += [f"  {line}" for line in (_more(found), agreement(found)) if line]
-    for mode, share in (found["modes"] or {}).items():
-        if share["count"]:
-            low, high = share["interval"]
-            lines.append(f"  {mode:<13}  {share['ratio']:.0%} of the failures ({low:.0%} to {high:.0%})")
-    for name, spread in found["consequences_of_failures"].items():
+    for mode, share in (found.modes or {}).items():
+        if share.count:
+            low, high = share.interval
+            lines.append(f"  {mode:<13}  {share.ratio:.0%} of the failures ({low:.0%} to {high:.0%})")
+    for name, spread in found.consequences_of_failures.items():
         if spread and name in told.labels:
-            mean, largest = (_least(spread, key) for key in ("mean", "largest"))
-            limits = f"{page.number(spread['smallest'])} to {largest}"
+            mean, largest = (_least(value, spread.at_least) for value in (spread.mean, spread.largest))
+            limits = f"{page.number(spread.smallest)} to {largest}"
             lines.append(f"  {name:<13}  mean {mean} ({_interval(spread)}), {limits} ({told.units[name]})")
     lines += [f"  BROKE OFF      {line}" for line in _broken(found)]
     lines += [f"  LEFT OUT       {line}" for line in told.left_out]
-    lines += [f"  note: {note}" for note in found["notes"]]
+    lines += [f"  note: {note}" for note in found.notes]
     lines.append(f"  all of it, with figures: {told.store.folder / 'report.html'}")
     return "\n".join(map(printable, lines))
 
 
-def _least(of: dict[str, Any], key: str) -> str:
+def _least(value: float, at_least: bool) -> str:
     """A number of what slides do in words, "at least" that where they would have gone on."""
-    return ("at least " if of["at_least"] else "") + page.number(of[key])
+    return ("at least " if at_least else "") + page.number(value)
 
 
-def _cell(of: dict[str, Any], key: str) -> str | float:
+def _cell(value: float, at_least: bool) -> str | float:
     """The same for a table, which sets plain numbers to the right."""
-    number: float = of[key]
-    return _least(of, key) if of["at_least"] else number
+    return _least(value, at_least) if at_least else value
 
 
-def cut_off(found: dict[str, Any]) -> str:
+def cut_off(found: Summary) -> str:
     """A sentence for figures of what slides do, empty where all came to rest."""
-    cut = found["cut_off"]
-    if not cut["at_t_end"]:
+    cut = found.cut_off
+    if not cut.at_t_end:
         return ""
-    return f" It is at least that: {cut['at_t_end']} of {cut['of']} slides had not come to rest at {cut['t_end']:g} s."
+    return f" It is at least that: {cut.at_t_end} of {cut.of} slides had not come to rest at {cut.t_end:g} s."
 
 
-def _interval(spread: dict[str, Any]) -> str:
+def _interval(spread: Spread) -> str:
     """Of a mean, in words."""
-    alike = spread["interval"] is not None and spread["smallest"] == spread["largest"]
-    return "all alike" if alike else _limits(spread["interval"])
+    alike = spread.interval is not None and spread.smallest == spread.largest
+    return "all alike" if alike else _limits(spread.interval)
 
 
-def distinct(told: Told) -> dict[str, dict[str, Any]]:
+def distinct(told: Told) -> dict[str, dict[str, Fits]]:
     """Fits of all failures and of each mode, but not of a mode that all failures have."""
-    fits: dict[str, dict[str, Any]] = told.summary["fits"]
+    fits = told.summary.fits
     modes = [fit for group, fit in fits.items() if group != "all"]
     kept = {"all": fits["all"]} if modes == [fits.get("all")] else fits
     # What is the same in all slides has no distribution.
     return {
-        group: {name: fit for name, fit in each.items() if name in told.labels and fit["fits"]}
+        group: {name: fit for name, fit in each.items() if name in told.labels and fit.fits}
         for group, each in kept.items()
     }
 
@@ -100,25 +100,25 @@ def _soil(campaign: Campaign) -> str:
 def answer(told: Told) -> Iterator[str]:
     """The answer in a sentence, what it rests on, and what a reader must beware of."""
     found = told.summary
-    chance, (low, high) = found["probability_of_failure"], found["interval"]
+    chance, (low, high) = found.probability_of_failure, found.interval
     yield page.answer(
         "The slope fails with probability" if chance else "No run has failed: the slope fails with probability",
         f"{chance:.3g}",
-        f"({found['level']:.0%} interval {low:.3g} to {high:.3g}){in_slopes(chance)}.",
+        f"({found.level:.0%} interval {low:.3g} to {high:.3g}){in_slopes(chance)}.",
     )
     yield page.paragraph(
         f"It fails when {_soil(told.campaign)} moves farther than {told.campaign.run.failure_displacement:g} m. "
-        f"{found['samples']} random slopes ran on the rough grid, {found['refined_runs']} of them on the refined one, "
-        f"where {found['failures_refined']} failed. {_reach(told)}".strip()
+        f"{found.samples} random slopes ran on the rough grid, {found.refined_runs} of them on the refined one, "
+        f"where {found.failures_refined} failed. {_reach(told)}".strip()
     )
-    if not found["finished"]:
+    if not found.finished:
         planned = planned_rough(told.campaign)
         yield page.paragraph(
-            f"The campaign has not ended: this is what is known so far, from {found['samples']} of {planned} samples "
-            f"on the rough grid and {found['refined_runs']} refined runs.",
+            f"The campaign has not ended: this is what is known so far, from {found.samples} of {planned} samples "
+            f"on the rough grid and {found.refined_runs} refined runs.",
             "note",
         )
-    for note in [*found["notes"], *(f"broke off: {line}" for line in _broken(found))]:
+    for note in [*found.notes, *(f"broke off: {line}" for line in _broken(found))]:
         yield page.paragraph(note, "note")
 
 
@@ -135,12 +135,12 @@ def in_slopes(chance: float) -> str:
 
 def _reach(told: Told) -> str:
     """How far one slope in ten, a hundred or a thousand goes, the rarest of which the runs tell; else empty."""
-    curve, found = told.summary["exceedance"].get("runout"), told.phases.estimate
+    curve, found = told.summary.exceedance.get("runout"), told.phases.estimate
     if not curve:
         return ""
     for many in (10, 100, 1000):
         if found.probability > 1.2 / many:
-            reached = [at for at, chance in zip(curve["thresholds"], curve["probability"], strict=True)
+            reached = [at for at, chance in zip(curve.thresholds, curve.probability, strict=True)
                        if chance >= 1 / many]  # fmt: skip
             return (
                 f"One slope in {many} slides to {reached[-1]:.3g} {told.units['runout']} or farther." if reached else ""
@@ -148,13 +148,13 @@ def _reach(told: Told) -> str:
     return ""
 
 
-def without_slides(found: dict[str, Any]) -> str:
+def without_slides(found: Summary) -> str:
     """Why nothing is known of what slides do, in words; empty where some have come to their end."""
-    if found["consequences_of_failures"].get("depth"):
+    if found.consequences_of_failures.get("depth"):
         return ""
-    if not found["failures_refined"]:
+    if not found.failures_refined:
         return "No refined run has failed, so there is no slide."
-    if not found["slides_drawn"]:
+    if not found.slides_drawn:
         return f"No consequence was asked for: {NOT_ASKED}, and refined runs end once they have failed."
     return "No slide has come to its end yet."
 
@@ -163,30 +163,27 @@ def look(told: Told) -> Iterator[str]:
     """What the slides do on average, and which modes they have."""
     missing = without_slides(told.summary)
     yield page.paragraph(missing) if missing else _consequences(told)
-    modes = {mode: share for mode, share in (told.summary["modes"] or {}).items() if share["count"]}
+    modes = {mode: share for mode, share in (told.summary.modes or {}).items() if share.count}
     if len(modes) == 1:
         yield page.paragraph(f"All failures are {next(iter(modes))}.")
     elif modes:
         yield page.table(
-            ["failure mode", "runs", "share of the failures", f"{told.summary['level']:.0%} interval", "probability"],
-            [
-                [mode, each["count"], float(each["ratio"]), _limits(each["interval"]), float(each["probability"])]
-                for mode, each in modes.items()
-            ],
+            ["failure mode", "runs", "share of the failures", f"{told.summary.level:.0%} interval", "probability"],
+            [[mode, each.count, each.ratio, _limits(each.interval), each.probability] for mode, each in modes.items()],
         )
 
 
 def bought(told: Told) -> Iterator[str]:
     """What further refined runs would buy, and how long they would take."""
     found, estimate = told.summary, told.phases.estimate
-    left = found["after_more_runs"]["samples_left"]
+    left = found.after_more_runs.samples_left
     if left == 0:
         yield page.paragraph("Every sample has run on the refined grid: only more samples would narrow the interval.")
         return
-    if found["after_more_runs"]["coefficient_of_variation"] is None:
+    if left is None or found.after_more_runs.coefficient_of_variation is None:
         yield page.paragraph("The runs do not tell what more of them would buy.")
         return
-    each = found["seconds"]["refined"] / max(found["refined_runs"], 1)
+    each = found.seconds["refined"] / max(found.refined_runs, 1)
     counts = [*(count for count in MORE_RUNS if count < left), left]
     bought = {count: after_more_runs(estimate, count, samples=estimate.refined_runs + left) for count in counts}
     yield page.table(
@@ -199,19 +196,19 @@ def bought(told: Told) -> Iterator[str]:
     )
 
 
-def estimates(found: dict[str, Any]) -> str:
+def estimates(found: Summary) -> str:
     """Table of P_f by every estimator, with its interval."""
-    own = {"probability": found["probability_of_failure"], "interval": found["interval"]}
-    methods = {found["estimator"]: own} | found["other_estimates"]
-    cov = found["coefficient_of_variation"]
+    own = OtherEstimate(found.probability_of_failure, found.interval)
+    methods = {found.estimator: own, **found.other_estimates}
+    cov = found.coefficient_of_variation
     return page.table(
-        ["estimator", "probability", f"{found['level']:.0%} interval", "coefficient of variation"],
+        ["estimator", "probability", f"{found.level:.0%} interval", "coefficient of variation"],
         [
             [
                 name,
-                float(each["probability"]),
-                "{:.3g} to {:.3g}".format(*each["interval"]),
-                cov if name == found["estimator"] else None,
+                each.probability,
+                "{:.3g} to {:.3g}".format(*each.interval),
+                cov if name == found.estimator else None,
             ]
             for name, each in methods.items()
         ],
@@ -223,54 +220,55 @@ def _consequences(told: Told) -> str:
         [
             name,
             told.units[name],
-            _cell(spread, "mean"),
+            _cell(spread.mean, spread.at_least),
             _interval(spread),
-            spread["smallest"],
-            _cell(spread, "largest"),
+            spread.smallest,
+            _cell(spread.largest, spread.at_least),
         ]
-        for name, spread in told.summary["consequences_of_failures"].items()
+        for name, spread in told.summary.consequences_of_failures.items()
         if spread and name in told.labels
     ]
-    columns = ["of the slides", "unit", "mean", f"{told.summary['level']:.0%} interval", "smallest", "largest"]
+    columns = ["of the slides", "unit", "mean", f"{told.summary.level:.0%} interval", "smallest", "largest"]
     return page.table(columns, rows)
 
 
-def risks(found: dict[str, Any]) -> Iterator[str]:
+def risks(found: Summary, risk: Risk) -> Iterator[str]:
     """What comes over the exposed places and what is lost."""
-
-    cut = found["cut_off"]
+    cut = found.cut_off
     rows: list[list[str | float | int | None]] = []
-    places = found["risk"]["places"]
-    if None in places.values():
+    known = {name: element for name, element in risk.places.items() if element is not None}
+    if len(known) < len(risk.places):
         why = without_slides(found) or "No slide that has come to its end counts in the estimate so far."
-        yield page.paragraph(f"Nothing is known of how likely a slide reaches {', '.join(places)}. {why}", "note")
+        yield page.paragraph(f"Nothing is known of how likely a slide reaches {', '.join(risk.places)}. {why}", "note")
         return
-    for name, place in places.items():
-        loss, arrival = place.get("loss"), place["arrival"]
+    for name, element in known.items():
+        reached, arrival, loss = element.reached, element.arrival, element.loss
         rows.append(
             [
                 name,
-                _cell(place["reached"], "probability"),
-                _limits(place["reached"]["interval"]),
-                f"{_least(arrival, 'mean')} ({_interval(arrival)})" if arrival else f"not within {cut['t_end']:g} s",
-                *(_cell(place[what], "mean") if place[what] else None for what in ("thickness", "speed")),
-                loss and _cell(loss, "expected"),
-                loss and _limits(loss["interval"]),
+                _cell(reached.probability, reached.at_least),
+                _limits(reached.interval),
+                f"{_least(arrival.mean, arrival.at_least)} ({_interval(arrival)})"
+                if arrival
+                else f"not within {cut.t_end:g} s",
+                *(_cell(each.mean, each.at_least) if each else None for each in (element.thickness, element.speed)),
+                _cell(loss.expected, loss.at_least) if loss else None,
+                _limits(loss.interval) if loss else None,
             ]
         )
-    level = f"{found['level']:.0%} interval" + (f" of what {cut['t_end']:g} s show" if cut["at_t_end"] else "")
+    level = f"{found.level:.0%} interval" + (f" of what {cut.t_end:g} s show" if cut.at_t_end else "")
     heads = ["place", "probability of being reached", level, "arrival, s", "thickness, m", "speed, m/s"]
     yield page.table([*heads, "expected loss", level], rows)
     yield page.paragraph(
         "Arrival, thickness and speed are means over the slides that come, of the largest values at the place."
     )
-    loss = found["risk"]["loss"]
-    if not loss:
+    whole = risk.loss
+    if not whole:
         return
-    modes = ", ".join(f"{mode} slides make {share:.0%} of it" for mode, share in loss["modes"].items() if share)
-    most = ", ".join(f"{each['sample']} ({each['share']:.0%})" for each in loss["samples"])
+    modes = ", ".join(f"{mode} slides make {share:.0%} of it" for mode, share in whole.modes.items() if share)
+    most = ", ".join(f"{each.sample} ({each.share:.0%})" for each in whole.samples)
     yield page.paragraph(
-        f"Expected loss per slope {_least(loss, 'expected')} ({_limits(loss['interval'])})"
+        f"Expected loss per slope {_least(whole.expected, whole.at_least)} ({_limits(whole.interval)})"
         + (f"; {modes}" if modes else "")
         + (f"; most of it the samples {most}." if most else ".")
     )
@@ -289,10 +287,10 @@ def best_fits(told: Told) -> Iterator[str]:
     few: dict[str, int] = {}
     for group, fits in distinct(told).items():
         for name, fit in fits.items():
-            best, *others = fit["fits"] or [None]
-            close = [other["name"] for other in others if other["aic"] - best["aic"] < INDISTINCT]
-            rows.append([group, name, fit["best_aic"], fit["best_bic"], ", ".join(close) or None])
-            few |= {group: fit["samples"]} if fit["samples"] < ENOUGH else {}
+            best, *others = fit.fits
+            close = [other.name for other in others if other.aic - best.aic < INDISTINCT]
+            rows.append([group, name, fit.best_aic, fit.best_bic, ", ".join(close) or None])
+            few |= {group: fit.samples} if fit.samples < ENOUGH else {}
     if few:
         said = ", ".join(f"{count} {group}" for group, count in few.items())
         yield page.paragraph(
@@ -306,8 +304,8 @@ def run_table(told: Told) -> str:
     rows: list[list[str | float | int | None]] = []
     made: dict[str, str] = {}
     for grid, of in zip(GRIDS, (told.rough, told.refined), strict=True):
-        statuses = ", ".join(_ended(told.campaign, *each) for each in told.summary["status"][grid].items())
-        rows.append([f"{grid} grid", f"{statuses or 'none'}; {duration(told.summary['seconds'][grid])} of runs"])
+        statuses = ", ".join(_ended(told.campaign, *each) for each in told.summary.status[grid].items())
+        rows.append([f"{grid} grid", f"{statuses or 'none'}; {duration(told.summary.seconds[grid])} of runs"])
         rows.append([f"{grid} grid", _bands(told.campaign, grid)])
         for number in of.numbers[-1:]:
             last = read_sample(told.store, grid, number)
@@ -317,9 +315,9 @@ def run_table(told: Told) -> str:
         [f"last sample, {' and '.join(g for g in made if made[g] == how)} grid", how] for how in set(made.values())
     ]
     rows += [["left out", why] for why in told.left_out]
-    factors = told.summary["calibration"]
+    factors = told.summary.calibration
     if factors:
-        rows.append(["calibration", f"rough strength times {factors['factor']:.3f}"])
+        rows.append(["calibration", f"rough strength times {factors.factor:.3f}"])
     return page.table([], rows)
 
 
@@ -341,60 +339,60 @@ def _bands(campaign: Campaign, grid: str) -> str:
     return f"{said}, softening " + ("per cell" if thickness is None else f"of a band {thickness:g} m thick")
 
 
-def unseen(found: dict[str, Any]) -> str:
+def unseen(found: Summary) -> str:
     """How much of the interval is for what no run has looked at, in words; empty where it holds no such part."""
-    if found["sampling_interval"] is None or not found["unseen"]:
+    if found.sampling_interval is None or not found.unseen:
         return ""
-    low, high = found["sampling_interval"]
+    low, high = found.sampling_interval
     cov = (
         ""
-        if found["coefficient_of_variation"] is None
-        else f" (coefficient of variation {found['coefficient_of_variation']:.1%})"
+        if found.coefficient_of_variation is None
+        else f" (coefficient of variation {found.coefficient_of_variation:.1%})"
     )
     return (
         f"Of sampling alone the interval is {low:.3g} to {high:.3g}{cov}; the rest allows for up to "
-        f"{found['unseen']:.2g} of all samples failing far down the ranking, where no run has looked."
+        f"{found.unseen:.2g} of all samples failing far down the ranking, where no run has looked."
     )
 
 
-def _more(found: dict[str, Any]) -> str:
+def _more(found: Summary) -> str:
     """What further refined runs would buy, in words; empty where nothing can be said."""
-    more, now = found["after_more_runs"], found["coefficient_of_variation"]
-    runs, left, then, last = (more[key] for key in ("runs", "samples_left", "coefficient_of_variation", "all_samples"))
+    more, now = found.after_more_runs, found.coefficient_of_variation
+    runs, left, then = more.runs, more.samples_left, more.coefficient_of_variation
     if now is None or then is None or (left and not runs):
         return ""
     if not left:
         return f"All samples have run refined: only more would bring the coefficient of variation below {now:.1%}."
     if runs == left:
         return f"{_bring(runs, now, then)}, and then all have run refined: beyond that only more samples help."
-    return f"{_bring(runs, now, then)}, and all {left} samples that are left to {last:.1%}."
+    return f"{_bring(runs, now, then)}, and all {left} samples that are left to {more.all_samples:.1%}."
 
 
 def _bring(runs: int, now: float, then: float) -> str:
     return f"Another {runs} refined runs would bring the coefficient of variation from {now:.1%} to {then:.1%}"
 
 
-def finished(found: dict[str, Any]) -> str:
+def finished(found: Summary) -> str:
     """Whether the campaign has ended, and why."""
-    return f"The campaign has ended: {found['finished']}." if found["finished"] else "The campaign has not ended yet."
+    return f"The campaign has ended: {found.finished}." if found.finished else "The campaign has not ended yet."
 
 
-def agreement(found: dict[str, Any]) -> str:
+def agreement(found: Summary) -> str:
     """How well the grids agree, in words."""
-    grids = found["grids"]
+    grids = found.grids
     if not grids:
         return ""
-    low, high = grids["interval"]
+    low, high = grids.interval
     return (
-        f"Rank correlation of both grids {grids['spearman']:.2f} ({low:.2f} to {high:.2f}), same class in "
-        f"{grids['same_class']:.1%}, over {grids['samples']} samples."
-        + (" Failures that did not slide on rank alike." if found["status"]["refined"].get("DECIDED") else "")
+        f"Rank correlation of both grids {grids.spearman:.2f} ({low:.2f} to {high:.2f}), same class in "
+        f"{grids.same_class:.1%}, over {grids.samples} samples."
+        + (" Failures that did not slide on rank alike." if found.status["refined"].get("DECIDED") else "")
     )
 
 
-def _broken(found: dict[str, Any]) -> list[str]:
+def _broken(found: Summary) -> list[str]:
     return [
         f"sample {number} on the {grid} grid: {why}"
-        for grid, broken in found["broke_off"].items()
+        for grid, broken in found.broke_off.items()
         for number, why in broken.items()
     ]
