@@ -83,7 +83,7 @@ def test_a_campaign_killed_before_its_first_sample_measures_nothing_again(tmp_pa
     assert (measured["limit_load"]["displacement"], measured["calibration"]["rough"]) == (0.3, 1.2)
     summary = run(text, tmp_path)
     assert json.loads((tmp_path / "measured.json").read_text()) == measured
-    assert (summary["limit_load"], summary["calibration"]["refined"]) == (measured["limit_load"], 1.1)
+    assert (summary.limit_load, summary.calibration.refined) == (LimitLoad(**measured["limit_load"]), 1.1)
     # A kill between two measurements costs the second alone.
     (tmp_path / "measured.json").write_text(json.dumps({name: measured[name] for name in ("terms", "limit_load")}))
     with pytest.raises(Killed):
