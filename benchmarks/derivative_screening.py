@@ -23,7 +23,7 @@ from scipy.stats import norm, rankdata
 from benchmarks.measure import Report, scene_campaign
 from benchmarks.section_pairs import SAMPLES, read
 from cooperative import runs
-from jaxmpm import replay
+from jaxmpm import replay, with_soil
 from jaxmpm.run import objectives
 
 SECONDS = 2.0
@@ -41,8 +41,8 @@ def gradients(count: int) -> tuple[np.ndarray, np.ndarray, float, float]:
     steps = round(SECONDS / float(model.scene.time_step))
 
     def moved(coefficients: jax.Array) -> jax.Array:
-        material = replace(model.scene.material, strength=model.strength(coefficients))
-        final, _ = replay(replace(model.scene, material=material), model.state, steps)
+        scene, state = with_soil(model.scene, model.state, **model.varied(coefficients))
+        final, _ = replay(scene, state, steps)
         return objectives.log_displacement(final, 1e-4)
 
     both, alone = jax.jit(jax.value_and_grad(moved)), jax.jit(moved)

@@ -108,7 +108,7 @@ def _rows(variant: Variant, numbers: list[int]) -> Iterator[tuple[object, ...]]:
     coefficients = runs.coefficients_of(campaign, soil)
     model = runs.build(campaign, grid, soil)
     begun = float(_energy(model.scene, model.state))
-    strengths = (model.strength(jnp.asarray(coefficients[sample])) for sample in numbers)
+    strengths = (model.varied(jnp.asarray(coefficients[sample]))["strength"] for sample in numbers)
     for sample, result in solve_each(
         model.scene, model.state, {"strength": strengths}, numbers=numbers, width=1, t_end=campaign.run.t_end,
         settle=Settle(), stop_at=campaign.run.failure_displacement if until == "class" else None,

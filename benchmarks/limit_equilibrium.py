@@ -68,7 +68,7 @@ def zones(shape: Section, layers: Sequence[Layer]) -> Iterator[tuple[int, shapel
 
 def material(number: int, layer: Layer, u: str, r_u: float | None) -> dict[str, Any]:
     """A layer as xslope names its numbers; clay in total stress. u: where the pore pressure of others comes from."""
-    soil = layer.soil
+    soil: Any = layer.soil
     if isinstance(soil, Soil):
         assert soil.strength is not None
         cohesion, friction, u = soil.strength, 0.0, "none"

@@ -6,7 +6,7 @@ to 18 of Jiang et al. (2024), Computers and Geotechnics 172, 106413.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from scipy.ndimage import median_filter
 from benchmarks.study_runs import prepared
 from benchmarks.study_table import Rows, Run
 from cooperative.reporting import draw_particles, save
-from jaxmpm import solve, with_strength
+from jaxmpm import solve
 
 SLID = 1.0
 """Soil that has moved farther (m) has slid: the publication's failure displacement."""
@@ -65,17 +65,14 @@ def typical(rows: Rows) -> dict[str, Run]:
 def run_again(run: Run, times: tuple[float, ...] = (2.0, 4.0, 8.0, 20.0)) -> Slide:
     """The slide of a run in 3D, with its states at `times` (s). FloatingPointError where the run breaks off."""
     model, coefficients = prepared(run.case, run.grid)
-    strength = model.strength(coefficients[run.sample]) / run.reduction
+    scene, state = replace(model, strength_factor=1 / run.reduction).of_sample(coefficients[run.sample])
     campaign = model.campaign
     times = tuple(dict.fromkeys(min(time, campaign.run.t_end) for time in times))
-    done = solve(
-        with_strength(model.scene, strength), model.state, t_end=campaign.run.t_end, snapshots=times,
-        settle=campaign.run.settle,
-    ).raise_if_failed()  # fmt: skip
+    done = solve(scene, state, t_end=campaign.run.t_end, snapshots=times, settle=campaign.run.settle).raise_if_failed()
     return Slide(
         np.asarray(model.scene.particles.position),
         model.half_size,
-        np.asarray(strength),
+        np.asarray(scene.material.strength),
         times,
         np.stack([np.asarray(state.displacement) for state in done.snapshots]),
         campaign.grids[run.grid].cell,

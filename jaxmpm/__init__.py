@@ -40,7 +40,9 @@ from jaxmpm.laws import (
     WaterSurface,
     WaterTable,
     cone,
+    declared,
     reduce_strength,
+    with_parameters,
 )
 from jaxmpm.run import (
     Checkpoints,
@@ -80,7 +82,17 @@ from jaxmpm.setup import (
     with_soil,
     with_strength,
 )
-from jaxmpm.soil import Believed, FrictionalSoil, Interface, PlasticStrain, Soil, unit_slip
+from jaxmpm.soil import (
+    AnySoil,
+    Believed,
+    FrictionalSoil,
+    Interface,
+    PlasticStrain,
+    Soil,
+    moduli,
+    soil_limits,
+    unit_slip,
+)
 from jaxmpm.transfer import GIMP, Linear, QuadraticBSpline, native_available, native_library
 from jaxmpm.types import (
     Columns,
@@ -100,6 +112,7 @@ from jaxmpm.types import (
 __all__ = [
     "GIMP",
     "J2",
+    "AnySoil",
     "BaseMotion",
     "Believed",
     "Checkpoints",
@@ -162,12 +175,14 @@ __all__ = [
     "column",
     "column_shape",
     "cone",
+    "declared",
     "diagnostics",
     "factor_of_safety",
     "fill",
     "ground",
     "lanes",
     "load_state",
+    "moduli",
     "native_available",
     "native_library",
     "objectives",
@@ -185,6 +200,7 @@ __all__ = [
     "scene_of",
     "section",
     "slope",
+    "soil_limits",
     "solve",
     "solve_each",
     "step",
@@ -194,6 +210,7 @@ __all__ = [
     "unit_slip",
     "unstressed",
     "with_columns",
+    "with_parameters",
     "with_soil",
     "with_strength",
     "write_aside",

@@ -302,7 +302,7 @@ def test_softening_that_would_snap_back_within_its_values_is_refused_before_it_r
 def test_weaker_grids_divide_cohesion_and_the_tangent_of_friction():
     text = changed(SAND, ("poisson = 0.3", "poisson = 0.3\ndilation = 4.5"))
     model = model_of(text)
-    xi, weaker = drawn(model, 1)[0], model.weakened(0.8)
+    xi, weaker = drawn(model, 1)[0], model.with_strength_factor(0.8)
     before, after = model.parameters(xi), weaker.parameters(xi)
     np.testing.assert_allclose(after["cohesion"], 0.8 * before["cohesion"], rtol=1e-6)
     tangent = np.tan(np.radians(after["friction"]))
@@ -311,7 +311,7 @@ def test_weaker_grids_divide_cohesion_and_the_tangent_of_friction():
     assert weaker.names == ("cohesion", "friction", "dilation")
     assert float(weaker.scene.material.cohesion) == pytest.approx(4e3)
     soft = model_of(SOFT)
-    xi, weaker = drawn(soft, 1)[0], soft.weakened(0.8)
+    xi, weaker = drawn(soft, 1)[0], soft.with_strength_factor(0.8)
     before, after = soft.varied(xi), weaker.varied(xi)
     np.testing.assert_allclose(after["softening.cohesion"], 0.8 * before["softening.cohesion"], rtol=1e-6)
     tangents = (np.tan(each["softening.friction"]) for each in (after, before))

@@ -330,9 +330,9 @@ def _ended(campaign: Campaign, status: str, count: int) -> str:
 
 def _bands(campaign: Campaign, grid: str) -> str:
     """How a grid's answers depend on its cell, in words."""
-    numerics, thickness = campaign.grids[grid], campaign.soil.softening_length
+    numerics, thickness = campaign.grids[grid], getattr(campaign.soil, "softening_length", None)
     said = f"cells of {numerics.cell:g} m, {'F-bar' if numerics.fbar else 'no F-bar'}"
-    if not campaign.soil.softens:
+    if not getattr(campaign.soil, "softens", False):
         return said
     if numerics.internal_length is not None:
         said += f", plastic strain averaged over {numerics.internal_length:.3g} m"

@@ -8,7 +8,7 @@ by the Gauss-Newton (Laplace) approximation of their covariance (Tarantola 2005,
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +19,7 @@ from jax.flatten_util import ravel_pytree
 
 from cooperative.runs import GridModel
 from foundation.text import shown
-from jaxmpm import objectives, pytree, replay
+from jaxmpm import objectives, pytree, replay, with_soil
 
 # Prior deviation of the logarithms of strength and softening: a factor of 1.3 either way.
 LOG_DEVIATION = 0.3
@@ -77,9 +77,10 @@ class Recovery:
 def predict(model: GridModel, survey: Survey, parameters: Parameters, *, memory: float = 2e9) -> Observed:
     """What the survey would show of the slide that these parameters make. Differentiable.
 
-    Raises ValueError for markers that are no particles of the model, or a soil that does not soften by a
-    modulus.
+    Raises ValueError for markers that are no particles of the model, a soil that does not soften by a modulus, and
+    random stiffness or weight.
     """
+    model.refuse_own_start()
     scene, law = model.scene, model.scene.material
     count = scene.particles.mass.size
     strangers = [int(m) for m in survey.markers if not 0 <= m < count]
@@ -97,9 +98,10 @@ def predict(model: GridModel, survey: Survey, parameters: Parameters, *, memory:
     dtype = scene.particles.mass.dtype
     missing = model.soil.modes - len(parameters.coefficients)
     field = jnp.concatenate([jnp.asarray(parameters.coefficients, dtype), jnp.zeros(missing, dtype)])
-    strength = model.strength(field) * jnp.exp(parameters.strength)
-    softening = replace(law.softening, modulus=law.softening.modulus * jnp.exp(parameters.softening))
-    varied = replace(scene, material=replace(law, strength=strength, softening=softening))
+    drawn = {"strength": law.strength, "softening.modulus": law.softening.modulus, **model.varied(field)}
+    changed = {"strength": parameters.strength, "softening.modulus": parameters.softening}
+    drawn |= {path: drawn[path] * jnp.exp(change) for path, change in changed.items()}
+    varied, _ = with_soil(scene, model.state, **drawn)
     every = max(1, round(survey.seconds / float(scene.time_step) / survey.times))
     final, histories = replay(
         varied, model.state, every * survey.times, memory=memory, every=every,

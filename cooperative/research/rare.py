@@ -121,11 +121,7 @@ def slide_limit_state(
     memory: bytes for reverse mode. Raises ValueError where stiffness or weight are random, on which the initial stress
     depends.
     """
-    if model.own_start:
-        raise ValueError(
-            f"random are {', '.join(model.names)}, and with stiffness or weight the initial stress, which the gradient "
-            "would leave out: give those as numbers"
-        )
+    model.refuse_own_start()
     scene, state = model.scene, model.state
     steps = max(1, round(seconds / float(scene.time_step)))
 

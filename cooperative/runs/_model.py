@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -19,7 +19,7 @@ from cooperative.measure import ColumnPlan, OpenGround
 from cooperative.runs._initial import read_initial
 from cooperative.runs._random_soil import RandomSoil, random_soil
 from cooperative.scene import Campaign, RandomField, built
-from jaxmpm import Face, Scene, State, column_shape, with_columns
+from jaxmpm import Face, Scene, State, column_shape, declared, with_columns, with_parameters
 
 
 @dataclass(frozen=True)
@@ -85,54 +85,60 @@ class GridModel:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The parameters that samples differ in, as `parameters` gives them."""
+        """The parameters that samples differ in, as `parameters` gives them: what is random, and what strength
+        reduction then brings down with it."""
         random = tuple(self.campaign.random)
-        bound = self.strength_factor != 1 and "friction" in random and "dilation" not in random
-        return (*random, "dilation") if bound else random
+        bound = (
+            name
+            for name, each in declared(self.scene.material).items()
+            if self.strength_factor != 1 and name not in random and not each.parameter.reduced
+            and each.parameter.at_most in random
+        )  # fmt: skip
+        return (*random, *bound)
+
+    @property
+    def paths(self) -> dict[str, str]:
+        """Where `jaxmpm.with_soil` and `solve_each` find the parameters that samples differ in, by name."""
+        known = declared(self.scene.material)
+        return {name: known[name].path if name in known else name for name in self.names}
 
     @property
     def own_start(self) -> bool:
         """Whether samples have an initial stress and a time step of their own: where stiffness or weight are random."""
         return not {"young", "poisson", "unit_weight"}.isdisjoint(self.names)
 
-    def parameters(self, coefficients: jax.Array | np.ndarray) -> dict[str, jax.Array]:
-        """The random parameters at the particles, each (N,), by name: in SI units, angles in degrees.
+    def refuse_own_start(self) -> None:
+        """Raise ValueError where samples have an initial stress of their own, which a gradient would leave out."""
+        if self.own_start:
+            raise ValueError(
+                f"random are {', '.join(self.names)}, and with stiffness or weight the initial stress, which the "
+                "gradient would leave out: give those as numbers"
+            )
 
-        coefficients: (modes,) of a sample. Raises ValueError for another number of them.
+    def parameters(self, coefficients: jax.Array | np.ndarray | None = None) -> dict[str, jax.Array]:
+        """The parameters at the particles in which samples differ, each (N,), by engineer's name: in SI units, angles
+        in degrees, softening that of a band as thick as `softening_length`.
+
+        coefficients: (modes,) of a sample, None for the median soil. Raises ValueError for another number of them.
         """
-        own = {group.layer: self.soil.coefficients(coefficients, group.layer) for group in self.soil.groups}
-        found = {
-            name: self._values(field, name, {layer: each[name] for layer, each in own.items() if name in each})
-            for name, field in self.campaign.random.items()
+        return {
+            name: self._of_engineers(name, value, inverse=True) for name, value in self._in_law(coefficients).items()
         }
-        return found if self.strength_factor == 1 else self._weakened(found)
 
-    def varied(self, coefficients: jax.Array | np.ndarray) -> dict[str, jax.Array]:
-        """The random parameters at the particles, each (N,), as `jaxmpm.solve_each` and `with_soil` take them: by the
-        names of the law, angles in radians, softening that of the grid's bands."""
-        found = self.parameters(coefficients)
-        found |= {name: jnp.deg2rad(found[name]) for name in ANGLES if name in found}
-        found |= {name: found[name] * self._per_band(name) for name in PER_BAND if name in found}
-        return {IN_LAW.get(name, name): value for name, value in found.items()}
+    def varied(self, coefficients: jax.Array | np.ndarray | None = None) -> dict[str, jax.Array]:
+        """The same as `jaxmpm.solve_each` and `with_soil` take them: by path in the law and in its numbers, angles in
+        radians, softening that of the grid's bands."""
+        return {self.paths[name]: value for name, value in self._in_law(coefficients).items()}
 
-    def _per_band(self, name: str) -> jax.Array:
-        """The law's number of a parameter over the scene's own, which is of a band as thick as `softening_length`."""
-        part, _, parameter = IN_LAW[name].partition(".")
-        soils = [each.soil for each in self.campaign.site.soils(self.campaign.soil)]
-        own = np.array([getattr(soil, name) for soil in soils])
-        return getattr(getattr(self.scene.material, part), parameter) / (
-            own[0] if self.layer is None else own[self.layer]
-        )
-
-    def of_sample(self, coefficients: jax.Array | np.ndarray) -> tuple[Scene, State]:
-        """Scene and initial state of a sample, with its own time step. Raises ValueError for values that no soil
-        has."""
+    def of_sample(self, coefficients: jax.Array | np.ndarray | None = None) -> tuple[Scene, State]:
+        """Scene and initial state of a sample, or of the median soil, with its own time step. Raises ValueError for
+        values that no soil has."""
         return jaxmpm.with_soil(self.scene, self.state, **self.varied(coefficients))
 
     @property
     def median(self) -> tuple[Scene, State]:
         """Scene and initial state of the median soil: that of a sample whose coefficients are all zero."""
-        return self.of_sample(np.zeros(self.soil.modes))
+        return self.of_sample()
 
     def time_step(self, coefficients: jax.Array | np.ndarray) -> float:
         """Of a sample (s)."""
@@ -141,7 +147,7 @@ class GridModel:
         scene, _ = jaxmpm.with_soil(self.scene, jaxmpm.unstressed(self.scene), **self.varied(coefficients))
         return float(scene.time_step)
 
-    def strength(self, coefficients: jax.Array | np.ndarray) -> jax.Array:
+    def strength(self, coefficients: jax.Array | np.ndarray | None = None) -> jax.Array:
         """Undrained strength at the particles (N,) Pa, for coefficients (modes,). Raises ValueError where that is not
         what is random."""
         if "strength" not in self.campaign.random:
@@ -165,27 +171,49 @@ class GridModel:
         that already. Raises ValueError for exposed places outside the ground."""
         model, calibration = replace(self, campaign=campaign).looking(), campaign.measured.calibration
         factor = calibration.factor if calibration is not None and self.grid == "rough" else 1.0
-        return model if factor == self.strength_factor else model.weakened(factor)
+        return model if factor == self.strength_factor else model.with_strength_factor(factor)
 
-    def weakened(self, factor: float) -> GridModel:
+    def with_strength_factor(self, factor: float) -> GridModel:
         """The same grid with all strength, random or not, times a factor."""
         known = "strength" in self.campaign.random and self.campaign.site.interface is None
         scene = self.scene if known else jaxmpm.reduced(self.scene, 1 / factor)
         return replace(self, scene=scene, strength_factor=factor)
 
-    def _weakened(self, found: dict[str, jax.Array]) -> dict[str, jax.Array]:
-        """Parameters with their strength times the factor: of friction its tangent."""
-        factor, weaker = self.strength_factor, dict(found)
-        for name in {"strength", "cohesion", "residual_cohesion"} & found.keys():
-            weaker[name] = found[name] * factor
-        for name in {"friction", "residual_friction"} & found.keys():
-            weaker[name] = jnp.rad2deg(jnp.arctan(jnp.tan(jnp.deg2rad(found[name])) * factor))
-        if {"friction", "dilation"} & found.keys():
-            law: Any = self.scene.material
-            friction = weaker.get("friction", jnp.rad2deg(law.friction))
-            dilation = jnp.minimum(found.get("dilation", jnp.rad2deg(law.dilation)), friction)
-            weaker["dilation"] = jnp.broadcast_to(dilation, self.scene.particles.mass.shape)
-        return weaker
+    def _in_law(self, coefficients: jax.Array | np.ndarray | None) -> dict[str, jax.Array]:
+        """The numbers (N,) of the law in which samples differ, with its strength reduced where the grids are
+        calibrated, by engineer's name. Soil reaches the particles of a sample here, and nowhere else."""
+        sample = np.zeros(self.soil.modes) if coefficients is None else coefficients
+        own = {group.layer: self.soil.coefficients(sample, group.layer) for group in self.soil.groups}
+        found = {
+            name: self._values(field, name, {layer: each[name] for layer, each in own.items() if name in each})
+            for name, field in self.campaign.random.items()
+        }
+        found = {name: self._of_engineers(name, value) for name, value in found.items()}
+        if self.strength_factor == 1:
+            return found
+        law: Any = self.scene.material
+        known = {name: each.path for name, each in declared(law).items()}
+        drawn = with_parameters(law, {known[name]: value for name, value in found.items() if name in known})
+        reduced = declared(jaxmpm.reduce_strength(drawn, jnp.asarray(1 / self.strength_factor, law.bulk.dtype)))
+        count = self.scene.particles.mass.shape
+        return {
+            name: jnp.broadcast_to(reduced[name].value, count) if name in known else found[name] for name in self.names
+        }
+
+    def _of_engineers(self, name: str, value: jax.Array, *, inverse: bool = False) -> jax.Array:
+        """A parameter's number in the law, of the engineer's; inverse: the engineer's, of that in the law."""
+        known = declared(self.scene.material).get(name)
+        if known is None:
+            return value
+        if known.parameter.angle:
+            return jnp.rad2deg(value) if inverse else jnp.deg2rad(value)
+        if not known.parameter.per_band:
+            return value
+        # The law's own number is of the grid's bands, that of the soil of one as thick as its `softening_length`.
+        soils = [each.soil for each in self.campaign.site.soils(self.campaign.soil)]
+        own = np.array([getattr(soil, name) for soil in soils])
+        scale = known.value / (own[0] if self.layer is None else own[self.layer])
+        return value / scale if inverse else value * scale
 
     def _values(
         self, field: RandomField, name: str, coefficients: Mapping[int | None, jax.Array | np.ndarray]
@@ -219,24 +247,6 @@ class GridModel:
         centre = origin + (jnp.floor((self.scene.particles.position - origin) / grid.cell) + 0.5) * grid.cell
         end = jnp.asarray(shape.corner) + jnp.asarray(shape.extent)
         return jnp.minimum(centre, end[:, None])
-
-
-ANGLES = ("friction", "dilation", "residual_friction")
-"""Parameters that scenes give in degrees and laws take in radians."""
-
-IN_LAW = {
-    "softening_modulus": "softening.modulus",
-    "residual_ratio": "softening.residual_ratio",
-    "strain_95": "softening.strain_95",
-    "residual_cohesion": "softening.cohesion",
-    "residual_friction": "softening.friction",
-    "softening_strain": "softening.strain",
-    "rate_coefficient": "rate.coefficient",
-}
-"""Names that parameters of a scene have in the law, where those are others."""
-
-PER_BAND = ("softening_modulus", "strain_95", "softening_strain")
-"""Parameters whose number in the law goes with the thickness of the grid's shear bands."""
 
 
 @partial(jax.jit, static_argnames="which")
@@ -284,11 +294,23 @@ def build(
     folder: of the campaign, whose initial stress is taken where it keeps one of this grid.
     """
     scene, state = built(campaign, grid, at_rest=False)
+    _refuse_unknown(campaign.random, scene)
     if at_rest:
         kept = None if folder is None else read_initial(folder, grid, scene, state)
         state = jaxmpm.at_rest(scene, apic=campaign.grids[grid].apic) if kept is None else kept
     layer = campaign.site.layer_of(np.asarray(scene.particles.position), campaign.grids[grid])
     return GridModel(grid, campaign, scene, state, soil, layer=layer).with_measured(campaign)
+
+
+def _refuse_unknown(random: Collection[str], scene: Scene) -> None:
+    """Raise ValueError for what varies and is no parameter of the soil."""
+    known = [*declared(scene.material), "young", "poisson", "unit_weight"]
+    unknown = [name for name in random if name not in known]
+    if unknown:
+        raise ValueError(
+            f"random holds {', '.join(unknown)}, which is no parameter of {type(scene.material).__name__}: give some "
+            f"of {', '.join(known)}"
+        )
 
 
 def column_plan(scene: Scene) -> ColumnPlan:

@@ -24,7 +24,7 @@ from cooperative.measure import (
 )
 from cooperative.runs._columns import column_row, kept_columns
 from cooperative.runs._frames import Frames
-from cooperative.runs._model import IN_LAW, GridModel
+from cooperative.runs._model import GridModel
 from cooperative.runs._restart import RestartPoint, read_restart, write_restart
 from cooperative.runs._stopping import Asked, Stopped
 from cooperative.store import SLIDES, Sample, Scalar, read_store
@@ -72,7 +72,7 @@ def run_samples(
             on_chunk(chunk)
 
     wanted, drawn = tee(until_stopped())
-    names = [IN_LAW.get(name, name) for name in model.names]
+    names = [*model.paths.values()]
     soils = tee((model.varied(jnp.asarray(coefficients[number])) for number in drawn), len(names))
     varied = {name: map(itemgetter(name), own) for name, own in zip(names, soils, strict=True)}
     for number, result in solve_each(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,7 @@ import numpy as np
 from cooperative.runs._model import sampling_of
 from cooperative.scene import TAIL, Campaign, steepest
 from cooperative.store import GRIDS
-from jaxmpm import FrictionalSoil, Scene, Soil, block
+from jaxmpm import AnySoil, Material, Scene, block, declared
 
 MOST_STEPS = 10**7
 """Of one run. The published slope takes 2,000 and 5,000; with more, rounding in float32 gets the better of a step."""
@@ -62,7 +62,7 @@ def grid_size(campaign: Campaign, grid: str) -> GridSize:
     cells, speed = shape.cells(numerics), math.sqrt(gravity * shape.extent[-1])
     site.layer_of(np.zeros((shape.dimension, 0)), numerics)  # which refuses lines that do not go together
 
-    def alone(soil: Soil | FrictionalSoil) -> Scene:
+    def alone(soil: AnySoil) -> Scene:
         # One particle of the same soil has the same time step, and meets the same checks.
         domain, corner = (2 * numerics.cell,) * shape.dimension, (0.0,) * shape.dimension
         return block(numerics.spacing, soil, numerics, domain=domain, corner=corner, speed=speed)[0]
@@ -70,7 +70,7 @@ def grid_size(campaign: Campaign, grid: str) -> GridSize:
     soils = [layer.soil for layer in site.soils(campaign.soil)]
     one = min(map(alone, soils), key=lambda scene: float(scene.time_step))
     for soil, random in zip(soils, [layer.random for layer in site.layers] or [campaign.random], strict=True):
-        if not SOFTENING.isdisjoint(random):
+        if _varies_in_steepness(soil.material(np.dtype("float32"), numerics.cell), random):
             _refused_at_the_ends(alone, steepest(soil, random, depth))
     dt, each = float(one.time_step), math.prod(numerics.spacing)
     steps = campaign.run.last(grid) / dt if dt > 0 else math.inf
@@ -84,11 +84,15 @@ def grid_size(campaign: Campaign, grid: str) -> GridSize:
     )
 
 
-SOFTENING = {"softening_modulus", "strain_95", "residual_ratio"}
-"""Parameters that say how steeply clay softens."""
+def _varies_in_steepness(law: Material, random: Collection[str]) -> bool:
+    """Whether parameters vary of the part that says how steeply a law softens."""
+    known = declared(law)
+    return law.steepest_softening is not None and any(
+        known[name].path.startswith("softening.") for name in random if name in known
+    )
 
 
-def _refused_at_the_ends(alone: Callable[[Soil | FrictionalSoil], Scene], soil: Soil | FrictionalSoil) -> None:
+def _refused_at_the_ends(alone: Callable[[AnySoil], Scene], soil: AnySoil) -> None:
     """Raise ValueError where the soil at the ends of what varies softens too steeply for any run."""
     try:
         alone(soil)

@@ -27,7 +27,7 @@ from cooperative.scene._schema import (
     Table,
 )
 from cooperative.scene._site import Site, SiteLayer
-from cooperative.scene._soil import PARAMETERS, TAIL, CrossCorrelation, RandomField, gaussian_root, steepest
+from cooperative.scene._soil import TAIL, CrossCorrelation, RandomField, gaussian_root, steepest
 from cooperative.scene._stored import campaign_of, with_defaults
 from cooperative.scene._text import read_scene, tables_of
 from cooperative.scene._typed import built, parse
@@ -40,7 +40,6 @@ __all__ = [
     "NAMED",
     "NAMES",
     "OPTIONAL",
-    "PARAMETERS",
     "RASTER",
     "REQUIRED",
     "ROWS",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jax import Array
@@ -15,7 +15,7 @@ from cooperative.estimate import Estimator, Sampling
 from cooperative.scene._hazard import Hazard
 from cooperative.scene._site import Site, SiteLayer, ask_of_seams, refuse_saturated
 from cooperative.scene._soil import CrossCorrelation, RandomField, check_cross_correlation
-from jaxmpm import Discretisation, FrictionalSoil, Settle, Slope, Soil
+from jaxmpm import Discretisation, Settle, Slope
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ class Campaign:
     text: str
     name: str
     site: Site
-    soil: Soil | FrictionalSoil
+    soil: Any  # a `jaxmpm.AnySoil`, and what a soil of the user's own adds
     random: Mapping[str, RandomField]
     cross_correlation: CrossCorrelation | None
     grids: Mapping[str, Discretisation]

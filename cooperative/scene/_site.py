@@ -15,6 +15,7 @@ from cooperative.scene._schema import OF_A_FIELD, OF_GROUND, SECTIONS, SITES, in
 from cooperative.scene._soil import RandomField, ask, rock_of, soil_of
 from foundation.text import shown
 from jaxmpm import (
+    AnySoil,
     Discretisation,
     FrictionalSoil,
     Interface,
@@ -76,15 +77,13 @@ class Site:
         """That of the file of its surface (WKT), None where it has none."""
         return self.shape.surface.projection if isinstance(self.shape, Terrain) else None
 
-    def built(
-        self, soil: Soil | FrictionalSoil, numerics: Discretisation, gravity: float, *, at_rest: bool
-    ) -> tuple[Scene, State]:
+    def built(self, soil: AnySoil, numerics: Discretisation, gravity: float, *, at_rest: bool) -> tuple[Scene, State]:
         """Scene and initial state on a grid; ValueError where ground, soil and grid do not fit together."""
         if isinstance(self.shape, Slope):
             return slope(self.shape, soil, numerics, gravity=gravity, y_ends=self.y_ends, at_rest=at_rest)
         said: dict[str, Any] = {"gravity": gravity, "water": self.water, "r_u": self.r_u, "ends": self.ends}
         # What is unusual was asked about when the scene was read.
-        layers = [replace(each, soil=replace(each.soil, unusual=True)) for each in self.soils(soil)]
+        layers = [replace(each, soil=_as_meant(each.soil)) for each in self.soils(soil)]
         if isinstance(self.shape, Terrain):
             return terrain(self.shape, layers, numerics, **said, at_rest=at_rest)
         return section(self.shape, layers, numerics, **said, at_rest=at_rest)
@@ -100,7 +99,7 @@ class Site:
         cut = isinstance(self.shape, Terrain) and self.shape.cut == "fixed"
         return self.shape.polygon if cut else None  # type: ignore[union-attr]
 
-    def soils(self, soil: Soil | FrictionalSoil) -> list[Layer]:
+    def soils(self, soil: AnySoil) -> list[Layer]:
         """Its layers for the solver; one of the campaign's own soil where it has none."""
         return [each.layer for each in self.layers] or [Layer(soil)]
 
@@ -146,7 +145,12 @@ class Site:
         return np.maximum(self.shape.heights(*at[:-1]) - at[-1], 0.0)
 
 
-def refuse_saturated(site: Site, soil: Soil | FrictionalSoil) -> None:
+def _as_meant(soil: Any) -> AnySoil:
+    """The soil, of whose numbers builders need not warn."""
+    return replace(soil, unusual=True) if hasattr(soil, "unusual") else soil
+
+
+def refuse_saturated(site: Site, soil: AnySoil) -> None:
     """Raise ValueError for a saturated unit weight in ground without a water table, where no soil would have it."""
     for each in site.soils(soil):
         saturated = getattr(each.soil, "saturated_unit_weight", None)
@@ -163,7 +167,7 @@ def ask_of_seams(site: Site, cell: float) -> None:
     """Raise ValueError for a weak layer too thin for the cells (m) of the refined grid."""
     for each, thickness in zip(site.layers, site.thicknesses, strict=True):
         asked = thickness.too_thin(cell)
-        if asked is not None and not each.layer.soil.unusual:
+        if asked is not None and not getattr(each.layer.soil, "unusual", False):
             raise ValueError(f"[{each.name}] {asked} If it is meant as it is, say unusual = true in [soil]")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields, replace
+from itertools import product
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -14,7 +15,7 @@ import numpy as np
 import kl
 from cooperative.scene._schema import UNSAID
 from foundation.text import shown
-from jaxmpm import Believed, FrictionalSoil, Limit, Soil, unit_slip
+from jaxmpm import Believed, FrictionalSoil, Soil, soil_limits, unit_slip
 
 BAND = 1 / 5
 """Thickness of the band to which softening refers, over the slope's height, where a scene does not say."""
@@ -24,33 +25,7 @@ TAIL = 4.0
 100,000 on either side."""
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """A parameter of soil: its limit and its unit. What of it is believed, `jaxmpm.unit_slip` knows."""
-
-    limit: Limit
-    unit: str = ""
-
-
-PARAMETERS = {
-    "strength": Parameter(Limit(above=0), "Pa"),
-    "cohesion": Parameter(Limit(least=0), "Pa"),
-    "friction": Parameter(Limit(least=0, most=60), "degrees"),
-    "dilation": Parameter(Limit(least=0, most=60), "degrees"),
-    "young": Parameter(Limit(above=0), "Pa"),
-    "poisson": Parameter(Limit(above=-1, below=0.5)),
-    "unit_weight": Parameter(Limit(above=0), "N/m3"),
-    "softening_modulus": Parameter(Limit(above=0), "Pa"),
-    "residual_cohesion": Parameter(Limit(least=0), "Pa"),
-    "residual_friction": Parameter(Limit(least=0, most=60), "degrees"),
-    "residual_ratio": Parameter(Limit(least=0, most=1)),
-    "strain_95": Parameter(Limit(above=0)),
-    "softening_strain": Parameter(Limit(above=0)),
-    "rate_coefficient": Parameter(Limit(least=0)),
-    "saturated_unit_weight": Parameter(Limit(above=0), "N/m3"),
-}
-"""Strength first, which is what is drawn of a sample; the order of the others is that of a sample's coefficients, so a
-new one goes to the end. All may vary but the last."""
+LIMITS = soil_limits()
 
 COV = Believed(most=3.0, above="it is a share, 1 for 100 per cent; were per cent meant?")
 """Coefficients of variation that are believed."""
@@ -73,13 +48,10 @@ SOFTENED_BY = {
 }
 """What is left of strength, and what else soil has that softens."""
 
-STEEPEST = {"softening_modulus": 1, "strain_95": 0, "residual_ratio": 0, "strength": 1, "young": 0, "poisson": 1}
-"""Which end of a parameter, 0 the least, makes clay soften most steeply beside its shear modulus."""
-
-OF_CLAY = ("strength", "softening_modulus", "residual_ratio", "plastic_strain", "strain_95", "rate_coefficient",
-           "reference_rate")  # fmt: skip
-OF_FRICTION = ("cohesion", "friction", "dilation", "criterion", "matching", "residual_cohesion", "residual_friction",
-               "softening_strain", "decay", "saturated_unit_weight")  # fmt: skip
+OF_CLAY, OF_FRICTION = (
+    tuple(each.name for each in fields(kind) if each.name not in {other.name for other in fields(beside)})
+    for kind, beside in ((Soil, FrictionalSoil), (FrictionalSoil, Soil))
+)
 """Keys of the soil that only undrained clay, or only soil with friction, has a use for."""
 
 
@@ -170,7 +142,7 @@ def soil_of(
             random[name] = _field(places[name], value)
             _check_field(places[name], name, random[name], depth, unusual)
             said[name] = random[name].mean
-        elif name in PARAMETERS and value is not None:
+        elif name in LIMITS and isinstance(value, float):
             _check_number(f"[soil] {name}", name, value, unusual)
     for name, others in SOFTENED_BY.items():
         if name in random and all(said[other] is None for other in others):
@@ -185,7 +157,7 @@ def soil_of(
             "[soil.cohesion] with mean, cov and length"
         )
     _check_friction(said, random, depth)
-    return _built(said, height), MappingProxyType({name: random[name] for name in PARAMETERS if name in random})
+    return _built(said, height), MappingProxyType({name: random[name] for name in LIMITS if name in random})
 
 
 def rock_of(table: Mapping[str, Any], *, height: float) -> Soil | FrictionalSoil:
@@ -254,10 +226,10 @@ def _check_field(where: str, name: str, field: RandomField, depth: float, unusua
             f"{where} trend = {field.trend:g} per metre brings the mean of {field.mean:g} to "
             f"{field.mean * field.grown(depth):.3g} at a depth of {depth:g} m: give a smaller one"
         )
-    limit, unit = PARAMETERS[name].limit, PARAMETERS[name].unit
+    limit = LIMITS[name]
     for value in extremes(field, depth):
         if not limit.holds(value):
-            said = f"{value:.3g} {unit}".rstrip()
+            said = f"{value:.3g} {limit.unit}".rstrip()
             raise ValueError(
                 f"{where} has values of {said}, {TAIL:g} deviations from the middle: give {limit} by a "
                 "smaller cov, or marginal = 'truncated normal' with lower and upper"
@@ -276,17 +248,23 @@ def extremes(field: RandomField, depth: float) -> tuple[float, float]:
     return min(ends), max(ends)
 
 
-def steepest(soil: Soil | FrictionalSoil, random: Mapping[str, RandomField], depth: float) -> Soil | FrictionalSoil:
-    """The soil where it softens most steeply beside its shear modulus: what varies at that end of its values, down to a
-    depth (m)."""
-    ends: Any = {name: extremes(random[name], depth)[end] for name, end in STEEPEST.items() if name in random}
-    return replace(soil, **ends)
+def steepest(soil: Any, random: Mapping[str, RandomField], depth: float) -> Any:
+    """The soil where it softens most steeply beside its shear modulus: what varies at such ends of its values, down to
+    a depth (m)."""
+
+    def steepness(each: Any) -> float:
+        law = each.material(np.dtype("float32"), 1.0)
+        return 0.0 if law.steepest_softening is None else float(law.steepest_softening / law.shear)
+
+    names = [name for name in random if hasattr(soil, name)]
+    ends = product(*(extremes(random[name], depth) for name in names))
+    return max((replace(soil, **dict(zip(names, each, strict=True))) for each in ends), key=steepness)
 
 
 def _check_number(where: str, name: str, value: float, unusual: bool) -> None:
-    known = PARAMETERS[name]
-    if not known.limit.holds(value):
-        raise ValueError(f"{where} = {value:g} {known.unit}".rstrip() + f": give {known.limit}")
+    limit = LIMITS[name]
+    if not limit.holds(value):
+        raise ValueError(f"{where} = {value:g} {limit.unit}".rstrip() + f": give {limit}")
     if not unusual:
         ask(where, name, value)
 
@@ -296,7 +274,7 @@ def _ask_of_field(where: str, name: str, field: RandomField) -> None:
     ask(f"{where} mean", name, field.mean)
     ask(f"{where} cov", name, field.cov, COV)
     # Angles may well come down to a degree.
-    for end in ("upper",) if PARAMETERS[name].unit == "degrees" else ("lower", "upper"):
+    for end in ("upper",) if LIMITS[name].unit == "degrees" else ("lower", "upper"):
         ask(f"{where} {end}", name, getattr(field, end) or 0.0)
     if field.trend is not None and name in TRENDS:
         ask(f"{where} {'-' if field.trend < 0 else ''}trend", name, abs(field.trend), TRENDS[name])
@@ -340,7 +318,7 @@ def _check_friction(said: dict[str, Any], random: Mapping[str, RandomField], dep
         if residual > least:
             goes = "reaches" if f"residual_{name}" in random else "="
             raise ValueError(
-                f"[soil] residual_{name} {goes} {residual:.4g} {PARAMETERS[name].unit}, but {name} comes down to "
+                f"[soil] residual_{name} {goes} {residual:.4g} {LIMITS[name].unit}, but {name} comes down to "
                 f"{least:.3g}: give a residual of at most that"
             )
     friction, dilation = ends("friction"), ends("dilation")

@@ -30,7 +30,7 @@ from cooperative.scene._site import Site, listed, refuse_both, site_of
 from cooperative.scene._soil import CrossCorrelation, RandomField, ask, soil_of
 from cooperative.scene._text import tables_of
 from foundation.text import short, shown
-from jaxmpm import Discretisation, FrictionalSoil, Scene, Settle, Soil, State, cell_independent
+from jaxmpm import AnySoil, Discretisation, FrictionalSoil, Scene, Settle, Soil, State, cell_independent
 
 LONGEST_NAME = 200
 
@@ -190,7 +190,7 @@ def _run(table: dict[str, Any]) -> Run:
     return Run(**said, settle=Settle(slides=limit) if settle else None)
 
 
-def _grid(table: dict[str, Any], soil: Soil | FrictionalSoil) -> Discretisation:
+def _grid(table: dict[str, Any], soil: AnySoil) -> Discretisation:
     """Answers do not follow the cell, unless the scene says so."""
     said = {key: value for key, value in table.items() if value is not UNSAID}
     return replace(cell_independent(Discretisation(**said, dtype="float32"), soil), **said)

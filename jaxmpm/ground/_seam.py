@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from foundation import check
-from jaxmpm.soil import FrictionalSoil
 
 RESOLVING = 2.0
 """Cells in the thickness of a weak layer from which on its strength is its own, wherever it lies on the grid."""
@@ -69,15 +68,17 @@ def thicknesses_of(layers: Sequence[Any], tops: Sequence[np.ndarray]) -> list[Th
 
 
 def _strength(soil: Any, pressure: float) -> float:
-    """Shear strength (Pa) under a pressure (Pa), the mean where it differs from particle to particle."""
-    if isinstance(soil, FrictionalSoil):
-        return float(np.mean(soil.cohesion)) + pressure * math.tan(math.radians(float(np.mean(soil.friction))))
-    return math.inf if soil.strength is None else float(np.mean(soil.strength))
+    """Shear strength (Pa) under a pressure (Pa), the mean where it differs from particle to particle; infinite of soil
+    that has neither cohesion and friction nor a strength."""
+    cohesion, friction, undrained = (getattr(soil, name, None) for name in ("cohesion", "friction", "strength"))
+    if cohesion is not None and friction is not None:
+        return float(np.mean(cohesion)) + pressure * math.tan(math.radians(float(np.mean(friction))))
+    return math.inf if undrained is None else float(np.mean(undrained))
 
 
 def warn_of_seams(layers: Sequence[Any], found: Sequence[Thickness], cell: float) -> None:
     """Warn of weak layers on cells (m) too large for them, unless their soil says that it means it."""
     for number, (layer, thickness) in enumerate(zip(layers, found, strict=True), 1):
         asked = thickness.too_thin(cell)
-        if asked is not None and not layer.soil.unusual:
+        if asked is not None and not getattr(layer.soil, "unusual", False):
             check.warn(f"layer {number} {asked} If that is meant, give its soil unusual=True")

@@ -20,10 +20,11 @@ ROUNDING = 1e-5
 class Parameter(Limit):
     """A number of a law: its limit, and what else the law declares of it.
 
-    A limit in "rad" makes it an angle, which engineers give in degrees. name: the engineer's, by default that of the
-    field. per_band: whether its number goes with the thickness of the grid's shear bands. reduced: whether strength
-    reduction divides it, of an angle its tangent. at_most: name of another parameter of the law, which it may not
-    exceed; where reduction divides that one alone, it brings this one down to it.
+    above, below: ends of its values that are no such values themselves. least, most: ends that are. unit: that of the
+    law; "rad" makes it an angle, which engineers give in degrees. name: the engineer's, by default that of the field.
+    per_band: whether its number goes with the thickness of the grid's shear bands. reduced: whether strength reduction
+    divides it, of an angle its tangent. at_most: name of another parameter of the law, which it may not exceed; where
+    reduction divides that one alone, it brings this one down to it.
     """
 
     name: str = ""

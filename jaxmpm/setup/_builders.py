@@ -17,7 +17,7 @@ from jaxmpm.laws import BaseMotion, WaterSurface, WaterTable
 from jaxmpm.setup._discretisation import Discretisation, cells_up, check_discretisation, kernel_of
 from jaxmpm.setup._initial_stress import settled
 from jaxmpm.setup._scene import scene, unstressed
-from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, material_of, warn_of_units
+from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, warn_of_units
 from jaxmpm.transfer import band_thickness
 from jaxmpm.types import Grid, Material, Particles, Scene, State, Wall
 
@@ -217,7 +217,7 @@ def material_on(discretisation: Discretisation, soil: AnySoil) -> Material:
     """The law of a soil on this grid, whose shear bands are as thick as a cell or as their average makes them."""
     length = discretisation.internal_length
     dtype = check.dtype(discretisation.dtype or jax.dtypes.canonicalize_dtype(float))
-    law = material_of(soil, dtype, discretisation.cell if length is None else band_thickness(length))
+    law: Material = soil.material(dtype, discretisation.cell if length is None else band_thickness(length))
     warn_of_units(soil)
     return law
 

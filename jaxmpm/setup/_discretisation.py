@@ -11,7 +11,7 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from foundation import check
-from jaxmpm.soil import AnySoil, Soil
+from jaxmpm.soil import AnySoil
 from jaxmpm.transfer import GIMP, QuadraticBSpline, length_of_band
 from jaxmpm.types import Kernel, Scheme
 
@@ -72,13 +72,12 @@ def cell_independent(discretisation: Discretisation, soil: AnySoil) -> Discretis
     averaged where soil softens and has a `softening_length`, so that its bands become as thick as that; on cells too
     large for it they stay a cell thick, and softening is scaled.
     """
-    length = None
-    if soil.softens and soil.softening_length is not None:
-        wanted = length_of_band(soil.softening_length)
+    length, band = None, getattr(soil, "softening_length", None)
+    if getattr(soil, "softens", False) and band is not None:
+        wanted = length_of_band(band)
         length = wanted if wanted >= kernel_of(discretisation).deviation(discretisation.cell) else None
-    return replace(
-        discretisation, fbar=isinstance(soil, Soil) and not discretisation.cell_average, internal_length=length
-    )
+    frictional = getattr(soil, "friction", None) is not None
+    return replace(discretisation, fbar=not frictional and not discretisation.cell_average, internal_length=length)
 
 
 def check_resolved(what: str, corner: Sequence[float], extent: Sequence[float], discretisation: Discretisation) -> None:

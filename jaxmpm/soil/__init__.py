@@ -8,8 +8,8 @@ from jaxmpm.soil._soil import (
     Interface,
     PlasticStrain,
     Soil,
-    material_of,
     moduli,
+    soil_limits,
     warn_of_units,
 )
 from jaxmpm.soil._units import Believed, unit_slip
@@ -23,8 +23,8 @@ __all__ = [
     "PlasticStrain",
     "Soil",
     "common_law",
-    "material_of",
     "moduli",
+    "soil_limits",
     "unit_slip",
     "warn_of_units",
     "weights",

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from types import MappingProxyType
+from typing import Any, Protocol
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from foundation import check
+from foundation.check import Limit
 from jaxmpm.laws import (
     J2,
     Decay,
@@ -32,6 +34,36 @@ STANDARD_GRAVITY = 9.81
 """What turns a unit weight into a density (m/s2), whatever gravity a scene has."""
 
 
+LIMITS: Mapping[str, Limit] = MappingProxyType(
+    {
+        "strength": Limit(above=0, unit="Pa"),
+        "cohesion": Limit(least=0, unit="Pa"),
+        "friction": Limit(least=0, most=60, unit="degrees"),
+        "dilation": Limit(least=0, most=60, unit="degrees"),
+        "young": Limit(above=0, unit="Pa"),
+        "poisson": Limit(above=-1, below=0.5),
+        "unit_weight": Limit(above=0, unit="N/m3"),
+        "softening_modulus": Limit(above=0, unit="Pa"),
+        "residual_cohesion": Limit(least=0, unit="Pa"),
+        "residual_friction": Limit(least=0, most=60, unit="degrees"),
+        "residual_ratio": Limit(least=0, most=1),
+        "strain_95": Limit(above=0),
+        "softening_strain": Limit(above=0),
+        "rate_coefficient": Limit(least=0),
+        "saturated_unit_weight": Limit(above=0, unit="N/m3"),
+        "reference_rate": Limit(above=0, unit="1/s"),
+        "tension_cutoff": Limit(least=0, unit="Pa"),
+        "softening_length": Limit(above=0, unit="m"),
+    }
+)
+
+
+def soil_limits() -> Mapping[str, Limit]:
+    """What numbers soil may have, by engineer's name, each with its unit. Their order is that of a sample's
+    coefficients, so a new one goes to the end."""
+    return LIMITS
+
+
 class PlasticStrain(enum.Enum):
     """The plastic strain that softening counts.
 
@@ -40,6 +72,25 @@ class PlasticStrain(enum.Enum):
 
     ENGINEERING = "engineering"
     EQUIVALENT = "equivalent"
+
+
+class AnySoil(Protocol):
+    """What builders and campaigns ask of a soil: `Soil`, `FrictionalSoil`, or a frozen dataclass of a user's own.
+
+    Where a number of its law varies in a campaign, the soil has it too, under the engineer's name that the law declares
+    (`jaxmpm.Parameter`) and in degrees where it is an angle. `young` and `poisson` are asked for where they vary. It
+    may have `softens`, `softening_length`, `saturated_unit_weight` and `unusual`, as `FrictionalSoil` does.
+    """
+
+    @property
+    def unit_weight(self) -> float:
+        """N/m3."""
+
+    def material(self, dtype: np.dtype, band: float) -> Any:
+        """Its law, a `jaxmpm.Material`, with numbers of this type, on a grid whose shear bands are `band` (m) thick.
+
+        Raises ValueError for what no soil can have.
+        """
 
 
 @dataclass(frozen=True)
@@ -78,6 +129,34 @@ class Soil:
         """Whether strength falls with plastic strain."""
         return self.strength is not None and (self.softening_modulus is not None or self.strain_95 is not None)
 
+    def material(self, dtype: np.dtype, band: float) -> Elastic | J2:
+        """Its law on a grid whose shear bands are `band` (m) thick. Raises ValueError for what no soil can have."""
+        check_soil(self)
+        number = partial(jnp.asarray, dtype=dtype)
+        bulk, shear = (number(modulus) for modulus in moduli(self.young, self.poisson))
+        if self.strength is None:
+            return Elastic(bulk, shear)
+        softening, cutoff = self._softening(_scale(self, band), number), _cutoff(self, number)
+        return J2(bulk, shear, number(self.strength), softening, cutoff, self._rate(number), self.gap_memory)
+
+    def _softening(self, scale: float, number: Callable[..., Any]) -> Softening | ExponentialSoftening | None:
+        if self.strain_95 is not None and self.softening_modulus is not None:
+            raise ValueError("both softening_modulus and strain_95 are given: choose linear or exponential softening")
+        if not isinstance(self.plastic_strain, PlasticStrain):
+            raise ValueError(f"plastic_strain = {self.plastic_strain!r}: give a member of PlasticStrain")
+        # Engineering over the soil's own measure of strain.
+        share = 1.0 if self.plastic_strain is PlasticStrain.ENGINEERING else math.sqrt(3)
+        if self.softening_modulus is not None:
+            return Softening(number(self.softening_modulus * scale / share), number(self.residual_ratio))
+        if self.strain_95 is None:
+            return None
+        return ExponentialSoftening(number(self.residual_ratio), number(self.strain_95 * share / scale))
+
+    def _rate(self, number: Callable[..., Any]) -> RateEffect | None:
+        if self.rate_coefficient is None:
+            return None
+        return RateEffect(number(self.rate_coefficient), number(self.reference_rate))
+
 
 @dataclass(frozen=True)
 class FrictionalSoil:
@@ -114,36 +193,52 @@ class FrictionalSoil:
         """Whether cohesion and friction fall with plastic strain."""
         return self.softening_strain is not None
 
+    def material(self, dtype: np.dtype, band: float) -> MohrCoulomb | DruckerPrager:
+        """Its law on a grid whose shear bands are `band` (m) thick. Raises ValueError for what no soil can have."""
+        check_soil(self)
+        check.between("dilation", self.dilation, 0.0, self.friction, ends=True)
+        if self.cohesion == 0 and self.friction == 0:
+            raise ValueError("cohesion = 0 Pa with friction = 0 degrees: give at least one of them")
+        number = partial(jnp.asarray, dtype=dtype)
+        bulk, shear = (number(modulus) for modulus in moduli(self.young, self.poisson))
+        angles = number(math.radians(self.friction)), number(math.radians(self.dilation))
+        strength = number(self.cohesion), *angles, self._softening(_scale(self, band), number), _cutoff(self, number)
+        if self.criterion is DruckerPrager:
+            if not isinstance(self.matching, Matching):
+                raise ValueError(f"matching = {self.matching!r}: give a member of Matching")
+            return DruckerPrager(bulk, shear, *strength, self.matching, self.gap_memory)
+        if self.criterion is MohrCoulomb:
+            return MohrCoulomb(bulk, shear, *strength, self.gap_memory)
+        raise ValueError(f"criterion = {self.criterion!r}: give MohrCoulomb or DruckerPrager")
 
-AnySoil = Soil | FrictionalSoil
-"""Of either kind."""
+    def _softening(self, scale: float, number: Callable[..., Any]) -> FrictionalSoftening | None:
+        if self.softening_strain is None:
+            return None
+        check.between("residual_cohesion", self.residual_cohesion, 0.0, self.cohesion, ends=True)
+        check.between("residual_friction", self.residual_friction, 0.0, self.friction, ends=True)
+        if not isinstance(self.decay, Decay):
+            raise ValueError(f"decay = {self.decay!r}: give a member of Decay")
+        residual = number(self.residual_cohesion), number(math.radians(self.residual_friction))
+        return FrictionalSoftening(*residual, number(self.softening_strain / scale), self.decay)
 
 
-def material_of(soil: AnySoil, dtype: np.dtype, band: float) -> Elastic | J2 | MohrCoulomb | DruckerPrager:
-    """The law of a soil on a grid whose shear bands are `band` (m) thick.
-
-    Raises ValueError for what no soil can have.
-    """
-    check.positive("unit_weight", soil.unit_weight, "N/m3")
-    check.positive("young", soil.young, "Pa")
-    check.between("poisson", soil.poisson, -1.0, 0.5)
-    if soil.tension_cutoff is not None:
-        check.not_negative("tension_cutoff", soil.tension_cutoff, "Pa")
+def check_soil(soil: Soil | FrictionalSoil) -> None:
+    """Raise ValueError for numbers that no soil can have."""
+    for name, limit in LIMITS.items():
+        value = getattr(soil, name, None)
+        if value is not None:
+            check.within(name, value, limit)
     if not isinstance(soil.gap_memory, bool):
         raise ValueError(f"gap_memory = {soil.gap_memory!r}: give True or False")
-    if soil.softening_length is not None:
-        check.positive("softening_length", soil.softening_length, "m")
-    number = partial(jnp.asarray, dtype=dtype)
-    bulk, shear = (number(modulus) for modulus in moduli(soil.young, soil.poisson))
-    cutoff = None if soil.tension_cutoff is None else number(soil.tension_cutoff)
-    scale = 1.0 if soil.softening_length is None else band / soil.softening_length
-    if isinstance(soil, FrictionalSoil):
-        return _frictional(soil, bulk, shear, cutoff, scale, number)
-    if soil.strength is None:
-        return Elastic(bulk, shear)
-    check.positive("strength", soil.strength, "Pa")
-    strength, softening = number(soil.strength), _softening(soil, scale, number)
-    return J2(bulk, shear, strength, softening, cutoff, _rate(soil, number), soil.gap_memory)
+
+
+def _scale(soil: Soil | FrictionalSoil, band: float) -> float:
+    """Thickness of the grid's shear bands (m) over that to which softening refers."""
+    return 1.0 if soil.softening_length is None else band / soil.softening_length
+
+
+def _cutoff(soil: Soil | FrictionalSoil, number: Callable[..., Any]) -> Array | None:
+    return None if soil.tension_cutoff is None else number(soil.tension_cutoff)
 
 
 @dataclass(frozen=True)
@@ -164,7 +259,7 @@ class Interface:
 
 def warn_of_units(soil: AnySoil) -> None:
     """Warn, once for all of them, of numbers that betray another unit, unless the soil says that it means them."""
-    slips = () if soil.unusual else dict.fromkeys(_slips(soil))
+    slips = () if getattr(soil, "unusual", False) else dict.fromkeys(_slips(soil))
     if slips:
         check.warn(f"{'; '.join(slips)} If that is meant, give the soil unusual=True")
 
@@ -183,58 +278,3 @@ def _slips(soil: AnySoil) -> Iterator[str]:
 def moduli(young: Any, poisson: Any) -> tuple[Any, Any]:
     """Bulk and shear modulus (Pa)."""
     return young / (3 * (1 - 2 * poisson)), young / (2 * (1 + poisson))
-
-
-def _softening(soil: Soil, scale: float, number: Callable[..., Any]) -> Softening | ExponentialSoftening | None:
-    if soil.strain_95 is not None and soil.softening_modulus is not None:
-        raise ValueError("both softening_modulus and strain_95 are given: choose linear or exponential softening")
-    check.between("residual_ratio", soil.residual_ratio, 0.0, 1.0, ends=True)
-    if not isinstance(soil.plastic_strain, PlasticStrain):
-        raise ValueError(f"plastic_strain = {soil.plastic_strain!r}: give a member of PlasticStrain")
-    # Engineering over the soil's own measure of strain.
-    share = 1.0 if soil.plastic_strain is PlasticStrain.ENGINEERING else math.sqrt(3)
-    if soil.softening_modulus is not None:
-        check.positive("softening_modulus", soil.softening_modulus, "Pa")
-        return Softening(number(soil.softening_modulus * scale / share), number(soil.residual_ratio))
-    if soil.strain_95 is None:
-        return None
-    check.positive("strain_95", soil.strain_95)
-    return ExponentialSoftening(number(soil.residual_ratio), number(soil.strain_95 * share / scale))
-
-
-def _rate(soil: Soil, number: Callable[..., Any]) -> RateEffect | None:
-    if soil.rate_coefficient is None:
-        return None
-    check.not_negative("rate_coefficient", soil.rate_coefficient)
-    check.positive("reference_rate", soil.reference_rate, "1/s")
-    return RateEffect(number(soil.rate_coefficient), number(soil.reference_rate))
-
-
-def _frictional(
-    soil: FrictionalSoil, bulk: Array, shear: Array, cutoff: Array | None, scale: float, number: Callable[..., Any]
-) -> MohrCoulomb | DruckerPrager:
-    if soil.saturated_unit_weight is not None:
-        check.positive("saturated_unit_weight", soil.saturated_unit_weight, "N/m3")
-    check.not_negative("cohesion", soil.cohesion, "Pa")
-    check.between("friction", soil.friction, 0.0, 60.0, ends=True)
-    check.between("dilation", soil.dilation, 0.0, soil.friction, ends=True)
-    if soil.cohesion == 0 and soil.friction == 0:
-        raise ValueError("cohesion = 0 Pa with friction = 0 degrees: give at least one of them")
-    softening = None
-    if soil.softening_strain is not None:
-        check.positive("softening_strain", soil.softening_strain)
-        check.between("residual_cohesion", soil.residual_cohesion, 0.0, soil.cohesion, ends=True)
-        check.between("residual_friction", soil.residual_friction, 0.0, soil.friction, ends=True)
-        if not isinstance(soil.decay, Decay):
-            raise ValueError(f"decay = {soil.decay!r}: give a member of Decay")
-        residual = number(soil.residual_cohesion), number(math.radians(soil.residual_friction))
-        softening = FrictionalSoftening(*residual, number(soil.softening_strain / scale), soil.decay)
-    angles = number(math.radians(soil.friction)), number(math.radians(soil.dilation))
-    if soil.criterion is DruckerPrager:
-        if not isinstance(soil.matching, Matching):
-            raise ValueError(f"matching = {soil.matching!r}: give a member of Matching")
-        law = DruckerPrager(bulk, shear, number(soil.cohesion), *angles, softening, cutoff, soil.matching)
-        return replace(law, gap_memory=soil.gap_memory)
-    if soil.criterion is MohrCoulomb:
-        return MohrCoulomb(bulk, shear, number(soil.cohesion), *angles, softening, cutoff, soil.gap_memory)
-    raise ValueError(f"criterion = {soil.criterion!r}: give MohrCoulomb or DruckerPrager")
