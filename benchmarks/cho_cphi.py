@@ -120,7 +120,7 @@ def main() -> None:
         head = json.dumps(asdict(measure_limit_load(campaign, model)))
         PATH.write_text(f"# {head}\n# displacement in m\n{','.join(COLUMNS)}\n")
     coefficients, done = runs.coefficients_of(campaign, soil), {int(row["number"]) for row in rows()}
-    slope = campaign.slope
+    slope: Any = campaign.site.shape
     circles = Circles.through(
         slope, np.asarray(model.scene.particles.position, float), 2 * model.half_size[0], campaign.soil.unit_weight
     )

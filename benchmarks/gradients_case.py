@@ -22,7 +22,7 @@ REDUCTION = 1.3
 def measure(scene: str, engine: str | None, steps: int, memory: float, repeats: int) -> dict[str, Any]:
     """Seconds per particle and step of a forward run, of value and gradient by strength; bytes planned and held."""
     campaign = scene_campaign(scene)
-    built, state = mpm.slope(campaign.slope, campaign.soil, campaign.grids["rough"], y_ends=campaign.y_ends)
+    built, state = campaign.site.built(campaign.soil, campaign.grids["rough"], campaign.run.gravity, at_rest=True)
     built = replace(mpm.reduced(built, REDUCTION), engine=None if engine is None else mpm.Engine[engine])
     strength = jnp.broadcast_to(built.material.strength, built.particles.mass.shape)
     particles = strength.size

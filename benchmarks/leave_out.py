@@ -296,7 +296,7 @@ def microseconds(variants: list[tuple[Scene, State]], repeats: int) -> list[floa
 def ends_of_a_section(ends: Literal["tied", "free field"]) -> tuple[tuple[Scene, State], tuple[Scene, State]]:
     """The published section on the rough grid that ends so, and between its walls; tied, level ground as high."""
     campaign = scene_campaign("paper_section")
-    slope = campaign.slope
+    slope: Any = campaign.site.shape
     top, low, end = slope.foundation + slope.height, slope.foundation, slope.extent[0]
     line = [(0, top), (end, top)] if ends == "tied" else [(0, top), (slope.crest, top), (slope.toe_x, low), (end, low)]
     with_it, walled = (

@@ -121,11 +121,9 @@ def _rows(variant: Variant, numbers: list[int]) -> Iterator[tuple[object, ...]]:
 
 def measured(model: GridModel, result: Result) -> Consequences:
     """Consequences of a run, detached grains included."""
-    shape = model.campaign.slope
-    geometry = shape.face
     particles, moved = model.scene.particles, np.asarray(result.state.displacement)
     position, volume = np.asarray(particles.position), np.asarray(particles.volume)
-    return consequences(position, moved, volume, geometry, half_size=model.half_size)
+    return consequences(position, moved, volume, model.geometry, half_size=model.half_size)
 
 
 @jax.jit

@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.measure import Report, scene_campaign
 from cooperative.measure import consequences
 from cooperative.scene import Campaign
-from jaxmpm import PlasticStrain, QuadraticBSpline, Settle, Soil, factor_of_safety, reduced, slope, solve
+from jaxmpm import PlasticStrain, QuadraticBSpline, Settle, Soil, factor_of_safety, reduced, solve
 
 TRANSFERS: dict[str, dict[str, Any]] = {
     "gimp_flip": {},
@@ -31,7 +31,7 @@ PUBLISHED = {"rough": {"stable": 1.25, "fails": 1.26}, "refined": {"stable": 1.1
 
 def particles(campaign: Campaign, grid: str) -> int:
     """Particles of a scene on one of its grids."""
-    scene, _ = slope(campaign.slope, campaign.soil, campaign.grids[grid], y_ends=campaign.y_ends)
+    scene, _ = campaign.site.built(campaign.soil, campaign.grids[grid], campaign.run.gravity, at_rest=False)
     return scene.particles.mass.size
 
 
@@ -50,24 +50,25 @@ def row(
     start = time.perf_counter()
     assert isinstance(campaign.soil, Soil)
     soil = replace(campaign.soil, plastic_strain=measure)
-    scene, state = slope(campaign.slope, soil, numerics, y_ends=campaign.y_ends)
+    scene, state = campaign.site.built(soil, numerics, campaign.run.gravity, at_rest=True)
     limit = campaign.run.failure_displacement
     found = factor_of_safety(
         scene, state, bracket=(1.0, 1.6), failure_displacement=limit, resolution=resolution, batch=4
     )
     weaker = reduced(scene, found.fails if reduction is None else reduction)
     slide = solve(weaker, state, t_end=campaign.run.t_end, settle=Settle()).raise_if_failed()
-    position, shape = np.asarray(scene.particles.position), campaign.slope
+    position, face = np.asarray(scene.particles.position), campaign.site.shape.face
+    assert face is not None
     done = consequences(
         position,
         np.asarray(slide.state.displacement),
         np.asarray(scene.particles.volume),
-        shape.face,
+        face,
         half_size=np.asarray(numerics.spacing) / 2,
     )
     return {
         "grid": grid,
-        "y_ends": "plane strain" if shape.width is None else campaign.y_ends,
+        "y_ends": "plane strain" if campaign.dimension == 2 else campaign.site.ends,
         "cell_m": numerics.cell,
         "plastic_strain": measure.value,
         "kernel": numerics.kernel.__name__,

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from benchmarks.measure import peak_memory_mb, scene_campaign
-from jaxmpm import Engine, Scene, Scheme, State, lanes, reduced, repeat, slope
+from jaxmpm import Engine, Scene, Scheme, State, lanes, reduced, repeat
 from jaxmpm.run import advance_lanes
 
 # The slope is made to slide, so that the plastic branches do their work.
@@ -40,7 +40,7 @@ class Case:
         """Scene and initial state of one lane."""
         campaign = scene_campaign(self.scene)
         numerics = replace(campaign.grids[self.grid], scheme=Scheme[self.scheme], dtype=self.dtype)
-        scene, state = slope(campaign.slope, campaign.soil, numerics, y_ends=campaign.y_ends)
+        scene, state = campaign.site.built(campaign.soil, numerics, campaign.run.gravity, at_rest=True)
         return replace(reduced(scene, REDUCTION), engine=None if self.engine is None else Engine[self.engine]), state
 
 

@@ -162,7 +162,7 @@ def slope_row(
     choice = {"cfl": 0.5, "spacing": (spacing, spacing), **choice}
     with jax.enable_x64(choice.get("dtype") == "float64"):
         numerics = replace(campaign.grids["rough"], cell=cell, **choice)
-        scene, state = mpm.slope(campaign.slope, soil, numerics)
+        scene, state = campaign.site.built(soil, numerics, campaign.run.gravity, at_rest=True)
         found = factor(scene, state, resolution, guess)
         first = slide(scene, state, found.fails, numerics)
         row: Row = {
@@ -191,12 +191,13 @@ def slide(scene: mpm.Scene, state: mpm.State, reduction: float, numerics: mpm.Di
     """What the section's slide at this strength reduction leaves."""
     campaign = scene_campaign("paper_section")
     ended = mpm.solve(mpm.reduced(scene, reduction), state, t_end=campaign.run.t_end, settle=mpm.Settle())
-    shape = campaign.slope
+    face = campaign.site.shape.face
+    assert face is not None
     return consequences(
         np.asarray(scene.particles.position),
         np.asarray(ended.raise_if_failed().state.displacement),
         np.asarray(scene.particles.volume),
-        shape.face,
+        face,
         half_size=np.asarray(numerics.spacing) / 2,
     )
 

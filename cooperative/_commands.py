@@ -18,6 +18,7 @@ from cooperative.runs import Cost, Stopped, check_size, cores_to_use, cost_of, d
 from cooperative.scene import Campaign, begin, examples, parse, read_scene, starters, write_example
 from cooperative.store import GRIDS, read_store
 from foundation.text import printable
+from jaxmpm import ground
 
 CLEAR = "\x1b[2J\x1b[H"
 """Has a terminal begin an empty screen."""
@@ -104,7 +105,7 @@ def _cost(scene: Campaign, cost: Cost) -> Iterator[str]:
     unit = "m3" if scene.dimension == 3 else "m2"
     yield scene.name
     shape = scene.site.shape
-    yield f"  ground         {' x '.join(f'{edge:g}' for edge in shape.extent)} m, {shape.volume:.4g} {unit}"
+    yield f"  ground         {' x '.join(f'{edge:g}' for edge in shape.extent)} m, {ground.volume(shape):.4g} {unit}"
     for layer, thickness in zip(scene.site.layers, scene.site.thicknesses, strict=True):
         rock = ", rock" if layer.rock and layer.name != "rock" else ""
         cells = {grid: thickness.metres / scene.grids[grid].cell for grid in GRIDS}

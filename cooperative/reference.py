@@ -163,6 +163,19 @@ MEANINGS = {
         "surface": Meaning("The surface, from wall to wall.", "[[0, 12], [20, 12], [44, 0], [92, 0]]", unit="m"),
         "base": Meaning("Height of the rigid base.", "-4.0", unit="m"),
         "walls": Meaning("Where the ground ends.", "[0.0, 92.0]", **_WALLS, default="the ends of the surface"),
+        "toe": Meaning(
+            "x of the toe of a slope, a point of the surface at which it stops falling along x or falls less steeply. "
+            "Run-out is then counted beyond it, depth below the crest, and failures have modes, as of a `[slope]`.",
+            "54.0",
+            unit="m",
+            default="none: run-out from the rear of a slide to its front",
+        ),
+        "crest": Meaning(
+            "x of the slope's crest, from which its height is counted.",
+            "30.0",
+            unit="m",
+            default="where the surface before the toe is highest",
+        ),
         "ends": Meaning(
             "What holds the ground at its walls, the other one of two on a roller. For a free face draw the surface "
             "down to the base, and on along it.",
@@ -415,7 +428,7 @@ MEANINGS = {
         "fields": Meaning(
             "Grids whose final displacement and plastic strain are kept, and of a failure two frames.", '"refined"'
         ),
-        "modes": Meaning("Grids whose failures get a mode; only a `[slope]` has modes.", '"refined"'),
+        "modes": Meaning("Grids whose failures get a mode; only a slope with a toe has modes.", '"refined"'),
         "slides": Meaning(
             "Failures that slide on to their end, drawn along the ranks; other refined runs end once they have failed.",
             "30",

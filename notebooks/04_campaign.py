@@ -182,7 +182,7 @@ charts.mode_shares(modes)
 # The farthest slide of each mode, as its refined run left it:
 
 # %%
-model, _ = mpm.slope(campaign.slope, campaign.soil, campaign.grids["refined"])
+model, _ = mpm.slope(campaign.site.shape, campaign.soil, campaign.grids["refined"])
 farthest = {
     mode: int(columns["sample"][np.argmax(np.where(failed & (columns["mode"] == mode), columns["displacement"], -1))])
     for mode in modes

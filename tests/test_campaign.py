@@ -305,10 +305,11 @@ def test_paper_scene_holds_the_published_numbers():
     campaign = parse((SCENES / "paper.toml").read_text())
     published = json.loads((Path(__file__).parent / "reference" / "paper.json").read_text())
     slope, soil, run = published["slope"], published["soil"], published["run"]
-    assert (campaign.slope.crest, campaign.slope.height, campaign.slope.run_per_rise) == (30.0, 12.0, 2.0)
-    assert campaign.slope.toe == slope["toe_m"]
-    assert campaign.slope.foundation == slope["foundation_m"]
-    assert campaign.slope.width == slope["length_y_m"]
+    shape = campaign.site.shape
+    assert (shape.crest, shape.height, shape.run_per_rise) == (30.0, 12.0, 2.0)
+    assert shape.toe == slope["toe_m"]
+    assert shape.foundation == slope["foundation_m"]
+    assert shape.width == slope["length_y_m"]
     assert campaign.soil.young == soil["E_Pa"]
     assert campaign.soil.poisson == soil["nu"]
     assert campaign.soil.unit_weight == soil["unit_weight_N_m3"]

@@ -24,7 +24,7 @@ def test_circles_give_the_printed_factor_at_the_means():
     campaign = scene_campaign("cho_cphi")
     model = runs.build(campaign, "refined", runs.random_soil(campaign), at_rest=False)
     position = np.asarray(model.scene.particles.position, float)
-    circles = cho_cphi.Circles.through(campaign.slope, position, 2 * model.half_size[0], campaign.soil.unit_weight)
+    circles = cho_cphi.Circles.through(campaign.site.shape, position, 2 * model.half_size[0], campaign.soil.unit_weight)
     even = np.ones(position.shape[1])
     factor = circles.factor_of_safety({"cohesion": 10e3 * even, "friction": 30.0 * even})
     assert abs(factor / 1.204 - 1) < 0.01

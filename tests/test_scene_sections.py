@@ -139,7 +139,7 @@ REFUSED = [
         ("[rough]", "[water]\ntable = [[0, -1], [32, -3]]\n[rough]"),
         r"\[water\] table lies below the base at 0 m everywhere, at -1 m and lower, and wets nothing: leave \[water\]",
     ),
-    (('fields = "both"', 'fields = "both"\nmodes = "both"'), "only a .slope. with its crest and toe has"),
+    (('fields = "both"', 'fields = "both"\nmodes = "both"'), "only a slope with its toe has"),
     (("[ground]", "[ground]\nwalls = [1.0]"), r"\[ground\] walls = \(1.0,\): give two"),
     (("[ground]", "[ground]\nwalls = [-2.0, 32.0]"), r"surface ends at \(0, 10\) m, 2 m from the wall at x = -2 m"),
 ]

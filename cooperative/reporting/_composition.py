@@ -36,7 +36,6 @@ from cooperative.runs import GridModel
 from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, Rows, own_folder, read_sample, read_store, write_aside
 from foundation.text import short
-from jaxmpm import Slope
 
 HOW = (
     "Figures answer: point at one to read its values, draw a frame in it to see that part larger, double-click for all "
@@ -159,8 +158,8 @@ def _hazards(told: Told) -> Iterator[Drawn]:
             f"{cut_off(told.summary)}",
             charts.exceedance(curves, told.labels, level=told.summary.level),
         )
-    maps, shape = told.maps, told.campaign.site.shape
-    toe = shape.toe_x if isinstance(shape, Slope) else None
+    maps, face = told.maps, told.campaign.site.shape.face
+    toe = None if face is None else face.toe_x
     if maps is not None:
         draw = charts.plan_maps if told.campaign.dimension == 3 else charts.profile
         said = _mapped(maps, told.summary.level) + cut_off(told.summary)

@@ -15,7 +15,7 @@ from cooperative.reporting._plots import Drawn
 from cooperative.runs import Frames, GridModel, build, random_soil
 from cooperative.scene import Campaign
 from cooperative.store import Rows, Sample
-from jaxmpm import Midway, Slope, solve_each
+from jaxmpm import Midway, solve_each
 
 FACES = 10_000
 """Of a body on the page: a slide has several, and the page is to stay below 5 MB."""
@@ -89,8 +89,8 @@ def slides(model: GridModel, samples: Sequence[Sample], *, again: bool) -> Itera
         )
         if len(model.half_size) == 3:
             position = np.asarray(model.scene.particles.position, float)
-            shape = model.campaign.site.shape
-            toe = shape.toe_x if isinstance(shape, Slope) else None
+            face = model.campaign.site.shape.face
+            toe = None if face is None else face.toe_x
             figure = plots.plan(position, displacement, shown.times, model.half_size, toe=toe)
             said = f"Sample {sample.number}{mode}, by how far the soil on top has moved"
             body = turn.turning(bodies(position, displacement, shown.times, model.half_size), f"{said}.")

@@ -13,7 +13,6 @@ from cooperative.hazard import Maps
 from cooperative.scene import Campaign
 from cooperative.store import Rows, Store
 from cooperative.summary import Summary, slides_of
-from jaxmpm import Slope
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,7 @@ class Told:
     def units(self) -> dict[str, str]:
         """Unit of each consequence in words."""
         each = "" if self.campaign.dimension == 3 else " per metre of width"
-        toe = isinstance(self.campaign.site.shape, Slope)
+        toe = self.campaign.site.shape.face is not None
         drawn = "" if self.campaign.site.track is None else ", along the line that the scene draws"
         return {
             "displacement": "m",

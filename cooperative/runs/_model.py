@@ -175,7 +175,7 @@ class GridModel:
 
     def with_strength_factor(self, factor: float) -> GridModel:
         """The same grid with all strength, random or not, times a factor."""
-        known = "strength" in self.campaign.random and self.campaign.site.interface is None
+        known = "strength" in self.campaign.random and self.scene.wall_friction is None
         scene = self.scene if known else jaxmpm.reduced(self.scene, 1 / factor)
         return replace(self, scene=scene, strength_factor=factor)
 

@@ -15,7 +15,7 @@ import numpy as np
 from cooperative.runs._model import sampling_of
 from cooperative.scene import TAIL, Campaign, steepest
 from cooperative.store import GRIDS
-from jaxmpm import AnySoil, Material, Scene, block, declared
+from jaxmpm import AnySoil, Material, Scene, block, declared, ground
 
 MOST_STEPS = 10**7
 """Of one run. The published slope takes 2,000 and 5,000; with more, rounding in float32 gets the better of a step."""
@@ -59,12 +59,12 @@ def grid_size(campaign: Campaign, grid: str) -> GridSize:
     """Size of one grid. Raises ValueError where slope, soil and grid do not fit together."""
     site, numerics, gravity = campaign.site, campaign.grids[grid], campaign.run.gravity
     shape, depth = site.shape, site.shape.extent[-1]
-    cells, speed = shape.cells(numerics), math.sqrt(gravity * shape.extent[-1])
-    site.layer_of(np.zeros((shape.dimension, 0)), numerics)  # which refuses lines that do not go together
+    cells, speed = ground.cells(shape, numerics), math.sqrt(gravity * shape.extent[-1])
+    site.layer_of(np.zeros((campaign.dimension, 0)), numerics)  # which refuses lines that do not go together
 
     def alone(soil: AnySoil) -> Scene:
         # One particle of the same soil has the same time step, and meets the same checks.
-        domain, corner = (2 * numerics.cell,) * shape.dimension, (0.0,) * shape.dimension
+        domain, corner = (2 * numerics.cell,) * campaign.dimension, (0.0,) * campaign.dimension
         return block(numerics.spacing, soil, numerics, domain=domain, corner=corner, speed=speed)[0]
 
     soils = [layer.soil for layer in site.soils(campaign.soil)]
@@ -76,7 +76,7 @@ def grid_size(campaign: Campaign, grid: str) -> GridSize:
     steps = campaign.run.last(grid) / dt if dt > 0 else math.inf
     passes = 0 if one.nonlocal_passes is None else one.nonlocal_passes
     return GridSize(
-        particles=shape.volume / each,
+        particles=ground.volume(shape) / each,
         nodes=math.prod(count + 3.0 for count in cells),
         points=math.prod(shape.extent) / each,
         steps=steps,

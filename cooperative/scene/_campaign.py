@@ -15,7 +15,7 @@ from cooperative.estimate import Estimator, Sampling
 from cooperative.scene._hazard import Hazard
 from cooperative.scene._site import Site, SiteLayer, ask_of_seams, refuse_saturated
 from cooperative.scene._soil import CrossCorrelation, RandomField, check_cross_correlation
-from jaxmpm import Discretisation, Settle, Slope
+from jaxmpm import Discretisation, Settle, ground
 
 
 @dataclass(frozen=True)
@@ -161,21 +161,9 @@ class Campaign:
     hazard: Hazard | None = None
 
     @property
-    def slope(self) -> Slope:
-        """The slope, where the ground is one. ValueError where it is drawn."""
-        if not isinstance(self.site.shape, Slope):
-            raise ValueError("the scene draws its ground, which is no [slope]: use `site`")
-        return self.site.shape
-
-    @property
-    def y_ends(self) -> Literal["fixed", "roller"]:
-        """What holds the slope's ends along y."""
-        return self.site.y_ends
-
-    @property
     def dimension(self) -> int:
         """2 for a section, 3 otherwise."""
-        return self.site.shape.dimension
+        return len(self.site.shape.corner)
 
     @property
     def least_volume(self) -> str | None:
@@ -194,7 +182,7 @@ class Campaign:
 
 def check_campaign(campaign: Campaign) -> None:
     """Ranges that no builder looks at."""
-    campaign.site.shape.check()
+    ground.check_ground(campaign.site.shape)
     refuse_saturated(campaign.site, campaign.soil)
     ask_of_seams(campaign.site, campaign.grids["refined"].cell)
     run, plan, dimension = campaign.run, campaign.plan, campaign.dimension
@@ -210,10 +198,10 @@ def check_campaign(campaign: Campaign) -> None:
             "slides: leave one of them out"
         )
     _above_zero("campaign", {"restart_every": plan.restart_every})
-    if run.least_volume is not None and not 0 < run.least_volume < campaign.site.shape.volume:
+    if run.least_volume is not None and not 0 < run.least_volume < ground.volume(campaign.site.shape):
         raise ValueError(
             f"[run] least_volume = {campaign.least_volume}: give more than 0 and less than the ground's "
-            f"{campaign.site.shape.volume:.4g}"
+            f"{ground.volume(campaign.site.shape):.4g}"
         )
     campaign.measured.check()
     for name, field in campaign.random.items():

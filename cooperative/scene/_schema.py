@@ -99,6 +99,8 @@ _GROUND = {
     "surface": Key(LINE),
     "base": Key(float, 0.0),
     "walls": Key(tuple, None),
+    "toe": Key(float, None),
+    "crest": Key(float, None),
     "ends": Key(SECTION_ENDS, "roller"),
     "interface": Key(Table({"friction": Key(float), "cohesion": Key(float, 0.0)}), None),
 }

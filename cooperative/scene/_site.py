@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from jaxmpm import (
     AnySoil,
     Discretisation,
     FrictionalSoil,
+    Ground,
     Interface,
     Layer,
     Raster,
@@ -28,9 +29,7 @@ from jaxmpm import (
     State,
     Terrain,
     Thickness,
-    section,
-    slope,
-    terrain,
+    ground,
 )
 
 MOST_LAYERS = 100
@@ -54,13 +53,13 @@ class SiteLayer:
 
 @dataclass(frozen=True)
 class Site:
-    """The ground of a campaign. shape: its outline. ends: what holds its ends, those along y of a slope. layers: from
+    """The ground of a campaign. shape: of the ground. ends: what holds its ends, None as its shape has it. layers: from
     the top down; none where all is of the campaign's own soil. water: its level or table, r_u: pore pressure instead,
     see `jaxmpm.section` and `jaxmpm.terrain`. track: along which run-out is measured, None for along the slide. origin:
     where x = 0 and y = 0 lie in the projection of a terrain's surface (m)."""
 
-    shape: Slope | Section | Terrain
-    ends: str
+    shape: Ground
+    ends: str | None = None
     layers: tuple[SiteLayer, ...] = ()
     water: float | tuple[tuple[float, float], ...] | Raster | None = None
     r_u: float | None = None
@@ -68,36 +67,26 @@ class Site:
     origin: tuple[float, ...] = (0.0, 0.0)
 
     @property
-    def y_ends(self) -> Literal["fixed", "roller"]:
-        """What holds the ends of a slope along y."""
-        return "roller" if self.ends == "roller" else "fixed"
-
-    @property
     def projection(self) -> str | None:
         """That of the file of its surface (WKT), None where it has none."""
-        return self.shape.surface.projection if isinstance(self.shape, Terrain) else None
+        return getattr(self.shape, "projection", None)
 
     def built(self, soil: AnySoil, numerics: Discretisation, gravity: float, *, at_rest: bool) -> tuple[Scene, State]:
         """Scene and initial state on a grid; ValueError where ground, soil and grid do not fit together."""
-        if isinstance(self.shape, Slope):
-            return slope(self.shape, soil, numerics, gravity=gravity, y_ends=self.y_ends, at_rest=at_rest)
-        said: dict[str, Any] = {"gravity": gravity, "water": self.water, "r_u": self.r_u, "ends": self.ends}
         # What is unusual was asked about when the scene was read.
         layers = [replace(each, soil=_as_meant(each.soil)) for each in self.soils(soil)]
-        if isinstance(self.shape, Terrain):
-            return terrain(self.shape, layers, numerics, **said, at_rest=at_rest)
-        return section(self.shape, layers, numerics, **said, at_rest=at_rest)
+        loads = {"gravity": gravity, "at_rest": at_rest, "ends": self.ends, "water": self.water, "r_u": self.r_u}
+        return ground.build_ground(self.shape, layers, numerics, **loads)
 
     @property
     def height(self) -> float:
         """From the foot of the ground to its top (m)."""
-        return self.shape.height if isinstance(self.shape, Slope) else self.shape.relief
+        return ground.relief(self.shape)
 
     @property
     def fixed_edge(self) -> tuple[tuple[float, float], ...] | None:
         """Corners in plan (m) of the ground, where a polygon is cut out that is fixed along its edge."""
-        cut = isinstance(self.shape, Terrain) and self.shape.cut == "fixed"
-        return self.shape.polygon if cut else None  # type: ignore[union-attr]
+        return getattr(self.shape, "fixed_edge", None)
 
     def soils(self, soil: AnySoil) -> list[Layer]:
         """Its layers for the solver; one of the campaign's own soil where it has none."""
@@ -105,21 +94,14 @@ class Site:
 
     def layer_of(self, position: np.ndarray, numerics: Discretisation) -> np.ndarray | None:
         """Number of the layer (N,) in which each point (d, N) m lies, None where there are none."""
-        if not self.layers or isinstance(self.shape, Slope):
-            return None
-        return self.shape.layer_of([each.layer for each in self.layers], position, numerics)
-
-    @property
-    def interface(self) -> Interface | None:
-        """The strength of its base, None where soil sticks to it."""
-        return self.shape.interface if isinstance(self.shape, Section) else None
+        layers = [each.layer for each in self.layers]
+        return ground.layer_of(self.shape, layers, position, numerics) if layers else None
 
     @property
     def thicknesses(self) -> list[Thickness]:
         """That of each layer; none where there are none."""
-        if not self.layers or isinstance(self.shape, Slope):
-            return []
-        return self.shape.thicknesses([each.layer for each in self.layers])
+        layers = [each.layer for each in self.layers]
+        return ground.thicknesses(self.shape, layers) if layers else []
 
     def values_of(self, parameter: str, field: RandomField) -> tuple[RandomField | float, ...]:
         """What a parameter that varies is in each layer: a field, or the number of one in which it does not vary."""
@@ -135,9 +117,7 @@ class Site:
 
     def box_of(self, number: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Lowest corner and edges (d,) m of a box that holds a layer, the same for every grid."""
-        if isinstance(self.shape, Slope):
-            return self.shape.corner, self.shape.extent
-        return self.shape.box_of([each.layer for each in self.layers], number)
+        return ground.box_of(self.shape, [each.layer for each in self.layers], number)
 
     def depth(self, points: np.ndarray) -> np.ndarray:
         """Depth of points (d, N) below the ground (N,) m, 0 above it."""
@@ -204,8 +184,12 @@ def _section(tables: Mapping[str, Any]) -> Site:
     if contact is not None and not tables["soil"].get("unusual", False):
         for name in ("friction", "cohesion"):
             ask(f"[ground] interface {name}", name, getattr(contact, name))
-    shape = Section(line("[ground] surface", said["surface"]), said["base"], said["walls"], contact)
-    shape.check()
+    surface = line("[ground] surface", said["surface"])
+    shape = Section(surface, **{key: said[key] for key in ("base", "walls", "toe", "crest")}, interface=contact)
+    try:
+        shape.check()
+    except ValueError as error:
+        raise ValueError(f"[ground] {error}") from error
     return Site(shape, said["ends"], (), *_water(tables, shape))
 
 
@@ -329,9 +313,9 @@ def _water(tables: Mapping[str, Any], shape: Section | Terrain) -> tuple[Any, fl
     if "water" not in tables:
         return None, None
     said = read("water", tables["water"], SECTIONS["water"])
-    other, ground = ("table", "terrain") if isinstance(shape, Terrain) else ("raster", "ground")
+    other, table = ("table", "terrain") if "terrain" in tables else ("raster", "ground")
     if said[other] is not None:
-        raise ValueError(f"[water] {other} is not for a scene with [{ground}]: give level, depth, r_u or "
+        raise ValueError(f"[water] {other} is not for a scene with [{table}]: give level, depth, r_u or "
                          f"{'raster' if other == 'table' else 'table'}")  # fmt: skip
     given = {key: value for key, value in said.items() if value is not None}
     if len(given) != 1:
@@ -348,7 +332,11 @@ def _water(tables: Mapping[str, Any], shape: Section | Terrain) -> tuple[Any, fl
     elif key == "raster":
         water = _heights(tables, "[water] raster", value)
     elif key == "depth":
-        water = _lowered(shape, value)
+        if value < 0:
+            raise ValueError(
+                f"[water] depth = {value:g} m: give 0 or more, or a level for water that stands on the ground"
+            )
+        water = shape.lowered(value)
     if not tables["soil"].get("unusual", False):
         _ask_of_water(f"[water] {key}", water, shape)
     return water, None
@@ -372,15 +360,6 @@ def _ask_of_water(where: str, water: float | Sequence[Sequence[float]] | Raster,
             f"{where} lies below the base at {base:g} m everywhere, at {high:g} m and lower, and wets nothing: leave "
             f"[water] out, or give heights from the same zero as those of the ground. {meant}"
         )
-
-
-def _lowered(shape: Section | Terrain, depth: float) -> Raster | tuple[tuple[float, float], ...]:
-    """The surface, so much (m) lower."""
-    if depth < 0:
-        raise ValueError(f"[water] depth = {depth:g} m: give 0 or more, or a level for water that stands on the ground")
-    if isinstance(shape, Terrain):
-        return replace(shape.surface, heights=shape.surface.heights - depth)
-    return tuple((float(x), float(z) - depth) for x, z in shape.surface)
 
 
 def _heights(tables: Mapping[str, Any], where: str, name: str) -> Raster:

@@ -76,7 +76,6 @@ def parse(text: str, estimator: Estimator | None = None, *, begun: bool = False)
         ask("[run] gravity", "gravity", run["gravity"])
     measured = given_measured(tables)
     _check_limit_load(tables, measured, run)
-    _settle_modes(plan, tables["campaign"], "slope" in tables)
     settings = {key: plan.pop(key) for key in SETTINGS}
     if given is None:
         plan["estimator"] = named_estimator(plan["estimator"], {**settings, "seed": plan["seed"]})
@@ -89,6 +88,7 @@ def parse(text: str, estimator: Estimator | None = None, *, begun: bool = False)
 
     site = site_of(tables, lambda ground: soil_on(ground)[1])
     soil, random = soil_on(site)
+    _settle_modes(plan, tables["campaign"], site.shape.face is not None)
     campaign = Campaign(
         text=text,
         name=name,
@@ -145,7 +145,7 @@ def _settle_defaults(tables: dict[str, Any]) -> None:
 
 
 def _settle_modes(plan: dict[str, Any], said: Mapping[str, Any], has_modes: bool) -> None:
-    """Modes are told of slides that come to their end, on a slope with a crest and a toe."""
+    """Slides have modes where they come to their end, on a slope with a toe."""
     if plan["slides"] == 0 and "modes" in said:
         raise ValueError(
             f"[campaign] slides = 0 ends every refined run once its class is decided, and modes = "
@@ -154,8 +154,8 @@ def _settle_modes(plan: dict[str, Any], said: Mapping[str, Any], has_modes: bool
         )
     if not has_modes and "modes" in said:
         raise ValueError(
-            f"[campaign] modes = {said['modes']!r} asks for modes, which only a [slope] with its crest and toe has: "
-            "leave it out"
+            f"[campaign] modes = {said['modes']!r} asks for modes, which only a slope with its toe has: leave it "
+            "out, or give [ground] its toe"
         )
     if plan["slides"] == 0 or not has_modes:
         plan["modes"] = ()
