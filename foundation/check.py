@@ -129,7 +129,8 @@ def whole(name: str, value: Any, least: int = 1) -> None:
 def parameters(tree: Any, prefix: str = "") -> Iterator[tuple[str, Limit, Any]]:
     """Name, limit and value of every number in a dataclass and in those that it holds.
 
-    A dataclass says what its fields may be in PARAMETERS; all others may have any finite value.
+    A dataclass says what its fields may be in PARAMETERS; all others may have any finite value. Dataclasses in a tuple
+    have no name of their own.
     """
     for field in dataclasses.fields(tree):
         value = getattr(tree, field.name)
@@ -137,6 +138,9 @@ def parameters(tree: Any, prefix: str = "") -> Iterator[tuple[str, Limit, Any]]:
             continue
         if dataclasses.is_dataclass(value):
             yield from parameters(value, f"{prefix}{field.name}.")
+        elif isinstance(value, tuple) and all(map(dataclasses.is_dataclass, value)):
+            for part in value:
+                yield from parameters(part, prefix)
         else:
             limit = getattr(type(tree), "PARAMETERS", {}).get(field.name, Limit())
             for leaf in jax.tree.leaves(value):

@@ -21,6 +21,7 @@ import numpy as np
 from foundation import check, files
 from foundation.text import shown
 from jaxmpm import diagnostics
+from jaxmpm.laws import declared
 from jaxmpm.types import Scene, State
 
 KIND = "jaxmpm restart point"
@@ -88,12 +89,12 @@ def write_vtkhdf(path: str | Path, scene: Scene, states: Iterable[State], times:
 
     Points are current positions (m). Fields: displacement (m), velocity (m/s) of the grid at the particle, stress (Pa,
     xx yy zz xy yz xz), plastic_strain or the leaves of the material's history, volume_ratio, and the strength (Pa)
-    where the material has one. Raises ValueError for lanes, or as many states as there are not times; OSError where the
-    disk refuses.
+    where the material has one, nan in zones without. Raises ValueError for lanes, or as many states as there are not
+    times; OSError where the disk refuses.
     """
-    strength = getattr(scene.material, "strength", None)
+    strength = declared(scene.material).get("strength")
     count = scene.particles.mass.shape[-1]
-    constant = {} if strength is None else {"strength": np.broadcast_to(np.asarray(strength), (count,))}
+    constant = {} if strength is None else {"strength": np.broadcast_to(np.asarray(strength.value), (count,))}
     fields = (_fields_of(scene, state) for state in states)
     write_particles(path, np.asarray(scene.particles.position), times, fields, constant=constant)
 

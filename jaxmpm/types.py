@@ -145,8 +145,9 @@ class Material(Protocol):
     """What values the parameters may have, each a `Limit`, or a `Parameter` where strength reduction, a campaign or the
     thickness of shear bands concern it; those that are not named here may have any that is finite."""
 
-    FRICTIONAL: ClassVar[bool]
-    """Whether strength depends on the mean stress, which F-bar would average."""
+    @property
+    def FRICTIONAL(self) -> bool:
+        """Whether strength depends on the mean stress, which F-bar would average; of most laws a class variable."""
 
     @property
     def bulk(self) -> Array:

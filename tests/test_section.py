@@ -1,5 +1,7 @@
 """A section drawn as lines: the lattice it makes, its layers, and what it refuses, with the coordinates."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -160,10 +162,10 @@ REFUSED = {
     "thin in between": (FLAT, layered([(0, 2), (4, 5.75), (8, 5), (14, 2), (20, 2)]), "layer 1 is .* m thick at"),
     "below the base": (FLAT, layered([(0, 1), (20, 1)], [(0, -1), (20, -1)]), "layer 3 holds no particle"),
     "order": (FLAT, [mpm.Layer(CLAY), mpm.Layer(CLAY, [(0, 1), (20, 1)])], "all but the last with their bottom"),
-    "laws": (
+    "parameter per particle": (
         FLAT,
-        [mpm.Layer(CLAY, [(0, 1), (20, 1)]), mpm.Layer(drained(1e3, 20))],
-        r"layers 1 \(J2\) and 2 \(MohrCoulomb\) have soils of unlike laws",
+        [mpm.Layer(CLAY, [(0, 1), (20, 1)]), mpm.Layer(replace(CLAY, strength=np.full(7, 9e3)))],
+        "a soil of a layer has a parameter per particle: give numbers, then `with_soil`",
     ),
 }
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -31,7 +32,7 @@ from jaxmpm.setup import (
     settled,
     sorted_by_cell,
 )
-from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, common_law, weights
+from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, law_of_layers, weights
 from jaxmpm.types import Grid, Scene, State, Wall
 
 PLAN = {1: 4096, 2: 256}
@@ -143,12 +144,14 @@ def scene_of(
     )
     particles = sorted_by_cell(particles, grid)
     number = layer_of(ground, layers, np.asarray(particles.position, float), discretisation)
+    law, order = law_of_layers(laws, number)
+    particles, number = jax.tree.map(lambda leaf: leaf[..., order], (particles, number))
     mass = weights([each.soil for each in layers], number, None) / STANDARD_GRAVITY * np.prod(discretisation.spacing)
     walls = [wall for axis, hold in enumerate(ends[: len(corner) - 1]) for wall in end_walls(axis, counts[axis], hold)]
     built, state = build(
         replace(particles, mass=jnp.asarray(mass, particles.mass.dtype)),
         grid,
-        common_law(laws, number),
+        law,
         discretisation,
         walls=(*walls, Wall(len(corner) - 1, "low", PADDING, "fixed")),
         gravity=gravity,

@@ -35,8 +35,8 @@ from jaxmpm.setup import (
     settled,
     sorted_by_cell,
 )
-from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, Interface, common_law, weights
-from jaxmpm.types import Grid, Particles, Scene, State, Wall
+from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, Interface, law_of_layers, weights
+from jaxmpm.types import Grid, Material, Particles, Scene, State, Wall
 
 Height = Callable[[np.ndarray], np.ndarray]
 """Heights (n,) m of a line at x (n,) m."""
@@ -242,7 +242,7 @@ def section(
     speed that the time step allows for (m/s), by default of a fall through the height. at_rest: with the stress of
     elastic gravity loading, else free of stress.
     Raises ValueError for lines that turn back, cross or end in the ground, pools that slope, layers thinner than a
-    particle, layers whose soils follow no common law, and sizes that do not fit the grid, with the coordinates.
+    particle, soils of layers with a parameter per particle, and sizes that do not fit the grid, with the coordinates.
     """
     check.not_negative("gravity", gravity, "m/s2")
     check.between("k_h", k_h, -1.0, 1.0)
@@ -254,7 +254,7 @@ def section(
     tops = _layering(shape, layers, discretisation)
     grid = box_grid(shape.corner, cells, discretisation.cell)
     table = _water_table(shape, water, discretisation)
-    particles, layer = _particles(shape, layers, tops, discretisation, grid, table)
+    particles, law = _particles(shape, layers, tops, discretisation, grid, table)
     if ends == "tied":
         _check_alike(shape, tops, table, discretisation.spacing[-1])
     if ends == FREE_FIELD:
@@ -269,7 +269,7 @@ def section(
     built, state = build(
         particles,
         grid,
-        common_law([material_on(discretisation, each.soil) for each in layers], layer),
+        law,
         discretisation,
         walls=(*held, base),
         **_strength_of_base(shape, layers, tops, grid, r_u),
@@ -493,8 +493,8 @@ def _particles(
     discretisation: Discretisation,
     grid: Grid,
     table: WaterTable | None,
-) -> tuple[Particles, np.ndarray]:
-    """The particles with their layer's mass, and the number of the layer (N,) of each."""
+) -> tuple[Particles, Material]:
+    """The particles with their layer's mass, and their law."""
     left, right = shape.outline()[1]
     dx, dz = discretisation.spacing
     particles = fill(
@@ -510,7 +510,9 @@ def _particles(
     layer = _layer_of(tops, np.stack([x, z]), dz)
     under = None if table is None else below(z, np.interp(x, table.x, table.z), RESOLVED * dz)
     mass = weights([each.soil for each in layers], layer, under) / STANDARD_GRAVITY * (dx * dz)
-    return replace(particles, mass=jnp.asarray(mass, particles.mass.dtype)), layer
+    law, order = law_of_layers([material_on(discretisation, each.soil) for each in layers], layer)
+    particles = replace(particles, mass=jnp.asarray(mass, particles.mass.dtype))
+    return jax.tree.map(lambda leaf: leaf[..., order], particles), law
 
 
 def _water_table(shape: Section, water: float | Line | None, discretisation: Discretisation) -> WaterTable | None:

@@ -9,6 +9,7 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Any, Literal
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import shapely
@@ -35,7 +36,7 @@ from jaxmpm.setup import (
     settled,
     sorted_by_cell,
 )
-from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, common_law, weights
+from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, law_of_layers, weights
 from jaxmpm.types import Grid, Particles, Scene, State, Wall
 
 SAMPLED = 4
@@ -288,6 +289,8 @@ def terrain(
     empty = np.flatnonzero(np.bincount(layer, minlength=len(layers)) == 0)
     if empty.size:
         raise ValueError(f"layer {empty[0] + 1} holds no particle between the walls: draw it there, or leave it out")
+    law, order = law_of_layers([material_on(discretisation, each.soil) for each in layers], layer)
+    particles, layer = jax.tree.map(lambda leaf: leaf[..., order], (particles, layer))
     (x, y, z), spacing = np.asarray(particles.position, float), discretisation.spacing[-1]
     table = _water_table(shape, water)
     under = None if table is None else below(z, table.at(x, y), RESOLVED * spacing)
@@ -301,7 +304,7 @@ def terrain(
     built, state = build(
         replace(particles, mass=particles.volume * density),
         grid,
-        common_law([material_on(discretisation, each.soil) for each in layers], layer),
+        law,
         discretisation,
         walls=(*end_walls(0, cells[0], ends), *end_walls(1, cells[1], ends), Wall(2, "low", PADDING, "fixed")),
         gravity=gravity,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import singledispatch
 from typing import Any
 
 import jax.numpy as jnp
@@ -14,17 +15,19 @@ SHARE = 1e-3
 """Pressure over the stress that the cutoff took away, up to which soil is loose: rounding is far less."""
 
 
+@singledispatch
 def remembers_gap(law: Material) -> bool:
     """Whether soil of this law has a tension cutoff and remembers what it opens."""
     return getattr(law, "tension_cutoff", None) is not None and getattr(law, "gap_memory", False)
 
 
+@singledispatch
 def update_with_gap(
     law: Material,
     strain: Tensor,
     stress: Tensor,
     history: Any,
-    dt: Array,
+    dt: Array | None,
     *,
     gap: Array | None,
     logarithmic: bool = False,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import singledispatch
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -50,6 +51,7 @@ class Declared(NamedTuple):
     value: Any
 
 
+@singledispatch
 def declared(law: Any) -> dict[str, Declared]:
     """The numbers of a law, by the engineer's name; those that it declares no `Parameter` of by their path."""
     found: dict[str, Declared] = {}
@@ -59,6 +61,7 @@ def declared(law: Any) -> dict[str, Declared]:
     return found
 
 
+@singledispatch
 def with_parameters(law: Any, values: Mapping[str, Any]) -> Any:
     """A law with other values of its numbers, by path."""
     own = {path: value for path, value in values.items() if "." not in path}

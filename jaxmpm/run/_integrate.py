@@ -186,9 +186,16 @@ def lanes(scene: Scene, **values: Array) -> tuple[Scene, Scene]:
         if np.ndim(leaf) < 1 or len(count) > 1 or not len(leaf):
             raise ValueError(f"{name} has shape {np.shape(leaf)}: give (lanes,) or (lanes, N), as many for every name")
         check_shape(f"a lane of {name}", leaf[0], scene.particles)
-    shared = jax.tree.map(lambda _: None, scene)
-    axes = replace(shared, material=with_parameters(shared.material, dict.fromkeys(values, 0)))
-    varied = replace(scene, material=with_parameters(scene.material, values))
+    return varied_lanes(scene, partial(with_parameters, scene.material), {n: jnp.asarray(v) for n, v in values.items()})
+
+
+def varied_lanes(scene: Scene, law_of: Callable[[Any], Any], lanes: Any) -> tuple[Scene, Scene]:
+    """A scene with a law for each lane, `law_of` what is first in arrays of `lanes`, and the axes that say so, for
+    `solve(..., axes=axes)`. Raises ValueError for laws beyond their limits."""
+    first = law_of(jax.tree.map(lambda leaf: leaf[0], lanes))
+    axes = jax.tree.map(lambda one, other: None if one is other else 0, scene.material, first)
+    varied = replace(scene, material=jax.vmap(law_of, out_axes=axes)(lanes))
+    axes = replace(jax.tree.map(lambda _: None, scene), material=axes)
     check_scene(varied, axes)
     return varied, axes
 

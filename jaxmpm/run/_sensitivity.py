@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxmpm.laws import declared, with_parameters
 from jaxmpm.run._checkpointed import replay
 from jaxmpm.setup import check_scene
 from jaxmpm.types import Scene, State
@@ -23,15 +24,16 @@ def strength_sensitivity(
     Divided by a particle's volume it no longer depends on how many particles the soil is cut into.
     Raises ValueError for a material without strength, for numbers beyond their limits, and as `replay` does.
     """
-    if not hasattr(scene.material, "strength"):
+    known = declared(scene.material).get("strength")
+    if known is None:
         raise ValueError(
             f"{type(scene.material).__name__} has no strength: give a J2 material, as `Soil(strength=..)` makes"
         )
 
     def reached(strength: Array) -> Array:
-        varied = replace(scene, material=replace(scene.material, strength=strength))
+        varied = replace(scene, material=with_parameters(scene.material, {known.path: strength}))
         return objective(replay(varied, state, steps, memory=memory)[0])
 
     check_scene(scene)
-    strength = jnp.broadcast_to(scene.material.strength, scene.particles.mass.shape)
+    strength = jnp.broadcast_to(known.value, scene.particles.mass.shape)
     return jax.jit(jax.value_and_grad(reached))(strength)

@@ -14,8 +14,8 @@ from jax import Array
 
 from foundation import check
 from foundation.text import shown
-from jaxmpm.laws import declared, reduce_strength
-from jaxmpm.run._integrate import Settle, check_run, farthest, lanes, repeat, solve
+from jaxmpm.laws import reduce_strength
+from jaxmpm.run._integrate import Settle, check_run, farthest, repeat, solve, varied_lanes
 from jaxmpm.run._limit_load import LOOKS, Times, displacements, find_kink, speeds_up
 from jaxmpm.setup import check_scene
 from jaxmpm.types import Scene, State
@@ -171,11 +171,7 @@ def _with_kink(found: FactorOfSafety, scene: Scene, state: State, t_end: float, 
 def reductions(scene: Scene, factors: Array) -> tuple[Scene, Scene]:
     """The scene with a lane for every factor (B,) by which the strength is divided, also of walls with friction, and
     its axes for `solve`."""
-    material = jax.vmap(lambda factor: reduce_strength(scene.material, factor))(factors)
-    before, after = declared(scene.material), declared(reduce_strength(scene.material, factors[0]))
-    changed = {name for name, each in after.items() if each.value is not before[name].value}
-    found = {each.path: each.value for name, each in declared(material).items() if name in changed}
-    varied, axes = lanes(scene, **found)
+    varied, axes = varied_lanes(scene, partial(reduce_strength, scene.material), factors)
     walls = jax.vmap(partial(_reduced_walls, scene))(factors)
     lanes_first: dict[str, Any] = dict.fromkeys(walls, 0)
     return replace(varied, **walls), replace(axes, **lanes_first)

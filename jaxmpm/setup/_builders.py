@@ -13,10 +13,10 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from foundation import check
-from jaxmpm.laws import BaseMotion, WaterSurface, WaterTable
+from jaxmpm.laws import BaseMotion, WaterSurface, WaterTable, Zoned
 from jaxmpm.setup._discretisation import Discretisation, cells_up, check_discretisation, kernel_of
 from jaxmpm.setup._initial_stress import settled
-from jaxmpm.setup._scene import scene, unstressed
+from jaxmpm.setup._scene import in_total_stress_at, scene, unstressed
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, warn_of_units
 from jaxmpm.transfer import band_thickness
 from jaxmpm.types import Grid, Material, Particles, Scene, State, Wall
@@ -240,9 +240,15 @@ def build(
     tied: tuple[int, int] | None = None,
     cut: np.ndarray | None = None,
 ) -> tuple[Scene, State]:
-    """Scene and motionless, stress-free state of these particles."""
+    """Scene and motionless, stress-free state of these particles, which of a `Zoned` law come in its order. Where they
+    carry a pore pressure, undrained ones have none: their stress is total."""
+    if isinstance(material, Zoned):
+        if pore_pressure is not None:
+            pore_pressure = np.where(in_total_stress_at(material), 0.0, pore_pressure)
+    else:
+        particles = sorted_by_cell(particles, grid)
     built = scene(
-        sorted_by_cell(particles, grid),
+        particles,
         grid,
         material,
         kernel=kernel_of(discretisation),

@@ -21,19 +21,22 @@ from jaxmpm.laws import (
     BaseMotion,
     WaterSurface,
     WaterTable,
+    Zoned,
     declared,
     excesses,
     hardens,
-    has_strength,
+    in_total_stress,
+    laws_of,
     remembers_gap,
     snaps_back,
+    with_parameters,
 )
 from jaxmpm.setup._motion import check_motion
 from jaxmpm.tensors import CARRIED
 from jaxmpm.transfer import Linear, inside, locate, passes_for
 from jaxmpm.types import Engine, Grid, Kernel, Material, Particles, Scene, Scheme, State, Status, Wall
 
-MEMBERS = [name for name in vars(Material) if not name.startswith("_")] + ["PARAMETERS", "FRICTIONAL"]
+MEMBERS = [name for name in vars(Material) if not name.startswith("_")] + ["PARAMETERS"]
 """What the protocol `Material` names."""
 
 
@@ -160,9 +163,12 @@ def check_scene(scene: Scene, axes: Scene | None = None) -> None:
     axes: which leaves have lanes first, None without lanes. What is being traced is not looked at.
     """
     check.within_limits(scene)
-    refuse_snap_back(scene.material, None if axes is None else axes.material)
-    _refuse_hardening(scene.material, None if axes is None else axes.material)
-    _refuse_excess(scene.material, None if axes is None else axes.material)
+    laws = laws_of(scene.material)
+    for law, own in zip(laws, (None,) * len(laws) if axes is None else laws_of(axes.material), strict=True):
+        lanes = own if jax.tree.leaves(own) else None
+        refuse_snap_back(law, lanes)
+        _refuse_hardening(law, lanes)
+        _refuse_excess(law, lanes)
 
 
 def refuse_snap_back(material: Material, axes: Material | None = None) -> None:
@@ -351,10 +357,29 @@ def _checked_material(material: Any, particles: Particles, dtype: np.dtype) -> A
     missing = [name for name in MEMBERS if not hasattr(type(material), name) and not hasattr(material, name)]
     if missing:
         raise ValueError(f"{type(material).__name__} lacks {', '.join(missing)}: derive it from jaxmpm.Law")
+    if isinstance(material, Zoned):
+        return _checked_zones(material, particles, dtype)
     for name, limit, value in check.parameters(material):
         check.within(name, value, limit)
         check_shape(name, value, particles)
     return jax.tree.map(_number_of(dtype), material)
+
+
+def _checked_zones(material: Zoned, particles: Particles, dtype: np.dtype) -> Zoned:
+    """As `_checked_material`, each law with the particles of its zone."""
+    count = particles.mass.size
+    if len(material.counts) != len(material.laws) or min(material.counts) < 1 or sum(material.counts) != count:
+        raise ValueError(
+            f"counts = {material.counts} for {len(material.laws)} laws and {count} particles: give the number of each "
+            "law's particles, 1 or more, together all of them"
+        )
+    zones = ((law, jax.tree.map(lambda leaf, own=own: leaf[..., own], particles)) for law, own in material.zones)
+    return replace(material, laws=tuple(_checked_material(law, own, dtype) for law, own in zones))
+
+
+def in_total_stress_at(material: Zoned) -> np.ndarray:
+    """Which particles (N,) are of a zone whose strength is undrained."""
+    return np.repeat([in_total_stress(law) for law in material.laws], material.counts)
 
 
 def _check_tied(
@@ -383,7 +408,7 @@ def _check_water(
     material: Material,
     particles: Particles,
 ) -> None:
-    if has_strength(material) and not material.FRICTIONAL:
+    if in_total_stress(material):
         raise ValueError(
             f"pore pressure in {type(material).__name__}, whose strength is undrained and knows total stress only: "
             "leave the water out, or give a frictional soil (of clay with friction = 0, its cohesion the strength)"
@@ -417,6 +442,8 @@ def _check_water(
             raise ValueError(
                 f"pore_pressure has shape {np.shape(pore_pressure)}: give {particles.mass.shape}, one a particle"
             )
+        if isinstance(material, Zoned) and np.any(np.asarray(pore_pressure)[in_total_stress_at(material)]):
+            raise ValueError("pore_pressure above 0 in a zone whose strength is undrained: give 0 Pa there")
 
 
 def with_strength(scene: Scene, strength: ArrayLike) -> Scene:
@@ -424,13 +451,14 @@ def with_strength(scene: Scene, strength: ArrayLike) -> Scene:
 
     Raises ValueError for a law without strength, another shape, values that are not finite and above 0, and snap-back.
     """
-    if not hasattr(scene.material, "strength"):
+    if "strength" not in declared(scene.material):
         raise ValueError(
             f"{type(scene.material).__name__} has no strength: give a J2 material, as `Soil(strength=..)` makes"
         )
     check.positive("strength", strength, "Pa")
     check_shape("strength", strength, scene.particles)
     value = jnp.asarray(strength, scene.particles.mass.dtype)
-    varied: Any = replace(scene.material, strength=value)
-    refuse_snap_back(varied)
+    varied = with_parameters(scene.material, {declared(scene.material)["strength"].path: value})
+    for law in laws_of(varied):
+        refuse_snap_back(law)
     return replace(scene, material=varied)

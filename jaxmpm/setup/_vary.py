@@ -12,7 +12,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from foundation import check
-from jaxmpm.laws import with_parameters
+from jaxmpm.laws import declared, with_parameters
 from jaxmpm.setup._initial_stress import at_rest
 from jaxmpm.setup._scene import check_scene, check_shape, wave_speed
 from jaxmpm.soil import STANDARD_GRAVITY, moduli
@@ -64,7 +64,7 @@ def check_start(state: State, names: Collection[str]) -> None:
 
 def parameter_names(scene: Scene) -> list[str]:
     """Names of the material's parameters: the numbers that it has, those of its parts with a dot."""
-    return [name for name, _, _ in check.parameters(scene.material)]
+    return [each.path for each in declared(scene.material).values()]
 
 
 def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[Scene, State]:

@@ -1,6 +1,6 @@
 """Soil in engineers' numbers, the law that it makes, and what betrays another unit."""
 
-from jaxmpm.soil._layers import common_law, weights
+from jaxmpm.soil._layers import law_of_layers, weights
 from jaxmpm.soil._soil import (
     STANDARD_GRAVITY,
     AnySoil,
@@ -22,7 +22,7 @@ __all__ = [
     "Interface",
     "PlasticStrain",
     "Soil",
-    "common_law",
+    "law_of_layers",
     "moduli",
     "soil_limits",
     "unit_slip",

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxmpm.laws import Zoned
 from jaxmpm.soil._soil import AnySoil
 from jaxmpm.types import Material
 
@@ -23,24 +24,30 @@ def weights(soils: Sequence[AnySoil], layer: np.ndarray, under: np.ndarray | Non
     return np.where(under, np.array(saturated)[layer], weight)
 
 
-def common_law(laws: Sequence[Material], layer: np.ndarray) -> Material:
-    """The law of all layers, a parameter per particle where they differ."""
-    kinds = [type(law).__name__ for law in laws]
-    structures: list[Any] = [jax.tree.structure(law) for law in laws]
-    for number, structure in enumerate(structures[1:], 2):
-        if structure != structures[0]:
-            raise ValueError(
-                f"layers 1 ({kinds[0]}) and {number} ({kinds[number - 1]}) have soils of unlike laws, or only one of "
-                "them softens, is cut off in tension or feels the rate of shear: give all layers one kind of soil with "
-                "the same features, e.g. undrained clay as FrictionalSoil(cohesion=S_u, friction=0)"
-            )
+def law_of_layers(laws: Sequence[Material], layer: np.ndarray) -> tuple[Material, np.ndarray]:
+    """The law of all layers, a parameter per particle where layers of a kind differ, and the order of particles (N,)
+    that it asks for: those of a kind one after the other.
+
+    laws: of each layer; those of one structure are of a kind. layer: number of the layer of each particle (N,). Raises
+    ValueError for a law with a parameter per particle beside other layers.
+    """
+    if len(laws) > 1 and any(np.ndim(leaf) for law in laws for leaf in jax.tree.leaves(law)):
+        raise ValueError("a soil of a layer has a parameter per particle: give numbers, then `with_soil`")
+    kinds: dict[Any, list[int]] = {}
+    for number in np.unique(layer).tolist():
+        kinds.setdefault(jax.tree.structure(laws[number]), []).append(number)
+    zones = [np.flatnonzero(np.isin(layer, numbers)) for numbers in kinds.values()]
+    each = [_common_law(laws, numbers, layer[zone]) for numbers, zone in zip(kinds.values(), zones, strict=True)]
+    law = each[0] if len(each) == 1 else Zoned(tuple(each), tuple(len(zone) for zone in zones))
+    return law, np.concatenate(zones)
+
+
+def _common_law(laws: Sequence[Material], numbers: Sequence[int], layer: np.ndarray) -> Material:
+    """The law of layers of one kind, of these numbers, for particles of `layer` (n,)."""
+    place = np.searchsorted(numbers, layer)
 
     def parameter(*values: Array) -> Array:
-        if any(np.ndim(value) for value in values):
-            if len(values) > 1:
-                raise ValueError("a soil of a layer has a parameter per particle: give numbers, then `with_soil`")
-            return values[0]
         different = any(value != values[0] for value in values[1:])
-        return jnp.stack(values)[layer] if different else values[0]
+        return jnp.stack(values)[place] if different else values[0]
 
-    return jax.tree.map(parameter, *laws)
+    return jax.tree.map(parameter, *(laws[number] for number in numbers))

@@ -1,0 +1,190 @@
+"""Layers of different kinds in one ground: each particle follows the law of its own layer."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxmpm as mpm
+from jaxmpm.laws import declared, update_with_gap, with_parameters
+
+DRAWN = mpm.Section([(0, 6), (6, 6), (10, 2), (16, 2)])
+BELOW = [(0, 3), (8, 3), (9, 3)]
+NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5))
+CLAY = mpm.Soil(young=5e6, strength=12e3, softening_modulus=20e3, rate_coefficient=0.05)
+FILL = mpm.FrictionalSoil(4e3, 30.0, 5.0, young=8e6, tension_cutoff=0.0)
+CONE = replace(FILL, criterion=mpm.DruckerPrager)
+LOST = replace(CONE, residual_friction=20.0, softening_strain=0.1, tension_cutoff=None)
+ROCK = mpm.Soil(young=5e7, strength=None)
+
+
+def layered(*soils, numerics=NUMERICS, drawn=DRAWN, **given):
+    bottoms = [BELOW, [(0, 1), (16, 1)]][: len(soils) - 1]
+    layers = [mpm.Layer(soil, bottom) for soil, bottom in zip(soils, [*bottoms, None], strict=True)]
+    return mpm.section(drawn, layers, numerics, **given)
+
+
+def particle(scene, position):
+    """Number of the particle nearest to a position (m)."""
+    at = np.asarray(scene.particles.position)
+    return int(np.argmin(((at - np.array(position)[:, None]) ** 2).sum(axis=0)))
+
+
+def placed(scene, values):
+    """Values (..., N) in the order of the positions."""
+    return np.asarray(values)[..., np.lexsort(np.asarray(scene.particles.position))]
+
+
+def test_layers_of_a_kind_are_one_law_and_others_follow_one_another():
+    scene, _ = layered(FILL, CLAY, ROCK)
+    assert [type(law).__name__ for law in scene.material.laws] == ["MohrCoulomb", "J2", "Elastic"]
+    assert sum(scene.material.counts) == scene.particles.mass.size
+    for law, own in scene.material.zones:
+        at = particle(scene, {"MohrCoulomb": (1, 5), "J2": (8, 1.2), "Elastic": (8, 0.3)}[type(law).__name__])
+        assert own.start <= at < own.stop
+    alike, _ = layered(CLAY, replace(CLAY, strength=20e3))
+    assert isinstance(alike.material, mpm.J2)
+    # The third layer is of the first one's kind: their particles follow one law.
+    two, _ = layered(FILL, CLAY, replace(FILL, friction=35.0))
+    assert [type(law).__name__ for law in two.material.laws] == ["MohrCoulomb", "J2"]
+    assert np.unique(two.material.laws[0].friction).size == 2
+
+
+@pytest.mark.parametrize("finite", [False, True])
+@pytest.mark.parametrize("soil", [CLAY, FILL, LOST])
+def test_one_soil_written_as_two_kinds_moves_as_one(soil, finite):
+    numerics = replace(NUMERICS, finite_strain=finite)
+    scene, state = mpm.section(DRAWN, soil, numerics)
+    half = int(scene.particles.mass.size * 0.4)
+    two = replace(scene, material=mpm.Zoned((scene.material, scene.material), (half, scene.particles.mass.size - half)))
+    one, other = (mpm.advance(s, state, 60) for s in (scene, two))
+    assert float(jnp.max(abs(one.displacement))) > 1e-4
+    for name in ("displacement", "stress", "history", "gap"):
+        values = getattr(one, name)
+        if values is not None:
+            scale = 1e-4 * float(jnp.max(abs(values))) + 1e-12
+            np.testing.assert_allclose(getattr(other, name), values, atol=scale)
+
+
+def test_each_zone_has_its_own_history_gap_and_return():
+    scene, state = layered(LOST, CLAY, ROCK)
+    law = scene.material
+    count = scene.particles.mass.size
+    assert state.history.shape == state.gap.shape == (count,)
+    rng = np.random.default_rng(1)
+
+    def tensor(scale):
+        rows = jnp.asarray(scale * rng.normal(size=(4, count)), jnp.float32)
+        return (rows[0], rows[1], rows[2], 0.0, 0.0, rows[3])
+
+    strain, stress = tensor(3e-3), tensor(2e4)
+    history = jnp.asarray(rng.uniform(0, 0.05, count), jnp.float32)
+    gap = jnp.asarray(rng.uniform(0, 1e-3, count), jnp.float32)
+    dt = jnp.asarray(1e-3, jnp.float32)
+    found = update_with_gap(law, strain, stress, history, dt, gap=gap)
+    for part, own in law.zones:
+        mine = [tuple(c if isinstance(c, float) else c[own] for c in each) for each in (strain, stress)]
+        kind = type(part).__name__
+        remembers = {"J2": True, "DruckerPrager": False, "Elastic": False}[kind]
+        softens = kind != "Elastic"
+        alone = update_with_gap(
+            part, *mine, history[own] if softens else None, dt, gap=gap[own] if remembers else None
+        )  # fmt: skip
+        for k in (0, 1, 2, 5):
+            np.testing.assert_allclose(found[0][k][own], alone[0][k], rtol=1e-5, atol=1)
+        np.testing.assert_array_equal(found[1][own], alone[1] if softens else history[own])
+        np.testing.assert_array_equal(found[2][own], alone[2] if remembers else gap[own])
+
+
+def test_lanes_of_unlike_strength_move_as_each_alone():
+    scene, state = layered(FILL, CLAY)
+    count = scene.particles.mass.size
+    strengths = jnp.asarray([[8e3], [12e3]]) * jnp.ones(count)
+    cohesions = jnp.asarray([2e3, 5e3])
+    varied, axes = mpm.lanes(scene, strength=strengths, cohesion=cohesions)
+    together = mpm.advance_lanes(varied, mpm.repeat(state, 2), jnp.asarray([40, 40]), axes)
+    for lane in range(2):
+        alone, start = mpm.with_soil(scene, state, strength=strengths[lane], cohesion=cohesions[lane])
+        moved = mpm.advance(alone, start, 40)
+        scale = float(jnp.max(abs(moved.displacement)))
+        np.testing.assert_allclose(together.displacement[lane], moved.displacement, atol=1e-4 * scale)
+    batch = {"strength": list(strengths), "cohesion": list(cohesions)}
+    ends = dict(mpm.solve_each(scene, state, batch, width=2, t_end=0.1))
+    assert ends[0].state.displacement.max() != ends[1].state.displacement.max()
+
+
+def test_float32_and_both_engines_agree_with_float64():
+    with jax.enable_x64(True):
+        exact, start = layered(LOST, CLAY, ROCK, numerics=replace(NUMERICS, dtype="float64"))
+        exact_end = mpm.advance(replace(exact, engine=mpm.Engine.XLA), start, 60).displacement
+        exact_end = np.asarray(exact_end)
+    scale = abs(exact_end).max()
+    scene, state = layered(LOST, CLAY, ROCK)
+    for engine in (mpm.Engine.XLA, *([mpm.Engine.NATIVE] if mpm.native_available() else [])):
+        end = mpm.advance(replace(scene, engine=engine), state, 60)
+        np.testing.assert_allclose(end.displacement, exact_end, atol=2e-3 * scale)
+
+
+def test_names_reach_every_zone_that_has_them():
+    scene, state = layered(FILL, CLAY)
+    sand, clay = scene.material.laws
+    x = scene.particles.position[0]
+    varied, _ = mpm.with_soil(scene, state, strength=10e3 + x, **{"softening.modulus": 15e3}, tension_cutoff=500.0)
+    count = scene.material.counts[0]
+    np.testing.assert_allclose(varied.material.laws[1].strength, 10e3 + x[count:], rtol=1e-6)
+    assert varied.material.laws[0].cohesion is sand.cohesion
+    assert varied.material.laws[1].softening.modulus == 15e3
+    assert [float(law.tension_cutoff) for law in varied.material.laws] == [500.0, 500.0]
+    # What a zone does not have is nan there, whatever is given for it.
+    at = declared(scene.material)["strength"].value
+    assert np.isnan(at[:count]).all()
+    np.testing.assert_array_equal(at[count:], np.full(len(x) - count, clay.strength))
+    mpm.with_soil(scene, state, strength=jnp.where(jnp.arange(len(x)) < count, jnp.nan, 9e3))
+    stiffer = mpm.with_soil(scene, state, young=1e7)[0]
+    np.testing.assert_allclose(stiffer.material.p_wave_modulus, 1e7 * 0.7 / (1.3 * 0.4), rtol=1e-5)
+    assert float(stiffer.time_step) < float(scene.time_step)
+    with pytest.raises(ValueError, match=r"\['suction'\] is no parameter of Zoned: use some of \['bulk', "):
+        mpm.with_soil(scene, state, suction=1.0)
+    with pytest.raises(ValueError, match="strength = -1 Pa"):
+        mpm.with_soil(scene, state, strength=-1.0)
+    with pytest.raises(ValueError, match="snaps back"):
+        mpm.lanes(scene, **{"softening.modulus": jnp.asarray([10e3, 1e9])})
+    with pytest.raises(ValueError, match="dilation is up to 10 degrees above the friction"):
+        mpm.lanes(scene, friction=jnp.radians(jnp.asarray([30.0, 20.0])), dilation=jnp.radians(jnp.asarray([5.0, 30])))
+
+
+def test_reduction_divides_the_strength_of_every_zone_that_has_some():
+    scene, _ = layered(FILL, CLAY, ROCK)
+    weaker = mpm.reduced(scene, 1.25)
+    (sand, clay, rock), (sand_less, clay_less, rock_less) = scene.material.laws, weaker.material.laws
+    np.testing.assert_allclose(clay_less.strength, clay.strength / 1.25, rtol=1e-6)
+    np.testing.assert_allclose(jnp.tan(sand_less.friction), jnp.tan(sand.friction) / 1.25, rtol=1e-6)
+    assert rock_less is rock
+    both = mpm.scene(
+        scene.particles, scene.grid, mpm.Zoned((rock, rock), (10, scene.particles.mass.size - 10)), kernel=scene.kernel
+    )
+    with pytest.raises(ValueError, match="no zone of Elastic and Elastic has strength to divide"):
+        mpm.reduced(both, 1.25)
+
+
+def test_gradients_by_the_strength_of_both_kinds_are_those_of_differences():
+    with jax.enable_x64(True):
+        scene, state = layered(FILL, CLAY, numerics=replace(NUMERICS, dtype="float64"))
+
+        def reached(values):
+            varied = replace(scene, material=with_parameters(scene.material, values))
+            return jnp.mean(mpm.replay(varied, state, 80)[0].displacement ** 2) * 1e6
+
+        values = {"strength": jnp.asarray(9e3), "cohesion": jnp.asarray(1e3), "friction": jnp.asarray(0.4)}
+        slope = jax.grad(reached)(values)
+        for name, value in values.items():
+            step = 1e-5 * value
+            up, down = (reached({**values, name: value + sign * step}) for sign in (1, -1))
+            assert float(slope[name]) == pytest.approx(float((up - down) / (2 * step)), rel=1e-3)
+            assert float(slope[name]) != 0
+        total, each = mpm.strength_sensitivity(scene, state, 80, lambda s: jnp.mean(s.displacement**2) * 1e6)
+        assert float(total) > 0
+        assert not np.any(each[: scene.material.counts[0]])
+        assert np.any(each[scene.material.counts[0] :])
