@@ -118,7 +118,7 @@ def build(campaign: Campaign, grid: str, soil: Any, **_: Any) -> Any:
     absent: Any = None
     particles, nodes = SimpleNamespace(position=np.zeros((2, PARTICLES))), SimpleNamespace(shape=(2, 2))
     scene: Any = SimpleNamespace(particles=particles, grid=nodes)
-    return runs.GridModel(grid, campaign, scene, absent, soil)
+    return runs.GridModel(grid, campaign, scene, absent, soil, {})
 
 
 def keep_initial(*_: Any) -> None:

@@ -331,6 +331,13 @@ MEANINGS = {
             unit="Pa/m",
             default="none: alike at every depth",
         ),
+        "trend_from": Meaning(
+            "Where the depth of the trend is counted from: the ground's surface, which follows the face of a cut, the "
+            "top of each layer, or an elevation, such as that of the ground before a cut; above it there is no trend.",
+            '"surface"',
+            unit="m",
+            allowed="an elevation above the base",
+        ),
         "bedding": Meaning(
             "Inclined strata: `dip` below the horizontal and `strike`, anticlockwise from x seen from above, both in "
             "degrees. With strike 90, as by default, they dip towards the toe. Lengths are then down the dip, along "
@@ -556,7 +563,7 @@ def _property(key: Key, meaning: Meaning) -> dict[str, Any]:
     if key.kind in (ROWS, NAMES):
         return said | _list({"type": "string"} if key.kind == NAMES else _list({"type": "number"}))
     value = {"type": _TYPES[key.kind], **value}
-    others: list[dict[str, Any]] = [] if key.none is None else [{"const": key.none}]
+    others: list[dict[str, Any]] = [{"const": word} for word in ([] if key.none is None else [key.none]) + [*key.words]]
     if key.or_table is not None:
         whole = key.or_table.keys is SECTIONS["strength"]
         others.append({"$ref": "#/properties/strength"} if whole else _table(key.or_table))
@@ -621,7 +628,7 @@ def _allowed(key: Key, meaning: Meaning) -> str:
     found += ", or inf" if key.infinite else ""
     found += ", whole" if key.kind is int else ""
     found += ", one per axis" if key.kind is tuple and not meaning.allowed else ""
-    found += f', or `"{key.none}"`' if key.none else ""
+    found += "".join(f', or `"{word}"`' for word in ([key.none] if key.none else []) + [*key.words])
     return found + (", or a table" if key.or_table else "")
 
 

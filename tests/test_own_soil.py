@@ -87,7 +87,7 @@ def test_what_varies_in_a_soil_of_the_users_own_reaches_its_law(grid):
     np.testing.assert_allclose(law.g95, drawn["strain_95"] * 0.5 / band, rtol=1e-5)
     assert np.std(np.asarray(law.g95)) > 0.01 * np.mean(np.asarray(law.g95))
     assert float(law.remoulded) == pytest.approx(0.2)
-    depth = model.campaign.site.depth(np.asarray(scene.particles.position))
+    depth = model.campaign.site.depth(np.asarray(scene.particles.position), VARIES["strength"], 0)
     plain = model_of(grid, VARIES | {"strength": replace(VARIES["strength"], trend=None)}).parameters(xi)
     np.testing.assert_allclose(drawn["strength"], plain["strength"] * (1 + depth * 1.5e3 / 30e3), rtol=1e-5)
 

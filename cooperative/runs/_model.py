@@ -27,7 +27,8 @@ class GridModel:
     """One grid of a campaign, ready to run.
 
     grid: "rough" or "refined" of the `campaign`. scene, state: what a sample's soil is put into, at rest; what is
-    random is there the same in a layer, and of no sample. soil: what is random. strength_factor: on strength, where the
+    random is there the same in a layer, and of no sample. soil: what is random. growth: by what trends multiply
+    it at the particles, by parameter and layer. strength_factor: on strength, where the
     grids are calibrated. layer: number of the layer that each particle is of (N,), None where the ground has none.
     """
 
@@ -36,6 +37,7 @@ class GridModel:
     scene: Scene
     state: State
     soil: RandomSoil
+    growth: Mapping[str, tuple[jax.Array | None, ...]]
     strength_factor: float = 1.0
     layer: np.ndarray | None = None
 
@@ -219,17 +221,8 @@ class GridModel:
         self, field: RandomField, name: str, coefficients: Mapping[int | None, jax.Array | np.ndarray]
     ) -> jax.Array:
         """A parameter at the particles (N,), of the coefficients of its fields by the layer at which they stop."""
-        position = self.scene.particles.position
-        points = position if field.sampled_at == "particles" else self._cell_centres()
-        depth = None
+        points = points_of(self.campaign, self.scene, field)
         layers = self.campaign.site.values_of(name, field)
-        each = [layer if isinstance(layer, RandomField) else None for layer in layers]
-        if any(layer is not None and layer.trend is not None for layer in each):
-            depth = self.campaign.site.depth(np.asarray(points))
-        grown = tuple(
-            None if layer is None or layer.trend is None else jnp.asarray(layer.grown(depth), position.dtype)
-            for layer in each
-        )
         marginals = tuple(
             layer.distribution if isinstance(layer, RandomField) else kl.Normal(layer, 0.0) for layer in layers
         )
@@ -238,15 +231,7 @@ class GridModel:
         numbers = list(groups)
         of_layer = [number if number in groups else None for number in range(len(layers))]
         which = tuple(numbers.index(stops) if stops in groups else 0 for stops in of_layer)
-        return _values(fields, which, marginals, grown, self.layer)
-
-    def _cell_centres(self) -> jax.Array:
-        """Centre of the cell that each particle starts in (d, N) m, kept in the ground's box where that ends in it."""
-        grid, shape = self.scene.grid, self.campaign.site.shape
-        origin = jnp.asarray(grid.origin)[:, None]
-        centre = origin + (jnp.floor((self.scene.particles.position - origin) / grid.cell) + 0.5) * grid.cell
-        end = jnp.asarray(shape.corner) + jnp.asarray(shape.extent)
-        return jnp.minimum(centre, end[:, None])
+        return _values(fields, which, marginals, self.growth[name], self.layer)
 
 
 @partial(jax.jit, static_argnames="which")
@@ -266,6 +251,37 @@ def _values(
     if layer is None:
         return each[0]
     return jnp.take_along_axis(jnp.stack(each), jnp.asarray(layer)[None], axis=0)[0]
+
+
+def points_of(campaign: Campaign, scene: Scene, field: RandomField) -> jax.Array:
+    """Where a field is taken for each particle (d, N) m: there, or at the centre of the cell that it starts in, kept in
+    the ground's box where that ends in it."""
+    position, grid, shape = scene.particles.position, scene.grid, campaign.site.shape
+    if field.sampled_at == "particles":
+        return position
+    origin = jnp.asarray(grid.origin)[:, None]
+    centre = origin + (jnp.floor((position - origin) / grid.cell) + 0.5) * grid.cell
+    end = jnp.asarray(shape.corner) + jnp.asarray(shape.extent)
+    return jnp.minimum(centre, end[:, None])
+
+
+def growth_of(campaign: Campaign, grid: str, scene: Scene) -> dict[str, tuple[jax.Array | None, ...]]:
+    """By what the trend of each parameter that varies multiplies it at the particles (N,), in each layer."""
+    site, numerics = campaign.site, campaign.grids[grid]
+
+    def growth(points: np.ndarray, layer: RandomField | float, number: int) -> jax.Array | None:
+        if not isinstance(layer, RandomField) or layer.trend is None:
+            return None
+        depth = site.depth(points, layer, number, numerics if site.layers else None)
+        return jnp.asarray(layer.grown(depth), scene.particles.position.dtype)
+
+    return {
+        name: tuple(
+            growth(np.asarray(points_of(campaign, scene, field)), layer, number)
+            for number, layer in enumerate(site.values_of(name, field))
+        )
+        for name, field in campaign.random.items()
+    }
 
 
 def coefficients_of(campaign: Campaign, soil: RandomSoil) -> np.ndarray:
@@ -299,7 +315,8 @@ def build(
         kept = None if folder is None else read_initial(folder, grid, scene, state)
         state = jaxmpm.at_rest(scene, apic=campaign.grids[grid].apic) if kept is None else kept
     layer = campaign.site.layer_of(np.asarray(scene.particles.position), campaign.grids[grid])
-    return GridModel(grid, campaign, scene, state, soil, layer=layer).with_measured(campaign)
+    growth = growth_of(campaign, grid, scene)
+    return GridModel(grid, campaign, scene, state, soil, growth=growth, layer=layer).with_measured(campaign)
 
 
 def _refuse_unknown(random: Collection[str], scene: Scene) -> None:

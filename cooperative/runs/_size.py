@@ -58,7 +58,7 @@ class GridSize:
 def grid_size(campaign: Campaign, grid: str) -> GridSize:
     """Size of one grid. Raises ValueError where slope, soil and grid do not fit together."""
     site, numerics, gravity = campaign.site, campaign.grids[grid], campaign.run.gravity
-    shape, depth = site.shape, site.shape.extent[-1]
+    shape = site.shape
     cells, speed = ground.cells(shape, numerics), math.sqrt(gravity * shape.extent[-1])
     site.layer_of(np.zeros((campaign.dimension, 0)), numerics)  # which refuses lines that do not go together
 
@@ -71,7 +71,7 @@ def grid_size(campaign: Campaign, grid: str) -> GridSize:
     one = min(map(alone, soils), key=lambda scene: float(scene.time_step))
     for soil, random in zip(soils, [layer.random for layer in site.layers] or [campaign.random], strict=True):
         if _varies_in_steepness(soil.material(np.dtype("float32"), numerics.cell), random):
-            _refused_at_the_ends(alone, steepest(soil, random, depth))
+            _refused_at_the_ends(alone, steepest(soil, random, site.span))
     dt, each = float(one.time_step), math.prod(numerics.spacing)
     steps = campaign.run.last(grid) / dt if dt > 0 else math.inf
     passes = 0 if one.nonlocal_passes is None else one.nonlocal_passes

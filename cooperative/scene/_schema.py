@@ -82,13 +82,15 @@ class Table:
 @dataclass(frozen=True)
 class Key:
     """What a key holds: a type, `choices` of names, numbers per axis, or a `Table`; its default; the word for having
-    none. or_table: that it may hold instead of a number. infinite: whether a number may be inf."""
+    none. or_table: that it may hold instead of a number. infinite: whether a number may be inf. words:
+    that it may hold instead of a number."""
 
     kind: Any
     default: Any = REQUIRED
     none: str | None = None
     or_table: Table | None = None
     infinite: bool = False
+    words: tuple[str, ...] = ()
 
 
 _SLOPE = {name: Key(float) for name in ("crest", "height", "run_per_rise", "toe", "foundation")} | {
@@ -135,6 +137,7 @@ _FIELD = {
     "lower": Key(float, None),
     "upper": Key(float, None),
     "trend": Key(float, None),
+    "trend_from": Key(float, "surface", words=("surface", "layer")),
     "bedding": Key(Table({"dip": Key(float), "strike": Key(float, 90.0)}), None),
     "nataf": Key(bool, False),
     "boreholes": Key(ROWS, None),
@@ -177,7 +180,7 @@ OF_A_FIELD = ("length", "correlation", "energy", "bedding", "nataf", "boreholes"
 """What a layer says only of a field of its own, which stops at it: its length at least."""
 _LAYER_FIELD = {
     name: replace(_FIELD[name], default=UNSAID)
-    for name in ("mean", "cov", "marginal", "lower", "upper", "trend", *OF_A_FIELD)
+    for name in ("mean", "cov", "marginal", "lower", "upper", "trend", "trend_from", *OF_A_FIELD)
 }
 """What a layer may say of a parameter that varies."""
 _LAYER = {
@@ -296,6 +299,8 @@ def _value(section: str, name: str, value: Any, key: Key, given: bool) -> Any:
         return value
     if key.none is not None and value == key.none:
         return None
+    if isinstance(value, str) and value in key.words:
+        return value
     table = kind if isinstance(kind, Table) else key.or_table if isinstance(value, dict) else None
     if table is not None:
         return read(f"{section}.{name}", value, table.keys)
@@ -322,7 +327,7 @@ def _value(section: str, name: str, value: Any, key: Key, given: bool) -> Any:
         return tuple(value)
     if kind == COUNTS and _is_list(value, lambda count: _is_number(count) and isinstance(count, int)):
         return tuple(value)
-    otherwise = "" if key.none is None else f", or {key.none!r}"
+    otherwise = "".join(f", or {word!r}" for word in ([] if key.none is None else [key.none]) + [*key.words])
     otherwise += "" if key.or_table is None else ", or a table that says how it varies"
     raise ValueError(f"{where} = {shown(value)} is {in_words(value)}: give {_WANTED[kind]}{otherwise}")
 

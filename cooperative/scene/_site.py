@@ -12,7 +12,7 @@ import numpy as np
 from cooperative.measure import Track
 from cooperative.scene._rasters import unpacked
 from cooperative.scene._schema import OF_A_FIELD, OF_GROUND, SECTIONS, SITES, in_words, read
-from cooperative.scene._soil import RandomField, ask, rock_of, soil_of
+from cooperative.scene._soil import RandomField, Span, ask, rock_of, soil_of
 from foundation.text import shown
 from jaxmpm import (
     AnySoil,
@@ -119,10 +119,25 @@ class Site:
         """Lowest corner and edges (d,) m of a box that holds a layer, the same for every grid."""
         return ground.box_of(self.shape, [each.layer for each in self.layers], number)
 
-    def depth(self, points: np.ndarray) -> np.ndarray:
-        """Depth of points (d, N) below the ground (N,) m, 0 above it."""
-        at = np.asarray(points, float)
-        return np.maximum(self.shape.heights(*at[:-1]) - at[-1], 0.0)
+    @property
+    def span(self) -> Span:
+        """Elevations of its base and its highest point (m)."""
+        base = self.shape.corner[-1]
+        return base, base + self.shape.extent[-1]
+
+    def depth(
+        self, points: np.ndarray, field: RandomField, layer: int, numerics: Discretisation | None = None
+    ) -> np.ndarray:
+        """Depth (N,) m of points (d, N) m as the trend of a field counts it, in a layer of this number; 0 above.
+
+        numerics: of the grid on which the layers lie.
+        """
+        at, top = np.asarray(points, float), np.asarray(field.trend_from)
+        if field.trend_from == "layer" and numerics is not None:
+            top = ground.top_of(self.shape, [each.layer for each in self.layers], layer, at, numerics)
+        elif isinstance(field.trend_from, str):
+            top = self.shape.heights(*at[:-1])
+        return np.maximum(top - at[-1], 0.0)
 
 
 def _as_meant(soil: Any) -> AnySoil:
@@ -275,7 +290,7 @@ def _soil(
             raise ValueError(f"it is rock, which has no {said[0]} to vary: leave that table out")
         return rock_of(read("soil", merged, SECTIONS["soil"]), height=site.height), {}
     soil, found = soil_of(
-        read("soil", merged, SECTIONS["soil"]), merged, None, height=site.height, depth=site.shape.extent[-1],
+        read("soil", merged, SECTIONS["soil"]), merged, None, height=site.height, span=site.span,
         must_vary=False,
     )  # fmt: skip
     for name, field in found.items():

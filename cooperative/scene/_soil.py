@@ -55,6 +55,10 @@ OF_CLAY, OF_FRICTION = (
 """Keys of the soil that only undrained clay, or only soil with friction, has a use for."""
 
 
+Span = tuple[float, float]
+"""Elevations (m) of the base and of the highest point of ground."""
+
+
 @dataclass(frozen=True)
 class RandomField:
     """A parameter of the soil that varies: mean, cov, and per axis a correlation length (m; inf: constant along it).
@@ -62,7 +66,9 @@ class RandomField:
     In the parameter's unit, angles in degrees. sampled_at: "particles", or "cells" for one value per cell of the
     background grid, that at its centre: then the grid of the field is the background grid, and all particles that
     start in a cell are alike. lower, upper: bounds of marginals that have some. trend: what mean and deviation, in
-    proportion, grow by per metre of depth below the ground, from `mean` at it. bedding: of inclined strata; lengths are
+    proportion, grow by per metre of depth, from `mean` at depth 0. trend_from: where that is, at the "surface" of the
+    ground, which follows the face of a cut, at the top of the "layer", or at an elevation (m), above which soil has no
+    trend. bedding: of inclined strata; lengths are
     then down the dip, along strike and across. nataf: whether the parameter, not the Gaussian field behind it, has the
     correlation along each axis. boreholes: measured values, each a place (m) and the value there; borehole_error: their
     deviation, in standard deviations of the field.
@@ -82,10 +88,11 @@ class RandomField:
     nataf: bool = False
     boreholes: tuple[tuple[float, ...], ...] | None = None
     borehole_error: float = 0.0
+    trend_from: Literal["surface", "layer"] | float = "surface"
 
     @property
     def distribution(self) -> Any:
-        """The marginal, of the parameter at the ground where it has a trend."""
+        """The marginal, of the parameter at depth 0 where it has a trend."""
         bounds = {"lower": self.lower, "upper": self.upper}
         return self.marginal(self.mean, self.cov, **{end: at for end, at in bounds.items() if at is not None})
 
@@ -99,8 +106,13 @@ class RandomField:
             axis if isinstance(axis, kl.Infinite) else kl.nataf_corrected(axis, self.distribution) for axis in plain
         )
 
+    def deepest(self, span: Span) -> float:
+        """Largest depth (m) of ground between two elevations, as the trend counts it."""
+        base, top = span
+        return (top if isinstance(self.trend_from, str) else self.trend_from) - base
+
     def grown(self, depth: Any) -> Any:
-        """Mean at a depth (m) over that at the ground."""
+        """Mean at a depth (m) over that at depth 0."""
         return 1.0 if self.trend is None else 1.0 + self.trend / self.mean * depth
 
 
@@ -120,13 +132,13 @@ def soil_of(
     strength: Mapping[str, Any] | None,
     *,
     height: float,
-    depth: float,
+    span: Span,
     must_vary: bool = True,
 ) -> tuple[Soil | FrictionalSoil, Mapping[str, RandomField]]:
     """The soil with the means of what varies, and the fields by parameter.
 
     table: values of `[soil]`. given: the keys that the scene says. strength: values of `[strength]`, None without.
-    height: of the slope (m). depth: largest below the ground (m). must_vary: whether something has to. Raises
+    height: of the slope (m). span: of the ground. must_vary: whether something has to. Raises
     ValueError for parameters that no soil has, that do not go together or whose numbers betray another unit, and for
     fields whose values leave their limits.
     """
@@ -140,7 +152,7 @@ def soil_of(
     for name, value in said.items():
         if isinstance(value, Mapping):
             random[name] = _field(places[name], value)
-            _check_field(places[name], name, random[name], depth, unusual)
+            _check_field(places[name], name, random[name], span, unusual)
             said[name] = random[name].mean
         elif name in LIMITS and isinstance(value, float):
             _check_number(f"[soil] {name}", name, value, unusual)
@@ -156,7 +168,7 @@ def soil_of(
             "nothing in the scene is random: give at least one parameter of the soil as a table, such as "
             "[soil.cohesion] with mean, cov and length"
         )
-    _check_friction(said, random, depth)
+    _check_friction(said, random, span)
     return _built(said, height), MappingProxyType({name: random[name] for name in LIMITS if name in random})
 
 
@@ -216,18 +228,20 @@ def _field(where: str, table: Mapping[str, Any]) -> RandomField:
     return field
 
 
-def _check_field(where: str, name: str, field: RandomField, depth: float, unusual: bool) -> None:
+def _check_field(where: str, name: str, field: RandomField, span: Span, unusual: bool) -> None:
     """Whether the values of a field stay within the limits of its parameter."""
     if not unusual:
         _ask_of_field(where, name, field)
     kl.check_marginal(field.distribution)
+    _check_trend(where, field, span)
+    depth = field.deepest(span)
     if field.grown(depth) <= 0:
         raise ValueError(
             f"{where} trend = {field.trend:g} per metre brings the mean of {field.mean:g} to "
             f"{field.mean * field.grown(depth):.3g} at a depth of {depth:g} m: give a smaller one"
         )
     limit = LIMITS[name]
-    for value in extremes(field, depth):
+    for value in extremes(field, span):
         if not limit.holds(value):
             said = f"{value:.3g} {limit.unit}".rstrip()
             raise ValueError(
@@ -241,23 +255,35 @@ def _check_field(where: str, name: str, field: RandomField, depth: float, unusua
             )
 
 
-def extremes(field: RandomField, depth: float) -> tuple[float, float]:
-    """Least and largest value of a field within `TAIL` deviations, down to a depth (m)."""
+def _check_trend(where: str, field: RandomField, span: Span) -> None:
+    """Whether the depth that a trend counts is one that the ground has."""
+    if field.trend_from == "surface":
+        return
+    if field.trend is None:
+        raise ValueError(f"{where} trend_from = {field.trend_from!r} without a trend: add trend, or leave it out")
+    if field.deepest(span) <= 0:
+        raise ValueError(
+            f"{where} trend_from = {field.trend_from:g} m is not above the base of the ground at {span[0]:g} m: give "
+            "an elevation within the ground or above it"
+        )
+
+
+def extremes(field: RandomField, span: Span) -> tuple[float, float]:
+    """Least and largest value of a field within `TAIL` deviations, in ground between two elevations (m)."""
     at = np.asarray(field.distribution.transform(jnp.asarray([-TAIL, 0.0, TAIL])), float)
-    ends = [float(value) for value in np.outer(at[[0, 2]], [1.0, field.grown(depth)]).ravel()]
+    ends = [float(value) for value in np.outer(at[[0, 2]], [1.0, field.grown(field.deepest(span))]).ravel()]
     return min(ends), max(ends)
 
 
-def steepest(soil: Any, random: Mapping[str, RandomField], depth: float) -> Any:
-    """The soil where it softens most steeply beside its shear modulus: what varies at such ends of its values, down to
-    a depth (m)."""
+def steepest(soil: Any, random: Mapping[str, RandomField], span: Span) -> Any:
+    """The soil where it softens most steeply beside its shear modulus: what varies at such ends of its values."""
 
     def steepness(each: Any) -> float:
         law = each.material(np.dtype("float32"), 1.0)
         return 0.0 if law.steepest_softening is None else float(law.steepest_softening / law.shear)
 
     names = [name for name in random if hasattr(soil, name)]
-    ends = product(*(extremes(random[name], depth) for name in names))
+    ends = product(*(extremes(random[name], span) for name in names))
     return max((replace(soil, **dict(zip(names, each, strict=True))) for each in ends), key=steepness)
 
 
@@ -305,13 +331,13 @@ def _check_saturated(said: Mapping[str, Any], random: Mapping[str, RandomField],
         )
 
 
-def _check_friction(said: dict[str, Any], random: Mapping[str, RandomField], depth: float) -> None:
+def _check_friction(said: dict[str, Any], random: Mapping[str, RandomField], span: Span) -> None:
     """Soil that dilates by more than its friction would gain work by sliding; none gains strength by softening."""
     if said["friction"] is None:
         return
 
     def ends(name: str) -> tuple[float, float]:
-        return extremes(random[name], depth) if name in random else (said[name], said[name])
+        return extremes(random[name], span) if name in random else (said[name], said[name])
 
     for name in ("cohesion", "friction") if said["softening_strain"] is not None else ():
         (least, _), (_, residual) = ends(name), ends(f"residual_{name}")

@@ -83,8 +83,8 @@ def parse(text: str, estimator: Estimator | None = None, *, begun: bool = False)
         plan["estimator"] = estimator
 
     def soil_on(ground: Site) -> tuple[Soil | FrictionalSoil, Mapping[str, RandomField]]:
-        strength, shape = said.get("strength"), ground.shape
-        return soil_of(said["soil"], tables["soil"], strength, height=ground.height, depth=shape.extent[-1])
+        strength = said.get("strength")
+        return soil_of(said["soil"], tables["soil"], strength, height=ground.height, span=ground.span)
 
     site = site_of(tables, lambda ground: soil_on(ground)[1])
     soil, random = soil_on(site)

@@ -11,6 +11,7 @@ from jaxmpm.ground._ground import (
     relief,
     scene_of,
     thicknesses,
+    top_of,
     volume,
 )
 from jaxmpm.ground._layer import Layer
@@ -43,5 +44,6 @@ __all__ = [
     "slope",
     "terrain",
     "thicknesses",
+    "top_of",
     "volume",
 ]

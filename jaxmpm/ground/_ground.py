@@ -44,6 +44,9 @@ PROBED = {1: (512,), 2: (48, 48)}
 PROBED_UP = 256
 """Points in each of these columns."""
 
+HALVINGS = 20
+"""Of the way up to a layer's top, which is then known to a millionth of it."""
+
 
 @dataclass(frozen=True)
 class Face:
@@ -292,6 +295,29 @@ def box_of(ground: Any, layers: Sequence[Layer], number: int) -> Box:
         raise ValueError(f"layer {number + 1} lies nowhere between the walls: draw it there, or leave it out")
     low, high = np.maximum(at.min(axis=0) - 1, 0), np.minimum(at.max(axis=0) + 2, found.shape)
     return tuple((ground.corner + low * step).tolist()), tuple(((high - low) * step).tolist())
+
+
+def top_of(
+    ground: Ground, layers: Sequence[Layer], number: int, position: np.ndarray, discretisation: Discretisation
+) -> np.ndarray:
+    """Elevation (N,) m of the top of a layer above points in it, as `layer_of` tells it, to a millionth of the ground's
+    height: between each point and the surface, by halving.
+
+    Args:
+        ground, layers, discretisation: as `layer_of` takes them.
+        number: of the layer, from 0 on.
+        position: of the points (d, N) m. One above the layer has its own elevation as the top.
+
+    Raises:
+        ValueError: as `layer_of` does.
+    """
+    plan, low = position[:-1], np.array(position[-1], float)
+    high = np.maximum(ground.heights(*plan), low)
+    for _ in range(HALVINGS if number else 0):
+        middle = (low + high) / 2
+        under = layer_of(ground, layers, np.stack([*plan, middle]), discretisation) >= number
+        low, high = np.where(under, middle, low), np.where(under, high, middle)
+    return high
 
 
 def _probed(ground: Ground, layers: Sequence[Layer]) -> tuple[np.ndarray, np.ndarray]:
