@@ -33,7 +33,7 @@ from jaxmpm.setup import (
     sorted_by_cell,
 )
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, law_of_layers, weights
-from jaxmpm.types import Grid, Scene, State, Wall
+from jaxmpm.types import Grid, Material, Particles, Scene, State, Wall
 
 PLAN = {1: 4096, 2: 256}
 """Points along each horizontal axis at which ground is measured, by the number of these axes."""
@@ -128,10 +128,38 @@ def scene_of(
     """
     check.not_negative("gravity", gravity, "m/s2")
     layers = list(soil) if isinstance(soil, Sequence) else [Layer(soil)]
-    counts, corner = cells(ground, discretisation), np.array(ground.corner, float)
-    grid = box_grid(corner, counts, discretisation.cell)
-    laws = [material_on(discretisation, each.soil) for each in layers]
-    dz = discretisation.spacing[-1]
+    counts = cells(ground, discretisation)
+    grid = box_grid(ground.corner, counts, discretisation.cell)
+    particles, law = lattice(ground, layers, discretisation, grid, inside=inside)
+    upright = len(ground.corner) - 1
+    walls = [wall for axis, hold in enumerate(ends[:upright]) for wall in end_walls(axis, counts[axis], hold)]
+    built, state = build(
+        particles,
+        grid,
+        law,
+        discretisation,
+        walls=(*walls, Wall(upright, "low", PADDING, "fixed")),
+        gravity=gravity,
+        speed=math.sqrt(gravity * ground.extent[-1]) if speed is None else speed,
+    )
+    return built, settled(built, state) if at_rest else state
+
+
+def lattice(
+    ground: Ground,
+    layers: Sequence[Layer],
+    discretisation: Discretisation,
+    grid: Grid,
+    *,
+    inside: Callable[[np.ndarray], np.ndarray] | None = None,
+    wet: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> tuple[Particles, Material]:
+    """Particles of a lattice that lie in the ground, each with the mass of its layer, and their law.
+
+    inside, wet: given positions (d, N) m, return (N,) bool, which of them lie in the ground, by default below its
+    surface, and which under a water table, by default none.
+    """
+    corner, spacing, dz = np.array(ground.corner, float), discretisation.spacing, discretisation.spacing[-1]
 
     def under(position: np.ndarray) -> np.ndarray:
         return below(position[-1], ground.heights(*position[:-1]), ROUNDING * dz)
@@ -139,28 +167,19 @@ def scene_of(
     held = under if inside is None else inside
     particles = fill(
         (*ground.extent[:-1], math.ceil(ground.extent[-1] / dz * (1 - 1e-12)) * dz),
-        discretisation.spacing,
+        spacing,
         unit_weight=STANDARD_GRAVITY,
-        inside=lambda x: held(x + corner[:, None]),
+        inside=lambda position: held(position + corner[:, None]),
         corner=tuple(corner.tolist()),
         dtype=discretisation.dtype,
     )
     particles = sorted_by_cell(particles, grid)
-    number = layer_of(ground, layers, np.asarray(particles.position, float), discretisation)
-    law, order = law_of_layers(laws, number)
-    particles, number = jax.tree.map(lambda leaf: leaf[..., order], (particles, number))
-    mass = weights([each.soil for each in layers], number, None) / STANDARD_GRAVITY * np.prod(discretisation.spacing)
-    walls = [wall for axis, hold in enumerate(ends[: len(corner) - 1]) for wall in end_walls(axis, counts[axis], hold)]
-    built, state = build(
-        replace(particles, mass=jnp.asarray(mass, particles.mass.dtype)),
-        grid,
-        law,
-        discretisation,
-        walls=(*walls, Wall(len(corner) - 1, "low", PADDING, "fixed")),
-        gravity=gravity,
-        speed=math.sqrt(gravity * ground.extent[-1]) if speed is None else speed,
-    )
-    return built, settled(built, state) if at_rest else state
+    position = np.asarray(particles.position, float)
+    number, soils = layer_of(ground, layers, position, discretisation), [each.soil for each in layers]
+    law, order = law_of_layers([material_on(discretisation, soil) for soil in soils], number)
+    mass = weights(soils, number, None if wet is None else wet(position)) / STANDARD_GRAVITY * np.prod(spacing)
+    particles = replace(particles, mass=jnp.asarray(mass, particles.mass.dtype))
+    return jax.tree.map(lambda leaf: leaf[..., order], particles), law
 
 
 def build_ground(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -15,7 +15,7 @@ import numpy as np
 from foundation import check
 from foundation.text import shown
 from jaxmpm.ground._free_field import check_free_field, joined
-from jaxmpm.ground._ground import Face, box_cells, box_grid
+from jaxmpm.ground._ground import Face, box_cells, box_grid, lattice
 from jaxmpm.ground._layer import Box, Layer, Line, check_ends
 from jaxmpm.ground._raster import Raster
 from jaxmpm.ground._seam import Thickness, thicknesses_of, warn_of_seams
@@ -23,20 +23,16 @@ from jaxmpm.laws import BaseMotion, WaterTable
 from jaxmpm.setup import (
     PADDING,
     RESOLVED,
-    ROUNDING,
     Discretisation,
     Hold,
     below,
     build,
     check_discretisation,
     end_walls,
-    fill,
-    material_on,
     settled,
-    sorted_by_cell,
 )
-from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, Interface, law_of_layers, weights
-from jaxmpm.types import Grid, Material, Particles, Scene, State, Wall
+from jaxmpm.soil import AnySoil, Interface
+from jaxmpm.types import Grid, Scene, State, Wall
 
 Height = Callable[[np.ndarray], np.ndarray]
 """Heights (n,) m of a line at x (n,) m."""
@@ -254,7 +250,7 @@ def section(
     tops = _layering(shape, layers, discretisation)
     grid = box_grid(shape.corner, cells, discretisation.cell)
     table = _water_table(shape, water, discretisation)
-    particles, law = _particles(shape, layers, tops, discretisation, grid, table)
+    particles, law = lattice(shape, layers, discretisation, grid, wet=None if table is None else _under(table))
     if ends == "tied":
         _check_alike(shape, tops, table, discretisation.spacing[-1])
     if ends == FREE_FIELD:
@@ -486,35 +482,6 @@ def _boundary(name: str, points: np.ndarray, above: Height, ends: tuple[float, f
     )
 
 
-def _particles(
-    shape: Section,
-    layers: Sequence[Layer],
-    tops: Sequence[Height],
-    discretisation: Discretisation,
-    grid: Grid,
-    table: WaterTable | None,
-) -> tuple[Particles, Material]:
-    """The particles with their layer's mass, and their law."""
-    left, right = shape.outline()[1]
-    dx, dz = discretisation.spacing
-    particles = fill(
-        (right - left, math.ceil(shape.extent[-1] / dz * (1 - 1e-12)) * dz),
-        (dx, dz),
-        unit_weight=STANDARD_GRAVITY,
-        inside=lambda x: below(x[1], shape.heights(x[0] + left) - shape.base, ROUNDING * dz),
-        corner=(left, shape.base),
-        dtype=discretisation.dtype,
-    )
-    particles = sorted_by_cell(particles, grid)
-    x, z = np.asarray(particles.position, float)
-    layer = _layer_of(tops, np.stack([x, z]), dz)
-    under = None if table is None else below(z, np.interp(x, table.x, table.z), RESOLVED * dz)
-    mass = weights([each.soil for each in layers], layer, under) / STANDARD_GRAVITY * (dx * dz)
-    law, order = law_of_layers([material_on(discretisation, each.soil) for each in layers], layer)
-    particles = replace(particles, mass=jnp.asarray(mass, particles.mass.dtype))
-    return jax.tree.map(lambda leaf: leaf[..., order], particles), law
-
-
 def _water_table(shape: Section, water: float | Line | None, discretisation: Discretisation) -> WaterTable | None:
     """The table from wall to wall; ValueError for one that ends before."""
     if water is None:
@@ -534,6 +501,12 @@ def _water_table(shape: Section, water: float | Line | None, discretisation: Dis
     dtype = check.dtype(discretisation.dtype or jax.dtypes.canonicalize_dtype(float))
     x, z = points.T
     return WaterTable(*(jnp.asarray(value, dtype) for value in (x, z, WATER_WEIGHT, discretisation.spacing[-1])))
+
+
+def _under(table: WaterTable) -> Callable[[np.ndarray], np.ndarray]:
+    """Which of positions (2, N) m lie under a table: (N,) bool."""
+    rounding = RESOLVED * float(table.height)
+    return lambda position: below(position[1], np.interp(position[0], table.x, table.z), rounding)
 
 
 def _refuse_sloping_pool(shape: Section, points: np.ndarray, discretisation: Discretisation) -> None:
