@@ -33,6 +33,7 @@ from jaxmpm import (
     State,
     Status,
     WaterTable,
+    Zoned,
     advance_lanes,
     passing,
     section,
@@ -213,6 +214,25 @@ def on_a_pyramid(scene: Scene, state: State) -> tuple[Scene, State]:
     return replace(scene, material=material), state
 
 
+def in_zones(below: Variant, above: Variant) -> Variant:
+    """The law of one variant in the lower half of the particles, that of another in the upper one."""
+
+    def of_both(scene: Scene, state: State) -> tuple[Scene, State]:
+        height = np.asarray(scene.particles.position[-1])
+        upper = height > np.median(height)
+        order, count = np.argsort(upper, kind="stable"), int(np.sum(~upper))
+
+        def cut(tree: Any, own: np.ndarray) -> Any:
+            return jax.tree.map(lambda leaf: leaf[..., own] if leaf.shape[-1:] == height.shape else leaf, tree)
+
+        (low, old), (high, _) = (variant(scene, state) for variant in (below, above))
+        laws = cut(low.material, order[:count]), cut(high.material, order[count:])
+        law = Zoned(laws, (count, height.size - count))
+        return replace(scene, particles=cut(scene.particles, order), material=law), cut(old, order)
+
+    return of_both
+
+
 def stretched(variant: Variant) -> Variant:
     """A variant with finite strains."""
     return lambda scene, state: with_finite_strain(*variant(scene, state))
@@ -230,6 +250,8 @@ FEATURES: dict[str, tuple[Variant, Variant]] = {
     "friction (Drucker-Prager)": (on_a_cone, without_softening),
     "edges (Mohr-Coulomb)": (on_a_pyramid, on_a_cone),
     "softening with friction": (on_a_soft_cone, on_a_cone),
+    "layers of two kinds (clay, Drucker-Prager)": (in_zones(unchanged, on_a_cone), unchanged),
+    "layers of two kinds (clay, Mohr-Coulomb)": (in_zones(unchanged, on_a_pyramid), on_a_pyramid),
     "exponential softening": (with_exponential_softening, unchanged),
     "effect of rate": (with_rate, unchanged),
     "tension cutoff": (unchanged, without_cutoff),

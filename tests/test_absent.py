@@ -174,6 +174,38 @@ def test_finite_strains_do_not_join_the_components_of_a_costly_law_in_one_loop()
     assert stretched <= plain
 
 
+def in_layers(*soils, **numerics):
+    bottoms = [[(0, 2), (6, 2)], None]
+    layers = [mpm.Layer(soil, bottom) for soil, bottom in zip(soils, bottoms, strict=False)]
+    return mpm.section(mpm.Section([(0, 4), (6, 4)]), layers, replace(NUMERICS, **numerics), at_rest=False)
+
+
+def test_zones_are_absent_unless_layers_are_of_different_kinds():
+    of_one_kind = in_layers(SOIL, replace(SOIL, strength=18e3))
+    plain = mpm.section(mpm.Section([(0, 4), (6, 4)]), SOIL, NUMERICS, at_rest=False)
+    same = mpm.with_strength(plain[0], of_one_kind[0].material.strength)
+    assert program(*of_one_kind) == program(same, plain[1])
+
+
+@pytest.mark.skipif(jax.default_backend() != "cpu", reason="looks at a program for CPU")
+@pytest.mark.parametrize("finite", [False, True])
+def test_a_zone_costs_its_own_particles_only(finite):
+    sand = mpm.FrictionalSoil(5e3, 30.0, criterion=mpm.MohrCoulomb, tension_cutoff=0.0)
+
+    def flops(scene, state):
+        compiled = jax.jit(mpm.step).lower(replace(scene, engine=mpm.Engine.XLA), state, scene.time_step).compile()
+        return compiled.cost_analysis()["flops"]
+
+    both = in_layers(sand, SOIL, finite_strain=finite, cell_average=False)
+    alone = [
+        mpm.section(mpm.Section([(0, 4), (6, 4)]), soil, replace(NUMERICS, finite_strain=finite, cell_average=False))
+        for soil in (sand, SOIL)
+    ]
+    dear, cheap = (flops(*each) for each in alone)
+    assert cheap < flops(*both) < 0.5 * (dear + cheap) * 1.1
+    assert longest_loop(*both) < 1.1 * longest_loop(*alone[0])
+
+
 def test_motion_of_the_base_and_tied_sides_are_absent_unless_asked_for():
     drawn, sand = mpm.Section([(0, 4), (6, 4)]), replace(SOIL, strength=None)
     motion = mpm.BaseMotion(jnp.ones((2, 5)), jnp.asarray(0.1))

@@ -188,3 +188,78 @@ def test_gradients_by_the_strength_of_both_kinds_are_those_of_differences():
         assert float(total) > 0
         assert not np.any(each[: scene.material.counts[0]])
         assert np.any(each[scene.material.counts[0] :])
+
+
+def test_clay_beside_fill_is_as_soil_with_friction_zero():
+    numerics = replace(NUMERICS, cell_average=True)
+    clay = mpm.Soil(young=5e6, strength=8e3)
+    same = replace(CONE, young=5e6, cohesion=8e3, friction=0.0, dilation=0.0, tension_cutoff=None)
+    one, other = (
+        mpm.advance(mpm.reduced(scene, 1.2), state, 120)
+        for scene, state in (layered(CONE, soil, numerics=numerics) for soil in (clay, same))
+    )
+    moved = placed(*(layered(CONE, clay)[0], one.displacement))
+    assert abs(moved).max() > 0.02
+    np.testing.assert_allclose(placed(layered(CONE, same)[0], other.displacement), moved, atol=1e-3 * abs(moved).max())
+
+
+def test_water_does_not_enter_the_strength_of_undrained_layers():
+    sand = mpm.FrictionalSoil(2e3, 32.0, young=8e6)
+    clay = mpm.Soil(young=5e6, strength=15e3)
+    drawn = mpm.Section([(0, 6), (8, 6)])
+    bottom = [(0, 3), (8, 3)]
+    for loads, pressure in (({"water": 5.0}, lambda z: 9810 * np.maximum(5 - z, 0)), ({"r_u": 0.3}, None)):
+        scene, state = mpm.section(drawn, [mpm.Layer(sand, bottom), mpm.Layer(clay)], NUMERICS, **loads)
+        z = np.asarray(scene.particles.position[1])
+        undrained = np.repeat([False, True], scene.material.counts)
+        if pressure is None:
+            assert not np.any(np.asarray(scene.pore_pressure)[undrained])
+            np.testing.assert_allclose(scene.pore_pressure[~undrained], 0.3 * 20e3 * (6 - z[~undrained]), rtol=1e-5)
+            u = np.asarray(scene.pore_pressure)
+        else:
+            u = pressure(z)
+        # The total stress bears the weight through both kinds.
+        total = np.asarray(state.stress[2]) - u
+        np.testing.assert_allclose(total, -20e3 * (6 - z), rtol=0.03, atol=1500)
+    with pytest.raises(ValueError, match="pore_pressure above 0 in a zone whose strength is undrained: give 0 Pa"):
+        mpm.scene(
+            scene.particles, scene.grid, scene.material, kernel=scene.kernel, pore_pressure=np.ones(undrained.size)
+        )
+    with pytest.raises(ValueError, match="pore pressure in Zoned, whose strength is undrained"):
+        mpm.section(
+            drawn, [mpm.Layer(clay, bottom), mpm.Layer(replace(clay, softening_modulus=9e3))], NUMERICS, r_u=0.1
+        )
+
+
+def test_a_free_field_and_a_restart_know_every_zone(tmp_path):
+    drawn, motion = mpm.Section([(0, 6), (8, 6)]), mpm.BaseMotion(jnp.ones((2, 50)), jnp.asarray(0.01))
+    layers = [mpm.Layer(FILL, [(0, 3), (8, 3)]), mpm.Layer(CLAY)]
+    scene, state = mpm.section(drawn, layers, NUMERICS, ends="free field", motion=motion)
+    assert [column.material.counts for column in (scene.free_field.low, scene.free_field.high)] == [(12, 12)] * 2
+    moved = mpm.advance(scene, state, 20)
+    assert float(jnp.max(abs(moved.displacement))) > 0
+    alone, start = layered(LOST, CLAY)
+    first = mpm.advance(alone, start, 10)
+    mpm.save_state(tmp_path / "state.h5", first)
+    again, _ = mpm.load_state(tmp_path / "state.h5", start)
+    for one, other in zip(jax.tree.leaves(first), jax.tree.leaves(again), strict=True):
+        np.testing.assert_array_equal(one, other)
+    end, other = (mpm.advance(alone, begin, 10) for begin in (first, again))
+    np.testing.assert_array_equal(end.displacement, other.displacement)
+
+
+def test_averaged_plastic_strain_goes_over_zones_that_soften():
+    numerics = replace(NUMERICS, internal_length=1.5)
+    scene, state = layered(LOST, CLAY, ROCK, numerics=numerics)
+    moved = mpm.advance(mpm.reduced(scene, 2.0), state, 100)
+    assert float(jnp.max(moved.history)) > 0
+    with pytest.raises(ValueError, match=r"internal_length = 1.5 m, but the soil does not soften"):
+        layered(FILL, ROCK, numerics=numerics)
+
+
+def test_what_zones_cannot_be_is_refused():
+    scene, _ = layered(FILL, CLAY)
+    with pytest.raises(ValueError, match=r"counts = \(3, 4\) for 2 laws and \d+ particles: give the number of each"):
+        mpm.scene(scene.particles, scene.grid, replace(scene.material, counts=(3, 4)), kernel=scene.kernel)
+    with pytest.raises(ValueError, match="fbar = True with a frictional soil"):
+        layered(FILL, CLAY, numerics=replace(NUMERICS, fbar=True))
