@@ -180,7 +180,7 @@ coefficients = kl.latin_hypercube(jax.random.key(3), 8, layered.modes)[5]
 def particles(spacing: float) -> np.ndarray:
     """Positions (2, N) m of particles that fill the published slope."""
     x, z = np.meshgrid(np.arange(spacing / 2, 96.0, spacing), np.arange(spacing / 2, 16.0, spacing))
-    return np.stack([x, z])[:, z < mpm.Slope().surface(x)]
+    return np.stack([x, z])[:, z < mpm.Slope().heights(x)]
 
 
 fig, axes = plt.subplots(2, 1, figsize=(9, 3.7), sharex=True)
@@ -243,7 +243,7 @@ print(
 dipping = kl.expand(layered.covariance, **box, bedding=kl.Bedding(dip=15.0))
 x, z = particles(0.5)
 scores = kl.field_at(dipping, kl.monte_carlo(jax.random.key(6), 1, dipping.modes)[0], np.stack([x, z]))
-mean = kl.linear_with_depth(mpm.Slope().surface(x) - z, 25e3, 1.5e3)  # 25 kPa at the surface, 1.5 kPa more per metre
+mean = kl.linear_with_depth(mpm.Slope().heights(x) - z, 25e3, 1.5e3)  # 25 kPa at the surface, 1.5 kPa more per metre
 trended = kl.with_trend(marginal, scores, mean=mean, deviation=0.25 * mean)
 
 fig, axes = plt.subplots(2, 1, figsize=(9, 3.7), sharex=True)

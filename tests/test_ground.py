@@ -192,6 +192,12 @@ def test_grounds_that_are_none_are_refused():
     with pytest.raises(ValueError, match=r"extent = 0 m at \[1\]"):
         mpm.ground.build_ground(Flat(), [mpm.Layer(SAND)], NUMERICS)
 
+    class Beyond(Embankment):
+        face = mpm.Face(toe_x=60.0, toe_z=4.0, height=8.0)
+
+    with pytest.raises(ValueError, match=r"Beyond has its toe at x = 60 m, outside the ground.* from 0 to 52 m"):
+        mpm.ground.build_ground(Beyond(), [mpm.Layer(SAND)], NUMERICS)
+
     class Lost(Embankment):
         def layer_of(self, layers, position, _):
             return np.full(position.shape[1], 2)

@@ -41,7 +41,7 @@ def test_any_slope_fills_its_section_and_stays_below_its_surface(crest, height, 
     shape = mpm.Slope(crest=crest, height=2 * height, run_per_rise=ratio, toe=toe, foundation=2)
     scene, _ = mpm.slope(shape, mpm.Soil(), mpm.Discretisation(1.0, (0.5, 0.5)))
     x, z = np.asarray(scene.particles.position)
-    assert np.all(z < shape.surface(x))
+    assert np.all(z < shape.heights(x))
     area = shape.length * 2 + 2 * height * crest + ratio * (2 * height) ** 2 / 2
     assert abs(float(jnp.sum(scene.particles.volume)) - area) <= 0.5 * ratio * 2 * height + 1e-4
 

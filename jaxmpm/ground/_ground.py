@@ -206,8 +206,8 @@ def build_ground(
 
 
 def check_ground(ground: Ground) -> None:
-    """Raise ValueError for an object that lacks a member of `Ground`, whose box is none, or that its own `check`
-    refuses."""
+    """Raise ValueError for an object that lacks a member of `Ground`, whose box is none, whose toe lies outside it, or
+    that its own `check` refuses."""
     members = [name for name in vars(Ground) if not name.startswith("_")]
     missing = [name for name in members if not hasattr(type(ground), name) and not hasattr(ground, name)]
     if missing:
@@ -221,6 +221,14 @@ def check_ground(ground: Ground) -> None:
         )
     check.finite("corner", ground.corner, "m")
     check.positive("extent", ground.extent, "m")
+    face, low, high = ground.face, ground.corner[0], ground.corner[0] + ground.extent[0]
+    if face is not None and not low < face.toe_x < high:
+        raise ValueError(
+            f"the face of {type(ground).__name__} has its toe at x = {face.toe_x:g} m, outside the ground, which "
+            f"reaches from {low:g} to {high:g} m: give a toe in it, or None"
+        )
+    if face is not None:
+        check.positive("height of the face", face.height, "m")
 
 
 def layer_of(

@@ -91,11 +91,6 @@ class Section:
         return points, (float(left), float(right))
 
     @property
-    def dimension(self) -> int:
-        """Always 2."""
-        return 2
-
-    @property
     def corner(self) -> tuple[float, ...]:
         """Lowest corner (2,) m of the box that holds the ground."""
         return (self.outline()[1][0], self.base)

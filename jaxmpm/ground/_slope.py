@@ -42,11 +42,6 @@ class Slope:
         return self.toe_x + self.toe
 
     @property
-    def dimension(self) -> int:
-        """2 for a section, 3 with a width."""
-        return 2 if self.width is None else 3
-
-    @property
     def face(self) -> Face:
         """Toe and height of the slope."""
         return Face(self.toe_x, self.foundation, self.height)
@@ -72,7 +67,7 @@ class Slope:
     @property
     def corner(self) -> tuple[float, ...]:
         """Lowest corner (d,) m of the box that holds the ground: the origin."""
-        return (0.0,) * self.dimension
+        return (0.0,) * len(self.extent)
 
     @property
     def extent(self) -> tuple[float, ...]:
@@ -88,7 +83,7 @@ class Slope:
     def cells(self, discretisation: Discretisation) -> list[int]:
         """Cells of a grid along each axis, with air above the crest. Raises ValueError for a slope or a grid that is
         none, and where one does not fit the other."""
-        d, cell = self.dimension, discretisation.cell
+        d, cell = len(self.extent), discretisation.cell
         check_discretisation(discretisation, d)
         self.check()
         if self.toe < 2 * cell:
@@ -113,10 +108,6 @@ class Slope:
 
     def heights(self, x: np.ndarray, _: np.ndarray | None = None) -> np.ndarray:
         """Height of the surface (m) at x, and wherever along y."""
-        return self.surface(x)
-
-    def surface(self, x: np.ndarray) -> np.ndarray:
-        """Height of the ground above the base (m) at x."""
         if self.run_per_rise == 0:
             return self.foundation + self.height * (x <= self.crest)
         return self.foundation + np.clip(self.height - (x - self.crest) / self.run_per_rise, 0.0, self.height)
@@ -137,7 +128,7 @@ class Slope:
         at_rest: bool = True,
     ) -> tuple[Scene, State]:
         """As `slope`, of one layer; ends: those along y."""
-        self.layer_of(layers, np.zeros((self.dimension, 0)), discretisation)
+        self.layer_of(layers, np.zeros((len(self.extent), 0)), discretisation)
         return slope(self, layers[0].soil, discretisation, gravity=gravity, y_ends=ends, at_rest=at_rest)
 
 

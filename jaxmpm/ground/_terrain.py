@@ -69,11 +69,6 @@ class Terrain:
     cut: Literal["fixed", "free"] = "fixed"
 
     @property
-    def dimension(self) -> int:
-        """Always 3."""
-        return 3
-
-    @property
     def walls(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Places of the walls along x and along y (m)."""
         ends = self.surface.ends
