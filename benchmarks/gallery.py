@@ -16,9 +16,10 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from benchmarks.measure import ROOT
+from cooperative.folder import models_of
 from cooperative.reporting import _pictures as pictures
 from cooperative.reporting import _plots as plots
-from cooperative.runs import coefficients_of, cost_of
+from cooperative.runs import coefficients_of, cost_of, ground_of, soil_of
 from cooperative.scene import Campaign, begin, parse, read_scene
 from cooperative.sweep import variants
 from foundation.files import write_aside
@@ -92,12 +93,13 @@ def about(name: str) -> str:
 
 def picture(campaign: Campaign) -> Figure:
     """The random soil of sample 0 on the refined grid; in 3D in the section in the middle."""
-    model = pictures.models_of(campaign)["refined"]
-    plane = pictures.plane_at(model, pictures.middle(model))
-    position, half = pictures.section_of(model, plane)
+    models = models_of(campaign)
+    ground, model = ground_of(models), models["refined"]
+    plane = pictures.plane_at(ground.grids["refined"], ground.middle)
+    position, half = pictures.section_of(ground.grids["refined"], plane)
     name = next(iter(campaign.random))
     drawn = plots.QUANTITIES[name]
-    values = pictures.values_of(model, coefficients_of(campaign, model.soil)[0])[name][plane] / drawn.unit
+    values = soil_of(model, coefficients_of(campaign, model.soil)[0]).values[name][plane] / drawn.unit
     length, height = np.ptp(position, axis=1)
     figure, (ax,) = plots.panels(1, size=(4.8, 3.8 * height / length + 0.6))
     norm = Normalize(float(np.nanmin(values)), float(np.nanmax(values)))

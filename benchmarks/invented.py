@@ -121,8 +121,23 @@ def build(campaign: Campaign, grid: str, soil: Any, **_: Any) -> Any:
     return runs.GridModel(grid, campaign, scene, absent, soil, {})
 
 
-def keep_initial(*_: Any) -> None:
-    """Made-up grids have no stress."""
+def ground_of(models: dict[str, Any]) -> Any:
+    """As much of the ground as made-up runs are read by."""
+    grids = {
+        grid: SimpleNamespace(position=model.scene.particles.position, columns=SimpleNamespace(shape=(1,)))
+        for grid, model in models.items()
+    }
+    samples = runs.samples_of(models["rough"].campaign)
+    return SimpleNamespace(terms=MODES, samples=samples, grids=grids)
+
+
+def keep_nothing(*_: Any) -> None:
+    """Made-up grids have neither stress nor ground to be kept."""
+
+
+def soil_of(*_: Any) -> runs.SampleSoil:
+    """No random soil."""
+    return runs.SampleSoil({}, 1.0)
 
 
 def run_samples(
@@ -163,7 +178,8 @@ def invent(seconds: float = 0.0, put: Callable[[ModuleType, str, Any], None] = s
 
     made_up = {
         runs.random_soil: random_soil, REAL_COEFFICIENTS: coefficients_of, runs.build: build,
-        runs.run_samples: timed, runs.keep_initial: keep_initial, factors_of_safety: measure,
+        runs.run_samples: timed, runs.keep_initial: keep_nothing, runs.keep_ground: keep_nothing,
+        runs.keep_drawn: keep_nothing, runs.ground_of: ground_of, runs.soil_of: soil_of, factors_of_safety: measure,
     }  # fmt: skip
     for module in [module for name, module in sys.modules.items() if name.split(".")[0] == "cooperative"]:
         for real, substitute in made_up.items():

@@ -12,8 +12,9 @@ from pathlib import Path
 import jax
 
 from cooperative import __version__, campaign, doctor, sweep
-from cooperative.reporting import SLIDES, draw, progress_of, report, watched, words
+from cooperative.folder import SLIDES
 from cooperative.reporting import _exports as exports
+from cooperative.reporting import draw, progress_of, report, watched, words
 from cooperative.runs import Cost, Stopped, check_size, cores_to_use, cost_of, dask_executor, heeding, keep_compiled
 from cooperative.scene import Campaign, begin, examples, parse, read_scene, starters, write_example
 from cooperative.store import GRIDS, read_store

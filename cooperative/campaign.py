@@ -16,8 +16,9 @@ import numpy as np
 
 from cooperative import runs
 from cooperative.estimate import Estimator, Phases, Screened, Slides, wilson_interval
+from cooperative.folder import Results
 from cooperative.scene import Campaign, Measured, allowing, measure, parse, with_defaults, with_measured, write_budget
-from cooperative.store import GRIDS, SLIDES, Rows, Sample, Store, open_store, restart_path, write_sample
+from cooperative.store import GRIDS, SLIDES, Rows, Sample, Store, open_store, read_sample, restart_path, write_sample
 from cooperative.summary import Summary, write
 
 
@@ -68,6 +69,7 @@ def run(
                     runs.keep_initial(folder, model.grid, model.scene, model.state)
                 campaign = measure(campaign, folder, models["rough"].soil.counts, models)
                 models = {grid: model.with_measured(campaign) for grid, model in models.items()}
+                runs.keep_ground(folder, models)
             with runs.bars(folder, progress) as bar:
                 return _ran(_Runs(campaign, models, pool, stop, folder.resolve(), bar), store, on_phase)
 
@@ -129,7 +131,8 @@ class _Runs:
 def _ran(runner: _Runs, store: Store, on_phase: Callable[[str], None]) -> Summary:
     """Both phases, and the summary, which is written too."""
     campaign = runner.campaign
-    rows = runs.rows_reader(campaign, store, runner.models, runner.stop.look)
+    ground = runs.ground_of(runner.models)
+    rows = runs.rows_reader(store, ground.samples, ground, runner.stop.look)
     on_phase("screening")
     coefficients, screened = _screen(runner, store, rows)
     on_phase("audit")
@@ -137,7 +140,14 @@ def _ran(runner: _Runs, store: Store, on_phase: Callable[[str], None]) -> Summar
     on_phase("slides")
     _slide_on(runner, store, rows, screened, coefficients)
     on_phase("summary")
-    return write(campaign, store, rows("rough"), rows("refined"))
+    rough, refined = rows("rough"), rows("refined")
+    summary = write(campaign, store, rough, refined)
+    results = Results(store, ground, rough, refined, summary)
+    first, _ = results.drawn()
+    samples = {(grid, number): read_sample(store, first, number).coefficients for grid, number in results.soils()}
+    soils = {of: runs.soil_of(runner.models[of[0]], own) for of, own in samples.items() if own.size}
+    runs.keep_drawn(store.folder, soils)
+    return summary
 
 
 def _screen(runner: _Runs, store: Store, rows: Callable[[str], Rows]) -> tuple[np.ndarray, Phases]:

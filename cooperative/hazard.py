@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cooperative import effects, runs, summary
+from cooperative import effects, runs
 from cooperative.estimate import Chances, Estimate, Estimator, chance_of, mean_interval, mean_of
+from cooperative.folder import Results, read_results
 from cooperative.measure import ColumnPlan
-from cooperative.scene import Campaign, campaign_of
-from cooperative.store import GRIDS, Rows, Store, read_sample, read_store
+from cooperative.store import read_sample
 
 REACHED, COVERED, THICKNESS, ARRIVAL = "reached", "covered at the end", "expected thickness", "arrival"
 
@@ -47,41 +47,41 @@ class Maps:
 def hazard_maps(folder: str | Path, *, estimator: Estimator | None = None) -> Maps:
     """The maps of a campaign's folder, of what has run by now.
 
-    estimator: the one that `cooperative.campaign.run` was given, where it was given one.
-    Raises ValueError where the scene asks for no maps, or no refined run has slid to its end.
+    Args:
+        folder: of the campaign.
+        estimator: the one that `cooperative.campaign.run` was given, where it was given one.
+
+    Raises:
+        ValueError: the scene asks for no maps, or no refined run has slid to its end.
     """
-    store = read_store(folder)
-    campaign = campaign_of(store, estimator)
-    model = runs.build(campaign, "refined", runs.random_soil(campaign), at_rest=False)
-    rough, refined = map(runs.rows_reader(campaign, store), GRIDS)
-    found = maps_of(campaign, store, model, rough, refined)
-    if found is None:
+    results = read_results(folder, estimator)
+    maps = maps_of(results)
+    if maps is None:
         raise ValueError(
             f"folder {folder} has no hazard maps: give [hazard] in the scene of another campaign"
-            if campaign.hazard is None
+            if results.ground.hazard is None
             else f"folder {folder} has no refined run yet that failed and slid to its end: wait for one"
         )
-    return found
+    return maps
 
 
-def maps_of(campaign: Campaign, store: Store, model: runs.GridModel, rough: Rows, refined: Rows) -> Maps | None:
-    """The maps of these rows; None where the scene asks for none, or nothing slid. model: of the refined grid."""
-    if campaign.hazard is None or (kept := model.state.columns) is None:
+def maps_of(results: Results) -> Maps | None:
+    """The maps of these results; None where the scene asks for none, or nothing slid."""
+    hazard, refined, summary = results.ground.hazard, results.refined, results.summary
+    if hazard is None:
         return None
-    phases = runs.phases_of(campaign, rough, refined)
-    slides = summary.slides_of(campaign, phases, refined)
     # A slide that broke off has no columns.
-    told = np.isfinite(refined.columns.get("area_columns", np.full(len(refined.numbers), np.nan)))
-    mine = np.flatnonzero(slides.slid & (slides.weight > 0) & told)
-    samples = [read_sample(store, "refined", refined.numbers[at]) for at in mine]
+    with_columns = np.isfinite(effects.measure(refined, "area_columns"))
+    mine = np.flatnonzero((results.weight > 0) & with_columns)
+    samples = [read_sample(results.store, "refined", refined.numbers[at]) for at in mine]
     if not samples:
         return None
-    plan = runs.column_plan(model.scene)
-    where = plan.ground
+    plan = results.ground.grids["refined"].columns
+    where, beyond = plan.ground, runs.beyond_toe(results.ground.face, plan)
     fields = {name: np.stack([sample.fields[name] for sample in samples])[:, *where] for name in runs.COLUMNS}
-    step = float(model.scene.time_step) * kept.every
-    first = int(np.searchsorted(plan.edges(0)[where[0]], plan.edges(0)[runs.beyond_toe(model, plan).start]))
-    maps, units = _maps(campaign, phases.estimate, slides.weight[mine], fields, kept.least)
+    first = int(np.searchsorted(plan.edges(0)[where[0]], plan.edges(0)[beyond.start]))
+    until = summary.cut_off.t_end
+    maps, units = _maps(hazard, summary.estimate, results.weight[mine], fields, until)
     return Maps(
         plan=plan,
         edges=tuple(plan.edges(axis)[part.start : part.stop + 1] for axis, part in enumerate(where)),
@@ -89,27 +89,25 @@ def maps_of(campaign: Campaign, store: Store, model: runs.GridModel, rough: Rows
         units=units,
         beyond=slice(first, None),
         slides=mine.size,
-        least=kept.least,
-        every=step,
-        missed=step * float(fields["column_speed"].max()),
-        level=phases.estimate.level,
-        moving=effects.cut_off(campaign, refined, slides).at_t_end,
-        until=campaign.run.last("refined"),
+        least=hazard.least,
+        every=hazard.every,
+        missed=hazard.every * float(fields["column_speed"].max()),
+        level=summary.level,
+        moving=summary.cut_off.at_t_end,
+        until=until,
     )
 
 
 def _maps(
-    campaign: Campaign, found: Estimate, weight: np.ndarray, fields: Mapping[str, np.ndarray], least: float
+    hazard: runs.HazardPlan, estimate: Estimate, weight: np.ndarray, fields: Mapping[str, np.ndarray], until: float
 ) -> tuple[dict[str, Chances], dict[str, str]]:
     deposit, thickness, speed, arrival = (fields[name] for name in runs.COLUMNS)
-    hazard = campaign.hazard
-    assert hazard is not None
-    happens = {REACHED: thickness >= least, COVERED: deposit >= least}
+    happens = {REACHED: thickness >= hazard.least, COVERED: deposit >= hazard.least}
     happens |= {f"deposit thicker than {level:g} m": deposit > level for level in hazard.thickness}
     happens |= {f"faster than {level:g} m/s": speed > level for level in hazard.speed}
-    maps = {name: chance_of(found, weight, each) for name, each in happens.items()}
-    maps[THICKNESS] = mean_of(found, weight, deposit)
-    maps[ARRIVAL] = _arrival(arrival, weight, found.level, campaign.run.last("refined"))
+    maps = {name: chance_of(estimate, weight, each) for name, each in happens.items()}
+    maps[THICKNESS] = mean_of(estimate, weight, deposit)
+    maps[ARRIVAL] = _arrival(arrival, weight, estimate.level, until)
     return maps, dict.fromkeys(happens, "-") | {THICKNESS: "m", ARRIVAL: "s"}
 
 

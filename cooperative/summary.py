@@ -28,7 +28,7 @@ from cooperative.estimate import (
     shares,
 )
 from cooperative.measure import EDGE, SEVERITY
-from cooperative.runs import phases_of
+from cooperative.runs import phases_of, sampling_of
 from cooperative.scene import Budget, Calibration, Campaign, LimitLoad
 from cooperative.store import Rows, Store
 from foundation import files
@@ -36,8 +36,10 @@ from foundation import files
 NOT_BROKEN = ("FINISHED", "SETTLED", "DECIDED")
 CHECKSUM = "checksum"
 """Key of a summary that tells whether it is whole, and of which rows."""
-CONTENT = 6
+CONTENT = 7
 """Of what a summary says, counted up when it says more: one of an earlier version is made anew."""
+MADE_FROM = ("measured.json", "budget.json")
+"""Files of a campaign's folder that say what its scene and rows do not."""
 MORE = 50
 """What so many more refined runs would buy is told, or fewer where no more are left."""
 
@@ -99,6 +101,10 @@ class Summary:
     exceedance: by consequence. risk: of the elements at risk, None without any. fits: by group ("all" or a mode) and
     consequence. severity: modes by the median of each consequence, most severe first. seconds: of all runs of each grid
     (s). refined_runs_allowed: where the folder allows more than the scene. notes: what a reader must know, in words.
+    estimate_runs, audit_variance, freedom: as in `Estimate`, whose refined_runs are the first, None for no limit.
+    planned_samples: on the rough grid in the end.
+    failure_displacement (m), least_volume (m3, in a section m2; None for any particle): from which on a slope fails.
+    settle: whether a run ends once it has settled. slide_weights: by sample, what each slide stands for.
     """
 
     name: str
@@ -134,6 +140,30 @@ class Summary:
     seconds: Mapping[str, float]
     refined_runs_allowed: Budget | None
     notes: tuple[str, ...]
+    estimate_runs: int
+    audit_variance: float
+    freedom: float | None
+    planned_samples: int
+    failure_displacement: float
+    least_volume: float | None
+    settle: bool
+    slide_weights: Mapping[int, float]
+
+    @property
+    def estimate(self) -> Estimate:
+        """The probability of failure as the estimator gave it, without its notes."""
+        return Estimate(
+            self.probability_of_failure,
+            self.interval,
+            np.inf if self.coefficient_of_variation is None else self.coefficient_of_variation,
+            self.estimate_runs,
+            self.estimator,
+            self.level,
+            audit_variance=self.audit_variance,
+            unseen=self.unseen,
+            sampling_interval=self.sampling_interval,
+            freedom=np.inf if self.freedom is None else self.freedom,
+        )
 
     def as_json(self) -> dict[str, Any]:
         """Its fields as JSON has them, which `from_json` reads: a number that is not finite is null."""
@@ -206,6 +236,14 @@ def summarise(campaign: Campaign, rough: Rows, refined: Rows) -> Summary:
             *effects.cut_off_notes(campaign, cut),
             *_still_moving(campaign, phases, refined),
         ),
+        estimate_runs=estimate.refined_runs,
+        audit_variance=estimate.audit_variance,
+        freedom=_finite(estimate.freedom),
+        planned_samples=campaign.estimator.rough_runs(sampling_of(campaign)),
+        failure_displacement=limit,
+        least_volume=campaign.run.least_volume,
+        settle=campaign.run.settle is not None,
+        slide_weights={refined.numbers[at]: float(weight[at]) for at in np.flatnonzero(slid)},
     )
 
 
@@ -213,34 +251,29 @@ def write(campaign: Campaign, store: Store, rough: Rows, refined: Rows) -> Summa
     """The summary of these rows, written to `summary.json` too. OSError where the disk refuses."""
     made = summarise(campaign, rough, refined)
     fields = made.as_json()
-    fields[CHECKSUM] = _checksum(campaign, rough, refined, fields)
+    fields[CHECKSUM] = _checksum(store, rough, refined, fields)
     files.write_aside(store.folder / "summary.json", json.dumps(fields, indent=1).encode())
     return made
 
 
-def stored(campaign: Campaign, store: Store, rough: Rows, refined: Rows) -> Summary:
-    """The summary in `summary.json`, where it is whole and of just these rows; else made anew from the rows."""
+def stored(store: Store, rough: Rows, refined: Rows) -> Summary | None:
+    """The summary in `summary.json`, None where it is not whole, or not of just these rows and this version."""
     try:
         text = files.read_plain(store.folder / "summary.json")
         fields = json.loads(text)
-        if fields.pop(CHECKSUM) == _checksum(campaign, rough, refined, fields):
+        if fields.pop(CHECKSUM) == _checksum(store, rough, refined, fields):
             return Summary.from_json(text)
     except (OSError, ValueError, TypeError, AttributeError, KeyError, RecursionError):
         pass
-    return summarise(campaign, rough, refined)
+    return None
 
 
-def _checksum(campaign: Campaign, rough: Rows, refined: Rows, fields: dict[str, Any]) -> str:
+def _checksum(store: Store, rough: Rows, refined: Rows, fields: dict[str, Any]) -> str:
     """SHA-256 of the fields of a summary and of all that it was made from."""
-    parts = (
-        str(CONTENT),
-        campaign.text,
-        repr(campaign.estimator),
-        repr(campaign.raised),
-        repr(campaign.measured),
-        json.dumps(fields, sort_keys=True),
-    )
-    digest = hashlib.sha256("\0".join(parts).encode())
+    digest = hashlib.sha256("\0".join((str(CONTENT), store.digest, json.dumps(fields, sort_keys=True))).encode())
+    for name in MADE_FROM:
+        path = store.folder / name
+        digest.update(files.read_plain(path) if path.exists() else b"")
     for rows in (rough, refined):
         for name, values in sorted(rows.columns.items()):
             digest.update(f"{name} {values.dtype} {values.size}".encode() + np.ascontiguousarray(values).tobytes())

@@ -29,7 +29,7 @@ from cooperative.campaign import run as run_campaign
 from cooperative.estimate import Published, Sampling, rank_samples, stopping_rank
 from cooperative.measure import SEVERITY
 from cooperative.reporting import panels, save
-from cooperative.runs import check_size, heeding, phases_of, release_programs, rows_reader
+from cooperative.runs import check_size, heeding, phases_of, release_programs, rows_reader, samples_of
 from cooperative.scene import parse, stored_measured, tables_of, with_defaults
 from cooperative.store import GRIDS, Rows, kept_scene, read_store, write_aside
 from cooperative.summary import Summary, summarise
@@ -266,7 +266,7 @@ def _ranked(folder: Path, k_t: int) -> Summary:
     store = read_store(folder)
     campaign = parse(store.scene_text, begun=True)
     campaign = replace(campaign, plan=replace(campaign.plan, estimator=Published(k_t)))
-    rough, refined = map(rows_reader(campaign, store), GRIDS)
+    rough, refined = map(rows_reader(store, samples_of(campaign)), GRIDS)
     order = rank_samples(rough.columns["displacement"], rough.columns["broke_off"].astype(bool)).order
     ran = order[: stopping_rank(order, phases_of(campaign, rough, refined).answers, k_t)]
     kept_rows = np.isin(refined.columns["sample"], ran)

@@ -9,7 +9,7 @@ import os
 import re
 import shutil
 import sys
-from dataclasses import replace
+from dataclasses import is_dataclass, replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -17,8 +17,11 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
-from cooperative import run, runs, summary
+from benchmarks.hazard_populations import SOLID
+from cooperative import folder as folders
+from cooperative import run, runs
 from cooperative.__main__ import main
+from cooperative.folder import models_of, read_results
 from cooperative.hazard import hazard_maps
 from cooperative.reporting import _page as page
 from cooperative.reporting import _pictures as pictures
@@ -225,16 +228,18 @@ def test_runs_that_broke_off_and_damaged_files_are_on_the_page(tmp_path, done):
 
 def test_slides_are_chosen_by_mode_then_by_distance(done):
     folder, summary = done
-    rows = read_rows(read_store(folder), "refined")
-    failed = rows.columns["displacement"] > 1
-    chosen = pictures.choose(rows, failed, 3)
+    results = read_results(folder)
+    rows = results.refined
+    grid, chosen = results.drawn(3)
+    assert grid == "refined"
     assert len(chosen) == len(set(chosen)) == 3
     modes = dict(zip(rows.numbers, rows.columns["mode"], strict=True))
     occur = {mode for mode, share in summary.modes.items() if share.count}
     assert {modes[number] for number in chosen} == occur or len(occur) > 3
     assert chosen[0] == rows.numbers[int(np.argmax(rows.columns["displacement"]))]
-    none = pictures.choose(rows, np.zeros(failed.size, bool), 3)
-    assert none == [chosen[0]]
+    none = replace(results, summary=replace(summary, slide_weights={}))
+    assert none.drawn(3) == ("refined", [chosen[0]])
+    assert results.soils() == [("rough", chosen[0]), *(("refined", number) for number in chosen)]
 
 
 def test_a_sample_run_again_ends_where_it_ended(done):
@@ -285,8 +290,9 @@ def test_slides_are_drawn_from_their_frames_and_without_them_from_their_end(done
     store = read_store(folder)
     rows = read_rows(store, "refined")
     sample = read_sample(store, "refined", rows.numbers[int(np.argmax(rows.columns["displacement"]))])
-    model = pictures.models_of(parse(SCENE))["refined"]
-    shown = pictures.kept_moments(model, sample)
+    models = models_of(parse(SCENE))
+    soil = runs.soil_of(models["refined"], sample.coefficients)
+    shown = pictures.kept_moments(sample, soil)
     limit, far = (
         parse(SCENE).run.failure_displacement,
         [np.linalg.norm(each, axis=0).max() for each in shown.displacement],
@@ -294,9 +300,10 @@ def test_slides_are_drawn_from_their_frames_and_without_them_from_their_end(done
     assert len(shown.times) == 1 + sum(sample.row["displacement"] > passed * limit for passed in (1, 5))
     assert limit < far[0] < far[-1]
     ends = {name: values for name, values in sample.fields.items() if not name.startswith("frame")}
-    (only,) = pictures.kept_moments(model, replace(sample, fields=ends)).times
+    (only,) = pictures.kept_moments(replace(sample, fields=ends), soil).times
     assert only == shown.times[-1]
-    assert list(pictures.slides(model, [replace(sample, fields={})], again=False)) == []
+    none = pictures.kept_moments(replace(sample, fields={}), soil)
+    assert list(pictures.slide(runs.ground_of(models), "refined", sample, soil, none)) == []
 
 
 def test_no_slides_and_bad_numbers_of_slides(done, capsys):
@@ -406,8 +413,8 @@ def test_a_sample_whose_arrays_are_not_the_scenes_is_left_out_and_named(tmp_path
 def test_the_report_reads_the_summary_and_makes_it_anew_only_from_other_rows(tmp_path, done, monkeypatch):
     folder = copied(done, tmp_path / "c")
     asked = []
-    made = summary.summarise
-    monkeypatch.setattr(summary, "summarise", lambda *given: asked.append(given) or made(*given))
+    made = folders.summarise
+    monkeypatch.setattr(folders, "summarise", lambda *given: asked.append(given) or made(*given))
     said = report(folder, slides=0)
     assert asked == []
     kept = (folder / "summary.json").read_text()
@@ -419,6 +426,73 @@ def test_the_report_reads_the_summary_and_makes_it_anew_only_from_other_rows(tmp
     (folder / "summary.json").unlink()
     os.mkfifo(folder / "summary.json")
     assert report(folder, slides=0) == said
+
+
+def alike(one, other):
+    """Whether two stored values hold the same numbers."""
+    if is_dataclass(one):
+        return type(one) is type(other) and alike(vars(one), vars(other))
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(alike(one[key], other[key]) for key in one)
+    return np.array_equal(one, other, equal_nan=True) if isinstance(one, np.ndarray) else one == other
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_a_whole_folder_is_reported_without_its_scene_and_its_grids(tmp_path, done, monkeypatch):
+    folder = copied(done, tmp_path / "c")
+    words = report(folder)
+    page = (folder / "report.html").read_text()
+
+    def refused(*_, **__):
+        raise AssertionError("the scene was read, or a grid built")
+
+    monkeypatch.setattr(folders, "campaign_of", refused)
+    monkeypatch.setattr("cooperative.reporting._composition.campaign_of", refused)
+    monkeypatch.setattr(runs, "build", refused)
+    assert report(folder) == words
+    assert (folder / "report.html").read_text() == page
+    assert hazard_maps(folder).slides > 0
+    # What is not kept comes from the scene.
+    (folder / "ground.h5").unlink()
+    with pytest.raises(AssertionError, match="the scene was read"):
+        report(folder)
+
+
+@pytest.mark.usefixtures("unrendered")
+@pytest.mark.parametrize("name", ["ground.h5", "drawn.h5"])
+@pytest.mark.parametrize("how", ["deleted", "damaged"])
+@pytest.mark.filterwarnings("ignore:.*ground.h5.*the ground is built again")
+def test_without_what_a_folder_keeps_of_its_ground_the_report_is_the_same(tmp_path, done, name, how):
+    folder = copied(done, tmp_path / "c")
+    words = report(folder)
+    page = (folder / "report.html").read_text()
+    if how == "deleted":
+        (folder / name).unlink()
+    else:
+        (folder / name).write_bytes((folder / name).read_bytes()[:-1])
+    assert report(folder) == words
+    assert (folder / "report.html").read_text() == page
+
+
+@pytest.mark.parametrize("solid", [False, True])
+def test_the_ground_that_a_folder_keeps_is_that_of_the_grids(tmp_path, solid):
+    text = SOLID if solid else SCENE
+    models = models_of(parse(text))
+    runs.keep_ground(tmp_path, models)
+    kept = runs.read_ground(tmp_path)
+    assert alike(kept, runs.ground_of(models))
+    rough = kept.grids["rough"]
+    assert np.array_equal(rough.position, models["rough"].scene.particles.position)
+    heights = parse(text).site.shape.heights(*kept.surface[:-1].reshape(kept.dimension - 1, -1))
+    assert np.array_equal(kept.surface[-1].ravel(), heights)
+    # Written once, and again where it is damaged.
+    stamp = (tmp_path / "ground.h5").stat().st_mtime_ns
+    runs.keep_ground(tmp_path, models)
+    assert (tmp_path / "ground.h5").stat().st_mtime_ns == stamp
+    (tmp_path / "ground.h5").write_bytes(b"cooperative ground")
+    runs.keep_ground(tmp_path, models)
+    assert alike(runs.read_ground(tmp_path), kept)
+    assert (tmp_path / "ground.h5.damaged").exists()
 
 
 def test_a_figure_that_cannot_be_written_is_named_and_leaves_the_old_one(tmp_path, done, monkeypatch):

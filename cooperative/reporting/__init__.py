@@ -1,6 +1,6 @@
 """What people see of a campaign: words, charts, pictures, one page, exports, progress."""
 
-from cooperative.reporting._composition import SLIDES, report
+from cooperative.reporting._composition import report
 from cooperative.reporting._exports import export, export_sample
 from cooperative.reporting._ground import draw
 from cooperative.reporting._plots import draw_particles, panels, save
@@ -8,7 +8,6 @@ from cooperative.reporting._progress import progress_of, watched, words
 from cooperative.reporting._tables import consolidate, write_table
 
 __all__ = [
-    "SLIDES",
     "consolidate",
     "draw",
     "draw_particles",

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from cooperative import runs, summary
+from cooperative import runs
 from cooperative.estimate import Estimator
+from cooperative.folder import SLIDES, Results, models_of, read_results
 from cooperative.hazard import THICKNESS, Maps, maps_of
 from cooperative.reporting import _charts as charts
 from cooperative.reporting import _page as page
 from cooperative.reporting import _pictures as pictures
 from cooperative.reporting import _plots as plots
 from cooperative.reporting._plots import Drawn
-from cooperative.reporting._told import Told
 from cooperative.reporting._words import (
     agreement,
     answer,
@@ -25,6 +25,7 @@ from cooperative.reporting._words import (
     distinct,
     estimates,
     finished,
+    labels,
     look,
     risks,
     run_table,
@@ -32,9 +33,8 @@ from cooperative.reporting._words import (
     without_slides,
     words,
 )
-from cooperative.runs import GridModel
 from cooperative.scene import campaign_of
-from cooperative.store import GRIDS, Rows, own_folder, read_sample, read_store, write_aside
+from cooperative.store import GRIDS, own_folder, read_sample, write_aside
 from foundation.text import short
 
 HOW = (
@@ -42,9 +42,6 @@ HOW = (
     "of it. With the keyboard, Tab goes to a figure, arrow keys read, + and - zoom, 0 shows all."
 )
 """To whom the page's script runs; not printed."""
-
-SLIDES = 3
-"""Slides drawn at several times, unless the caller says otherwise."""
 
 
 def report(folder: str | Path, *, slides: int = SLIDES, again: bool = False, estimator: Estimator | None = None) -> str:
@@ -58,44 +55,22 @@ def report(folder: str | Path, *, slides: int = SLIDES, again: bool = False, est
     """
     if slides < 0:
         raise ValueError(f"slides = {slides}: give 0 or more")
-    store = read_store(folder)
-    campaign = campaign_of(store, estimator)
-    models = pictures.models_of(campaign)
-    rough, refined = map(runs.rows_reader(campaign, store, models), GRIDS)
-    if not rough.numbers:
-        raise ValueError(f"folder {folder} has no finished sample yet: start the run first")
-    left_out = [f"{why}: will be run again" for rows in (rough, refined) for why in rows.damaged]
-    refined, without = _paired(refined, rough)
-    left_out += [f"refined run {number} has no rough run beside it: resume the campaign" for number in without]
-    told = Told(
-        store,
-        campaign,
-        rough,
-        refined,
-        summary.stored(campaign, store, rough, refined),
-        tuple(left_out),
-        maps_of(campaign, store, models["refined"], rough, refined),
-    )
-    numbers, slopes = list(_numbers(told)), list(_slopes(told, models, slides, again))
-    target = own_folder(store.folder / "figures")
+    results = read_results(folder, estimator)
+    maps = maps_of(results)
+    numbers, slopes = list(_numbers(results, maps)), list(_slopes(results, slides, again, estimator))
+    target = own_folder(results.store.folder / "figures")
     for drawn in [*numbers, *slopes]:
         plots.lay_out(drawn.figure)
         plots.save(drawn.figure, target / f"{drawn.name}.png")
-    write_aside(store.folder / "report.html", page.document(campaign.name, _parts(told, numbers, slopes)).encode())
-    return words(told)
+    whole = page.document(results.summary.name, _parts(results, numbers, slopes))
+    write_aside(results.store.folder / "report.html", whole.encode())
+    return words(results)
 
 
-def _paired(refined: Rows, rough: Rows) -> tuple[Rows, list[int]]:
-    """The refined runs whose rough runs are there, and the numbers of the others: nobody knows where those rank."""
-    there = np.isin(refined.columns["sample"], rough.columns["sample"])
-    columns = {name: values[there] for name, values in refined.columns.items()}
-    return Rows(columns, refined.damaged), refined.columns["sample"][~there].tolist()
-
-
-def _numbers(told: Told) -> Iterator[Drawn]:
+def _numbers(results: Results, maps: Maps | None) -> Iterator[Drawn]:
     """Figures of the numbers, those that there are data for."""
-    yield from _hazards(told)
-    rough, refined, limit = told.rough, told.refined, told.campaign.run.failure_displacement
+    yield from _hazards(results, maps)
+    rough, refined, limit = results.rough, results.refined, results.summary.failure_displacement
     place = {number: at for at, number in enumerate(rough.numbers)}
     both = np.full(len(place), np.nan)
     both[[place[number] for number in refined.numbers]] = refined.columns.get("displacement", np.zeros(0))
@@ -109,7 +84,7 @@ def _numbers(told: Told) -> Iterator[Drawn]:
         f"should thin out down the ranks.{stopped}",
         charts.ranked_displacements({"rough": first, "refined": both}, failure_displacement=limit),
     )
-    path, estimator = told.summary.convergence, told.summary.estimator
+    path, estimator = results.summary.convergence, results.summary.estimator
     if len(path.refined_runs) > 1:
         yield Drawn(
             "convergence",
@@ -123,54 +98,56 @@ def _numbers(told: Told) -> Iterator[Drawn]:
     ended = np.isfinite(first) & np.isfinite(both)
     if ended.any():
         figure = charts.grids(first[ended], both[ended], failure_displacement=limit)
-        yield Drawn("grids", f"Samples that ran on both grids. {agreement(told.summary)}{stopped}", figure)
-    modes = {mode: share for mode, share in (told.summary.modes or {}).items() if share.count}
+        yield Drawn("grids", f"Samples that ran on both grids. {agreement(results.summary)}{stopped}", figure)
+    modes = {mode: share for mode, share in (results.summary.modes or {}).items() if share.count}
     if len(modes) > 1:
         yield Drawn("modes", "Failure modes, by what the runs stand for.", charts.mode_shares(modes))
-    if told.summary.severity and len(modes) > 1:
+    if results.summary.severity and len(modes) > 1:
         yield Drawn(
             "severity",
             "Median of each consequence by failure mode, with its 90 % bootstrap interval.",
-            charts.severity(told.summary.severity, told.labels),
+            charts.severity(results.summary.severity, labels(results)),
         )
-    weight = summary.slides_of(told.campaign, told.phases, refined).weight
-    for group, fits in distinct(told).items():
-        mine = told.failed & (weight > 0)
+    weight = results.weight
+    for group, fits in distinct(results).items():
+        mine = results.slid & (weight > 0)
         mine &= (refined.columns["mode"] == group) if group != "all" else True
         if fits:
             yield Drawn(
                 f"fits-{group}",
                 f"Distribution of the consequences of {group} failures ({mine.sum()} runs), with the three best fits."
-                f"{cut_off(told.summary)}",
-                charts.fitted({name: refined.columns[name][mine] for name in fits}, weight[mine], fits, told.labels),
+                f"{cut_off(results.summary)}",
+                charts.fitted(
+                    {name: refined.columns[name][mine] for name in fits}, weight[mine], fits, labels(results)
+                ),
             )
 
 
-def _hazards(told: Told) -> Iterator[Drawn]:
+def _hazards(results: Results, maps: Maps | None) -> Iterator[Drawn]:
     """Figures of how likely a slide does how much."""
     # A curve of one step, as of slides that are all as deep as the ground, tells no more than P_f.
-    curves = {name: each for name, each in told.summary.exceedance.items() if len({*each.probability[:-1]}) > 1}
+    curves = {name: each for name, each in results.summary.exceedance.items() if len({*each.probability[:-1]}) > 1}
     if curves:
         yield Drawn(
             "exceedance",
             "Probability that a sample of the slope fails and its slide goes beyond what stands below, with its "
-            f"{told.summary.level:.0%} interval at each point. The curves start at the probability of failure."
-            f"{cut_off(told.summary)}",
-            charts.exceedance(curves, told.labels, level=told.summary.level),
+            f"{results.summary.level:.0%} interval at each point. The curves start at the probability of failure."
+            f"{cut_off(results.summary)}",
+            charts.exceedance(curves, labels(results), level=results.summary.level),
         )
-    maps, face = told.maps, told.campaign.site.shape.face
-    toe = None if face is None else face.toe_x
     if maps is not None:
-        draw = charts.plan_maps if told.campaign.dimension == 3 else charts.profile
-        said = _mapped(maps, told.summary.level) + cut_off(told.summary)
+        face = results.ground.face
+        toe = None if face is None else face.toe_x
+        draw = charts.plan_maps if results.ground.dimension == 3 else charts.profile
+        said = _mapped(maps, results.summary.level) + cut_off(results.summary)
         yield Drawn("hazard", said, draw(maps, toe=toe))
-    risk = told.summary.risk
+    risk = results.summary.risk
     if risk and risk.loss and risk.loss.expected:
         yield Drawn(
             "losses",
             "Probability of losing more than stands below at the exposed places together. The area under the curve is "
-            f"the expected loss.{cut_off(told.summary)}",
-            charts.losses(risk.loss.exceedance, level=told.summary.level),
+            f"the expected loss.{cut_off(results.summary)}",
+            charts.losses(risk.loss.exceedance, level=results.summary.level),
         )
 
 
@@ -186,20 +163,31 @@ def _mapped(maps: Maps, level: float) -> str:
     )
 
 
-def _slopes(told: Told, models: dict[str, GridModel], slides: int, again: bool) -> Iterator[Drawn]:
+def _slopes(results: Results, slides: int, again: bool, estimator: Estimator | None) -> Iterator[Drawn]:
     """Pictures of chosen samples."""
-    grid, rows = ("refined", told.refined) if told.refined.numbers else ("rough", told.rough)
-    failed = told.failed if grid == "refined" else np.zeros(len(rows.numbers), bool)
-    chosen = [read_sample(told.store, grid, n) for n in pictures.choose(rows, failed, max(slides, 1))]
-    yield from pictures.slides(models[grid], chosen[:slides], again=again)
-    if {"displacement", "plastic_strain"} <= chosen[0].fields.keys():
-        yield pictures.before_and_after(models[grid], chosen[0])
-    yield from pictures.fields(models, chosen[0])
+    store, ground, wanted = results.store, results.ground, results.soils(slides)
+    grid, numbers = results.drawn(slides)
+    soils, models = runs.read_drawn(store.folder, wanted), {}
+    samples = {number: read_sample(store, grid, number) for number in numbers}
+    if again or len(soils) < len(wanted):
+        # Their random soil was not kept, or they run again.
+        models = models_of(campaign_of(store, estimator))
+        soils = {of: soils.get(of) or runs.soil_of(models[of[0]], samples[of[1]].coefficients) for of in wanted}
+    if again:
+        model = runs.build(models[grid].campaign, grid, models[grid].soil)
+    for number in numbers[:slides]:
+        sample, soil = samples[number], soils[grid, number]
+        shown = pictures.moments(model, sample) if again else pictures.kept_moments(sample, soil)
+        yield from pictures.slide(ground, grid, sample, soil, shown)
+    first = samples[numbers[0]]
+    if {"displacement", "plastic_strain"} <= first.fields.keys():
+        yield pictures.before_and_after(ground, grid, first)
+    yield from pictures.fields(ground, first, {each: soils[each, numbers[0]] for each in GRIDS})
 
 
-def _parts(told: Told, numbers: Sequence[Drawn], slopes: Sequence[Drawn]) -> Iterator[str]:
+def _parts(results: Results, numbers: Sequence[Drawn], slopes: Sequence[Drawn]) -> Iterator[str]:
     """The page from top to bottom: what a decision needs, then how it was found."""
-    found = told.summary
+    found = results.summary
     figures = {drawn.name: drawn for drawn in [*numbers, *slopes]}
 
     def shown(*names: str) -> Iterator[str]:
@@ -207,8 +195,8 @@ def _parts(told: Told, numbers: Sequence[Drawn], slopes: Sequence[Drawn]) -> Ite
         if mine:
             yield page.figures(drawn.page or page.picture(drawn.figure, drawn.caption) for drawn in mine)
 
-    yield page.heading(told.campaign.name, 1)
-    yield from answer(told)
+    yield page.heading(found.name, 1)
+    yield from answer(results)
     missing = without_slides(found)
     if missing or {"exceedance", "hazard"} & figures.keys():
         yield page.heading("How far, how much, how deep")
@@ -218,8 +206,8 @@ def _parts(told: Told, numbers: Sequence[Drawn], slopes: Sequence[Drawn]) -> Ite
         yield page.heading("Exposed places")
         yield from risks(found, found.risk)
         yield from shown("losses")
-    yield page.heading("What the slides look like" if told.failed.any() else "What the slope looks like")
-    yield from look(told)
+    yield page.heading("What the slides look like" if results.slid.any() else "What the slope looks like")
+    yield from look(results)
     yield from shown("slide", "plan", "slope")
     yield page.heading("How sure, and why")
     yield estimates(found)
@@ -228,9 +216,9 @@ def _parts(told: Told, numbers: Sequence[Drawn], slopes: Sequence[Drawn]) -> Ite
         yield page.paragraph(HOW, "how")
     yield from shown("convergence", "ranked", "grids")
     yield page.heading("What more runs would buy")
-    yield from bought(told)
+    yield from bought(results)
     yield page.heading("How it was run")
-    yield run_table(told)
+    yield run_table(results)
     yield from shown("field")
     if missing or {"severity", "fits-all"} & figures.keys():
         yield page.heading("Distributions of what the slides do")
@@ -238,10 +226,10 @@ def _parts(told: Told, numbers: Sequence[Drawn], slopes: Sequence[Drawn]) -> Ite
         yield page.paragraph(missing)
     elif {"severity", "fits-all"} & figures.keys():
         yield from shown("severity")
-        yield from best_fits(told)
+        yield from best_fits(results)
         yield from shown("fits")
     yield page.heading("Scene")
-    yield page.preformatted("\n".join(short(line, 400) for line in told.campaign.text.strip().splitlines()))
+    yield page.preformatted("\n".join(short(line, 400) for line in results.store.scene_text.strip().splitlines()))
     yield page.SCRIPT
     if any(drawn.page for drawn in slopes):
         yield page.TURN

@@ -12,7 +12,7 @@ from cooperative.estimate import Estimator
 from cooperative.hazard import Maps
 from cooperative.reporting._geography import LIMITS, key, middle, missing
 from cooperative.reporting._tables import tables_of
-from cooperative.runs import GridModel
+from cooperative.runs import StoredGround
 from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, Store, read_sample
 from cooperative.summary import Summary
@@ -26,7 +26,7 @@ def write_netcdf(
     summary: Summary,
     maps: Maps | None,
     *,
-    models: Mapping[str, GridModel] | None = None,
+    ground: StoredGround | None = None,
     estimator: Estimator | None = None,
 ) -> Path:
     """Write `campaign.nc` in the campaign's folder.
@@ -37,11 +37,11 @@ def write_netcdf(
     own: the exceedance curves. Attributes: the probability of failure with its interval and method, how many slides had
     not come to rest at their end (what slides do is then at least what is given), and the scene.
 
-    models: of both grids, which tell damaged samples; see `write_table` for `estimator`.
+    ground: of the campaign, which tells damaged samples; see `write_table` for `estimator`.
     ValueError without xarray and h5netcdf (extra "exports"), OSError where the disk refuses.
     """
     xarray = _xarray()
-    tables = tables_of(campaign_of(store, estimator), store, models)
+    tables = tables_of(campaign_of(store, estimator), store, ground)
     variables = _of_samples(store, tables) | _of_curves(summary)
     if maps is not None:
         variables |= _of_maps(maps)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cooperative.estimate import Estimator
+from cooperative.folder import models_of, read_results
 from cooperative.hazard import Maps, maps_of
 from cooperative.reporting._dataset import write_netcdf
 from cooperative.reporting._geography import (
@@ -19,12 +20,10 @@ from cooperative.reporting._geography import (
     write_notice,
     write_tidy,
 )
-from cooperative.reporting._pictures import end_of
 from cooperative.reporting._tables import consolidate, write_table
-from cooperative.runs import GridModel, build, foreign, random_soil, rows_reader
+from cooperative.runs import GridModel, build, foreign, ground_of, random_soil, rows_reader, samples_of
 from cooperative.scene import Campaign, campaign_of
 from cooperative.store import GRIDS, Sample, Store, own_folder, read_sample, read_store, sample_path
-from cooperative.summary import stored
 from jaxmpm import Result, solve, write_particles, write_vtkhdf
 
 DEFAULT = ("table", "hdf5", "particles", "maps")
@@ -56,27 +55,28 @@ def export(
         raise ValueError(f"{wrong[0]!r} is no kind of export: give one of {', '.join(KINDS)}")
     store = read_store(folder)
     campaign = campaign_of(store, estimator)
-    models = {grid: build(campaign, grid, random_soil(campaign), at_rest=False) for grid in GRIDS}
-    read = rows_reader(campaign, store, models)
+    models = models_of(campaign)
+    ground = ground_of(models)
+    read = rows_reader(store, ground.samples, ground)
     rows = {grid: read(grid) for grid in GRIDS}
     if not any(rows[grid].numbers for grid in GRIDS):
         raise ValueError(f"folder {folder} has no finished sample yet: start the run first")
     for why in [why for grid in GRIDS for why in rows[grid].damaged]:
         warnings.warn(f"{why}: left out", stacklevel=2)
     if "table" in kinds:
-        yield write_table(store, models=models, estimator=estimator)
+        yield write_table(store, ground=ground, estimator=estimator)
     if "hdf5" in kinds:
-        yield consolidate(store, models=models)
+        yield consolidate(store, ground=ground)
     if {"maps", "geotiff", "netcdf"} & {*kinds}:
         maps = None
         if campaign.hazard is not None and (campaign.plan.estimator is not None or asked):
-            maps = maps_of(campaign, store, models["refined"], rows["rough"], rows["refined"])
+            maps = maps_of(read_results(folder, estimator))
         _check_maps(campaign, maps, asked)
         if maps is not None:
             yield from _of_maps(campaign, store, maps, kinds)
         if "netcdf" in kinds:
-            summary = stored(campaign, store, rows["rough"], rows["refined"])
-            yield write_netcdf(store, summary, maps, models=models, estimator=estimator)
+            summary = read_results(folder, estimator).summary
+            yield write_netcdf(store, summary, maps, ground=ground, estimator=estimator)
     if "particles" in kinds:
         for grid in GRIDS:
             for number in rows[grid].numbers:
@@ -121,7 +121,7 @@ def export_sample(folder: str | Path, number: int, grid: str = "refined", *, fra
     """
     store = read_store(folder)
     if not sample_path(store, grid, number).exists():
-        there = rows_reader(campaign_of(store), store)(grid).numbers
+        there = rows_reader(store, samples_of(campaign_of(store)))(grid).numbers
         raise ValueError(f"sample {number} is not finished on the {grid} grid: give one of {_few(there)}")
     sample = read_sample(store, grid, number)
     if frames is None and "displacement" not in sample.fields:
@@ -130,13 +130,13 @@ def export_sample(folder: str | Path, number: int, grid: str = "refined", *, fra
             'set fields = "both" for another campaign, or give --frames to run the sample again'
         )
     model = _model(store, grid, at_rest=frames is not None)
-    if why := foreign(None, model, sample.record):
+    if why := foreign(None, ground_of({"refined": model, grid: model}), grid, sample.record):
         raise ValueError(f"{sample_path(store, grid, number)} {why}: delete it and resume the campaign")
     if frames is None:
         return _series_of_fields(store, model, sample)
     if frames < 2:
         raise ValueError(f"frames = {frames}: give 2 or more, the first is the start and the last the end")
-    times = np.linspace(0.0, end_of(model, sample), frames)
+    times = np.linspace(0.0, sample.steps * model.time_step(sample.coefficients), frames)
     path = _series_path(store, grid, number)
     result = run_again(model, sample, times)
     write_vtkhdf(path, model.of_sample(sample.coefficients)[0], result.snapshots, result.times)
@@ -158,7 +158,7 @@ def _series_of_fields(store: Store, model: GridModel, sample: Sample) -> Path:
     write_particles(
         path,
         position,
-        [0.0, end_of(model, sample)],
+        [0.0, sample.steps * model.time_step(sample.coefficients)],
         [at_rest, kept],
         constant={name: np.asarray(value) for name, value in model.parameters(sample.coefficients).items()},
     )

@@ -5,6 +5,7 @@ In 3D a map and a section, and a page whose ground the reader turns.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -16,12 +17,13 @@ from matplotlib.colors import Normalize, to_hex
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from cooperative.folder import models_of
 from cooperative.measure import Place
 from cooperative.reporting import _page as page
 from cooperative.reporting import _pictures as pictures
 from cooperative.reporting import _plots as plots
 from cooperative.reporting import _turn as turn
-from cooperative.runs import GridModel, coefficients_of
+from cooperative.runs import GridModel, coefficients_of, ground_of, soil_of
 from cooperative.scene import Campaign
 from cooperative.store import write_aside
 from jaxmpm import Raster, WaterSurface, WaterTable
@@ -32,7 +34,7 @@ POOL = (31, 119, 180, 110)
 """The same, that soil shows through."""
 
 
-Values = dict[str, dict[str, np.ndarray]]
+Values = dict[str, Mapping[str, np.ndarray]]
 """By grid and parameter of the soil, of the particles (N,), nan for rock."""
 
 PLACE = "#D55E00"
@@ -52,9 +54,9 @@ def draw(campaign: Campaign, *paths: Path, sample: int = 0) -> None:
     turns = [path for path in paths if path.suffix == ".html"]
     if turns and campaign.dimension < 3:
         raise ValueError(f"{turns[0]}: a section has nothing to turn, give a PNG, PDF or SVG")
-    models = pictures.models_of(campaign)
+    models = models_of(campaign)
     coefficients = coefficients_of(campaign, models["rough"].soil)[sample]
-    values = {grid: pictures.values_of(model, coefficients) for grid, model in models.items()}
+    values = {grid: soil_of(model, coefficients).values for grid, model in models.items()}
     for path in turns:
         write_aside(path, solid(models, values).encode())
     if len(turns) < len(paths):
@@ -191,14 +193,14 @@ def _ends(field: dict[str, np.ndarray]) -> tuple[float, float]:
 def ground(models: dict[str, GridModel], values: Values) -> Figure:
     """Ground above one random field on every grid, the first; in 3D the section in the middle, and its place on a
     map."""
-    planes = {grid: pictures.plane_at(model, pictures.middle(model)) for grid, model in models.items()}
-    sections = {grid: pictures.section_of(model, planes[grid]) for grid, model in models.items()}
-    fine = models["refined"]
+    stored, fine = ground_of(models), models["refined"]
+    planes = {grid: pictures.plane_at(each, stored.middle) for grid, each in stored.grids.items()}
+    sections = {grid: pictures.section_of(each, planes[grid]) for grid, each in stored.grids.items()}
     mapped = fine.campaign.dimension == 3
     figure, axes = plots.section_panels(sections["refined"][0], 1 + len(models) + mapped)
     if mapped:
-        _map(figure, axes[0], fine)
-    _layers(axes[int(mapped)], fine, planes["refined"], sections["refined"])
+        _map(figure, axes[0], fine, stored.middle)
+    _layers(axes[int(mapped)], fine, planes["refined"], sections["refined"], stored.middle)
     name = next(iter(fine.campaign.random))
     drawn = plots.QUANTITIES[name]
     kept = {grid: found[name][planes[grid]] / drawn.unit for grid, found in values.items()}
@@ -211,7 +213,7 @@ def ground(models: dict[str, GridModel], values: Values) -> Figure:
     return figure
 
 
-def _layers(ax: Axes, model: GridModel, plane: np.ndarray, section: plots.Section) -> None:
+def _layers(ax: Axes, model: GridModel, plane: np.ndarray, section: plots.Section, middle: float) -> None:
     """Particles by their layer, the water, the walls and the base."""
     campaign, (position, half) = model.campaign, section
     number = np.zeros(position.shape[1]) if model.layer is None else model.layer[plane].astype(float)
@@ -221,7 +223,7 @@ def _layers(ax: Axes, model: GridModel, plane: np.ndarray, section: plots.Sectio
     corner, extent = campaign.site.shape.corner, campaign.site.shape.extent
     ends = corner[0], corner[0] + extent[0]
     x = np.linspace(*ends, 200)
-    table = _water(model, x, np.full(x.size, pictures.middle(model)))
+    table = _water(model, x, np.full(x.size, middle))
     if table is not None:
         handles += ax.plot(x, table, color=WATER, lw=1.5, label="water")
     hold = [_holds(model).get((0, side), "no") for side in ("low", "high")]
@@ -239,7 +241,7 @@ def _layers(ax: Axes, model: GridModel, plane: np.ndarray, section: plots.Sectio
     ax.legend(handles=handles, loc="upper left", bbox_to_anchor=(1, 1), fontsize="small", frameon=False)
 
 
-def _map(figure: Figure, ax: Axes, model: GridModel) -> None:
+def _map(figure: Figure, ax: Axes, model: GridModel, middle: float) -> None:
     """Heights of the ground from above with the exposed places, and where the section lies."""
     shape: Any = model.campaign.site.shape
     (x0, y0), (length, width) = shape.corner[:2], shape.extent[:2]
@@ -247,7 +249,7 @@ def _map(figure: Figure, ax: Axes, model: GridModel) -> None:
     at = np.meshgrid(x, y, indexing="ij")
     heights = shape.heights(*at)
     lines = ax.contourf(x, y, heights.T, 20, cmap="terrain")
-    ax.axhline(pictures.middle(model), color="k", lw=1, ls="--")
+    ax.axhline(middle, color="k", lw=1, ls="--")
     for place in _places(model.campaign):
         corners = np.array([*place.corners, place.corners[0]])
         ax.plot(*corners.T, color=PLACE, lw=2, marker="o" if len(place.corners) == 1 else "")

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from matplotlib.colors import Normalize
 from scipy.spatial import cKDTree
 
-from cooperative.measure import SEVERITY
 from cooperative.reporting import _plots as plots
 from cooperative.reporting import _turn as turn
 from cooperative.reporting._plots import Drawn
-from cooperative.runs import Frames, GridModel, build, random_soil
-from cooperative.scene import Campaign
-from cooperative.store import Rows, Sample
+from cooperative.runs import Frames, GridModel, SampleSoil, StoredGrid, StoredGround
+from cooperative.store import Sample
 from jaxmpm import Midway, solve_each
 
 FACES = 10_000
@@ -24,77 +22,49 @@ SHARES = (0.1, 0.3, 0.6)
 """Shares of the largest displacement at which a slide that is run again is drawn, and at its end."""
 
 
-def choose(rows: Rows, failed: np.ndarray, most: int) -> list[int]:
-    """Numbers of the samples to draw: the farthest of each failure mode that occurs, then the next farthest.
+def fields(ground: StoredGround, sample: Sample, soils: Mapping[str, SampleSoil]) -> Iterator[Drawn]:
+    """The random fields of one sample on both grids, a picture for each parameter.
 
-    failed: (runs,) bool. Where nothing failed it is the sample that moved farthest.
+    ground: of the campaign. soils: of the sample, by grid.
     """
-    moved = rows.columns["displacement"]
-    modes = rows.columns.get("mode", np.full(moved.size, ""))
-    order = np.argsort(-moved, kind="stable").tolist()
-    if not failed.any():
-        return [rows.numbers[order[0]]]
-    falls = [at for at in order if failed[at]]
-    leaders = [next((at for at in falls if modes[at] == mode), None) for mode in SEVERITY]
-    chosen = dict.fromkeys([falls[0], *(at for at in leaders if at is not None), *falls])
-    return [rows.numbers[at] for at in list(chosen)[:most]]
-
-
-def fields(models: dict[str, GridModel], sample: Sample) -> Iterator[Drawn]:
-    """The random fields that both grids see for one sample, a picture for each parameter."""
-    planes = {grid: _plane(model, sample) for grid, model in models.items()}
-    sections = {grid: section_of(models[grid], planes[grid]) for grid in models}
-    found = {grid: values_of(model, sample.coefficients) for grid, model in models.items()}
-    for place, name in enumerate(next(iter(models.values())).campaign.random):
-        seen = {grid: found[grid][name][planes[grid]] for grid in models}
+    planes = {grid: _plane(ground, grid, sample) for grid in soils}
+    sections = {grid: section_of(ground.grids[grid], plane) for grid, plane in planes.items()}
+    for place, name in enumerate(ground.random):
+        seen = {grid: soil.values[name][planes[grid]] for grid, soil in soils.items()}
         figure = plots.parameter_fields(name, sections, seen)
-        said = f"Sample {sample.number}: the same random field of {_word(name)} on both grids."
-        yield Drawn(f"field-{name}" if place else "field", said, figure)
+        caption = f"Sample {sample.number}: the same random field of {_word(name)} on both grids."
+        yield Drawn(f"field-{name}" if place else "field", caption, figure)
 
 
-def before_and_after(model: GridModel, sample: Sample) -> Drawn:
+def before_and_after(ground: StoredGround, grid: str, sample: Sample) -> Drawn:
     """One sample's section before and after, by the plastic strain that was kept."""
-    plane = _plane(model, sample)
-    section, half = section_of(model, plane)
+    plane = _plane(ground, grid, sample)
+    section, half = section_of(ground.grids[grid], plane)
     figure = plots.before_and_after(
         section, sample.fields["displacement"][[0, -1]][:, plane], sample.fields["plastic_strain"][plane], half
     )
     return Drawn("slope", f"Sample {sample.number} before and after its slide, by plastic strain.", figure)
 
 
-def slides(model: GridModel, samples: Sequence[Sample], *, again: bool) -> Iterator[Drawn]:
-    """Each sample's strength and slide at several times, in 3D from above too.
-
-    again: run the samples again for it; otherwise the fields that were kept serve, and a sample without is left out.
-    """
-    if again:
-        model = build(model.campaign, model.grid, model.soil)
-    for sample in samples:
-        shown = moments(model, sample) if again else kept_moments(model, sample)
-        if not shown.times:
-            continue
-        displacement = np.stack(shown.displacement)
-        mode = f", {sample.row['mode']}" if sample.row.get("mode") not in (None, "none") else ""
-        plane, name = _plane(model, sample), next(iter(model.campaign.random))
-        figure = plots.slide(
-            section_of(model, plane),
-            name,
-            values_of(model, sample.coefficients)[name][plane],
-            displacement[:, [0, -1]][:, :, plane],
-            shown.times,
-        )
-        where = " Section where it moved farthest." if len(model.half_size) == 3 else ""
-        yield Drawn(
-            f"slide-{sample.number:06d}", f"Sample {sample.number}{mode}: {_word(name)} and slide.{where}", figure
-        )
-        if len(model.half_size) == 3:
-            position = np.asarray(model.scene.particles.position, float)
-            face = model.campaign.site.shape.face
-            toe = None if face is None else face.toe_x
-            figure = plots.plan(position, displacement, shown.times, model.half_size, toe=toe)
-            said = f"Sample {sample.number}{mode}, by how far the soil on top has moved"
-            body = turn.turning(bodies(position, displacement, shown.times, model.half_size), f"{said}.")
-            yield Drawn(f"plan-{sample.number:06d}", f"{said}, from above.", figure, body)
+def slide(ground: StoredGround, grid: str, sample: Sample, soil: SampleSoil, shown: Frames) -> Iterator[Drawn]:
+    """A sample's strength and slide at several times, in 3D from above too; nothing where no moment is known."""
+    if not shown.times:
+        return
+    displacement = np.stack(shown.displacement)
+    mode = f", {sample.row['mode']}" if sample.row.get("mode") not in (None, "none") else ""
+    plane, name, of = _plane(ground, grid, sample), ground.random[0], ground.grids[grid]
+    figure = plots.slide(
+        section_of(of, plane), name, soil.values[name][plane], displacement[:, [0, -1]][:, :, plane], shown.times
+    )
+    where = " Section where it moved farthest." if ground.dimension == 3 else ""
+    yield Drawn(f"slide-{sample.number:06d}", f"Sample {sample.number}{mode}: {_word(name)} and slide.{where}", figure)
+    if ground.dimension == 3:
+        position = np.asarray(of.position, float)
+        toe = None if ground.face is None else ground.face.toe_x
+        figure = plots.plan(position, displacement, shown.times, of.half_size, toe=toe)
+        caption = f"Sample {sample.number}{mode}, by how far the soil on top has moved"
+        body = turn.turning(bodies(position, displacement, shown.times, of.half_size), f"{caption}.")
+        yield Drawn(f"plan-{sample.number:06d}", f"{caption}, from above.", figure, body)
 
 
 def bodies(
@@ -121,18 +91,14 @@ def bodies(
     return found[::-1]
 
 
-def kept_moments(model: GridModel, sample: Sample) -> Frames:
+def kept_moments(sample: Sample, soil: SampleSoil) -> Frames:
     """A sample's frames in single precision, and its end; nothing where its fields were not kept."""
     if "displacement" not in sample.fields:
         return Frames()
     frames = Frames.of(sample.fields)
     earlier = (each.astype(np.float32) for each in frames.displacement)
-    return Frames((*frames.times, end_of(model, sample)), (*earlier, sample.fields["displacement"]))
-
-
-def end_of(model: GridModel, sample: Sample) -> float:
-    """When a sample's run ended (s)."""
-    return sample.steps * model.time_step(sample.coefficients)
+    end = sample.steps * soil.time_step
+    return Frames((*frames.times, end), (*earlier, sample.fields["displacement"]))
 
 
 def moments(model: GridModel, sample: Sample) -> Frames:
@@ -163,48 +129,26 @@ def moments(model: GridModel, sample: Sample) -> Frames:
     return Frames(tuple(times), tuple(kept))
 
 
-def models_of(campaign: Campaign) -> dict[str, GridModel]:
-    """Both grids of a campaign, free of stress: to be looked at, not run."""
-    soil = random_soil(campaign)
-    return {grid: build(campaign, grid, soil, at_rest=False) for grid in ("rough", "refined")}
-
-
 def _word(name: str) -> str:
     return "strength" if name == "strength" else plots.QUANTITIES[name].word
 
 
-def values_of(model: GridModel, coefficients: np.ndarray) -> dict[str, np.ndarray]:
-    """The random parameters at the particles, each (N,), by name; nan where they are rock."""
-    found = {name: np.asarray(value, float) for name, value in model.parameters(coefficients).items()}
-    if model.layer is None:
-        return found
-    rock = np.array([each.rock for each in model.campaign.site.layers])[model.layer]
-    return {name: np.where(rock, np.nan, value) for name, value in found.items()}
-
-
-def _plane(model: GridModel, sample: Sample) -> np.ndarray:
+def _plane(ground: StoredGround, grid: str, sample: Sample) -> np.ndarray:
     """Particles (N,) of the section to draw: all of them in 2D, in 3D the slice that moved farthest."""
-    position, moved = np.asarray(model.scene.particles.position), sample.fields.get("displacement")
-    if len(position) == 3 and moved is not None and moved.shape == position.shape:
-        return plane_at(model, float(position[1, np.argmax(np.linalg.norm(moved, axis=0))]))
-    return plane_at(model, middle(model))
+    of, moved = ground.grids[grid], sample.fields.get("displacement")
+    if ground.dimension == 3 and moved is not None and moved.shape == of.position.shape:
+        return plane_at(of, float(of.position[1, np.argmax(np.linalg.norm(moved, axis=0))]))
+    return plane_at(of, ground.middle)
 
 
-def middle(model: GridModel) -> float:
-    """Half way along y (m); 0 in a section."""
-    shape = model.campaign.site.shape
-    return shape.corner[1] + shape.extent[1] / 2 if len(shape.extent) == 3 else 0.0
-
-
-def plane_at(model: GridModel, centre: float) -> np.ndarray:
+def plane_at(grid: StoredGrid, centre: float) -> np.ndarray:
     """Particles (N,) of the section at y = centre (m): all of them in 2D."""
-    position = np.asarray(model.scene.particles.position)
-    if len(position) == 2:
-        return np.ones(position.shape[1], bool)
-    nearest = position[1, np.argmin(np.abs(position[1] - centre))]
-    return np.abs(position[1] - nearest) < model.half_size[1]
+    if len(grid.position) == 2:
+        return np.ones(grid.position.shape[1], bool)
+    nearest = grid.position[1, np.argmin(np.abs(grid.position[1] - centre))]
+    return np.abs(grid.position[1] - nearest) < grid.half_size[1]
 
 
-def section_of(model: GridModel, plane: np.ndarray) -> plots.Section:
+def section_of(grid: StoredGrid, plane: np.ndarray) -> plots.Section:
     """Positions (2, n) of a section's particles and half their spacing (2,) m."""
-    return np.asarray(model.scene.particles.position, float)[[0, -1]][:, plane], model.half_size[[0, -1]]
+    return np.asarray(grid.position, float)[[0, -1]][:, plane], grid.half_size[[0, -1]]

@@ -62,7 +62,7 @@ def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Pr
     """
     store = read_store(folder)
     campaign = campaign_of(store, estimator)
-    rows = dict(zip(GRIDS, map(runs.rows_reader(campaign, store), GRIDS), strict=True))
+    rows = dict(zip(GRIDS, map(runs.rows_reader(store, runs.samples_of(campaign)), GRIDS), strict=True))
     pace = {grid: seconds_per_sample(*_ends(store, grid, rows[grid])) for grid in GRIDS}
     if not np.isfinite(pace["refined"]):
         pace["refined"] = pace["rough"] * cost_ratio(campaign)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping
 from pathlib import Path
 
 import h5py
 import numpy as np
 
 from cooperative.estimate import Estimator
-from cooperative.runs import GridModel, phases_of, rows_reader
+from cooperative.runs import StoredGround, phases_of, rows_reader, samples_of
 from cooperative.scene import Campaign, campaign_of
 from cooperative.store import GRIDS, Rows, Store, fill_sample, read_sample
 from cooperative.summary import slides_of
@@ -23,7 +22,7 @@ def write_table(
     store: Store,
     path: str | Path | None = None,
     *,
-    models: Mapping[str, GridModel] | None = None,
+    ground: StoredGround | None = None,
     estimator: Estimator | None = None,
 ) -> Path:
     """Write one CSV line per finished sample and grid, `table.csv` in the campaign's folder by default.
@@ -34,11 +33,11 @@ def write_table(
     what slides did: 0 for failures that did not slide on to their end, and the more for those that did.
     estimator: the one that `cooperative.campaign.run` was given, where it was given one; without it these three columns
     are left out, as nobody else knows what the runs stand for.
-    models: of both grids, by which samples with arrays of other grids are damaged ones.
+    ground: of the campaign, by which samples with arrays of other grids are damaged ones.
     Damaged files are left out; `read_rows` names them. OSError if the disk refuses.
     """
     path = store.folder / "table.csv" if path is None else Path(path)
-    tables = tables_of(campaign_of(store, estimator), store, models)
+    tables = tables_of(campaign_of(store, estimator), store, ground)
     names = list(dict.fromkeys(name for columns in tables.values() for name in columns))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -50,11 +49,9 @@ def write_table(
     return path
 
 
-def tables_of(
-    campaign: Campaign, store: Store, models: Mapping[str, GridModel] | None = None
-) -> dict[str, dict[str, np.ndarray]]:
+def tables_of(campaign: Campaign, store: Store, ground: StoredGround | None = None) -> dict[str, dict[str, np.ndarray]]:
     """Columns of each grid's rows by name, with what the refined runs stand for; see `write_table`."""
-    read = rows_reader(campaign, store, models)
+    read = rows_reader(store, samples_of(campaign), ground)
     rows = {grid: read(grid) for grid in GRIDS}
     tables = {grid: rows[grid].columns for grid in GRIDS}
     if campaign.plan.estimator is not None:
@@ -73,15 +70,15 @@ def _standing_for(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, n
     }
 
 
-def consolidate(store: Store, path: str | Path | None = None, *, models: Mapping[str, GridModel] | None = None) -> Path:
+def consolidate(store: Store, path: str | Path | None = None, *, ground: StoredGround | None = None) -> Path:
     """Write all verified samples into one HDF5 file, `campaign.h5` in the campaign's folder by default.
 
     The scene is the attribute `scene`; each sample is a group `rough/000123` or `refined/000123` with what was read of
-    its own file; `tables/rough/...` are the columns of the rows. One sample is in memory at a time. models: as for
+    its own file; `tables/rough/...` are the columns of the rows. One sample is in memory at a time. ground: as for
     `write_table`. OSError if the disk refuses; what was there before stays.
     """
     path = store.folder / "campaign.h5" if path is None else Path(path)
-    read = rows_reader(campaign_of(store), store, models)
+    read = rows_reader(store, samples_of(campaign_of(store)), ground)
     with files.hdf5_aside(path) as file:
         file.attrs["scene"] = store.scene_text
         for grid in GRIDS:

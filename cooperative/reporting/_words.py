@@ -6,10 +6,9 @@ from collections.abc import Iterator, Sequence
 
 from cooperative.effects import Risk, Spread
 from cooperative.estimate import ENOUGH, NOT_ASKED, Fits, after_more_runs
+from cooperative.folder import Results
 from cooperative.reporting import _page as page
-from cooperative.reporting._progress import duration, planned_rough
-from cooperative.reporting._told import Told
-from cooperative.scene import Campaign
+from cooperative.reporting._progress import duration
 from cooperative.store import GRIDS, read_sample
 from cooperative.summary import OtherEstimate, Summary
 from foundation.text import printable
@@ -21,9 +20,9 @@ MORE_RUNS = (10, 25, 50, 100, 200, 500, 1000)
 """Further refined runs of which the page tells what they would buy."""
 
 
-def words(told: Told) -> str:
+def words(results: Results) -> str:
     """The summary for people."""
-    found = told.summary
+    found = results.summary
     low, high = found.interval
     lines = [
         f"{found.name}",
@@ -46,14 +45,14 @@ def words(told: Told) -> str:
             low, high = share.interval
             lines.append(f"  {mode:<13}  {share.ratio:.0%} of the failures ({low:.0%} to {high:.0%})")
     for name, spread in found.consequences_of_failures.items():
-        if spread and name in told.labels:
+        if spread and name in labels(results):
             mean, largest = (_least(value, spread.at_least) for value in (spread.mean, spread.largest))
             limits = f"{page.number(spread.smallest)} to {largest}"
-            lines.append(f"  {name:<13}  mean {mean} ({_interval(spread)}), {limits} ({told.units[name]})")
+            lines.append(f"  {name:<13}  mean {mean} ({_interval(spread)}), {limits} ({units(results)[name]})")
     lines += [f"  BROKE OFF      {line}" for line in _broken(found)]
-    lines += [f"  LEFT OUT       {line}" for line in told.left_out]
+    lines += [f"  LEFT OUT       {line}" for line in results.left_out]
     lines += [f"  note: {note}" for note in found.notes]
-    lines.append(f"  all of it, with figures: {told.store.folder / 'report.html'}")
+    lines.append(f"  all of it, with figures: {results.store.folder / 'report.html'}")
     return "\n".join(map(printable, lines))
 
 
@@ -81,25 +80,52 @@ def _interval(spread: Spread) -> str:
     return "all alike" if alike else _limits(spread.interval)
 
 
-def distinct(told: Told) -> dict[str, dict[str, Fits]]:
+def distinct(results: Results) -> dict[str, dict[str, Fits]]:
     """Fits of all failures and of each mode, but not of a mode that all failures have."""
-    fits = told.summary.fits
+    fits = results.summary.fits
     modes = [fit for group, fit in fits.items() if group != "all"]
     kept = {"all": fits["all"]} if modes == [fits.get("all")] else fits
     # What is the same in all slides has no distribution.
     return {
-        group: {name: fit for name, fit in each.items() if name in told.labels and fit.fits}
+        group: {name: fit for name, fit in each.items() if name in labels(results) and fit.fits}
         for group, each in kept.items()
     }
 
 
-def _soil(campaign: Campaign) -> str:
-    return "soil" if campaign.least_volume is None else f"at least {campaign.least_volume} of soil"
+def labels(results: Results) -> dict[str, str]:
+    """Axis label of each consequence, with its unit. In a section the influence area is the run-out, and is left
+    out."""
+    solid = results.ground.dimension == 3
+    return {
+        "displacement": "largest displacement $R_d$ [m]",
+        "depth": "sliding depth $H$ [m]",
+        "runout": "run-out $L$ [m]",
+        "volume": f"sliding volume $V$ [{'m$^3$' if solid else 'm$^3$/m'}]",
+    } | ({"area": "influence area $S$ [m$^2$]"} if solid else {})
 
 
-def answer(told: Told) -> Iterator[str]:
+def units(results: Results) -> dict[str, str]:
+    """Unit of each consequence in words."""
+    each = "" if results.ground.dimension == 3 else " per metre of width"
+    toe = results.ground.face is not None
+    line = ", along the line that the scene draws" if results.ground.line else ""
+    return {
+        "displacement": "m",
+        "depth": "m below the crest" if toe else "m below the surface",
+        "runout": "m beyond the toe" if toe else f"m from its rear to its front{line}",
+        "volume": f"m³{each}",
+        "area": "m² beyond the toe" if toe else "m² at its end",
+    }
+
+
+def _soil(results: Results) -> str:
+    volume, unit = results.summary.least_volume, "m3" if results.ground.dimension == 3 else "m2"
+    return "soil" if volume is None else f"at least {volume:g} {unit} of soil"
+
+
+def answer(results: Results) -> Iterator[str]:
     """The answer in a sentence, what it rests on, and what a reader must beware of."""
-    found = told.summary
+    found = results.summary
     chance, (low, high) = found.probability_of_failure, found.interval
     yield page.answer(
         "The slope fails with probability" if chance else "No run has failed: the slope fails with probability",
@@ -107,15 +133,14 @@ def answer(told: Told) -> Iterator[str]:
         f"({found.level:.0%} interval {low:.3g} to {high:.3g}){in_slopes(chance)}.",
     )
     yield page.paragraph(
-        f"It fails when {_soil(told.campaign)} moves farther than {told.campaign.run.failure_displacement:g} m. "
+        f"It fails when {_soil(results)} moves farther than {found.failure_displacement:g} m. "
         f"{found.samples} random slopes ran on the rough grid, {found.refined_runs} of them on the refined one, "
-        f"where {found.failures_refined} failed. {_reach(told)}".strip()
+        f"where {found.failures_refined} failed. {_reach(results)}".strip()
     )
     if not found.finished:
-        planned = planned_rough(told.campaign)
         yield page.paragraph(
-            f"The campaign has not ended: this is what is known so far, from {found.samples} of {planned} samples "
-            f"on the rough grid and {found.refined_runs} refined runs.",
+            f"The campaign has not ended: this is what is known so far, from {found.samples} of "
+            f"{found.planned_samples} samples on the rough grid and {found.refined_runs} refined runs.",
             "note",
         )
     for note in [*found.notes, *(f"broke off: {line}" for line in _broken(found))]:
@@ -133,9 +158,9 @@ def in_slopes(chance: float) -> str:
     )
 
 
-def _reach(told: Told) -> str:
+def _reach(results: Results) -> str:
     """How far one slope in ten, a hundred or a thousand goes, the rarest of which the runs tell; else empty."""
-    curve, found = told.summary.exceedance.get("runout"), told.phases.estimate
+    curve, found = results.summary.exceedance.get("runout"), results.summary.estimate
     if not curve:
         return ""
     for many in (10, 100, 1000):
@@ -143,7 +168,9 @@ def _reach(told: Told) -> str:
             reached = [at for at, chance in zip(curve.thresholds, curve.probability, strict=True)
                        if chance >= 1 / many]  # fmt: skip
             return (
-                f"One slope in {many} slides to {reached[-1]:.3g} {told.units['runout']} or farther." if reached else ""
+                f"One slope in {many} slides to {reached[-1]:.3g} {units(results)['runout']} or farther."
+                if reached
+                else ""
             )
     return ""
 
@@ -159,23 +186,23 @@ def without_slides(found: Summary) -> str:
     return "No slide has come to its end yet."
 
 
-def look(told: Told) -> Iterator[str]:
+def look(results: Results) -> Iterator[str]:
     """What the slides do on average, and which modes they have."""
-    missing = without_slides(told.summary)
-    yield page.paragraph(missing) if missing else _consequences(told)
-    modes = {mode: share for mode, share in (told.summary.modes or {}).items() if share.count}
+    missing = without_slides(results.summary)
+    yield page.paragraph(missing) if missing else _consequences(results)
+    modes = {mode: share for mode, share in (results.summary.modes or {}).items() if share.count}
     if len(modes) == 1:
         yield page.paragraph(f"All failures are {next(iter(modes))}.")
     elif modes:
         yield page.table(
-            ["failure mode", "runs", "share of the failures", f"{told.summary.level:.0%} interval", "probability"],
+            ["failure mode", "runs", "share of the failures", f"{results.summary.level:.0%} interval", "probability"],
             [[mode, each.count, each.ratio, _limits(each.interval), each.probability] for mode, each in modes.items()],
         )
 
 
-def bought(told: Told) -> Iterator[str]:
+def bought(results: Results) -> Iterator[str]:
     """What further refined runs would buy, and how long they would take."""
-    found, estimate = told.summary, told.phases.estimate
+    found, estimate = results.summary, results.summary.estimate
     left = found.after_more_runs.samples_left
     if left == 0:
         yield page.paragraph("Every sample has run on the refined grid: only more samples would narrow the interval.")
@@ -215,20 +242,20 @@ def estimates(found: Summary) -> str:
     )
 
 
-def _consequences(told: Told) -> str:
+def _consequences(results: Results) -> str:
     rows = [
         [
             name,
-            told.units[name],
+            units(results)[name],
             _cell(spread.mean, spread.at_least),
             _interval(spread),
             spread.smallest,
             _cell(spread.largest, spread.at_least),
         ]
-        for name, spread in told.summary.consequences_of_failures.items()
-        if spread and name in told.labels
+        for name, spread in results.summary.consequences_of_failures.items()
+        if spread and name in labels(results)
     ]
-    columns = ["of the slides", "unit", "mean", f"{told.summary.level:.0%} interval", "smallest", "largest"]
+    columns = ["of the slides", "unit", "mean", f"{results.summary.level:.0%} interval", "smallest", "largest"]
     return page.table(columns, rows)
 
 
@@ -281,11 +308,11 @@ def _limits(interval: Sequence[float] | None) -> str:
     return f"{low} to {high}" if interval[0] else f"at most {high}"
 
 
-def best_fits(told: Told) -> Iterator[str]:
+def best_fits(results: Results) -> Iterator[str]:
     """The distribution that fits each consequence best, and what had too few slides for one."""
     rows: list[list[str | float | int | None]] = []
     few: dict[str, int] = {}
-    for group, fits in distinct(told).items():
+    for group, fits in distinct(results).items():
         for name, fit in fits.items():
             best, *others = fit.fits
             close = [other.name for other in others if other.aic - best.aic < INDISTINCT]
@@ -299,44 +326,33 @@ def best_fits(told: Told) -> Iterator[str]:
     yield page.table(["failures", "consequence", "best by AIC", "best by BIC", "hardly worse by AIC"], rows)
 
 
-def run_table(told: Told) -> str:
+def run_table(results: Results) -> str:
     """Table of what ran on each grid, and with which settings and versions."""
     rows: list[list[str | float | int | None]] = []
     made: dict[str, str] = {}
-    for grid, of in zip(GRIDS, (told.rough, told.refined), strict=True):
-        statuses = ", ".join(_ended(told.campaign, *each) for each in told.summary.status[grid].items())
-        rows.append([f"{grid} grid", f"{statuses or 'none'}; {duration(told.summary.seconds[grid])} of runs"])
-        rows.append([f"{grid} grid", _bands(told.campaign, grid)])
+    for grid, of in zip(GRIDS, (results.rough, results.refined), strict=True):
+        statuses = ", ".join(_ended(results.summary, *each) for each in results.summary.status[grid].items())
+        rows.append([f"{grid} grid", f"{statuses or 'none'}; {duration(results.summary.seconds[grid])} of runs"])
+        rows.append([f"{grid} grid", results.ground.grids[grid].numerics])
         for number in of.numbers[-1:]:
-            last = read_sample(told.store, grid, number)
+            last = read_sample(results.store, grid, number)
             versions = ", ".join(f"{name} {version}" for name, version in last.versions.items())
             made[grid] = f"{last.dtype} on {last.device}; {versions}"
     rows += [
         [f"last sample, {' and '.join(g for g in made if made[g] == how)} grid", how] for how in set(made.values())
     ]
-    rows += [["left out", why] for why in told.left_out]
-    factors = told.summary.calibration
+    rows += [["left out", why] for why in results.left_out]
+    factors = results.summary.calibration
     if factors:
         rows.append(["calibration", f"rough strength times {factors.factor:.3f}"])
     return page.table([], rows)
 
 
-def _ended(campaign: Campaign, status: str, count: int) -> str:
+def _ended(summary: Summary, status: str, count: int) -> str:
     """How many runs ended in which way."""
     if status != "FINISHED":
         return f"{count} {status}"
-    return f"{count} FINISHED (at its end time{', not settled' if campaign.run.settle else ''})"
-
-
-def _bands(campaign: Campaign, grid: str) -> str:
-    """How a grid's answers depend on its cell, in words."""
-    numerics, thickness = campaign.grids[grid], getattr(campaign.soil, "softening_length", None)
-    said = f"cells of {numerics.cell:g} m, {'F-bar' if numerics.fbar else 'no F-bar'}"
-    if not getattr(campaign.soil, "softens", False):
-        return said
-    if numerics.internal_length is not None:
-        said += f", plastic strain averaged over {numerics.internal_length:.3g} m"
-    return f"{said}, softening " + ("per cell" if thickness is None else f"of a band {thickness:g} m thick")
+    return f"{count} FINISHED (at its end time{', not settled' if summary.settle else ''})"
 
 
 def unseen(found: Summary) -> str:

@@ -5,6 +5,20 @@ from cooperative.runs._columns import COLUMNS, beyond_toe
 from cooperative.runs._compiled import keep_compiled, machine, memory_mappings, release_programs
 from cooperative.runs._executors import Workers, cores_to_use, dask_executor, process_pool, run_through
 from cooperative.runs._frames import Frames
+from cooperative.runs._ground import (
+    Drawn,
+    HazardPlan,
+    SampleSoil,
+    StoredGrid,
+    StoredGround,
+    ground_of,
+    keep_drawn,
+    keep_ground,
+    read_drawn,
+    read_ground,
+    samples_of,
+    soil_of,
+)
 from cooperative.runs._initial import keep_initial
 from cooperative.runs._known import foreign, phases_of, rows_reader
 from cooperative.runs._model import GridModel, build, coefficients_of, column_plan, sampling_of
@@ -19,13 +33,18 @@ __all__ = [
     "COLUMNS",
     "Bar",
     "Cost",
+    "Drawn",
     "Frames",
     "GridModel",
     "GridSize",
+    "HazardPlan",
     "Packed",
     "RandomSoil",
+    "SampleSoil",
     "Stop",
     "Stopped",
+    "StoredGrid",
+    "StoredGround",
     "Workers",
     "advance",
     "bars",
@@ -41,8 +60,11 @@ __all__ = [
     "finished",
     "foreign",
     "grid_size",
+    "ground_of",
     "heeding",
     "keep_compiled",
+    "keep_drawn",
+    "keep_ground",
     "keep_initial",
     "machine",
     "memory_mappings",
@@ -50,9 +72,13 @@ __all__ = [
     "phases_of",
     "process_pool",
     "random_soil",
+    "read_drawn",
+    "read_ground",
     "release_programs",
     "rows_reader",
     "run_samples",
     "run_through",
+    "samples_of",
     "sampling_of",
+    "soil_of",
 ]

@@ -41,20 +41,17 @@ def column_row(model: GridModel, columns: dict[str, np.ndarray]) -> dict[str, Sc
     if not columns or kept is None or hazard is None:
         return {}
     plan = column_plan(model.scene)
-    covered = columns["column_deposit"] >= kept.least
-    row: dict[str, Scalar] = {"area_columns": float(covered[beyond_toe(model, plan)].sum()) * plan.area}
+    covered, face = columns["column_deposit"] >= kept.least, model.campaign.site.shape.face
+    row: dict[str, Scalar] = {"area_columns": float(covered[beyond_toe(face, plan)].sum()) * plan.area}
     for place in hazard.places:
         row |= place_row(place, plan, columns)
     return row
 
 
-def beyond_toe(model: GridModel, plan: ColumnPlan) -> slice:
+def beyond_toe(face: Face | None, plan: ColumnPlan) -> slice:
     """The columns, along x, that lie beyond the toe; that which holds the toe is none of them. All of ground that has
     no toe."""
-    geometry = model.geometry
-    if not isinstance(geometry, Face):
-        return slice(0, None)
-    return slice(int(np.searchsorted(plan.edges(0), geometry.toe_x - 1e-6)), None)
+    return slice(0 if face is None else int(np.searchsorted(plan.edges(0), face.toe_x - 1e-6)), None)
 
 
 def place_row(place: Place, plan: ColumnPlan, columns: dict[str, np.ndarray]) -> dict[str, Scalar]:

@@ -2,49 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 
 from cooperative.estimate import Phases
 from cooperative.runs._columns import COLUMNS
-from cooperative.runs._model import GridModel, sampling_of
+from cooperative.runs._ground import StoredGround
+from cooperative.runs._model import sampling_of
 from cooperative.scene import Campaign
 from cooperative.store import GRIDS, Record, Rows, Store, reader
-from jaxmpm import column_shape
 
 OF_PARTICLES = ("displacement", "plastic_strain")
 """Fields of a sample that have a value, or a vector, for each particle."""
 
 
 def rows_reader(
-    campaign: Campaign,
-    store: Store,
-    models: Mapping[str, GridModel] | None = None,
-    look: Callable[[], None] = lambda: None,
+    store: Store, samples: int | None, ground: StoredGround | None = None, look: Callable[[], None] = lambda: None
 ) -> Callable[[str], Rows]:
-    """Reads the verified rows of a grid; files of samples that the campaign does not have are damaged, and with its
-    `models` those that hold another number of coefficients or of particles too. look: called before each file."""
-    samples: int | None = None
-    # The estimator of a script is not here, and alone knows how many samples it makes.
-    if campaign.plan.estimator is not None:
-        samples = campaign.estimator.rough_runs(sampling_of(campaign))
+    """Reads the verified rows of a grid. Files of samples that the campaign does not have are damaged.
 
-    strange = {grid: partial(foreign, samples, None if models is None else models[grid]) for grid in GRIDS}
+    Args:
+        store: the campaign's folder.
+        samples: of the first phase, None where only the estimator of a script knows.
+        ground: of the campaign; then files that hold another number of coefficients or of particles are damaged too.
+        look: called before each file.
+    """
+    strange = {grid: partial(foreign, samples, ground, grid) for grid in GRIDS}
     return reader(store, strange, look)
 
 
-def foreign(samples: int | None, model: GridModel | None, sample: Record) -> str | None:
+def foreign(samples: int | None, ground: StoredGround | None, grid: str, sample: Record) -> str | None:
     """What a sample holds that a campaign of so many samples, or a grid, does not have; None if nothing."""
     if samples is not None and sample.number >= samples:
         return f"is of a sample that the scene, with {samples}, does not have"
-    if model is None:
+    if ground is None:
         return None
-    modes, (count,) = model.soil.modes, sample.shapes["coefficients"]
-    if count != modes and not (sample.row["broke_off"] and count == 0):
-        return f"holds {count} coefficients of a field that has {modes}"
-    shape = model.scene.particles.position.shape
+    (count,) = sample.shapes["coefficients"]
+    if count != ground.terms and not (sample.row["broke_off"] and count == 0):
+        return f"holds {count} coefficients of a field that has {ground.terms}"
+    shape = ground.grids[grid].position.shape
     expected = dict(zip(OF_PARTICLES, (shape, shape[1:]), strict=True))
-    expected |= dict.fromkeys(COLUMNS, column_shape(model.scene))
+    expected |= dict.fromkeys(COLUMNS, ground.grids[grid].columns.shape)
     for name, wanted in expected.items():
         what, held = "columns" if name in COLUMNS else "particles", sample.shapes.get(f"fields/{name}", wanted)
         if held != wanted:

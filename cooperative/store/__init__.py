@@ -10,6 +10,7 @@ named, set aside and counted as not done.
     samples/refined/000123.h5
     samples/slides/000123.h5      the same run to the end of its slide, where samples/refined has it until it failed
     samples/rough.index           the rows of files that were verified, so that unchanged files are not read again
+    ground.h5, drawn.h5           ground, grids and random soil that a report draws (`cooperative.runs`)
     initial/rough.h5              stress of a grid at rest, solved once (`cooperative.runs`)
     restart/refined-000123.h5     a long run under way (`cooperative.runs`), removed once it has ended
     progress.log                  what was done when, where there was no terminal to tell it (`cooperative.runs`)

@@ -51,6 +51,9 @@ WHAT IS WHAT
   samples/slides/     refined runs that went on to the end of their slide, where they had stopped at failure
   samples/*.index     the numbers of files that were read and verified, with the size and times of each file, so that
                       only changed files are read again. They may be deleted: all files are then verified anew
+  ground.h5           outline, toe and layers of the ground, and the particles of both grids at the start, by which the
+                      samples are read and drawn. It may be deleted: it is then made again from scene.toml
+  drawn.h5            the random soil of the samples in the report. It may be deleted, too
   initial/            the stress of each grid at rest, solved once. It may be deleted
   restart/            where long runs go on after an interruption. It may be deleted; these runs then start afresh
   measured.json       what was measured before the first run: terms of the random fields, which another machine might

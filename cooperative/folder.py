@@ -1,0 +1,111 @@
+"""What a campaign's folder holds, read once: ground, rows and summary. Its scene is read only where one is missing."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cooperative import runs
+from cooperative.estimate import Estimator
+from cooperative.measure import SEVERITY
+from cooperative.scene import Campaign, campaign_of
+from cooperative.store import GRIDS, Rows, Store, read_store
+from cooperative.summary import Summary, stored, summarise
+from foundation.files import DamagedFile
+
+SLIDES = 3
+"""Slides that a report draws at several times, unless the caller gives another number."""
+
+
+@dataclass(frozen=True)
+class Results:
+    """Results of a campaign. left_out: what is there and does not count, and why."""
+
+    store: Store
+    ground: runs.StoredGround
+    rough: Rows
+    refined: Rows
+    summary: Summary
+    left_out: tuple[str, ...] = ()
+
+    def drawn(self, most: int = SLIDES) -> tuple[str, list[int]]:
+        """Grid and numbers of the samples that a report draws: the farthest of each failure mode that occurs, then the
+        next farthest; where nothing failed the one that moved farthest."""
+        grid, rows = ("refined", self.refined) if self.refined.numbers else ("rough", self.rough)
+        failed = self.slid if grid == "refined" else np.zeros(len(rows.numbers), bool)
+        moved = rows.columns["displacement"]
+        modes = rows.columns.get("mode", np.full(moved.size, ""))
+        order = np.argsort(-moved, kind="stable").tolist()
+        if not failed.any():
+            return grid, [rows.numbers[order[0]]]
+        falls = [at for at in order if failed[at]]
+        leaders = [next((at for at in falls if modes[at] == mode), None) for mode in SEVERITY]
+        chosen = dict.fromkeys([falls[0], *(at for at in leaders if at is not None), *falls])
+        return grid, [rows.numbers[at] for at in list(chosen)[: max(most, 1)]]
+
+    def soils(self, most: int = SLIDES) -> list[tuple[str, int]]:
+        """Grid and sample of each random soil that a report draws: of the first sample on both grids."""
+        grid, (first, *others) = self.drawn(most)
+        return [*((each, first) for each in GRIDS), *((grid, number) for number in others)]
+
+    @property
+    def weight(self) -> np.ndarray:
+        """What each refined run stands for as a slide (runs,), 0 for those that did not slide to their end."""
+        return np.array([self.summary.slide_weights.get(number, 0.0) for number in self.refined.numbers], float)
+
+    @property
+    def slid(self) -> np.ndarray:
+        """Refined runs that failed and have consequences: they slid to their end (runs,) bool."""
+        slid = np.array([number in self.summary.slide_weights for number in self.refined.numbers], bool)
+        return slid & ~self.refined.columns.get("broke_off", np.zeros(slid.size)).astype(bool)
+
+
+def read_results(folder: str | Path, estimator: Estimator | None = None) -> Results:
+    """Read a campaign's folder.
+
+    Args:
+        folder: of the campaign; it may be running.
+        estimator: the one that `cooperative.campaign.run` was given, where it was given one.
+
+    Raises:
+        ValueError: the folder holds no campaign, no finished sample, or that of another estimator.
+    """
+    store = read_store(folder)
+    campaign = None if estimator is None else campaign_of(store, estimator)
+    ground = _ground(store)
+    if ground is None:
+        campaign = campaign or campaign_of(store)
+        ground = runs.ground_of(models_of(campaign))
+    rough, refined = map(runs.rows_reader(store, ground.samples, ground), GRIDS)
+    if not rough.numbers:
+        raise ValueError(f"folder {folder} has no finished sample yet: start the run first")
+    left_out = [f"{why}: will be run again" for rows in (rough, refined) for why in rows.damaged]
+    refined, without = _paired(refined, rough)
+    left_out += [f"refined run {number} has no rough run beside it: resume the campaign" for number in without]
+    summary = stored(store, rough, refined) or summarise(campaign or campaign_of(store), rough, refined)
+    return Results(store, ground, rough, refined, summary, tuple(left_out))
+
+
+def models_of(campaign: Campaign) -> dict[str, runs.GridModel]:
+    """Both grids of a campaign, free of stress: to be looked at, not run."""
+    soil = runs.random_soil(campaign)
+    return {grid: runs.build(campaign, grid, soil, at_rest=False) for grid in GRIDS}
+
+
+def _ground(store: Store) -> runs.StoredGround | None:
+    """The ground that a folder keeps; a warning names a file that is damaged."""
+    try:
+        return runs.read_ground(store.folder)
+    except DamagedFile as error:
+        warnings.warn(f"{error}: the ground is built again", stacklevel=3)
+        return None
+
+
+def _paired(refined: Rows, rough: Rows) -> tuple[Rows, list[int]]:
+    """The refined runs whose rough runs are there, and the numbers of the others: nobody knows where those rank."""
+    there = np.isin(refined.columns["sample"], rough.columns["sample"])
+    columns = {name: values[there] for name, values in refined.columns.items()}
+    return Rows(columns, refined.damaged), refined.columns["sample"][~there].tolist()
