@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -206,3 +208,14 @@ def test_grounds_that_are_none_are_refused():
         mpm.ground.build_ground(Lost(), [mpm.Layer(SAND)], NUMERICS)
     with pytest.raises(ValueError, match=r"the ground's length = 52 m is no whole multiple of cell = 3 m"):
         mpm.ground.build_ground(Embankment(), [mpm.Layer(SAND)], mpm.Discretisation(3.0, (1.0, 1.0)))
+
+
+def test_no_room_but_ground_asks_of_what_class_a_ground_is():
+    root = Path(mpm.__file__).parent.parent
+    classes = {"Slope", "Section", "Terrain"}
+    for path in [*(root / "cooperative").rglob("*.py"), *(root / "jaxmpm").rglob("*.py")]:
+        if path.parent.name == "ground":
+            continue
+        for call in ast.walk(ast.parse(path.read_text())):
+            if isinstance(call, ast.Call) and getattr(call.func, "id", "") in ("isinstance", "issubclass", "type"):
+                assert not classes & {getattr(node, "id", None) for node in ast.walk(call)}, f"{path}: {call.lineno}"
