@@ -60,8 +60,9 @@ style()
 # Tensors are tuples of six components (xx, yy, zz, xy, yz, xz), tension positive. Those that a dimension cannot have
 # are the number 0.0 and vanish when the program is compiled: that is why one law serves all dimensions.
 # `mpm.pytree` makes a dataclass of arrays something that JAX can trace, batch and differentiate. `mpm.Law` has what
-# most laws share: the speed of the elastic wave, no history, no softening (see `mpm.Material` for all of it). LIMITS
-# say what the law's numbers may be; a lane with another one takes no step and says so.
+# most laws share: the speed of the elastic wave, no history, no softening (see `mpm.Material` for all of it).
+# PARAMETERS declares the law's numbers: what they may be (a lane with another one takes no step and has a status of its
+# own), and whether strength reduction divides them.
 
 
 # %%
