@@ -28,7 +28,7 @@ from cooperative.reporting import _pictures as pictures
 from cooperative.reporting import _plots as plots
 from cooperative.reporting import report, write_table
 from cooperative.reporting._exports import export
-from cooperative.reporting._words import in_slopes
+from cooperative.reporting._page import in_slopes
 from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, sample_path, write_sample
 from cooperative.summary import Summary

@@ -16,23 +16,6 @@ from cooperative.reporting import _page as page
 from cooperative.reporting import _pictures as pictures
 from cooperative.reporting import _plots as plots
 from cooperative.reporting._plots import Drawn
-from cooperative.reporting._words import (
-    agreement,
-    answer,
-    best_fits,
-    bought,
-    cut_off,
-    distinct,
-    estimates,
-    finished,
-    labels,
-    look,
-    risks,
-    run_table,
-    unseen,
-    without_slides,
-    words,
-)
 from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, own_folder, read_sample, write_aside
 from foundation.text import short
@@ -64,7 +47,7 @@ def report(folder: str | Path, *, slides: int = SLIDES, again: bool = False, est
         plots.save(drawn.figure, target / f"{drawn.name}.png")
     whole = page.document(results.summary.name, _parts(results, numbers, slopes))
     write_aside(results.store.folder / "report.html", whole.encode())
-    return words(results)
+    return page.words(results)
 
 
 def _numbers(results: Results, maps: Maps | None) -> Iterator[Drawn]:
@@ -98,7 +81,7 @@ def _numbers(results: Results, maps: Maps | None) -> Iterator[Drawn]:
     ended = np.isfinite(first) & np.isfinite(both)
     if ended.any():
         figure = charts.grids(first[ended], both[ended], failure_displacement=limit)
-        yield Drawn("grids", f"Samples that ran on both grids. {agreement(results.summary)}{stopped}", figure)
+        yield Drawn("grids", f"Samples that ran on both grids. {page.agreement(results.summary)}{stopped}", figure)
     modes = {mode: share for mode, share in (results.summary.modes or {}).items() if share.count}
     if len(modes) > 1:
         yield Drawn("modes", "Failure modes, by what the runs stand for.", charts.mode_shares(modes))
@@ -106,19 +89,19 @@ def _numbers(results: Results, maps: Maps | None) -> Iterator[Drawn]:
         yield Drawn(
             "severity",
             "Median of each consequence by failure mode, with its 90 % bootstrap interval.",
-            charts.severity(results.summary.severity, labels(results)),
+            charts.severity(results.summary.severity, page.labels(results)),
         )
     weight = results.weight
-    for group, fits in distinct(results).items():
+    for group, fits in page.distinct(results).items():
         mine = results.slid & (weight > 0)
         mine &= (refined.columns["mode"] == group) if group != "all" else True
         if fits:
             yield Drawn(
                 f"fits-{group}",
                 f"Distribution of the consequences of {group} failures ({mine.sum()} runs), with the three best fits."
-                f"{cut_off(results.summary)}",
+                f"{page.cut_off(results.summary)}",
                 charts.fitted(
-                    {name: refined.columns[name][mine] for name in fits}, weight[mine], fits, labels(results)
+                    {name: refined.columns[name][mine] for name in fits}, weight[mine], fits, page.labels(results)
                 ),
             )
 
@@ -132,21 +115,21 @@ def _hazards(results: Results, maps: Maps | None) -> Iterator[Drawn]:
             "exceedance",
             "Probability that a sample of the slope fails and its slide goes beyond what stands below, with its "
             f"{results.summary.level:.0%} interval at each point. The curves start at the probability of failure."
-            f"{cut_off(results.summary)}",
-            charts.exceedance(curves, labels(results), level=results.summary.level),
+            f"{page.cut_off(results.summary)}",
+            charts.exceedance(curves, page.labels(results), level=results.summary.level),
         )
     if maps is not None:
         face = results.ground.face
         toe = None if face is None else face.toe_x
         draw = charts.plan_maps if results.ground.dimension == 3 else charts.profile
-        said = _mapped(maps, results.summary.level) + cut_off(results.summary)
+        said = _mapped(maps, results.summary.level) + page.cut_off(results.summary)
         yield Drawn("hazard", said, draw(maps, toe=toe))
     risk = results.summary.risk
     if risk and risk.loss and risk.loss.expected:
         yield Drawn(
             "losses",
             "Probability of losing more than stands below at the exposed places together. The area under the curve is "
-            f"the expected loss.{cut_off(results.summary)}",
+            f"the expected loss.{page.cut_off(results.summary)}",
             charts.losses(risk.loss.exceedance, level=results.summary.level),
         )
 
@@ -196,29 +179,29 @@ def _parts(results: Results, numbers: Sequence[Drawn], slopes: Sequence[Drawn]) 
             yield page.figures(drawn.page or page.picture(drawn.figure, drawn.caption) for drawn in mine)
 
     yield page.heading(found.name, 1)
-    yield from answer(results)
-    missing = without_slides(found)
+    yield from page.answer(results)
+    missing = page.without_slides(found)
     if missing or {"exceedance", "hazard"} & figures.keys():
         yield page.heading("How far, how much, how deep")
         yield page.paragraph(missing) if missing else page.paragraph(HOW, "how")
         yield from shown("exceedance", "hazard")
     if found.risk:
         yield page.heading("Exposed places")
-        yield from risks(found, found.risk)
+        yield from page.risks(found, found.risk)
         yield from shown("losses")
     yield page.heading("What the slides look like" if results.slid.any() else "What the slope looks like")
-    yield from look(results)
+    yield from page.look(results)
     yield from shown("slide", "plan", "slope")
     yield page.heading("How sure, and why")
-    yield estimates(found)
-    yield page.paragraph(" ".join(line for line in (unseen(found), finished(found)) if line))
+    yield page.estimates(found)
+    yield page.paragraph(" ".join(line for line in (page.unseen(found), page.finished(found)) if line))
     if missing:
         yield page.paragraph(HOW, "how")
     yield from shown("convergence", "ranked", "grids")
     yield page.heading("What more runs would buy")
-    yield from bought(results)
+    yield from page.bought(results)
     yield page.heading("How it was run")
-    yield run_table(results)
+    yield page.run_table(results)
     yield from shown("field")
     if missing or {"severity", "fits-all"} & figures.keys():
         yield page.heading("Distributions of what the slides do")
@@ -226,7 +209,7 @@ def _parts(results: Results, numbers: Sequence[Drawn], slopes: Sequence[Drawn]) 
         yield page.paragraph(missing)
     elif {"severity", "fits-all"} & figures.keys():
         yield from shown("severity")
-        yield from best_fits(results)
+        yield from page.best_fits(results)
         yield from shown("fits")
     yield page.heading("Scene")
     yield page.preformatted("\n".join(short(line, 400) for line in results.store.scene_text.strip().splitlines()))
