@@ -98,7 +98,7 @@ def picture(campaign: Campaign) -> Figure:
     plane = pictures.plane_at(ground.grids["refined"], ground.middle)
     position, half = pictures.section_of(ground.grids["refined"], plane)
     name = next(iter(campaign.random))
-    drawn = plots.QUANTITIES[name]
+    drawn = plots.quantity(name)
     values = soil_of(model, coefficients_of(campaign, model.soil)[0]).values[name][plane] / drawn.unit
     length, height = np.ptp(position, axis=1)
     figure, (ax,) = plots.panels(1, size=(4.8, 3.8 * height / length + 0.6))

@@ -256,6 +256,20 @@ MEANINGS = {
         "strength": Meaning(
             "Undrained shear strength; `[strength]` is short for a table of it.", "42e3", unit="Pa", above=0
         ),
+        "strength_ratio": Meaning(
+            "In place of the strength, what it is over the effective vertical stress at rest: the weight of the soil "
+            "above, of its mean unit weight, less the pressure of the water, so it needs `[water]`.",
+            "0.25",
+            above=0,
+            most=1,
+        ),
+        "strength_minimum": Meaning(
+            "Least strength, where it goes with the stress: that of the soil at the surface. It goes with "
+            "`strength_ratio`.",
+            "5e3",
+            unit="Pa",
+            above=0,
+        ),
         "softening_modulus": Meaning(
             "Loss of strength over plastic strain.", "85e3", unit="Pa", above=0, default="none: no softening"
         ),

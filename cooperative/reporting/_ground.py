@@ -71,7 +71,7 @@ def solid(models: dict[str, GridModel], values: Values) -> str:
     """A page that turns: the ground by its layers, and one random field on every grid, the first."""
     campaign = next(iter(models.values())).campaign
     name = next(iter(campaign.random))
-    drawn = plots.QUANTITIES[name]
+    drawn = plots.quantity(name)
     field = {grid: found[name] / drawn.unit for grid, found in values.items()}
     ends = _ends(field)
     bodies = [_layered(models["refined"])]
@@ -202,7 +202,7 @@ def ground(models: dict[str, GridModel], values: Values) -> Figure:
         _map(figure, axes[0], fine, stored.middle)
     _layers(axes[int(mapped)], fine, planes["refined"], sections["refined"], stored.middle)
     name = next(iter(fine.campaign.random))
-    drawn = plots.QUANTITIES[name]
+    drawn = plots.quantity(name)
     kept = {grid: found[name][planes[grid]] / drawn.unit for grid, found in values.items()}
     norm = Normalize(*_ends(kept))
     shown = list(axes[1 + mapped :])

@@ -130,7 +130,7 @@ def moments(model: GridModel, sample: Sample) -> Frames:
 
 
 def _word(name: str) -> str:
-    return "strength" if name == "strength" else plots.QUANTITIES[name].word
+    return "strength" if name == "strength" else plots.quantity(name).word
 
 
 def _plane(ground: StoredGround, grid: str, sample: Sample) -> np.ndarray:

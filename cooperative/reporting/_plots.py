@@ -59,6 +59,7 @@ class Quantity:
 
 QUANTITIES = {
     "strength": Quantity("undrained strength", "$S_u$", "kPa", 1e3),
+    "strength_ratio": Quantity("undrained strength over effective vertical stress", r"$S_u/\sigma'_v$", "-"),
     "cohesion": Quantity("cohesion", "$c$", "kPa", 1e3),
     "friction": Quantity("friction angle", r"$\varphi$", "degrees"),
     "dilation": Quantity("dilation angle", r"$\psi$", "degrees"),
@@ -75,13 +76,18 @@ QUANTITIES = {
 }
 
 
+def quantity(name: str) -> Quantity:
+    """How a parameter is drawn; one that a law of the user's own has, by its name and in its own unit."""
+    return QUANTITIES.get(name, Quantity(name.replace("_", " "), "", "in its own unit"))
+
+
 def parameter_fields(name: str, sections: Mapping[str, Section], fields: Mapping[str, np.ndarray]) -> Figure:
     """One random field on every grid, one panel each, on one colour scale.
 
     name: of the soil's parameter. sections: by grid name. fields: grid name -> its values (N,), in SI units or degrees,
     of the same particles; nan is rock.
     """
-    drawn = QUANTITIES[name]
+    drawn = quantity(name)
     low = min(float(np.nanmin(values)) for values in fields.values()) / drawn.unit
     high = max(float(np.nanmax(values)) for values in fields.values()) / drawn.unit
     figure, axes = section_panels(next(iter(sections.values()))[0], len(sections))
@@ -123,7 +129,7 @@ def slide(section: Section, name: str, field: np.ndarray, displacement: np.ndarr
     position, half = section
     moved = np.linalg.norm(displacement, axis=1)
     figure, axes = section_panels(position, len(times) + 1)
-    drawn = QUANTITIES[name]
+    drawn = quantity(name)
     norm = Normalize(float(np.nanmin(field)) / drawn.unit, float(np.nanmax(field)) / drawn.unit)
     boxes = draw_particles(axes[0], position, half, field / drawn.unit, "cividis", norm)
     axes[0].set_title(f"{'strength' if name == 'strength' else drawn.word} before", loc="left")

@@ -21,6 +21,9 @@ from cooperative.runs._random_soil import RandomSoil, random_soil
 from cooperative.scene import Campaign, RandomField, built
 from jaxmpm import Face, Scene, State, column_shape, declared, with_columns, with_parameters
 
+RATIO = "strength_ratio"
+"""What strength goes with the stress by: a parameter of soil, of which its law knows the strength alone."""
+
 
 @dataclass(frozen=True)
 class GridModel:
@@ -28,8 +31,9 @@ class GridModel:
 
     grid: "rough" or "refined" of the `campaign`. scene, state: what a sample's soil is put into, at rest; what is
     random is there the same in a layer, and of no sample. soil: what is random. growth: by what trends multiply
-    it at the particles, by parameter and layer. strength_factor: on strength, where the
-    grids are calibrated. layer: number of the layer that each particle is of (N,), None where the ground has none.
+    it at the particles, by parameter and layer. strength_factor: on strength, where the grids are calibrated. layer:
+    number of the layer that each particle is of (N,), None where the ground has none. stress: effective and vertical
+    (N,) Pa, at rest, None where no strength goes with it.
     """
 
     grid: str
@@ -40,6 +44,7 @@ class GridModel:
     growth: Mapping[str, tuple[jax.Array | None, ...]]
     strength_factor: float = 1.0
     layer: np.ndarray | None = None
+    stress: jax.Array | None = None
 
     @property
     def half_size(self) -> np.ndarray:
@@ -87,9 +92,10 @@ class GridModel:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The parameters that samples differ in, as `parameters` gives them: what is random, and what strength
-        reduction then brings down with it."""
-        random = tuple(self.campaign.random)
+        """The parameters of the law that samples differ in: what is random, strength that goes with the stress at rest,
+        and what strength reduction then brings down with it."""
+        by_stress = () if self.stress is None else ("strength",)
+        random = tuple(dict.fromkeys(name for name in (*self.campaign.random, *by_stress) if name != RATIO))
         bound = (
             name
             for name, each in declared(self.scene.material).items()
@@ -119,18 +125,18 @@ class GridModel:
 
     def parameters(self, coefficients: jax.Array | np.ndarray | None = None) -> dict[str, jax.Array]:
         """The parameters at the particles in which samples differ, each (N,), by engineer's name: in SI units, angles
-        in degrees, softening that of a band as thick as `softening_length`.
+        in degrees, softening that of a band as thick as `softening_length`; a strength ratio beside its strength.
 
         coefficients: (modes,) of a sample, None for the median soil. Raises ValueError for another number of them.
         """
-        return {
-            name: self._of_engineers(name, value, inverse=True) for name, value in self._in_law(coefficients).items()
-        }
+        drawn = self._drawn(coefficients)
+        law = {name: self._of_engineers(name, value, inverse=True) for name, value in self._in_law(drawn).items()}
+        return law | {name: drawn[name] for name in (RATIO,) if name in drawn}
 
     def varied(self, coefficients: jax.Array | np.ndarray | None = None) -> dict[str, jax.Array]:
         """The same as `jaxmpm.solve_each` and `with_soil` take them: by path in the law and in its numbers, angles in
         radians, softening that of the grid's bands."""
-        return {self.paths[name]: value for name, value in self._in_law(coefficients).items()}
+        return {self.paths[name]: value for name, value in self._in_law(self._drawn(coefficients)).items()}
 
     def of_sample(self, coefficients: jax.Array | np.ndarray | None = None) -> tuple[Scene, State]:
         """Scene and initial state of a sample, or of the median soil, with its own time step. Raises ValueError for
@@ -152,7 +158,7 @@ class GridModel:
     def strength(self, coefficients: jax.Array | np.ndarray | None = None) -> jax.Array:
         """Undrained strength at the particles (N,) Pa, for coefficients (modes,). Raises ValueError where that is not
         what is random."""
-        if "strength" not in self.campaign.random:
+        if "strength" not in self.names:
             raise ValueError(f"random are {', '.join(self.campaign.random)}, not the strength: give [strength]")
         return self.parameters(coefficients)["strength"]
 
@@ -181,26 +187,43 @@ class GridModel:
         scene = self.scene if known else jaxmpm.reduced(self.scene, 1 / factor)
         return replace(self, scene=scene, strength_factor=factor)
 
-    def _in_law(self, coefficients: jax.Array | np.ndarray | None) -> dict[str, jax.Array]:
-        """The numbers (N,) of the law in which samples differ, with its strength reduced where the grids are
-        calibrated, by engineer's name. Soil reaches the particles of a sample here, and nowhere else."""
+    def _drawn(self, coefficients: jax.Array | np.ndarray | None) -> dict[str, jax.Array]:
+        """What is random at the particles (N,), in engineers' numbers."""
         sample = np.zeros(self.soil.modes) if coefficients is None else coefficients
         own = {group.layer: self.soil.coefficients(sample, group.layer) for group in self.soil.groups}
-        found = {
+        return {
             name: self._values(field, name, {layer: each[name] for layer, each in own.items() if name in each})
             for name, field in self.campaign.random.items()
         }
-        found = {name: self._of_engineers(name, value) for name, value in found.items()}
+
+    def _in_law(self, drawn: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+        """The numbers (N,) of the law in which samples differ, of what is drawn of the random soil, with strength
+        reduced where the grids are calibrated, by engineer's name. Soil reaches particles here, and nowhere else."""
+        found = {name: self._of_engineers(name, value) for name, value in drawn.items() if name != RATIO}
+        if self.stress is not None:
+            found["strength"] = self._by_stress(drawn.get(RATIO), found.get("strength"))
         if self.strength_factor == 1:
             return found
         law: Any = self.scene.material
         known = {name: each.path for name, each in declared(law).items()}
-        drawn = with_parameters(law, {known[name]: value for name, value in found.items() if name in known})
-        reduced = declared(jaxmpm.reduce_strength(drawn, jnp.asarray(1 / self.strength_factor, law.bulk.dtype)))
+        full: Any = with_parameters(law, {known[name]: value for name, value in found.items() if name in known})
+        reduced = declared(jaxmpm.reduce_strength(full, jnp.asarray(1 / self.strength_factor, law.bulk.dtype)))
         count = self.scene.particles.mass.shape
         return {
             name: jnp.broadcast_to(reduced[name].value, count) if name in known else found[name] for name in self.names
         }
+
+    def _by_stress(self, ratio: jax.Array | None, strength: jax.Array | None) -> jax.Array:
+        """Strength (N,) Pa: where it goes with the stress at rest, of a ratio (N,), None where that is not random; else
+        as given (N,) Pa, None where that is not random either."""
+        site, soil = self.campaign.site, self.campaign.soil
+        by_stress, stress = site.by_stress(soil) or [], jnp.asarray(self.stress)
+        layer = np.zeros(self.scene.particles.mass.size, int) if self.layer is None else self.layer
+        given = np.array([getattr(each.soil, "strength", None) or 1.0 for each in site.soils(soil)])
+        ratios, least = np.array([(0.0, 1.0) if each is None else each for each in by_stress]).T
+        grown = jnp.maximum((ratios[layer] if ratio is None else ratio) * stress, least[layer])
+        other = given[layer] if strength is None else strength
+        return jnp.where(np.array([each is not None for each in by_stress])[layer], grown, other)
 
     def _of_engineers(self, name: str, value: jax.Array, *, inverse: bool = False) -> jax.Array:
         """A parameter's number in the law, of the engineer's; inverse: the engineer's, of that in the law."""
@@ -315,13 +338,28 @@ def build(
         kept = None if folder is None else read_initial(folder, grid, scene, state)
         state = jaxmpm.at_rest(scene, apic=campaign.grids[grid].apic) if kept is None else kept
     layer = campaign.site.layer_of(np.asarray(scene.particles.position), campaign.grids[grid])
-    growth = growth_of(campaign, grid, scene)
-    return GridModel(grid, campaign, scene, state, soil, growth=growth, layer=layer).with_measured(campaign)
+    model = GridModel(
+        grid, campaign, scene, state, soil, growth_of(campaign, grid, scene), layer=layer,
+        stress=_effective_stress(campaign, scene),
+    )  # fmt: skip
+    return model.with_measured(campaign)
+
+
+def _effective_stress(campaign: Campaign, scene: Scene) -> jax.Array | None:
+    """Vertical (N,) Pa, at rest, of the weight of soil with its means; None where no strength goes with it. The elastic
+    stress of a grid would not do: within a cell of the surface it is half of that, or less."""
+    if campaign.site.by_stress(campaign.soil) is None:
+        return None
+    stress, dtype = jaxmpm.overburden(scene), scene.particles.mass.dtype
+    if scene.water is None:
+        stress = stress - campaign.site.pore_pressure(np.asarray(scene.particles.position, float), stress)
+    return jnp.asarray(stress, dtype)
 
 
 def _refuse_unknown(random: Collection[str], scene: Scene) -> None:
     """Raise ValueError for what varies and is no parameter of the soil."""
     known = [*declared(scene.material), "young", "poisson", "unit_weight"]
+    known += [RATIO] if "strength" in known else []
     unknown = [name for name in random if name not in known]
     if unknown:
         raise ValueError(

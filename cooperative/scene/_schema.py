@@ -156,6 +156,8 @@ _SOIL = {
     "young": _random(REQUIRED),
     "poisson": _random(REQUIRED),
     "strength": _random(None),
+    "strength_ratio": _random(None),
+    "strength_minimum": Key(float, None),
     "softening_modulus": _random(None),
     "residual_ratio": _random(1.0),
     "tension_cutoff": Key(float, None),

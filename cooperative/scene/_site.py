@@ -12,7 +12,7 @@ import numpy as np
 from cooperative.measure import Track
 from cooperative.scene._rasters import unpacked
 from cooperative.scene._schema import OF_A_FIELD, OF_GROUND, SECTIONS, SITES, in_words, read
-from cooperative.scene._soil import RandomField, Span, ask, rock_of, soil_of
+from cooperative.scene._soil import RandomField, Span, StrengthByStress, ask, rock_of, soil_of
 from foundation.text import shown
 from jaxmpm import (
     AnySoil,
@@ -76,6 +76,9 @@ class Site:
         # What is unusual was asked about when the scene was read.
         layers = [replace(each, soil=_as_meant(each.soil)) for each in self.soils(soil)]
         loads = {"gravity": gravity, "at_rest": at_rest, "ends": self.ends, "water": self.water, "r_u": self.r_u}
+        if self.by_stress(soil) and all(getattr(each.soil, "friction", None) is None for each in layers):
+            # Soil in total stress alone: water says how strong it is, and loads nothing.
+            del loads["water"], loads["r_u"]
         return ground.build_ground(self.shape, layers, numerics, **loads)
 
     @property
@@ -89,8 +92,31 @@ class Site:
         return getattr(self.shape, "fixed_edge", None)
 
     def soils(self, soil: AnySoil) -> list[Layer]:
-        """Its layers for the solver; one of the campaign's own soil where it has none."""
-        return [each.layer for each in self.layers] or [Layer(soil)]
+        """Its layers for the solver; one of the campaign's own soil where it has none. Soil whose strength goes with
+        the stress at rest has its least strength there."""
+        layers = [each.layer for each in self.layers] or [Layer(soil)]
+        return [replace(each, soil=_at_least_strength(each.soil)) for each in layers]
+
+    def by_stress(self, soil: Any) -> list[StrengthByStress | None] | None:
+        """How the strength of each layer, or of the campaign's own soil, goes with the stress at rest, None for one
+        where it does not; None where it does in none."""
+        soils: list[Any] = [each.layer.soil for each in self.layers] or [soil]
+        found = [None if getattr(each, "strength_ratio", None) is None
+                 else StrengthByStress(each.strength_ratio, each.strength_minimum) for each in soils]  # fmt: skip
+        return found if any(found) else None
+
+    def pore_pressure(self, points: np.ndarray, stress: np.ndarray) -> np.ndarray:
+        """At rest (N,) Pa at points (d, N) m of soil in total stress: r_u times that stress (N,) Pa, or that of water
+        up to the table, and no higher than the ground, whose load the water on it adds to both."""
+        if self.r_u is not None:
+            return self.r_u * stress
+        *plan, z = points
+        table: Any = self.water
+        if isinstance(self.water, Raster):
+            table = self.water.at(*plan)
+        elif isinstance(self.water, tuple):
+            table = np.interp(plan[0], *np.transpose(self.water))
+        return ground.WATER_WEIGHT * np.maximum(np.minimum(table, self.shape.heights(*plan)) - z, 0.0)
 
     def layer_of(self, position: np.ndarray, numerics: Discretisation) -> np.ndarray | None:
         """Number of the layer (N,) in which each point (d, N) m lies, None where there are none."""
@@ -104,9 +130,10 @@ class Site:
         return ground.thicknesses(self.shape, layers) if layers else []
 
     def values_of(self, parameter: str, field: RandomField) -> tuple[RandomField | float, ...]:
-        """What a parameter that varies is in each layer: a field, or the number of one in which it does not vary."""
+        """What a parameter that varies is in each layer: a field, or the number of one in which it does not vary, 0 in
+        soil that has none."""
         return tuple(
-            each.random.get(parameter) or float(getattr(each.layer.soil, parameter)) for each in self.layers
+            each.random.get(parameter) or float(getattr(each.layer.soil, parameter) or 0.0) for each in self.layers
         ) or (field,)
 
     def spans(self, parameter: str) -> bool:
@@ -143,6 +170,24 @@ class Site:
 def _as_meant(soil: Any) -> AnySoil:
     """The soil, of whose numbers builders need not warn."""
     return replace(soil, unusual=True) if hasattr(soil, "unusual") else soil
+
+
+def _at_least_strength(soil: Any) -> AnySoil:
+    """The soil with its least strength in place of one that goes with the stress at rest."""
+    if getattr(soil, "strength_ratio", None) is None:
+        return soil
+    return replace(soil, strength=soil.strength_minimum, strength_ratio=None, strength_minimum=None)
+
+
+def refuse_dry(site: Site, soil: AnySoil) -> None:
+    """Raise ValueError for a strength that goes with the effective stress, in ground of which no water is known."""
+    ratios = [each.ratio for each in site.by_stress(soil) or () if each is not None]
+    if ratios and site.water is None and site.r_u is None:
+        raise ValueError(
+            f"[soil] strength_ratio = {ratios[0]:g} without [water], and the effective stress is not known without a "
+            f"table: draw the slope as [ground], and add [water] with a level, table, depth or r_u; level = "
+            f"{site.span[0]:g}, that of the base, is dry soil"
+        )
 
 
 def refuse_saturated(site: Site, soil: AnySoil) -> None:
@@ -276,7 +321,9 @@ def _soil(
     """A layer's soil and what varies in it: its own table over those of the scene."""
     own = {key: value for key, value in table.items() if key in SECTIONS["soil"]}
     whole = {**tables["soil"], **({"strength": tables["strength"]} if "strength" in tables else {})}
-    merged = {**whole, **own}
+    given = {"strength", "strength_ratio"} & own.keys()
+    replaced = {"strength", "strength_ratio", "strength_minimum"} - own.keys() if given else set()
+    merged = {key: value for key, value in whole.items() if key not in replaced} | own
     for name, value in own.items():
         if isinstance(value, dict) and isinstance(whole.get(name), dict):
             stops = _of_its_own(table, name)

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -116,6 +116,13 @@ class RandomField:
         return 1.0 if self.trend is None else 1.0 + self.trend / self.mean * depth
 
 
+class StrengthByStress(NamedTuple):
+    """Undrained strength as a ratio of the effective vertical stress at rest, of `minimum` (Pa) at least."""
+
+    ratio: float
+    minimum: float
+
+
 @dataclass(frozen=True)
 class CrossCorrelation:
     """Parameters that vary together. matrix: their correlation, row by row. nataf: whether it is that of the parameters
@@ -177,6 +184,7 @@ def rock_of(table: Mapping[str, Any], *, height: float) -> Soil | FrictionalSoil
     slope can reach. What varies is at its mean. height: of the slope (m)."""
     said = {name: value["mean"] if isinstance(value, Mapping) else value for name, value in table.items()}
     said["unusual"] = True
+    said |= {"strength_ratio": None, "strength_minimum": None}
     said["strength" if said["cohesion"] is None else "cohesion"] = said["young"]
     return _built(said, height)
 
@@ -184,12 +192,23 @@ def rock_of(table: Mapping[str, Any], *, height: float) -> Soil | FrictionalSoil
 def _check_kind(said: dict[str, Any], given: Collection[str]) -> None:
     """Clay has a strength, other soil cohesion and friction; ValueError for what has no say."""
     frictional = [name for name in ("cohesion", "friction") if said[name] is not None]
-    if frictional and said["strength"] is not None:
+    undrained = [name for name in ("strength", "strength_ratio") if said[name] is not None]
+    if frictional and undrained:
         raise ValueError(
-            f"[soil] {frictional[0]} is given beside a strength: undrained soil has a strength, other soil cohesion "
-            "and friction; leave one of them out"
+            f"[soil] {frictional[0]} is given beside a {undrained[0]}: undrained soil has a strength, other soil "
+            "cohesion and friction; leave one of them out"
         )
-    if not frictional and said["strength"] is None:
+    if len(undrained) == 2:
+        raise ValueError(
+            "[soil] strength_ratio is given beside a strength, in whose place it is: leave one of them out"
+        )
+    if ("strength_ratio" in undrained) != (said["strength_minimum"] is not None):
+        lacking, beside = ("minimum", "ratio") if undrained == ["strength_ratio"] else ("ratio", "minimum")
+        raise ValueError(
+            f"[soil] lacks strength_{lacking}, which goes with strength_{beside}: add it; at the surface, where the "
+            "stress is 0, soil has its strength_minimum (Pa)"
+        )
+    if not frictional and not undrained:
         raise ValueError(
             "the scene says neither what strength nor what cohesion and friction its soil has: add [strength] with "
             "mean, cov and length, or cohesion and friction to [soil]"
@@ -282,7 +301,7 @@ def steepest(soil: Any, random: Mapping[str, RandomField], span: Span) -> Any:
         law = each.material(np.dtype("float32"), 1.0)
         return 0.0 if law.steepest_softening is None else float(law.steepest_softening / law.shear)
 
-    names = [name for name in random if hasattr(soil, name)]
+    names = [name for name in random if hasattr(soil, name) and name != "strength_ratio"]
     ends = product(*(extremes(random[name], span) for name in names))
     return max((replace(soil, **dict(zip(names, each, strict=True))) for each in ends), key=steepness)
 

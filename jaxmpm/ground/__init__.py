@@ -18,11 +18,12 @@ from jaxmpm.ground._layer import Layer
 from jaxmpm.ground._line import read_line
 from jaxmpm.ground._raster import Raster, read_raster
 from jaxmpm.ground._seam import Thickness
-from jaxmpm.ground._section import Section, section
+from jaxmpm.ground._section import WATER_WEIGHT, Section, section
 from jaxmpm.ground._slope import Slope, slope
 from jaxmpm.ground._terrain import Terrain, terrain
 
 __all__ = [
+    "WATER_WEIGHT",
     "Face",
     "Ground",
     "Layer",

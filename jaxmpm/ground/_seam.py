@@ -73,6 +73,8 @@ def _strength(soil: Any, pressure: float) -> float:
     cohesion, friction, undrained = (getattr(soil, name, None) for name in ("cohesion", "friction", "strength"))
     if cohesion is not None and friction is not None:
         return float(np.mean(cohesion)) + pressure * math.tan(math.radians(float(np.mean(friction))))
+    if undrained is None and getattr(soil, "strength_ratio", None) is not None:
+        return max(soil.strength_ratio * pressure, soil.strength_minimum)
     return math.inf if undrained is None else float(np.mean(undrained))
 
 

@@ -23,7 +23,7 @@ from jaxmpm.setup._discretisation import (
     check_discretisation,
     check_resolved,
 )
-from jaxmpm.setup._initial_stress import at_rest, settled
+from jaxmpm.setup._initial_stress import at_rest, overburden, settled
 from jaxmpm.setup._motion import read_motion
 from jaxmpm.setup._scene import check_scene, check_shape, refuse_snap_back, scene, unstressed, with_strength
 from jaxmpm.setup._vary import check_names, check_start, parameter_names, vary, with_soil
@@ -52,6 +52,7 @@ __all__ = [
     "end_walls",
     "fill",
     "material_on",
+    "overburden",
     "parameter_names",
     "read_motion",
     "refuse_snap_back",

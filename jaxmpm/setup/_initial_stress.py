@@ -101,7 +101,7 @@ def settled(scene: Scene, state: State) -> State:
     if not np.any(np.asarray(scene.gravity)) and scene.body_force is None and scene.water is None:
         return state
     d, dtype = scene.grid.dimension, state.stress.dtype
-    vertical = -_effective_weight_above(scene).astype(dtype)
+    vertical = -overburden(scene).astype(dtype)
     bulk, shear = np.asarray(scene.material.bulk), np.asarray(scene.material.shear)
     k0 = ((bulk - 2 * shear / 3) / (bulk + 4 * shear / 3)).astype(dtype)
     upright = {1: 0, 2: 2, 3: 2}[d]
@@ -116,9 +116,9 @@ def settled(scene: Scene, state: State) -> State:
     return replace(state, stress=balanced)
 
 
-def _effective_weight_above(scene: Scene) -> np.ndarray:
-    """Weight per area (N,) Pa of what stands above each particle of a lattice in its own column, half itself included,
-    less what the water bears of it; 0 for particles that are in no column."""
+def overburden(scene: Scene) -> np.ndarray:
+    """Effective vertical stress (N,) Pa by weight alone: that per area of what stands above each particle of a lattice
+    in its own column, half itself included, less what the water bears of it; 0 for particles that are in no column."""
     position = np.asarray(scene.particles.position)
     *across, z = position
     order = np.lexsort((-z, *across))

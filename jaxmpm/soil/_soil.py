@@ -54,6 +54,8 @@ LIMITS: Mapping[str, Limit] = MappingProxyType(
         "reference_rate": Limit(above=0, unit="1/s"),
         "tension_cutoff": Limit(least=0, unit="Pa"),
         "softening_length": Limit(above=0, unit="m"),
+        "strength_ratio": Limit(above=0, most=1),
+        "strength_minimum": Limit(above=0, unit="Pa"),
     }
 )
 
@@ -107,6 +109,8 @@ class Soil:
     rate above reference_rate (1/s), None without. tension_cutoff: largest mean stress (Pa) or None. gap_memory: whether
     soil that the cutoff has opened closes its gap before it bears pressure; False lets it resist at once. unusual:
     whether numbers that betray another unit are meant as they are; builders warn of them otherwise, see `unit_slip`.
+    strength_ratio: in place of the strength, what it is over the effective vertical stress at rest, at most 1, with
+    strength_minimum (Pa) where that is more; for campaigns, which know that stress.
     """
 
     unit_weight: float = 20e3
@@ -123,15 +127,23 @@ class Soil:
     rate_coefficient: float | None = None
     reference_rate: float = 3e-6
     unusual: bool = False
+    strength_ratio: float | None = None
+    strength_minimum: float | None = None
 
     @property
     def softens(self) -> bool:
         """Whether strength falls with plastic strain."""
-        return self.strength is not None and (self.softening_modulus is not None or self.strain_95 is not None)
+        has_strength = self.strength is not None or self.strength_ratio is not None
+        return has_strength and (self.softening_modulus is not None or self.strain_95 is not None)
 
     def material(self, dtype: np.dtype, band: float) -> Elastic | J2:
         """Its law on a grid whose shear bands are `band` (m) thick. Raises ValueError for what no soil can have."""
         check_soil(self)
+        if self.strength_ratio is not None:
+            raise ValueError(
+                f"strength_ratio = {self.strength_ratio:g} is of the stress at rest, which only a campaign knows: give "
+                "strength, and each particle its own by `with_strength`"
+            )
         number = partial(jnp.asarray, dtype=dtype)
         bulk, shear = (number(modulus) for modulus in moduli(self.young, self.poisson))
         if self.strength is None:

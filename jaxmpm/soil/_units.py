@@ -29,6 +29,7 @@ _SHARE = "it is a share, 1 for 100 per cent; were per cent meant?"
 BELIEVED: Mapping[str, Believed] = MappingProxyType(
     {
         "strength": Believed("Pa", 1e3, _KPA, 5e6, _TWICE),
+        "strength_minimum": Believed("Pa", 100.0, _KPA, 5e6, _TWICE),
         "cohesion": Believed("Pa", 100.0, _KPA, 5e6, _TWICE),
         "friction": Believed("degrees", 1.6, _DEGREES),
         "young": Believed("Pa", 2e5, "were kPa or MPa meant?"),

@@ -1,0 +1,153 @@
+"""Undrained strength as a ratio of the effective vertical stress at rest."""
+
+import numpy as np
+import pytest
+
+from cooperative import runs
+from cooperative.scene import parse
+
+WATER = 9810.0
+LEVEL = """
+[ground]
+surface = [[0.0, 12.0], [24.0, 12.0]]
+ends = "roller"
+[water]
+WATER
+[soil]
+unit_weight = 18e3
+young = 2e7
+poisson = 0.3
+strength_ratio = 0.25
+strength_minimum = 6e3
+SOIL
+[rough]
+cell = 2.0
+spacing = [1.0, 1.0]
+[refined]
+cell = 1.0
+spacing = [0.5, 0.5]
+[run]
+t_end = 4.0
+[campaign]
+samples = 10
+seed = 3
+refined_runs = 10
+"""
+VARIES = "{ mean = 0.25, cov = 0.2, length = [20.0, 3.0] }"
+STIFFNESS = "softening_modulus = { mean = 20e3, cov = 0.2, length = [20.0, 3.0] }\nresidual_ratio = 0.5"
+CONSTANT = LEVEL.replace("SOIL", STIFFNESS)
+RANDOM = LEVEL.replace("strength_ratio = 0.25", f"strength_ratio = {VARIES}").replace("SOIL", "")
+
+
+def model_of(text, water="level = 10.0", grid="rough", *, at_rest=False):
+    campaign = parse(text.replace("WATER", water))
+    return runs.build(campaign, grid, runs.random_soil(campaign), at_rest=at_rest)
+
+
+def drawn(model):
+    return np.random.default_rng(5).standard_normal(model.soil.modes).astype(np.float32)
+
+
+@pytest.mark.parametrize("grid", ["rough", "refined"])
+@pytest.mark.parametrize(
+    ("water", "pressure"),
+    [
+        ("level = 10.0", lambda z: WATER * np.maximum(10 - z, 0)),
+        ("level = 0.0", lambda z: 0 * z),
+        ("level = 15.0", lambda z: WATER * (12 - z)),
+        ("depth = 3.0", lambda z: WATER * np.maximum(9 - z, 0)),
+        ("table = [[0.0, 10.0], [24.0, 10.0]]", lambda z: WATER * np.maximum(10 - z, 0)),
+        ("r_u = 0.4", lambda z: 0.4 * 18e3 * (12 - z)),
+    ],
+)
+def test_under_level_ground_strength_is_the_ratio_of_weight_less_water(water, pressure, grid):
+    model = model_of(CONSTANT, water, grid)
+    z = np.asarray(model.scene.particles.position, float)[1]
+    expected = np.maximum(0.25 * (18e3 * (12 - z) - pressure(z)), 6e3)
+    np.testing.assert_allclose(model.strength(), expected, rtol=1e-6)
+    assert (expected > 6e3).any()
+    assert (expected == 6e3).any()
+    np.testing.assert_array_equal(model.of_sample(drawn(model))[0].material.strength, model.strength())
+
+
+def test_a_random_ratio_multiplies_the_stress_of_the_means():
+    model = model_of(RANDOM, at_rest=True)
+    found, median = model.parameters(drawn(model)), model.parameters()
+    assert np.std(found["strength_ratio"]) > 0.02
+    np.testing.assert_allclose(median["strength_ratio"], 0.25 / np.sqrt(1 + 0.2**2), rtol=1e-5)
+    for each in (found, median):
+        expected = np.maximum(each["strength_ratio"] * model.stress, 6e3)
+        np.testing.assert_allclose(each["strength"], expected, rtol=1e-6)
+    np.testing.assert_array_equal(model.median[0].material.strength, median["strength"])
+    scene, state = model.of_sample(drawn(model))
+    np.testing.assert_array_equal(scene.material.strength, found["strength"])
+    np.testing.assert_array_equal(state.stress, model.state.stress)
+
+
+def test_calibration_reduces_a_strength_that_goes_with_the_stress_once():
+    for text in (CONSTANT, RANDOM):
+        model = model_of(text)
+        before, after = model.strength(drawn(model)), model.with_strength_factor(0.8).strength(drawn(model))
+        np.testing.assert_allclose(after, 0.8 * np.asarray(before), rtol=1e-6)
+
+
+LAYERED = CONSTANT.replace(
+    "[soil]",
+    """[[layer]]
+name = "crust"
+bottom = [[0.0, 9.0], [24.0, 9.0]]
+strength = 25e3
+[[layer]]
+name = "clay"
+strength_ratio = 0.3
+strength_minimum = 2e3
+[soil]""",
+)
+
+
+def test_a_layer_has_a_strength_or_a_ratio_of_its_own():
+    model = model_of(LAYERED, grid="refined")
+    z = np.asarray(model.scene.particles.position, float)[1]
+    stress = 18e3 * (12 - z) - WATER * np.maximum(10 - z, 0)
+    np.testing.assert_allclose(model.strength(), np.where(z > 9, 25e3, 0.3 * stress), rtol=1e-6)
+
+
+def test_the_cell_has_little_say_in_the_strength_of_a_slope():
+    slope = CONSTANT.replace("[24.0, 12.0]", "[10.0, 12.0], [22.0, 6.0], [40.0, 6.0]")
+    rough, refined = (model_of(slope, "level = 6.0", grid) for grid in ("rough", "refined"))
+    mean = [float(np.average(model.strength(), weights=model.scene.particles.volume)) for model in (rough, refined)]
+    assert mean[0] == pytest.approx(mean[1], rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "[water]\nWATER\n",
+            "",
+            r"strength_ratio = 0.25 without \[water\], and .* level = 0, that of the base, is dry",
+        ),
+        ("strength_ratio = 0.25", "strength_ratio = 1.2", r"\[soil\] strength_ratio = 1.2: give a value .* to 1"),
+        ("strength_ratio = 0.25", f"strength_ratio = {VARIES.replace('0.25', '0.6')}", r"has values of 1.3, 4 dev"),
+        ("= 6e3", "= 0.0", r"\[soil\] strength_minimum = 0 Pa: give a finite value above 0"),
+        ("strength_minimum = 6e3", "", r"\[soil\] lacks strength_minimum, which goes with strength_ratio: add it"),
+        ("strength_ratio = 0.25", "strength = 20e3", r"lacks strength_ratio, which goes with strength_minimum"),
+        (
+            "strength_ratio = 0.25",
+            "strength_ratio = 0.25\nstrength = 20e3",
+            "strength_ratio is given beside a strength",
+        ),
+        ("strength_ratio = 0.25", "strength_ratio = 0.25\ncohesion = 2e3", "cohesion is given beside a strength_ratio"),
+        ("strength_minimum = 6e3", "strength_minimum = 6.0", r"strength_minimum = 6 Pa, below 100 Pa: were kPa meant"),
+    ],
+)
+def test_a_ratio_that_says_no_strength_is_refused(old, new, message):
+    assert old in CONSTANT
+    with pytest.raises(ValueError, match=message):
+        model_of(CONSTANT.replace(old, new))
+
+
+def test_the_solver_alone_refuses_a_ratio():
+    soil = parse(CONSTANT.replace("WATER", "level = 0.0")).soil
+    with pytest.raises(ValueError, match=r"strength_ratio = 0.25 is of the stress at rest, which only a campaign"):
+        soil.material(np.dtype("float32"), 1.0)
