@@ -29,8 +29,8 @@ from benchmarks.measure import ROOT, Report, code_digest
 from cooperative import campaign
 from cooperative.reporting import progress_of
 from cooperative.runs import Stopped, cores_to_use, heeding
+from cooperative.scene import to_toml
 from cooperative.store import GRIDS, SLIDES, Store, read_rows, read_store
-from cooperative.sweep import to_toml
 from foundation import files
 
 PLAN: dict[str, Any] = {"samples": 1000, "target_cov": 0.1, "screening_stop": 1.0, "fields": "none"}

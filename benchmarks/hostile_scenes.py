@@ -28,7 +28,7 @@ from typing import Any
 
 from benchmarks.invented import CALIBRATED, SCENE, SUBSET
 from benchmarks.measure import ROOT
-from cooperative.scene import SECTIONS
+from cooperative.scene import TABLES, tables
 
 MEMORY = 4 * 2**30
 """Bytes of address space that a scene may take beyond what the process has before."""
@@ -41,6 +41,8 @@ ODD: tuple[Any, ...] = (
     float("-inf"), True, False, "", "none", "cell", "two-phase", "\n[run]", "\x1b[2J", "x" * 5000, "\u202e", [], [1.0],
     [1.0, 2.0, 3.0], [0.0, 0.0], [1e30, 1e-30], [float("nan"), 1.0], ["a", "b"], [[1.0], [2.0]], {}, {"a": 1},
 )  # fmt: skip
+LATER = ("hazard", "exposed", "sweep")
+"""Tables that the scenes are not made from."""
 HUGE = {
     "height": 1e6, "crest": 1e9, "toe": 1e12, "foundation": 1e7, "run_per_rise": 1e8, "width": 1e7, "samples": 10**12,
     "levels": 10**9, "replicates": 10**9, "cell": 1e-3, "spacing": [1e-4, 1e-4], "lanes": 10**9, "look_ahead": 10**9,
@@ -70,27 +72,27 @@ def scenes(count: int, seed: int = 0) -> Iterator[str]:
     """So many scenes, the same for the same seed."""
     generator = random.Random(seed)
     for _ in range(count):
-        tables: dict[str, Any] = tomllib.loads(generator.choice((SCENE, SCENE, SUBSET, CALIBRATED)))
+        scene: dict[str, Any] = tomllib.loads(generator.choice((SCENE, SCENE, SUBSET, CALIBRATED)))
         for _ in range(generator.choice((1, 1, 1, 2, 3))):
-            _change(tables, generator)
-        text = toml(tables)
+            _change(scene, generator)
+        text = toml(scene)
         if generator.random() < 0.1:
             at = generator.randrange(len(text))
             text = text[:at] + generator.choice((*TEXTS, "")) + text[at + generator.randrange(3) :]
         yield text
 
 
-def _change(tables: dict[str, Any], generator: random.Random) -> None:
+def _change(scene: dict[str, Any], generator: random.Random) -> None:
     """One change: a key gone, unknown or odd; a table gone, unknown or no table."""
-    section = generator.choice(list(SECTIONS))
-    table, keys = tables.get(section), list(SECTIONS[section])
+    section = generator.choice([name for name in TABLES if name not in LATER])
+    table, keys = scene.get(section), list(TABLES[section].model_fields)
     kind = generator.random()
     if not isinstance(table, dict):
-        tables[section] = {}
+        scene[section] = {}
     elif kind < 0.05:
-        del tables[section]
+        del scene[section]
     elif kind < 0.1:
-        tables[generator.choice((section, *WORDS))] = generator.choice(ODD)
+        scene[generator.choice((section, *WORDS))] = generator.choice(ODD)
     elif kind < 0.15:
         table[generator.choice(WORDS)] = generator.choice(ODD)
     elif kind < 0.25 and table:
@@ -100,18 +102,19 @@ def _change(tables: dict[str, Any], generator: random.Random) -> None:
         table[key] = HUGE.get(key, generator.choice(ODD))
     else:
         key = generator.choice(keys)
-        table[key] = _value(SECTIONS[section][key].kind, table.get(key), generator)
+        known = tables.schema_of(TABLES[section])["properties"][key]
+        table[key] = _value(known, table.get(key), generator)
 
 
-def _value(kind: Any, now: Any, generator: random.Random) -> Any:
+def _value(known: Any, now: Any, generator: random.Random) -> Any:
     """A value for a key: of its kind now and then, odd otherwise."""
     if generator.random() < 0.6:
         return generator.choice(ODD)
-    if isinstance(kind, dict):
-        return generator.choice(list(kind))
-    if kind is bool:
+    if "enum" in known:
+        return generator.choice(known["enum"])
+    if known.get("type") == "boolean":
         return generator.random() < 0.5
-    if kind is int:
+    if known.get("type") == "integer":
         return generator.choice((1, 2, 3, 10, 20, 40, 80, 160))
     factor = generator.choice((1e-3, 0.5, 2.0, 1e3))
     return [number * factor for number in now] if isinstance(now, list) else (now or 1.0) * factor

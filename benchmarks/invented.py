@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 
 from cooperative import runs
-from cooperative.scene import Calibration, Campaign, factors_of_safety
+from cooperative.scene import Calibration, Campaign, factors_of_safety, to_toml
 from cooperative.scene._rasters import packed
 from cooperative.store import Sample
-from cooperative.sweep import to_toml
 from jaxmpm import Raster
 
 TINY = """

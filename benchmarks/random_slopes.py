@@ -28,9 +28,8 @@ from benchmarks import cho_cphi
 from benchmarks.measure import ROOT, Report
 from cooperative import run as run_campaign
 from cooperative.runs import Stopped, cores_to_use
-from cooperative.scene import parse
+from cooperative.scene import parse, to_toml
 from cooperative.store import Store, read_rows, read_sample, read_store
-from cooperative.sweep import to_toml
 
 SCENES = ROOT / "benchmarks" / "scenes"
 Tables = dict[str, dict[str, Any]]

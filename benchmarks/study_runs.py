@@ -16,9 +16,8 @@ import numpy as np
 from benchmarks.measure import ROOT
 from benchmarks.study_table import CPU, Outcome, Run, Until
 from cooperative.runs import GridModel, build, coefficients_of, random_soil, run_samples
-from cooperative.scene import Campaign, parse
+from cooperative.scene import Campaign, parse, to_toml
 from cooperative.store import Sample
-from cooperative.sweep import to_toml
 
 Changes = Mapping[str, Mapping[str, Any]]
 

@@ -30,10 +30,9 @@ from cooperative.estimate import Published, Sampling, rank_samples, stopping_ran
 from cooperative.measure import SEVERITY
 from cooperative.reporting import panels, save
 from cooperative.runs import check_size, heeding, phases_of, release_programs, rows_reader, samples_of
-from cooperative.scene import parse, stored_measured, tables_of, with_defaults
+from cooperative.scene import parse, stored_measured, tables, tables_of, to_toml, with_defaults
 from cooperative.store import GRIDS, Rows, kept_scene, read_store, write_aside
 from cooperative.summary import Summary, summarise
-from foundation.text import shown
 
 LENGTHS = ("lx", "ly", "lz")
 LABELS = {
@@ -136,28 +135,6 @@ def variants(text: str, *, begun: bool = False) -> list[Variant]:
     return found
 
 
-def to_toml(tables: dict[str, Any]) -> str:
-    """TOML of texts, numbers, true and false, lists, and tables of these."""
-    plain = [f"{_key(name)} = {_toml(value)}" for name, value in tables.items() if not isinstance(value, dict)]
-    for name, table in tables.items():
-        if isinstance(table, dict):
-            plain += ["", f"[{_key(name)}]", *(f"{_key(key)} = {_toml(value)}" for key, value in table.items())]
-    return "\n".join(plain) + "\n"
-
-
-def _key(name: str) -> str:
-    """A key as TOML writes it: names of files need quotes."""
-    return name if name.isidentifier() and name.isascii() else json.dumps(name)
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{_key(key)} = {_toml(each)}" for key, each in value.items()) + " }"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return str(value) if isinstance(value, float) else json.dumps(value)
-
-
 def probabilities(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
     """P_f with its interval against each parameter, one panel each."""
     figure, axes = _panels(parameters)
@@ -219,14 +196,7 @@ def _sweep(text: str) -> dict[str, list[float]]:
     table = tables_of(text).get("sweep")
     if not isinstance(table, dict) or not table:
         raise ValueError("the scene has no table [sweep]: give one, for example with lx = [10, 30, 60, 120]")
-    for name, values in table.items():
-        numbers = isinstance(values, list) and all(
-            type(value) in (int, float) and -1e30 < value < 1e30 for value in values
-        )
-        if not numbers or not values or len(set(values)) < len(values):
-            raise ValueError(f"[sweep] {name} = {shown(values)}: give a list of different numbers")
-        if name == "k_t" and not all(isinstance(value, int) and value >= 1 for value in values):
-            raise ValueError(f"[sweep] k_t = {shown(values)}: give whole numbers of 1 or more")
+    tables.read(tables.Sweep, table, "sweep")
     return table
 
 

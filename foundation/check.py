@@ -48,10 +48,12 @@ class Limit:
     def __str__(self) -> str:
         low = "" if self.least is None else f"from {self.least:g}"
         low = low if self.above is None else f"above {self.above:g}"
+        if self.least is not None and self.below is not None:
+            return f"a value of {self.least:g} or more and below {self.below:g}"
         if self.below is not None:
             return f"a value {low} and below {self.below:g}"
         if self.most is not None:
-            return f"a value {low} to {self.most:g}"
+            return f"a value {low}{' to' if self.above is None else ', up to'} {self.most:g}"
         return f"a finite value {low}".strip() if self.least is None else f"a finite value of {self.least:g} or more"
 
 

@@ -9,7 +9,7 @@ from benchmarks.invented import LAYERED, TERRAIN
 from cooperative import run, runs
 from cooperative.__main__ import main
 from cooperative.runs import check_coefficients, check_size, grid_size
-from cooperative.scene import LISTS, SECTIONS, parse, read_scene
+from cooperative.scene import SEVERAL, TABLES, parse, read_scene
 from cooperative.store import open_store, read_store
 from tests.test_campaign import SCENES, TINY, changed
 
@@ -100,7 +100,7 @@ def wrong_values():
     return [*numbers, '"text"', "true", "[]", "[1.0]", "[nan, nan]", "[[1]]", "{}", "1979-05-27", "'\\u001b'"]
 
 
-KEYS = [(section, key) for section, keys in SECTIONS.items() for key in keys]
+KEYS = [(section, key) for section, table in TABLES.items() for key in table.model_fields if section != "sweep"]
 
 
 @pytest.mark.parametrize(("section", "key"), KEYS, ids=[f"{section}-{key}" for section, key in KEYS])
@@ -122,7 +122,7 @@ def refusal(text):
 def with_value(section, key, value):
     """The small scene with one key of one table set, of the first where there are several."""
     drawn = {"ground": LAYERED, "layer": LAYERED, "water": LAYERED, "terrain": TERRAIN}
-    header = f"[[{section}]]" if section in LISTS else f"[{section}]"
+    header = f"[[{section}]]" if section in SEVERAL else f"[{section}]"
     lines, here, done = [], "", False
     for line in drawn.get(section, TINY).splitlines():
         if line.startswith("["):

@@ -17,10 +17,9 @@ from cooperative.__main__ import main
 from cooperative.reporting import _exports
 from cooperative.reporting import _geography as geography
 from cooperative.reporting._exports import export
-from cooperative.scene import parse
+from cooperative.scene import parse, to_toml
 from cooperative.scene._rasters import packed
 from cooperative.store import Sample, open_store, read_sample, read_store, write_sample
-from cooperative.sweep import to_toml
 
 UTM = (
     'PROJCS["WGS 84 / UTM zone 33N",GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],'

@@ -76,9 +76,9 @@ def test_each_group_takes_its_own(text):
         ([3], r"has 3 modes where energy = 0\.\d+ takes 7: delete the folder's measured\.json"),
         ([12], r"has 12 modes where energy = 0\.\d+ takes 7: delete"),
         ([7, 7], r"counts has 2 numbers for 1 expansions: delete"),
-        ([0], r"counts = \[0\]: give 1 or more"),
-        ([], r"counts = \[\] is a list: give a list of whole numbers"),
-        ([7.5], r"counts = \[7\.5\] is a list: give a list of whole numbers"),
+        ([0], r"(counts|terms) = \[0\]: give a list of whole numbers, each 1 or more"),
+        ([], r"(counts|terms) = \[\]: give a list of whole numbers"),
+        ([7.5], r"(counts|terms) = \[7\.5\]: give a list of whole numbers"),
     ],
 )
 def test_counts_that_are_not_of_this_field_are_refused(tmp_path, counts, said):

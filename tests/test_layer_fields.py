@@ -159,7 +159,10 @@ def test_terrain_has_such_layers():
 REFUSED = [
     ((FILL, "strength = { correlation = 'exponential' }"), r"strength has correlation, .* give its length here too"),
     ((FILL, "strength = { length = [6.0] }"), r"\[fill\]: strength length has 1 values: give 2"),
-    ((FILL, "strength = { length = [6.0, -1.0] }"), r"\[layer 1\]: \[soil.strength\] length of axis 1 = -1"),
+    (
+        (FILL, "strength = { length = [6.0, -1.0] }"),
+        r"\[layer 'fill'.strength\] length = \[6.0, -1.0\] m: give .*, one per axis, each a value above 0",
+    ),
     ((FILL, "strength = { length = [6.0, 2.0], sampled_at = 'cells' }"), "unknown key 'sampled_at'"),
     ((ROCK, ROCK + "\nstrength = { length = [6.0, 2.0] }"), "it is rock, which has no strength to vary"),
 ]

@@ -14,8 +14,7 @@ ROOMS = {
     "jaxmpm": "types tensors transfer laws boundary _step diagnostics soil setup ground run io",
     "kl": "types axis marginal sampling field soil plots",
     "cooperative": (
-        "store measure estimate scene runs effects summary folder hazard campaign reporting sweep research doctor "
-        "reference"
+        "store measure estimate scene runs effects summary folder hazard campaign reporting sweep research doctor"
     ),
 }
 ENTRANCES = {"cooperative": {"__main__", "_commands"}}

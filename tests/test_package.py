@@ -19,9 +19,8 @@ import kl
 from cooperative import doctor
 from cooperative.__main__ import main
 from cooperative._commands import EXAMPLES, parser
-from cooperative.reference import json_schema
 from cooperative.runs import _compiled, memory_mappings, release_programs
-from cooperative.scene import SCHEMA, example, examples, parse
+from cooperative.scene import SCHEMA, example, examples, json_schema, parse
 
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())

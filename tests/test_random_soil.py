@@ -463,7 +463,11 @@ REFUSED = [
         ("poisson = 0.3", "poisson = 0.3\nsoftening_strain = 0.2\nresidual_friction = 12.0"),
         r"residual_friction = 12 degrees, but friction comes down to 5\.49: give a residual of at most",
     ),
-    (SOFT, ("mean = 4.0", "mean = 6.0"), r"residual_friction reaches 7\.3.* degrees, but friction comes down to 5\.49"),
+    (
+        SOFT,
+        ("mean = 4.0", "mean = 6.0"),
+        r"\[soil.residual_friction\] reaches 7\.3.* degrees, but friction comes down to 5\.49",
+    ),
     (
         CRACKED,
         ("[soil.softening_modulus]\nmean = 85e3\ncov = 0.4\nlength = [20.0, 4.0]", ""),
@@ -483,7 +487,11 @@ REFUSED = [
     (SAND, ("young = 2e7", "young = 2e7\ngap_memory = true"), r"gap_memory has no say in soil without tension_cutoff"),
     (SAND, ("young = 2e7", "young = 2e7\nresidual_ratio = 0.5"), r"residual_ratio has no say in soil with cohesion"),
     (TINY, ("cov = 0.4", "cov = 0.4\ntrend = -5e3"), r"trend = -5000 per metre brings the mean of 30000 to -2e\+04"),
-    (TINY, ("cov = 0.4", "cov = 0.4\nbedding = { dip = 95.0 }"), r"\[strength.bedding\] dip = 95: give degrees"),
+    (
+        TINY,
+        ("cov = 0.4", "cov = 0.4\nbedding = { dip = 95.0 }"),
+        r"\[strength.bedding\] dip = 95 degrees: give a value from 0 to 90",
+    ),
     (TINY, ("cov = 0.4", "cov = 0.4\nbedding = { slope = 5.0 }"), r"\[strength.bedding\] has an unknown key 'slope'"),
     (TINY, ("cov = 0.4", "cov = 0.4\nboreholes = [[1.0, 35e3]]"), r"boreholes hold \[1.0, 35000.0\]: give 3 numbers"),
     (TINY, ("length = [20.0, 4.0]", "length = [nan, 4.0]"), r"\[strength\] length = \[nan, 4.0\]: give finite values"),

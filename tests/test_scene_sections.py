@@ -113,18 +113,24 @@ REFUSED = [
     (("depth = 1.0", ""), "all but the last with their bottom, depth or thickness"),
     (
         ("rock = true", "rock = true\nstrength = { mean = 2e3 }"),
-        r"\[layer 3\]: it is rock, which has no strength to vary",
+        r"\[layer 'rock'\]: it is rock, which has no strength to vary",
     ),
     (
         ("mean = 40e3, cov = 0.1", "mean = -1.0"),
-        r"\[layer 1\]: \[soil.strength\] mean = -1: give a finite value above 0",
+        r"\[layer 'fill'.strength\] mean = -1: give a finite value above 0",
     ),
-    (("mean = 40e3, cov = 0.1", "men = 1.0"), r"\[layer 1.strength\] has an unknown key 'men' \(did you mean 'mean'"),
+    (
+        ("mean = 40e3, cov = 0.1", "men = 1.0"),
+        r"\[layer 'fill'.strength\] has an unknown key 'men' \(did you mean 'mean'",
+    ),
     (("[16.0, 2.0]", "[7.0, 2.0]"), r"surface turns back from \(8, 10\) to \(7, 2\) m"),
     (("[16.0, 2.0]", "[16.0]"), r"\[ground\] surface: point 3 is \[16.0\]: give \[x, z\]"),
     (("[32.0, 2.0]", "[32.0, inf]"), r"point 4 is \[32.0, inf\]"),
     (("[rough]", "[water]\nlevel = 1.0\nr_u = 0.2\n[rough]"), r"\[water\] has level and r_u: give one of"),
-    (("[rough]", "[water]\ndepth = -1.0\n[rough]"), r"\[water\] depth = -1 m: give 0 or more"),
+    (
+        ("[rough]", "[water]\ndepth = -1.0\n[rough]"),
+        r"\[water\] depth = -1 m: give a finite value of 0 or more, or a level for water",
+    ),
     (("[rough]", "[water]\nraster = 'a.asc'\n[rough]"), r"\[water\] raster is not for a scene with \[ground\]"),
     (("[rough]", "[water]\nr_u = 1.0\n[rough]"), r"\[water\] r_u = 1: give a value of 0 or more and below 1"),
     (
@@ -140,7 +146,7 @@ REFUSED = [
         r"\[water\] table lies below the base at 0 m everywhere, at -1 m and lower, and wets nothing: leave \[water\]",
     ),
     (('fields = "both"', 'fields = "both"\nmodes = "both"'), "only a slope with its toe has"),
-    (("[ground]", "[ground]\nwalls = [1.0]"), r"\[ground\] walls = \(1.0,\): give two"),
+    (("[ground]", "[ground]\nwalls = [1.0]"), r"\[ground\] walls = \[1.0\]: give two numbers, the lower one first"),
     (("[ground]", "[ground]\nwalls = [-2.0, 32.0]"), r"surface ends at \(0, 10\) m, 2 m from the wall at x = -2 m"),
 ]
 
@@ -169,8 +175,8 @@ def test_every_wrong_key_is_named_at_once():
         "'nu' (did you mean 'poisson'?)",
         "'cof' (did you mean 'cov'?)",
         "'lx' (did you mean 'length'?)",
-        "[layer 1] has an unknown key 'dept' (did you mean 'depth'?)",
-        "'softening' (did you mean strain_95 (exponential) or softening_modulus (linear)?)",
+        "[layer 'fill'] has an unknown key 'dept' (did you mean 'depth'?)",
+        "'softening' (did you mean softening_modulus (linear) or strain_95 (exponential)?)",
         "'seed' (did you mean 'seed' of [campaign]?)",
         "[soil] lacks poisson",
     ):

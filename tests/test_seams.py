@@ -95,6 +95,9 @@ def test_a_scene_gives_its_base_a_strength():
     scene, _ = built(parse(INTERFACE), "rough", at_rest=False)
     assert np.isclose(scene.wall_friction, np.tan(np.radians(12.0)))
     assert np.isclose(scene.wall_cohesion, 3e3)
-    for wrong, message in (("70.0", "interface's friction = 70"), ("0.2", "friction = 0.2 degrees, below 1.6")):
+    for wrong, message in (
+        ("70.0", r"\[ground.interface\] friction = 70 degrees: give a value from 0 to 60"),
+        ("0.2", "friction = 0.2 degrees, below 1.6"),
+    ):
         with pytest.raises(ValueError, match=message):
             parse(changed(INTERFACE, ("friction = 12.0", f"friction = {wrong}")))

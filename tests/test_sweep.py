@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks import invented
 from cooperative import runs, sweep
-from cooperative.scene import parse
+from cooperative.scene import parse, to_toml
 from cooperative.store import read_rows, read_store
 from cooperative.summary import summarise
 from tests.test_campaign import TINY
@@ -115,8 +115,11 @@ def test_the_folder_of_another_sweep_is_refused(tmp_path, monkeypatch):
         (("lx = [10, 20.0]", "lx = [10, 10]"), "list of different numbers"),
         (("lx = [10, 20.0]", "lx = []"), "list of different numbers"),
         (("lx = [10, 20.0]", "lx = 10"), "list of different numbers"),
-        (("lx = [10, 20.0]", "lx = [-1]"), r"length of axis 0 = -1"),
-        (("k_t = [1, 2]", "k_t = [0, 2]"), "whole numbers of 1 or more"),
+        (
+            ("lx = [10, 20.0]", "lx = [-1]"),
+            r"lx = \[-1\] m: give a list of different numbers, each a finite value above 0",
+        ),
+        (("k_t = [1, 2]", "k_t = [0, 2]"), "different whole numbers, each 1 or more"),
         (("seed = 3", 'seed = 3\ncoefficients = "sobol"'), "take 'latin hypercube'"),
         (("samples = 6", "samples = 40\nreplicates = 2"), "replicates = 2 is for"),
         (("samples = 6", "samples = six"), "not valid TOML"),
@@ -136,9 +139,9 @@ def test_a_campaign_refuses_a_sweep():
 
 def test_toml_written_reads_back_the_same():
     tables = tomllib.loads(TINY)
-    assert tomllib.loads(sweep.to_toml(tables)) == tables
+    assert tomllib.loads(to_toml(tables)) == tables
     odd = {"name": 'a "quoted" name, ü', "run": {"settle": False, "t_end": 1e22, "x": [1, 2.5]}}
-    assert tomllib.loads(sweep.to_toml(odd)) == odd
+    assert tomllib.loads(to_toml(odd)) == odd
 
 
 @pytest.mark.parametrize(("scene", "campaigns"), [("section_sweep", 7), ("paper_sweep", 11)])

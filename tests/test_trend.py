@@ -98,7 +98,7 @@ def test_a_layer_may_count_its_trend_from_elsewhere():
             "trend_from = 0.0",
             r"\[strength\] trend_from = 0 m is not above the base of the ground at 0 m",
         ),
-        (SCENE, 'trend_from = "top"', r"trend_from = 'top' is text: give a number, or 'surface', or 'layer'"),
+        (SCENE, 'trend_from = "top"', r"trend_from = 'top' is text: give a number, or one of 'surface', 'layer'"),
         (
             SCENE.replace("trend = 1.5e3", ""),
             "trend_from = 8.0",

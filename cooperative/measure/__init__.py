@@ -10,7 +10,7 @@ from cooperative.measure._consequences import (
 )
 from cooperative.measure._modes import SEVERITY, FailureMode, ModeRules, failure_mode
 from cooperative.measure._onsets import Motion
-from cooperative.measure._places import ColumnPlan, Place, Vulnerability, quantity
+from cooperative.measure._places import ColumnPlan, Intensity, Place, Vulnerability, quantity
 from cooperative.measure._track import Track
 
 __all__ = [
@@ -19,6 +19,7 @@ __all__ = [
     "ColumnPlan",
     "Consequences",
     "FailureMode",
+    "Intensity",
     "ModeRules",
     "Motion",
     "OpenGround",

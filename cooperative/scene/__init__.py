@@ -3,7 +3,7 @@
 from cooperative.scene._budget import allowing, kept_budget, raised, write_budget
 from cooperative.scene._campaign import Budget, Calibration, Campaign, LimitLoad, Measured, Plan
 from cooperative.scene._examples import NAMED, SCHEMA, begin, example, examples, starters, write_example
-from cooperative.scene._hazard import EXPOSED, HAZARD, Hazard
+from cooperative.scene._hazard import Hazard
 from cooperative.scene._measured import (
     factors_of_safety,
     measure,
@@ -12,55 +12,30 @@ from cooperative.scene._measured import (
     taking,
     with_measured,
 )
-from cooperative.scene._schema import (
-    LINE,
-    LISTS,
-    NAMES,
-    OPTIONAL,
-    RASTER,
-    REQUIRED,
-    ROWS,
-    SECTIONS,
-    SITES,
-    UNSAID,
-    Key,
-    Table,
-)
+from cooperative.scene._page import SEVERAL, TABLES, json_schema, markdown
 from cooperative.scene._site import Site, SiteLayer
 from cooperative.scene._soil import TAIL, CrossCorrelation, RandomField, gaussian_root, steepest
 from cooperative.scene._stored import campaign_of, with_defaults
-from cooperative.scene._text import read_scene, tables_of
+from cooperative.scene._text import read_scene, tables_of, to_toml
 from cooperative.scene._typed import built, parse
 
 __all__ = [
-    "EXPOSED",
-    "HAZARD",
-    "LINE",
-    "LISTS",
     "NAMED",
-    "NAMES",
-    "OPTIONAL",
-    "RASTER",
-    "REQUIRED",
-    "ROWS",
     "SCHEMA",
-    "SECTIONS",
-    "SITES",
+    "SEVERAL",
+    "TABLES",
     "TAIL",
-    "UNSAID",
     "Budget",
     "Calibration",
     "Campaign",
     "CrossCorrelation",
     "Hazard",
-    "Key",
     "LimitLoad",
     "Measured",
     "Plan",
     "RandomField",
     "Site",
     "SiteLayer",
-    "Table",
     "allowing",
     "begin",
     "built",
@@ -69,7 +44,9 @@ __all__ = [
     "examples",
     "factors_of_safety",
     "gaussian_root",
+    "json_schema",
     "kept_budget",
+    "markdown",
     "measure",
     "measure_limit_load",
     "parse",
@@ -80,6 +57,7 @@ __all__ = [
     "stored_measured",
     "tables_of",
     "taking",
+    "to_toml",
     "with_defaults",
     "with_measured",
     "write_budget",

@@ -13,7 +13,7 @@ from jax.typing import ArrayLike
 
 from cooperative.estimate import Estimator, Sampling
 from cooperative.scene._hazard import Hazard
-from cooperative.scene._site import Site, SiteLayer, ask_of_seams, refuse_dry, refuse_saturated
+from cooperative.scene._site import Site, SiteLayer, check_site
 from cooperative.scene._soil import CrossCorrelation, RandomField, check_cross_correlation
 from jaxmpm import Discretisation, Settle, ground
 
@@ -183,9 +183,7 @@ class Campaign:
 def check_campaign(campaign: Campaign) -> None:
     """Ranges that no builder looks at."""
     ground.check_ground(campaign.site.shape)
-    refuse_saturated(campaign.site, campaign.soil)
-    refuse_dry(campaign.site, campaign.soil)
-    ask_of_seams(campaign.site, campaign.grids["refined"].cell)
+    check_site(campaign.site, campaign.soil, campaign.grids["refined"].cell)
     run, plan, dimension = campaign.run, campaign.plan, campaign.dimension
     _above_zero("run", {name: getattr(run, name) for name in ("t_end", "gravity", "failure_displacement")})
     if run.slides_t_end is not None and not run.t_end <= run.slides_t_end < float("inf"):

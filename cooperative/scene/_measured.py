@@ -25,25 +25,21 @@ from typing import Any, Protocol
 
 import jax
 
+from cooperative.scene import tables
 from cooperative.scene._campaign import Calibration, Campaign, LimitLoad, Measured, check_failure
-from cooperative.scene._schema import CALIBRATION, FIELD_MODES, LIMIT_LOAD, read
 from cooperative.store import MOST_TEXT, write_aside
 from foundation import files
 from jaxmpm import Scene, Settle, State, diagnostics, factor_of_safety, reduced, solve
 
 NAME = "measured.json"
 
-TABLES: dict[str, tuple[str, str, Callable[[Any], Any]]] = {
-    "terms": ("field_modes", "numbers of terms", lambda table: read("field_modes", table, FIELD_MODES)["counts"]),
-    "calibration": (
-        "calibration",
-        "two factors of safety",
-        lambda table: Calibration(**read("calibration", table, CALIBRATION)),
-    ),
-    "limit_load": ("limit_load", "limit load", lambda table: LimitLoad(**read("limit_load", table, LIMIT_LOAD))),
+TABLES: dict[str, tuple[str, str, type[Any]]] = {
+    "terms": ("field_modes", "numbers of terms", tables.FieldModes),
+    "calibration": ("calibration", "two factors of safety", tables.Calibration),
+    "limit_load": ("limit_load", "limit load", tables.LimitLoad),
 }
 """By field of `Measured`: the table that a scene may give it in, which names the file in folders of earlier versions;
-what it is, in messages; and how the table is read."""
+what it is, in messages; and the model of the table."""
 
 SHARE = 0.05
 """Least volume that counts as a failure where the scene does not give one, over the height of the slope to the power of
@@ -61,12 +57,9 @@ class Grid(Protocol):
         """Scene and initial state of the median soil."""
 
 
-def given_measured(tables: Mapping[str, Any]) -> Measured:
-    """What the tables of a scene give. Raises ValueError for keys and numbers that will not do."""
-    values = {name: read_table(tables[table]) for name, (table, _, read_table) in TABLES.items() if table in tables}
-    given = Measured(**values)
-    given.check()
-    return given
+def given_measured(scene: tables.Scene) -> Measured:
+    """What a scene gives."""
+    return Measured(**{name: _value(getattr(scene, table)) for name, (table, _, _) in TABLES.items()})
 
 
 def stored_measured(folder: Path, wanted: Sequence[str] = tuple(TABLES)) -> Measured:
@@ -198,23 +191,27 @@ def _factors_at_once() -> int:
     return 2 if jax.default_backend() == "cpu" else 8
 
 
+def _value(table: tables.FieldModes | tables.Calibration | tables.LimitLoad | None) -> Any:
+    """A field of `Measured` from its table."""
+    if isinstance(table, tables.FieldModes):
+        return table.counts
+    kind = Calibration if isinstance(table, tables.Calibration) else LimitLoad
+    return None if table is None else kind(**dict(table))
+
+
 def _of_file(content: Any) -> Measured:
     """The numbers in `measured.json`, checked as those of a scene are."""
-    if not isinstance(content, dict) or not content.keys() <= TABLES.keys():
-        raise ValueError(f"give an object of {', '.join(TABLES)}")
-    tables = {TABLES[name][0]: value for name, value in content.items()}
-    if "terms" in content:
-        tables["field_modes"] = {"counts": content["terms"]}
-    return given_measured(tables)
+    table = tables.read(tables.Measured, content, "measured")
+    return Measured(table.terms, _value(table.calibration), _value(table.limit_load))
 
 
 def _earlier(name: str, path: Path) -> Any:
     """The one field of `Measured` that a file of an earlier version holds."""
-    table, what, _ = TABLES[name]
-    return getattr(_checked(path, what, lambda content: given_measured({table: content})), name)
+    table, what, model = TABLES[name]
+    return _checked(path, what, lambda content: _value(tables.read(model, content, table)))
 
 
-def _checked(path: Path, what: str, measured: Callable[[Any], Measured]) -> Measured:
+def _checked(path: Path, what: str, measured: Callable[[Any], Any]) -> Any:
     """What a file holds. Raises ValueError where it is damaged."""
     try:
         return measured(json.loads(files.read_plain(path, MOST_TEXT)))

@@ -31,7 +31,7 @@ def packed(name: str, raster: Raster) -> dict[str, Any]:
     return table | {"heights": base64.b64encode(data).decode()}
 
 
-def unpacked(where: str, table: Any) -> Raster:
+def unpacked(table: Any) -> Raster:
     """The raster in a table of a scene. ValueError for one that holds something else, or less than it says."""
     try:
         (nx, ny), (x, y), step = table["shape"], table["corner"], table["step"]
@@ -47,8 +47,6 @@ def unpacked(where: str, table: Any) -> Raster:
         heights = np.frombuffer(data, "<f4").astype(float).reshape(nx, ny)
         found = Raster(heights, (float(x), float(y)), float(step), projection)
     except (AttributeError, TypeError, KeyError, ValueError, OverflowError, zlib.error, binascii.Error) as error:
-        raise ValueError(
-            f"{where}: its table in [files] is damaged ({shown(str(error))}): run the scene's file"
-        ) from error
-    found.check(where)
+        raise ValueError(f": its table in [files] is damaged ({shown(str(error))}): run the scene's file") from error
+    found.check("")
     return found

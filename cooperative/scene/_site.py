@@ -3,21 +3,19 @@ layer's strength."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from cooperative.measure import Track
-from cooperative.scene._rasters import unpacked
-from cooperative.scene._schema import OF_A_FIELD, OF_GROUND, SECTIONS, SITES, in_words, read
-from cooperative.scene._soil import RandomField, Span, StrengthByStress, ask, rock_of, soil_of
+from cooperative.scene import tables
+from cooperative.scene._soil import RandomField, Span, StrengthByStress, ask, soil_of_layer
 from foundation.text import shown
 from jaxmpm import (
     AnySoil,
     Discretisation,
-    FrictionalSoil,
     Ground,
     Interface,
     Layer,
@@ -25,14 +23,11 @@ from jaxmpm import (
     Scene,
     Section,
     Slope,
-    Soil,
     State,
     Terrain,
     Thickness,
     ground,
 )
-
-MOST_LAYERS = 100
 
 DEEPEST_POOL = 10.0
 """Depth of water on the ground up to which it is believed, over the height of the ground above its base."""
@@ -179,19 +174,12 @@ def _at_least_strength(soil: Any) -> AnySoil:
     return replace(soil, strength=soil.strength_minimum, strength_ratio=None, strength_minimum=None)
 
 
-def refuse_dry(site: Site, soil: AnySoil) -> None:
-    """Raise ValueError for a strength that goes with the effective stress, in ground of which no water is known."""
-    ratios = [each.ratio for each in site.by_stress(soil) or () if each is not None]
-    if ratios and site.water is None and site.r_u is None:
-        raise ValueError(
-            f"[soil] strength_ratio = {ratios[0]:g} without [water], and the effective stress is not known without a "
-            f"table: draw the slope as [ground], and add [water] with a level, table, depth or r_u; level = "
-            f"{site.span[0]:g}, that of the base, is dry soil"
-        )
+def check_site(site: Site, soil: AnySoil, cell: float) -> None:
+    """Raise ValueError for ground and soil that do not go together.
 
-
-def refuse_saturated(site: Site, soil: AnySoil) -> None:
-    """Raise ValueError for a saturated unit weight in ground without a water table, where no soil would have it."""
+    A saturated unit weight in ground without a water table, where no soil would have it; a strength that goes with the
+    effective stress, in ground of which no water is known; a weak layer too thin for the cells (m) of the refined grid.
+    """
     for each in site.soils(soil):
         saturated = getattr(each.soil, "saturated_unit_weight", None)
         if saturated is not None and site.water is None:
@@ -201,75 +189,53 @@ def refuse_saturated(site: Site, soil: AnySoil) -> None:
                 else "beside r_u, which knows no water table: let unit_weight be that of soil and its water"
             )
             raise ValueError(f"[soil] saturated_unit_weight = {saturated:g} N/m3 has no say {why}, or leave it out")
-
-
-def ask_of_seams(site: Site, cell: float) -> None:
-    """Raise ValueError for a weak layer too thin for the cells (m) of the refined grid."""
-    for each, thickness in zip(site.layers, site.thicknesses, strict=True):
+    ratios = [each.ratio for each in site.by_stress(soil) or () if each is not None]
+    if ratios and site.water is None and site.r_u is None:
+        raise ValueError(
+            f"[soil] strength_ratio = {ratios[0]:g} without [water], and the effective stress is not known without a "
+            f"table: draw the slope as [ground], and add [water] with a level, table, depth or r_u; level = "
+            f"{site.span[0]:g}, that of the base, is dry soil"
+        )
+    for layer, thickness in zip(site.layers, site.thicknesses, strict=True):
         asked = thickness.too_thin(cell)
-        if asked is not None and not getattr(each.layer.soil, "unusual", False):
-            raise ValueError(f"[{each.name}] {asked} If it is meant as it is, say unusual = true in [soil]")
+        if asked is not None and not getattr(layer.layer.soil, "unusual", False):
+            raise ValueError(f"[{layer.name}] {asked} If it is meant as it is, say unusual = true in [soil]")
 
 
-def refuse_both(tables: Mapping[str, Any]) -> None:
-    """Raise ValueError for a scene without ground, with two, or with tables that its ground does not have."""
-    given = [name for name in SITES if name in tables]
-    if len(given) != 1:
-        said = f"has both {' and '.join(f'[{name}]' for name in given)}" if given else "says no ground"
-        raise ValueError(f"the scene {said}: give one of {', '.join(f'[{name}]' for name in SITES)}")
-    for name in OF_GROUND:
-        if name in tables and "slope" in given:
-            raise ValueError(f"[{name}] is for a scene with [ground], not with [slope]: draw the slope as a surface")
+def site_of(scene: tables.Scene) -> Site:
+    """The ground of a scene, without its layers. Raises ValueError for values and lines that will not do."""
+    if scene.slope is not None:
+        values = dict(scene.slope)
+        ends = values.pop("y_ends")
+        return Site(Slope(**values), ends)
+    return _section(scene, scene.ground) if scene.ground is not None else _terrain(scene, scene.terrain)
 
 
-def site_of(tables: Mapping[str, Any], random: Callable[[Site], Mapping[str, RandomField]]) -> Site:
-    """The ground of a scene's tables.
-
-    random: what varies in the soil of the whole scene, once its ground is known. Raises ValueError for keys, values and
-    lines that will not do.
-    """
-    if "slope" in tables:
-        said = read("slope", tables["slope"], SECTIONS["slope"])
-        ends = said.pop("y_ends")
-        return Site(Slope(**said), ends)
-    site = _terrain(tables) if "terrain" in tables else _section(tables)
-    return replace(site, layers=_layers(tables, site, random))
-
-
-def _section(tables: Mapping[str, Any]) -> Site:
-    said, line = read("ground", tables["ground"], SECTIONS["ground"]), _drawn(tables)
-    if said["walls"] is not None and len(said["walls"]) != 2:
-        raise ValueError(f"[ground] walls = {shown(said['walls'])}: give two, left and right")
-    contact = None if said["interface"] is None else Interface(**said["interface"])
-    if contact is not None and not tables["soil"].get("unusual", False):
+def _section(scene: tables.Scene, table: tables.Ground) -> Site:
+    values = dict(table)
+    surface, ends = _line(scene, "[ground] surface", values.pop("surface")), values.pop("ends")
+    contact = None if table.interface is None else Interface(**dict(table.interface))
+    if contact is not None and not scene.soil.unusual:
         for name in ("friction", "cohesion"):
-            ask(f"[ground] interface {name}", name, getattr(contact, name))
-    surface = line("[ground] surface", said["surface"])
-    shape = Section(surface, **{key: said[key] for key in ("base", "walls", "toe", "crest")}, interface=contact)
+            ask(f"[ground.interface] {name}", name, getattr(contact, name))
+    shape = Section(**{**values, "surface": surface, "interface": contact})
     try:
         shape.check()
     except ValueError as error:
         raise ValueError(f"[ground] {error}") from error
-    return Site(shape, said["ends"], (), *_water(tables, shape))
+    return Site(shape, ends, (), *_water(scene, shape))
 
 
-def _terrain(tables: Mapping[str, Any]) -> Site:
-    said = read("terrain", tables["terrain"], SECTIONS["terrain"])
-    surface = _heights(tables, "[terrain] surface", said["surface"])
-    walls = {axis: said[axis] for axis in "xy" if said[axis] is not None}
-    for axis, ends in walls.items():
-        if len(ends) != 2:
-            raise ValueError(f"[terrain] {axis} = {shown(ends)}: give two walls, low and high")
-    if said["step"] is not None and not said["step"] > 0:
-        raise ValueError(f"[terrain] step = {said['step']:g}: give metres above 0")
-    if said["cut"] == "free" and said["polygon"] is None:
+def _terrain(scene: tables.Scene, table: tables.Terrain | None) -> Site:
+    assert table is not None  # a scene has one ground
+    walls = {axis: ends for axis, ends in (("x", table.x), ("y", table.y)) if ends is not None}
+    if table.cut == "free" and table.polygon is None:
         raise ValueError("[terrain] cut = 'free' has no say without a polygon, a depth is always fixed: leave it out")
-    shape = Terrain(surface, said["base"], **walls, **{key: said[key] for key in ("polygon", "depth", "cut")})
+    surface = _heights(scene, "[terrain] surface", table.surface)
+    shape = Terrain(surface, table.base, **walls, polygon=table.polygon, depth=table.depth, cut=table.cut)
     shape.check()
-    origin = (0.0, 0.0) if said["origin"] is None else said["origin"]
-    if len(origin) != 2:
-        raise ValueError(f"[terrain] origin = {shown(origin)}: give x and y")
-    return Site(shape, said["ends"], (), *_water(tables, shape), _track(said["run_out_line"], shape), origin)
+    origin = (0.0, 0.0) if table.origin is None else table.origin
+    return Site(shape, table.ends, (), *_water(scene, shape), _track(table.run_out_line, shape), origin)
 
 
 def _track(points: tuple[tuple[float, ...], ...] | None, shape: Terrain) -> Track | None:
@@ -292,114 +258,49 @@ def _track(points: tuple[tuple[float, ...], ...] | None, shape: Terrain) -> Trac
         raise ValueError(f"{where}: {error}") from error
 
 
-def _layers(
-    tables: Mapping[str, Any], site: Site, random: Callable[[Site], Mapping[str, RandomField]]
-) -> tuple[SiteLayer, ...]:
-    """The layers that a scene draws. What one does not say of its soil is that of the whole scene."""
-    found, line = [], _drawn(tables)
-    for number, table in enumerate(listed("layer", tables), 1):
-        where = f"layer {number}"
-        said = read(where, table, SECTIONS["layer"])
-        if said["bottom"] is not None and said["raster"] is not None:
+def layers_of(scene: tables.Scene, site: Site, random: Mapping[str, RandomField]) -> tuple[SiteLayer, ...]:
+    """The layers that a scene draws. What one does not give of its soil is that of the whole scene.
+
+    random: what varies in the soil of the whole scene. Raises ValueError for layers that will not do.
+    """
+    found = []
+    for number, table in enumerate(scene.layer, 1):
+        where = f"layer {number}" if table.name is None else f"layer {shown(table.name)}"
+        if table.bottom is not None and table.raster is not None:
             raise ValueError(f"[{where}] has both bottom and raster: give one of them")
-        bottom = line(f"[{where}] bottom", said["bottom"])
-        if said["raster"] is not None:
-            bottom = _heights(tables, f"[{where}] raster", said["raster"])
+        bottom = _line(scene, f"[{where}] bottom", table.bottom)
+        if table.raster is not None:
+            bottom = _heights(scene, f"[{where}] raster", table.raster)
         try:
-            soil, varies = _soil(tables, table, site, random(site), rock=said["rock"])
+            soil, varies, own = soil_of_layer(scene, table, random, height=site.height, span=site.span)
         except ValueError as error:
             raise ValueError(f"[{where}]: {error}") from error
-        layer = Layer(soil, bottom, said["depth"], said["thickness"])
-        stops = tuple(name for name in varies if "length" in _of_its_own(table, name))
-        found.append(SiteLayer(said["name"] or where, layer, varies, said["rock"], stops))
+        layer = Layer(soil, bottom, table.depth, table.thickness)
+        found.append(SiteLayer(table.name or where, layer, varies, table.rock, own))
     return tuple(found)
 
 
-def _soil(
-    tables: Mapping[str, Any], table: Mapping[str, Any], site: Site, random: Mapping[str, RandomField], *, rock: bool
-) -> tuple[Soil | FrictionalSoil, Mapping[str, RandomField]]:
-    """A layer's soil and what varies in it: its own table over those of the scene."""
-    own = {key: value for key, value in table.items() if key in SECTIONS["soil"]}
-    whole = {**tables["soil"], **({"strength": tables["strength"]} if "strength" in tables else {})}
-    given = {"strength", "strength_ratio"} & own.keys()
-    replaced = {"strength", "strength_ratio", "strength_minimum"} - own.keys() if given else set()
-    merged = {key: value for key, value in whole.items() if key not in replaced} | own
-    for name, value in own.items():
-        if isinstance(value, dict) and isinstance(whole.get(name), dict):
-            stops = _of_its_own(table, name)
-            # Measured values are of one field.
-            left_out = ("boreholes", "borehole_error") if stops else ()
-            merged[name] = {key: said for key, said in whole[name].items() if key not in left_out} | value
-            if stops and "length" not in stops:
-                raise ValueError(f"{name} has {stops[0]}, which is of a field of its own: give its length here too")
-    if rock:
-        if said := [key for key, value in own.items() if isinstance(value, dict)]:
-            raise ValueError(f"it is rock, which has no {said[0]} to vary: leave that table out")
-        return rock_of(read("soil", merged, SECTIONS["soil"]), height=site.height), {}
-    soil, found = soil_of(
-        read("soil", merged, SECTIONS["soil"]), merged, None, height=site.height, span=site.span,
-        must_vary=False,
-    )  # fmt: skip
-    for name, field in found.items():
-        if name not in random:
-            raise ValueError(f"{name} varies, and in [soil] it does not: make it a table there too")
-        alike = (field.mean, field.cov, field.marginal) == tuple(
-            getattr(random[name], key) for key in ("mean", "cov", "marginal")
-        )
-        if not alike and not _of_its_own(table, name) and (field.nataf or field.boreholes is not None):
-            raise ValueError(
-                f"{name} has nataf or boreholes in [soil], which are of one distribution throughout: leave them out, "
-                "or give this layer no distribution of its own, or a field of its own by its length"
-            )
-    return soil, found
-
-
-def _of_its_own(table: Mapping[str, Any], parameter: str) -> list[str]:
-    """What a layer's table says of a parameter that only a field of its own has."""
-    said = table.get(parameter)
-    return [key for key in OF_A_FIELD if key in said] if isinstance(said, dict) else []
-
-
-def listed(name: str, tables: Mapping[str, Any]) -> Sequence[Any]:
-    """The tables [[name]] of a scene. ValueError for what are none, or too many."""
-    found = tables.get(name, [])
-    if not isinstance(found, list):
-        raise ValueError(f"[{name}] is {in_words(found)}: write [[{name}]], once for each")
-    if len(found) > MOST_LAYERS:
-        raise ValueError(f"the scene has {len(found)} tables [[{name}]], the limit is {MOST_LAYERS}: give fewer")
-    return found
-
-
-def _water(tables: Mapping[str, Any], shape: Section | Terrain) -> tuple[Any, float | None]:
+def _water(scene: tables.Scene, shape: Section | Terrain) -> tuple[Any, float | None]:
     """Level or table of the water, and r_u."""
-    if "water" not in tables:
+    if scene.water is None:
         return None, None
-    said = read("water", tables["water"], SECTIONS["water"])
-    other, table = ("table", "terrain") if "terrain" in tables else ("raster", "ground")
-    if said[other] is not None:
-        raise ValueError(f"[water] {other} is not for a scene with [{table}]: give level, depth, r_u or "
-                         f"{'raster' if other == 'table' else 'table'}")  # fmt: skip
-    given = {key: value for key, value in said.items() if value is not None}
+    drawn, other, table = ("table", "raster", "ground") if scene.terrain is None else ("raster", "table", "terrain")
+    if getattr(scene.water, other) is not None:
+        raise ValueError(f"[water] {other} is not for a scene with [{table}]: give level, depth, r_u or {drawn}")
+    given = {key: value for key, value in scene.water if value is not None}
     if len(given) != 1:
-        raise ValueError(f"[water] has {' and '.join(given) or 'nothing'}: give one of level, depth, r_u and "
-                         f"{'raster' if other == 'table' else 'table'}")  # fmt: skip
+        raise ValueError(f"[water] has {' and '.join(given) or 'nothing'}: give one of level, depth, r_u and {drawn}")
     ((key, value),) = given.items()
     if key == "r_u":
-        if not 0 <= value < 1:
-            raise ValueError(f"[water] r_u = {value:g}: give a value of 0 or more and below 1")
         return None, value
     water: Any = value
     if key == "table":
-        water = _drawn(tables)("[water] table", value)
+        water = _line(scene, "[water] table", value)
     elif key == "raster":
-        water = _heights(tables, "[water] raster", value)
+        water = _heights(scene, "[water] raster", value)
     elif key == "depth":
-        if value < 0:
-            raise ValueError(
-                f"[water] depth = {value:g} m: give 0 or more, or a level for water that stands on the ground"
-            )
         water = shape.lowered(value)
-    if not tables["soil"].get("unusual", False):
+    if not scene.soil.unusual:
         _ask_of_water(f"[water] {key}", water, shape)
     return water, None
 
@@ -424,25 +325,17 @@ def _ask_of_water(where: str, water: float | Sequence[Sequence[float]] | Raster,
         )
 
 
-def _heights(tables: Mapping[str, Any], where: str, name: str) -> Raster:
+def _heights(scene: tables.Scene, where: str, name: str) -> Raster:
     """The raster in a file that was read with the scene."""
-    kept = tables.get("files", {})
-    if not isinstance(kept, dict) or name not in kept:
+    found = scene.files.get(name)
+    if not isinstance(found, Raster):
         raise ValueError(f"{where} = {shown(name)} is no file that was read with the scene: run the scene's own file")
-    return unpacked(where, kept[name])
+    return found
 
 
-def _drawn(tables: Mapping[str, Any]) -> Callable[[str, Any], Any]:
-    """Gives a line its points, where it is named after a file that was read with the scene."""
-
-    def line(where: str, value: Any) -> Any:
-        if not isinstance(value, str):
-            return value
-        files = tables.get("files", {})
-        if not isinstance(files, dict) or value not in files:
-            raise ValueError(
-                f"{where} = {shown(value)} is no file that was read with the scene: give points [[x, z], ...]"
-            )
-        return read("files", {"points": files[value]}, {"points": SECTIONS["ground"]["surface"]})["points"]
-
-    return line
+def _line(scene: tables.Scene, where: str, value: Any) -> Any:
+    """The points of a line, also of one that is named after a file that was read with the scene."""
+    found = scene.files.get(value) if isinstance(value, str) else value
+    if isinstance(found, Raster) or (found is None and value is not None):
+        raise ValueError(f"{where} = {shown(value)} is no file that was read with the scene: give points [[x, z], ...]")
+    return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from types import MappingProxyType
@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import kl
-from cooperative.scene._schema import UNSAID
+from cooperative.scene import tables
 from foundation.text import shown
 from jaxmpm import Believed, FrictionalSoil, Soil, soil_limits, unit_slip
 
@@ -133,76 +133,137 @@ class CrossCorrelation:
     nataf: bool = False
 
 
+Place = Callable[[str], str]
+"""Gives the name of a parameter as messages have it: with the table of the scene in which it stands."""
+
+
+def in_scene(soil: tables.Soil, strength: tables.Varying | None) -> Place:
+    """Names of the parameters that stand in `[soil]`, or `[strength]`."""
+
+    def place(name: str) -> str:
+        if name == "strength" and strength is not None:
+            return "[strength]"
+        return f"[soil.{name}]" if isinstance(getattr(soil, name), tables.Varying) else f"[soil] {name}"
+
+    return place
+
+
 def soil_of(
-    table: Mapping[str, Any],
-    given: Collection[str],
-    strength: Mapping[str, Any] | None,
-    *,
-    height: float,
-    span: Span,
-    must_vary: bool = True,
+    table: tables.Soil, place: Place, *, height: float, span: Span, must_vary: bool = True
 ) -> tuple[Soil | FrictionalSoil, Mapping[str, RandomField]]:
     """The soil with the means of what varies, and the fields by parameter.
 
-    table: values of `[soil]`. given: the keys that the scene says. strength: values of `[strength]`, None without.
-    height: of the slope (m). span: of the ground. must_vary: whether something has to. Raises
-    ValueError for parameters that no soil has, that do not go together or whose numbers betray another unit, and for
-    fields whose values leave their limits.
+    table: `[soil]`, with the strength of `[strength]`. place: names its parameters. height: of the slope (m). span: of
+    the ground. must_vary: whether something has to. Raises ValueError for parameters that no soil
+    has, that do not go together or whose numbers betray another unit, and for fields whose values leave their limits.
     """
-    said, random = {**table}, {}
-    unusual, places = said["unusual"], {name: f"[soil.{name}]" for name in said}
-    if strength is not None:
-        if said["strength"] is not None:
-            raise ValueError("both [strength] and [soil] strength are given: leave one of them out")
-        said["strength"], places["strength"] = dict(strength), "[strength]"
-    _check_kind(said, given)
-    for name, value in said.items():
-        if isinstance(value, Mapping):
-            random[name] = _field(places[name], value)
-            _check_field(places[name], name, random[name], span, unusual)
-            said[name] = random[name].mean
-        elif name in LIMITS and isinstance(value, float):
-            _check_number(f"[soil] {name}", name, value, unusual)
+    values, random, unusual = dict(table), {}, table.unusual
+    _check_kind(values, table.model_fields_set, place)
+    for name, value in table:
+        if isinstance(value, tables.Varying):
+            random[name] = _field(value)
+            _check_field(place(name), name, random[name], span, unusual)
+            values[name] = value.mean
+        elif name in LIMITS and isinstance(value, float) and not unusual:
+            ask(place(name), name, value)
     for name, others in SOFTENED_BY.items():
-        if name in random and all(said[other] is None for other in others):
+        if name in random and all(values[other] is None for other in others):
             raise ValueError(
-                f"{places[name]} varies, but the soil does not soften: add {' or '.join(others)} to [soil], or leave "
+                f"{place(name)} varies, but the soil does not soften: add {' or '.join(others)} to [soil], or leave "
                 "it out"
             )
-    _check_saturated(said, random, unusual)
+    _check_saturated(values, random, place)
     if must_vary and not random:
         raise ValueError(
             "nothing in the scene is random: give at least one parameter of the soil as a table, such as "
             "[soil.cohesion] with mean, cov and length"
         )
-    _check_friction(said, random, span)
-    return _built(said, height), MappingProxyType({name: random[name] for name in LIMITS if name in random})
+    _check_friction(values, random, span, place)
+    return _built(values, height), MappingProxyType({name: random[name] for name in LIMITS if name in random})
 
 
-def rock_of(table: Mapping[str, Any], *, height: float) -> Soil | FrictionalSoil:
+def soil_of_layer(
+    scene: tables.Scene, layer: tables.Layer, random: Mapping[str, RandomField], *, height: float, span: Span
+) -> tuple[Soil | FrictionalSoil, Mapping[str, RandomField], tuple[str, ...]]:
+    """A layer's soil, the fields of what varies in it, and the parameters whose field stops at it: its own table over
+    those of the scene.
+
+    random: what varies in the soil of the whole scene. height, span: as for `soil_of`. Raises ValueError as it does,
+    and for what a layer cannot have.
+    """
+    whole = _given(scene.soil) | ({} if scene.strength is None else {"strength": scene.strength})
+    own = {key: value for key, value in _given(layer).items() if key in tables.Soil.model_fields}
+    given = {"strength", "strength_ratio"} & own.keys()
+    replaced = {"strength", "strength_ratio", "strength_minimum"} - own.keys() if given else set()
+    merged = {key: value for key, value in whole.items() if key not in replaced} | own
+    for name, value in own.items():
+        if isinstance(value, tables.Table):
+            stops = _of_its_own(layer, name)
+            # Measured values are of one field.
+            left_out = ("boreholes", "borehole_error") if stops else ()
+            below = whole.get(name)
+            inherited = _given(below) if isinstance(below, tables.Table) else {}
+            merged[name] = {key: each for key, each in inherited.items() if key not in left_out} | _given(value)
+            if stops and "length" not in stops:
+                raise ValueError(f"{name} has {stops[0]}, which is of a field of its own: give its length here too")
+    if layer.rock and (varies := [key for key, value in own.items() if isinstance(value, tables.Table)]):
+        raise ValueError(f"it is rock, which has no {varies[0]} to vary: leave that table out")
+    soil = tables.read(tables.Soil, merged, "layer")
+    if layer.rock:
+        return _rock(soil, height), {}, ()
+    above = in_scene(scene.soil, scene.strength)
+    found, varying = soil_of(
+        soil, lambda name: name if name in own else above(name), height=height, span=span, must_vary=False
+    )
+    for name, field in varying.items():
+        if name not in random:
+            raise ValueError(f"{name} varies, and in [soil] it does not: make it a table there too")
+        alike = (field.mean, field.cov, field.marginal) == tuple(
+            getattr(random[name], key) for key in ("mean", "cov", "marginal")
+        )
+        if not alike and not _of_its_own(layer, name) and (field.nataf or field.boreholes is not None):
+            raise ValueError(
+                f"{name} has nataf or boreholes in [soil], which are of one distribution throughout: leave them out, "
+                "or give this layer no distribution of its own, or a field of its own by its length"
+            )
+    return found, varying, tuple(name for name in varying if "length" in _of_its_own(layer, name))
+
+
+def _given(table: tables.Table) -> dict[str, Any]:
+    """What a scene gives of a table."""
+    return {name: getattr(table, name) for name in table.model_fields_set}
+
+
+def _of_its_own(layer: tables.Layer, parameter: str) -> list[str]:
+    """What a layer gives of a parameter that only a field of its own has."""
+    value = getattr(layer, parameter)
+    given = value.model_fields_set if isinstance(value, tables.Table) else ()
+    return [key for key in tables.OF_A_FIELD if key in given]
+
+
+def _rock(table: tables.Soil, height: float) -> Soil | FrictionalSoil:
     """A soil like that of the table, which does not yield: its strength is its Young's modulus, which no load of a
     slope can reach. What varies is at its mean. height: of the slope (m)."""
-    said = {name: value["mean"] if isinstance(value, Mapping) else value for name, value in table.items()}
-    said["unusual"] = True
-    said |= {"strength_ratio": None, "strength_minimum": None}
-    said["strength" if said["cohesion"] is None else "cohesion"] = said["young"]
-    return _built(said, height)
+    values = {name: value.mean if isinstance(value, tables.Varying) else value for name, value in table}
+    values |= {"unusual": True, "strength_ratio": None, "strength_minimum": None}
+    values["strength" if values["cohesion"] is None else "cohesion"] = values["young"]
+    return _built(values, height)
 
 
-def _check_kind(said: dict[str, Any], given: Collection[str]) -> None:
+def _check_kind(values: Mapping[str, Any], given: Collection[str], place: Place) -> None:
     """Clay has a strength, other soil cohesion and friction; ValueError for what has no say."""
-    frictional = [name for name in ("cohesion", "friction") if said[name] is not None]
-    undrained = [name for name in ("strength", "strength_ratio") if said[name] is not None]
+    frictional = [name for name in ("cohesion", "friction") if values[name] is not None]
+    undrained = [name for name in ("strength", "strength_ratio") if values[name] is not None]
     if frictional and undrained:
         raise ValueError(
-            f"[soil] {frictional[0]} is given beside a {undrained[0]}: undrained soil has a strength, other soil "
+            f"{place(frictional[0])} is given beside a {undrained[0]}: undrained soil has a strength, other soil "
             "cohesion and friction; leave one of them out"
         )
     if len(undrained) == 2:
         raise ValueError(
-            "[soil] strength_ratio is given beside a strength, in whose place it is: leave one of them out"
+            f"{place('strength_ratio')} is given beside a strength, in whose place it is: leave one of them out"
         )
-    if ("strength_ratio" in undrained) != (said["strength_minimum"] is not None):
+    if ("strength_ratio" in undrained) != (values["strength_minimum"] is not None):
         lacking, beside = ("minimum", "ratio") if undrained == ["strength_ratio"] else ("ratio", "minimum")
         raise ValueError(
             f"[soil] lacks strength_{lacking}, which goes with strength_{beside}: add it; at the surface, where the "
@@ -219,32 +280,12 @@ def _check_kind(said: dict[str, Any], given: Collection[str]) -> None:
     for name in OF_CLAY if frictional else OF_FRICTION:
         if name in given:
             kind = "soil with cohesion and friction" if frictional else "undrained soil"
-            raise ValueError(f"[soil] {name} has no say in {kind}: leave it out")
+            raise ValueError(f"{place(name)} has no say in {kind}: leave it out")
 
 
-def _field(where: str, table: Mapping[str, Any]) -> RandomField:
-    """A field whose own numbers are in range."""
-    bedding = table["bedding"]
-    field = RandomField(**{**table, "bedding": None if bedding is None else kl.Bedding(**bedding)})
-    for name, value in (("mean", field.mean), *((f"length of axis {a}", each) for a, each in enumerate(field.length))):
-        if not value > 0 or (name == "mean" and value == math.inf):
-            raise ValueError(f"{where} {name} = {value:g}: give a finite value above 0")
-    if not 0 <= field.cov < math.inf:
-        raise ValueError(f"{where} cov = {field.cov:g}: give a coefficient of variation of 0 or more")
-    if not 0 < field.energy <= 1:
-        raise ValueError(f"{where} energy = {field.energy:g}: give a share of the variance above 0, up to 1")
-    known = {each.name for each in fields(field.marginal)}
-    for end in ("lower", "upper"):
-        if getattr(field, end) is not None and end not in known:
-            raise ValueError(f"{where} {end} = {getattr(field, end):g}: {field.marginal.__name__} has no such bound, "
-                             "leave it out, or give marginal = 'truncated normal' or 'beta'")  # fmt: skip
-    if field.marginal is kl.Beta and (field.lower is None or field.upper is None):
-        raise ValueError(f"{where} lacks lower or upper, between which a beta distribution lies: add both")
-    if field.borehole_error < 0:
-        raise ValueError(f"{where} borehole_error = {field.borehole_error:g}: give a deviation of 0 or more")
-    if field.bedding is not None and not 0 <= field.bedding.dip <= 90:
-        raise ValueError(f"{where[:-1]}.bedding] dip = {field.bedding.dip:g}: give degrees from 0 to 90")
-    return field
+def _field(table: tables.Varying) -> RandomField:
+    bedding = None if table.bedding is None else kl.Bedding(**dict(table.bedding))
+    return RandomField(**{**dict(table), "bedding": bedding})
 
 
 def _check_field(where: str, name: str, field: RandomField, span: Span, unusual: bool) -> None:
@@ -262,9 +303,9 @@ def _check_field(where: str, name: str, field: RandomField, span: Span, unusual:
     limit = LIMITS[name]
     for value in extremes(field, span):
         if not limit.holds(value):
-            said = f"{value:.3g} {limit.unit}".rstrip()
+            number = f"{value:.3g} {limit.unit}".rstrip()
             raise ValueError(
-                f"{where} has values of {said}, {TAIL:g} deviations from the middle: give {limit} by a "
+                f"{where} has values of {number}, {TAIL:g} deviations from the middle: give {limit} by a "
                 "smaller cov, or marginal = 'truncated normal' with lower and upper"
             )
     for row in field.boreholes or ():
@@ -306,14 +347,6 @@ def steepest(soil: Any, random: Mapping[str, RandomField], span: Span) -> Any:
     return max((replace(soil, **dict(zip(names, each, strict=True))) for each in ends), key=steepness)
 
 
-def _check_number(where: str, name: str, value: float, unusual: bool) -> None:
-    limit = LIMITS[name]
-    if not limit.holds(value):
-        raise ValueError(f"{where} = {value:g} {limit.unit}".rstrip() + f": give {limit}")
-    if not unusual:
-        ask(where, name, value)
-
-
 def _ask_of_field(where: str, name: str, field: RandomField) -> None:
     """Raise ValueError for a number of a field that betrays another unit."""
     ask(f"{where} mean", name, field.mean)
@@ -333,58 +366,56 @@ def ask(where: str, name: str, value: float, believed: Believed | None = None) -
         raise ValueError(f"{where} = {slip} If it is meant as it is, say unusual = true in [soil]")
 
 
-def _check_saturated(said: Mapping[str, Any], random: Mapping[str, RandomField], unusual: bool) -> None:
+def _check_saturated(values: Mapping[str, Any], random: Mapping[str, RandomField], place: Place) -> None:
     """Water in its pores does not make soil lighter."""
-    saturated, weight = said["saturated_unit_weight"], said["unit_weight"]
+    saturated, weight = values["saturated_unit_weight"], values["unit_weight"]
     if saturated is None:
         return
     if "unit_weight" in random:
         raise ValueError(
-            f"[soil] saturated_unit_weight = {saturated:g} N/m3 beside a unit_weight that varies, which is that of all "
-            "soil, wet or dry: give unit_weight as a number, or leave saturated_unit_weight out"
+            f"{place('saturated_unit_weight')} = {saturated:g} N/m3 beside a unit_weight that varies, which is that of "
+            "all soil, wet or dry: give unit_weight as a number, or leave saturated_unit_weight out"
         )
-    if saturated < weight and not unusual:
+    if saturated < weight and not values["unusual"]:
         raise ValueError(
-            f"[soil] saturated_unit_weight = {saturated:g} N/m3 is below unit_weight = {weight:g} N/m3, that of soil "
-            "above the water: give at least that. If it is meant as it is, say unusual = true in [soil]"
+            f"{place('saturated_unit_weight')} = {saturated:g} N/m3 is below unit_weight = {weight:g} N/m3, that of "
+            "soil above the water: give at least that. If it is meant as it is, say unusual = true in [soil]"
         )
 
 
-def _check_friction(said: dict[str, Any], random: Mapping[str, RandomField], span: Span) -> None:
+def _check_friction(values: Mapping[str, Any], random: Mapping[str, RandomField], span: Span, place: Place) -> None:
     """Soil that dilates by more than its friction would gain work by sliding; none gains strength by softening."""
-    if said["friction"] is None:
+    if values["friction"] is None:
         return
 
     def ends(name: str) -> tuple[float, float]:
-        return extremes(random[name], span) if name in random else (said[name], said[name])
+        return extremes(random[name], span) if name in random else (values[name], values[name])
 
-    for name in ("cohesion", "friction") if said["softening_strain"] is not None else ():
+    for name in ("cohesion", "friction") if values["softening_strain"] is not None else ():
         (least, _), (_, residual) = ends(name), ends(f"residual_{name}")
         if residual > least:
             goes = "reaches" if f"residual_{name}" in random else "="
             raise ValueError(
-                f"[soil] residual_{name} {goes} {residual:.4g} {LIMITS[name].unit}, but {name} comes down to "
+                f"{place(f'residual_{name}')} {goes} {residual:.4g} {LIMITS[name].unit}, but {name} comes down to "
                 f"{least:.3g}: give a residual of at most that"
             )
     friction, dilation = ends("friction"), ends("dilation")
     if dilation[1] > friction[0]:
         raise ValueError(
-            f"[soil] dilation reaches {dilation[1]:.3g} degrees, friction comes down to {friction[0]:.3g}: give a "
+            f"{place('dilation')} reaches {dilation[1]:.3g} degrees, friction comes down to {friction[0]:.3g}: give a "
             "dilation of at most the friction"
         )
 
 
-def _built(said: dict[str, Any], height: float) -> Soil | FrictionalSoil:
+def _built(values: Mapping[str, Any], height: float) -> Soil | FrictionalSoil:
     """Softening refers to a band of known thickness, unless the scene has it follow the cell."""
-    frictional = said["cohesion"] is not None
-    kept = {name: value for name, value in said.items() if name not in (OF_CLAY if frictional else OF_FRICTION)}
+    frictional = values["cohesion"] is not None
+    kept = {name: value for name, value in values.items() if name not in (OF_CLAY if frictional else OF_FRICTION)}
     length = kept.pop("softening_length")
-    if length is UNSAID and not height > 0:
-        length = None
     soil: Soil | FrictionalSoil = (FrictionalSoil if frictional else Soil)(**kept)
-    if length is UNSAID:
-        length = BAND * height if soil.softens else None
-    return replace(soil, softening_length=length)
+    if length is None and height > 0 and soil.softens:
+        length = BAND * height
+    return replace(soil, softening_length=None if length == "cell" else length)
 
 
 def check_cross_correlation(found: CrossCorrelation, random: Mapping[str, RandomField]) -> None:

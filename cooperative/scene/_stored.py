@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 
 from cooperative.estimate import Estimator
+from cooperative.scene import tables
 from cooperative.scene._budget import kept_budget, raised
 from cooperative.scene._campaign import Campaign
 from cooperative.scene._measured import with_measured
-from cooperative.scene._schema import DEFAULTS, SECTIONS, read
 from cooperative.scene._text import tables_of
 from cooperative.scene._typed import parse
 from cooperative.store import Store, kept_scene
@@ -33,6 +33,10 @@ def with_defaults(text: str, kept: Path) -> str:
     """
     if "defaults" in tables_of(text):
         return text
-    today = {key: (SECTIONS["rough"] | SECTIONS["soil"])[key].default for key in DEFAULTS}
-    values = read("defaults", tables_of(kept_scene(kept))["defaults"], DEFAULTS) if kept.exists() else today
+    values = {
+        "cfl": tables.Grid.model_fields["cfl"].default,
+        "gap_memory": tables.Soil.model_fields["gap_memory"].default,
+    }
+    if kept.exists():
+        values = dict(tables.read(tables.Defaults, tables_of(kept_scene(kept))["defaults"], "defaults"))
     return text + "\n[defaults]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in values.items())

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from cooperative.scene import tables as known
 from cooperative.scene._rasters import packed
-from cooperative.scene._schema import LINE, RASTER, SECTIONS, read
 from jaxmpm import Raster, read_line, read_raster
 
 LARGEST = 1_000_000
@@ -46,10 +46,33 @@ def tables_of(text: str) -> dict[str, Any]:
         raise ValueError("the scene nests tables or lists without end: a scene has tables of plain values") from error
 
 
+def to_toml(tables: dict[str, Any]) -> str:
+    """TOML of texts, numbers, true and false, lists, and tables of these."""
+    plain = [f"{_key(name)} = {toml_value(value)}" for name, value in tables.items() if not isinstance(value, dict)]
+    for name, table in tables.items():
+        if isinstance(table, dict):
+            plain += ["", f"[{_key(name)}]", *(f"{_key(key)} = {toml_value(value)}" for key, value in table.items())]
+    return "\n".join(plain) + "\n"
+
+
+def _key(name: str) -> str:
+    """A key as TOML writes it: names of files need quotes."""
+    return name if name.isidentifier() and name.isascii() else json.dumps(name)
+
+
+def toml_value(value: Any) -> str:
+    """A value as TOML writes it."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{_key(key)} = {toml_value(each)}" for key, each in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml_value, value)) + "]"
+    return str(value) if isinstance(value, float) else json.dumps(value)
+
+
 def _with_files(text: str, folder: Path) -> str:
     """The text with the points of files that lie in `folder`; the same where it names none or has the table already."""
     tables = tables_of(text)
-    lines, rasters = (dict.fromkeys(_named(tables, kind)) for kind in (LINE, RASTER))
+    lines, rasters = (dict.fromkeys(_named(tables, kind)) for kind in (known.LINE, known.RASTER))
     if not (lines or rasters) or "files" in tables:
         return text
     said = [f"{json.dumps(name)} = {json.dumps(_points(folder, name))}" for name in lines]
@@ -61,21 +84,19 @@ def _with_files(text: str, folder: Path) -> str:
 
 def _between_walls(raster: Raster, terrain: Any) -> Raster:
     """The part of a raster that a scene's table [terrain] needs, at its step."""
-    said = read("terrain", terrain, SECTIONS["terrain"])
-    ends = [said[axis] or end for axis, end in zip("xy", raster.ends, strict=True)]
-    if any(len(end) != 2 for end in ends):
-        raise ValueError("[terrain] x and y: give two walls each, low and high")
-    part = raster.cropped(*ends)
-    return part if said["step"] is None else part.resampled(said["step"])
+    table = known.read(known.Terrain, terrain, "terrain")
+    x, y = raster.ends
+    part = raster.cropped(table.x or x, table.y or y)
+    return part if table.step is None else part.resampled(table.step)
 
 
 def _named(tables: Mapping[str, Any], kind: str) -> Iterator[str]:
     """Names of the files that stand in the place of lines, or of rasters."""
-    for section, keys in SECTIONS.items():
-        found = tables.get(section)
+    for section, field in known.Scene.model_fields.items():
+        model, found = known.table_in(field), tables.get(section)
         for table in found if isinstance(found, list) else [found]:
-            if isinstance(table, dict):
-                values = [table.get(key) for key, what in keys.items() if what.kind == kind]
+            if model is not None and isinstance(table, dict):
+                values = [table.get(key) for key, each in model.model_fields.items() if kind in known.parts(each)]
                 yield from (value for value in values if isinstance(value, str))
 
 

@@ -1,0 +1,101 @@
+"""docs/scenes.md, and the JSON schema that goes along for editors, from the tables that read a scene
+(`python -m cooperative.scene`)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from cooperative.scene import tables
+from cooperative.scene._examples import NAMED, SCHEMA
+from cooperative.scene._text import toml_value
+from foundation.files import write_aside
+
+TABLES: Mapping[str, type[tables.Table]] = {
+    name: table
+    for name, field in tables.Scene.model_fields.items()
+    if name not in tables.STORED and (table := tables.table_in(field)) is not None
+}
+"""The tables that a scene may have, by name."""
+SEVERAL = tuple(name for name in TABLES if tables.schema_of(tables.Scene)["properties"][name].get("type") == "array")
+"""Tables of which there may be several: `[[layer]]`."""
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON schema (draft 2020-12) of a scene, in which a description gives unit and default in words too."""
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+    return head | _plain(tables.schema_of(tables.Scene))
+
+
+def _plain(schema: Any) -> Any:
+    """A schema, or a part of it, in the words of the standard."""
+    if isinstance(schema, list):
+        return [_plain(each) for each in schema]
+    if not isinstance(schema, dict):
+        return schema
+    words = " ".join(str(schema.get("description", "")).split())
+    if "examples" in schema:
+        unit, default = _unit(schema), schema.get("otherwise")
+        words += (f" ({unit})" if unit else "") + (f" Default: {default}." if default else "")
+    plain = {name: _plain(each) for name, each in schema.items() if name not in tables.EXTRAS}
+    return plain | ({"description": words} if words else {})
+
+
+def markdown() -> str:
+    """docs/scenes.md: every key with unit, default, range and example."""
+    parts = [
+        "# Scenes: every key\n",
+        "A scene is a TOML file. This page is made from the tables that read it (`python -m cooperative.scene`).",
+        f"So is [`{SCHEMA.name}`](../cooperative/{SCHEMA.name}), from which an editor completes keys:",
+        "`jaxmpm new` and `jaxmpm example` write it beside the scene, which names it in its first line,",
+        f"`{NAMED.strip()}`. Lengths are in metres, stresses in Pa. `name`, outside all tables, is a title.\n",
+    ]
+    explained: set[type[tables.Table]] = set()
+    for section, table in TABLES.items():
+        brackets = 2 if section in SEVERAL else 1
+        own = tables.Scene.model_fields[section].description
+        words = " ".join((own or table.__doc__ or "").split())
+        parts += [f"## `{'[' * brackets}{section}{']' * brackets}`\n", words + "\n"]
+        if table in explained:
+            continue
+        explained.add(table)
+        schema = tables.schema_of(table)
+        parts += ["| key | what | unit | default | range | example |", "|---|---|---|---|---|---|"]
+        left_out = tables.Soil.model_fields if table is tables.Layer else ()
+        parts += [
+            _row(name, each, _allowed(table, name, each), required=name in schema.get("required", ()))
+            for name, each in schema["properties"].items()
+            if name not in left_out
+        ]
+        parts.append("")
+    return "\n".join(parts)
+
+
+def _unit(schema: tables.Schema) -> str:
+    return str(schema.get("units") or tables.found_in(schema, "unit"))
+
+
+def _allowed(table: type[tables.Table], name: str, schema: tables.Schema) -> str:
+    """What a key may hold; of a table of its own, what that one's keys may."""
+    inner = tables.table_in(table.model_fields[name])
+    if inner is None or "$ref" not in schema:
+        return tables.wanted(schema)
+    keys = tables.schema_of(inner)["properties"].items()
+    return "a table: " + ", ".join(f"`{key}` {tables.wanted(each)} ({_unit(each) or '-'})" for key, each in keys)
+
+
+def _row(name: str, schema: tables.Schema, allowed: str, *, required: bool) -> str:
+    default = "none, give it" if required else schema.get("otherwise", "not used")
+    if "default" in schema:
+        default = f"`{json.dumps(schema['default'])}`"
+    unit, example = _unit(schema) or "-", toml_value(schema["examples"][0])
+    cells = (f"`{name}`", schema["description"], unit, default, allowed, f"`{example}`")
+    return f"| {' | '.join(cells)} |"
+
+
+def write(root: Path) -> None:
+    """Write the page and the schema into a checkout."""
+    write_aside(root / "docs" / "scenes.md", markdown().encode())
+    write_aside(root / "cooperative" / SCHEMA.name, (json.dumps(json_schema(), indent=1) + "\n").encode())

@@ -1,0 +1,193 @@
+"""Tables of the two grids, of a run, of the campaign and of a sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Any, Literal, Self
+
+from annotated_types import Ge
+from pydantic import AfterValidator, Field
+from pydantic import model_validator as validates
+
+import kl
+from cooperative.estimate import ESTIMATORS, SubsetPlan
+from cooperative.scene.tables._key import (
+    AboveZero,
+    FromZero,
+    Length,
+    PerAxis,
+    Seconds,
+    Several,
+    Share,
+    T,
+    Table,
+    Within,
+    key,
+    one_of,
+)
+from foundation.check import above_zero, from_zero
+from jaxmpm import GIMP, Limit, Linear, QuadraticBSpline, Scheme
+
+COEFFICIENTS = {"latin hypercube": kl.latin_hypercube, "monte carlo": kl.monte_carlo, "sobol": kl.sobol}
+KERNELS = {"gimp": GIMP, "linear": Linear, "quadratic b-spline": QuadraticBSpline}
+SCHEMES = {scheme.name.lower(): scheme for scheme in Scheme}
+FIELDS = {"none": (), "refined": ("refined",), "both": ("rough", "refined")}
+MODES = {"refined": ("refined",), "both": ("rough", "refined")}
+
+
+class Grid(Table):
+    """The grid of the screening, on which every sample runs."""
+
+    cell: Length = key("Edge of a cell of the background grid.", 2.0, synonyms="h dx cell_size grid_size mesh_size")
+    spacing: PerAxis[Length] = key(
+        "Distance of the particles along each axis, at most a cell.", [1.0, 1.0],
+        synonyms="ppc particles_per_cell particle_size particles",
+    )  # fmt: skip
+    kernel: Annotated[type, one_of(KERNELS)] = key("Shape function of a particle.", "gimp", "gimp")
+    scheme: Annotated[Scheme, one_of(SCHEMES)] = key("When the stress is updated within a step.", "musl", "musl")
+    cfl: Annotated[float, Within(Limit(above=0, below=1))] = key(
+        "Time step over the time in which a wave crosses a cell.", 0.9, 0.9, synonyms="dt time_step timestep"
+    )
+    flip: Share = key("Share of FLIP in the update of velocities; the rest is PIC.", 1.0, 1.0)
+    apic: bool = key("Affine transfers instead of the blend of FLIP and PIC.", False, False)
+    damping: Annotated[float, Within(from_zero("1/s"))] = key("Damping of the velocity.", 0.0, 0.0)
+    fbar: bool | None = key(
+        "F-bar, the cure of volumetric locking.", True, None,
+        otherwise="`true`; `false` where soil has friction, or with `cell_average`",
+    )  # fmt: skip
+    cell_average: bool | None = key(
+        "Volumetric strain averaged over each cell: the cure where soil has friction.", True, None,
+        otherwise="`true` where soil has friction, else `false`",
+    )  # fmt: skip
+    internal_length: Length | Literal["none"] | None = key(
+        "Length over which plastic strain is averaged.", 2.0, None,
+        otherwise='0.4 of `softening_length`; `"none"` where that is less than cells resolve, or soil does not soften',
+    )  # fmt: skip
+    air: Length | None = key(
+        "Height of the grid above the highest ground; a run whose soil is thrown higher breaks off.", 6.0, None,
+        otherwise="a cell",
+    )  # fmt: skip
+
+
+class Run(Table):
+    """How each sample runs."""
+
+    gravity: Annotated[float, Within(above_zero("m/s2"))] = key("Acceleration of gravity.", 9.81, 9.81)
+    t_end: Seconds = key(
+        "Time at which a run ends, if it has not before.", 20.0, 20.0, synonyms="duration end_time total_time"
+    )
+    slides_t_end: Seconds | None = key(
+        "Time up to which slides of the refined grid go on that had not come to rest at t_end, at least t_end; what "
+        "has failed is told at t_end.",
+        60.0,
+        None,
+        otherwise="`t_end`",
+    )
+    failure: Literal["displacement", "limit load"] = key(
+        "What failure is: a displacement, or the limit load of the slope of median soil, from which the displacement "
+        "is then found and printed with the answer.",
+        "limit load",
+        "displacement",
+    )
+    failure_displacement: Length = key(
+        "Displacement from which on soil counts as sliding.", 1.0, 1.0, synonyms="threshold criterion limit"
+    )
+    least_volume: AboveZero | None = key(
+        "Volume of soil that has to move farther than that where a slope fails, so that a few grains are no failure; "
+        "in a section m2.",
+        5.0,
+        None,
+        units="m3",
+        otherwise='any particle; with `"limit load"` 0.05 times the slope\'s height to the power of 2 in a section, 3 '
+        "in 3D",
+    )
+    settle: bool = key("Whether a run ends once its slope stands still.", True, True)
+    rest: bool | None = key("Whether a slide ends once its deposit rests.", True, None, otherwise="as `settle`")
+
+    @validates(mode="after")
+    def _settles(self) -> Self:
+        if self.rest and not self.settle:
+            raise ValueError(" rest = true with settle = false: a slide that rests has settled, leave one of them out")
+        return self
+
+
+class Campaign(Table):
+    """How many samples, and how the failure probability is estimated."""
+
+    samples: Annotated[int, Ge(1)] = key(
+        "Number of random slopes.", 200, synonyms="n count number runs realisations realizations"
+    )
+    seed: Annotated[int, Ge(0)] = key("Number from which all randomness follows.", 1, 0)
+    coefficients: Annotated[Callable[..., Any], one_of(COEFFICIENTS)] = key(
+        "How coefficients of the field are drawn.", "latin hypercube", "latin hypercube"
+    )
+    k_t: Annotated[int, Ge(1)] | None = key(
+        'Stopping rule of `"published"`: refined runs in a row that stand.', 5, None,
+        otherwise='not used; `"published"`: none, give it',
+    )  # fmt: skip
+    estimator: Annotated[str, one_of({name: name for name in ESTIMATORS})] = key(
+        "How the failure probability is estimated.", "two-phase", "two-phase"
+    )
+    refined_runs: Annotated[int, Ge(10)] | None = key(
+        "Budget of refined runs.", 60, None, synonyms="budget",
+        otherwise='a fifth of the samples, at least 20; with `target_cov`, and of `"monte carlo"`, all samples',
+    )  # fmt: skip
+    target_cov: Annotated[float, Within(Limit(above=0, below=1))] | None = key(
+        "Coefficient of variation of the estimate at which to stop.", 0.2, None, otherwise="none"
+    )
+    levels: Annotated[int, Ge(1)] | None = key(
+        "Levels of subset simulation above plain sampling.", 6, None, otherwise=f"`{SubsetPlan.levels}`"
+    )
+    replicates: Annotated[int, Ge(2)] | None = key(
+        "Independent repeats of subset simulation.", 8, None, otherwise=f"`{SubsetPlan.replicates}`"
+    )
+    lanes: Annotated[int, Ge(1)] | None = key(
+        "Rough runs in one program.", 1, None, otherwise="`1` on CPU, `64` elsewhere"
+    )
+    look_ahead: Annotated[int, Ge(1)] = key("Refined runs under way at once.", 1, 1)
+    screening_stop: Length | None = key(
+        "Displacement at which a rough run ends undisputed.", 2.0, None, otherwise="none: rough runs go on"
+    )
+    calibrate: bool = key("Whether rough strength is brought down by the grids' factors of safety.", False, False)
+    restart_every: Seconds = key("Time between restart points of a refined run.", 600.0, 600.0)
+    fields: Annotated[tuple[str, ...], one_of(FIELDS)] = key(
+        "Grids whose final displacement and plastic strain are kept, and of a failure two frames.", "refined", "refined"
+    )
+    modes: Annotated[tuple[str, ...], one_of(MODES)] = key(
+        "Grids whose failures get a mode; only a slope with a toe has modes.", "refined", "refined"
+    )
+    slides: Annotated[int, Ge(0)] | Literal["all"] = key(
+        "Failures that slide on to their end, drawn along the ranks; other refined runs end once they have failed.",
+        30,
+        "all",
+    )
+
+
+def _different(values: tuple[T, ...]) -> tuple[T, ...]:
+    if len(set(values)) < len(values):
+        raise ValueError(f" = {list(values)}: give a list of different numbers")
+    return values
+
+
+Different = Annotated[Several[T], AfterValidator(_different), Field(json_schema_extra={"uniqueItems": True})]
+
+
+class Sweep(Table):
+    """Values of parameters, of which each is changed alone while the others stay as the scene has them: then the scene
+    is many campaigns, and `jaxmpm sweep` runs it. It needs a table `[strength]`, `coefficients = "latin hypercube"` and
+    an estimator other than `"subset"`. One key at least."""
+
+    lx: Different[Length] | None = key(
+        "Correlation lengths of the strength along x.", [10, 30, 60, 120], None, otherwise="not varied"
+    )
+    ly: Different[Length] | None = key(
+        "Correlation lengths along y, of a scene in 3D.", [6, 12, 24], None, otherwise="not varied"
+    )
+    lz: Different[Length] | None = key("Correlation lengths along z.", [1, 2, 4], None, otherwise="not varied")
+    cov: Different[FromZero] | None = key(
+        "Coefficients of variation of the strength.", [0.2, 0.3, 0.4], None, otherwise="not varied"
+    )
+    k_t: Different[Annotated[int, Ge(1)]] | None = key(
+        'Stopping rules of `"published"`, all told from the runs of one campaign by the largest.', [2, 5, 10], None,
+        otherwise="not varied",
+    )  # fmt: skip

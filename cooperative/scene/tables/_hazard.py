@@ -1,0 +1,88 @@
+"""Tables of hazard and risk: `[hazard]` and `[[exposed]]`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Self
+
+from annotated_types import Ge, MaxLen, MinLen
+from pydantic import AfterValidator, PlainValidator, Strict
+from pydantic import model_validator as validates
+
+from cooperative.measure import Intensity, quantity
+from cooperative.scene.tables._key import FromZero, Metres, Number, Pair, Table, key
+from foundation.text import shown
+
+LONGEST_NAME = 60
+
+
+def _threshold(value: Any) -> tuple[Intensity, float]:
+    of, level = quantity("", value)
+    if not level > 0:
+        raise ValueError(f" = {value!r}: give more than 0, what is reached is told anyway")
+    return of, level
+
+
+Threshold = Annotated[tuple[Intensity, float], PlainValidator(_threshold, json_schema_input_type=str)]
+Quantity = Annotated[
+    tuple[Intensity, float], PlainValidator(lambda value: quantity("", value), json_schema_input_type=str)
+]
+"""What a text measures, thickness or speed, and how much of it (m, m/s)."""
+
+
+class Hazard(Table):
+    """What is kept of each refined slide for maps: with this table, or `[[exposed]]`, the largest thickness, the
+    largest speed and the arrival of the soil in each column of cells. Both may be left out."""
+
+    thresholds: Annotated[tuple[Threshold, ...], Strict(False)] = key(
+        "Thicknesses of the deposit (m, cm) and speeds (m/s, km/h) to map.",
+        ["0.5 m", "1 m/s"],
+        ["0.5 m", "1 m", "1 m/s"],
+        units="in each",
+        allowed="texts: a number above 0 and its unit",
+    )
+    every: Annotated[int, Ge(1)] = key("Steps from one look at the columns to the next.", 20, 20)
+
+
+def _short(name: str) -> str:
+    if not name.isprintable() or not 0 < len(name) <= LONGEST_NAME:
+        raise ValueError(f" = {shown(name)}: give one line of 1 to {LONGEST_NAME} characters")
+    return name
+
+
+class Exposed(Table):
+    """A position that a slide may reach, one table for each, with one of `at`, `between` and `polygon`."""
+
+    name: Annotated[str, AfterValidator(_short)] = key(
+        "Its name, of which there is one.", "road", allowed=f"text of up to {LONGEST_NAME} characters"
+    )
+    at: Annotated[tuple[Metres, ...], Strict(False), MinLen(1), MaxLen(2)] | None = key(
+        "A point: `[x]` in a section, `[x, y]` in 3D.", [72.0], None, allowed="[x] in a section, [x, y] in 3D"
+    )
+    between: Pair[Metres] | None = key(
+        "In a section, the two ends of a stretch.", [70.0, 76.0], None, allowed="[from, to]"
+    )
+    polygon: Annotated[tuple[Pair[Metres], ...], Strict(False), MinLen(3)] | None = key(
+        "In 3D, the corners of a polygon in order.", [[70, 5], [76, 5], [73, 12]], None,
+        allowed="three or more corners [x, y]",
+    )  # fmt: skip
+    value: FromZero | None = key("What stands there, in any currency.", 250e3, None)
+    vulnerability: Annotated[tuple[Annotated[tuple[Quantity, Number], Strict(False)], ...], Strict(False)] | None = key(
+        "Share of the value that is lost at each largest thickness, or each largest speed, straight lines between; it "
+        "does not fall.",
+        [["0 m", 0.0], ["1 m", 0.4], ["3 m", 1.0]],
+        None,
+        units="in each",
+        allowed='pairs such as ["0.5 m", 0.2], a number with its unit and a share from 0 to 1',
+    )
+
+    @validates(mode="after")
+    def _complete(self) -> Self:
+        shapes = [key for key in ("at", "between", "polygon") if getattr(self, key) is not None]
+        if len(shapes) != 1:
+            raise ValueError(
+                f" has {' and '.join(shapes) or 'no position'}: give one of at = [x] or [x, y], between = [from, to] "
+                "in a section, polygon = [[x, y], ...] in 3D, in metres"
+            )
+        if (self.value is None) != (self.vulnerability is None):
+            raise ValueError(": give value and vulnerability together, or neither")
+        return self

@@ -1,0 +1,160 @@
+"""What a key of a scene may hold, and how it is declared: its type, unit, range, default, meaning and example, once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, TypeVar
+
+from annotated_types import GroupedMetadata, Interval, MinLen
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, PlainValidator, Strict, Tag
+from pydantic import field_validator as validates
+from pydantic_core import PydanticCustomError
+
+from foundation.check import Limit, above_zero, from_zero
+from foundation.text import shown
+
+EXTRAS = ("unit", "units", "otherwise", "allowed", "remedy", "synonyms", "per", "infinite")
+"""What a key's JSON schema has beyond the standard, for messages and for the page of keys."""
+
+
+def key(
+    meaning: str, example: Any, default: Any = ..., *, otherwise: str = "", allowed: str = "", remedy: str = "",
+    synonyms: str = "", units: str = "",
+) -> Any:  # fmt: skip
+    """A key of a table.
+
+    Args:
+        meaning: what it is, in words.
+        example: a value.
+        default: its value where a scene does not give it; without one the key is required.
+        otherwise: in words, what holds where a scene does not give it and the default is None.
+        allowed: in words, what it may hold where its type does not show that.
+        remedy: what else to do about a number that is out of range, for the end of a message.
+        synonyms: other words for it, each with what it stands for after "=" where that is not the whole key.
+        units: what it is measured in, where its type has no unit.
+    """
+    extras = {"otherwise": otherwise, "allowed": allowed, "remedy": remedy, "synonyms": synonyms, "units": units}
+    extra: Any = {name: words for name, words in extras.items() if words}
+    return Field(default, description=meaning, examples=[example], json_schema_extra=extra)
+
+
+class Table(BaseModel):
+    """A table of a scene: its fields are its keys, and no others are known. Texts are no numbers, nor are booleans."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, validate_default=True)
+
+    @validates("*", mode="before")
+    @classmethod
+    def _in_64_bits(cls, value: Any) -> Any:
+        if any(isinstance(each, int) and not -(2**63) <= each < 2**63 for each in leaves(value)):
+            raise ValueError(" is a whole number beyond 64 bits: give a smaller one")
+        return value
+
+
+def leaves(value: object) -> Iterator[object]:
+    """What lists hold that are no lists."""
+    if isinstance(value, list):
+        for each in value:
+            yield from leaves(each)
+    else:
+        yield value
+
+
+def fits(value: object) -> bool:
+    """Whether single precision holds a number, with some room for products of it."""
+    return not isinstance(value, float) or value == 0 or 1e-30 <= abs(value) <= 1e30
+
+
+def _single(value: float) -> float:
+    if not fits(value):
+        raise PydanticCustomError("single", "beyond single precision")
+    return value
+
+
+def _single_or_infinite(value: float) -> float:
+    return value if value == float("inf") else _single(value)
+
+
+@dataclass(frozen=True)
+class Within(GroupedMetadata):
+    """Of a type: a number in single precision within a limit, in the limit's unit. infinite: whether inf is one."""
+
+    limit: Limit = Limit()
+    infinite: bool = False
+
+    def __iter__(self) -> Iterator[Any]:
+        limit = self.limit
+        yield Interval(gt=limit.above, ge=limit.least, lt=limit.below, le=limit.most)
+        yield AfterValidator(_single_or_infinite if self.infinite else _single)
+        extra: Any = {"unit": limit.unit} if limit.unit else {}
+        yield Field(json_schema_extra=extra | ({"infinite": True} if self.infinite else {}))
+
+
+def one_of(choices: Mapping[str, Any]) -> PlainValidator:
+    """Of a type: a text that names one of the choices, for which the value then stands; or what it stands for."""
+
+    def chosen(value: Any) -> Any:
+        if value in choices.values():
+            return value
+        if not isinstance(value, str) or value not in choices:
+            raise PydanticCustomError("choice", "no choice")
+        return choices[value]
+
+    return PlainValidator(chosen, json_schema_input_type=Literal[tuple(choices)])
+
+
+T = TypeVar("T")
+F = TypeVar("F")
+
+Number = Annotated[float, Within()]
+AboveZero = Annotated[float, Within(above_zero())]
+FromZero = Annotated[float, Within(from_zero())]
+Share = Annotated[float, Within(Limit(least=0, most=1))]
+Metres = Annotated[float, Within(Limit(unit="m"))]
+Length = Annotated[float, Within(above_zero("m"))]
+Depth = Annotated[float, Within(from_zero("m"))]
+Seconds = Annotated[float, Within(above_zero("s"))]
+Degrees = Annotated[float, Within(Limit(unit="degrees"))]
+
+Pair = Annotated[tuple[T, T], Strict(False)]
+Several = Annotated[tuple[T, ...], Strict(False), MinLen(1)]
+PerAxis = Annotated[tuple[T, ...], Strict(False), MinLen(1), Field(json_schema_extra={"per": "axis"})]
+Rows = Annotated[tuple[Several[Number], ...], Strict(False), MinLen(1)]
+
+OrTable = Annotated[
+    Annotated[T, Tag("(number)")] | Annotated[F, Tag("(table)")],
+    Discriminator(lambda value: "(table)" if isinstance(value, dict | Table) else "(number)"),
+]
+"""A number, or a table that says how it varies."""
+
+
+def as_points(value: Any) -> tuple[tuple[float, float], ...]:
+    """The points of a line as tuples. ValueError, for the end of a message, for what is no line."""
+    if not isinstance(value, list) or len(value) < 2:
+        raise ValueError(f" = {shown(value)}: give points [[x, z], ...], two or more, or the name of a file")
+    for number, point in enumerate(value, 1):
+        if not (isinstance(point, list) and len(point) == 2 and all(map(_is_finite, point))):
+            raise ValueError(f": point {number} is {shown(point)}: give [x, z] in metres, two finite numbers")
+    return tuple((float(x), float(z)) for x, z in value)
+
+
+def _is_finite(value: object) -> bool:
+    return (
+        isinstance(value, int | float) and not isinstance(value, bool) and (value == 0 or 1e-30 <= abs(value) <= 1e30)
+    )
+
+
+LINE, RASTER = "line", "raster"
+Line = Annotated[
+    tuple[tuple[float, float], ...] | str,
+    PlainValidator(
+        lambda value: value if isinstance(value, str) else as_points(value),
+        json_schema_input_type=Annotated[list[tuple[float, float]], MinLen(2)] | str,
+    ),
+    Field(json_schema_extra={"allowed": "points [[x, z], ...], or the name of a file"}),
+    LINE,
+]
+"""Points [x, z] (m), or the name of a file of them."""
+Raster = Annotated[str, Field(json_schema_extra={"allowed": "the name of a file"}), RASTER]
+"""The name of a file of heights."""

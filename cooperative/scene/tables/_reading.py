@@ -1,0 +1,279 @@
+"""Reading tables: all that is wrong at once, each with its value, what it may be, and the nearest key."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, TypeVar, get_args, get_origin
+
+from pydantic import ValidationError
+from pydantic.fields import FieldInfo
+from pydantic.json_schema import GenerateJsonSchema
+
+from cooperative.scene.tables._key import Table, fits, leaves
+from cooperative.scene.tables._scene import Scene
+from foundation.check import Limit
+from foundation.text import shown
+
+Schema = Mapping[str, Any]
+
+MOST = 8
+"""Faults that a message names; it counts the others."""
+
+RANGE = ("single", "greater_than", "greater_than_equal", "less_than", "less_than_equal")
+CHOICE = ("choice", "literal_error")
+KINDS = {str: "text", bool: "true or false", int: "a whole number", float: "a number", list: "a list", dict: "a table"}
+"""What a value of TOML is, in words."""
+
+T = TypeVar("T", bound=Table)
+
+
+def read(table: type[T], values: Any, where: str = "") -> T:
+    """A table from its values, as TOML or JSON has them.
+
+    where: its name for messages; none for a whole scene. Raises ValueError that names every key that is not known, with
+    the nearest one that is, every one that lacks, and every value that a key cannot have.
+    """
+    try:
+        return table.model_validate(values)
+    except ValidationError as error:
+        errors = error.errors(include_url=False)
+    found = _faults(table, values, where, errors)
+    more = f"; and {len(found) - MOST} more" if len(found) > MOST else ""
+    raise ValueError("; ".join(found[:MOST]) + more)
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a fault lies. path: tables around, as messages name them. key: in words, the last of them or a key. field:
+    name of the key in its `owner`. value: what stands there. inner: the table that it may be."""
+
+    path: tuple[str, ...]
+    key: str
+    value: Any
+    inner: type[Table] | None
+    owner: type[Table] | None = None
+    field: str = ""
+
+    @property
+    def whole(self) -> str:
+        """Its name with those of the tables around."""
+        return ".".join((*self.path, self.key))
+
+    @property
+    def section(self) -> str:
+        """The table that it is, in words."""
+        return f"[{self.whole}]" if self.whole else "the scene"
+
+    def __str__(self) -> str:
+        if self.inner is not None and isinstance(self.value, dict):
+            return self.section
+        return f"[{'.'.join(self.path)}] {self.key}" if self.path else self.key
+
+
+def _placed(table: type[Table], values: Any, where: str, location: Iterable[int | str]) -> _Place:
+    """Where pydantic's location leads: through tables, and into the list of those of which there are several."""
+    place = _Place((), where, values, table)
+    for part in location:
+        inner, value = place.inner, place.value
+        if isinstance(part, int):
+            if inner is None:
+                break  # an element of a list, which a message shows whole
+            value = value[part]
+            name = value.get("name") if isinstance(value, dict) else None
+            label = f"{place.field} {shown(name) if isinstance(name, str) else part + 1}"
+            place = _Place(place.path, label, value, inner, place.owner, place.field)
+        elif inner is not None and part in inner.model_fields:
+            path = (*place.path, place.key) if place.key else ()
+            place = _Place(path, part, value.get(part), table_in(inner.model_fields[part]), inner, part)
+        # What is left tells which of the types of a union it is.
+    return place
+
+
+def _faults(table: type[Table], values: Any, where: str, errors: Iterable[Any]) -> list[str]:
+    """What is wrong with the values of a table, in words: keys that are not known, keys that lack, and values."""
+    unknown: list[str] = []
+    lacking: dict[str, list[str]] = {}
+    wrong: dict[tuple[str, ...], str] = {}
+    for error in errors:
+        kind, location = error["type"], error["loc"]
+        if kind == "extra_forbidden":
+            place = _placed(table, values, where, location[:-1])
+            unknown.append(
+                f"{place.section} has an unknown key {shown(location[-1])}{_meant(location[-1], place.inner)}"
+            )
+        elif kind == "missing" and isinstance(location[-1], str):
+            place = _placed(table, values, where, location[:-1])
+            name = location[-1] if place.whole else f"[{location[-1]}]"
+            lacking.setdefault(place.section, []).append(name)
+        else:
+            place = _placed(table, values, where, location)
+            if (*place.path, place.key) not in wrong:  # the first of the types that it may have
+                wrong[*place.path, place.key] = _wrong(place, error)
+    if any(each.startswith("the scene") for each in unknown):
+        lacking.pop("the scene", None)  # a table that lacks may be there under a name that is not known
+    lacks = [f"{section} lacks {', '.join(names)}: add it" for section, names in lacking.items()]
+    return [*unknown, *lacks, *wrong.values()]
+
+
+def _wrong(place: _Place, error: Mapping[str, Any]) -> str:
+    """What is wrong with a value, what it may be, in words."""
+    kind, value = error["type"], place.value
+    if kind == "value_error":
+        return f"{place}{error['ctx']['error']}"
+    if kind == "model_type":
+        return f"{place.whole} = {shown(value)} is {_kind(value)}: make it a table, {place.section}"
+    if place.inner is not None and kind == "list_type":
+        return f"[{place.key}] is {_kind(value)}: write [[{place.key}]], once for each"
+    if place.inner is not None and kind == "too_long":
+        most = error["ctx"]["max_length"]
+        return f"the scene has {len(value)} tables [[{place.key}]], the limit is {most}: give fewer"
+    assert place.owner is not None
+    schema = schema_of(place.owner)["properties"][place.field]
+    if kind in RANGE and not all(map(fits, leaves(value))):
+        return f"{place} = {shown(value)}: give finite values, in single precision (1e-30 to 1e30)"
+    if kind in RANGE:
+        number = f"{value:g}" if isinstance(value, int | float) else shown(value)
+        allowed = wanted(schema["oneOf"][0] if "oneOf" in schema else schema)  # of a number, or a table, the number
+        return f"{place} = {number} {found_in(schema, 'unit')}".rstrip() + f": give {allowed}{schema.get('remedy', '')}"
+    if kind in CHOICE:
+        return f"{place} = {shown(value)}: give {wanted(schema)}{_nearest(value, found_in(schema, 'enum', []))}"
+    itself = f" is {_kind(value)}" if error["input"] is value and kind.endswith("_type") else ""
+    return f"{place} = {shown(value)}{itself}: give {wanted(schema, ends=False)}"
+
+
+def _kind(value: object) -> str:
+    return KINDS.get(type(value), f"a {type(value).__name__}")
+
+
+def _meant(key: str, table: type[Table] | None) -> str:
+    """What an unknown key may have meant, in words: one that the table knows by another word, one of another table, the
+    nearest one, or else all that are known."""
+    assert table is not None
+    if here := _synonyms(table, key):
+        return f" (did you mean {' or '.join(here)}?)"
+    for section, field in Scene.model_fields.items():
+        other = table_in(field)
+        if other is not None and (there := [repr(key)] if key in other.model_fields else _synonyms(other, key)):
+            return f" (did you mean {there[0]} of [{section}]?)"
+    return _nearest(key, table.model_fields) or f"; it knows {', '.join(table.model_fields)}"
+
+
+def _synonyms(table: type[Table], key: str) -> list[str]:
+    """Keys of a table that are also called so, each in words."""
+    found = []
+    for name, field in table.model_fields.items():
+        extra = field.json_schema_extra
+        words = str(extra.get("synonyms", "")).split() if isinstance(extra, dict) else []
+        meanings = [word.partition("=")[2] for word in words if word.partition("=")[0] == key.lower()]
+        found += [f"{name} ({meaning})" if meaning else repr(name) for meaning in meanings]
+    return found
+
+
+def _nearest(word: object, known: Iterable[str]) -> str:
+    close = difflib.get_close_matches(str(word), list(known), n=1)
+    return f" (did you mean {close[0]!r}?)" if close else ""
+
+
+class _Toml(GenerateJsonSchema):
+    """TOML has no null: what may be None may be left out. A key needs no title beside its name."""
+
+    def field_title_should_be_set(self, schema: Any) -> bool:
+        return False
+
+    def nullable_schema(self, schema: Any) -> Any:
+        return self.generate_inner(schema["schema"])
+
+    def default_schema(self, schema: Any) -> Any:
+        return (
+            super().default_schema(schema)
+            if schema.get("default") is not None
+            else self.generate_inner(schema["schema"])
+        )
+
+
+@cache
+def schema_of(table: type[Table]) -> dict[str, Any]:
+    """JSON schema (draft 2020-12) of a table."""
+    return table.model_json_schema(schema_generator=_Toml)
+
+
+def parts(field: FieldInfo) -> Iterator[Any]:
+    """All that the type of a key is made of."""
+
+    def inside(annotation: Any) -> Iterator[Any]:
+        yield annotation
+        for each in get_args(annotation):
+            yield from inside(each)
+
+    yield from inside(field.annotation)
+    yield from field.metadata
+
+
+def table_in(field: FieldInfo) -> type[Table] | None:
+    """The table that a key may hold."""
+    return next((each for each in parts(field) if _is_table(each)), None)
+
+
+def _is_table(kind: Any) -> bool:
+    return isinstance(kind, type) and get_origin(kind) is None and issubclass(kind, Table)
+
+
+def found_in(schema: Any, name: str, otherwise: Any = "") -> Any:
+    """The first entry of that name in a key's schema or in one within it."""
+    if isinstance(schema, dict):
+        if name in schema:
+            return schema[name]
+        schema = list(schema.values())
+    return (
+        next(filter(None, (found_in(each, name) for each in schema)), otherwise)
+        if isinstance(schema, list)
+        else otherwise
+    )
+
+
+def wanted(schema: Schema, *, ends: bool = True) -> str:
+    """What a key may hold, in words. ends: with the range of a number."""
+    if "allowed" in schema:
+        return str(schema["allowed"])
+    if others := schema.get("oneOf", schema.get("anyOf")):
+        return ", or ".join(wanted(each, ends=ends) for each in others)
+    if "enum" in schema:
+        return f"one of {', '.join(map(repr, schema['enum']))}"
+    if "const" in schema:
+        return repr(schema["const"])
+    if "$ref" in schema:
+        return "a table" if ends else "a table that says how it varies"
+    kind = schema["type"]
+    if kind == "array":
+        return _list(schema, ends)
+    if kind in ("number", "integer"):
+        limit = _limit(schema)
+        whole = "a whole number" if kind == "integer" else "a number"
+        if not ends or limit == Limit():
+            return whole
+        if kind == "integer":
+            return f"{limit.least} or more"
+        return f"{limit}, or inf".replace("a finite", "a") if schema.get("infinite") else str(limit)
+    return {"boolean": "true or false", "string": "text"}.get(kind, "a table")
+
+
+def _limit(schema: Schema) -> Limit:
+    return Limit(
+        above=schema.get("exclusiveMinimum"),
+        least=schema.get("minimum"),
+        below=schema.get("exclusiveMaximum"),
+        most=schema.get("maximum"),
+    )
+
+
+def _list(schema: Schema, ends: bool) -> str:
+    if "prefixItems" in schema:
+        return "two numbers"
+    item = schema["items"]
+    kinds = {"array": "lists of numbers", "string": "texts", "integer": "whole numbers"}
+    words = f"a list of {'different ' if schema.get('uniqueItems') else ''}{kinds.get(item['type'], 'numbers')}"
+    words += ", one per axis" if schema.get("per") == "axis" else ""
+    return f"{words}, each {wanted(item)}" if ends and _limit(item) != Limit() else words

@@ -1,0 +1,105 @@
+"""All tables of a scene."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Self
+
+from annotated_types import MaxLen
+from pydantic import AfterValidator, ConfigDict, Field
+from pydantic import model_validator as validates
+
+from cooperative.scene._rasters import unpacked
+from cooperative.scene.tables._campaign import Campaign, Grid, Run, Sweep
+from cooperative.scene.tables._ground import Ground, Slope, Terrain, Water
+from cooperative.scene.tables._hazard import Exposed, Hazard
+from cooperative.scene.tables._key import Table, as_points
+from cooperative.scene.tables._soil import CrossCorrelation, Layer, Soil, Varying
+from cooperative.scene.tables._stored import Calibration, Defaults, FieldModes, GivenEstimator, LimitLoad
+from foundation.text import shown
+
+LONGEST_NAME = 200
+MOST_LAYERS = 100
+SITES = ("slope", "ground", "terrain")
+"""Tables of which a scene has one: it says what ground there is."""
+STORED = ("calibration", "defaults", "estimator", "field_modes", "files", "limit_load")
+"""Tables that a campaign wrote into the scene that it keeps."""
+
+
+def _one_line(name: str) -> str:
+    if not name.isprintable() or len(name) > LONGEST_NAME:
+        raise ValueError(
+            f" = {shown(name)}: give one line of at most {LONGEST_NAME} characters without control characters"
+        )
+    return name
+
+
+def _read_files(files: dict[str, Any]) -> dict[str, Any]:
+    """Lines and rasters, by the name of the file that they were read from."""
+    found = {}
+    for name, value in files.items():
+        try:
+            found[name] = unpacked(value) if isinstance(value, dict) else as_points(value)
+        except ValueError as error:
+            raise ValueError(f" {shown(name)}{error}") from error
+    return found
+
+
+class Scene(Table):
+    """A scene of jaxmpm."""
+
+    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": [site]} for site in SITES]})
+
+    name: Annotated[str, AfterValidator(_one_line)] = Field("campaign", description="Title of the campaign.")
+    slope: Slope | None = None
+    ground: Ground | None = None
+    terrain: Terrain | None = None
+    layer: Annotated[list[Layer], MaxLen(MOST_LAYERS)] = Field(default_factory=list)
+    water: Water | None = None
+    soil: Soil
+    strength: Varying | None = None
+    cross_correlation: CrossCorrelation | None = None
+    rough: Grid
+    refined: Grid = Field(description="The grid of the audit, on which ranked samples run. Keys as in `[rough]`.")
+    run: Run = Field(default_factory=Run)
+    campaign: Campaign
+    hazard: Hazard | None = None
+    exposed: Annotated[list[Exposed], MaxLen(MOST_LAYERS)] | None = None
+    sweep: Sweep | None = Field(None, json_schema_extra={"minProperties": 1})
+    calibration: Calibration | None = None
+    defaults: Defaults | None = None
+    estimator: GivenEstimator | None = None
+    field_modes: FieldModes | None = None
+    limit_load: LimitLoad | None = None
+    files: Annotated[dict[str, Any], AfterValidator(_read_files)] = Field(
+        default_factory=dict,
+        description="What the files hold that the scene names.",
+        json_schema_extra={"additionalProperties": True},  # versions of pydantic differ in whether they write that
+    )
+
+    @validates(mode="after")
+    def _idle_keys(self) -> Self:
+        """Keys have a say."""
+        if self.strength is not None and self.soil.strength is not None:
+            raise ValueError(": both [strength] and [soil] strength are given: leave one of them out")
+        soils: list[Table] = [self.soil, *self.layer]
+        cut_off = any("tension_cutoff" in table.model_fields_set for table in soils)
+        if "gap_memory" in self.soil.model_fields_set and not cut_off:
+            raise ValueError(
+                ": [soil] gap_memory has no say in soil without tension_cutoff, which opens no gap: leave it out, or "
+                "give tension_cutoff"
+            )
+        return self
+
+    @validates(mode="after")
+    def _one_ground(self) -> Self:
+        """A scene has one ground, and tables that this ground has."""
+        given = [name for name in SITES if getattr(self, name) is not None]
+        if len(given) != 1:
+            has = f"has both {' and '.join(f'[{name}]' for name in given)}" if given else "says no ground"
+            raise ValueError(f" {has}: give one of {', '.join(f'[{name}]' for name in SITES)}")
+        for name in ("layer", "water"):
+            if getattr(self, name) and self.slope is not None:
+                raise ValueError(
+                    f": [{name}] is for a scene with [ground], not with [slope]: draw the slope as a surface"
+                )
+        return self
