@@ -1,10 +1,14 @@
 """Undrained strength as a ratio of the effective vertical stress at rest."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+import jaxmpm as mpm
+import kl
 from cooperative import runs
-from cooperative.scene import parse
+from cooperative.scene import RandomField, parse
 
 WATER = 9810.0
 LEVEL = """
@@ -110,6 +114,22 @@ def test_a_layer_has_a_strength_or_a_ratio_of_its_own():
     z = np.asarray(model.scene.particles.position, float)[1]
     stress = 18e3 * (12 - z) - WATER * np.maximum(10 - z, 0)
     np.testing.assert_allclose(model.strength(), np.where(z > 9, 25e3, 0.3 * stress), rtol=1e-6)
+
+
+def test_terrain_takes_the_water_of_a_raster():
+    heights, water = (mpm.Raster(np.full((7, 7), z), (0.0, 0.0), 2.0) for z in (12.0, 9.0))
+    level = parse(CONSTANT.replace("WATER", "level = 0.0"))
+    field = RandomField(0.25, 0.0, kl.Lognormal, kl.Exponential, (10.0, 10.0, 3.0), 0.5, "particles")
+    campaign = replace(
+        level,
+        site=replace(level.site, shape=mpm.Terrain(heights, 0.0), water=water),
+        random={"strength_ratio": field},
+        grids={name: replace(each, spacing=(*each.spacing, each.spacing[0])) for name, each in level.grids.items()},
+    )
+    model = runs.build(campaign, "rough", runs.random_soil(campaign), at_rest=False)
+    z = np.asarray(model.scene.particles.position, float)[2]
+    stress = 18e3 * (12 - z) - WATER * np.maximum(9 - z, 0)
+    np.testing.assert_allclose(model.strength(), np.maximum(0.25 * stress, 6e3), rtol=1e-6)
 
 
 def test_the_cell_has_little_say_in_the_strength_of_a_slope():

@@ -41,8 +41,8 @@ samples = 10
 seed = 3
 refined_runs = 10
 """
-TOLD = 2.0
-"""Strength (Pa) to which a layer's top is told, a thousandth of a particle."""
+RESOLVED = 2.0
+"""Gain of strength (Pa) over more than a thousandth of a particle, to which a layer's top is known."""
 PLAIN = SCENE[: SCENE.index("[[layer]]")] + SCENE[SCENE.index("[soil]") :]
 
 
@@ -75,7 +75,7 @@ def test_strength_grows_from_where_the_scene_counts_its_trend(trend_from, crust,
     (x, z), strength, layer = strength_of(SCENE, trend_from, grid)
     assert 0.1 < layer.mean() < 0.9
     mean, top = np.where(layer == 0, 40e3, 20e3), np.where(layer == 0, crust(x), clay(x))
-    np.testing.assert_allclose(strength, mean * (1 + 1.5e3 / mean * np.maximum(top - z, 0)), rtol=1e-5, atol=TOLD)
+    np.testing.assert_allclose(strength, mean * (1 + 1.5e3 / mean * np.maximum(top - z, 0)), rtol=1e-5, atol=RESOLVED)
 
 
 def test_ground_of_one_soil_is_a_layer_whose_top_is_the_surface():
@@ -87,7 +87,7 @@ def test_a_layer_may_count_its_trend_from_elsewhere():
     own = SCENE.replace("mean = 20e3, cov = 0.0", 'mean = 20e3, cov = 0.0, trend_from = "layer"')
     (x, z), strength, layer = strength_of(own, "trend_from = 10.0")
     top = np.where(layer == 0, 10.0, bottom_of_crust(x))
-    np.testing.assert_allclose(strength, np.where(layer == 0, 40e3, 20e3) + 1.5e3 * (top - z), rtol=1e-5, atol=TOLD)
+    np.testing.assert_allclose(strength, np.where(layer == 0, 40e3, 20e3) + 1.5e3 * (top - z), rtol=1e-5, atol=RESOLVED)
 
 
 @pytest.mark.parametrize(

@@ -194,10 +194,7 @@ def _conditioning(
         data = np.asarray(field.boreholes)
         points = data[:, :-1].T
         if field.trend_from == "layer":
-            raise ValueError(
-                "trend_from = 'layer' with boreholes, whose places are told by elevation alone: give 'surface' or an "
-                "elevation"
-            )
+            raise ValueError("trend_from = 'layer' with boreholes, which name no layer: give 'surface' or an elevation")
         values = data[:, -1] / field.grown(site.depth(points, field, 0))
         score = np.asarray(field.distribution.standardise(jnp.asarray(values)), float)
         if not np.isfinite(score).all():

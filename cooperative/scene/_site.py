@@ -72,7 +72,7 @@ class Site:
         layers = [replace(each, soil=_as_meant(each.soil)) for each in self.soils(soil)]
         loads = {"gravity": gravity, "at_rest": at_rest, "ends": self.ends, "water": self.water, "r_u": self.r_u}
         if self.by_stress(soil) and all(getattr(each.soil, "friction", None) is None for each in layers):
-            # Soil in total stress alone: water says how strong it is, and loads nothing.
+            # Soil in total stress alone: water determines its strength and is no load.
             del loads["water"], loads["r_u"]
         return ground.build_ground(self.shape, layers, numerics, **loads)
 

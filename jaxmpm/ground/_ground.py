@@ -327,7 +327,7 @@ def box_of(ground: Any, layers: Sequence[Layer], number: int) -> Box:
 def top_of(
     ground: Ground, layers: Sequence[Layer], number: int, position: np.ndarray, discretisation: Discretisation
 ) -> np.ndarray:
-    """Elevation (N,) m of the top of a layer above points in it, as `layer_of` tells it, to a millionth of the ground's
+    """Elevation (N,) m of the top of a layer above points in it, by `layer_of`, to a millionth of the ground's
     height: between each point and the surface, by halving.
 
     Args:
