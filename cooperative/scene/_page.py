@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, get_origin
 
 from cooperative.scene import tables
 from cooperative.scene._examples import NAMED, SCHEMA
@@ -19,7 +19,9 @@ TABLES: Mapping[str, type[tables.Table]] = {
     if name not in tables.STORED and (table := tables.table_in(field)) is not None
 }
 """The tables that a scene may have, by name."""
-SEVERAL = tuple(name for name in TABLES if tables.schema_of(tables.Scene)["properties"][name].get("type") == "array")
+SEVERAL = tuple(
+    name for name in TABLES if any(get_origin(each) is list for each in tables.parts(tables.Scene.model_fields[name]))
+)
 """Tables of which there may be several: `[[layer]]`."""
 
 
