@@ -19,7 +19,7 @@ from cooperative.measure import ColumnPlan, OpenGround
 from cooperative.runs._initial import read_initial
 from cooperative.runs._random_soil import RandomSoil, random_soil
 from cooperative.scene import Campaign, RandomField, built
-from jaxmpm import Face, Scene, State, column_shape, declared, with_columns, with_parameters
+from jaxmpm import Face, Scene, State, Zoned, column_shape, declared, with_columns, with_parameters
 
 RATIO = "strength_ratio"
 """What strength goes with the stress by: a parameter of soil, of which its law knows the strength alone."""
@@ -183,7 +183,8 @@ class GridModel:
 
     def with_strength_factor(self, factor: float) -> GridModel:
         """The same grid with all strength, random or not, times a factor."""
-        known = "strength" in self.campaign.random and self.scene.wall_friction is None
+        zoned = isinstance(self.scene.material, Zoned)
+        known = "strength" in self.campaign.random and self.scene.wall_friction is None and not zoned
         scene = self.scene if known else jaxmpm.reduced(self.scene, 1 / factor)
         return replace(self, scene=scene, strength_factor=factor)
 
@@ -201,7 +202,7 @@ class GridModel:
         reduced where the grids are calibrated, by engineer's name. Soil reaches particles here, and nowhere else."""
         found = {name: self._of_engineers(name, value) for name, value in drawn.items() if name != RATIO}
         if self.stress is not None:
-            found["strength"] = self._by_stress(drawn.get(RATIO), found.get("strength"))
+            found["strength"] = self._of_engineers("strength", self._by_stress(drawn.get(RATIO), found.get("strength")))
         if self.strength_factor == 1:
             return found
         law: Any = self.scene.material
@@ -230,13 +231,15 @@ class GridModel:
         known = declared(self.scene.material).get(name)
         if known is None:
             return value
+        if isinstance(self.scene.material, Zoned):
+            value = jnp.where(jnp.isnan(known.value), jnp.nan, value)  # in zones without it
         if known.parameter.angle:
             return jnp.rad2deg(value) if inverse else jnp.deg2rad(value)
         if not known.parameter.per_band:
             return value
         # The law's own number is of the grid's bands, that of the soil of one as thick as its `softening_length`.
         soils = [each.soil for each in self.campaign.site.soils(self.campaign.soil)]
-        own = np.array([getattr(soil, name) for soil in soils])
+        own = np.array([getattr(soil, name, None) for soil in soils], float)
         scale = known.value / (own[0] if self.layer is None else own[self.layer])
         return value / scale if inverse else value * scale
 

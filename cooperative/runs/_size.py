@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import jax
@@ -65,16 +65,18 @@ def grid_size(campaign: Campaign, grid: str) -> GridSize:
     def alone(soil: AnySoil) -> Scene:
         # One particle of the same soil has the same time step, and meets the same checks.
         domain, corner = (2 * numerics.cell,) * campaign.dimension, (0.0,) * campaign.dimension
-        return block(numerics.spacing, soil, numerics, domain=domain, corner=corner, speed=speed)[0]
+        own = numerics if getattr(soil, "softens", True) else replace(numerics, internal_length=None)
+        return block(numerics.spacing, soil, own, domain=domain, corner=corner, speed=speed)[0]
 
     soils = [layer.soil for layer in site.soils(campaign.soil)]
-    one = min(map(alone, soils), key=lambda scene: float(scene.time_step))
+    scenes = [alone(soil) for soil in soils]
+    one = min(scenes, key=lambda scene: float(scene.time_step))
     for soil, random in zip(soils, [layer.random for layer in site.layers] or [campaign.random], strict=True):
         if _varies_in_steepness(soil.material(np.dtype("float32"), numerics.cell), random):
             _refused_at_the_ends(alone, steepest(soil, random, site.span))
     dt, each = float(one.time_step), math.prod(numerics.spacing)
     steps = campaign.run.last(grid) / dt if dt > 0 else math.inf
-    passes = 0 if one.nonlocal_passes is None else one.nonlocal_passes
+    passes = max(scene.nonlocal_passes or 0 for scene in scenes)
     return GridSize(
         particles=ground.volume(shape) / each,
         nodes=math.prod(count + 3.0 for count in cells),

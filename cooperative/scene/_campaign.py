@@ -257,7 +257,9 @@ def _check_own_fields(campaign: Campaign, layer: SiteLayer) -> None:
 def _check_boreholes(campaign: Campaign) -> None:
     """Raise ValueError for measured values that lie in a layer to which their field does not reach."""
     layers = campaign.site.layers
-    fields: list[tuple[int | None, str, RandomField]] = [(None, name, field) for name, field in campaign.random.items()]
+    fields: list[tuple[int | None, str, RandomField]] = [
+        (None, name, field) for name, field in campaign.random.items() if campaign.site.spans(name)
+    ]
     fields += [(number, name, each.random[name]) for number, each in enumerate(layers) for name in each.own]
     for number, name, field in fields:
         if field.boreholes is None or not any(name in each.own for each in layers):

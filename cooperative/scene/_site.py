@@ -5,13 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from cooperative.measure import Track
 from cooperative.scene import tables
-from cooperative.scene._soil import RandomField, Span, StrengthByStress, ask, soil_of_layer
+from cooperative.scene._soil import LIMITS, RandomField, Span, StrengthByStress, ask, soil_of_layer
 from foundation.text import shown
 from jaxmpm import (
     AnySoil,
@@ -125,11 +126,27 @@ class Site:
         return ground.thicknesses(self.shape, layers) if layers else []
 
     def values_of(self, parameter: str, field: RandomField) -> tuple[RandomField | float, ...]:
-        """What a parameter that varies is in each layer: a field, or the number of one in which it does not vary, 0 in
-        soil that has none."""
-        return tuple(
-            each.random.get(parameter) or float(getattr(each.layer.soil, parameter) or 0.0) for each in self.layers
-        ) or (field,)
+        """What a parameter that varies is in each layer: a field, or the number of one in which it does not vary; the
+        mean of the field in a layer whose kind of soil has no such parameter."""
+
+        def number(soil: AnySoil) -> float:
+            value = getattr(soil, parameter, None)
+            return field.mean if value is None else float(value)
+
+        return tuple(each.random.get(parameter) or number(each.layer.soil) for each in self.layers) or (field,)
+
+    def representative(self, soil: AnySoil | None) -> AnySoil:
+        """The soil of the whole scene; where it gives none, that of the first layer that softens, or is no rock."""
+        if soil is not None:
+            return soil
+        first = sorted(self.layers, key=lambda each: (each.rock, not getattr(each.layer.soil, "softens", False)))
+        return first[0].layer.soil
+
+    def all_random(self, random: Mapping[str, RandomField]) -> Mapping[str, RandomField]:
+        """What varies, by parameter in the order of `LIMITS`: of the whole scene, then of the first layer."""
+        own = {name: each.random[name] for each in reversed(self.layers) for name in each.own}
+        every = {**own, **random}
+        return MappingProxyType({name: every[name] for name in LIMITS if name in every})
 
     def spans(self, parameter: str) -> bool:
         """Whether a parameter that varies has a field that goes through layers: not where every layer in which it
@@ -215,7 +232,7 @@ def _section(scene: tables.Scene, table: tables.Ground) -> Site:
     values = dict(table)
     surface, ends = _line(scene, "[ground] surface", values.pop("surface")), values.pop("ends")
     contact = None if table.interface is None else Interface(**dict(table.interface))
-    if contact is not None and not scene.soil.unusual:
+    if contact is not None and not scene.unusual:
         for name in ("friction", "cohesion"):
             ask(f"[ground.interface] {name}", name, getattr(contact, name))
     shape = Section(**{**values, "surface": surface, "interface": contact})
@@ -300,7 +317,7 @@ def _water(scene: tables.Scene, shape: Section | Terrain) -> tuple[Any, float | 
         water = _heights(scene, "[water] raster", value)
     elif key == "depth":
         water = shape.lowered(value)
-    if not scene.soil.unusual:
+    if not scene.unusual:
         _ask_of_water(f"[water] {key}", water, shape)
     return water, None
 

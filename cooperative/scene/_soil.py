@@ -148,14 +148,24 @@ def in_scene(soil: tables.Soil, strength: tables.Varying | None) -> Place:
     return place
 
 
+def soil_of_scene(
+    scene: tables.Scene, *, height: float, span: Span
+) -> tuple[Soil | FrictionalSoil | None, Mapping[str, RandomField]]:
+    """The soil of `[soil]` and `[strength]`, as `soil_of`; none where they leave its strength to the layers."""
+    if scene.soil is None or (scene.layer and _kind(_of_scene(scene)) is None):
+        return None, {}
+    table = scene.soil if scene.strength is None else scene.soil.model_copy(update={"strength": scene.strength})
+    return soil_of(table, in_scene(scene.soil, scene.strength), height=height, span=span)
+
+
 def soil_of(
-    table: tables.Soil, place: Place, *, height: float, span: Span, must_vary: bool = True
+    table: tables.Soil, place: Place, *, height: float, span: Span
 ) -> tuple[Soil | FrictionalSoil, Mapping[str, RandomField]]:
     """The soil with the means of what varies, and the fields by parameter.
 
     table: `[soil]`, with the strength of `[strength]`. place: names its parameters. height: of the slope (m). span: of
-    the ground. must_vary: whether something has to. Raises ValueError for parameters that no soil
-    has, that do not go together or whose numbers betray another unit, and for fields whose values leave their limits.
+    the ground. Raises ValueError for parameters that no soil has, that do not go together or whose numbers betray
+    another unit, and for fields whose values leave their limits.
     """
     values, random, unusual = dict(table), {}, table.unusual
     _check_kind(values, table.model_fields_set, place)
@@ -173,11 +183,6 @@ def soil_of(
                 "it out"
             )
     _check_saturated(values, random, place)
-    if must_vary and not random:
-        raise ValueError(
-            "nothing in the scene is random: give at least one parameter of the soil as a table, such as "
-            "[soil.cohesion] with mean, cov and length"
-        )
     _check_friction(values, random, span, place)
     return _built(values, height), MappingProxyType({name: random[name] for name in LIMITS if name in random})
 
@@ -191,11 +196,17 @@ def soil_of_layer(
     random: what varies in the soil of the whole scene. height, span: as for `soil_of`. Raises ValueError as it does,
     and for what a layer cannot have.
     """
-    whole = _given(scene.soil) | ({} if scene.strength is None else {"strength": scene.strength})
     own = {key: value for key, value in _given(layer).items() if key in tables.Soil.model_fields}
+    whole = _of_scene(scene)
+    if _kind(own) not in (None, _kind(whole)):
+        # A layer of the other kind takes over what both kinds have.
+        others = OF_CLAY if _kind(whole) == UNDRAINED else OF_FRICTION
+        whole = {key: value for key, value in whole.items() if key not in others}
     given = {"strength", "strength_ratio"} & own.keys()
     replaced = {"strength", "strength_ratio", "strength_minimum"} - own.keys() if given else set()
     merged = {key: value for key, value in whole.items() if key not in replaced} | own
+    if not layer.rock:
+        _check_complete(merged)
     for name, value in own.items():
         if isinstance(value, tables.Table):
             stops = _of_its_own(layer, name)
@@ -211,13 +222,16 @@ def soil_of_layer(
     soil = tables.read(tables.Soil, merged, "layer")
     if layer.rock:
         return _rock(soil, height), {}, ()
-    above = in_scene(scene.soil, scene.strength)
-    found, varying = soil_of(
-        soil, lambda name: name if name in own else above(name), height=height, span=span, must_vary=False
-    )
+    above = in_scene(soil if scene.soil is None else scene.soil, scene.strength)
+    found, varying = soil_of(soil, lambda name: name if name in own else above(name), height=height, span=span)
     for name, field in varying.items():
         if name not in random:
-            raise ValueError(f"{name} varies, and in [soil] it does not: make it a table there too")
+            if "length" not in _of_its_own(layer, name):
+                raise ValueError(
+                    f"{name} varies, and in [soil] it does not: give it a length here, for a field of its own, or make "
+                    "it a table there too"
+                )
+            continue
         alike = (field.mean, field.cov, field.marginal) == tuple(
             getattr(random[name], key) for key in ("mean", "cov", "marginal")
         )
@@ -227,6 +241,34 @@ def soil_of_layer(
                 "or give this layer no distribution of its own, or a field of its own by its length"
             )
     return found, varying, tuple(name for name in varying if "length" in _of_its_own(layer, name))
+
+
+UNDRAINED, FRICTIONAL = "undrained", "frictional"
+
+
+def _kind(given: Collection[str]) -> str | None:
+    """Of which kind soil is that has these keys; None where they tell of no strength."""
+    if not {"cohesion", "friction"}.isdisjoint(given):
+        return FRICTIONAL
+    return None if {"strength", "strength_ratio"}.isdisjoint(given) else UNDRAINED
+
+
+def _check_complete(given: Collection[str]) -> None:
+    """Raise ValueError for keys of a layer, with those that it takes over, that make no strength of either kind."""
+    pair = {"cohesion", "friction"}
+    if _kind(given) is None:
+        raise ValueError(
+            "neither it nor [soil] gives its strength: add strength for undrained soil, or cohesion and friction"
+        )
+    if _kind(given) == FRICTIONAL and (lacking := pair.difference(given)):
+        raise ValueError(f"it lacks {min(lacking)}, which goes with {min(pair - lacking)}: add it")
+
+
+def _of_scene(scene: tables.Scene) -> dict[str, Any]:
+    """What a scene gives of its soil, in `[soil]` and `[strength]`."""
+    return ({} if scene.soil is None else _given(scene.soil)) | (
+        {} if scene.strength is None else {"strength": scene.strength}
+    )
 
 
 def _given(table: tables.Table) -> dict[str, Any]:
@@ -243,10 +285,12 @@ def _of_its_own(layer: tables.Layer, parameter: str) -> list[str]:
 
 def _rock(table: tables.Soil, height: float) -> Soil | FrictionalSoil:
     """A soil like that of the table, which does not yield: its strength is its Young's modulus, which no load of a
-    slope can reach. What varies is at its mean. height: of the slope (m)."""
+    slope can reach; elastic where the table has none. What varies is at its mean. height: of the slope (m)."""
     values = {name: value.mean if isinstance(value, tables.Varying) else value for name, value in table}
+    kind = _kind([name for name, value in values.items() if value is not None])
     values |= {"unusual": True, "strength_ratio": None, "strength_minimum": None}
-    values["strength" if values["cohesion"] is None else "cohesion"] = values["young"]
+    if kind is not None:
+        values["strength" if kind == UNDRAINED else "cohesion"] = values["young"]
     return _built(values, height)
 
 

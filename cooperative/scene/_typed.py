@@ -12,8 +12,8 @@ from cooperative.scene import tables
 from cooperative.scene._campaign import Campaign, LimitLoad, Plan, Run, check_campaign
 from cooperative.scene._hazard import hazard_of
 from cooperative.scene._measured import given_measured, taking
-from cooperative.scene._site import layers_of, site_of
-from cooperative.scene._soil import CrossCorrelation, ask, in_scene, soil_of
+from cooperative.scene._site import Site, layers_of, site_of
+from cooperative.scene._soil import CrossCorrelation, ask, soil_of_scene
 from cooperative.scene._text import tables_of
 from foundation.text import short, shown
 from jaxmpm import AnySoil, Discretisation, Scene, Settle, State, cell_independent
@@ -35,13 +35,17 @@ def parse(text: str, estimator: Estimator | None = None, *, begun: bool = False)
     given = _given(scene, estimator)
     if given is not None and scene.estimator is None:
         text += f"\n[estimator]\ngiven = {json.dumps(given)}\n"
-    table = scene.soil if scene.strength is None else scene.soil.model_copy(update={"strength": scene.strength})
-
     site = site_of(scene)
-    if not scene.soil.unusual:
+    if not scene.unusual:
         ask("[run] gravity", "gravity", scene.run.gravity)
-    soil, random = soil_of(table, in_scene(scene.soil, scene.strength), height=site.height, span=site.span)
-    site = replace(site, layers=layers_of(scene, site, random))
+    whole, through = soil_of_scene(scene, height=site.height, span=site.span)
+    site = replace(site, layers=layers_of(scene, site, through))
+    soil, random = site.representative(whole), site.all_random(through)
+    if not random:
+        raise ValueError(
+            "nothing in the scene is random: give at least one parameter of the soil as a table, such as "
+            "[soil.cohesion] with mean, cov and length"
+        )
     together = scene.cross_correlation
     campaign = Campaign(
         text=text,
@@ -50,7 +54,7 @@ def parse(text: str, estimator: Estimator | None = None, *, begun: bool = False)
         soil=soil,
         random=random,
         cross_correlation=None if together is None else CrossCorrelation(**dict(together)),
-        grids=MappingProxyType({grid: _grid(getattr(scene, grid), soil) for grid in ("rough", "refined")}),
+        grids=MappingProxyType({grid: _grid(getattr(scene, grid), site, soil) for grid in ("rough", "refined")}),
         run=_run(scene.run),
         plan=_plan(scene, estimator, named=given is None, has_modes=site.shape.face is not None),
         hazard=hazard_of(scene),
@@ -70,10 +74,12 @@ def built(campaign: Campaign, grid: str, *, at_rest: bool = True) -> tuple[Scene
 
 def _as_begun(scene: tables.Scene, begun: bool) -> tables.Scene:
     """What the scene leaves out is what it was when its campaign began, and what was accepted then stays so."""
-    changes: dict[str, dict[str, Any]] = {"soil": {"unusual": True} if begun else {}, "rough": {}, "refined": {}}
+    changes: dict[str, dict[str, Any]] = {"rough": {}, "refined": {}}
+    if scene.soil is not None:
+        changes["soil"] = {"unusual": True} if begun else {}
     if scene.defaults is not None:
         for name, key in (("rough", "cfl"), ("refined", "cfl"), ("soil", "gap_memory")):
-            if key not in getattr(scene, name).model_fields_set:
+            if name in changes and key not in getattr(scene, name).model_fields_set:
                 changes[name][key] = getattr(scene.defaults, key)
     return scene.model_copy(
         update={name: getattr(scene, name).model_copy(update=change) for name, change in changes.items()}
@@ -129,12 +135,14 @@ def _run(table: tables.Run) -> Run:
     return Run(**values, settle=Settle(slides=slides) if settle else None)
 
 
-def _grid(table: tables.Grid, soil: AnySoil) -> Discretisation:
-    """Answers do not follow the cell, unless the scene says so."""
+def _grid(table: tables.Grid, site: Site, soil: AnySoil) -> Discretisation:
+    """Answers do not follow the cell, unless the scene says so. F-bar is none for ground with a frictional layer."""
     values = {key: value for key, value in table if value is not None}
     if table.internal_length == "none":
         values["internal_length"] = None
-    return replace(cell_independent(Discretisation(**values, dtype="float32"), soil), **values)
+    numerics = cell_independent(Discretisation(**values, dtype="float32"), soil)
+    frictional = any(getattr(each.soil, "friction", None) is not None for each in site.soils(soil))
+    return replace(numerics, **{"fbar": numerics.fbar and not frictional, **values})
 
 
 def _given(scene: tables.Scene, estimator: Estimator | None) -> str | None:

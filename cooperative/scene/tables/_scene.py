@@ -55,7 +55,7 @@ class Scene(Table):
     terrain: Terrain | None = None
     layer: Annotated[list[Layer], MaxLen(MOST_LAYERS)] = Field(default_factory=list)
     water: Water | None = None
-    soil: Soil
+    soil: Soil | None = None
     strength: Varying | None = None
     cross_correlation: CrossCorrelation | None = None
     rough: Grid
@@ -79,6 +79,10 @@ class Scene(Table):
     @validates(mode="after")
     def _idle_keys(self) -> Self:
         """Keys have a say."""
+        if self.soil is None:
+            if self.strength is not None or not self.layer:
+                raise ValueError(" lacks [soil]: add it, or give each [[layer]] all of its own soil")
+            return self
         if self.strength is not None and self.soil.strength is not None:
             raise ValueError(": both [strength] and [soil] strength are given: leave one of them out")
         soils: list[Table] = [self.soil, *self.layer]
@@ -89,6 +93,11 @@ class Scene(Table):
                 "give tension_cutoff"
             )
         return self
+
+    @property
+    def unusual(self) -> bool:
+        """Whether `[soil]` has its numbers meant as they are."""
+        return self.soil is not None and self.soil.unusual
 
     @validates(mode="after")
     def _one_ground(self) -> Self:

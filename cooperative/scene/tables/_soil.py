@@ -308,7 +308,9 @@ class Layer(_SoilOfLayer):
     have any key of `[soil]`, and of a parameter that varies a table, such as `[layer.strength]`, with its own `mean`,
     `cov`, `marginal`, `lower`, `upper` and `trend`; what it leaves out is that of `[soil]` and `[strength]`. Its random
     field goes through all layers, unless a layer gives a `length` of its own: then its field stops at it, independent
-    of all others, with a `correlation`, `energy`, `bedding` and so on that may be its own too."""
+    of all others, with a `correlation`, `energy`, `bedding` and so on that may be its own too. Layers may be of
+    different kinds, fill with cohesion and friction over clay with a strength over rock: one of the other kind than
+    `[soil]` takes over from it what both kinds have. Where every layer gives all of its soil, no `[soil]` is needed."""
 
     name: str | None = key("What it is called.", "soft clay", None, otherwise="`layer` and its number")
     bottom: Line | None = key(
