@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from cooperative import runs
+from cooperative.measure import ColumnPlan
 from cooperative.scene import Calibration, Campaign, factors_of_safety, to_toml
 from cooperative.scene._rasters import packed
 from cooperative.store import Sample
@@ -116,18 +117,20 @@ def build(campaign: Campaign, grid: str, soil: Any, **_: Any) -> Any:
     """As much of a grid's model as made-up runs need."""
     absent: Any = None
     particles, nodes = SimpleNamespace(position=np.zeros((2, PARTICLES))), SimpleNamespace(shape=(2, 2))
-    scene: Any = SimpleNamespace(particles=particles, grid=nodes)
+    scene: Any = SimpleNamespace(particles=particles, grid=nodes, wall_friction=None)
     return runs.GridModel(grid, campaign, scene, absent, soil, {})
 
 
-def ground_of(models: dict[str, Any]) -> Any:
+def ground_of(models: dict[str, Any]) -> runs.StoredGround:
     """As much of the ground as made-up runs are read by."""
+    columns = ColumnPlan((0.0,), 1.0, (1,), ((0.0, 1.0),))
     grids = {
-        grid: SimpleNamespace(position=model.scene.particles.position, columns=SimpleNamespace(shape=(1,)))
+        grid: runs.StoredGrid(model.scene.particles.position, np.ones(2), None, columns, "made up")
         for grid, model in models.items()
     }
     samples = runs.samples_of(models["rough"].campaign)
-    return SimpleNamespace(terms=MODES, samples=samples, grids=grids)
+    outline = (0.0, 0.0), (1.0, 1.0), np.zeros((2, 2)), None
+    return runs.StoredGround(*outline, False, (), ("strength",), MODES, samples, grids, None)
 
 
 def keep_nothing(*_: Any) -> None:

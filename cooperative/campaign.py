@@ -16,10 +16,10 @@ import numpy as np
 
 from cooperative import runs
 from cooperative.estimate import Estimator, Phases, Screened, Slides, wilson_interval
-from cooperative.folder import Results
+from cooperative.folder import write_results
 from cooperative.scene import Campaign, Measured, allowing, measure, parse, with_defaults, with_measured, write_budget
-from cooperative.store import GRIDS, SLIDES, Rows, Sample, Store, open_store, read_sample, restart_path, write_sample
-from cooperative.summary import Summary, write
+from cooperative.store import GRIDS, SLIDES, Rows, Sample, Store, open_store, restart_path, write_sample
+from cooperative.summary import Summary
 
 
 def run(
@@ -63,10 +63,10 @@ def run(
         opened = closing(pool.opened()) if pool else nullcontext()
         with opened, open_store(folder, campaign.text, verify=verify) as store:
             with stop.at_once():
-                if campaign.raised is not None:
-                    write_budget(folder, campaign.raised)
                 for model in models.values():
                     runs.keep_initial(folder, model.grid, model.scene, model.state)
+                if campaign.raised is not None:
+                    write_budget(folder, campaign.raised)
                 campaign = measure(campaign, folder, models["rough"].soil.counts, models)
                 models = {grid: model.with_measured(campaign) for grid, model in models.items()}
                 runs.keep_ground(folder, models)
@@ -140,14 +140,7 @@ def _ran(runner: _Runs, store: Store, on_phase: Callable[[str], None]) -> Summar
     on_phase("slides")
     _slide_on(runner, store, rows, screened, coefficients)
     on_phase("summary")
-    rough, refined = rows("rough"), rows("refined")
-    summary = write(campaign, store, rough, refined)
-    results = Results(store, ground, rough, refined, summary)
-    first, _ = results.drawn()
-    samples = {(grid, number): read_sample(store, first, number).coefficients for grid, number in results.soils()}
-    soils = {of: runs.soil_of(runner.models[of[0]], own) for of, own in samples.items() if own.size}
-    runs.keep_drawn(store.folder, soils)
-    return summary
+    return write_results(campaign, store, runner.models, rows("rough"), rows("refined"))
 
 
 def _screen(runner: _Runs, store: Store, rows: Callable[[str], Rows]) -> tuple[np.ndarray, Phases]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,8 +13,8 @@ from cooperative import runs
 from cooperative.estimate import Estimator
 from cooperative.measure import SEVERITY
 from cooperative.scene import Campaign, campaign_of
-from cooperative.store import GRIDS, Rows, Store, read_store
-from cooperative.summary import Summary, stored, summarise
+from cooperative.store import GRIDS, Rows, Store, read_sample, read_store
+from cooperative.summary import Summary, stored, summarise, write
 from foundation.files import DamagedFile
 
 SLIDES = 3
@@ -87,6 +88,20 @@ def read_results(folder: str | Path, estimator: Estimator | None = None) -> Resu
     left_out += [f"refined run {number} has no rough run beside it: resume the campaign" for number in without]
     summary = stored(store, rough, refined) or summarise(campaign or campaign_of(store), rough, refined)
     return Results(store, ground, rough, refined, summary, tuple(left_out))
+
+
+def write_results(
+    campaign: Campaign, store: Store, models: Mapping[str, runs.GridModel], rough: Rows, refined: Rows
+) -> Summary:
+    """Write the summary of a campaign's rows, and the random soil that a report draws; returns the summary. OSError
+    where the disk refuses."""
+    summary = write(campaign, store, rough, refined)
+    results = Results(store, runs.ground_of(models), rough, refined, summary)
+    grid, _ = results.drawn()
+    own = {each: read_sample(store, grid, each[1]).coefficients for each in results.soils()}
+    # A run that was given up has no coefficients.
+    runs.keep_drawn(store.folder, {each: runs.soil_of(models[each[0]], xi) for each, xi in own.items() if xi.size})
+    return summary
 
 
 def models_of(campaign: Campaign) -> dict[str, runs.GridModel]:

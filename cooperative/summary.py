@@ -89,9 +89,9 @@ class ModeShare:
 class Summary:
     """A campaign in numbers.
 
-    name: of the campaign. probability_of_failure: by the `estimator`, with confidence limits at `level` and its
-    coefficient_of_variation, None at 0. unseen, sampling_interval: as in `Estimate`. finished: why no further run is
-    asked for, None where some are. after_more_runs: what these would buy. other_estimates: by estimator.
+    name: of the campaign. probability_of_failure: by the `estimator`, with its confidence limits, the interval, at
+    `level` and its coefficient_of_variation, None at 0. unseen, sampling_interval: as in `Estimate`. finished: why no
+    further run is asked for, None where some are. after_more_runs: what these would buy. other_estimates: by estimator.
     convergence: the estimate as refined runs came in. samples, failures_rough: on the rough grid. refined_runs,
     failures_refined: on the refined grid. slides: failures that slid on to their end; slides_drawn: that there are in
     the end, as far as is known. calibration, limit_load: as measured before the first run, None where not asked for.

@@ -76,8 +76,8 @@ def test_the_controller_comes_back_to_no_room_more_than_twice(tmp_path, monkeypa
     invented.invent(put=monkeypatch.setattr)
     way, loops = trace(lambda: campaign.run(scene, tmp_path / "out", **choices))
     assert way[0] == "scene"
-    assert way[-1] == "summary"
+    assert way[-1] == "folder"
     assert [room for room in way if room in LOOPS] == list(LOOPS)
     assert {room: way.count(room) for room in way if way.count(room) > 3} == {}
-    assert set(way) - set(LOOPS) <= {"scene", "estimate", "runs", "store", "summary"}
+    assert set(way) - set(LOOPS) <= {"scene", "estimate", "runs", "store", "folder"}
     assert loops == {name: {"estimate", "runs", "store"} for name in LOOPS}
