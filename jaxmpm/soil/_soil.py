@@ -34,18 +34,19 @@ STANDARD_GRAVITY = 9.81
 """What turns a unit weight into a density (m/s2), whatever gravity a scene has."""
 
 
+ANGLE = Limit(least=0, most=60, unit="degrees")
 LIMITS: Mapping[str, Limit] = MappingProxyType(
     {
         "strength": Limit(above=0, unit="Pa"),
         "cohesion": Limit(least=0, unit="Pa"),
-        "friction": Limit(least=0, most=60, unit="degrees"),
-        "dilation": Limit(least=0, most=60, unit="degrees"),
+        "friction": ANGLE,
+        "dilation": ANGLE,
         "young": Limit(above=0, unit="Pa"),
         "poisson": Limit(above=-1, below=0.5),
         "unit_weight": Limit(above=0, unit="N/m3"),
         "softening_modulus": Limit(above=0, unit="Pa"),
         "residual_cohesion": Limit(least=0, unit="Pa"),
-        "residual_friction": Limit(least=0, most=60, unit="degrees"),
+        "residual_friction": ANGLE,
         "residual_ratio": Limit(least=0, most=1),
         "strain_95": Limit(above=0),
         "softening_strain": Limit(above=0),
@@ -265,7 +266,7 @@ class Interface:
 
     def check(self) -> None:
         """Raise ValueError for a strength that no contact has."""
-        check.between("the interface's friction", self.friction, 0.0, 60.0, ends=True)
+        check.within("the interface's friction", self.friction, ANGLE)
         check.not_negative("the interface's cohesion", self.cohesion, "Pa")
 
 

@@ -97,6 +97,7 @@ class Terrain(Table):
         [689000.0, 5334000.0],
         None,
         otherwise="`[0.0, 0.0]`",
+        allowed="x and y",
     )
     ends: Literal["roller", "fixed"] = key(
         "What holds the ground at its walls; for a free face see `cut`.", "roller", "roller"
