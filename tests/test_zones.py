@@ -263,3 +263,22 @@ def test_what_zones_cannot_be_is_refused():
         mpm.scene(scene.particles, scene.grid, replace(scene.material, counts=(3, 4)), kernel=scene.kernel)
     with pytest.raises(ValueError, match="fbar = True with a frictional soil"):
         layered(FILL, CLAY, numerics=replace(NUMERICS, fbar=True))
+
+
+@pytest.mark.slow
+def test_an_embankment_on_clay_fails_as_slip_circles_say():
+    # Spencer's method by xslope (benchmarks.limit_equilibrium), critical circle through fill and clay: 1.228.
+    bank = mpm.Section([(0, 11), (12, 11), (22, 6), (40, 6)])
+    fill = mpm.FrictionalSoil(2e3, 32.0, unit_weight=20e3, young=3e7)
+    clay = mpm.Soil(unit_weight=18e3, young=3e7, strength=22e3)
+    same = replace(fill, cohesion=22e3, friction=0.0, unit_weight=18e3)
+    kinks = []
+    for below in (clay, same):
+        layers = [mpm.Layer(fill, [(0, 6), (22, 6)]), mpm.Layer(below)]
+        scene, state = mpm.section(bank, layers, mpm.Discretisation(1.0, (0.5, 0.5), cell_average=True))
+        found = mpm.factor_of_safety(
+            scene, state, criterion="limit load", bracket=(0.8, 2.4), resolution=0.02, batch=4, t_end=10.0
+        )
+        kinks.append(found.kink)
+    assert kinks[0] == pytest.approx(1.228, rel=0.06)
+    assert kinks[0] == pytest.approx(kinks[1], rel=0.02)
