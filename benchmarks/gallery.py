@@ -80,8 +80,8 @@ def campaigns(name: str) -> list[Campaign]:
             # A terrain model is written beside it.
             path = Path(place) / "own.toml"
             begin(name.removeprefix("new/"), path)
-        text = read_scene(path)
-    return [parse(each.text) for each in variants(text)] if "\n[sweep]" in text else [parse(text)]
+        source = read_scene(path)
+    return [parse(each.text) for each in variants(source)] if "sweep" in source.tables else [parse(source)]
 
 
 def about(name: str) -> str:

@@ -103,7 +103,7 @@ def _rows(variant: Variant, numbers: list[int]) -> Iterator[tuple[object, ...]]:
     scene, grid, spacing, cfl, until = variant
     campaign = study(scene_campaign(scene))
     shape = replace(campaign.grids[grid], spacing=(spacing, spacing), cfl=cfl)
-    campaign = replace(campaign, grids={**campaign.grids, grid: shape})
+    campaign = replace(campaign, rough=shape) if grid == "rough" else replace(campaign, refined=shape)
     soil = runs.random_soil(campaign)
     coefficients = runs.coefficients_of(campaign, soil)
     model = runs.build(campaign, grid, soil)

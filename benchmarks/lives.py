@@ -23,7 +23,7 @@ import numpy as np
 from benchmarks import invented
 from benchmarks.invented import CALIBRATED, LONG, SCENE, SUBSET, SWEEP, TORN
 from benchmarks.measure import ROOT
-from cooperative.scene import parse, with_defaults
+from cooperative.scene import parse, settled
 from cooperative.store import (
     GRIDS,
     Store,
@@ -243,7 +243,7 @@ def large(count: int, folder: Path) -> dict[str, float]:
     case = Case("large", "run", SCENE.replace("samples = 50", f"samples = {count + 50}"))
     campaign = parse(case.text)
     coefficients = invented.coefficients_of(campaign, invented.random_soil(campaign))
-    with open_store(folder, with_defaults(case.text, folder / "scene.toml")) as store:
+    with open_store(folder, settled(case.text, folder)) as store:
         for sample in invented.run_samples(invented.build(campaign, "rough", None), coefficients, range(count)):
             write_sample(store, "rough", replace(sample, fields={}))
         following, index = sample_path(store, "rough", count), folder / "samples" / "rough.index"

@@ -32,7 +32,7 @@ def screened(campaign: Any, count: int) -> dict[str, Any]:
     next(iter(runs.run_samples(model, coefficients, [0], width=1, stop_at=1e-9)))
     seconds = {"storing": 0.0}
     rows = []
-    with tempfile.TemporaryDirectory() as folder, open_store(f"{folder}/screening", campaign.text) as store:
+    with tempfile.TemporaryDirectory() as folder, open_store(f"{folder}/screening", campaign.source) as store:
         start = time.perf_counter()
         for sample in runs.run_samples(
             model,

@@ -68,8 +68,10 @@ def _rows(path: Path) -> Iterator[dict[str, str]]:
 def study(campaign: Campaign) -> Campaign:
     """A scene with the samples of this study, all of which get a mode, as it was when its files were made."""
     campaign = replace(campaign, soil=replace(campaign.soil, gap_memory=False))
-    grids = {grid: replace(shape, cfl=0.5) for grid, shape in campaign.grids.items()}
-    return replace(campaign, grids=grids, plan=replace(campaign.plan, samples=SAMPLES, modes=("rough", "refined")))
+    rough, refined = (replace(campaign.grids[grid], cfl=0.5) for grid in ("rough", "refined"))
+    return replace(
+        campaign, rough=rough, refined=refined, plan=replace(campaign.plan, samples=SAMPLES, modes=("rough", "refined"))
+    )
 
 
 def main() -> None:

@@ -16,8 +16,8 @@ from cooperative.folder import SLIDES
 from cooperative.reporting import _exports as exports
 from cooperative.reporting import draw, progress_of, report, watched, words
 from cooperative.runs import Cost, Stopped, check_size, cores_to_use, cost_of, dask_executor, heeding, keep_compiled
-from cooperative.scene import Campaign, begin, examples, parse, read_scene, starters, write_example
-from cooperative.store import GRIDS, read_store
+from cooperative.scene import Campaign, begin, examples, parse, starters, write_example
+from cooperative.store import GRIDS, Source, read_store
 from foundation.text import printable
 from jaxmpm import ground
 
@@ -33,19 +33,19 @@ def default_workers() -> int:
 
 def run(given: argparse.Namespace) -> None:
     """Run a campaign of a scene, or go on where it was."""
-    _run(read_scene(given.scene), given.out, given)
+    _run(given.scene, given.out, given)
 
 
 def resume(given: argparse.Namespace) -> None:
     """Go on with a campaign from its folder, which holds its scene."""
-    _run(read_store(given.folder).scene_text, given.folder, given)
+    _run(read_store(given.folder).source, given.folder, given)
 
 
-def _run(text: str, folder: Path, given: argparse.Namespace) -> None:
+def _run(scene: Source | Path, folder: Path, given: argparse.Namespace) -> None:
     with heeding(ends_process=True):
         executor = None if given.dask is None else dask_executor(given.dask)
         campaign.run(
-            text, folder, workers=given.workers, executor=executor, refined_runs=given.refined_runs, progress=True,
+            scene, folder, workers=given.workers, executor=executor, refined_runs=given.refined_runs, progress=True,
             verify=given.verify,
         )  # fmt: skip
     print(report(folder))
@@ -82,7 +82,7 @@ def export(given: argparse.Namespace) -> None:
 def sweep_over(given: argparse.Namespace) -> None:
     """Run a campaign for each value of each parameter in the scene's [sweep], or go on where it was."""
     with heeding(ends_process=True):
-        sweep.run(read_scene(given.scene), given.out, workers=given.workers, progress=True)
+        sweep.run(given.scene, given.out, workers=given.workers, progress=True)
     print(f"{given.out / 'sweep.json'}, figures in {given.out / 'figures'}")
 
 
@@ -96,7 +96,7 @@ def check(given: argparse.Namespace) -> None:
     """Read a scene and say what it will cost on this machine, from a trial of ten seconds."""
     if not given.seconds > 0:
         raise ValueError(f"--seconds {given.seconds:g}: give more than 0")
-    scene = parse(read_scene(given.scene))
+    scene = parse(given.scene)
     check_size(scene)
     print("\n".join(map(printable, _cost(scene, cost_of(scene, given.seconds)))))
 
@@ -132,7 +132,7 @@ def _cost(scene: Campaign, cost: Cost) -> Iterator[str]:
 
 def sketch(given: argparse.Namespace) -> None:
     """Draw a scene: ground, layers, water, walls, exposed places, and one random field on both grids."""
-    scene = parse(read_scene(given.scene))
+    scene = parse(given.scene)
     suffixes = (".png", ".html") if scene.dimension == 3 else (".png",)
     paths = [given.out] if given.out else [given.scene.with_suffix(suffix) for suffix in suffixes]
     draw(scene, *paths, sample=given.sample)

@@ -17,13 +17,35 @@ import numpy as np
 from cooperative import runs
 from cooperative.estimate import Estimator, Phases, Screened, Slides, wilson_interval
 from cooperative.folder import write_results
-from cooperative.scene import Campaign, Measured, allowing, measure, parse, with_defaults, with_measured, write_budget
-from cooperative.store import GRIDS, SLIDES, Rows, Sample, Store, open_store, restart_path, write_sample
+from cooperative.scene import (
+    Campaign,
+    Measured,
+    allowing,
+    measure,
+    read,
+    settled,
+    unchanged,
+    with_measured,
+    write_budget,
+)
+from cooperative.store import (
+    GRIDS,
+    SLIDES,
+    Rows,
+    Sample,
+    Source,
+    Store,
+    open_store,
+    refuse_another,
+    restart_path,
+    stored_source,
+    write_sample,
+)
 from cooperative.summary import Summary
 
 
 def run(
-    text: str,
+    scene: Campaign | Source | str | Path,
     folder: str | Path,
     *,
     workers: int = 1,
@@ -34,10 +56,11 @@ def run(
     on_phase: Callable[[str], None] = lambda phase: None,
     verify: bool = False,
 ) -> Summary:
-    """Run the campaign of a scene (TOML text) in its folder, or go on where it was; returns the summary.
+    """Run the campaign of a scene in its folder, or go on where it was; returns the summary.
 
-    workers: 1 runs in this process, more in as many processes, each bound to its share of the cores. executor: makes
-    another `concurrent.futures.Executor` (Dask's, for a cluster) that takes `workers` samples at a time. The answer
+    scene: a campaign, or its scene in TOML as text or file. workers: 1 runs in this process, more in as many processes,
+    each bound to its share of the cores. executor: makes another `concurrent.futures.Executor` (Dask's, for a cluster)
+    that takes `workers` samples at a time. The answer
     depends on neither. progress: show bars on a terminal; where there is none, lines on stderr and in the folder's
     progress.log. refined_runs: allow so many, which is more than the scene does; the folder keeps that.
     estimator: a frozen dataclass with the methods of `cooperative.Estimator`, in place of one that the scene names. The
@@ -48,8 +71,12 @@ def run(
     Raises ValueError for a scene, a size or a folder that will not do, before anything is run or written.
     """
     folder = Path(folder)
-    kept = folder / "scene.toml"
-    campaign = parse(with_defaults(text, kept), estimator, begun=kept.exists())
+    if isinstance(scene, Campaign) and (text := unchanged(scene)) is not None:
+        estimator = scene.estimator if "estimator" in text.tables else None
+        scene = text
+    scene = scene if isinstance(scene, Campaign) else settled(scene, folder)
+    campaign = read(scene, estimator, begun=stored_source(folder) is not None)
+    refuse_another(folder, campaign.source)
     campaign = with_measured(allowing(campaign, folder, refined_runs), folder)
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
@@ -61,7 +88,7 @@ def run(
         alone = executor is None and workers == 1
         pool = None if alone else runs.Workers(executor or partial(_pool, workers), workers)
         opened = closing(pool.opened()) if pool else nullcontext()
-        with opened, open_store(folder, campaign.text, verify=verify) as store:
+        with opened, open_store(folder, campaign.source, verify=verify) as store:
             with stop.at_once():
                 for model in models.values():
                     runs.keep_initial(folder, model.grid, model.scene, model.state)

@@ -14,7 +14,7 @@ between campaigns scatter less than the campaigns do.
 from __future__ import annotations
 
 import json
-import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,10 +30,12 @@ from cooperative.estimate import Published, Sampling, rank_samples, stopping_ran
 from cooperative.measure import SEVERITY
 from cooperative.reporting import panels, save
 from cooperative.runs import check_size, heeding, phases_of, release_programs, rows_reader, samples_of
-from cooperative.scene import parse, stored_measured, tables, tables_of, to_toml, with_defaults
-from cooperative.store import GRIDS, Rows, kept_scene, read_store, write_aside
+from cooperative.scene import parse, settled, source_of, stored_measured, to_toml
+from cooperative.scene import tables as known
+from cooperative.store import CAMPAIGN, GRIDS, Rows, Source, read_store, stored_source, write_aside
 from cooperative.summary import Summary, summarise
 
+SWEEP = "sweep.toml"
 LENGTHS = ("lx", "ly", "lz")
 LABELS = {
     "lx": "correlation length $l_x$ [m]",
@@ -54,23 +56,24 @@ class Variant:
     points: tuple[tuple[str, float], ...]
 
 
-def run(text: str, folder: Path, *, workers: int = 1, progress: bool = False) -> dict[str, Any]:
-    """Run all campaigns of a sweep (TOML text) in its folder, or go on where it was; returns what `sweep.json` holds.
+def run(scene: Source | str | Path, folder: Path, *, workers: int = 1, progress: bool = False) -> dict[str, Any]:
+    """Run all campaigns of a sweep (TOML text or its file) in its folder, or go on where it was.
+
+    Returns what `sweep.json` holds.
 
     workers, progress: as for `cooperative.campaign.run`, which Ctrl-C and SIGTERM end likewise. Raises ValueError for a
     sweep that will not do, before anything is run, and for a folder of another sweep.
     """
     folder = Path(folder)
-    path = folder / "sweep.toml"
-    text, begun = with_defaults(text, path), path.exists()
-    parts = variants(text, begun=begun)
+    source, begun = settled(scene, folder, SWEEP), (folder / SWEEP).exists()
+    parts = variants(source, begun=begun)
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
     for part in parts:
         check_size(parse(part.text, begun=begun), workers)
-    _claim(folder, text)
+    _claim(folder, source)
     with heeding():
-        return _ran(parts, folder, list(_sweep(text)), workers=workers, progress=progress)
+        return _ran(parts, folder, list(_sweep(source.tables)), workers=workers, progress=progress)
 
 
 def _ran(parts: list[Variant], folder: Path, names: list[str], *, workers: int, progress: bool) -> dict[str, Any]:
@@ -97,12 +100,12 @@ def _ran(parts: list[Variant], folder: Path, names: list[str], *, workers: int, 
     return found
 
 
-def variants(text: str, *, begun: bool = False) -> list[Variant]:
+def variants(scene: Source | str | Path, *, begun: bool = False) -> list[Variant]:
     """The campaigns of a sweep. begun: as for `parse`. ValueError where the table `[sweep]` is missing or holds what
     cannot be swept."""
-    sweep = _sweep(text)
-    scene = {name: table for name, table in tomllib.loads(text).items() if name != "sweep"}
-    campaign = parse(to_toml(scene), begun=begun)
+    tables = source_of(scene).tables
+    sweep, base_scene = _sweep(tables), {name: table for name, table in tables.items() if name != "sweep"}
+    campaign = parse(to_toml(base_scene), begun=begun)
     if campaign.plan.coefficients is not kl.latin_hypercube:
         raise ValueError("[sweep] shares coefficients between fields of different lengths: take 'latin hypercube'")
     estimator, first = campaign.estimator, Sampling(campaign.plan.samples, campaign.run.failure_displacement)
@@ -110,7 +113,7 @@ def variants(text: str, *, begun: bool = False) -> list[Variant]:
         name = estimator.name
         raise ValueError(f"[sweep] shares samples, which estimator = {name!r} makes one by one: take another estimator")
     dimension, strength = campaign.dimension, campaign.random.get("strength")
-    if strength is None or "strength" not in scene:
+    if strength is None or "strength" not in base_scene:
         raise ValueError("a sweep varies the field of undrained strength: give the scene a table [strength]")
     base = {"cov": strength.cov, **dict(zip(_axes(dimension), strength.length, strict=True))}
     unknown = [name for name in sweep if name not in base and name != "k_t"]
@@ -123,15 +126,15 @@ def variants(text: str, *, begun: bool = False) -> list[Variant]:
             if value == base[name]:
                 at_base.append((name, value))
             else:
-                changed = {**scene, "strength": _changed(scene["strength"], name, value, dimension)}
+                changed = {**base_scene, "strength": _changed(base_scene["strength"], name, value, dimension)}
                 found.append(Variant(f"{name}-{value:g}", to_toml(changed), ((name, value),)))
-    found.insert(0, Variant("base", to_toml(scene), tuple(at_base)))
+    found.insert(0, Variant("base", to_toml(base_scene), tuple(at_base)))
     if "k_t" in sweep:
         # All values of k_t can be told from the runs that the largest asks for.
-        plan = {k: v for k, v in scene["campaign"].items() if k not in ("refined_runs", "target_cov")}
+        plan = {k: v for k, v in base_scene["campaign"].items() if k not in ("refined_runs", "target_cov")}
         plan |= {"estimator": "published", "k_t": int(max(sweep["k_t"]))}
         points = tuple(("k_t", value) for value in sweep["k_t"])
-        found.append(Variant("ranked", to_toml({**scene, "campaign": plan}), points))
+        found.append(Variant("ranked", to_toml({**base_scene, "campaign": plan}), points))
     return found
 
 
@@ -191,12 +194,12 @@ def _axes(dimension: int) -> tuple[str, ...]:
     return LENGTHS if dimension == 3 else ("lx", "lz")
 
 
-def _sweep(text: str) -> dict[str, list[float]]:
+def _sweep(tables: Mapping[str, Any]) -> dict[str, list[float]]:
     """The table `[sweep]`, checked as far as it can be without the scene."""
-    table = tables_of(text).get("sweep")
+    table = tables.get("sweep")
     if not isinstance(table, dict) or not table:
         raise ValueError("the scene has no table [sweep]: give one, for example with lx = [10, 30, 60, 120]")
-    tables.read(tables.Sweep, table, "sweep")
+    known.read(known.Sweep, table, "sweep")
     return table
 
 
@@ -209,16 +212,16 @@ def _changed(strength: dict[str, Any], name: str, value: float, dimension: int) 
     return {**strength, "length": length}
 
 
-def _claim(folder: Path, text: str) -> None:
+def _claim(folder: Path, source: Source) -> None:
     """Make the folder, or see that it is this sweep's."""
-    path = folder / "sweep.toml"
-    if path.exists() and tomllib.loads(kept_scene(path)) != tomllib.loads(text):
+    there = stored_source(folder, SWEEP)
+    if there is not None and there.tables != source.tables:
         raise ValueError(f"folder {folder} belongs to another sweep: give another folder, or the scene it has")
-    if not path.exists() and folder.exists() and any(folder.iterdir()):
+    if there is None and folder.exists() and any(each.name != CAMPAIGN for each in folder.iterdir()):
         raise ValueError(f"folder {folder} holds something, but no sweep.toml: give a new or empty folder")
     (folder / "campaigns").mkdir(parents=True, exist_ok=True)
-    if not path.exists():
-        write_aside(path, text.encode())
+    if there is None:
+        source.write(folder, SWEEP)
 
 
 def _with_factors(part: Variant, folder: Path) -> str:
@@ -234,8 +237,7 @@ def _with_factors(part: Variant, folder: Path) -> str:
 def _ranked(folder: Path, k_t: int) -> Summary:
     """Summary that a campaign by the published rule would have had with this k_t."""
     store = read_store(folder)
-    campaign = parse(store.scene_text, begun=True)
-    campaign = replace(campaign, plan=replace(campaign.plan, estimator=Published(k_t)))
+    campaign = replace(parse(store.source, begun=True), estimator=Published(k_t))
     rough, refined = map(rows_reader(store, samples_of(campaign)), GRIDS)
     order = rank_samples(rough.columns["displacement"], rough.columns["broke_off"].astype(bool)).order
     ran = order[: stopping_rank(order, phases_of(campaign, rough, refined).answers, k_t)]

@@ -161,7 +161,7 @@ def test_files_that_are_no_scene_are_named(content, message, tmp_path, capsys):
 def test_a_byte_order_mark_at_the_head_of_a_file_is_no_part_of_the_scene(tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text("\ufeff" + TINY, encoding="utf-8")
-    assert read_scene(path) == TINY
+    assert read_scene(path).text == TINY
     with open_store(tmp_path / "out", TINY) as store:
         path.replace(tmp_path / "out" / "scene.toml")
     assert read_store(tmp_path / "out").digest == store.digest

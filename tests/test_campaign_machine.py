@@ -88,7 +88,7 @@ class Folder(RuleBasedStateMachine):
         damaged = self.damaged() if self.there() else set()
         with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
-            campaign.run(SCENE if command == "run" else read_store(self.folder).scene_text, self.folder)
+            campaign.run(SCENE if command == "run" else read_store(self.folder).source, self.folder)
         said = " ".join(str(warning.message) for warning in warned)
         assert all(str(path) in said for path in damaged)
         assert [line for line in lives.differences(self.folder, self.undisturbed) if "aside" not in line] == []

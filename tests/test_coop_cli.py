@@ -166,7 +166,7 @@ def test_durations_are_said_as_people_say_them(seconds, said):
 def test_resume_goes_on_from_the_folder_alone(done, tmp_path, capsys):
     folder, summary = done
     again = tmp_path / "again"
-    with open_store(again, read_store(folder).scene_text) as store:
+    with open_store(again, read_store(folder).source) as store:
         for number in (0, 3):
             write_sample(store, "rough", read_sample(read_store(folder), "rough", number))
     assert main(["resume", str(again), "--workers", "1"]) == 0
@@ -242,14 +242,14 @@ def test_errors_are_one_line_and_exit_code_2(arguments, message, done, tmp_path,
 def test_sweep_runs_its_campaigns(tmp_path, capsys, monkeypatch):
     asked = {}
 
-    def run(text, folder, *, workers, progress):
-        asked.update(text=text, folder=folder, workers=workers, progress=progress)
+    def run(scene, folder, *, workers, progress):
+        asked.update(scene=scene, folder=folder, workers=workers, progress=progress)
 
     monkeypatch.setattr(sweep, "run", run)
     scene = tmp_path / "sweep.toml"
     scene.write_text("[sweep]\n")
     assert main(["sweep", str(scene), "--out", str(tmp_path / "out"), "--workers", "2"]) == 0
-    assert asked == {"text": "[sweep]\n", "folder": tmp_path / "out", "workers": 2, "progress": True}
+    assert asked == {"scene": scene, "folder": tmp_path / "out", "workers": 2, "progress": True}
     assert "sweep.json" in capsys.readouterr().out
     monkeypatch.undo()
     assert main(["sweep", str(scene), "--out", str(tmp_path / "out")]) == 2

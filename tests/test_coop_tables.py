@@ -13,7 +13,7 @@ import pytest
 from cooperative.reporting import consolidate, write_table
 from cooperative.runs import build, random_soil
 from cooperative.scene import parse
-from cooperative.store import FIRST_DEFAULTS, Sample, open_store, read_sample, read_store, sample_path, write_sample
+from cooperative.store import Sample, open_store, read_sample, read_store, sample_path, write_sample
 from tests.test_campaign import TINY
 
 SCENE = TINY.replace("samples = 6", "samples = 20")
@@ -53,7 +53,7 @@ def test_the_one_file_holds_what_the_many_hold(tmp_path):
         with pytest.warns(UserWarning, match=r"000009\.h5 is not a cooperative sample file"):
             path = consolidate(store)
         with h5py.File(path) as file:
-            assert file.attrs["scene"] == store.scene_text == SCENE + FIRST_DEFAULTS
+            assert file.attrs["scene"] == store.source.words == SCENE
             assert sorted(file["rough"]) == ["000002", "000004"]
             np.testing.assert_array_equal(file["tables/rough/sample"], [2, 4])
             assert file["tables/rough/mode"].asstr()[0] == "deep"

@@ -1,12 +1,10 @@
 """A default may change: campaigns begun before go on as they were, new ones follow, and their folders say which."""
 
-import tomllib
-
 import pytest
 
 from benchmarks.invented import LAYERED
 from cooperative import campaign, sweep
-from cooperative.scene import campaign_of, parse, with_defaults
+from cooperative.scene import campaign_of, parse, settled
 from cooperative.store import FIRST_DEFAULTS, open_store, read_store, scene_digest
 from tests.test_campaign import TINY
 
@@ -26,23 +24,46 @@ def test_a_folder_begun_before_goes_on_with_the_default_of_its_time(tmp_path):
     store = read_store(tmp_path)
     assert {shape.cfl for shape in campaign_of(store).grids.values()} == {0.5}
     assert store.digest == scene_digest(TINY)
-    text = with_defaults(TINY, tmp_path / "scene.toml")
-    assert set(steps(text).values()) == {0.5}
-    with open_store(tmp_path, text) as held:
+    source = settled(TINY, tmp_path)
+    assert set(steps(source).values()) == {0.5}
+    with open_store(tmp_path, source) as held:
         assert held.digest == scene_digest(TINY)
     assert (tmp_path / "scene.toml").read_text() == TINY
 
 
 def test_a_folder_keeps_the_default_that_it_was_begun_with(tmp_path):
-    text = with_defaults(TINY, tmp_path / "scene.toml")
-    assert tomllib.loads(text)["defaults"] == {"cfl": 0.9, "gap_memory": True}
-    with open_store(tmp_path, text):
-        pass
-    (tmp_path / "scene.toml").write_text(text.replace("0.9", "0.7"))
-    assert with_defaults(TINY, tmp_path / "scene.toml") == text.replace("0.9", "0.7")
-    assert with_defaults(text, tmp_path / "scene.toml") == text
+    source = settled(TINY, tmp_path)
+    assert source.beside == {"defaults": {"cfl": 0.9, "gap_memory": True}}
+    with open_store(tmp_path, source) as store:
+        assert store.digest == scene_digest(TINY + "[defaults]\ncfl = 0.9\ngap_memory = true\n")
+    assert (tmp_path / "scene.toml").read_text() == TINY
+    kept = (tmp_path / "campaign.json").read_text()
+    (tmp_path / "campaign.json").write_text(kept.replace("0.9", "0.7"))
+    assert settled(TINY, tmp_path).beside["defaults"]["cfl"] == 0.7
+    assert settled(source, tmp_path) == source
     with pytest.raises(ValueError, match=r"defaults.cfl is 0.7 there and 0.9 now"):
-        open_store(tmp_path, text)
+        open_store(tmp_path, source)
+
+
+def test_a_folder_that_was_killed_as_it_began_is_begun_anew(tmp_path):
+    for content in ('{"defaults": {"cfl": 0.7, "gap_memory": true}}', '{"defaults": {"cfl": 0.7}, "files": {}}'):
+        (tmp_path / "campaign.json").write_text(content)
+        assert settled(TINY, tmp_path).beside["defaults"]["cfl"] == 0.9
+        with pytest.raises(ValueError, match=r"has no scene\.toml"):
+            read_store(tmp_path)
+    with open_store(tmp_path, TINY) as store:
+        assert store.digest == scene_digest(TINY)
+    assert set(steps(read_store(tmp_path).source).values()) == {0.5}
+
+
+@pytest.mark.parametrize("content", ["[1.0", "[]", "\x00", "[" * 100_000])
+def test_a_damaged_file_beside_a_scene_is_named(tmp_path, content):
+    with open_store(tmp_path, settled(TINY, tmp_path)):
+        pass
+    (tmp_path / "campaign.json").write_text(content)
+    for opened in (lambda: read_store(tmp_path), lambda: campaign.run(TINY, tmp_path)):
+        with pytest.raises(ValueError, match=r"campaign\.json is damaged .*put back the file"):
+            opened()
 
 
 def remembers(text):
@@ -57,10 +78,10 @@ def test_a_folder_that_is_older_than_a_default_goes_on_without_it(scene, tmp_pat
     kept = scene + "\n[defaults]\ncfl = 0.9\n"
     (tmp_path / "scene.toml").write_text(kept)
     assert remembers(scene) == {True}
-    assert remembers(with_defaults(scene, tmp_path / "scene.toml")) == remembers(kept) == {False}
+    assert remembers(settled(scene, tmp_path)) == remembers(kept) == {False}
     assert remembers(scene + FIRST_DEFAULTS) == {False}
-    assert set(steps(with_defaults(scene, tmp_path / "scene.toml")).values()) == {0.9}
-    with open_store(tmp_path, with_defaults(scene, tmp_path / "scene.toml")) as held:
+    assert set(steps(settled(scene, tmp_path)).values()) == {0.9}
+    with open_store(tmp_path, settled(scene, tmp_path)) as held:
         assert held.digest == scene_digest(kept)
     own = LAYERED.replace("tension_cutoff = 0.0", "tension_cutoff = 0.0\ngap_memory = true")
     assert remembers(own + "\n[defaults]\ncfl = 0.9\n") == {True}

@@ -154,7 +154,7 @@ def test_the_campaign_is_read_by_xarray(plain, maps):
     (path,) = export(plain, ["netcdf"])
     with xarray.open_dataset(path) as data:
         assert data.attrs["probability_of_failure"] == pytest.approx(0.4)
-        assert data.attrs["scene"] == read_store(plain).scene_text
+        assert data.attrs["scene"] == read_store(plain).source.words
         failed = data.refined_displacement > 1.0
         assert float(data.refined_weight.where(failed).sum()) == pytest.approx(0.4)
         assert data.refined_mode.sel(sample=2).item() == "deep"
@@ -203,7 +203,7 @@ def test_what_the_campaign_does_not_have_is_refused(plain, tmp_path, capsys):
 
 
 def test_samples_with_arrays_of_another_grid_are_left_out_of_every_file_and_named(plain, tmp_path):
-    text = read_store(plain).scene_text
+    text = read_store(plain).source.words
     with open_store(tmp_path / "c", text) as store:
         for number in (0, 7):
             write_sample(store, "refined", sample_of(plain, number))

@@ -9,7 +9,7 @@ import pytest
 from cooperative import campaign
 from cooperative.estimate import TwoPhase, all_samples, rank_samples, with_variance
 from cooperative.reporting import progress_of
-from cooperative.scene import campaign_of, parse
+from cooperative.scene import Given, campaign_of, parse
 from cooperative.store import read_rows, read_store
 from cooperative.summary import summarise
 from tests.test_campaign import TINY
@@ -88,12 +88,14 @@ def test_an_estimator_of_ones_own_runs_a_campaign(done):
 
 def test_a_folder_goes_on_with_its_own_estimator_only(done):
     folder, _ = done
-    with pytest.raises(ValueError, match=r"belongs to another scene"):
+    with pytest.raises(
+        ValueError, match=r"estimator is EveryKth\(k=2\), not EveryKth\(k=3\): give that one, or another folder"
+    ):
         campaign.run(SCENE, folder, estimator=EveryKth(3))
     with pytest.raises(ValueError, match=r"estimator is EveryKth\(k=2\), which a script gave"):
-        campaign.run(read_store(folder).scene_text, folder)
+        campaign.run(read_store(folder).source, folder)
     with pytest.raises(ValueError, match=r"estimator is EveryKth\(k=2\), not EveryKth\(k=3\)"):
-        campaign.run(read_store(folder).scene_text, folder, estimator=EveryKth(3))
+        campaign.run(read_store(folder).source, folder, estimator=EveryKth(3))
     with pytest.raises(ValueError, match=r"EveryKth\(k=2\), which a script gave"):
         progress_of(folder)
 
@@ -111,6 +113,6 @@ def test_what_does_not_go_with_a_given_estimator_is_refused(tmp_path):
 
 
 def test_a_worker_needs_no_estimator():
-    text = parse(SCENE, EveryKth(2)).text
-    assert parse(text).plan.estimator is None
-    assert parse(text, EveryKth(2)).estimator == EveryKth(2)
+    source = parse(SCENE, EveryKth(2)).source
+    assert parse(source).estimator == Given("estimator", "EveryKth(k=2)")
+    assert parse(source, EveryKth(2)).estimator == EveryKth(2)

@@ -64,8 +64,8 @@ class SensitiveClay:
 
 
 VARIES = {
-    "strength": RandomField(30e3, 0.3, kl.Lognormal, kl.Exponential, (10.0, 3.0), 0.95, "particles", trend=1.5e3),
-    "strain_95": RandomField(0.4, 0.1, kl.Lognormal, kl.Exponential, (10.0, 3.0), 0.95, "particles"),
+    "strength": RandomField(30e3, 0.3, (10.0, 3.0), kl.Lognormal, kl.Exponential, 0.95, trend=1.5e3),
+    "strain_95": RandomField(0.4, 0.1, (10.0, 3.0), kl.Lognormal, kl.Exponential, 0.95),
 }
 
 

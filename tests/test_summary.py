@@ -26,7 +26,7 @@ BASE = parse(TINY)
 
 def campaign_with(*, samples, estimator="two-phase", **settings):
     chosen = named_estimator(estimator, {"seed": BASE.plan.seed, **settings})
-    return replace(BASE, plan=replace(BASE.plan, samples=samples, estimator=chosen))
+    return replace(BASE, plan=replace(BASE.plan, samples=samples), estimator=chosen)
 
 
 def rows(numbers, displacement, **columns):

@@ -1,6 +1,7 @@
 """Ground under a terrain model: shares of cut boxes, stress at depth, files of heights, and what is refused."""
 
 import tomllib
+from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -196,11 +197,13 @@ def test_a_scene_carries_its_terrain(begun, tmp_path):
     rock = np.asarray(model.strength(np.zeros(model.soil.modes))) > 1e7
     x, y, z = np.asarray(model.scene.particles.position, float)
     assert np.mean(rock == (z < campaign.site.shape.heights(x, y) - 8)) > 0.99
-    text = read_scene(begun)
-    start = text.index('heights = "') + 12
-    for bad in (text[:start] + "AAAA" + text[start + 4 :], text.replace("shape = [25, 17]", "shape = [25, 18]")):
+    source = read_scene(begun)
+    ((name, table),) = source.beside["files"].items()
+    assert table["shape"] == [25, 17]
+    heights = table["heights"]
+    for bad in ({"heights": heights[:1] + "AAAA" + heights[5:]}, {"shape": [25, 18]}):
         with pytest.raises(ValueError, match=r"its table in \[files\] is damaged"):
-            parse(bad)
+            parse(replace(source, beside={"files": {name: table | bad}}))
 
 
 @pytest.mark.slow

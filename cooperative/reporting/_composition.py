@@ -212,7 +212,7 @@ def _parts(results: Results, numbers: Sequence[Drawn], slopes: Sequence[Drawn]) 
         yield from page.best_fits(results)
         yield from shown("fits")
     yield page.heading("Scene")
-    yield page.preformatted("\n".join(short(line, 400) for line in results.store.scene_text.strip().splitlines()))
+    yield page.preformatted("\n".join(short(line, 400) for line in results.store.source.words.strip().splitlines()))
     yield page.SCRIPT
     if any(drawn.page for drawn in slopes):
         yield page.TURN

@@ -55,7 +55,7 @@ def write_netcdf(
         "estimator": summary.estimator,
         "slides": summary.cut_off.of,
         "slides_not_at_rest": summary.cut_off.at_t_end,
-        "scene": store.scene_text,
+        "scene": store.source.words,
     }
     # Along a single name a variable of that name is its axis.
     axes = {name: variable for name, variable in variables.items() if variable[0] == name}

@@ -22,7 +22,7 @@ from cooperative.reporting._geography import (
 )
 from cooperative.reporting._tables import consolidate, write_table
 from cooperative.runs import GridModel, build, foreign, ground_of, random_soil, rows_reader, samples_of
-from cooperative.scene import Campaign, campaign_of
+from cooperative.scene import Campaign, Given, campaign_of
 from cooperative.store import GRIDS, Sample, Store, own_folder, read_sample, read_store, sample_path
 from jaxmpm import Result, solve, write_particles, write_vtkhdf
 
@@ -69,7 +69,7 @@ def export(
         yield consolidate(store, ground=ground)
     if {"maps", "geotiff", "netcdf"} & {*kinds}:
         maps = None
-        if campaign.hazard is not None and (campaign.plan.estimator is not None or asked):
+        if campaign.hazard is not None and (not isinstance(campaign.estimator, Given) or asked):
             maps = maps_of(read_results(folder, estimator))
         _check_maps(campaign, maps, asked)
         if maps is not None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from cooperative.estimate import Estimator
 from cooperative.runs import StoredGround, phases_of, rows_reader, samples_of
-from cooperative.scene import Campaign, campaign_of
+from cooperative.scene import Campaign, Given, campaign_of
 from cooperative.store import GRIDS, Rows, Store, fill_sample, read_sample
 from cooperative.summary import slides_of
 from foundation import files
@@ -54,7 +54,7 @@ def tables_of(campaign: Campaign, store: Store, ground: StoredGround | None = No
     read = rows_reader(store, samples_of(campaign), ground)
     rows = {grid: read(grid) for grid in GRIDS}
     tables = {grid: rows[grid].columns for grid in GRIDS}
-    if campaign.plan.estimator is not None:
+    if not isinstance(campaign.estimator, Given):
         tables["refined"] = tables["refined"] | _standing_for(campaign, rows["rough"], rows["refined"])
     return tables
 
@@ -80,7 +80,7 @@ def consolidate(store: Store, path: str | Path | None = None, *, ground: StoredG
     path = store.folder / "campaign.h5" if path is None else Path(path)
     read = rows_reader(store, samples_of(campaign_of(store)), ground)
     with files.hdf5_aside(path) as file:
-        file.attrs["scene"] = store.scene_text
+        file.attrs["scene"] = store.source.words
         for grid in GRIDS:
             rows = read(grid)
             for name, values in rows.columns.items():

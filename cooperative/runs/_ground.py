@@ -18,7 +18,7 @@ import numpy as np
 
 from cooperative.measure import ColumnPlan
 from cooperative.runs._model import GridModel, column_plan, sampling_of
-from cooperative.scene import Campaign
+from cooperative.scene import Campaign, Given
 from foundation import files
 from jaxmpm import Face
 
@@ -145,7 +145,7 @@ def ground_of(models: Mapping[str, GridModel]) -> StoredGround:
 
 def samples_of(campaign: Campaign) -> int | None:
     """Samples of the first phase; None where the estimator of a script, which alone knows, is not here."""
-    if campaign.plan.estimator is None:
+    if isinstance(campaign.estimator, Given):
         return None
     return campaign.estimator.rough_runs(sampling_of(campaign))
 

@@ -1,7 +1,7 @@
 """Scenes: TOML in, one checked and immutable campaign out."""
 
 from cooperative.scene._budget import allowing, kept_budget, raised, write_budget
-from cooperative.scene._campaign import Budget, Calibration, Campaign, LimitLoad, Measured, Plan
+from cooperative.scene._campaign import Budget, Calibration, Campaign, Given, LimitLoad, Measured, Plan, Run
 from cooperative.scene._examples import NAMED, SCHEMA, begin, example, examples, starters, write_example
 from cooperative.scene._hazard import Hazard
 from cooperative.scene._measured import (
@@ -15,8 +15,8 @@ from cooperative.scene._measured import (
 from cooperative.scene._page import SEVERAL, TABLES, json_schema, markdown
 from cooperative.scene._site import Site, SiteLayer
 from cooperative.scene._soil import TAIL, CrossCorrelation, RandomField, gaussian_root, steepest
-from cooperative.scene._stored import campaign_of, with_defaults
-from cooperative.scene._text import read_scene, tables_of, to_toml
+from cooperative.scene._stored import campaign_of, read, settled, unchanged
+from cooperative.scene._text import read_scene, source_of, to_toml
 from cooperative.scene._typed import built, parse
 
 __all__ = [
@@ -29,11 +29,13 @@ __all__ = [
     "Calibration",
     "Campaign",
     "CrossCorrelation",
+    "Given",
     "Hazard",
     "LimitLoad",
     "Measured",
     "Plan",
     "RandomField",
+    "Run",
     "Site",
     "SiteLayer",
     "allowing",
@@ -51,14 +53,16 @@ __all__ = [
     "measure_limit_load",
     "parse",
     "raised",
+    "read",
     "read_scene",
+    "settled",
+    "source_of",
     "starters",
     "steepest",
     "stored_measured",
-    "tables_of",
     "taking",
     "to_toml",
-    "with_defaults",
+    "unchanged",
     "with_measured",
     "write_budget",
     "write_example",

@@ -51,8 +51,7 @@ def raised(campaign: Campaign, budget: Budget) -> Campaign:
     chosen: Any = campaign.estimator
     if "refined_runs" not in {setting.name for setting in fields(chosen)}:
         raise ValueError(f"refined_runs = {budget.refined_runs}: estimator {chosen.name!r} has no such setting")
-    plan = replace(campaign.plan, estimator=replace(chosen, refined_runs=budget.refined_runs))
-    return replace(campaign, plan=plan, raised=budget)
+    return replace(campaign, estimator=replace(chosen, refined_runs=budget.refined_runs), raised=budget)
 
 
 def write_budget(folder: Path, budget: Budget) -> None:

@@ -2,35 +2,53 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from cooperative.estimate import Estimator, Sampling
+import kl
+from cooperative.estimate import Estimator, Sampling, TwoPhase
 from cooperative.scene._hazard import Hazard
 from cooperative.scene._site import Site, SiteLayer, check_site
 from cooperative.scene._soil import CrossCorrelation, RandomField, check_cross_correlation
+from cooperative.store import Source
 from jaxmpm import Discretisation, Settle, ground
+
+AT_REST = Settle(slides=1.0)
+"""Stands for a slide's rest, from the failure displacement on."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """How each sample runs: gravity (m/s2), t_end (s), up to when slides of the refined grid go on (s; None: up to
-    t_end), what is failure, from what displacement (m) and of how much soil (m3, in a section m2), None for any
-    particle, when a lane has settled."""
+    """How each sample runs.
 
-    gravity: float
-    t_end: float
-    slides_t_end: float | None
-    failure: Literal["displacement", "limit load"]
-    failure_displacement: float
-    least_volume: float | None
-    settle: Settle | None
+    Args:
+        gravity: m/s2.
+        t_end: up to when it runs (s).
+        slides_t_end: up to when slides of the refined grid go on (s), None up to t_end.
+        failure: what is failure, a displacement that is given or that at the limit load of the median soil.
+        failure_displacement: from which soil counts as sliding (m).
+        least_volume: of soil that moves so far where a slope fails (m3, in a section m2), None for any particle.
+        settle: when a lane has settled, None for never; unless given, a slide, which is what moved that far, once its
+            deposit rests.
+    """
+
+    gravity: float = 9.81
+    t_end: float = 20.0
+    slides_t_end: float | None = None
+    failure: Literal["displacement", "limit load"] = "displacement"
+    failure_displacement: float = 1.0
+    least_volume: float | None = None
+    settle: Settle | None = AT_REST
+
+    def __post_init__(self) -> None:
+        if self.settle is AT_REST:
+            object.__setattr__(self, "settle", Settle(slides=self.failure_displacement))
 
     def last(self, grid: str) -> float:
         """Time (s) at which a run of a grid ends at the latest."""
@@ -98,33 +116,35 @@ def _above_zero(table: str, numbers: Mapping[str, float]) -> None:
 
 @dataclass(frozen=True)
 class Plan:
-    """What the campaign does: samples and their coefficients, the estimator, lanes of the screening.
+    """What the campaign does: samples and their coefficients, lanes of the screening, what is kept.
 
-    lanes: samples in one program at a time; None takes 1 on CPU, where lanes gain nothing, and 64 elsewhere.
-    look_ahead: refined runs under way at once, in rank order; the answer depends on neither.
-    estimator: which refined runs there are and what is made of them, with its settings; see `cooperative.estimate`.
-    None where a script gave it and the scene is read without the script.
-    screening_stop: displacement (m) at which a rough run is decided and ends, None runs it to its end.
-    calibrate: measure the factors of safety of both grids first, and bring the rough strength down (or up) by them.
-    restart_every: seconds of wall time after which a refined run writes a restart point, and again after as many.
-    fields: grids whose final displacement and plastic strain are kept, and two frames of a failure. modes: grids whose
-    failures get a mode.
-    slides: how many failures slide on to their end, drawn along the ranks among all samples; the other refined runs end
-    once they have failed, which is all that the probability asks. None lets all failures of the audit slide, 0 none.
+    Args:
+        samples: of the first phase.
+        seed: of their coefficients.
+        coefficients: (key, samples, terms) -> (samples, terms), `kl.latin_hypercube`, `monte_carlo` or `sobol`.
+        lanes: samples in one program at a time; None takes 1 on CPU, where lanes gain nothing, and 64 elsewhere.
+        look_ahead: refined runs under way at once, in rank order; the answer depends on neither.
+        screening_stop: displacement (m) at which a rough run is decided and ends, None runs it to its end.
+        calibrate: measure the factors of safety of both grids first, and bring the rough strength down (or up) by them.
+        restart_every: seconds of wall time after which a refined run writes a restart point, and again after as many.
+        fields: grids whose final displacement and plastic strain are kept, and two frames of a failure.
+        modes: grids whose failures get a mode, on ground that has a toe.
+        slides: how many failures slide on to their end, drawn along the ranks among all samples; the other refined runs
+            end once they have failed, which is all that the probability asks. None lets all failures of the audit
+            slide, 0 none.
     """
 
     samples: int
-    seed: int
-    coefficients: Callable[[Array, int, int], ArrayLike]
-    estimator: Estimator | None
-    lanes: int | None
-    look_ahead: int
-    screening_stop: float | None
-    calibrate: bool
-    restart_every: float
-    fields: tuple[str, ...]
-    modes: tuple[str, ...]
-    slides: int | None
+    seed: int = 0
+    coefficients: Callable[[Array, int, int], ArrayLike] = kl.latin_hypercube
+    lanes: int | None = None
+    look_ahead: int = 1
+    screening_stop: float | None = None
+    calibrate: bool = False
+    restart_every: float = 600.0
+    fields: tuple[str, ...] = ("refined",)
+    modes: tuple[str, ...] = ("refined",)
+    slides: int | None = None
 
 
 @dataclass(frozen=True)
@@ -136,29 +156,95 @@ class Budget:
 
 
 @dataclass(frozen=True)
-class Campaign:
-    """A checked scene; nothing in it changes.
+class Given:
+    """Stands for an object that a script gave, where only its words are known.
 
-    text: the TOML that it came from. name: of the campaign. site: where soil slides. soil: what slides, with the means
-    of what varies, where a layer of the site does not say otherwise. random: what varies, by parameter of the soil.
-    cross_correlation: of what varies, None without. grids: discretisation of "rough" and "refined". run: how each
-    sample runs. plan: what the campaign does. measured: what the scene gives, or the folder has measured, of it.
-    raised: refined runs that the campaign's folder allows beyond the scene. hazard: what is kept of slides for maps and
-    exposed places, None where the scene asks for neither.
+    Args:
+        what: field of the campaign.
+        words: of the object.
+
+    Raises:
+        ValueError: when anything is asked of it.
     """
 
-    text: str
-    name: str
-    site: Site
-    soil: Any  # a `jaxmpm.AnySoil`, and what a soil of the user's own adds
-    random: Mapping[str, RandomField]
-    cross_correlation: CrossCorrelation | None
-    grids: Mapping[str, Discretisation]
-    run: Run
+    what: str
+    words: str
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        raise ValueError(
+            f"the campaign's {self.what} is {self.words}, which a script gave: give it, {self.what}={self.words}"
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Campaign:
+    """A campaign, written in Python or read from a scene; nothing in it changes.
+
+    Args:
+        ground: where soil slides: a `jaxmpm.Slope`, `Section` or `Terrain`, a class of one's own that meets
+            `jaxmpm.Ground`, or a `Site` with layers and water.
+        soil: what slides, with the means of what varies, where a layer does not have its own: a `jaxmpm.Soil`,
+            `FrictionalSoil`, or a frozen dataclass of one's own that meets `jaxmpm.AnySoil`.
+        rough, refined: discretisation of both grids; single precision unless it has a `dtype`.
+        plan: samples, seed, and what the campaign does.
+        random: what varies, by parameter of the soil.
+        cross_correlation: of what varies, None without.
+        run: how each sample runs.
+        estimator: which refined runs there are and what is made of them: one of `cooperative`, or a frozen dataclass
+            with the methods of `cooperative.Estimator`.
+        hazard: what is kept of slides for maps and elements at risk, None for neither.
+        name: of the campaign, one line.
+        measured: terms, factors of safety and limit load that are known; a folder adds what it has measured.
+        raised: refined runs that the campaign's folder allows beyond the estimator's.
+        source: what it was made from; nothing until it has a folder, where it was written in Python.
+
+    Raises:
+        ValueError: numbers out of range, or parts that do not go together.
+    """
+
+    ground: Any
+    soil: Any
+    rough: Discretisation
+    refined: Discretisation
     plan: Plan
+    random: Mapping[str, RandomField] = field(default_factory=dict)
+    cross_correlation: CrossCorrelation | None = None
+    run: Run = Run()
+    estimator: Estimator = TwoPhase()
+    hazard: Hazard | None = None
+    name: str = "campaign"
     measured: Measured = Measured()
     raised: Budget | None = None
-    hazard: Hazard | None = None
+    source: Source = field(default=Source(None), repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Put the ground into a site, means into the soil, and check what goes together."""
+        if not isinstance(self.ground, Site | Given):
+            object.__setattr__(self, "ground", Site(self.ground))
+        for grid in ("rough", "refined"):
+            if getattr(self, grid).dtype is None:
+                object.__setattr__(self, grid, replace(getattr(self, grid), dtype="float32"))
+        object.__setattr__(self, "random", MappingProxyType(dict(self.random)))
+        if isinstance(self.ground, Given) or isinstance(self.site.shape, Given) or isinstance(self.soil, Given):
+            return  # of a folder whose script is not here, and checked when it began
+        ground.check_ground(self.site.shape)
+        object.__setattr__(self, "soil", _with_means(self.soil, self.random))
+        if self.plan.slides == 0 or self.site.shape.face is None:
+            object.__setattr__(self, "plan", replace(self.plan, modes=()))
+        check_campaign(self)
+
+    @property
+    def site(self) -> Site:
+        """The ground with its layers, its water and what holds its ends."""
+        site: Site = self.ground
+        return site
+
+    @property
+    def grids(self) -> Mapping[str, Discretisation]:
+        """Discretisation of "rough" and "refined"."""
+        return {"rough": self.rough, "refined": self.refined}
 
     @property
     def dimension(self) -> int:
@@ -171,18 +257,16 @@ class Campaign:
         volume, unit = self.run.least_volume, "m3" if self.dimension == 3 else "m2"
         return None if volume is None else f"{volume:g} {unit}"
 
-    @property
-    def estimator(self) -> Estimator:
-        """The campaign's estimator. ValueError where a script gave one that is not here."""
-        if self.plan.estimator is None:
-            given = tomllib.loads(self.text)["estimator"]["given"]
-            raise ValueError(f"the campaign's estimator is {given}, which a script gave: give it, estimator={given}")
-        return self.plan.estimator
+
+def _with_means(soil: Any, random: Mapping[str, RandomField]) -> Any:
+    """The soil with the means of what varies, where it leaves them out."""
+    own = {each.name for each in fields(soil)} if is_dataclass(soil) else set()
+    missing = {name: varies.mean for name, varies in random.items() if name in own and getattr(soil, name) is None}
+    return replace(soil, **missing) if missing else soil
 
 
 def check_campaign(campaign: Campaign) -> None:
     """Ranges that no builder looks at."""
-    ground.check_ground(campaign.site.shape)
     check_site(campaign.site, campaign.soil, campaign.grids["refined"].cell)
     run, plan, dimension = campaign.run, campaign.plan, campaign.dimension
     _above_zero("run", {name: getattr(run, name) for name in ("t_end", "gravity", "failure_displacement")})
@@ -203,9 +287,9 @@ def check_campaign(campaign: Campaign) -> None:
             f"{ground.volume(campaign.site.shape):.4g}"
         )
     campaign.measured.check()
-    for name, field in campaign.random.items():
-        if len(field.length) != dimension:
-            raise ValueError(f"[{name}] length has {len(field.length)} values: give {dimension}, one per axis")
+    for name, varies in campaign.random.items():
+        if len(varies.length) != dimension:
+            raise ValueError(f"[{name}] length has {len(varies.length)} values: give {dimension}, one per axis")
     if campaign.cross_correlation is not None:
         check_cross_correlation(campaign.cross_correlation, campaign.random)
     for layer in campaign.site.layers:
@@ -257,16 +341,16 @@ def _check_own_fields(campaign: Campaign, layer: SiteLayer) -> None:
 def _check_boreholes(campaign: Campaign) -> None:
     """Raise ValueError for measured values that lie in a layer to which their field does not reach."""
     layers = campaign.site.layers
-    fields: list[tuple[int | None, str, RandomField]] = [
-        (None, name, field) for name, field in campaign.random.items() if campaign.site.spans(name)
+    through: list[tuple[int | None, str, RandomField]] = [
+        (None, name, varies) for name, varies in campaign.random.items() if campaign.site.spans(name)
     ]
-    fields += [(number, name, each.random[name]) for number, each in enumerate(layers) for name in each.own]
-    for number, name, field in fields:
-        if field.boreholes is None or not any(name in each.own for each in layers):
+    through += [(number, name, each.random[name]) for number, each in enumerate(layers) for name in each.own]
+    for number, name, varies in through:
+        if varies.boreholes is None or not any(name in each.own for each in layers):
             continue
-        places = np.array([row[:-1] for row in field.boreholes]).T
+        places = np.array([row[:-1] for row in varies.boreholes]).T
         found = campaign.site.layer_of(places, campaign.grids["refined"])
-        for row, layer in zip(field.boreholes, [] if found is None else found, strict=True):
+        for row, layer in zip(varies.boreholes, [] if found is None else found, strict=True):
             if (int(layer) if name in layers[layer].own else None) != number:
                 raise ValueError(
                     f"a borehole value of {name} at {list(row[:-1])} m lies in {layers[layer].name}, to whose field it "
@@ -278,8 +362,8 @@ def _check_boreholes(campaign: Campaign) -> None:
 def check_failure(campaign: Campaign) -> None:
     """Raise ValueError for an estimator or a screening that does not go with the failure displacement."""
     plan, run = campaign.plan, campaign.run
-    if plan.estimator is not None:
-        plan.estimator.check(Sampling(plan.samples, run.failure_displacement, plan.screening_stop))
+    if not isinstance(campaign.estimator, Given):
+        campaign.estimator.check(Sampling(plan.samples, run.failure_displacement, plan.screening_stop))
     if run.failure == "limit load" and campaign.measured.limit_load is None:
         return  # not known yet
     if plan.screening_stop is not None and plan.screening_stop < run.failure_displacement:

@@ -26,7 +26,7 @@ from typing import Any, Protocol
 import jax
 
 from cooperative.scene import tables
-from cooperative.scene._campaign import Calibration, Campaign, LimitLoad, Measured, check_failure
+from cooperative.scene._campaign import Calibration, Campaign, LimitLoad, Measured
 from cooperative.store import MOST_TEXT, write_aside
 from foundation import files
 from jaxmpm import Scene, Settle, State, diagnostics, factor_of_safety, reduced, solve
@@ -133,19 +133,17 @@ def taking(campaign: Campaign, **found: Any) -> Campaign:
     Raises:
         ValueError: the failure displacement does not go with the rest of the campaign.
     """
-    ready = replace(campaign, measured=replace(campaign.measured, **found))
-    limit_load = ready.measured.limit_load
+    measured = replace(campaign.measured, **found)
+    limit_load = measured.limit_load
     if limit_load is None:
-        return ready
+        return replace(campaign, measured=measured)
     settle = campaign.run.settle
     if settle is not None and settle.slides is not None:
         settle = replace(settle, slides=limit_load.displacement)
     run = replace(
         campaign.run, failure_displacement=limit_load.displacement, least_volume=limit_load.volume, settle=settle
     )
-    ready = replace(ready, run=run)
-    check_failure(ready)
-    return ready
+    return replace(campaign, measured=measured, run=run)
 
 
 def factors_of_safety(campaign: Campaign, grids: Mapping[str, Grid]) -> Calibration:

@@ -36,9 +36,9 @@ DEEPEST_POOL = 10.0
 
 @dataclass(frozen=True)
 class SiteLayer:
-    """A layer of a campaign's ground: its name, its soil with the means of what varies and its lower boundary, and what
-    varies in it, by parameter. rock: whether it is rock, whose strength no load of a slope reaches. own: parameters
-    whose field stops at the layer, independent of all others; those of the rest go through all layers."""
+    """A layer of a campaign's ground: its name, its soil with the means of what varies and its lower boundary. random:
+    what varies in it, by parameter. rock: whether it is rock, whose strength no load of a slope reaches. own:
+    parameters whose field stops at the layer, independent of all others; those of the rest go through all layers."""
 
     name: str
     layer: Layer

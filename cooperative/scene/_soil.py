@@ -63,7 +63,8 @@ Span = tuple[float, float]
 class RandomField:
     """A parameter of the soil that varies: mean, cov, and per axis a correlation length (m; inf: constant along it).
 
-    In the parameter's unit, angles in degrees. sampled_at: "particles", or "cells" for one value per cell of the
+    In the parameter's unit, angles in degrees. marginal, correlation: classes of `kl`. energy: share of the variance
+    that the expansion holds. sampled_at: "particles", or "cells" for one value per cell of the
     background grid, that at its centre: then the grid of the field is the background grid, and all particles that
     start in a cell are alike. lower, upper: bounds of marginals that have some. trend: what mean and deviation, in
     proportion, grow by per metre of depth, from `mean` at depth 0. trend_from: where that is, at the "surface" of the
@@ -76,11 +77,11 @@ class RandomField:
 
     mean: float
     cov: float
-    marginal: type
-    correlation: type
     length: tuple[float, ...]
-    energy: float
-    sampled_at: Literal["particles", "cells"]
+    marginal: type = kl.Lognormal
+    correlation: type = kl.SquaredExponential
+    energy: float = 0.999
+    sampled_at: Literal["particles", "cells"] = "particles"
     lower: float | None = None
     upper: float | None = None
     trend: float | None = None

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import json
+from dataclasses import replace
 from pathlib import Path
 
 from cooperative.estimate import Estimator
 from cooperative.scene import tables
 from cooperative.scene._budget import kept_budget, raised
-from cooperative.scene._campaign import Campaign
+from cooperative.scene._campaign import Campaign, Given
 from cooperative.scene._measured import with_measured
-from cooperative.scene._text import tables_of
+from cooperative.scene._text import source_of
 from cooperative.scene._typed import parse
-from cooperative.store import Store, kept_scene
+from cooperative.scene._words import campaign_of_words, in_words, source_of_value
+from cooperative.store import SCENE, Source, Store, completed, stored_source
 
 
 def campaign_of(store: Store, estimator: Estimator | None = None) -> Campaign:
@@ -20,23 +21,67 @@ def campaign_of(store: Store, estimator: Estimator | None = None) -> Campaign:
 
     estimator: that of the script, where one gave it.
     """
-    campaign, budget = parse(store.scene_text, estimator, begun=True), kept_budget(store.folder)
-    if budget is not None and campaign.plan.estimator is not None:
+    campaign, budget = read(store.source, estimator, begun=True), kept_budget(store.folder)
+    if budget is not None and not isinstance(campaign.estimator, Given):
         campaign = raised(campaign, budget)
     return with_measured(campaign, store.folder)
 
 
-def with_defaults(text: str, kept: Path) -> str:
-    """The scene with the table `[defaults]` of that in the file `kept`, or with today's where there is no such file.
+def read(scene: Campaign | Source | str | Path, estimator: Estimator | None = None, *, begun: bool = False) -> Campaign:
+    """A campaign, checked.
 
-    Raises ValueError for a text, or a file, that is no TOML or has another such table.
+    Args:
+        scene: in TOML its text, the path of its file, or what a folder keeps of it; one that was written in Python.
+        estimator: in place of one that a scene names, or the one that the script of a campaign gave.
+        begun: whether the campaign is under way; its numbers were accepted when it began, and none is asked about.
+
+    Raises:
+        ValueError: as `parse` and `Campaign`; an estimator that is not the campaign's.
     """
-    if "defaults" in tables_of(text):
-        return text
-    values = {
+    if isinstance(scene, Campaign):
+        campaign = replace(scene, source=source_of_value(scene))
+    elif isinstance(scene, Source) and scene.text is None:
+        campaign = campaign_of_words(scene)
+    else:
+        return parse(scene, estimator, begun=begun)
+    if estimator is None:
+        return campaign
+    words, there = in_words(estimator), campaign.source.beside["campaign"].get("estimator")
+    if words != there:
+        raise ValueError(f"the campaign's estimator is {there}, not {words}: give that one, or another folder")
+    return replace(campaign, estimator=estimator)
+
+
+def unchanged(campaign: Campaign) -> Source | None:
+    """The scene that a campaign was read from, where it still is what that says; None for one that Python made or
+    changed."""
+    source = campaign.source
+    if source.text is None:
+        return None
+    estimator = campaign.estimator if "estimator" in source.tables else None
+    again = parse(source, estimator, begun=getattr(campaign.soil, "unusual", False))
+    same = again.measured == campaign.measured and source_of_value(again) == source_of_value(campaign)
+    return source if same else None
+
+
+def settled(scene: Source | str | Path, folder: Path, name: str = SCENE) -> Source:
+    """A scene with what its folder keeps beside it and, where none has begun there, with the defaults of today.
+
+    Args:
+        scene: its text, its file, or both.
+        folder: of the campaign, or of a sweep.
+        name: of the file with the scene, in that folder.
+
+    Raises:
+        ValueError: the scene, or what the folder holds, is no TOML.
+    """
+    source, there = source_of(scene), stored_source(folder, name)
+    if there is not None:
+        return completed(source, there)
+    if "defaults" in source.tables:
+        return source
+    today = {
         "cfl": tables.Grid.model_fields["cfl"].default,
         "gap_memory": tables.Soil.model_fields["gap_memory"].default,
     }
-    if kept.exists():
-        values = dict(tables.read(tables.Defaults, tables_of(kept_scene(kept))["defaults"], "defaults"))
-    return text + "\n[defaults]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in values.items())
+    return Source(source.text, {**source.beside, "defaults": today})

@@ -1,25 +1,37 @@
-"""The text of a scene: read from a file, and taken apart as TOML. Nothing in it is executed."""
+"""A scene read from its file, with the files that it names. Nothing in it is executed."""
 
 from __future__ import annotations
 
 import json
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from cooperative.scene import tables as known
 from cooperative.scene._rasters import packed
+from cooperative.store import Source, tables_of
 from jaxmpm import Raster, read_line, read_raster
 
 LARGEST = 1_000_000
 """Bytes of a scene file at most; a scene has a few thousand."""
 
 
-def read_scene(path: Path) -> str:
-    """The text of a scene file, with the points of the files that it names for its lines in a table `[files]`, so that
-    it stands alone. Raises ValueError, naming the file, where one is missing or no text."""
+def source_of(scene: Source | str | Path) -> Source:
+    """What a scene is made from: its text and, of a file, the points and heights of the files that it names.
+
+    Args:
+        scene: the text, or the path of a file.
+
+    Raises:
+        ValueError: naming the file, where one is missing or no text.
+    """
+    return scene if isinstance(scene, Source) else Source(scene) if isinstance(scene, str) else read_scene(scene)
+
+
+def read_scene(path: Path) -> Source:
+    """A scene's file, with the points and heights of the files that it names. Raises ValueError, naming the file, where
+    one is missing or no text."""
     if not path.exists():
         raise ValueError(f"there is no scene {path}: give the path of a scene in TOML")
     if not path.is_file():
@@ -27,23 +39,12 @@ def read_scene(path: Path) -> str:
     if path.stat().st_size > LARGEST:
         raise ValueError(f"scene {path} has {path.stat().st_size} bytes, the limit is {LARGEST}: is it a scene?")
     try:
-        return _with_files(path.read_bytes().decode("utf-8-sig"), path.parent)
+        text = path.read_bytes().decode("utf-8-sig")
+        return Source(text, _files(tables_of(text), path.parent))
     except UnicodeDecodeError as error:
         raise ValueError(f"scene {path} is no text in UTF-8 (byte {error.start}): give a scene in TOML") from error
     except OSError as error:
         raise ValueError(f"scene {path} cannot be read ({error.strerror}): give a file that you may read") from error
-
-
-def tables_of(text: str) -> dict[str, Any]:
-    """The tables of a scene. Raises ValueError for text that is no TOML."""
-    if text.startswith("\ufeff"):
-        raise ValueError("the scene begins with a byte order mark (U+FEFF): read its file with encoding = 'utf-8-sig'")
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"the scene is not valid TOML: {error}") from error
-    except RecursionError as error:
-        raise ValueError("the scene nests tables or lists without end: a scene has tables of plain values") from error
 
 
 def to_toml(tables: dict[str, Any]) -> str:
@@ -69,17 +70,16 @@ def toml_value(value: Any) -> str:
     return str(value) if isinstance(value, float) else json.dumps(value)
 
 
-def _with_files(text: str, folder: Path) -> str:
-    """The text with the points of files that lie in `folder`; the same where it names none or has the table already."""
-    tables = tables_of(text)
+def _files(tables: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """The table `files` of those that lie in `folder`; nothing where the scene names none or has the table already."""
     lines, rasters = (dict.fromkeys(_named(tables, kind)) for kind in (known.LINE, known.RASTER))
     if not (lines or rasters) or "files" in tables:
-        return text
-    said = [f"{json.dumps(name)} = {json.dumps(_points(folder, name))}" for name in lines]
-    for name in rasters:
-        table = packed(name, _between_walls(read_raster(folder / name), tables.get("terrain")))
-        said.append(f"{json.dumps(name)} = {{ {', '.join(f'{k} = {json.dumps(v)}' for k, v in table.items())} }}")
-    return text + "\n".join(["\n[files]", *said]) + "\n"
+        return {}
+    points = {name: _points(folder, name) for name in lines}
+    heights = {
+        name: packed(name, _between_walls(read_raster(folder / name), tables.get("terrain"))) for name in rasters
+    }
+    return {"files": {**points, **heights}}
 
 
 def _between_walls(raster: Raster, terrain: Any) -> Raster:

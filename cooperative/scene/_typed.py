@@ -2,39 +2,41 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import is_dataclass, replace
-from types import MappingProxyType
+from pathlib import Path
 from typing import Any
 
 from cooperative.estimate import SETTINGS, Estimator, named_estimator
 from cooperative.scene import tables
-from cooperative.scene._campaign import Campaign, LimitLoad, Plan, Run, check_campaign
+from cooperative.scene._campaign import Campaign, Given, LimitLoad, Plan, Run
 from cooperative.scene._hazard import hazard_of
 from cooperative.scene._measured import given_measured, taking
 from cooperative.scene._site import Site, layers_of, site_of
 from cooperative.scene._soil import CrossCorrelation, ask, soil_of_scene
-from cooperative.scene._text import tables_of
+from cooperative.scene._text import source_of
+from cooperative.store import Source
 from foundation.text import short, shown
 from jaxmpm import AnySoil, Discretisation, Scene, Settle, State, cell_independent
 
 
-def parse(text: str, estimator: Estimator | None = None, *, begun: bool = False) -> Campaign:
+def parse(asked: Source | str | Path, estimator: Estimator | None = None, *, begun: bool = False) -> Campaign:
     """Read and check a scene.
 
-    estimator: takes the place of the one that the scene names. It is written into the text in words, so that a folder
+    asked: the scene's text, its file, or both with what a folder keeps beside it.
+    estimator: takes the place of the one that the scene names. The campaign's source has it in words, so that a folder
     knows which estimator it belongs to. begun: whether the campaign is under way; its numbers were accepted when
     it began, and none is asked about.
     Raises ValueError for TOML that does not parse, unknown keys (naming the nearest one), missing keys, wrong
     types and values out of range. What depends on the geometry is checked when the grids are built.
     """
-    scene = tables.read(tables.Scene, tables_of(text))
+    source = source_of(asked)
+    scene = tables.read(tables.Scene, source.tables)
     if scene.sweep is not None:
         raise ValueError("the scene has a table [sweep], so it is many campaigns: run it as a sweep")
     scene = _as_begun(scene, begun)
     given = _given(scene, estimator)
     if given is not None and scene.estimator is None:
-        text += f"\n[estimator]\ngiven = {json.dumps(given)}\n"
+        source = replace(source, beside={**source.beside, "estimator": {"given": given}})
     site = site_of(scene)
     if not scene.unusual:
         ask("[run] gravity", "gravity", scene.run.gravity)
@@ -48,22 +50,22 @@ def parse(text: str, estimator: Estimator | None = None, *, begun: bool = False)
         )
     together = scene.cross_correlation
     campaign = Campaign(
-        text=text,
+        source=source,
         name=scene.name,
-        site=site,
+        ground=site,
         soil=soil,
         random=random,
         cross_correlation=None if together is None else CrossCorrelation(**dict(together)),
-        grids=MappingProxyType({grid: _grid(getattr(scene, grid), site, soil) for grid in ("rough", "refined")}),
+        rough=_grid(scene.rough, site, soil),
+        refined=_grid(scene.refined, site, soil),
         run=_run(scene.run),
-        plan=_plan(scene, estimator, named=given is None, has_modes=site.shape.face is not None),
+        plan=_plan(scene.campaign, has_modes=site.shape.face is not None),
+        estimator=estimator or (Given("estimator", given) if given else _named(scene.campaign)),
         hazard=hazard_of(scene),
     )
     measured = given_measured(scene)
     _check_limit_load(scene.run, measured.limit_load)
-    campaign = taking(campaign, **vars(measured))
-    check_campaign(campaign)
-    return campaign
+    return taking(campaign, **vars(measured))
 
 
 def built(campaign: Campaign, grid: str, *, at_rest: bool = True) -> tuple[Scene, State]:
@@ -86,9 +88,8 @@ def _as_begun(scene: tables.Scene, begun: bool) -> tables.Scene:
     )
 
 
-def _plan(scene: tables.Scene, estimator: Estimator | None, *, named: bool, has_modes: bool) -> Plan:
+def _plan(table: tables.Campaign, *, has_modes: bool) -> Plan:
     """What the campaign does. Slides have modes where they come to their end, on a slope with a toe."""
-    table = scene.campaign
     asked = "modes" in table.model_fields_set
     if asked and table.slides == 0:
         raise ValueError(
@@ -100,13 +101,13 @@ def _plan(scene: tables.Scene, estimator: Estimator | None, *, named: bool, has_
             "[campaign] modes asks for modes, which only a slope with its toe has: leave it out, or give [ground] its "
             "toe"
         )
-    values = dict(table)
-    settings = {key: values.pop(key) for key in SETTINGS}
-    if named:
-        estimator = named_estimator(table.estimator, {**settings, "seed": table.seed})
-    if table.slides == 0 or not has_modes:
-        values["modes"] = ()
-    return Plan(**{**values, "estimator": estimator, "slides": None if table.slides == "all" else table.slides})
+    values = {key: value for key, value in table if key not in (*SETTINGS, "estimator")}
+    return Plan(**{**values, "slides": None if table.slides == "all" else table.slides})
+
+
+def _named(table: tables.Campaign) -> Estimator:
+    """The estimator that a scene names, with its settings."""
+    return named_estimator(table.estimator, {key: getattr(table, key) for key in (*SETTINGS, "seed")})
 
 
 def _check_limit_load(run: tables.Run, given: LimitLoad | None) -> None:

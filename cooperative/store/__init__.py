@@ -5,7 +5,8 @@ written it: one that does not match its seal, holds anything but the numbers and
 named, set aside and counted as not done.
 
     README.txt                    what the folder is, for whoever finds it later
-    scene.toml                    the scene, verbatim, and the defaults of the time
+    scene.toml                    the scene, verbatim; none of a campaign that was written in Python
+    campaign.json                 what goes with the scene, see `Source`
     samples/rough/000123.h5       coefficients, row, fields, provenance of sample 123 on the rough grid
     samples/refined/000123.h5
     samples/slides/000123.h5      the same run to the end of its slide, where samples/refined has it until it failed
@@ -17,30 +18,43 @@ named, set aside and counted as not done.
     .lock                         held by the one controller; the kernel frees it when the process ends
 """
 
-from cooperative.store._folder import GRIDS, MOST_TEXT, SLIDES, Store, restart_path, sample_path
+from cooperative.store._folder import GRIDS, SLIDES, Store, restart_path, sample_path
 from cooperative.store._lock import lock_holder
-from cooperative.store._opened import open_store, read_store
+from cooperative.store._opened import open_store, read_store, refuse_another
 from cooperative.store._reading import check_frames, read_sample
 from cooperative.store._rows import Rows, read_rows, reader
 from cooperative.store._samples import Record, Sample, fill_sample
-from cooperative.store._scene_text import FIRST_DEFAULTS, kept_scene, scene_digest
+from cooperative.store._source import (
+    CAMPAIGN,
+    FIRST_DEFAULTS,
+    MOST_TEXT,
+    SCENE,
+    Source,
+    completed,
+    scene_digest,
+    stored_source,
+    tables_of,
+)
 from cooperative.store._writing import write_sample
 from foundation.files import DamagedFile, Scalar, own_folder, set_aside, write_aside
 
 __all__ = [
+    "CAMPAIGN",
     "FIRST_DEFAULTS",
     "GRIDS",
     "MOST_TEXT",
+    "SCENE",
     "SLIDES",
     "DamagedFile",
     "Record",
     "Rows",
     "Sample",
     "Scalar",
+    "Source",
     "Store",
     "check_frames",
+    "completed",
     "fill_sample",
-    "kept_scene",
     "lock_holder",
     "open_store",
     "own_folder",
@@ -48,10 +62,13 @@ __all__ = [
     "read_sample",
     "read_store",
     "reader",
+    "refuse_another",
     "restart_path",
     "sample_path",
     "scene_digest",
     "set_aside",
+    "stored_source",
+    "tables_of",
     "write_aside",
     "write_sample",
 ]

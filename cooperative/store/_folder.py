@@ -7,25 +7,27 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
-from foundation import files
+from cooperative.store._source import Source
 from foundation.text import shown
 
 GRIDS = ("rough", "refined")
 SLIDES = "slides"
 """Beside the grids: refined runs that went on from where they had failed to the end of their slide."""
-MOST_TEXT = 2**20
-"""Bytes that a scene, a lock or another small text of a campaign's folder may have."""
 
 
 @dataclass(frozen=True)
 class Store:
-    """An open campaign `folder`. scene_text: its TOML. digest: of the text. lock: the file descriptor that holds the
+    """An open campaign `folder`. source: what the campaign was made from. lock: the file descriptor that holds the
     folder, None when opened for reading."""
 
     folder: Path
-    scene_text: str
-    digest: str
+    source: Source
     lock: int | None
+
+    @property
+    def digest(self) -> str:
+        """Of the source; every sample's file has it."""
+        return self.source.digest
 
     def __enter__(self) -> Self:
         return self
@@ -51,11 +53,3 @@ def sample_path(store: Store, grid: str, number: int) -> Path:
 def restart_path(folder: str | Path, grid: str, number: int) -> Path:
     """Restart point of one sample, in the campaign's folder."""
     return Path(folder) / "restart" / f"{grid}-{number:06d}.h5"
-
-
-def small_text(path: Path) -> str:
-    """Text of a scene. ValueError for what is no regular file or no text."""
-    try:
-        return files.read_plain(path, MOST_TEXT).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path} is not text in UTF-8: {error}") from error

@@ -7,7 +7,7 @@ import socket
 import sys
 from pathlib import Path
 
-from cooperative.store._folder import MOST_TEXT
+from cooperative.store._source import MOST_TEXT
 from foundation import files
 from foundation.text import short
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import platform
 import textwrap
-import tomllib
 from datetime import date
 from pathlib import Path
 
 from cooperative.store._samples import package_versions
+from cooperative.store._source import Source
 from foundation.files import write_aside
 from foundation.text import printable
 
@@ -46,6 +46,9 @@ WHAT IS WHAT
   README.txt          this text, written once. It may be changed, and keeps what you add
   scene.toml          what was asked: ground, soil, random fields, grids, number of samples. Do not change it:
                       the samples would no longer belong to it
+  campaign.json       what goes with it: defaults of the time when it began, points and heights of the files that the
+                      scene names, a script's estimator in words; all of a campaign that was written in Python.
+                      Do not change it either
   samples/rough/      one HDF5 file per finished sample on the rough grid
   samples/refined/    the same on the refined grid
   samples/slides/     refined runs that went on to the end of their slide, where they had stopped at failure
@@ -73,7 +76,7 @@ WHAT IS WHAT
   *.damaged           a file that did not match its checksum. It was set aside and its sample run again
   .lock               held by the process that runs the campaign
 
-Not every campaign has every file. To keep one, keep scene.toml, samples/, measured.json (or the three
+Not every campaign has every file. To keep one, keep scene.toml, campaign.json, samples/, measured.json (or the three
 files of earlier versions) and budget.json: the rest can be made again from these.
 
 READ A SAMPLE WITHOUT JAXMPM
@@ -93,11 +96,12 @@ soil again: `jaxmpm export . --sample 7 --frames 21` runs number 7 once more and
 """
 
 
-def write_readme(folder: Path, scene_text: str) -> None:
+def write_readme(folder: Path, source: Source) -> None:
     """Have a campaign's folder say what it is, where nothing of that name is there; OSError where the disk refuses."""
     if os.path.lexists(folder / NAME):
         return
-    name = tomllib.loads(scene_text).get("name")
+    name = source.tables.get("campaign" if source.text is None else "name")
+    name = name.get("name") if isinstance(name, dict) else name
     title = printable(name) if isinstance(name, str) and name.strip() else "a campaign"
     python = f"Python {platform.python_version()} on {platform.system()} {platform.machine()}"
     said = ", ".join([python, *(f"{name} {version}" for name, version in package_versions().items())])

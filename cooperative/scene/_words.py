@@ -1,0 +1,200 @@
+"""A campaign in words, as its folder keeps one that was written in Python, and back again.
+
+What the packages offer is found again by its name. A law, a soil or a ground of the user's own is kept as its class,
+its fields and a checksum of its source, which tell it from another; the script has to give it again. Nothing is
+executed.
+"""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import enum
+import hashlib
+import inspect
+import json
+import math
+import zlib
+from collections.abc import Iterator, Mapping
+from functools import cache
+from types import FunctionType
+from typing import Any
+
+import jax
+import numpy as np
+
+import jaxmpm
+import kl
+from cooperative import estimate, measure
+from cooperative.scene._campaign import Campaign, Given, Plan, Run
+from cooperative.scene._hazard import Hazard
+from cooperative.scene._site import Site, SiteLayer
+from cooperative.scene._soil import CrossCorrelation, RandomField
+from cooperative.store import Source
+from foundation.text import short
+
+PACKAGES = {"foundation", "jaxmpm", "kl", "cooperative"}
+
+
+@cache
+def _offered() -> dict[str, Any]:
+    """Classes and functions of the packages that a campaign may hold, by name."""
+    offered = {
+        f"{package}.{name}": getattr(module, name)
+        for package, module in (("jaxmpm", jaxmpm), ("kl", kl), ("cooperative", estimate), ("cooperative", measure))
+        for name in module.__all__
+    }
+    own = (CrossCorrelation, Hazard, Plan, RandomField, Run, Site, SiteLayer)
+    offered |= {f"cooperative.{each.__name__}": each for each in own}
+    return {name: each for name, each in offered.items() if isinstance(each, type | FunctionType)}
+
+
+OF_THE_FOLDER = ("measured", "raised", "source")
+"""Fields of a campaign that its folder adds."""
+
+
+def source_of_value(campaign: Campaign) -> Source:
+    """What a campaign that was written in Python is made from: its fields in words. Raises ValueError for what has no
+    words."""
+    names = [each.name for each in dataclasses.fields(campaign) if each.name not in OF_THE_FOLDER]
+    return Source(None, {"campaign": {name: in_words(getattr(campaign, name), name) for name in names}})
+
+
+def campaign_of_words(source: Source) -> Campaign:
+    """The campaign that was written in Python, with `Given` for what its script has to give again. Raises ValueError
+    for words that are not of a campaign."""
+    try:
+        fields = {name: of_words(words, name) for name, words in source.beside["campaign"].items()}
+        return Campaign(**fields, source=source)
+    except (AttributeError, KeyError, TypeError, zlib.error) as error:
+        raise ValueError(f"campaign.json holds no campaign ({error}): put back the file that it began with") from error
+
+
+def in_words(value: Any, where: str = "campaign") -> Any:
+    """A value of a campaign as JSON has it.
+
+    Args:
+        value: of the campaign.
+        where: name of the value, in messages.
+
+    Raises:
+        ValueError: the value holds what has no words, an open file for one.
+    """
+    if value is None or isinstance(value, bool | str | int):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else {"number": repr(value)}
+    if isinstance(value, np.ndarray | np.generic | jax.Array) and not np.asarray(value).dtype.hasobject:
+        array = np.ascontiguousarray(value)
+        content = base64.b64encode(zlib.compress(array.tobytes(), 9)).decode()
+        return {"array": content, "dtype": array.dtype.str, "shape": list(array.shape)}
+    if isinstance(value, list | tuple):
+        return [in_words(each, f"{where}[{number}]") for number, each in enumerate(value)]
+    if isinstance(value, Mapping):
+        return {str(name): in_words(each, f"{where}.{name}") for name, each in value.items()}
+    names = {id(offered): name for name, offered in _offered().items()}
+    if isinstance(value, type | FunctionType):
+        own = {"own class": f"{value.__module__}.{value.__qualname__}", "source": source_checksum(value)}
+        return {"offered": names[id(value)]} if id(value) in names else own
+    kind = names.get(id(type(value)))
+    if isinstance(value, enum.Enum) and kind is not None:
+        return {"class": kind, "member": value.name}
+    if dataclasses.is_dataclass(value):
+        held = {each.name: getattr(value, each.name) for each in dataclasses.fields(value) if each.init}
+    elif kind is None and next(_functions(type(value)), None) is not None and hasattr(value, "__dict__"):
+        held = vars(value)
+    else:
+        raise ValueError(
+            f"{where} is {short(repr(value), 200)}, which has no words: a campaign's folder keeps numbers, texts, "
+            "arrays, functions and dataclasses of these"
+        )
+    fields = {name: in_words(each, f"{where}.{name}") for name, each in held.items()}
+    if kind is not None:
+        return {"class": kind, **fields}
+    return {"own class": f"{type(value).__module__}.{type(value).__qualname__}", "fields": fields,
+            f"source of {type(value).__name__}": source_checksum(type(value))}  # fmt: skip
+
+
+def of_words(words: Any, what: str) -> Any:
+    """The value that stands in such words; `Given` for an object of the user's own.
+
+    Args:
+        words: as `in_words` gives them.
+        what: field of the campaign, in messages.
+
+    Raises:
+        ValueError: words that `in_words` does not give, or that name what the packages do not offer.
+    """
+    if isinstance(words, list):
+        return tuple(of_words(each, what) for each in words)
+    if not isinstance(words, dict):
+        return words
+    if "own class" in words and "class" not in words:
+        fields = ", ".join(f"{name}={short(json.dumps(each), 60)}" for name, each in words.get("fields", {}).items())
+        return Given(what, f"{words['own class']}({fields})" if "fields" in words else words["own class"])
+    if words.keys() == {"number"}:
+        return float(words["number"])
+    if words.keys() == {"array", "dtype", "shape"}:
+        content = zlib.decompress(base64.b64decode(words["array"], validate=True))
+        return np.frombuffer(content, np.dtype(words["dtype"])).reshape(words["shape"])
+    named = words.get("class", words.get("offered"))
+    if named is None:
+        return {name: of_words(each, what) for name, each in words.items()}
+    offered = _offered().get(named)
+    if offered is None:
+        raise ValueError(f"{what} holds {short(str(named), 200)}, which this version does not have")
+    if "class" not in words:
+        return offered
+    if isinstance(offered, type) and issubclass(offered, enum.Enum):
+        return offered[words["member"]]
+    if not dataclasses.is_dataclass(offered):
+        raise ValueError(f"{what} holds {short(str(named), 200)}, which holds nothing")
+    return offered(**{name: of_words(each, what) for name, each in words.items() if name != "class"})  # type: ignore[operator]
+
+
+def source_checksum(own: type | FunctionType) -> str:
+    """Of the source of a class or a function of the user's own and of those that it uses, of the same modules.
+
+    What was defined where there is no source, by `exec` for one, has the checksum of its compiled code.
+    """
+    told = hashlib.sha256()
+    for each in _used_by(own, {}):
+        told.update(_source(each).encode())
+    return told.hexdigest()[:16]
+
+
+def _used_by(own: Any, seen: dict[int, Any]) -> Iterator[Any]:
+    """A class or function, and those of the user's own that it names."""
+    if id(own) in seen or not isinstance(own, type | FunctionType) or own.__module__.split(".")[0] in PACKAGES:
+        return
+    seen[id(own)] = own
+    yield own
+    functions = [own] if isinstance(own, FunctionType) else [each for _, each in _functions(own)]
+    for base in own.__mro__[1:] if isinstance(own, type) else ():
+        yield from (each for each in _used_by(base, seen) if base.__module__ == own.__module__)
+    for function in functions:
+        named = (function.__globals__.get(name) for name in function.__code__.co_names)
+        yield from (
+            used
+            for each in named
+            if getattr(each, "__module__", None) == own.__module__
+            for used in _used_by(each, seen)
+        )
+
+
+def _functions(own: type) -> Iterator[tuple[str, FunctionType]]:
+    """The methods that a class defines itself, not those that `dataclass` makes."""
+    for name, each in vars(own).items():
+        function = getattr(each, "fget", None) or getattr(each, "func", None) or getattr(each, "__func__", each)
+        if isinstance(function, FunctionType) and function.__code__.co_filename != "<string>":
+            yield name, function
+
+
+def _source(own: type | FunctionType) -> str:
+    try:
+        return inspect.getsource(own)
+    except (OSError, TypeError):  # a class of a notebook's cell, or of no file at all
+        if isinstance(own, type):
+            return "\n".join([own.__qualname__, *(name + _source(each) for name, each in _functions(own))])
+        code = own.__code__
+        return repr((code.co_code.hex(), code.co_names, [each for each in code.co_consts if not inspect.iscode(each)]))

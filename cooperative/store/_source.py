@@ -1,0 +1,165 @@
+"""What a campaign was made from, as its folder keeps it; whether two of these are the same, and where they are not."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from foundation import files
+from foundation.files import write_aside
+from foundation.text import short
+
+SCENE, CAMPAIGN = "scene.toml", "campaign.json"
+"""Files of a folder that hold what its campaign was made from, see `Source`."""
+MOST_TEXT = 2**20
+"""Bytes that a scene, a lock or another small text of a campaign's folder may have."""
+FIRST_DEFAULTS = "\n[defaults]\ncfl = 0.5\ngap_memory = false\n"
+"""What the scene of a folder means that has no such table, or not all of its keys."""
+MOST_BESIDE = 2**26
+"""Bytes that `campaign.json` may have."""
+OF_THE_FOLDER = ("defaults", "files", "estimator", "calibration", "field_modes", "limit_load")
+"""Tables that are the folder's where a scene that is given again does not have them."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """What a campaign was made from.
+
+    Args:
+        text: its scene in TOML, verbatim; None for a campaign that was written in Python.
+        beside: tables that the text does not have: `defaults` of the time when the campaign began, points and heights
+            of the `files` that the scene names, a script's `estimator` in words. Of a campaign that was written in
+            Python: `campaign`, its fields in words.
+    """
+
+    text: str | None
+    beside: Mapping[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def tables(self) -> dict[str, Any]:
+        """The tables of the text and those beside it. Raises ValueError for text that is no TOML."""
+        return {**tables_of(self.text or ""), **self.beside}
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of what it says: comments, spacing and the order of keys do not count."""
+        return hashlib.sha256(json.dumps(_flat(self.tables), sort_keys=True).encode()).hexdigest()
+
+    @property
+    def words(self) -> str:
+        """For people: the scene's text, or the fields of a campaign that was written in Python."""
+        return json.dumps(self.beside, indent=1) if self.text is None else self.text
+
+    def write(self, folder: Path, scene: str = SCENE) -> None:
+        """Begin the folder of a campaign, or of a sweep, with it. OSError where the disk refuses."""
+        # First, so that no scene is ever without what goes with it; alone it is no campaign yet.
+        write_aside(folder / CAMPAIGN, json.dumps(dict(self.beside)).encode())
+        if self.text is not None:
+            write_aside(folder / scene, self.text.encode())
+
+
+def tables_of(text: str) -> dict[str, Any]:
+    """The tables of a scene. Raises ValueError for text that is no TOML."""
+    if text.startswith("\ufeff"):
+        raise ValueError("the scene begins with a byte order mark (U+FEFF): read its file with encoding = 'utf-8-sig'")
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"the scene is not valid TOML: {error}") from error
+    except RecursionError as error:
+        raise ValueError("the scene nests tables or lists without end: a scene has tables of plain values") from error
+
+
+def scene_digest(scene_text: str) -> str:
+    """SHA-256 of what a scene's text says: comments, spacing and the order of keys do not count."""
+    return Source(scene_text).digest
+
+
+def stored_source(folder: Path, scene: str = SCENE) -> Source | None:
+    """What the campaign in a folder was made from, None where no campaign has begun there.
+
+    Args:
+        folder: of the campaign, or of a sweep.
+        scene: name of the file with the scene.
+
+    A scene without `defaults` was begun before these were kept, and gets those of that time.
+
+    Raises:
+        ValueError: a file is no regular file, no text, no TOML or no JSON.
+    """
+    path, beside = folder / scene, _beside(folder / CAMPAIGN)
+    if not os.path.lexists(path):
+        return Source(None, beside) if "campaign" in beside else None
+    try:
+        text = files.read_plain(path, MOST_TEXT).decode("utf-8-sig")
+        tables = tomllib.loads(text) | beside
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is not text in UTF-8: {error}") from error
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ValueError(f"{path} is not valid TOML: {error}") from error
+    return Source(text, beside if "defaults" in tables else beside | tomllib.loads(FIRST_DEFAULTS))
+
+
+def _beside(path: Path) -> dict[str, Any]:
+    """The tables beside a scene's text; none where there is no such file."""
+    if not os.path.lexists(path):
+        return {}
+    try:
+        tables = json.loads(files.read_plain(path, MOST_BESIDE))
+        if not isinstance(tables, dict):
+            raise ValueError("it is no object")
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path} is damaged ({error}): put back the file that the campaign began with") from error
+    return tables
+
+
+def completed(asked: Source, there: Source) -> Source:
+    """A scene that is given again, with the tables of its folder that it does not have."""
+    missing = {name: there.tables[name] for name in OF_THE_FOLDER if name in there.tables and name not in asked.tables}
+    return Source(asked.text, {**asked.beside, **missing})
+
+
+def differences(there: Source, asked: Source, most: int = 5) -> list[str]:
+    """What two campaigns have otherwise, in words."""
+    if (there.text is None) != (asked.text is None):
+        kinds = ("a scene", "written in Python")
+        return [f"it is {kinds[there.text is None]} there and {kinds[asked.text is None]} now"]
+    old, new = _flat(there.tables), _flat(completed(asked, there).tables)
+    lines = [
+        f"{short(key)} is {short(old.get(key, 'not set'))} there and {short(new.get(key, 'not set'))} now"
+        for key in sorted(old.keys() | new.keys())
+        if old.get(key) != new.get(key)
+    ]
+    return lines if len(lines) <= most else [*lines[:most], f"and {len(lines) - most} more"]
+
+
+def _flat(tables: Mapping[str, Any]) -> dict[str, str]:
+    """Dotted key -> value as text; 1 and 1.0 are the same value, and the first defaults need not be there."""
+
+    def walk(prefix: str, node: object) -> dict[str, str]:
+        if isinstance(node, dict):
+            pairs = [(f"{prefix}.{key}" if prefix else key, value) for key, value in node.items()]
+        elif isinstance(node, list):
+            pairs = [(f"{prefix}[{index}]", value) for index, value in enumerate(node)]
+        else:
+            if isinstance(node, float) and node.is_integer() and abs(node) < 2**53:
+                node = int(node)
+            return {prefix: repr(node)}
+        flat = {} if pairs or not prefix else {prefix: repr(node)}
+        for key, value in pairs:
+            flat |= walk(key, value)
+        return flat
+
+    rest = {name: table for name, table in tables.items() if name != "defaults"}
+    defaults = tables.get("defaults", {})
+    if isinstance(defaults, dict):
+        first = tomllib.loads(FIRST_DEFAULTS)["defaults"]
+        defaults = {key: value for key, value in defaults.items() if value != first.get(key)}
+    return walk("", rest | ({"defaults": defaults} if defaults else {}))
