@@ -29,7 +29,7 @@ TOO_LARGE = [
     (("cell = 1.0", "cell = 1e-320"), r"\[refined\] cell = 1e-320: give finite values, in single precision"),
     (("toe = 16.0", "toe = 1e30"), r"toe = 1e\+30 m is no whole multiple of the spacing along x"),
     (("samples = 6", "samples = 6\nlanes = 9_223_372_036_854_775_808"), "lanes is a whole number beyond 64 bits"),
-    (("seed = 3", "seed = -1"), "seed = -1: give 0"),
+    (("seed = 3", "seed = -1"), "seed = -1: give a whole number of 0 or more"),
     (("samples = 6", f"samples = 0x{'f' * 5000}"), r"samples is a whole number beyond 64 bits"),
     (("cov = 0.4", f"cov = 0x{'f' * 5000}"), r"cov is a whole number beyond 64 bits"),
     (('name = "tiny"', f"a = {'[' * 5000}{']' * 5000}"), "nests tables or lists without end"),

@@ -312,7 +312,7 @@ def test_a_class_is_all_that_an_audit_without_slides_asks(all_slides, tmp_path):
     ("said", "match"),
     [
         ('slides = 0\nmodes = "refined"', "slides = 0 ends every refined run.*modes = 'refined'"),
-        ("slides = -1", "slides = -1: give 0 or more"),
+        ("slides = -1", "slides = -1: give a whole number of 0 or more"),
         ('slides = "some"', "or 'all'"),
         ("[run]\nslides_t_end = 3.0", "slides_t_end = 3 s is before t_end = 4 s"),
         ("slides = 0\n[run]\nslides_t_end = 9.0", "slides_t_end = 9 s has no say beside .* slides = 0"),

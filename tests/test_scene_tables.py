@@ -29,7 +29,7 @@ def test_wrong_values_of_all_tables_are_named_at_once():
         "[soil] young = 0 Pa: give a finite value above 0",
         "[refined] cell = nan: give finite values, in single precision (1e-30 to 1e30)",
         "[campaign] samples = True is true or false: give a whole number",
-        "[campaign] slides = -1: give 0 or more, or 'all'",
+        "[campaign] slides = -1: give a whole number of 0 or more, or 'all'",
     ]
 
 
@@ -54,7 +54,7 @@ def test_more_than_eight_faults_are_counted():
         (("young = 2e7", "young = {}"), "[soil.young] lacks mean, cov, length: add it"),
         (("[soil]", "[soil]\ndilation = 70.0"), "[soil] dilation = 70 degrees: give a value from 0 to 60"),
         (("[slope]", "slope = 3\n[slop]"), "the scene has an unknown key 'slop' (did you mean 'slope'?)"),
-        (("[run]", "[hazard]\nevery = 0\n[run]"), "[hazard] every = 0: give 1 or more"),
+        (("[run]", "[hazard]\nevery = 0\n[run]"), "[hazard] every = 0: give a whole number of 1 or more"),
     ],
 )
 def test_nothing_is_taken_for_another(change, message):

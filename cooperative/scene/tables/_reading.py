@@ -255,7 +255,7 @@ def wanted(schema: Schema, *, ends: bool = True) -> str:
         if not ends or limit == Limit():
             return whole
         if kind == "integer":
-            return f"{limit.least} or more"
+            return f"a whole number of {limit.least} or more"
         return f"{limit}, or inf".replace("a finite", "a") if schema.get("infinite") else str(limit)
     return {"boolean": "true or false", "string": "text"}.get(kind, "a table")
 
@@ -276,4 +276,8 @@ def _list(schema: Schema, ends: bool) -> str:
     kinds = {"array": "lists of numbers", "string": "texts", "integer": "whole numbers"}
     words = f"a list of {'different ' if schema.get('uniqueItems') else ''}{kinds.get(item['type'], 'numbers')}"
     words += ", one per axis" if schema.get("per") == "axis" else ""
-    return f"{words}, each {wanted(item)}" if ends and _limit(item) != Limit() else words
+    return (
+        f"{words}, each {wanted(item).removeprefix('a whole number of ')}"
+        if ends and _limit(item) != Limit()
+        else words
+    )

@@ -262,11 +262,11 @@ class CrossCorrelation(Table):
     `correlation`, `bedding`, `energy` and `nataf`."""
 
     parameters: Several[str] = key(
-        "Names of the parameters.", ["cohesion", "friction"], allowed="two or more that vary, each once"
+        "Names of the parameters.", ["cohesion", "friction"], allowed="names of two or more that vary, each once"
     )
     matrix: Rows = key(
         "Their correlation, a row for each.", [[1.0, -0.5], [-0.5, 1.0]],
-        allowed="symmetric, 1 on the diagonal, positive definite",
+        allowed="a list of lists, symmetric, 1 on the diagonal, positive definite",
     )  # fmt: skip
     nataf: bool = key("Whether it is that of the parameters, not that of the Gaussian fields behind them.", True, False)
 
