@@ -91,14 +91,15 @@ def _as_begun(scene: tables.Scene, begun: bool) -> tables.Scene:
 def _plan(table: tables.Campaign, *, has_modes: bool) -> Plan:
     """What the campaign does. Slides have modes where they come to their end, on a slope with a toe."""
     asked = "modes" in table.model_fields_set
+    modes = f"modes = {'both' if 'rough' in table.modes else 'refined'!r}"
     if asked and table.slides == 0:
         raise ValueError(
-            "[campaign] slides = 0 ends every refined run once its class is decided, and modes asks for modes of its "
+            f"[campaign] slides = 0 ends every refined run once its class is decided, and {modes} asks for modes of its "
             "failures, which only their end shows: leave out modes, or give slides = 'all' or a number"
         )
     if asked and not has_modes:
         raise ValueError(
-            "[campaign] modes asks for modes, which only a slope with its toe has: leave it out, or give [ground] its "
+            f"[campaign] {modes} asks for modes, which only a slope with its toe has: leave it out, or give [ground] its "
             "toe"
         )
     values = {key: value for key, value in table if key not in (*SETTINGS, "estimator")}
