@@ -10,8 +10,8 @@ import pytest
 
 import jaxmpm as mpm
 from benchmarks.invented import TINY
-from cooperative import run, runs
-from cooperative.scene import Site, parse
+from cooperative import Campaign, MonteCarlo, Plan, RandomField, Run, report, run, runs
+from cooperative.scene import parse
 from tests.test_campaign import SCENES
 from tests.test_ground import Embankment
 from tests.test_scene_sections import OUTLINE
@@ -82,7 +82,7 @@ def test_a_campaigns_grid_is_built_and_run_over_a_ground_of_ones_own():
         TOED.replace('fields = "both"', 'fields = "both"\nmodes = "both"').replace("mean = 30e3", "mean = 9e3")
     )
     own = Embankment()
-    campaign = replace(scene, site=Site(own))
+    campaign = replace(scene, ground=own)
     assert campaign.dimension == 2
     soil = runs.random_soil(campaign)
     assert soil.groups[0].box == (own.corner, own.extent)
@@ -100,3 +100,23 @@ def test_a_campaigns_grid_is_built_and_run_over_a_ground_of_ones_own():
     assert sample.row["depth"] == pytest.approx(own.subsoil + own.height - (z[sliding].min() - 0.5))
     assert sample.row["mode"] in ("deep", "shallow", "progressive")
     assert isinstance(model.geometry, mpm.Face)
+
+
+@pytest.mark.slow
+def test_a_campaign_of_a_ground_of_ones_own_runs_on_two_workers_and_is_reported(tmp_path, unrendered):
+    clay = mpm.Soil(unit_weight=20e3, young=2e7, strength=14e3, softening_modulus=85e3, tension_cutoff=0.0)
+    campaign = Campaign(
+        ground=Embankment(),
+        soil=clay,
+        random={"strength": RandomField(14e3, 0.3, (20.0, 4.0))},
+        rough=mpm.Discretisation(2.0, (1.0, 1.0), cfl=0.9),
+        refined=mpm.Discretisation(1.0, (0.5, 0.5), cfl=0.9),
+        run=Run(t_end=3.0),
+        plan=Plan(samples=3),
+        estimator=MonteCarlo(refined_runs=10),
+    )
+    summary = run(campaign, tmp_path / "own", workers=2)
+    assert sum(mode.count for mode in summary.modes.values()) == summary.failures_refined == 3
+    text = report(tmp_path / "own")
+    assert "m beyond the toe" in text
+    assert summary_of(tmp_path / "own")["slides"] == 3
