@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import cooperative
 import jaxmpm as mpm
 from benchmarks.invented import TINY
 from cooperative import runs
+from cooperative.research.back_analysis import Parameters, Survey, predict
 from cooperative.runs import grid_size
 from cooperative.scene import parse
 
@@ -143,3 +145,17 @@ def test_clay_under_fill_and_a_water_table_is_as_strong_as_its_effective_stress_
     found = np.asarray(model.strength())
     np.testing.assert_allclose(found[behind], 0.25 * vertical[behind], rtol=0.03)
     assert np.isnan(found[model.layer == 0]).all()
+
+
+def test_a_slide_in_both_kinds_is_predicted_and_its_derivative_finite():
+    campaign = parse(MIXED)
+    model = runs.build(campaign, "rough", runs.random_soil(campaign))
+    survey = Survey(0.2, 2, np.array([0, 100]), np.array([12.0, 20.0]))
+
+    def height(strength):
+        return predict(model, survey, Parameters(strength, 0.0, np.zeros(3))).surface.sum()
+
+    value, slope = jax.value_and_grad(height)(jnp.asarray(-0.5))
+    assert np.isfinite(value)
+    assert np.isfinite(slope)
+    assert slope != 0

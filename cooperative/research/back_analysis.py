@@ -19,7 +19,7 @@ from jax.flatten_util import ravel_pytree
 
 from cooperative.runs import GridModel
 from foundation.text import shown
-from jaxmpm import objectives, pytree, replay, with_soil
+from jaxmpm import declared, objectives, pytree, replay, with_soil
 
 # Prior deviation of the logarithms of strength and softening: a factor of 1.3 either way.
 LOG_DEVIATION = 0.3
@@ -81,16 +81,16 @@ def predict(model: GridModel, survey: Survey, parameters: Parameters, *, memory:
     random stiffness or weight.
     """
     model.refuse_own_start()
-    scene, law = model.scene, model.scene.material
+    scene, known = model.scene, declared(model.scene.material)
     count = scene.particles.mass.size
     strangers = [int(m) for m in survey.markers if not 0 <= m < count]
     if strangers:
         raise ValueError(
             f"markers = {shown(strangers)}: the model has {count} particles, give numbers from 0 to {count - 1}"
         )
-    if getattr(law, "softening", None) is None:
+    if {"softening_modulus", "strain_95"}.isdisjoint(known):
         raise ValueError("the soil does not soften: give it a softening_modulus, or leave back-analysis of it out")
-    if not hasattr(law.softening, "modulus"):
+    if "softening_modulus" not in known:
         raise ValueError(
             "the soil loses strength exponentially (strain_95), and back-analysis asks for the modulus of a straight "
             "loss: give the soil a softening_modulus instead"
@@ -98,9 +98,10 @@ def predict(model: GridModel, survey: Survey, parameters: Parameters, *, memory:
     dtype = scene.particles.mass.dtype
     missing = model.soil.modes - len(parameters.coefficients)
     field = jnp.concatenate([jnp.asarray(parameters.coefficients, dtype), jnp.zeros(missing, dtype)])
-    drawn = {"strength": law.strength, "softening.modulus": law.softening.modulus, **model.varied(field)}
+    drawn = {known[name].path: known[name].value for name in ("strength", "softening_modulus")} | model.varied(field)
     changed = {"strength": parameters.strength, "softening.modulus": parameters.softening}
-    drawn |= {path: drawn[path] * jnp.exp(change) for path, change in changed.items()}
+    # Zones without a parameter have nan for it, and 0 times nan would be their part of its derivative.
+    drawn |= {path: jnp.nan_to_num(drawn[path]) * jnp.exp(change) for path, change in changed.items()}
     varied, _ = with_soil(scene, model.state, **drawn)
     every = max(1, round(survey.seconds / float(scene.time_step) / survey.times))
     final, histories = replay(
