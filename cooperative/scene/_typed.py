@@ -94,13 +94,13 @@ def _plan(table: tables.Campaign, *, has_modes: bool) -> Plan:
     modes = f"modes = {'both' if 'rough' in table.modes else 'refined'!r}"
     if asked and table.slides == 0:
         raise ValueError(
-            f"[campaign] slides = 0 ends every refined run once its class is decided, and {modes} asks for modes of its "
-            "failures, which only their end shows: leave out modes, or give slides = 'all' or a number"
+            f"[campaign] slides = 0 ends every refined run once its class is decided, and {modes} asks for modes of "
+            "its failures, which only their end shows: leave out modes, or give slides = 'all' or a number"
         )
     if asked and not has_modes:
         raise ValueError(
-            f"[campaign] {modes} asks for modes, which only a slope with its toe has: leave it out, or give [ground] its "
-            "toe"
+            f"[campaign] {modes} asks for modes, which only a slope with its toe has: leave it out, or give [ground] "
+            "its toe"
         )
     values = {key: value for key, value in table if key not in (*SETTINGS, "estimator")}
     return Plan(**{**values, "slides": None if table.slides == "all" else table.slides})
