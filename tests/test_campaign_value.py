@@ -1,6 +1,7 @@
 """Campaigns written in Python: the same as a scene's, kept in words, gone on with by the same law only."""
 
 import json
+import pickle
 import subprocess
 import sys
 from dataclasses import dataclass, replace
@@ -54,6 +55,11 @@ TINY_IN_PYTHON = Campaign(
     plan=Plan(samples=6, seed=3, fields=("rough", "refined")),
 )
 SHORT = replace(TINY_IN_PYTHON, run=Run(t_end=0.3), plan=Plan(samples=2), estimator=MonteCarlo(refined_runs=10))
+
+
+@pytest.mark.parametrize("campaign", [TINY_IN_PYTHON, parse(TINY), parse(LAYERED)])
+def test_a_campaign_is_pickled_as_it_is(campaign):
+    assert pickle.loads(pickle.dumps(campaign)) == campaign
 
 
 def test_a_campaign_in_python_has_the_defaults_of_a_scene():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from types import MappingProxyType
@@ -21,6 +22,9 @@ from jaxmpm import Discretisation, Settle, ground
 
 AT_REST = Settle(slides=1.0)
 """Stands for a slide's rest, from the failure displacement on."""
+
+# Python does not pickle read-only mappings, which campaigns and layers have.
+copyreg.pickle(MappingProxyType, lambda mapping: (MappingProxyType, (dict(mapping),)))
 
 
 @dataclass(frozen=True)
