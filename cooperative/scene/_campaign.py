@@ -23,8 +23,13 @@ from jaxmpm import Discretisation, Settle, ground
 AT_REST = Settle(slides=1.0)
 """Stands for a slide's rest, from the failure displacement on."""
 
-# Python does not pickle read-only mappings, which campaigns and layers have.
-copyreg.pickle(MappingProxyType, lambda mapping: (MappingProxyType, (dict(mapping),)))
+
+def _read_only(values: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    return MappingProxyType(values)
+
+
+# Python does not pickle read-only mappings, which campaigns and layers have, nor their type.
+copyreg.pickle(MappingProxyType, lambda mapping: (_read_only, (dict(mapping),)))
 
 
 @dataclass(frozen=True)
