@@ -62,6 +62,14 @@ def test_a_campaign_is_pickled_as_it_is(campaign):
     assert pickle.loads(pickle.dumps(campaign)) == campaign
 
 
+def test_a_scene_is_read_from_text_and_from_its_path(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(TINY)
+    assert read(str(path)) == read(path) == read(TINY)
+    with pytest.raises(ValueError, match=r"there is no scene elsewhere\.toml: give the path of a scene"):
+        read("elsewhere.toml")
+
+
 def test_a_campaign_in_python_has_the_defaults_of_a_scene():
     assert source_of_value(TINY_IN_PYTHON).tables == source_of_value(parse(TINY)).tables
 

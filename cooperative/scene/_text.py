@@ -21,12 +21,17 @@ def source_of(scene: Source | str | Path) -> Source:
     """What a scene is made from: its text and, of a file, the points and heights of the files that it names.
 
     Args:
-        scene: the text, or the path of a file.
+        scene: the text, or the path of a file; a string of one line that ends in ".toml" is a path, since no scene
+            has one line.
 
     Raises:
         ValueError: naming the file, where one is missing or no text.
     """
-    return scene if isinstance(scene, Source) else Source(scene) if isinstance(scene, str) else read_scene(scene)
+    if isinstance(scene, Source):
+        return scene
+    if isinstance(scene, str) and ("\n" in scene or not scene.endswith(".toml")):
+        return Source(scene)
+    return read_scene(Path(scene))
 
 
 def read_scene(path: Path) -> Source:
