@@ -305,7 +305,7 @@ def check_campaign(campaign: Campaign) -> None:
         try:
             _check_own_fields(campaign, layer)
         except ValueError as error:
-            raise ValueError(f"[{layer.name}]: {error}") from error
+            raise ValueError(f"{layer.label}: {error}") from error
     _check_boreholes(campaign)
     for name, value in (
         ("samples", plan.samples),

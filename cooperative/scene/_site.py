@@ -46,6 +46,11 @@ class SiteLayer:
     rock: bool
     own: tuple[str, ...] = ()
 
+    @property
+    def label(self) -> str:
+        """Its table, in messages."""
+        return f"[{self.name}]" if self.name.startswith("layer ") else f"[layer {shown(self.name)}]"
+
 
 @dataclass(frozen=True)
 class Site:
@@ -216,7 +221,7 @@ def check_site(site: Site, soil: AnySoil, cell: float) -> None:
     for layer, thickness in zip(site.layers, site.thicknesses, strict=True):
         asked = thickness.too_thin(cell)
         if asked is not None and not getattr(layer.layer.soil, "unusual", False):
-            raise ValueError(f"[{layer.name}] {asked} If it is meant as it is, say unusual = true in [soil]")
+            raise ValueError(f"{layer.label} {asked} If it is meant as it is, say unusual = true in [soil]")
 
 
 def site_of(scene: tables.Scene) -> Site:

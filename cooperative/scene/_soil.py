@@ -206,6 +206,8 @@ def soil_of_layer(
     given = {"strength", "strength_ratio"} & own.keys()
     replaced = {"strength", "strength_ratio", "strength_minimum"} - own.keys() if given else set()
     merged = {key: value for key, value in whole.items() if key not in replaced} | own
+    if lacking := [key for key in ("unit_weight", "young", "poisson") if key not in merged]:
+        raise ValueError(f"neither it nor [soil] gives {', '.join(lacking)}: add it")
     if not layer.rock:
         _check_complete(merged)
     for name, value in own.items():
