@@ -432,6 +432,7 @@ print(f"P_f {told.probability_of_failure:.2f} ({low:.2f} to {high:.2f}), {told.e
 # - A kernel: `shape` and `deviation`, and `of_spacing` where a builder such as `mpm.slope` is to make it.
 # - A scene: `mpm.scene` of particles, a grid, a law and a kernel; `mpm.at_rest` or `mpm.unstressed` to start from.
 # - An estimator: which samples run refined, and what is made of them; give it to `campaign.run`.
+# - A law in a campaign: [09](09_campaign_with_your_own_law.ipynb).
 # - Test a law alone first, then against something exact, then let it slide.
 
 # %%

@@ -9,12 +9,27 @@ import base64
 import io
 import sys
 from pathlib import Path
+from typing import Any
 
 import jupytext
+import nbformat
 from nbclient import NotebookClient
 from PIL import Image
 
 FOLDER = Path(__file__).parent
+
+
+def execute(notebook: nbformat.NotebookNode, **how: Any) -> None:
+    """Run the cells of a notebook in a kernel of its own, in this folder. how: the kernel is started, such as `env`."""
+    client = NotebookClient(
+        notebook,
+        timeout=None,
+        kernel_name="python3",
+        record_timing=False,
+        coalesce_streams=True,
+        resources={"metadata": {"path": str(FOLDER)}},
+    )
+    client.execute(**how)
 
 
 def make(script: Path) -> Path:
@@ -27,15 +42,7 @@ def make(script: Path) -> Path:
     # Cells are numbered, so that making a notebook again changes only what it shows.
     for number, cell in enumerate(notebook.cells):
         cell.id = f"cell-{number}"
-    client = NotebookClient(
-        notebook,
-        timeout=None,
-        kernel_name="python3",
-        record_timing=False,
-        coalesce_streams=True,
-        resources={"metadata": {"path": str(FOLDER)}},
-    )
-    client.execute()
+    execute(notebook)
     for cell in notebook.cells:
         for output in cell.get("outputs", ()):
             if "image/png" in output.get("data", ()):

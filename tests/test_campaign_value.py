@@ -1,6 +1,7 @@
 """Campaigns written in Python: the same as a scene's, kept in words, gone on with by the same law only."""
 
 import json
+import linecache
 import pickle
 import subprocess
 import sys
@@ -28,7 +29,7 @@ from cooperative import (
     runs,
 )
 from cooperative.scene import Given, campaign_of, parse
-from cooperative.scene._words import campaign_of_words, source_of_value
+from cooperative.scene._words import campaign_of_words, source_checksum, source_of_value
 from tests.test_coop_places import HAZARD
 from tests.test_random_soil import CORRELATED, SAND
 
@@ -187,6 +188,21 @@ def test_what_a_script_gave_is_asked_of_it():
     assert campaign.run == SHORT.run
     with pytest.raises(ValueError, match=r"the campaign's soil is .*Logged\(.*log=null\), which a script gave"):
         runs.check_size(campaign)
+
+
+def class_of_a_cell(text, name):
+    """The class that a notebook's cell defines; its text lies where IPython leaves it."""
+    linecache.cache[name] = (len(text), None, text.splitlines(keepends=True), name)
+    cell = {"__name__": "of_no_file"}
+    exec(compile(text, name, "exec"), cell)
+    return cell["Weak"]
+
+
+@pytest.mark.parametrize(("changed", "same"), [("share = 0.2", True), ("share = 0.3", False)])
+def test_a_class_of_a_cell_is_known_by_all_of_its_source(changed, same):
+    text = "class Other:\n    pass\n\nclass Weak:\n    share = 0.2\n\n    def left(self):\n        return self.share\n"
+    now = class_of_a_cell("# A line above.\n" + text.replace("share = 0.2", changed), "<cell 2>")
+    assert (source_checksum(class_of_a_cell(text, "<cell 1>")) == source_checksum(now)) is same
 
 
 OWN = """

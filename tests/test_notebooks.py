@@ -98,6 +98,12 @@ BOUNDS = {
         "read_back_error": (0.0, 1e-8),
         "corner_east": (0.5, 1.5),  # half a cell from the origin
     },
+    "09_campaign_with_your_own_law": {
+        "probability": (0.05, 0.7),
+        "interval_holds": (1, 1),
+        "refined_runs": (10, 12),
+        "same_again": (1, 1),
+    },
 }
 
 
@@ -116,20 +122,61 @@ def small_run(name: str) -> dict[str, float]:
     return ast.literal_eval(done.stdout.strip().splitlines()[-1])
 
 
-# The first runs with every change, the others with the slow tests.
-ALWAYS = ("01",)
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name.startswith(ALWAYS) else pytest.mark.slow) for name in BOUNDS]
-)
-def test_results_at_small_size(name):
-    results = small_run(name)
+def check_bounds(name: str, results: dict[str, float]) -> None:
     assert results.keys() == BOUNDS[name].keys()
     outside = {
         key: value for key, value in results.items() if not BOUNDS[name][key][0] <= value <= BOUNDS[name][key][1]
     }
     assert not outside
+
+
+# The first runs with every change, the others with the slow tests.
+ALWAYS = ("01",)
+
+# Its cells start worker processes, which a script does below a guard only.
+IN_KERNEL = "09_campaign_with_your_own_law"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=() if name.startswith(ALWAYS) else pytest.mark.slow)
+        for name in BOUNDS
+        if name != IN_KERNEL
+    ],
+)
+def test_results_at_small_size(name):
+    check_bounds(name, small_run(name))
+
+
+@pytest.mark.slow
+def test_a_law_of_a_cell_goes_through_a_campaign_on_two_workers():
+    for needed in ("nbclient", "ipykernel"):
+        pytest.importorskip(needed, reason="needs the extra `notebooks`")
+    from notebooks.__main__ import execute
+
+    notebook = jupytext.read(FOLDER / f"{IN_KERNEL}.py", fmt="py:percent")
+    own = next(cell for cell in notebook.cells if "class Tresca" in cell.source)
+    law = own.source.index("class Tresca"), own.source.index("class SensitiveClay")
+    changed = "".join((own.source[: law[0]], own.source[slice(*law)].replace("0.5", "0.4"), own.source[law[1] :]))
+    assert len([line for line in own.source.splitlines() if line]) <= 35
+    results = len(notebook.cells) - 1
+    notebook.cells += [
+        jupytext.reads(f"# %%\n{source}", fmt="py:percent").cells[0]
+        for source in (own.source, "print(report(folder))", changed)
+    ]
+    notebook.cells[-1].metadata["tags"] = ["raises-exception"]
+    execute(notebook, env=os.environ | {"JAXMPM_SMALL": "1"})
+    check_bounds(IN_KERNEL, ast.literal_eval(printed(notebook.cells[results]).splitlines()[-1]))
+    assert printed(notebook.cells[-3]) == printed(own) == printed(notebook.cells[-2])
+    (refused,) = notebook.cells[-1].outputs
+    assert refused.ename == "ValueError"
+    assert "source of SensitiveClay is" in refused.evalue
+
+
+def printed(cell) -> str:
+    """What a cell printed."""
+    return "".join(each.text for each in cell.outputs if each.output_type == "stream" and each.name == "stdout")
 
 
 def test_every_notebook_has_bounds():

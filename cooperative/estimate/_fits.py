@@ -180,6 +180,7 @@ def severity_ranking(
     return found
 
 
+@np.errstate(over="ignore", invalid="ignore")  # parameters that the optimiser tries and leaves
 def _fit(name: str, candidate: Candidate, values: np.ndarray, weight: np.ndarray) -> Fit:
     # scipy's optimisers stop on absolute tolerances, so the values are brought to the order of 1 first.
     scale = float(np.abs(values).mean())
