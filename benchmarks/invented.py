@@ -117,7 +117,7 @@ def build(campaign: Campaign, grid: str, soil: Any, **_: Any) -> Any:
     """As much of a grid's model as made-up runs need."""
     absent: Any = None
     particles, nodes = SimpleNamespace(position=np.zeros((2, PARTICLES))), SimpleNamespace(shape=(2, 2))
-    scene: Any = SimpleNamespace(particles=particles, grid=nodes, wall_friction=None)
+    scene: Any = SimpleNamespace(particles=particles, grid=nodes, wall_friction=None, material=None)
     return runs.GridModel(grid, campaign, scene, absent, soil, {})
 
 

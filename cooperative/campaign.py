@@ -17,17 +17,7 @@ import numpy as np
 from cooperative import runs
 from cooperative.estimate import Estimator, Phases, Screened, Slides, wilson_interval
 from cooperative.folder import write_results
-from cooperative.scene import (
-    Campaign,
-    Measured,
-    allowing,
-    measure,
-    read,
-    settled,
-    unchanged,
-    with_measured,
-    write_budget,
-)
+from cooperative.scene import Campaign, Measured, in_folder, measure, write_budget
 from cooperative.store import (
     GRIDS,
     SLIDES,
@@ -36,9 +26,7 @@ from cooperative.store import (
     Source,
     Store,
     open_store,
-    refuse_another,
     restart_path,
-    stored_source,
     write_sample,
 )
 from cooperative.summary import Summary
@@ -71,20 +59,15 @@ def run(
     Raises ValueError for a scene, a size or a folder that will not do, before anything is run or written.
     """
     folder = Path(folder)
-    if isinstance(scene, Campaign) and (text := unchanged(scene)) is not None:
-        estimator = scene.estimator if "estimator" in text.tables else None
-        scene = text
-    scene = scene if isinstance(scene, Campaign) else settled(scene, folder)
-    campaign = read(scene, estimator, begun=stored_source(folder) is not None)
-    refuse_another(folder, campaign.source)
-    campaign = with_measured(allowing(campaign, folder, refined_runs), folder)
+    campaign = in_folder(scene, folder, estimator, refined_runs)
+    unmeasured = replace(campaign, measured=Measured(campaign.measured.terms))
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
     runs.packed(campaign)  # nothing is written for one that cannot be sent
     runs.check_size(campaign, workers if executor is None else 1)
     with runs.heeding() as stop:
         with stop.at_once():
-            models = _models(replace(campaign, measured=Measured(campaign.measured.terms)), folder)
+            models = _models(unmeasured, folder)
         alone = executor is None and workers == 1
         pool = None if alone else runs.Workers(executor or partial(_pool, workers), workers)
         opened = closing(pool.opened()) if pool else nullcontext()

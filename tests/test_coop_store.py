@@ -496,7 +496,7 @@ def test_samples_that_the_scene_does_not_have_are_set_aside(tmp_path):
         for number in (2, 10):
             write_sample(store, "rough", sample(number))
         with pytest.warns(UserWarning, match=r"000010\.h5 is of a sample that the scene, with 10, does not have"):
-            assert read_rows(store, "rough", foreign=partial(foreign, 10, None)).numbers == [2]
+            assert read_rows(store, "rough", foreign=partial(foreign, 10, None, "rough")).numbers == [2]
 
 
 def in_campaign(folder, count=5):

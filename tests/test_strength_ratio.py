@@ -119,12 +119,13 @@ def test_a_layer_has_a_strength_or_a_ratio_of_its_own():
 def test_terrain_takes_the_water_of_a_raster():
     heights, water = (mpm.Raster(np.full((7, 7), z), (0.0, 0.0), 2.0) for z in (12.0, 9.0))
     level = parse(CONSTANT.replace("WATER", "level = 0.0"))
-    field = RandomField(0.25, 0.0, kl.Lognormal, kl.Exponential, (10.0, 10.0, 3.0), 0.5, "particles")
+    field = RandomField(0.25, 0.0, (10.0, 10.0, 3.0), kl.Lognormal, kl.Exponential, 0.5)
+    grids = {name: replace(each, spacing=(*each.spacing, each.spacing[0])) for name, each in level.grids.items()}
     campaign = replace(
         level,
-        site=replace(level.site, shape=mpm.Terrain(heights, 0.0), water=water),
+        ground=replace(level.site, shape=mpm.Terrain(heights, 0.0), water=water),
         random={"strength_ratio": field},
-        grids={name: replace(each, spacing=(*each.spacing, each.spacing[0])) for name, each in level.grids.items()},
+        **grids,
     )
     model = runs.build(campaign, "rough", runs.random_soil(campaign), at_rest=False)
     z = np.asarray(model.scene.particles.position, float)[2]

@@ -1,6 +1,6 @@
 """Scenes: TOML in, one checked and immutable campaign out."""
 
-from cooperative.scene._budget import allowing, kept_budget, raised, write_budget
+from cooperative.scene._budget import kept_budget, raised, write_budget
 from cooperative.scene._campaign import Budget, Calibration, Campaign, Given, LimitLoad, Measured, Plan, Run
 from cooperative.scene._examples import NAMED, SCHEMA, begin, example, examples, starters, write_example
 from cooperative.scene._hazard import Hazard
@@ -15,7 +15,7 @@ from cooperative.scene._measured import (
 from cooperative.scene._page import SEVERAL, TABLES, json_schema, markdown
 from cooperative.scene._site import Site, SiteLayer
 from cooperative.scene._soil import TAIL, CrossCorrelation, RandomField, gaussian_root, steepest
-from cooperative.scene._stored import campaign_of, read, settled, unchanged
+from cooperative.scene._stored import campaign_of, in_folder, read, settled
 from cooperative.scene._text import read_scene, source_of, to_toml
 from cooperative.scene._typed import built, parse
 
@@ -38,7 +38,6 @@ __all__ = [
     "Run",
     "Site",
     "SiteLayer",
-    "allowing",
     "begin",
     "built",
     "campaign_of",
@@ -46,6 +45,7 @@ __all__ = [
     "examples",
     "factors_of_safety",
     "gaussian_root",
+    "in_folder",
     "json_schema",
     "kept_budget",
     "markdown",
@@ -62,7 +62,6 @@ __all__ = [
     "stored_measured",
     "taking",
     "to_toml",
-    "unchanged",
     "with_measured",
     "write_budget",
     "write_example",

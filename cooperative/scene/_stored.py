@@ -7,13 +7,13 @@ from pathlib import Path
 
 from cooperative.estimate import Estimator
 from cooperative.scene import tables
-from cooperative.scene._budget import kept_budget, raised
+from cooperative.scene._budget import allowing, kept_budget, raised
 from cooperative.scene._campaign import Campaign, Given
 from cooperative.scene._measured import with_measured
 from cooperative.scene._text import source_of
 from cooperative.scene._typed import parse
 from cooperative.scene._words import campaign_of_words, in_words, source_of_value
-from cooperative.store import SCENE, Source, Store, completed, stored_source
+from cooperative.store import SCENE, Source, Store, completed, refuse_another, stored_source
 
 
 def campaign_of(store: Store, estimator: Estimator | None = None) -> Campaign:
@@ -52,7 +52,30 @@ def read(scene: Campaign | Source | str | Path, estimator: Estimator | None = No
     return replace(campaign, estimator=estimator)
 
 
-def unchanged(campaign: Campaign) -> Source | None:
+def in_folder(
+    scene: Campaign | Source | str | Path, folder: Path, estimator: Estimator | None, refined_runs: int | None
+) -> Campaign:
+    """A campaign that begins in a folder or goes on there, with what that has measured and allows.
+
+    Args:
+        scene: as for `read`.
+        folder: of the campaign, which need not be there.
+        estimator: that of the script, where one gave it.
+        refined_runs: allowed from now on, None for as many as before.
+
+    Raises:
+        ValueError: as `read`, for a folder of another campaign, and for runs that are allowed already.
+    """
+    if isinstance(scene, Campaign) and (text := _unchanged(scene)) is not None:
+        estimator = scene.estimator if "estimator" in text.tables else None
+        scene = text
+    scene = scene if isinstance(scene, Campaign) else settled(scene, folder)
+    campaign = read(scene, estimator, begun=stored_source(folder) is not None)
+    refuse_another(folder, campaign.source)
+    return with_measured(allowing(campaign, folder, refined_runs), folder)
+
+
+def _unchanged(campaign: Campaign) -> Source | None:
     """The scene that a campaign was read from, where it still is what that says; None for one that Python made or
     changed."""
     source = campaign.source
