@@ -43,7 +43,8 @@ from jaxmpm.tensors import deviator, mean, safe_sqrt, second_invariant
 SMALL = os.environ.get("JAXMPM_SMALL") == "1"  # small sizes, for a quick look and for the tests
 samples, cell = 12 if SMALL else 40, 0.5
 scratch = TemporaryDirectory()
-folder = Path(scratch.name) / "own"
+os.chdir(scratch.name)
+folder = Path("own")
 
 
 # %%
