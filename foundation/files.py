@@ -17,6 +17,7 @@ import hashlib
 import io
 import os
 import stat
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -280,6 +281,13 @@ def own_folder(path: Path) -> Path:
         raise ValueError(f"{path} is a link or a file, not a folder: move it away")
     path.mkdir(parents=True, exist_ok=True)
     return path
+
+
+def claimed_folder(path: Path) -> Path:
+    """Make a folder where there is none yet; a link or a file in its place is set aside, with a warning."""
+    if path.is_symlink() or (path.exists() and not path.is_dir()):
+        warnings.warn(f"{path} is a link or a file, not a folder: set aside as {set_aside(path)}", stacklevel=3)
+    return own_folder(path)
 
 
 def _sync(path: Path) -> None:

@@ -24,7 +24,6 @@ from cooperative.runs import foreign
 from cooperative.store import (
     DamagedFile,
     Sample,
-    _index,
     _rows,
     open_store,
     read_rows,
@@ -35,8 +34,8 @@ from cooperative.store import (
     write_aside,
     write_sample,
 )
-from cooperative.store._reading import read_file
 from cooperative.store._rows import rows_of
+from cooperative.store._samples import read_file
 from foundation import files
 
 SCENE = '[soil]\nSu_mean = 42000.0\nSu_cov = 0.3\n[campaign]\nsamples = 10\ngrids = ["rough", "refined"]\n'
@@ -496,7 +495,7 @@ def test_samples_that_the_scene_does_not_have_are_set_aside(tmp_path):
         for number in (2, 10):
             write_sample(store, "rough", sample(number))
         with pytest.warns(UserWarning, match=r"000010\.h5 is of a sample that the scene, with 10, does not have"):
-            assert read_rows(store, "rough", foreign=partial(foreign, 10, None, "rough")).numbers == [2]
+            assert read_rows(store, "rough", foreign=partial(foreign, 10, None)).numbers == [2]
 
 
 def in_campaign(folder, count=5):
@@ -604,7 +603,7 @@ def test_lines_of_an_index_that_do_not_hold_are_dropped_and_their_files_verified
 def forged(store, **changes):
     """A line with a checksum that fits and contents that nobody wrote."""
     text = json.dumps(json.loads(index_lines(store.folder)[0].partition(b" ")[2]) | changes).encode()
-    return f"{_index._checksum(store, 'rough', text)} ".encode() + text + b"\n"
+    return _rows.checked_line(store, "rough", text)
 
 
 @pytest.mark.parametrize(
@@ -659,7 +658,7 @@ def test_an_index_that_is_no_file_is_set_aside_and_leads_nowhere(tmp_path, what)
 
 def test_what_an_index_cannot_see_is_noticed_when_the_file_is_read_and_when_asked_to_verify(tmp_path, monkeypatch):
     paths = in_campaign(tmp_path)
-    stamps = {path: _index.stamp_of(path) for path in paths}
+    stamps = {path: _rows.stamp_of(path) for path in paths}
     data = bytearray(paths[2].read_bytes())
     data[-20] ^= 1
     paths[2].write_bytes(data)

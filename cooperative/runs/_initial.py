@@ -50,15 +50,13 @@ def keep_initial(folder: Path, grid: str, scene: Scene, state: State) -> None:
     """Keep the stress of a grid at rest, unless the folder has it; what cannot be trusted is set aside. For the one
     controller. OSError where the disk refuses."""
     path = initial_path(folder, grid)
-    if path.parent.is_symlink() or (path.parent.exists() and not path.parent.is_dir()):
-        files.set_aside(path.parent)
+    files.claimed_folder(path.parent)
     if os.path.lexists(path):
         try:
             _read(path, scene, state)
             return
         except files.DamagedFile:
             files.set_aside(path)
-    files.own_folder(path.parent)
 
     def fill(file: h5py.File) -> None:
         file.attrs.update(grid=_checksum(scene))

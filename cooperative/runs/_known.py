@@ -10,7 +10,7 @@ from cooperative.runs._columns import COLUMNS
 from cooperative.runs._ground import StoredGround
 from cooperative.runs._model import sampling_of
 from cooperative.scene import Campaign
-from cooperative.store import GRIDS, Record, Rows, Store, reader
+from cooperative.store import Record, Rows, Store, read_rows
 
 OF_PARTICLES = ("displacement", "plastic_strain")
 """Fields of a sample that have a value, or a vector, for each particle."""
@@ -27,8 +27,7 @@ def rows_reader(
         ground: of the campaign; then files that hold another number of coefficients or of particles are damaged too.
         look: called before each file.
     """
-    strange = {grid: partial(foreign, samples, ground, grid) for grid in GRIDS}
-    return reader(store, strange, look)
+    return partial(read_rows, store, foreign=partial(foreign, samples, ground), look=look)
 
 
 def foreign(samples: int | None, ground: StoredGround | None, grid: str, sample: Record) -> str | None:

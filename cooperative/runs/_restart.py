@@ -16,7 +16,7 @@ import numpy as np
 
 from cooperative.measure import Motion
 from cooperative.runs._frames import Frames
-from cooperative.store import check_frames, restart_path, set_aside
+from cooperative.store import check_frames, restart_path
 from foundation import files
 from jaxmpm import Midway, State, load_state, save_state
 
@@ -35,7 +35,7 @@ def write_restart(folder: Path, grid: str, number: int, digest: str, point: Rest
     """Write the restart point of a sample, in place of its last one. digest: of the scene. OSError if the disk
     refuses; the last one then stays."""
     path = restart_path(folder, grid, number)
-    files.own_folder(path.parent)
+    files.claimed_folder(path.parent)
     motion = point.motion
     about = {
         "scene": digest,
@@ -74,7 +74,7 @@ def read_restart(
         return _restored(path, state, about, start)
     except ValueError as error:
         warnings.warn(f"{error}: set aside, the run starts afresh", stacklevel=2)
-        set_aside(path)
+        files.set_aside(path)
         return None
 
 

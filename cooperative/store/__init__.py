@@ -18,12 +18,20 @@ named, set aside and counted as not done.
     .lock                         held by the one controller; the kernel frees it when the process ends
 """
 
-from cooperative.store._folder import GRIDS, SLIDES, Store, restart_path, sample_path
-from cooperative.store._lock import lock_holder
-from cooperative.store._opened import open_store, read_store, refuse_another
-from cooperative.store._reading import check_frames, read_sample
-from cooperative.store._rows import Rows, read_rows, reader
-from cooperative.store._samples import Record, Sample, fill_sample
+from cooperative.store._opened import lock_holder, open_store, read_store
+from cooperative.store._rows import Rows, read_rows, write_sample
+from cooperative.store._samples import (
+    GRIDS,
+    SLIDES,
+    Record,
+    Sample,
+    Store,
+    check_frames,
+    fill_sample,
+    read_sample,
+    restart_path,
+    sample_path,
+)
 from cooperative.store._source import (
     CAMPAIGN,
     FIRST_DEFAULTS,
@@ -31,12 +39,12 @@ from cooperative.store._source import (
     SCENE,
     Source,
     completed,
+    refuse_another,
     scene_digest,
     stored_source,
     tables_of,
 )
-from cooperative.store._writing import write_sample
-from foundation.files import DamagedFile, Scalar, own_folder, set_aside, write_aside
+from foundation.files import DamagedFile, Scalar, own_folder, write_aside
 
 __all__ = [
     "CAMPAIGN",
@@ -61,12 +69,10 @@ __all__ = [
     "read_rows",
     "read_sample",
     "read_store",
-    "reader",
     "refuse_another",
     "restart_path",
     "sample_path",
     "scene_digest",
-    "set_aside",
     "stored_source",
     "tables_of",
     "write_aside",

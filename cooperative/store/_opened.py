@@ -1,18 +1,25 @@
-"""A campaign's folder, opened to write or to read."""
+"""A campaign's folder, opened to write or to read: one controller at a time, by a lock that the system frees when its
+process ends; and what the folder says of itself, for whoever finds it in five years."""
 
 from __future__ import annotations
 
 import os
-import warnings
+import platform
+import socket
+import sys
+import textwrap
+from dataclasses import replace
+from datetime import date
 from pathlib import Path
 
-from cooperative.store._folder import GRIDS, SLIDES, Store
-from cooperative.store._index import drop_indices
-from cooperative.store._lock import take_lock
-from cooperative.store._readme import write_readme
-from cooperative.store._source import CAMPAIGN, Source, differences, stored_source
-from foundation.files import set_aside
-from foundation.text import shown
+from cooperative.store._samples import GRIDS, SLIDES, Store, package_versions
+from cooperative.store._source import CAMPAIGN, MOST_TEXT, Source, refuse_another, stored_source
+from foundation import files
+from foundation.files import write_aside
+from foundation.text import printable, short, shown
+
+README = "README.txt"
+"""Made from `_readme.txt`, in which each file is told by what stands in it: it is true whichever of them there are."""
 
 
 def open_store(folder: str | Path, source: Source | str, *, verify: bool = False) -> Store:
@@ -29,43 +36,34 @@ def open_store(folder: str | Path, source: Source | str, *, verify: bool = False
     try:
         folder.mkdir(parents=True, exist_ok=True)
         others = [entry.name for entry in folder.iterdir() if not entry.name.startswith(".")]
-        there = stored_source(folder)
+        there = refuse_another(folder, source)
         if there is None and set(others) - {CAMPAIGN}:
             raise ValueError(
                 f"folder {folder} holds {shown(sorted(others)[0])} but no scene.toml, so it is not a campaign: "
                 "give a new or empty folder"
             )
-        lock = take_lock(folder)
+        lock = _taken_lock(folder)
     except OSError as error:
         raise ValueError(
             f"folder {folder} cannot be written ({error.strerror}): give a folder that you may write to"
         ) from error
     try:
-        if there is None:
+        # Another controller may have begun since, and ended.
+        if refuse_another(folder, source) is None:
             source.write(folder)
-        else:
-            refuse_another(folder, source)
-        write_readme(folder, source)
+        _write_readme(folder, source)
         for directory in (folder / "samples", *(folder / "samples" / grid for grid in (*GRIDS, SLIDES))):
-            _claim(directory)
+            files.claimed_folder(directory)
             for leftover in directory.glob(".*.part"):
                 leftover.unlink()
-        if verify:
-            drop_indices(folder)
+        # An index that is a folder is set aside when it is read.
+        for index in (folder / "samples").glob("*.index") if verify else ():
+            if not index.is_dir():
+                index.unlink()
+        return replace(read_store(folder), lock=lock)
     except BaseException:
         os.close(lock)
         raise
-    return Store(folder, stored_source(folder) or source, lock)
-
-
-def refuse_another(folder: Path, source: Source) -> None:
-    """Raise ValueError, naming what differs, for a folder of another campaign."""
-    there = stored_source(folder)
-    if there is not None and (found := differences(there, source)):
-        raise ValueError(
-            f"folder {folder} belongs to another scene ({'; '.join(found)}): "
-            "give another folder, or the scene that it was started with"
-        )
 
 
 def read_store(folder: str | Path) -> Store:
@@ -76,10 +74,64 @@ def read_store(folder: str | Path) -> Store:
     return Store(Path(folder), source, None)
 
 
-def _claim(directory: Path) -> None:
-    """Make a folder of samples; what stands in its place, a link that leads elsewhere above all, is set aside."""
-    if directory.is_symlink() or (directory.exists() and not directory.is_dir()):
-        warnings.warn(
-            f"{directory} is a link or a file, not a folder: set aside as {set_aside(directory)}", stacklevel=3
-        )
-    directory.mkdir(parents=True, exist_ok=True)
+def _taken_lock(folder: Path) -> int:
+    """Hold a campaign's folder, and write there who does; the file descriptor that holds it.
+
+    Raises ValueError where another controller holds it, or where the lock is no regular file, OSError where the folder
+    cannot be written.
+    """
+    path = folder / ".lock"
+    # A link would have the text below written elsewhere, a pipe would wait for its other end.
+    flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    descriptor = os.open(path, flags, 0o644)
+    try:
+        if not path.is_file():
+            raise ValueError(f"{path} is no regular file: delete it")
+        _hold(descriptor)
+    except BaseException as error:
+        os.close(descriptor)
+        if not isinstance(error, BlockingIOError | PermissionError):
+            raise
+        raise ValueError(
+            f"folder {folder} is held by another controller ({lock_holder(folder)}): "
+            "wait for it, stop it, or give another folder"
+        ) from error
+    os.ftruncate(descriptor, 0)
+    os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()}".encode())
+    return descriptor
+
+
+def _hold(descriptor: int) -> None:
+    """Lock a file until it is closed, which the system does when the process ends. BlockingIOError, or on Windows
+    PermissionError, where another holds it."""
+    if sys.platform == "win32":
+        import msvcrt
+
+        # A locked byte cannot be read there, so it is one far behind the text.
+        os.lseek(descriptor, MOST_TEXT, os.SEEK_SET)
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        os.lseek(descriptor, 0, os.SEEK_SET)
+    else:
+        import fcntl
+
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def lock_holder(folder: Path) -> str:
+    """What the lock says of who took it last: "process 123 on host". DamagedFile or OSError where it says nothing."""
+    return short(files.read_plain(folder / ".lock", MOST_TEXT).decode(errors="replace").strip(), 200)
+
+
+def _write_readme(folder: Path, source: Source) -> None:
+    """Have a campaign's folder say what it is, where nothing of that name is there; OSError where the disk refuses."""
+    if os.path.lexists(folder / README):
+        return
+    name = source.tables.get("campaign" if source.text is None else "name")
+    name = name.get("name") if isinstance(name, dict) else name
+    title = printable(name) if isinstance(name, str) and name.strip() else "a campaign"
+    python = f"Python {platform.python_version()} on {platform.system()} {platform.machine()}"
+    said = ", ".join([python, *(f"{name} {version}" for name, version in package_versions().items())])
+    versions = textwrap.fill(said, 110, initial_indent="  ", subsequent_indent="  ")
+    text = Path(__file__).with_name("_readme.txt").read_text(encoding="utf-8")
+    text = text.format(title=title, day=date.today().isoformat(), versions=versions)
+    write_aside(folder / README, text.encode())

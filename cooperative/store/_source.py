@@ -120,6 +120,18 @@ def _beside(path: Path) -> dict[str, Any]:
     return tables
 
 
+def refuse_another(folder: Path, source: Source) -> Source | None:
+    """What the campaign in a folder was made from, None where none has begun there. Raises ValueError, naming what
+    differs, for a folder of another campaign."""
+    there = stored_source(folder)
+    if there is not None and (found := differences(there, source)):
+        raise ValueError(
+            f"folder {folder} belongs to another scene ({'; '.join(found)}): "
+            "give another folder, or the scene that it was started with"
+        )
+    return there
+
+
 def completed(asked: Source, there: Source) -> Source:
     """A scene that is given again, with the tables of its folder that it does not have."""
     missing = {name: there.tables[name] for name in OF_THE_FOLDER if name in there.tables and name not in asked.tables}
