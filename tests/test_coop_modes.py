@@ -213,7 +213,7 @@ def test_travel_is_that_of_the_soil_that_has_let_go():
     ("change", "match"),
     [
         ({"position": np.zeros((4, 3))}, r"shape \(4, 3\)"),
-        ({"volume": np.ones(2)}, "do not fit"),
+        ({"volume": np.ones(2)}, "volume has shape"),
         ({"motion": Motion.start(np.ones(2), 1.0)}, "motion is of 2 particles"),
         ({"motion": Motion.start(np.ones(3), 0.5)}, r"failure displacement 0.5 m: start it with the rules' 1 m"),
     ],

@@ -80,7 +80,6 @@ def consequences(
     geometry: Face | OpenGround,
     *,
     half_size: np.ndarray,
-    width: float | None = None,
     slice_width: float = 0.5,
     failure_displacement: float = 1.0,
     reach: float | None = None,
@@ -93,7 +92,6 @@ def consequences(
     volume: initial particle volumes (N,) m3; in a section per metre of width (m2).
     half_size: half the initial particle spacing (d,) m. Edges of particle domains count rather than their
         centres, so that the answer is the same for finer sampling.
-    width: width of a section (m); volume and area are then multiplied by it. Not allowed in 3D.
     slice_width: width of the slices across the slope in 3D (m); the area is that much too wide at most.
     failure_displacement: displacement from which on soil counts as sliding (m); 1 m in the paper.
     reach: distance of two particles up to which they hang together (m). Sliding soil that hangs together with less than
@@ -102,9 +100,11 @@ def consequences(
 
     Raises ValueError for shapes that do not fit, values that are not finite, lengths that are not positive.
     """
-    position, displacement, volume = (np.asarray(a, dtype=float) for a in (position, displacement, volume))
-    half = np.asarray(half_size, dtype=float)
-    _check(position, displacement, volume, half, width, slice_width, failure_displacement, reach)
+    position, displacement, volume, half = checked(position, displacement, volume, half_size)
+    lengths = {"slice_width": slice_width, "failure_displacement": failure_displacement, "reach": reach}
+    for name, value in lengths.items():
+        if value is not None and not value > 0:
+            raise ValueError(f"{name} = {value} is not positive: give metres above 0")
     if isinstance(geometry, OpenGround) and geometry.track is not None and len(position) != 3:
         raise ValueError("a track is a line in plan, for ground in 3D: leave it out in a section")
 
@@ -114,9 +114,7 @@ def consequences(
     if not sliding.any():
         return Consequences(told, 0.0, 0.0, 0.0, 0.0, largest, 0.0)
 
-    before, now = position[:, sliding], (position + displacement)[:, sliding]
-    mass = np.ones(now.shape[1], bool) if reach is None else hangs_together(now, volume[sliding], reach)
-    scale = 1.0 if width is None else width
+    before, now, mass = _mass(position, displacement, volume, sliding, reach)
     if isinstance(geometry, Face):
         depth = geometry.crest_z - (before[-1].min() - half[-1])
         beyond = np.maximum(now[0] + half[0] - geometry.toe_x, 0.0)
@@ -133,8 +131,8 @@ def consequences(
         displacement=float(moved[sliding][mass].max()) if least_volume is None else told,
         depth=float(depth),
         runout=float(beyond[mass].max()),
-        volume=float(volume[sliding].sum() * scale),
-        area=float(area * scale),
+        volume=float(volume[sliding].sum()),
+        area=float(area),
         displacement_any=largest,
         runout_any=float(beyond.max()),
     )
@@ -173,8 +171,7 @@ def walls_reached(
     sliding = np.linalg.norm(displacement, axis=0) >= failure_displacement
     if not sliding.any():
         return ""
-    before, now = position[:, sliding], (position + displacement)[:, sliding]
-    mass = np.ones(now.shape[1], bool) if reach is None else hangs_together(now, volume[sliding], reach)
+    before, now, mass = _mass(position, displacement, volume, sliding, reach)
     found = []
     for axis, side, place in walls:
         farthest = max((side * where[axis, mass]).max() for where in (before, now)) + half_size[axis]
@@ -212,17 +209,22 @@ def _covered(now: np.ndarray, half: np.ndarray) -> float:
     return float(len(np.unique(np.floor(now[:2] / side), axis=1).T) * side**2)
 
 
-def hangs_together(position: np.ndarray, volume: np.ndarray, reach: float) -> np.ndarray:
-    """Which particles at position (d, N) m are not detached: (N,) bool, at least the largest group.
+def _mass(
+    position: np.ndarray, displacement: np.ndarray, volume: np.ndarray, sliding: np.ndarray, reach: float | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where the sliding soil was and is (d, n) m, and what of it is not detached (n,) bool: at least the largest group.
 
     Groups are particles joined by chains whose links are at most `reach` long (m). Those with less than SMALLEST_SHARE
-    of the volume (N,) are detached.
+    of the volume are detached; none is without a reach.
     """
-    count = position.shape[1]
-    links = cKDTree(position.T).query_pairs(reach, output_type="ndarray").T
+    before, now = position[:, sliding], (position + displacement)[:, sliding]
+    count = now.shape[1]
+    if reach is None:
+        return before, now, np.ones(count, bool)
+    links = cKDTree(now.T).query_pairs(reach, output_type="ndarray").T
     _, group = connected_components(coo_array((np.ones(links.shape[1], bool), tuple(links)), shape=(count, count)))
-    share = np.bincount(group, volume) / volume.sum()
-    return (share >= min(SMALLEST_SHARE, share.max()))[group]
+    share = np.bincount(group, volume[sliding]) / volume[sliding].sum()
+    return before, now, (share >= min(SMALLEST_SHARE, share.max()))[group]
 
 
 def overlapped_slices(
@@ -255,31 +257,17 @@ def _swept_area(y: np.ndarray, half: float, beyond: np.ndarray, slice_width: flo
     return float(largest_per_slice(first, last, beyond, slices).sum() * slice_width)
 
 
-def _check(
-    position: np.ndarray,
-    displacement: np.ndarray,
-    volume: np.ndarray,
-    half: np.ndarray,
-    width: float | None,
-    slice_width: float,
-    failure_displacement: float,
-    reach: float | None,
-) -> None:
-    if position.ndim != 2 or len(position) not in (2, 3) or position.shape[1] == 0:
-        raise ValueError(f"position has shape {position.shape}: give (2, N) in a section or (3, N) in 3D, N at least 1")
-    for name, array, shape in (
-        ("displacement", displacement, position.shape),
-        ("volume", volume, position.shape[1:]),
-        ("half_size", half, position.shape[:1]),
-    ):
-        if array.shape != shape:
-            raise ValueError(f"{name} has shape {array.shape}: positions {position.shape} ask for {shape}")
-    for name, array in (("position", position), ("displacement", displacement), ("volume", volume)):
+def checked(*run: np.ndarray) -> list[np.ndarray]:
+    """Position, displacement, volume and half_size of a run in double precision. Raises ValueError for shapes that do
+    not fit, and numbers that are not finite."""
+    arrays = [np.asarray(each, dtype=float) for each in run]
+    shape = arrays[0].shape
+    if len(shape) != 2 or shape[0] not in (2, 3) or shape[1] == 0:
+        raise ValueError(f"position has shape {shape}: give (2, N) in a section or (3, N) in 3D, N at least 1")
+    names, shapes = ("position", "displacement", "volume", "half_size"), (shape, shape, shape[1:], shape[:1])
+    for name, array, asked in zip(names, arrays, shapes, strict=True):
+        if array.shape != asked:
+            raise ValueError(f"{name} has shape {array.shape}: positions {shape} ask for {asked}")
         if not np.isfinite(array).all():
             raise ValueError(f"{name} is not finite: pass only samples whose lane did not fail")
-    lengths = {"slice_width": slice_width, "failure_displacement": failure_displacement, "reach": reach}
-    for name, value in lengths.items():
-        if value is not None and not value > 0:
-            raise ValueError(f"{name} = {value} is not positive: give metres above 0")
-    if width is not None and (len(position) == 3 or not width > 0):
-        raise ValueError(f"width = {width}: give a positive width in a section, and none in 3D")
+    return arrays

@@ -18,7 +18,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.signal import find_peaks
 
-from cooperative.measure._consequences import largest_per_slice, overlapped_slices
+from cooperative.measure._consequences import checked, largest_per_slice, overlapped_slices
 from cooperative.measure._onsets import Motion, releases
 from jaxmpm import Face
 
@@ -79,8 +79,12 @@ def failure_mode(
     the rules.
     """
     rules = rules or ModeRules()
-    position, displacement, volume = (np.asarray(a, dtype=float) for a in (position, displacement, volume))
-    _check(position, displacement, volume, motion, rules)
+    position, displacement, volume, half_size = checked(position, displacement, volume, half_size)
+    if motion is not None and motion.volume.shape != volume.shape:
+        raise ValueError(f"motion is of {motion.volume.size} particles: give that of the run's {volume.size}")
+    if motion is not None and motion.failure_displacement != rules.failure_displacement:
+        its, limit = motion.failure_displacement, rules.failure_displacement
+        raise ValueError(f"motion has the failure displacement {its:g} m: start it with the rules' {limit:g} m")
     sliding = np.linalg.norm(displacement, axis=0) >= rules.failure_displacement
     depth, share = depth_profile(position, sliding, volume, geometry, half_size=half_size, rules=rules)
     if not sliding.any():
@@ -157,19 +161,3 @@ def separate_masses(depth: np.ndarray, share: np.ndarray, slope_height: float, r
         if share[a:b].sum() >= rules.smallest_share
     ]
     return tuple(kept) or (float(depth.max()),)
-
-
-def _check(
-    position: np.ndarray, displacement: np.ndarray, volume: np.ndarray, motion: Motion | None, rules: ModeRules
-) -> None:
-    if position.ndim != 2 or len(position) not in (2, 3) or position.shape[1] == 0:
-        raise ValueError(f"position has shape {position.shape}: give (2, N) in a section or (3, N) in 3D, N at least 1")
-    if displacement.shape != position.shape or volume.shape != position.shape[1:]:
-        raise ValueError(
-            f"displacement {displacement.shape} and volume {volume.shape} do not fit position {position.shape}"
-        )
-    if motion is not None and motion.volume.shape != volume.shape:
-        raise ValueError(f"motion is of {motion.volume.size} particles: give that of the run's {volume.size}")
-    if motion is not None and motion.failure_displacement != rules.failure_displacement:
-        its, limit = motion.failure_displacement, rules.failure_displacement
-        raise ValueError(f"motion has the failure displacement {its:g} m: start it with the rules' {limit:g} m")

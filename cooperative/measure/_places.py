@@ -8,6 +8,7 @@ from itertools import combinations
 from typing import Literal
 
 import numpy as np
+import shapely
 
 Intensity = Literal["thickness", "speed"]
 UNITS: dict[str, tuple[Intensity, float]] = {
@@ -114,7 +115,7 @@ class Place:
                 raise ValueError(
                     f"place {self.name!r} crosses itself, between corners {one} and {other}: give its corners in order"
                 )
-            if not abs(_area(np.array(self.corners))) > 0:
+            if not shapely.Polygon(self.corners).area > 0:
                 raise ValueError(f"place {self.name!r} has no area: give corners that are not on one line")
 
     @property
@@ -150,11 +151,9 @@ class Place:
         if len(plan.shape) == 1:
             shared = np.minimum(edges[0][1:], corners[1, 0]) - np.maximum(edges[0][:-1], corners[0, 0])
             return shared > TOUCH * plan.cell
-        for i, j in np.ndindex(*plan.shape):
-            box = np.array([(edges[0][i], edges[1][j]), (edges[0][i + 1], edges[1][j + 1])])
-            if (corners.max(axis=0) > box[0]).all() and (corners.min(axis=0) < box[1]).all():
-                found[i, j] = abs(_area(_clipped(corners, box))) > TOUCH * plan.area
-        return found
+        (x, y), place = np.meshgrid(*edges, indexing="ij"), shapely.Polygon(corners)
+        boxes = shapely.box(x[:-1, :-1], y[:-1, :-1], x[1:, 1:], y[1:, 1:])
+        return shapely.area(shapely.intersection(boxes, place)) > TOUCH * plan.area
 
 
 def quantity(where: str, said: object) -> tuple[Intensity, float]:
@@ -175,46 +174,11 @@ def quantity(where: str, said: object) -> tuple[Intensity, float]:
     return of, number * size
 
 
-def _area(corners: np.ndarray) -> float:
-    """Signed area of a polygon (n, 2), 0 for fewer than 3 corners (m2)."""
-    if len(corners) < 3:
-        return 0.0
-    x, y = (corners - corners[0]).T
-    return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
-
-
-def _clipped(corners: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """The part of a polygon (n, 2) in a box, given by its low and high corner (2, 2).
-
-    Sutherland and Hodgman (1974), Communications of the ACM 17, 32-42.
-    """
-    for axis, end, sign in ((0, box[0, 0], 1), (0, box[1, 0], -1), (1, box[0, 1], 1), (1, box[1, 1], -1)):
-        if not len(corners):
-            break
-        depth = sign * (corners[:, axis] - end)
-        kept: list[np.ndarray] = []
-        for here, there, a, b in zip(corners, np.roll(corners, -1, axis=0), depth, np.roll(depth, -1), strict=True):
-            kept += [here] if a >= 0 else []
-            kept += [here + (there - here) * a / (a - b)] if (a >= 0) != (b >= 0) else []
-        corners = np.array(kept).reshape(-1, 2)
-    return corners
-
-
 def _crossings(corners: tuple[tuple[float, ...], ...]) -> list[tuple[int, int]]:
     """Pairs of sides of a polygon that cross or touch though they are not neighbours, by their first corners from 1."""
-    count = len(corners)
-    points = np.array(corners)
-    sides = [(points[i], points[(i + 1) % count]) for i in range(count)]
-
-    def turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
-        return float(np.sign((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])))
-
-    found = []
-    for i, j in combinations(range(count), 2):
-        if j - i in (1, count - 1):
-            continue
-        (a, b), (c, d) = sides[i], sides[j]
-        apart = (np.maximum(a, b) < np.minimum(c, d)).any() or (np.maximum(c, d) < np.minimum(a, b)).any()
-        if not apart and turn(a, b, c) != turn(a, b, d) and turn(c, d, a) != turn(c, d, b):
-            found.append((i + 1, j + 1))
-    return found
+    sides = [shapely.LineString(ends) for ends in zip(corners, (*corners[1:], corners[0]), strict=True)]
+    return [
+        (one + 1, other + 1)
+        for one, other in combinations(range(len(sides)), 2)
+        if other - one not in (1, len(sides) - 1) and sides[one].intersects(sides[other])
+    ]
