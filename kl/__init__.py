@@ -1,6 +1,6 @@
 """Random fields of soil properties by Kronecker-factored Karhunen-Loeve expansion.
 
-Figures are in `kl.plots`, which is imported by name only.
+Figures are in `kl.plots`, which has to be imported by its name.
 """
 
 from foundation import __version__

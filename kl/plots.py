@@ -1,4 +1,4 @@
-"""Figures of fields and expansions. Each function returns a matplotlib Figure; nothing is shown or saved."""
+"""Figures of fields and expansions. Each function returns a matplotlib Figure and neither shows nor saves it."""
 
 from __future__ import annotations
 
@@ -15,9 +15,19 @@ from kl.field import Expansion
 def slices(
     field: ArrayLike, axes: Sequence[ArrayLike], *, label: str = "field", at: tuple[int, ...] | None = None
 ) -> Figure:
-    """Three orthogonal slices of a realisation (N_x, N_y, N_z) through the lattice point `at` (the middle).
+    """Three orthogonal slices of a sample on a lattice.
 
-    Raises ValueError for another number of axes, coordinates of another number, or a point outside the lattice.
+    Args:
+        field: (N_x, N_y, N_z).
+        axes: coordinates (N_x,), (N_y,), (N_z,) in metres.
+        label: of the colour bar.
+        at: three numbers of the lattice point through which the slices go, None for the middle.
+
+    Returns:
+        Figure.
+
+    Raises:
+        ValueError: If shapes do not fit, or the point lies outside the lattice.
     """
     values = np.asarray(field)
     require(values.ndim == 3, f"field of shape {values.shape}: give one realisation on a lattice of three axes")
@@ -27,10 +37,10 @@ def slices(
         f"axes of shapes {shapes} for a field of shape {values.shape}: give the coordinates of each",
     )
     x, y, z = (np.asarray(axis) for axis in axes)
-    place = at or tuple(size // 2 for size in values.shape)
-    inside = len(place) == 3 and all(0 <= n < size for n, size in zip(place, values.shape, strict=True))
-    require(inside, f"at = {place} is no point of a lattice of shape {values.shape}: give three numbers from 0")
-    i, j, k = place
+    point = at or tuple(size // 2 for size in values.shape)
+    inside = len(point) == 3 and all(0 <= n < size for n, size in zip(point, values.shape, strict=True))
+    require(inside, f"at = {point} is no point of a lattice of shape {values.shape}: give three numbers from 0")
+    i, j, k = point
     figure = Figure(figsize=(11, 3.2), layout="constrained")
     panels = figure.subplots(1, 3)
     sections = (
@@ -53,13 +63,22 @@ def correlation(
     samples: int,
     names: tuple[str, ...] = ("x", "y", "z"),
 ) -> Figure:
-    """Sample autocorrelation along each axis against its target, with the 95 % band of `samples` realisations.
+    """Sample autocorrelation along each axis against its target, with the 95 % band of independent samples.
+
+    An estimate r has a standard error of (1 - r^2)/sqrt(samples).
 
     Args:
-        lags, estimates, targets: per axis (N,): lag in metres, sample and target correlation.
-        samples: number of independent realisations behind an estimate r, of standard error (1 - r^2)/sqrt(samples).
+        lags: per axis (N,), in metres.
+        estimates: per axis (N,), sample correlations.
+        targets: per axis (N,), target correlations.
+        samples: number of independent samples behind an estimate.
+        names: of the axes.
 
-    Raises ValueError for another number of lags, estimates, targets or names, or no samples.
+    Returns:
+        Figure.
+
+    Raises:
+        ValueError: If the numbers of lags, estimates and targets differ, or there are no samples.
     """
     counts = [len(lags), len(estimates), len(targets)]
     require(counts == [counts[0]] * 3 and len(names) >= counts[0], f"{counts} lags, estimates and targets: one an axis")
@@ -79,7 +98,14 @@ def correlation(
 
 
 def spectrum(expansion: Expansion) -> Figure:
-    """Fractions of the variance of each axis' modes, and the variance lacking against the number of modes kept."""
+    """Fractions of the variance of each axis' modes, and the missing variance against the number of modes.
+
+    Args:
+        expansion: from `expand`.
+
+    Returns:
+        Figure.
+    """
     figure = Figure(figsize=(8, 3.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     for number, modes in enumerate(expansion.axes):
@@ -97,23 +123,28 @@ def two_grids(fields: Sequence[ArrayLike], points: Sequence[ArrayLike], *, label
     """One sample on two grids, in section.
 
     Args:
-        fields: (N,) on each grid.
-        points: (2, N), (x, z) in metres, on each.
+        fields: two arrays, (N,) on each grid.
+        points: two arrays, (2, N) of (x, z) in metres on each grid.
+        label: of the colour bar.
 
-    Raises ValueError for another number of fields or points.
+    Returns:
+        Figure.
+
+    Raises:
+        ValueError: If there are not two fields and points, or their shapes do not fit.
     """
     require(len(fields) == len(points) == 2, f"{len(fields)} fields at {len(points)} sets of points: give two of each")
-    for field, place in zip(fields, points, strict=True):
+    for field, position in zip(fields, points, strict=True):
         require(
-            np.shape(place) == (2, *np.shape(field)),
-            f"points of shape {np.shape(place)} for a field of shape {np.shape(field)}: give (2, N) and (N,)",
+            np.shape(position) == (2, *np.shape(field)),
+            f"points of shape {np.shape(position)} for a field of shape {np.shape(field)}: give (2, N) and (N,)",
         )
     figure = Figure(figsize=(9, 3.2), layout="constrained")
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     low = min(float(np.min(field)) for field in fields)
     high = max(float(np.max(field)) for field in fields)
-    for panel, field, place in zip(panels, fields, points, strict=True):
-        x, z = np.asarray(place)
+    for panel, field, position in zip(panels, fields, points, strict=True):
+        x, z = np.asarray(position)
         size = max(0.5, 4e4 / len(x) ** 1.1)
         image = panel.scatter(x, z, c=np.asarray(field), s=min(size, 40), marker="s", vmin=low, vmax=high)
         panel.set(xlabel="x (m)", title=f"{len(x):,} points", aspect="equal")

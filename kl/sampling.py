@@ -1,6 +1,6 @@
-"""Coefficients of realisations: standard normal, (n_samples, n_modes), one row for each sample.
+"""Coefficients of samples: standard normal, (n_samples, n_modes), one row for each sample.
 
-A row depends on the key, the number of its sample and the design's size, never on the batch it is drawn in:
+A row depends on the key, the number of its sample and the size of the design, never on the batch it is drawn in:
 `rows` picks samples by number and gives the same rows as the whole design.
 """
 
@@ -41,7 +41,20 @@ def _numbers(n_samples: int, n_modes: int, rows: Rows | None) -> HostIndex:
 
 
 def monte_carlo(key: Array, n_samples: int, n_modes: int, *, rows: Rows | None = None) -> Array:
-    """Independent normals: (n_samples, n_modes), or (len(rows), n_modes). `key` is a typed key."""
+    """Independent standard normal coefficients.
+
+    Args:
+        key: a typed key.
+        n_samples: size of the design.
+        n_modes: number of coefficients of a sample.
+        rows: numbers of the samples to draw, None for all.
+
+    Returns:
+        Coefficients (n_samples, n_modes), or (len(rows), n_modes).
+
+    Raises:
+        ValueError: If a size is not a whole number above 0, or a row lies outside the design.
+    """
     return _normal_rows(key, jnp.asarray(_numbers(n_samples, n_modes, rows)), n_modes)
 
 
@@ -53,8 +66,21 @@ def _normal_rows(key: Array, numbers: Array, n_modes: int) -> Array:
 def latin_hypercube(key: Array, n_samples: int, n_modes: int, *, rows: Rows | None = None) -> Array:
     """Latin hypercube: in every mode one sample in each of n_samples equiprobable strata, at random within it.
 
-    McKay, Beckman and Conover (1979), doi:10.1080/00401706.1979.10489755. Each mode has its own stream, so a
-    design with more modes begins with the columns of one with fewer. Shape as in `monte_carlo`.
+    Each mode has its own stream, so a design with more modes begins with the columns of one with fewer.
+
+    Source: McKay, Beckman and Conover (1979), doi:10.1080/00401706.1979.10489755.
+
+    Args:
+        key: a typed key.
+        n_samples: size of the design.
+        n_modes: number of coefficients of a sample.
+        rows: numbers of the samples to draw, None for all.
+
+    Returns:
+        Coefficients (n_samples, n_modes), or (len(rows), n_modes).
+
+    Raises:
+        ValueError: If a size is not a whole number above 0, or a row lies outside the design.
     """
     return _stratified_rows(key, jnp.asarray(_numbers(n_samples, n_modes, rows)), n_samples, n_modes)
 
@@ -62,20 +88,34 @@ def latin_hypercube(key: Array, n_samples: int, n_modes: int, *, rows: Rows | No
 @partial(jax.jit, static_argnames=("n_samples", "n_modes"))
 def _stratified_rows(key: Array, numbers: Array, n_samples: int, n_modes: int) -> Array:
     def column(mode: Array) -> Array:
-        order_key, place_key = jax.random.split(jax.random.fold_in(key, mode))
+        order_key, within_key = jax.random.split(jax.random.fold_in(key, mode))
         stratum = jax.random.permutation(order_key, n_samples)[numbers]
-        place = jax.random.uniform(place_key, (n_samples,), minval=1e-6, maxval=1 - 1e-6)[numbers]
-        below = (stratum + place) / n_samples
-        above = ((n_samples - 1 - stratum) + (1 - place)) / n_samples
+        within = jax.random.uniform(within_key, (n_samples,), minval=1e-6, maxval=1 - 1e-6)[numbers]
+        below = (stratum + within) / n_samples
+        above = ((n_samples - 1 - stratum) + (1 - within)) / n_samples
         return from_both_tails(below, above)
 
     return jax.lax.map(column, jnp.arange(n_modes)).T
 
 
 def sobol(key: Array, n_samples: int, n_modes: int, *, rows: Rows | None = None) -> Array:
-    """Scrambled Sobol points (Owen 1998, doi:10.1006/jcom.1998.0487; directions of Joe and Kuo 2008).
+    """Scrambled Sobol points as normal scores, best at a power of 2 of samples.
 
-    Best at n_samples a power of 2; at most 21,201 modes, the most important first. Shape as in `monte_carlo`.
+    The most important modes should come first.
+
+    Sources: scrambling: Owen (1998), doi:10.1006/jcom.1998.0487; directions: Joe and Kuo (2008), doi:10.1137/070709359.
+
+    Args:
+        key: a typed key.
+        n_samples: size of the design.
+        n_modes: number of coefficients of a sample, at most 21,201.
+        rows: numbers of the samples to draw, None for all.
+
+    Returns:
+        Coefficients (n_samples, n_modes), or (len(rows), n_modes).
+
+    Raises:
+        ValueError: If a size is not a whole number above 0, a row lies outside the design, or there are too many modes.
     """
     numbers = _numbers(n_samples, n_modes, rows)
     from scipy.stats import qmc  # takes half a second and 60 MB, which nothing else here needs
@@ -83,7 +123,7 @@ def sobol(key: Array, n_samples: int, n_modes: int, *, rows: Rows | None = None)
     require(n_modes <= qmc.Sobol.MAXDIM, f"n_modes = {n_modes} exceeds Sobol's {qmc.Sobol.MAXDIM}: use latin_hypercube")
     seed = np.asarray(jax.random.key_data(key)).ravel()
     engine = qmc.Sobol(n_modes, scramble=True, bits=_SOBOL_BITS, rng=np.random.default_rng(seed))
-    # Padding to a power of 2 keeps the sequence: its first n points are the same.
+    # Padding to a power of 2 does not change the sequence: its first n points are the same.
     points = engine.random_base2(max(0, int(n_samples - 1).bit_length()))[numbers]
     centred = points + 0.5 ** (_SOBOL_BITS + 1)
     return jnp.asarray(ndtri(centred), jnp.result_type(float))

@@ -21,10 +21,12 @@ class Moments(Marginal, Protocol):
     """A marginal of given mean and coefficient of variation."""
 
     @property
-    def mean(self) -> Parameter: ...
+    def mean(self) -> Parameter:
+        """Mean in the property's unit."""
 
     @property
-    def cov(self) -> Parameter: ...
+    def cov(self) -> Parameter:
+        """Coefficient of variation."""
 
 
 def correlate(coefficients: Array, matrix: ArrayLike | Sequence[Sequence[float]]) -> Array:
@@ -35,23 +37,31 @@ def correlate(coefficients: Array, matrix: ArrayLike | Sequence[Sequence[float]]
         matrix: (P, P) correlation of the Gaussian fields (`nataf_matrix` gives it from that of the properties).
 
     Returns:
-        (P, ..., M); parameter p depends on the sets up to p alone.
+        Coefficients (P, ..., M); parameter p depends on the sets up to p alone.
 
-    Raises ValueError for a matrix that `correlation_root` refuses, or of another size.
+    Raises:
+        ValueError: If `correlation_root` refuses the matrix, or it has another size.
     """
     require(coefficients.ndim >= 2, f"coefficients of shape {coefficients.shape}: give (P, ..., M), a set for each")
-    found = correlation_root(matrix)
+    root = correlation_root(matrix)
     require(
-        len(found) == coefficients.shape[0],
-        f"correlation matrix of shape {found.shape} for {len(coefficients)} sets of coefficients: give one row each",
+        len(root) == coefficients.shape[0],
+        f"correlation matrix of shape {root.shape} for {len(coefficients)} sets of coefficients: give one row each",
     )
-    return jnp.tensordot(jnp.asarray(found, coefficients.dtype), coefficients, (1, 0))
+    return jnp.tensordot(jnp.asarray(root, coefficients.dtype), coefficients, (1, 0))
 
 
 def correlation_root(matrix: ArrayLike | Sequence[Sequence[float]]) -> HostArray:
-    """The lower triangle L (P, P) with L L^T = `matrix` (P, P), which makes independent fields correlated.
+    """Lower triangle L with L L^T = `matrix`, which makes independent fields correlated.
 
-    Raises ValueError unless the matrix is square, finite, symmetric, of unit diagonal and positive definite.
+    Args:
+        matrix: (P, P) correlation.
+
+    Returns:
+        Triangle L (P, P).
+
+    Raises:
+        ValueError: If the matrix is not square, finite, symmetric, of unit diagonal and positive definite.
     """
     try:
         host = np.asarray(matrix, np.float64)
@@ -73,27 +83,44 @@ def correlation_root(matrix: ArrayLike | Sequence[Sequence[float]]) -> HostArray
 
 
 def nataf_matrix(matrix: ArrayLike | Sequence[Sequence[float]], marginals: tuple[Marginal, ...]) -> HostArray:
-    """Gaussian correlation (P, P) that gives the properties' correlation `matrix` (P, P).
+    """Gaussian correlation that gives the correlation of properties.
 
-    Raises ValueError for a matrix of another shape, or a correlation that the marginals cannot have.
+    Args:
+        matrix: (P, P) correlation of the properties.
+        marginals: of the P properties.
+
+    Returns:
+        Correlation (P, P) of the Gaussian fields.
+
+    Raises:
+        ValueError: If the matrix has another shape, or the marginals cannot have a correlation.
     """
     count = len(marginals)
-    asked = np.asarray(matrix, np.float64)
+    wanted = np.asarray(matrix, np.float64)
     require(
-        asked.shape == (count, count),
-        f"correlation matrix of shape {asked.shape} for {count} marginals: give ({count}, {count})",
+        wanted.shape == (count, count),
+        f"correlation matrix of shape {wanted.shape} for {count} marginals: give ({count}, {count})",
     )
     gaussian = np.eye(count)
     for i in range(count):
         for j in range(i):
-            gaussian[i, j] = gaussian[j, i] = float(nataf_correlation(marginals[i], marginals[j], asked[i, j]))
+            gaussian[i, j] = gaussian[j, i] = float(nataf_correlation(marginals[i], marginals[j], wanted[i, j]))
     return gaussian
 
 
 def linear_with_depth(depth: Array, surface: Parameter, gradient: Parameter) -> Array:
-    """Value at `depth` (N,) below the surface (m, downwards): surface + gradient * depth.
+    """Value that grows linearly with depth: surface + gradient * depth.
 
-    Raises ValueError for values that are not finite.
+    Args:
+        depth: (N,) below the surface (m), positive downwards.
+        surface: value at the surface, in the property's unit.
+        gradient: its increase per metre.
+
+    Returns:
+        Values (N,) in the property's unit.
+
+    Raises:
+        ValueError: If a value is not finite.
     """
     for name, value in (("depth", depth), ("surface", surface), ("gradient", gradient)):
         check.finite(name, value)
@@ -101,16 +128,20 @@ def linear_with_depth(depth: Array, surface: Parameter, gradient: Parameter) -> 
 
 
 def with_trend(marginal: Moments, gaussian: Array, *, mean: Parameter, deviation: Parameter) -> Array:
-    """Field with the shape of `marginal` but its own mean and deviation at each point.
+    """Field with the shape of a marginal but its own mean and deviation at each point.
 
     Args:
-        marginal: of mean and cov as numbers, neither 0; its standardised values are shifted and scaled.
+        marginal: with mean and cov as numbers, neither 0; its standardised values are shifted and scaled.
         gaussian: (..., N), the standard field.
-        mean, deviation: (N,) in the property's unit, for example from `linear_with_depth`.
+        mean: (N,) in the property's unit, for example from `linear_with_depth`.
+        deviation: (N,) in the property's unit, 0 or more.
 
     Returns:
-        (..., N). Raises ValueError for a mean or deviation of another shape or not finite, a deviation below 0, or a
-        marginal that does not vary.
+        Field (..., N) in the property's unit.
+
+    Raises:
+        ValueError: If mean or deviation has another shape or is not finite, a deviation is below 0, or the marginal
+            does not vary.
     """
     points = jnp.shape(gaussian)[-1:]
     for name, value in (("mean", mean), ("deviation", deviation)):
@@ -131,13 +162,16 @@ def in_strata(elevation: Array, interfaces: Sequence[Parameter], fields: Sequenc
 
     Args:
         elevation: (N,), z of the points (m).
-        interfaces: K - 1 elevations from the top down, each a number or (N,) for horizons that dip; a point on an
+        interfaces: K - 1 elevations from the top down (m), each a number or (N,) for horizons that dip; a point on an
             interface belongs to the stratum above.
         fields: K arrays (..., N) from the top stratum down, each made with its own expansion and marginal.
 
     Returns:
-        (..., N). Raises ValueError for a wrong number of interfaces, interfaces that cross, arrays whose points are not
-        those of `elevation`, or elevations that are not finite.
+        Field (..., N).
+
+    Raises:
+        ValueError: If the number of interfaces is wrong, interfaces cross, an array is of other points than
+            `elevation`, or an elevation is not finite.
     """
     check.finite("elevation", elevation)
     for name, values in [("field", each) for each in fields] + [("interface", each) for each in interfaces]:

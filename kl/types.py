@@ -1,4 +1,4 @@
-"""Types of numbers: those of the host are NumPy's and always float64, those of programs `jax.Array`, perhaps traced."""
+"""Types of numbers: host arrays are NumPy's and always float64; arrays of programs are JAX's and may be traced."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from jax import Array
 
 HostArray: TypeAlias = npt.NDArray[np.float64]
 HostIndex: TypeAlias = npt.NDArray[np.int64]
-# Of either kind: what covariances and trends take and give.
+# Either kind: arguments and results of covariances and trends.
 EitherArray: TypeAlias = HostArray | Array
 # A parameter: a number, or an array to differentiate, batch or vary from point to point.
 Parameter: TypeAlias = float | Array
 
 
 def size_of(value: Parameter) -> Parameter:
-    """|value|; `abs` of a union has no type."""
+    """Absolute value; `abs` of a union has no type."""
     return value.__abs__()

@@ -1,8 +1,8 @@
 """Eigenpairs known in closed form: exponential, triangular and periodic covariance.
 
 Both transcendental equations have the form g(w) = w L + 2 arctan(w b) - k pi = 0 (L the extent, w in 1/m), with
-one root for each k: g rises and is concave, so Newton's method from the left converges without a safeguard.
-One more Newton step outside the loop carries the exact derivative of the root by the length.
+one root for each k. g rises and is concave, so Newton's method from the left converges without a safeguard.
+One more Newton step outside the loop carries the exact derivative of the root with respect to the length.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _NEWTON_STEPS = 60
 
 
 def _roots(extent: float, breadth: Parameter, turns: Array) -> Array:
-    """w > 0 with w extent + 2 arctan(w breadth) = turns * pi, for each of `turns` (n,), 1 or more."""
+    """Roots w (n,) above 0 of w extent + 2 arctan(w breadth) = turns * pi, for each of `turns` (n,), 1 or more."""
 
     def step(w: Array, breadth: Parameter) -> Array:
         value = w * extent + 2 * jnp.arctan(w * breadth) - turns * math.pi
@@ -36,7 +36,7 @@ def _roots(extent: float, breadth: Parameter, turns: Array) -> Array:
 
 
 def _sines(fractions: Array, w: Array, origin: float, extent: float) -> SineModes:
-    """Even functions cos(w x) and odd ones sin(w x), alternating from the even, x from the middle."""
+    """Functions cos(w x) and sin(w x) in turn, beginning with the even one; x is measured from the middle."""
     number = jnp.arange(w.shape[0])
     even = number % 2 == 0
     mean_square = (1 + jnp.where(even, 1, -1) * jnp.sinc(w * (extent / math.pi))) / 2
@@ -48,10 +48,21 @@ def _sines(fractions: Array, w: Array, origin: float, extent: float) -> SineMode
 
 
 def exponential_modes(covariance: Exponential, count: int, origin: float, extent: float) -> SineModes:
-    """Largest `count` modes of exp(-|t|/l) (Ghanem and Spanos 1991, doi:10.1007/978-1-4612-3094-6, Section 2.3.3).
+    """Modes of exp(-|t|/l) with the largest eigenvalues.
 
     With c = 1/l and half extent a, even modes solve c = w tan(w a) and odd ones w = -c tan(w a);
     lambda = 2 c / (w^2 + c^2). Both are w L + 2 arctan(w l) = k pi.
+
+    Source: Ghanem and Spanos (1991), doi:10.1007/978-1-4612-3094-6, Section 2.3.3.
+
+    Args:
+        covariance: with length l (m).
+        count: number of modes.
+        origin: start of the axis (m).
+        extent: its length L (m).
+
+    Returns:
+        `count` modes, largest first.
     """
     length = jnp.asarray(covariance.length)
     w = _roots(extent, length, jnp.arange(1, count + 1).astype(length.dtype))
@@ -59,10 +70,21 @@ def exponential_modes(covariance: Exponential, count: int, origin: float, extent
 
 
 def triangular_modes(covariance: Triangular, count: int, origin: float, extent: float) -> SineModes:
-    """Largest `count` modes of 1 - |t|/l on an axis no longer than l (Ghanem and Spanos 1991, Section 2.3.3).
+    """Modes of 1 - |t|/l with the largest eigenvalues, on an axis no longer than l.
 
-    Differentiating the integral equation twice gives f'' + w^2 f = 0 with lambda = 2 / (l w^2); its ends give
-    w (l - a) tan(w a) = 1 for even modes, a half the extent, and cos(w a) = 0 for odd ones.
+    Differentiating the integral equation twice gives f'' + w^2 f = 0 with lambda = 2 / (l w^2). The conditions at its
+    ends give w (l - a) tan(w a) = 1 for even modes, a half the extent, and cos(w a) = 0 for odd ones.
+
+    Source: Ghanem and Spanos (1991), doi:10.1007/978-1-4612-3094-6, Section 2.3.3.
+
+    Args:
+        covariance: with length l (m).
+        count: number of modes.
+        origin: start of the axis (m).
+        extent: its length (m), at most l.
+
+    Returns:
+        `count` modes, largest first.
     """
     length = jnp.asarray(covariance.length)
     number = np.arange(count)

@@ -1,14 +1,15 @@
 """Correlation functions of lag along one axis; a field's covariance is their product over the axes.
 
-Each is a frozen dataclass whose `length` may be differentiated; called with a lag it gives the
-correlation, and `spectral_density` gives its Fourier transform S(w) = integral of c(t) exp(-i w t) dt.
-The lengths of the families are not comparable: engineers state the scale of fluctuation
-theta = S(0) = 2 * integral of c over positive lags, and `theta = fluctuation * length` (class attribute
-`fluctuation`) converts. Formulae and scales: Vanmarcke (2010), Random Fields, World Scientific,
-Table 5.1; Cami, Javankhoshdel, Phoon and Ching (2020), doi:10.1061/AJRUA6.0001083, Table 1; the Matern
-family: Rasmussen and Williams (2006), Gaussian Processes for Machine Learning, Section 4.2.1.
+Each family is a frozen dataclass whose `length` may be differentiated. Called with a lag it gives the correlation;
+`spectral_density` gives its Fourier transform S(w) = integral of c(t) exp(-i w t) dt. Lengths of different families
+are not comparable. Engineers state the scale of fluctuation theta = S(0) = 2 * integral of c over positive lags;
+the class attribute `fluctuation` converts: theta = fluctuation * length.
 
 Lags are in metres, arrays of NumPy (host, always float64) or JAX of any shape.
+
+Sources: formulae and scales: Vanmarcke (2010), Random Fields, World Scientific, Table 5.1; Cami, Javankhoshdel, Phoon
+and Ching (2020), doi:10.1061/AJRUA6.0001083, Table 1. Matern family: Rasmussen and Williams (2006), Gaussian
+Processes for Machine Learning, Section 4.2.1.
 """
 
 from __future__ import annotations
@@ -32,11 +33,13 @@ _HALVINGS = 45
 
 
 class Covariance(Protocol):
-    """What an axis needs: the correlation at a lag and its spectral density."""
+    """The correlation at a lag and its spectral density: all that an axis needs."""
 
-    def __call__(self, lag: EitherArray) -> EitherArray: ...
+    def __call__(self, lag: EitherArray) -> EitherArray:
+        """Correlation at a lag (m) of any shape, in [-1, 1]."""
 
-    def spectral_density(self, wavenumber: EitherArray) -> EitherArray: ...
+    def spectral_density(self, wavenumber: EitherArray) -> EitherArray:
+        """Fourier transform of the correlation (m) at a wavenumber (1/m) of any shape."""
 
 
 def _namespace(array: EitherArray | float) -> ModuleType:
@@ -46,7 +49,11 @@ def _namespace(array: EitherArray | float) -> ModuleType:
 @pytree
 @dataclass(frozen=True)
 class SquaredExponential:
-    """c(t) = exp(-(t/l)^2); theta = sqrt(pi) l. `length` is l (m): no factor 2 under the square."""
+    """c(t) = exp(-(t/l)^2), without a factor 2 under the square; theta = sqrt(pi) l.
+
+    Args:
+        length: correlation length l (m).
+    """
 
     length: Parameter
     fluctuation: ClassVar[float] = math.sqrt(math.pi)
@@ -56,6 +63,7 @@ class SquaredExponential:
         return _namespace(ratio).exp(-(ratio**2))
 
     def spectral_density(self, wavenumber: EitherArray) -> EitherArray:
+        """S(w) = sqrt(pi) l exp(-(w l)^2 / 4), in m."""
         phase = wavenumber * self.length
         return math.sqrt(math.pi) * self.length * _namespace(phase).exp(-(phase**2) / 4)
 
@@ -63,7 +71,11 @@ class SquaredExponential:
 @pytree
 @dataclass(frozen=True)
 class Exponential:
-    """c(t) = exp(-|t|/l), first-order Markov; theta = 2 l. `length` is l (m)."""
+    """c(t) = exp(-|t|/l), first-order Markov; theta = 2 l.
+
+    Args:
+        length: correlation length l (m).
+    """
 
     length: Parameter
     fluctuation: ClassVar[float] = 2.0
@@ -73,13 +85,18 @@ class Exponential:
         return _namespace(ratio).exp(-ratio)
 
     def spectral_density(self, wavenumber: EitherArray) -> EitherArray:
+        """S(w) = 2 l / (1 + (w l)^2), in m."""
         return 2 * self.length / (1 + (wavenumber * self.length) ** 2)
 
 
 @pytree
 @dataclass(frozen=True)
 class Matern32:
-    """c(t) = (1 + s) exp(-s) with s = sqrt(3) |t|/l, smoothness 3/2; theta = 4 l / sqrt(3). `length` is l (m)."""
+    """c(t) = (1 + s) exp(-s) with s = sqrt(3) |t|/l, smoothness 3/2; theta = 4 l / sqrt(3).
+
+    Args:
+        length: correlation length l (m).
+    """
 
     length: Parameter
     fluctuation: ClassVar[float] = 4 / math.sqrt(3)
@@ -88,6 +105,7 @@ class Matern32:
         return SecondOrderMarkov(self.length / math.sqrt(3))(lag)
 
     def spectral_density(self, wavenumber: EitherArray) -> EitherArray:
+        """S(w) = 4 b / (1 + (w b)^2)^2 with b = l / sqrt(3), in m."""
         return SecondOrderMarkov(self.length / math.sqrt(3)).spectral_density(wavenumber)
 
 
@@ -96,7 +114,8 @@ class Matern32:
 class Matern52:
     """c(t) = (1 + s + s^2/3) exp(-s) with s = sqrt(5) |t|/l, smoothness 5/2; theta = 16 l / (3 sqrt(5)).
 
-    `length` is l (m).
+    Args:
+        length: correlation length l (m).
     """
 
     length: Parameter
@@ -107,6 +126,7 @@ class Matern52:
         return (1 + ratio + ratio**2 / 3) * _namespace(ratio).exp(-ratio)
 
     def spectral_density(self, wavenumber: EitherArray) -> EitherArray:
+        """S(w) = 16/3 b / (1 + (w b)^2)^3 with b = l / sqrt(5), in m."""
         scale = self.length / math.sqrt(5)
         return 16 / 3 * scale / (1 + (wavenumber * scale) ** 2) ** 3
 
@@ -114,7 +134,11 @@ class Matern52:
 @pytree
 @dataclass(frozen=True)
 class SecondOrderMarkov:
-    """c(t) = (1 + |t|/l) exp(-|t|/l); theta = 4 l. Matern 3/2 in Vanmarcke's `length` l (m)."""
+    """c(t) = (1 + |t|/l) exp(-|t|/l), Matern 3/2 with Vanmarcke's length; theta = 4 l.
+
+    Args:
+        length: correlation length l (m).
+    """
 
     length: Parameter
     fluctuation: ClassVar[float] = 4.0
@@ -124,15 +148,17 @@ class SecondOrderMarkov:
         return (1 + ratio) * _namespace(ratio).exp(-ratio)
 
     def spectral_density(self, wavenumber: EitherArray) -> EitherArray:
+        """S(w) = 4 l / (1 + (w l)^2)^2, in m."""
         return 4 * self.length / (1 + (wavenumber * self.length) ** 2) ** 2
 
 
 @pytree
 @dataclass(frozen=True)
 class CosineExponential:
-    """c(t) = exp(-|t|/l) cos(t/l), with negative correlation at half a bed's thickness; theta = l.
+    """c(t) = exp(-|t|/l) cos(t/l), negative at lags of half a bed's thickness; theta = l.
 
-    `length` is l (m).
+    Args:
+        length: correlation length l (m).
     """
 
     length: Parameter
@@ -143,6 +169,7 @@ class CosineExponential:
         return _namespace(ratio).exp(-ratio) * _namespace(ratio).cos(ratio)
 
     def spectral_density(self, wavenumber: EitherArray) -> EitherArray:
+        """S(w) = l / (1 + (w l - 1)^2) + l / (1 + (w l + 1)^2), in m."""
         phase = wavenumber * self.length
         return self.length / (1 + (phase - 1) ** 2) + self.length / (1 + (phase + 1) ** 2)
 
@@ -150,7 +177,11 @@ class CosineExponential:
 @pytree
 @dataclass(frozen=True)
 class Triangular:
-    """c(t) = max(0, 1 - |t|/l); theta = l. `length` is l (m)."""
+    """c(t) = max(0, 1 - |t|/l); theta = l.
+
+    Args:
+        length: correlation length l (m).
+    """
 
     length: Parameter
     fluctuation: ClassVar[float] = 1.0
@@ -160,6 +191,7 @@ class Triangular:
         return _namespace(ratio).maximum(1 - ratio, 0)
 
     def spectral_density(self, wavenumber: EitherArray) -> EitherArray:
+        """S(w) = l (sin(w l / 2) / (w l / 2))^2, in m."""
         phase = wavenumber * self.length / 2
         return self.length * _namespace(phase).sinc(phase / math.pi) ** 2
 
@@ -173,17 +205,21 @@ class Infinite:
         return _namespace(lag).ones_like(lag)
 
     def spectral_density(self, wavenumber: EitherArray) -> EitherArray:
-        """Not a function (a point mass at 0)."""
+        """Raise ValueError: the density is a point mass at 0, not a function."""
         raise ValueError("Infinite has no spectral density: it has one mode along its axis, the constant")
 
 
 @pytree
 @dataclass(frozen=True)
 class Periodic:
-    """c(t) = sum over k of b(t + kP) / sum over k of b(kP), for a family b (`base`) and a `period` P in metres.
+    """c(t) = sum over k of b(t + kP) / sum over k of b(kP), for a family b and a period P.
 
-    Wrapping keeps it positive definite: its Fourier coefficients are samples of b's spectral density.
-    Raises ValueError in `expand` where P is not the extent of the axis or b's length exceeds 20 P.
+    Wrapping keeps the correlation positive definite: its Fourier coefficients are samples of b's spectral density.
+    `expand` raises ValueError if P is not the extent of the axis or b's length exceeds 20 P.
+
+    Args:
+        base: the family b.
+        period: P (m); static.
     """
 
     base: Covariance
@@ -202,7 +238,7 @@ class Periodic:
         return self._images(namespace.zeros(()))
 
     def spectral_density(self, wavenumber: EitherArray) -> EitherArray:
-        """At multiples of 2 pi / P only: the Fourier integral over one period."""
+        """Fourier integral over one period (m); valid at multiples of 2 pi / P only."""
         return self.base.spectral_density(wavenumber) / self.variance()
 
 
@@ -211,8 +247,11 @@ class Periodic:
 class Corrected:
     """c(t) = the Gaussian correlation whose transform has the correlation b(t): Nataf's correction along an axis.
 
-    Made by `nataf_corrected`; `base` is b, `hermite` (K,) are the marginal's Hermite coefficients, of sum of squares 1.
-    Raises ValueError in `expand` where the corrected function is not positive definite.
+    `nataf_corrected` makes it. `expand` raises ValueError if the corrected function is not positive definite.
+
+    Args:
+        base: the property's correlation b.
+        hermite: (K,) Hermite coefficients of the marginal, of sum of squares 1.
     """
 
     base: Covariance
@@ -222,12 +261,20 @@ class Corrected:
         return gaussian_correlation(self.hermite**2, self.base(lag))
 
     def spectral_density(self, wavenumber: EitherArray) -> EitherArray:
-        """Unknown in closed form."""
+        """Raise ValueError: no closed form is known."""
         raise ValueError("a corrected covariance has no closed spectral density: use Nystrom() or Legendre()")
 
 
 def transformed_correlation(powers: EitherArray, gaussian: EitherArray) -> EitherArray:
-    """sum over k of powers[k - 1] gaussian^k: correlation of two transformed variables of Gaussian correlation."""
+    """Correlation of two transformed variables of Gaussian correlation: sum over k of powers[k - 1] gaussian^k.
+
+    Args:
+        powers: (K,) products of the variables' Hermite coefficients, degree 1 up.
+        gaussian: Gaussian correlation in [-1, 1], any shape.
+
+    Returns:
+        Correlation, of the shape of `gaussian`.
+    """
     total = 0 * gaussian
     for coefficient in powers[::-1]:
         total = (total + coefficient) * gaussian
@@ -235,9 +282,16 @@ def transformed_correlation(powers: EitherArray, gaussian: EitherArray) -> Eithe
 
 
 def gaussian_correlation(powers: EitherArray, target: EitherArray) -> EitherArray:
-    """Gaussian correlation in [-1, 1] at which `transformed_correlation` is `target`, by bisection.
+    """Gaussian correlation at which `transformed_correlation` equals a target, by bisection.
 
-    One Newton step after it carries the derivatives.
+    A last Newton step carries the derivatives.
+
+    Args:
+        powers: (K,) products of the variables' Hermite coefficients, degree 1 up.
+        target: correlation of the transformed variables, any shape.
+
+    Returns:
+        Gaussian correlation in [-1, 1], of the shape of `target`.
     """
     if isinstance(target, jax.Array) or isinstance(powers, jax.Array):
         return _gaussian_correlation(jnp.asarray(powers), jnp.asarray(target))
@@ -284,20 +338,41 @@ _Some = TypeVar("_Some", bound=Covariance)
 
 
 def from_scale_of_fluctuation(family: type[_Family], scale: Parameter) -> _Family:
-    """The covariance of `family` whose scale of fluctuation is `scale` (m). ValueError unless it is above 0."""
+    """Covariance of a family with a given scale of fluctuation.
+
+    Args:
+        family: class such as `Exponential`.
+        scale: scale of fluctuation (m), above 0.
+
+    Returns:
+        The covariance, with length scale / fluctuation.
+
+    Raises:
+        ValueError: If the scale is not above 0.
+    """
     check.positive("scale of fluctuation", scale, "m")
     return family(scale / family.fluctuation)
 
 
 def scale_of_fluctuation(covariance: Scaled) -> Parameter:
-    """2 * integral of the correlation over positive lags (m). ValueError for a covariance that has no such scale."""
+    """Scale of fluctuation (m): 2 * integral of the correlation over positive lags.
+
+    Args:
+        covariance: of a family with a length.
+
+    Returns:
+        Scale of fluctuation (m).
+
+    Raises:
+        ValueError: If the covariance has no such scale, as `Infinite`.
+    """
     if not hasattr(covariance, "fluctuation"):
         raise ValueError(f"{type(covariance).__name__} has no scale of fluctuation: give a family with a length")
     return covariance.fluctuation * covariance.length
 
 
 def length_leaves(covariance: Covariance) -> list[Parameter]:
-    """The correlation length, or nothing for `Infinite`; that of the base for a wrapped family."""
+    """List of the correlation length: empty for `Infinite`, that of the base for a wrapped family."""
     return jax.tree.leaves(getattr(covariance, "base", covariance))
 
 

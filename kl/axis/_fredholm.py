@@ -1,12 +1,13 @@
 """Eigenpairs of the covariance operator along one axis (a Fredholm equation of the second kind).
 
-integral over the axis of c(x - y) f(y) dy = lambda f(x)      (Ghanem and Spanos 1991, Eq. 2.27)
+integral over the axis of c(x - y) f(y) dy = lambda f(x)
 
-Solvers are static: they fix the program. Eigenpairs are decomposed in jnp from the covariance, whose
-length may be traced, so a field can be differentiated by its correlation length. What depends on values,
-the order that reaches a tolerance, is decided on the host in NumPy before that.
+Solvers are static: they determine the program. Eigenpairs are decomposed in jnp from the covariance, whose length may
+be traced, so a field can be differentiated with respect to its correlation length. The order that reaches a tolerance
+depends on values; it is chosen on the host in NumPy before that.
 
-Comparison of the methods: Betz, Papaioannou and Straub (2014), doi:10.1016/j.cma.2013.12.010.
+Sources: Ghanem and Spanos (1991), doi:10.1007/978-1-4612-3094-6, Eq. 2.27; comparison of the methods: Betz,
+Papaioannou and Straub (2014), doi:10.1016/j.cma.2013.12.010.
 """
 
 from __future__ import annotations
@@ -41,14 +42,18 @@ from kl.types import EitherArray, HostArray
 
 @dataclass(frozen=True)
 class Nystrom:
-    """Gauss-Legendre quadrature of the integral (Betz et al. 2014, Section 3.1).
+    """Gauss-Legendre quadrature of the integral.
 
-    Spectral where the kernel is smooth (squared exponential), of second order where it has a kink at lag
-    0. With `order=None` the number of points is raised until none of the leading half of the eigenvalues, over
-    the extent, moves by more than `tolerance` when the order grows by a quarter; reaching `largest` first raises
-    a warning.
-    Eigenfunctions are the polynomials through the quadrature points, which never divides by a small
-    eigenvalue.
+    It converges spectrally for a smooth kernel (squared exponential), with second order for one with a kink at lag 0.
+    Eigenfunctions are the polynomials through the quadrature points, so no small eigenvalue is divided by.
+
+    Source: Betz, Papaioannou and Straub (2014), doi:10.1016/j.cma.2013.12.010, Section 3.1.
+
+    Args:
+        order: number of quadrature points; None raises it until none of the leading half of the eigenvalues, over the
+            extent, changes by more than `tolerance` when the order grows by a quarter.
+        tolerance: largest change of an eigenvalue, as a share of the variance.
+        largest: order at which the search ends with a warning.
     """
 
     order: int | None = None
@@ -60,9 +65,14 @@ class Nystrom:
 class Legendre:
     """Legendre-Galerkin with the inner integral split at lag 0, where most kernels have a kink.
 
-    Both parts are integrated by Gauss's rule on a smooth function, so the method stays spectral for the
-    Matern, Markov and cosine-exponential families. `order`, `tolerance`, `largest` as in `Nystrom`, and the order
-    is raised until it holds the variance that the truncation asks for.
+    Gauss's rule integrates a smooth function on both parts, so the method stays spectral for the Matern, Markov and
+    cosine-exponential families.
+
+    Args:
+        order: number of polynomials; None raises it as in `Nystrom`, and until the basis holds the variance that the
+            truncation requires.
+        tolerance: largest change of an eigenvalue, as a share of the variance.
+        largest: order at which the search ends with a warning.
     """
 
     order: int | None = None
@@ -72,14 +82,19 @@ class Legendre:
 
 @dataclass(frozen=True)
 class Haar:
-    """Haar wavelet-Galerkin with 2^level functions (Phoon, Huang and Quek 2002,
-    doi:10.1016/S0266-8920(02)00013-9; Jiang et al. 2024, doi:10.1016/j.compgeo.2024.106413, Eqs. 7 to 14).
+    """Haar wavelet-Galerkin with 2^level functions.
 
-    The Haar functions up to a level span the piecewise constants on 2^level equal cells, and the fast
-    wavelet transform is the orthogonal map between the two bases: it turns the matrix of cell averages into
-    the wavelet matrix and eigenvectors back, and leaves eigenvalues and eigenfunctions untouched. So the
-    eigenproblem is solved on the cells and the transform (`haar_transform`) is needed only to see wavelet
-    coefficients. Second order in the cell; the captured variance lies below the exact one.
+    The Haar functions up to a level span the piecewise constants on 2^level equal cells. The fast wavelet transform is
+    the orthogonal map between the two bases: it turns the matrix of cell averages into the wavelet matrix and
+    eigenvectors back, and leaves eigenvalues and eigenfunctions unchanged. So the eigenproblem is solved on the cells;
+    `haar_transform` is needed only to see wavelet coefficients. The method is of second order in the cell size, and the
+    captured variance lies below the exact one.
+
+    Sources: Phoon, Huang and Quek (2002), doi:10.1016/S0266-8920(02)00013-9; Jiang et al. (2024),
+    doi:10.1016/j.compgeo.2024.106413, Eqs. 7 to 14.
+
+    Args:
+        level: 0 to 12.
     """
 
     level: int
@@ -87,10 +102,11 @@ class Haar:
 
 @dataclass(frozen=True)
 class ClosedForm:
-    """Roots of the characteristic equation, for Exponential, and Triangular at least as long as the axis.
+    """Roots of the characteristic equation: Exponential, Periodic, and Triangular at least as long as the axis.
 
-    Also takes a Periodic axis. `count` is the number of modes; None takes as many as the truncation may need,
-    at most `largest`.
+    Args:
+        count: number of modes; None takes as many as the truncation may need.
+        largest: limit of that number.
     """
 
     count: int | None = None
@@ -99,7 +115,7 @@ class ClosedForm:
 
 @dataclass(frozen=True)
 class Constant:
-    """The one mode of an axis along which the field does not vary."""
+    """The single mode of an axis along which the field does not vary."""
 
 
 Solver = Nystrom | Legendre | Haar | ClosedForm | Constant
@@ -120,11 +136,23 @@ def default_solver(covariance: Covariance, extent: float) -> Solver:
 
 
 def resolved(solver: Solver | None, covariance: Covariance, extent: float, remainder: float, most: int) -> Solver:
-    """`solver` with its order fixed on the host, ready to shape the program.
+    """Fix a solver's order on the host, so that it can shape the program.
 
-    Where a series has no end, modes are counted until `remainder` of the variance is left along this axis, and
-    no more than `most`. Raises ValueError where the solver does not apply to the covariance or its order, level
-    or count is out of range.
+    A series without an end is cut where at most `remainder` of the variance is left along this axis, or at `most`
+    modes.
+
+    Args:
+        solver: a solver, or None for the most accurate one.
+        covariance: of this axis.
+        extent: length of the axis (m).
+        remainder: share of the variance that may be left out along this axis.
+        most: largest number of modes.
+
+    Returns:
+        The solver with its order, level or count.
+
+    Raises:
+        ValueError: If the solver does not apply to the covariance, or its order, level or count is out of range.
     """
     if isinstance(covariance, Infinite):
         return Constant()
@@ -220,10 +248,22 @@ def _resolved_closed_form(
 
 
 def axis_modes(covariance: Covariance, solver: Solver, origin: float, extent: float) -> AxisModes:
-    """All eigenpairs that a resolved `solver` gives on [origin, origin + extent] (m), largest first.
+    """All eigenpairs that a resolved solver gives on [origin, origin + extent].
 
-    Pure jnp in the covariance's length, whose dtype it follows. The sign of each function is positive at the
-    origin, so that coefficients mean the same whatever solver, precision or machine.
+    Pure jnp in the covariance's length, whose dtype it follows. Each function is positive at the origin, so that
+    coefficients mean the same for every solver, precision and machine.
+
+    Args:
+        covariance: of this axis.
+        solver: with its order, from `resolved`.
+        origin: start of the axis (m).
+        extent: its length (m).
+
+    Returns:
+        The modes, largest first.
+
+    Raises:
+        ValueError: If the solver has no order yet.
     """
     match solver:
         case Constant():
@@ -261,7 +301,7 @@ def _signs(values: Array) -> Array:
 
 @lru_cache(maxsize=64)
 def _gauss(order: int) -> tuple[HostArray, HostArray, HostArray]:
-    """Gauss points and weights on [0, 1], and p_k(point q) sqrt(weight q) (order, order), orthogonal."""
+    """Gauss points and weights (order,) on [0, 1], and p_k(point q) sqrt(weight q) (order, order), orthogonal."""
     points, weights = np.polynomial.legendre.leggauss(order)
     values = np.polynomial.legendre.legvander(points, order - 1).T * np.sqrt(2 * np.arange(order) + 1)[:, None]
     weights = np.asarray(weights / 2, np.float64)
@@ -269,7 +309,7 @@ def _gauss(order: int) -> tuple[HostArray, HostArray, HostArray]:
 
 
 def _nystrom_matrix(order: int, extent: float, covariance: Covariance) -> EitherArray:
-    """sqrt(w_i) c(x_i - x_j) sqrt(w_j), whose eigenvalues are fractions of the variance."""
+    """Matrix sqrt(w_i) c(x_i - x_j) sqrt(w_j), whose eigenvalues are fractions of the variance."""
     points, weights, _ = _gauss(order)
     roots = np.sqrt(weights)
     return covariance(np.abs(points[:, None] - points) * extent) * (roots[:, None] * roots)
@@ -293,7 +333,7 @@ def _split_rule(order: int) -> tuple[HostArray, HostArray, HostArray]:
 def _legendre_matrix(order: int, extent: float, covariance: Covariance) -> EitherArray:
     """Galerkin matrix in Legendre polynomials; the part y > x mirrors y < x with sign (-1)^(m + n)."""
     lags, outer, inner = _split_rule(order)
-    # A copy: JAX lowers an array that it met before in the precision of then, and the rule outlives its precision.
+    # A copy: JAX caches an array in the precision of its first use, and this rule outlives a change of precision.
     kernel = covariance(lags.copy() * extent)
     if isinstance(kernel, jax.Array):
         sums = (jnp.asarray(inner, kernel.dtype) * kernel).sum(-1)
@@ -306,10 +346,10 @@ def _legendre_matrix(order: int, extent: float, covariance: Covariance) -> Eithe
 
 
 def _haar_matrix(level: int, extent: float, covariance: Covariance) -> EitherArray:
-    """Averages of the covariance over pairs of cells, over the number of cells; a Toeplitz matrix.
+    """Averages of the covariance over pairs of cells, divided by the number of cells; a Toeplitz matrix.
 
-    The average over cells k apart is the integral of (1 - |s|) c((k + s) h), s in [-1, 1], by Gauss's rule on
-    both halves: kinks at lag 0 fall on the ends.
+    The average over cells k apart is the integral of (1 - |s|) c((k + s) h), s in [-1, 1], by Gauss's rule on each
+    half, so that a kink at lag 0 falls on an end.
     """
     cells = 2**level
     points, weights, _ = _gauss(16)
@@ -322,9 +362,18 @@ def _haar_matrix(level: int, extent: float, covariance: Covariance) -> EitherArr
 
 
 def haar_transform(cell_values: ArrayLike) -> Array:
-    """Fast wavelet transform along the last axis (2^level values on cells) to orthonormal Haar coefficients.
+    """Orthonormal Haar coefficients of values on cells, by the fast wavelet transform along the last axis.
 
-    Coarsest first: the mean, then 1, 2, 4 ... wavelets. O(n); orthogonal, so its transpose inverts it.
+    The transform takes O(n) operations; it is orthogonal, so its transpose inverts it.
+
+    Args:
+        cell_values: (..., 2^level), finite.
+
+    Returns:
+        Coefficients (..., 2^level), coarsest first: the mean, then 1, 2, 4 ... wavelets.
+
+    Raises:
+        ValueError: If the last axis is not a power of 2 long, or a value is not finite.
     """
     details = []
     smooth = jnp.asarray(cell_values)
@@ -340,7 +389,7 @@ def haar_transform(cell_values: ArrayLike) -> Array:
 
 @jax.custom_jvp
 def _eigenpairs(matrix: Array) -> tuple[Array, Array]:
-    """Eigenvalues (n,) descending and eigenvectors (n, n) in columns of a symmetric matrix."""
+    """Eigenvalues (n,), descending, and eigenvectors (n, n), in columns, of a symmetric matrix."""
     values, vectors = jnp.linalg.eigh(matrix)
     return values[::-1], vectors[:, ::-1]
 
@@ -351,8 +400,8 @@ def _eigenpairs_derivative(
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """First-order perturbation, finite where eigenvalues agree to rounding.
 
-    1 / gap becomes gap / (gap^2 + width^2): vectors within a cluster narrower than rounding can resolve do not
-    turn, and no sum that is invariant under their rotation is changed.
+    1 / gap becomes gap / (gap^2 + width^2): vectors in a cluster narrower than rounding can resolve are not rotated,
+    and no sum that is invariant under such a rotation changes.
     """
     (matrix,), (tangent,) = primals, tangents
     values, vectors = _eigenpairs(matrix)
@@ -369,7 +418,17 @@ def all_axis_modes(
     origin: tuple[float, ...],
     extent: tuple[float, ...],
 ) -> tuple[AxisModes, ...]:
-    """`axis_modes` of every axis in one program, the same for boxes of every place and size."""
+    """Modes of every axis in one program, which serves boxes of every position and size.
+
+    Args:
+        covariance: d, one per axis.
+        solvers: d, from `resolved`.
+        origin: d starts of the axes (m).
+        extent: d lengths of the axes (m).
+
+    Returns:
+        d sets of modes, as of `axis_modes`.
+    """
     boxes = zip(_all_from_zero(covariance, solvers, extent), origin, extent, strict=True)
     return tuple(replace(modes, origin=start, extent=size) for modes, start, size in boxes)
 
@@ -378,6 +437,6 @@ def all_axis_modes(
 def _all_from_zero(
     covariance: tuple[Covariance, ...], solvers: tuple[Solver, ...], extent: tuple[float, ...]
 ) -> tuple[AxisModes, ...]:
-    """Modes whose axes start at 0. Their extent is traced here and static in the modes, so 1 m stands in its place."""
+    """Modes whose axes start at 0. Extents are traced here and static in the modes, so these get an extent of 1 m."""
     axes = zip(covariance, solvers, extent, strict=True)
     return tuple(replace(axis_modes(each, solver, 0.0, size), extent=1.0) for each, solver, size in axes)

@@ -1,9 +1,9 @@
-"""Eigenpairs of one axis in the three forms that the solvers produce, and their evaluation anywhere.
+"""Eigenpairs of one axis in the three forms that the solvers produce, and their evaluation at any point.
 
-`fractions` (n,) are the eigenvalues divided by the extent of the axis, so that they sum to at most 1.
-Functions have mean square 1 over the axis; `scaled_functions` multiplies them by the root of their
-fraction, so that the captured variance at a point is the sum of squares. A form is a pytree: fractions
-and coefficients may be differentiated and vmapped; the axis' origin and extent (m) are static.
+A form's `fractions` (n,) are the eigenvalues divided by the extent of the axis, so they sum to at most 1. Functions
+have mean square 1 over the axis. `scaled_functions` multiplies them by the root of their fraction, so the captured
+variance at a point is the sum of their squares. A form is a pytree: fractions and coefficients may be differentiated
+and vmapped; the axis' origin and extent are static.
 """
 
 from __future__ import annotations
@@ -24,7 +24,14 @@ _SLACK = 1e-5
 @pytree
 @dataclass(frozen=True)
 class LegendreModes:
-    """f_m(x) = sum over k of coefficients[m, k] p_k(t), t in [-1, 1] along the axis, p_k of mean square 1."""
+    """f_m(x) = sum over k of coefficients[m, k] p_k(t), t in [-1, 1] along the axis, p_k of mean square 1.
+
+    Args:
+        fractions: (n,) eigenvalues over the extent, largest first.
+        coefficients: (n, order) of the polynomials.
+        origin: start of the axis (m); static.
+        extent: its length (m); static.
+    """
 
     fractions: Array
     coefficients: Array
@@ -35,7 +42,14 @@ class LegendreModes:
 @pytree
 @dataclass(frozen=True)
 class CellModes:
-    """f_m(x) = levels[m, cell of x]: piecewise constant on equal cells."""
+    """f_m(x) = levels[m, cell of x]: piecewise constant on equal cells.
+
+    Args:
+        fractions: (n,) eigenvalues over the extent, largest first.
+        levels: (n, cells) values.
+        origin: start of the axis (m); static.
+        extent: its length (m); static.
+    """
 
     fractions: Array
     levels: Array
@@ -46,7 +60,16 @@ class CellModes:
 @pytree
 @dataclass(frozen=True)
 class SineModes:
-    """f_m(x) = amplitudes[m] cos(wavenumbers[m] (x - middle of the axis) - phases[m]); wavenumbers in 1/m."""
+    """f_m(x) = amplitudes[m] cos(wavenumbers[m] (x - middle of the axis) - phases[m]).
+
+    Args:
+        fractions: (n,) eigenvalues over the extent, largest first.
+        wavenumbers: (n,), 1/m.
+        phases: (n,), radians.
+        amplitudes: (n,).
+        origin: start of the axis (m); static.
+        extent: its length (m); static.
+    """
 
     fractions: Array
     wavenumbers: Array
@@ -75,13 +98,13 @@ def legendre(order: int, t: Array) -> Array:
 
 
 def along_axis(modes: AxisModes, x: Array) -> Array:
-    """Position of `x` (N,) on the axis as t in [-1, 1]; NaN outside, where no form is valid."""
+    """Coordinates x (N,) in metres as t in [-1, 1] along the axis; NaN outside, where no form is valid."""
     t = 2 * (x - modes.origin) / modes.extent - 1
     return jnp.where(jnp.abs(t) <= 1 + _SLACK, t, jnp.nan)
 
 
 def functions(modes: AxisModes, x: Array) -> Array:
-    """Eigenfunctions of mean square 1 at `x` (N,), in metres: (n, N). NaN outside the axis."""
+    """Eigenfunctions (n, N), of mean square 1, at x (N,) in metres; NaN outside the axis."""
     t = along_axis(modes, x)
     match modes:
         case LegendreModes():
@@ -97,12 +120,28 @@ def functions(modes: AxisModes, x: Array) -> Array:
 
 
 def scaled_functions(modes: AxisModes, x: Array) -> Array:
-    """Eigenfunctions times the root of their fraction of the variance at `x` (N,): (n, N)."""
+    """Eigenfunctions multiplied by the root of their share of the variance.
+
+    Args:
+        modes: n modes of an axis.
+        x: (N,) coordinates (m).
+
+    Returns:
+        Values (n, N); NaN outside the axis.
+    """
     positive = modes.fractions > 0
     root = jnp.where(positive, jnp.sqrt(jnp.where(positive, modes.fractions, 1)), 0)
     return root[:, None] * functions(modes, x)
 
 
 def leading(modes: AxisModes, count: int) -> AxisModes:
-    """The first `count` modes."""
+    """The first modes of an axis.
+
+    Args:
+        modes: n modes, largest first.
+        count: how many of them, at most n.
+
+    Returns:
+        `count` modes.
+    """
     return jax.tree.map(lambda leaf: leaf[:count], modes)

@@ -1,4 +1,4 @@
-"""Fields: products of the axes' modes, selected by energy, evaluated anywhere, conditioned, kept."""
+"""Fields: products of the axes' modes, selected by energy, evaluated at any point, conditioned and saved."""
 
 from kl.field._bedding import Bedding, rotate
 from kl.field._conditioning import Conditioning, condition, condition_on, conditioned, kriging_variance, mode_matrix

@@ -1,6 +1,6 @@
-"""Rotated anisotropy: strata that dip, whose covariance is separable along strike, dip and normal.
+"""Rotated anisotropy: strata that dip, whose covariance is separable along dip, strike and normal.
 
-The expansion is made on the smallest box in rotated axes that holds the given one, and points are turned into
+The expansion is made on the smallest box in rotated axes that holds the given one, and points are rotated into
 those axes. Coordinates: x along the run-out, y along the slope, z up.
 """
 
@@ -21,12 +21,15 @@ from kl.types import HostArray
 
 @dataclass(frozen=True)
 class Bedding:
-    """Orientation of strata, in degrees; static.
+    """Orientation of strata; static.
 
-    `dip` is the steepest inclination below the horizontal, in [0, 90]. `strike` is the direction of the horizontal
-    line in the bedding plane, anticlockwise from +x seen from above; the strata fall to its right. With strike 90
-    (the default: along y) they dip towards +x. The axes of the covariance become: first in the bedding plane down
-    the dip, second along strike, third normal to the plane, upwards; in two dimensions (x, z) the first and third.
+    The axes of the covariance are then: down the dip in the bedding plane, along strike, and normal to the plane,
+    upwards; in two dimensions (x, z) the first and the third.
+
+    Args:
+        dip: steepest inclination below the horizontal (degrees), in [0, 90].
+        strike: direction of the horizontal line in the bedding plane (degrees), anticlockwise from +x seen from above.
+            The strata fall to its right: with 90, along y, they dip towards +x.
     """
 
     dip: float
@@ -34,7 +37,7 @@ class Bedding:
 
 
 def rotation_matrix(bedding: Bedding, dimension: int) -> HostArray:
-    """Rows are the unit vectors down dip, along strike and normal (d, d); `matrix @ points` rotates (d, N)."""
+    """Unit vectors down dip, along strike and normal as rows (d, d); `matrix @ points` rotates points (d, N)."""
     require(dimension in (2, 3), f"bedding in {dimension} dimension: it needs 2 or 3")
     check.finite("strike", bedding.strike, remedy="it is an angle in degrees")
     require(0 <= bedding.dip <= 90, f"dip = {bedding.dip} degrees is outside [0, 90]: turn the strike by 180 instead")
@@ -55,16 +58,27 @@ def rotation_matrix(bedding: Bedding, dimension: int) -> HostArray:
 def rotated_box(
     bedding: Bedding, origin: tuple[float, ...], extent: tuple[float, ...]
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Origin and extent in rotated axes of the smallest box that holds the given one (m)."""
+    """Origin and extent (m) in rotated axes of the smallest box that holds the given one."""
     matrix = rotation_matrix(bedding, len(origin))
     corners = np.array(list(itertools.product(*zip(origin, np.add(origin, extent), strict=True)))).T
-    turned = matrix @ corners
-    low = turned.min(axis=1)
-    return tuple(map(float, low)), tuple(map(float, turned.max(axis=1) - low))
+    rotated = matrix @ corners
+    low = rotated.min(axis=1)
+    return tuple(map(float, low)), tuple(map(float, rotated.max(axis=1) - low))
 
 
 def rotate(bedding: Bedding, points: Array) -> Array:
-    """Points (d, N) in the axes of the strata (m). ValueError for another shape, or points that are not finite."""
+    """Rotate points into the axes of the strata.
+
+    Args:
+        bedding: orientation of the strata.
+        points: (d, N) in metres, d 2 or 3, finite.
+
+    Returns:
+        Points (d, N) in metres along dip, strike and normal.
+
+    Raises:
+        ValueError: If the points have another shape or are not finite, or a dip or strike is out of range.
+    """
     require(points.ndim == 2, f"points of shape {points.shape}: give (2, N) or (3, N)")
     check.finite("points", points)
     return jnp.asarray(rotation_matrix(bedding, points.shape[0]), points.dtype) @ points

@@ -1,10 +1,12 @@
 """Fields that honour borehole data, by conditioning the coefficients.
 
-The field is linear in its coefficients, so given data y = A xi + e the coefficients are Gaussian again, with mean
-A^T K^-1 y and covariance I - A^T K^-1 A, K = A A^T + diag(error^2): simple kriging in the space of the modes
-(Rasmussen and Williams 2006, Section 2.1; Journel and Huijbregts 1978, Mining Geostatistics, Section VII.A). A
-realisation is mean + (covariance)^(1/2) xi with the symmetric root, so conditioned coefficients go everywhere that
-coefficients go, on any grid, and a sample remains its number.
+The field is linear in its coefficients. Given data y = A xi + e the coefficients are Gaussian again, with mean
+A^T K^-1 y and covariance I - A^T K^-1 A, K = A A^T + diag(error^2): simple kriging in the space of the modes. A
+conditioned sample is mean + (covariance)^(1/2) xi with the symmetric root. So conditioned coefficients are used
+wherever coefficients are, on any grid, and a sample keeps its number.
+
+Sources: Rasmussen and Williams (2006), Gaussian Processes for Machine Learning, Section 2.1; Journel and Huijbregts
+(1978), Mining Geostatistics, Section VII.A.
 """
 
 from __future__ import annotations
@@ -27,21 +29,21 @@ from kl.field._expansion import Expansion, points_in_box
 from kl.types import HostArray
 
 Values: TypeAlias = ArrayLike | Sequence[float]
-# Two data closer than this share of the box are at one place.
-_SAME_PLACE = 1e-6
-# Share of the variance along a direction below which the data say nothing of it.
+# Two data closer than this share of the box are at the same point.
+_SAME_POINT = 1e-6
+# Share of the variance along a direction below which the data do not constrain it.
 _NOTHING = 1e-12
 
 
 @pytree
 @dataclass(frozen=True)
 class Conditioning:
-    """What the data say of the coefficients.
+    """Distribution of the coefficients, given data.
 
-    Attributes:
+    Args:
         mean: (M,) coefficients of the kriged field.
         basis: (M, r) orthonormal directions that the data constrain.
-        shrink: (r,) in [0, 1], how much of the deviation along each they remove; 1 is all of it.
+        shrink: (r,) in [0, 1], share of the deviation along each direction that the data remove.
     """
 
     mean: Array
@@ -50,7 +52,18 @@ class Conditioning:
 
 
 def mode_matrix(expansion: Expansion, points: ArrayLike) -> Array:
-    """Value of every mode at `points` (d, N): (N, M)."""
+    """Value of every mode at given points.
+
+    Args:
+        expansion: of dimension d, with M modes.
+        points: (d, N) in metres.
+
+    Returns:
+        Matrix (N, M); multiplied by coefficients (M,) it gives the field.
+
+    Raises:
+        ValueError: If there are no points, or one lies outside the box.
+    """
     return _mode_matrix(expansion, points_in_box(expansion, points))
 
 
@@ -69,19 +82,22 @@ def condition(
     *,
     error: Values = 0.0,
 ) -> Conditioning:
-    """Condition the standard Gaussian field on data.
+    """Condition the standard Gaussian field on data at points.
+
+    The computation runs on the host in float64, once for all samples.
 
     Args:
-        expansion: of the field; with data without error it needs more modes than data.
+        expansion: of the field; data without error need more modes than data.
         points: (d, n) positions of the data (m), at most a few thousand.
-        values: (n,) in Gaussian scores: `marginal.standardise(measured)`.
+        values: (n,) Gaussian scores: `marginal.standardise(measured)`.
         error: standard deviation of the measurement, in scores, a number or (n,).
 
     Returns:
-        Conditioning. On the host in float64, once for all realisations.
+        Conditioning.
 
-    Raises ValueError for data outside the box, two at one place, values that are not finite, a negative error, or
-    data without error that the modes cannot tell apart.
+    Raises:
+        ValueError: If data lie outside the box or two at the same point, a value is not finite, an error is negative,
+            or the modes cannot distinguish data without error.
     """
     points, values = jnp.asarray(points), np.asarray(values, np.float64)
     require(
@@ -94,14 +110,19 @@ def condition(
 
 
 def condition_on(matrix: ArrayLike, values: Values, *, error: Values = 0.0) -> Conditioning:
-    """Condition coefficients on data that are linear in them: y = matrix xi + e, as several correlated fields have it.
+    """Condition coefficients on data that are linear in them, y = matrix xi + e, as for several correlated fields.
 
     Args:
-        matrix: (n, M), what each coefficient adds to each datum; for one field its `mode_matrix`.
-        values: (n,) in Gaussian scores.
+        matrix: (n, M) derivative of each datum by each coefficient; for one field its `mode_matrix`.
+        values: (n,) Gaussian scores.
         error: standard deviation of the measurement, in scores, a number or (n,).
 
-    Returns, raises: as `condition`.
+    Returns:
+        Conditioning.
+
+    Raises:
+        ValueError: If shapes do not fit, a value is not finite, an error is negative, or the modes cannot distinguish
+            data without error.
     """
     real = jnp.asarray(matrix).dtype
     modes, values = np.asarray(matrix, np.float64), np.asarray(values, np.float64)
@@ -121,15 +142,15 @@ def condition_on(matrix: ArrayLike, values: Values, *, error: Values = 0.0) -> C
     limit = 100 * np.finfo(real).eps * shares[-1]
     require(
         shares[0] > limit,
-        f"{count} data on {modes.shape[1]} modes cannot be told apart (smallest eigenvalue {shares[0]:.1e}, limit "
+        f"{count} data on {modes.shape[1]} modes cannot be distinguished (smallest eigenvalue {shares[0]:.1e}, limit "
         f"{limit:.1e}): give an error, keep more modes, use float64 or thin the data",
     )
     # I - A^T K^-1 A = I - W W^T with W = A^T K^(-1/2), whose singular values lie in [0, 1].
     gain = modes.T @ (directions / np.sqrt(shares))
     removed, turns = np.linalg.eigh(gain.T @ gain)
-    told = removed > _NOTHING
-    basis = gain @ (turns[:, told] / np.sqrt(removed[told]))
-    shrink = 1 - np.sqrt(np.maximum(1 - removed[told], 0))
+    constrained = removed > _NOTHING
+    basis = gain @ (turns[:, constrained] / np.sqrt(removed[constrained]))
+    shrink = 1 - np.sqrt(np.maximum(1 - removed[constrained], 0))
     mean = modes.T @ (directions @ ((directions.T @ values) / shares))
     return Conditioning(jnp.asarray(mean, real), jnp.asarray(basis, real), jnp.asarray(shrink, real))
 
@@ -138,19 +159,27 @@ def _require_apart(points: HostArray, extent: HostArray) -> None:
     scaled = points / extent[:, None]
     order = np.lexsort(scaled)
     ordered = scaled[:, order]
-    close = np.abs(np.diff(ordered, axis=1)).max(axis=0) < _SAME_PLACE
+    close = np.abs(np.diff(ordered, axis=1)).max(axis=0) < _SAME_POINT
     if close.any():
         first = int(np.argmax(close))
         pair = sorted((int(order[first]), int(order[first + 1])))
         raise ValueError(
-            f"data {pair[0]} and {pair[1]} lie at one place, {points[:, pair[0]]}: keep one or average them"
+            f"data {pair[0]} and {pair[1]} lie at the same point, {points[:, pair[0]]}: keep one or average them"
         )
 
 
 def conditioned(conditioning: Conditioning, coefficients: ArrayLike) -> Array:
-    """Coefficients (..., M) of fields that honour the data, from unconditioned ones (..., M).
+    """Coefficients of fields that honour the data, from unconditioned ones.
 
-    Raises ValueError for another number of coefficients, or some that are not finite.
+    Args:
+        conditioning: from `condition` or `condition_on`.
+        coefficients: (..., M), standard normal, finite.
+
+    Returns:
+        Coefficients (..., M).
+
+    Raises:
+        ValueError: If the number of coefficients is not M, or one is not finite.
     """
     given = jnp.asarray(coefficients)
     modes = conditioning.mean.shape[0]
@@ -166,7 +195,19 @@ def _conditioned(conditioning: Conditioning, coefficients: Array) -> Array:
 
 
 def kriging_variance(conditioning: Conditioning, expansion: Expansion, points: ArrayLike) -> Array:
-    """Variance of the conditioned standard field at `points` (d, N): (N,)."""
+    """Variance of the conditioned standard field.
+
+    Args:
+        conditioning: from `condition`.
+        expansion: of the same field.
+        points: (d, N) in metres.
+
+    Returns:
+        Variance (N,), at most the captured one.
+
+    Raises:
+        ValueError: If there are no points, or one lies outside the box.
+    """
     modes = mode_matrix(expansion, points)
     removed = 1 - (1 - conditioning.shrink) ** 2
     return (modes**2).sum(axis=1) - ((modes @ conditioning.basis) ** 2) @ removed

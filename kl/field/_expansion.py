@@ -1,12 +1,14 @@
 """Karhunen-Loeve expansion of a standard Gaussian field on a box, from one-dimensional eigenpairs.
 
-With separable covariance the eigenpairs are products of the axes' (Ghanem and Spanos 1991,
-doi:10.1007/978-1-4612-3094-6, Section 2.3; Jiang et al. 2024, doi:10.1016/j.compgeo.2024.106413, Eqs. 4 to 6):
+With separable covariance the eigenpairs are products of the axes':
 
     H(x, y, z) = sum over modes of xi_m psi_i(x) psi_j(y) psi_k(z),  psi scaled by the root of its eigenvalue.
 
-The expansion is grid free: the same coefficients give the same field at any points. `expand` decides on the
-host which modes there are; all else is pure and may be jitted, vmapped and differentiated.
+The expansion is grid free: the same coefficients give the same field at any points. `expand` selects the modes on the
+host; all other functions are pure and may be jitted, vmapped and differentiated.
+
+Sources: Ghanem and Spanos (1991), doi:10.1007/978-1-4612-3094-6, Section 2.3; Jiang et al. (2024),
+doi:10.1016/j.compgeo.2024.106413, Eqs. 4 to 6.
 """
 
 from __future__ import annotations
@@ -53,12 +55,14 @@ _INDEFINITE = 0.02
 class Expansion:
     """Modes of a field on a box.
 
-    Attributes:
-        covariance: one per axis; lengths (m) may be differentiated through `with_covariance`.
+    Args:
+        covariance: d correlation functions, one per axis; `with_covariance` makes their lengths differentiable.
         axes: eigenpairs of each axis, n_i of them.
-        index: (d, M) which of the axes' modes make up each mode, largest variance first.
+        index: (d, M) numbers of the axes' modes that make up each mode, largest variance first.
         bedding: orientation of the axes of `covariance` for inclined strata, or None; static.
-        solvers, origin, extent: static; the box (m) is that of the rotated axes where there is bedding.
+        solvers: one per axis; static.
+        origin: lowest corner of the box (m), in rotated axes if there is bedding; static.
+        extent: size of the box (m), in rotated axes if there is bedding; static.
     """
 
     covariance: tuple[Covariance, ...]
@@ -71,7 +75,7 @@ class Expansion:
 
     @property
     def modes(self) -> int:
-        """Number of modes M, the number of coefficients of a realisation."""
+        """Number of modes M, which is the number of coefficients of a sample."""
         return self.index.shape[1]
 
     @property
@@ -82,7 +86,7 @@ class Expansion:
 
     @property
     def variance_mean(self) -> float:
-        """Captured variance, averaged over the box; 1 for the exact field."""
+        """Captured variance, averaged over the box; 1 without truncation."""
         return float(self.fractions.sum())
 
 
@@ -101,21 +105,22 @@ def expand(
 
     Args:
         covariance: one per axis, d = 1 to 3; in two dimensions the axes are (x, z).
-        origin, extent: lowest corner and size of the box (m).
+        origin: d coordinates of the lowest corner of the box (m).
+        extent: d sizes of the box (m).
         energy: share of the variance to keep, in (0, 1]; 0.999 unless `modes` is given.
         modes: number of modes to keep instead.
         solver: `Nystrom`, `Legendre`, `Haar` or `ClosedForm`, one for all axes or a tuple; None takes the most
             accurate for each axis.
-        bedding: dip and strike of inclined strata; `covariance` then runs along strike, dip and normal.
+        bedding: dip and strike of inclined strata; `covariance` then runs along dip, strike and normal.
         dtype: float32 or float64; by default that of the lengths.
 
     Returns:
-        Expansion. `captured_variance` reports what the truncation lost.
+        Expansion. `captured_variance` reports what the truncation leaves out.
 
     Raises:
-        ValueError: for lengths or extents of 0 or less, energy outside (0, 1], more energy or modes than the
-            solver gives, a solver that does not fit, a covariance that is not positive definite, float64 while
-            disabled, traced lengths (expand outside the traced function and call `with_covariance` in it).
+        ValueError: If a length or extent is not above 0, energy is outside (0, 1], energy or modes exceed what the
+            solvers give, a solver does not fit its covariance, a covariance is not positive definite, float64 is
+            disabled, or a length is traced (expand outside the traced function and call `with_covariance` in it).
     """
     covariance, origin, extent = _checked(covariance, origin, extent)
     if energy is not None and modes is not None:
@@ -127,12 +132,13 @@ def expand(
         require(modes >= 1, f"modes = {modes} must be 1 or more")
     if bedding is not None:
         origin, extent = rotated_box(bedding, origin, extent)
-    asked = solver if isinstance(solver, tuple) else (solver,) * len(covariance)
-    require(len(asked) == len(covariance), f"{len(asked)} solvers for {len(covariance)} axes: give one each")
+    per_axis = solver if isinstance(solver, tuple) else (solver,) * len(covariance)
+    require(len(per_axis) == len(covariance), f"{len(per_axis)} solvers for {len(covariance)} axes: give one each")
     remainder = 0.0 if energy is None else (1 - energy) / (3 * len(covariance))
     most = modes if modes is not None else 2**31
     solvers = tuple(
-        resolved(each, axis, size, remainder, most) for each, axis, size in zip(asked, covariance, extent, strict=True)
+        resolved(each, axis, size, remainder, most)
+        for each, axis, size in zip(per_axis, covariance, extent, strict=True)
     )
     real = jnp.result_type(float, *jax.tree.leaves(covariance)) if dtype is None else check.dtype(dtype)
     covariance = jax.tree.map(lambda length: jnp.asarray(length, real), covariance)
@@ -194,12 +200,20 @@ def _require_positive_definite(covariance: tuple[Covariance, ...], fractions: li
 
 
 def with_covariance(expansion: Expansion, covariance: tuple[Covariance, ...]) -> Expansion:
-    """The same modes (numbers, order, box) for another covariance of the same families; pure, differentiable.
+    """The same modes (numbers, order, box) for another covariance of the same families; pure and differentiable.
 
-    This is how a field is differentiated by its correlation lengths: the eigenpairs are decomposed again, which
-    products are kept stays as it was.
+    It differentiates a field with respect to its correlation lengths: eigenpairs are decomposed again, the selection of
+    products does not change.
 
-    Raises ValueError for covariances of other families, or lengths of 0 or less.
+    Args:
+        expansion: from `expand`.
+        covariance: d correlation functions of its families, whose lengths may be traced.
+
+    Returns:
+        Expansion with this covariance.
+
+    Raises:
+        ValueError: If a family differs, or a length is not above 0.
     """
     families = [type(each).__name__ for each in expansion.covariance]
     given = [type(each).__name__ for each in covariance]
@@ -227,20 +241,23 @@ def coefficient_tensor(expansion: Expansion, coefficients: Array) -> Array:
 def field_on_lattice(
     expansion: Expansion, coefficients: ArrayLike, axes: Sequence[ArrayLike], *, out: Array | None = None
 ) -> Array:
-    """Standard Gaussian field on the lattice with coordinates `axes` (m), by one contraction per axis.
+    """Standard Gaussian field on a lattice, by one contraction per axis.
+
+    It warns if the lattice is too coarse for the correlation lengths.
 
     Args:
         expansion: without bedding (rotated strata have no lattice of products: use `field_at`).
         coefficients: (M,) or (B, M), standard normal.
-        axes: d arrays of coordinates (N_1,), ..., (N_d,).
-        out: array of the result's shape and dtype whose memory is reused, and which is given up by it. Touching
-            fresh memory costs more than the field.
+        axes: d arrays of coordinates (N_1,), ..., (N_d,) in metres.
+        out: array of the result's shape and dtype whose memory is reused; it is donated. Fresh memory costs more than
+            the field.
 
     Returns:
-        (N_1, .., N_d) or (B, N_1, .., N_d).
+        Field (N_1, .., N_d) or (B, N_1, .., N_d).
 
-    Raises ValueError for a wrong number of coefficients or axes, or coordinates outside the box. Warns of a lattice
-    too coarse for the correlation lengths.
+    Raises:
+        ValueError: If the number of coefficients or axes does not fit, a coordinate lies outside the box, or the
+            expansion has bedding.
     """
     if expansion.bedding is not None:
         raise ValueError("an expansion with bedding is separable only along the strata: use `field_at`")
@@ -256,7 +273,7 @@ def field_on_lattice(
 
 
 def lattice_in_box(expansion: Expansion, axes: Sequence[ArrayLike]) -> tuple[Array, ...]:
-    """Coordinates `axes` (N_1,), ..., (N_d,) as arrays (m); ValueError for those outside the box."""
+    """Coordinates `axes` (N_1,), ..., (N_d,) as arrays (m); ValueError if one lies outside the box."""
     require(len(axes) == len(expansion.axes), f"{len(axes)} axes for an expansion of {len(expansion.axes)}: give each")
     lattice = tuple(jnp.asarray(axis) for axis in axes)
     for number, axis in enumerate(lattice):
@@ -267,9 +284,18 @@ def lattice_in_box(expansion: Expansion, axes: Sequence[ArrayLike]) -> tuple[Arr
 
 @partial(jax.jit, static_argnames="power")
 def lattice_sum(expansion: Expansion, coefficients: Array, axes: tuple[Array, ...], power: int = 1) -> Array:
-    """Sum over modes of coefficients (..., M) times the modes to `power` on the lattice (..., N_1, .., N_d).
+    """Sum over modes of coefficients times the modes to a power, on a lattice.
 
-    Power 1 is the field; power 2 with coefficients of 1 is the captured variance.
+    Power 1 gives the field; power 2 with coefficients of 1 gives the captured variance.
+
+    Args:
+        expansion: without bedding.
+        coefficients: (..., M).
+        axes: d arrays of coordinates (N_1,), ..., (N_d,) in metres.
+        power: 1 or 2; static.
+
+    Returns:
+        Sum (..., N_1, .., N_d).
     """
     factors = [scaled_functions(modes, x) ** power for modes, x in zip(expansion.axes, axes, strict=True)]
 
@@ -283,7 +309,7 @@ def lattice_sum(expansion: Expansion, coefficients: Array, axes: tuple[Array, ..
         return tensor.reshape([factor.shape[1] for factor in factors])
 
     flat = coefficients.reshape(-1, coefficients.shape[-1])
-    # One realisation at a time keeps the intermediates in cache.
+    # One sample at a time: the intermediates then fit in cache.
     fields = jax.lax.map(realisation, flat)
     return fields.reshape(*coefficients.shape[:-1], *fields.shape[1:])
 
@@ -294,7 +320,7 @@ def _lattice_sum_into(expansion: Expansion, coefficients: Array, axes: tuple[Arr
 
 
 def warn_if_coarse(covariance: Covariance, x: Array) -> None:
-    """Warn where the spacing of lattice coordinates `x` (N,) exceeds twice a correlation length."""
+    """Warn if the spacing of lattice coordinates `x` (N,) exceeds twice a correlation length."""
     length = jnp.asarray([float("inf"), *length_leaves(covariance)]).min()
     if is_traced(x, length) or x.shape[0] < 2:
         return
@@ -313,19 +339,20 @@ def field_at(expansion: Expansion, coefficients: ArrayLike, points: ArrayLike) -
     Args:
         expansion: of dimension d.
         coefficients: (M,) or (B, M), standard normal.
-        points: (d, N), in metres.
+        points: (d, N) in metres.
 
     Returns:
-        (N,) or (B, N).
+        Field (N,) or (B, N); NaN at traced points outside the box.
 
-    Raises ValueError for a wrong number of coefficients or rows, no points, or points outside the box; where points
-    are traced and cannot be seen, those outside give NaN.
+    Raises:
+        ValueError: If the number of coefficients or rows does not fit, there are no points, or a point whose value is
+            known lies outside the box.
     """
     return point_sum(expansion, _batch_checked(expansion, coefficients), points_in_box(expansion, points))
 
 
 def points_in_box(expansion: Expansion, points: ArrayLike) -> Array:
-    """`points` (d, N) in the axes of the expansion's box; ValueError for those outside it."""
+    """Points (d, N) in the axes of the expansion's box (m); ValueError if one lies outside it."""
     given = jnp.asarray(points)
     dimension = len(expansion.origin)
     require(given.ndim == 2 and given.shape[0] == dimension, f"points of shape {given.shape}: give ({dimension}, N)")
@@ -345,7 +372,7 @@ def point_sum(expansion: Expansion, coefficients: Array, points: Array, power: i
 
     def chunk(block: Array) -> Array:
         factors = [scaled_functions(axis, x) ** power for axis, x in zip(expansion.axes, block, strict=True)]
-        # Kept apart from what follows, or the compiler makes it anew for each of its uses.
+        # The barrier keeps the compiler from computing this again for each of its uses.
         sums = jax.lax.optimization_barrier(tensor @ factors[-1])
         for number in reversed(range(len(shape) - 1)):
             sums = _weighted_sum(factors[number], sums.reshape(-1, shape[number], block.shape[1]))
@@ -356,7 +383,7 @@ def point_sum(expansion: Expansion, coefficients: Array, points: Array, power: i
 
 
 def _weighted_sum(weights: Array, stack: Array) -> Array:
-    """Sum over n of weights (n, N) times stack (.., n, N), written out: XLA's reduction does not vectorise it."""
+    """Sum over n of weights (n, N) times stack (.., n, N), term by term: XLA's reduction is not vectorised here."""
     return sum(weight * stack[..., number, :] for number, weight in enumerate(weights))
 
 

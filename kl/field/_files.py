@@ -1,4 +1,4 @@
-"""An expansion in an HDF5 file, written aside and renamed; what is read is what lies in it, and nothing is executed.
+"""An expansion in an HDF5 file, written atomically; reading executes nothing and follows no reference out of the file.
 
 Layout: attributes `format`, `version`; datasets `index`, `origin`, `extent`; groups `axis0`, ... with the modes'
 arrays and form, and under each a group `covariance` and an attribute `solver` (JSON).
@@ -70,7 +70,15 @@ _SOLVERS = _by_name(Nystrom, Legendre, Haar, ClosedForm, Constant)
 
 
 def save(expansion: Expansion, path: str | Path) -> None:
-    """Write `expansion` to `path`, replacing it whole or not at all; raises what `foundation.files.aside` raises."""
+    """Write an expansion to a file, whole or not at all.
+
+    Args:
+        expansion: from `expand`.
+        path: file to write; an existing one is replaced.
+
+    Raises:
+        OSError: If the system refuses, with its errno, the file's name and a remedy.
+    """
     with files.hdf5_aside(path) as file:
         file.attrs.update(format=_FORMAT, version=_VERSION)
         file["index"] = np.asarray(expansion.index)
@@ -90,15 +98,23 @@ def save(expansion: Expansion, path: str | Path) -> None:
 def load(path: str | Path) -> Expansion:
     """Read an expansion that `save` wrote, in the dtype it was written in.
 
-    Nothing outside the file is read, whatever it refers to. Raises ValueError for a file that is damaged, incomplete or
-    of another kind, naming what is wrong with it.
+    Args:
+        path: file to read.
+
+    Returns:
+        The expansion.
+
+    Raises:
+        ValueError: If the file is damaged, incomplete or of another kind, or has float64 values while JAX has disabled
+            them.
+        OSError: If the system refuses.
     """
     try:
-        with files.contents(path, files.read_plain(os.path.realpath(path))) as found:
-            kept = _read(found)
+        with files.contents(path, files.read_plain(os.path.realpath(path))) as contents:
+            expansion = _read(contents)
     except files.DamagedFile as error:
         raise ValueError(f"{path} holds no complete expansion ({error}): make it again with `save`") from error
-    return jax.tree.map(_as_written, kept)
+    return jax.tree.map(_as_written, expansion)
 
 
 def _read(file: files.Contents) -> Expansion:
@@ -135,7 +151,7 @@ def _read(file: files.Contents) -> Expansion:
 
 
 def _read_modes(file: files.Contents, axis: str, origin: float, extent: float) -> tuple[Any, int]:
-    """The modes of an axis, and how many they are."""
+    """The modes of an axis and their number."""
     form = _FORMS[str(file.scalars(axis)["form"])]
     arrays = {}
     for name in _arrays(form):
@@ -149,12 +165,12 @@ def _read_modes(file: files.Contents, axis: str, origin: float, extent: float) -
 
 
 def _as_written(array: HostArray) -> Array:
-    kept = jnp.asarray(array)
+    converted = jnp.asarray(array)
     require(
-        kept.dtype == array.dtype,
+        converted.dtype == array.dtype,
         f"the file holds {array.dtype}, which JAX has disabled: set jax_enable_x64 to read it",
     )
-    return kept
+    return converted
 
 
 def _arrays(form: type) -> list[str]:
@@ -174,14 +190,14 @@ def _write_covariance(group: h5py.Group, covariance: Covariance) -> None:
 
 
 def _read_covariance(file: files.Contents, group: str) -> Covariance:
-    said = file.scalars(group)
-    family = _FAMILIES[str(said["family"])]
+    scalars = file.scalars(group)
+    family = _FAMILIES[str(scalars["family"])]
     values: dict[str, Covariance | HostArray | float] = {}
     for each in fields(family):
         if each.name == "base":
             values[each.name] = _read_covariance(file, f"{group}/base")
         elif each.metadata.get("static"):
-            values[each.name] = float(said[each.name])
+            values[each.name] = float(scalars[each.name])
         else:
             dimensions = 1 if each.name == "hermite" else 0
             array = file.array(group, each.name, dimensions=dimensions, kinds="fiu")

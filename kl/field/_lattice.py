@@ -1,8 +1,8 @@
 """The exact, untruncated field on a lattice by Kronecker factors of its covariance.
 
 The covariance matrix of a separable field on a lattice is the Kronecker product of the axes' matrices, and so is a
-root of it: a realisation is white noise multiplied by a small matrix along each axis. Exact in covariance at the
-lattice points, but bound to them: noise on another lattice gives another field.
+root of it. A sample is white noise multiplied by a small matrix along each axis. It is exact in covariance at the
+lattice points but bound to them: noise on another lattice gives another field.
 """
 
 from __future__ import annotations
@@ -26,15 +26,28 @@ from kl.field._expansion import warn_if_coarse
 @pytree
 @dataclass(frozen=True)
 class LatticeRoots:
-    """Symmetric roots of the axes' covariance matrices, (N_i, N_i) each."""
+    """Roots of the covariance on a lattice.
+
+    Args:
+        roots: d symmetric roots of the axes' covariance matrices, (N_i, N_i) each.
+    """
 
     roots: tuple[Array, ...]
 
 
 def exact_lattice(covariance: Sequence[Covariance], axes: Sequence[ArrayLike]) -> LatticeRoots:
-    """Roots of the covariance on the lattice of coordinates `axes` (N_i,), in metres; set up on the host.
+    """Roots of the covariance on a lattice, computed on the host.
 
-    Raises ValueError for a covariance that is not positive definite on the lattice, or lengths of 0 or less.
+    Args:
+        covariance: d correlation functions, one per axis.
+        axes: d arrays of coordinates (N_i,) in metres.
+
+    Returns:
+        Roots for `exact_field`.
+
+    Raises:
+        ValueError: If a covariance is not positive definite on the lattice, a length is not above 0, or coordinates are
+            not finite.
     """
     require(len(covariance) == len(axes), f"{len(covariance)} covariances for {len(axes)} axes: give one each")
     roots = []
@@ -55,9 +68,17 @@ def exact_lattice(covariance: Sequence[Covariance], axes: Sequence[ArrayLike]) -
 
 
 def exact_field(lattice: LatticeRoots, noise: ArrayLike) -> Array:
-    """Standard Gaussian field from white noise, both (N_1, .., N_d) or (B, N_1, .., N_d).
+    """Standard Gaussian field from white noise.
 
-    Raises ValueError for noise of another shape or not finite.
+    Args:
+        lattice: from `exact_lattice`.
+        noise: (N_1, .., N_d) or (B, N_1, .., N_d), standard normal, finite.
+
+    Returns:
+        Field of the shape of `noise`.
+
+    Raises:
+        ValueError: If the noise has another shape or is not finite.
     """
     given = jnp.asarray(noise)
     shape = tuple(root.shape[0] for root in lattice.roots)

@@ -1,4 +1,4 @@
-"""Which products of one-dimensional modes hold the most variance, without forming all products.
+"""Selection of the products of one-dimensional modes with the most variance, without forming all products.
 
 Host side, NumPy. A mode of the field is a triple (i, j, k) whose share of the variance is the product of
 the axes' fractions. Those above a threshold are counted by one binary search for each pair (i, j), and
@@ -18,7 +18,7 @@ LARGEST_NUMBER_OF_MODES = 400_000
 
 
 class _Products:
-    """Products of up to three descending spectra, addressed by pair and depth."""
+    """Products of up to three descending spectra, addressed by pair of the first two and depth in the last."""
 
     def __init__(self, fractions: list[HostArray]) -> None:
         padded = [np.ones(1) for _ in range(3 - len(fractions))] + fractions
@@ -51,17 +51,19 @@ class _Products:
 
 
 def select(fractions: Sequence[ArrayLike], *, energy: float | None, modes: int | None) -> tuple[HostIndex, HostArray]:
-    """Largest products by `energy` (share of the variance, counted exactly) or by number.
+    """Largest products, by energy or by number.
 
     Args:
-        fractions: per axis (n_i,), eigenvalues over the extent; negative rounding is taken as 0.
-        energy: share of the variance in (0, 1], or None.
+        fractions: per axis (n_i,), eigenvalues over the extent; values below 0, from rounding, count as 0.
+        energy: share of the variance in (0, 1], counted exactly, or None.
         modes: number of modes, or None; exactly one of the two is given.
 
     Returns:
-        index (d, M) of the one-dimensional modes and their products (M,), largest first.
+        Numbers (d, M) of the one-dimensional modes and their products (M,), largest first.
 
-    Raises ValueError where the spectra hold less than `energy` or fewer than `modes`.
+    Raises:
+        ValueError: If the spectra have less than `energy` or fewer than `modes`, or more modes than
+            LARGEST_NUMBER_OF_MODES are needed.
     """
     spectra = [np.maximum(np.asarray(each, np.float64), 0) for each in fractions]
     orders = [np.argsort(-each, kind="stable") for each in spectra]
@@ -69,7 +71,9 @@ def select(fractions: Sequence[ArrayLike], *, energy: float | None, modes: int |
     available = products.energy(np.full(len(products.pairs), len(products.last)))
     positive = int(np.prod([np.count_nonzero(each) for each in spectra]))
     if modes is not None and modes > positive:
-        raise ValueError(f"modes = {modes} asked for, the axes' solvers give {positive}: raise their order or level")
+        raise ValueError(
+            f"modes = {modes} exceeds {positive}, which the axes' solvers give: raise their order or level"
+        )
     # The sum of float32 eigenvalues meets the trace only to rounding.
     wanted = 0.0 if energy is None else min(energy, available)
     if energy is not None and energy > available + 1e-5:

@@ -1,8 +1,8 @@
-"""What truncation costs, and two cures: rescaling by the captured deviation, and an independent residual.
+"""Errors of truncation, and two cures: rescaling by the captured deviation, and an independent residual.
 
-The residual of a truncated expansion is itself a covariance, so the worst error in covariance over all pairs of
-points is the worst variance deficit, at one point (Cauchy-Schwarz). "95 % of the energy" says nothing of where the
-other 5 % are lacking: corners lose most.
+The residual of a truncated expansion is itself a covariance, so the largest error in covariance over all pairs of
+points is the largest variance deficit, at one point (Cauchy-Schwarz). "95 % of the energy" does not tell where the
+other 5 % are missing: corners lose most.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from kl.field._expansion import Expansion, coefficient_tensor, lattice_in_box, l
 class CapturedVariance:
     """Variance of a truncated standard field, exactly 1 without truncation.
 
-    Attributes:
+    Args:
         mean: over the box; the energy.
-        worst: at the worst of the probed points, (d,) `worst_at` (m, in the axes of the strata where there is
-            bedding).
+        worst: smallest value at the probed points.
+        worst_at: d coordinates of that point (m), in the axes of the strata if there is bedding.
         correlation_error: largest error of the covariance against the exact correlation over the probed pairs.
         correlation_error_rms: root mean square over these pairs.
         rescaled_error: largest error in correlation after `rescaled`.
@@ -44,21 +44,32 @@ class CapturedVariance:
 
 
 def captured_variance(expansion: Expansion, *, probes: int = 33, pair_probes: int = 7) -> CapturedVariance:
-    """Report what the expansion holds, from `probes` points per axis and all pairs of `pair_probes` per axis.
+    """Report how much of the variance an expansion captures.
 
-    The ends of every axis are among the probes. Raises ValueError for fewer than 2 of either.
+    The ends of every axis are among the probes.
+
+    Args:
+        expansion: from `expand`.
+        probes: points per axis at which the variance is computed, 2 or more.
+        pair_probes: points per axis of which all pairs are compared, 2 or more.
+
+    Returns:
+        Mean and smallest captured variance, and errors of the correlation.
+
+    Raises:
+        ValueError: If either number is below 2.
     """
     require(probes >= 2 and pair_probes >= 2, f"probes = {probes}, {pair_probes}: 2 or more, to reach the ends")
     ends = list(zip(expansion.origin, expansion.extent, strict=True))
     axes = tuple(jnp.asarray(np.linspace(low, low + size, probes)) for low, size in ends)
     variance = np.asarray(lattice_sum(expansion, _ones(expansion), axes, power=2))
-    place = np.unravel_index(np.argmin(variance), variance.shape)
+    lowest = np.unravel_index(np.argmin(variance), variance.shape)
     pair_axes = tuple(jnp.asarray(np.linspace(low, low + size, pair_probes)) for low, size in ends)
     errors = _pair_errors(expansion, pair_axes)
     return CapturedVariance(
         expansion.variance_mean,
-        float(variance[place]),
-        tuple(float(axis[where]) for axis, where in zip(axes, place, strict=True)),
+        float(variance[lowest]),
+        tuple(float(axis[where]) for axis, where in zip(axes, lowest, strict=True)),
         *(float(error) for error in errors),
     )
 
@@ -68,22 +79,52 @@ def _ones(expansion: Expansion) -> Array:
 
 
 def variance_on_lattice(expansion: Expansion, axes: Sequence[ArrayLike]) -> Array:
-    """Captured variance on a lattice (N_1, .., N_d); arguments as in `field_on_lattice`."""
+    """Captured variance on a lattice.
+
+    Args:
+        expansion: without bedding.
+        axes: d arrays of coordinates (N_1,), ..., (N_d,) in metres.
+
+    Returns:
+        Variance (N_1, .., N_d).
+
+    Raises:
+        ValueError: If a coordinate lies outside the box, or the expansion has bedding.
+    """
     require(expansion.bedding is None, "an expansion with bedding has no lattice: use `variance_at`")
     return lattice_sum(expansion, _ones(expansion), lattice_in_box(expansion, axes), power=2)
 
 
 def variance_at(expansion: Expansion, points: ArrayLike) -> Array:
-    """Captured variance at `points` (d, N): (N,)."""
+    """Captured variance at scattered points.
+
+    Args:
+        expansion: of dimension d.
+        points: (d, N) in metres.
+
+    Returns:
+        Variance (N,).
+
+    Raises:
+        ValueError: If there are no points, or one lies outside the box.
+    """
     return point_sum(expansion, _ones(expansion), points_in_box(expansion, points), power=2)
 
 
 def rescaled(field: Array, variance: Array) -> Array:
-    """`field` (..., N) divided by the root of its captured variance (N,): unit variance at every point.
+    """Divide a field by the root of its captured variance, for unit variance at every point.
 
-    Marginals become exact; correlations change by what `CapturedVariance.rescaled_error` says.
+    Marginals become exact; correlations change by at most `CapturedVariance.rescaled_error`.
 
-    Raises ValueError for a variance of other points, or one of 0 or less.
+    Args:
+        field: (..., N).
+        variance: (N,) captured variance, above 0.
+
+    Returns:
+        Field (..., N).
+
+    Raises:
+        ValueError: If the variance is of other points or not above 0.
     """
     _require_of_field(variance, field)
     check.positive("captured variance", variance, remedy="keep more modes, or points inside the box")
@@ -91,12 +132,21 @@ def rescaled(field: Array, variance: Array) -> Array:
 
 
 def with_residual(field: Array, variance: Array, key: Array) -> Array:
-    """`field` plus the missing variance as independent noise, one draw for each point and realisation.
+    """Add the missing variance to a field as independent noise, for unit variance at every point.
 
-    Unit variance at every point and correlations as truncated, but the noise belongs to these points: another
-    grid gets another draw.
+    There is one draw for each point and sample. Correlations stay as truncated. The noise belongs to these points:
+    another grid gets another draw.
 
-    Raises ValueError for a variance of other points, or one below 0.
+    Args:
+        field: (..., N).
+        variance: (N,) captured variance, 0 or more.
+        key: of the draw.
+
+    Returns:
+        Field (..., N).
+
+    Raises:
+        ValueError: If the variance is of other points or below 0.
     """
     _require_of_field(variance, field)
     check.not_negative("captured variance", variance)
@@ -114,7 +164,7 @@ def _require_of_field(variance: Array, field: Array) -> None:
 
 @jax.jit
 def _pair_errors(expansion: Expansion, axes: tuple[Array, ...]) -> tuple[Array, Array, Array]:
-    """Largest and rms error of the covariance over all pairs of lattice points, and largest once rescaled."""
+    """Largest and rms error of the covariance over all pairs of lattice points, and the largest after rescaling."""
     shape = tuple(axis.fractions.shape[0] for axis in expansion.axes)
     held = coefficient_tensor(expansion, _ones(expansion)).reshape(shape)
     target = jnp.ones(())

@@ -1,14 +1,15 @@
 """Marginal distributions by equiprobable transform of a standard Gaussian field: x = F^-1(Phi(g)).
 
 Each is a frozen dataclass of a mean and a coefficient of variation of the soil property itself (and bounds where
-the family has them), all dynamic: numbers, or arrays that broadcast against the points for a trend. `transform`
-takes the Gaussian field (..., N) to the property and `standardise` takes values back, both stable in either tail in
-float32: probabilities near 1 are never formed, the upper tail goes through 1 - Phi(g) = Phi(-g).
+the family has them). All are dynamic: numbers, or arrays that broadcast against the points for a trend. `transform`
+maps the Gaussian field (..., N) to the property and `standardise` maps values back. Both are stable in either tail
+in float32: probabilities near 1 are never formed, the upper tail goes through 1 - Phi(g) = Phi(-g).
 
-Source of the method: Grigoriu (1995), Applied Non-Gaussian Processes, Section 3.1 (translation fields); families
-as in Ang and Tang (2007), Probability Concepts in Engineering, Chapter 3.
+`transform` raises ValueError for a cov below 0, a mean of the wrong sign or bounds that exclude the mean, if their
+values are known on the host.
 
-ValueError where the host can see a cov below 0, a mean of the wrong sign or bounds that exclude the mean.
+Sources: method: Grigoriu (1995), Applied Non-Gaussian Processes, Section 3.1 (translation fields); families: Ang and
+Tang (2007), Probability Concepts in Engineering, Chapter 3.
 """
 
 from __future__ import annotations
@@ -31,11 +32,13 @@ from kl.types import Parameter, size_of
 
 
 class Marginal(Protocol):
-    """Anything that maps a standard Gaussian field to a soil property and back."""
+    """A map from a standard Gaussian field to a soil property and back."""
 
-    def transform(self, gaussian: Array) -> Array: ...
+    def transform(self, gaussian: Array) -> Array:
+        """Values of the property, of the shape of `gaussian`, in the property's unit."""
 
-    def standardise(self, value: Array) -> Array: ...
+    def standardise(self, value: Array) -> Array:
+        """Gaussian scores of values of the property, of the shape of `value`."""
 
 
 # Deviations from the mean within which a marginal's values must be numbers of the working precision.
@@ -43,7 +46,7 @@ _REACH = 9.0
 
 
 def check_moments(mean: Parameter, cov: Parameter, *, positive: bool) -> None:
-    """Raise ValueError for moments that overflow or that no marginal has (`positive`: none on the positive axis)."""
+    """Raise ValueError for moments that overflow or that no marginal has; `positive` requires a mean above 0."""
     require(jnp.isfinite(mean) & jnp.isfinite(cov), f"mean = {mean}, cov = {cov}: give finite numbers")
     require(jnp.asarray(cov) >= 0, f"cov = {cov} is negative: give a coefficient of variation of 0 or more")
     if positive:
@@ -59,9 +62,15 @@ def check_moments(mean: Parameter, cov: Parameter, *, positive: bool) -> None:
 
 
 def check_marginal(marginal: Marginal) -> None:
-    """Raise ValueError, on the host, for a marginal that does not exist or leaves the working precision.
+    """Check on the host that a marginal exists and stays within the working precision.
 
-    `transform` checks the same where it sees numbers; within a traced function it sees none, so call this before.
+    `transform` checks the same where values are known. In a traced function they are not, so call this before.
+
+    Args:
+        marginal: to check between -9 and 9 deviations.
+
+    Raises:
+        ValueError: If no such distribution exists, or its values overflow.
     """
     ends = np.asarray(marginal.transform(jnp.asarray([-_REACH, 0.0, _REACH])), np.float64)
     require(
@@ -70,8 +79,8 @@ def check_marginal(marginal: Marginal) -> None:
     )
 
 
-def _seen(gaussian: Array) -> Array:
-    """The field, once the host has found it finite."""
+def _finite(gaussian: Array) -> Array:
+    """The field, after a check on the host that it is finite."""
     check.finite("gaussian field", gaussian, remedy="see to the coefficients or the points")
     return gaussian
 
@@ -79,34 +88,50 @@ def _seen(gaussian: Array) -> Array:
 @pytree
 @dataclass(frozen=True)
 class Normal:
-    """Gaussian, of deviation cov |mean|; reaches below 0, where strength has no meaning (`TruncatedNormal`)."""
+    """Gaussian of deviation cov |mean|.
+
+    It reaches below 0, where a strength has no meaning: use `TruncatedNormal` there.
+
+    Args:
+        mean: in the property's unit.
+        cov: deviation over |mean|, 0 or more.
+    """
 
     mean: Parameter
     cov: Parameter
 
     def transform(self, gaussian: Array) -> Array:
+        """Property at the scores `gaussian` (..., N)."""
         check_moments(self.mean, self.cov, positive=False)
-        return self.mean + size_of(self.mean) * self.cov * _seen(gaussian)
+        return self.mean + size_of(self.mean) * self.cov * _finite(gaussian)
 
     def standardise(self, value: Array) -> Array:
+        """Scores of values (..., N) of the property."""
         return (value - self.mean) / (size_of(self.mean) * self.cov)
 
 
 @pytree
 @dataclass(frozen=True)
 class Lognormal:
-    """ln x is Gaussian of variance s^2 = ln(1 + cov^2) and mean ln(mean) - s^2 / 2."""
+    """The logarithm of x is Gaussian of variance s^2 = ln(1 + cov^2) and mean ln(mean) - s^2 / 2.
+
+    Args:
+        mean: in the property's unit, above 0.
+        cov: deviation over mean, 0 or more.
+    """
 
     mean: Parameter
     cov: Parameter
 
     def transform(self, gaussian: Array) -> Array:
+        """Property at the scores `gaussian` (..., N)."""
         check_moments(self.mean, self.cov, positive=True)
         variance, deviation = self._log_moments()
         self._check_range()
-        return self.mean * jnp.exp(deviation * _seen(gaussian) - variance / 2)
+        return self.mean * jnp.exp(deviation * _finite(gaussian) - variance / 2)
 
     def standardise(self, value: Array) -> Array:
+        """Scores of values (..., N) of the property."""
         variance, deviation = self._log_moments()
         return (jnp.log(value / self.mean) + variance / 2) / deviation
 
@@ -133,11 +158,18 @@ class Lognormal:
 @pytree
 @dataclass(frozen=True)
 class TruncatedNormal:
-    """Gaussian cut to [lower, upper], whose mean and cov after the cut are those given.
+    """Gaussian cut to [lower, upper]; mean and cov are those after the cut.
 
-    A bound of None is absent. With the lower bound at 0, cov must stay below 1 (the limit is an exponential
-    distribution). All are numbers, not arrays. Moments: Johnson, Kotz and Balakrishnan (1994), Continuous
-    Univariate Distributions 1, Section 13.10.1.
+    With the lower bound at 0, cov must stay below 1 (the limit is an exponential distribution).
+
+    Source of the moments: Johnson, Kotz and Balakrishnan (1994), Continuous Univariate Distributions 1, Section
+    13.10.1.
+
+    Args:
+        mean: in the property's unit, between the bounds; a number.
+        cov: deviation over |mean|, above 0; a number.
+        lower: bound in the property's unit, None for none.
+        upper: bound in the property's unit, None for none.
     """
 
     mean: Parameter
@@ -146,14 +178,16 @@ class TruncatedNormal:
     upper: Parameter | None = None
 
     def transform(self, gaussian: Array) -> Array:
+        """Property at the scores `gaussian` (..., N)."""
         centre, scale, low, high = self._parent()
         inside = quantiles.normal_mass(low, high)
-        left = _seen(gaussian) < 0
+        left = _finite(gaussian) < 0
         score = ndtri(ndtr(jnp.where(left, low, -high)) + ndtr(jnp.where(left, gaussian, -gaussian)) * inside)
         # Rounding at the end of a tail must not leave the bounds.
         return centre + scale * jnp.clip(jnp.where(left, score, -score), low, high)
 
     def standardise(self, value: Array) -> Array:
+        """Scores of values (..., N) of the property."""
         centre, scale, low, high = self._parent()
         at = (value - centre) / scale
         inside = quantiles.normal_mass(low, high)
@@ -176,16 +210,23 @@ class TruncatedNormal:
 @pytree
 @dataclass(frozen=True)
 class Uniform:
-    """Even between mean (1 - sqrt(3) cov) and mean (1 + sqrt(3) cov)."""
+    """Uniform between mean (1 - sqrt(3) cov) and mean (1 + sqrt(3) cov).
+
+    Args:
+        mean: in the property's unit.
+        cov: deviation over |mean|, 0 or more.
+    """
 
     mean: Parameter
     cov: Parameter
 
     def transform(self, gaussian: Array) -> Array:
+        """Property at the scores `gaussian` (..., N)."""
         check_moments(self.mean, self.cov, positive=False)
-        return self.mean + math.sqrt(3) * size_of(self.mean) * self.cov * (ndtr(_seen(gaussian)) - ndtr(-gaussian))
+        return self.mean + math.sqrt(3) * size_of(self.mean) * self.cov * (ndtr(_finite(gaussian)) - ndtr(-gaussian))
 
     def standardise(self, value: Array) -> Array:
+        """Scores of values (..., N) of the property."""
         share = (value - self.mean) / (math.sqrt(3) * size_of(self.mean) * self.cov)
         return quantiles.from_both_tails((1 + share) / 2, (1 - share) / 2)
 
@@ -195,17 +236,21 @@ class Uniform:
 class Gumbel:
     """Largest values: F(x) = exp(-exp(-(x - u)/b)), b = deviation sqrt(6)/pi, u = mean - 0.5772 b.
 
-    mean, cov: of the property, cov over the mean; arrays too.
+    Args:
+        mean: in the property's unit; may be an array.
+        cov: deviation over |mean|; may be an array.
     """
 
     mean: Parameter
     cov: Parameter
 
     def transform(self, gaussian: Array) -> Array:
+        """Property at the scores `gaussian` (..., N)."""
         scale, mode = self._parameters()
-        return mode - scale * jnp.log(-quantiles.log_normal_cdf(_seen(gaussian)))
+        return mode - scale * jnp.log(-quantiles.log_normal_cdf(_finite(gaussian)))
 
     def standardise(self, value: Array) -> Array:
+        """Scores of values (..., N) of the property."""
         scale, mode = self._parameters()
         minus_log = jnp.exp(-(value - mode) / scale)
         return quantiles.from_both_tails(jnp.exp(-minus_log), -jnp.expm1(-minus_log))
@@ -221,9 +266,15 @@ class Gumbel:
 class Gamma:
     """Four-parameter (generalised) gamma: ((x - lower)/scale)^power has a gamma distribution.
 
-    Shape and scale follow from mean and cov; power 1 and lower 0 give the ordinary gamma. Stacy (1962),
-    doi:10.1214/aoms/1177704481. `cov` above 0; mean and cov are numbers, except that the mean may be an array where
-    lower is 0.
+    Shape and scale follow from mean and cov; power 1 and lower 0 give the ordinary gamma.
+
+    Source: Stacy (1962), doi:10.1214/aoms/1177704481.
+
+    Args:
+        mean: in the property's unit, above `lower`; a number, or an array if `lower` is 0.
+        cov: deviation over mean, above 0; a number.
+        lower: bound in the property's unit.
+        power: exponent above 0.
     """
 
     mean: Parameter
@@ -232,9 +283,11 @@ class Gamma:
     power: Parameter = 1.0
 
     def transform(self, gaussian: Array) -> Array:
+        """Property at the scores `gaussian` (..., N)."""
         return _generalised_gamma(self, *self._exponents(), gaussian)
 
     def standardise(self, value: Array) -> Array:
+        """Scores of values (..., N) of the property."""
         return _generalised_gamma_score(self, *self._exponents(), value)
 
     def _exponents(self) -> tuple[Parameter, Parameter]:
@@ -246,10 +299,16 @@ class Gamma:
 @pytree
 @dataclass(frozen=True)
 class Weibull:
-    """Four-parameter Weibull: ((x - lower)/scale)^power has a gamma distribution of the given `shape`.
+    """Four-parameter Weibull: ((x - lower)/scale)^power has a gamma distribution of the given shape.
 
-    Power and scale follow from mean and cov; shape 1 and lower 0 give the ordinary Weibull. The same family as
-    `Gamma` with the other exponent free. Limits as there.
+    Power and scale follow from mean and cov; shape 1 and lower 0 give the ordinary Weibull. The family is that of
+    `Gamma` with the other exponent free.
+
+    Args:
+        mean: in the property's unit, above `lower`; a number, or an array if `lower` is 0.
+        cov: deviation over mean, above 0; a number.
+        lower: bound in the property's unit.
+        shape: of the gamma distribution, above 0.
     """
 
     mean: Parameter
@@ -258,9 +317,11 @@ class Weibull:
     shape: Parameter = 1.0
 
     def transform(self, gaussian: Array) -> Array:
+        """Property at the scores `gaussian` (..., N)."""
         return _generalised_gamma(self, *self._exponents(), gaussian)
 
     def standardise(self, value: Array) -> Array:
+        """Scores of values (..., N) of the property."""
         return _generalised_gamma_score(self, *self._exponents(), value)
 
     def _exponents(self) -> tuple[Parameter, Parameter]:
@@ -270,13 +331,13 @@ class Weibull:
 
 
 def _log_scale(marginal: Gamma | Weibull, shape: Parameter, power: Parameter) -> Array:
-    """log of the value at which the gamma variable equals its shape."""
+    """Logarithm of the value at which the gamma variable equals its shape."""
     rise = quantiles.log_gamma_rise(shape, 1 / jnp.asarray(power))
     return jnp.log(marginal.mean - marginal.lower) + jnp.log(shape) / power - rise
 
 
 def _generalised_gamma(marginal: Gamma | Weibull, shape: Parameter, power: Parameter, gaussian: Array) -> Array:
-    quantile = quantiles.log_gamma_quantile(shape, _seen(gaussian))
+    quantile = quantiles.log_gamma_quantile(shape, _finite(gaussian))
     return marginal.lower + jnp.exp(_log_scale(marginal, shape, power) + quantile / power)
 
 
@@ -288,7 +349,14 @@ def _generalised_gamma_score(marginal: Gamma | Weibull, shape: Parameter, power:
 @pytree
 @dataclass(frozen=True)
 class Beta:
-    """Beta of this `mean` and `cov` between `lower` and `upper` (four parameters); numbers, not arrays."""
+    """Beta distribution between two bounds (four parameters).
+
+    Args:
+        mean: in the property's unit, between the bounds; a number.
+        cov: deviation over |mean|, above 0 and at most what the bounds allow; a number.
+        lower: bound in the property's unit.
+        upper: bound in the property's unit.
+    """
 
     mean: Parameter
     cov: Parameter
@@ -296,12 +364,14 @@ class Beta:
     upper: Parameter
 
     def transform(self, gaussian: Array) -> Array:
+        """Property at the scores `gaussian` (..., N)."""
         first, second = self._shapes()
         return self.lower + (self.upper - self.lower) * jax.nn.sigmoid(
-            quantiles.logit_beta_quantile(first, second, _seen(gaussian))
+            quantiles.logit_beta_quantile(first, second, _finite(gaussian))
         )
 
     def standardise(self, value: Array) -> Array:
+        """Scores of values (..., N) of the property."""
         first, second = self._shapes()
         at = (value - self.lower) / (self.upper - self.lower)
         return quantiles.from_both_tails(betainc(first, second, at), betainc(second, first, 1 - at))
@@ -327,18 +397,23 @@ class Beta:
 @pytree
 @dataclass(frozen=True)
 class Empirical:
-    """Quantiles of `data` (n,), linear between the ordered values at probabilities (k - 1/2)/n.
+    """Quantiles of data, linear between the ordered values at probabilities (k - 1/2)/n.
 
-    The field is bounded by the smallest and the largest datum: nothing is known beyond them.
+    The smallest and the largest datum bound the field: nothing is known beyond them.
+
+    Args:
+        data: (n,) values of the property, n 2 or more.
     """
 
     data: Array
 
     def transform(self, gaussian: Array) -> Array:
+        """Property at the scores `gaussian` (..., N)."""
         scores, ordered = self._table()
-        return jnp.interp(_seen(gaussian), scores, ordered)
+        return jnp.interp(_finite(gaussian), scores, ordered)
 
     def standardise(self, value: Array) -> Array:
+        """Scores of values (..., N) of the property."""
         scores, ordered = self._table()
         return jnp.interp(value, ordered, scores)
 

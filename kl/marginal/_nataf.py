@@ -1,8 +1,10 @@
-"""Nataf's correction: which Gaussian correlation gives the correlation asked for after the marginal transform.
+"""Nataf's correction: the Gaussian correlation that gives a required correlation after the marginal transform.
 
 With the transform expanded in Hermite polynomials, x = sum of a_k He_k(g) / sqrt(k!), two transformed variables of
-Gaussian correlation r correlate by the sum of a_k b_k r^k over the root of the sums of squares: Grigoriu (1995),
-Applied Non-Gaussian Processes, Section 3.1; Liu and Der Kiureghian (1986), doi:10.1016/0266-8920(86)90033-0.
+Gaussian correlation r correlate by the sum of a_k b_k r^k over the root of the sums of squares.
+
+Sources: Grigoriu (1995), Applied Non-Gaussian Processes, Section 3.1; Liu and Der Kiureghian (1986),
+doi:10.1016/0266-8920(86)90033-0.
 """
 
 from __future__ import annotations
@@ -24,9 +26,15 @@ _POINTS = 80
 
 
 def hermite_coefficients(marginal: Marginal) -> Array:
-    """Coefficients (20,) of the standardised transform in normalised Hermite polynomials, degree 1 up.
+    """Coefficients of a marginal's standardised transform in normalised Hermite polynomials, degree 1 up.
 
-    Scaled to a sum of squares of 1, which counts what the higher degrees hold as if it lay in these.
+    They are scaled to a sum of squares of 1, so what higher degrees contain is assigned to these.
+
+    Args:
+        marginal: of moments that are numbers.
+
+    Returns:
+        Coefficients (20,).
     """
     points, weights = np.polynomial.hermite_e.hermegauss(_POINTS)
     keep = weights > 1e-30
@@ -40,9 +48,18 @@ def hermite_coefficients(marginal: Marginal) -> Array:
 
 
 def nataf_correlation(first: Marginal, second: Marginal, correlation: ArrayLike) -> Array:
-    """Gaussian correlation that gives `correlation` (any shape) between two properties.
+    """Gaussian correlation that gives a required correlation between two properties.
 
-    Raises ValueError where no Gaussian correlation reaches it.
+    Args:
+        first: marginal of one property.
+        second: marginal of the other.
+        correlation: of the properties, in [-1, 1], any shape.
+
+    Returns:
+        Gaussian correlation, of the shape of `correlation`.
+
+    Raises:
+        ValueError: If no Gaussian correlation gives it.
     """
     powers = hermite_coefficients(first) * hermite_coefficients(second)
     correlation = jnp.asarray(correlation)
@@ -55,7 +72,15 @@ def nataf_correlation(first: Marginal, second: Marginal, correlation: ArrayLike)
 
 
 def nataf_corrected(covariance: Covariance, marginal: Marginal) -> Corrected:
-    """`covariance` of one axis, corrected so that the property, not the Gaussian field, has it along that axis."""
+    """Correct the covariance of one axis so that the property, not the Gaussian field, has it along that axis.
+
+    Args:
+        covariance: of the property along the axis.
+        marginal: of the property.
+
+    Returns:
+        Covariance of the Gaussian field.
+    """
     return Corrected(covariance, hermite_coefficients(marginal))
 
 
@@ -63,10 +88,10 @@ def nataf_corrected(covariance: Covariance, marginal: Marginal) -> Corrected:
 class NatafError:
     """Largest error in the property's correlation, over all target correlations in [0, 1].
 
-    Attributes:
-        uncorrected: with the target used for the Gaussian field as it is.
-        corrected: with every axis corrected by `nataf_corrected`; 0 along an axis, but products of corrected
-            correlations are not the corrected product, so not 0 across axes.
+    Args:
+        uncorrected: if the Gaussian field gets the target correlation.
+        corrected: if `nataf_corrected` corrects every axis. It is 0 along an axis but not across axes, because
+            products of corrected correlations are not the corrected product.
     """
 
     uncorrected: float
@@ -74,7 +99,15 @@ class NatafError:
 
 
 def nataf_error(marginal: Marginal, axes: int = 3) -> NatafError:
-    """Size of the Nataf effect for `marginal` in a field with a product covariance over `axes` axes."""
+    """Size of the Nataf effect in a field with a product covariance.
+
+    Args:
+        marginal: of the property.
+        axes: number of axes.
+
+    Returns:
+        Largest error with and without correction.
+    """
     powers = hermite_coefficients(marginal) ** 2
     line = jnp.linspace(0, 1, 101)
     uncorrected = jnp.abs(transformed_correlation(powers, line) - line).max()

@@ -1,9 +1,9 @@
 """Quantile functions in terms of a standard Gaussian score g, stable in both tails in float32.
 
 Gamma and beta have no closed inverse. Their density, in the logarithm or logit of the variable, is integrated panel
-by panel from both ends, which gives scores at equal steps of the variable with full relative accuracy in either tail;
-that table is turned round to equal steps of the score and interpolated by cubics with exact slopes. All of it is
-differentiable in the parameters, and a field of any size costs one look-up a point.
+by panel from both ends. This gives scores at equal steps of the variable with full relative accuracy in either tail.
+The table is then inverted to equal steps of the score and interpolated by cubics with exact slopes. All of it is
+differentiable in the parameters, and a field of any size costs one look-up per point.
 """
 
 from __future__ import annotations
@@ -30,29 +30,37 @@ _HALVINGS = 50
 
 
 def log_normal_cdf(gaussian: Array) -> Array:
-    """log Phi(g), to full relative accuracy where Phi is near 1 too."""
+    """Logarithm of Phi(g), to full relative accuracy even where Phi is near 1."""
     below, above = jnp.minimum(gaussian, 0), jnp.maximum(gaussian, 0)
     return jnp.where(gaussian > 0, jnp.log1p(-ndtr(-above)), log_ndtr(below))
 
 
 def normal_mass(low: Array, high: Array) -> Array:
-    """Phi(high) - Phi(low), subtracted in whichever tail keeps its digits."""
+    """Phi(high) - Phi(low), subtracted in the tail that preserves its digits."""
     upper = low > 0
     return ndtr(jnp.where(upper, -low, high)) - ndtr(jnp.where(upper, -high, low))
 
 
 def from_both_tails(below: Array, above: Array) -> Array:
-    """Score of a value from its probabilities below and above."""
-    # The smaller probability keeps its digits, and one call of `ndtri`, a large program, serves both tails.
+    """Score of a value from its probabilities below and above it."""
+    # The smaller probability is the accurate one, and one call of `ndtri`, a large program, serves both tails.
     lower = below < above
     score = ndtri(jnp.where(lower, below, above))
     return jnp.where(lower, score, -score)
 
 
 def log_gamma_quantile(shape: Parameter, gaussian: Array) -> Array:
-    """Logarithm of (quantile of a gamma variable of scale 1 over its shape) at the scores `gaussian`.
+    """Logarithm of (quantile of a gamma variable of scale 1 over its shape) at Gaussian scores.
 
-    `shape` is a number above 0; any shape of `gaussian`.
+    Args:
+        shape: a number above 0.
+        gaussian: scores of any shape.
+
+    Returns:
+        Logarithms, of the shape of `gaussian`.
+
+    Raises:
+        ValueError: If `shape` is an array.
     """
     require(jnp.ndim(shape) == 0, "shape of a gamma as an array: give numbers for cov, power and lower")
     return _log_gamma_quantile(jnp.asarray(shape), gaussian)
@@ -104,10 +112,10 @@ def _quantile(log_density: Callable[[Array], Array], low: Array, high: Array, ga
     even = jnp.linspace(-_REACH, _REACH, _SCORES, dtype=dtype)
     panel = jnp.clip(jnp.searchsorted(scores, even) - 1, 0, _PANELS - 1)
     values, value_slopes = _cubic(edges, slopes, scores, panel, even)
-    place = jnp.floor((gaussian + _REACH) * ((_SCORES - 1) / (2 * _REACH)))
-    place = jnp.clip(place, 0, _SCORES - 2).astype(int)
+    interval = jnp.floor((gaussian + _REACH) * ((_SCORES - 1) / (2 * _REACH)))
+    interval = jnp.clip(interval, 0, _SCORES - 2).astype(int)
     within = jnp.clip(gaussian, -_REACH, _REACH)
-    value, slope = _cubic(values, value_slopes, even, place, within.astype(dtype))
+    value, slope = _cubic(values, value_slopes, even, interval, within.astype(dtype))
     return value + slope * (gaussian - within)
 
 
@@ -124,7 +132,7 @@ def _cubic(values: Array, slopes: Array, knots: Array, panel: Array, at: Array) 
 
 @jax.jit
 def log_gamma_rise(shape: Parameter, step: Array) -> Array:
-    """log Gamma(shape + step) - log Gamma(shape), without their cancellation."""
+    """Difference log Gamma(shape + step) - log Gamma(shape), without cancellation."""
     points, weights = np.polynomial.legendre.leggauss(24)
     shape, step = jnp.asarray(shape), jnp.asarray(step)
     values = digamma(shape[..., None] + step[..., None] * (points + 1) / 2)
@@ -132,17 +140,25 @@ def log_gamma_rise(shape: Parameter, step: Array) -> Array:
 
 
 def log_moment_ratio(shape: Parameter, power: Parameter) -> Array:
-    """log of E[x^2] / E[x]^2 of x = G^(1/power), G gamma of `shape`: log(1 + cov^2), without cancellation.
+    """Logarithm of E[x^2] / E[x]^2, which is log(1 + cov^2), of x = G^(1/power), G gamma of `shape`.
 
-    The second difference of log Gamma is the integral of its second derivative, Hurwitz's zeta(2, x), against a hat.
+    The second difference of log Gamma is the integral of its second derivative, Hurwitz's zeta(2, x), times a hat
+    function. This form has no cancellation.
+
+    Args:
+        shape: above 0.
+        power: above 0; broadcasts against `shape`.
+
+    Returns:
+        log(1 + cov^2).
     """
     step = 1 / jnp.asarray(power)
     points, weights = np.polynomial.legendre.leggauss(24)
     ramp = (points + 1) / 2
     shape, step = jnp.broadcast_arrays(jnp.asarray(shape), step)
     # Both sides of the hat in one call: zeta is a large program.
-    places = np.concatenate([ramp, 2 - ramp])
-    values = zeta(2.0, shape[..., None] + step[..., None] * places)
+    offsets = np.concatenate([ramp, 2 - ramp])
+    values = zeta(2.0, shape[..., None] + step[..., None] * offsets)
     return step**2 * (values @ jnp.asarray(np.tile(ramp * weights / 2, 2), values.dtype))
 
 
@@ -159,7 +175,7 @@ def weibull_power(cov: Parameter, shape: Parameter) -> Array:
 
 
 def _falling_root(function: Callable[[Array], Array], target: Array) -> Array:
-    """x in (1e-2, 1e8) with function(x) = target, function falling; differentiable by one last Newton step."""
+    """Root x in (1e-2, 1e8) of function(x) = target, function falling; differentiable by one last Newton step."""
 
     def halve(_: Array, bracket: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = bracket
@@ -175,13 +191,13 @@ def _falling_root(function: Callable[[Array], Array], target: Array) -> Array:
     return jnp.exp(root - (function(jnp.exp(root)) - target) / slope)
 
 
-def require_rooted(found: Array, name: str, cov: Parameter) -> Array:
-    """`found`, unless it lies at an end of the bracket of `_falling_root`: no member of the family has this cov."""
+def require_rooted(root: Array, name: str, cov: Parameter) -> Array:
+    """The root, unless it lies at an end of the bracket of `_falling_root`: no member of the family then has it."""
     require(
-        (found > 1e-2) & (found < 1e8),
-        f"cov = {cov} asks for a {name} of {found}, outside 0.01 to 1e8: give a cov that the family can have",
+        (root > 1e-2) & (root < 1e8),
+        f"cov = {cov} needs a {name} of {root}, outside 0.01 to 1e8: give a cov that the family can have",
     )
-    return found
+    return root
 
 
 def cov_above(mean: Parameter, cov: Parameter, lower: Parameter) -> Parameter:
@@ -198,10 +214,19 @@ def cov_above(mean: Parameter, cov: Parameter, lower: Parameter) -> Parameter:
 def truncated_parent(
     mean: Parameter, deviation: Parameter, lower: Parameter | None, upper: Parameter | None
 ) -> tuple[Array, Array, Array, Array]:
-    """Centre and scale of the Gaussian that has this mean and deviation once cut to [lower, upper].
+    """Centre and scale of the Gaussian that has a given mean and deviation once cut to [lower, upper].
 
-    Also the bounds as scores of that Gaussian; an absent one (None) lies 40 deviations out. ValueError where no
-    such Gaussian is found: the deviation is too large for the bounds.
+    Args:
+        mean: after the cut; a number.
+        deviation: after the cut; a number.
+        lower: bound, or None.
+        upper: bound, or None.
+
+    Returns:
+        Centre, scale, and the bounds as scores of that Gaussian; an absent one lies 40 deviations out.
+
+    Raises:
+        ValueError: If there is no such Gaussian: the deviation is too large for the bounds.
     """
     mean, deviation = jnp.asarray(mean, float), jnp.asarray(deviation, float)
     require(
