@@ -1,3 +1,3 @@
-"""What `jaxmpm` and `kl` both stand on, so that neither needs the other: pytrees, checks of input, atomic files."""
+"""Shared base of `jaxmpm` and `kl`, so that neither needs the other: pytrees, checks of input, atomic files."""
 
 __version__ = "0.1.0"

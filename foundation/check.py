@@ -1,6 +1,6 @@
-"""Checks of what users hand in: each raises ValueError naming the value, the limit and the remedy.
+"""Checks of user input: each raises ValueError naming the value, the limit and the remedy.
 
-Values that are being traced by JAX cannot be seen and pass; what holds of them is said on the device (`admissible`).
+The host cannot see values that JAX is tracing; such values pass. `admissible` checks them on the device.
 """
 
 from __future__ import annotations
@@ -28,7 +28,12 @@ Values: TypeAlias = ArrayLike | Sequence[float]
 class Limit:
     """The values that a parameter may have, all of them finite.
 
-    above, below: ends that are no such values themselves. least, most: ends that are. unit: for messages.
+    Args:
+        above: lower end, itself excluded; None for none.
+        least: lower end, itself included; None for none.
+        most: upper end, itself included; None for none.
+        below: upper end, itself excluded; None for none.
+        unit: for messages.
     """
 
     above: float | None = None
@@ -38,7 +43,7 @@ class Limit:
     unit: str = ""
 
     def holds(self, value: Any) -> Any:
-        """Whether each element of an array, of NumPy or JAX, is such a value; False for NaN."""
+        """Whether each element of an array, of NumPy or JAX, is within the limit; False for NaN."""
         good = abs(value) < math.inf
         good = good if self.above is None else good & (value > self.above)
         good = good if self.least is None else good & (value >= self.least)
@@ -68,7 +73,11 @@ def from_zero(unit: str = "") -> Limit:
 
 
 def warn(message: str) -> None:
-    """Warn at the line that called into the package of whoever calls this."""
+    """Warn at the line that called into the package of this function's caller.
+
+    Args:
+        message: of the UserWarning.
+    """
     frame, level = sys._getframe(1), 2
     package = frame.f_globals["__name__"].partition(".")[0]
     while frame.f_back is not None and frame.f_globals["__name__"].partition(".")[0] == package:
@@ -77,18 +86,43 @@ def warn(message: str) -> None:
 
 
 def is_traced(*trees: Any) -> bool:
-    """Whether any leaf is a tracer, whose value the host cannot see."""
+    """Whether any leaf is a tracer, whose value the host cannot see.
+
+    Args:
+        *trees: pytrees.
+
+    Returns:
+        Whether one is.
+    """
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
 
 
 def require(holds: ArrayLike, message: str) -> None:
-    """Raise `ValueError(message)` unless `holds` everywhere."""
+    """Raise ValueError unless a condition holds everywhere.
+
+    Args:
+        holds: bool or array of bools; a traced one passes.
+        message: of the error.
+
+    Raises:
+        ValueError: If the condition fails anywhere.
+    """
     if not is_traced(holds) and not np.all(np.asarray(holds)):
         raise ValueError(message)
 
 
 def within(name: str, value: Any, limit: Limit, *, remedy: str = "") -> None:
-    """Every element of `value` is a number within the limit."""
+    """Check that every element of a value is a number within a limit.
+
+    Args:
+        name: of the value, for the message.
+        value: number or array; a traced one passes.
+        limit: of the values.
+        remedy: added to the message.
+
+    Raises:
+        ValueError: If an element is outside the limit or no number.
+    """
     if is_traced(value):
         return
     array = np.asarray(value)
@@ -103,36 +137,93 @@ def within(name: str, value: Any, limit: Limit, *, remedy: str = "") -> None:
 
 
 def finite(name: str, value: Values, unit: str = "", *, remedy: str = "") -> None:
-    """Every element of `value` is finite."""
+    """Check that every element of a value is finite.
+
+    Args:
+        name: of the value, for the message.
+        value: number or array; a traced one passes.
+        unit: for the message.
+        remedy: added to the message.
+
+    Raises:
+        ValueError: If an element is not finite.
+    """
     within(name, value, Limit(unit=unit), remedy=remedy)
 
 
 def positive(name: str, value: Values, unit: str = "", *, remedy: str = "") -> None:
-    """Every element of `value` is finite and above 0."""
+    """Check that every element of a value is finite and above 0.
+
+    Args:
+        name: of the value, for the message.
+        value: number or array; a traced one passes.
+        unit: for the message.
+        remedy: added to the message.
+
+    Raises:
+        ValueError: If an element is not finite or not above 0.
+    """
     within(name, value, above_zero(unit), remedy=remedy)
 
 
 def not_negative(name: str, value: Values, unit: str = "", *, remedy: str = "") -> None:
-    """Every element of `value` is finite and at least 0."""
+    """Check that every element of a value is finite and at least 0.
+
+    Args:
+        name: of the value, for the message.
+        value: number or array; a traced one passes.
+        unit: for the message.
+        remedy: added to the message.
+
+    Raises:
+        ValueError: If an element is not finite or below 0.
+    """
     within(name, value, from_zero(unit), remedy=remedy)
 
 
 def between(name: str, value: Values, low: float, high: float, *, ends: bool = False) -> None:
-    """Every element lies between low and high, the ends allowed or not."""
+    """Check that every element of a value lies between two ends.
+
+    Args:
+        name: of the value, for the message.
+        value: number or array; a traced one passes.
+        low: lower end.
+        high: upper end.
+        ends: whether the ends themselves are allowed.
+
+    Raises:
+        ValueError: If an element lies outside.
+    """
     within(name, value, Limit(least=low, most=high) if ends else Limit(above=low, below=high))
 
 
 def whole(name: str, value: Any, least: int = 1) -> None:
-    """`value` is a whole number of at least `least`."""
+    """Check that a value is a whole number.
+
+    Args:
+        name: of the value, for the message.
+        value: of any type.
+        least: smallest allowed number.
+
+    Raises:
+        ValueError: If it is not, or below `least`.
+    """
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
         raise ValueError(f"{name} = {shown(value)}: give a whole number of {least} or more")
 
 
 def parameters(tree: Any, prefix: str = "") -> Iterator[tuple[str, Limit, Any]]:
-    """Name, limit and value of every number in a dataclass and in those that it holds.
+    """Name, limit and value of every number in a dataclass and in those nested in it.
 
-    A dataclass says what its fields may be in PARAMETERS; all others may have any finite value. Dataclasses in a tuple
-    have no name of their own.
+    A class declares limits of its fields in PARAMETERS; all other fields may have any finite value. Static fields and
+    None are skipped. Dataclasses in a tuple have no name of their own.
+
+    Args:
+        tree: a dataclass.
+        prefix: of the names.
+
+    Yields:
+        Name with a dot for each level, limit, and value.
     """
     for field in dataclasses.fields(tree):
         value = getattr(tree, field.name)
@@ -150,13 +241,27 @@ def parameters(tree: Any, prefix: str = "") -> Iterator[tuple[str, Limit, Any]]:
 
 
 def within_limits(tree: Any) -> None:
-    """Every number in a dataclass, and in those that it holds, is within its limit."""
+    """Check that every number in a dataclass, and in those nested in it, is within its limit.
+
+    Args:
+        tree: a dataclass.
+
+    Raises:
+        ValueError: If one is not.
+    """
     for name, limit, value in parameters(tree):
         within(name, value, limit)
 
 
 def admissible(tree: Any) -> Array:
-    """On the device: whether every number in a dataclass, and in those that it holds, is within its limit."""
+    """Check on the device that every number in a dataclass, and in those nested in it, is within its limit.
+
+    Args:
+        tree: a dataclass, whose values may be traced.
+
+    Returns:
+        () bool.
+    """
     good = jnp.asarray(True)
     for _, limit, value in parameters(tree):
         good &= jnp.all(limit.holds(value))
@@ -164,7 +269,20 @@ def admissible(tree: Any) -> Array:
 
 
 def multiple(name: str, length: float, unit_name: str, unit: float) -> int:
-    """`length` is a whole multiple of `unit` (m); returns the number."""
+    """Number of times that one length goes into another, which has to be whole.
+
+    Args:
+        name: of the length, for the message.
+        length: in m, above 0.
+        unit_name: name of the unit, for the message.
+        unit: in m.
+
+    Returns:
+        The number, 1 or more.
+
+    Raises:
+        ValueError: If the length is no whole multiple of the unit.
+    """
     positive(name, length, "m")
     # Beyond 2^53 every number is whole, and infinity has no rounding.
     count = round(length / unit) if length / unit < 2**53 else 0
@@ -177,22 +295,41 @@ def multiple(name: str, length: float, unit_name: str, unit: float) -> int:
 
 
 def dtype(value: DTypeLike) -> np.dtype:
-    """The floating type asked for; float64 must be enabled in JAX."""
+    """A floating type, checked.
+
+    Args:
+        value: float32 or float64, in any form that NumPy understands.
+
+    Returns:
+        The NumPy dtype.
+
+    Raises:
+        ValueError: If it is another type, or float64 while JAX has it disabled.
+    """
     try:
-        asked = np.dtype(value)
+        wanted = np.dtype(value)
     except TypeError as error:
         raise ValueError(f"dtype = {shown(value)}: give float32 or float64") from error
-    if asked not in (np.dtype("float32"), np.dtype("float64")):
-        raise ValueError(f"dtype = {asked}: give float32 or float64")
-    if jax.dtypes.canonicalize_dtype(asked) != asked:
+    if wanted not in (np.dtype("float32"), np.dtype("float64")):
+        raise ValueError(f"dtype = {wanted}: give float32 or float64")
+    if jax.dtypes.canonicalize_dtype(wanted) != wanted:
         raise ValueError(
             "dtype = float64, but JAX runs in float32: call jax.config.update('jax_enable_x64', True) first"
         )
-    return asked
+    return wanted
 
 
 def axes(name: str, values: Sequence[float], dimension: int) -> None:
-    """One value per axis, each a finite number."""
+    """Check that there is one finite number per axis.
+
+    Args:
+        name: of the values, for the message.
+        values: one per axis.
+        dimension: number of axes.
+
+    Raises:
+        ValueError: If their number differs, or one is not finite.
+    """
     finite(name, values)
     if np.ndim(values) != 1:
         raise ValueError(f"{name} = {shown(values)}: give {dimension} values, one per axis")

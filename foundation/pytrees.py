@@ -1,4 +1,4 @@
-"""Frozen dataclasses as pytrees whose structure knows their class."""
+"""Frozen dataclasses as pytrees whose structure includes their class."""
 
 from __future__ import annotations
 
@@ -15,12 +15,19 @@ PYTREES: WeakSet[type] = WeakSet()
 
 
 def pytree(cls: Class) -> Class:
-    """Decorate a dataclass to be a pytree; fields with metadata {"static": True} are part of its structure.
+    """Register a dataclass as a pytree; fields with metadata {"static": True} are part of its structure.
 
-    One with {"static": True, "absent": value} leaves no trace in the structure where it has this value, which is so
-    that of the class before it had the field: what is checked by the structure's text stays good.
-    `jax.tree_util.register_dataclass` of jaxlib 0.10 holds two classes with as many fields for one structure. A jitted
-    function then now and then runs what it compiled for the other, depending on how two hashes fall.
+    A field with {"static": True, "absent": value} is left out of the structure while it has this value. The structure
+    is then that of the class before it had the field, so checks that compare the structure's text remain valid.
+
+    `jax.tree_util.register_dataclass` of jaxlib 0.10 may treat two classes with as many fields as one structure: a
+    jitted function then sometimes runs what it compiled for the other, depending on how two hashes fall.
+
+    Args:
+        cls: a frozen dataclass.
+
+    Returns:
+        The same class.
     """
     fields = dataclasses.fields(cls)
     absent = {f.name: f.metadata["absent"] for f in fields if "absent" in f.metadata}

@@ -1,4 +1,4 @@
-"""Words for people from values and texts that may be long, or made to be obeyed by a terminal."""
+"""Text for messages from values and texts that may be long or contain control characters."""
 
 from __future__ import annotations
 
@@ -10,21 +10,43 @@ MOST_SHOWN = 80
 
 
 def shown(value: Any) -> str:
-    """A value as Python writes it, cut short where it is long or nested deep, without control characters."""
+    """A value's repr, cut if it is long or deeply nested, without control characters.
+
+    Args:
+        value: of any type.
+
+    Returns:
+        At most MOST_SHOWN characters.
+    """
     try:
-        said = _SHORT.repr(value)
-    except ValueError:  # a whole number of more digits than Python writes
-        said = f"a {type(value).__name__} too long to be written"
-    return short(said)
+        text = _SHORT.repr(value)
+    except ValueError:  # an integer with more digits than Python converts
+        text = f"a {type(value).__name__} too long to be written"
+    return short(text)
 
 
 def short(text: str, most: int = MOST_SHOWN) -> str:
-    """The beginning of a text that may be long, in one line that a terminal does not obey."""
+    """The beginning of a text in one line, without control characters.
+
+    Args:
+        text: of any length.
+        most: largest number of characters.
+
+    Returns:
+        At most `most` characters.
+    """
     return printable(text if len(text) <= most else f"{text[: most - 3]}...")
 
 
 def printable(text: str) -> str:
-    """One line of text that a terminal shows and does not obey: "?" for line ends, escapes and the like."""
+    """One line of a text, with "?" for line ends, escapes and other characters that cannot be printed.
+
+    Args:
+        text: of any length.
+
+    Returns:
+        As many characters.
+    """
     return "".join(each if each.isprintable() else "?" for each in text)
 
 
