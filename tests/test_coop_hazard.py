@@ -12,6 +12,7 @@ from scipy.integrate import trapezoid
 from benchmarks import estimators_means as means
 from cooperative.estimate import (
     MonteCarlo,
+    Population,
     TwoPhase,
     chance_of,
     exceedance,
@@ -82,6 +83,18 @@ def test_a_variance_of_one_freedom_makes_no_mean_without_end():
     # Four slides have no interval, and may bring more than they show.
     few = mean_of(PLAIN, np.ones(4), thickness[:4])
     assert (few.low[0], np.isnan(few.high[0])) == (0.0, True)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_before_the_first_wave_an_expected_value_has_no_upper_limit():
+    rough, _, _ = known_population()
+    begun = TwoPhase(refined_runs=60).estimate(Population(rough), {0: True, 1: False})
+    assert (begun.interval, begun.cov) == ((0.0, 1.0), np.inf)
+    assert begun.probability > 0
+    found = mean_of(begun, np.ones(12), np.stack([np.linspace(1.0, 3.0, 12), np.zeros(12)], axis=1))
+    assert found.value == pytest.approx([2.0 * begun.probability, 0.0])
+    assert found.low.tolist() == [0.0, 0.0]
+    assert np.isnan(found.high).all()
 
 
 weights = st.lists(st.floats(0.01, 1.0), min_size=3, max_size=20).map(np.array)

@@ -181,6 +181,16 @@ def test_estimators_without_a_model_draw_their_slides_from_their_failures_alone(
     np.testing.assert_allclose(every.weight, 1 / 30)
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_slides_that_the_estimator_does_not_count_stand_for_nothing():
+    # Monte Carlo counts the samples from the first on without a gap: here none.
+    phases = Phases(MonteCarlo(), 1.0, population=Population(np.linspace(3.0, 0.1, 30)))
+    phases = phases.refined(dict.fromkeys((5, 6, 9), (3.0, False)))
+    slides = Slides.of(phases, [5, 6, 9], np.ones(3, bool), None, 1)
+    assert slides.slid.all()
+    assert slides.weight.tolist() == [0.0] * 3
+
+
 @pytest.fixture(scope="module")
 def all_slides(tmp_path_factory):
     folder = tmp_path_factory.mktemp("all")

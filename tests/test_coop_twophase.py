@@ -23,7 +23,6 @@ from cooperative.estimate import (
     wilson_interval,
 )
 from cooperative.estimate import _audit as audit_module
-from cooperative.estimate import _target as target_module
 from cooperative.estimate import _twophase as two_phase_module
 from cooperative.estimate._audit import (
     audit_total,
@@ -35,7 +34,7 @@ from cooperative.estimate._audit import (
     surprise,
     unseen,
 )
-from cooperative.estimate._target import place_share, target_share
+from cooperative.estimate._twophase import place_share, target_share
 
 
 def pair(count, pf, correlation, seed):
@@ -221,7 +220,7 @@ def test_an_audit_that_ends_by_its_target_is_exactly_unbiased(failing, monkeypat
         return draw
 
     # It is so whatever the model and the shares of the first wave.
-    monkeypatch.setattr(target_module, "place_share", lambda drawn, size: 1 / np.arange(drawn + 1, drawn + size + 1))
+    monkeypatch.setattr(two_phase_module, "place_share", lambda drawn, size: 1 / np.arange(drawn + 1, drawn + size + 1))
     monkeypatch.setattr(two_phase_module, "fit_logistic", lambda score, failed, centre: (failed.sum() - 1.0, 2.0))
     ways = {}
     for order in itertools.permutations(range(count)):

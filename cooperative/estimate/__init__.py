@@ -1,35 +1,37 @@
 """Estimators, one class each: which runs they want, probability of failure, weights; shares and fits beside."""
 
 from cooperative.estimate._audit import AuditPlan
+from cooperative.estimate._audited import ESTIMATORS, SETTINGS, Subset, TwoPhase, named_estimator
 from cooperative.estimate._estimates import (
+    Chances,
+    Curve,
     Estimate,
+    Share,
     after_more_runs,
-    control_variate,
-    monte_carlo,
-    published,
+    chance_of,
+    effective_size,
+    exceedance,
+    mean_interval,
+    mean_of,
+    shares,
     wilson_interval,
     with_variance,
 )
-from cooperative.estimate._exceedance import Chances, Curve, chance_of, exceedance, mean_of
 from cooperative.estimate._fits import CANDIDATES, ENOUGH, Fit, Fits, Severity, fit_distributions, severity_ranking
-from cooperative.estimate._phases import Phases
-from cooperative.estimate._protocol import Answers, Estimator, Failures, Population, Sampling, Screened, all_samples
-from cooperative.estimate._ranking import Ranking, next_refined, rank_samples, stopping_rank
-from cooperative.estimate._shares import Correlation, Share, correlation, effective_size, mean_interval, shares
-from cooperative.estimate._slides import NOT_ASKED, Slides, slide_order, zone_weights
-from cooperative.estimate._subset import SubsetPlan, SubsetSamples, subset_simulation
-from cooperative.estimate._twophase import next_audit, sample_weights, two_phase
-from cooperative.estimate.estimators import (
-    ESTIMATORS,
-    SETTINGS,
+from cooperative.estimate._phases import NOT_ASKED, Phases, Slides, slide_order, zone_weights
+from cooperative.estimate._plain import (
     ControlVariate,
     MonteCarlo,
     Published,
     SceneSamples,
-    Subset,
-    TwoPhase,
-    named_estimator,
+    control_variate,
+    monte_carlo,
+    published,
 )
+from cooperative.estimate._protocol import Answers, Estimator, Failures, Population, Sampling, Screened, all_samples
+from cooperative.estimate._ranking import Correlation, Ranking, correlation, next_refined, rank_samples, stopping_rank
+from cooperative.estimate._subset import SubsetPlan, SubsetSamples, subset_simulation
+from cooperative.estimate._twophase import next_audit, sample_weights, two_phase
 
 __all__ = [
     "CANDIDATES",

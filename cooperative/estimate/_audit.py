@@ -50,7 +50,7 @@ class AuditPlan:
     runs: refined runs in all, the ranked prefix included. seed: of the draws. k_t: run the ranked prefix down
     to k_t consecutive standing samples first, as a stratum that is known with certainty; None for no prefix.
     target_cov: stop earlier, after the runs that the estimator takes for this coefficient of variation, as
-    `cooperative.estimate._target` fixes them.
+    `cooperative.estimate._twophase` fixes them.
     first_wave, growth: a wave has the larger of `first_wave` runs and the share `growth` of those before.
     proving: the ranks prove themselves in so many draws: after them the share of draws spread evenly over all that is
     unknown has come down from 1 to a half. 0 trusts the ranks from the start, and the interval then holds no allowance

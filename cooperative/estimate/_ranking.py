@@ -1,4 +1,4 @@
-"""Rank order and the published stopping rule, as pure functions of what is known.
+"""Rank order, the published stopping rule, and how well the ranks agree, as pure functions of what is known.
 
 Jiang, Li, Ma and Rezania (2024), Computers and Geotechnics 172, 106413: samples are run on the refined grid
 in the order of their rough displacement until k_t consecutive ones stand. The count starts anew at each
@@ -12,6 +12,9 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import norm
+
+from cooperative.estimate._estimates import effective_size
 
 
 @dataclass(frozen=True)
@@ -92,3 +95,63 @@ def _walk(order: np.ndarray, refined: Mapping[int, bool | None], k_t: int) -> tu
         if standing == k_t:
             return rank, missing
     return len(order), missing
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """How well the rough grid tells the refined one, over samples run on both, each with its weight.
+
+    samples: run on both. spearman: of the ranks, with its interval. pearson_log: of the logarithm of the largest
+    displacement. same_class: share of samples that both grids call failed or both standing. phi: correlation of the
+    two classes, None where either grid has one class only.
+    """
+
+    samples: int
+    spearman: float
+    interval: tuple[float, float]
+    pearson_log: float
+    same_class: float
+    phi: float | None
+
+
+def correlation(
+    rough: np.ndarray, refined: np.ndarray, weight: np.ndarray, *, failure_displacement: float, level: float = 0.95
+) -> Correlation | None:
+    """Correlation between the grids; None for fewer than 4 samples, or without any spread.
+
+    rough, refined: largest displacements (n,) m of the same samples. weight: (n,). failure_displacement: beyond which
+    a sample has failed (m). The interval of the rank correlation is Fisher's, with the variance of Bonett and Wright
+    (2000), Psychometrika 65, 23-28, for the effective number of samples.
+    """
+    if rough.size < 4 or np.ptp(rough) == 0 or np.ptp(refined) == 0:
+        return None
+    ranks = _ranks(rough, weight), _ranks(refined, weight)
+    spearman = min(max(_pearson(*ranks, weight), -1.0), 1.0)
+    size = max(effective_size(weight), 3.5)
+    half = float(norm.ppf(0.5 + level / 2) * np.sqrt((1 + spearman**2 / 2) / (size - 3)))
+    middle = np.arctanh(min(max(spearman, -1 + 1e-12), 1 - 1e-12))
+    fails = (rough > failure_displacement).astype(float), (refined > failure_displacement).astype(float)
+    both = np.ptp(fails[0]) > 0 and np.ptp(fails[1]) > 0
+    tiny = np.finfo(float).tiny
+    return Correlation(
+        samples=rough.size,
+        spearman=spearman,
+        # At a correlation of 1 the limits round to just below it.
+        interval=(min(float(np.tanh(middle - half)), spearman), max(float(np.tanh(middle + half)), spearman)),
+        pearson_log=_pearson(np.log(np.maximum(rough, tiny)), np.log(np.maximum(refined, tiny)), weight),
+        same_class=float(weight[fails[0] == fails[1]].sum() / weight.sum()),
+        phi=_pearson(*fails, weight) if both else None,
+    )
+
+
+def _ranks(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Weighted ranks from 0 to 1: the share below, and half of that which is equal."""
+    distinct, place = np.unique(values, return_inverse=True)
+    share = np.bincount(place, weight, distinct.size) / weight.sum()
+    return (np.cumsum(share) - share / 2)[place]
+
+
+def _pearson(a: np.ndarray, b: np.ndarray, weight: np.ndarray) -> float:
+    share = weight / weight.sum()
+    a, b = a - share @ a, b - share @ b
+    return float((share @ (a * b)) / np.sqrt((share @ a**2) * (share @ b**2)))

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cooperative.estimate._protocol import Screened
+
 
 @dataclass(frozen=True)
 class SubsetPlan:
@@ -115,3 +117,26 @@ def _one_run(
     np.add.at(weight, state, mass / plan.per_level)
     kept = np.flatnonzero(weight)
     return np.concatenate(asked)[kept], np.concatenate(answered)[kept], weight[kept], kept
+
+
+class _NotYet(Exception):
+    """A rough result that subset simulation asks for is not there yet."""
+
+
+def replayed(plan: SubsetPlan, modes: int, screened: Screened) -> tuple[np.ndarray, SubsetSamples | None]:
+    """Subset simulation gone through again: coefficients asked for (n, modes), and its samples once it is complete."""
+    asked: list[np.ndarray] = [np.zeros((0, modes))]
+
+    def rough(xi: np.ndarray) -> np.ndarray:
+        first = sum(map(len, asked))
+        asked.append(xi)
+        numbers = range(first, first + len(xi))
+        if not all(number in screened for number in numbers):
+            raise _NotYet
+        return np.array([np.nan if screened[n][1] else screened[n][0] for n in numbers])
+
+    try:
+        found = subset_simulation(rough, modes, plan)
+    except _NotYet:
+        found = None
+    return np.concatenate(asked), found

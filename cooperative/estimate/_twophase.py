@@ -4,11 +4,24 @@ Phase one is the sampling of the N fields, phase two the audit of `cooperative.e
 both.
 Two-phase sampling: Sarndal, Swensson and Wretman (1992), Model Assisted Survey Sampling, Chapter 9.
 The interval assumes nothing of the ranking: to the scatter of both phases it adds, upwards only, what failures may
-hide where no run has looked; `Estimate.unseen` and `Estimate.sampling_interval` tell the two apart. A target for the
-coefficient of variation (`cooperative.estimate._target`) goes by the scatter alone. Where draws far down the ranking
-fail, the notes say so.
+hide where no run has looked; `Estimate.unseen` and `Estimate.sampling_interval` tell the two apart. Where draws far
+down the ranking fail, the notes say so.
 Everything is a pure function of the rows and the plan: what to run next and the estimate come out the same
 whatever ran at once, in whatever order, and after any interruption.
+
+A target for the coefficient of variation goes by the scatter alone.
+Who stops once the spread seen so far is small enough stops when few failures happened to be drawn, or when the estimate
+happened to be high: the answer is then biased, and its spread claims too little. So an audit with a target does not
+look at its claim. Before a wave is drawn, each of its draws is given the share a in the estimate that it can carry,
+
+    a = (variance allowed) / (variance of one draw),
+
+both from what the earlier waves showed, and the audit ends once the shares add up to 1. Every draw is unbiased given
+those before it and its share is fixed before it is drawn, so the errors a (T - truth) are differences of a martingale,
+and the mean is unbiased however often was looked. As the shares add up to 1, the variance, the sum of a^2 (variance of
+one draw), is the mean of the variances allowed: that which the target asks for. Information that is spent to a limit
+fixed beforehand: Lan and DeMets (1983), Biometrika 70, 659-663, DOI 10.1093/biomet/70.3.659; weights fixed before each
+stage: Cui, Hung and Wang (1999), Biometrics 55, 853-857, DOI 10.1111/j.0006-341X.1999.00853.x.
 """
 
 from __future__ import annotations
@@ -37,10 +50,11 @@ from cooperative.estimate._audit import (
 from cooperative.estimate._estimates import Estimate, with_variance
 from cooperative.estimate._protocol import Failures, Population
 from cooperative.estimate._ranking import next_refined, rank_samples, stopping_rank
-from cooperative.estimate._target import PRIOR_DRAWS, needed_share, place_share, target_share
 
 SPENT = 1e-9
 """What is left of the shares of a mean that are all given."""
+PRIOR_DRAWS = 16
+"""The model's own variance counts for so many draws beside those that were made."""
 
 
 @dataclass(frozen=True)
@@ -204,6 +218,43 @@ def _wave_share(
         # Two waves at least.
         needed = min(needed_share(plan.target_cov, found, expected, beyond, variance), 0.5 / plan.first_wave)
     return target_share(needed, rest, drawn=drawn, size=size, left=left)
+
+
+def place_share(drawn: int, size: int) -> np.ndarray:
+    """What draws count for, in proportion, that follow `drawn` others (size,): later ones rest on a better model and on
+    more known outcomes."""
+    return np.sqrt(np.arange(drawn + 1.0, drawn + size + 1.0))
+
+
+def target_share(needed: float, rest: float, *, drawn: int, size: int, left: int) -> np.ndarray:
+    """Shares of the draws of a wave of `size` (at most size,), of a mean of which `rest` is left to give.
+
+    needed: share of one draw by the target. drawn, left: draws before, and those that the budget still allows. What the
+    target does not need before the budget ends is shared out as without one. Draws that can carry all that is left are
+    the last, and share it evenly; so are the last that the budget allows.
+    """
+    place = place_share(drawn, left)
+    share = np.maximum(rest * place[:size] / place.sum(), needed)
+    enough = int(np.searchsorted(np.cumsum(share), rest)) + 1
+    if enough <= size or size == left:
+        share = share[:enough]
+        share *= rest / share.sum()
+    return share
+
+
+def needed_share(target: float, found: Estimate, expected: float, beyond: float, variance: float) -> float:
+    """Share of one draw of the next wave for a target of the coefficient of variation; 0 where sampling alone scatters
+    more.
+
+    found: from the waves before. expected: probability of failure by the model alone, which one heavy draw moves less.
+    variance: of one draw, by the model; it is multiplied by what the draws so far scatter beyond that.
+    """
+    square = ((found.probability + expected) / 2) ** 2
+    if not found.probability:
+        return 0.0
+    sampling = found.cov**2 - found.audit_variance / found.probability**2
+    factor = (found.refined_runs * beyond + PRIOR_DRAWS) / (found.refined_runs + PRIOR_DRAWS)
+    return max(target**2 - sampling, 0.0) * square / (variance * factor)
 
 
 def _certainty_stratum(

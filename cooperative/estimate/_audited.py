@@ -1,0 +1,183 @@
+"""Estimators that audit what the rough grid says: two-phase sampling, subset simulation; all that a scene can name.
+
+Their refined runs are drawn at random where the rough result leaves most doubt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import MISSING, dataclass, fields
+from typing import Any, ClassVar
+
+import numpy as np
+
+from cooperative.estimate._audit import AuditPlan
+from cooperative.estimate._estimates import Estimate
+from cooperative.estimate._plain import (
+    Budgeted,
+    ControlVariate,
+    MonteCarlo,
+    Published,
+    check_rule,
+    monte_carlo_of_all,
+    out_of_reach,
+    published_where_met,
+    usual_budget,
+)
+from cooperative.estimate._protocol import Answers, Estimator, Failures, Population, Sampling, Screened
+from cooperative.estimate._subset import SubsetPlan, replayed
+from cooperative.estimate._twophase import failures, next_audit, path, sample_weights, two_phase
+
+
+@dataclass(frozen=True)
+class Audited(Budgeted):
+    """Base of an estimator whose refined runs are an audit of its first phase, spent as its `audit` says."""
+
+    def audit(self, population: Population) -> AuditPlan:
+        """How the refined runs are spent."""
+        raise NotImplementedError
+
+    def wanted(self, population: Population, answers: Answers, places: int, under_way: Collection[int]) -> list[int]:
+        """The rest of the wave; nothing once a target alone is seen to be out of reach."""
+        audit = self.audit(population)
+        asked = [sample for sample in next_audit(population, answers, audit) if sample not in under_way]
+        if asked and self.target_cov is not None and self.refined_runs is None:
+            found = two_phase(population, answers, audit)
+            if found.refined_runs >= usual_budget(population.size) and out_of_reach(found, self.target_cov):
+                return []
+        return asked
+
+    def estimate(self, population: Population, answers: Answers) -> Estimate:
+        """From the complete waves."""
+        return two_phase(population, answers, self.audit(population))
+
+    def path(self, population: Population, answers: Answers) -> list[Estimate]:
+        """After every complete wave."""
+        return path(population, answers, self.audit(population))
+
+    def weights(self, population: Population, answers: Answers) -> dict[int, float]:
+        """Those of the ordered draws."""
+        return sample_weights(population, answers, self.audit(population))
+
+    def failures(self, population: Population, answers: Answers) -> Failures:
+        """By the audit's model and its draws."""
+        return failures(population, answers, self.audit(population))
+
+
+@dataclass(frozen=True)
+class TwoPhase(Audited):
+    """All samples on the rough grid, an audited few on the refined one: `two_phase`.
+
+    refined_runs, target_cov: budget, and the coefficient of variation at which to stop before it is spent. Without
+    either the budget is a fifth of the samples, at least 20. k_t: n/N by the published rule is told beside, where the
+    runs allow it. seed: of the draws.
+    """
+
+    name: ClassVar[str] = "two-phase"
+    k_t: int | None = None
+    seed: int = 0
+
+    def check(self, sampling: Sampling) -> None:
+        """ValueError for a budget, target, k_t or number of samples that an audit cannot do with."""
+        super().check(sampling)
+        check_rule(self.k_t)
+        if sampling.samples < 10:
+            raise ValueError(
+                f"[campaign] samples = {sampling.samples}: give 10 or more for the audit, or estimator = 'published'"
+            )
+
+    def audit(self, population: Population) -> AuditPlan:
+        """How the refined runs are spent; without a ranked prefix, which costs more than it tells."""
+        return AuditPlan(self.budget(population.size), seed=self.seed, target_cov=self.target_cov)
+
+    def beside(self, population: Population, answers: Answers) -> list[Estimate]:
+        """n/N where its rule is met, plain Monte Carlo where every sample ran."""
+        return [*published_where_met(self.k_t, population, answers), *monte_carlo_of_all(population, answers)]
+
+
+@dataclass(frozen=True)
+class Subset(Audited):
+    """Subset simulation on the rough grid, for rare failures, and the audit of its samples: `subset_simulation`.
+
+    The scene's `samples` are per level, in all replicates together. levels, replicates: as in `SubsetPlan`.
+    refined_runs, target_cov: as for `TwoPhase`. seed: of all draws. No other estimator is told beside: none knows
+    samples that weigh differently.
+    """
+
+    name: ClassVar[str] = "subset"
+    levels: int | None = None
+    replicates: int | None = None
+    seed: int = 0
+
+    def plan(self, sampling: Sampling) -> SubsetPlan:
+        """Subset simulation with these settings."""
+        replicates = SubsetPlan.replicates if self.replicates is None else self.replicates
+        levels = SubsetPlan.levels if self.levels is None else self.levels
+        return SubsetPlan(sampling.samples // replicates, levels, replicates, seed=self.seed)
+
+    def check(self, sampling: Sampling) -> None:
+        """ValueError for levels that chains do not fill, or a budget or target that an audit cannot do with."""
+        super().check(sampling)
+        replicates = SubsetPlan.replicates if self.replicates is None else self.replicates
+        if replicates < 2 or (self.levels is not None and self.levels < 1):
+            raise ValueError(f"[campaign] replicates = {replicates}, levels = {self.levels}: give 2 or more, 1 or more")
+        if sampling.samples % (10 * replicates) or sampling.samples < 20 * replicates:
+            raise ValueError(
+                f"[campaign] samples = {sampling.samples} per level with {replicates} replicates: give a multiple of "
+                f"{10 * replicates}, at least {20 * replicates}"
+            )
+        if sampling.screening_stop is not None:
+            raise ValueError("[campaign] screening_stop cuts off what subset simulation ranks by: leave it out")
+
+    def rough_runs(self, sampling: Sampling) -> int:
+        """Those of all levels."""
+        return self.plan(sampling).rough_runs
+
+    def coefficients(self, sampling: Sampling, screened: Screened) -> np.ndarray:
+        """Those of the levels and steps of chains that the results so far lead to (n, modes)."""
+        return replayed(self.plan(sampling), sampling.modes(), screened)[0]
+
+    def population(self, sampling: Sampling, screened: Screened) -> Population | None:
+        """Samples of all levels, weighted; None while some are to come."""
+        found = replayed(self.plan(sampling), sampling.modes(), screened)[1]
+        if found is None:
+            return None
+        return Population(
+            found.rough_displacement, weight=found.weight, replicate=found.replicate, number=found.number,
+            failure_displacement=sampling.failure_displacement,
+        )  # fmt: skip
+
+    def audit(self, population: Population) -> AuditPlan:
+        """How the refined runs are spent. The ranks are trusted, as the levels trust them: no affordable number of even
+        draws rules out a rare failure."""
+        runs = self.budget(population.size)
+        return AuditPlan(runs, seed=self.seed, target_cov=self.target_cov, growth=0.5, proving=0)
+
+
+ESTIMATORS = {kind.name: kind for kind in (TwoPhase, Published, ControlVariate, MonteCarlo, Subset)}
+"""By the name in a scene."""
+
+SETTINGS = ("k_t", "refined_runs", "target_cov", "levels", "replicates")
+"""Keys of a scene that are settings of one estimator or another."""
+
+
+def named_estimator(name: str, said: Mapping[str, Any]) -> Estimator:
+    """The estimator of this name with the settings that a scene gives. said: by key, None for what it does not say.
+
+    A k_t that the estimator has no use for is let be, since every scene used to have one. Raises ValueError for other
+    settings that are not the estimator's, and for one that it cannot do without.
+    """
+    kind = ESTIMATORS[name]
+    known = {key: value for key, value in said.items() if value is not None}
+    takes = {setting.name: setting for setting in fields(kind)}
+    for key, value in known.items():
+        if key in SETTINGS and key not in takes and key != "k_t":
+            others = [repr(n) for n, other in ESTIMATORS.items() if key in {f.name for f in fields(other)}]
+            raise ValueError(
+                f"[campaign] {key} = {value} is for estimator = {' or '.join(others)}, not {name!r}: leave it out"
+            )
+    for key, setting in takes.items():
+        if setting.default is MISSING and key not in known:
+            raise ValueError(f"[campaign] lacks {key}: add it, estimator = {name!r} needs it")
+    made: Estimator = kind(**{key: value for key, value in known.items() if key in takes})
+    return made

@@ -1,0 +1,356 @@
+"""Estimators without an audit: the published rule, plain Monte Carlo, the control variate that the rough ranks make.
+
+Their first phase is the scene's own samples (`SceneSamples`). Monte Carlo and the control variate refine the first of
+these: their order says nothing about them, so they are a random subset.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from cooperative.estimate._audit import fit_logistic, normal_scores, predict_logistic, rough_centre
+from cooperative.estimate._estimates import Estimate, after_more_runs, binomial, with_variance
+from cooperative.estimate._protocol import Answers, Estimator, Population, Sampling, Screened, all_samples
+from cooperative.estimate._ranking import next_refined, rank_samples, stopping_rank
+
+FOLDS = 5
+"""Folds of the control variate; it takes two runs in each."""
+LOOK = 10
+"""Monte Carlo looks at its target after so many samples, and again after as many."""
+POINTS = 60
+"""At most so many points of a path."""
+
+
+class SceneSamples(Estimator, Protocol):
+    """Base of an estimator that refines some of the scene's own samples, each of which runs once on the rough grid.
+
+    A class derives from it, is a frozen dataclass, and writes `name`, `check`, `budget`, `wanted`, `estimate`,
+    `weights` and `why_finished`; what else it has it writes over. See `Estimator` for every member.
+    """
+
+    def rough_runs(self, sampling: Sampling) -> int:
+        """One of each sample."""
+        return sampling.samples
+
+    def coefficients(self, sampling: Sampling, screened: Screened) -> np.ndarray:
+        """Those of the scene's samples, (samples, modes)."""
+        return sampling.draw()
+
+    def population(self, sampling: Sampling, screened: Screened) -> Population | None:
+        """The scene's samples."""
+        return all_samples(sampling, screened)
+
+    def path(self, population: Population, answers: Answers) -> list[Estimate]:
+        """The estimate alone, without the way to it."""
+        return [self.estimate(population, answers)]
+
+    def beside(self, population: Population, answers: Answers) -> list[Estimate]:
+        """None."""
+        return []
+
+
+@dataclass(frozen=True)
+class Published(SceneSamples):
+    """Refined runs in rank order until k_t in a row stand, and n/N: `published`."""
+
+    name: ClassVar[str] = "published"
+    k_t: int
+
+    def check(self, sampling: Sampling) -> None:
+        """ValueError for a k_t below 1."""
+        check_rule(self.k_t)
+
+    def budget(self, samples: int) -> None:
+        """The stopping rule alone tells."""
+
+    def wanted(self, population: Population, answers: Answers, places: int, under_way: Collection[int]) -> list[int]:
+        """The next ranks that the rule needs whatever those under way turn out to be."""
+        return next_refined(
+            population.rough_displacement, answers, self.k_t, places, broke_off=population.broke_off,
+            under_way=under_way,
+        )  # fmt: skip
+
+    def estimate(self, population: Population, answers: Answers) -> Estimate:
+        """n/N."""
+        return published(population.rough_displacement, answers, self.k_t, broke_off=population.broke_off)
+
+    def path(self, population: Population, answers: Answers) -> list[Estimate]:
+        """Down the ranks."""
+        ranked = [sample for sample in _order(population).tolist() if sample in answers]
+        return _path(ranked, 1, self, population, answers)
+
+    def weights(self, population: Population, answers: Answers) -> dict[int, float]:
+        """Each run with an answer counts once."""
+        return {sample: 1.0 for sample, failed in answers.items() if failed is not None}
+
+    def beside(self, population: Population, answers: Answers) -> list[Estimate]:
+        """Plain Monte Carlo where every sample ran."""
+        return monte_carlo_of_all(population, answers)
+
+    def why_finished(self, population: Population, answers: Answers) -> str | None:
+        """All ran, or k_t in a row stand."""
+        if self.wanted(population, answers, 1, ()):
+            return None
+        everything = len(answers) == population.size
+        return "all samples ran on the refined grid" if everything else f"{self.k_t} samples in a row stand"
+
+
+@dataclass(frozen=True)
+class Budgeted(SceneSamples):
+    """Base of an estimator with a budget: refined_runs, or what is usual where that is None, and target_cov, the
+    coefficient of variation at which to stop before it is spent."""
+
+    refined_runs: int | None = None
+    target_cov: float | None = None
+
+    def check(self, sampling: Sampling) -> None:
+        """ValueError for a budget or target that makes no sense."""
+        if self.refined_runs is not None and self.refined_runs < 10:
+            raise ValueError(f"[campaign] refined_runs = {self.refined_runs}: give 10 or more, the audit needs some")
+        if self.target_cov is not None and not 0 < self.target_cov < 1:
+            raise ValueError(f"[campaign] target_cov = {self.target_cov:g}: give a value above 0 and below 1")
+
+    def budget(self, samples: int) -> int:
+        """What the settings say, or for a target alone all samples, or a fifth of them, at least 20."""
+        usual = usual_budget(samples) if self.target_cov is None else samples
+        return min(self.refined_runs or usual, samples)
+
+    def why_finished(self, population: Population, answers: Answers) -> str | None:
+        """All ran, the target is met or out of reach, or the budget is spent."""
+        if self.wanted(population, answers, 1, ()):
+            return None
+        if len(answers) == population.size:
+            return "all samples ran on the refined grid"
+        target, found = self.target_cov, self.estimate(population, answers)
+        if target is not None and found.cov <= target:
+            return f"the coefficient of variation is at most {target:g}"
+        if target is not None and found.refined_runs < self.budget(population.size):
+            if not out_of_reach(found, target):
+                return (
+                    f"the runs that a coefficient of variation of {target:g} takes are made, as fixed before the last"
+                )
+            return (
+                f"a coefficient of variation of {target:g} is out of reach with {population.size} samples, "
+                "however many run refined: give more samples"
+            )
+        return "the refined runs allowed are spent"
+
+
+@dataclass(frozen=True)
+class InOrder(Budgeted):
+    """Base of an estimator that refines the scene's first samples, as many as its budget or target asks for.
+    k_t: n/N by the published rule is told beside, where the runs allow it."""
+
+    k_t: int | None = None
+
+    def check(self, sampling: Sampling) -> None:
+        """ValueError for a budget, target or k_t that makes no sense."""
+        super().check(sampling)
+        check_rule(self.k_t)
+
+    def wanted(self, population: Population, answers: Answers, places: int, under_way: Collection[int]) -> list[int]:
+        """The first samples, as many as the budget allows, or until the target is met at a multiple of 10."""
+        runs, target, there = self.budget(population.size), self.target_cov, _without_gap(answers)
+        if target is not None:
+            met = (
+                stop
+                for stop in range(LOOK, there + 1, LOOK)
+                if self.estimate(population, {s: answers[s] for s in range(stop)}).cov <= target
+            )
+            runs = next(met, runs)
+            # Not beyond the next look: what is run after it might not be needed.
+            runs = min(runs, LOOK * (there // LOOK + 1))
+        missing = [number for number in range(runs) if number not in answers and number not in under_way]
+        return missing[: max(places - len(under_way), 0)]
+
+    def path(self, population: Population, answers: Answers) -> list[Estimate]:
+        """After every 10 samples, or more."""
+        return _path(range(_without_gap(answers)), LOOK, self, population, answers)
+
+    def weights(self, population: Population, answers: Answers) -> dict[int, float]:
+        """Each run with an answer counts once."""
+        return dict.fromkeys(_first_answers(answers)[0], 1.0)
+
+
+@dataclass(frozen=True)
+class MonteCarlo(InOrder):
+    """Refined runs of the first samples, all unless the settings say fewer, and the share that fails: `monte_carlo`.
+
+    refined_runs, target_cov, k_t: as for `TwoPhase`.
+    """
+
+    name: ClassVar[str] = "monte carlo"
+
+    def budget(self, samples: int) -> int:
+        """What the settings say, or all samples."""
+        return min(self.refined_runs or samples, samples)
+
+    def estimate(self, population: Population, answers: Answers) -> Estimate:
+        """The share of the first samples that fails."""
+        known, notes = _first_answers(answers)
+        if not known:
+            return Estimate(0.0, (0.0, 1.0), np.inf, 0, "Monte Carlo", notes=("no refined run yet",))
+        return replace(monte_carlo(np.array(list(known.values())), samples=population.size), notes=notes)
+
+    def beside(self, population: Population, answers: Answers) -> list[Estimate]:
+        """n/N where its rule is met, and the control variate where there are samples that it can add."""
+        more = [] if monte_carlo_of_all(population, answers) else [ControlVariate().estimate(population, answers)]
+        return [*published_where_met(self.k_t, population, answers), *more]
+
+
+@dataclass(frozen=True)
+class ControlVariate(InOrder):
+    """Refined runs of the first samples, and the control variate that the rough ranks make: `control_variate`.
+
+    refined_runs, target_cov, k_t: as for `TwoPhase`.
+    """
+
+    name: ClassVar[str] = "control variate"
+
+    def estimate(self, population: Population, answers: Answers) -> Estimate:
+        """With the rough ranks as control; plain Monte Carlo of fewer than 10 runs."""
+        known, notes = _first_answers(answers)
+        if len(known) < 2 * FOLDS:
+            few = f"too few runs for a control variate, it takes {2 * FOLDS}"
+            return replace(MonteCarlo().estimate(population, answers), notes=(*notes, few))
+        found = control_variate(
+            population.rough_displacement, known, failure_displacement=population.failure_displacement
+        )
+        return replace(found, notes=notes)
+
+    def beside(self, population: Population, answers: Answers) -> list[Estimate]:
+        """n/N where its rule is met, and plain Monte Carlo: nobody chose the first samples."""
+        return [*published_where_met(self.k_t, population, answers), MonteCarlo().estimate(population, answers)]
+
+
+def check_rule(k_t: int | None) -> None:
+    """ValueError for a k_t below 1."""
+    if k_t is not None and k_t < 1:
+        raise ValueError(f"[campaign] k_t = {k_t}: give 1 or more")
+
+
+def published_where_met(k_t: int | None, population: Population, answers: Answers) -> list[Estimate]:
+    """n/N, where a k_t is given and the runs meet its rule."""
+    if k_t is None or stopping_rank(_order(population), answers, k_t) is None:
+        return []
+    return [Published(k_t).estimate(population, answers)]
+
+
+def monte_carlo_of_all(population: Population, answers: Answers) -> list[Estimate]:
+    """Plain Monte Carlo, where every sample has an answer."""
+    whole = len(answers) == population.size and None not in answers.values()
+    return [MonteCarlo().estimate(population, answers)] if whole else []
+
+
+def out_of_reach(found: Estimate, target: float) -> bool:
+    """Whether the sampling of the fields alone scatters more than the target, so that no refined run would help."""
+    return after_more_runs(found, 10**9) > target
+
+
+def usual_budget(samples: int) -> int:
+    """Refined runs where neither a number nor a target is given."""
+    return max(20, samples // 5)
+
+
+def _order(population: Population) -> np.ndarray:
+    return rank_samples(population.rough_displacement, population.broke_off).order
+
+
+def _path(
+    order: Sequence[int], step: int, estimator: Estimator, population: Population, answers: Answers
+) -> list[Estimate]:
+    """Estimates after every `step` of the samples that ran in this order, thinned to some 60, and after all of them."""
+    every = step * max(1, -(-len(order) // (step * POINTS)))
+    stops = sorted({*range(every, len(order), every), len(order)} - {0})
+    return [estimator.estimate(population, {s: answers[s] for s in order[:stop]}) for stop in stops]
+
+
+def _without_gap(answers: Answers) -> int:
+    """How many samples have an answer or broke off, from number 0 on without a gap."""
+    return next(number for number in range(len(answers) + 1) if number not in answers)
+
+
+def _first_answers(answers: Answers) -> tuple[dict[int, bool], tuple[str, ...]]:
+    """Answers of the samples from number 0 on without a gap, and a note on those that broke off."""
+    count = _without_gap(answers)
+    known = {number: bool(answers[number]) for number in range(count) if answers[number] is not None}
+    lost = count - len(known)
+    return known, (f"{lost} refined runs gave no answer and are left out",) if lost else ()
+
+
+def monte_carlo(failed: np.ndarray, *, level: float = 0.95, samples: float = np.inf) -> Estimate:
+    """n/N of samples that all ran on the refined grid, with a Wilson interval. failed: (N,) bool. samples: that can run
+    in all, these among them."""
+    failed = np.asarray(failed, dtype=bool)
+    share = float(failed.mean())
+    left = share * (1 - share) * (1 / failed.size - 1 / samples)
+    return binomial("Monte Carlo", int(failed.sum()), failed.size, failed.size, level=level, audit_variance=left)
+
+
+def published(
+    rough_displacement: np.ndarray,
+    refined: Answers,
+    k_t: int,
+    *,
+    broke_off: np.ndarray | None = None,
+    level: float = 0.95,
+) -> Estimate:
+    """n/N of Jiang et al. (2024), Computers and Geotechnics 172, 106413, with a Wilson interval.
+
+    n failures are counted down to the stopping rank of k_t; all samples below it are taken to stand, which
+    makes the estimate too low when the grids disagree. The interval holds the sampling of the N only.
+    rough_displacement: (N,) m. refined: sample -> failed, None for a run without an answer.
+    """
+    order = rank_samples(rough_displacement, broke_off).order
+    rank = stopping_rank(order, refined, k_t)
+    ranked = [refined[int(sample)] for sample in order[:rank] if int(sample) in refined]
+    unanswered, notes = ranked.count(None), []
+    if rank is None or rank < order.size:
+        notes.append("samples below the stopping rank are taken to stand: the estimate tends to be low")
+    if rank is None:
+        notes.append(f"the stopping rule (k_t = {k_t}) is not met yet")
+    if unanswered:
+        notes.append(f"{unanswered} refined runs gave no answer: up to {unanswered / order.size:.2g} more")
+    return binomial("published n/N", ranked.count(True), order.size, len(ranked), level=level, notes=tuple(notes))
+
+
+def control_variate(
+    rough_displacement: np.ndarray,
+    refined: Mapping[int, bool],
+    *,
+    failure_displacement: float = 1.0,
+    level: float = 0.95,
+) -> Estimate:
+    """Multifidelity control variate of Peherstorfer, Willcox and Gunzburger (2016), SIAM Journal on Scientific
+    Computing 38, A3163-A3194, for a random subset of the samples run on both grids.
+
+    The control is the failure probability given the rough rank, from a logistic fit to the other folds, so that
+    no sample takes part in its own prediction. rough_displacement: (N,) (m). refined: sample -> failed, of at
+    least 2 samples per fold drawn without regard to their rough result, for example the first n.
+    failure_displacement: beyond which a sample has failed (m).
+    """
+    count = np.size(rough_displacement)
+    if len(refined) < 2 * FOLDS:
+        raise ValueError(f"{len(refined)} refined runs in {FOLDS} folds: give at least {2 * FOLDS} runs")
+    rank = np.argsort(rank_samples(rough_displacement).order)
+    score = normal_scores(np.ones(count))[rank]
+    centre = rough_centre(rough_displacement, np.ones(count), failure_displacement)
+    runs = np.fromiter(sorted(refined), dtype=int)
+    failed = np.array([refined[int(run)] for run in runs], dtype=float)
+    residual, predicted = np.empty(runs.size), 0.0
+    for fold in range(FOLDS):
+        mine = np.arange(runs.size) % FOLDS == fold
+        model = fit_logistic(score[runs[~mine]], failed[~mine], centre)
+        residual[mine] = failed[mine] - predict_logistic(model, score[runs[mine]], centre)
+        predicted += mine.mean() * predict_logistic(model, score, centre).mean()
+    probability = predicted + float(residual.mean())
+    share = min(max(probability, 0.0), 1.0)
+    spread = float(residual.var(ddof=1)) * (1 / runs.size - 1 / count)
+    return with_variance(
+        "multifidelity control variate", probability, share * (1 - share) / count + spread, runs.size,
+        freedom=runs.size - 1, audit_variance=spread, level=level,
+    )  # fmt: skip
