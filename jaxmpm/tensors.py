@@ -17,10 +17,10 @@ from jaxmpm.types import Component, Tensor
 # Axes of space (x, y, z = 0, 1, 2) that a 1D, 2D or 3D grid spans.
 AXES: dict[int, tuple[int, ...]] = {1: (0,), 2: (0, 2), 3: (0, 1, 2)}
 
-# Where the component (i, j) of a symmetric tensor stands among xx, yy, zz, xy, yz, xz.
+# Index of the component (i, j) of a symmetric tensor in xx, yy, zz, xy, yz, xz.
 VOIGT = ((0, 3, 5), (3, 1, 4), (5, 4, 2))
 
-# Components of the stress that are carried in 1D, 2D and 3D, and those among them that act on the grid.
+# Components of the stress that the state has in 1D, 2D and 3D, and those among them that act on the grid.
 CARRIED: dict[int, tuple[int, ...]] = {1: (0, 1, 2), 2: (0, 1, 2, 5), 3: (0, 1, 2, 3, 4, 5)}
 ACTING: dict[int, tuple[int, ...]] = {1: (0,), 2: (0, 2, 5), 3: (0, 1, 2, 3, 4, 5)}
 
@@ -28,31 +28,61 @@ ACTING: dict[int, tuple[int, ...]] = {1: (0,), 2: (0, 2, 5), 3: (0, 1, 2, 3, 4, 
 def rows(array: Array) -> list[Array]:
     """The entries of an array along its first axis.
 
-    Unlike an index, whose transpose pads with zeros and adds, a split is transposed to a concatenation: reverse mode
-    through a material is three times faster for it.
+    An index is transposed to a sum with zero padding, a split to a concatenation: reverse mode through a material is
+    three times faster with a split.
+
+    Args:
+        array: (n, ...).
+
+    Returns:
+        n arrays (...).
     """
     return [row.reshape(array.shape[1:]) for row in jax.lax.split(array, (1,) * len(array))]
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(1, 2))
 def spread(array: Array, count: int, axis: int) -> Array:
-    """An array of length 1 along `axis`, repeated to length `count`."""
+    """Repeat an array of length 1 along an axis.
+
+    Args:
+        array: of length 1 along `axis`.
+        count: its new length.
+        axis: number of the axis.
+
+    Returns:
+        Array of length `count` along `axis`.
+    """
     return jnp.broadcast_to(array, [count if i == axis else n for i, n in enumerate(array.shape)])
 
 
 @spread.defjvp
 def _(count: int, axis: int, primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
-    # Transposed, a concatenation adds slices; a broadcast sums along a short axis, which takes XLA ten times as long.
+    # Transposed, a concatenation adds slices; a broadcast sums along a short axis, at ten times the time in XLA.
     return spread(*primals, count, axis), jnp.concatenate(tangents * count, axis=axis)
 
 
 def expand(components: Array, dimension: int) -> Tensor:
-    """The carried components (s, N) as a full tensor, absent ones as 0.0."""
+    """The full tensor of the components that a state has, absent ones as 0.0.
+
+    Args:
+        components: (s, N).
+        dimension: 1, 2 or 3.
+
+    Returns:
+        Six components.
+    """
     return placed(zip(CARRIED[dimension], rows(components), strict=True))
 
 
 def placed(components: Iterable[tuple[int, Component]]) -> Tensor:
-    """The tensor with these components in their places among xx, yy, zz, xy, yz, xz, the others absent."""
+    """The tensor with given components, the others absent.
+
+    Args:
+        components: pairs of index in xx, yy, zz, xy, yz, xz and component; a later pair replaces an earlier one.
+
+    Returns:
+        Six components.
+    """
     full: list[Component] = [0.0] * 6
     for index, component in components:
         full[index] = component
@@ -61,25 +91,56 @@ def placed(components: Iterable[tuple[int, Component]]) -> Tensor:
 
 
 def by_component(function: Callable[..., Component], *tensors: Tensor) -> Tensor:
-    """The tensor whose components are the function of those of the tensors given."""
+    """Apply a function to the components of tensors.
+
+    Args:
+        function: of one component of each tensor.
+        *tensors: its arguments.
+
+    Returns:
+        Tensor of the results.
+    """
     xx, yy, zz, xy, yz, xz = map(function, *tensors)
     return xx, yy, zz, xy, yz, xz
 
 
 def entries(gradient: Array) -> list[list[Array]]:
-    """The entries of a gradient (d, d, N), row by row."""
+    """The entries of a gradient, row by row.
+
+    Args:
+        gradient: (d, d, N).
+
+    Returns:
+        d lists of d arrays (N,).
+    """
     d = len(gradient)
     flat = rows(gradient.reshape(d * d, *gradient.shape[2:]))
     return [flat[i * d : (i + 1) * d] for i in range(d)]
 
 
 def compress(tensor: Tensor, dimension: int) -> Array:
-    """The components that `dimension` carries, stacked: (s, N)."""
+    """The components that a state of this dimension has, stacked.
+
+    Args:
+        tensor: six components.
+        dimension: 1, 2 or 3.
+
+    Returns:
+        (s, N).
+    """
     return jnp.stack([tensor[index] for index in CARRIED[dimension]])
 
 
 def acting(components: Array, dimension: int) -> Array:
-    """Those of the carried components (s, N) that act on the grid: (d (d + 1) / 2, N)."""
+    """The components that act on the grid.
+
+    Args:
+        components: those of a state (s, N).
+        dimension: d, 1, 2 or 3.
+
+    Returns:
+        (d (d + 1) / 2, N).
+    """
     if ACTING[dimension] == CARRIED[dimension]:
         return components
     full = expand(components, dimension)
@@ -87,7 +148,15 @@ def acting(components: Array, dimension: int) -> Array:
 
 
 def strain_increment(gradient: Sequence[Sequence[Array]], dt: Array) -> Tensor:
-    """Symmetric part of the velocity gradient's entries times dt; shear components are tensorial."""
+    """Symmetric part of the velocity gradient times dt; shear components are tensorial.
+
+    Args:
+        gradient: entries (i, j), the derivative of v_i along axis j (1/s).
+        dt: time step (s).
+
+    Returns:
+        Strain tensor.
+    """
     axes = AXES[len(gradient)]
     return placed(
         (VOIGT[i][j], 0.5 * dt * (gradient[a][b] + gradient[b][a]) if a < b else dt * gradient[a][a])
@@ -98,9 +167,15 @@ def strain_increment(gradient: Sequence[Sequence[Array]], dt: Array) -> Tensor:
 
 
 def rotate(stress: Tensor, gradient: Sequence[Sequence[Array]], dt: Array) -> Tensor:
-    """Stress after the Jaumann rate's rotation, s + dt (w s - s w) with w the spin of the velocity gradient.
+    """Rotate a stress by the Jaumann rate, s + dt (w s - s w) with w the spin of the velocity gradient.
 
-    gradient: its entry (i, j) is the derivative of v_i along axis j.
+    Args:
+        stress: tensor (Pa).
+        gradient: entries (i, j), the derivative of v_i along axis j (1/s).
+        dt: time step (s).
+
+    Returns:
+        Tensor (Pa).
     """
     dimension = len(gradient)
     if dimension == 1:
@@ -129,15 +204,28 @@ def rotate(stress: Tensor, gradient: Sequence[Sequence[Array]], dt: Array) -> Te
 
 
 def absent(component: Component) -> bool:
-    """Whether a component is the number 0.0 that stands for one that the dimension cannot have."""
+    """Whether a component is the number 0.0, which marks one that the dimension cannot have.
+
+    Args:
+        component: of a tensor.
+
+    Returns:
+        Whether it is absent.
+    """
     return isinstance(component, float) and component == 0.0
 
 
 def row_by_row(tensor: Tensor) -> Tensor:
-    """The same tensor, each of its components written before any is used.
+    """The same tensor, with each component stored before any is used.
 
-    For costly ones: a step stacks them, and XLA on CPU would compute all that goes into any of them in one loop, which
-    it does not vectorise. A step with Mohr-Coulomb took seventy times as long.
+    It is for costly components. A step stacks them, and XLA on CPU would compute all that any of them needs in one
+    loop, which it does not vectorise: a step with Mohr-Coulomb took seventy times as long.
+
+    Args:
+        tensor: six components.
+
+    Returns:
+        The same tensor.
     """
     present = [k for k in range(6) if not absent(tensor[k])]
     return placed(zip(present, _written(jnp.broadcast_arrays(*(tensor[k] for k in present))), strict=True))
@@ -157,38 +245,74 @@ def _(primals: tuple[Sequence[Array]], tangents: tuple[Sequence[Array]]) -> tupl
 
 
 def mean(tensor: Tensor) -> Array:
-    """Third of the trace."""
+    """Mean of the normal components, a third of the trace.
+
+    Args:
+        tensor: six components.
+
+    Returns:
+        (N,).
+    """
     return jnp.asarray((tensor[0] + tensor[1] + tensor[2]) / 3.0)
 
 
 def deviator(tensor: Tensor) -> Tensor:
-    """The tensor less its mean."""
+    """The tensor minus its mean.
+
+    Args:
+        tensor: six components.
+
+    Returns:
+        Tensor with trace 0.
+    """
     m = mean(tensor)
     return (tensor[0] - m, tensor[1] - m, tensor[2] - m, tensor[3], tensor[4], tensor[5])
 
 
 def with_mean(tensor: Tensor, value: Component) -> Tensor:
-    """The tensor with another mean, its deviator kept."""
+    """The tensor with another mean and the same deviator.
+
+    Args:
+        tensor: six components.
+        value: new mean, (N,).
+
+    Returns:
+        Tensor.
+    """
     change = value - mean(tensor)
     xx, yy, zz, xy, yz, xz = tensor
     return (xx + change, yy + change, zz + change, xy, yz, xz)
 
 
 def second_invariant(deviatoric: Tensor) -> Component:
-    """J2 = s:s / 2 of a deviator."""
+    """Second invariant J2 = s:s / 2 of a deviator.
+
+    Args:
+        deviatoric: tensor s of trace 0.
+
+    Returns:
+        (N,).
+    """
     xx, yy, zz, xy, yz, xz = deviatoric
     return 0.5 * (xx * xx + yy * yy + zz * zz) + xy * xy + yz * yz + xz * xz
 
 
 @jax.custom_jvp
 def safe_sqrt(x: Array) -> Array:
-    """Square root of x >= 0 whose derivative at 0 is 0, not infinite."""
+    """Square root of x >= 0 whose derivative at 0 is 0, not infinite.
+
+    Args:
+        x: of any shape.
+
+    Returns:
+        Array of the same shape.
+    """
     positive = x > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)
 
 
 @safe_sqrt.defjvp
 def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
-    # A division, which XLA computes once, where it would recompute a product for every component that it goes into.
+    # XLA computes a division once, but would recompute a product for every component that uses it.
     root, positive = safe_sqrt(*primals), primals[0] > 0
     return root, jnp.where(positive, tangents[0] / jnp.where(positive, 2 * root, 1.0), 0.0)

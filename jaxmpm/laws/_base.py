@@ -1,4 +1,4 @@
-"""What most constitutive laws share: isotropic elasticity, and nothing that is not asked for."""
+"""Shared part of most constitutive laws: isotropic elasticity, and None for everything optional."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ MODULI = {"bulk": above_zero("Pa"), "shear": above_zero("Pa")}
 
 
 class Law:
-    """Base of a law with the moduli `bulk` and `shear` (Pa), no history, no strength, no friction, no softening.
+    """Base of a law with isotropic elasticity, without history, strength, friction or softening.
 
-    A law derives from it, is a frozen dataclass decorated with `pytree`, and writes `update`; what else it has it
-    writes over. PARAMETERS declares the law's own numbers, besides the moduli. See `Material` for every member.
+    A law derives from it, is a frozen dataclass decorated with `pytree` that has the moduli `bulk` and `shear` (Pa),
+    and implements `update`. It overrides whatever else it has. PARAMETERS declares the law's own numbers besides the
+    moduli. See `Material` for every member.
     """
 
     PARAMETERS: ClassVar[Mapping[str, Limit]] = MODULI
@@ -46,25 +47,40 @@ class Law:
         return None
 
     def reduced(self, factor: Array) -> Any:
-        """The parameters declared as `reduced`, divided by `factor`; ValueError where there are none."""
+        """The law with parameters declared as `reduced` divided by `factor`; ValueError if there are none."""
         return with_strength_divided(self, factor)
 
     def update(
         self, strain_increment: Tensor, stress: Tensor, history: Any, dt: Array | None = None
     ) -> tuple[Tensor, Any]:
-        """Stress (Pa) and history after a strain increment within dt (s): what a law must write."""
+        """Stress (Pa) and history after a strain increment within dt (s); a law must implement it."""
         raise NotImplementedError(f"{type(self).__name__} has no `update`: write one, see jaxmpm.Material")
 
 
 def reduce_strength(material: Material, factor: Array) -> Any:
-    """The strength reduction method: a law's peak and residual strength, tan(phi) too, divided by `factor`.
+    """Divide a law's peak and residual strength, tan(phi) included, by a factor: the strength reduction method.
 
-    Raises ValueError for a law without strength.
+    Args:
+        material: a law, whose parameters are numbers or one value per particle (N,).
+        factor: () reduction factor above 0.
+
+    Returns:
+        The law with reduced strength.
+
+    Raises:
+        ValueError: If the law has no strength.
     """
     return material.reduced(factor)
 
 
 def snaps_back(material: Material) -> Array | None:
-    """Whether strength falls as steeply as the soil unloads elastically, or steeper; None without softening."""
+    """Whether strength falls at least as steeply as the soil unloads elastically.
+
+    Args:
+        material: a law.
+
+    Returns:
+        () bool, None for a law that does not soften.
+    """
     steepest = material.steepest_softening
     return None if steepest is None else jnp.any(steepest >= material.shear)

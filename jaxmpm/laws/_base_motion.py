@@ -1,4 +1,4 @@
-"""An earthquake as the acceleration of the ground's rigid base, felt in the frame that moves with it."""
+"""An earthquake as the acceleration of the ground's rigid base; the scene is solved in the frame that moves with it."""
 
 from __future__ import annotations
 
@@ -17,11 +17,16 @@ from foundation.pytrees import pytree
 @pytree
 @dataclass(frozen=True)
 class BaseMotion:
-    """Acceleration (d, m) m/s2 of the base along the scene's axes, sampled every `interval` (s) from time 0, m > 1.
+    """Acceleration of the base, sampled at equal intervals from time 0.
 
-    Linear between samples, and none after the last. A scene with it is solved in the frame of the base: displacements
-    and velocities are those over the base, and the soil is pushed against the acceleration, alike everywhere.
-    Source: Clough and Penzien (1993), Dynamics of Structures, section 2-5 (support motion).
+    It is linear between samples, and 0 after the last. Displacements and velocities of a scene with it are relative to
+    the base, and every particle feels the opposite acceleration.
+
+    Source: Clough and Penzien (1993), Dynamics of Structures, Section 2-5 (support motion).
+
+    Args:
+        acceleration: (d, m) m/s2 along the scene's axes, m > 1.
+        interval: time between samples (s).
     """
 
     acceleration: Array
@@ -31,8 +36,8 @@ class BaseMotion:
 
     def at(self, time: Array) -> Array:
         """Acceleration (d,) m/s2 at a time (s)."""
-        place, last = time / self.interval, self.acceleration.shape[1] - 1
-        before = jnp.clip(jnp.floor(place), 0, last - 1)
+        sample, last = time / self.interval, self.acceleration.shape[1] - 1
+        before = jnp.clip(jnp.floor(sample), 0, last - 1)
         pair = jax.lax.dynamic_slice_in_dim(self.acceleration, before.astype(jnp.int32), 2, axis=1)
-        value = pair[:, 0] + (place - before) * (pair[:, 1] - pair[:, 0])
-        return jnp.where(place <= last, value, 0)
+        value = pair[:, 0] + (sample - before) * (pair[:, 1] - pair[:, 0])
+        return jnp.where(sample <= last, value, 0)

@@ -1,7 +1,7 @@
 """Soil with cohesion and friction: Drucker-Prager's cone and Mohr-Coulomb's pyramid, with dilation and tension cutoff.
 
 Tension is positive, so the mean stress p of a loaded soil is negative. The history variable is the accumulated
-engineering plastic shear strain g, kept only where the soil softens.
+engineering plastic shear strain g; it exists only if the soil softens.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from jaxmpm.tensors import by_component, deviator, mean, row_by_row, safe_sqrt, 
 from jaxmpm.types import Particles, Tensor
 
 SMALLEST = 1e-6
-"""Sine of friction below which the apex stays where this sine puts it: too far out to be reached."""
+"""Least sine of friction in the position of the apex, which is then too far out to be reached."""
 
 
 PARAMETERS = {
@@ -41,10 +41,10 @@ PARAMETERS = {
 
 
 class Matching(enum.Enum):
-    """Where the Drucker-Prager cone meets Mohr-Coulomb's pyramid.
+    """Points at which the Drucker-Prager cone meets Mohr-Coulomb's pyramid.
 
-    PLANE_STRAIN: at failure in plane strain, for any dilation. COMPRESSION: at the edges of triaxial compression
-    (the outer cone). EXTENSION: at those of triaxial extension.
+    PLANE_STRAIN matches at failure in plane strain, for any dilation; COMPRESSION at the edges of triaxial compression
+    (the outer cone); EXTENSION at those of triaxial extension.
     """
 
     PLANE_STRAIN = "plane strain"
@@ -53,12 +53,23 @@ class Matching(enum.Enum):
 
 
 def cone(matching: Matching, cohesion: Array, friction: Array, dilation: Array) -> tuple[Array, Array, Array]:
-    """Slope, intercept (Pa) and dilation of the cone sqrt(J2) + slope p = intercept, of angles in rad.
+    """Parameters of the cone sqrt(J2) + slope p = intercept that matches Mohr-Coulomb's pyramid.
 
     In plane strain no plastic flow leaves the plane at failure. With the cone's dilation b = sin(psi) D,
-    D = 1 / sqrt(1 + sin(psi)^2 / 3), this puts the out-of-plane stress at -2/3 b sqrt(J2) from the mean, and the
-    slope is sin(phi) / (D + sin(phi) b / 3). Without dilation that is sin(phi), with full dilation the inner cone.
-    Source: de Souza Neto, Peric and Owen (2008), section 6.4 (the edges); Davis (1968) for flow at failure.
+    D = 1 / sqrt(1 + sin(psi)^2 / 3), the out-of-plane stress differs by -2/3 b sqrt(J2) from the mean, and the slope is
+    sin(phi) / (D + sin(phi) b / 3). Without dilation that is sin(phi), with full dilation the inner cone.
+
+    Sources: edges: de Souza Neto, Peric and Owen (2008), doi:10.1002/9780470694626, Section 6.4; flow at failure: Davis
+    (1968), Theories of plasticity and the failure of soil masses.
+
+    Args:
+        matching: where cone and pyramid meet.
+        cohesion: Pa, () or (N,).
+        friction: radians, () or (N,).
+        dilation: radians, () or (N,).
+
+    Returns:
+        Slope, intercept (Pa) and dilation of the cone.
     """
     sine, dilating = jnp.sin(friction), jnp.sin(dilation)
     if matching is Matching.PLANE_STRAIN:
@@ -79,8 +90,18 @@ def cone(matching: Matching, cohesion: Array, friction: Array, dilation: Array) 
 class DruckerPrager(Law):
     """Elastic soil that yields on a cone matched to Mohr-Coulomb.
 
-    bulk, shear: Pa. cohesion: Pa. friction, dilation: rad. softening: None keeps the peak. tension_cutoff: largest
-    mean stress (Pa); None leaves it to the cone's apex. matching: see `Matching`. gap_memory: as for `J2`.
+    Every parameter is a number or one value per particle (N,).
+
+    Args:
+        bulk: elastic bulk modulus (Pa).
+        shear: elastic shear modulus (Pa).
+        cohesion: Pa.
+        friction: angle (radians).
+        dilation: angle (radians), at most the friction.
+        softening: loss of strength with plastic strain; None for none.
+        tension_cutoff: largest mean stress (Pa); None for that of the cone's apex.
+        matching: where the cone meets the pyramid; static.
+        gap_memory: as for `J2`; static.
     """
 
     PARAMETERS: ClassVar[Mapping[str, Limit]] = PARAMETERS
@@ -97,13 +118,23 @@ class DruckerPrager(Law):
     gap_memory: bool = field(default=True, metadata={"static": True, "absent": False})
 
     def initial_history(self, particles: Particles) -> Array | None:
-        """No plastic strain yet; None without softening."""
+        """Plastic strain (N,) of 0; None without softening."""
         return None if self.softening is None else jnp.zeros_like(particles.mass)
 
     def update(
         self, strain_increment: Tensor, stress: Tensor, history: Array | None, dt: Array | None = None
     ) -> tuple[Tensor, Array | None]:
-        """Elastic predictor, then back to the cone, or to the corner or cap where the mean stress is cut off."""
+        """Elastic predictor, then return to the cone, or to the corner or cap where the mean stress is cut off.
+
+        Args:
+            strain_increment: tensor, tension positive.
+            stress: tensor (Pa).
+            history: (N,) plastic shear strain, or None.
+            dt: not used.
+
+        Returns:
+            Stress (Pa) and history.
+        """
         trial = add(stress, elastic_increment(self.bulk, self.shear, strain_increment))
         slope, intercept, dilation = cone(self.matching, *_strength(self, history))
         p, q = mean(trial), safe_sqrt(second_invariant(deviator(trial)))
@@ -128,11 +159,19 @@ class DruckerPrager(Law):
 @pytree
 @dataclass(frozen=True)
 class MohrCoulomb(Law):
-    """Elastic soil that yields on Mohr-Coulomb's pyramid, non-associated, cut off where a principal stress is tension.
+    """Elastic soil that yields on Mohr-Coulomb's pyramid, non-associated, with a cutoff of principal tension.
 
-    bulk, shear: Pa. cohesion: Pa. friction, dilation: rad, the dilation at most the friction. softening: None keeps
-    the peak. tension_cutoff: largest principal stress (Pa), its flow associated; None leaves it to the apex.
-    gap_memory: as for `J2`, of soil that comes apart along all axes.
+    Every parameter is a number or one value per particle (N,).
+
+    Args:
+        bulk: elastic bulk modulus (Pa).
+        shear: elastic shear modulus (Pa).
+        cohesion: Pa.
+        friction: angle (radians).
+        dilation: angle (radians), at most the friction.
+        softening: loss of strength with plastic strain; None for none.
+        tension_cutoff: largest principal stress (Pa), with associated flow; None for that of the apex.
+        gap_memory: as for `J2`, of soil that opens along all axes; static.
     """
 
     PARAMETERS: ClassVar[Mapping[str, Limit]] = PARAMETERS
@@ -148,13 +187,23 @@ class MohrCoulomb(Law):
     gap_memory: bool = field(default=True, metadata={"static": True, "absent": False})
 
     def initial_history(self, particles: Particles) -> Array | None:
-        """No plastic strain yet; None without softening."""
+        """Plastic strain (N,) of 0; None without softening."""
         return None if self.softening is None else jnp.zeros_like(particles.mass)
 
     def update(
         self, strain_increment: Tensor, stress: Tensor, history: Array | None, dt: Array | None = None
     ) -> tuple[Tensor, Array | None]:
-        """Elastic predictor, then back to the pyramid in principal stresses: see `principal_drop`."""
+        """Elastic predictor, then return to the pyramid in principal stresses: see `principal_drop`.
+
+        Args:
+            strain_increment: tensor, tension positive.
+            stress: tensor (Pa).
+            history: (N,) plastic shear strain, or None.
+            dt: not used.
+
+        Returns:
+            Stress (Pa) and history.
+        """
         trial = add(stress, elastic_increment(self.bulk, self.shear, strain_increment))
         law = PyramidLaw(self.bulk, self.shear, *_strength(self, history), tension=self.tension_cutoff)
         law = jax.tree.map(lambda p: jnp.asarray(p, jnp.result_type(self.bulk)), law)
@@ -169,9 +218,15 @@ def _strength(material: DruckerPrager | MohrCoulomb, history: Array | None) -> t
 
 
 class PyramidLaw(NamedTuple):
-    """What a return to the pyramid depends on, per particle.
+    """Parameters of a return to the pyramid, per particle.
 
-    bulk, shear: Pa. cohesion: Pa. friction, dilation: rad. tension: largest principal stress (Pa), None without cutoff.
+    Args:
+        bulk: elastic bulk modulus (Pa).
+        shear: elastic shear modulus (Pa).
+        cohesion: Pa.
+        friction: angle (radians).
+        dilation: angle (radians).
+        tension: largest principal stress (Pa); None without a cutoff.
     """
 
     bulk: Array
@@ -183,13 +238,24 @@ class PyramidLaw(NamedTuple):
 
 
 def principal_drop(x1: Array, x2: Array, x3: Array, law: PyramidLaw) -> tuple[Array, Array, Array, Array]:
-    """How far the principal trial stresses x1 >= x2 >= x3 stand beyond the pyramid (Pa), and the plastic shear strain.
+    """Excess of the principal trial stresses over the pyramid, and the plastic shear strain.
 
-    The pyramid is made of planes, so every set of active planes gives a return in closed form: the main plane, its
-    two edges, the apex, and with a cutoff the tension planes and their edges with it. Of these the right one satisfies
-    all planes with multipliers of the right sign; taken is the one that comes nearest to that, so no tolerance is
-    needed and the stress is continuous where regions meet.
-    Source: de Souza Neto, Peric and Owen (2008), section 8.2; Koiter (1953) for several active planes.
+    The pyramid consists of planes, so every set of active planes gives a return in closed form: the main plane, its two
+    edges, the apex, and with a cutoff the tension planes and their edges with it. The right return satisfies all planes
+    with multipliers of the right sign. The function takes the one that violates these conditions least, so it needs no
+    tolerance, and the stress is continuous where regions meet.
+
+    Sources: de Souza Neto, Peric and Owen (2008), doi:10.1002/9780470694626, Section 8.2; several active planes: Koiter
+    (1953), doi:10.1090/qam/59769.
+
+    Args:
+        x1: largest trial stress (Pa), (N,).
+        x2: middle one (Pa), (N,).
+        x3: least one (Pa), (N,).
+        law: parameters of the return.
+
+    Returns:
+        Three differences between trial stress and result (Pa), and the plastic shear strain.
     """
     bulk, shear, cohesion, friction, dilation, tension = law
     s, r = jnp.sin(friction), jnp.sin(dilation)
@@ -212,7 +278,7 @@ def principal_drop(x1: Array, x2: Array, x3: Array, law: PyramidLaw) -> tuple[Ar
         total = sum(d) * b / (3 * bulk)
         return tuple((di - total) / (2 * shear) for di in d)
 
-    # Stress, and the numbers that must not be negative (strains) of each return.
+    # Each return: its stress, and its strains, which must not be negative.
     same = 4 * shear * (1 + s * r) + 4 * b * s * r
     right = 2 * shear * (1 - s) * (1 - r) + 4 * b * s * r
     left = 2 * shear * (1 + s) * (1 + r) + 4 * b * s * r
@@ -268,7 +334,7 @@ def _cut_off(
     stress: Callable[..., tuple[Any, Any, Any]],
     strain: Callable[..., tuple[Any, Any, Any]],
 ) -> list[tuple[Any, list[Any]]]:
-    """Returns to the tension planes at t, alone and with the pyramid, which they cut at the least stress `low`."""
+    """Returns to the tension planes at t, alone and with the pyramid; they intersect it at the least stress `low`."""
     det = a * a - b * b
     one = (x[0] - t) / a
     two = [(a * (x[i] - t) - b * (x[1 - i] - t)) / det for i in (0, 1)]

@@ -1,4 +1,4 @@
-"""The gap in soil that has come apart: it closes before the soil bears pressure again."""
+"""The gap in soil that has opened: it closes before the soil bears pressure again."""
 
 from __future__ import annotations
 
@@ -12,12 +12,19 @@ from jaxmpm.tensors import mean
 from jaxmpm.types import Material, Tensor
 
 SHARE = 1e-3
-"""Pressure over the stress that the cutoff took away, up to which soil is loose: rounding is far less."""
+"""Largest pressure of loose soil, over the stress that the cutoff removed; rounding is far smaller."""
 
 
 @singledispatch
 def remembers_gap(law: Material) -> bool:
-    """Whether soil of this law has a tension cutoff and remembers what it opens."""
+    """Whether a law has a tension cutoff and a memory of the gap that it opens.
+
+    Args:
+        law: a law.
+
+    Returns:
+        Whether the state has a gap.
+    """
     return getattr(law, "tension_cutoff", None) is not None and getattr(law, "gap_memory", False)
 
 
@@ -32,15 +39,25 @@ def update_with_gap(
     gap: Array | None,
     logarithmic: bool = False,
 ) -> tuple[Tensor, Any, Array | None]:
-    """Stress (Pa), history and gap (N,) after a strain increment within dt (s), as `Material.update` has the first two.
+    """Stress, history and gap after a strain increment.
 
-    gap: growth in volume, a logarithm, that the tension cutoff has not answered with stress; None where it is not
-    remembered. logarithmic: whether the trace of the strain is the growth of a step, else the volume's increase.
+    Soil that shrinks loses its tension first and then its gap; only the rest of the strain reaches the law. So its mean
+    stress cannot become compressive before the opened volume has closed. The growth in volume has two parts: the
+    elastic one, mean stress over bulk modulus, and the gap; so soil can rebound from its stress at rest. Growth under
+    pressure is dilation and opens no gap.
 
-    Soil that shrinks loses its tension first and then its gap, and only what is left strains it: its mean stress
-    cannot become compressive before the opened volume has closed. What soil grows by is the elastic part, its mean
-    stress over the bulk modulus, and the gap: so it may rebound from the stress that it had at rest. Growth under
-    pressure is dilation, and opens no gap.
+    Args:
+        law: the soil's law.
+        strain: increment, tension positive.
+        stress: tensor (Pa).
+        history: of the law.
+        dt: duration of the increment (s).
+        gap: (N,) growth in volume, as a logarithm, that the tension cutoff has left without stress; None without
+            memory.
+        logarithmic: whether the trace of the strain is the logarithm of the volume's growth, else its increase.
+
+    Returns:
+        Stress (Pa), history and gap.
     """
     if gap is None:
         return *law.update(strain, stress, history, dt), None

@@ -1,10 +1,11 @@
-"""Finite strains: Hencky (logarithmic) elastic strain, strained by a step's deformation before any law returns it.
+"""Finite strains: the elastic Hencky (logarithmic) strain, strained by a step's deformation before a law returns it.
 
 The Kirchhoff stress J s is linear in the elastic strain 1/2 ln b, b the elastic left Cauchy-Green tensor. A return in
-logarithmic strains then has the form of one in small strains, so that every law serves as it is; its plastic flow is
-the exponential map. Elastic strain follows from the stress, so nothing more is carried.
-Source: de Souza Neto, Peric and Owen (2008), sections 14.3 to 14.5; Weber and Anand (1990),
-10.1016/0045-7825(90)90131-5.
+logarithmic strains has the form of one in small strains, so every law can be used unchanged; its plastic flow is the
+exponential map. Elastic strain follows from the stress, so the state needs no further variable.
+
+Sources: de Souza Neto, Peric and Owen (2008), doi:10.1002/9780470694626, Sections 14.3 to 14.5; Weber and Anand (1990),
+doi:10.1016/0045-7825(90)90131-5.
 """
 
 from __future__ import annotations
@@ -22,7 +23,15 @@ from jaxmpm.types import Component, Tensor
 def logarithmic(elastic: Tensor, gradient: Sequence[Sequence[Array]], dt: Array) -> Tensor:
     """Elastic strain 1/2 ln(f b f^T) after a step of f = I + dt grad v, all of it elastic; b = exp(2 elastic).
 
-    What is computed is b - I and its change, never b: in float32 strains of 1e-4 would lose three digits to the 1.
+    It computes b - I and its change, never b: in float32 strains of 1e-4 would lose three digits to the 1.
+
+    Args:
+        elastic: strain before the step.
+        gradient: entries (i, j), the derivative of v_i along axis j (1/s).
+        dt: time step (s).
+
+    Returns:
+        Strain tensor.
     """
     g: Matrix = [[0.0] * 3 for _ in range(3)]
     for a, i in enumerate(AXES[len(gradient)]):
@@ -36,7 +45,7 @@ def logarithmic(elastic: Tensor, gradient: Sequence[Sequence[Array]], dt: Array)
     change = _sum(_sum(moved, _transposed(moved)), twice)
     both = placed((VOIGT[i][j], _before_and_after(h[i][j], change[i][j])) for i in range(3) for j in range(i, 3))
     logarithms, _ = isotropic(_logarithm, row_by_row(both))
-    # The difference, so that what rounds alike before and after does not add up over a million steps at rest.
+    # The difference: equal rounding before and after then does not add up over a million steps at rest.
     return by_component(_grown, elastic, row_by_row(logarithms))
 
 
@@ -50,7 +59,15 @@ def _grown(component: Component, both: Component) -> Component:
 
 
 def volumetric(gradient: Sequence[Sequence[Array]], dt: Array) -> Array:
-    """ln det(I + dt grad v), the change of the logarithm of volume; not finite where the soil would invert."""
+    """Change of the logarithm of volume, ln det(I + dt grad v); not finite where the soil would invert.
+
+    Args:
+        gradient: entries (i, j), the derivative of v_i along axis j (1/s).
+        dt: time step (s).
+
+    Returns:
+        (N,) change.
+    """
     g = [[dt * entry for entry in row] for row in gradient]
     if len(g) == 1:
         return jnp.log1p(g[0][0])

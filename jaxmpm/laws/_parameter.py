@@ -1,4 +1,4 @@
-"""What a law declares of its numbers, and what follows from that for any law."""
+"""A law's declarations of its numbers, and what follows from them for any law."""
 
 from __future__ import annotations
 
@@ -14,18 +14,24 @@ from foundation import check
 from foundation.check import Limit
 
 ROUNDING = 1e-5
-"""Share by which a residual may be above its peak."""
+"""Largest excess of a residual over its peak, as a share, that counts as rounding."""
 
 
 @dataclass(frozen=True)
 class Parameter(Limit):
-    """A number of a law: its limit, and what else the law declares of it.
+    """A number of a law: its limit, and further properties that the law declares.
 
-    above, below: ends of its values that are no such values themselves. least, most: ends that are. unit: that of the
-    law; "rad" makes it an angle, which engineers give in degrees. name: the engineer's, by default that of the field.
-    per_band: whether its number goes with the thickness of the grid's shear bands. reduced: whether strength reduction
-    divides it, of an angle its tangent. at_most: name of another parameter of the law, which it may not exceed; where
-    reduction divides that one alone, it brings this one down to it.
+    Args:
+        above: lower end, itself excluded; None for none.
+        least: lower end, itself included; None for none.
+        most: upper end, itself included; None for none.
+        below: upper end, itself excluded; None for none.
+        unit: in the law; "rad" makes the number an angle, which engineers give in degrees.
+        name: the engineer's, by default that of the field.
+        per_band: whether the number scales with the thickness of the grid's shear bands.
+        reduced: whether strength reduction divides it; of an angle, its tangent.
+        at_most: name of another parameter of the law that limits it. If reduction divides that one alone, this one is
+            lowered to it.
     """
 
     name: str = ""
@@ -39,12 +45,18 @@ class Parameter(Limit):
         return self.unit == "rad"
 
     def divided(self, value: Array, factor: Array) -> Array:
-        """The value with its strength divided by a factor."""
+        """The value with its strength divided by a factor, of an angle its tangent."""
         return jnp.arctan(jnp.tan(value) / factor) if self.angle else value / factor
 
 
 class Declared(NamedTuple):
-    """A number that a law has: its path, with a dot where it is one of a part, its declaration and its value."""
+    """A number that a law has.
+
+    Args:
+        path: its name, with a dot if it belongs to a part.
+        parameter: its declaration.
+        value: a number or one value per particle (N,).
+    """
 
     path: str
     parameter: Parameter
@@ -53,17 +65,32 @@ class Declared(NamedTuple):
 
 @singledispatch
 def declared(law: Any) -> dict[str, Declared]:
-    """The numbers of a law, by the engineer's name; those that it declares no `Parameter` of by their path."""
-    found: dict[str, Declared] = {}
+    """The numbers of a law by the engineer's name; those declared as no `Parameter` by their path.
+
+    Args:
+        law: a law.
+
+    Returns:
+        Declaration and value by name.
+    """
+    numbers: dict[str, Declared] = {}
     for path, limit, value in check.parameters(law):
         known = limit if isinstance(limit, Parameter) else Parameter(**vars(limit), name=path)
-        found[known.name or path.rpartition(".")[2]] = Declared(path, known, value)
-    return found
+        numbers[known.name or path.rpartition(".")[2]] = Declared(path, known, value)
+    return numbers
 
 
 @singledispatch
 def with_parameters(law: Any, values: Mapping[str, Any]) -> Any:
-    """A law with other values of its numbers, by path."""
+    """A law with other values of its numbers.
+
+    Args:
+        law: a law.
+        values: by path, numbers or one value per particle (N,).
+
+    Returns:
+        The varied law.
+    """
     own = {path: value for path, value in values.items() if "." not in path}
     for part in {path.partition(".")[0] for path in values.keys() - own.keys()}:
         inner = {path.partition(".")[2]: value for path, value in values.items() if path.startswith(f"{part}.")}
@@ -72,14 +99,22 @@ def with_parameters(law: Any, values: Mapping[str, Any]) -> Any:
 
 
 def has_strength(law: Any) -> bool:
-    """Whether a law declares a number that strength reduction divides."""
+    """Whether strength reduction divides a number of a law."""
     return any(each.parameter.reduced for each in declared(law).values())
 
 
 def with_strength_divided(law: Any, factor: Array) -> Any:
     """A law with its strength divided by a factor, as its numbers declare it.
 
-    Raises ValueError for a law that declares no strength.
+    Args:
+        law: a law.
+        factor: () above 0.
+
+    Returns:
+        The law with reduced strength.
+
+    Raises:
+        ValueError: If the law declares no strength.
     """
     known = declared(law)
     strength = {name: each.parameter.divided(each.value, factor) for name, each in known.items()
@@ -97,8 +132,14 @@ def with_strength_divided(law: Any, factor: Array) -> Any:
 
 
 def hardens(law: Any) -> Array | None:
-    """Whether a strength of a law, its residual, is anywhere above that which it may not exceed, its peak, by more than
-    rounding; None where there is no such pair."""
+    """Whether a residual strength of a law exceeds its peak anywhere by more than rounding.
+
+    Args:
+        law: a law.
+
+    Returns:
+        () bool, None if there is no pair of residual and peak.
+    """
     known = declared(law)
     pairs = [
         (each.value, known[each.parameter.at_most].value)
@@ -111,7 +152,14 @@ def hardens(law: Any) -> Array | None:
 
 
 def excesses(law: Any) -> dict[str, Array]:
-    """By how much numbers of a law that are no strength are above that which they may not exceed, at most, by name."""
+    """Largest excess of each number over the one that limits it, strengths left out.
+
+    Args:
+        law: a law.
+
+    Returns:
+        () excess by name.
+    """
     known = declared(law)
     return {
         name: jnp.max(each.value - known[each.parameter.at_most].value)

@@ -1,4 +1,4 @@
-"""How strength falls with plastic shear strain and rises with the rate of strain.
+"""Loss of strength with plastic shear strain, and its gain with the rate of strain.
 
 The plastic shear strain g is engineering strain, sqrt(2 e:e) of the deviatoric plastic part: gamma in simple shear.
 """
@@ -31,8 +31,11 @@ NEWTON_STEPS = 8
 class Softening:
     """Linear loss of undrained strength: S = max(S_0 - modulus g, residual_ratio S_0).
 
-    modulus: Pa per unit engineering shear strain, below the shear modulus. residual_ratio: in [0, 1].
-    Source: Jiang et al. (2024), 10.1016/j.compgeo.2024.106413, Eq. 23.
+    Source: Jiang et al. (2024), doi:10.1016/j.compgeo.2024.106413, Eq. 23.
+
+    Args:
+        modulus: Pa per unit engineering shear strain, below the shear modulus.
+        residual_ratio: residual over peak strength, in [0, 1].
     """
 
     modulus: Array
@@ -48,9 +51,18 @@ class Softening:
         return jnp.maximum(peak - self.modulus * g, self.residual_ratio * peak)
 
     def flow(self, peak: Array, g: Array, trial: Array, shear: Array) -> Array:
-        """The dg that solves trial - shear dg = S(g + dg), of either sign where the trial does not yield.
+        """Increment dg that solves trial - shear dg = S(g + dg), of either sign where the trial does not yield.
 
         Where the sloping branch would end below the residual strength, the flat one gives more flow.
+
+        Args:
+            peak: strength S_0 (Pa).
+            g: plastic shear strain before.
+            trial: sqrt(J2) of the trial stress (Pa).
+            shear: shear modulus (Pa).
+
+        Returns:
+            Increment dg.
         """
         sloping = (trial - self.strength(peak, g)) / (shear - self.modulus)
         flat = (trial - self.residual_ratio * peak) / shear
@@ -64,10 +76,13 @@ class Softening:
 @pytree
 @dataclass(frozen=True)
 class ExponentialSoftening:
-    """Loss of undrained strength of sensitive clay: S = S_0 (r + (1 - r) exp(-3 g / strain_95)).
+    """Exponential loss of undrained strength of sensitive clay: S = S_0 (r + (1 - r) exp(-3 g / strain_95)).
 
-    residual_ratio: r, remoulded over peak strength, in [0, 1]. strain_95: plastic shear strain at which 95 per cent
-    of the loss is done. Source: Einav and Randolph (2005), 10.1002/nme.1350, the softening part.
+    Source: the softening part of Einav and Randolph (2005), doi:10.1002/nme.1350.
+
+    Args:
+        residual_ratio: r, remoulded over peak strength, in [0, 1].
+        strain_95: plastic shear strain at which 95 % of the loss has happened.
     """
 
     residual_ratio: Array
@@ -83,7 +98,17 @@ class ExponentialSoftening:
         return peak * (self.residual_ratio + (1 - self.residual_ratio) * jnp.exp(-3 * g / self.strain_95))
 
     def flow(self, peak: Array, g: Array, trial: Array, shear: Array) -> Array:
-        """The dg that solves trial - shear dg = S(g + dg), by Newton's method from above."""
+        """Increment dg that solves trial - shear dg = S(g + dg), by Newton's method from above.
+
+        Args:
+            peak: strength S_0 (Pa).
+            g: plastic shear strain before.
+            trial: sqrt(J2) of the trial stress (Pa).
+            shear: shear modulus (Pa).
+
+        Returns:
+            Increment dg.
+        """
         dg = jnp.maximum((trial - self.residual_ratio * peak) / shear, 0)
         for _ in range(NEWTON_STEPS):
             strength = self.strength(peak, g + dg)
@@ -99,9 +124,13 @@ class ExponentialSoftening:
 @pytree
 @dataclass(frozen=True)
 class RateEffect:
-    """Strength rises by `coefficient` per tenfold rate of shear above `reference_rate` (1/s).
+    """Gain of strength with the rate of the total engineering shear strain.
 
-    The rate is that of the total engineering shear strain. Source: Einav and Randolph (2005), 10.1002/nme.1350.
+    Source: Einav and Randolph (2005), doi:10.1002/nme.1350.
+
+    Args:
+        coefficient: relative gain per tenfold rate above the reference.
+        reference_rate: rate up to which there is none (1/s).
     """
 
     coefficient: Array
@@ -119,7 +148,7 @@ class RateEffect:
 
 
 class Decay(enum.Enum):
-    """How cohesion and friction go from peak to residual over a plastic shear strain."""
+    """Form in which cohesion and friction decay from peak to residual over a plastic shear strain."""
 
     LINEAR = "linear"
     EXPONENTIAL = "exponential"
@@ -128,10 +157,15 @@ class Decay(enum.Enum):
 @pytree
 @dataclass(frozen=True)
 class FrictionalSoftening:
-    """Cohesion, friction and dilation that decay with plastic shear strain, the last to nothing.
+    """Cohesion, friction and dilation that decay with plastic shear strain, dilation to 0.
 
-    cohesion (Pa), friction (rad): residual. strain: at which LINEAR ends and EXPONENTIAL, exp(-3 g/strain), has done
-    95 per cent. A step takes the strength at its start.
+    A step takes the strength at its start.
+
+    Args:
+        cohesion: residual one (Pa).
+        friction: residual angle (radians).
+        strain: plastic shear strain at which LINEAR ends, and at which EXPONENTIAL, exp(-3 g/strain), has done 95 %.
+        decay: form of the loss; static.
     """
 
     cohesion: Array

@@ -20,11 +20,18 @@ Matrix: TypeAlias = list[list[Component]]
 
 
 def principal(tensor: Tensor) -> tuple[list[Array], Matrix]:
-    """Principal values in falling order, and the axes as columns of a 3 x 3 list.
+    """Principal values and axes of a symmetric tensor, by Jacobi's cyclic rotations.
 
-    By Jacobi's cyclic rotations: no branches, as accurate in float32 for equal values as for distinct ones. A shear
-    component that is absent costs nothing; in plane strain one rotation is all.
-    Source: Golub and Van Loan, Matrix Computations, 4th ed., section 8.5.
+    There are no branches, and equal values are as accurate in float32 as distinct ones. An absent shear component costs
+    nothing; plane strain needs one rotation only.
+
+    Source: Golub and Van Loan (2013), Matrix Computations, 4th ed., Section 8.5.
+
+    Args:
+        tensor: six components, each (N,) or absent.
+
+    Returns:
+        Three values (N,) in falling order, and the axes as columns of a 3 x 3 list.
     """
     a: Matrix = [[tensor[VOIGT[i][j]] for j in range(3)] for i in range(3)]
     axes: Matrix = [[1.0 if i == j else 0.0 for j in range(3)] for i in range(3)]
@@ -62,12 +69,21 @@ def _rotate(a: Matrix, axes: Matrix, p: int, q: int, r: int) -> None:
 def isotropic(
     function: Callable[..., tuple[Any, Any, Any, Any]], tensor: Tensor, *parameters: Any
 ) -> tuple[Tensor, Array]:
-    """An isotropic tensor function, and a scalar that comes with it.
+    """An isotropic tensor function, and a scalar that it also returns.
 
-    function(x1, x2, x3, *parameters) takes the principal values in falling order and returns the three principal
-    values of the result (on the same axes) and the scalar; every element by itself. The derivative is that of the
-    tensor function, not of the axes, so that it stays finite where principal values are equal.
-    Source: Carlson and Hoger (1986), 10.1090/qam/860898; de Souza Neto, Peric and Owen (2008), Appendix A.
+    The derivative is that of the tensor function, not of the axes, so it stays finite where principal values are equal.
+
+    Sources: Carlson and Hoger (1986), doi:10.1090/qam/860898; de Souza Neto, Peric and Owen (2008),
+    doi:10.1002/9780470694626, Appendix A.
+
+    Args:
+        function: function(x1, x2, x3, *parameters) takes the principal values in falling order and returns the three
+            principal values of the result (on the same axes) and the scalar, elementwise.
+        tensor: six components, each (N,) or absent.
+        *parameters: pytrees of arrays, () or (N,).
+
+    Returns:
+        The resulting tensor and the scalar (N,).
     """
     present = tuple(k for k in range(6) if not absent(tensor[k]))
     components, scalar = _isotropic(function, present, tuple(tensor[k] for k in present), parameters)
@@ -113,14 +129,14 @@ def _isotropic_jvp(
         ratio = jnp.where(equal, limit, (y[i] - y[j]) / jnp.where(equal, 1, gap))
         turned[i][j] = turned[j][i] = ratio * t[i][j]
     pairs = [(i, j) for i in range(3) for j in range(3)]
-    places = [_PLACE[k] for k in present]
-    result = tuple(sum(axes[m][i] * turned[i][j] * axes[n][j] for i, j in pairs) for m, n in places)
+    positions = [_ENTRY[k] for k in present]
+    result = tuple(sum(axes[m][i] * turned[i][j] * axes[n][j] for i, j in pairs) for m, n in positions)
     return out, (result, along[3])
 
 
-_PLACE = {0: (0, 0), 1: (1, 1), 2: (2, 2), 3: (0, 1), 4: (1, 2), 5: (0, 2)}
+_ENTRY = {0: (0, 0), 1: (1, 1), 2: (2, 2), 3: (0, 1), 4: (1, 2), 5: (0, 2)}
 
 
 def _component(axes: Matrix, values: Sequence[Component], k: int) -> Component:
-    row, column = _PLACE[k]
+    row, column = _ENTRY[k]
     return sum(axes[row][i] * values[i] * axes[column][i] for i in range(3))

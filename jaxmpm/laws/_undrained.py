@@ -1,7 +1,7 @@
-"""Constitutive laws: (parameters, strain increment, stress, history) -> (stress, history).
+"""Undrained and elastic soil.
 
-What a law must have is named in `jaxmpm.Material`. Every parameter is a number or one value per particle (N,).
-Tension is positive.
+A law is a function (parameters, strain increment, stress, history) -> (stress, history); `jaxmpm.Material` names its
+members. Every parameter is a number or one value per particle (N,). Tension is positive.
 """
 
 from __future__ import annotations
@@ -24,7 +24,16 @@ from jaxmpm.types import Particles, Tensor
 
 
 def elastic_increment(bulk: Array, shear: Array, strain_increment: Tensor) -> Tensor:
-    """Stress increment (Pa) of isotropic linear elasticity, K tr(de) I + 2 G dev(de)."""
+    """Stress increment of isotropic linear elasticity, K tr(de) I + 2 G dev(de).
+
+    Args:
+        bulk: modulus K (Pa).
+        shear: modulus G (Pa).
+        strain_increment: tensor de.
+
+    Returns:
+        Tensor (Pa).
+    """
     volumetric = bulk * 3 * mean(strain_increment)
     xx, yy, zz, xy, yz, xz = deviator(strain_increment)
     twice: Any = 2 * shear
@@ -39,7 +48,16 @@ def elastic_increment(bulk: Array, shear: Array, strain_increment: Tensor) -> Te
 
 
 def elastic_strain(bulk: Array, shear: Array, stress: Tensor) -> Tensor:
-    """Strain that isotropic linear elasticity has under a stress (Pa): the inverse of `elastic_increment`."""
+    """Strain of isotropic linear elasticity under a stress: the inverse of `elastic_increment`.
+
+    Args:
+        bulk: modulus K (Pa).
+        shear: modulus G (Pa).
+        stress: tensor (Pa).
+
+    Returns:
+        Strain tensor.
+    """
     volumetric = mean(stress) / (3 * bulk)
     xx, yy, zz, xy, yz, xz = by_component(lambda s: s if absent(s) else s / (2 * shear), deviator(stress))
     return (xx + volumetric, yy + volumetric, zz + volumetric, xy, yz, xz)
@@ -53,7 +71,12 @@ def add(a: Tensor, b: Tensor) -> Tensor:
 @pytree
 @dataclass(frozen=True)
 class Elastic(Law):
-    """Isotropic linear (hypo)elasticity. bulk, shear: moduli K and G (Pa)."""
+    """Isotropic linear (hypo)elasticity.
+
+    Args:
+        bulk: modulus K (Pa).
+        shear: modulus G (Pa).
+    """
 
     bulk: Array
     shear: Array
@@ -61,7 +84,7 @@ class Elastic(Law):
     def update(
         self, strain_increment: Tensor, stress: Tensor, history: None, dt: Array | None = None
     ) -> tuple[Tensor, None]:
-        """Add the elastic increment."""
+        """The stress with the elastic increment added."""
         return add(stress, elastic_increment(self.bulk, self.shear, strain_increment)), None
 
 
@@ -70,13 +93,19 @@ class Elastic(Law):
 class J2(Law):
     """Undrained soil: elastic, yielding where sqrt(J2) reaches the shear strength (Drucker-Prager without friction).
 
-    In plane strain this is Tresca's criterion. bulk, shear: Pa. strength: peak undrained shear strength S_u (Pa).
-    softening: None keeps the peak. tension_cutoff: largest mean stress (Pa); None sets no limit.
-    rate: how strength rises with the rate of shear; None is rate-independent. gap_memory: whether soil that the cutoff
-    has opened closes its gap before it bears pressure, see `jaxmpm.laws.update_with_gap`.
-    The history variable is the accumulated engineering plastic shear strain g (in simple shear, the plastic
-    part of gamma), kept only where the soil softens. Strength reduction divides the peak, and with it the residual
-    strength; the softening modulus stays.
+    In plane strain this is Tresca's criterion. The history variable is the accumulated engineering plastic shear strain
+    g (in simple shear, the plastic part of gamma); it exists only if the soil softens. Strength reduction divides the
+    peak and with it the residual strength; the softening modulus stays.
+
+    Args:
+        bulk: elastic bulk modulus (Pa).
+        shear: elastic shear modulus (Pa).
+        strength: peak undrained shear strength S_u (Pa).
+        softening: loss of strength with plastic strain; None for none.
+        tension_cutoff: largest mean stress (Pa); None sets no limit.
+        rate: gain of strength with the rate of shear; None for none.
+        gap_memory: whether soil that the cutoff has opened closes its gap before it bears pressure, see
+            `jaxmpm.laws.update_with_gap`; static.
     """
 
     PARAMETERS: ClassVar[Mapping[str, Limit]] = {
@@ -93,7 +122,7 @@ class J2(Law):
     gap_memory: bool = field(default=True, metadata={"static": True, "absent": False})
 
     def initial_history(self, particles: Particles) -> Array | None:
-        """No plastic strain yet; None without softening."""
+        """Plastic strain (N,) of 0; None without softening."""
         return None if self.softening is None else jnp.zeros_like(particles.mass)
 
     @property
@@ -106,8 +135,20 @@ class J2(Law):
     ) -> tuple[Tensor, Array | None]:
         """Elastic predictor and implicit radial return.
 
-        With t the trial sqrt(J2), plastic flow of dg lowers it by G dg: the softening law solves t - G dg = S(g + dg).
+        With t the trial sqrt(J2), plastic flow of dg lowers it by G dg; the softening law solves t - G dg = S(g + dg).
         A rate factor on S divides t and G there.
+
+        Args:
+            strain_increment: tensor, tension positive.
+            stress: tensor (Pa).
+            history: (N,) plastic shear strain, or None.
+            dt: duration of the increment (s); a rate effect needs it.
+
+        Returns:
+            Stress (Pa) and history.
+
+        Raises:
+            ValueError: If there is a rate effect and no dt.
         """
         trial = add(stress, elastic_increment(self.bulk, self.shear, strain_increment))
         t = safe_sqrt(second_invariant(deviator(trial)))

@@ -1,4 +1,4 @@
-"""Water in the ground as given: hydrostatic pressure below a table, which goes on into a pool above the ground."""
+"""Prescribed water in the ground: hydrostatic pressure below a table, which continues in a pool above the ground."""
 
 from __future__ import annotations
 
@@ -18,13 +18,18 @@ from foundation.pytrees import pytree
 class WaterTable:
     """Pore pressure u = unit_weight (z_w(x) - z) below a table at z_w(x), and none above it: no suction.
 
-    x, z: (m,) m, points of the table with x rising; beyond them it is level. unit_weight: of water (N/m3). height: of a
-    particle (m); one that the table cuts feels its share. The pressure belongs to the place, whatever soil moves there.
+    The pressure belongs to the position, whichever soil moves there. A scene with a table solves for the effective
+    stress. The force -grad u pushes the soil, whose weight includes the water in it. Where the table lies above the
+    ground, u continues in the pool, so its load on the face follows.
 
-    A scene with a table solves for the effective stress: the soil is pushed by -grad u, its weight is that with the
-    water in it. Where the table lies above the ground u goes on through the pool, so that its load on the face follows.
-    Source: Griffiths and Lane (1999), 10.1680/geot.1999.49.3.387, Fig. 17 (the load of the pool); the effective stress
-    in equilibrium, div s' - grad u + rho g = 0, is Terzaghi's.
+    Sources: Griffiths and Lane (1999), doi:10.1680/geot.1999.49.3.387, Fig. 17 (load of the pool); Terzaghi (1943),
+    Theoretical Soil Mechanics (equilibrium in effective stress, div s' - grad u + rho g = 0).
+
+    Args:
+        x: (m,) rising positions of points of the table (m); beyond them it is level.
+        z: (m,) elevations of these points (m).
+        unit_weight: of water (N/m3).
+        height: of a particle (m); the push on one that the table cuts is proportional to its part below.
     """
 
     x: Array
@@ -35,7 +40,7 @@ class WaterTable:
     PARAMETERS: ClassVar[Mapping[str, Limit]] = {"unit_weight": above_zero("N/m3"), "height": above_zero("m")}
 
     def push(self, position: Array) -> Array:
-        """-grad u (d, N) N/m3 at positions (d, N) m."""
+        """Force per volume -grad u (d, N) N/m3 at positions (d, N) m."""
         along, upwards = jnp.clip(position[0], self.x[0], self.x[-1]), position[-1]
         slopes = (self.z[1:] - self.z[:-1]) / (self.x[1:] - self.x[:-1])
         slope, table = slopes[0], self.z[0] + slopes[0] * (along - self.x[0])
@@ -52,10 +57,16 @@ class WaterTable:
 @pytree
 @dataclass(frozen=True)
 class WaterSurface:
-    """As `WaterTable`, below a table of heights (nx, ny) m on a square grid of points in plan, linear between them.
+    """Pore pressure as of `WaterTable`, below a surface of heights on a square grid of points in plan.
 
-    corner: (2,) m, place of the first point. step: distance of the points (m). Beyond the outermost points the table is
-    level along that axis. unit_weight, height: as there.
+    The surface is linear between the points, and level along an axis beyond the outermost ones.
+
+    Args:
+        heights: (nx, ny) m.
+        corner: (2,) position of the first point (m).
+        step: distance of the points (m).
+        unit_weight: of water (N/m3).
+        height: of a particle (m), as in `WaterTable`.
     """
 
     heights: Array
@@ -67,12 +78,12 @@ class WaterSurface:
     PARAMETERS: ClassVar[Mapping[str, Limit]] = {**WaterTable.PARAMETERS, "step": above_zero("m")}
 
     def push(self, position: Array) -> Array:
-        """-grad u (3, N) N/m3 at positions (3, N) m."""
+        """Force per volume -grad u (3, N) N/m3 at positions (3, N) m."""
         last = jnp.asarray(self.heights.shape, position.dtype)[:, None] - 1
-        place = (position[:2] - self.corner[:, None]) / self.step
-        outside, place = (place < 0) | (place > last), jnp.clip(place, 0, last)
-        i, j = jnp.minimum(jnp.floor(place), last - 1).astype(jnp.int32)
-        s, t = place[0] - i, place[1] - j
+        scaled = (position[:2] - self.corner[:, None]) / self.step
+        outside, scaled = (scaled < 0) | (scaled > last), jnp.clip(scaled, 0, last)
+        i, j = jnp.minimum(jnp.floor(scaled), last - 1).astype(jnp.int32)
+        s, t = scaled[0] - i, scaled[1] - j
         h = self.heights
         south, north = h[i, j] + s * (h[i + 1, j] - h[i, j]), h[i, j + 1] + s * (h[i + 1, j + 1] - h[i, j + 1])
         west, east = h[i, j] + t * (h[i, j + 1] - h[i, j]), h[i + 1, j] + t * (h[i + 1, j + 1] - h[i + 1, j])

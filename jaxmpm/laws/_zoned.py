@@ -1,4 +1,4 @@
-"""Ground of several laws: each for the particles of its own zone, which follow one another."""
+"""Ground of several laws: each applies to the particles of its own zone; zones follow one another in the arrays."""
 
 from __future__ import annotations
 
@@ -25,9 +25,12 @@ from jaxmpm.types import Material, Particles, Tensor
 class Zoned:
     """Laws of several zones, in the order of the particles: the first `counts[0]` of them follow the first law.
 
-    laws: `Material`s, none of them zoned; a parameter of one is a number or one value per particle of its zone. counts:
-    particles of each zone. A law updates the stress of its own particles alone, with the gap and the history that it
-    has. A parameter that several laws have goes by one name, and is seen as one value per particle (N,) of the ground.
+    A law updates the stress of its own particles alone, with their gap and history. A parameter that several laws have
+    goes by one name and is one value per particle (N,) of the ground.
+
+    Args:
+        laws: `Material`s, none of them zoned; each parameter is a number or one value per particle of the zone.
+        counts: particles of each zone; static.
     """
 
     PARAMETERS: ClassVar[Mapping[str, Limit]] = {}
@@ -37,12 +40,12 @@ class Zoned:
 
     @property
     def zones(self) -> Iterator[tuple[Any, slice]]:
-        """Each law, and which particles follow it."""
+        """Each law and the slice of its particles."""
         ends = accumulate(self.counts, initial=0)
         return zip(self.laws, (slice(*pair) for pair in pairwise(ends)), strict=True)
 
     def joined(self, values: Sequence[Any]) -> Array:
-        """One value per particle (N,) of one for each zone, a number or (n,)."""
+        """One value per particle (N,) from one for each zone, a number or (n,)."""
         each = zip(values, self.counts, strict=True)
         return jnp.concatenate([jnp.broadcast_to(jnp.asarray(value), (count,)) for value, count in each])
 
@@ -68,24 +71,29 @@ class Zoned:
 
     @property
     def steepest_softening(self) -> Array | None:
-        """Largest loss of strength per unit of plastic shear strain (N,) Pa, 0 in zones that do not soften; None where
-        no zone softens."""
+        """Largest loss of strength per unit of plastic shear strain (N,) Pa, 0 without; None if no zone softens."""
         each = [law.steepest_softening for law in self.laws]
         if all(steepest is None for steepest in each):
             return None
         return self.joined([0.0 if steepest is None else steepest for steepest in each])
 
     def initial_history(self, particles: Particles) -> Any:
-        """The histories of all zones as one, an array (N,) or a pytree of them, 0 in zones without history; None where
-        no zone has one.
+        """The histories of all zones as one.
 
-        Raises ValueError for zones whose histories have unlike structures.
+        Args:
+            particles: of the ground.
+
+        Returns:
+            Array (N,) or a pytree of them, 0 in zones without history; None if no zone has one.
+
+        Raises:
+            ValueError: If zones have histories of different structures.
         """
         each = [law.initial_history(_of_zone(particles, own)) for law, own in self.zones]
         known = {jax.tree.structure(history): history for history in each if history is not None}
         if len(known) > 1:
             raise ValueError(
-                f"zones of {_names(self)} have histories of unlike structures: give laws that remember alike"
+                f"zones of {_names(self)} have histories of different structures: give laws with the same history"
             )
         if not known:
             return None
@@ -94,7 +102,7 @@ class Zoned:
         return jax.tree.map(lambda *parts: self.joined(parts), *filled)
 
     def reduced(self, factor: Array) -> Zoned:
-        """The strength of every zone that has some divided by `factor`; ValueError where none has."""
+        """The law with the strength of every zone that has some divided by `factor`; ValueError if none has."""
         strong = [has_strength(law) for law in self.laws]
         if not any(strong):
             raise ValueError(f"no zone of {_names(self)} has strength to divide: give one that has")
@@ -109,12 +117,12 @@ class Zoned:
 
 
 def laws_of(law: Any) -> tuple[Any, ...]:
-    """The laws of all zones; of a law that is not zoned itself alone."""
+    """The laws of all zones; a law that is not zoned alone."""
     return law.laws if isinstance(law, Zoned) else (law,)
 
 
 def in_total_stress(law: Material) -> bool:
-    """Whether the law's strength is undrained: one of total stress, of which no pore pressure is known."""
+    """Whether the law's strength is undrained, that is of total stress without a known pore pressure."""
     return has_strength(law) and not law.FRICTIONAL
 
 
@@ -147,7 +155,7 @@ def _(
             gap=before[1] if remembers_gap(part) else None,
             logarithmic=logarithmic,
         )
-        # All components of a zone at once: XLA on CPU takes ten times as long to join each of them over the zones.
+        # All components of a zone at once: XLA on CPU takes ten times as long to concatenate them one by one.
         components.append(jnp.stack([after[0][k] for k in present]))
         histories.append(before[0] if after[1] is None else after[1])
         gaps.append(before[1] if after[2] is None else after[2])
@@ -159,13 +167,13 @@ def _(
 @declared.register
 def _(law: Zoned) -> dict[str, Declared]:
     zones = [declared(part) for part in law.laws]
-    found: dict[str, Declared] = {}
+    numbers: dict[str, Declared] = {}
     for name in dict.fromkeys(name for known in zones for name in known):
         having = [known[name] for known in zones if name in known]
         value = law.joined([known[name].value if name in known else np.nan for known in zones])
         path = having[0].path if len({each.path for each in having}) == 1 else name
-        found[name] = Declared(path, having[0].parameter, value)
-    return found
+        numbers[name] = Declared(path, having[0].parameter, value)
+    return numbers
 
 
 @with_parameters.register
@@ -184,7 +192,7 @@ def _(law: Zoned, values: Mapping[str, Any]) -> Zoned:
 
 
 def _of_zone(tree: Any, own: slice) -> Any:
-    """The particles of a zone in every array that has one value for each particle of the ground along its last axis."""
+    """The particles of a zone in every array whose last axis runs over the particles of the ground."""
     return jax.tree.map(lambda leaf: leaf[..., own] if np.ndim(leaf) else leaf, tree)
 
 

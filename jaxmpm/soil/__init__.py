@@ -1,4 +1,4 @@
-"""Soil in engineers' numbers, the law that it makes, and what betrays another unit."""
+"""Soil in engineers' units, the law that it gives, and detection of numbers in another unit."""
 
 from jaxmpm.soil._layers import law_of_layers, weights
 from jaxmpm.soil._soil import (

@@ -1,4 +1,4 @@
-"""Soils of layers: one law for all of their particles, and what these weigh."""
+"""Soils of layers: one law for all of their particles, and their unit weights."""
 
 from __future__ import annotations
 
@@ -16,7 +16,16 @@ from jaxmpm.types import Material
 
 
 def weights(soils: Sequence[AnySoil], layer: np.ndarray, under: np.ndarray | None) -> np.ndarray:
-    """Unit weights (N,) N/m3 of particles in layers of these soils, saturated where they lie under a water table."""
+    """Unit weights of particles in layers, saturated ones under a water table.
+
+    Args:
+        soils: one per layer.
+        layer: (N,) number of the layer of each particle.
+        under: (N,) bool, which particles lie under a water table; None for none.
+
+    Returns:
+        (N,) N/m3.
+    """
     weight = np.array([soil.unit_weight for soil in soils])[layer]
     if under is None:
         return weight
@@ -25,11 +34,20 @@ def weights(soils: Sequence[AnySoil], layer: np.ndarray, under: np.ndarray | Non
 
 
 def law_of_layers(laws: Sequence[Material], layer: np.ndarray) -> tuple[Material, np.ndarray]:
-    """The law of all layers, a parameter per particle where layers of a kind differ, and the order of particles (N,)
-    that it asks for: those of a kind one after the other.
+    """The law of all layers, and the order of particles that it requires.
 
-    laws: of each layer; those of one structure are of a kind. layer: number of the layer of each particle (N,). Raises
-    ValueError for a law with a parameter per particle beside other layers.
+    Layers whose laws have one structure share a law, with a parameter per particle where they differ. The order puts
+    the particles of one structure after those of another.
+
+    Args:
+        laws: one per layer.
+        layer: (N,) number of the layer of each particle.
+
+    Returns:
+        The law, and the order (N,) of particles.
+
+    Raises:
+        ValueError: If there are several layers and one has a parameter per particle.
     """
     if len(laws) > 1 and any(np.ndim(leaf) for law in laws for leaf in jax.tree.leaves(law)):
         raise ValueError("a soil of a layer has a parameter per particle: give numbers, then `with_soil`")
@@ -43,11 +61,11 @@ def law_of_layers(laws: Sequence[Material], layer: np.ndarray) -> tuple[Material
 
 
 def _common_law(laws: Sequence[Material], numbers: Sequence[int], layer: np.ndarray) -> Material:
-    """The law of layers of one kind, of these numbers, for particles of `layer` (n,)."""
-    place = np.searchsorted(numbers, layer)
+    """The law of layers of one structure, of these numbers, for particles of `layer` (n,)."""
+    column = np.searchsorted(numbers, layer)
 
     def parameter(*values: Array) -> Array:
         different = any(value != values[0] for value in values[1:])
-        return jnp.stack(values)[place] if different else values[0]
+        return jnp.stack(values)[column] if different else values[0]
 
     return jax.tree.map(parameter, *(laws[number] for number in numbers))

@@ -1,4 +1,4 @@
-"""Soil in engineers' numbers, and the constitutive law that they make."""
+"""Soil in engineers' units, and the constitutive law that it gives."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from jaxmpm.laws import (
     RateEffect,
     Softening,
 )
-from jaxmpm.soil._units import BELIEVED, unit_slip
+from jaxmpm.soil._units import PLAUSIBLE, unit_slip
 
 STANDARD_GRAVITY = 9.81
-"""What turns a unit weight into a density (m/s2), whatever gravity a scene has."""
+"""Acceleration (m/s2) that converts a unit weight to a density, whatever the gravity of a scene."""
 
 
 ANGLE = Limit(least=0, most=60, unit="degrees")
@@ -62,15 +62,20 @@ LIMITS: Mapping[str, Limit] = MappingProxyType(
 
 
 def soil_limits() -> Mapping[str, Limit]:
-    """What numbers soil may have, by engineer's name, each with its unit. Their order is that of a sample's
-    coefficients, so a new one goes to the end."""
+    """Limits of the numbers of soil by the engineer's name, each with its unit.
+
+    Their order is that of a sample's coefficients, so a new one goes to the end.
+
+    Returns:
+        Limit by name.
+    """
     return LIMITS
 
 
 class PlasticStrain(enum.Enum):
-    """The plastic strain that softening counts.
+    """Measure of plastic strain that softening refers to.
 
-    ENGINEERING: sqrt(2 e:e), gamma in simple shear. EQUIVALENT: sqrt(2/3 e:e), 1/sqrt(3) of it.
+    ENGINEERING is sqrt(2 e:e), gamma in simple shear; EQUIVALENT is sqrt(2/3 e:e), 1/sqrt(3) of it.
     """
 
     ENGINEERING = "engineering"
@@ -78,21 +83,29 @@ class PlasticStrain(enum.Enum):
 
 
 class AnySoil(Protocol):
-    """What builders and campaigns ask of a soil: `Soil`, `FrictionalSoil`, or a frozen dataclass of a user's own.
+    """Protocol of a soil: `Soil`, `FrictionalSoil`, or a user's own frozen dataclass.
 
-    Where a number of its law varies in a campaign, the soil has it too, under the engineer's name that the law declares
-    (`jaxmpm.Parameter`) and in degrees where it is an angle. `young` and `poisson` are asked for where they vary. It
-    may have `softens`, `softening_length`, `saturated_unit_weight` and `unusual`, as `FrictionalSoil` does.
+    If a number of its law varies in a campaign, the soil has it too, under the engineer's name that the law declares
+    (`jaxmpm.Parameter`) and in degrees if it is an angle; it has `young` and `poisson` if these vary. It may have
+    `softens`, `softening_length`, `saturated_unit_weight` and `unusual`, as `FrictionalSoil` does.
     """
 
     @property
     def unit_weight(self) -> float:
-        """N/m3."""
+        """Unit weight (N/m3)."""
 
     def material(self, dtype: np.dtype, band: float) -> Any:
-        """Its law, a `jaxmpm.Material`, with numbers of this type, on a grid whose shear bands are `band` (m) thick.
+        """Its law.
 
-        Raises ValueError for what no soil can have.
+        Args:
+            dtype: of the law's numbers.
+            band: thickness of the grid's shear bands (m).
+
+        Returns:
+            A `jaxmpm.Material`.
+
+        Raises:
+            ValueError: If a number is impossible for soil.
         """
 
 
@@ -100,18 +113,29 @@ class AnySoil(Protocol):
 class Soil:
     """An elastic soil with undrained strength, in SI units.
 
-    unit_weight: N/m3. young, poisson: Young's modulus (Pa) and Poisson's ratio. strength: peak undrained shear strength
-    S_u (Pa), a number or one value per particle (N,) of the scene, None for an elastic soil. softening_modulus: loss of
-    strength per unit of plastic strain (Pa). strain_95: instead of it, the plastic strain at which 95 per cent of an
-    exponential loss is done. residual_ratio: residual over peak strength. plastic_strain: the
-    measure of both. softening_length: thickness of the shear band (m) to which they refer; softening is then scaled by
-    the thickness of the grid's bands (a cell, or what an internal_length makes of them) over it, so that a band takes
-    the same work whatever the grid. None leaves them as they are. rate_coefficient: gain of strength per tenfold shear
-    rate above reference_rate (1/s), None without. tension_cutoff: largest mean stress (Pa) or None. gap_memory: whether
-    soil that the cutoff has opened closes its gap before it bears pressure; False lets it resist at once. unusual:
-    whether numbers that betray another unit are meant as they are; builders warn of them otherwise, see `unit_slip`.
-    strength_ratio: in place of the strength, what it is over the effective vertical stress at rest, at most 1, with
-    strength_minimum (Pa) where that is more; for campaigns, which know that stress.
+    Args:
+        unit_weight: N/m3.
+        young: Young's modulus (Pa).
+        poisson: Poisson's ratio.
+        strength: peak undrained shear strength S_u (Pa), a number or one value per particle (N,) of the scene; None for
+            an elastic soil.
+        softening_modulus: loss of strength per unit of plastic strain (Pa); None for none.
+        residual_ratio: residual over peak strength.
+        tension_cutoff: largest mean stress (Pa); None for no limit.
+        gap_memory: whether soil that the cutoff has opened closes its gap before it bears pressure; False makes it
+            resist at once.
+        plastic_strain: measure of the strain that softening_modulus and strain_95 refer to.
+        strain_95: instead of softening_modulus, plastic strain at which 95 % of an exponential loss has happened.
+        softening_length: thickness of the shear band (m) that softening refers to. Softening is then scaled by the
+            thickness of the grid's bands (a cell, or that of an internal_length) over it, so that a band takes the same
+            work on every grid. None for no scaling.
+        rate_coefficient: gain of strength per tenfold shear rate above reference_rate; None for none.
+        reference_rate: 1/s.
+        unusual: whether numbers that look like another unit are intended; builders warn of them otherwise, see
+            `unit_slip`.
+        strength_ratio: instead of strength, its ratio to the effective vertical stress at rest, at most 1; for
+            campaigns, which know that stress.
+        strength_minimum: least strength with a strength_ratio (Pa).
     """
 
     unit_weight: float = 20e3
@@ -138,7 +162,18 @@ class Soil:
         return has_strength and (self.softening_modulus is not None or self.strain_95 is not None)
 
     def material(self, dtype: np.dtype, band: float) -> Elastic | J2:
-        """Its law on a grid whose shear bands are `band` (m) thick. Raises ValueError for what no soil can have."""
+        """Its law on a grid.
+
+        Args:
+            dtype: of the law's numbers.
+            band: thickness of the grid's shear bands (m).
+
+        Returns:
+            `Elastic` without strength, else `J2`.
+
+        Raises:
+            ValueError: If a number is impossible for soil, or a strength_ratio is given.
+        """
         check_soil(self)
         if self.strength_ratio is not None:
             raise ValueError(
@@ -157,7 +192,7 @@ class Soil:
             raise ValueError("both softening_modulus and strain_95 are given: choose linear or exponential softening")
         if not isinstance(self.plastic_strain, PlasticStrain):
             raise ValueError(f"plastic_strain = {self.plastic_strain!r}: give a member of PlasticStrain")
-        # Engineering over the soil's own measure of strain.
+        # Ratio of engineering strain to the soil's measure of strain.
         share = 1.0 if self.plastic_strain is PlasticStrain.ENGINEERING else math.sqrt(3)
         if self.softening_modulus is not None:
             return Softening(number(self.softening_modulus * scale / share), number(self.residual_ratio))
@@ -173,14 +208,27 @@ class Soil:
 
 @dataclass(frozen=True)
 class FrictionalSoil:
-    """An elastic soil with cohesion (Pa) and friction (degrees), in SI units.
+    """An elastic soil with cohesion and friction, in SI units and degrees.
 
-    unit_weight: N/m3, that of soil and its water. saturated_unit_weight: of soil that starts below a water table
-    (N/m3), None the same. young, poisson: Young's modulus (Pa) and Poisson's ratio. dilation: degrees, at most the
-    friction. criterion: the law. matching: of Drucker-Prager's cone. residual_cohesion, residual_friction: reached over
-    the engineering plastic shear strain `softening_strain`, in the manner of `decay`; softening_strain None keeps the
-    peak. softening_length: as for `Soil`. tension_cutoff: largest mean stress of Drucker-Prager, largest principal
-    stress of Mohr-Coulomb (Pa); None leaves it to the apex. gap_memory, unusual: as for `Soil`.
+    Args:
+        cohesion: Pa.
+        friction: degrees.
+        dilation: degrees, at most the friction.
+        unit_weight: of soil and its water (N/m3).
+        young: Young's modulus (Pa).
+        poisson: Poisson's ratio.
+        criterion: class of the law.
+        matching: of Drucker-Prager's cone with Mohr-Coulomb.
+        residual_cohesion: Pa.
+        residual_friction: degrees.
+        softening_strain: engineering plastic shear strain at which residual values are reached; None for no softening.
+        decay: form of the loss.
+        softening_length: as for `Soil`.
+        tension_cutoff: largest mean stress of Drucker-Prager, largest principal stress of Mohr-Coulomb (Pa); None for
+            that of the apex.
+        gap_memory: as for `Soil`.
+        saturated_unit_weight: of soil that starts below a water table (N/m3); None for unit_weight.
+        unusual: as for `Soil`.
     """
 
     cohesion: float
@@ -207,7 +255,18 @@ class FrictionalSoil:
         return self.softening_strain is not None
 
     def material(self, dtype: np.dtype, band: float) -> MohrCoulomb | DruckerPrager:
-        """Its law on a grid whose shear bands are `band` (m) thick. Raises ValueError for what no soil can have."""
+        """Its law on a grid.
+
+        Args:
+            dtype: of the law's numbers.
+            band: thickness of the grid's shear bands (m).
+
+        Returns:
+            `MohrCoulomb` or `DruckerPrager`.
+
+        Raises:
+            ValueError: If a number is impossible for soil.
+        """
         check_soil(self)
         check.between("dilation", self.dilation, 0.0, self.friction, ends=True)
         if self.cohesion == 0 and self.friction == 0:
@@ -236,7 +295,7 @@ class FrictionalSoil:
 
 
 def check_soil(soil: Soil | FrictionalSoil) -> None:
-    """Raise ValueError for numbers that no soil can have."""
+    """Raise ValueError for numbers that are impossible for soil."""
     for name, limit in LIMITS.items():
         value = getattr(soil, name, None)
         if value is not None:
@@ -246,7 +305,7 @@ def check_soil(soil: Soil | FrictionalSoil) -> None:
 
 
 def _scale(soil: Soil | FrictionalSoil, band: float) -> float:
-    """Thickness of the grid's shear bands (m) over that to which softening refers."""
+    """Thickness of the grid's shear bands over the one that softening refers to."""
     return 1.0 if soil.softening_length is None else band / soil.softening_length
 
 
@@ -256,30 +315,34 @@ def _cutoff(soil: Soil | FrictionalSoil, number: Callable[..., Any]) -> Array | 
 
 @dataclass(frozen=True)
 class Interface:
-    """Strength of the contact between soil and the rigid base: what slides on rock, or on a seam too thin for a cell.
+    """Strength of the contact between soil and the rigid base: for sliding on rock, or on a seam thinner than a cell.
 
-    friction: degrees. cohesion: Pa. Strength reduction divides both, as it does those of the soil.
+    Strength reduction divides both numbers, as those of the soil.
+
+    Args:
+        friction: degrees.
+        cohesion: Pa.
     """
 
     friction: float
     cohesion: float = 0.0
 
     def check(self) -> None:
-        """Raise ValueError for a strength that no contact has."""
+        """Raise ValueError for a strength that is impossible for a contact."""
         check.within("the interface's friction", self.friction, ANGLE)
         check.not_negative("the interface's cohesion", self.cohesion, "Pa")
 
 
 def warn_of_units(soil: AnySoil) -> None:
-    """Warn, once for all of them, of numbers that betray another unit, unless the soil says that it means them."""
+    """Warn once of all numbers that look like another unit, unless the soil has `unusual`."""
     slips = () if getattr(soil, "unusual", False) else dict.fromkeys(_slips(soil))
     if slips:
-        check.warn(f"{'; '.join(slips)} If that is meant, give the soil unusual=True")
+        check.warn(f"{'; '.join(slips)} If they are intended, give the soil unusual=True")
 
 
 def _slips(soil: AnySoil) -> Iterator[str]:
-    """What to ask of each number, of the least and the largest where there are several."""
-    for name in BELIEVED:
+    """Question about each number that looks like another unit, at the least and the largest of several values."""
+    for name in PLAUSIBLE:
         value = getattr(soil, name, None)
         if value is None or check.is_traced(value) or not np.size(value):
             continue
@@ -289,5 +352,13 @@ def _slips(soil: AnySoil) -> Iterator[str]:
 
 
 def moduli(young: Any, poisson: Any) -> tuple[Any, Any]:
-    """Bulk and shear modulus (Pa)."""
+    """Bulk and shear modulus from Young's modulus and Poisson's ratio.
+
+    Args:
+        young: Pa, a number or an array.
+        poisson: a number or an array.
+
+    Returns:
+        Bulk and shear modulus (Pa).
+    """
     return young / (3 * (1 - 2 * poisson)), young / (2 * (1 + poisson))

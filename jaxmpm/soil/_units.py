@@ -1,4 +1,4 @@
-"""Numbers that are believed of soil: one beyond them betrays another unit."""
+"""Plausible ranges of numbers of soil: a number outside them is probably in another unit."""
 
 from __future__ import annotations
 
@@ -10,8 +10,15 @@ from types import MappingProxyType
 
 @dataclass(frozen=True)
 class Believed:
-    """Numbers of a parameter that are believed: 0, and from `least` to `most`, in its unit. below, above: what is asked
-    of one beyond."""
+    """Plausible numbers of a parameter: 0, and those from `least` to `most`.
+
+    Args:
+        unit: of the parameter.
+        least: smallest plausible number above 0.
+        below: question about a smaller one.
+        most: largest plausible number.
+        above: question about a larger one.
+    """
 
     unit: str = ""
     least: float = 0.0
@@ -26,7 +33,7 @@ _WEIGHT = "were kN/m3 (1000 N/m3) or kg/m3 (9.81 N/m3) meant?"
 _DEGREES = "it is taken in degrees; are these radians, or a tangent, and were degrees meant?"
 _SHARE = "it is a share, 1 for 100 per cent; were per cent meant?"
 
-BELIEVED: Mapping[str, Believed] = MappingProxyType(
+PLAUSIBLE: Mapping[str, Believed] = MappingProxyType(
     {
         "strength": Believed("Pa", 1e3, _KPA, 5e6, _TWICE),
         "strength_minimum": Believed("Pa", 100.0, _KPA, 5e6, _TWICE),
@@ -47,16 +54,21 @@ BELIEVED: Mapping[str, Believed] = MappingProxyType(
 
 
 def unit_slip(name: str, value: float, believed: Believed | None = None) -> str | None:
-    """The value with its limit and what was probably meant, where a number betrays another unit; None where it is
-    believed, or nothing is known of the parameter.
+    """Message about a number that looks like another unit.
 
-    name: of a parameter of soil, or "gravity". believed: its numbers, by default those that are known.
+    Args:
+        name: of a parameter of soil, or "gravity".
+        value: its number.
+        believed: its plausible range; None for the known one.
+
+    Returns:
+        The value with its limit and a question about the unit; None if it is plausible or the parameter is unknown.
     """
-    known = BELIEVED.get(name) if believed is None else believed
+    known = PLAUSIBLE.get(name) if believed is None else believed
     if known is None or not value > 0:
         return None
-    for beyond, limit, asked in (("below", known.least, known.below), ("above", known.most, known.above)):
+    for beyond, limit, question in (("below", known.least, known.below), ("above", known.most, known.above)):
         if (value < limit) if beyond == "below" else (value > limit):
-            said, bound = (f"{number:g} {known.unit}".rstrip() for number in (value, limit))
-            return f"{said}, {beyond} {bound}: {asked}"
+            text, bound = (f"{number:g} {known.unit}".rstrip() for number in (value, limit))
+            return f"{text}, {beyond} {bound}: {question}"
     return None

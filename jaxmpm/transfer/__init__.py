@@ -1,4 +1,4 @@
-"""Between particles and grid: shape functions, transfers of both engines, averages over neighbours."""
+"""Transfers between particles and grid: shape functions, both engines, averages over neighbours."""
 
 from jaxmpm.transfer._affine import momentum, nodal_momentum, velocity_gradient
 from jaxmpm.transfer._averages import band_thickness, filtered, length_of_band, passes_for, within_cells

@@ -1,8 +1,9 @@
-"""APIC: particles carry the gradient of the velocity around them, so that transfers keep angular momentum.
+"""APIC: particles carry the gradient of the velocity around them, so that transfers conserve angular momentum.
 
-Source: Jiang, Schroeder, Selle, Teran and Stomakhin (2015), 10.1145/2766996, section 5, for quadratic B-splines, whose
-weights have the second moment cell^2 / 4 wherever the particle stands. A momentum field m (v + C (x_node - x)) is
-mapped as its value and gradient at the grid's origin, which needs no transfer of its own.
+The method is for quadratic B-splines, whose weights have the second moment cell^2 / 4 at any position. A momentum field
+m (v + C (x_node - x)) is mapped as its value and gradient at the grid's origin, which needs no transfer of its own.
+
+Source: Jiang, Schroeder, Selle, Teran and Stomakhin (2015), doi:10.1145/2766996, Section 5.
 """
 
 from __future__ import annotations
@@ -19,7 +20,16 @@ from jaxmpm.types import Grid, Scene, State
 
 
 def momentum(scene: Scene, state: State, position: Array) -> Array:
-    """What particles at `position` (d, N) map to the grid: m v (d, N), and with an affine part (d + d d, N)."""
+    """Momentum that particles map to the grid.
+
+    Args:
+        scene: of the particles.
+        state: their velocity, and the affine part if there is one.
+        position: (d, N) m on the grid.
+
+    Returns:
+        m v (d, N), or with an affine part (d + d d, N).
+    """
     m = scene.particles.mass
     if state.affine is None:
         return m * state.velocity
@@ -29,7 +39,15 @@ def momentum(scene: Scene, state: State, position: Array) -> Array:
 
 
 def nodal_momentum(grid: Grid, nodal: Array) -> Array:
-    """The momentum (nodes, d) of the nodes, from the channels that `momentum` gave."""
+    """Momentum of the nodes from the sums of what `momentum` returned.
+
+    Args:
+        grid: of the nodes.
+        nodal: (nodes, d) or (nodes, d + d d).
+
+    Returns:
+        (nodes, d) kg m/s.
+    """
     d = grid.dimension
     if nodal.shape[1] == d:
         return nodal
@@ -38,7 +56,17 @@ def nodal_momentum(grid: Grid, nodal: Array) -> Array:
 
 
 def velocity_gradient(grid: Grid, position: Array, velocity: Array, to_particles: Callable[..., Any]) -> Array:
-    """C (d, d, N) of particles at `position` (d, N) in the nodal velocities (nodes, d)."""
+    """Velocity gradient C of APIC at the particles.
+
+    Args:
+        grid: of the nodes.
+        position: (d, N) m on the grid.
+        velocity: (nodes, d) m/s.
+        to_particles: interpolates nodal values, as `g2p`.
+
+    Returns:
+        (d, d, N) 1/s.
+    """
     d = grid.dimension
     moments = (velocity[:, :, None] * _nodes(grid, velocity.dtype)[:, None, :]).reshape(-1, d * d)
     values, _ = to_particles(jnp.concatenate([velocity, moments], axis=1), values=d + d * d, gradients=0)

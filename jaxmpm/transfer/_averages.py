@@ -1,4 +1,4 @@
-"""Averages over particles, by way of the grid or within its cells: cures for volumetric locking and mesh dependence."""
+"""Averages over particles, through the grid or within its cells: cures for volumetric locking and mesh dependence."""
 
 from __future__ import annotations
 
@@ -14,23 +14,43 @@ from jaxmpm.types import Grid, Kernel
 
 
 def filtered(grid: Grid, nodal: Array, passes: int) -> Array:
-    """Nodal sums (nodes, c) after `passes` binomial filters (1, 2, 1) / 4 along each axis: each adds a variance of
-    cell^2 / 2 to how far a particle's share reaches. Sums at the grid's outermost nodes lose what leaves the grid."""
+    """Nodal sums after binomial filters (1, 2, 1) / 4 along each axis.
+
+    Each filter adds cell^2 / 2 to the variance of a particle's weights. Sums at the grid's outermost nodes lose what
+    leaves the grid.
+
+    Args:
+        grid: of the nodes.
+        nodal: (nodes, c) sums.
+        passes: number of filters.
+
+    Returns:
+        (nodes, c).
+    """
     field = nodal.reshape(*grid.shape, -1)
     for axis in range(grid.dimension if passes else 0):
 
         def smoothed(_: int, field: Array, axis: int = axis) -> Array:
             return 0.5 * field + 0.25 * (jnp.roll(field, 1, axis) + jnp.roll(field, -1, axis))
 
-        # A loop: filters written out one by one are fused, and each computes those before it again at three nodes.
+        # A loop: XLA would fuse unrolled filters, and each would recompute those before it at three nodes.
         field = jax.lax.fori_loop(0, passes, smoothed, field)
     return field.reshape(nodal.shape)
 
 
 def within_cells(grid: Grid, position: Array, values: Array, weights: Array) -> Array:
-    """Average (N,) of `values` (N,) over the particles at `position` (d, N) m in the same cell, by weight (N,).
+    """Average over the particles in the same cell, by weight.
 
-    A projection, and symmetric in the weights: what it has averaged it leaves as it is.
+    It is a projection, symmetric in the weights: averaging twice changes nothing.
+
+    Args:
+        grid: of the cells.
+        position: (d, N) m.
+        values: (N,).
+        weights: (N,).
+
+    Returns:
+        (N,).
     """
     cells = jnp.floor(locate(grid, position)).astype(jnp.int32)
     cell = jnp.zeros(position.shape[-1:], jnp.int32)
@@ -42,21 +62,41 @@ def within_cells(grid: Grid, position: Array, values: Array, weights: Array) -> 
 
 
 def band_thickness(length: float) -> float:
-    """Thickness (m) of a band of softening soil whose plastic strain is averaged over `length` (m): that of the box
-    which has the peak and the area of the average's bell. Raises ValueError for what is no length."""
+    """Thickness of a band of softening soil whose plastic strain is averaged over a length.
+
+    It is the width of the box with the peak and the area of the average's Gaussian.
+
+    Args:
+        length: standard deviation of the average (m).
+
+    Returns:
+        Thickness (m).
+
+    Raises:
+        ValueError: If the length is not above 0.
+    """
     check.positive("internal_length", length, "m")
     return math.sqrt(2 * math.pi) * length
 
 
 def length_of_band(thickness: float) -> float:
-    """The internal length (m) with which bands are as thick as `thickness` (m)."""
+    """Internal length (m) with which bands are as thick as `thickness` (m): the inverse of `band_thickness`."""
     return thickness / math.sqrt(2 * math.pi)
 
 
 def passes_for(length: float, kernel: Kernel, cell: float) -> int:
-    """Filters that make the weights of the average a bell of standard deviation `length` (m).
+    """Number of filters that make the weights of the average a Gaussian of a given deviation.
 
-    Raises ValueError where `length` is below the kernel's own deviation.
+    Args:
+        length: standard deviation (m).
+        kernel: shape functions.
+        cell: edge of a cell (m).
+
+    Returns:
+        The number, 0 or more.
+
+    Raises:
+        ValueError: If `length` is below the kernel's own deviation.
     """
     least = kernel.deviation(cell)
     if length < least:

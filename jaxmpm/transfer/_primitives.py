@@ -1,13 +1,13 @@
 """The transfers as JAX primitives: one trilinear form, its three gradients, and their derivatives.
 
-A transfer's terms define B(x, rows, nodal), the sum over particles of a row times a derivative of the weights times
-what a channel of the nodes holds. `scatter` is the gradient of B by the nodal field, `gather` the one by the rows,
-`contract` the one by the position x. So reverse mode needs these three and nothing else:
+A transfer's terms define B(x, rows, nodal), the sum over particles of a row times a derivative of the weights times a
+channel of the nodes. `scatter` is the gradient of B by the nodal field, `gather` the one by the rows, `contract` the
+one by the position x. So reverse mode needs these three and nothing else:
 
     scatter  is transposed by gather (along the rows) and contract (along the position), both in one kernel,
     gather   is transposed by scatter (along the nodes) and contract (along the position).
 
-Forward mode along the position has weights derived once more. Everything differentiates to any order, on either
+Forward mode along the position differentiates the weights once more. Everything differentiates to any order, on either
 engine; native kernels stop at second derivatives of the weights.
 """
 
@@ -40,7 +40,7 @@ contract_p.multiple_results = True
 scatter_tangent_p = Primitive("jaxmpm_scatter_tangent")  # position, moved, changed blocks, blocks -> (nodes, channels)
 gather_moved_p = Primitive("jaxmpm_gather_moved")  # position, moved, nodal -> (rows, N)
 
-# What differentiation hands over: an array, or a symbolic zero, or a place still to be solved for (JAX names no type).
+# An argument of a differentiation rule: an array, a symbolic zero, or an undefined primal (JAX has no type for it).
 Tangent = Any
 
 _STATICS = ("grid", "kernel", "native_only", "terms")
@@ -64,7 +64,7 @@ def _contract_shape(position: ShapedArray, *others: ShapedArray, rows: int, **_:
 
 
 def rows_of(blocks: Sequence[Array]) -> list[Array]:
-    """The rows (N,) of blocks (r, N), one after the other."""
+    """Rows (N,) of blocks (r, N), one after the other."""
     return [row for block in blocks for row in block]
 
 
@@ -139,17 +139,17 @@ def _contract_cpu(
 
 
 def _raised(terms: Sequence[Term], dimension: int) -> tuple[Term, ...]:
-    """The terms derived along the position: row r becomes rows r d + a, one for each axis a."""
+    """The terms differentiated along the position: row r becomes rows r d + a, one for each axis a."""
     return tuple(
         t._replace(row=t.row * dimension + a, axes=tuple(sorted((*t.axes, a)))) for t in terms for a in range(dimension)
     )
 
 
 def _slopes(position: Array, nodal: Array, *, terms: Sequence[Term], rows: int, **statics: Any) -> Array:
-    """What `gather` gives, derived along the position: (.., rows, d, N)."""
+    """Derivative along the position of the result of `gather`: (.., rows, d, N)."""
     d = position.shape[-2]
-    found = gather_p.bind(position, nodal, terms=_raised(terms, d), rows=rows * d, **statics)
-    return found.reshape(*found.shape[:-2], rows, d, found.shape[-1])
+    derived = gather_p.bind(position, nodal, terms=_raised(terms, d), rows=rows * d, **statics)
+    return derived.reshape(*derived.shape[:-2], rows, d, derived.shape[-1])
 
 
 def _scatter_tangent_expanded(
@@ -210,7 +210,7 @@ def _summed(cotangent: Array, shape: tuple[int, ...]) -> Array:
 
 
 def _split(rows: Array, blocks: Sequence[Tangent]) -> list[Array | None]:
-    """The rows as blocks like the linear ones given; None for those that are not linear."""
+    """Rows as blocks of the shapes of the linear ones; None for those that are not linear."""
     shapes = [b.aval.shape if ad.is_undefined_primal(b) else b.shape for b in blocks]
     ends = np.cumsum([shape[-2] for shape in shapes])
     return [
@@ -304,7 +304,7 @@ def _register_expanded(
     transpose: Callable[..., tuple[Tangent, ...]] | None,
     on_cpu: Callable[..., Any] | None = None,
 ) -> None:
-    """A primitive that is other primitives put together, where it is not a kernel of its own."""
+    """Register a primitive that is composed of other primitives wherever it has no kernel of its own."""
     jvp = partial(_expanded_jvp, expanded)
     _register(primitive, shape, counts, jvp=jvp, transpose=transpose, on_cpu=on_cpu or expanded, elsewhere=expanded)
 

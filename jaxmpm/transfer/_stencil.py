@@ -1,4 +1,4 @@
-"""Sums over the particles' stencils in plain jnp: what a transfer means, and how it runs without the native engine.
+"""Transfers in plain jnp: the reference of the native engine, and its replacement on other devices.
 
 A transfer is a list of terms. Each joins a row of a particle array to a channel of the nodal array through the weight
 of a node, or one of the weight's derivatives along some axes. Particles to nodes and nodes to particles under the same
@@ -19,7 +19,14 @@ from jaxmpm.types import Grid, Kernel
 
 
 class Term(NamedTuple):
-    """One product in a transfer: factor * row * (weight derived once along each of `axes`, sorted) <-> channel."""
+    """One product in a transfer: factor * row * weight <-> channel.
+
+    Args:
+        row: number of the row of the particle array.
+        channel: number of the channel of the nodal array.
+        axes: axes along which the weight is differentiated, once each, sorted.
+        factor: of the product.
+    """
 
     row: int
     channel: int
@@ -30,7 +37,19 @@ class Term(NamedTuple):
 def scatter(
     grid: Grid, kernel: Kernel, position: Array, rows: Sequence[Array], *, terms: Sequence[Term], channels: int
 ) -> Array:
-    """Particles to nodes: position (d, N) m and rows, each (N,), to (nodes, channels)."""
+    """Map particles to nodes.
+
+    Args:
+        grid: of the nodes.
+        kernel: shape functions.
+        position: (d, N) m.
+        rows: arrays (N,).
+        terms: of the transfer.
+        channels: number of channels.
+
+    Returns:
+        (nodes, channels).
+    """
     # A GPU adds four channels of a node at once where their number is a multiple of four: twice as fast as seven.
     width = channels if channels <= 2 else -(-channels // 4) * 4
     nodal = jnp.zeros((grid.nodes, width), position.dtype)
@@ -41,7 +60,19 @@ def scatter(
 
 
 def gather(grid: Grid, kernel: Kernel, position: Array, nodal: Array, *, terms: Sequence[Term], rows: int) -> Array:
-    """Nodes to particles: position (d, N) m and nodal (nodes, channels) to (rows, N)."""
+    """Map nodes to particles.
+
+    Args:
+        grid: of the nodes.
+        kernel: shape functions.
+        position: (d, N) m.
+        nodal: (nodes, channels).
+        terms: of the transfer.
+        rows: number of rows.
+
+    Returns:
+        (rows, N).
+    """
     products = []
     for node, weight in _layers(grid, kernel, position, terms):
         values = nodal[node]
@@ -50,7 +81,7 @@ def gather(grid: Grid, kernel: Kernel, position: Array, nodal: Array, *, terms: 
 
 
 def _sums(products: Sequence[tuple[int, Array]], count: int, like: Array) -> list[Array]:
-    """Sum of the products with each number below `count`; zeros where there is none."""
+    """Sum of the products with each number below `count`; zeros if there is none."""
     sums: list[Array | None] = [None] * count
     for number, product in products:
         before = sums[number]
@@ -90,14 +121,14 @@ def _outer(operation: Callable[[Array, Array], Array], a: Array, b: Array) -> Ar
 
 
 def _derivatives(kernel: Kernel, axis: int, cell: float, r: Array, order: int) -> list[Array]:
-    """A 1D shape function at r cells from its node, and its derivatives (1/m^n) up to `order`."""
+    """Values of a 1D shape function at r cells from its node, and its derivatives (1/m^n) up to `order`."""
     value, slope = kernel.shape(axis, cell, r)
-    found = [value, slope]
+    values = [value, slope]
     nth: Callable[[Array], Array] = lambda r: kernel.shape(axis, cell, r)[1]  # noqa: E731
     for _ in range(order - 1):
         nth = _derivative(nth, cell)
-        found.append(nth(r))
-    return found
+        values.append(nth(r))
+    return values
 
 
 def _derivative(function: Callable[[Array], Array], cell: float) -> Callable[[Array], Array]:

@@ -1,10 +1,10 @@
-"""Particles to grid and grid to particles: one meaning, two engines, their derivatives.
+"""Particles to grid and grid to particles: one definition, two engines, their derivatives.
 
-Both maps are linear in what they carry. A node's row in a grid array interleaves its channels: (nodes, channels),
-nodes numbered fastest along the last axis.
+Both maps are linear in the values that they transfer. A node's row in a grid array interleaves its channels:
+(nodes, channels), nodes numbered fastest along the last axis.
 
-By default a transfer is a JAX primitive (`jaxmpm.primitives`) that lowers to native kernels on CPU and to
-`jaxmpm.stencil` elsewhere, as do its derivatives.
+By default a transfer is a JAX primitive (`jaxmpm.transfer._primitives`) that lowers to native kernels on CPU and to
+`jaxmpm.transfer._stencil` elsewhere, as do its derivatives.
 """
 
 from __future__ import annotations
@@ -33,13 +33,23 @@ def p2g(
 ) -> Array:
     """Map particles to nodes: sum of weight * carried, and of -stress . weight gradient.
 
-    position: (d, N) m. carried: (k, N), e.g. mass and momentum, or None. stress: volume times the stress
-    components that act on the grid (J), (d (d + 1) / 2, N) in the order xx, yy, zz, xy, yz, xz of those that the
-    dimension has, or None.
-    engine: None takes native kernels on CPU where they were built, else XLA.
-    Returns (nodes, k + d), (nodes, k) or (nodes, d): first the carried channels, then the force in N.
-    Raises ValueError where the grid has fewer than 3 nodes along an axis, dtypes differ, or the engine is missing.
-    Source: Bardenhagen and Kober (2004); Jiang et al. (2024), 10.1016/j.compgeo.2024.106413, Eqs. 20 to 22.
+    Sources: Bardenhagen and Kober (2004), CMES 5(6), 477-495; Jiang et al. (2024), doi:10.1016/j.compgeo.2024.106413,
+    Eqs. 20 to 22.
+
+    Args:
+        grid: of the nodes, 3 or more along each axis.
+        kernel: shape functions.
+        position: (d, N) m.
+        carried: (k, N), for example mass and momentum, or None.
+        stress: (d (d + 1) / 2, N) volume times the stress components that act on the grid (J), in the order xx, yy, zz,
+            xy, yz, xz of those that the dimension has, or None.
+        engine: None takes native kernels on CPU if they were built, else XLA.
+
+    Returns:
+        (nodes, k + d), (nodes, k) or (nodes, d): first the carried channels, then the force in N.
+
+    Raises:
+        ValueError: If the grid has fewer than 3 nodes along an axis, dtypes differ, or the engine is missing.
     """
     d, blocks, terms = grid.dimension, [], []
     k = 0 if carried is None else len(carried)
@@ -70,9 +80,20 @@ def g2p(
 ) -> tuple[Any, Any]:
     """Interpolate nodal fields at particles.
 
-    position: (d, N) m. nodal: (nodes, c). The first `values` channels are interpolated to (values, N), the
-    gradients (1/m) of the first `gradients` channels to (gradients, d, N); None where the count is 0.
-    engine and errors: as for `p2g`.
+    Args:
+        grid: of the nodes, 3 or more along each axis.
+        kernel: shape functions.
+        position: (d, N) m.
+        nodal: (nodes, c).
+        values: number of channels, the first ones, that are interpolated.
+        gradients: number of channels, the first ones, whose gradients are interpolated.
+        engine: None takes native kernels on CPU if they were built, else XLA.
+
+    Returns:
+        Values (values, N) and gradients (gradients, d, N) 1/m; None for a count of 0.
+
+    Raises:
+        ValueError: If the grid has fewer than 3 nodes along an axis, dtypes differ, or the engine is missing.
     """
     d = grid.dimension
     _check(grid, position, nodal)
@@ -90,7 +111,7 @@ def g2p(
 
 
 def _acting(i: int, j: int, dimension: int) -> int:
-    """Place of the stress component (i, j) among those that act on a grid of this dimension."""
+    """Index of the stress component (i, j) among those that act on a grid of this dimension."""
     axes = AXES[dimension]
     return ACTING[dimension].index(VOIGT[axes[i]][axes[j]])
 

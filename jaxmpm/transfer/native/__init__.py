@@ -1,4 +1,4 @@
-"""The native engine: finds the compiled library, registers its kernels with XLA, and calls them.
+"""The native engine: locates the compiled library, registers its kernels with XLA, and calls them.
 
 The library is optional. Without it `available()` is False and transfers run on XLA.
 """
@@ -29,13 +29,13 @@ MAX_ORDER = 2
 
 
 def library() -> Path | None:
-    """The compiled kernels; None where they were not built."""
+    """Path of the compiled kernels; None if they were not built."""
     return next((path for folder in __path__ if (path := Path(folder) / LIBRARY).exists()), None)
 
 
 @functools.cache
 def available() -> bool:
-    """Whether the compiled kernels are there; registers them. Warns, once, where they are not."""
+    """Register the compiled kernels and return whether they exist; warn once if they do not."""
     path = library()
     if path is not None:
         kernels = ctypes.CDLL(str(path))
@@ -51,7 +51,16 @@ def available() -> bool:
 
 
 def supports(kernel: Kernel, position: Array, terms: Sequence[Term]) -> bool:
-    """Whether there is native code for this kernel, precision and these derivatives."""
+    """Whether there is native code for a kernel, a precision and derivatives.
+
+    Args:
+        kernel: shape functions.
+        position: its dtype is the precision.
+        terms: of the transfer.
+
+    Returns:
+        Whether there is.
+    """
     known = type(kernel) in FUNCTIONS
     return known and position.dtype in (jnp.float32, jnp.float64) and all(len(term.axes) <= MAX_ORDER for term in terms)
 
@@ -59,8 +68,19 @@ def supports(kernel: Kernel, position: Array, terms: Sequence[Term]) -> bool:
 def scatter(
     grid: Grid, kernel: Kernel, position: Array, blocks: Sequence[Array], *, terms: Sequence[Term], channels: int
 ) -> Array:
-    """As `jaxmpm.stencil.scatter`, with rows given as blocks (rows, N); arrays may have leading batch axes, of
-    length 1 where lanes share them."""
+    """As `jaxmpm.transfer._stencil.scatter`, for blocks of rows and lanes.
+
+    Args:
+        grid: of the nodes.
+        kernel: shape functions.
+        position: (..., d, N) m, leading axes of length 1 if lanes share it.
+        blocks: arrays (..., r, N), likewise.
+        terms: of the transfer.
+        channels: number of channels.
+
+    Returns:
+        (..., nodes, channels).
+    """
     arrays = (position, *blocks)
     batch = np.broadcast_shapes(*(a.shape[:-2] for a in arrays))
     parts = []
@@ -74,7 +94,19 @@ def scatter(
 
 
 def gather(grid: Grid, kernel: Kernel, position: Array, nodal: Array, *, terms: Sequence[Term], rows: int) -> Array:
-    """As `jaxmpm.stencil.gather`; arrays may have leading batch axes, of length 1 where lanes share them."""
+    """As `jaxmpm.transfer._stencil.gather`, for lanes.
+
+    Args:
+        grid: of the nodes.
+        kernel: shape functions.
+        position: (..., d, N) m, leading axes of length 1 if lanes share it.
+        nodal: (..., nodes, channels), likewise.
+        terms: of the transfer.
+        rows: number of rows.
+
+    Returns:
+        (..., rows, N).
+    """
     batch = np.broadcast_shapes(position.shape[:-2], nodal.shape[:-2])
     result = jax.ShapeDtypeStruct((*batch, rows, position.shape[-1]), position.dtype)
     call = jax.ffi.ffi_call("jaxmpm_gather", result)
@@ -91,8 +123,20 @@ def contract(
     terms: Sequence[Term],
     rows: int,
 ) -> list[Array]:
-    """Derivative along the position, (d, N), of the sum of the rows in `blocks` times what `gather` gives for them;
-    and that itself, (rows, N), where `rows` is their number and not 0."""
+    """Derivative along the position of the sum of given rows times the result of `gather` for them.
+
+    Args:
+        grid: of the nodes.
+        kernel: shape functions.
+        position: (..., d, N) m, leading axes of length 1 if lanes share it.
+        nodal: (..., nodes, channels), likewise.
+        blocks: arrays (..., r, N) of rows, likewise.
+        terms: of the transfer.
+        rows: number of rows of `gather` to return, or 0.
+
+    Returns:
+        Derivative (..., d, N), and the result of `gather` (..., rows, N).
+    """
     batch = np.broadcast_shapes(*(a.shape[:-2] for a in (position, nodal, *blocks)))
     results = [
         jax.ShapeDtypeStruct((*batch, count, position.shape[-1]), position.dtype) for count in (grid.dimension, rows)
@@ -104,7 +148,7 @@ def contract(
 def _by_channels(
     call: Callable[..., Any], grid: Grid, kernel: Kernel, arrays: Sequence[Array], terms: Sequence[Term]
 ) -> Any:
-    """Sum of a kernel's answers, called for as many channels of the nodes, its second array, at a time as it takes."""
+    """Sum of a kernel's results over groups of channels of the nodes, its second array, as large as it takes."""
     position, nodal, *blocks = arrays
     parts = []
     for first in range(0, nodal.shape[-1], MAX_CHANNELS):
