@@ -1,7 +1,7 @@
 """One step of the material point method, State -> State.
 
-A step is made of five moves: particles give to the nodes, the grid moves, it moves the particles, velocities are mapped
-again, the velocity's gradient strains the soil. The schemes differ in the order of these alone.
+A step consists of five operations: particles map to the nodes, the nodes move, they move the particles, velocities are
+mapped again, and the velocity gradient strains the soil. The schemes differ only in the order of these.
 """
 
 from __future__ import annotations
@@ -23,32 +23,42 @@ from jaxmpm.laws import elastic_increment, elastic_strain, logarithmic, update_w
 from jaxmpm.transfer import filtered, g2p, momentum, nodal_momentum, p2g, velocity_gradient, within_cells
 from jaxmpm.types import Scene, Scheme, State, Tensor
 
-# Nodes with less than this share of the mean particle mass carry nothing. What they drop is lost momentum, so it is
-# far below rounding; a node's velocity, a ratio of sums with the same weights, is good down to there.
+# Nodes with less than this share of the mean particle mass get no velocity. Their momentum is lost, so the share is far
+# below rounding; a node's velocity, a ratio of sums with the same weights, is accurate down to it.
 MASS_FLOOR = 1e-12
 
 
 def step(scene: Scene, state: State, dt: Array) -> State:
-    """Advance by dt (s). Pure, differentiable, vmappable; only the fields of motion change, not step and status.
+    """Advance by one time step.
 
-    Sources: Sulsky, Chen and Schreyer (1994), 10.1016/0045-7825(94)90112-0 (the method); Bardenhagen (2002),
-    10.1006/jcph.2002.7103 (USF, USL) and Sulsky, Zhou and Schreyer (1995), 10.1016/0010-4655(94)00170-7 (MUSL).
+    It is pure, differentiable and vmappable. Only the fields of motion change, not `step` and `status`.
+
+    Sources: Sulsky, Chen and Schreyer (1994), doi:10.1016/0045-7825(94)90112-0 (method); Bardenhagen (2002),
+    doi:10.1006/jcph.2002.7103 (USF, USL); Sulsky, Zhou and Schreyer (1995), doi:10.1016/0010-4655(94)00170-7 (MUSL).
+
+    Args:
+        scene: to run.
+        state: before the step.
+        dt: time step (s).
+
+    Returns:
+        State after the step.
     """
-    moved = SCHEMES[scene.scheme](scene, state, dt, Maps(scene, place(scene, state)))
+    moved = SCHEMES[scene.scheme](scene, state, dt, Maps(scene, grid_position(scene, state)))
     if scene.free_field is None:
         return moved
     low, high = (step(column, own, dt) for column, own in beyond_ends(scene, state))
     return replace(moved, free_field=(low, high))
 
 
-def place(scene: Scene, state: State) -> Array:
-    """Where particles stand on the grid (d, N) m: their positions, brought back in where tied sides let them out."""
+def grid_position(scene: Scene, state: State) -> Array:
+    """Positions of particles on the grid (d, N) m; tied sides wrap them round."""
     position = scene.particles.position + state.displacement
     return position if scene.tied is None else around(scene.tied, scene.grid, position)
 
 
 def update_stress_first(scene: Scene, state: State, dt: Array, maps: Maps) -> State:
-    """USF: the soil is strained in the velocities that particles bring, before the grid moves."""
+    """USF: strain the soil by the velocities that particles map to the grid, before the grid moves."""
     nodal = particles_to_grid(scene, state, dt, maps, stressed=False)
     gradient = maps.gradient(straining_velocity(scene, state, nodal, dt, maps))
     state = update_stress(scene, state, gradient, dt, maps)
@@ -58,7 +68,7 @@ def update_stress_first(scene: Scene, state: State, dt: Array, maps: Maps) -> St
 
 
 def update_stress_last(scene: Scene, state: State, dt: Array, maps: Maps) -> State:
-    """USL: the soil is strained in the velocities of the grid at the end of the step."""
+    """USL: strain the soil by the velocities of the grid at the end of the step."""
     nodal = particles_to_grid(scene, state, dt, maps)
     moved = move_grid(scene, nodal, state.step * dt, dt)
     state, gradient = grid_to_particles(scene, state, moved, dt, maps, strain=True)
@@ -66,7 +76,7 @@ def update_stress_last(scene: Scene, state: State, dt: Array, maps: Maps) -> Sta
 
 
 def modified_update_stress_last(scene: Scene, state: State, dt: Array, maps: Maps) -> State:
-    """MUSL: particles give the grid their new velocities, in which the soil is then strained."""
+    """MUSL: map the particles' new velocities to the grid, and strain the soil by these."""
     nodal = particles_to_grid(scene, state, dt, maps)
     moved = move_grid(scene, nodal, state.step * dt, dt)
     state, _ = grid_to_particles(scene, state, moved, dt, maps)
@@ -78,7 +88,7 @@ class Move(Protocol):
     """A scheme."""
 
     def __call__(self, scene: Scene, state: State, dt: Array, maps: Maps) -> State:
-        """The state after a step of dt (s)."""
+        """State after a step of dt (s)."""
 
 
 SCHEMES: dict[Scheme, Move] = {
@@ -89,8 +99,13 @@ SCHEMES: dict[Scheme, Move] = {
 
 
 class Beyond(NamedTuple):
-    """What the free field does to the nodes at the ends of the ground, those of both ends (2, nz, d) from the base up:
-    its velocity in m/s at the end of the step, its traction in N, and the impedance of the dashpots in kg/s."""
+    """Action of the free field on the nodes at both ends of the ground.
+
+    Args:
+        velocity: (2, nz, d) m/s at the end of the step, from the base up.
+        traction: (2, nz, d) N.
+        impedance: (2, nz, d) of the dashpots (kg/s).
+    """
 
     velocity: Array
     traction: Array
@@ -98,10 +113,16 @@ class Beyond(NamedTuple):
 
 
 class Nodal(NamedTuple):
-    """What the nodes hold: mass (nodes, d) kg, alike along all axes, momentum (nodes, d) kg m/s, and the force on them
-    (nodes, d) N, None while there is none. per_mass: 1 / mass (nodes, d) 1/kg, 0 where there is none. area: of soil
-    on a wall (nodes,) m2, at nodes that lie on one, None where no wall asks. beyond: the ends' free field, None
-    without."""
+    """Values at the nodes.
+
+    Args:
+        mass: (nodes, d) kg, equal along all axes.
+        momentum: (nodes, d) kg m/s.
+        force: (nodes, d) N; None before there is one.
+        per_mass: (nodes, d) 1 / mass (1/kg), 0 at nodes without mass.
+        area: (nodes,) area of soil on a wall (m2), at nodes that lie on one; None if no wall needs it.
+        beyond: action of the free field; None without.
+    """
 
     mass: Array
     momentum: Array
@@ -112,64 +133,80 @@ class Nodal(NamedTuple):
 
 
 class Moved(NamedTuple):
-    """The grid after its motion: velocity (nodes, d) m/s and acceleration (nodes, d) m/s2."""
+    """The grid after its motion.
+
+    Args:
+        velocity: (nodes, d) m/s.
+        acceleration: (nodes, d) m/s2.
+    """
 
     velocity: Array
     acceleration: Array
 
 
 class Maps(NamedTuple):
-    """The transfers between the grid and particles that stand at `position` (d, N) m."""
+    """The transfers between a scene's grid and its particles at given positions.
+
+    At open ends of the ground particles reach nodes beyond the last plane. `fold` adds sums there to the nodes that
+    they are identified with, `unfold` copies values back.
+
+    Args:
+        scene: whose grid, kernel and engine are used.
+        position: (d, N) m of the particles on the grid.
+    """
 
     scene: Scene
     position: Array
 
     def to_grid(self, carried: Array | None, stress: Array | None) -> Array:
-        """See `jaxmpm.transfer.p2g`."""
-        return self.joined(self.to_reached(carried, stress))
+        """Map particles to nodes: see `jaxmpm.transfer.p2g`."""
+        return self.fold(self.to_all_nodes(carried, stress))
 
     def to_particles(self, nodal: Array, *, values: int, gradients: int) -> tuple[Any, Any]:
-        """See `jaxmpm.transfer.g2p`."""
-        return self.from_reached(self.parted(nodal), values=values, gradients=gradients)
+        """Interpolate nodal values at particles: see `jaxmpm.transfer.g2p`."""
+        return self.from_all_nodes(self.unfold(nodal), values=values, gradients=gradients)
 
-    def to_reached(self, carried: Array | None, stress: Array | None) -> Array:
-        """As `to_grid`, at the nodes that particles reach: those beyond open ends of the ground too."""
+    def to_all_nodes(self, carried: Array | None, stress: Array | None) -> Array:
+        """As `to_grid`, at all nodes that particles reach, those beyond open ends of the ground included."""
         scene = self.scene
         return p2g(scene.grid, scene.kernel, self.position, carried, stress, engine=scene.engine)
 
-    def from_reached(self, nodal: Array, *, values: int, gradients: int) -> tuple[Any, Any]:
-        """As `to_particles`, from the nodes that they reach."""
+    def from_all_nodes(self, nodal: Array, *, values: int, gradients: int) -> tuple[Any, Any]:
+        """As `to_particles`, from all nodes that particles reach."""
         scene = self.scene
         return g2p(
             scene.grid, scene.kernel, self.position, nodal, values=values, gradients=gradients, engine=scene.engine
         )
 
-    def joined(self, reached: Array) -> Array:
-        """Sums (nodes, c) with those beyond open ends added to the nodes that they are one with."""
+    def fold(self, reached: Array) -> Array:
+        """Sums (nodes, c) with those beyond open ends added to the nodes that they are identified with."""
         return fold(one_with(self.scene), self.scene.grid, reached)
 
-    def parted(self, nodal: Array) -> Array:
-        """Nodal values (nodes, c), beyond open ends too."""
+    def unfold(self, nodal: Array) -> Array:
+        """Nodal values (nodes, c), copied to the nodes beyond open ends."""
         return unfold(one_with(self.scene), self.scene.grid, nodal)
 
     def momentum(self, moving: Array) -> Array:
-        """Momentum (nodes, d) kg m/s of the nodes from the channels of `jaxmpm.transfer.momentum` at the nodes that
-        particles reach: an affine part is of these nodes' own places, before those beyond open ends are added."""
-        return self.joined(nodal_momentum(self.scene.grid, moving))
+        """Momentum (nodes, d) kg m/s from the channels of `jaxmpm.transfer.momentum` at all nodes that particles reach.
+
+        An affine part refers to the positions of these nodes, so it is evaluated before those beyond open ends are
+        added.
+        """
+        return self.fold(nodal_momentum(self.scene.grid, moving))
 
     def gradient(self, velocity: Array) -> Array:
-        """Gradient (d, d, N) 1/s of velocities (nodes, d) m/s at the particles."""
+        """Gradient (d, d, N) 1/s at the particles of velocities (nodes, d) m/s."""
         return self.to_particles(velocity, values=0, gradients=self.scene.grid.dimension)[1]
 
     def average(self, values: Array, passes: int) -> Array:
-        """Average of `values` (N,) over the particles around each one, weighted by mass, through `passes` filters."""
+        """Average (N,) of `values` (N,) over the particles nearby, weighted by mass, through `passes` filters."""
         m = self.scene.particles.mass
         nodal = filtered(self.scene.grid, self.to_grid(jnp.stack([m, m * values]), None), passes)
         averaged, _ = self.to_particles(reciprocal(self.scene, nodal[:, :1]) * nodal[:, 1:], values=1, gradients=0)
         return averaged[0]
 
     def unlocked(self, strain: Tensor, volume: Array) -> Tensor:
-        """The strain with its mean averaged as the scene asks; volume: of the particles (N,) m3."""
+        """The strain with its mean averaged as the scene requires; `volume` (N,) m3 is that of the particles."""
         scene = self.scene
         if scene.fbar:
             return tensors.with_mean(strain, self.average(tensors.mean(strain), 0))
@@ -187,21 +224,21 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
     if external is not None:
         carried.append(external)
     if bonded(scene):
-        # Soil that fills the cells on a wall gives its nodes half of their volume.
+        # Soil that fills the cells on a wall contributes half of their volume to its nodes.
         carried.insert(0, 2 / grid.cell * volume[None])
-    nodal = maps.to_reached(
+    nodal = maps.to_all_nodes(
         jnp.concatenate(carried), acting_stress(scene, state.stress, volume, maps) if stressed else None
     )
     ends = np.cumsum([len(block) for block in carried][: None if stressed else -1])
     blocks = jnp.split(nodal, ends, axis=1)
     if bonded(scene):
-        area = maps.joined(blocks.pop(0))[:, 0]
+        area = maps.fold(blocks.pop(0))[:, 0]
     mass, moving, *forces = blocks
-    mass = tensors.spread(maps.joined(mass), grid.dimension, axis=1)
+    mass = tensors.spread(maps.fold(mass), grid.dimension, axis=1)
     return Nodal(
         mass=mass,
         momentum=maps.momentum(moving),
-        force=maps.joined(sum(forces[1:], forces[0])) if forces else None,
+        force=maps.fold(sum(forces[1:], forces[0])) if forces else None,
         per_mass=reciprocal(scene, mass),
         area=area,
         beyond=None if scene.free_field is None else free_field(scene, state, dt),
@@ -212,11 +249,11 @@ SHARED = (
     *("gravity", "motion", "body_force", "damping", "flip", "scheme", "engine"),
     *("fbar", "cell_average", "finite_strain"),
 )
-"""What columns of a free field take over from the scene."""
+"""Fields of the scene that the columns of its free field share."""
 
 
 def beyond_ends(scene: Scene, state: State) -> list[tuple[Scene, State]]:
-    """The columns of the free field, at the scene's time and shaken as it is."""
+    """Columns of the free field with their states, at the scene's time and under its motion."""
     assert scene.free_field is not None
     assert state.free_field is not None
     shared: dict[str, Any] = {name: getattr(scene, name) for name in SHARED}
@@ -225,7 +262,7 @@ def beyond_ends(scene: Scene, state: State) -> list[tuple[Scene, State]]:
 
 
 def free_field(scene: Scene, state: State, dt: Array) -> Beyond:
-    """What the free field does to the ends in a step of dt (s). See `FreeField`."""
+    """Action of the free field on the ends in a step of dt (s); see `FreeField`."""
     assert scene.free_field is not None
     sides = [beside(*one, dt, scene.grid.shape[-1]) for one in beyond_ends(scene, state)]
     velocity, (low, high), impedance = (jnp.stack(each) for each in zip(*sides, strict=True))
@@ -233,9 +270,19 @@ def free_field(scene: Scene, state: State, dt: Array) -> Beyond:
 
 
 def beside(column: Scene, state: State, dt: Array, height: int) -> list[Array]:
-    """Of a column of the free field, at each of `height` nodes from the base up (height, d): its velocity at the end of
-    a step of dt in m/s, the force of its stress on a plane across x in N, and the plane's impedance to both waves."""
-    maps, mass = Maps(column, place(column, state)), column.particles.mass
+    """Action of a column of the free field on the end of the section next to it.
+
+    Args:
+        column: of the free field.
+        state: of the column.
+        dt: time step (s).
+        height: number of nodes from the base up.
+
+    Returns:
+        Arrays (height, d): its velocity at the end of the step (m/s), the force of its stress on a plane across x in N,
+        and the plane's impedance to both waves (kg/s).
+    """
+    maps, mass = Maps(column, grid_position(column, state)), column.particles.mass
     moved = move_grid(column, particles_to_grid(column, state, dt, maps), state.step * dt, dt)
     stress = acting_stress(column, state.stress, column.particles.volume * state.volume_ratio, maps)
     density = mass / column.particles.volume
@@ -247,7 +294,7 @@ def beside(column: Scene, state: State, dt: Array, height: int) -> list[Array]:
 
 
 def external_force(scene: Scene, position: Array, volume: Array, time: Array) -> Array | None:
-    """Force (d, N) N besides gravity on particles at `position` (d, N) m of volume (N,) m3, None if there is none."""
+    """Force (d, N) N besides gravity on particles at `position` (d, N) m of volume (N,) m3; None if there is none."""
     particles, force = scene.particles, None
     if scene.body_force is not None:
         force = particles.mass * scene.body_force(particles.position, time)
@@ -258,18 +305,18 @@ def external_force(scene: Scene, position: Array, volume: Array, time: Array) ->
 
 
 def felt_gravity(scene: Scene, time: Array) -> Array:
-    """Gravity (d,) m/s2 less the acceleration of the base, in whose frame the soil moves."""
+    """Gravity (d,) m/s2 minus the acceleration of the base, in whose frame the soil moves."""
     return scene.gravity if scene.motion is None else scene.gravity - scene.motion.at(time)
 
 
 def pushed(scene: Scene, state: State, nodal: Nodal, maps: Maps) -> Nodal:
-    """The nodes with the force of the particles' stress as well."""
+    """The nodes with the force of the particles' stress added."""
     stress = maps.to_grid(None, acting_stress(scene, state.stress, scene.particles.volume * state.volume_ratio, maps))
     return nodal._replace(force=stress if nodal.force is None else nodal.force + stress)
 
 
 def move_grid(scene: Scene, nodal: Nodal, time: Array, dt: Array) -> Moved:
-    """Motion of the nodes by the forces on them, gravity and damping; walls held, and those with friction braking."""
+    """Motion of the nodes by forces, gravity and damping, with walls applied."""
     assert nodal.force is not None
     before = nodal_velocity(scene, nodal)
     acceleration = nodal.per_mass * (nodal.force + nodal.mass * felt_gravity(scene, time))
@@ -286,27 +333,48 @@ def move_grid(scene: Scene, nodal: Nodal, time: Array, dt: Array) -> Moved:
 
 
 def bonded(scene: Scene) -> bool:
-    """Whether what walls with friction do depends on the area of soil on them."""
+    """Whether walls with friction need the area of soil on them."""
     return scene.wall_cohesion is not None or scene.wall_pressure is not None
 
 
 def braked(scene: Scene, nodal: Nodal, dt: Array) -> Callable[[Array], Array]:
-    """Gives for velocities into walls (nodes,) m/s, which they take away in dt (s), those along them (nodes,) m/s that
-    they take away at most: friction of what soil presses on them, less what water bears of it, and cohesion."""
+    """Largest change of velocity along walls with friction, as a function of the velocity into them.
+
+    It is Coulomb friction of the contact pressure minus the water's, and cohesion.
+
+    Args:
+        scene: with wall_friction.
+        nodal: values at the nodes.
+        dt: time step (s).
+
+    Returns:
+        Function of the velocities (nodes,) m/s into walls that they stop in dt; it gives the largest change of those
+        along them (nodes,) m/s.
+    """
     friction = scene.wall_friction
     assert friction is not None
     if nodal.area is None:
         return lambda push: friction * push
     rate = dt * nodal.area * nodal.per_mass[:, 0]
-    borne = 0.0 if scene.wall_pressure is None else rate * scene.wall_pressure
-    held = 0.0 if scene.wall_cohesion is None else rate * scene.wall_cohesion
-    return lambda push: jnp.where(push > 0, friction * jnp.maximum(push - borne, 0) + held, 0)
+    water = 0.0 if scene.wall_pressure is None else rate * scene.wall_pressure
+    cohesion = 0.0 if scene.wall_cohesion is None else rate * scene.wall_cohesion
+    return lambda push: jnp.where(push > 0, friction * jnp.maximum(push - water, 0) + cohesion, 0)
 
 
 def led(scene: Scene, nodal: Nodal, before: Array, acceleration: Array, dt: Array) -> Array:
-    """Acceleration (nodes, d) with the traction of the free field on the ends, and of the dashpots that tie them to it.
+    """Acceleration with the traction of the free field on the ends and of the dashpots between them.
 
-    before: velocity (nodes, d). Dashpots take the velocities at the end of the step, so that no node is too light.
+    Dashpots take the velocities at the end of the step, so that light nodes are stable.
+
+    Args:
+        scene: with a free field.
+        nodal: values at the nodes.
+        before: velocity (nodes, d) m/s.
+        acceleration: (nodes, d) m/s2 without the free field.
+        dt: time step (s).
+
+    Returns:
+        (nodes, d) m/s2.
     """
     assert scene.free_field is not None
     assert nodal.beyond is not None
@@ -322,7 +390,7 @@ def led(scene: Scene, nodal: Nodal, before: Array, acceleration: Array, dt: Arra
 def grid_to_particles(
     scene: Scene, state: State, moved: Moved, dt: Array, maps: Maps, *, strain: bool = False
 ) -> tuple[State, Any]:
-    """The particles moved by the grid, and the velocity's gradient (d, d, N) 1/s at them if asked to `strain`."""
+    """Particles moved by the grid, and the velocity gradient (d, d, N) 1/s at them if `strain`."""
     d = scene.grid.dimension
     fields = jnp.concatenate([moved.velocity, moved.acceleration], axis=1)
     values, gradient = maps.to_particles(fields, values=2 * d, gradients=d if strain else 0)
@@ -334,14 +402,14 @@ def grid_to_particles(
         velocity=flip_velocity if scene.flip is None else scene.flip * flip_velocity + (1 - scene.flip) * pic_velocity,
     )
     if state.affine is not None:
-        affine = velocity_gradient(scene.grid, maps.position, maps.parted(moved.velocity), maps.from_reached)
+        affine = velocity_gradient(scene.grid, maps.position, maps.unfold(moved.velocity), maps.from_all_nodes)
         state = replace(state, affine=affine)
     return state, gradient
 
 
 def mapped_again(scene: Scene, state: State, nodal: Nodal, moved: Moved, maps: Maps) -> Array:
-    """Velocity (nodes, d) of the nodes by the particles' new momentum, at the masses that they had."""
-    moving = maps.momentum(maps.to_reached(momentum(scene, state, maps.position), None))
+    """Velocity (nodes, d) m/s from the particles' new momentum and the nodal masses before."""
+    moving = maps.momentum(maps.to_all_nodes(momentum(scene, state, maps.position), None))
     velocity = nodal_velocity(scene, nodal._replace(momentum=moving))
     if scene.wall_friction is None:
         return velocity
@@ -349,8 +417,10 @@ def mapped_again(scene: Scene, state: State, nodal: Nodal, moved: Moved, maps: M
 
 
 def straining_velocity(scene: Scene, state: State, nodal: Nodal, dt: Array, maps: Maps) -> Array:
-    """Velocity (nodes, d) in which USF strains the soil: that of the nodes; at walls with friction that in which the
-    forces of the stress so far would move them."""
+    """Velocity (nodes, d) m/s by which USF strains the soil.
+
+    It is that of the nodes; at walls with friction it is that to which the current stress would move them.
+    """
     velocity = nodal_velocity(scene, nodal)
     if scene.wall_friction is None:
         return velocity
@@ -359,22 +429,31 @@ def straining_velocity(scene: Scene, state: State, nodal: Nodal, dt: Array, maps
 
 
 def nodal_velocity(scene: Scene, nodal: Nodal) -> Array:
-    """Velocity (nodes, d) of the nodes, walls held."""
+    """Velocity (nodes, d) m/s of the nodes, with walls applied."""
     return hold(scene, nodal.per_mass * nodal.momentum)
 
 
 def reciprocal(scene: Scene, mass: Array) -> Array:
-    """1 / mass where a node has mass, else 0."""
+    """1 / mass at nodes with mass, else 0."""
     carries = mass > MASS_FLOOR * jnp.mean(scene.particles.mass)
     return jnp.where(carries, 1 / jnp.where(carries, mass, 1), 0)
 
 
 def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps) -> Array:
-    """The components of the stress (s, N) that act on the grid (J), times the current volume (N,).
+    """Stress components (s, N) that act on the grid, times the current volume (J).
 
-    With F-bar its mean is averaged as well, by the transpose of the strain's average: forces then do the work that the
-    averaged strain stores. Without this the energy grows in a long run. Where particles carry a pore pressure the total
+    With F-bar the mean stress is averaged by the transpose of the strain's average: forces then do the work that the
+    averaged strain stores. Without this the energy grows in a long run. If particles have a pore pressure, the total
     stress acts.
+
+    Args:
+        scene: of the particles.
+        stress: components of the state (s, N) Pa.
+        volume: current one (N,) m3.
+        maps: transfers at the particles.
+
+    Returns:
+        (d (d + 1) / 2, N) J.
     """
     d = scene.grid.dimension
     if scene.pore_pressure is not None:
@@ -389,7 +468,7 @@ def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps) -> Arr
 
 
 def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, maps: Maps) -> State:
-    """Stress, history, gap and volume after a step in the velocity gradient (d, d, N)."""
+    """Stress, history, gap and volume after a step with velocity gradient (d, d, N) 1/s."""
     d = scene.grid.dimension
     strained = (strained_by_logarithms if scene.finite_strain else strained_by_rates)(
         scene, state, tensors.entries(gradient), dt, maps
@@ -400,7 +479,7 @@ def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, maps: 
         smooth = partial(maps.average, passes=scene.nonlocal_passes)
         history = jax.tree.map(lambda new, old: old + smooth(new - old), history, state.history)
     if scene.finite_strain:
-        # Unless it is written first, XLA on CPU divides all components in the one loop that computes them.
+        # Stored first: otherwise XLA on CPU divides all components in the one loop that computes them.
         components = tensors.compress(tensors.row_by_row(stress), d) / strained.volume_ratio
     else:
         components = tensors.compress(stress, d)
@@ -408,7 +487,13 @@ def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, maps: 
 
 
 class Strained(NamedTuple):
-    """What a law is given: the strain increment, and the stress (Pa) that it adds to; and the new volume ratio (N,)."""
+    """Arguments of a law in a step, and the new volume.
+
+    Args:
+        strain: increment.
+        stress: tensor that it is added to (Pa).
+        volume_ratio: (N,) current over initial volume.
+    """
 
     strain: Tensor
     stress: Tensor
@@ -416,15 +501,27 @@ class Strained(NamedTuple):
 
 
 def strained_by_rates(scene: Scene, state: State, entries: Any, dt: Array, maps: Maps) -> Strained:
-    """Hypoelastic: the stress rotated by the Jaumann rate, the strain that of the velocity gradient's entries."""
+    """Hypoelasticity: the stress rotated by the Jaumann rate, and the strain of the velocity gradient's entries."""
     rotated = tensors.rotate(tensors.expand(state.stress, scene.grid.dimension), entries, dt)
     strain = maps.unlocked(tensors.strain_increment(entries, dt), scene.particles.volume * state.volume_ratio)
     return Strained(strain, rotated, state.volume_ratio * (1 + 3 * tensors.mean(strain)))
 
 
 def strained_by_logarithms(scene: Scene, state: State, entries: Any, dt: Array, maps: Maps) -> Strained:
-    """Hyperelastic: the Kirchhoff stress less that of the strain increment, so that both add up to the trial stress of
-    Hencky's strain. The volume's change is exact, averaged as the scene asks."""
+    """Hyperelasticity: the Kirchhoff stress minus that of the strain increment, and the increment.
+
+    Both add up to the trial stress of Hencky's strain. The change of volume is exact, averaged as the scene requires.
+
+    Args:
+        scene: of the particles.
+        state: before the step.
+        entries: of the velocity gradient, row by row (1/s).
+        dt: time step (s).
+        maps: transfers at the particles.
+
+    Returns:
+        Arguments of the law.
+    """
     law = scene.material
     kirchhoff = tensors.expand(state.volume_ratio * state.stress, scene.grid.dimension)
     elastic = elastic_strain(law.bulk, law.shear, kirchhoff)

@@ -1,4 +1,4 @@
-"""Nodal walls: what they hold is zero on and beyond their plane; those with friction act by impulses; open ends."""
+"""Boundary conditions at the nodes: walls, walls with friction as impulses, and open ends."""
 
 from __future__ import annotations
 
@@ -13,8 +13,17 @@ from jaxmpm.types import Grid, Scene, Wall
 
 
 def one_with(scene: Scene) -> list[tuple[int, int]]:
-    """Pairs of planes of nodes along x: one that particles reach on or beyond an end of the ground, and the one that it
-    is one with: of tied sides that between them at which the grid goes on round, of a free field the end itself."""
+    """Pairs of planes of nodes along x that are identified: one beyond an end of the ground, and its image.
+
+    With tied sides the second plane lies between the ends, where the grid continues round; with a free field it is the
+    end itself.
+
+    Args:
+        scene: with tied sides, a free field or neither.
+
+    Returns:
+        Pairs of node numbers along x.
+    """
     if scene.free_field is not None:
         low, high = scene.free_field.planes
         return [(low - 1, low), (high + 1, high)]
@@ -25,8 +34,16 @@ def one_with(scene: Scene) -> list[tuple[int, int]]:
 
 
 def fold(pairs: Sequence[tuple[int, int]], grid: Grid, nodal: Array) -> Array:
-    """Sums (nodes, c) of what particles gave, those of the first of each pair of planes added to the second's; the
-    first has 0 itself."""
+    """Add sums at the first plane of each pair to the second; the first becomes 0.
+
+    Args:
+        pairs: from `one_with`.
+        grid: of the nodes.
+        nodal: (nodes, c) sums.
+
+    Returns:
+        (nodes, c).
+    """
     if not pairs:
         return nodal
     field = nodal.reshape(*grid.shape, -1)
@@ -36,7 +53,16 @@ def fold(pairs: Sequence[tuple[int, int]], grid: Grid, nodal: Array) -> Array:
 
 
 def unfold(pairs: Sequence[tuple[int, int]], grid: Grid, nodal: Array) -> Array:
-    """Nodal values (nodes, c), those of the first of each pair of planes being the second's."""
+    """Copy nodal values from the second plane of each pair to the first.
+
+    Args:
+        pairs: from `one_with`.
+        grid: of the nodes.
+        nodal: (nodes, c).
+
+    Returns:
+        (nodes, c).
+    """
     if not pairs:
         return nodal
     field = nodal.reshape(*grid.shape, -1)
@@ -46,13 +72,21 @@ def unfold(pairs: Sequence[tuple[int, int]], grid: Grid, nodal: Array) -> Array:
 
 
 def around(tied: tuple[int, int], grid: Grid, position: Array) -> Array:
-    """Positions (d, N) m, those beyond a tied plane brought back in at the other."""
+    """Positions (d, N) m with those beyond a tied plane wrapped to the other."""
     low, high = (grid.origin[0] + node * grid.cell for node in tied)
     return position.at[0].set(low + jnp.mod(position[0] - low, high - low))
 
 
 def hold(scene: Scene, nodal: Array) -> Array:
-    """Velocities or accelerations (nodes, d) with the components set to 0 that walls hold, and all beyond a cut."""
+    """Set components of nodal vectors to 0 that walls constrain, and all beyond a cut.
+
+    Args:
+        scene: with its walls and cut.
+        nodal: velocities or accelerations (nodes, d).
+
+    Returns:
+        (nodes, d).
+    """
     walls, grid = scene.walls, scene.grid
     if scene.cut is not None:
         nodal = jnp.where(scene.cut[:, None], 0, nodal)
@@ -71,11 +105,21 @@ def hold(scene: Scene, nodal: Array) -> Array:
 
 
 def slide(walls: Sequence[Wall], grid: Grid, velocity: Array, braked: Callable[[Array], Array]) -> Array:
-    """Velocities (nodes, d) after the impulses of the walls with friction.
+    """Velocities after the impulses of the walls with friction.
 
-    A wall takes away the velocity into it, and of the velocity along it at most what `braked` gives for that, (nodes,)
-    m/s; it does not hold back what leaves. Source: Coulomb's law for impulses, as in Bardenhagen et al. (2000),
-    10.1016/S0045-7825(99)00338-2, section 3.
+    A wall removes the velocity into it, and of the velocity along it at most what `braked` returns. It does not
+    restrain soil that leaves.
+
+    Source: Coulomb's law for impulses, as in Bardenhagen et al. (2000), doi:10.1016/S0045-7825(99)00338-2, Section 3.
+
+    Args:
+        walls: of the scene.
+        grid: of the nodes.
+        velocity: (nodes, d) m/s.
+        braked: function of the velocities (nodes,) m/s into walls; it gives the largest change along them (nodes,) m/s.
+
+    Returns:
+        (nodes, d) m/s.
     """
     shape = (*grid.shape, grid.dimension)
     field = velocity.reshape(shape)
@@ -92,10 +136,19 @@ def slide(walls: Sequence[Wall], grid: Grid, velocity: Array, braked: Callable[[
 
 
 def moved_along(walls: Sequence[Wall], grid: Grid, velocity: Array, moved: Array) -> Array:
-    """Velocities (nodes, d) in which soil is strained: on and beyond walls with friction those in which it moved.
+    """Velocities that strain the soil: on and beyond walls with friction those of the moved grid.
 
-    Particles bring back to such a node only a part of what the wall took from it. Strains in what they bring would let
-    the soil go from a wall that holds it: they make energy, which shakes a block off a plane that it would stick to.
+    Particles return to such a node only part of the velocity that the wall took from it. Strains from that part would
+    let soil come off a wall that holds it, and create energy: a block would shake off a plane that it should stick to.
+
+    Args:
+        walls: of the scene.
+        grid: of the nodes.
+        velocity: (nodes, d) m/s, mapped from the particles.
+        moved: (nodes, d) m/s, after the grid's motion.
+
+    Returns:
+        (nodes, d) m/s.
     """
     for wall in _with_friction(walls):
         velocity = jnp.where(_beyond(wall, grid.shape).reshape(-1, 1), moved, velocity)
@@ -107,7 +160,9 @@ def _with_friction(walls: Sequence[Wall]) -> list[Wall]:
 
 
 def _beyond(wall: Wall, shape: tuple[int, ...]) -> Array:
-    """Where in an array of this shape nodes stand on the wall or beyond it: index arithmetic, not a stored mask, which
-    is fused into the nodal update and costs no memory."""
+    """Nodes on a wall or beyond it, in an array of this shape.
+
+    It is computed by index arithmetic, which is fused into the nodal update; a stored mask would cost memory.
+    """
     along = jax.lax.broadcasted_iota(jnp.int32, shape, wall.axis)
     return along <= wall.index if wall.side == "low" else along >= wall.index

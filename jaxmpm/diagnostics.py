@@ -1,4 +1,4 @@
-"""Energy, momentum and displacement of a state; each of one lane, to be vmapped over a batch.
+"""Energy, momentum and displacement of a state; each function is for one lane and can be vmapped over a batch.
 
 Those that take a scene raise ValueError for a state of another number of particles, or of many lanes.
 """
@@ -11,63 +11,118 @@ from jax import Array
 
 from foundation import check
 from jaxmpm import tensors
-from jaxmpm._step import Maps, acting_stress, external_force, felt_gravity, place, reciprocal
+from jaxmpm._step import Maps, acting_stress, external_force, felt_gravity, grid_position, reciprocal
 from jaxmpm.boundary import hold
 from jaxmpm.transfer import momentum as particle_momentum
 from jaxmpm.types import Scene, State
 
 
 def _of_one_lane(scene: Scene, state: State) -> None:
-    found, wanted = np.shape(state.displacement), np.shape(scene.particles.position)
-    if found != wanted:
+    shape, wanted = np.shape(state.displacement), np.shape(scene.particles.position)
+    if shape != wanted:
         raise ValueError(
-            f"the state's displacement has shape {found}, the scene asks for {wanted}: give the state of one lane of "
+            f"the state's displacement has shape {shape}, the scene needs {wanted}: give the state of one lane of "
             "this scene, or map over the lanes with jax.vmap"
         )
 
 
 def position(scene: Scene, state: State) -> Array:
-    """Current positions (d, N) m."""
+    """Current positions.
+
+    Args:
+        scene: of the state.
+        state: of one lane.
+
+    Returns:
+        (d, N) m.
+
+    Raises:
+        ValueError: If the state is not of one lane of this scene.
+    """
     _of_one_lane(scene, state)
     return scene.particles.position + state.displacement
 
 
 def displacement(state: State) -> Array:
-    """Length of the displacement of each particle (N,) m."""
+    """Length of the displacement of each particle.
+
+    Args:
+        state: of one lane.
+
+    Returns:
+        (N,) m.
+    """
     return tensors.safe_sqrt(jnp.sum(state.displacement**2, axis=0))
 
 
 def largest_displacement(state: State) -> Array:
-    """Largest length of a particle's displacement (m)."""
+    """Largest length of a particle's displacement.
+
+    Args:
+        state: of one lane.
+
+    Returns:
+        () m.
+    """
     return jnp.max(displacement(state))
 
 
 def exceeded_displacement(scene: Scene, state: State, volume: float) -> Array:
-    """Largest displacement (m) that a volume of soil (m3, in a section m2, undeformed) has reached or exceeded.
+    """Largest displacement that a given volume of soil has reached or exceeded.
 
-    Soil is counted from that which moved farthest down, so that neither a few grains nor soil that stands have any
-    weight. Of more soil than there is, the least displacement. Raises ValueError for a volume not above 0.
+    Soil is counted from the largest displacement down, so that neither a few grains nor soil that stands affect the
+    result. If the volume exceeds that of the soil, it is the least displacement.
+
+    Args:
+        scene: of the state.
+        state: of one lane.
+        volume: of undeformed soil (m3, in a section m2), above 0.
+
+    Returns:
+        () m.
+
+    Raises:
+        ValueError: If the volume is not above 0, or the state is not of one lane of this scene.
     """
     _of_one_lane(scene, state)
     check.positive("volume", volume)
     moved, own = displacement(state), scene.particles.volume
     order = jnp.argsort(-moved)
-    # Half a particle away from the sum that is asked for, rounding cannot tell.
+    # Half a particle less than the given volume, so that rounding does not matter.
     last = jnp.searchsorted(jnp.cumsum(own[order]), volume - jnp.min(own) / 2)
     return moved[order][jnp.minimum(last, moved.size - 1)]
 
 
 def mean_displacement(scene: Scene, state: State) -> Array:
-    """Mean length of the displacement of all soil, weighted by mass (m)."""
+    """Mean length of the displacement of all soil, weighted by mass.
+
+    Args:
+        scene: of the state.
+        state: of one lane.
+
+    Returns:
+        () m.
+
+    Raises:
+        ValueError: If the state is not of one lane of this scene.
+    """
     _of_one_lane(scene, state)
     mass = scene.particles.mass
     return jnp.sum(mass * displacement(state)) / jnp.sum(mass)
 
 
 def slide_displacement(scene: Scene, state: State, beyond: float) -> Array:
-    """How far all soil has moved, weighted by mass, over the mass that moved more than `beyond` (m); 0 where none did.
+    """Sum of mass times displacement of all soil, over the mass that moved farther than a limit.
 
-    A mean over the slide, to which soil that does not slide yet adds what it creeps.
+    It is a mean over the slide, plus the creep of soil that does not slide yet.
+
+    Args:
+        scene: of the state.
+        state: of one lane.
+        beyond: displacement from which soil counts as the slide (m).
+
+    Returns:
+        () m, 0 if no soil moved that far.
     """
     moved, mass = displacement(state), scene.particles.mass
     slides = jnp.sum(jnp.where(moved > beyond, mass, 0))
@@ -75,36 +130,79 @@ def slide_displacement(scene: Scene, state: State, beyond: float) -> Array:
 
 
 def momentum(scene: Scene, state: State) -> Array:
-    """Total momentum (d,) kg m/s."""
+    """Total momentum.
+
+    Args:
+        scene: of the state.
+        state: of one lane.
+
+    Returns:
+        (d,) kg m/s.
+
+    Raises:
+        ValueError: If the state is not of one lane of this scene.
+    """
     _of_one_lane(scene, state)
     return jnp.sum(scene.particles.mass * state.velocity, axis=1)
 
 
 def grid_velocity(scene: Scene, state: State) -> Array:
-    """Velocity of the grid at the particles (d, N) m/s: what moves them.
+    """Velocity of the grid at the particles, by which they move.
 
-    Particles in FLIP also carry velocities that cancel at the nodes, and ring on for long in soil that stands.
+    With FLIP the particles' own velocities also have parts that cancel at the nodes; these oscillate for long in soil
+    that stands.
+
+    Args:
+        scene: of the state.
+        state: of one lane.
+
+    Returns:
+        (d, N) m/s.
+
+    Raises:
+        ValueError: If the state is not of one lane of this scene.
     """
     _of_one_lane(scene, state)
-    maps, d = Maps(scene, place(scene, state)), scene.grid.dimension
-    nodal = maps.to_reached(
+    maps, d = Maps(scene, grid_position(scene, state)), scene.grid.dimension
+    nodal = maps.to_all_nodes(
         jnp.concatenate([scene.particles.mass[None], particle_momentum(scene, state, maps.position)]), None
     )
-    mass, moving = maps.joined(nodal[:, :1]), maps.momentum(nodal[:, 1:])
+    mass, moving = maps.fold(nodal[:, :1]), maps.momentum(nodal[:, 1:])
     velocity = hold(scene, reciprocal(scene, mass) * moving)
     return maps.to_particles(velocity, values=d, gradients=0)[0]
 
 
 def kinetic_energy(scene: Scene, state: State) -> Array:
-    """Kinetic energy of the particles (J)."""
+    """Kinetic energy of the particles.
+
+    Args:
+        scene: of the state.
+        state: of one lane.
+
+    Returns:
+        () J.
+
+    Raises:
+        ValueError: If the state is not of one lane of this scene.
+    """
     _of_one_lane(scene, state)
     return 0.5 * jnp.sum(scene.particles.mass * jnp.sum(state.velocity**2, axis=0))
 
 
 def elastic_energy(scene: Scene, state: State) -> Array:
-    """Energy stored in the elastic stress (J), for a material with `bulk` and `shear`.
+    """Energy stored in the elastic stress.
 
-    With finite strains it is of the Kirchhoff stress, per initial volume.
+    With finite strains it is that of the Kirchhoff stress, per initial volume.
+
+    Args:
+        scene: of the state, with a material that has `bulk` and `shear`.
+        state: of one lane.
+
+    Returns:
+        () J.
+
+    Raises:
+        ValueError: If the state is not of one lane of this scene.
     """
     _of_one_lane(scene, state)
     ratio = state.volume_ratio
@@ -115,21 +213,55 @@ def elastic_energy(scene: Scene, state: State) -> Array:
 
 
 def potential_energy(scene: Scene, state: State) -> Array:
-    """Work still to be had from gravity, relative to the initial positions (J)."""
+    """Potential energy of gravity, relative to the initial positions.
+
+    Args:
+        scene: of the state.
+        state: of one lane.
+
+    Returns:
+        () J.
+
+    Raises:
+        ValueError: If the state is not of one lane of this scene.
+    """
     _of_one_lane(scene, state)
     return -jnp.sum(scene.particles.mass * (scene.gravity @ state.displacement))
 
 
 def speed(scene: Scene, state: State) -> Array:
-    """Root mean square of the particle speed, weighted by mass (m/s)."""
+    """Root mean square of the particle speed, weighted by mass.
+
+    Args:
+        scene: of the state.
+        state: of one lane.
+
+    Returns:
+        () m/s.
+
+    Raises:
+        ValueError: If the state is not of one lane of this scene.
+    """
     return tensors.safe_sqrt(2 * kinetic_energy(scene, state) / jnp.sum(scene.particles.mass))
 
 
 def unbalanced_force(scene: Scene, state: State) -> Array:
-    """Norm of the net force on the free nodes over the norm of what loads them: gravity, body force, water and
-    the motion of the base."""
+    """Norm of the net force on the free nodes over that of their load.
+
+    The load is gravity, body force, water and the motion of the base.
+
+    Args:
+        scene: of the state.
+        state: of one lane.
+
+    Returns:
+        () ratio, 0 in equilibrium.
+
+    Raises:
+        ValueError: If the state is not of one lane of this scene.
+    """
     _of_one_lane(scene, state)
-    maps, particles = Maps(scene, place(scene, state)), scene.particles
+    maps, particles = Maps(scene, grid_position(scene, state)), scene.particles
     volume = particles.volume * state.volume_ratio
     nodal = maps.to_grid(particles.mass[None], acting_stress(scene, state.stress, volume, maps))
     time = state.step * scene.time_step

@@ -1,8 +1,8 @@
 """States on disk: restart points, and series of particles that ParaView opens.
 
-A restart point is HDF5, sealed (see `foundation.files`), with every leaf of the state by its name; nothing in it is
-ever executed. A series is VTKHDF 2.0: an unstructured grid of one vertex per particle, with a `Steps` group for the
-times.
+A restart point is HDF5, sealed (see `foundation.files`), with every leaf of the state by its name; reading it executes
+nothing. A series is VTKHDF 2.0: an unstructured grid of one vertex per particle, with a `Steps` group for the times.
+
 Source: VTK file formats, VTKHDF specification, https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/.
 """
 
@@ -30,7 +30,7 @@ SCHEMA = 1
 VERTEX = 1
 """VTK's number of a cell that is one point."""
 
-PLACES = {
+COLUMNS = {
     ("vector", 1): (3, [0]),
     ("vector", 2): (3, [0, 2]),
     ("vector", 3): (3, [0, 1, 2]),
@@ -38,16 +38,21 @@ PLACES = {
     ("tensor", 4): (6, [0, 1, 2, 5]),
     ("tensor", 6): (6, [0, 1, 2, 3, 4, 5]),
 }
-"""Where the components that a dimension has stand among VTK's 3 or 6."""
+"""Number of VTK's columns, 3 or 6, and those of the components that a dimension has, by kind and their number."""
 
 Fields = Mapping[str, np.ndarray]
 
 
 def save_state(path: str | Path, state: State, *, about: Mapping[str, Any] | None = None) -> None:
-    """Write a restart point, whole or not at all: every leaf of `state` bit for bit, and what the caller adds.
+    """Write a restart point, whole or not at all: every leaf of a state bit for bit.
 
-    about: name -> number, text or array, given back by `load_state`. OSError where the disk refuses; what was there
-    before stays.
+    Args:
+        path: file to write; an existing one is replaced.
+        state: of one lane or many.
+        about: further values by name, numbers, texts or arrays; `load_state` returns them.
+
+    Raises:
+        OSError: If the system refuses; a previous file stays.
     """
 
     def fill(file: h5py.File) -> None:
@@ -62,35 +67,53 @@ def save_state(path: str | Path, state: State, *, about: Mapping[str, Any] | Non
 
 
 def load_state(path: str | Path, like: State) -> tuple[State, dict[str, Any]]:
-    """Read a restart point into a state built as `like`, and what was added to it.
+    """Read a restart point into a state built as another.
 
-    Raises `DamagedFile` for a file that cannot be trusted, ValueError where a leaf is absent, left over or of another
-    shape or dtype than that of `like`, naming it.
+    Args:
+        path: file that `save_state` wrote.
+        like: state with the structure, shapes and dtypes that are expected, for example the scene's initial one.
+
+    Returns:
+        State, and the further values by name.
+
+    Raises:
+        DamagedFile: If the file cannot be trusted.
+        ValueError: If a leaf is missing, superfluous or of another shape or dtype than that of `like`; the message
+            names it.
     """
     wanted = _named(like)
     with files.read_sealed(path, KIND, SCHEMA) as file:
-        found = file.names("state")
-        kept = {name: file.array("state", name) for name in found if name in wanted}
+        names = file.names("state")
+        arrays = {name: file.array("state", name) for name in names if name in wanted}
         about = {name: file.value("about", name) for name in file.names("about")}
-    if set(found) != wanted.keys():
+    if set(names) != wanted.keys():
         raise ValueError(
-            f"{path} holds {shown(sorted(found))}, the scene's state has {sorted(wanted)}: give its own scene"
+            f"{path} holds {shown(sorted(names))}, the scene's state has {sorted(wanted)}: give its own scene"
         )
     for name, leaf in wanted.items():
-        there, asked = (kept[name].shape, kept[name].dtype), (np.shape(leaf), np.dtype(leaf.dtype))
-        if there != asked:
-            raise ValueError(f"{path} holds {name} as {there}, the scene's state as {asked}: give its own scene")
-    leaves = [jnp.asarray(kept[name]) for name in wanted]
+        there, expected = (arrays[name].shape, arrays[name].dtype), (np.shape(leaf), np.dtype(leaf.dtype))
+        if there != expected:
+            raise ValueError(f"{path} holds {name} as {there}, the scene's state as {expected}: give its own scene")
+    leaves = [jnp.asarray(arrays[name]) for name in wanted]
     return jax.tree.unflatten(jax.tree.structure(like), leaves), about
 
 
 def write_vtkhdf(path: str | Path, scene: Scene, states: Iterable[State], times: Sequence[float]) -> None:
-    """Write a run as a series of particles for ParaView: one state at each of `times` (s), taken one by one.
+    """Write a run as a series of particles for ParaView.
 
     Points are current positions (m). Fields: displacement (m), velocity (m/s) of the grid at the particle, stress (Pa,
-    xx yy zz xy yz xz), plastic_strain or the leaves of the material's history, volume_ratio, and the strength (Pa)
-    where the material has one, nan in zones without. Raises ValueError for lanes, or as many states as there are not
-    times; OSError where the disk refuses.
+    xx yy zz xy yz xz), plastic_strain or the leaves of the material's history, volume_ratio, and the strength (Pa) if
+    the material has one, nan in zones without.
+
+    Args:
+        path: file to write; an existing one is replaced.
+        scene: of the run.
+        states: one state of one lane at each time, taken one by one.
+        times: s, ascending.
+
+    Raises:
+        ValueError: If a state has lanes, or the numbers of states and times differ.
+        OSError: If the system refuses.
     """
     strength = declared(scene.material).get("strength")
     count = scene.particles.mass.shape[-1]
@@ -109,10 +132,17 @@ def write_particles(
 ) -> None:
     """Write a series of particles as VTKHDF.
 
-    position: initial (d, N) m. times: T moments (s), ascending. steps: T mappings, taken one by one, name -> values of
-    the particles: (N,), (d, N) for vectors or, named `stress`, (s, N) as `State.stress` has them; `displacement` moves
-    the points. constant: name -> values (N,) that hold at all times.
-    Raises ValueError for shapes or numbers of steps that do not fit; OSError where the disk refuses.
+    Args:
+        path: file to write; an existing one is replaced.
+        position: initial (d, N) m.
+        times: T times (s), ascending.
+        steps: T mappings from name to values of the particles, taken one by one: (N,), (d, N) for vectors or, named
+            `stress`, (s, N) as `State.stress`; `displacement` moves the points.
+        constant: values (N,) by name that hold at all times.
+
+    Raises:
+        ValueError: If shapes or the number of steps do not fit.
+        OSError: If the system refuses.
     """
     check.finite("times", times, "s")
     if position.ndim != 2 or not len(times) or not (np.diff(times) > 0).all():
@@ -150,7 +180,7 @@ def write_particles(
 
 
 def _put(group: h5py.Group, name: str, step: int, steps: int, rows: np.ndarray) -> None:
-    """Write the rows (N, ...) of one step into the data set of all steps, which the first one makes."""
+    """Write the rows (N, ...) of one step into the data set of all steps; the first one makes it."""
     if step == 0:
         shape = (steps * len(rows), *rows.shape[1:])
         group.create_dataset(name, shape, rows.dtype, chunks=rows.shape, compression="gzip", compression_opts=1)
@@ -172,16 +202,16 @@ def _exactly(steps: Iterable[Fields], count: int) -> Iterator[Fields]:
 
 
 def _rows(name: str, values: np.ndarray, count: int) -> np.ndarray:
-    """Values of one field as VTK wants them, (N,), (N, 3) or (N, 6), from whatever components there are."""
+    """Values of one field in VTK's layout (N,), (N, 3) or (N, 6), from the components that the dimension has."""
     values = np.asarray(values)
     if values.shape == (count,):
         return values
     kind = ("tensor" if name == "stress" else "vector", len(values) if values.ndim == 2 else 0)
-    if values.shape[-1:] != (count,) or kind not in PLACES:
+    if values.shape[-1:] != (count,) or kind not in COLUMNS:
         raise ValueError(f"{name} has shape {values.shape}: give one value or column for each of {count} particles")
-    size, places = PLACES[kind]
+    size, columns = COLUMNS[kind]
     rows = np.zeros((count, size), values.dtype)
-    rows[:, places] = values.T
+    rows[:, columns] = values.T
     return rows
 
 

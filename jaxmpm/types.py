@@ -1,4 +1,4 @@
-"""The data of a simulation: frozen pytrees, static where the program depends on them, dynamic elsewhere.
+"""Data of a simulation: frozen pytrees, static where the program depends on them, dynamic elsewhere.
 
 Particle arrays are component first: ``(d, N)`` with d the dimension, so that each component is contiguous.
 Axes are x in 1D, (x, z) in 2D plane strain and (x, y, z) in 3D. Absent physics is ``None``. SI units.
@@ -31,7 +31,8 @@ def static(**kwargs: Any) -> Any:
 class Kernel(Protocol):
     """Shape functions of the nodes around a particle: static, so a frozen dataclass of hashable values.
 
-    They may reach one and a half cells from their node, and those of the three nodes around a particle add up to 1.
+    A function reaches at most one and a half cells from its node, and those of the three nodes around a particle add up
+    to 1.
     """
 
     @classmethod
@@ -39,21 +40,21 @@ class Kernel(Protocol):
         """The kernel for particles this far apart along each axis (m)."""
 
     def shape(self, axis: int, cell: float, r: Array) -> tuple[Array, Array]:
-        """Value and derivative (1/m) of a node's function at r = (x - x_node) / cell along an axis."""
+        """Value and derivative (1/m) of a node's function at r = (x - x_node) / cell along an axis; cell in m."""
 
     def deviation(self, cell: float) -> float:
-        """Standard deviation (m) of the bell that mapping to the grid and back spreads a particle's value over."""
+        """Standard deviation (m) of the Gaussian over which mapping to the grid and back spreads a value; cell in m."""
 
 
 class Engine(enum.Enum):
-    """What runs the transfers between particles and grid."""
+    """Implementation of the transfers between particles and grid."""
 
     XLA = "scatter and gather as XLA compiles them, on any device"
     NATIVE = "compiled kernels, on CPU"
 
 
 class Scheme(enum.Enum):
-    """When the stress is updated within a step: first, last, or last with velocities mapped again."""
+    """Time of the stress update within a step: first, last, or last with velocities mapped again."""
 
     USF = "update stress first"
     USL = "update stress last"
@@ -61,11 +62,11 @@ class Scheme(enum.Enum):
 
 
 class Status(enum.IntEnum):
-    """Where a lane stands. Anything above DECIDED has failed, and its state is that of its last step.
+    """State of a lane; one above DECIDED has failed, and its fields are those of its last step.
 
-    DECIDED: its displacement passed the limit at which the caller wanted to know no more. BAD_PARAMETER: a number of
-    its scene is not finite or beyond its limit, so that no step was taken. Files keep names and numbers: new ones go to
-    the end.
+    DECIDED: its displacement passed the limit beyond which the caller needs no more. BAD_PARAMETER: a number of its
+    scene is not finite or beyond its limit, so it took no step. Files store names and numbers, so new ones go to the
+    end.
     """
 
     RUNNING = 0
@@ -84,7 +85,10 @@ class Status(enum.IntEnum):
 class Grid:
     """Regular background grid.
 
-    shape: nodes per axis. cell: edge of a cell (m). origin: position of node 0 (m).
+    Args:
+        shape: nodes per axis; static.
+        cell: edge of a cell (m); static.
+        origin: position of node 0 (m); static.
     """
 
     shape: tuple[int, ...] = static()
@@ -98,7 +102,7 @@ class Grid:
 
     @property
     def nodes(self) -> int:
-        """Number of nodes; a node's number runs fastest along the last axis."""
+        """Number of nodes; nodes are numbered fastest along the last axis."""
         total = 1
         for n in self.shape:
             total *= n
@@ -107,11 +111,14 @@ class Grid:
 
 @dataclass(frozen=True)
 class Wall:
-    """A plane normal to one axis that holds the nodes on it and beyond it.
+    """A plane normal to one axis that constrains the nodes on it and beyond it.
 
-    axis: index of the normal's axis. side: "low" holds nodes up to `index`, "high" from `index` on.
-    index: node number of the plane along the axis. hold: "fixed" stops all motion, "roller" the normal one, "friction"
-    what goes into it, and brakes what slides along it (Coulomb, with cohesion where the scene has some).
+    Args:
+        axis: index of the normal's axis.
+        side: "low" constrains nodes up to `index`, "high" from `index` on.
+        index: node number of the plane along the axis.
+        hold: "fixed" stops all motion, "roller" the normal one; "friction" stops motion into the wall and slows motion
+            along it (Coulomb, with cohesion if the scene has some).
     """
 
     axis: int
@@ -123,9 +130,14 @@ class Wall:
 @pytree
 @dataclass(frozen=True)
 class Particles:
-    """What a particle keeps throughout: initial position (d, N) m, mass (N,) kg, initial volume (N,) m3.
+    """Constant properties of particles.
 
     In plane strain masses and volumes are per metre of width, in 1D per square metre of section.
+
+    Args:
+        position: initial one (d, N) m.
+        mass: (N,) kg.
+        volume: initial one (N,) m3.
     """
 
     position: Array
@@ -138,12 +150,12 @@ class Particles:
 class Material(Protocol):
     """A constitutive law: a frozen pytree of parameters, each a number or one value per particle (N,).
 
-    All that the package asks of a law; `Law` is a base class with what most laws share.
+    The protocol names all members that the package uses; `Law` is a base class with what most laws share.
     """
 
     PARAMETERS: ClassVar[Mapping[str, Limit]]
-    """What values the parameters may have, each a `Limit`, or a `Parameter` where strength reduction, a campaign or the
-    thickness of shear bands concern it; those that are not named here may have any that is finite."""
+    """Limits of the parameters by name: a `Limit`, or a `Parameter` if strength reduction, a campaign or the thickness
+    of shear bands affect it; parameters that are not named may have any finite value."""
 
     @property
     def FRICTIONAL(self) -> bool:
@@ -151,11 +163,11 @@ class Material(Protocol):
 
     @property
     def bulk(self) -> Array:
-        """Elastic bulk modulus K (Pa), of the initial stress and the energy stored."""
+        """Elastic bulk modulus K (Pa), for the initial stress and the elastic energy."""
 
     @property
     def shear(self) -> Array:
-        """Elastic shear modulus G (Pa), likewise."""
+        """Elastic shear modulus G (Pa), for the initial stress and the elastic energy."""
 
     @property
     def p_wave_modulus(self) -> Array:
@@ -163,11 +175,10 @@ class Material(Protocol):
 
     @property
     def steepest_softening(self) -> Array | None:
-        """Largest loss of shear strength per unit of plastic shear strain (Pa), which must stay below G; None where the
-        law does not soften."""
+        """Largest loss of strength per unit of plastic shear strain (Pa), below G; None without softening."""
 
     def initial_history(self, particles: Particles) -> Any:
-        """The history of undisturbed particles, an array (N,) or a pytree of them, or None where the law has none."""
+        """History of undisturbed particles: an array (N,) or a pytree of them; None for a law without."""
 
     def reduced(self, factor: Array) -> Any:
         """The law with its strength divided by `factor`: peak, residual, and the tangent of friction."""
@@ -175,9 +186,18 @@ class Material(Protocol):
     def update(
         self, strain_increment: Tensor, stress: Tensor, history: Any, dt: Array | None = None
     ) -> tuple[Tensor, Any]:
-        """Stress (Pa) and history after a strain increment within dt (s), which rate-dependent laws need.
+        """Stress and history after a strain increment.
 
         Tensors have six components (xx, yy, zz, xy, yz, xz), tension positive; absent ones are the number 0.0.
+
+        Args:
+            strain_increment: tensor, shear components tensorial.
+            stress: tensor (Pa).
+            history: of the law.
+            dt: duration of the increment (s), which rate-dependent laws need.
+
+        Returns:
+            Stress (Pa) and history.
         """
 
 
@@ -186,29 +206,42 @@ class Material(Protocol):
 class Scene:
     """All that defines a run except the state it starts from.
 
-    grid: of nodes. particles: their initial positions, masses and volumes. material: their constitutive law. kernel:
-    shape function. walls: where nodes are held. scheme: when the stress is updated.
-    gravity: (d,) m/s2. time_step: s. flip: share of FLIP in the particle velocity update, the rest is PIC;
-    None is pure FLIP. damping: mass-proportional damping (1/s); None is undamped. engine: of the transfers, None
-    takes the fastest there is. wall_friction: coefficient of the walls with friction. wall_cohesion: their cohesion
-    (Pa), wall_pressure: (nodes,) Pa, of the water between them and the soil; None without.
-    fbar: whether volumetric strain and mean stress are averaged over neighbouring particles, against locking.
-    cell_average: whether the volumetric strain alone is averaged, over each cell. finite_strain: whether elasticity is
-    that of Hencky strains, not hypoelastic by the Jaumann rate; yield is then of J times the stress.
-    nonlocal_passes: filters in the average of the plastic strain over neighbours, see `jaxmpm.averages`; None keeps it
-    local.
-    body_force: (initial positions (d, N) m, time s) -> acceleration (d, N) m/s2 added to gravity's.
-    water: a `WaterTable` or `WaterSurface`; pore_pressure: (N,) Pa that particles carry along. With either, stress is
-    effective stress; None is soil without pore pressure, or undrained soil in total stress.
-    cut: (nodes,) bool, nodes beyond the edge of ground of any shape, at which nothing moves; None where walls are all.
-    motion: a `BaseMotion`, the acceleration of the base, in whose frame the scene is solved; None stands still.
-    tied: numbers of two planes of nodes along x that are one: what leaves at one enters at the other, waves too.
-    free_field: the ground beyond both ends of a section that ends without walls; None for walls or tied sides.
+    Args:
+        grid: background grid.
+        particles: initial positions, masses and volumes.
+        material: constitutive law.
+        gravity: (d,) m/s2.
+        time_step: s.
+        kernel: shape functions; static.
+        walls: planes that constrain nodes; static.
+        scheme: when the stress is updated; static.
+        engine: of the transfers, None for the fastest available; static.
+        fbar: whether volumetric strain and mean stress are averaged over neighbouring particles, against locking;
+            static.
+        cell_average: whether the volumetric strain alone is averaged, over each cell; static.
+        finite_strain: whether elasticity uses Hencky strains instead of the Jaumann rate; yield then applies to J times
+            the stress; static.
+        nonlocal_passes: filters in the average of the plastic strain over neighbours, see `jaxmpm.transfer.filtered`;
+            None for no average; static.
+        body_force: (initial positions (d, N) m, time s) -> acceleration (d, N) m/s2 added to gravity; static.
+        tied: numbers of two planes of nodes along x that are identified: particles and waves that leave at one enter at
+            the other; static.
+        flip: share of FLIP in the particle velocity update, the rest is PIC; None for pure FLIP.
+        damping: mass-proportional damping (1/s); None for none.
+        wall_friction: friction coefficient of walls with friction.
+        wall_cohesion: cohesion of walls with friction (Pa); None for none.
+        wall_pressure: (nodes,) pressure of the water between these walls and the soil (Pa); None for none.
+        water: a `WaterTable` or `WaterSurface`; stress is then effective stress. None for none.
+        pore_pressure: (N,) Pa, constant on each particle; stress is then effective stress. None without pore pressure,
+            or for undrained soil in total stress.
+        motion: a `BaseMotion`, the acceleration of the base, in whose frame the scene is solved; None for none.
+        cut: (nodes,) bool, nodes beyond the edge of ground of any shape, at which nothing moves; None if walls are all.
+        free_field: level ground beyond both ends of a section without walls there; None for walls or tied sides.
     """
 
     grid: Grid
     particles: Particles
-    material: Any  # a `Material`, and what its law adds: callers vary parameters that only they know
+    material: Any  # a `Material` with the members of its own law, which callers vary
     gravity: Array
     time_step: Array
     kernel: Kernel = static()
@@ -245,17 +278,22 @@ class Scene:
 @pytree
 @dataclass(frozen=True)
 class FreeField:
-    """Level ground without end beyond both ends of a section in plane strain: what shakes it shakes it alike along x.
+    """Semi-infinite level ground beyond each end of a section in plane strain; its motion is uniform in x.
 
-    low, high: for each end a column of it, a scene one cell wide with tied sides, on nodes as high as the section's.
-    They take gravity, motion, body force and numerical choices from the section, which does not act on them. planes:
-    numbers of the planes of nodes along x at which the section ends. There the stress of the column acts on it, and
-    dashpots of impedance density times wave speed between its velocity and the column's, P waves across the plane,
-    S waves along it: waves that come from within go out, all of one that meets the plane squarely, less of one that
-    comes aslant. held: force (2, nz, d) N on the nodes of both planes, which keeps the section at rest that walls held
-    until then.
-    Sources: Lysmer and Kuhlemeyer (1969), 10.1061/JMCEA3.0001144 (the dashpots); Zienkiewicz, Bicanic and Shen (1989),
-    10.1007/978-3-7091-2828-2_3 (the free field).
+    Each end has a column of this ground, which the section does not act on. At the planes where the section ends, the
+    stress of the column acts on it, and dashpots of impedance density times wave speed between its velocity and the
+    column's: for P waves across the plane, for S waves along it. Waves from within leave the section: all of a wave at
+    normal incidence, less of an oblique one.
+
+    Sources: Lysmer and Kuhlemeyer (1969), doi:10.1061/JMCEA3.0001144 (dashpots); Zienkiewicz, Bicanic and Shen (1989),
+    doi:10.1007/978-3-7091-2828-2_3 (free field).
+
+    Args:
+        low: column at the low end, a scene one cell wide with tied sides, on nodes at the heights of the section's.
+            Gravity, motion, body force and numerical choices come from the section.
+        high: column at the high end, likewise.
+        held: (2, nz, d) force in N on the nodes of both planes that replaces the walls that held the section at rest.
+        planes: numbers of the planes of nodes along x at which the section ends; static.
     """
 
     low: Scene
@@ -267,11 +305,15 @@ class FreeField:
 @pytree
 @dataclass(frozen=True)
 class Columns:
-    """What has passed over each column of cells by now, along the horizontal axes (nx,) or (nx, ny).
+    """Record of the soil that has passed over each column of cells, along the horizontal axes (nx,) or (nx, ny).
 
-    thickness: largest thickness of the soil in it that has moved (m). speed: its largest speed (m/s), that of its
-    momentum over its mass. arrival: when it first was there (s), inf where it was not. moved: displacement from which
-    on soil counts (m). least: thickness from which on it counts as there (m). every: steps from one look to the next.
+    Args:
+        thickness: largest thickness of moved soil in the column (m).
+        speed: largest speed of that soil (m/s), its momentum over its mass.
+        arrival: first time at which the column was covered (s), inf if it was not.
+        moved: displacement from which soil counts (m); static.
+        least: thickness from which a column counts as covered (m); static.
+        every: steps between two looks; static.
     """
 
     thickness: Array
@@ -285,17 +327,22 @@ class Columns:
 @pytree
 @dataclass(frozen=True)
 class State:
-    """What changes in time, per particle unless said otherwise.
+    """Variables that change in time.
 
-    displacement: (d, N) m from the initial position. velocity: (d, N) m/s.
-    stress: (s, N) Pa, the components that the dimension can have: xx, yy, zz in 1D, with xz in 2D, all six
-    (xx, yy, zz, xy, yz, xz) in 3D. volume_ratio: (N,) current over initial volume.
-    history: of the material, (N,), or None. gap: (N,) growth in volume, a logarithm, that soil has opened under its
-    tension cutoff and not closed since; None where it does not remember it. step: steps taken so far. status: of the
-    lane, see `Status`.
-    affine: (d, d, N) gradient of the velocity that APIC carries (1/s), None without. columns: what has passed over each
-    column of cells, None where nobody asked, see `with_columns`. free_field: states of the scene's
-    free field, of its low column and its high one, None without.
+    Args:
+        displacement: (d, N) m from the initial position.
+        velocity: (d, N) m/s.
+        stress: (s, N) Pa, the components that the dimension can have: xx, yy, zz in 1D, with xz in 2D, all six
+            (xx, yy, zz, xy, yz, xz) in 3D.
+        volume_ratio: (N,) current over initial volume.
+        history: of the material, (N,) or a pytree of such arrays; None for a law without.
+        step: () steps taken so far.
+        status: () of the lane, see `Status`.
+        affine: (d, d, N) velocity gradient of APIC (1/s); None without.
+        gap: (N,) growth in volume, as a logarithm, that soil has opened under its tension cutoff and not closed since;
+            None for a law without memory of it.
+        columns: record of the soil over each column of cells, see `with_columns`; None without.
+        free_field: states of the scene's free field, of its low and its high column; None without.
     """
 
     displacement: Array

@@ -153,7 +153,7 @@ def longest_loop(scene, state):
     """Operations of the longest loop in what updates the stress on CPUs: the largest computation that XLA fuses."""
 
     def updated(scene, state, gradient):
-        maps = _step.Maps(scene, _step.place(scene, state))
+        maps = _step.Maps(scene, _step.grid_position(scene, state))
         return _step.update_stress(scene, state, gradient, scene.time_step, maps)
 
     gradient = jnp.zeros((scene.grid.dimension,) * 2 + scene.particles.mass.shape)

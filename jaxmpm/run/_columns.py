@@ -12,7 +12,7 @@ from jax import Array
 
 from foundation import check
 from jaxmpm import tensors
-from jaxmpm._step import place
+from jaxmpm._step import grid_position
 from jaxmpm.transfer import locate
 from jaxmpm.types import Columns, Scene, State, Status
 
@@ -64,7 +64,7 @@ def passing(scene: Scene, state: State, moved: float) -> Passing:
     Thickness is the soil's initial volume over the column's plan area, so that it adds up to the sliding volume.
     """
     grid, particles, shape = scene.grid, scene.particles, column_shape(scene)
-    cells = jnp.floor(locate(grid, place(scene, state))[:-1]).astype(jnp.int32)
+    cells = jnp.floor(locate(grid, grid_position(scene, state))[:-1]).astype(jnp.int32)
     column = jnp.zeros(cells.shape[-1:], jnp.int32)
     for axis, count in enumerate(shape):
         column = column * count + jnp.clip(cells[axis], 0, count - 1)

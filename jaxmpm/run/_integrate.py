@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from foundation import check
 from jaxmpm import diagnostics
-from jaxmpm._step import place, step
+from jaxmpm._step import grid_position, step
 from jaxmpm.laws import hardens, snaps_back, with_parameters
 from jaxmpm.run._checks import check_state
 from jaxmpm.run._columns import kept
@@ -105,7 +105,7 @@ def lane_status(scene: Scene, state: State) -> Array:
 
     Extremes over the particles tell all, and carry NaN along: every comparison with NaN is false.
     """
-    cells = locate(scene.grid, place(scene, state))
+    cells = locate(scene.grid, grid_position(scene, state))
     ends = jnp.stack([jnp.min(cells, axis=1), jnp.max(cells, axis=1)], axis=1)
     speed2 = jnp.max(jnp.sum(state.velocity**2, axis=0))
     finite = jnp.isfinite(speed2) & jnp.all(jnp.isfinite(ends))
