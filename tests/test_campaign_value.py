@@ -90,7 +90,7 @@ def test_ground_alone_is_a_site_and_the_soil_has_the_means_of_what_varies():
         ({"plan": Plan(samples=6, seed=-1)}, r"seed = -1: give 0 to 2\^63 - 1"),
         ({"random": {"strength": RandomField(30e3, 0.4, (20.0,))}}, r"length has 1 values: give 2, one per axis"),
         ({"estimator": Published(k_t=0)}, r"k_t = 0"),
-        ({"ground": 3.0}, r"float lacks .*: add what jaxmpm.Ground names"),
+        ({"ground": 3.0}, r"float lacks .*: add the members of jaxmpm.Ground"),
     ],
 )
 def test_a_value_is_checked_as_a_scene_is(changed, message):

@@ -1,4 +1,4 @@
-"""Ground: what it is, slopes, sections and terrain, their layers and files, and the particles that fill it."""
+"""Ground: its protocol, slopes, sections and terrain, their layers and files, and the particles that fill it."""
 
 from jaxmpm.ground._ground import (
     Face,

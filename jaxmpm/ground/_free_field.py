@@ -1,4 +1,4 @@
-"""Sections that end without walls: joined at both ends to a column of level ground, by dashpots that let waves out."""
+"""Sections without walls at their ends: dashpots that absorb waves join each end to a column of level ground."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from jaxmpm.types import FreeField, Scene, Scheme, State
 
 
 def check_free_field(discretisation: Discretisation) -> None:
-    """Raise ValueError for choices that ends without walls cannot have."""
+    """Raise ValueError for numerical choices that do not work with ends without walls."""
     if discretisation.scheme is Scheme.USF:
         raise ValueError("ends = 'free field' with scheme = USF, whose stress is a step ahead: take MUSL or USL")
     if discretisation.kernel not in (GIMP, Linear):
@@ -30,10 +30,18 @@ def check_free_field(discretisation: Discretisation) -> None:
 
 
 def joined(scene: Scene, state: State, low: tuple[Scene, State], high: tuple[Scene, State]) -> tuple[Scene, State]:
-    """The scene and state with a free field in place of the walls at both ends.
+    """Replace the walls at both ends by a free field.
 
-    scene: a section, `state` at rest between its walls or free of stress. low, high: columns of the ground at its ends,
-    with tied sides, in states alike. What the walls bore at rest goes on acting on the ends.
+    The forces of these walls at rest continue to act on the ends.
+
+    Args:
+        scene: of a section.
+        state: at rest between its walls, or free of stress.
+        low: scene and state of the column of level ground at the low end, with tied sides; at rest if `state` is.
+        high: those at the high end.
+
+    Returns:
+        Scene and state with the free field.
     """
     (left, left_state), (right, right_state) = low, high
     planes = (PADDING, scene.grid.shape[0] - 1 - PADDING)

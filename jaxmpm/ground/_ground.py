@@ -1,4 +1,4 @@
-"""What ground is: a protocol that slopes, sections, terrain and a user's own class meet, and what follows from it."""
+"""Ground: a protocol that slopes, sections, terrain and a user's own class meet, and what follows from it."""
 
 from __future__ import annotations
 
@@ -36,24 +36,25 @@ from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, law_of_layers, weights
 from jaxmpm.types import Grid, Material, Particles, Scene, State, Wall
 
 PLAN = {1: 4096, 2: 256}
-"""Points along each horizontal axis at which ground is measured, by the number of these axes."""
+"""Points along each horizontal axis at which ground is sampled, by the number of these axes."""
 
 PROBED = {1: (512,), 2: (48, 48)}
-"""Columns of points at which layers are measured, by the number of horizontal axes."""
+"""Columns of points at which layers are sampled, by the number of horizontal axes."""
 
 PROBED_UP = 256
 """Points in each of these columns."""
 
 HALVINGS = 20
-"""Of the way up to a layer's top, which is then known to a millionth of it."""
+"""Bisection steps for a layer's top, which is then known to a millionth of the height above a point."""
 
 
 @dataclass(frozen=True)
 class Face:
-    """The face of a slope, which falls along x and is the same for every y.
+    """The face of a slope that falls along x and does not vary along y.
 
     Args:
-        toe_x, toe_z: position and elevation of its toe (m).
+        toe_x: position of its toe (m).
+        toe_z: elevation of its toe (m).
         height: from the toe to the crest (m).
     """
 
@@ -68,20 +69,20 @@ class Face:
 
 
 class Ground(Protocol):
-    """Ground from which scenes are built: `Slope`, `Section`, `Terrain`, or a class of one's own with these members.
+    """Ground from which scenes are built: `Slope`, `Section`, `Terrain`, or a user's own class with these members.
 
-    A class may have more: `check()`, `cells(discretisation)`, `volume`, `relief`, `thicknesses(layers)` and
-    `box_of(layers, number)`, which the functions of the same name in `jaxmpm.ground` otherwise work out from these.
+    A class may have further members: `check()`, `cells(discretisation)`, `volume`, `relief`, `thicknesses(layers)` and
+    `box_of(layers, number)`. Without them the functions of the same name in `jaxmpm.ground` compute these values.
     `scene_of` builds ground that is filled with a lattice of particles.
     """
 
     @property
     def corner(self) -> tuple[float, ...]:
-        """Lowest corner (d,) m of the box that holds the ground, d = 2 in plane strain, else 3; last its base."""
+        """Lowest corner (d,) m of the bounding box, d = 2 in plane strain, else 3; the last coordinate is its base."""
 
     @property
     def extent(self) -> tuple[float, ...]:
-        """Edges (d,) m of the box that holds the ground."""
+        """Edges (d,) m of the bounding box."""
 
     @property
     def face(self) -> Face | None:
@@ -89,15 +90,18 @@ class Ground(Protocol):
 
     @property
     def heights(self) -> Callable[..., np.ndarray]:
-        """heights(x) or, in 3D, heights(x, y): elevation (n,) m of the surface at points (n,) m in plan."""
+        """A function of x or, in 3D, of x and y: elevation (n,) m of the surface at points (n,) m in plan."""
 
     @property
     def build(self) -> Callable[..., tuple[Scene, State]]:
-        """build(layers, discretisation, *, gravity, at_rest): scene and state, with the stress of elastic gravity
-        loading if `at_rest`. It also takes those of `ends`, `water` and `r_u` that the ground can have."""
+        """A function of layers and discretisation, with keywords gravity and at_rest, that gives scene and state.
+
+        The state has the stress of elastic gravity loading if `at_rest`. The function also takes those of `ends`,
+        `water` and `r_u` that the ground supports.
+        """
 
     def layer_of(self, layers: Sequence[Layer], position: np.ndarray, discretisation: Discretisation) -> np.ndarray:
-        """Number of the layer (N,) int, from 0 on, in which particles at position (d, N) m lie."""
+        """Number (N,) int, from 0, of the layer that particles at position (d, N) m lie in."""
 
 
 def scene_of(
@@ -111,20 +115,24 @@ def scene_of(
     speed: float | None = None,
     at_rest: bool = True,
 ) -> tuple[Scene, State]:
-    """Ground filled with a lattice of particles, on a fixed base between upright walls.
+    """Fill ground with a lattice of particles, on a fixed base between upright walls.
 
     Args:
         ground: its box, surface and layers.
-        soil: one for all, or layers from the top down; a particle is of the layer that `ground.layer_of` gives it.
-        inside: given positions (d, N) m, returns (N,) bool, which of them lie in the ground; by default those below
-            its surface.
+        soil: one for all, or layers from the top down; `ground.layer_of` gives the layer of each particle.
+        discretisation: cell, spacing and numerical choices.
+        inside: function of positions (d, N) m that returns (N,) bool, which of them lie in the ground; by default those
+            below its surface.
         gravity: downwards (m/s2).
-        ends: what holds both walls along x, and along y.
+        ends: constraint of both walls along x, and along y.
         speed: largest particle speed that the time step allows for (m/s), by default of a fall through half the box.
         at_rest: with the stress of elastic gravity loading, else free of stress.
 
+    Returns:
+        Scene and state.
+
     Raises:
-        ValueError: for sizes, soils and numbers that do not fit the grid or each other.
+        ValueError: If sizes, soils and numbers do not fit the grid or each other.
     """
     check.not_negative("gravity", gravity, "m/s2")
     layers = list(soil) if isinstance(soil, Sequence) else [Layer(soil)]
@@ -156,20 +164,29 @@ def lattice(
 ) -> tuple[Particles, Material]:
     """Particles of a lattice that lie in the ground, each with the mass of its layer, and their law.
 
-    inside, wet: given positions (d, N) m, return (N,) bool, which of them lie in the ground, by default below its
-    surface, and which under a water table, by default none.
+    Args:
+        ground: its box, surface and layers.
+        layers: from the top down.
+        discretisation: cell, spacing and numerical choices.
+        grid: that the particles are sorted by.
+        inside: function of positions (d, N) m that returns (N,) bool, which of them lie in the ground; by default those
+            below its surface.
+        wet: function of positions that returns which of them lie under a water table; by default none.
+
+    Returns:
+        Particles and their law.
     """
     corner, spacing, dz = np.array(ground.corner, float), discretisation.spacing, discretisation.spacing[-1]
 
     def under(position: np.ndarray) -> np.ndarray:
         return below(position[-1], ground.heights(*position[:-1]), ROUNDING * dz)
 
-    held = under if inside is None else inside
+    within = under if inside is None else inside
     particles = fill(
         (*ground.extent[:-1], math.ceil(ground.extent[-1] / dz * (1 - 1e-12)) * dz),
         spacing,
         unit_weight=STANDARD_GRAVITY,
-        inside=lambda position: held(position + corner[:, None]),
+        inside=lambda position: within(position + corner[:, None]),
         corner=tuple(corner.tolist()),
         dtype=discretisation.dtype,
     )
@@ -185,14 +202,19 @@ def lattice(
 def build_ground(
     ground: Ground, layers: Sequence[Layer], discretisation: Discretisation, **loads: Any
 ) -> tuple[Scene, State]:
-    """What the ground's own `build` makes of layers.
+    """Call the ground's own `build` for layers.
 
     Args:
-        ground, layers, discretisation: what is built.
-        loads: what `build` takes besides: gravity (m/s2), at_rest, ends, water, r_u. None is not handed on.
+        ground: to build.
+        layers: from the top down.
+        discretisation: cell, spacing and numerical choices.
+        **loads: further arguments of `build`: gravity (m/s2), at_rest, ends, water, r_u; None is left out.
+
+    Returns:
+        Scene and state.
 
     Raises:
-        ValueError: for ground that is none, and for a load that it cannot have.
+        ValueError: If the object is no ground, or does not support a load.
     """
     check_ground(ground)
     given = {name: value for name, value in loads.items() if value is not None}
@@ -206,12 +228,19 @@ def build_ground(
 
 
 def check_ground(ground: Ground) -> None:
-    """Raise ValueError for an object that lacks a member of `Ground`, whose box is none, whose toe lies outside it, or
-    that its own `check` refuses."""
+    """Check that an object is a valid ground.
+
+    Args:
+        ground: an object.
+
+    Raises:
+        ValueError: If it lacks a member of `Ground`, its box is invalid, its toe lies outside the box, or its own
+            `check` refuses it.
+    """
     members = [name for name in vars(Ground) if not name.startswith("_")]
     missing = [name for name in members if not hasattr(type(ground), name) and not hasattr(ground, name)]
     if missing:
-        raise ValueError(f"{type(ground).__name__} lacks {', '.join(missing)}: add what jaxmpm.Ground names")
+        raise ValueError(f"{type(ground).__name__} lacks {', '.join(missing)}: add the members of jaxmpm.Ground")
     if hasattr(ground, "check"):
         ground.check()
     if len(ground.corner) not in (2, 3) or len(ground.extent) != len(ground.corner):
@@ -234,7 +263,20 @@ def check_ground(ground: Ground) -> None:
 def layer_of(
     ground: Ground, layers: Sequence[Layer], position: np.ndarray, discretisation: Discretisation
 ) -> np.ndarray:
-    """What the ground's own `layer_of` gives. Raises ValueError where that are no numbers of layers."""
+    """Layer of particles by the ground's own `layer_of`, checked.
+
+    Args:
+        ground: of the layers.
+        layers: from the top down.
+        position: (d, N) m.
+        discretisation: cell, spacing and numerical choices.
+
+    Returns:
+        (N,) int, numbers from 0.
+
+    Raises:
+        ValueError: If the result is not one number of a layer for each particle.
+    """
     number = np.asarray(ground.layer_of(layers, position, discretisation))
     if number.shape != position.shape[1:] or number.dtype.kind not in "iu":
         raise ValueError(
@@ -250,8 +292,18 @@ def layer_of(
 
 
 def cells(ground: Any, discretisation: Discretisation) -> list[int]:
-    """Cells of a grid along each axis, with air above the highest point. Raises ValueError for ground or a grid that is
-    none, and where one does not fit the other."""
+    """Cells of a grid along each axis, with air above the highest point.
+
+    Args:
+        ground: its own `cells` is used if it has one.
+        discretisation: cell, spacing and numerical choices.
+
+    Returns:
+        Number of cells along each axis.
+
+    Raises:
+        ValueError: If ground or grid is invalid, or they do not fit each other.
+    """
     if hasattr(ground, "cells"):
         return ground.cells(discretisation)
     check_ground(ground)
@@ -259,7 +311,19 @@ def cells(ground: Any, discretisation: Discretisation) -> list[int]:
 
 
 def box_cells(what: str, ground: Ground, discretisation: Discretisation) -> list[int]:
-    """Cells along each axis of a grid that ends at the walls of a box of ground. what: its name in messages."""
+    """Cells along each axis of a grid that ends at the walls of a box of ground.
+
+    Args:
+        what: name of the ground in messages.
+        ground: its box.
+        discretisation: cell, spacing and numerical choices.
+
+    Returns:
+        Number of cells along each axis.
+
+    Raises:
+        ValueError: If the grid does not fit the box.
+    """
     check_discretisation(discretisation, len(ground.corner))
     counts = []
     for axis, length, spacing in zip("xy", ground.extent[:-1], discretisation.spacing, strict=False):
@@ -271,39 +335,63 @@ def box_cells(what: str, ground: Ground, discretisation: Discretisation) -> list
 
 
 def box_grid(corner: Sequence[float] | np.ndarray, counts: Sequence[int], cell: float) -> Grid:
-    """The grid of so many cells from a corner (d,) m, with PADDING beyond the walls."""
+    """Grid with `counts` cells along each axis from a corner (d,) m, and PADDING cells beyond the walls."""
     origin = np.array(corner) - PADDING * cell
     return Grid(tuple(count + 1 + 2 * PADDING for count in counts), cell, tuple(origin.tolist()))
 
 
 def volume(ground: Any) -> float:
-    """Of the ground (m3), in plane strain per metre of width (m2): its own, or that below its surface."""
+    """Volume of the ground, in plane strain per metre of width.
+
+    Args:
+        ground: its own `volume` is used if it has one, else that below its surface.
+
+    Returns:
+        m3, in plane strain m2.
+    """
     if hasattr(ground, "volume"):
         return ground.volume
     return float(np.mean(_surface(ground) - ground.corner[-1]) * math.prod(ground.extent[:-1]))
 
 
 def relief(ground: Any) -> float:
-    """Height of the ground's highest point above its lowest (m): its own, or that of its surface."""
+    """Height of the ground's highest point above its lowest.
+
+    Args:
+        ground: its own `relief` is used if it has one, else that of its surface.
+
+    Returns:
+        m.
+    """
     return ground.relief if hasattr(ground, "relief") else float(np.ptp(_surface(ground)))
 
 
 def _surface(ground: Ground) -> np.ndarray:
-    """Elevations (n,) m of the surface, evenly spread in plan."""
+    """Elevations (n,) m of the surface, at points spread evenly in plan."""
     axes = len(ground.corner) - 1
     return ground.heights(*_spread(ground, (PLAN[axes],) * axes))
 
 
 def _spread(ground: Ground, counts: Sequence[int]) -> list[np.ndarray]:
-    """Coordinates (n,) m of the middles of so many equal parts of the box along each axis, of the first axes."""
+    """Coordinates (n,) m of the centres of `counts` equal parts of the box along each axis, of the first axes."""
     sides = zip(ground.corner, ground.extent, counts, strict=False)
     axes = [low + edge * (np.arange(count) + 0.5) / count for low, edge, count in sides]
     return [axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")]
 
 
 def thicknesses(ground: Any, layers: Sequence[Layer]) -> list[Thickness]:
-    """How thick each layer is, and whether it is a weak seam: the ground's own, or to a 256th of its height. Raises
-    ValueError for layers that are none."""
+    """Thickness of each layer, and whether it is a weak seam.
+
+    Args:
+        ground: its own `thicknesses` is used if it has one; else they are sampled, to a 256th of its height.
+        layers: from the top down.
+
+    Returns:
+        One per layer.
+
+    Raises:
+        ValueError: If the layers are invalid.
+    """
     if hasattr(ground, "thicknesses"):
         return ground.thicknesses(layers)
     number, step = _probed(ground, layers)
@@ -312,31 +400,48 @@ def thicknesses(ground: Any, layers: Sequence[Layer]) -> list[Thickness]:
 
 
 def box_of(ground: Any, layers: Sequence[Layer], number: int) -> Box:
-    """A box (lowest corner, edges) that holds a layer, numbered from 0: the ground's own, or to a 256th of its height.
-    Raises ValueError for a layer that lies nowhere."""
+    """A box that holds a layer.
+
+    Args:
+        ground: its own `box_of` is used if it has one; else the layer is sampled, to a 256th of its height.
+        layers: from the top down.
+        number: of the layer, from 0.
+
+    Returns:
+        Lowest corner and edges (m).
+
+    Raises:
+        ValueError: If there is no ground of this layer.
+    """
     if hasattr(ground, "box_of"):
         return ground.box_of(layers, number)
-    found, step = _probed(ground, layers)
-    at = np.argwhere(found == number)
+    probed, step = _probed(ground, layers)
+    at = np.argwhere(probed == number)
     if not at.size:
         raise ValueError(f"layer {number + 1} lies nowhere between the walls: draw it there, or leave it out")
-    low, high = np.maximum(at.min(axis=0) - 1, 0), np.minimum(at.max(axis=0) + 2, found.shape)
+    low, high = np.maximum(at.min(axis=0) - 1, 0), np.minimum(at.max(axis=0) + 2, probed.shape)
     return tuple((ground.corner + low * step).tolist()), tuple(((high - low) * step).tolist())
 
 
 def top_of(
     ground: Ground, layers: Sequence[Layer], number: int, position: np.ndarray, discretisation: Discretisation
 ) -> np.ndarray:
-    """Elevation (N,) m of the top of a layer above points in it, by `layer_of`, to a millionth of the ground's
-    height: between each point and the surface, by halving.
+    """Elevation of the top of a layer above points in it, to a millionth of the height above each.
+
+    It bisects `layer_of` between each point and the surface.
 
     Args:
-        ground, layers, discretisation: as `layer_of` takes them.
-        number: of the layer, from 0 on.
-        position: of the points (d, N) m. One above the layer has its own elevation as the top.
+        ground: of the layers.
+        layers: from the top down.
+        number: of the layer, from 0.
+        position: of the points (d, N) m; a point above the layer gets its own elevation.
+        discretisation: cell, spacing and numerical choices.
+
+    Returns:
+        (N,) m.
 
     Raises:
-        ValueError: as `layer_of` does.
+        ValueError: If `layer_of` gives no valid numbers.
     """
     plan, low = position[:-1], np.array(position[-1], float)
     high = np.maximum(ground.heights(*plan), low)
@@ -348,7 +453,7 @@ def top_of(
 
 
 def _probed(ground: Ground, layers: Sequence[Layer]) -> tuple[np.ndarray, np.ndarray]:
-    """Layers, by number, of the middles of equal parts of the box, -1 above the surface; edges (d,) m of the parts."""
+    """Layer number at the centres of equal parts of the box, -1 above the surface; edges (d,) m of the parts."""
     counts = (*PROBED[len(ground.corner) - 1], PROBED_UP)
     step = np.array(ground.extent) / counts
     position = np.stack(_spread(ground, counts))

@@ -1,4 +1,4 @@
-"""A layer of soil and where it ends."""
+"""A layer of soil and its lower boundary."""
 
 from __future__ import annotations
 
@@ -20,9 +20,14 @@ Box = tuple[tuple[float, ...], tuple[float, ...]]
 class Layer:
     """A layer of soil, from the surface or the layer before it down to its own lower boundary.
 
-    soil: its soil. bottom: the boundary, points (x, z) m with x rising, under a terrain a raster of heights. A boundary
-    that ends on the one above it, or on the surface, ends its layer there. depth: instead, of the boundary below the
-    surface (m). thickness: instead, of the layer (m). The last layer has none of them: it reaches down to the base.
+    The last layer has no boundary and reaches down to the base; the others have one of bottom, depth and thickness.
+
+    Args:
+        soil: of the layer.
+        bottom: boundary as points (x, z) m with x rising; under a terrain a raster of heights. A boundary that ends on
+            the one above it, or on the surface, ends its layer there.
+        depth: of the boundary below the surface (m).
+        thickness: of the layer (m).
     """
 
     soil: AnySoil
@@ -32,12 +37,12 @@ class Layer:
 
     @property
     def ends(self) -> bool:
-        """Whether it ends above the base."""
+        """Whether the layer has a lower boundary above the base."""
         return (self.bottom, self.depth, self.thickness) != (None, None, None)
 
 
 def check_ends(layers: Sequence[Layer]) -> None:
-    """Raise ValueError for layers of which not all but the last end above the base, each in one way."""
+    """Raise ValueError unless all layers but the last have a lower boundary, each given in one way."""
     if not layers or layers[-1].ends or not all(layer.ends for layer in layers[:-1]):
         raise ValueError("layers: give them from the top down, all but the last with their bottom, depth or thickness")
     for number, layer in enumerate(layers, 1):

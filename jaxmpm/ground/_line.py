@@ -13,26 +13,35 @@ from foundation import files
 from foundation.text import shown
 
 MOST_BYTES = {"csv": 1_000_000, "dxf": 2**25}
-"""Of a file of points, and of a drawing."""
+"""Largest size (bytes) of a file of points, and of a drawing."""
 
 MOST_POINTS = 10_000
-"""Of a line."""
+"""Largest number of points of a line."""
 
-METRES, UNSAID = 6, 0
-"""What a DXF drawing says of its units ($INSUNITS) where they are metres, and where it says nothing."""
+METRES, NO_UNIT = 6, 0
+"""Codes of a DXF drawing's unit ($INSUNITS) for metres, and for no unit."""
 
 FLAT = 1e-6
-"""How far (m) the points of an upright or a level line in space may lie beside its plane."""
+"""Largest distance (m) of the points of an upright or a level line in space from its plane."""
 
 
 def read_line(path: str | Path, layer: str | None = None) -> list[list[float]]:
-    """Points [x, z] (m) of a line: x and z on each row of a CSV file, with or without a row of headings, or the one
-    polyline of a DXF drawing, read by `ezdxf` (extra "sections").
+    """Points of a line from a CSV file or a DXF drawing.
 
-    layer: of the drawing, in which there is one polyline; None where the whole drawing has one. A drawing has x to the
-    right and the height as y, or as z where its line stands upright in space. One that does not say its units is taken
-    as in metres; a polyline may have been drawn from right to left. Raises ValueError for files that hold no such line
-    or several, less than they say, arcs, outlines, and lengths in anything but metres.
+    A CSV file has x and z on each row, and may have a row of headings. A DXF drawing, which `ezdxf` reads (extra
+    "sections"), has one polyline, with x to the right and the height as y, or as z if its line stands upright in space.
+    A drawing without a unit is taken in metres. A polyline may run from right to left.
+
+    Args:
+        path: of the file.
+        layer: of the drawing, which has one polyline in it; None if the whole drawing has one.
+
+    Returns:
+        Points [x, z] in metres.
+
+    Raises:
+        ValueError: If the file has no such line or several, is incomplete, or has arcs, outlines or lengths in another
+            unit.
     """
     path = Path(path)
     if path.suffix.lower() == ".dxf":
@@ -74,31 +83,31 @@ def _rows(path: Path) -> list[list[float]]:
 def _polyline(path: Path, layer: str | None) -> list[list[float]]:
     """The points of the one polyline of a layer, from left to right."""
     drawing = _drawing(path)
-    units = drawing.header.get("$INSUNITS", UNSAID)
-    if units not in (METRES, UNSAID):
+    units = drawing.header.get("$INSUNITS", NO_UNIT)
+    if units not in (METRES, NO_UNIT):
         unit = _unit(units)
         raise ValueError(
             f"{path} is drawn in {unit} ($INSUNITS = {shown(units)}): scale it to metres in the drawing program, and "
             "set its units to metres"
         )
-    found = list(drawing.modelspace().query("LWPOLYLINE POLYLINE LINE"))
+    lines = list(drawing.modelspace().query("LWPOLYLINE POLYLINE LINE"))
     if layer is not None:
-        named = [line for line in found if line.dxf.layer.lower() == layer.lower()]
+        named = [line for line in lines if line.dxf.layer.lower() == layer.lower()]
         if not named:
-            layers = sorted({line.dxf.layer for line in found})
+            layers = sorted({line.dxf.layer for line in lines})
             raise ValueError(
                 f"{path} has no polyline in a layer {shown(layer)}; layers with some: "
                 f"{', '.join(map(shown, layers[:8])) or 'none'} (blocks are not looked into: explode them)"
             )
-        found = named
-    if len(found) != 1:
+        lines = named
+    if len(lines) != 1:
         where = "" if layer is None else f" in its layer {shown(layer)}"
-        layers = sorted({line.dxf.layer for line in found})
-        remedy = "draw one" if not found else "join them, or delete the others"
+        layers = sorted({line.dxf.layer for line in lines})
+        remedy = "draw one" if not lines else "join them, or delete the others"
         if layer is None and len(layers) > 1:
             remedy = f"name its layer, as in {path.name}#{layers[0]} (layers: {', '.join(map(shown, layers[:8]))})"
-        raise ValueError(f"{path} has {len(found)} polylines{where}, and the line is one: {remedy}")
-    return _flat(path, np.array(list(_vertices(path, found[0])), float).reshape(-1, 3))
+        raise ValueError(f"{path} has {len(lines)} polylines{where}, and the line is one: {remedy}")
+    return _flat(path, np.array(list(_vertices(path, lines[0])), float).reshape(-1, 3))
 
 
 def _drawing(path: Path) -> Any:
@@ -107,13 +116,13 @@ def _drawing(path: Path) -> Any:
     except ImportError as error:
         raise ValueError(f"{path} is a DXF drawing, which ezdxf reads: pip install ezdxf") from error
     try:
-        files.read_plain(path, MOST_BYTES["dxf"])  # refuses what is no plain file, or too large
+        files.read_plain(path, MOST_BYTES["dxf"])  # refuses links, pipes and files that are too large
         return ezdxf.filemanagement.readfile(path)
     except FileNotFoundError as error:
         raise ValueError(f"{path} cannot be read ({error.strerror})") from error
     except files.DamagedFile:
         raise
-    except Exception as error:  # the library raises whatever a damaged drawing leads it into
+    except Exception as error:  # the library raises any type of error for a damaged drawing
         raise ValueError(f"{path} cannot be read as a DXF drawing: {shown(str(error)) or 'it ends early'}") from error
 
 
@@ -142,7 +151,7 @@ def _vertices(path: Path, line: Any) -> Iterator[tuple[float, float, float]]:
 
 
 def _flat(path: Path, points: np.ndarray) -> list[list[float]]:
-    """x and the height of points (n, 3) of which y or z is the same throughout, from left to right."""
+    """Points [x, height] from left to right, of points (n, 3) with a constant y or z."""
     if not np.isfinite(points).all():
         raise ValueError(f"the polyline of {path} has points that are not finite: draw it again")
     across, up = np.ptp(points[:, 1:], axis=0) if len(points) else (0.0, 0.0)

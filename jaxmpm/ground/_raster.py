@@ -1,4 +1,4 @@
-"""Heights on a square grid of points, and the files that hold them."""
+"""Heights on a square grid of points, and their files."""
 
 from __future__ import annotations
 
@@ -14,32 +14,34 @@ from foundation import check, files
 from foundation.text import shown
 
 MOST_BYTES = 2**28
-"""Of a file of heights."""
+"""Largest size (bytes) of a file of heights."""
 
 MOST_PROJECTION = 20_000
-"""Bytes of a projection."""
+"""Largest size (bytes) of a projection."""
 
 SHORTEST_STEP = 0.05
-"""Step (m) of a raster below which it is taken for degrees, where its corner may be one of degrees too."""
+"""Smallest step (m) of a raster whose corner could be in degrees; a smaller one is taken for degrees."""
 
 SQUARE = 1e-9
-"""Share by which the steps of a square grid may differ, by rounding."""
+"""Largest difference between the steps of a square grid, as a share, from rounding."""
 
 METRES = ("m", "metre", "metres", "meter", "meters", "")
-"""What a GeoTIFF calls the unit of its heights where they are in metres."""
+"""Names of metres as the unit of heights in a GeoTIFF."""
 
 HEADER = ("ncols", "nrows", "cellsize")
 CORNERS = (("xllcorner", "yllcorner", 0.5), ("xllcenter", "yllcenter", 0.0))
-"""Keys of an ESRI grid's lower left corner, and how far the first point lies from it, in steps."""
+"""Keys of an ESRI grid's lower left corner, and the distance of the first point from it in steps."""
 
 
 @dataclass(frozen=True, eq=False)
 class Raster:
     """Heights on a square grid of points, linear between them.
 
-    heights: (nx, ny) m, x from west to east, y from south to north; nan where there is none. corner: x and y of the
-    first point (m). step: distance of the points (m). projection: as well-known text (WKT), where the file has one; it
-    is carried along, and nothing is projected by it.
+    Args:
+        heights: (nx, ny) m, x from west to east, y from south to north; nan at holes.
+        corner: x and y of the first point (m).
+        step: distance of the points (m).
+        projection: as well-known text (WKT), if the file has one. It is only stored; nothing is projected.
     """
 
     heights: np.ndarray
@@ -64,7 +66,14 @@ class Raster:
         return (x, x + (nx - 1) * self.step), (y, y + (ny - 1) * self.step)
 
     def check(self, name: str = "raster") -> None:
-        """Raise ValueError for what is no raster in metres."""
+        """Check that this is a raster in metres.
+
+        Args:
+            name: of the raster, for messages.
+
+        Raises:
+            ValueError: If its shape or a number is invalid, or it looks like degrees.
+        """
         if np.ndim(self.heights) != 2 or min(np.shape(self.heights)) < 2:
             raise ValueError(
                 f"{name} has heights of shape {np.shape(self.heights)}: give (nx, ny), 2 or more along each"
@@ -79,13 +88,21 @@ class Raster:
             )
 
     def places(self) -> np.ndarray:
-        """x and y (2, n) m of its points."""
+        """Positions x and y (2, n) m of its points."""
         (x, y), (nx, ny) = self.corner, self.heights.shape
         along, across = np.meshgrid(x + self.step * np.arange(nx), y + self.step * np.arange(ny), indexing="ij")
         return np.stack([along.ravel(), across.ravel()])
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Heights (m) at points; nan where one of the four heights around is none, or beyond the ends."""
+        """Heights by bilinear interpolation.
+
+        Args:
+            x: positions of points (m), of any shape.
+            y: of the same shape (m).
+
+        Returns:
+            Heights (m), of this shape; nan beyond the ends, or if one of the four heights around is nan.
+        """
         (nx, ny), (west, south) = self.heights.shape, self.corner
         along, across = ((np.asarray(v, float) - start) / self.step for v, start in ((x, west), (y, south)))
         rounding = 1e-6
@@ -99,7 +116,18 @@ class Raster:
         return np.where(inside, between + s * t * h[i + 1, j + 1], np.nan)
 
     def cropped(self, x: tuple[float, float], y: tuple[float, float]) -> Raster:
-        """The part that covers x and y (m), up to a step more. Raises ValueError where it does not."""
+        """The part that covers a rectangle, up to a step more.
+
+        Args:
+            x: lowest and highest (m).
+            y: lowest and highest (m).
+
+        Returns:
+            Raster.
+
+        Raises:
+            ValueError: If the raster does not cover it.
+        """
         for axis, (low, high), (first, last) in zip("xy", (x, y), self.ends, strict=True):
             if not (low < high and first - 1e-6 * self.step <= low and high <= last + 1e-6 * self.step):
                 raise ValueError(
@@ -114,7 +142,17 @@ class Raster:
         return replace(self, heights=self.heights[spans[0], spans[1]], corner=corner)
 
     def resampled(self, step: float) -> Raster:
-        """The same ground at other steps (m), as far as they reach."""
+        """The same ground with another step.
+
+        Args:
+            step: distance of points (m), above 0.
+
+        Returns:
+            Raster, as far as whole steps reach.
+
+        Raises:
+            ValueError: If the step is not above 0.
+        """
         check.positive("step", step, "m")
         counts = [int(np.floor((last - first) / step + 1e-6)) + 1 for first, last in self.ends]
         x, y = (start + step * np.arange(count) for start, count in zip(self.corner, counts, strict=True))
@@ -122,15 +160,24 @@ class Raster:
 
 
 def read_raster(path: str | Path) -> Raster:
-    """The heights in an ESRI ASCII grid, or in a GeoTIFF by `rasterio` (extra "terrain").
+    """Read heights from an ESRI ASCII grid, or from a GeoTIFF by `rasterio` (extra "terrain").
 
-    Raises ValueError for files that hold something else or less than they say, steps that differ along x and y, degrees
-    and feet. What is no height there (NODATA) is nan here: a terrain that needs it is refused, with its place.
+    NODATA in the file is nan in the raster; a terrain that needs such a height is refused with its position.
+
+    Args:
+        path: of the file.
+
+    Returns:
+        Raster.
+
+    Raises:
+        ValueError: If the file is of another kind or incomplete, steps differ along x and y, or it is in degrees or
+            feet.
     """
     path = Path(path)
-    found = _geotiff(path) if path.suffix.lower() in (".tif", ".tiff") else _esri(path)
-    found.check(str(path))
-    return found
+    raster = _geotiff(path) if path.suffix.lower() in (".tif", ".tiff") else _esri(path)
+    raster.check(str(path))
+    return raster
 
 
 def _esri(path: Path) -> Raster:
@@ -140,43 +187,43 @@ def _esri(path: Path) -> Raster:
         raise ValueError(f"{path} is no ESRI ASCII grid (byte {error.start}): give one, or a GeoTIFF") from error
     except OSError as error:
         raise ValueError(f"{path} cannot be read ({error.strerror})") from error
-    said: dict[str, float] = {}
+    header: dict[str, float] = {}
     at = 0
     while at + 1 < len(words) and re.fullmatch(r"[A-Za-z_]+", words[at]) and words[at].lower() not in ("nan", "inf"):
         try:
-            said[words[at].lower()] = float(words[at + 1])
+            header[words[at].lower()] = float(words[at + 1])
         except ValueError as error:
             raise ValueError(f"{path}: {words[at]} is {shown(words[at + 1])}: give a number") from error
         at += 2
-    if {"dx", "dy"} <= said.keys():
-        if said["dx"] != said["dy"]:
+    if {"dx", "dy"} <= header.keys():
+        if header["dx"] != header["dy"]:
             raise ValueError(
-                f"{path} has steps of {said['dx']:g} and {said['dy']:g} m: resample it to squares, e.g. with "
+                f"{path} has steps of {header['dx']:g} and {header['dy']:g} m: resample it to squares, e.g. with "
                 "gdalwarp -tr"
             )
-        said["cellsize"] = said["dx"]
-    lacks = [key for key in HEADER if key not in said]
-    corner = next((keys for keys in CORNERS if said.keys() >= set(keys[:2])), None)
+        header["cellsize"] = header["dx"]
+    lacks = [key for key in HEADER if key not in header]
+    corner = next((keys for keys in CORNERS if header.keys() >= set(keys[:2])), None)
     if lacks or corner is None:
         raise ValueError(
             f"{path} lacks {', '.join([*lacks, *(['xllcorner'] if corner is None else [])])}: is it an ESRI grid?"
         )
     projection = _beside(path)
-    nx, ny = said["ncols"], said["nrows"]
+    nx, ny = header["ncols"], header["nrows"]
     if not (nx.is_integer() and ny.is_integer() and nx * ny == len(words) - at):
-        raise ValueError(f"{path} says {nx:g} times {ny:g} heights and holds {len(words) - at}: it is damaged")
+        raise ValueError(f"{path} declares {nx:g} times {ny:g} heights and holds {len(words) - at}: it is damaged")
     try:
         heights = np.array(words[at:], float).reshape(int(ny), int(nx))[::-1].T
     except ValueError as error:
         raise ValueError(f"{path} holds what is no number: {shown(str(error))}") from error
-    heights = np.where((heights == said.get("nodata_value", -9999.0)) | ~np.isfinite(heights), np.nan, heights)
+    heights = np.where((heights == header.get("nodata_value", -9999.0)) | ~np.isfinite(heights), np.nan, heights)
     x, y, half = corner
-    step = said["cellsize"]
-    return Raster(np.ascontiguousarray(heights), (said[x] + half * step, said[y] + half * step), step, projection)
+    step = header["cellsize"]
+    return Raster(np.ascontiguousarray(heights), (header[x] + half * step, header[y] + half * step), step, projection)
 
 
 def _beside(path: Path) -> str | None:
-    """The projection beside a grid, if there is one. ValueError for one in degrees or feet."""
+    """The projection in a file beside a grid, if there is one; ValueError for one in degrees or feet."""
     beside = path.with_suffix(".prj")
     if not beside.is_file():
         return None
@@ -186,11 +233,11 @@ def _beside(path: Path) -> str | None:
 
 
 def _refuse_projection(where: str, projection: str) -> None:
-    """Raise ValueError for a projection, as WKT, that is none, or of which a length is in feet."""
-    said = projection.upper()
-    if not re.search(r"PROJCS|PROJCRS|PROJECTEDCRS", said) and re.search(r"GEOGCS|GEOGCRS|GEODCRS", said):
+    """Raise ValueError for a projection, as WKT, in degrees or feet."""
+    text = projection.upper()
+    if not re.search(r"PROJCS|PROJCRS|PROJECTEDCRS", text) and re.search(r"GEOGCS|GEOGCRS|GEODCRS", text):
         raise ValueError(f"{where} is in degrees: project it to metres first, e.g. with gdalwarp -t_srs")
-    units = re.findall(r'(?:UNIT|LENGTHUNIT)\["([^"]*)"', said)
+    units = re.findall(r'(?:UNIT|LENGTHUNIT)\["([^"]*)"', text)
     if any("FOOT" in unit or "FEET" in unit for unit in units):
         raise ValueError(f"{where} is in feet: project it to metres first, e.g. with gdalwarp -t_srs")
 
@@ -201,7 +248,7 @@ def _geotiff(path: Path) -> Raster:
     except ImportError as error:
         raise ValueError(f"{path} is a GeoTIFF, which rasterio reads: pip install rasterio") from error
     try:
-        # Its bytes, so that the library opens nothing else: no address of a server, no file beside it.
+        # Bytes, so that the library opens nothing else: no address of a server, no file beside it.
         data = files.read_plain(path, MOST_BYTES)
     except OSError as error:
         raise ValueError(f"{path} cannot be read ({error.strerror})") from error
@@ -217,17 +264,17 @@ def _geotiff(path: Path) -> Raster:
 
 
 def _heights(path: Path, file: Any) -> Raster:
-    """What an open GeoTIFF holds."""
+    """The raster of an open GeoTIFF."""
     if file.count != 1 or np.dtype(file.dtypes[0]).kind not in "iuf":
         raise ValueError(
             f"{path} has {file.count} bands of {', '.join(sorted(set(file.dtypes)))}: give one of heights, e.g. with "
             "gdal_translate -b 1"
         )
     if file.width * file.height * 8 > MOST_BYTES:
-        raise ValueError(f"{path} says {file.width} times {file.height} heights, more than can be: crop it")
+        raise ValueError(f"{path} declares {file.width} times {file.height} heights, more than can be: crop it")
     turned = file.transform
     if turned.is_identity:
-        raise ValueError(f"{path} does not say where it lies: give a GeoTIFF, e.g. by gdal_translate -a_ullr")
+        raise ValueError(f"{path} has no position: give a GeoTIFF, e.g. by gdal_translate -a_ullr")
     if turned.b or turned.d or abs(turned.a + turned.e) > SQUARE * abs(turned.a) or turned.a <= 0:
         raise ValueError(
             f"{path} has steps of {turned.a:g} and {-turned.e:g} m, or is turned: resample it to squares, e.g. with "
@@ -240,7 +287,7 @@ def _heights(path: Path, file: Any) -> Raster:
     if unit is not None and unit.lower() not in METRES:
         raise ValueError(f"{path} has heights in {shown(unit)}: give them in metres, e.g. with gdal_calc")
     heights = file.read(1, masked=True).astype(float) * file.scales[0] + file.offsets[0]
-    found = heights.filled(np.nan)[::-1].T
+    filled = heights.filled(np.nan)[::-1].T
     corner = (turned.c + turned.a / 2, turned.f + (file.height - 0.5) * turned.e)
-    heights = np.ascontiguousarray(np.where(np.isfinite(found), found, np.nan))
+    heights = np.ascontiguousarray(np.where(np.isfinite(filled), filled, np.nan))
     return Raster(heights, corner, float(turned.a), projection or None)

@@ -1,4 +1,4 @@
-"""Weak layers beside the cells of a grid: one that shares its cells with stronger soil is as strong as that."""
+"""Weak layers relative to the cells of a grid: one that shares its cells with stronger soil is as strong as that."""
 
 from __future__ import annotations
 
@@ -13,22 +13,33 @@ import numpy as np
 from foundation import check
 
 RESOLVING = 2.0
-"""Cells in the thickness of a weak layer from which on its strength is its own, wherever it lies on the grid."""
+"""Least number of cells in the thickness of a weak layer for its own strength to apply at any position."""
 
 WEAK = 0.8
-"""Strength of a weak layer, over that of soil beside it, at most."""
+"""Largest strength of a weak layer, over that of the soil beside it."""
 
 
 @dataclass(frozen=True)
 class Thickness:
-    """How thick a layer is. metres: half of its soil lies where it is thinner than that. weak: whether it is weaker
-    than what lies above and below."""
+    """Thickness of a layer.
+
+    Args:
+        metres: median over its soil: half of the soil lies where the layer is thinner (m).
+        weak: whether the layer is weaker than its neighbours above and below.
+    """
 
     metres: float
     weak: bool
 
     def too_thin(self, cell: float) -> str | None:
-        """What to ask of a weak layer on cells of this size (m) that are too large for it; None of others."""
+        """Warning about a weak layer on cells that are too large for it.
+
+        Args:
+            cell: edge of a cell (m).
+
+        Returns:
+            Text, None if the layer is not weak or the cells are small enough.
+        """
         cells = self.metres / cell
         if not self.weak or cells >= RESOLVING * (1 - 1e-9):
             return None
@@ -42,19 +53,24 @@ class Thickness:
 
 
 def thicknesses_of(layers: Sequence[Any], tops: Sequence[np.ndarray]) -> list[Thickness]:
-    """That of each layer, 0 m of those that lie nowhere or whose soil is being traced.
+    """Thickness of each layer, 0 m for layers without soil and for traced soils.
 
-    tops: heights (n,) m of the layers' upper boundaries and of the base, at the same places.
+    Args:
+        layers: from the top down.
+        tops: heights (n,) m of the layers' upper boundaries and of the base, at the same points.
+
+    Returns:
+        One per layer.
     """
     thick = np.array([np.maximum(top - bottom, 0) for top, bottom in pairwise(tops)])
     if any(check.is_traced(*vars(each.soil).values()) for each in layers):
         return [Thickness(0.0, weak=False)] * len(layers)
     weight = np.array([float(np.mean(each.soil.unit_weight)) for each in layers])[:, None] * thick
-    found = []
+    result = []
     for number, layer in enumerate(layers):
         there = thick[number] > 0
         if not there.any():
-            found.append(Thickness(0.0, weak=False))
+            result.append(Thickness(0.0, weak=False))
             continue
         pressure = float(np.median(weight[: number + 1, there].sum(axis=0) - weight[number, there] / 2))
         beside = [
@@ -63,13 +79,12 @@ def thicknesses_of(layers: Sequence[Any], tops: Sequence[np.ndarray]) -> list[Th
         weak = bool(beside) and _strength(layer.soil, pressure) < WEAK * min(beside)
         rising = np.sort(thick[number, there])
         middle = np.searchsorted(np.cumsum(rising), rising.sum() / 2)
-        found.append(Thickness(float(rising[middle]), weak))
-    return found
+        result.append(Thickness(float(rising[middle]), weak))
+    return result
 
 
 def _strength(soil: Any, pressure: float) -> float:
-    """Shear strength (Pa) under a pressure (Pa), the mean where it differs from particle to particle; infinite of soil
-    that has neither cohesion and friction nor a strength."""
+    """Mean shear strength (Pa) under a pressure (Pa); infinite without cohesion and friction, and without strength."""
     cohesion, friction, undrained = (getattr(soil, name, None) for name in ("cohesion", "friction", "strength"))
     if cohesion is not None and friction is not None:
         return float(np.mean(cohesion)) + pressure * math.tan(math.radians(float(np.mean(friction))))
@@ -78,9 +93,15 @@ def _strength(soil: Any, pressure: float) -> float:
     return math.inf if undrained is None else float(np.mean(undrained))
 
 
-def warn_of_seams(layers: Sequence[Any], found: Sequence[Thickness], cell: float) -> None:
-    """Warn of weak layers on cells (m) too large for them, unless their soil says that it means it."""
-    for number, (layer, thickness) in enumerate(zip(layers, found, strict=True), 1):
-        asked = thickness.too_thin(cell)
-        if asked is not None and not getattr(layer.soil, "unusual", False):
-            check.warn(f"layer {number} {asked} If that is meant, give its soil unusual=True")
+def warn_of_seams(layers: Sequence[Any], measured: Sequence[Thickness], cell: float) -> None:
+    """Warn of weak layers on cells that are too large for them, unless their soil has `unusual`.
+
+    Args:
+        layers: from the top down.
+        measured: thickness of each.
+        cell: edge of a cell (m).
+    """
+    for number, (layer, thickness) in enumerate(zip(layers, measured, strict=True), 1):
+        warning = thickness.too_thin(cell)
+        if warning is not None and not getattr(layer.soil, "unusual", False):
+            check.warn(f"layer {number} {warning} If that is intended, give its soil unusual=True")

@@ -35,16 +35,16 @@ from jaxmpm.soil import AnySoil, Interface
 from jaxmpm.types import Grid, Scene, State, Wall
 
 Height = Callable[[np.ndarray], np.ndarray]
-"""Heights (n,) m of a line at x (n,) m."""
+"""Function that gives heights (n,) m of a line at x (n,) m."""
 
 FOOT = 1e-6
-"""Share of the section's length up to which a toe lies at a point of the surface."""
+"""Largest distance of a toe from a point of the surface, as a share of the section's length."""
 
 TOUCHING = 0.01
-"""Share of a particle's height up to which two lines touch."""
+"""Largest distance of two lines that touch, as a share of a particle's height."""
 
-PLACES = 512
-"""Places between the walls at which layers are measured."""
+POINTS = 512
+"""Points between the walls at which layers are sampled."""
 
 WATER_WEIGHT = 9810.0
 """Unit weight of water (N/m3)."""
@@ -54,12 +54,14 @@ WATER_WEIGHT = 9810.0
 class Section:
     """The outline of a section.
 
-    surface: of the ground, points (x, z) m with x rising, two of the same x where it is a vertical face. base: height
-    of the rigid base (m). walls: x of the walls at both ends (m), by default the ends of the surface; what is drawn
-    beyond them is left out. interface: strength with which soil sticks to the base, None where it cannot slide on it.
-    toe: x of the toe of a slope that falls along x (m), a point of the surface at which it falls less steeply than
-    before; run-out is then measured from it. crest: x of its crest (m), by default where the surface before the toe is
-    highest.
+    Args:
+        surface: of the ground, points (x, z) m with x rising; two points of the same x make a vertical face.
+        base: height of the rigid base (m).
+        walls: x of the walls at both ends (m), by default the ends of the surface; the part beyond them is left out.
+        interface: strength of the contact between soil and base; None if soil cannot slide on it.
+        toe: x (m) of the toe of a slope that falls along x, a point of the surface beyond which it falls less steeply;
+            run-out is measured from it. None for ground without a toe.
+        crest: x of its crest (m), by default the highest point of the surface before the toe.
     """
 
     surface: Line
@@ -70,8 +72,14 @@ class Section:
     crest: float | None = None
 
     def outline(self) -> tuple[np.ndarray, tuple[float, float]]:
-        """Points (n, 2) of the surface and x of both walls (m). Raises ValueError for a surface that is none, does not
-        reach the walls or goes below the base."""
+        """Points of the surface and positions of both walls.
+
+        Returns:
+            Points (n, 2) m, and x of the left and the right wall (m).
+
+        Raises:
+            ValueError: If the surface is invalid, does not reach the walls or goes below the base.
+        """
         points = _points("surface", self.surface)
         left, right = points[[0, -1], 0] if self.walls is None else self.walls
         check.finite("walls", (left, right), "m")
@@ -92,12 +100,12 @@ class Section:
 
     @property
     def corner(self) -> tuple[float, ...]:
-        """Lowest corner (2,) m of the box that holds the ground."""
+        """Lowest corner (2,) m of the bounding box."""
         return (self.outline()[1][0], self.base)
 
     @property
     def extent(self) -> tuple[float, ...]:
-        """Edges (2,) m of the box that holds the ground."""
+        """Edges (2,) m of the bounding box."""
         left, right = self.outline()[1]
         return (right - left, self._top() - self.base)
 
@@ -108,7 +116,7 @@ class Section:
 
     @property
     def volume(self) -> float:
-        """Of the ground, per metre of width (m2)."""
+        """Area of the section (m2), its volume per metre of width."""
         points, (left, right) = self.outline()
         x, z = points.T
         inner = (x > left) & (x < right)
@@ -118,14 +126,18 @@ class Section:
         return float(np.trapezoid(z - self.base, x))
 
     def check(self) -> None:
-        """Raise ValueError for a surface that is none, does not reach the walls or goes below the base, and for a toe
-        or a crest that it has not."""
+        """Check the outline, the toe and the crest.
+
+        Raises:
+            ValueError: If the surface is invalid, does not reach the walls or goes below the base, or has no such toe
+                or crest.
+        """
         self.outline()
         _ = self.face
 
     @property
     def face(self) -> Face | None:
-        """The face of the slope, None without a toe. Raises ValueError for a toe or crest that the surface has not."""
+        """The face of the slope, None without a toe; ValueError for a toe or crest that the surface does not have."""
         if self.toe is None and self.crest is None:
             return None
         if self.toe is None:
@@ -148,45 +160,86 @@ class Section:
         return Face(self.toe, toe_z, height)
 
     def heights(self, x: np.ndarray) -> np.ndarray:
-        """Height of the surface (m) at x (n,) m."""
+        """Height (n,) m of the surface at x (n,) m."""
         points, _ = self.outline()
         return np.interp(x, points[:, 0], points[:, 1])
 
     def cells(self, discretisation: Discretisation) -> list[int]:
-        """Cells of a grid along each axis, with air above the highest point. Raises ValueError for ground or a grid
-        that is none, and where one does not fit the other."""
+        """Cells of a grid along each axis, with air above the highest point.
+
+        Args:
+            discretisation: cell, spacing and numerical choices.
+
+        Returns:
+            Number of cells along each axis.
+
+        Raises:
+            ValueError: If section or grid is invalid, or they do not fit each other.
+        """
         check_discretisation(discretisation, 2)
         self.check()
         return box_cells("the section", self, discretisation)
 
     def layer_of(self, layers: Sequence[Layer], position: np.ndarray, discretisation: Discretisation) -> np.ndarray:
-        """Number of the layer (N,), from 0 on, in which points at position (2, N) m lie. Raises as `section` does."""
+        """Layer of points.
+
+        Args:
+            layers: from the top down.
+            position: (2, N) m.
+            discretisation: its spacing decides on which side of a boundary a point lies.
+
+        Returns:
+            (N,) int, numbers from 0.
+
+        Raises:
+            ValueError: If layers are invalid or too thin, as for `section`.
+        """
         return _layer_of(_layering(self, layers, discretisation), position, discretisation.spacing[-1])
 
     def thicknesses(self, layers: Sequence[Layer]) -> list[Thickness]:
-        """How thick each layer is, and whether it is a weak seam. Raises ValueError for lines that are none."""
+        """Thickness of each layer, and whether it is a weak seam.
+
+        Args:
+            layers: from the top down.
+
+        Returns:
+            One per layer.
+
+        Raises:
+            ValueError: If a line is invalid.
+        """
         left, right = self.outline()[1]
-        x = left + (right - left) * (np.arange(PLACES) + 0.5) / PLACES
+        x = left + (right - left) * (np.arange(POINTS) + 0.5) / POINTS
         return thicknesses_of(layers, [np.maximum(top(x), self.base) for top in _tops(self, layers, spacing=math.inf)])
 
     def box_of(self, layers: Sequence[Layer], number: int) -> Box:
-        """A box that holds a layer, numbered from 0. Raises ValueError for lines that are none, and for a layer that
-        lies nowhere."""
+        """A box that holds a layer.
+
+        Args:
+            layers: from the top down.
+            number: of the layer, from 0.
+
+        Returns:
+            Lowest corner and edges (m).
+
+        Raises:
+            ValueError: If a line is invalid, or the layer lies nowhere.
+        """
         tops, x = _tops(self, layers, spacing=math.inf), _knots(self, layers)
         top, bottom = (np.maximum(tops[number + down](x), self.base) for down in (0, 1))
-        held = np.flatnonzero(top > bottom)
-        if not held.size:
+        thick = np.flatnonzero(top > bottom)
+        if not thick.size:
             raise ValueError(f"layer {number + 1} lies nowhere between the walls: draw it there, or leave it out")
-        near = slice(max(held[0] - 1, 0), held[-1] + 2)
+        near = slice(max(thick[0] - 1, 0), thick[-1] + 2)
         low = (float(x[near][0]), float(bottom[near].min()))
         return low, (float(x[near][-1]) - low[0], float(top[near].max()) - low[1])
 
     def lowered(self, depth: float) -> tuple[tuple[float, float], ...]:
-        """The surface, so much (m) lower."""
+        """The surface moved down by `depth` (m)."""
         return tuple((float(x), float(z) - depth) for x, z in self.surface)
 
     def build(self, layers: Sequence[Layer], discretisation: Discretisation, **loads: Any) -> tuple[Scene, State]:
-        """As `section`."""
+        """Scene and state, as `section` with the same keyword arguments."""
         return section(self, layers, discretisation, **loads)
 
     def _top(self) -> float:
@@ -199,7 +252,7 @@ HELD: dict[str, tuple[Hold, Hold]] = {
     "left fixed": ("fixed", "roller"),
     "right fixed": ("roller", "fixed"),
 }
-"""What holds the left end of a section and the right one, by the word for both."""
+"""Constraint of the left and the right end of a section, by the name for both."""
 
 FREE_FIELD: Literal["free field"] = "free field"
 
@@ -219,21 +272,36 @@ def section(
     speed: float | None = None,
     at_rest: bool = True,
 ) -> tuple[Scene, State]:
-    """A section at rest: base fixed, or of given strength, ends as asked; of a lattice of particles those whose centres
-    lie in the ground.
+    """Build a section in plane strain, on a fixed base or one with an interface.
 
-    soil: one for all, or layers from the top down; a particle is of the layer in which its centre lies. water: level
-    or points (x, z) of the water table (m), a level pool where above the ground, see `WaterTable`. r_u: instead,
-    pore pressure over the weight of what stands above. k_h, k_v: pseudo-static acceleration over gravity, towards the
-    lower end of the surface, and upwards. motion: of the base, from time 0, after the initial stress; the section is
-    solved in its frame. ends: what holds both, "left fixed" the other on a roller; "tied" makes both ends one, for
-    ground as high at both: waves go on round, none comes back from a wall, and a level layer moves as a column of
-    endless ground. "free field" ends it without walls where the ground is level: dashpots join it to columns of level
-    ground, as high and with the same layers, shaken alike, and waves go out, see `FreeField`. speed: largest particle
-    speed that the time step allows for (m/s), by default of a fall through the height. at_rest: with the stress of
-    elastic gravity loading, else free of stress.
-    Raises ValueError for lines that turn back, cross or end in the ground, pools that slope, layers thinner than a
-    particle, soils of layers with a parameter per particle, and sizes that do not fit the grid, with the coordinates.
+    A lattice of particles fills it with those whose centres lie in the ground.
+
+    Args:
+        shape: outline.
+        soil: one for all, or layers from the top down; a particle is of the layer in which its centre lies.
+        discretisation: cell, spacing and numerical choices.
+        gravity: downwards (m/s2).
+        water: level or points (x, z) of the water table (m), a level pool where it is above the ground, see
+            `WaterTable`.
+        r_u: instead, pore pressure over the weight of the soil above.
+        k_h: pseudo-static acceleration over gravity, towards the lower end of the surface.
+        k_v: pseudo-static acceleration over gravity, upwards.
+        motion: of the base, from time 0, after the initial stress; the section is solved in its frame.
+        ends: constraint of both ends. "left fixed" and "right fixed" leave the other on a roller. "tied" identifies
+            both ends, of ground as high at both: waves continue round without reflection at a wall, and a level layer
+            moves as a column of infinite ground. "free field" ends the section without walls where the ground is level:
+            dashpots join it to columns of level ground with the same layers and motion, and absorb waves, see
+            `FreeField`.
+        speed: largest particle speed that the time step allows for (m/s), by default of a fall through the height.
+        at_rest: with the stress of elastic gravity loading, else free of stress.
+
+    Returns:
+        Scene and state.
+
+    Raises:
+        ValueError: If a line turns back, crosses another or ends in the ground, a pool slopes, a layer is thinner than
+            a particle, one of several layers has a parameter per particle, or sizes do not fit the grid; with
+            coordinates.
     """
     check.not_negative("gravity", gravity, "m/s2")
     check.between("k_h", k_h, -1.0, 1.0)
@@ -253,7 +321,7 @@ def section(
             raise ValueError("ends = 'free field' with an interface on the base, which ground beyond it would need too")
         check_free_field(discretisation)
         _check_level(tops, shape, discretisation)
-    held = () if ends == "tied" else end_walls(0, cells[0], *HELD.get(ends, HELD["roller"]))
+    upright = () if ends == "tied" else end_walls(0, cells[0], *HELD.get(ends, HELD["roller"]))
     base = Wall(1, "low", PADDING, "fixed" if shape.interface is None else "friction")
     warn_of_seams(layers, shape.thicknesses(layers), discretisation.cell)
     towards = 1 if shape.surface[0][1] >= shape.surface[-1][1] else -1
@@ -262,7 +330,7 @@ def section(
         grid,
         law,
         discretisation,
-        walls=(*held, base),
+        walls=(*upright, base),
         **_strength_of_base(shape, layers, tops, grid, r_u),
         tied=(PADDING, PADDING + cells[0]) if ends == "tied" else None,
         motion=motion,
@@ -291,8 +359,10 @@ def _strength_of_base(
     grid: Grid,
     r_u: float | None,
 ) -> dict[str, Any]:
-    """What `build` is given of an interface on the base: nothing where there is none. Under a water table soil presses
-    on it with its effective stress alone, with r_u with that of the water too."""
+    """Arguments of `build` for an interface on the base; nothing without one.
+
+    Under a water table soil presses on the base with its effective stress alone, with r_u with that of the water too.
+    """
     if shape.interface is None:
         return {}
     x = np.clip(grid.origin[0] + np.arange(grid.shape[0]) * grid.cell, *shape.outline()[1])
@@ -313,7 +383,7 @@ def _columns_beyond(
     discretisation: Discretisation,
     loads: dict[str, Any],
 ) -> Iterator[tuple[Scene, State]]:
-    """Columns of the level ground beyond both walls, the low one first."""
+    """Scenes and states of columns of the level ground beyond both walls, the low one first."""
     for wall in shape.outline()[1]:
         ground, here = _level_ground(wall, layers, tops, discretisation)
         water = None if table is None else float(np.interp(wall, table.x, table.z))
@@ -323,7 +393,7 @@ def _columns_beyond(
 def _level_ground(
     wall: float, layers: Sequence[Layer], tops: Sequence[Height], discretisation: Discretisation
 ) -> tuple[Section, list[Layer]]:
-    """Level ground one cell wide with the layers that there are at a wall (m)."""
+    """Level ground one cell wide with the layers at a wall (m)."""
     heights = [float(top(np.array([wall]))[0]) for top in tops]
     span = (wall, wall + discretisation.cell)
     here = [
@@ -336,7 +406,7 @@ def _level_ground(
 
 
 def _check_level(tops: Sequence[Height], shape: Section, discretisation: Discretisation) -> None:
-    """Raise ValueError where the surface or a layer is not level within a cell of a wall, to half a particle."""
+    """Raise ValueError unless the surface and layers are level within a cell of each wall, to half a particle."""
     left, right = shape.outline()[1]
     for wall, within in ((left, left + discretisation.cell), (right, right - discretisation.cell)):
         for number, top in enumerate(tops[:-1], 1):
@@ -349,7 +419,7 @@ def _check_level(tops: Sequence[Height], shape: Section, discretisation: Discret
 
 
 def _check_alike(shape: Section, tops: Sequence[Height], table: WaterTable | None, spacing: float) -> None:
-    """Raise ValueError where a line is not as high at one wall as at the other, so that they cannot be tied."""
+    """Raise ValueError unless every line is as high at one wall as at the other, so that they can be tied."""
     ends = shape.outline()[1]
     lines = {f"top of layer {number}": top(np.array(ends)) for number, top in enumerate(tops[:-1], 1)}
     if table is not None:
@@ -371,7 +441,7 @@ def _layer_of(tops: Sequence[Height], position: np.ndarray, spacing: float) -> n
 
 
 def _points(name: str, line: Line | Raster) -> np.ndarray:
-    """The points (n, 2) of a line; ValueError for what is none."""
+    """The points (n, 2) of a line; ValueError for an invalid one."""
     if isinstance(line, Raster) or np.ndim(line) != 2 or np.shape(line)[0] < 2 or np.shape(line)[1] != 2:
         raise ValueError(f"{name} = {shown(line)}: give two points [x, z] or more")
     points = np.asarray(line, float)
@@ -408,7 +478,7 @@ def _foot(points: np.ndarray, left: float, toe: float, right: float) -> float:
 
 
 def _layering(shape: Section, layers: Sequence[Layer], discretisation: Discretisation) -> list[Height]:
-    """The upper boundaries of the layers, and the base; ValueError for layers that particles cannot hold."""
+    """The upper boundaries of the layers, and the base; ValueError for layers too thin for particles."""
     dx, dz = discretisation.spacing
     tops = _tops(shape, layers, dz)
     left, right = shape.outline()[1]
@@ -419,8 +489,20 @@ def _layering(shape: Section, layers: Sequence[Layer], discretisation: Discretis
 
 
 def _tops(shape: Section, layers: Sequence[Layer], spacing: float) -> list[Height]:
-    """The upper boundaries of the layers, and the base. spacing: of particles along z (m), a share of which is the
-    largest distance of lines that touch; inf leaves unchecked whether they do."""
+    """The upper boundaries of the layers, and the base.
+
+    Args:
+        shape: outline.
+        layers: from the top down.
+        spacing: of particles along z (m), a share of which is the largest distance of lines that touch; inf for no
+            check.
+
+    Returns:
+        Functions of x.
+
+    Raises:
+        ValueError: If a line is invalid or crosses another.
+    """
     ends = shape.outline()[1]
     check_ends(layers)
     tops: list[Height] = [shape.heights]
@@ -446,7 +528,7 @@ def _tops(shape: Section, layers: Sequence[Layer], spacing: float) -> list[Heigh
 
 
 def _knots(shape: Section, layers: Sequence[Layer]) -> np.ndarray:
-    """x (n,) m just before and just after every point of the surface and of the layers' boundaries."""
+    """Positions x (n,) m just before and just after every point of the surface and of the layers' boundaries."""
     surface, (left, right) = shape.outline()
     lines = [
         _points(f"bottom of layer {number}", layer.bottom)
@@ -459,7 +541,7 @@ def _knots(shape: Section, layers: Sequence[Layer]) -> np.ndarray:
 
 
 def _offset(line: Height, down: float) -> Height:
-    """The line so much (m) further down."""
+    """The line moved down (m)."""
     return lambda x: line(x) - down
 
 
@@ -478,7 +560,7 @@ def _boundary(name: str, points: np.ndarray, above: Height, ends: tuple[float, f
 
 
 def _water_table(shape: Section, water: float | Line | None, discretisation: Discretisation) -> WaterTable | None:
-    """The table from wall to wall; ValueError for one that ends before."""
+    """The table from wall to wall; ValueError for one that does not reach them."""
     if water is None:
         return None
     left, right = shape.outline()[1]
@@ -499,14 +581,16 @@ def _water_table(shape: Section, water: float | Line | None, discretisation: Dis
 
 
 def _under(table: WaterTable) -> Callable[[np.ndarray], np.ndarray]:
-    """Which of positions (2, N) m lie under a table: (N,) bool."""
+    """Function that gives which of positions (2, N) m lie under a table: (N,) bool."""
     rounding = RESOLVED * float(table.height)
     return lambda position: below(position[1], np.interp(position[0], table.x, table.z), rounding)
 
 
 def _refuse_sloping_pool(shape: Section, points: np.ndarray, discretisation: Discretisation) -> None:
-    """Raise ValueError where water that stands above the ground is not level, to half a particle: its weight would push
-    soil sideways, with nothing to hold it."""
+    """Raise ValueError unless water above the ground is level, to half a particle.
+
+    The weight of a sloping pool would push soil sideways without balance.
+    """
     left, right = shape.outline()[1]
     dx, dz = discretisation.spacing
     x = left + (np.arange(round((right - left) / dx)) + 0.5) * dx
@@ -526,10 +610,20 @@ def _refuse_sloping_pool(shape: Section, points: np.ndarray, discretisation: Dis
 def pore_pressure_of(
     r_u: float | None, table: bool, z: np.ndarray, layers: Sequence[Layer], tops: Sequence[np.ndarray]
 ) -> np.ndarray | None:
-    """r_u times the weight per area (N,) Pa of what is above each particle; None without r_u.
+    """Pore pressure as a share of the weight per area above each particle.
 
-    table: whether there is a water table too. z: height of the particles (N,) m. tops: heights (N,) m there of the
-    layers' upper boundaries and of the base.
+    Args:
+        r_u: that share; None for no pore pressure.
+        table: whether there is a water table too.
+        z: height of the particles (N,) m.
+        layers: from the top down.
+        tops: heights (N,) m, above each particle, of the layers' upper boundaries and of the base.
+
+    Returns:
+        (N,) Pa, None without r_u.
+
+    Raises:
+        ValueError: If r_u is outside [0, 1), or a table is given too.
     """
     if r_u is None:
         return None
@@ -544,10 +638,12 @@ def pore_pressure_of(
 
 
 def _refuse_thin(x: np.ndarray, tops: Sequence[np.ndarray], spacing: float) -> None:
-    """Raise ValueError for a layer thinner than a particle, but where it tapers off to nothing.
+    """Raise ValueError for a layer thinner than a particle, except where it tapers to nothing.
 
-    x: of both walls and of the columns of particles between them. tops: heights (n,) m there of the layers' upper
-    boundaries and of the base.
+    Args:
+        x: of both walls and of the columns of particles between them (m).
+        spacing: of particles along z (m).
+        tops: heights (n,) m there of the layers' upper boundaries and of the base.
     """
     for number, (top, bottom) in enumerate(pairwise(tops), 1):
         thickness = top - bottom
@@ -555,7 +651,7 @@ def _refuse_thin(x: np.ndarray, tops: Sequence[np.ndarray], spacing: float) -> N
         ends, size = size[[0, -1]], size[1:-1]
         changes = np.flatnonzero(np.diff(size)) + 1
         kinds = [int(run[0]) for run in np.split(size, changes)]
-        # A wall at which the layer has come to nothing is like ground without it; another is none.
+        # A wall where the layer has tapered to nothing counts as ground without it; another does not.
         beyond = np.where(ends == 0, 0, -1)
         for kind, before, after, start in zip(
             kinds, [beyond[0], *kinds], [*kinds[1:], beyond[1]], [0, *changes.tolist()], strict=False

@@ -1,4 +1,4 @@
-"""A slope over a foundation, as sizes in metres."""
+"""A slope over a foundation, given by lengths in metres."""
 
 from __future__ import annotations
 
@@ -18,10 +18,15 @@ from jaxmpm.types import Scene, State
 
 @dataclass(frozen=True)
 class Slope:
-    """A slope over a foundation, falling along x from the crest at x = 0 (m).
+    """A slope over a foundation, falling along x from the crest at x = 0.
 
-    crest: flat length behind the slope. height: of the slope. run_per_rise: 2 is 1:2. toe: flat length before it.
-    foundation: thickness below the toe. width: along y, None for a section in plane strain.
+    Args:
+        crest: flat length behind the slope (m).
+        height: of the slope (m).
+        run_per_rise: horizontal over vertical; 2 is 1:2.
+        toe: flat length in front of the slope (m).
+        foundation: thickness below the toe (m).
+        width: along y (m); None for a section in plane strain.
     """
 
     crest: float = 30.0
@@ -33,7 +38,7 @@ class Slope:
 
     @property
     def toe_x(self) -> float:
-        """Where the slope meets the flat ground (m)."""
+        """Position x (m) of the toe."""
         return self.crest + self.run_per_rise * self.height
 
     @property
@@ -52,7 +57,7 @@ class Slope:
         return self.height
 
     def check(self) -> None:
-        """Raise ValueError for sizes that no slope has."""
+        """Raise ValueError for sizes that are impossible for a slope."""
         for name in ("crest", "height", "toe", "foundation"):
             check.positive(name, getattr(self, name), "m")
         check.not_negative("run_per_rise", self.run_per_rise)
@@ -61,28 +66,37 @@ class Slope:
 
     @property
     def area(self) -> float:
-        """Of the section (m2)."""
+        """Area of the section (m2)."""
         return self.length * self.foundation + self.height * (self.crest + self.run_per_rise * self.height / 2)
 
     @property
     def corner(self) -> tuple[float, ...]:
-        """Lowest corner (d,) m of the box that holds the ground: the origin."""
+        """Lowest corner (d,) m of the bounding box: the origin."""
         return (0.0,) * len(self.extent)
 
     @property
     def extent(self) -> tuple[float, ...]:
-        """Edges (d,) m of the box that holds the ground."""
+        """Edges (d,) m of the bounding box."""
         top = self.foundation + self.height
         return (self.length, top) if self.width is None else (self.length, self.width, top)
 
     @property
     def volume(self) -> float:
-        """Of the ground (m3), in a section per metre of width (m2)."""
+        """Volume of the ground (m3), in a section per metre of width (m2)."""
         return self.area * (1.0 if self.width is None else self.width)
 
     def cells(self, discretisation: Discretisation) -> list[int]:
-        """Cells of a grid along each axis, with air above the crest. Raises ValueError for a slope or a grid that is
-        none, and where one does not fit the other."""
+        """Cells of a grid along each axis, with air above the crest.
+
+        Args:
+            discretisation: cell, spacing and numerical choices.
+
+        Returns:
+            Number of cells along each axis.
+
+        Raises:
+            ValueError: If slope or grid is invalid, or they do not fit each other.
+        """
         d, cell = len(self.extent), discretisation.cell
         check_discretisation(discretisation, d)
         self.check()
@@ -107,13 +121,13 @@ class Slope:
         return [*cells, cells_up(discretisation, self.foundation + self.height)]
 
     def heights(self, x: np.ndarray, _: np.ndarray | None = None) -> np.ndarray:
-        """Height of the surface (m) at x, and wherever along y."""
+        """Height (n,) m of the surface at x (n,) m; it does not vary along y."""
         if self.run_per_rise == 0:
             return self.foundation + self.height * (x <= self.crest)
         return self.foundation + np.clip(self.height - (x - self.crest) / self.run_per_rise, 0.0, self.height)
 
     def layer_of(self, layers: Sequence[Layer], position: np.ndarray, discretisation: Discretisation) -> np.ndarray:
-        """Number of the layer (N,) in which points (d, N) m lie: 0. Raises ValueError for several layers."""
+        """Layer of points (d, N) m: 0 for each (N,); ValueError for several layers."""
         if len(layers) != 1:
             raise ValueError(f"a Slope has {len(layers)} layers, and it is of one soil: draw it as a Section")
         return np.zeros(np.shape(position)[1], int)
@@ -127,7 +141,21 @@ class Slope:
         ends: Literal["fixed", "roller"] = "fixed",
         at_rest: bool = True,
     ) -> tuple[Scene, State]:
-        """As `slope`, of one layer; ends: those along y."""
+        """Scene and state, as `slope`, of one layer.
+
+        Args:
+            layers: one.
+            discretisation: cell, spacing and numerical choices.
+            gravity: downwards (m/s2).
+            ends: constraint of the ends along y.
+            at_rest: with the stress of elastic gravity loading, else free of stress.
+
+        Returns:
+            Scene and state.
+
+        Raises:
+            ValueError: If there are several layers, or as for `slope`.
+        """
         self.layer_of(layers, np.zeros((len(self.extent), 0)), discretisation)
         return slope(self, layers[0].soil, discretisation, gravity=gravity, y_ends=ends, at_rest=at_rest)
 
@@ -142,12 +170,23 @@ def slope(
     speed: float | None = None,
     at_rest: bool = True,
 ) -> tuple[Scene, State]:
-    """A slope at rest: base fixed, x ends on rollers, y ends as asked, stress from elastic gravity loading.
+    """Build a slope on a fixed base with its x ends on rollers.
 
-    at_rest: False leaves it free of stress, which is not solved for then (gravity would act suddenly).
-    speed: largest particle speed that the time step allows for (m/s), by default of a fall
-    through half the relief.
-    Raises ValueError for sizes, moduli, spacings and walls that do not fit (each message says which and why).
+    Args:
+        shape: its sizes.
+        soil: of the slope.
+        discretisation: cell, spacing and numerical choices.
+        gravity: downwards (m/s2).
+        y_ends: constraint of the ends along y.
+        speed: largest particle speed that the time step allows for (m/s), by default of a fall through half the relief.
+        at_rest: with the stress of elastic gravity loading; False leaves the slope free of stress, so that gravity acts
+            suddenly.
+
+    Returns:
+        Scene and state.
+
+    Raises:
+        ValueError: If sizes, moduli, spacings or walls do not fit; the message names them.
     """
     if y_ends not in ("fixed", "roller"):
         raise ValueError(f"y_ends = {y_ends!r}: give 'fixed' or 'roller'")

@@ -1,4 +1,4 @@
-"""Ground under a terrain model: boxes of particles that the surface cuts keep their share of volume and mass."""
+"""Ground under a terrain model: particles that the surface cuts have the volume and mass of their part below it."""
 
 from __future__ import annotations
 
@@ -40,24 +40,29 @@ from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, law_of_layers, weights
 from jaxmpm.types import Grid, Particles, Scene, State, Wall
 
 SAMPLED = 4
-"""Points along each side of a column of particles at which its surface is looked at."""
+"""Points along each side of a column of particles at which its surface is sampled."""
 
-PLACES = 64
-"""Places along each wall at which layers are measured."""
+POINTS = 64
+"""Points along each wall at which layers are sampled."""
 
 LEAST_SHARE = 0.02
-"""Share of its box below which a particle is left out: what it would hold is nothing, its stress all rounding."""
+"""Least share of its box for a particle; with less, its stress would be rounding only."""
 
 
 @dataclass(frozen=True)
 class Terrain:
     """Ground under a terrain model, between four upright walls and on a rigid level base.
 
-    surface: heights of the ground. base: height of the base (m). x, y: places of the walls (m), by default the ends of
-    the surface; what lies beyond them is left out. polygon: corners in plan (m) of the part that is kept, None for all.
-    depth: below the surface (m) down to which ground is kept, None for down to the base. cut: what holds the kept part
-    along these cuts: "fixed" stands still, as the soil beyond would if it were rock; "free" holds nothing along the
-    polygon, as if the soil beyond had been dug away, while a depth always stands still.
+    Args:
+        surface: heights of the ground.
+        base: height of the base (m).
+        x: positions of the walls along x (m), by default the ends of the surface; ground beyond them is left out.
+        y: positions of the walls along y (m), likewise.
+        polygon: corners in plan (m) of the part to model; None for all.
+        depth: below the surface (m) down to which ground is modelled; None for down to the base.
+        cut: constraint along these cuts. With "fixed" nothing moves there, as if the soil beyond were rock. With "free"
+            nothing is held along the polygon, as if the soil beyond had been excavated; a cut at a depth is always
+            fixed.
     """
 
     surface: Raster
@@ -70,19 +75,19 @@ class Terrain:
 
     @property
     def walls(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Places of the walls along x and along y (m)."""
+        """Positions of the walls along x and along y (m)."""
         ends = self.surface.ends
         return (ends[0] if self.x is None else self.x, ends[1] if self.y is None else self.y)
 
     @property
     def corner(self) -> tuple[float, ...]:
-        """Lowest corner (3,) m of the box that holds the ground."""
+        """Lowest corner (3,) m of the bounding box."""
         (west, _), (south, _) = self.walls
         return (west, south, self.base)
 
     @property
     def extent(self) -> tuple[float, ...]:
-        """Edges (3,) m of the box that holds the ground."""
+        """Edges (3,) m of the bounding box."""
         (west, east), (south, north) = self.walls
         return (east - west, north - south, self._ends[1] - self.base)
 
@@ -92,12 +97,12 @@ class Terrain:
 
     @property
     def projection(self) -> str | None:
-        """That of the file of its surface (WKT), None where it has none."""
+        """Projection of the surface's file (WKT), None without."""
         return self.surface.projection
 
     @property
     def fixed_edge(self) -> tuple[tuple[float, float], ...] | None:
-        """Corners in plan (m) of the ground, where a polygon is cut out that is fixed along its edge."""
+        """Corners in plan (m) of a polygon that is fixed along its edge; None for other ground."""
         return self.polygon if self.cut == "fixed" else None
 
     @property
@@ -107,7 +112,7 @@ class Terrain:
 
     @property
     def volume(self) -> float:
-        """Of the ground (m3), to the accuracy of the surface's own steps."""
+        """Volume of the ground (m3), to the accuracy of the surface's own steps."""
         (west, east), (south, north) = self.walls
         counts = [max(round(length / self.surface.step), 1) * SAMPLED for length in self.extent[:2]]
         x, y = ((np.arange(n) + 0.5) / n * length for n, length in zip(counts, self.extent[:2], strict=True))
@@ -119,12 +124,16 @@ class Terrain:
 
     @cached_property
     def _ends(self) -> tuple[float, float]:
-        """Lowest and highest of the surface between the walls (m)."""
+        """Lowest and highest point of the surface between the walls (m)."""
         heights = self.surface.cropped(*self.walls).heights
         return float(np.nanmin(heights)), float(np.nanmax(heights))
 
     def check(self) -> None:
-        """Raise ValueError for a surface that has holes, does not reach the walls or goes below the base."""
+        """Check the surface and the cuts.
+
+        Raises:
+            ValueError: If the surface has holes, does not reach the walls or goes below the base, or a cut is invalid.
+        """
         self.surface.check("surface")
         check.finite("base", self.base, "m")
         part = self.surface.cropped(*self.walls)
@@ -167,55 +176,97 @@ class Terrain:
                 )
 
     def in_plan(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Whether points (m) lie in the part that is kept, seen from above."""
+        """Whether points lie in the modelled part, seen from above.
+
+        Args:
+            x: positions (m), of any shape.
+            y: positions (m), of the same shape.
+
+        Returns:
+            bool, of this shape.
+        """
         if self.polygon is None:
             return np.ones(np.shape(x), bool)
         return shapely.contains_xy(shapely.Polygon(self.polygon), x, y)
 
     def kept(self, position: np.ndarray) -> np.ndarray:
-        """Whether points (3, N) m between the walls lie in the part that is kept (N,) bool."""
+        """Whether points between the walls lie in the modelled part.
+
+        Args:
+            position: (3, N) m.
+
+        Returns:
+            (N,) bool.
+        """
         x, y, z = np.asarray(position, float)
-        kept = self.in_plan(x, y)
-        return kept if self.depth is None else kept & (z > self.heights(x, y) - self.depth)
+        modelled = self.in_plan(x, y)
+        return modelled if self.depth is None else modelled & (z > self.heights(x, y) - self.depth)
 
     def beyond(self, grid: Grid) -> np.ndarray | None:
-        """Nodes (nodes,) bool of a grid at which ground that a cut leaves out stands still; None where none does."""
-        held = self.polygon is not None and self.cut == "fixed"
-        if not held and self.depth is None:
+        """Nodes of a grid at which ground beyond a cut is fixed.
+
+        Args:
+            grid: of the nodes.
+
+        Returns:
+            (nodes,) bool, None without such a cut.
+        """
+        polygon = self.polygon is not None and self.cut == "fixed"
+        if not polygon and self.depth is None:
             return None
         axes = [start + grid.cell * np.arange(n) for start, n in zip(grid.origin, grid.shape, strict=True)]
-        # Where the polygon follows a wall, the wall says what holds.
+        # Where the polygon follows a wall, the wall is the constraint.
         inner = ((low + 1e-6 * grid.cell, high - 1e-6 * grid.cell) for low, high in self.walls)
         x, y = np.meshgrid(*(axis.clip(*ends) for axis, ends in zip(axes, inner, strict=False)), indexing="ij")
-        found = np.zeros(grid.shape, bool)
-        if held:
-            found |= ~self.in_plan(x, y)[..., None]
+        fixed = np.zeros(grid.shape, bool)
+        if polygon:
+            fixed |= ~self.in_plan(x, y)[..., None]
         if self.depth is not None:
-            found |= axes[2] <= (self.heights(x, y) - self.depth)[..., None]
-        return found.ravel()
+            fixed |= axes[2] <= (self.heights(x, y) - self.depth)[..., None]
+        return fixed.ravel()
 
     def heights(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Height of the surface (m) at points (m)."""
+        """Height of the surface (m) at x, y (m), nan outside it."""
         return self.surface.at(x, y)
 
     def lowered(self, depth: float) -> Raster:
-        """The surface, so much (m) lower."""
+        """The surface moved down by `depth` (m)."""
         return replace(self.surface, heights=self.surface.heights - depth)
 
     def build(self, layers: Sequence[Layer], discretisation: Discretisation, **loads: Any) -> tuple[Scene, State]:
-        """As `terrain`."""
+        """Scene and state, as `terrain` with the same keyword arguments."""
         return terrain(self, layers, discretisation, **loads)
 
     def cells(self, discretisation: Discretisation) -> list[int]:
-        """Cells of a grid along each axis, with air above the highest point. Raises ValueError for ground or a grid
-        that is none, and where one does not fit the other."""
+        """Cells of a grid along each axis, with air above the highest point.
+
+        Args:
+            discretisation: cell, spacing and numerical choices.
+
+        Returns:
+            Number of cells along each axis.
+
+        Raises:
+            ValueError: If terrain or grid is invalid, or they do not fit each other.
+        """
         check_discretisation(discretisation, 3)
         self.check()
         return box_cells("the terrain", self, discretisation)
 
     def layer_of(self, layers: Sequence[Layer], position: np.ndarray, discretisation: Discretisation) -> np.ndarray:
-        """Number of the layer (N,), from 0 on, of boxes of particles about position (3, N) m: that in which the middle
-        of what they hold under the surface lies. Raises as `terrain` does."""
+        """Layer of boxes of particles: the one in which the centre of their part under the surface lies.
+
+        Args:
+            layers: from the top down.
+            position: centres of the boxes (3, N) m.
+            discretisation: its spacing is the height of the boxes.
+
+        Returns:
+            (N,) int, numbers from 0.
+
+        Raises:
+            ValueError: If layers are invalid, as for `terrain`.
+        """
         x, y, z = np.asarray(position, float)
         spacing, surface = discretisation.spacing[-1], self.heights(x, y)
         rounding = RESOLVED * spacing
@@ -227,8 +278,18 @@ class Terrain:
         return layer
 
     def thicknesses(self, layers: Sequence[Layer]) -> list[Thickness]:
-        """How thick each layer is, and whether it is a weak seam. Raises ValueError for bottoms that have holes."""
-        share = (np.arange(PLACES) + 0.5) / PLACES
+        """Thickness of each layer, and whether it is a weak seam.
+
+        Args:
+            layers: from the top down.
+
+        Returns:
+            One per layer.
+
+        Raises:
+            ValueError: If a bottom has holes.
+        """
+        share = (np.arange(POINTS) + 0.5) / POINTS
         x, y = (axis.ravel() for axis in np.meshgrid(*(low + share * (high - low) for low, high in self.walls)))
         within = self.in_plan(x, y)
         x, y = x[within], y[within]
@@ -236,12 +297,22 @@ class Terrain:
         return thicknesses_of(layers, [np.maximum(top, self.base) for top in tops])
 
     def box_of(self, layers: Sequence[Layer], number: int) -> Box:
-        """A box that holds a layer, numbered from 0. Raises ValueError for layers that are none, have holes, or lie
-        nowhere."""
+        """A box that holds a layer.
+
+        Args:
+            layers: from the top down.
+            number: of the layer, from 0.
+
+        Returns:
+            Lowest corner and edges (m).
+
+        Raises:
+            ValueError: If layers are invalid, have holes, or this one lies nowhere.
+        """
         rasters = [self.surface, *(layer.bottom for layer in layers if isinstance(layer.bottom, Raster))]
-        places = [raster.cropped(*self.walls).places() for raster in rasters]
+        points = [raster.cropped(*self.walls).places() for raster in rasters]
         (west, east), (south, north) = self.walls
-        x, y = np.concatenate(places, axis=1)
+        x, y = np.concatenate(points, axis=1)
         x, y = x.clip(west, east), y.clip(south, north)
         lines = [self.heights(x, y), *_bottoms(self, layers, x, y, math.inf), np.full(x.size, self.base)]
         top, bottom = np.maximum(lines[number], self.base), np.maximum(lines[number + 1], self.base)
@@ -262,16 +333,28 @@ def terrain(
     speed: float | None = None,
     at_rest: bool = True,
 ) -> tuple[Scene, State]:
-    """Ground under a terrain model at rest: base fixed, the four walls as asked.
+    """Build ground under a terrain model, on a fixed base between four walls.
 
-    Of a lattice of particles each has the volume and mass of the part of its box that lies under the surface.
-    soil: one for all, or layers from the top down, whose bottoms are rasters, depths or thicknesses; a particle is of
-    the layer in which the middle of what it holds lies. water: level (m) or heights of the water table, a pool where
-    it lies above the ground, see `WaterSurface`. r_u: instead, pore pressure over the weight of what stands above.
-    speed: largest particle speed that the time step allows for (m/s), by default of a fall through the height.
-    at_rest: with the stress of elastic gravity loading, else free of stress.
-    Raises ValueError for rasters that are none, have holes or end before the walls, layers that lie above the ground,
-    hold no particle or are nowhere as thick as one, and sizes that do not fit the grid, with the coordinates.
+    Each particle of a lattice has the volume and mass of the part of its box that lies under the surface.
+
+    Args:
+        shape: surface, base, walls and cuts.
+        soil: one for all, or layers from the top down, whose bottoms are rasters, depths or thicknesses. A particle is
+            of the layer in which the centre of its part under the surface lies.
+        discretisation: cell, spacing and numerical choices.
+        gravity: downwards (m/s2).
+        water: level (m) or heights of the water table, a pool where it lies above the ground, see `WaterSurface`.
+        r_u: instead, pore pressure over the weight of the soil above.
+        ends: constraint of the four walls.
+        speed: largest particle speed that the time step allows for (m/s), by default of a fall through the height.
+        at_rest: with the stress of elastic gravity loading, else free of stress.
+
+    Returns:
+        Scene and state.
+
+    Raises:
+        ValueError: If a raster is invalid, has holes or ends before the walls, a layer lies above the ground, holds no
+            particle or is nowhere as thick as one, or sizes do not fit the grid; with coordinates.
     """
     check.not_negative("gravity", gravity, "m/s2")
     if ends not in ("fixed", "roller"):
@@ -293,9 +376,9 @@ def terrain(
         weights([each.soil for each in layers], layer, under) / STANDARD_GRAVITY, particles.mass.dtype
     )
     tops = [shape.heights(x, y), *_bottoms(shape, layers, x, y, spacing), np.full(z.size, shape.base)]
-    held = [np.maximum(top, shape.base) for top in tops]
-    _refuse_thin(x, y, held, spacing)
-    warn_of_seams(layers, thicknesses_of(layers, held), discretisation.cell)
+    bounded = [np.maximum(top, shape.base) for top in tops]
+    _refuse_thin(x, y, bounded, spacing)
+    warn_of_seams(layers, thicknesses_of(layers, bounded), discretisation.cell)
     built, state = build(
         replace(particles, mass=particles.volume * density),
         grid,
@@ -312,7 +395,7 @@ def terrain(
 
 
 def _water_table(shape: Terrain, water: float | Raster | None) -> Raster | None:
-    """Heights of the water between the walls; ValueError for those that have holes or end before."""
+    """Heights of the water between the walls; ValueError if they have holes or end before them."""
     if water is None:
         return None
     if not isinstance(water, Raster):
@@ -326,8 +409,8 @@ def _water_table(shape: Terrain, water: float | Raster | None) -> Raster | None:
 
 
 def _water_surface(table: Raster, height: float, dtype: DTypeLike) -> WaterSurface:
-    told = table.heights, table.corner, table.step, WATER_WEIGHT, height
-    return WaterSurface(*(jnp.asarray(value, dtype) for value in told))
+    numbers = table.heights, table.corner, table.step, WATER_WEIGHT, height
+    return WaterSurface(*(jnp.asarray(value, dtype) for value in numbers))
 
 
 def _boxes(shape: Terrain, discretisation: Discretisation) -> Particles:
@@ -342,35 +425,35 @@ def _boxes(shape: Terrain, discretisation: Discretisation) -> Particles:
     surface = (shape.heights(*np.meshgrid(x, y, indexing="ij")) - shape.base) / dz
     surface = surface.reshape(nx, SAMPLED, ny, SAMPLED).transpose(1, 3, 0, 2).reshape(SAMPLED**2, nx, ny, 1)
     share = np.mean([np.clip(each - np.arange(nz), 0, 1) for each in surface], axis=0)
-    # What a sliver would hold goes to the box below it.
+    # The volume of a sliver goes to the box below it.
     sliver = np.where(share < LEAST_SHARE, share, 0)
     sliver[..., 0] = 0
     share -= sliver
     share[..., :-1] += sliver[..., 1:]
-    kept = share.ravel() > 0
+    modelled = share.ravel() > 0
     if shape.polygon is not None or shape.depth is not None:
         steps = zip(shape.corner, (nx, ny, nz), discretisation.spacing, strict=True)
         centres = [start + (np.arange(n) + 0.5) * step for start, n, step in steps]
-        kept &= shape.kept(np.stack([axis.ravel() for axis in np.meshgrid(*centres, indexing="ij")]))
-    if not kept.any():
+        modelled &= shape.kept(np.stack([axis.ravel() for axis in np.meshgrid(*centres, indexing="ij")]))
+    if not modelled.any():
         raise ValueError("the cuts leave no particle: draw the polygon larger, or take smaller particles")
     particles = fill(
-        (length, width, nz * dz), (dx, dy, dz), unit_weight=STANDARD_GRAVITY, inside=lambda _: kept,
+        (length, width, nz * dz), (dx, dy, dz), unit_weight=STANDARD_GRAVITY, inside=lambda _: modelled,
         corner=shape.corner, dtype=discretisation.dtype,
     )  # fmt: skip
-    return replace(particles, volume=particles.volume * jnp.asarray(share.ravel()[kept], particles.volume.dtype))
+    return replace(particles, volume=particles.volume * jnp.asarray(share.ravel()[modelled], particles.volume.dtype))
 
 
 def _bottoms(shape: Terrain, layers: Sequence[Layer], x: np.ndarray, y: np.ndarray, spacing: float) -> list[np.ndarray]:
-    """Heights (N,) m of the layers' lower boundaries, but the last, at points (N,) m."""
+    """Heights (N,) m of the layers' lower boundaries, without the last, at points (N,) m."""
     check_ends(layers)
     surface = shape.heights(x, y)
-    found = [surface]
+    bounds = [surface]
     for number, layer in enumerate(layers[:-1], 1):
         if layer.depth is not None:
             bottom = surface - layer.depth
         elif layer.thickness is not None:
-            bottom = found[-1] - layer.thickness
+            bottom = bounds[-1] - layer.thickness
         elif isinstance(layer.bottom, Raster):
             bottom = layer.bottom.at(x, y)
         else:
@@ -378,20 +461,26 @@ def _bottoms(shape: Terrain, layers: Sequence[Layer], x: np.ndarray, y: np.ndarr
                 f"the bottom of layer {number} is a line: under a terrain give a raster, depth or thickness"
             )
         _refuse_holes(f"the bottom of layer {number}", bottom, x, y)
-        beyond = bottom - found[-1]
+        beyond = bottom - bounds[-1]
         worst = int(np.argmax(beyond)) if beyond.size else 0
         if beyond.size and beyond[worst] > spacing:
             raise ValueError(
                 f"the bottom of layer {number} lies {beyond[worst]:g} m above the one above it at ({x[worst]:g}, "
                 f"{y[worst]:g}) m: draw it below"
             )
-        found.append(np.minimum(bottom, found[-1]))
-    return found[1:]
+        bounds.append(np.minimum(bottom, bounds[-1]))
+    return bounds[1:]
 
 
 def _refuse_thin(x: np.ndarray, y: np.ndarray, tops: Sequence[np.ndarray], spacing: float) -> None:
-    """Raise ValueError for a layer that is nowhere as thick as a particle. x, y: places (N,) m. tops: heights (N,) m
-    there of the layers' upper boundaries and of the base."""
+    """Raise ValueError for a layer that is nowhere as thick as a particle.
+
+    Args:
+        x: positions of points (N,) m.
+        y: positions of points (N,) m.
+        tops: heights (N,) m there of the layers' upper boundaries and of the base.
+        spacing: height of a particle (m).
+    """
     for number, (top, bottom) in enumerate(pairwise(tops), 1):
         thickness = top - bottom
         most = int(np.argmax(thickness))
