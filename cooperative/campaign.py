@@ -16,7 +16,7 @@ import numpy as np
 
 from cooperative import runs
 from cooperative.estimate import Estimator, Phases, Screened, Slides, wilson_interval
-from cooperative.folder import write_results
+from cooperative.folder import Results, write_results
 from cooperative.scene import Campaign, Measured, in_folder, measure, write_budget
 from cooperative.store import (
     GRIDS,
@@ -29,7 +29,7 @@ from cooperative.store import (
     restart_path,
     write_sample,
 )
-from cooperative.summary import Summary
+from cooperative.summary import Summary, summary_of
 
 
 def run(
@@ -150,7 +150,10 @@ def _ran(runner: _Runs, store: Store, on_phase: Callable[[str], None]) -> Summar
     on_phase("slides")
     _slide_on(runner, store, rows, screened, coefficients)
     on_phase("summary")
-    return write_results(campaign, store, runner.models, rows("rough"), rows("refined"))
+    rough, refined = rows("rough"), rows("refined")
+    summary = summary_of(campaign, screened.refined(refined.results), rough, refined)
+    write_results(Results(store, ground, rough, refined, summary), runner.models)
+    return summary
 
 
 def _screen(runner: _Runs, store: Store, rows: Callable[[str], Rows]) -> tuple[np.ndarray, Phases]:

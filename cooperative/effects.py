@@ -1,4 +1,4 @@
-"""What the slides of a campaign do, in numbers: means, probabilities of more, exposed places and losses.
+"""What the slides of a campaign do, in numbers: modes, means, probabilities of more, exposed places, losses, fits.
 
 A slide that ended before it came to rest would have gone on, so all of this is at least what is given.
 """
@@ -10,8 +10,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cooperative.estimate import Curve, Estimate, Slides, chance_of, exceedance, mean_interval, mean_of
-from cooperative.measure import SEVERITY, Place
+from cooperative.estimate import (
+    Estimate,
+    Fits,
+    Severity,
+    Slides,
+    chance_of,
+    exceedance,
+    fit_distributions,
+    mean_interval,
+    mean_of,
+    severity_ranking,
+    shares,
+)
+from cooperative.measure import SEVERITY
 from cooperative.scene import Campaign
 from cooperative.store import Rows
 
@@ -34,6 +46,17 @@ class CutOff:
 
 
 @dataclass(frozen=True)
+class ModeShare:
+    """A failure mode. count: refined runs that failed so. ratio: weighted share of the failures, with its confidence
+    limits. probability: that a sample fails so."""
+
+    count: int
+    ratio: float
+    interval: tuple[float, float]
+    probability: float
+
+
+@dataclass(frozen=True)
 class Spread:
     """A consequence over the slides. mean: weighted. interval: its confidence limits, None for too few slides.
     smallest, largest: of all slides. at_least: whether the slides would have gone on."""
@@ -53,12 +76,6 @@ class Exceedance:
     probability: tuple[float, ...]
     low: tuple[float, ...]
     high: tuple[float, ...]
-
-    @classmethod
-    def of(cls, curve: Curve) -> Exceedance:
-        """An exceedance curve without its counts of slides."""
-        arrays = curve.thresholds, curve.chance.value, curve.chance.low, curve.chance.high
-        return cls(*(tuple(array.tolist()) for array in arrays))
 
 
 @dataclass(frozen=True)
@@ -124,86 +141,122 @@ class Risk:
     loss: Loss | None
 
 
-def cut_off(campaign: Campaign, refined: Rows, slides: Slides) -> CutOff:
-    """How many of the slides that count had not come to rest at their end, at `t_end` (s) or because they broke off."""
-    mine = slides.slid & (slides.weight > 0)
-    status = refined.columns["status"][mine]
-    broke_off = refined.columns.get("broke_off", np.zeros(mine.size))[mine].astype(bool)
-    return CutOff(
-        of=int(mine.sum()),
-        at_t_end=int(np.sum((status == "FINISHED") & ~broke_off)),
+@dataclass(frozen=True)
+class Effects:
+    """What the slides do; each field as in `cooperative.Summary`."""
+
+    cut_off: CutOff
+    modes: Mapping[str, ModeShare] | None
+    consequences_of_failures: Mapping[str, Spread | None]
+    exceedance: Mapping[str, Exceedance]
+    risk: Risk | None
+    fits: Mapping[str, Mapping[str, Fits]]
+    severity: Mapping[str, tuple[Severity, ...]]
+
+
+@dataclass(frozen=True)
+class _Slid:
+    """Slides (n,), a part of the table of refined runs. columns: by name. weight: what each stands for."""
+
+    columns: Mapping[str, np.ndarray]
+    weight: np.ndarray
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """A column (n,); where the rows, of an earlier version, lack it, nan, no mode and nothing that broke off."""
+        absent = {"mode": "", "broke_off": 0.0}.get(name, np.nan)
+        return self.columns.get(name, np.full(self.weight.size, absent))
+
+    def where(self, mine: np.ndarray) -> _Slid:
+        """Some of them. mine: (n,) bool."""
+        return _Slid({name: each[mine] for name, each in self.columns.items()}, self.weight[mine])
+
+
+def effects_of(campaign: Campaign, estimate: Estimate, refined: Rows, slides: Slides) -> Effects:
+    """What the refined runs that slid on to their end do, each weighed by what it stands for."""
+    slid = _Slid(refined.columns, slides.weight).where(slides.slid)
+    counting = slid.where(slid.weight > 0)
+    broke_off = counting["broke_off"].astype(bool)
+    cut = CutOff(
+        of=broke_off.size,
+        at_t_end=int(np.sum((counting["status"] == "FINISHED") & ~broke_off)),
         broke_off=int(broke_off.sum()),
         t_end=campaign.run.last("refined"),
     )
+    whole = counting.where(~broke_off)
+    by_mode = {mode: whole.where(whole["mode"] == mode) for mode in SEVERITY if mode in whole["mode"]}
+    unknown = slides.failed.any() or not slides.weight.any()
+    return Effects(
+        cut_off=cut,
+        modes=_modes(estimate, counting),
+        consequences_of_failures=_means(campaign, estimate.level, slid, cut),
+        exceedance={
+            name: _curve(estimate, known.weight, known[name])
+            for name in CURVES
+            if (known := counting.where(np.isfinite(counting[name]))).weight.size
+        },
+        risk=_risk(campaign, estimate, counting, cut, unknown=bool(unknown)),
+        fits={
+            group: {name: fit_distributions(mine[name], mine.weight) for name in MEASURES if mine.weight.size}
+            for group, mine in ({"all": whole} | by_mode).items()
+        },
+        severity={
+            name: tuple(
+                severity_ranking(
+                    {mode: mine[name] for mode, mine in by_mode.items()},
+                    weights={mode: mine.weight for mode, mine in by_mode.items()},
+                )
+            )
+            for name in MEASURES
+            if by_mode
+        },
+    )
 
 
-def cut_off_notes(campaign: Campaign, cut: CutOff) -> list[str]:
-    """That slides ended before they came to rest, in words."""
-    notes = []
-    if cut.at_t_end:
-        how = "had not come to rest" if campaign.run.settle else "were not looked at for rest (settle = false)"
-        notes.append(
-            f"{cut.at_t_end} of {cut.of} slides {how} when they ended at {cut.t_end:g} s: all that slides do "
-            "is at least what is given. A later [run] slides_t_end lets slides run on"
-        )
-    if cut.broke_off:
-        notes.append(
-            f"{cut.broke_off} of {cut.of} slides broke off: their displacement is at least what is given, and "
-            "they have no part in the other consequences"
-        )
-    return notes
+def _modes(estimate: Estimate, counting: _Slid) -> dict[str, ModeShare] | None:
+    """Count, ratio among the failures and probability of each mode; None where the rows have none."""
+    if "mode" not in counting.columns:
+        return None
+    known = counting.where(counting["mode"] != "")
+    parts = shares(known["mode"], known.weight, SEVERITY, level=estimate.level) if known.weight.size else {}
+    return {
+        mode: ModeShare(part.count, part.share, part.interval, estimate.probability * part.share)
+        for mode, part in parts.items()
+    }
 
 
-def means(campaign: Campaign, estimate: Estimate, refined: Rows, slides: Slides) -> dict[str, Spread | None]:
+def _means(campaign: Campaign, level: float, slid: _Slid, cut: CutOff) -> dict[str, Spread | None]:
     """Weighted mean of each consequence with its interval, smallest and largest; None where no slide has it, and
     nothing without a slide."""
-    if not slides.slid.any():
-        return {}
-    cut = cut_off(campaign, refined, slides)
     # No soil lies deeper than the ground.
     most = {"depth": campaign.site.shape.extent[-1]}
     return {
         name: _spread(
-            measure(refined, name)[slides.slid],
-            slides.weight[slides.slid],
-            estimate.level,
-            at_least=bool(cut.at_t_end or (cut.broke_off and name == "displacement")),
-            most=most.get(name, np.inf),
+            slid[name], slid.weight, level,
+            at_least=bool(cut.at_t_end or (cut.broke_off and name == "displacement")), most=most.get(name, np.inf),
         )
         for name in MEASURES
-    }
+        if slid.weight.size
+    }  # fmt: skip
 
 
-def exceedances(estimate: Estimate, refined: Rows, slides: Slides) -> dict[str, Exceedance]:
-    """Probability that a sample fails and goes beyond each threshold, failures that stay below included; nothing where
-    no slide has consequences."""
-    curves = {}
-    for name in CURVES:
-        values = measure(refined, name)
-        mine = slides.slid & (slides.weight > 0) & np.isfinite(values)
-        if mine.any():
-            curves[name] = Exceedance.of(exceedance(estimate, slides.weight[mine], values[mine]))
-    return curves
-
-
-def risk(campaign: Campaign, estimate: Estimate, refined: Rows, slides: Slides) -> Risk | None:
+def _risk(campaign: Campaign, estimate: Estimate, counting: _Slid, cut: CutOff, *, unknown: bool) -> Risk | None:
     """What comes over the elements at risk, and what is lost there; None where there are none. Of an element nothing is
-    known while no run counts, or runs failed and none of them has slid to its end."""
+    known where no slide has columns. unknown: no run counts, or some failed and may slide yet."""
     if campaign.hazard is None or not campaign.hazard.places:
         return None
     # A slide that broke off has no columns.
-    mine = slides.slid & (slides.weight > 0) & np.isfinite(measure(refined, "area_columns"))
-    if not mine.any() and (slides.failed.any() or not slides.weight.any()):
+    slid = counting.where(np.isfinite(counting["area_columns"]))
+    if not slid.weight.size and unknown:
         return Risk(dict.fromkeys(place.name for place in campaign.hazard.places), None)
-    weight, elements = slides.weight[mine], {}
-    at_least = bool(cut_off(campaign, refined, slides).at_t_end)
+    weight, elements, at_least = slid.weight, {}, bool(cut.at_t_end)
     lost, bound = np.zeros(weight.size), 0.0
     for place in campaign.hazard.places:
-        came = {what: measure(refined, f"{what}_at_{place.key}")[mine] for what in ("thickness", "speed", "arrival")}
+        came = {what: slid[f"{what}_at_{place.key}"] for what in ("thickness", "speed", "arrival")}
         reached = np.isfinite(came["arrival"])
         chance = chance_of(estimate, weight, reached[:, None])
+        low, high = float(chance.low[0]), float(chance.high[0])
         # Nothing that comes after the end of the runs is seen.
-        limits = {"arrival": campaign.run.last("refined")}
+        limits = {"arrival": cut.t_end}
         spreads = {
             what: _spread(
                 values[reached], weight[reached], estimate.level, at_least=at_least, most=limits.get(what, np.inf)
@@ -213,42 +266,35 @@ def risk(campaign: Campaign, estimate: Estimate, refined: Rows, slides: Slides) 
         loss = None
         if place.vulnerability is not None and place.value is not None:
             each = np.where(reached, place.value * place.vulnerability.share(came[place.vulnerability.of]), 0.0)
-            most = _most_lost(place) * float(chance.high[0])
+            # Shares of the value do not fall.
+            most = place.value * place.vulnerability.lost[-1] * high
             loss = ElementLoss(place.value, *_expected(estimate, weight, each, most), at_least)
             lost, bound = lost + each, bound + most
-        low, high = float(chance.low[0]), float(chance.high[0])
         elements[place.name] = Element(Reached(float(chance.value[0]), (low, high), at_least), **spreads, loss=loss)
     if all(element.loss is None for element in elements.values()):
         return Risk(elements, None)
-    exceeded, modes, samples = _of_loss(estimate, refined, mine, weight, lost)
-    return Risk(elements, Loss(*_expected(estimate, weight, lost, bound), at_least, exceeded, modes, samples))
-
-
-def measure(rows: Rows, name: str) -> np.ndarray:
-    """A consequence of each run (runs,), nan where it has none: those that broke off have not."""
-    return rows.columns.get(name, np.full(len(rows.numbers), np.nan))
-
-
-def _of_loss(
-    estimate: Estimate, refined: Rows, mine: np.ndarray, weight: np.ndarray, lost: np.ndarray
-) -> tuple[Exceedance, dict[str, float], tuple[SampleLoss, ...]]:
-    """Probability of losing more at all elements together, and which modes and samples make the loss. mine: slides that
-    count (runs,) bool. weight, lost: of each of them (n,)."""
-    modes = refined.columns.get("mode", np.full(mine.size, ""))[mine]
-    whole, number = float(weight @ lost), refined.columns["sample"][mine]
-    most = [at for at in np.argsort(-weight * lost, kind="stable")[:MOST_LOSS] if lost[at] > 0]
-    return (
-        Exceedance.of(exceedance(estimate, weight, lost, np.unique(np.concatenate([[0.0], lost])))),
-        {mode: float((weight * lost)[modes == mode].sum() / whole) for mode in SEVERITY if mode in modes and whole},
-        tuple(SampleLoss(int(number[at]), float(lost[at]), float(weight[at] * lost[at] / whole)) for at in most),
+    part, whole, modes = weight * lost, float(weight @ lost), slid["mode"]
+    loss_of_all = Loss(
+        *_expected(estimate, weight, lost, bound),
+        at_least,
+        exceedance=_curve(estimate, weight, lost, np.unique(np.concatenate([[0.0], lost]))),
+        modes={mode: float(part[modes == mode].sum() / whole) for mode in SEVERITY if mode in modes and whole},
+        samples=tuple(
+            SampleLoss(int(slid["sample"][at]), float(lost[at]), float(part[at] / whole))
+            for at in np.argsort(-part, kind="stable")[:MOST_LOSS]
+            if lost[at] > 0
+        ),
     )
+    return Risk(elements, loss_of_all)
 
 
-def _most_lost(place: Place) -> float:
-    """What is lost at most where a slide comes; shares of the value do not fall."""
-    assert place.value is not None
-    assert place.vulnerability is not None
-    return place.value * place.vulnerability.lost[-1]
+def _curve(
+    estimate: Estimate, weight: np.ndarray, values: np.ndarray, thresholds: np.ndarray | None = None
+) -> Exceedance:
+    """Probability that a sample fails and goes beyond each threshold, failures that stay below included."""
+    curve = exceedance(estimate, weight, values, thresholds)
+    arrays = curve.thresholds, curve.chance.value, curve.chance.low, curve.chance.high
+    return Exceedance(*(tuple(array.tolist()) for array in arrays))
 
 
 def _expected(

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,11 +17,18 @@ from cooperative.estimate import Estimator
 from cooperative.measure import SEVERITY
 from cooperative.scene import Campaign, campaign_of
 from cooperative.store import GRIDS, Rows, Store, read_sample, read_store
-from cooperative.summary import Summary, stored, summarise, write
-from foundation.files import DamagedFile
+from cooperative.summary import Summary, summarise
+from foundation import files
 
 SLIDES = 3
 """Slides that a report draws at several times, unless the caller gives another number."""
+SUMMARY = "summary.json"
+CHECKSUM = "checksum"
+"""Key of a summary that tells whether it is whole, and of which rows."""
+CONTENT = 7
+"""Of what a summary says, counted up when it says more: one of an earlier version is made anew."""
+MADE_FROM = ("measured.json", "budget.json")
+"""Files of a campaign's folder that say what its scene and rows do not."""
 
 
 @dataclass(frozen=True)
@@ -86,22 +96,43 @@ def read_results(folder: str | Path, estimator: Estimator | None = None) -> Resu
     left_out = [f"{why}: will be run again" for rows in (rough, refined) for why in rows.damaged]
     refined, without = _paired(refined, rough)
     left_out += [f"refined run {number} has no rough run beside it: resume the campaign" for number in without]
-    summary = stored(store, rough, refined) or summarise(campaign or campaign_of(store), rough, refined)
+    summary = _stored(store, rough, refined) or summarise(campaign or campaign_of(store), rough, refined)
     return Results(store, ground, rough, refined, summary, tuple(left_out))
 
 
-def write_results(
-    campaign: Campaign, store: Store, models: Mapping[str, runs.GridModel], rough: Rows, refined: Rows
-) -> Summary:
-    """Write the summary of a campaign's rows, and the random soil that a report draws; returns the summary. OSError
-    where the disk refuses."""
-    summary = write(campaign, store, rough, refined)
-    results = Results(store, runs.ground_of(models), rough, refined, summary)
+def write_results(results: Results, models: Mapping[str, runs.GridModel]) -> None:
+    """Write the summary of a campaign, and the random soil that a report draws. OSError where the disk refuses."""
+    store, fields = results.store, results.summary.as_json()
+    fields[CHECKSUM] = _checksum(store, results.rough, results.refined, fields)
+    files.write_aside(store.folder / SUMMARY, json.dumps(fields, indent=1).encode())
     grid, _ = results.drawn()
     own = {each: read_sample(store, grid, each[1]).coefficients for each in results.soils()}
     # A run that was given up has no coefficients.
     runs.keep_drawn(store.folder, {each: runs.soil_of(models[each[0]], xi) for each, xi in own.items() if xi.size})
-    return summary
+
+
+def _stored(store: Store, rough: Rows, refined: Rows) -> Summary | None:
+    """The summary that the folder keeps, None where it is not whole, or not of just these rows and this version."""
+    try:
+        text = files.read_plain(store.folder / SUMMARY)
+        fields = json.loads(text)
+        if fields.pop(CHECKSUM) == _checksum(store, rough, refined, fields):
+            return Summary.from_json(text)
+    except (OSError, ValueError, TypeError, AttributeError, KeyError, RecursionError):
+        pass
+    return None
+
+
+def _checksum(store: Store, rough: Rows, refined: Rows, fields: dict[str, Any]) -> str:
+    """SHA-256 of the fields of a summary and of all that it was made from."""
+    digest = hashlib.sha256("\0".join((str(CONTENT), store.digest, json.dumps(fields, sort_keys=True))).encode())
+    for name in MADE_FROM:
+        path = store.folder / name
+        digest.update(files.read_plain(path) if path.exists() else b"")
+    for rows in (rough, refined):
+        for name, values in sorted(rows.columns.items()):
+            digest.update(f"{name} {values.dtype} {values.size}".encode() + np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()
 
 
 def models_of(campaign: Campaign) -> dict[str, runs.GridModel]:
@@ -114,7 +145,7 @@ def _ground(store: Store) -> runs.StoredGround | None:
     """The ground that a folder keeps; a warning names a file that is damaged."""
     try:
         return runs.read_ground(store.folder)
-    except DamagedFile as error:
+    except files.DamagedFile as error:
         warnings.warn(f"{error}: the ground is built again", stacklevel=3)
         return None
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cooperative import effects, runs
+from cooperative import runs
 from cooperative.estimate import Chances, Estimate, Estimator, chance_of, mean_interval, mean_of
 from cooperative.folder import Results, read_results
 from cooperative.measure import ColumnPlan
@@ -71,7 +71,7 @@ def maps_of(results: Results) -> Maps | None:
     if hazard is None:
         return None
     # A slide that broke off has no columns.
-    with_columns = np.isfinite(effects.measure(refined, "area_columns"))
+    with_columns = np.isfinite(refined.columns.get("area_columns", np.full(len(refined.numbers), np.nan)))
     mine = np.flatnonzero((results.weight > 0) & with_columns)
     samples = [read_sample(results.store, "refined", refined.numbers[at]) for at in mine]
     if not samples:

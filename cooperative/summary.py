@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter
 
-from cooperative import effects
-from cooperative.effects import MEASURES, CutOff, Exceedance, Risk, Spread
+from cooperative.effects import CutOff, Exceedance, ModeShare, Risk, Spread, effects_of
 from cooperative.estimate import (
     Correlation,
     Estimate,
@@ -23,23 +20,13 @@ from cooperative.estimate import (
     Slides,
     after_more_runs,
     correlation,
-    fit_distributions,
-    severity_ranking,
-    shares,
 )
-from cooperative.measure import EDGE, SEVERITY
-from cooperative.runs import phases_of, sampling_of
+from cooperative.measure import EDGE
+from cooperative.runs import phases_of
 from cooperative.scene import Budget, Calibration, Campaign, LimitLoad
-from cooperative.store import Rows, Store
-from foundation import files
+from cooperative.store import Rows
 
 NOT_BROKEN = ("FINISHED", "SETTLED", "DECIDED")
-CHECKSUM = "checksum"
-"""Key of a summary that tells whether it is whole, and of which rows."""
-CONTENT = 7
-"""Of what a summary says, counted up when it says more: one of an earlier version is made anew."""
-MADE_FROM = ("measured.json", "budget.json")
-"""Files of a campaign's folder that say what its scene and rows do not."""
 MORE = 50
 """What so many more refined runs would buy is told, or fewer where no more are left."""
 
@@ -72,17 +59,6 @@ class Convergence:
     probability: tuple[float, ...]
     low: tuple[float, ...]
     high: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class ModeShare:
-    """A failure mode. count: refined runs that failed so. ratio: weighted share of the failures, with its confidence
-    limits. probability: that a sample fails so."""
-
-    count: int
-    ratio: float
-    interval: tuple[float, float]
-    probability: float
 
 
 @dataclass(frozen=True)
@@ -188,10 +164,14 @@ def summarise(campaign: Campaign, rough: Rows, refined: Rows) -> Summary:
     What there is too little of is None or says so: modes of rows that have none (written before modes were kept), fits
     of fewer than two failures, a correlation without spread.
     """
-    phases = phases_of(campaign, rough, refined)
-    estimate, slides = phases.estimate, slides_of(campaign, phases, refined)
-    weight, slid = slides.weight, slides.slid
-    limit, cut = campaign.run.failure_displacement, effects.cut_off(campaign, refined, slides)
+    return summary_of(campaign, phases_of(campaign, rough, refined), rough, refined)
+
+
+def summary_of(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -> Summary:
+    """The campaign in numbers; see `summarise`. phases: what these rows tell its estimator."""
+    estimate, path, slides = phases.estimate, phases.path, slides_of(campaign, phases, refined)
+    effects, tables = effects_of(campaign, estimate, refined, slides), {"rough": rough, "refined": refined}
+    limit = campaign.run.failure_displacement
     return Summary(
         name=campaign.name,
         probability_of_failure=estimate.probability,
@@ -204,80 +184,36 @@ def summarise(campaign: Campaign, rough: Rows, refined: Rows) -> Summary:
         finished=phases.why_finished,
         after_more_runs=_after_more_runs(campaign, phases),
         other_estimates={each.method: OtherEstimate(each.probability, each.interval) for each in phases.beside},
-        convergence=_convergence(phases.path),
+        convergence=Convergence(
+            refined_runs=tuple(each.refined_runs for each in path),
+            probability=tuple(each.probability for each in path),
+            low=tuple(each.interval[0] for each in path),
+            high=tuple(each.interval[1] for each in path),
+        ),
         samples=len(rough.numbers),
         failures_rough=int(np.sum(rough.columns["displacement"] > limit)),
         refined_runs=len(refined.numbers),
         failures_refined=int(slides.failed.sum()),
-        slides=int(slid.sum()),
+        slides=int(slides.slid.sum()),
         slides_drawn=slides.planned,
         calibration=campaign.measured.calibration,
         limit_load=campaign.measured.limit_load,
         grids=_grids(campaign, phases, rough, refined),
-        modes=_modes(estimate, refined, slid, weight),
-        status={"rough": _counts(rough), "refined": _counts(refined)},
-        broke_off={"rough": _broken(rough), "refined": _broken(refined)},
-        cut_off=cut,
-        consequences_of_failures=effects.means(campaign, estimate, refined, slides),
-        exceedance=effects.exceedances(estimate, refined, slides),
-        risk=effects.risk(campaign, estimate, refined, slides),
-        fits=_fits(refined, slid, weight),
-        severity=_severity(refined, slid, weight),
-        seconds={
-            grid: float(np.sum(rows.columns["seconds"])) for grid, rows in (("rough", rough), ("refined", refined))
-        },
+        status={grid: dict(Counter(rows.columns["status"].tolist())) for grid, rows in tables.items()},
+        broke_off={grid: _broken(rows) for grid, rows in tables.items()},
+        seconds={grid: float(np.sum(rows.columns["seconds"])) for grid, rows in tables.items()},
         refined_runs_allowed=campaign.raised,
-        notes=(
-            *_limit_load(campaign),
-            *estimate.notes,
-            *_walls(rough, refined),
-            *_raised(campaign),
-            *slides.notes,
-            *effects.cut_off_notes(campaign, cut),
-            *_still_moving(campaign, phases, refined),
-        ),
+        notes=_notes(campaign, phases, rough, refined, slides, effects.cut_off),
         estimate_runs=estimate.refined_runs,
         audit_variance=estimate.audit_variance,
         freedom=_finite(estimate.freedom),
-        planned_samples=campaign.estimator.rough_runs(sampling_of(campaign)),
+        planned_samples=phases.planned,
         failure_displacement=limit,
         least_volume=campaign.run.least_volume,
         settle=campaign.run.settle is not None,
-        slide_weights={refined.numbers[at]: float(weight[at]) for at in np.flatnonzero(slid)},
+        slide_weights={refined.numbers[at]: float(slides.weight[at]) for at in np.flatnonzero(slides.slid)},
+        **vars(effects),
     )
-
-
-def write(campaign: Campaign, store: Store, rough: Rows, refined: Rows) -> Summary:
-    """The summary of these rows, written to `summary.json` too. OSError where the disk refuses."""
-    made = summarise(campaign, rough, refined)
-    fields = made.as_json()
-    fields[CHECKSUM] = _checksum(store, rough, refined, fields)
-    files.write_aside(store.folder / "summary.json", json.dumps(fields, indent=1).encode())
-    return made
-
-
-def stored(store: Store, rough: Rows, refined: Rows) -> Summary | None:
-    """The summary in `summary.json`, None where it is not whole, or not of just these rows and this version."""
-    try:
-        text = files.read_plain(store.folder / "summary.json")
-        fields = json.loads(text)
-        if fields.pop(CHECKSUM) == _checksum(store, rough, refined, fields):
-            return Summary.from_json(text)
-    except (OSError, ValueError, TypeError, AttributeError, KeyError, RecursionError):
-        pass
-    return None
-
-
-def _checksum(store: Store, rough: Rows, refined: Rows, fields: dict[str, Any]) -> str:
-    """SHA-256 of the fields of a summary and of all that it was made from."""
-    digest = hashlib.sha256("\0".join((str(CONTENT), store.digest, json.dumps(fields, sort_keys=True))).encode())
-    for name in MADE_FROM:
-        path = store.folder / name
-        digest.update(files.read_plain(path) if path.exists() else b"")
-    for rows in (rough, refined):
-        for name, values in sorted(rows.columns.items()):
-            digest.update(f"{name} {values.dtype} {values.size}".encode() + np.ascontiguousarray(values).tobytes())
-    return digest.hexdigest()
 
 
 def slides_of(campaign: Campaign, phases: Phases, refined: Rows) -> Slides:
@@ -304,38 +240,40 @@ def _after_more_runs(campaign: Campaign, phases: Phases) -> MoreRuns:
     return MoreRuns(runs, after(runs), left, after(left))
 
 
-def _still_moving(campaign: Campaign, phases: Phases, refined: Rows) -> list[str]:
-    """That runs stood at t_end and had not settled: their class is that of this time."""
-    if campaign.run.settle is None:
-        return []
+def _notes(
+    campaign: Campaign, phases: Phases, rough: Rows, refined: Rows, slides: Slides, cut: CutOff
+) -> tuple[str, ...]:
+    """What a reader must know, in words."""
+    notes, run, load = [], campaign.run, campaign.measured.limit_load
+    if load is not None:
+        notes.append(
+            f"failure counts from {load.displacement:g} m of {campaign.least_volume or 'any soil'}, where the slope of "
+            f"median soil passes its limit load, a factor of safety of {load.factor:.3f}"
+        )
+    notes += [*phases.estimate.notes, *_walls(rough, refined)]
+    if campaign.raised is not None:
+        allowed = campaign.raised
+        notes.append(f"the folder allows {allowed.refined_runs} refined runs, the scene {allowed.scene}")
+    notes += slides.notes
+    if cut.at_t_end:
+        how = "had not come to rest" if run.settle else "were not looked at for rest (settle = false)"
+        notes.append(
+            f"{cut.at_t_end} of {cut.of} slides {how} when they ended at {cut.t_end:g} s: all that slides do "
+            "is at least what is given. A later [run] slides_t_end lets slides run on"
+        )
+    if cut.broke_off:
+        notes.append(
+            f"{cut.broke_off} of {cut.of} slides broke off: their displacement is at least what is given, and "
+            "they have no part in the other consequences"
+        )
     stands = np.array([phases.answers[number] is False for number in refined.numbers], bool)
     moving = stands & (refined.columns["status"] == "FINISHED")
-    if not moving.any():
-        return []
-    return [
-        f"{moving.sum()} of {stands.sum()} refined runs that stand had not settled at t_end = {campaign.run.t_end:g} "
-        f"s, having moved {refined.columns['displacement'][moving].max():.2g} m at most: they may fail later"
-    ]
-
-
-def _limit_load(campaign: Campaign) -> list[str]:
-    found = campaign.measured.limit_load
-    if found is None:
-        return []
-    return [
-        f"failure counts from {found.displacement:g} m of {campaign.least_volume or 'any soil'}, where the slope of "
-        f"median soil passes its limit load, a factor of safety of {found.factor:.3f}"
-    ]
-
-
-def _convergence(path: Sequence[Estimate]) -> Convergence:
-    """The estimate against the refined runs spent."""
-    return Convergence(
-        refined_runs=tuple(estimate.refined_runs for estimate in path),
-        probability=tuple(estimate.probability for estimate in path),
-        low=tuple(estimate.interval[0] for estimate in path),
-        high=tuple(estimate.interval[1] for estimate in path),
-    )
+    if run.settle is not None and moving.any():
+        notes.append(
+            f"{moving.sum()} of {stands.sum()} refined runs that stand had not settled at t_end = {run.t_end:g} "
+            f"s, having moved {refined.columns['displacement'][moving].max():.2g} m at most: they may fail later"
+        )
+    return tuple(notes)
 
 
 def _grids(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -> Correlation | None:
@@ -362,51 +300,6 @@ def _as_far_as_known(rows: Rows, numbers: list[int]) -> np.ndarray:
     return np.minimum(moved, moved[cut].min(initial=np.inf))
 
 
-def _modes(estimate: Estimate, refined: Rows, failed: np.ndarray, weight: np.ndarray) -> dict[str, ModeShare] | None:
-    """Count, ratio among the failures and probability of each mode."""
-    if "mode" not in refined.columns:
-        return None
-    known = failed & (refined.columns["mode"] != "") & (weight > 0)
-    if not known.any():
-        return {}
-    parts = shares(refined.columns["mode"][known], weight[known], SEVERITY, level=estimate.level)
-    return {
-        mode: ModeShare(part.count, part.share, part.interval, estimate.probability * part.share)
-        for mode, part in parts.items()
-    }
-
-
-def _groups(refined: Rows, failed: np.ndarray, weight: np.ndarray) -> dict[str, np.ndarray]:
-    """Failed runs of each mode that occurs, (runs,) bool each."""
-    told = failed & (weight > 0) & ~refined.columns.get("broke_off", np.zeros(failed.size)).astype(bool)
-    modes = refined.columns.get("mode", np.full(failed.size, ""))
-    return {"all": told} | {mode: told & (modes == mode) for mode in SEVERITY if (told & (modes == mode)).any()}
-
-
-def _fits(refined: Rows, failed: np.ndarray, weight: np.ndarray) -> dict[str, dict[str, Fits]]:
-    """Fitted distributions of each consequence, of all failures and of each mode, best by AIC first."""
-    return {
-        group: {name: fit_distributions(refined.columns[name][mine], weight[mine]) for name in MEASURES if mine.any()}
-        for group, mine in _groups(refined, failed, weight).items()
-    }
-
-
-def _severity(refined: Rows, failed: np.ndarray, weight: np.ndarray) -> dict[str, tuple[Severity, ...]]:
-    """Modes by the median of each consequence, most severe first."""
-    groups = {mode: mine for mode, mine in _groups(refined, failed, weight).items() if mode != "all"}
-    if not groups:
-        return {}
-    return {
-        name: tuple(
-            severity_ranking(
-                {mode: refined.columns[name][mine] for mode, mine in groups.items()},
-                weights={mode: weight[mine] for mode, mine in groups.items()},
-            )
-        )
-        for name in MEASURES
-    }
-
-
 def _walls(rough: Rows, refined: Rows) -> list[str]:
     """Which walls slides have reached, on the refined grid or, where nothing slid on it, the rough one."""
     for grid, rows in (("refined", refined), ("rough", rough)):
@@ -419,17 +312,6 @@ def _walls(rough: Rows, refined: Rows) -> list[str]:
                 for place, count in sorted(Counter(reached).items())
             ]
     return []
-
-
-def _raised(campaign: Campaign) -> list[str]:
-    if campaign.raised is None:
-        return []
-    allowed = campaign.raised
-    return [f"the folder allows {allowed.refined_runs} refined runs, the scene {allowed.scene}"]
-
-
-def _counts(rows: Rows) -> dict[str, int]:
-    return dict(Counter(rows.columns["status"].tolist()))
 
 
 def _broken(rows: Rows) -> dict[int, str]:

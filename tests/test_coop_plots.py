@@ -10,14 +10,13 @@ import pytest
 from matplotlib.collections import PolyCollection
 from matplotlib.image import imread
 
-from cooperative.effects import Exceedance
+from cooperative.effects import Exceedance, ModeShare
 from cooperative.estimate import Chances, fit_distributions, severity_ranking
 from cooperative.hazard import Maps
 from cooperative.measure import ColumnPlan
 from cooperative.reporting import _charts as charts
 from cooperative.reporting import _plots as plots
 from cooperative.reporting import _svg as svg
-from cooperative.summary import ModeShare
 
 HALF = np.array([0.5, 0.5])
 X, Z = (grid.ravel() for grid in np.meshgrid(np.arange(0.5, 24), np.arange(0.5, 8), indexing="ij"))

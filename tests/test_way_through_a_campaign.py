@@ -76,5 +76,5 @@ def test_the_controller_comes_back_to_no_room_more_than_twice(tmp_path, monkeypa
     assert way[-1] == "folder"
     assert [room for room in way if room in LOOPS] == list(LOOPS)
     assert {room: way.count(room) for room in way if way.count(room) > 3} == {}
-    assert set(way) - set(LOOPS) <= {"scene", "estimate", "runs", "store", "folder"}
+    assert set(way) - set(LOOPS) <= {"scene", "estimate", "runs", "store", "summary", "folder"}
     assert loops == {name: {"estimate", "runs", "store"} for name in LOOPS}

@@ -12,11 +12,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cooperative.effects import Exceedance
+from cooperative.effects import Exceedance, ModeShare
 from cooperative.estimate import Chances, Fits, Severity
 from cooperative.hazard import ARRIVAL, REACHED, THICKNESS, Maps
 from cooperative.reporting._plots import panels
-from cooperative.summary import ModeShare
 
 ROUGH, REFINED, FAILED, GREY = "#0072B2", "#D55E00", "#CC79A7", "#5A5A5A"
 MODE_COLOURS = {"progressive": "#D55E00", "compound": "#CC79A7", "deep": "#0072B2", "shallow": "#009E73"}
