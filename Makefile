@@ -15,6 +15,7 @@ PIP := $(BIN)/pip install --quiet $(if $(CONSTRAINTS),--constraint $(CONSTRAINTS
 	touch $@
 
 demo: .venv
+	$(PIP) --editable '.[interactive]'
 	$(BIN)/python -m cooperative run benchmarks/scenes/demo.toml --out out/demo
 
 # The README's figures, and those of docs/ that need no benchmark to be run again: of the demo, of the study's rows, of the

@@ -14,6 +14,7 @@ import jax
 from cooperative import __version__, campaign, doctor, sweep
 from cooperative.folder import SLIDES
 from cooperative.reporting import _exports as exports
+from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import draw, progress_of, report, watched, words
 from cooperative.runs import Cost, Stopped, check_size, cores_to_use, cost_of, dask_executor, heeding, keep_compiled
 from cooperative.scene import Campaign, begin, examples, parse, starters, write_example
@@ -133,7 +134,7 @@ def _cost(scene: Campaign, cost: Cost) -> Iterator[str]:
 def sketch(given: argparse.Namespace) -> None:
     """Draw a scene: ground, layers, water, walls, exposed places, and one random field on both grids."""
     scene = parse(given.scene)
-    suffixes = (".png", ".html") if scene.dimension == 3 else (".png",)
+    suffixes = (".png", ".html") if scene.dimension == 3 and interactive.installed() else (".png",)
     paths = [given.out] if given.out else [given.scene.with_suffix(suffix) for suffix in suffixes]
     draw(scene, *paths, sample=given.sample)
     print(*paths, sep="\n")
@@ -169,7 +170,7 @@ EXAMPLES = {
     "example": ("demo", "write demo.toml"),
     "new": ("--kind section", "write section.toml, a scene of your own to fill in"),
     "check": ("section.toml", "what it will cost"),
-    "draw": ("section.toml", "see it, as section.png; in 3D also as a page that turns"),
+    "draw": ("section.toml", "see it, as section.png; in 3D with plotly also as a page that turns"),
     "run": ("demo.toml --out out/demo", "run it, or go on where it was"),
     "status": ("out/demo --watch", "how far it is, from another terminal, until it ends"),
     "resume": ("out/demo --refined-runs 40", "go on, and allow more refined runs than its scene"),

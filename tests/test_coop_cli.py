@@ -20,6 +20,7 @@ from cooperative.reporting import _progress as progress
 from cooperative.scene import parse
 from cooperative.store import Sample, open_store, read_rows, read_sample, read_store, sample_path, write_sample
 from cooperative.summary import summarise
+from foundation.text import duration
 from tests.test_campaign import TINY
 from tests.test_io import vtk_steps
 
@@ -159,7 +160,7 @@ def test_a_pause_is_no_pace():
 
 @pytest.mark.parametrize(("seconds", "said"), [(45, "45 s"), (720, "12 min"), (12_600, "3.5 h"), (260_000, "3 days")])
 def test_durations_are_said_as_people_say_them(seconds, said):
-    assert progress.duration(seconds) == said
+    assert duration(seconds) == said
 
 
 @pytest.mark.slow

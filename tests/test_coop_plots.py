@@ -1,8 +1,5 @@
 """Figures: every one is drawn, its axes carry units, its legend tells, its marks are the data's."""
 
-import base64
-import json
-from dataclasses import astuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -15,8 +12,9 @@ from cooperative.estimate import Chances, fit_distributions, severity_ranking
 from cooperative.hazard import Maps
 from cooperative.measure import ColumnPlan
 from cooperative.reporting import _charts as charts
+from cooperative.reporting import _interactive as interactive
+from cooperative.reporting import _page as page
 from cooperative.reporting import _plots as plots
-from cooperative.reporting import _svg as svg
 
 HALF = np.array([0.5, 0.5])
 X, Z = (grid.ravel() for grid in np.meshgrid(np.arange(0.5, 24), np.arange(0.5, 8), indexing="ij"))
@@ -86,63 +84,33 @@ def test_every_figure_is_drawn_with_units(name, tmp_path):
             assert "[" in ax.get_ylabel()
 
 
-@pytest.mark.parametrize("name", FIGURES)
-def test_the_page_draws_every_panel_of_every_figure(name):
+@pytest.mark.parametrize("name", ["exceedance", "plan_maps", "slide"])
+def test_a_figure_on_the_page_is_an_element_of_its_own(name):
     figure = FIGURES[name]()
-    scales = {id(each.colorbar.ax) for ax in figure.axes for each in ax.collections if each.colorbar}
-    shown = [ax for ax in figure.axes if ax.axison and id(ax) not in scales]
-    panels = [ElementTree.fromstring(panel) for panel in svg.panels(figure)]
-    assert len(panels) == len(shown) > 0
-    for panel, ax in zip(panels, shown, strict=True):
-        data, drawing = json.loads(panel.get("data-panel")), panel.find("svg")
-        assert drawing.get("aria-label").startswith(svg.plain(ax.get_title(loc="left") or ax.get_ylabel()))
-        assert data["x"]["ends"] == list(ax.get_xlim())
-        labelled = [line for line in ax.lines if not line.get_label().startswith("_")]
-        labelled = [line for line in labelled if line.get_transform() == ax.transData]
-        assert [series["name"] for series in data["series"]] == [svg.plain(line.get_label()) for line in labelled]
-        marks = [mark for mark in drawing.iter("path") if mark.get("data-at")]
-        assert len(marks) == sum(
-            np.isfinite(np.sum(line.get_data(), axis=0)).sum()
-            for line in ax.lines
-            if line.get_marker() not in ("None", "")
-        )
-        assert len(list(drawing.iter("image"))) == sum(each.get_array() is not None for each in ax.collections)
-        places = [text.text for text in drawing.find("g[@class='ticks']").iter("text")]
-        assert len(places) >= 2
+    plots.lay_out(figure)
+    shown = page.figure(plots.Drawn("this", "What it shows & how.", figure))
+    drawing = ElementTree.fromstring(shown).find(".//{*}svg")
+    assert drawing.get("aria-labelledby") == "of-this"
+    assert all(each.get("id", "of-this").startswith(("this-", "of-this")) for each in drawing.iter())
+    # Labels are text; particles and maps are pictures in it.
+    words = "".join(drawing.itertext())
+    assert all(word in words for ax in figure.axes for word in ax.get_xlabel().split("$")[:1])
+    assert bool(drawing.findall(".//{*}image")) == (name != "exceedance")
 
 
-def test_a_panel_draws_a_curve_where_its_values_are():
-    (panel,) = map(ElementTree.fromstring, svg.panels(FIGURES["exceedance"]()))
-    (series,) = json.loads(panel.get("data-panel"))["series"]
-    assert (series["x"], series["y"]) == ([*CURVE.thresholds], [*CURVE.probability])
-    assert (series["low"], series["high"], series["kind"]) == ([*CURVE.low], [*CURVE.high], "step")
-    rows = [[float(cell.text) for cell in row] for row in panel.find("details").iter("tr")
-            if row[0].tag == "td"]  # fmt: skip
-    assert rows == [list(row) for row in zip(*astuple(CURVE), strict=True)]
-    frame = panel.find("svg/svg")
-    wide, high = float(frame.get("width")), float(frame.get("height"))
-    line = next(path for path in frame.iter("path") if "stroke-width:2" in path.get("style"))
-    corners = np.array([[float(number) for number in each.split()] for each in line.get("d")[1:].split("L")])
-    ends = json.loads(panel.get("data-panel"))["y"]["ends"]
-    x, y = corners[:, 0] / wide * 9.0, ends[0] + (1 - corners[:, 1] / high) * (ends[1] - ends[0])
-    np.testing.assert_allclose(x, [0, 5, 5, 9, 9], atol=1e-3)
-    np.testing.assert_allclose(y, [0.3, 0.3, 0.1, 0.1, 0.0], atol=1e-4)
-
-
-def test_the_page_has_the_values_of_a_map():
+def test_maps_and_curves_that_answer_are_those_that_are_drawn():
+    pytest.importorskip("plotly", reason="the extra interactive is not installed")
     found = maps(8, 6)
-    first = ElementTree.fromstring(svg.panels(charts.plan_maps(found, toe=None))[0])
-    (kept,) = json.loads(first.get("data-panel"))["maps"]
-    steps = np.frombuffer(base64.b64decode(kept["values"]), "<u2").reshape(kept["shape"])
-    np.testing.assert_allclose(steps.T / svg.LEVELS * kept["top"], found.maps["reached"].value, atol=1e-5)
-    assert (kept["left"], kept["right"], kept["high"]) == (found.edges[0][0], found.edges[0][-1], found.edges[1][-1])
-
-
-def test_what_the_page_cannot_draw_is_refused():
-    figure, (ax,) = plots.panels(1, size=(3.0, 3.0))
-    ax.annotate("a", (10, 10), xycoords="figure pixels")
-    with pytest.raises(TypeError, match="cannot place a note by 'figure pixels': give 'data' or 'axes fraction'"):
-        svg.panels(figure)
+    shown = interactive.plan_maps(found, toe=16.0)
+    assert len(shown.data) == len(charts.plan_maps(found, toe=None).axes) // 2
+    np.testing.assert_allclose(shown.data[0].z.T, found.maps["reached"].value)
+    np.testing.assert_allclose(shown.data[0].x, np.arange(8) * 4.0 + 2)
+    assert shown.data[1].zmax == shown.data[0].zmax == 1.0 - 0.25
+    along = interactive.profile(maps(8), toe=16.0)
+    curve = next(trace for trace in along.data if trace.name == "reached")
+    assert curve.y[:-1].tolist() == maps(8).maps["reached"].value.tolist()
+    losses = interactive.stairs({"loss": CURVE}, {"loss": "loss"}, "probability")
+    assert losses.data[-1].x.tolist() == [*CURVE.thresholds]
 
 
 def test_particles_are_drawn_in_true_size():

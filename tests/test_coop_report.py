@@ -1,21 +1,18 @@
 """The report: one page that needs nothing else, with every figure drawn, and the same numbers as the summary."""
 
-import base64
 import csv
 import errno
-import io
-import json
 import os
 import re
 import shutil
 import sys
 from dataclasses import is_dataclass, replace
 from html.parser import HTMLParser
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from matplotlib.image import imread
 
 from benchmarks.hazard_populations import SOLID
 from cooperative import folder as folders
@@ -23,8 +20,10 @@ from cooperative import run, runs
 from cooperative.__main__ import main
 from cooperative.folder import models_of, read_results
 from cooperative.hazard import hazard_maps
+from cooperative.reporting import _bodies as bodies
+from cooperative.reporting import _composition as composition
+from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import _page as page
-from cooperative.reporting import _pictures as pictures
 from cooperative.reporting import _plots as plots
 from cooperative.reporting import report, write_table
 from cooperative.reporting._exports import export
@@ -43,18 +42,17 @@ class Page(HTMLParser):
 
     def __init__(self, text):
         super().__init__()
-        self.open, self.tags, self.images, self.links, self.text, self.panels = [], [], [], [], [], []
+        self.open, self.tags, self.images, self.links, self.text, self.ids = [], [], [], [], [], []
         self.feed(text)
         assert not self.open
 
     def handle_starttag(self, tag, attributes):
         self.tags.append(tag)
         given = dict(attributes)
-        self.links += [given[name] for name in ("href", "src", "action", "data") if name in given]
+        self.links += [given[name] for name in ("href", "xlink:href", "src", "action", "data") if name in given]
+        self.ids += [given["id"]] if "id" in given else []
         if given.get("role") == "img":
             self.images.append(given)
-        if "data-panel" in given:
-            self.panels.append(json.loads(given["data-panel"]))
         if tag not in ("meta", "link", "img", "input"):
             self.open.append(tag)
 
@@ -80,25 +78,47 @@ def done(tmp_path_factory):
     return folder, summary
 
 
-def test_the_page_needs_nothing_else_and_every_figure_is_drawn(done):
-    folder, _ = done
-    shown = Page((folder / "report.html").read_text())
-    assert all(link.startswith("data:") for link in shown.links)
-    assert not re.search(r"url\(|@import", (folder / "report.html").read_text().split("</style>")[0])
-    assert "default-src 'none'" in (folder / "report.html").read_text().split("</head>")[0]
+@pytest.fixture(params=["with the extra", "without"])
+def extra(request, monkeypatch):
+    """Whether Plotly is installed."""
+    with_it = request.param == "with the extra"
+    if with_it:
+        pytest.importorskip("plotly", reason="the extra interactive is not installed")
+    monkeypatch.setattr(interactive, "installed", lambda: with_it)
+    return with_it
+
+
+def test_the_page_needs_nothing_else_and_every_figure_is_drawn(tmp_path, done, extra):
+    folder = copied(done, tmp_path / "c")
+    report(folder)
+    text = (folder / "report.html").read_text()
+    shown = Page(text)
+    assert "default-src 'none'" in text.split("</head>")[0]
     names = {path.stem for path in (folder / "figures").iterdir()}
     assert {"ranked", "convergence", "grids", "exceedance", "hazard", "losses", "fits-all", "field", "slope"} <= names
     assert len([name for name in names if name.startswith("slide-")]) == 3
-    assert shown.tags.count("figure") == len(names)
-    assert len(shown.panels) == shown.tags.count("details") + sum(not any("low" in s for s in p["series"])
-                                                                 for p in shown.panels)  # fmt: skip
-    # Every panel and every colour scale says in words what it shows.
-    assert len(shown.images) >= len(shown.panels)
-    assert all(re.search(r"\d", image["aria-label"]) and len(image["aria-label"]) > 25 for image in shown.images)
-    for link in (link for link in shown.links if link.startswith("data:image")):
-        pixels = imread(io.BytesIO(base64.b64decode(link.partition(",")[2])))
-        assert pixels[..., :3].std() > 0.02
-    assert (folder / "report.html").stat().st_size < 5e6
+    # Every figure has its caption, and a drawing that is well-formed for itself and names that caption.
+    drawings = re.findall(r'<svg role="img".*?</svg>', text, flags=re.S)
+    assert shown.tags.count("figure") == shown.tags.count("figcaption") == len(drawings) == len(names)
+    captions = dict(re.findall(r'<figcaption id="(.*?)">(.*?)</figcaption>', text))
+    assert len(captions) == len(names)
+    assert all(len(caption) > 25 for caption in captions.values())
+    for drawing in map(ElementTree.fromstring, drawings):
+        assert drawing.get("aria-labelledby") in captions
+        inside = {each.get("id") for each in drawing.iter()}
+        used = {each.get("{http://www.w3.org/1999/xlink}href", "") for each in drawing.iter()}
+        used |= {f"#{name}" for each in drawing.iter() for name in re.findall(r"url\(#(.*?)\)", str(each.attrib))}
+        assert {name[1:] for name in used if name.startswith("#")} <= inside
+        assert not drawing.findall(".//{*}style")
+    assert len(set(shown.ids)) == len(shown.ids)
+    # Nothing is fetched, and nothing runs but where figures answer.
+    assert all(link.startswith(("data:", "#")) for link in shown.links)
+    assert not re.search(r"url\((?!#)|@import", re.sub(r"<script.*?</script>", "", text, flags=re.S))
+    live = re.findall(r'<div id="([\w-]+)" class="plotly-graph-div"', text)
+    assert set(live) == ({"ranked", "grids", "exceedance", "hazard", "losses"} if extra else set())
+    assert text.count("<noscript>") == len(live)
+    assert ("<script" in text) == extra
+    assert len(text) < 1.5e6 + (len(interactive.script()) if extra else 0)
 
 
 def test_nothing_is_shown_twice(done):
@@ -108,19 +128,25 @@ def test_nothing_is_shown_twice(done):
     assert ("modes" in names) == ("severity" in names) == (len(modes) > 1)
     assert {f"fits-{mode}" for mode in modes} <= names if len(modes) > 1 else "fits-all" in names
     shown = Page((folder / "report.html").read_text())
-    drawn = [json.dumps(panel["series"]) for panel in shown.panels if panel["series"]]
-    assert len(set(drawn)) == len(drawn)
-    assert not any("influence area" in panel["x"]["label"] for panel in shown.panels)
+    assert not any("influence area" in text for text in shown.text)
 
 
-def test_panels_hold_the_numbers_of_the_summary(done):
-    folder, summary = done
-    panels = {panel["x"]["label"]: panel for panel in Page((folder / "report.html").read_text()).panels[::-1]}
-    (series,) = panels["run-out L [m]"]["series"]
+def test_figures_that_answer_hold_the_numbers_of_the_summary(done):
+    pytest.importorskip("plotly", reason="the extra interactive is not installed")
+    _, summary = done
     curve = summary.exceedance["runout"]
-    for name, key in (("x", "thresholds"), ("y", "probability"), ("low", "low"), ("high", "high")):
-        assert series[name] == pytest.approx(getattr(curve, key), rel=1e-4)
-    assert series["kind"] == "step"
+    *band, shown = interactive.stairs({"runout": curve}, {"runout": "run-out $L$ [m]"}, "probability [-]").data
+    assert (shown.x.tolist(), shown.y.tolist()) == ([*curve.thresholds], [*curve.probability])
+    assert [each.y.tolist() for each in band] == [[*curve.low], [*curve.high]]
+    assert shown.customdata.tolist() == [list(limits) for limits in zip(curve.low, curve.high, strict=True)]
+    moved = {
+        "sample": np.array([4, 7, 9]),
+        "rough": np.array([0.1, np.nan, 2.0]),
+        "refined": np.array([np.nan, 3.0, 4]),
+    }
+    rough, refined = interactive.ranked(moved, 1.0).data
+    assert rough.x.tolist() == refined.x.tolist() == [3, 1, 2]
+    assert rough.customdata.tolist() == [4, 7, 9]
 
 
 def test_the_page_says_what_the_summary_holds(done):
@@ -203,7 +229,7 @@ def test_names_with_markup_stay_text(tmp_path, done):
             write_sample(store, "rough", read_sample(read_store(done[0]), "rough", number))
     report(tmp_path / "odd", slides=0)
     shown = Page((tmp_path / "odd" / "report.html").read_text())
-    assert shown.tags.count("script") == 1
+    assert "<script>alert" not in (tmp_path / "odd" / "report.html").read_text()
     assert any("<script>alert(1)</script> & co" in text for text in shown.text)
     # A campaign that has not ended says so.
     assert any("has not ended: this is what is known so far, from 14 of 14 samples" in text for text in shown.text)
@@ -248,7 +274,7 @@ def test_a_sample_run_again_ends_where_it_ended(done):
     rows = read_rows(store, "refined")
     sample = read_sample(store, "refined", rows.numbers[int(np.argmax(rows.columns["displacement"]))])
     campaign = parse(SCENE)
-    shown = pictures.moments(runs.build(campaign, "refined", runs.random_soil(campaign)), sample)
+    shown = composition.moments(runs.build(campaign, "refined", runs.random_soil(campaign)), sample)
     assert np.array_equal(shown.displacement[-1], sample.fields["displacement"])
     far = np.linalg.norm(shown.displacement, axis=1).max(axis=1)
     assert len(shown.times) == 4
@@ -292,7 +318,7 @@ def test_slides_are_drawn_from_their_frames_and_without_them_from_their_end(done
     sample = read_sample(store, "refined", rows.numbers[int(np.argmax(rows.columns["displacement"]))])
     models = models_of(parse(SCENE))
     soil = runs.soil_of(models["refined"], sample.coefficients)
-    shown = pictures.kept_moments(sample, soil)
+    shown = composition.kept_moments(sample, soil)
     limit, far = (
         parse(SCENE).run.failure_displacement,
         [np.linalg.norm(each, axis=0).max() for each in shown.displacement],
@@ -300,10 +326,10 @@ def test_slides_are_drawn_from_their_frames_and_without_them_from_their_end(done
     assert len(shown.times) == 1 + sum(sample.row["displacement"] > passed * limit for passed in (1, 5))
     assert limit < far[0] < far[-1]
     ends = {name: values for name, values in sample.fields.items() if not name.startswith("frame")}
-    (only,) = pictures.kept_moments(replace(sample, fields=ends), soil).times
+    (only,) = composition.kept_moments(replace(sample, fields=ends), soil).times
     assert only == shown.times[-1]
-    none = pictures.kept_moments(replace(sample, fields={}), soil)
-    assert list(pictures.slide(runs.ground_of(models), "refined", sample, soil, none)) == []
+    none = composition.kept_moments(replace(sample, fields={}), soil)
+    assert list(plots.drawn_slide(runs.ground_of(models), "refined", sample, soil, none)) == []
 
 
 def test_no_slides_and_bad_numbers_of_slides(done, capsys):
@@ -325,18 +351,17 @@ def test_bodies_go_with_their_soil():
     at = np.meshgrid(np.arange(6.0), np.arange(4.0), np.arange(3.0), indexing="ij")
     position, half = np.stack([each.ravel() for each in at]), np.full(3, 0.5)
     stretch = np.array([[0.5], [0.0], [0.0]]) * position
-    moved = np.stack([0 * position, 2.0 + 0 * position, stretch])
-    stretched, shifted, still = pictures.bodies(position, moved, [0.0, 1.0, 2.0], half)
-    assert [body.name for body in (still, stretched)] == ["t = 0 s", "t = 2 s"]
-    np.testing.assert_allclose(still.faces.reshape(-1, 3).min(axis=0), -0.5)
-    np.testing.assert_allclose(shifted.faces, still.faces + 2.0)
-    # Faces that shared a corner still do: the skin has no cracks.
-    joined = {tuple(corner): tuple(to) for corner, to in zip(
-        still.faces.reshape(-1, 3).round(6), stretched.faces.reshape(-1, 3).round(6), strict=True)}  # fmt: skip
-    assert len(joined) == len(np.unique(stretched.faces.reshape(-1, 3).round(6), axis=0))
-    inner = still.faces[..., 0] % 1 == 0.5
-    inner &= (still.faces[..., 0] > 0) & (still.faces[..., 0] < 5)
-    np.testing.assert_allclose(stretched.faces[..., 0][inner], 1.5 * still.faces[..., 0][inner])
+    displacement = np.stack([0 * position, 2.0 + 0 * position, stretch])
+    body = bodies.moving(position, displacement, [0.0, 1.0, 2.0], half)
+    still, shifted, stretched = body.corners
+    np.testing.assert_allclose(still.min(axis=0), -0.5)
+    np.testing.assert_allclose(shifted, still + 2.0)
+    np.testing.assert_allclose(body.moved[1], 2.0 * np.sqrt(3))
+    # Faces share their corners: the skin has no cracks.
+    assert len(np.unique(still, axis=0)) == len(still) == len(np.unique(body.faces))
+    inner = (still[:, 0] > 0) & (still[:, 0] < 5)
+    np.testing.assert_allclose(stretched[inner, 0], 1.5 * still[inner, 0])
+    assert bodies.picture(body).axes[0].collections[0].get_rasterized()
 
 
 def test_tables_set_numbers_apart_from_text():

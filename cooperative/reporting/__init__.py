@@ -1,9 +1,10 @@
 """What people see of a campaign: words, charts, pictures, one page, exports, progress."""
 
+from cooperative.reporting._charts import panels
 from cooperative.reporting._composition import report
 from cooperative.reporting._exports import export, export_sample
 from cooperative.reporting._ground import draw
-from cooperative.reporting._plots import draw_particles, panels, save
+from cooperative.reporting._plots import draw_particles, save
 from cooperative.reporting._progress import progress_of, watched, words
 from cooperative.reporting._tables import consolidate, write_table
 

@@ -1,12 +1,12 @@
 """Figures of a campaign's numbers. Each takes arrays or parts of its summary and gives a matplotlib Figure.
 
 Units stand on every axis. The colours are those of Okabe and Ito (2008), distinct for all kinds of colour vision; what
-colour tells, shape or position tells too. Pictures of the slope itself are in `cooperative.plots`.
+colour tells, shape or position tells too. Pictures of the slope itself are in `_plots`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,11 +15,29 @@ from matplotlib.figure import Figure
 from cooperative.effects import Exceedance, ModeShare
 from cooperative.estimate import Chances, Fits, Severity
 from cooperative.hazard import ARRIVAL, REACHED, THICKNESS, Maps
-from cooperative.reporting._plots import panels
 
 ROUGH, REFINED, FAILED, GREY = "#0072B2", "#D55E00", "#CC79A7", "#5A5A5A"
+SERIES = (ROUGH, REFINED, FAILED, "#009E73", "#56B4E9", GREY)
 MODE_COLOURS = {"progressive": "#D55E00", "compound": "#CC79A7", "deep": "#0072B2", "shallow": "#009E73"}
-FIT_STYLES = (("#D55E00", "-"), ("#009E73", "--"), ("#56B4E9", "-."))
+STYLES = ("-", "--", "-.", ":")
+
+
+def panels(rows: int, columns: int = 1, *, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
+    """A figure of rows x columns panels of `size` [inch] each, without state beyond itself."""
+    figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
+    axes = list(figure.subplots(rows, columns, squeeze=False).flat)
+    for ax in axes:
+        ax.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def _tiled(count: int, columns: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
+    """A figure of `count` panels of `size` [inch], so many beside each other at most."""
+    columns = min(count, columns)
+    figure, axes = panels(-(-count // columns), columns, size=size)
+    for ax in axes[count:]:
+        ax.set_axis_off()
+    return figure, axes[:count]
 
 
 def ranked_displacements(rows: Mapping[str, np.ndarray], *, failure_displacement: float = 1.0) -> Figure:
@@ -30,37 +48,22 @@ def ranked_displacements(rows: Mapping[str, np.ndarray], *, failure_displacement
     """
     figure, (ax,) = panels(1, size=(7.0, 4.2))
     rough, refined = (np.asarray(rows[name], dtype=float) for name in ("rough", "refined"))
-    order = np.argsort(-np.where(np.isfinite(rough), rough, np.inf), kind="stable")
-    rank = np.arange(1, rough.size + 1)
-    rough, refined = rough[order], refined[order]
-    audited = np.asarray(rows.get("audited", np.zeros(rough.size, dtype=bool)))[order]
-    ax.plot(rank, rough, ".", color=ROUGH, ms=7, label=f"rough grid ({np.isfinite(rough).sum()} samples)")
-    for chosen, marker, name in ((~audited, "^", "refined grid"), (audited, "s", "refined grid, audit")):
-        if np.isfinite(refined[chosen]).any():
-            count = np.isfinite(refined[chosen]).sum()
-            ax.plot(
-                rank[chosen],
-                refined[chosen],
-                marker,
-                color=REFINED if marker == "^" else FAILED,
-                ms=5,
-                mfc="none",
-                label=f"{name} ({count} samples)",
-            )
-    lost = ~np.isfinite(rough)
+    audited = np.asarray(rows.get("audited", np.zeros(rough.size, dtype=bool)))
+    rank, lost = ranks(rough), ~np.isfinite(rough)
+    refined_runs = (("refined grid", ~audited, REFINED, "^"), ("refined grid, audit", audited, FAILED, "s"))
+    ax.plot(rank, rough, ".", color=ROUGH, ms=7, label=f"rough grid ({(~lost).sum()} samples)")
+    for name, chosen, colour, marker in refined_runs:
+        if count := np.isfinite(refined[chosen]).sum():
+            label = f"{name} ({count} samples)"
+            ax.plot(rank[chosen], refined[chosen], marker, color=colour, ms=5, mfc="none", label=label)
     if lost.any():
-        ax.plot(
-            rank[lost],
-            np.full(lost.sum(), np.nanmax(rough)),
-            "x",
-            color=GREY,
-            label=f"rough run broke off ({lost.sum()})",
-        )
+        top = np.full(lost.sum(), np.nanmax(rough))
+        ax.plot(rank[lost], top, "x", color=GREY, label=f"rough run broke off ({lost.sum()})")
     ax.axhline(failure_displacement, color=GREY, lw=1, ls=":")
     below = failure_displacement > max(np.nanmax(rough, initial=0.0), np.nanmax(refined, initial=0.0))
     ax.annotate(
         f"failure from {failure_displacement:g} m",
-        (rank[-1], failure_displacement),
+        (rank.max(), failure_displacement),
         ha="right",
         va="top" if below else "bottom",
         color=GREY,
@@ -71,25 +74,39 @@ def ranked_displacements(rows: Mapping[str, np.ndarray], *, failure_displacement
     return figure
 
 
+def ranks(rough: np.ndarray) -> np.ndarray:
+    """Rank (N,) of each sample by its displacement on the rough grid, the farthest first; without one before all."""
+    order = np.argsort(-np.where(np.isfinite(rough), rough, np.inf), kind="stable")
+    return np.argsort(order, kind="stable") + 1
+
+
 def exceedance(curves: Mapping[str, Exceedance], labels: Mapping[str, str], *, level: float) -> Figure:
     """Exceedance curves with their pointwise intervals, one panel each.
 
-    curves: by consequence, as in the summary. labels: name -> axis label with its
-    unit. level: of the intervals.
+    curves: by consequence, as in the summary. labels: name -> axis label with its unit. level: of the intervals.
     """
-    columns = min(len(curves), 3)
-    figure, axes = panels(-(-len(curves) // columns), columns, size=(3.7, 3.1))
-    for ax, (name, curve) in zip(axes, curves.items(), strict=False):
-        at = np.array(curve.thresholds)
-        values = map(np.array, (curve.probability, curve.low, curve.high))
-        _banded(ax, at, *values, colour=ROUGH, name=f"with {level:.0%} interval", steps=True)
+    figure, axes = _tiled(len(curves), 3, (3.7, 3.1))
+    for ax, (name, curve) in zip(axes, curves.items(), strict=True):
+        _exceeded(ax, curve, ROUGH, level)
         ax.set(xlabel=labels[name], ylabel="probability of more [-]")
-        ax.set_ylim(bottom=0)
-        ax.set_xlim(0, at[-1] or 1.0)
+        ax.set_xlim(0, curve.thresholds[-1] or 1.0)
     axes[0].legend()
-    for ax in axes[len(curves) :]:
-        ax.set_axis_off()
     return figure
+
+
+def losses(curve: Exceedance, *, level: float) -> Figure:
+    """Loss exceedance (F-N) curve: probability of losing more, with its interval."""
+    figure, (ax,) = panels(1, size=(6.0, 3.6))
+    _exceeded(ax, curve, REFINED, level)
+    ax.set(xlabel="loss [currency of the scene]", ylabel="probability of losing more [-]")
+    ax.legend()
+    return figure
+
+
+def _exceeded(ax: Axes, curve: Exceedance, colour: str, level: float) -> None:
+    values = map(np.array, (curve.thresholds, curve.probability, curve.low, curve.high))
+    _banded(ax, *values, colour=colour, name=f"with {level:.0%} interval", steps=True)
+    ax.set_ylim(bottom=0)
 
 
 def profile(maps: Maps, *, toe: float | None) -> Figure:
@@ -98,23 +115,16 @@ def profile(maps: Maps, *, toe: float | None) -> Figure:
 
     toe: x of the toe (m), drawn as a line where there is one.
     """
-    likely = [name for name, unit in maps.units.items() if unit == "-"]
     figure, axes = panels(3, size=(8.0, 2.6))
-    edges, styles = maps.edges[0], ("-", "--", "-.", ":")
-    for number, name in enumerate(likely):
-        colour = (ROUGH, REFINED, FAILED, "#009E73", "#56B4E9", GREY)[number % 6]
-        mark = "" if number < 4 else "o"
-        style = styles[number % 4] + mark
-        _staircase(axes[0], edges, maps.maps[name], colour, style, name, banded=number == 0)
-    axes[0].set(ylabel="probability [-]")
+    edges = maps.edges[0]
+    for number, name in enumerate(name for name, unit in maps.units.items() if unit == "-"):
+        style = STYLES[number % 4] + ("" if number < 4 else "o")
+        _staircase(axes[0], edges, maps.maps[name], SERIES[number % 6], style, name, banded=number == 0)
     _staircase(axes[1], edges, maps.maps[THICKNESS], ROUGH, "-", "expected thickness of the deposit")
-    axes[1].set(ylabel="thickness [m]")
     _staircase(axes[2], edges, maps.maps[ARRIVAL], ROUGH, "-", "mean arrival of the slides that come")
-    axes[2].set(ylabel="arrival [s]")
-    for ax in axes:
-        ax.set(xlabel="x [m]")
+    for ax, label in zip(axes, ("probability [-]", "thickness [m]", "arrival [s]"), strict=True):
+        ax.set(xlabel="x [m]", ylabel=label, xlim=(edges[0], edges[-1]))
         ax.set_ylim(bottom=0)
-        ax.set_xlim(edges[0], edges[-1])
         if toe is not None:
             ax.axvline(toe, color=GREY, lw=1, ls=":")
         ax.legend(fontsize=8)
@@ -147,13 +157,12 @@ def _banded(
     marker: str = "",
     steps: bool = False,
 ) -> None:
-    """A curve in the band of its interval, whose ends are thin lines, to be seen in black and white too. The gid of the
-    ends tells the page what they are."""
+    """A curve in the band of its interval, whose ends are thin lines, to be seen in black and white too."""
     drawn = "steps-post" if steps else "default"
     ax.fill_between(at, low, high, step="post" if steps else None, color=colour, alpha=0.2, lw=0)
     ax.plot(at, value, style, color=colour, lw=2, marker=marker, ms=4, drawstyle=drawn, label=name)
-    for limit, gid in ((low, "low"), (high, "high")):
-        ax.plot(at, limit, "-", color=colour, lw=0.6, drawstyle=drawn, gid=gid)
+    for limit in (low, high):
+        ax.plot(at, limit, "-", color=colour, lw=0.6, drawstyle=drawn)
 
 
 def plan_maps(maps: Maps, *, toe: float | None) -> Figure:
@@ -161,37 +170,29 @@ def plan_maps(maps: Maps, *, toe: float | None) -> Figure:
 
     toe: x of the toe (m), drawn as a line where there is one.
     """
-    shown = [(name, name, found.value, maps.units[name]) for name, found in maps.maps.items()]
-    first = maps.maps[REACHED]
-    limits = (("lower", first.low), ("upper", first.high))
-    shown[1:1] = [(f"{REACHED}, {side} limit", REACHED, values, "-") for side, values in limits]
+    shown = list(mapped(maps))
     x, y = maps.edges
-    columns = 2
-    figure, axes = panels(-(-len(shown) // columns), columns, size=(5.4, 5.4 * np.ptp(y) / np.ptp(x) + 0.9))
-    for ax, (title, name, values, unit) in zip(axes, shown, strict=False):
-        # What is reached and its limits share one scale.
-        scale = first.high if name == REACHED else values
-        top = float(np.nanmax(scale, initial=0.0)) or 1.0
+    figure, axes = _tiled(len(shown), 2, (5.4, 5.4 * np.ptp(y) / np.ptp(x) + 0.9))
+    for ax, (title, unit, values, top) in zip(axes, shown, strict=True):
         mesh = ax.pcolormesh(x, y, values.T, cmap="cividis", vmin=0.0, vmax=top, rasterized=True)
         if toe is not None:
             ax.axvline(toe, color="white", lw=1.2, ls="--")
         ax.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
         ax.set_title(title, loc="left", fontsize=9)
         figure.colorbar(mesh, ax=ax, label=f"[{unit}]", shrink=0.8)
-    for ax in axes[len(shown) :]:
-        ax.set_axis_off()
     return figure
 
 
-def losses(curve: Exceedance, *, level: float) -> Figure:
-    """Loss exceedance (F-N) curve: probability of losing more, with its interval."""
-    figure, (ax,) = panels(1, size=(6.0, 3.6))
-    values = map(np.array, (curve.thresholds, curve.probability, curve.low, curve.high))
-    _banded(ax, *values, colour=REFINED, name=f"with {level:.0%} interval", steps=True)
-    ax.set(xlabel="loss [currency of the scene]", ylabel="probability of losing more [-]")
-    ax.set_ylim(bottom=0)
-    ax.legend()
-    return figure
+def mapped(maps: Maps) -> Iterable[tuple[str, str, np.ndarray, float]]:
+    """Title, unit, values (nx, ny) and end of the scale of each map in plan; what is reached and its limits, which
+    follow it, share one scale."""
+    for name, found in maps.maps.items():
+        reached, unit = name == REACHED, maps.units[name]
+        top = float(np.nanmax(found.high if reached else found.value, initial=0.0)) or 1.0
+        yield name, unit, found.value, top
+        if reached:
+            yield f"{name}, lower limit", unit, found.low, top
+            yield f"{name}, upper limit", unit, found.high, top
 
 
 def convergence(
@@ -207,9 +208,7 @@ def convergence(
     truth: a known answer, drawn as a line.
     """
     figure, (ax,) = panels(1, size=(7.0, 4.2))
-    for (method, runs), (colour, style) in zip(
-        spent.items(), ((ROUGH, "-"), (REFINED, "--"), ("#009E73", "-."), (FAILED, ":")), strict=False
-    ):
+    for (method, runs), colour, style in zip(spent.items(), (ROUGH, REFINED, "#009E73", FAILED), STYLES, strict=False):
         low, high = interval[method]
         name = f"{method}, 95 % interval"
         _banded(ax, runs, probability[method], low, high, colour=colour, name=name, style=style, marker="o")
@@ -247,11 +246,8 @@ def mode_shares(modes: Mapping[str, ModeShare]) -> Figure:
     """Share of each failure mode among the failures, with its interval."""
     figure, (ax,) = panels(1, size=(6.0, 3.2))
     for at, (name, share) in enumerate(modes.items()):
-        low, high = share.interval
-        ax.plot([at, at], [low, high], "-", color="black", lw=1.2)
-        ax.plot([at], [share.ratio], "o", color=MODE_COLOURS[name], ms=9, label=name)
-        for limit, gid in ((low, "low"), (high, "high")):
-            ax.plot([at], [limit], "_", color="black", ms=12, gid=gid)
+        ax.plot([at, at], share.interval, "-_", color="black", lw=1.2, ms=12)
+        ax.plot([at], [share.ratio], "o", color=MODE_COLOURS[name], ms=9)
     ax.set_xticks(range(len(modes)), [f"{name}\n{share.count} runs" for name, share in modes.items()])
     ax.set(ylabel="share of the failures [-]", xlabel="failure mode [-]", ylim=(0, 1.02))
     ax.set_xlim(-0.6, len(modes) - 0.4)
@@ -271,21 +267,19 @@ def fitted(
     samples: name -> values (n,) of the failures. weights: what each stands for (n,). fits: of each name. labels: name
     -> axis label with its unit. most: fits drawn in each panel.
     """
-    columns = min(len(samples), 3)
-    figure, axes = panels(-(-len(samples) // columns), columns, size=(3.5, 2.9))
-    for ax, (name, values) in zip(axes, samples.items(), strict=False):
+    figure, axes = _tiled(len(samples), 3, (3.5, 2.9))
+    for ax, (name, values) in zip(axes, samples.items(), strict=True):
         order = np.argsort(values, kind="stable")
         share = np.cumsum(weights[order]) / weights.sum()
         at = np.concatenate([values[order][:1], values[order]])
         ax.step(at, np.concatenate([[0.0], share]), where="post", color="black", lw=1.4, label="runs")
         reach = np.ptp(values)
         curve = np.linspace(values.min() - 0.15 * reach, values.max() + 0.15 * reach, 200)
-        for fit, (colour, style) in zip(fits[name].fits[:most], FIT_STYLES, strict=False):
+        looks = zip((REFINED, "#009E73", "#56B4E9"), STYLES, strict=False)
+        for fit, (colour, style) in zip(fits[name].fits[:most], looks, strict=False):
             ax.plot(curve, fit.frozen.cdf(curve), style, color=colour, lw=1.6, label=f"{fit.name}, AIC {fit.aic:.1f}")
         ax.set(xlabel=labels[name], ylabel="cumulative share [-]", ylim=(-0.02, 1.02))
         ax.legend(fontsize=7)
-    for ax in axes[len(samples) :]:
-        ax.set_axis_off()
     return figure
 
 
@@ -296,19 +290,13 @@ def severity(severities: Mapping[str, Sequence[Severity]], labels: Mapping[str, 
     """
     # The summary ranks areas too, which a section has none of.
     severities = {name: ranked for name, ranked in severities.items() if name in labels}
-    columns = min(len(severities), 3)
-    figure, axes = panels(-(-len(severities) // columns), columns, size=(3.5, 2.4))
-    for ax, (name, ranked) in zip(axes, severities.items(), strict=False):
+    figure, axes = _tiled(len(severities), 3, (3.5, 2.4))
+    for ax, (name, ranked) in zip(axes, severities.items(), strict=True):
         for height, mode in enumerate(reversed(ranked)):
             colour = MODE_COLOURS[mode.group]
-            ax.plot([mode.middle], [height], "o", color=colour, ms=7, label=mode.group)
+            ax.plot([mode.middle], [height], "o", color=colour, ms=7)
             if mode.interval is not None:
-                ax.plot(mode.interval, [height, height], "-", color=colour, lw=2.5)
-                for limit, gid in zip(mode.interval, ("low", "high"), strict=True):
-                    ax.plot([limit], [height], "|", color=colour, ms=9, gid=gid)
+                ax.plot(mode.interval, [height, height], "-|", color=colour, lw=2.5, ms=9)
         ax.set_yticks(range(len(ranked)), [f"{mode.group} ({mode.count})" for mode in reversed(ranked)])
-        ax.set(xlabel=labels[name], ylim=(-0.6, len(ranked) - 0.4))
-        ax.set_ylabel("failure mode (runs) [-]")
-    for ax in axes[len(severities) :]:
-        ax.set_axis_off()
+        ax.set(xlabel=labels[name], ylabel="failure mode (runs) [-]", ylim=(-0.6, len(ranked) - 0.4))
     return figure

@@ -5,7 +5,7 @@ In 3D a map and a section, and a page whose ground the reader turns.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,20 +19,17 @@ from matplotlib.patches import Patch
 
 from cooperative.folder import models_of
 from cooperative.measure import Place
+from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import _page as page
-from cooperative.reporting import _pictures as pictures
 from cooperative.reporting import _plots as plots
-from cooperative.reporting import _turn as turn
+from cooperative.reporting._bodies import skin
 from cooperative.runs import GridModel, coefficients_of, ground_of, soil_of
 from cooperative.scene import Campaign
 from cooperative.store import write_aside
 from jaxmpm import Raster, WaterSurface, WaterTable
 
 LAYERS = matplotlib.colormaps["Set2"]
-WATER = "#1f77b4"
-POOL = (31, 119, 180, 110)
-"""The same, that soil shows through."""
-
+WATER, ROCK = "#1f77b4", "#969696"
 
 Values = dict[str, Mapping[str, np.ndarray]]
 """By grid and parameter of the soil, of the particles (N,), nan for rock."""
@@ -54,6 +51,8 @@ def draw(campaign: Campaign, *paths: Path, sample: int = 0) -> None:
     turns = [path for path in paths if path.suffix == ".html"]
     if turns and campaign.dimension < 3:
         raise ValueError(f"{turns[0]}: a section has nothing to turn, give a PNG, PDF or SVG")
+    if turns and not interactive.installed():
+        raise ValueError(f"{turns[0]}: a page that turns needs plotly, which is not installed: pip install plotly")
     models = models_of(campaign)
     coefficients = coefficients_of(campaign, models["rough"].soil)[sample]
     values = {grid: soil_of(model, coefficients).values for grid, model in models.items()}
@@ -69,39 +68,45 @@ def draw(campaign: Campaign, *paths: Path, sample: int = 0) -> None:
 
 def solid(models: dict[str, GridModel], values: Values) -> str:
     """A page that turns: the ground by its layers, and one random field on every grid, the first."""
-    campaign = next(iter(models.values())).campaign
+    campaign = models["refined"].campaign
     name = next(iter(campaign.random))
     drawn = plots.quantity(name)
     field = {grid: found[name] / drawn.unit for grid, found in values.items()}
-    ends = _ends(field)
-    bodies = [_layered(models["refined"])]
+    low, high = _ends(field)
+    scale: dict[str, Any] = {
+        "cmin": low,
+        "cmax": high,
+        "colorscale": "Cividis",
+        "colorbar": {"title": {"text": drawn.said}},
+    }
+    bodies = {"layers": _layered(models["refined"])}
     for grid, model in models.items():
-        faces, of = turn.skin(np.asarray(model.scene.particles.position, float), 2 * model.half_size)
-        bodies.append(
-            turn.Body(
-                f"{drawn.word}, {grid} grid",
-                faces,
-                turn.coloured(field[grid][of], Normalize(*ends), "cividis"),
-                _outlines(model),
-                scale=(f"{drawn.word} [{drawn.said}]", ends[0], ends[1], "cividis"),
-            )
+        found = skin(np.asarray(model.scene.particles.position, float), 2 * model.half_size)
+        seen = field[grid][found.of]
+        rock = np.isnan(seen)
+        soil = interactive.mesh(found.corners, found.faces[~rock], of_faces=seen[~rock], **scale)
+        bodies[f"{drawn.word}, {grid} grid"] = [soil, interactive.mesh(found.corners, found.faces[rock], color=ROCK)]
+    figure = interactive.chosen(bodies, list(_outlines(models["refined"])))
+    said = "Ground by its layers, and one sample's random field on both grids. Drag it to turn it."
+    parts = [page.heading(campaign.name, 1), interactive.script(), interactive.html(figure, "ground")]
+    return page.document(campaign.name, [*parts, page.paragraph(said)])
+
+
+def _layered(model: GridModel) -> list[Any]:
+    """The ground by its layers, and the water above it."""
+    found = skin(np.asarray(model.scene.particles.position, float), 2 * model.half_size)
+    number = np.zeros(len(found.of), int) if model.layer is None else model.layer[found.of]
+    parts = [
+        interactive.mesh(
+            found.corners, found.faces[number == k], color=to_hex(LAYERS(k % LAYERS.N)), name=name, showlegend=True
         )
-    said = "Ground by its layers, and one sample's random field on both grids."
-    return page.document(campaign.name, [page.heading(campaign.name, 1), turn.turning(bodies, said), turn.SCRIPT])
-
-
-def _layered(model: GridModel) -> turn.Body:
-    """The ground by its layers."""
-    faces, of = turn.skin(np.asarray(model.scene.particles.position, float), 2 * model.half_size)
-    number = np.zeros(len(of), int) if model.layer is None else model.layer[of]
-    colours = LAYERS(number % LAYERS.N, bytes=True)
-    key = [(to_hex(LAYERS(k % LAYERS.N)), name) for k, name in enumerate(_names(model.campaign))]
-    pool = _pool(model)
+        for k, name in enumerate(_names(model.campaign))
+    ]
+    pool = _pool(model).reshape(-1, 3)
     if len(pool):
-        faces = np.concatenate([faces, pool])
-        colours = np.concatenate([colours, np.full((len(pool), 4), POOL)])
-        key.append((WATER, "water"))
-    return turn.Body("layers", faces, colours, _outlines(model), key)
+        squares = np.arange(len(pool)).reshape(-1, 4)
+        parts.append(interactive.mesh(pool, squares, color=WATER, opacity=0.4, name="water", showlegend=True))
+    return parts
 
 
 def _pool(model: GridModel) -> np.ndarray:
@@ -119,30 +124,32 @@ def _pool(model: GridModel) -> np.ndarray:
     return squares[middle[..., 2] > shape.heights(middle[..., 0], middle[..., 1])]
 
 
-def _outlines(model: GridModel) -> list[turn.Line]:
+def _outlines(model: GridModel) -> Iterator[Any]:
     """The base, the walls and the exposed places, these on the surface of the ground."""
     campaign = model.campaign
     shape: Any = campaign.site.shape
     low, high = np.array(shape.corner), np.array(shape.corner) + shape.extent
     (x0, y0, z0), (x1, y1, z1) = low, high
     ring = [(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)]
-    found = [turn.Line(np.array([(x, y, z0) for x, y in ring]), name=f"fixed base, z = {z0:g} m")]
+    # Lines on the surface lie above the boxes of its particles.
+    above = 2 * model.half_size[-1]
+    yield interactive.line(np.array([(x, y, z0) for x, y in ring]), f"fixed base, z = {z0:g} m")
     for (axis, side), hold in _holds(model).items():
         at = (low if side == "low" else high)[axis]
-        ends = [np.array([*point, z1]) for point in ring[:4] if point[axis] == at]
-        for end, said in zip(ends, (f"{hold} wall, {'xy'[axis]} = {at:g} m", ""), strict=True):
-            points = np.array([(ends[0] + ends[1]) / 2, end, (*end[:2], z0)])
-            found.append(turn.Line(points, name=said, dashed=hold == "roller"))
+        ends = [point for point in ring[:4] if point[axis] == at]
+        frame = np.array([(*ends[0], z0), (*ends[0], z1), (*ends[1], z1), (*ends[1], z0)])
+        yield interactive.line(frame, f"{hold} wall, {'xy'[axis]} = {at:g} m", dashed=hold == "roller")
     x, y = _around(np.array(ring[:4]), model.scene.grid.cell / 2).T
     if (table := _water(model, x, y)) is not None:
-        found.append(turn.Line(np.column_stack([x, y, table]), WATER, "water"))
+        yield interactive.line(np.column_stack([x, y, table]), "water table", WATER)
     if campaign.site.track is not None:
         points = _between(np.array(campaign.site.track.points), model.scene.grid.cell / 2)
-        found.append(turn.Line(np.column_stack([points, shape.heights(*points.T)]), TRACK, "run-out line", dashed=True))
+        yield interactive.line(
+            np.column_stack([points, shape.heights(*points.T) + above]), "run-out line", TRACK, dashed=True
+        )
     for place in _places(campaign):
         corners = _around(np.array(place.corners), model.scene.grid.cell / 2)
-        found.append(turn.Line(np.column_stack([corners, shape.heights(*corners.T)]), PLACE, place.name))
-    return found
+        yield interactive.line(np.column_stack([corners, shape.heights(*corners.T) + above]), place.name, PLACE)
 
 
 def _around(corners: np.ndarray, step: float) -> np.ndarray:
@@ -194,8 +201,8 @@ def ground(models: dict[str, GridModel], values: Values) -> Figure:
     """Ground above one random field on every grid, the first; in 3D the section in the middle, and its place on a
     map."""
     stored, fine = ground_of(models), models["refined"]
-    planes = {grid: pictures.plane_at(each, stored.middle) for grid, each in stored.grids.items()}
-    sections = {grid: pictures.section_of(each, planes[grid]) for grid, each in stored.grids.items()}
+    planes = {grid: plots.plane_at(each, stored.middle) for grid, each in stored.grids.items()}
+    sections = {grid: plots.section_of(each, planes[grid]) for grid, each in stored.grids.items()}
     mapped = fine.campaign.dimension == 3
     figure, axes = plots.section_panels(sections["refined"][0], 1 + len(models) + mapped)
     if mapped:

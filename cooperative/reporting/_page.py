@@ -3,29 +3,30 @@ figures within it, fit for the screen and for paper."""
 
 from __future__ import annotations
 
+import io
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from pathlib import Path
+from typing import Any
 
-from matplotlib.figure import Figure
+import matplotlib
 
-from cooperative.effects import Risk, Spread
+from cooperative.effects import ModeShare, Risk, Spread
 from cooperative.estimate import ENOUGH, NOT_ASKED, Fits, after_more_runs
 from cooperative.folder import Results
-from cooperative.reporting import _svg as svg
-from cooperative.reporting import _turn as turn
-from cooperative.reporting._progress import duration
+from cooperative.reporting._plots import Drawn
 from cooperative.store import GRIDS, read_sample
 from cooperative.summary import OtherEstimate, Summary
-from foundation.text import printable
+from foundation.text import duration, printable
 
-HERE = Path(__file__)
-STYLE = HERE.with_suffix(".css").read_text(encoding="utf-8")
-SCRIPT = f"<script>\n{HERE.with_suffix('.js').read_text(encoding='utf-8')}</script>"
-"""What makes all figures before it answer, once on a page."""
+STYLE = Path(__file__).with_suffix(".css").read_text(encoding="utf-8")
 
-TURN = turn.SCRIPT
-"""The same for bodies that turn."""
+WIDE = 7.5
+"""Width of a figure (inch) from which on it stands alone."""
+
+DPI = 120
+"""Of what is drawn as pixels within a figure: particles and maps."""
 
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
 """A browser fetches nothing for the page."""
@@ -92,19 +93,36 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str | float | int | None]
     return f"<table{_kind('rows' if heads else None)}>\n{top}<tbody>\n{lines}</tbody>\n</table>"
 
 
-def picture(figure: Figure, caption: str) -> str:
-    """A figure within the page, its panels as SVG that answer mouse and keyboard where `SCRIPT` stands after them."""
-    said = escape(caption)
-    link = " data-linked" if svg.linked(figure) else ""
+def figure(drawn: Drawn, live: str | None = None) -> str:
+    """A figure within the page, as matplotlib draws it.
+
+    live: what stands for it where the browser runs scripts.
+    """
+    still = _inlined(drawn)
+    shown = still if live is None else f"{live}\n<noscript>{still}</noscript>"
+    wide = " wide" if drawn.figure.get_figwidth() > WIDE else ""
     return (
-        f'<figure>\n<div class="panels"{link}>\n{"".join(svg.panels(figure))}</div>\n'
-        f"<figcaption>{said}</figcaption>\n</figure>"
+        f'<figure class="drawn{wide}" aria-labelledby="of-{drawn.name}">\n{shown}\n'
+        f'<figcaption id="of-{drawn.name}">{escape(drawn.caption)}</figcaption>\n</figure>'
     )
 
 
 def figures(drawn: Iterable[str]) -> str:
-    """Figures, those of one panel beside each other where there is room."""
+    """Figures, narrow ones beside each other where there is room."""
     return '<div class="figures">\n' + "\n".join(drawn) + "\n</div>"
+
+
+def _inlined(drawn: Drawn) -> str:
+    """A figure as an SVG element, whose ids no other element of the page has."""
+    kept = io.BytesIO()
+    how: Any = {"svg.fonttype": "none", "svg.hashsalt": drawn.name}
+    with matplotlib.rc_context(how):
+        drawn.figure.savefig(kept, format="svg", dpi=DPI, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
+    drawing = kept.getvalue().decode()
+    # Its style sheet, which on a page would be that of all other elements, is in the page's own.
+    drawing = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>", "", drawing[drawing.find("<svg") :], flags=re.S)
+    drawing = re.sub(r'(\bid="|href="#|url\(#)', rf"\1{drawn.name}-", drawing)
+    return drawing.replace("<svg ", f'<svg role="img" aria-labelledby="of-{drawn.name}" ', 1)
 
 
 def _cell(value: str | float | int | None, head: str | None) -> str:
@@ -139,10 +157,9 @@ def words(results: Results) -> str:
         f"{found.seconds['refined']:.0f} s",
     ]
     lines += [f"  {line}" for line in (_more(found), agreement(found)) if line]
-    for mode, share in (found.modes or {}).items():
-        if share.count:
-            low, high = share.interval
-            lines.append(f"  {mode:<13}  {share.ratio:.0%} of the failures ({low:.0%} to {high:.0%})")
+    for mode, share in occurring(found).items():
+        low, high = share.interval
+        lines.append(f"  {mode:<13}  {share.ratio:.0%} of the failures ({low:.0%} to {high:.0%})")
     for name, spread in found.consequences_of_failures.items():
         if spread and name in labels(results):
             mean, largest = (_least(value, spread.at_least) for value in (spread.mean, spread.largest))
@@ -191,6 +208,11 @@ def distinct(results: Results) -> dict[str, dict[str, Fits]]:
     }
 
 
+def occurring(found: Summary) -> dict[str, ModeShare]:
+    """Modes that some refined run failed in."""
+    return {mode: share for mode, share in (found.modes or {}).items() if share.count}
+
+
 def labels(results: Results) -> dict[str, str]:
     """Axis label of each consequence, with its unit. In a section the influence area is the run-out, and is left
     out."""
@@ -199,8 +221,8 @@ def labels(results: Results) -> dict[str, str]:
         "displacement": "largest displacement $R_d$ [m]",
         "depth": "sliding depth $H$ [m]",
         "runout": "run-out $L$ [m]",
-        "volume": f"sliding volume $V$ [{'m$^3$' if solid else 'm$^3$/m'}]",
-    } | ({"area": "influence area $S$ [m$^2$]"} if solid else {})
+        "volume": f"sliding volume $V$ [{'m³' if solid else 'm³/m'}]",
+    } | ({"area": "influence area $S$ [m²]"} if solid else {})
 
 
 def units(results: Results) -> dict[str, str]:
@@ -289,7 +311,7 @@ def look(results: Results) -> Iterator[str]:
     """What the slides do on average, and which modes they have."""
     missing = without_slides(results.summary)
     yield paragraph(missing) if missing else _consequences(results)
-    modes = {mode: share for mode, share in (results.summary.modes or {}).items() if share.count}
+    modes = occurring(results.summary)
     if len(modes) == 1:
         yield paragraph(f"All failures are {next(iter(modes))}.")
     elif modes:

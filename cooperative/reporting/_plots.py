@@ -1,24 +1,28 @@
-"""Pictures of a slope: its strength, its slide at several times, from the side and from above.
+"""Pictures of a slope: its random fields, its slide at several times, from the side and from above.
 
-Each takes arrays and gives a matplotlib Figure; none keeps any state. Units stand on every axis; the colour maps are
-perceptually even for all kinds of colour vision (viridis, cividis). Figures of numbers: `cooperative.charts`.
+Arrays go in and a matplotlib Figure comes out; none keeps any state. Units stand on every axis; the colour maps are
+perceptually even for all kinds of colour vision (viridis, cividis). Figures of numbers are in `_charts`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from scipy.spatial import Delaunay, QhullError
 
+from cooperative.reporting._bodies import Moving
+from cooperative.reporting._charts import panels
+from cooperative.runs import Frames, SampleSoil, StoredGrid, StoredGround
+from cooperative.store import Sample
 from foundation import files
 
 Section = tuple[np.ndarray, np.ndarray]
@@ -34,12 +38,12 @@ TORN = 2.0
 
 @dataclass(frozen=True)
 class Drawn:
-    """A figure, its file name and what it shows. page: HTML that stands for it on the page, where that shows more."""
+    """A figure, its file name and what it shows. body: that it is of, where a reader may turn it."""
 
     name: str
     caption: str
     figure: Figure
-    page: str | None = None
+    body: Moving | None = None
 
 
 @dataclass(frozen=True)
@@ -188,16 +192,6 @@ def save(figure: Figure, path: str | Path, *, dpi: int = 150) -> Path:
     return path
 
 
-def panels(rows: int, columns: int = 1, *, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
-    """A figure of rows x columns panels of `size` [inch] each, without state beyond itself."""
-    figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = list(figure.subplots(rows, columns, squeeze=False).flat)
-    for ax in axes:
-        ax.spines[["top", "right"]].set_visible(False)
-    return figure, axes
-
-
 def section_panels(position: np.ndarray, rows: int, columns: int = 1) -> tuple[Figure, list[Axes]]:
     """Panels as high as a section drawn in true scale asks for."""
     width = 8.0 if columns == 1 else 4.8
@@ -219,10 +213,12 @@ def draw_particles(
     """Particles as boxes in true size, so that both grids fill the same area; with a displacement (2, N) m from a
     lattice, moved and stretched, over the soil between them."""
     still = np.zeros_like(position)
-    drawn, shown = list(moved_boxes(position, still if displacement is None else displacement, half)), values
+    drawn: Any
+    drawn, shown = moved_boxes(position, still if displacement is None else displacement, half), values
     if displacement is not None and displacement.any():
         between = soil_between(position + displacement, half)
-        drawn = [*(position + displacement).T[between], *drawn]
+        # Triangles with their last corner twice, so that one array holds them and the boxes.
+        drawn = np.concatenate([(position + displacement).T[between[:, [0, 1, 2, 2]]], drawn])
         shown = np.concatenate([values[between].mean(axis=1), values])
     boxes = PolyCollection(
         drawn,
@@ -288,3 +284,78 @@ def _share_limits(axes: Sequence[Axes]) -> None:
         ends = np.array([getattr(ax, limits)() for ax in axes])
         for ax in axes:
             getattr(ax, give)(float(ends[:, 0].min()), float(ends[:, 1].max()))
+
+
+def drawn_fields(ground: StoredGround, sample: Sample, soils: Mapping[str, SampleSoil]) -> Iterator[Drawn]:
+    """The random fields of one sample on both grids, a picture for each parameter.
+
+    ground: of the campaign. soils: of the sample, by grid.
+    """
+    planes = {grid: _plane(ground, grid, sample) for grid in soils}
+    sections = {grid: section_of(ground.grids[grid], plane) for grid, plane in planes.items()}
+    for place, name in enumerate(ground.random):
+        seen = {grid: soil.values[name][planes[grid]] for grid, soil in soils.items()}
+        caption = f"Sample {sample.number}: the same random field of {_word(name)} on both grids."
+        yield Drawn(f"field-{name}" if place else "field", caption, parameter_fields(name, sections, seen))
+
+
+def drawn_change(ground: StoredGround, grid: str, sample: Sample) -> Drawn:
+    """One sample's section before and after, by the plastic strain that was kept."""
+    plane = _plane(ground, grid, sample)
+    section, half = section_of(ground.grids[grid], plane)
+    moved, strain = sample.fields["displacement"][[0, -1]][:, plane], sample.fields["plastic_strain"][plane]
+    caption = f"Sample {sample.number} before and after its slide, by plastic strain."
+    return Drawn("slope", caption, before_and_after(section, moved, strain, half))
+
+
+def drawn_slide(ground: StoredGround, grid: str, sample: Sample, soil: SampleSoil, shown: Frames) -> Iterator[Drawn]:
+    """A sample's strength and slide at several times, in 3D from above too; nothing where no moment is known."""
+    if not shown.times:
+        return
+    displacement, plane = np.stack(shown.displacement), _plane(ground, grid, sample)
+    name, of = ground.random[0], ground.grids[grid]
+    seen = displacement[:, [0, -1]][:, :, plane]
+    where = " Section where it moved farthest." if ground.dimension == 3 else ""
+    yield Drawn(
+        f"slide-{sample.number:06d}",
+        f"{title(sample)}: {_word(name)} and slide.{where}",
+        slide(section_of(of, plane), name, soil.values[name][plane], seen, shown.times),
+    )
+    if ground.dimension == 3:
+        toe = None if ground.face is None else ground.face.toe_x
+        yield Drawn(
+            f"plan-{sample.number:06d}",
+            f"{title(sample)}, by how far the soil on top has moved, from above.",
+            plan(np.asarray(of.position, float), displacement, shown.times, of.half_size, toe=toe),
+        )
+
+
+def title(sample: Sample) -> str:
+    """Number and failure mode of a sample."""
+    mode = sample.row.get("mode")
+    return f"Sample {sample.number}" + ("" if mode in (None, "none") else f", {mode}")
+
+
+def _word(name: str) -> str:
+    return "strength" if name == "strength" else quantity(name).word
+
+
+def _plane(ground: StoredGround, grid: str, sample: Sample) -> np.ndarray:
+    """Particles (N,) of the section to draw: all of them in 2D, in 3D the slice that moved farthest."""
+    of, moved = ground.grids[grid], sample.fields.get("displacement")
+    if ground.dimension == 3 and moved is not None and moved.shape == of.position.shape:
+        return plane_at(of, float(of.position[1, np.argmax(np.linalg.norm(moved, axis=0))]))
+    return plane_at(of, ground.middle)
+
+
+def plane_at(grid: StoredGrid, centre: float) -> np.ndarray:
+    """Particles (N,) of the section at y = centre (m): all of them in 2D."""
+    if len(grid.position) == 2:
+        return np.ones(grid.position.shape[1], bool)
+    nearest = grid.position[1, np.argmin(np.abs(grid.position[1] - centre))]
+    return np.abs(grid.position[1] - nearest) < grid.half_size[1]
+
+
+def section_of(grid: StoredGrid, plane: np.ndarray) -> Section:
+    """Positions (2, n) of a section's particles and half their spacing (2,) m."""
+    return np.asarray(grid.position, float)[[0, -1]][:, plane], grid.half_size[[0, -1]]

@@ -19,7 +19,7 @@ from cooperative.estimate import Estimate, Estimator
 from cooperative.scene import Campaign, campaign_of
 from cooperative.store import GRIDS, SLIDES, Rows, Store, lock_holder, read_rows, read_store, sample_path
 from cooperative.summary import slides_of
-from foundation.text import printable
+from foundation.text import duration, printable
 
 RECENT = 20
 """How many of the last finished samples the pace is taken from."""
@@ -155,14 +155,6 @@ def words(progress: Progress) -> str:
     )
     lines += [f"  note: {note}" for note in found.notes]
     return "\n".join(map(printable, lines))
-
-
-def duration(seconds: float) -> str:
-    """Seconds as people say them: 45 s, 12 min, 3.5 h, 2.1 days."""
-    for limit, unit, name in ((90, 1, "s"), (5400, 60, "min"), (172_800, 3600, "h")):
-        if seconds < limit:
-            return f"{seconds / unit:.2g} {name}"
-    return f"{seconds / 86_400:.2g} days"
 
 
 def _grid(campaign: Campaign, grid: str, rows: dict[str, Rows], pace: float) -> GridProgress:

@@ -1,0 +1,250 @@
+"""Figures that a reader points at and bodies that turn, by Plotly (extra "interactive"), imported here alone."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cooperative.effects import Exceedance
+from cooperative.hazard import ARRIVAL, THICKNESS, Maps
+from cooperative.reporting._bodies import Moving
+from cooperative.reporting._charts import GREY, REFINED, ROUGH, SERIES, mapped, ranks
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure, Mesh3d
+
+Stairs = Mapping[str, tuple[np.ndarray, ...]]
+"""Curves by name: thresholds, values and their limits (n,) each."""
+
+BAND = "rgba(0, 114, 178, 0.2)"
+LIMIT = {"color": GREY, "dash": "dot", "width": 1}
+HIGH, ACROSS = 320, 3
+"""Height of a panel (pixels), and panels beside each other."""
+
+
+def installed() -> bool:
+    """Whether the extra is."""
+    return find_spec("plotly") is not None
+
+
+def script() -> str:
+    """Plotly's own script, which draws all figures after it on a page."""
+    from plotly.offline import get_plotlyjs
+
+    return f"<script>{get_plotlyjs()}</script>"
+
+
+def html(figure: Figure, name: str) -> str:
+    """A figure as part of a page that has `script`. name: of its element."""
+    how = {"displaylogo": False, "responsive": True}
+    return str(figure.to_html(config=how, include_plotlyjs=False, full_html=False, div_id=name, include_mathjax=False))
+
+
+def stairs(curves: Mapping[str, Exceedance], labels: Mapping[str, str], up: str) -> Figure:
+    """Exceedance curves beside each other. labels: of their axes, by their names. up: label of the other axis."""
+    shown = [
+        {name: tuple(map(np.array, (each.thresholds, each.probability, each.low, each.high)))}
+        for name, each in curves.items()
+    ]
+    return _stairs(shown, [labels[name] for name in curves], [up] * len(shown), ACROSS)
+
+
+def profile(maps: Maps, *, toe: float | None) -> Figure:
+    """Hazard along a section: probabilities, expected thickness and arrival against x; toe: its x (m)."""
+
+    def at(name: str) -> tuple[np.ndarray, ...]:
+        found = maps.maps[name]
+        return maps.edges[0], *(np.append(each, each[-1:]) for each in (found.value, found.low, found.high))
+
+    likely = {name: at(name) for name, unit in maps.units.items() if unit == "-"}
+    shown = [likely, {THICKNESS: at(THICKNESS)}, {ARRIVAL: at(ARRIVAL)}]
+    figure = _stairs(shown, ["x [m]"] * 3, ["probability [-]", "thickness [m]", "arrival [s]"], 1)
+    return figure if toe is None else figure.add_vline(toe, line=LIMIT)
+
+
+def _stairs(panels: Sequence[Stairs], across: Sequence[str], up: Sequence[str], columns: int) -> Figure:
+    """Panels of curves of which the first has the band of its interval."""
+    figure = _tiled([""] * len(panels), columns)
+    for number, curves in enumerate(panels):
+        here = _place(number, columns)
+        for at, (name, (x, value, low, high)) in enumerate(curves.items()):
+            line = {"shape": "hv", "color": SERIES[at % len(SERIES)]}
+            thin: dict[str, Any] = {"x": x, "line": line | {"width": 0.5}, "hoverinfo": "skip", "showlegend": False}
+            if not at:
+                figure.add_scatter(y=low, mode="lines", **thin, **here)
+                figure.add_scatter(y=high, mode="lines", fill="tonexty", fillcolor=BAND, **thin, **here)
+            told = "%{y:.3g} (%{customdata[0]:.3g} to %{customdata[1]:.3g})"
+            figure.add_scatter(
+                x=x, y=value, mode="lines", line=line, name=name, showlegend=len(curves) > 1,
+                customdata=np.stack([low, high], axis=1), hovertemplate=told, **here,
+            )  # fmt: skip
+        _label(figure, across[number], up[number], here)
+        figure.update_yaxes(rangemode="tozero", **here)
+    return figure.update_layout(hovermode="x unified")
+
+
+def plan_maps(maps: Maps, *, toe: float | None) -> Figure:
+    """Hazard in plan, one panel for each map; all are zoomed together. toe: its x (m)."""
+    shown = list(mapped(maps))
+    titles = [f"{title}, up to {top:.3g} {unit.strip('-')}" for title, unit, _, top in shown]
+    figure = _tiled(titles, ACROSS, shared_xaxes="all", shared_yaxes="all")
+    x, y = ((edges[1:] + edges[:-1]) / 2 for edges in maps.edges)
+    for number, (_, unit, values, top) in enumerate(shown):
+        here, told = _place(number, ACROSS), "x %{x:.4g} m, y %{y:.4g} m: %{z:.3g} " + unit.strip("-")
+        drawn = values.T.astype(np.float32)
+        look = {"zmin": 0.0, "zmax": top, "colorscale": "Cividis", "showscale": False}
+        figure.add_heatmap(x=x, y=y, z=drawn, hovertemplate=f"{told}<extra></extra>", **look, **here)
+        _label(figure, "x [m]", "y [m]", here)
+    if toe is not None:
+        figure.add_vline(toe, line=LIMIT | {"color": "white"})
+    high = 110 + round(HIGH * np.ptp(y) / np.ptp(x))
+    return figure.update_layout(height=high * -(-len(shown) // ACROSS))
+
+
+def ranked(moved: Mapping[str, np.ndarray], failure_displacement: float) -> Figure:
+    """Largest displacement of every sample by its rank on the rough grid.
+
+    moved: number of each "sample" (N,), and how far it did on each grid (N,) m, nan where it has none.
+    """
+    figure, rank = _tiled([""], 1), ranks(moved["rough"])
+    for grid, colour, symbol in (("rough", ROUGH, "circle"), ("refined", REFINED, "triangle-up-open")):
+        _points(figure, rank, moved[grid], moved["sample"], f"{grid} grid", colour, symbol)
+    figure.add_hline(failure_displacement, line=LIMIT).update_layout(legend={"orientation": "h", "y": 1.1})
+    _label(figure, "rank on the rough grid [-]", "largest displacement $R_d$ [m]", {})
+    return figure.update_yaxes(type="log")
+
+
+def grids(moved: Mapping[str, np.ndarray], failure_displacement: float) -> Figure:
+    """Refined against rough displacement of every sample, as `ranked` takes them."""
+    figure = _tiled([""], 1)
+    _points(figure, moved["rough"], moved["refined"], moved["sample"], "", ROUGH, "circle-open")
+    figure.add_hline(failure_displacement, line=LIMIT).add_vline(failure_displacement, line=LIMIT)
+    _label(figure, "$R_d$ on the rough grid [m]", "$R_d$ on the refined grid [m]", {})
+    return figure.update_xaxes(type="log").update_yaxes(type="log")
+
+
+def _points(
+    figure: Figure, x: np.ndarray, y: np.ndarray, numbers: np.ndarray, name: str, colour: str, symbol: str
+) -> None:
+    """Samples, each of which gives its number."""
+    figure.add_scatter(
+        x=x, y=y, customdata=numbers, name=name, showlegend=bool(name), mode="markers",
+        marker={"color": colour, "symbol": symbol, "size": 7},
+        hovertemplate="sample %{customdata}: %{x:.3g}, %{y:.3g}<extra></extra>",
+    )  # fmt: skip
+
+
+def _tiled(titles: Sequence[str], columns: int, **how: Any) -> Figure:
+    """A figure with a panel for each title, so many beside each other."""
+    from plotly.subplots import make_subplots
+
+    columns = min(columns, len(titles))
+    rows = -(-len(titles) // columns)
+    figure = make_subplots(rows, columns, subplot_titles=titles, **how)
+    figure.update_annotations(font_size=13)
+    margin = {"l": 60, "r": 10, "t": 40, "b": 50}
+    return figure.update_layout(template="plotly_white", height=60 + HIGH * rows, margin=margin)
+
+
+def _place(number: int, columns: int) -> dict[str, int]:
+    return {"row": number // columns + 1, "col": number % columns + 1}
+
+
+def _label(figure: Figure, across: str, up: str, here: Mapping[str, int]) -> None:
+    """Labels of a panel's axes, their mathematics as Plotly has it."""
+    across, up = (re.sub(r"\$(\w)(?:_(\w))?\$", _set, each) for each in (across, up))
+    figure.update_xaxes(title_text=across, **here).update_yaxes(title_text=up, **here)
+
+
+def _set(symbol: re.Match[str]) -> str:
+    name, below = symbol.groups()
+    return f"<i>{name}</i>" + (f"<sub>{below}</sub>" if below else "")
+
+
+def mesh(
+    corners: np.ndarray,
+    faces: np.ndarray,
+    *,
+    of_corners: np.ndarray | None = None,
+    of_faces: np.ndarray | None = None,
+    **look: Any,
+) -> Mesh3d:
+    """Faces (m, 4) between corners (n, 3) m, two triangles each, coloured by a value of each corner (n,) or face (m,),
+    or as `look` says."""
+    from plotly.graph_objects import Mesh3d
+
+    used, numbers = np.unique(faces, return_inverse=True)
+    x, y, z = corners[used].T.astype(np.float32)
+    i, j, k = numbers.reshape(-1, 4)[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3).T
+    if of_corners is not None:
+        look["intensity"] = of_corners[used].astype(np.float32)
+    if of_faces is not None:
+        look |= {"intensity": np.repeat(of_faces, 2).astype(np.float32), "intensitymode": "cell"}
+    light = {"ambient": 0.6, "diffuse": 0.7, "specular": 0.05}
+    return Mesh3d(x=x, y=y, z=z, i=i, j=j, k=k, flatshading=True, lighting=light, **look)
+
+
+def scene(meshes: Sequence[Any], **how: Any) -> Figure:
+    """Bodies and lines that turn together, in true scale."""
+    from plotly.graph_objects import Figure
+
+    axes = {f"{axis}axis": {"title": {"text": f"{axis} [m]"}} for axis in "xyz"}
+    seen = {"aspectmode": "data", "camera": {"eye": {"x": 1.0, "y": -1.7, "z": 1.1}}, **axes}
+    margin = {"l": 0, "r": 0, "t": 40, "b": 20}
+    layout = {"scene": seen, "height": 2 * HIGH, "margin": margin, "template": "plotly_white"}
+    return Figure(meshes, layout=layout | how)
+
+
+def line(points: np.ndarray, name: str, colour: str = "#333333", *, dashed: bool = False) -> Any:
+    """A named line (m, 3) m, one point makes a mark."""
+    from plotly.graph_objects import Scatter3d
+
+    x, y, z = points.T
+    look = {"color": colour, "width": 4, "dash": "dash" if dashed else "solid"}
+    mode = "lines" if len(points) > 1 else "markers"
+    return Scatter3d(x=x, y=y, z=z, mode=mode, line=look, marker={"color": colour, "size": 5}, name=name)
+
+
+def chosen(bodies: Mapping[str, Sequence[Any]], beside: Sequence[Any]) -> Figure:
+    """Bodies of which the reader chooses one, the first at the beginning, and what stands beside each."""
+    of = [name for name, body in bodies.items() for _ in body]
+    meshes = [each.update(visible=name == of[0]) for name, body in bodies.items() for each in body]
+    buttons = [
+        {
+            "label": name,
+            "method": "restyle",
+            "args": [{"visible": [*(each == name for each in of), *[True] * len(beside)]}],
+        }
+        for name in bodies
+    ]
+    menu = {"buttons": buttons, "type": "buttons", "direction": "right", "x": 0, "xanchor": "left", "y": 1.08}
+    return scene([*meshes, *beside], updatemenus=[menu], legend={"x": 0, "y": 0.95})
+
+
+def turning(body: Moving) -> Figure:
+    """A slide that turns, its times on a slider."""
+    scale = {"title": {"text": "displacement [m]"}}
+    look: dict[str, Any] = {
+        "cmin": 0.0,
+        "cmax": max(float(body.moved.max()), 1e-6),
+        "colorscale": "Viridis",
+        "colorbar": scale,
+    }
+    meshes = [
+        mesh(corners, body.faces, of_corners=moved, hovertemplate="%{intensity:.3g} m<extra></extra>", **look)
+        for corners, moved in zip(body.corners, body.moved, strict=True)
+    ]
+    names = [f"t = {time:.3g} s" for time in body.times]
+    how = {"mode": "immediate", "frame": {"duration": 0, "redraw": True}}
+    steps = [{"label": name, "method": "animate", "args": [[name], how]} for name in names]
+    last = len(names) - 1
+    figure = scene([meshes[last]], sliders=[{"active": last, "steps": steps, "pad": {"l": 40, "r": 40}}])
+    figure.frames = [
+        {"name": name, "data": [{key: each[key] for key in ("type", "x", "y", "z", "intensity")}]}
+        for name, each in zip(names, meshes, strict=True)
+    ]
+    return figure
