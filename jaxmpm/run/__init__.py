@@ -1,4 +1,4 @@
-"""Runs: steps in chunks on the device, stops and looks between them on the host, many samples, derivatives."""
+"""Runs: chunks of steps on the device with checks between them on the host; many samples; derivatives."""
 
 from jaxmpm.run._checkpointed import Checkpoints, checkpoints, replay
 from jaxmpm.run._columns import Passing, column_shape, passing, with_columns

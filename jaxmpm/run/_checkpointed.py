@@ -1,8 +1,8 @@
-"""Runs that can be differentiated: a known number of steps, taken with checkpoints that fit into a budget of bytes.
+"""Runs that can be differentiated: a known number of steps, with checkpoints that fit into a budget of bytes.
 
-`solve` decides on the host when to stop, which no derivative can pass. It records how many steps it took; `replay`
-takes them again, with the same arithmetic. Derivatives are then those of the run that was: they hold the number of
-steps fixed, as they hold the branch that each particle took in its material.
+`solve` decides on the host when to stop, which derivatives cannot pass. It records the number of its steps, and
+`replay` takes them again with the same arithmetic. Derivatives are those at a fixed number of steps and at a fixed
+branch of each particle's law.
 """
 
 from __future__ import annotations
@@ -24,17 +24,19 @@ from jaxmpm.tensors import rows
 from jaxmpm.transfer import scatter_p
 from jaxmpm.types import Scene, State, Status
 
-# What reversing one step holds at once, in sizes of the state, and what friction and finite strains add, whose
-# principal values are found in many rotations: measured in two and three dimensions, see tests/test_replay.py.
+# Memory of reversing one step, in sizes of the state, and what friction and finite strains add, whose principal values
+# need many rotations: measured in two and three dimensions, see tests/test_replay.py.
 STEP_IN_STATES, MORE_WITH_FRICTION, MORE_WITH_FINITE_STRAIN = 10, 4, 16
 
 
 @dataclass(frozen=True)
 class Checkpoints:
-    """How a run of `steps` is cut for reverse mode.
+    """Nested loops of a run for reverse mode.
 
-    levels: steps (or inner loops) of each of the nested loops, outermost first; each level more takes the forward run
-    once more. bytes: what reverse mode will hold, in all.
+    Args:
+        levels: steps (or inner loops) of each loop, outermost first; each further level takes the forward run once
+            more.
+        bytes: memory of reverse mode, in all.
     """
 
     levels: tuple[int, ...]
@@ -42,12 +44,24 @@ class Checkpoints:
 
 
 def checkpoints(scene: Scene, state: State, steps: int, memory: float) -> Checkpoints:
-    """The fewest levels whose states fit into `memory` (bytes) for a run of `steps` from `state`.
+    """The fewest nested loops whose states fit into memory.
 
-    One level keeps every state, k levels about k steps^(1/k) of them (Griewank and Walther 2000,
-    10.1145/347837.347846, for better ones of unequal length). The innermost loop also keeps what particles gave the
-    nodes in each of its steps, which costs less than to give it again.
-    Raises ValueError where no number of levels fits.
+    One level stores every state, k levels store about k steps^(1/k) of them. The innermost loop also stores what
+    particles map to the nodes in each of its steps, which costs less than to map it again.
+
+    Source of better loops of unequal length: Griewank and Walther (2000), doi:10.1145/347837.347846.
+
+    Args:
+        scene: to run.
+        state: at the start.
+        steps: number of steps.
+        memory: bytes that reverse mode may use.
+
+    Returns:
+        Checkpoints.
+
+    Raises:
+        ValueError: If no number of levels fits.
     """
     check.whole("steps", steps)
     check.positive("memory", memory, "bytes")
@@ -70,20 +84,20 @@ def _bytes(state: State) -> int:
     return sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(state))
 
 
-def _given_to_nodes(primitive: Any, *_: Any, **__: Any) -> bool:
-    """Policy of `jax.checkpoint`."""
+def _maps_to_nodes(primitive: Any, *_: Any, **__: Any) -> bool:
+    """Policy of `jax.checkpoint`: store what particles map to the nodes."""
     return primitive is scatter_p
 
 
 def _nodal_bytes(scene: Scene, state: State) -> int:
-    """What the particles give the nodes in a step."""
+    """Bytes of what the particles map to the nodes in a step."""
     equations = jax.make_jaxpr(step)(scene, state, scene.time_step).eqns
-    given = [out.aval for e in equations if _given_to_nodes(e.primitive) for out in e.outvars]
+    given = [out.aval for e in equations if _maps_to_nodes(e.primitive) for out in e.outvars]
     return sum(array.size * array.dtype.itemsize for array in given)
 
 
 def _levels(steps: int, depth: int) -> tuple[int, ...]:
-    """Lengths of `depth` nested loops of about equal length, together at least `steps`."""
+    """Lengths of `depth` nested loops of about equal length, whose product is at least `steps`."""
     if depth == 1:
         return (steps,)
     inner = int(np.ceil(steps ** ((depth - 1) / depth)))
@@ -100,16 +114,27 @@ def replay(
     limit: Array | None = None,
     memory: float = 2e9,
 ) -> tuple[State, Any]:
-    """Take `steps` steps, differentiable forward and in reverse; returns the state and the observations.
+    """Take a number of steps, differentiable forward and in reverse.
 
-    scene, state: what to run and from where, as `solve` takes them. observe: State -> anything; seen after each
-    `every` steps and stacked, (steps // every, ...); None without.
-    limit: steps after which the lane stays as it is, an array that may differ between the lanes of a vmap; `steps` is
-    then the largest. memory: bytes that reverse mode may hold for one lane.
-    A lane that breaks off says so in its status (see `Status`), and its derivatives mean nothing; those of other lanes
-    under `jax.vmap(jax.grad(...))` are what they would be without it. Mask after differentiating, not before.
-    Raises ValueError for a number of steps that is no Python integer, an `every` that does not divide it, too little
-    memory, and a state that is not the scene's (see `solve`).
+    The status of a lane that breaks off shows it (see `Status`), and its derivatives have no meaning; those of other
+    lanes under `jax.vmap(jax.grad(...))` are not affected. Mask after differentiating, not before.
+
+    Args:
+        scene: to run.
+        state: at the start, as for `solve`.
+        steps: a Python integer.
+        observe: function of the state, called after each `every` steps; None for none.
+        every: steps between two calls, a divisor of `steps`.
+        limit: steps after which a lane stays as it is, an array that may differ between the lanes of a vmap; `steps` is
+            then the largest.
+        memory: bytes that reverse mode may use for one lane.
+
+    Returns:
+        State, and the results of `observe` stacked (steps // every, ...), or None.
+
+    Raises:
+        ValueError: If `steps` is no Python integer, `every` does not divide it, memory is too small, or the state is
+            not the scene's (see `solve`).
     """
     if not isinstance(steps, int) or isinstance(steps, bool) or steps < 1:
         raise ValueError(f"steps = {steps!r}: give a Python integer of 1 or more, for example int(result.state.step)")
@@ -146,9 +171,9 @@ def replay(
 
 
 def _nested(one: Callable[[State], State], state: State, steps: int, depth: int) -> State:
-    """`steps` steps in `depth` nested loops, each of which keeps what it starts from and recomputes the rest."""
+    """Take `steps` steps in `depth` nested loops, each of which stores what it starts from and recomputes the rest."""
     if depth == 1:
-        return _loop(one, state, steps, keep=_given_to_nodes)
+        return _loop(one, state, steps, keep=_maps_to_nodes)
     inner = int(np.ceil(steps ** ((depth - 1) / depth)))
     outer, rest = divmod(steps, inner)
     state = _loop(lambda s: _nested(one, s, inner, depth - 1), state, outer)
@@ -161,13 +186,15 @@ def _loop(body: Callable[[State], State], state: State, count: int, keep: Callab
 
 
 def _split(state: State) -> State:
-    """A state whose arrays of several rows are lists of rows: reverse mode reads those it kept twice as fast, since
-    XLA on CPU does not vectorise loops over a slice of a slice."""
+    """A state whose arrays of several rows are lists of rows.
+
+    Reverse mode reads stored rows twice as fast, since XLA on CPU does not vectorise loops over a slice of a slice.
+    """
     return jax.tree.map(lambda leaf: rows(leaf) if leaf.ndim > 1 else leaf, state)
 
 
 def _whole(state: State) -> State:
-    """The state that `_split` took apart."""
+    """The state from the result of `_split`."""
 
     def is_rows(leaf: Any) -> bool:
         return isinstance(leaf, list)

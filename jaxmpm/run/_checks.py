@@ -1,4 +1,4 @@
-"""What a run asks of the state that it starts from."""
+"""Checks of the state that a run starts from."""
 
 from __future__ import annotations
 
@@ -13,8 +13,17 @@ from jaxmpm.types import Scene, State
 
 
 def check_state(scene: Scene, state: State, axes: Scene | None) -> None:
-    """Raise ValueError for a state of other particles or another precision than the scene's, without the lanes that
-    `axes` says, or without what its law remembers: its history, and the gap."""
+    """Check that a state fits a scene.
+
+    Args:
+        scene: to run.
+        state: at the start.
+        axes: leaves of the scene that have lanes first, None without lanes.
+
+    Raises:
+        ValueError: If the state is of other particles or another precision, lacks lanes, or lacks the history or the
+            gap of its law.
+    """
     leading = () if axes is None else np.shape(state.status)
     wanted = (*leading, *scene.particles.position.shape[-2:])
     if axes is not None and len(leading) != 1:
@@ -23,15 +32,15 @@ def check_state(scene: Scene, state: State, axes: Scene | None) -> None:
         raise ValueError("the state has 0 lanes: give one or more")
     if np.shape(state.status) != leading or np.shape(state.displacement) != wanted:
         raise ValueError(
-            f"the state's displacement has shape {np.shape(state.displacement)}, the scene asks for {wanted}: give the "
+            f"the state's displacement has shape {np.shape(state.displacement)}, the scene needs {wanted}: give the "
             "state that was built with it, and `axes` with lanes"
         )
     precisions = [jnp.result_type(array) for array in (state.displacement, scene.particles.position)]
     if precisions[0] != precisions[1]:
         raise ValueError("the state is {}, the scene {}: build both with the same precision".format(*precisions))
     law = scene.material
-    remembered: Any = jax.tree.structure(jax.eval_shape(law.initial_history, scene.particles))
-    if remembered != jax.tree.structure(state.history):
+    structure: Any = jax.tree.structure(jax.eval_shape(law.initial_history, scene.particles))
+    if structure != jax.tree.structure(state.history):
         raise ValueError(
             f"the state's history is not that of {type(law).__name__}: give the state that was built with this law, or "
             "replace(state, history=scene.material.initial_history(scene.particles))"

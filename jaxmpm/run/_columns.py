@@ -1,4 +1,4 @@
-"""What passes over each column of cells: largest thickness, speed and time of arrival, kept on the device."""
+"""Record of the soil over each column of cells: largest thickness, speed and time of arrival, on the device."""
 
 from __future__ import annotations
 
@@ -17,11 +17,16 @@ from jaxmpm.transfer import locate
 from jaxmpm.types import Columns, Scene, State, Status
 
 LEAST = 0.75
-"""Share of a layer of particles that counts as soil that is there: a grain that came off the mass is less."""
+"""Mean thickness of soil, in layers of particles, from which a column counts as covered: more than a loose grain."""
 
 
 class Passing(NamedTuple):
-    """Soil that has moved, in each column of cells (nx,) or (nx, ny): thickness (m), speed (m/s)."""
+    """Soil that has moved, in each column of cells (nx,) or (nx, ny).
+
+    Args:
+        thickness: m.
+        speed: m/s.
+    """
 
     thickness: Array
     speed: Array
@@ -30,13 +35,23 @@ class Passing(NamedTuple):
 def with_columns(
     scene: Scene, state: State, *, moved: float = 1.0, least: float | None = None, every: int = 20
 ) -> State:
-    """The state of one lane, which from now on keeps what passes over each column of cells, see `Columns`.
+    """Start a record of the soil over each column of cells, see `Columns`.
 
-    moved: displacement (m) from which on soil counts. least: thickness (m), averaged over a column, from which on soil
-    counts as there; by default three quarters of the layer that one particle in height makes. every: steps from one
-    look to the next. A look costs a few per cent of a step; between two looks soil at v m/s goes v times `every` time
-    steps, and a peak that comes and goes within that time is missed.
-    Raises ValueError for a scene in one dimension, which has no columns, and for values that are not positive.
+    A look at the columns costs a few per cent of a step. Between two looks soil at v m/s moves v times `every` time
+    steps; a peak that lasts less than that is missed.
+
+    Args:
+        scene: in two or three dimensions.
+        state: of one lane.
+        moved: displacement from which soil counts (m).
+        least: mean thickness of soil from which a column counts as covered (m); by default 0.75 of a particle layer.
+        every: steps between two looks.
+
+    Returns:
+        State with an empty record.
+
+    Raises:
+        ValueError: If the scene has one dimension, or a number is not above 0.
     """
     d = scene.grid.dimension
     if d < 2:
@@ -54,14 +69,29 @@ def with_columns(
 
 
 def column_shape(scene: Scene) -> tuple[int, ...]:
-    """Columns of cells along each horizontal axis."""
+    """Number of columns of cells along each horizontal axis.
+
+    Args:
+        scene: with its grid.
+
+    Returns:
+        (nx,) or (nx, ny), () in one dimension.
+    """
     return tuple(nodes - 1 for nodes in scene.grid.shape[:-1])
 
 
 def passing(scene: Scene, state: State, moved: float) -> Passing:
-    """The soil that has moved by `moved` (m) or more, in each column of cells now; a particle is in one column.
+    """Soil that has moved, in each column of cells; a particle is in one column.
 
     Thickness is the soil's initial volume over the column's plan area, so that it adds up to the sliding volume.
+
+    Args:
+        scene: in two or three dimensions.
+        state: of one lane.
+        moved: displacement from which soil counts (m).
+
+    Returns:
+        Thickness and speed per column.
     """
     grid, particles, shape = scene.grid, scene.particles, column_shape(scene)
     cells = jnp.floor(locate(grid, grid_position(scene, state))[:-1]).astype(jnp.int32)
@@ -76,8 +106,8 @@ def passing(scene: Scene, state: State, moved: float) -> Passing:
     return Passing((volume / grid.cell ** len(shape)).reshape(shape), speed.reshape(shape))
 
 
-def kept(scene: Scene, state: State) -> State:
-    """The state after a step, with what passes where this is a step at which to look."""
+def recorded(scene: Scene, state: State) -> State:
+    """The state after a step, with its record updated if the step is due for a look."""
     columns = state.columns
     assert columns is not None
 

@@ -1,4 +1,4 @@
-"""Runs: chunks of steps on the device, and between them on the host the stops, snapshots and progress."""
+"""Runs: chunks of steps on the device, and between them on the host the stopping rules, snapshots and progress."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from jaxmpm import diagnostics
 from jaxmpm._step import grid_position, step
 from jaxmpm.laws import hardens, snaps_back, with_parameters
 from jaxmpm.run._checks import check_state
-from jaxmpm.run._columns import kept
+from jaxmpm.run._columns import recorded
 from jaxmpm.setup import check_scene, check_shape, parameter_names
 from jaxmpm.transfer import inside, locate
 from jaxmpm.types import Scene, State, Status
@@ -27,16 +27,21 @@ from jaxmpm.types import Scene, State, Status
 
 @dataclass(frozen=True)
 class Settle:
-    """A lane has settled once for `hold` seconds it has been slow and its largest displacement has stayed put.
+    """Rule by which a lane has settled: for `hold` seconds it is slow and its largest displacement does not change.
 
-    speed: root mean square of the particle speed to stay below (m/s). drift: change of the largest displacement (m)
-    that counts as a move. every: seconds between two looks. The unbalanced force is no part of it: an undamped
-    slope rings elastically for ever, with 5 to 15 per cent of its weight unbalanced, while it stands.
-    slides: largest displacement (m) from which on a lane is a slide, which has settled once its deposit rests: for
-    `hold` seconds the mean displacement of the soil beyond `slides`, with all that other soil moved counted to it, has
-    stayed put, however fast its particles ring. It sees a second mass let go, and not how one grain hops on. None knows
-    no slides: their speed keeps them from settling.
-    Raises ValueError for numbers below 0, an `every` of 0, and what is not finite.
+    The unbalanced force is not part of the rule: an undamped slope oscillates elastically without end, with 5 to 15 %
+    of its weight unbalanced, while it stands. Any number below 0, an `every` of 0 or a value that is not finite raises
+    ValueError.
+
+    Args:
+        speed: largest root mean square of the particle speed (m/s).
+        drift: largest change of the displacement (m).
+        hold: duration (s).
+        every: time between two looks (s).
+        slides: largest displacement (m) from which a lane is a slide. A slide settles by another rule: for `hold`
+            seconds the mean displacement of the soil beyond `slides`, plus what other soil moved, does not change, at
+            any particle speed. That rule detects a second mass that moves, and ignores single grains. None for no
+            slides: their speed then prevents them from settling.
     """
 
     speed: float = 0.05
@@ -57,8 +62,11 @@ class Settle:
 class Result:
     """Outcome of `solve`; of a batch, every array has the lanes first.
 
-    state: at the end. time_step: s. status: `Status` and step: steps taken, per lane. snapshots: states on the host,
-    at `times` (s).
+    Args:
+        state: at the end; its `status` and `step` are the `Status` and the steps taken, per lane.
+        time_step: s.
+        times: of the snapshots (s).
+        snapshots: states on the host.
     """
 
     state: State
@@ -73,11 +81,18 @@ class Result:
 
     @property
     def broke_off(self) -> np.ndarray:
-        """Whether a lane's run broke off (numerically; a slope that slides is no failed run)."""
+        """Whether a lane ended for numerical reasons; a slope that slides did not."""
         return np.asarray(self.status > Status.DECIDED)
 
     def raise_if_failed(self) -> Result:
-        """Return self, or raise FloatingPointError naming the lanes that broke off, why and at which step."""
+        """Return the result if no lane broke off.
+
+        Returns:
+            The result itself.
+
+        Raises:
+            FloatingPointError: If lanes broke off; the message has their numbers, reasons and steps.
+        """
         if np.any(self.broke_off):
             status, steps = np.atleast_1d(self.status), np.atleast_1d(np.asarray(self.state.step))
             lanes = [
@@ -101,9 +116,16 @@ _ADVICE = {
 
 
 def lane_status(scene: Scene, state: State) -> Array:
-    """`Status` of a running lane after a step: RUNNING, or why it must end.
+    """Status of a running lane after a step: RUNNING, or the reason to end.
 
-    Extremes over the particles tell all, and carry NaN along: every comparison with NaN is false.
+    It compares extremes over the particles, which propagate NaN: every comparison with NaN is false.
+
+    Args:
+        scene: of the lane.
+        state: after the step.
+
+    Returns:
+        () int32.
     """
     cells = locate(scene.grid, grid_position(scene, state))
     ends = jnp.stack([jnp.min(cells, axis=1), jnp.max(cells, axis=1)], axis=1)
@@ -117,7 +139,7 @@ def lane_status(scene: Scene, state: State) -> Array:
 
 
 def begun(scene: Scene, state: State) -> State:
-    """The state, its status BAD_PARAMETER if it is running in a scene with numbers that no scene may have."""
+    """The state, with status BAD_PARAMETER if it is running and a number of its scene is invalid."""
     good = check.admissible(scene)
     for wrong in (snaps_back(scene.material), hardens(scene.material)):
         good = good if wrong is None else good & ~wrong
@@ -132,11 +154,19 @@ def running(state: State) -> State:
 
 
 def advance(scene: Scene, state: State, steps: int | Array) -> State:
-    """Take `steps` steps; a lane that is not running stays as it is.
+    """Take steps; a lane that is not running does not change.
 
-    A Python number of steps makes a loop of that length, differentiable in reverse. A traced one compiles once for
-    all counts, and ends when the lane does. A lane with a number in its scene that is not finite or beyond its limit
-    takes no step and has the status BAD_PARAMETER.
+    A Python number of steps gives a loop of that length, differentiable in reverse. A traced one compiles once for all
+    numbers, and ends when the lane does. A lane with a number in its scene that is not finite or beyond its limit takes
+    no step and gets the status BAD_PARAMETER.
+
+    Args:
+        scene: to run.
+        state: of one lane.
+        steps: their number.
+
+    Returns:
+        State.
     """
     state = begun(scene, state)
 
@@ -146,7 +176,7 @@ def advance(scene: Scene, state: State, steps: int | Array) -> State:
 
     def frozen_unless_running(_: Any, old: State) -> State:
         new = advanced(old)
-        new = new if new.columns is None else kept(scene, new)
+        new = new if new.columns is None else recorded(scene, new)
         return jax.tree.map(partial(jnp.where, old.status == Status.RUNNING), new, old)
 
     if isinstance(steps, int):
@@ -161,18 +191,26 @@ def advance(scene: Scene, state: State, steps: int | Array) -> State:
     every = state.columns.every
 
     def looked_after(start: State) -> State:
-        # A look within the loop of steps would cost each of them a quarter, though few of them look.
-        return kept(scene, until(jnp.minimum(last, (start.step // every + 1) * every), advanced, start))
+        # A look inside the loop would cost every step a quarter, although few steps need it.
+        return recorded(scene, until(jnp.minimum(last, (start.step // every + 1) * every), advanced, start))
 
     return until(last, looked_after, state)
 
 
 def lanes(scene: Scene, **values: Array) -> tuple[Scene, Scene]:
-    """A scene whose material differs between lanes, and the axes that say so, for `solve(..., axes=axes)`.
+    """A scene whose material differs between lanes, and the axes for `solve(..., axes=axes)`.
 
-    values: parameters of the material by name, with the lanes as leading axis: `lanes(scene, strength=...)` with
-    strength (B,) or (B, N) Pa.
-    Raises ValueError for unknown names, other shapes, and values beyond their limits, naming the lane as first index.
+    Args:
+        scene: that lanes share.
+        **values: parameters of the material by name, with the lanes as leading axis: `lanes(scene, strength=...)` with
+            strength (B,) or (B, N) Pa.
+
+    Returns:
+        Scene, and axes: a scene with 0 at leaves that have lanes first, None at the others.
+
+    Raises:
+        ValueError: If a name is unknown, a shape is different, or a value is beyond its limit; the lane is its first
+            index.
     """
     unknown = set(values) - set(parameter_names(scene))
     if unknown or not values:
@@ -190,8 +228,19 @@ def lanes(scene: Scene, **values: Array) -> tuple[Scene, Scene]:
 
 
 def varied_lanes(scene: Scene, law_of: Callable[[Any], Any], lanes: Any) -> tuple[Scene, Scene]:
-    """A scene with a law for each lane, `law_of` what is first in arrays of `lanes`, and the axes that say so, for
-    `solve(..., axes=axes)`. Raises ValueError for laws beyond their limits."""
+    """A scene with a law for each lane, and the axes for `solve(..., axes=axes)`.
+
+    Args:
+        scene: that lanes share.
+        law_of: function of one lane's values that returns its law.
+        lanes: pytree of arrays (B, ...), values of each lane.
+
+    Returns:
+        Scene and axes, as of `lanes`.
+
+    Raises:
+        ValueError: If a law is beyond its limits.
+    """
     first = law_of(jax.tree.map(lambda leaf: leaf[0], lanes))
     axes = jax.tree.map(lambda one, other: None if one is other else 0, scene.material, first)
     varied = replace(scene, material=jax.vmap(law_of, out_axes=axes)(lanes))
@@ -201,18 +250,37 @@ def varied_lanes(scene: Scene, law_of: Callable[[Any], Any], lanes: Any) -> tupl
 
 
 def repeat(state: State, count: int) -> State:
-    """`count` lanes that start from the same state."""
+    """Lanes that start from the same state.
+
+    Args:
+        state: of one lane.
+        count: number of lanes B.
+
+    Returns:
+        State with leaves (B, ...).
+
+    Raises:
+        ValueError: If `count` is no whole number above 0.
+    """
     check.whole("count", count)
     return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (count, *leaf.shape)), state)
 
 
 @partial(jax.jit, static_argnames="axes", donate_argnames="state")
 def advance_lanes(scene: Scene, state: State, steps: Array, axes: Scene | None) -> State:
-    """`advance`, compiled, over the lanes that `axes` names; the state given is used up.
+    """Compiled `advance` over lanes; the given state is donated.
 
-    steps: () for all lanes, or (B,) for each.
-    On CPU lanes run one after the other, each for all its steps: a lane stays in cache, where a vmapped step would
+    On CPU lanes run one after the other, each for all its steps, so that a lane stays in cache; a vmapped step would
     stream all lanes through memory. On other devices they run side by side.
+
+    Args:
+        scene: to run.
+        state: of one lane, or of B with `axes`.
+        steps: () for all lanes, or (B,) for each.
+        axes: leaves of the scene that have lanes first, None without lanes; static.
+
+    Returns:
+        State.
     """
     in_turn = jax.custom_batching.sequential_vmap(advance)
     one = in_turn if jax.default_backend() == "cpu" else advance
@@ -223,19 +291,21 @@ def advance_lanes(scene: Scene, state: State, steps: Array, axes: Scene | None) 
 def _look(
     scene: Scene, state: State, axes: Scene | None, slides: float | None, volume: float | None
 ) -> tuple[Array, ...]:
-    """Speed and largest displacement of each lane, or the one that a volume exceeds, and where slides are known the
-    mean displacement of its slide."""
+    """Speed and largest displacement of each lane, or the displacement that a volume exceeds.
+
+    With `slides` also the mean displacement of each slide.
+    """
 
     def measures(scene: Scene, state: State) -> tuple[Array, ...]:
-        known = diagnostics.speed(scene, state), _farthest(scene, state, volume)
-        return known if slides is None else (*known, diagnostics.slide_displacement(scene, state, slides))
+        measured = diagnostics.speed(scene, state), _farthest(scene, state, volume)
+        return measured if slides is None else (*measured, diagnostics.slide_displacement(scene, state, slides))
 
     return _over_lanes(measures, axes)(scene, state)
 
 
 @partial(jax.jit, static_argnames=("axes", "volume"))
 def farthest(scene: Scene, state: State, axes: Scene | None, volume: float | None) -> Array:
-    """Largest displacement of each lane (m), or that which a volume of soil has exceeded."""
+    """Largest displacement of each lane (m), or the one that a volume of soil has exceeded."""
     return _over_lanes(partial(_farthest, volume=volume), axes)(scene, state)
 
 
@@ -261,20 +331,32 @@ def solve(
     axes: Scene | None = None,
     progress: bool = False,
 ) -> Result:
-    """Run from `state` for `t_end` seconds, or until every lane has come to an end.
+    """Run for a time, or until every lane has ended.
 
-    A lane that had finished, settled or been decided in an earlier run goes on; one that broke off stays as it is.
-    snapshots: times (s) at which the state is kept; a lane that has ended keeps its last one.
-    settle: end a lane once it is quiet. stop_at: end a lane once its largest displacement exceeds this (m).
-    least_volume: take for a lane's largest displacement, here and in `settle`, that which this volume of soil (m3, in a
-    section m2) has exceeded, see `diagnostics.exceeded_displacement`. None counts every particle.
-    axes: which leaves of `scene` have lanes as leading axis (see `lanes`); then every leaf of `state` has.
-    progress: show a bar with the simulated time.
-    Raises ValueError for times below 0, below a step or without end, a `t_end` of each lane's own, within jit or a
-    derivative (see `replay`), a state of another precision or without what its law remembers, snapshots after t_end,
-    lanes of different time steps, and, of a run without lanes, for numbers in its scene that are not finite or beyond
-    their limits.
-    Lanes that break off say so in the result: see `Result.raise_if_failed`. One with such a number is BAD_PARAMETER.
+    A lane that had finished, settled or been decided in an earlier run goes on; one that broke off does not change.
+    Lanes that break off have it in their status, see `Result.raise_if_failed`; one of several lanes with an invalid
+    number gets BAD_PARAMETER.
+
+    Args:
+        scene: to run.
+        state: at the start.
+        t_end: duration (s).
+        snapshots: times (s) at which to store the state; a lane that has ended has its last one.
+        settle: end a lane once it has settled.
+        stop_at: end a lane once its largest displacement exceeds this (m).
+        least_volume: replaces a lane's largest displacement, here and in `settle`, by the one that this volume of soil
+            (m3, in a section m2) has exceeded, see `diagnostics.exceeded_displacement`. None counts every particle.
+        axes: leaves of `scene` that have lanes as leading axis (see `lanes`); every leaf of `state` then has.
+        progress: show a bar with the simulated time.
+
+    Returns:
+        Result.
+
+    Raises:
+        ValueError: If a time is below 0, below a step or infinite, `t_end` differs between lanes, the call is within
+            jit or a derivative (see `replay`), the state has another precision or lacks the memory of its law, a
+            snapshot is after t_end, lanes have different time steps, or, without lanes, a number of the scene is not
+            finite or beyond its limit.
     """
     if check.is_traced(scene, state):
         raise ValueError(
@@ -301,7 +383,7 @@ def solve(
     looks = settle is not None or stop_at is not None
     stops = sorted({*wanted, *(range(look_every, total, look_every) if looks or progress else ()), total})
 
-    kept_at: dict[int, State] = {}
+    stored: dict[int, State] = {}
     watch = Watch.start(np.shape(state.status))
     state = running(jax.tree.map(jnp.copy, state))
     done = 0
@@ -314,7 +396,7 @@ def solve(
                 state = replace(state, status=jnp.asarray(ended))
             done = stop
             if stop in wanted:
-                kept_at[stop] = jax.device_get(state)
+                stored[stop] = jax.device_get(state)
             if not np.any(np.asarray(state.status) == Status.RUNNING):
                 break
     last = jax.device_get(state)
@@ -323,12 +405,12 @@ def solve(
         state=replace(state, status=final),
         time_step=scene.time_step,
         times=tuple(wanted.values()),
-        snapshots=tuple(kept_at.get(n, last) for n in wanted),
+        snapshots=tuple(stored.get(n, last) for n in wanted),
     )
 
 
 def check_run(t_end: float, settle: Settle | None, stop_at: float | None, least_volume: float | None = None) -> None:
-    """Raise ValueError for ends that no run comes to."""
+    """Raise ValueError for an invalid end of a run."""
     if np.ndim(t_end):
         raise ValueError(f"t_end has shape {np.shape(t_end)}: give one number of seconds, the same for all lanes")
     check.positive("t_end", t_end, "s")
@@ -344,29 +426,34 @@ _BAR = "{l_bar}{bar}| {n:.2f}/{total:.2f} s simulated [{elapsed}<{remaining}]"
 
 
 def steps_until(time: float, dt: float) -> int:
-    """Steps of dt (s) that reach `time` (s)."""
+    """Number of steps of dt (s) that reach `time` (s)."""
     return math.ceil(time / dt * (1 - 1e-6))
 
 
 @dataclass(frozen=True)
 class Watch:
-    """What the host remembers between looks, per lane: seconds of quiet, and the displacement they are counted from."""
+    """Memory of the stopping rule between looks, per lane.
+
+    Args:
+        quiet: (B,) or () seconds without motion.
+        reference: displacement (m) from which motion is counted, of the same shape.
+    """
 
     quiet: np.ndarray
     reference: np.ndarray
 
     @classmethod
     def start(cls, shape: tuple[int, ...]) -> Watch:
-        """Nothing seen yet, for lanes of this shape."""
+        """A watch without memory, for lanes of this shape."""
         return cls(np.zeros(shape), np.zeros(shape))
 
     def restarted(self, lane: int, quiet: float, reference: float) -> Watch:
-        """The watch with another sample in one lane, of which it remembers this."""
+        """The watch with another sample in one lane, at its own time and displacement."""
         fresh = np.arange(self.quiet.size) == lane
         return Watch(np.where(fresh, quiet, self.quiet), np.where(fresh, reference, self.reference))
 
     def of(self, lanes: np.ndarray) -> Watch:
-        """What it remembers of some lanes."""
+        """The watch of some lanes."""
         return Watch(self.quiet[lanes], self.reference[lanes])
 
     def look(
@@ -379,8 +466,20 @@ class Watch:
         stop_at: float | None,
         least_volume: float | None,
     ) -> tuple[Watch, np.ndarray]:
-        """The watch after `elapsed` more seconds, () or (B,), and each lane's status: settled and decided ones have
-        ended."""
+        """Apply the stopping rules after some time.
+
+        Args:
+            scene: of the run.
+            state: now.
+            axes: leaves of the scene that have lanes first, None without lanes.
+            elapsed: time since the last look (s), () or (B,).
+            settle: rule by which lanes settle, None for none.
+            stop_at: displacement at which lanes are decided (m), None for none.
+            least_volume: as for `solve`.
+
+        Returns:
+            The watch afterwards, and the status of each lane; settled and decided ones have ended.
+        """
         slides = None if settle is None else settle.slides
         speed, displacement, *slid = map(np.asarray, _look(scene, state, axes, slides, least_volume))
         status, watch = np.asarray(state.status), self

@@ -1,4 +1,4 @@
-"""When a slope moves on, told from its displacement in time, and the kink that this has over the reduction factor."""
+"""Detection of accelerating slopes, and of the kink of displacement over the reduction factor."""
 
 from __future__ import annotations
 
@@ -19,23 +19,26 @@ from jaxmpm.run._integrate import Result, Settle, Watch, advance_lanes, farthest
 from jaxmpm.types import Scene, State, Status
 
 LOOKS = 4
-"""Looks in the time in which soil answers elastically."""
+"""Looks in the period of the slowest elastic oscillation."""
 
 AROUND = (-0.1, -0.06, -0.03, 0.03, 0.06, 0.09)
-"""Where the kink is looked for: factors over that at which the slope moves on, less 1."""
+"""Factors at which to search the kink, over that at which the slope accelerates, minus 1."""
 
 FOLLOWS = 1.5
-"""Displacement, over that of the branch that stands, up to which a lane still follows it."""
+"""Largest displacement of a lane on the branch that stands, over that of the branch."""
 
-ROUNDS, FOUND = 6, 0.03
-"""Rounds in which the kink is looked for, and how close to the middle of its lanes it must be, over the factor."""
+ROUNDS, CENTRED = 6, 0.03
+"""Rounds of the search, and the largest distance of the kink from the middle of the lanes, over the factor."""
 
 
 @dataclass(frozen=True)
 class Times:
-    """Times (s) of a scene: `elastic`, that of its slowest oscillation, and `fall`, in which its mechanism gets going.
+    """Characteristic times of a scene.
 
-    elastic: four travels of the slowest shear wave through the height of the soil. fall: five times sqrt(height / g).
+    Args:
+        elastic: period of the slowest oscillation (s), four travels of the slowest shear wave through the soil's
+            height.
+        fall: time in which a mechanism accelerates (s), five times sqrt(height / g).
     """
 
     elastic: float
@@ -43,7 +46,7 @@ class Times:
 
     @classmethod
     def of(cls, scene: Scene, t_end: float) -> Times:
-        """Those of a scene with gravity. Raises ValueError for a run of `t_end` seconds too short to tell by."""
+        """Times of a scene with gravity; ValueError for a run of `t_end` seconds that is too short for them."""
         z = np.asarray(scene.particles.position[-1], float)
         height = float(z.max() - z.min())
         density = np.asarray(scene.particles.mass, float) / np.asarray(scene.particles.volume, float)
@@ -71,11 +74,24 @@ def displacements(
     least_volume: float | None = None,
     decide: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean displacement (looks, B) m of each lane every `every` seconds, or that which a least volume exceeds, and at
-    the end the largest one (B,) m.
+    """Displacements of lanes in time.
 
-    settle: end a lane once it is quiet. decide: tells from the displacements so far which lanes need not go on.
-    Raises FloatingPointError where a lane breaks off.
+    Args:
+        scene: with lanes.
+        state: of B lanes.
+        axes: leaves of the scene that have lanes first.
+        t_end: duration (s).
+        every: time between two values (s).
+        settle: end a lane once it has settled.
+        least_volume: use the displacement that this volume of soil has exceeded instead of the mean (m3, in a section
+            m2).
+        decide: function of the displacements so far that returns (B,) bool, which lanes need not go on.
+
+    Returns:
+        Mean displacement (looks, B) m, or the one that a least volume exceeds, and the largest one at the end (B,) m.
+
+    Raises:
+        FloatingPointError: If a lane breaks off.
     """
     dt = float(scene.time_step)
     chunk = max(1, round(every / dt))
@@ -101,11 +117,17 @@ def _mean(scene: Scene, state: State, axes: Scene) -> Array:
 
 
 def speeds_up(moved: np.ndarray, first: int) -> np.ndarray:
-    """Whether lanes have moved farther in some time than in all the time before, as long: (B,) of (looks, B) m.
+    """Whether lanes have moved farther in some period than in all the time before, of the same length.
 
-    first: least number of looks in such a time. What stands, creeps at a constant speed or comes to rest does not; a
-    body that slides off covers three times as much. Displacements count by their largest value so far, so that elastic
-    ringing is none.
+    A lane that stands, creeps at a constant speed or comes to rest has not; a body that slides off covers three times
+    as much. Displacements count by their largest value so far, so elastic oscillation has no effect.
+
+    Args:
+        moved: displacements (looks, B) m.
+        first: least number of looks in such a period.
+
+    Returns:
+        (B,) bool.
     """
     farthest = np.maximum.accumulate(moved, axis=0)
     halves = np.arange(max(first, 1), len(farthest) // 2 + 1)
@@ -113,8 +135,15 @@ def speeds_up(moved: np.ndarray, first: int) -> np.ndarray:
 
 
 class Kink(NamedTuple):
-    """Where displacement over factor turns: at a factor `at`, between lanes that stand up to `stands` and move from
-    `moves` on, `sharpness` times as steep after it as before. jumps: whether displacement jumps there."""
+    """Kink of displacement over factor.
+
+    Args:
+        at: factor of the kink.
+        stands: largest factor of a lane that stands.
+        moves: factor from which lanes move.
+        sharpness: slope of the curve after the kink over that before it.
+        jumps: whether displacement jumps there.
+    """
 
     at: float
     stands: float
@@ -124,11 +153,18 @@ class Kink(NamedTuple):
 
 
 def kink(factors: np.ndarray, moved: np.ndarray) -> Kink | None:
-    """The kink of displacement `moved` (B,) m over rising factors (B,); None where all lanes lie on one branch.
+    """The kink of displacement over the factor.
 
-    The branch of lanes that stand is the line through the two lowest, as far as lanes follow it; that of lanes that
-    move is the line through three more, without the first, which may still be turning. They meet at the kink, or
-    displacement jumps past the meeting.
+    One branch is the line through the two lowest lanes, as far as lanes follow it. The other is the line through three
+    lanes that move, without the first, which may lie in the bend. The lines meet at the kink, unless displacement jumps
+    past their meeting.
+
+    Args:
+        factors: (B,), rising.
+        moved: displacements (B,) m.
+
+    Returns:
+        Kink, None if all lanes lie on one branch.
     """
     flat = np.polyfit(factors[:2], moved[:2], 1)
     standing = np.maximum(np.polyval(flat, factors), moved[0])
@@ -157,33 +193,42 @@ def lanes_around(middle: float) -> np.ndarray:
 
 
 def find_kink(displacement: Callable[[np.ndarray], np.ndarray], start: float) -> Kink:
-    """The kink, looked for from a factor at which the slope is thought to begin to move.
+    """Search the kink from a factor near which the slope begins to move.
 
-    displacement: of lanes (B,) m at factors (B,). Raises ValueError where none is found, and warns where displacement
-    falls between factors, as that of a slope that slides does not.
+    It warns if displacement falls between factors, which that of a slide does not.
+
+    Args:
+        displacement: function of factors (B,) that returns the displacements of lanes (B,) m.
+        start: factor to start from.
+
+    Returns:
+        Kink.
+
+    Raises:
+        ValueError: If there is none.
     """
     known: dict[float, float] = {}
     middle = start
     for _ in range(ROUNDS):
-        asked = lanes_around(middle)
-        known |= zip(asked.tolist(), displacement(asked).tolist(), strict=True)
+        tried = lanes_around(middle)
+        known |= zip(tried.tolist(), displacement(tried).tolist(), strict=True)
         factors = np.array(sorted(known))
         moved = np.array([known[factor] for factor in factors.tolist()])
-        found, fall = kink(factors, moved), falls(factors, moved)
-        if found is not None and abs(found.at / middle - 1) < FOUND:
+        turn, fall = kink(factors, moved), falls(factors, moved)
+        if turn is not None and abs(turn.at / middle - 1) < CENTRED:
             if fall is not None:
-                warnings.warn(f"the limit load at R = {found.at:.3g} is in doubt: {fall}", stacklevel=2)
-            return found
-        middle = factors[0] if found is None else found.at
-    seen = f"{moved[0]:.2g} to {moved[-1]:.2g} m at R = {factors[0]:.3g} to {factors[-1]:.3g}"
+                warnings.warn(f"the limit load at R = {turn.at:.3g} is in doubt: {fall}", stacklevel=2)
+            return turn
+        middle = factors[0] if turn is None else turn.at
+    text = f"{moved[0]:.2g} to {moved[-1]:.2g} m at R = {factors[0]:.3g} to {factors[-1]:.3g}"
     raise ValueError(
-        f"the displacement has no kink, {seen}: {fall or 'it grows too evenly for a limit load'}; or give a "
+        f"the displacement has no kink, {text}: {fall or 'it grows too evenly for a limit load'}; or give a "
         "failure_displacement instead"
     )
 
 
 def falls(factors: np.ndarray, moved: np.ndarray) -> str | None:
-    """What to say of displacements (B,) m over rising factors (B,) that fall; None where they grow."""
+    """Warning about displacements (B,) m that fall over rising factors (B,); None if they grow."""
     drops = moved[:-1] / np.maximum(moved[1:], np.finfo(float).tiny)
     worst = int(np.argmax(drops))
     if not drops[worst] > FOLLOWS:

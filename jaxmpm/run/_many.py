@@ -23,8 +23,13 @@ from jaxmpm.types import Scene, State, Status
 
 @dataclass(frozen=True)
 class Chunk:
-    """What one chunk of steps did. lanes: in the program. busy: those that held a sample. steps: taken by each, at
-    most, where lanes have time steps of their own."""
+    """Numbers of one chunk of steps.
+
+    Args:
+        lanes: in the program.
+        busy: lanes with a sample.
+        steps: taken by each lane; the largest number if lanes have their own time steps.
+    """
 
     lanes: int
     busy: int
@@ -33,9 +38,12 @@ class Chunk:
 
 @dataclass(frozen=True)
 class Midway:
-    """A sample under way: its state, and what the watch remembers of it (see `Settle`).
+    """An unfinished sample: its state, and the memory of the stopping rule (see `Settle`).
 
-    quiet: seconds of it so far. reference: the displacement (m) that they are counted from.
+    Args:
+        state: now.
+        quiet: seconds without motion so far.
+        reference: displacement (m) from which motion is counted.
     """
 
     state: State
@@ -59,23 +67,39 @@ def solve_each(
     observe: Callable[[int, float, Midway], None] | None = None,
     resume: Callable[[int], Midway | None] | None = None,
 ) -> Iterator[tuple[int, Result]]:
-    """Run every sample and yield (number, result) as each ends, not in order.
+    """Run every sample and yield its result as it ends, not in order.
 
-    varied: what samples differ in, name -> one value per sample, () or (N,), drawn lazily as lanes become free:
-    `{"strength": strengths}`, `{"strength": strengths, "young": moduli}`. Names are those of `with_soil`: any parameter
-    of the material, young (Pa), poisson, unit_weight (N/m3). Where stiffness or weight vary, every sample has its own
-    initial stress and time step, and `state` must be at rest; else all start from `state`.
-    width: number of lanes. t_end, settle, stop_at, least_volume: as for `solve`; t_end is reached to a few steps.
-    slides_end: displacement (m) and time (s): a sample that has moved farther than that at t_end goes on to that time,
-    to within a chunk, with the same looks; what it does before t_end, and all others, are as without.
-    numbers: of the samples, drawn with them, by default 0, 1, 2, ... on_chunk: told of every chunk.
-    observe: shown (number, seconds simulated, midway) of every sample after every chunk, about each `settle.every`.
-    resume: gives what `observe` was shown of a sample in an earlier run, or None; it goes on from there, bit for bit.
-    Results do not depend on `width`, nor on the samples that run beside. Towards the end, when at most half the
-    lanes hold a sample, the batch shrinks.
-    A sample with a value that is not finite or beyond its limit takes no step and ends as BAD_PARAMETER.
-    Raises ValueError for a width below 1, names that are no parameters, values of other shapes or of unequal number,
-    ends that no run comes to, and numbers in `scene` itself that are beyond their limits.
+    Results depend neither on `width` nor on the samples that run beside. When at most half the lanes have a sample,
+    towards the end, the batch shrinks. A sample with a value that is not finite or beyond its limit takes no step and
+    ends as BAD_PARAMETER.
+
+    Args:
+        scene: that samples vary.
+        state: at which all start; at rest if stiffness or weight vary.
+        varied: parameters that differ, name -> one value per sample, () or (N,), drawn lazily as lanes become free:
+            `{"strength": strengths}`, `{"strength": strengths, "young": moduli}`. Names are those of `with_soil`: any
+            parameter of the material, young (Pa), poisson, unit_weight (N/m3). If stiffness or weight vary, every
+            sample has its own initial stress and time step.
+        width: number of lanes.
+        t_end: as for `solve`, reached to a few steps.
+        numbers: of the samples, drawn with them; by default 0, 1, 2, ...
+        settle: as for `solve`.
+        stop_at: as for `solve`.
+        slides_end: displacement (m) and time (s): a sample that has moved farther than that at t_end goes on to that
+            time, to within a chunk. Its motion before t_end, and all other samples, do not change.
+        least_volume: as for `solve`.
+        on_chunk: called after every chunk.
+        observe: called with (number, seconds simulated, midway) of every sample after every chunk, about each
+            `settle.every`.
+        resume: function of a sample's number that returns what `observe` got in an earlier run, or None; the sample
+            goes on from there, bit for bit.
+
+    Yields:
+        Number and result of each sample.
+
+    Raises:
+        ValueError: If the width is below 1, a name is no parameter, values have other shapes or numbers, an end of a
+            run is invalid, or a number in `scene` itself is beyond its limit.
     """
     check.whole("width", width)
     check_run(t_end, settle, stop_at, least_volume)
@@ -115,21 +139,30 @@ def _drawn(
         raise ValueError(f"varied has unequal numbers of values, {sizes}: give one of each name for each sample")
     none = object()
     shapes: dict[str, tuple[int, ...]] = {}
-    for place, values in zip(count(), zip_longest(*columns.values(), fillvalue=none)):
+    for position, values in zip(count(), zip_longest(*columns.values(), fillvalue=none)):
         ended = [name for name, value in zip(columns, values, strict=True) if value is none]
         if ended:
-            raise ValueError(f"{ended} has {place} values, other names have more: give one for each sample")
+            raise ValueError(f"{ended} has {position} values, other names have more: give one for each sample")
         sample = dict(zip(columns, values, strict=True))
         now = {name: np.shape(sample[name]) for name in varied}
         shapes = shapes or now
         if now != shapes:
-            raise ValueError(f"sample {place} has values of shapes {now}, the first {shapes}: give all samples alike")
-        yield (place if numbers is None else sample.pop("numbers")), sample
+            raise ValueError(
+                f"sample {position} has values of shapes {now}, the first {shapes}: give all samples the same"
+            )
+        yield (position if numbers is None else sample.pop("numbers")), sample
 
 
 @dataclass(frozen=True)
 class _Sample:
-    """A sample that is to run: its scene, and where it starts."""
+    """A sample to run.
+
+    Args:
+        number: of the sample.
+        scene: of the sample.
+        state: at the start.
+        resume: as of `solve_each`.
+    """
 
     number: int
     scene: Scene
@@ -137,17 +170,25 @@ class _Sample:
     resume: Callable[[int], Midway | None] | None
 
     def begin(self) -> Midway:
-        """Where it stood in an earlier run, or its start."""
+        """Where it was in an earlier run, or its start."""
         return (self.resume(self.number) if self.resume is not None else None) or Midway(self.state)
 
 
 @dataclass(frozen=True)
 class Batch:
-    """Samples in lanes. Every change gives a new one; the arrays of the old state may be used up.
+    """Samples in lanes. Every change gives a new batch; arrays of the old state may be donated.
 
-    scene: its leaves that samples differ in have lanes first (B, ...); axes says which. state, watch: of all lanes.
-    numbers: of the samples, None in a lane that holds none. time_step (B,) s; total (B,) steps to the end; chunk (B,)
-    steps that a lane takes at once, which depend on its own time step alone.
+    Args:
+        scene: leaves that samples differ in have lanes first (B, ...).
+        axes: which leaves these are.
+        state: of all lanes.
+        watch: of all lanes.
+        numbers: of the samples, None in a lane without one.
+        time_step: (B,) s.
+        total: (B,) steps to the end.
+        chunk: (B,) steps that a lane takes at once, which depend on its own time step alone.
+        t_end: duration (s).
+        every: time between two looks (s).
     """
 
     scene: Scene
@@ -163,7 +204,7 @@ class Batch:
 
     @classmethod
     def of(cls, shared: Scene, samples: list[_Sample], *, t_end: float, every: float) -> Batch:
-        """One lane for each sample."""
+        """A batch with one lane for each sample."""
         axes = jax.tree.map(lambda a, b: None if a is b else 0, shared, samples[0].scene)
         starts = [sample.begin() for sample in samples]
         scene = jax.tree.map(
@@ -191,31 +232,31 @@ class Batch:
 
     @property
     def busy(self) -> list[int]:
-        """Lanes that hold a sample."""
+        """Lanes with a sample."""
         return [lane for lane, number in enumerate(self.numbers) if number is not None]
 
     @property
     def ended(self) -> list[int]:
-        """Lanes whose sample has come to an end."""
+        """Lanes whose sample has ended."""
         running = np.asarray(self.state.status) == Status.RUNNING
         return [lane for lane in self.busy if not running[lane]]
 
     def number(self, lane: int) -> int:
-        """Of the sample in a lane that holds one."""
+        """Number of the sample in a lane that has one."""
         number = self.numbers[lane]
         assert number is not None
         return number
 
     def seconds(self, lane: int) -> float:
-        """Simulated so far."""
+        """Time simulated so far (s) in a lane."""
         return int(self.state.step[lane]) * float(self.time_step[lane])
 
     def midway(self, lane: int) -> Midway:
-        """The sample in a lane, as it stands."""
+        """The sample in a lane as it is now."""
         return Midway(_lane(self.state, lane), float(self.watch.quiet[lane]), float(self.watch.reference[lane]))
 
     def result(self, lane: int) -> Result:
-        """Of a sample that has ended."""
+        """Result of a sample that has ended."""
         scene = _take(self.scene, lane, self.axes)
         return Result(jax.device_get(_take(self.state, lane)), scene.time_step)
 
@@ -226,7 +267,17 @@ class Batch:
         slides_end: tuple[float, float] | None = None,
         least_volume: float | None = None,
     ) -> Batch:
-        """After a chunk of steps of every lane, and a look at each."""
+        """The batch after a chunk of steps of every lane and a look at each.
+
+        Args:
+            settle: rule by which lanes settle, None for none.
+            stop_at: displacement at which lanes are decided (m), None for none.
+            slides_end: displacement (m) and time (s), as of `solve_each`.
+            least_volume: as for `solve`.
+
+        Returns:
+            Batch.
+        """
         state = advance_lanes(self.scene, self.state, jnp.asarray(self.chunk), self.axes)
         elapsed = self.chunk * self.time_step
         watch, status = self.watch.look(self.scene, state, self.axes, elapsed, settle, stop_at, least_volume)
@@ -241,7 +292,7 @@ class Batch:
         return replace(self, state=replace(state, status=ended), watch=watch)
 
     def refill(self, lane: int, sample: _Sample | None) -> Batch:
-        """With another sample in a lane, or none."""
+        """The batch with another sample in a lane, or none."""
         numbers = (*self.numbers[:lane], None if sample is None else sample.number, *self.numbers[lane + 1 :])
         if sample is None:
             return replace(self, numbers=numbers)
@@ -260,8 +311,13 @@ class Batch:
         )
 
     def shrink(self) -> Batch:
-        """With fewer lanes, once half of all hold no sample: the power of two that those with one need, so that the
-        ends of many batches share a few programs."""
+        """The batch with fewer lanes, once half of them have no sample.
+
+        The width is the power of two that the others need, so that the ends of many batches share a few programs.
+
+        Returns:
+            Batch.
+        """
         busy, lanes = self.busy, len(self.numbers)
         width = 1 << (len(busy) - 1).bit_length() if busy else lanes
         if width > lanes // 2:
@@ -281,7 +337,7 @@ class Batch:
 
 
 def _check_slides_end(t_end: float, slides_end: tuple[float, float] | None) -> None:
-    """Raise ValueError for slides that end before other runs, or are none."""
+    """Raise ValueError for slides that end before other runs, or at an invalid displacement."""
     if slides_end is None:
         return
     beyond, time = slides_end
@@ -307,7 +363,7 @@ def _is_none(node: Any) -> bool:
 
 
 def _take(tree: Any, index: int | np.ndarray, axes: Any = None) -> Any:
-    """The lanes `index` of every leaf, or of those leaves only that `axes` says have lanes."""
+    """The lanes `index` of every leaf, or of those leaves only that have lanes by `axes`."""
     if axes is None:
         return jax.tree.map(lambda leaf: leaf[index], tree)
     return jax.tree.map(lambda axis, leaf: leaf if axis is None else leaf[index], axes, tree, is_leaf=_is_none)
@@ -320,7 +376,7 @@ def _lane(batch: State, lane: int) -> State:
 
 @partial(jax.jit, static_argnames="axes", donate_argnames="states")
 def _put(scenes: Scene, states: State, scene: Scene, state: State, lane: int, axes: Scene) -> tuple[Scene, State]:
-    """Scene and state of one sample in a lane of the others'."""
+    """Scene and state of one sample placed in a lane of the others'."""
 
     def put(axis: int | None, lanes: Array, one: Array) -> Array:
         return lanes if axis is None else lanes.at[lane].set(one)

@@ -1,4 +1,4 @@
-"""Where in a slope strength matters: one reverse run, one derivative per particle."""
+"""Sensitivity to strength within a slope: one reverse run, one derivative per particle."""
 
 from __future__ import annotations
 
@@ -18,11 +18,22 @@ from jaxmpm.types import Scene, State
 def strength_sensitivity(
     scene: Scene, state: State, steps: int, objective: Callable[[State], Array], *, memory: float = 2e9
 ) -> tuple[Array, Array]:
-    """Value of `objective` after `steps` steps, and its derivative by the strength of every particle (N,) per Pa.
+    """Value of an objective after a run, and its derivative by the strength of every particle.
 
-    objective: State -> scalar, for example `objectives.soft_largest_displacement`. memory: bytes for reverse mode.
-    Divided by a particle's volume it no longer depends on how many particles the soil is cut into.
-    Raises ValueError for a material without strength, for numbers beyond their limits, and as `replay` does.
+    Divided by a particle's volume the derivative does not depend on the number of particles.
+
+    Args:
+        scene: with a law that has a strength.
+        state: at the start.
+        steps: a Python integer.
+        objective: State -> scalar, for example `objectives.soft_largest_displacement`.
+        memory: bytes that reverse mode may use.
+
+    Returns:
+        Value (), and derivative (N,) per Pa.
+
+    Raises:
+        ValueError: If the material has no strength, a number is beyond its limit, or as for `replay`.
     """
     known = declared(scene.material).get("strength")
     if known is None:

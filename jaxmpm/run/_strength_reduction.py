@@ -23,12 +23,18 @@ from jaxmpm.types import Scene, State
 
 @dataclass(frozen=True)
 class FactorOfSafety:
-    """stable: largest reduction factor R that stands. fails: smallest that fails, one resolution above.
+    """Result of strength reduction.
 
-    tried: every (R, largest displacement in m) that was run to find them, by R; where the slope failed, the
-    displacement is the one at which that was decided. kink: by the limit load the R at which the displacement's growth
-    with R sets in; stable and fails are then the runs on both sides of it, or, where the displacement jumps, those of
-    the search. sharpness: how many times faster it grows beyond than below. None by a displacement.
+    By the limit load, `stable` and `fails` are the runs on both sides of the kink, or, if displacement jumps, those of
+    the search.
+
+    Args:
+        stable: largest reduction factor R that stands.
+        fails: smallest R that fails, one resolution above.
+        tried: every (R, largest displacement in m) that was run, by R; where the slope failed, the displacement is the
+            one at which that was decided.
+        kink: R at which displacement begins to grow; None by a displacement.
+        sharpness: its growth beyond the kink over that below; None by a displacement.
     """
 
     stable: float
@@ -54,17 +60,32 @@ def factor_of_safety(
     settle: Settle | None = None,
     least_volume: float | None = None,
 ) -> FactorOfSafety:
-    """Divide the strength by R and find where the slope fails within t_end (s).
+    """Divide the strength by R and bisect the R at which the slope fails within t_end.
 
-    failure_displacement: it fails where its largest displacement passes this (m), 1 m by default. criterion: with
-    "limit load" instead where it moves on: displacement begins to grow with R (`kink`). That is looked for from the R
-    down at which soil speeds up: moves farther, in the mean, within some time than in all the time before, which was as
-    long (at least an elastic oscillation). A displacement depends on the metres chosen where soil does not soften,
-    since a perfectly plastic slope slides a little and stands again. bracket: R that stands and R that
-    fails. resolution: R is a multiple of it. batch: lanes per round.
-    settle: when a lane counts as standing before t_end; the default of `Settle`. least_volume: judge by what this
-    volume (m3, in a section m2) has exceeded, in place of the largest displacement and, by the limit load, of the mean.
-    Raises ValueError when the bracket's ends do not stand and fail, FloatingPointError when a run breaks off.
+    With the limit load the slope fails where displacement begins to grow with R, at the kink. The search starts from
+    the R at which soil accelerates: it moves farther, in the mean, in some period than in all the time before, of the
+    same length (at least an elastic oscillation). A displacement criterion depends on the chosen metres if soil does
+    not soften, since a perfectly plastic slope slides a little and stands again.
+
+    Args:
+        scene: to run.
+        state: at the start.
+        failure_displacement: the slope fails if its largest displacement exceeds this (m), by default 1 m.
+        criterion: "limit load" instead.
+        bracket: R that stands and R that fails.
+        resolution: R is a multiple of it.
+        t_end: duration (s).
+        batch: lanes per round.
+        settle: rule by which a lane stands before t_end; None for the default of `Settle`.
+        least_volume: use the displacement that this volume (m3, in a section m2) has exceeded, instead of the largest
+            and, by the limit load, of the mean.
+
+    Returns:
+        Bracket, trials and kink.
+
+    Raises:
+        ValueError: If the bracket's ends do not stand and fail, or an argument is invalid.
+        FloatingPointError: If a run breaks off.
     """
     if criterion not in (None, LIMIT_LOAD):
         raise ValueError(f"criterion = {shown(criterion)}: give {LIMIT_LOAD!r}, or a failure_displacement instead")
@@ -100,18 +121,18 @@ def factor_of_safety(
         inner = np.linspace(low, high, min(batch, high - low - 1) + 2)[1:-1]
         points = sorted({round(p) for p in inner} - set(moved))
     digits = max(0, -math.floor(math.log10(resolution)) + 2)
-    found = FactorOfSafety(
+    result = FactorOfSafety(
         stable=round(low * resolution, digits),
         fails=round(high * resolution, digits),
         tried=tuple((round(p * resolution, digits), moved[p][0]) for p in sorted(moved)),
     )
-    return found if criterion is None else _with_kink(found, scene, state, t_end, least_volume)
+    return result if criterion is None else _with_kink(result, scene, state, t_end, least_volume)
 
 
 def _by_displacement(
     limit: float, scene: Scene, state: State, factors: list[float], t_end: float, settle: Settle, volume: float | None
 ) -> list[tuple[float, bool]]:
-    """Largest displacement (m) at each factor, and whether the slope passes the limit."""
+    """Largest displacement (m) at each factor, and whether the slope exceeds the limit."""
     varied, axes = reductions(scene, jnp.asarray(factors, scene.particles.mass.dtype))
     lanes = repeat(state, len(factors))
     result = solve(
@@ -129,7 +150,7 @@ def _by_limit_load(
     settle: Settle,
     volume: float | None,
 ) -> list[tuple[float, bool]]:
-    """Largest displacement (m) at each factor, and whether the slope moves on."""
+    """Largest displacement (m) at each factor, and whether the slope accelerates."""
     varied, axes = reductions(scene, jnp.asarray(factors, scene.particles.mass.dtype))
     decide = partial(speeds_up, first=LOOKS)
     mean, largest = displacements(
@@ -145,8 +166,10 @@ def _by_limit_load(
     return list(zip(largest.tolist(), decide(mean).tolist(), strict=True))
 
 
-def _with_kink(found: FactorOfSafety, scene: Scene, state: State, t_end: float, volume: float | None) -> FactorOfSafety:
-    """The factor with its kink, and the bracket around that: lanes run as long as the soil takes to get going."""
+def _with_kink(
+    result: FactorOfSafety, scene: Scene, state: State, t_end: float, volume: float | None
+) -> FactorOfSafety:
+    """The factor with its kink and the bracket around it; lanes run as long as the soil needs to accelerate."""
     times = Times.of(scene, t_end)
     end = min(t_end, max(times.fall, 2 * times.elastic))
 
@@ -155,12 +178,12 @@ def _with_kink(found: FactorOfSafety, scene: Scene, state: State, t_end: float, 
         lanes = repeat(state, len(factors))
         return displacements(varied, lanes, axes, t_end=end, every=end, least_volume=volume)[0][-1]
 
-    turn = find_kink(displacement, (found.stable + found.fails) / 2)
-    if turn.jumps:  # in time the bracket is told more closely than by these lanes
-        at = min(max(found.stable, turn.stands), turn.moves)
-        return replace(found, kink=at, sharpness=round(turn.sharpness, 1))
+    turn = find_kink(displacement, (result.stable + result.fails) / 2)
+    if turn.jumps:  # the bracket in time is narrower than that of these lanes
+        at = min(max(result.stable, turn.stands), turn.moves)
+        return replace(result, kink=at, sharpness=round(turn.sharpness, 1))
     return replace(
-        found,
+        result,
         stable=round(turn.stands, 4),
         fails=round(turn.moves, 4),
         kink=round(turn.at, 4),
@@ -169,8 +192,17 @@ def _with_kink(found: FactorOfSafety, scene: Scene, state: State, t_end: float, 
 
 
 def reductions(scene: Scene, factors: Array) -> tuple[Scene, Scene]:
-    """The scene with a lane for every factor (B,) by which the strength is divided, also of walls with friction, and
-    its axes for `solve`."""
+    """The scene with a lane for every reduction factor, and its axes for `solve`.
+
+    The factor divides the strength, also of walls with friction.
+
+    Args:
+        scene: of one lane.
+        factors: (B,) above 0.
+
+    Returns:
+        Scene and axes, as of `lanes`.
+    """
     varied, axes = varied_lanes(scene, partial(reduce_strength, scene.material), factors)
     walls = jax.vmap(partial(_reduced_walls, scene))(factors)
     lanes_first: dict[str, Any] = dict.fromkeys(walls, 0)
@@ -178,14 +210,24 @@ def reductions(scene: Scene, factors: Array) -> tuple[Scene, Scene]:
 
 
 def _reduced_walls(scene: Scene, factor: Array) -> dict[str, Any]:
-    """Friction and cohesion of the walls, where there are some, divided by a factor."""
+    """Friction and cohesion of the walls, if any, divided by a factor."""
     strength = {name: getattr(scene, name) for name in ("wall_friction", "wall_cohesion")}
     return {name: value / factor for name, value in strength.items() if value is not None}
 
 
 def reduced(scene: Scene, factor: float) -> Scene:
-    """The scene with its strength divided by `factor`, also of walls with friction. ValueError for a law without
-    strength, a factor not above 0."""
+    """The scene with its strength divided by a factor, also of walls with friction and of a free field.
+
+    Args:
+        scene: with a law that has strength.
+        factor: above 0.
+
+    Returns:
+        Scene.
+
+    Raises:
+        ValueError: If the law has no strength, or the factor is not above 0.
+    """
     check.positive("factor", factor)
     by = jnp.asarray(factor, scene.particles.mass.dtype)
     field = scene.free_field

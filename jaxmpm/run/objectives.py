@@ -1,4 +1,4 @@
-"""Smooth measures of a slide, for derivatives; each states how far it lies from the hard one."""
+"""Smooth measures of a slide, for derivatives; each gives its distance from the exact measure."""
 
 from __future__ import annotations
 
@@ -14,32 +14,52 @@ from jaxmpm import diagnostics
 from jaxmpm.types import Scene, State
 
 HALVINGS = 50
-"""Of the bracket of a quantile: more than float64 has digits."""
+"""Bisection steps of a quantile: more than float64 has digits."""
 
 HARDLY = 0.1
-"""Share of the largest displacement below which soil at the front has hardly moved."""
+"""Displacement of soil at the front, over the largest, below which it has hardly moved."""
 
 
 def soft_largest_displacement(state: State, width: float = 0.1) -> Array:
-    """Smooth largest displacement (m): width * log of the sum of exp(u / width) over the particles.
+    """Smooth largest displacement: width * log of the sum of exp(u / width) over the particles.
 
-    Lies above the largest displacement, by at most width * log(N): 0.8 m for 2000 particles and 0.1 m at rest, where
-    all are alike, and by width * log(n) where n particles share the largest.
-    The largest itself (`diagnostics.largest_displacement`) has the derivative of the one particle that leads.
-    Raises ValueError for a width not above 0.
+    It exceeds the largest displacement by at most width * log(N): 0.8 m for 2000 particles and 0.1 m at rest, where all
+    are equal, and by width * log(n) where n particles share the largest. The exact measure,
+    `diagnostics.largest_displacement`, has the derivative of the single particle that leads.
+
+    Args:
+        state: of one lane.
+        width: m, above 0.
+
+    Returns:
+        () m.
+
+    Raises:
+        ValueError: If the width is not above 0.
     """
     check.positive("width", width, "m")
     return width * jax.nn.logsumexp(diagnostics.displacement(state) / width)
 
 
 def front(scene: Scene, state: State, share: float = 0.01, width: float = 0.5) -> Array:
-    """Where along x (m) the foremost `share` of all mass begins, as a smooth quantile; of a slide see `runout`.
+    """Position along x beyond which the foremost share of all mass lies, a smooth quantile; for slides see `runout`.
 
-    Solves mass share of (1 + tanh((x - front) / width)) / 2 = share by bisection, and differentiates the equation
-    itself. Lies behind the foremost particle; the quantile of particles spread over much more than `width` is met to
-    second order in it. Ground ahead of a slide counts, though it never moves: where the soil beyond the front has moved
-    less than a tenth of the largest displacement a warning says so, unless the state is being traced.
-    Raises ValueError for a share outside 0 to 1/2, or a width not above 0.
+    It solves mass share of (1 + tanh((x - front) / width)) / 2 = share by bisection, and differentiates that equation.
+    It lies behind the foremost particle; for particles spread over much more than `width` the error is of second order
+    in it. Ground ahead of a slide counts, although it never moves. If the soil beyond the front has moved less than a
+    tenth of the largest displacement there is a warning, unless the state is traced.
+
+    Args:
+        scene: of the state.
+        state: of one lane.
+        share: of the mass, between 0 and 1/2.
+        width: of the smoothing (m), above 0.
+
+    Returns:
+        () m.
+
+    Raises:
+        ValueError: If share or width are out of range.
     """
     check.between("share", share, 0.0, 0.5)
     check.positive("width", width, "m")
@@ -59,14 +79,27 @@ def front(scene: Scene, state: State, share: float = 0.01, width: float = 0.5) -
 def runout(
     scene: Scene, state: State, toe: float, *, moved: float = 1.0, share: float = 0.02, width: float = 0.25
 ) -> Array:
-    """How far beyond `toe` (x, m) the foremost `share` of the sliding soil begins (m): a smooth run-out.
+    """Smooth run-out: distance beyond the toe at which the foremost share of the sliding soil begins.
 
-    A particle counts to the sliding soil by its mass times a smooth step in its displacement u, which is 0 up to
-    moved / 2, 1/2 at `moved` (m) and 1 from 3 moved / 2 on, so that ground which never moved does not count at all. The
-    quantile is that of `front`, less what it lies ahead of soil that is all in one place. So it is 0 where nothing
-    slides, below 0 where the slide stays behind the toe, and lies behind the hard run-out, that of the foremost
-    particle's edge, by the length that `share` of the slide takes and some 2 `width`.
-    Raises ValueError for a share outside 0 to 1/2, or lengths that are not above 0.
+    A particle counts by its mass times a smooth step in its displacement u: 0 up to moved / 2, 1/2 at `moved` and 1
+    from 3 moved / 2. So ground that never moved does not count. The quantile is that of `front`, minus its offset for
+    soil at a single point. So it is 0 if nothing slides and negative if the slide stays behind the toe. It lies behind
+    the exact run-out, that of the foremost particle's edge, by the length of the `share` of the slide and some 2
+    `width`.
+
+    Args:
+        scene: of the state.
+        state: of one lane.
+        toe: x (m).
+        moved: displacement of sliding soil (m), above 0.
+        share: of the sliding soil, between 0 and 1/2.
+        width: of the smoothing (m), above 0.
+
+    Returns:
+        () m.
+
+    Raises:
+        ValueError: If the toe is not finite, or another argument is out of range.
     """
     check.finite("toe", toe, "m")
     check.between("share", share, 0.0, 0.5)
@@ -74,14 +107,14 @@ def runout(
         check.positive(name, length, "m")
     rise = jnp.clip(diagnostics.displacement(state) / moved - 0.5, 0.0, 1.0)
     mass, x = scene.particles.mass, diagnostics.position(scene, state)[0]
-    # A grain at the toe is the run-out of what does not slide; a slide of one particle outweighs it a thousand times.
+    # A grain at the toe gives run-out 0 without a slide; a slide of one particle outweighs it a thousand times.
     weight = jnp.append(mass * rise**3 * (10 - 15 * rise + 6 * rise**2), 1e-3 * jnp.mean(mass))
     ahead = width * np.arctanh(1 - 2 * share)
     return _foremost(jnp.append(x, jnp.asarray(toe, x.dtype)), weight, share, width) - toe - ahead
 
 
 def _foremost(x: Array, weight: Array, share: float, width: float) -> Array:
-    """Where the foremost `share` of the weight (N,) at x (N,) begins: differentiable in both."""
+    """Position beyond which the foremost `share` of the weight (N,) at x (N,) lies, differentiable in both."""
     w = weight / jnp.sum(weight)
 
     def beyond(at: Array, x: Array, w: Array) -> Array:
@@ -94,7 +127,7 @@ def _foremost(x: Array, weight: Array, share: float, width: float) -> Array:
         return jnp.where(right, middle, low), jnp.where(right, high, middle)
 
     fixed = jax.lax.stop_gradient((x, w))
-    # Beyond these ends all of the weight lies on one side, were it in one place.
+    # Beyond these ends all of the weight would lie on one side if it were at a single point.
     reach = width * jnp.arctanh(1 - 2 * share)
     low, high = jax.lax.fori_loop(0, HALVINGS, halve, (jnp.min(fixed[0]) - reach, jnp.max(fixed[0]) + reach))
     at = jax.lax.stop_gradient((low + high) / 2)
@@ -104,24 +137,43 @@ def _foremost(x: Array, weight: Array, share: float, width: float) -> Array:
 
 
 def log_displacement(state: State, floor: float = 1e-3) -> Array:
-    """Logarithm of the root mean square displacement over `floor` (m): smooth from rest to slide.
+    """Logarithm of the root mean square displacement over a floor: smooth from rest to slide.
 
-    log(1 + mean of u^2 / floor^2) / 2, which is 0 at rest and log(u / floor) for a mean square of u^2 far above
-    floor^2. Ranks slides by their whole mass, where the largest displacement ranks them by one particle.
-    Raises ValueError for a floor not above 0.
+    It is log(1 + mean of u^2 / floor^2) / 2, which is 0 at rest and log(u / floor) for a mean square of u^2 far above
+    floor^2. It ranks slides by their whole mass, whereas the largest displacement ranks them by one particle.
+
+    Args:
+        state: of one lane.
+        floor: m, above 0.
+
+    Returns:
+        ().
+
+    Raises:
+        ValueError: If the floor is not above 0.
     """
     check.positive("floor", floor, "m")
     return 0.5 * jnp.log1p(jnp.mean(jnp.sum(state.displacement**2, axis=0)) / floor**2)
 
 
 def column_height(scene: Scene, state: State, stations: Array, width: float) -> Array:
-    """Height of the soil (m) above the base at `stations` (k,) along x, of a section or per metre of width.
+    """Height of the soil above the base at stations along x, of a section or per metre of width.
 
-    The soil's volume under a Gaussian of deviation `width` / 2 (m) about each station, over what that holds of a unit
-    height: the surface where nothing overhangs, averaged over some `width`, and too low within it of the ends. With
-    particles a width apart it ripples by 1.4 per cent, half a width apart not at all.
-    Raises ValueError for stations that are not finite, a width not above 0, and in 3D where no walls stand at both ends
-    of y.
+    It is the soil's volume under a Gaussian of deviation `width` / 2 about each station, over that of a unit height:
+    the surface where nothing overhangs, averaged over about `width`, and too low within `width` of the ends. Particles
+    a width apart give a ripple of 1.4 %, half a width apart none.
+
+    Args:
+        scene: of the state; in 3D with walls at both ends of y.
+        state: of one lane.
+        stations: (k,) x (m).
+        width: m, above 0.
+
+    Returns:
+        (k,) m.
+
+    Raises:
+        ValueError: If a station is not finite, the width is not above 0, or in 3D walls along y are missing.
     """
     check.finite("stations", stations, "m")
     check.positive("width", width, "m")
@@ -132,7 +184,7 @@ def column_height(scene: Scene, state: State, stations: Array, width: float) -> 
 
 
 def _breadth(scene: Scene) -> float:
-    """Width along y (m) between the walls at its ends; 1 of a section, whose volumes are per metre."""
+    """Width along y (m) between the walls at its ends; 1 for a section, whose volumes are per metre."""
     if scene.grid.dimension < 3:
         return 1.0
     ends = {wall.side: wall.index for wall in scene.walls if wall.axis == 1}

@@ -1,4 +1,4 @@
-"""From particles, a law and numerical choices to Scene and State: all of it checked, the initial stress solved."""
+"""Scene and State from particles, a law and numerical choices, all checked, with the initial stress."""
 
 from jaxmpm.setup._builders import (
     PADDING,

@@ -1,4 +1,4 @@
-"""Builders on the host: from sizes in metres to a Scene and the State it starts from."""
+"""Builders on the host: from sizes in metres to a Scene and its initial State."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PADDING = 1
 """Cells of grid beyond a wall."""
 
 ROUNDING = 1e-9
-"""Share of a particle's height that is nothing but rounding."""
+"""Share of a particle's height within rounding."""
 
 
 def column(
@@ -36,9 +36,20 @@ def column(
     gravity: float = 9.81,
     at_rest: bool = True,
 ) -> tuple[Scene, State]:
-    """A column on a fixed base, in 1D, or in 2D and 3D one cell wide between rollers; vertical is the last axis.
+    """Build a column on a fixed base, in 1D, or in 2D and 3D one cell wide between rollers.
 
-    at_rest: with the stress of elastic gravity loading, else free of stress (gravity then acts suddenly).
+    Args:
+        height: along the last axis (m).
+        soil: of the column.
+        discretisation: cell, spacing (whose length is the dimension) and numerical choices.
+        gravity: downwards (m/s2).
+        at_rest: with the stress of elastic gravity loading, else free of stress, so that gravity acts suddenly.
+
+    Returns:
+        Scene and state.
+
+    Raises:
+        ValueError: If sizes and numbers do not fit each other.
     """
     d, cell = len(discretisation.spacing), discretisation.cell
     check_discretisation(discretisation, d)
@@ -63,10 +74,23 @@ def column(
 def bar(
     length: float, soil: AnySoil, discretisation: Discretisation, *, velocity: float, mode: int = 1
 ) -> tuple[Scene, State]:
-    """A 1D bar fixed at x = 0, free at x = length, without gravity, vibrating in one of its modes.
+    """Build a 1D bar fixed at x = 0, free at x = length, without gravity, vibrating in one of its modes.
 
-    Starts with v = velocity sin(b x), b = (2 mode - 1) pi / (2 length) (m/s): the tip's amplitude.
-    In 1D the strain is uniaxial: for the bar of Young's modulus E, give a Poisson's ratio of 0.
+    It starts with v = velocity sin(b x), b = (2 mode - 1) pi / (2 length). In 1D the strain is uniaxial: for a bar of
+    Young's modulus E give a Poisson's ratio of 0.
+
+    Args:
+        length: m.
+        soil: of the bar.
+        discretisation: cell, spacing and numerical choices.
+        velocity: amplitude, at the tip (m/s).
+        mode: number from 1.
+
+    Returns:
+        Scene and state.
+
+    Raises:
+        ValueError: If sizes and numbers do not fit each other.
     """
     check_discretisation(discretisation, 1)
     check.positive("length", length, "m")
@@ -102,13 +126,26 @@ def block(
     cohesion: float = 0.0,
     speed: float | None = None,
 ) -> tuple[Scene, State]:
-    """A box of soil in a box-shaped domain, free of stress, moving at `velocity` (m/s).
+    """Build a box of soil in a box-shaped domain, free of stress and moving.
 
-    size, domain: edges (m). corner: lowest corner of the block in the domain. gravity: vector (m/s2).
-    walls: what stands on all faces of the domain; with "none" a lane that leaves it fails with OUTSIDE_GRID.
-    friction: coefficient of walls with "friction", tan of the wall's friction angle; they hold nothing back. cohesion:
-    of such walls (Pa), along them.
-    speed: largest particle speed allowed for in the time step (m/s), by default that of the start.
+    Args:
+        size: edges of the block (m).
+        soil: of the block.
+        discretisation: cell, spacing and numerical choices.
+        domain: edges of the domain (m).
+        corner: lowest corner of the block in the domain (m).
+        velocity: initial one (m/s), by default 0.
+        gravity: vector (m/s2), by default 0.
+        walls: constraint at all faces of the domain; with "none" a lane that leaves it fails with OUTSIDE_GRID.
+        friction: coefficient of walls with "friction", the tangent of the wall's friction angle.
+        cohesion: of such walls, along them (Pa); they do not resist separation.
+        speed: largest particle speed that the time step allows for (m/s), by default the initial one.
+
+    Returns:
+        Scene and state.
+
+    Raises:
+        ValueError: If sizes and numbers do not fit each other.
     """
     d, cell = len(size), discretisation.cell
     check_discretisation(discretisation, d)
@@ -137,13 +174,13 @@ def block(
         if value and walls != "friction":
             raise ValueError(f"{name} = {value:g} with walls = {walls!r}: give walls = 'friction'")
     cells = [check.multiple(f"domain[{a}]", domain[a], "cell", cell) for a in range(d)]
-    held = () if walls == "none" else tuple(wall for a in range(d) for wall in end_walls(a, cells[a], walls))
+    faces = () if walls == "none" else tuple(wall for a in range(d) for wall in end_walls(a, cells[a], walls))
     built, state = build(
         box_particles(size, soil, discretisation, corner=corner),
         Grid(tuple(n + 1 + 2 * PADDING for n in cells), cell, (-PADDING * cell,) * d),
         material_on(discretisation, soil),
         discretisation,
-        walls=held,
+        walls=faces,
         gravity=gravity,
         speed=float(np.linalg.norm(velocity)) if speed is None else speed,
         friction=friction if walls == "friction" else None,
@@ -157,7 +194,17 @@ Hold = Literal["fixed", "roller", "friction"]
 
 
 def end_walls(axis: int, cells: int, hold: Hold, high: Hold | None = None) -> list[Wall]:
-    """Walls at both ends of an axis that is `cells` cells long; high: of the higher end, where it holds otherwise."""
+    """Walls at both ends of an axis.
+
+    Args:
+        axis: number of the axis.
+        cells: its length in cells.
+        hold: constraint.
+        high: that of the higher end, None for the same.
+
+    Returns:
+        Two walls.
+    """
     return [Wall(axis, "low", PADDING, hold), Wall(axis, "high", PADDING + cells, high or hold)]
 
 
@@ -170,12 +217,22 @@ def fill(
     corner: Sequence[float] | None = None,
     dtype: DTypeLike | None = None,
 ) -> Particles:
-    """Equal particles that fill a box from `corner`: at the centres of boxes of size `spacing`, those `inside`.
+    """Equal particles that fill a box, at the centres of boxes of size `spacing`.
 
-    extent, spacing: edges of the box and of a particle's own (m), one value per axis. unit_weight: N/m3. inside: told
-    positions (d, N) m from the corner, says which to keep, (N,) bool; None keeps all. corner: lowest corner of the box
-    (m), by default the origin. dtype: float32 or float64, as JAX is set if None.
-    Raises ValueError for sizes that do not fit, or where nothing is inside.
+    Args:
+        extent: edges of the box (m).
+        spacing: edges of a particle's own box (m), one value per axis.
+        unit_weight: N/m3.
+        inside: function of positions (d, N) m from the corner that returns (N,) bool, which particles to take; None
+            takes all.
+        corner: lowest corner of the box (m), by default the origin.
+        dtype: float32 or float64; None for that of JAX.
+
+    Returns:
+        Particles.
+
+    Raises:
+        ValueError: If sizes do not fit, or no particle is inside.
     """
     dtype, d = check.dtype(dtype or jax.dtypes.canonicalize_dtype(float)), len(extent)
     check.axes("spacing", spacing, d)
@@ -187,13 +244,13 @@ def fill(
     axes = [(np.arange(round(e / s)) + 0.5) * s for e, s in zip(extent, spacing, strict=True)]
     position = np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")])
     if inside is not None:
-        kept = np.asarray(inside(position))
-        if kept.shape != position.shape[1:] or kept.dtype != bool or not kept.any():
+        mask = np.asarray(inside(position))
+        if mask.shape != position.shape[1:] or mask.dtype != bool or not mask.any():
             raise ValueError(
-                f"inside gave {kept.dtype} of shape {kept.shape}, {np.count_nonzero(kept)} of them true: give one bool "
+                f"inside gave {mask.dtype} of shape {mask.shape}, {np.count_nonzero(mask)} of them true: give one bool "
                 f"for each of {position.shape[1]} particles, some of them true"
             )
-        position = position[:, kept]
+        position = position[:, mask]
     position = position + np.asarray(corner or (0.0,) * d, float)[:, None]
     volume = float(np.prod(spacing))
     return Particles(
@@ -204,17 +261,49 @@ def fill(
 
 
 def below(z: np.ndarray, height: np.ndarray, rounding: float) -> np.ndarray:
-    """Whether points at z (m) lie below a height (m) at their place; one as high, to `rounding` (m), does not."""
+    """Whether points lie below a height.
+
+    Args:
+        z: of the points (m).
+        height: of the surface at each point (m).
+        rounding: a point less than this below the height does not count (m).
+
+    Returns:
+        bool, of the shape of `z`.
+    """
     return z < height - rounding
 
 
 def box_particles(extent: Sequence[float], soil: AnySoil, discretisation: Discretisation, **where: Any) -> Particles:
-    """Particles of a soil that fill a box."""
+    """Particles of a soil that fill a box.
+
+    Args:
+        extent: edges of the box (m).
+        soil: of the particles.
+        discretisation: cell, spacing and numerical choices.
+        **where: `corner` and `inside` of `fill`.
+
+    Returns:
+        Particles.
+    """
     return fill(extent, discretisation.spacing, unit_weight=soil.unit_weight, dtype=discretisation.dtype, **where)
 
 
 def material_on(discretisation: Discretisation, soil: AnySoil) -> Material:
-    """The law of a soil on this grid, whose shear bands are as thick as a cell or as their average makes them."""
+    """The law of a soil on a grid, with warnings about units.
+
+    Shear bands are as thick as a cell, or as the average of plastic strain makes them.
+
+    Args:
+        discretisation: cell, spacing and numerical choices.
+        soil: to convert.
+
+    Returns:
+        The law.
+
+    Raises:
+        ValueError: If a number is impossible for soil.
+    """
     length = discretisation.internal_length
     dtype = check.dtype(discretisation.dtype or jax.dtypes.canonicalize_dtype(float))
     law: Material = soil.material(dtype, discretisation.cell if length is None else band_thickness(length))
@@ -240,8 +329,34 @@ def build(
     tied: tuple[int, int] | None = None,
     cut: np.ndarray | None = None,
 ) -> tuple[Scene, State]:
-    """Scene and motionless, stress-free state of these particles, which of a `Zoned` law come in its order. Where they
-    carry a pore pressure, undrained ones have none: their stress is total."""
+    """Scene and motionless, stress-free state of particles.
+
+    With a `Zoned` law particles are in its order. If they have a pore pressure, it is 0 in undrained zones: their
+    stress is total.
+
+    Args:
+        particles: to run.
+        grid: background grid.
+        material: their law.
+        discretisation: cell, spacing and numerical choices.
+        walls: planes that constrain nodes.
+        gravity: downwards (m/s2), or a vector (d,).
+        speed: largest particle speed that the time step allows for (m/s).
+        friction: coefficient of walls with friction.
+        cohesion: of such walls (Pa).
+        wall_pressure: (nodes,) pressure of the water between these walls and the soil (Pa).
+        water: table or surface of the water.
+        pore_pressure: (N,) Pa.
+        motion: of the base.
+        tied: two planes of nodes along x that are identified.
+        cut: (nodes,) bool, nodes at which nothing moves.
+
+    Returns:
+        Scene and state.
+
+    Raises:
+        ValueError: If shapes, numbers and choices do not fit, as for `scene`.
+    """
     if isinstance(material, Zoned):
         if pore_pressure is not None:
             pore_pressure = np.where(in_total_stress_at(material), 0.0, pore_pressure)
@@ -276,7 +391,15 @@ def build(
 
 
 def sorted_by_cell(particles: Particles, grid: Grid) -> Particles:
-    """The particles in the order of the cells in which they lie: neighbours then lie close in memory."""
+    """Particles in the order of the cells in which they lie, so that neighbours are close in memory.
+
+    Args:
+        particles: in any order.
+        grid: whose cells count.
+
+    Returns:
+        The same particles.
+    """
     position = np.asarray(particles.position, float)
     cell_of = np.floor((position - np.asarray(grid.origin)[:, None]) / grid.cell).astype(np.int64)
     order = np.lexsort(cell_of[::-1])

@@ -1,4 +1,4 @@
-"""The numerical choices: cell, particles, kernel, scheme, and what keeps answers from locking or following the cell."""
+"""Numerical choices: cell, particles, kernel, scheme, and cures for locking and dependence on the cell."""
 
 from __future__ import annotations
 
@@ -16,25 +16,34 @@ from jaxmpm.transfer import GIMP, QuadraticBSpline, length_of_band
 from jaxmpm.types import Kernel, Scheme
 
 RESOLVED = 1e-3
-"""Share of a particle's size that the precision of its position must resolve."""
+"""Required precision of a particle's position, as a share of its size."""
 
 
 @dataclass(frozen=True)
 class Discretisation:
-    """Cell (m), particle spacing per axis (m), and the numerical choices.
+    """Cell, particle spacing and numerical choices.
 
-    kernel: class of the shape functions, GIMP (domain of one spacing), Linear, QuadraticBSpline or one of your own, see
-    `Kernel`. scheme: when the stress is updated. cfl: dt = cfl
-    cell / (c + speed), c the elastic wave speed. flip: share of FLIP, 1 is pure FLIP. apic: carry the velocity's
-    gradient, with quadratic B-splines and flip = 0. damping: mass-proportional (1/s). fbar: average volumetric strain
-    and mean stress over neighbours, against locking; not for frictional soils. cell_average: average the volumetric
-    strain over each cell instead, and leave the mean stress local; None does so for frictional soils, but in 1D.
-    finite_strain: Hencky strains with exponential return mapping, for elastic strains of hundredths and more, in which
-    the hypoelastic stress of the Jaumann rate makes or loses energy.
-    internal_length: standard deviation (m) of the average of the plastic strain over neighbours, which keeps softening
-    from localising into single cells: its bands are then 2.5 times as thick; None keeps it local. See
-    `cell_independent`. air: height of the grid above the highest ground (m), in whole cells, one of them if None; soil
-    that is thrown higher leaves the grid. dtype: float32 or float64, as JAX is set if None.
+    Args:
+        cell: edge of a cell (m).
+        spacing: of particles along each axis (m), at most a cell.
+        kernel: class of the shape functions: GIMP (domain of one spacing), Linear, QuadraticBSpline or a user's own,
+            see `Kernel`.
+        scheme: when the stress is updated.
+        cfl: dt = cfl cell / (c + speed), c the elastic wave speed.
+        flip: share of FLIP; 1 is pure FLIP.
+        apic: carry the velocity gradient; needs quadratic B-splines and flip = 0.
+        damping: mass-proportional (1/s).
+        fbar: average volumetric strain and mean stress over neighbours, against locking; not for frictional soils.
+        cell_average: instead, average the volumetric strain over each cell and leave the mean stress local; None does
+            so for frictional soils in 2D and 3D.
+        finite_strain: Hencky strains with exponential return mapping, for elastic strains of hundredths and more, at
+            which the hypoelastic stress of the Jaumann rate creates or loses energy.
+        internal_length: standard deviation (m) of the average of the plastic strain over neighbours, which prevents
+            softening from localising into single cells; its bands are 2.5 times as thick. None for no average. See
+            `cell_independent`.
+        air: height of the grid above the highest ground (m), rounded up to whole cells; None for one cell. Soil that is
+            thrown higher leaves the grid.
+        dtype: float32 or float64; None for that of JAX.
     """
 
     cell: float
@@ -54,23 +63,38 @@ class Discretisation:
 
 
 def cells_up(discretisation: Discretisation, height: float) -> int:
-    """Cells of a grid from the base up to the highest ground (m) and on through the air above it."""
+    """Cells of a grid from the base up to the highest ground and through the air above it.
+
+    Args:
+        discretisation: cell and air.
+        height: of the highest ground above the base (m).
+
+    Returns:
+        The number.
+    """
     cell = discretisation.cell
     air = cell if discretisation.air is None else discretisation.air
     return sum(math.ceil(part / cell * (1 - 1e-12)) for part in (height, air))
 
 
 def kernel_of(discretisation: Discretisation) -> Kernel:
-    """The kernel, with the box of one particle where it has one."""
+    """The kernel for particles of this spacing."""
     return discretisation.kernel.of_spacing(tuple(discretisation.spacing))
 
 
 def cell_independent(discretisation: Discretisation, soil: AnySoil) -> Discretisation:
-    """These choices, with F-bar and averaged plastic strain where they keep the answers from following the cell.
+    """Choices that make results independent of the cell: F-bar and averaged plastic strain, where they apply.
 
-    F-bar for all but frictional soil, whose volumetric strain is averaged over cells in any case. Plastic strain is
-    averaged where soil softens and has a `softening_length`, so that its bands become as thick as that; on cells too
-    large for it they stay a cell thick, and softening is scaled.
+    F-bar is set for all but frictional soil, whose volumetric strain is averaged over cells anyway. Plastic strain is
+    averaged if soil softens and has a `softening_length`, so that bands are as thick as that. On cells too large for it
+    they stay a cell thick, and softening is scaled.
+
+    Args:
+        discretisation: cell, spacing and numerical choices.
+        soil: to run.
+
+    Returns:
+        The choices with `fbar` and `internal_length` set.
     """
     length, band = None, getattr(soil, "softening_length", None)
     if getattr(soil, "softens", False) and band is not None:
@@ -81,7 +105,17 @@ def cell_independent(discretisation: Discretisation, soil: AnySoil) -> Discretis
 
 
 def check_resolved(what: str, corner: Sequence[float], extent: Sequence[float], discretisation: Discretisation) -> None:
-    """Raise ValueError for a box of ground so far from the origin that its particles' positions are too coarse."""
+    """Check that a box of ground is close enough to the origin for the precision of particle positions.
+
+    Args:
+        what: name of the ground in messages.
+        corner: lowest corner (m).
+        extent: edges (m).
+        discretisation: spacing and dtype.
+
+    Raises:
+        ValueError: If it is too far.
+    """
     dtype = check.dtype(discretisation.dtype or jax.dtypes.canonicalize_dtype(float))
     farthest = max(max(abs(low), abs(low + length)) for low, length in zip(corner, extent, strict=True))
     resolved = float(np.finfo(dtype).eps) * farthest
@@ -93,7 +127,15 @@ def check_resolved(what: str, corner: Sequence[float], extent: Sequence[float], 
 
 
 def check_discretisation(discretisation: Discretisation, dimension: int) -> None:
-    """Raise ValueError for choices that are none, or do not go together."""
+    """Check numerical choices.
+
+    Args:
+        discretisation: to check.
+        dimension: number of axes.
+
+    Raises:
+        ValueError: If a choice is invalid, or two do not go together.
+    """
     check.positive("cell", discretisation.cell, "m")
     check.axes("spacing", discretisation.spacing, dimension)
     check.positive("spacing", discretisation.spacing, "m")

@@ -1,8 +1,8 @@
-"""Initial stress: where elastic loading by gravity comes to rest.
+"""Initial stress: the equilibrium of elastic loading by gravity.
 
-Damped elastic loading with small strains converges to one linear problem on the grid, K u = f(stress_0) + load.
-It is solved directly, by conjugate gradients without a matrix, on the particles' initial positions: the stress
-balances gravity exactly there, so that velocities and displacements start from zero.
+Damped elastic loading with small strains converges to one linear problem on the grid, K u = f(stress_0) + load. It is
+solved directly, by conjugate gradients without a matrix, at the particles' initial positions. The stress then balances
+gravity exactly there, so that velocities and displacements start from zero.
 """
 
 from __future__ import annotations
@@ -27,13 +27,20 @@ from jaxmpm.types import Scene, State
 def elastic_equilibrium(
     scene: Scene, stress: Array, *, tolerance: float = 1e-5, iterations: int = 2000
 ) -> tuple[Array, Array]:
-    """Stress (s, N) Pa in balance with the load, reached elastically from `stress` (s, N), and the residual left.
+    """Stress in balance with the load, reached elastically from another stress.
 
-    The load is gravity's, the water's and the body force's at time 0. The residual is the norm of the net force over
-    that of the load, on free nodes. It depends on the elastic moduli (`bulk`, `shear` of the material), never on
-    strength.
-    Preconditioned by the nodal mass. Strain and mean stress are averaged as a step averages them: else its first forces
-    would be out of balance.
+    The load is that of gravity, water and body force at time 0. The result depends on the elastic moduli (`bulk`,
+    `shear` of the material), never on strength. The nodal mass is the preconditioner. Strain and mean stress are
+    averaged as in a step; otherwise the first forces of a run would be out of balance.
+
+    Args:
+        scene: to load.
+        stress: (s, N) Pa to start from.
+        tolerance: of the conjugate gradients, as a share of the load.
+        iterations: their largest number.
+
+    Returns:
+        Stress (s, N) Pa, and the residual: norm of the net force over that of the load, on free nodes.
     """
     grid, particles = scene.grid, scene.particles
     # At rest soil sticks to walls with friction.
@@ -61,7 +68,7 @@ def elastic_equilibrium(
         load = load + maps.to_grid(external, None)
     if scene.pore_pressure is not None:
         load = load + maps.to_grid(None, acting_stress(scene, jnp.zeros_like(stress), particles.volume, maps))
-        scene = replace(scene, pore_pressure=None)  # what follows is linear in the effective stress
+        scene = replace(scene, pore_pressure=None)  # the rest is linear in the effective stress
     load = free(load)
     net = load + internal_force(stress)
     norm = jnp.linalg.norm(load)
@@ -78,21 +85,37 @@ def elastic_equilibrium(
 
 
 RESIDUAL = 1e-3
-"""Share of the load that may stay unbalanced."""
+"""Largest unbalanced share of the load."""
 
 
 def at_rest(scene: Scene, *, apic: bool = False) -> State:
-    """The state of no motion with the stress of elastic gravity loading; apic: with a velocity gradient (d, d, N).
+    """Motionless state with the stress of elastic gravity loading.
 
-    Raises ValueError where the body is not held against its load, or its moduli are too far apart to be solved for.
+    Args:
+        scene: to load.
+        apic: with a velocity gradient (d, d, N).
+
+    Returns:
+        State.
+
+    Raises:
+        ValueError: If the body is not held against its load, or its moduli differ by too many orders of magnitude.
     """
     return settled(scene, unstressed(scene, apic=apic))
 
 
 def settled(scene: Scene, state: State) -> State:
-    """The state with the stress of elastic gravity loading, started from the columns' own weight with K0 = nu/(1 - nu).
+    """State with the stress of elastic gravity loading, solved from the columns' own weight with K0 = nu/(1 - nu).
 
-    Without gravity and body force it stays as it is. Raises ValueError for ends without walls, which hold nothing.
+    Args:
+        scene: to load.
+        state: without gravity, body force and water it is returned unchanged.
+
+    Returns:
+        State.
+
+    Raises:
+        ValueError: If the scene has ends without walls, which hold nothing, or as for `at_rest`.
     """
     if scene.free_field is not None:
         raise ValueError(
@@ -117,8 +140,17 @@ def settled(scene: Scene, state: State) -> State:
 
 
 def overburden(scene: Scene) -> np.ndarray:
-    """Effective vertical stress (N,) Pa by weight alone: that per area of what stands above each particle of a lattice
-    in its own column, half itself included, less what the water bears of it; 0 for particles that are in no column."""
+    """Effective vertical stress by weight alone.
+
+    It is the weight per area of the soil above each particle of a lattice in its own column, half of itself included,
+    minus the pressure of the water; 0 for particles without a column.
+
+    Args:
+        scene: of particles on a lattice.
+
+    Returns:
+        (N,) Pa, positive in compression.
+    """
     position = np.asarray(scene.particles.position)
     *across, z = position
     order = np.lexsort((-z, *across))

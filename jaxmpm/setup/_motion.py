@@ -1,4 +1,4 @@
-"""Records of earthquakes: read on the host, every row of them checked."""
+"""Records of earthquakes: read on the host, with every row checked."""
 
 from __future__ import annotations
 
@@ -14,25 +14,34 @@ from foundation.text import shown
 from jaxmpm.laws import BaseMotion
 
 EVEN = 0.02
-"""Share of the interval by which a printed time may differ from an even one."""
+"""Largest difference of a printed time from an even one, as a share of the interval."""
 
 
 def read_motion(path: str | Path, *, axes: str = "xz", scale: float = 1.0) -> BaseMotion:
-    """The acceleration of a base from a CSV file.
+    """Read the acceleration of a base from a CSV file.
 
-    Its first row names the columns: `time` (s) and any of `x`, `y`, `z` (m/s2 after `scale`, 9.81 for a record in g).
-    Times rise evenly from 0. axes: the scene's, "xz" in plane strain, "xyz" in 3D; one without a column does not move.
-    Lines that begin with # and empty ones are passed over.
-    Raises ValueError, with the file's line, for columns unknown, missing or named twice, and for rows of another
-    length, of what is no finite number, or whose time is not where it should be.
+    The first row names the columns: `time` (s) and any of `x`, `y`, `z` (m/s2 after `scale`, 9.81 for a record in g).
+    Times rise evenly from 0. Empty lines and lines that begin with # are skipped.
+
+    Args:
+        path: of the file.
+        axes: of the scene, "xz" in plane strain, "xyz" in 3D; one without a column does not move.
+        scale: factor to m/s2.
+
+    Returns:
+        Motion of the base.
+
+    Raises:
+        ValueError: If columns are unknown, missing or named twice, or a row has another length, a value that is not
+            finite or a time that is not even; the message has the line.
     """
     if axes not in ("x", "xz", "xyz"):
         raise ValueError(f"axes = {axes!r}: give 'x', 'xz' or 'xyz'")
     check.positive("scale", scale)
     with Path(path).open(newline="", encoding="utf-8-sig") as file:
-        kept = [(n, line) for n, line in enumerate(file, 1) if line.strip() and not line.lstrip().startswith("#")]
-    rows = list(csv.reader(line for _, line in kept))
-    lines = [n for n, _ in kept]
+        numbered = [(n, line) for n, line in enumerate(file, 1) if line.strip() and not line.lstrip().startswith("#")]
+    rows = list(csv.reader(line for _, line in numbered))
+    lines = [n for n, _ in numbered]
     names = [name.strip() for name in rows[0]] if rows else []
     if "time" not in names or len(set(names)) < len(names) or not set(names) - {"time"} <= set(axes) or len(names) < 2:
         raise ValueError(
@@ -78,7 +87,7 @@ def _interval(path: str | Path, lines: Sequence[int], times: np.ndarray) -> floa
 
 
 def check_motion(motion: BaseMotion, dimension: int) -> None:
-    """Raise ValueError for what is no motion of the base of a scene with so many axes."""
+    """Raise ValueError for an invalid motion of the base of a scene with this many axes."""
     if not isinstance(motion, BaseMotion):
         raise ValueError(f"motion = {shown(motion)}: give a BaseMotion, or None")
     shape = np.shape(motion.acceleration)

@@ -1,4 +1,4 @@
-"""From particles, a grid and a material to a Scene: every number and choice of it checked."""
+"""A Scene from particles, a grid and a material: every number and choice checked."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from jaxmpm.transfer import Linear, inside, locate, passes_for
 from jaxmpm.types import Engine, Grid, Kernel, Material, Particles, Scene, Scheme, State, Status, Wall
 
 MEMBERS = [name for name in vars(Material) if not name.startswith("_")] + ["PARAMETERS"]
-"""What the protocol `Material` names."""
+"""Members of the protocol `Material`."""
 
 
 def scene(
@@ -68,16 +68,42 @@ def scene(
     cut: ArrayLike | None = None,
     engine: Engine | None = None,
 ) -> Scene:
-    """A scene of any particles and law; numbers take the precision of the particles' positions.
+    """Build a scene of any particles and law; numbers take the precision of the particles' positions.
 
-    particles: position (d, N) m inside the grid, mass (N,) kg, volume (N,) m3. material: parameters () or (N,).
-    kernel: an object, e.g. GIMP(half_size). gravity: downwards (m/s2), or a vector (d,). walls: where nodes are held.
-    cfl: time_step = cfl cell / (c + speed), c the fastest elastic wave. speed: largest particle speed that the time
-    step allows for (m/s), by default of a fall through half the grid. flip, damping, fbar, cell_average, finite_strain,
-    internal_length: as in `Discretisation`. wall_friction, wall_cohesion, wall_pressure, body_force, water,
-    pore_pressure, motion, tied, cut, engine: as in `Scene`; water needs a law of effective stress.
-    Warns of linear hats where they cannot work: with USL, or with particles on the faces of cells.
-    Raises ValueError for shapes, numbers and choices that do not fit, naming each.
+    It warns of linear hats where they do not work: with USL, or with particles on the faces of cells.
+
+    Args:
+        particles: position (d, N) m inside the grid, mass (N,) kg, volume (N,) m3.
+        grid: background grid.
+        material: law with parameters () or (N,).
+        kernel: an object, for example GIMP(half_size).
+        gravity: downwards (m/s2), or a vector (d,).
+        walls: planes that constrain nodes.
+        wall_friction: as in `Scene`.
+        wall_cohesion: as in `Scene`.
+        wall_pressure: as in `Scene`.
+        scheme: when the stress is updated.
+        cfl: time_step = cfl cell / (c + speed), c the fastest elastic wave.
+        speed: largest particle speed that the time step allows for (m/s), by default of a fall through half the grid.
+        flip: as in `Discretisation`.
+        damping: as in `Discretisation`.
+        fbar: as in `Discretisation`.
+        cell_average: as in `Discretisation`.
+        finite_strain: as in `Discretisation`.
+        internal_length: as in `Discretisation`.
+        body_force: as in `Scene`.
+        water: as in `Scene`; needs a law of effective stress.
+        pore_pressure: as in `Scene`; needs a law of effective stress.
+        motion: as in `Scene`.
+        tied: as in `Scene`.
+        cut: as in `Scene`.
+        engine: as in `Scene`.
+
+    Returns:
+        Scene.
+
+    Raises:
+        ValueError: If shapes, numbers or choices do not fit; the message names each.
     """
     d = _check_grid(grid)
     dtype = _check_particles(particles, grid)
@@ -141,7 +167,15 @@ def scene(
 
 
 def unstressed(scene: Scene, *, apic: bool = False) -> State:
-    """The state of no motion, no stress and no history; apic: with a velocity gradient (d, d, N) per particle."""
+    """State without motion, stress and history.
+
+    Args:
+        scene: to start.
+        apic: with a velocity gradient (d, d, N) of 0.
+
+    Returns:
+        State.
+    """
     particles, d = scene.particles, scene.grid.dimension
     return State(
         displacement=jnp.zeros_like(particles.position),
@@ -157,10 +191,15 @@ def unstressed(scene: Scene, *, apic: bool = False) -> State:
 
 
 def check_scene(scene: Scene, axes: Scene | None = None) -> None:
-    """Raise ValueError where a number of a scene is beyond its limit, softening snaps back, or a residual passes its
-    peak or dilation friction.
+    """Check the numbers of a scene. Traced values are skipped.
 
-    axes: which leaves have lanes first, None without lanes. What is being traced is not looked at.
+    Args:
+        scene: to check.
+        axes: leaves that have lanes first, None without lanes.
+
+    Raises:
+        ValueError: If a number is beyond its limit, softening snaps back, a residual exceeds its peak, or dilation
+            exceeds friction.
     """
     check.within_limits(scene)
     laws = laws_of(scene.material)
@@ -172,7 +211,15 @@ def check_scene(scene: Scene, axes: Scene | None = None) -> None:
 
 
 def refuse_snap_back(material: Material, axes: Material | None = None) -> None:
-    """Raise ValueError where shear strength falls as steeply as the soil unloads elastically, or steeper."""
+    """Check that strength falls less steeply than the soil unloads elastically.
+
+    Args:
+        material: a law.
+        axes: parameters that have lanes first, None without lanes.
+
+    Raises:
+        ValueError: If it does not.
+    """
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(material)):
         return
     back = snaps_back(material) if axes is None else jax.vmap(snaps_back, in_axes=(axes,))(material)
@@ -186,7 +233,7 @@ def refuse_snap_back(material: Material, axes: Material | None = None) -> None:
 
 
 def _refuse_hardening(material: Material, axes: Material | None = None) -> None:
-    """Raise ValueError where cohesion or friction is left above its peak."""
+    """Raise ValueError if residual cohesion or friction exceeds its peak."""
     if check.is_traced(material):
         return
     harder = hardens(material) if axes is None else jax.vmap(hardens, in_axes=(axes,))(material)
@@ -198,11 +245,11 @@ def _refuse_hardening(material: Material, axes: Material | None = None) -> None:
 
 
 def _refuse_excess(material: Material, axes: Material | None = None) -> None:
-    """Raise ValueError where a number of the law is above that which it may not exceed: dilation above friction."""
+    """Raise ValueError if a number of the law exceeds the one that limits it: dilation above friction."""
     if check.is_traced(material):
         return
-    found = excesses(material) if axes is None else jax.vmap(excesses, in_axes=(axes,))(material)
-    for name, excess in found.items():
+    excess_of = excesses(material) if axes is None else jax.vmap(excesses, in_axes=(axes,))(material)
+    for name, excess in excess_of.items():
         worst, parameter = float(np.max(np.asarray(excess))), declared(material)[name].parameter
         if worst > 0:
             above = f"{math.degrees(worst):.3g} degrees" if parameter.angle else f"{worst:.3g} {parameter.unit}"
@@ -300,7 +347,7 @@ def _check_weights(kernel: Kernel, grid: Grid) -> None:
     reach = (np.arange(64) + 0.5) / 64 + 0.5
     r = jnp.asarray(reach - np.arange(3)[:, None], jnp.float32)
     for axis in range(grid.dimension):
-        value, slope = (np.asarray(found).sum(0) for found in kernel.shape(axis, grid.cell, r))
+        value, slope = (np.asarray(each).sum(0) for each in kernel.shape(axis, grid.cell, r))
         if not (np.abs(value - 1) < 1e-5).all() or not (np.abs(slope * grid.cell) < 1e-4).all():
             raise ValueError(
                 f"{kernel!r} weighs a particle by {value.min():g} to {value.max():g} over its three nodes along axis "
@@ -309,11 +356,11 @@ def _check_weights(kernel: Kernel, grid: Grid) -> None:
 
 
 HATS_EDGE = 0.01
-"""Distance of a particle from a face (cells) below which hats are warned of."""
+"""Distance of a particle from a face (cells) below which there is a warning of hats."""
 
 
 def _warn_of_hats(kernel: Kernel, scheme: Scheme, particles: Particles, grid: Grid) -> None:
-    """Warn where hats cannot work: their slopes jump at the faces of cells."""
+    """Warn of hats where they do not work: their slopes jump at the faces of cells."""
     if not isinstance(kernel, Linear):
         return
     if scheme is Scheme.USL:
@@ -322,8 +369,8 @@ def _warn_of_hats(kernel: Kernel, scheme: Scheme, particles: Particles, grid: Gr
             "INVERTED; take MUSL, or GIMP",
             stacklevel=3,
         )
-    place = np.asarray(locate(grid, jnp.asarray(particles.position)), float)
-    near = np.any(abs(place - np.round(place)) < HATS_EDGE, axis=0)
+    cells = np.asarray(locate(grid, jnp.asarray(particles.position)), float)
+    near = np.any(abs(cells - np.round(cells)) < HATS_EDGE, axis=0)
     if near.any():
         warnings.warn(
             f"kernel = Linear with {int(near.sum())} of {near.size} particles within {HATS_EDGE:g} cells of a cell's "
@@ -366,7 +413,7 @@ def _checked_material(material: Any, particles: Particles, dtype: np.dtype) -> A
 
 
 def _checked_zones(material: Zoned, particles: Particles, dtype: np.dtype) -> Zoned:
-    """As `_checked_material`, each law with the particles of its zone."""
+    """As `_checked_material`, for each law with the particles of its zone."""
     count = particles.mass.size
     if len(material.counts) != len(material.laws) or min(material.counts) < 1 or sum(material.counts) != count:
         raise ValueError(
@@ -378,7 +425,7 @@ def _checked_zones(material: Zoned, particles: Particles, dtype: np.dtype) -> Zo
 
 
 def in_total_stress_at(material: Zoned) -> np.ndarray:
-    """Which particles (N,) are of a zone whose strength is undrained."""
+    """Particles (N,) bool in zones whose strength is undrained."""
     return np.repeat([in_total_stress(law) for law in material.laws], material.counts)
 
 
@@ -447,9 +494,18 @@ def _check_water(
 
 
 def with_strength(scene: Scene, strength: ArrayLike) -> Scene:
-    """The scene with another strength (Pa), a number or one value per particle (N,).
+    """The scene with another strength.
 
-    Raises ValueError for a law without strength, another shape, values that are not finite and above 0, and snap-back.
+    Args:
+        scene: with a law that has a strength.
+        strength: Pa, a number or one value per particle (N,).
+
+    Returns:
+        Scene.
+
+    Raises:
+        ValueError: If the law has no strength, the shape is different, a value is not finite and above 0, or softening
+            snaps back.
     """
     if "strength" not in declared(scene.material):
         raise ValueError(

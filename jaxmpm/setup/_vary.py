@@ -1,4 +1,4 @@
-"""A scene with other soil: what follows from a parameter (moduli, mass, time step, initial stress) is made anew."""
+"""A scene with other soil; its moduli, mass, time step and initial stress follow."""
 
 from __future__ import annotations
 
@@ -24,14 +24,25 @@ STARTING = {"young", "poisson", "bulk", "shear", "unit_weight"}
 
 
 def with_soil(scene: Scene, state: State, **values: ArrayLike) -> tuple[Scene, State]:
-    """The scene with other parameters of its soil, and the state from which it starts.
+    """The scene with other parameters of its soil, and its initial state.
 
-    values: numbers or one value per particle (N,), by name: any parameter of the scene's material, one of a part of it
-    with a dot, as in `**{"softening.modulus": 85e3}`; young (Pa), poisson, unit_weight (N/m3, of all soil, under water
-    too). Where stiffness or weight change, `state` must not have moved: its initial stress is found
-    anew, unless it has none, and the time step shortens with the wave's way through a cell (it never grows, since the
-    scene does not know what speed it allows for). Columns of a free field keep the soil that they were built with.
-    Raises ValueError for unknown names, other shapes, values beyond their limits, and a state that has moved.
+    If stiffness or weight change, the initial stress is solved again (unless there is none), and the time step becomes
+    shorter for faster waves; it never grows, because the scene does not know which speed it allows for. Columns of a
+    free field retain the soil that they were built with.
+
+    Args:
+        scene: to vary.
+        state: at which it starts; it must not have moved if stiffness or weight change.
+        **values: numbers or one value per particle (N,), by name: any parameter of the scene's material, one of a part
+        with
+            a dot, as in `**{"softening.modulus": 85e3}`; young (Pa), poisson, unit_weight (N/m3, of all soil, also
+            below the water table).
+
+    Returns:
+        Scene and state.
+
+    Raises:
+        ValueError: If a name is unknown, a shape is different, a value is beyond its limit, or the state has moved.
     """
     check_names(scene, values)
     check_start(state, values)
@@ -54,21 +65,30 @@ def check_names(scene: Scene, names: Collection[str]) -> None:
 
 
 def check_start(state: State, names: Collection[str]) -> None:
-    """Raise ValueError where stiffness or weight vary and the state has moved."""
+    """Raise ValueError if stiffness or weight vary and the state has moved."""
     if STARTING & set(names) and (np.any(np.asarray(state.displacement)) or np.any(np.asarray(state.velocity))):
         raise ValueError(
-            f"{sorted(STARTING & set(names))} vary, so the initial stress is found anew, but `state` has moved: give "
+            f"{sorted(STARTING & set(names))} vary, so the initial stress is solved again, but `state` has moved: give "
             "one at rest"
         )
 
 
 def parameter_names(scene: Scene) -> list[str]:
-    """Names of the material's parameters: the numbers that it has, those of its parts with a dot."""
+    """Names of the material's parameters, with a dot for those of its parts."""
     return [each.path for each in declared(scene.material).values()]
 
 
 def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[Scene, State]:
-    """As `with_soil`, of names that are known; values beyond their limits pass, and their lane will say so."""
+    """As `with_soil`, for known names; values beyond their limits pass, and their lane gets the status.
+
+    Args:
+        scene: to vary.
+        state: at which it starts.
+        values: by name.
+
+    Returns:
+        Scene and state.
+    """
     for name, value in values.items():
         check_shape(name, value, scene.particles)
     given = {name: jnp.asarray(value, scene.particles.mass.dtype) for name, value in values.items()}
