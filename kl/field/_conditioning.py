@@ -89,7 +89,7 @@ def condition(
     Args:
         expansion: of the field; data without error need more modes than data.
         points: (d, n) positions of the data (m), at most a few thousand.
-        values: (n,) Gaussian scores: `marginal.standardise(measured)`.
+        values: (n,) Gaussian scores: `standardise` of the marginal, applied to the measured values.
         error: standard deviation of the measurement, in scores, a number or (n,).
 
     Returns:
