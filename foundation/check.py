@@ -63,12 +63,26 @@ class Limit:
 
 
 def above_zero(unit: str = "") -> Limit:
-    """Finite values above 0."""
+    """Limit of finite values above 0.
+
+    Args:
+        unit: for messages.
+
+    Returns:
+        Limit.
+    """
     return Limit(above=0.0, unit=unit)
 
 
 def from_zero(unit: str = "") -> Limit:
-    """Finite values of 0 or more."""
+    """Limit of finite values of 0 or more.
+
+    Args:
+        unit: for messages.
+
+    Returns:
+        Limit.
+    """
     return Limit(least=0.0, unit=unit)
 
 

@@ -51,7 +51,14 @@ def printable(text: str) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Seconds as people say them: 45 s, 12 min, 3.5 h, 2.1 days."""
+    """Seconds in a readable unit: 45 s, 12 min, 3.5 h, 2.1 days.
+
+    Args:
+        seconds: 0 or more.
+
+    Returns:
+        Text of two digits and a unit.
+    """
     for limit, unit, name in ((90, 1, "s"), (5400, 60, "min"), (172_800, 3600, "h")):
         if seconds < limit:
             return f"{seconds / unit:.2g} {name}"

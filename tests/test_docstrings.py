@@ -2,6 +2,7 @@
 
 import ast
 import dataclasses
+import enum
 import inspect
 import re
 from pathlib import Path
@@ -9,8 +10,13 @@ from pathlib import Path
 import pytest
 
 import cooperative
+import foundation.check
+import foundation.files
+import foundation.pytrees
+import foundation.text
 import jaxmpm
 import kl
+import kl.plots
 
 PUBLIC = [
     (package, name)
@@ -75,6 +81,65 @@ DESCRIBED = described()
 @pytest.mark.parametrize(("name", "text", "known"), DESCRIBED, ids=[name for name, *_ in DESCRIBED])
 def test_documented_names_exist(name, text, known):
     assert not set(named(text)) - known
+
+
+# Modules whose functions a script calls by the module's name.
+BY_MODULE = (
+    *(jaxmpm.diagnostics, jaxmpm.objectives, jaxmpm.tensors, kl.plots),
+    *(foundation.check, foundation.files, foundation.pytrees, foundation.text),
+)
+LISTED = [
+    (f"{package.__name__}.{name}", getattr(package, name)) for package, name in PUBLIC if package is not cooperative
+]
+LISTED += [
+    (f"{module.__name__}.{name}", thing)
+    for module in BY_MODULE
+    for name, thing in vars(module).items()
+    if not name.startswith("_") and getattr(thing, "__module__", "") == module.__name__
+]
+CALLED = [(name, thing) for name, thing in LISTED if callable(thing)]
+
+
+def arguments(text: str) -> list[str]:
+    """Names in the section `Args:` of a docstring, one line each."""
+    _, _, section = text.partition("\nArgs:\n")
+    section = re.split(r"\n(?=\S)", section)[0]
+    return re.findall(r"^    \*{0,2}(\w+): \S", section, re.MULTILINE)
+
+
+def expected(thing) -> list[str]:
+    """Arguments of a function, fields of a dataclass or named tuple; none of other classes."""
+    if dataclasses.is_dataclass(thing):
+        return [field.name for field in dataclasses.fields(thing)]
+    if isinstance(thing, type):
+        return list(getattr(thing, "_fields", ()))
+    return list(inspect.signature(thing).parameters)
+
+
+@pytest.mark.parametrize(("name", "thing"), CALLED, ids=[name for name, _ in CALLED])
+def test_each_argument_has_a_line_in_order(name, thing):
+    if isinstance(thing, type) and issubclass(thing, enum.Enum | Exception):
+        return
+    assert arguments(inspect.getdoc(thing) or "") == expected(thing)
+
+
+@pytest.mark.parametrize(("name", "thing"), CALLED, ids=[name for name, _ in CALLED])
+def test_public_methods_are_documented(name, thing):
+    if not isinstance(thing, type):
+        return
+    own = {key: getattr(value, "__func__", value) for key, value in vars(thing).items() if not key.startswith("_")}
+    methods = {key: value for key, value in own.items() if inspect.isfunction(value) or isinstance(value, property)}
+    assert not [key for key, method in methods.items() if not method.__doc__]
+    lists = {key: method for key, method in methods.items() if "\nArgs:\n" in inspect.cleandoc(method.__doc__)}
+    assert not [key for key, method in lists.items() if arguments(inspect.getdoc(method)) != expected(method)[1:]]
+
+
+def test_a_missing_and_a_misplaced_line_are_seen():
+    text = (
+        "What it does.\n\nArgs:\n    scene: a scene.\n        Goes on.\n    *rest: others.\n\nReturns:\n    state: one."
+    )
+    assert arguments(text) == ["scene", "rest"]
+    assert arguments("What it does, of scene: and state.") == []
 
 
 ROOT = Path(__file__).resolve().parent.parent

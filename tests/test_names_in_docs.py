@@ -20,14 +20,9 @@ FOREIGN = {
     "Steps": "a group of VTKHDF",
     "axis0": "a group of an expansion's file",
     "solver": "an attribute of an expansion's file",
-    "format": "an attribute of an expansion's file",
     "version": "an attribute of an expansion's file",
-    "time": "a column of a record",
-    "y": "a column of a record",
-    "z": "a column of a record",
     "r_u": "an argument of `section` and `terrain`, which a ground of a user's own may take too",
     "_": "a character",
-    "unusual": "a member that a user's own soil may have",
 }
 
 SPAN = re.compile(r"`([^`\n]+)`")
