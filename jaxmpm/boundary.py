@@ -72,7 +72,16 @@ def unfold(pairs: Sequence[tuple[int, int]], grid: Grid, nodal: Array) -> Array:
 
 
 def around(tied: tuple[int, int], grid: Grid, position: Array) -> Array:
-    """Positions (d, N) m with those beyond a tied plane wrapped to the other."""
+    """Wrap positions beyond a tied plane to the other.
+
+    Args:
+        tied: numbers of the two planes of nodes along x.
+        grid: of the nodes.
+        position: (d, N) m.
+
+    Returns:
+        (d, N) m.
+    """
     low, high = (grid.origin[0] + node * grid.cell for node in tied)
     return position.at[0].set(low + jnp.mod(position[0] - low, high - low))
 

@@ -24,7 +24,14 @@ Tensor: TypeAlias = tuple[Component, Component, Component, Component, Component,
 
 
 def static(**kwargs: Any) -> Any:
-    """A dataclass field that shapes the program: hashable, part of the compilation key."""
+    """A dataclass field that shapes the program: hashable, part of the compilation key.
+
+    Args:
+        **kwargs: of `dataclasses.field`.
+
+    Returns:
+        The field.
+    """
     return field(metadata={"static": True}, **kwargs)
 
 

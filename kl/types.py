@@ -17,5 +17,12 @@ Parameter: TypeAlias = float | Array
 
 
 def size_of(value: Parameter) -> Parameter:
-    """Absolute value; `abs` of a union has no type."""
+    """Absolute value; `abs` of a union has no type.
+
+    Args:
+        value: number or array.
+
+    Returns:
+        The same shape.
+    """
     return value.__abs__()

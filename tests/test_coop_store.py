@@ -354,7 +354,7 @@ def test_a_file_size_limit_stops_the_writer_without_damage(tmp_path):
 def test_what_was_there_survives_a_refused_write(tmp_path, monkeypatch):
     write_aside(tmp_path / "summary.json", b"old")
     monkeypatch.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(OSError(errno.EIO, "Input/output error")))
-    with pytest.raises(OSError, match="see to the disk"):
+    with pytest.raises(OSError, match="check the disk"):
         write_aside(tmp_path / "summary.json", b"new")
     assert (tmp_path / "summary.json").read_bytes() == b"old"
     assert os.listdir(tmp_path) == ["summary.json"]

@@ -91,13 +91,25 @@ BY_MODULE = (
 LISTED = [
     (f"{package.__name__}.{name}", getattr(package, name)) for package, name in PUBLIC if package is not cooperative
 ]
+ROOMS = (
+    *(jaxmpm.ground, jaxmpm.laws, jaxmpm.run, jaxmpm.setup, jaxmpm.soil, jaxmpm.transfer),
+    *(kl.axis, kl.field, kl.marginal),
+)
+LISTED += [
+    (f"{room.__name__}.{name}", getattr(room, name))
+    for room in ROOMS
+    for name in room.__all__
+    if all(getattr(room, name) is not thing for _, thing in LISTED)
+]
 LISTED += [
     (f"{module.__name__}.{name}", thing)
     for module in BY_MODULE
     for name, thing in vars(module).items()
     if not name.startswith("_") and getattr(thing, "__module__", "") == module.__name__
 ]
-CALLED = [(name, thing) for name, thing in LISTED if callable(thing)]
+CALLED = [
+    (name, thing) for name, thing in LISTED if inspect.isclass(thing) or inspect.isfunction(inspect.unwrap(thing))
+]
 
 
 def arguments(text: str) -> list[str]:

@@ -106,7 +106,7 @@ BAD_FILES = [
     (HEADER + "1 2 3\n4 5\n", None, "declares 3 times 2 heights and holds 5: it is damaged"),
     (HEADER.replace("ncols 3", "ncols 3000000000") + "1 2 3\n", None, "declares 3e\\+09 times 2 heights and holds 3"),
     (HEADER.replace("ncols 3", "ncols 3.5") + "1 2 3\n", None, "declares 3.5 times 2"),
-    (HEADER + "1 2 3\n4 5 six\n", None, "holds what is no number"),
+    (HEADER + "1 2 3\n4 5 six\n", None, "has an entry that is no number"),
     (HEADER.replace("nrows 2\n", "") + "1 2 3\n", None, "lacks nrows"),
     (HEADER.replace("xllcorner 10\n", "") + "1 2 3\n", None, "lacks xllcorner"),
     (HEADER.replace("cellsize 5", "cellsize five"), None, "cellsize is 'five': give a number"),

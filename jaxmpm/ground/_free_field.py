@@ -19,7 +19,7 @@ def check_free_field(discretisation: Discretisation) -> None:
         raise ValueError("ends = 'free field' with scheme = USF, whose stress is a step ahead: take MUSL or USL")
     if discretisation.kernel not in (GIMP, Linear):
         raise ValueError(
-            f"ends = 'free field' with kernel = {discretisation.kernel.__name__}, which spreads what acts on an end "
+            f"ends = 'free field' with kernel = {discretisation.kernel.__name__}, which spreads the forces on an end "
             "over more nodes than its own: take GIMP"
         )
     if discretisation.internal_length is not None:

@@ -215,7 +215,7 @@ def _esri(path: Path) -> Raster:
     try:
         heights = np.array(words[at:], float).reshape(int(ny), int(nx))[::-1].T
     except ValueError as error:
-        raise ValueError(f"{path} holds what is no number: {shown(str(error))}") from error
+        raise ValueError(f"{path} has an entry that is no number: {shown(str(error))}") from error
     heights = np.where((heights == header.get("nodata_value", -9999.0)) | ~np.isfinite(heights), np.nan, heights)
     x, y, half = corner
     step = header["cellsize"]

@@ -99,7 +99,14 @@ def with_parameters(law: Any, values: Mapping[str, Any]) -> Any:
 
 
 def has_strength(law: Any) -> bool:
-    """Whether strength reduction divides a number of a law."""
+    """Whether strength reduction divides a number of a law.
+
+    Args:
+        law: a law.
+
+    Returns:
+        Whether it does.
+    """
     return any(each.parameter.reduced for each in declared(law).values())
 
 

@@ -64,7 +64,15 @@ def elastic_strain(bulk: Array, shear: Array, stress: Tensor) -> Tensor:
 
 
 def add(a: Tensor, b: Tensor) -> Tensor:
-    """Sum of two tensors."""
+    """Sum of two tensors.
+
+    Args:
+        a: six components.
+        b: six components.
+
+    Returns:
+        Tensor.
+    """
     return by_component(operator.add, a, b)
 
 

@@ -117,12 +117,26 @@ class Zoned:
 
 
 def laws_of(law: Any) -> tuple[Any, ...]:
-    """The laws of all zones; a law that is not zoned alone."""
+    """The laws of all zones.
+
+    Args:
+        law: zoned or not.
+
+    Returns:
+        The law of each zone, or the law itself.
+    """
     return law.laws if isinstance(law, Zoned) else (law,)
 
 
 def in_total_stress(law: Material) -> bool:
-    """Whether the law's strength is undrained, that is of total stress without a known pore pressure."""
+    """Whether a law's strength is undrained, that is of total stress without a known pore pressure.
+
+    Args:
+        law: of one zone, or zoned.
+
+    Returns:
+        Whether it is.
+    """
     return has_strength(law) and not law.FRICTIONAL
 
 

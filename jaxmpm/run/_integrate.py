@@ -111,7 +111,7 @@ _ADVICE = {
     Status.INVERTED: "a particle's volume is no longer positive: refine the grid, or lower the CFL number",
     Status.TIME_STEP_TOO_LARGE: "a particle is faster than the time step allows: build the scene with a larger `speed`",
     Status.BAD_PARAMETER: "a number of its scene, for example its strength at a particle, is not finite or beyond its "
-    "limit, its softening snaps back, or its residual is above its peak: see to what it was drawn from",
+    "limit, its softening snaps back, or its residual is above its peak: check the distribution of its samples",
 }
 
 

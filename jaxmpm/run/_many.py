@@ -107,7 +107,7 @@ def solve_each(
     check_state(scene, state, None)
     check_scene(scene)
     if not isinstance(varied, Mapping) or not varied:
-        raise ValueError("varied names nothing: give what samples differ in, as in {'strength': strengths}")
+        raise ValueError("varied is empty: give the parameters that samples differ in, as in {'strength': strengths}")
     check_names(scene, varied)
     check_start(state, varied)
     every = (settle or Settle()).every

@@ -265,7 +265,16 @@ def wave_speed(particles: Particles, material: Material) -> float:
 
 
 def check_shape(name: str, value: ArrayLike, particles: Particles) -> None:
-    """Raise ValueError unless `value` is a number or one value per particle (N,)."""
+    """Check that a parameter is a number or one value per particle.
+
+    Args:
+        name: of the parameter, for the message.
+        value: () or (N,).
+        particles: N of them.
+
+    Raises:
+        ValueError: If it has another shape.
+    """
     if np.shape(value) not in ((), particles.mass.shape):
         raise ValueError(
             f"{name} has shape {np.shape(value)}: give a number or {particles.mass.shape}, one value per particle"

@@ -52,7 +52,15 @@ def with_soil(scene: Scene, state: State, **values: ArrayLike) -> tuple[Scene, S
 
 
 def check_names(scene: Scene, names: Collection[str]) -> None:
-    """Raise ValueError for names that are no parameters of the scene's soil."""
+    """Check names of parameters.
+
+    Args:
+        scene: with its soil.
+        names: of parameters to vary.
+
+    Raises:
+        ValueError: If one is no parameter of the scene's soil, or young or poisson come with bulk or shear.
+    """
     known = parameter_names(scene)
     unknown = sorted(set(names) - {*known, *ENGINEERING})
     if unknown:
@@ -65,7 +73,15 @@ def check_names(scene: Scene, names: Collection[str]) -> None:
 
 
 def check_start(state: State, names: Collection[str]) -> None:
-    """Raise ValueError if stiffness or weight vary and the state has moved."""
+    """Check that a state can start with other stiffness or weight.
+
+    Args:
+        state: at the start.
+        names: of the parameters that vary.
+
+    Raises:
+        ValueError: If stiffness or weight are among them and the state has moved.
+    """
     if STARTING & set(names) and (np.any(np.asarray(state.displacement)) or np.any(np.asarray(state.velocity))):
         raise ValueError(
             f"{sorted(STARTING & set(names))} vary, so the initial stress is solved again, but `state` has moved: give "
@@ -74,7 +90,14 @@ def check_start(state: State, names: Collection[str]) -> None:
 
 
 def parameter_names(scene: Scene) -> list[str]:
-    """Names of the material's parameters, with a dot for those of its parts."""
+    """Names of the material's parameters, with a dot for those of its parts.
+
+    Args:
+        scene: with its material.
+
+    Returns:
+        The names.
+    """
     return [each.path for each in declared(scene.material).values()]
 
 

@@ -334,7 +334,11 @@ class Interface:
 
 
 def warn_of_units(soil: AnySoil) -> None:
-    """Warn once of all numbers that look like another unit, unless the soil has `unusual`."""
+    """Warn once of all numbers that look like another unit, unless the soil has `unusual`.
+
+    Args:
+        soil: to check.
+    """
     slips = () if getattr(soil, "unusual", False) else dict.fromkeys(_slips(soil))
     if slips:
         check.warn(f"{'; '.join(slips)} If they are intended, give the soil unusual=True")

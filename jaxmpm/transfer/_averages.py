@@ -80,7 +80,14 @@ def band_thickness(length: float) -> float:
 
 
 def length_of_band(thickness: float) -> float:
-    """Internal length (m) with which bands are as thick as `thickness` (m): the inverse of `band_thickness`."""
+    """Internal length with which bands have a given thickness: the inverse of `band_thickness`.
+
+    Args:
+        thickness: of the bands (m).
+
+    Returns:
+        Length (m).
+    """
     return thickness / math.sqrt(2 * math.pi)
 
 

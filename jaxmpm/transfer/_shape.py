@@ -19,7 +19,15 @@ WIDTH = 3
 
 
 def locate(grid: Grid, position: Array) -> Array:
-    """Positions (d, N) in cells from node 0, the unit of the other functions here."""
+    """Positions in cells from node 0, the unit of the other functions here.
+
+    Args:
+        grid: of the nodes.
+        position: (d, N) m.
+
+    Returns:
+        (d, N) cells.
+    """
     origin = jnp.asarray(grid.origin, position.dtype)[:, None]
     return (position - origin) / grid.cell
 

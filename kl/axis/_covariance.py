@@ -372,10 +372,24 @@ def scale_of_fluctuation(covariance: Scaled) -> Parameter:
 
 
 def length_leaves(covariance: Covariance) -> list[Parameter]:
-    """List of the correlation length: empty for `Infinite`, that of the base for a wrapped family."""
+    """Correlation length of a covariance, that of the base for a wrapped family.
+
+    Args:
+        covariance: of an axis.
+
+    Returns:
+        List with the length, empty for `Infinite`.
+    """
     return jax.tree.leaves(getattr(covariance, "base", covariance))
 
 
 def on_host(covariance: _Some) -> _Some:
-    """The same covariance with NumPy numbers, to evaluate on the host at float64."""
+    """The same covariance with NumPy numbers, to evaluate on the host in float64.
+
+    Args:
+        covariance: of an axis, not traced.
+
+    Returns:
+        The same family.
+    """
     return jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), covariance)

@@ -81,7 +81,7 @@ def check_marginal(marginal: Marginal) -> None:
 
 def _finite(gaussian: Array) -> Array:
     """The field, after a check on the host that it is finite."""
-    check.finite("gaussian field", gaussian, remedy="see to the coefficients or the points")
+    check.finite("gaussian field", gaussian, remedy="check the coefficients or the points")
     return gaussian
 
 

@@ -42,7 +42,15 @@ def normal_mass(low: Array, high: Array) -> Array:
 
 
 def from_both_tails(below: Array, above: Array) -> Array:
-    """Score of a value from its probabilities below and above it."""
+    """Score of a value from its probabilities below and above it.
+
+    Args:
+        below: probability of a smaller value, any shape.
+        above: probability of a larger value, of the same shape.
+
+    Returns:
+        Gaussian scores.
+    """
     # The smaller probability is the accurate one, and one call of `ndtri`, a large program, serves both tails.
     lower = below < above
     score = ndtri(jnp.where(lower, below, above))
