@@ -151,7 +151,7 @@ def loss_error(of: Population, drawn: Drawn) -> float:
     thickest = of.columns["column_thickness"][drawn.at][:, of.beyond + 1].reshape(drawn.at.size, -1).max(axis=1)
     lost = 1e5 * HOUSE.share(thickest)
     curve = exceedance(drawn.found, drawn.weight, lost, np.unique(np.concatenate([[0.0], lost])))
-    under = float(curve.chance.value[:-1] @ np.diff(curve.thresholds))
+    under = float(np.array(curve.probability[:-1]) @ np.diff(curve.thresholds))
     expected = float(mean_of(drawn.found, drawn.weight, lost).value)
     return abs(under / expected - 1) if expected else abs(under)
 

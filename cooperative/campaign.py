@@ -69,7 +69,7 @@ def run(
         with stop.at_once():
             models = _models(unmeasured, folder)
         alone = executor is None and workers == 1
-        pool = None if alone else runs.Workers(executor or partial(_pool, workers), workers)
+        pool = None if alone else runs.Workers(executor or partial(runs.process_pool, workers), workers)
         opened = closing(pool.opened()) if pool else nullcontext()
         with opened, open_store(folder, campaign.source, verify=verify) as store:
             with stop.at_once():
@@ -90,10 +90,6 @@ def _models(campaign: Campaign, folder: Path) -> dict[str, runs.GridModel]:
     soil = runs.random_soil(campaign)
     runs.check_coefficients(campaign, soil.modes)
     return {grid: runs.build(campaign, grid, soil, folder=folder) for grid in GRIDS}
-
-
-def _pool(workers: int) -> Executor:
-    return runs.process_pool(workers)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import numpy as np
 
 from cooperative.estimate import (
     Estimate,
+    Exceedance,
     Fits,
     Severity,
     Slides,
@@ -66,16 +67,6 @@ class Spread:
     smallest: float
     largest: float
     at_least: bool
-
-
-@dataclass(frozen=True)
-class Exceedance:
-    """Probability that a sample fails and goes beyond each of `thresholds` (k,), with its confidence limits."""
-
-    thresholds: tuple[float, ...]
-    probability: tuple[float, ...]
-    low: tuple[float, ...]
-    high: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -190,7 +181,7 @@ def effects_of(campaign: Campaign, estimate: Estimate, refined: Rows, slides: Sl
         modes=_modes(estimate, counting),
         consequences_of_failures=_means(campaign, estimate.level, slid, cut),
         exceedance={
-            name: _curve(estimate, known.weight, known[name])
+            name: exceedance(estimate, known.weight, known[name])
             for name in CURVES
             if (known := counting.where(np.isfinite(counting[name]))).weight.size
         },
@@ -277,7 +268,7 @@ def _risk(campaign: Campaign, estimate: Estimate, counting: _Slid, cut: CutOff, 
     loss_of_all = Loss(
         *_expected(estimate, weight, lost, bound),
         at_least,
-        exceedance=_curve(estimate, weight, lost, np.unique(np.concatenate([[0.0], lost]))),
+        exceedance=exceedance(estimate, weight, lost, np.unique(np.concatenate([[0.0], lost]))),
         modes={mode: float(part[modes == mode].sum() / whole) for mode in SEVERITY if mode in modes and whole},
         samples=tuple(
             SampleLoss(int(slid["sample"][at]), float(lost[at]), float(part[at] / whole))
@@ -286,15 +277,6 @@ def _risk(campaign: Campaign, estimate: Estimate, counting: _Slid, cut: CutOff, 
         ),
     )
     return Risk(elements, loss_of_all)
-
-
-def _curve(
-    estimate: Estimate, weight: np.ndarray, values: np.ndarray, thresholds: np.ndarray | None = None
-) -> Exceedance:
-    """Probability that a sample fails and goes beyond each threshold, failures that stay below included."""
-    curve = exceedance(estimate, weight, values, thresholds)
-    arrays = curve.thresholds, curve.chance.value, curve.chance.low, curve.chance.high
-    return Exceedance(*(tuple(array.tolist()) for array in arrays))
 
 
 def _expected(

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter
 
-from cooperative.effects import CutOff, Exceedance, ModeShare, Risk, Spread, effects_of
+from cooperative.effects import CutOff, ModeShare, Risk, Spread, effects_of
 from cooperative.estimate import (
     Correlation,
     Estimate,
+    Exceedance,
     Fits,
     Phases,
     Severity,
@@ -143,7 +145,7 @@ class Summary:
 
     def as_json(self) -> dict[str, Any]:
         """Its fields as JSON has them, which `from_json` reads: a number that is not finite is null."""
-        fields: dict[str, Any] = _plain(asdict(self))
+        fields: dict[str, Any] = json.loads(_SUMMARY.dump_json(self))
         if self.calibration is not None:
             fields["calibration"]["factor"] = self.calibration.factor
         return fields
@@ -326,12 +328,3 @@ def _broken(rows: Rows) -> dict[int, str]:
 
 def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
-
-
-def _plain(value: Any) -> Any:
-    """Ready for JSON, which has no infinity and no nan: None stands for them. Its keys are texts."""
-    if isinstance(value, dict):
-        return {str(name): _plain(item) for name, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return _finite(value) if isinstance(value, float) else value

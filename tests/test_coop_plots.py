@@ -7,8 +7,8 @@ import pytest
 from matplotlib.collections import PolyCollection
 from matplotlib.image import imread
 
-from cooperative.effects import Exceedance, ModeShare
-from cooperative.estimate import Chances, fit_distributions, severity_ranking
+from cooperative.effects import ModeShare
+from cooperative.estimate import Chances, Exceedance, fit_distributions, severity_ranking
 from cooperative.hazard import Maps
 from cooperative.measure import ColumnPlan
 from cooperative.reporting import _charts as charts

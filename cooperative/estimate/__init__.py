@@ -4,9 +4,8 @@ from cooperative.estimate._audit import AuditPlan
 from cooperative.estimate._audited import ESTIMATORS, SETTINGS, Subset, TwoPhase, named_estimator
 from cooperative.estimate._estimates import (
     Chances,
-    Curve,
     Estimate,
-    Share,
+    Exceedance,
     after_more_runs,
     chance_of,
     effective_size,
@@ -29,8 +28,8 @@ from cooperative.estimate._plain import (
     published,
 )
 from cooperative.estimate._protocol import Answers, Estimator, Failures, Population, Sampling, Screened, all_samples
-from cooperative.estimate._ranking import Correlation, Ranking, correlation, next_refined, rank_samples, stopping_rank
-from cooperative.estimate._subset import SubsetPlan, SubsetSamples, subset_simulation
+from cooperative.estimate._ranking import Correlation, correlation, next_refined, rank_samples, stopping_rank
+from cooperative.estimate._subset import SubsetPlan, subset_simulation
 from cooperative.estimate._twophase import next_audit, sample_weights, two_phase
 
 __all__ = [
@@ -44,9 +43,9 @@ __all__ = [
     "Chances",
     "ControlVariate",
     "Correlation",
-    "Curve",
     "Estimate",
     "Estimator",
+    "Exceedance",
     "Failures",
     "Fit",
     "Fits",
@@ -54,16 +53,13 @@ __all__ = [
     "Phases",
     "Population",
     "Published",
-    "Ranking",
     "Sampling",
     "SceneSamples",
     "Screened",
     "Severity",
-    "Share",
     "Slides",
     "Subset",
     "SubsetPlan",
-    "SubsetSamples",
     "TwoPhase",
     "after_more_runs",
     "all_samples",

@@ -260,15 +260,19 @@ def chance_of(found: Estimate, weight: np.ndarray, happens: np.ndarray) -> Chanc
 
 
 @dataclass(frozen=True)
-class Curve:
-    """Probability that a sample fails and its slide exceeds each of `thresholds` (k,): `chance`, with intervals."""
+class Exceedance:
+    """Probability that a sample fails and goes beyond each of `thresholds` (k,), with its confidence limits."""
 
-    thresholds: np.ndarray
-    chance: Chances
+    thresholds: tuple[float, ...]
+    probability: tuple[float, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
 
 
-def exceedance(found: Estimate, weight: np.ndarray, values: np.ndarray, thresholds: np.ndarray | None = None) -> Curve:
-    """Exceedance curve of what slides bring.
+def exceedance(
+    found: Estimate, weight: np.ndarray, values: np.ndarray, thresholds: np.ndarray | None = None
+) -> Exceedance:
+    """Exceedance curve of what slides bring, failures that stay below included.
 
     found, weight: as for `chance_of`. values: of each slide (n,), 0 or more. thresholds: (k,); where none are given, 61
     even steps from 0 to the largest value, the first of which counts every failure, also those that bring nothing.
@@ -279,10 +283,8 @@ def exceedance(found: Estimate, weight: np.ndarray, values: np.ndarray, threshol
     at = np.linspace(0.0, float(brings.max(initial=0.0)), POINTS) if thresholds is None else np.asarray(thresholds)
     chance = chance_of(found, weight, brings > at)
     if thresholds is None:
-        low, high = found.sampling_interval or found.interval
-        chance.value[0], chance.low[0], chance.high[0] = found.probability, low, high
-        chance.count[0] = len(brings)
-    return Curve(at, chance)
+        chance.value[0], (chance.low[0], chance.high[0]) = found.probability, found.sampling_interval or found.interval
+    return Exceedance(*(tuple(each.tolist()) for each in (at, chance.value, chance.low, chance.high)))
 
 
 def mean_of(found: Estimate, weight: np.ndarray, amount: np.ndarray) -> Chances:

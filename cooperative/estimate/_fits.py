@@ -18,24 +18,25 @@ from cooperative.estimate._estimates import FEWEST, effective_size
 
 # Fewer samples than this tell six two-parameter distributions apart no better than chance would.
 ENOUGH = 30
+FREE = 2
+"""Free parameters of each candidate."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A family of two parameters. family: of scipy.stats. fixed: parameters held. positive: for values above 0."""
+    """A family of two parameters. family: of scipy.stats. positive: for values above 0, where it is made to start."""
 
     family: rv_continuous
-    fixed: Mapping[str, float]
-    positive: bool
+    positive: bool = False
 
 
-CANDIDATES: dict[str, Candidate] = {
-    "normal": Candidate(stats.norm, {}, False),
-    "logistic": Candidate(stats.logistic, {}, False),
-    "gamma": Candidate(stats.gamma, {"floc": 0.0}, True),
-    "Weibull": Candidate(stats.weibull_min, {"floc": 0.0}, True),
-    "lognormal": Candidate(stats.lognorm, {"floc": 0.0}, True),
-    "Gumbel": Candidate(stats.gumbel_r, {}, False),
+CANDIDATES = {
+    "normal": Candidate(stats.norm),
+    "logistic": Candidate(stats.logistic),
+    "gamma": Candidate(stats.gamma, positive=True),
+    "Weibull": Candidate(stats.weibull_min, positive=True),
+    "lognormal": Candidate(stats.lognorm, positive=True),
+    "Gumbel": Candidate(stats.gumbel_r),
 }
 
 
@@ -90,28 +91,20 @@ def fit_distributions(values: np.ndarray, weight: np.ndarray | None = None) -> F
     size = effective_size(share)
     share = share * size / share.sum() if values.size else share
     if np.unique(values).size < 2:
-        notes = (f"{values.size} samples with fewer than 2 distinct values: too few for a fit",)
-        return Fits((), values.size, None, None, notes)
-    notes_list = []
-    fits = []
-    for name, candidate in CANDIDATES.items():
-        if candidate.positive and values.min() <= 0:
-            notes_list.append(f"{name} is for positive values; the smallest is {values.min():.3g}")
-        else:
-            fits.append(_fit(name, candidate, values, share))
-    fits.sort(key=lambda fit: fit.aic)
+        few = f"{values.size} samples with fewer than 2 distinct values: too few for a fit"
+        return Fits((), values.size, None, None, (few,))
+    notes, least = [], values.min()
     if size < ENOUGH:
         worth = "" if np.ptp(share) == 0 else f", worth {size:.3g} of equal weight,"
-        notes_list.insert(
-            0, f"{values.size} samples{worth} are too few to tell distributions apart: {ENOUGH} or more would do"
-        )
-    close = [fit.name for fit in fits[1:] if fit.aic - fits[0].aic < 2]
-    if close:
-        notes_list.append(
-            f"{fits[0].name} is not clearly better than {', '.join(close)}: their AIC differ by less than 2"
-        )
-    best_bic = min(fits, key=lambda fit: fit.bic).name
-    return Fits(tuple(fits), values.size, fits[0].name, best_bic, tuple(notes_list))
+        notes.append(f"{values.size} samples{worth} are too few to tell distributions apart: {ENOUGH} or more would do")
+    left_out = [name for name, each in CANDIDATES.items() if each.positive and least <= 0]
+    notes += [f"{name} is for positive values; the smallest is {least:.3g}" for name in left_out]
+    fits = [_fit(name, each, values, share) for name, each in CANDIDATES.items() if name not in left_out]
+    fits.sort(key=lambda fit: fit.aic)
+    best = fits[0]
+    if close := [fit.name for fit in fits[1:] if fit.aic - best.aic < 2]:
+        notes.append(f"{best.name} is not clearly better than {', '.join(close)}: their AIC differ by less than 2")
+    return Fits(tuple(fits), values.size, best.name, min(fits, key=lambda fit: fit.bic).name, tuple(notes))
 
 
 @dataclass(frozen=True)
@@ -145,38 +138,27 @@ def severity_ranking(
     fewer than `FEWEST` shows too little of its spread: it has no interval, and any rank.
     Raises ValueError for an empty group.
     """
-    names = list(groups)
-    for name in names:
-        if np.size(groups[name]) == 0:
-            raise ValueError(f"group {name!r} is empty: leave it out")
     generator = np.random.default_rng(seed)
     drawn, middles = [], []
-    for name in names:
-        values = np.asarray(groups[name], dtype=float)
+    for name, group in groups.items():
+        values = np.asarray(group, dtype=float)
+        if values.size == 0:
+            raise ValueError(f"group {name!r} is empty: leave it out")
         share = None if weights is None else np.asarray(weights[name]) / np.sum(weights[name])
         drawn.append(statistic(generator.choice(values, (resamples, values.size), p=share), axis=1))
         # A weighted statistic is that of a resample large enough not to scatter.
-        middles.append(
-            float(statistic(values if share is None else generator.choice(values, 100_000, p=share), axis=0))
-        )
-    draws, middle = np.stack(drawn), np.array(middles)
+        whole = values if share is None else generator.choice(values, 100_000, p=share)
+        middles.append(float(statistic(whole, axis=0)))
+    draws, names, tails = np.stack(drawn), list(groups), (0.5 - level / 2, 0.5 + level / 2)
     ranks = 1 + np.argsort(np.argsort(-draws, axis=0, kind="stable"), axis=0)
-    tails = (0.5 - level / 2, 0.5 + level / 2)
     found = []
-    for place, at in enumerate(np.argsort(-middle, kind="stable"), start=1):
-        few = np.size(groups[names[at]]) < FEWEST
-        low, high = np.quantile(draws[at], tails).tolist()
-        span = (1, len(names)) if few else tuple(int(q) for q in np.quantile(ranks[at], tails, method="nearest"))
-        found.append(
-            Severity(
-                names[at],
-                int(np.size(groups[names[at]])),
-                float(middle[at]),
-                None if few else (low, high),
-                place,
-                (span[0], span[1]),
-            )
-        )
+    for rank, at in enumerate(np.argsort(-np.array(middles), kind="stable"), start=1):
+        name, count = names[at], int(np.size(groups[names[at]]))
+        (low, high), span = np.quantile(draws[at], tails).tolist(), np.quantile(ranks[at], tails, method="nearest")
+        if count < FEWEST:
+            found.append(Severity(name, count, middles[at], None, rank, (1, len(names))))
+        else:
+            found.append(Severity(name, count, middles[at], (low, high), rank, (int(span[0]), int(span[1]))))
     return found
 
 
@@ -184,19 +166,14 @@ def severity_ranking(
 def _fit(name: str, candidate: Candidate, values: np.ndarray, weight: np.ndarray) -> Fit:
     # scipy's optimisers stop on absolute tolerances, so the values are brought to the order of 1 first.
     scale = float(np.abs(values).mean())
-    parameters = candidate.family.fit(values / scale, **candidate.fixed)
+    parameters = candidate.family.fit(values / scale, **({"floc": 0.0} if candidate.positive else {}))
     if np.ptp(weight) > 0:
         parameters = _weighted(candidate, values / scale, weight, parameters)
     parameters = (*parameters[:-2], parameters[-2] * scale, parameters[-1] * scale)
     log_likelihood = float(weight @ candidate.family.logpdf(values, *parameters))
-    free = len(parameters) - len(candidate.fixed)
-    return Fit(
-        name,
-        tuple(float(parameter) for parameter in parameters),
-        log_likelihood,
-        2 * free - 2 * log_likelihood,
-        free * float(np.log(weight.sum())) - 2 * log_likelihood,
-    )
+    aic = 2 * FREE - 2 * log_likelihood
+    bic = FREE * float(np.log(weight.sum())) - 2 * log_likelihood
+    return Fit(name, tuple(float(parameter) for parameter in parameters), log_likelihood, aic, bic)
 
 
 def _weighted(
@@ -205,14 +182,12 @@ def _weighted(
     """Parameters of largest weighted likelihood, from those of the plain one. Shape and scale go by their logarithm."""
 
     def parameters(at: np.ndarray) -> tuple[float, ...]:
-        first, scale = (np.exp(at[0]), np.exp(at[1])) if candidate.fixed else (at[0], np.exp(at[1]))
-        return (float(first), 0.0, float(scale)) if candidate.fixed else (float(first), float(scale))
+        scale = float(np.exp(at[1]))
+        return (float(np.exp(at[0])), 0.0, scale) if candidate.positive else (float(at[0]), scale)
 
-    first = np.log(start[0]) if candidate.fixed else start[0]
-    found = optimize.minimize(
-        lambda at: -float(weight @ candidate.family.logpdf(values, *parameters(at))) / weight.sum(),
-        np.array([first, np.log(start[-1])]),
-        method="BFGS",
-        options={"gtol": 1e-4},
-    )
+    def loss(at: np.ndarray) -> float:
+        return -float(weight @ candidate.family.logpdf(values, *parameters(at))) / weight.sum()
+
+    first = np.log(start[0]) if candidate.positive else start[0]
+    found = optimize.minimize(loss, np.array([first, np.log(start[-1])]), method="BFGS", options={"gtol": 1e-4})
     return parameters(found.x)

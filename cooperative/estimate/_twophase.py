@@ -26,7 +26,6 @@ stage: Cui, Hung and Wang (1999), Biometrics 55, 853-857, DOI 10.1111/j.0006-341
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,7 +47,7 @@ from cooperative.estimate._audit import (
     unseen,
 )
 from cooperative.estimate._estimates import Estimate, with_variance
-from cooperative.estimate._protocol import Failures, Population
+from cooperative.estimate._protocol import Answers, Failures, Population
 from cooperative.estimate._ranking import next_refined, rank_samples, stopping_rank
 
 SPENT = 1e-9
@@ -72,10 +71,9 @@ class _Replay:
     share: np.ndarray
     missing: np.ndarray
     model: np.ndarray
-    unanswered: int
 
 
-def next_audit(population: Population, refined: Mapping[int, bool | None], plan: AuditPlan) -> list[int]:
+def next_audit(population: Population, refined: Answers, plan: AuditPlan) -> list[int]:
     """Samples to run on the refined grid next, in the order drawn; all may run at once. Empty when finished.
 
     First the rough runs that broke off and the ranked prefix, then wave by wave. refined: sample -> failed, None for a
@@ -85,9 +83,7 @@ def next_audit(population: Population, refined: Mapping[int, bool | None], plan:
     return [int(sample) for sample in replay.order[replay.missing]]
 
 
-def two_phase(
-    population: Population, refined: Mapping[int, bool | None], plan: AuditPlan, *, level: float = 0.95
-) -> Estimate:
+def two_phase(population: Population, refined: Answers, plan: AuditPlan, *, level: float = 0.95) -> Estimate:
     """Estimate from the complete waves; see `next_audit` for the arguments.
 
     Unbiased for any relation between the grids. A run without an answer is replaced by what the model expected
@@ -96,16 +92,14 @@ def two_phase(
     return _estimate(population, _replay(population, refined, plan), plan, level)
 
 
-def path(
-    population: Population, refined: Mapping[int, bool | None], plan: AuditPlan, *, level: float = 0.95
-) -> list[Estimate]:
+def path(population: Population, refined: Answers, plan: AuditPlan) -> list[Estimate]:
     """The estimate after every complete wave, first to last: how it came to where it is."""
     whole = _replay(population, refined, plan)
     replays = [_replay(population, refined, plan, most_waves=count) for count in range(1, len(whole.waves))]
-    return [_estimate(population, replay, plan, level) for replay in [*replays, whole][: len(whole.waves)]]
+    return [_estimate(population, replay, plan) for replay in [*replays, whole][: len(whole.waves)]]
 
 
-def sample_weights(population: Population, refined: Mapping[int, bool | None], plan: AuditPlan) -> dict[int, float]:
+def sample_weights(population: Population, refined: Answers, plan: AuditPlan) -> dict[int, float]:
     """What each refined run stands for: sample -> weight, so that sums of weight times outcome are unbiased totals.
 
     The weights of the ordered draws without a model; for a share among the failures, or any other mean over samples,
@@ -122,7 +116,7 @@ def sample_weights(population: Population, refined: Mapping[int, bool | None], p
     return {int(replay.order[rank]): float(total.by_group[rank]) for rank in counted}
 
 
-def failures(population: Population, refined: Mapping[int, bool | None], plan: AuditPlan) -> Failures:
+def failures(population: Population, refined: Answers, plan: AuditPlan) -> Failures:
     """Where the failures lie, by place in the population: what the model expects of each sample and, where samples were
     drawn, what the ordered draws correct."""
     replay = _replay(population, refined, plan)
@@ -132,9 +126,7 @@ def failures(population: Population, refined: Mapping[int, bool | None], plan: A
     return Failures(population.numbers, replay.weight[place], chance[place], count[place])
 
 
-def _replay(
-    population: Population, refined: Mapping[int, bool | None], plan: AuditPlan, *, most_waves: int | None = None
-) -> _Replay:
+def _replay(population: Population, refined: Answers, plan: AuditPlan, *, most_waves: int | None = None) -> _Replay:
     """Go through the campaign again, to its end or until so many waves are complete."""
     check_plan(plan)
     ranking = rank_samples(population.rough_displacement, population.broke_off)
@@ -148,56 +140,41 @@ def _replay(
         )
     score = normal_scores(weight)
     centre = rough_centre(population.rough_displacement[order], weight, population.failure_displacement)
-    outcome = np.full(count, np.nan)
-    answered = np.zeros(count, dtype=bool)
-
-    def look_up(ranks: np.ndarray) -> np.ndarray:
-        """Take over the results of these ranks; those that are still missing come back."""
-        for rank in ranks:
-            answer = refined.get(int(order[rank]), "missing")
-            if answer != "missing":
-                answered[rank] = True
-                outcome[rank] = np.nan if answer is None else float(answer)
-        return ranks[~answered[ranks]]
-
-    def model() -> np.ndarray:
-        # A rough run that broke off has no rank of its own, so it teaches the model nothing.
-        usable = np.flatnonzero(~np.isnan(outcome))
-        usable = usable[usable >= lost]
-        return predict_logistic(fit_logistic(score[usable], outcome[usable], centre), score, centre)
-
+    found = [refined.get(int(sample), "missing") for sample in order]
+    there = np.array([answer != "missing" for answer in found])
+    value = np.array([np.nan if answer in (None, "missing") else float(answer) for answer in found])
     certain, missing = _certainty_stratum(population, refined, plan, order, lost)
-    missing = np.union1d(missing, look_up(certain))
+    missing = np.union1d(missing, certain[~there[certain]])
+    known = there & np.isin(np.arange(count), certain)
     waves: list[Wave] = []
-    shares: list[np.ndarray] = []
-    drawn, rest = 0, 1.0
+    shares, rest, most = [np.zeros(0)], 1.0, min(plan.runs, count) - certain.size
     generator = np.random.default_rng(plan.seed)
 
     def state() -> _Replay:
-        unanswered = int((answered & np.isnan(outcome)).sum())
-        share = np.concatenate([np.zeros(0), *shares])
-        return _Replay(
-            order, weight, outcome, answered.copy(), certain, tuple(waves), share, missing, model(), unanswered
-        )
+        outcome = np.where(known, value, np.nan)
+        # A rough run that broke off has no rank of its own, so it teaches the model nothing.
+        usable = np.flatnonzero(~np.isnan(outcome))
+        usable = usable[usable >= lost]
+        model = predict_logistic(fit_logistic(score[usable], outcome[usable], centre), score, centre)
+        share = np.concatenate(shares)
+        return _Replay(order, weight, outcome, known.copy(), certain, tuple(waves), share, missing, model)
 
-    most = min(plan.runs, count) - certain.size
-    while not missing.size and drawn < most and rest > SPENT and len(waves) != most_waves:
-        so_far = state()
-        floor, size = even_share(plan, waves, outcome), min(plan.wave(drawn), most - drawn)
-        wave = draw_wave(generator, so_far.model, weight=weight, known=answered, size=size, floor=floor)
-        share = _wave_share(population, so_far, plan, wave, rest, most - drawn)
+    so_far = state()
+    while not missing.size and so_far.share.size < most and rest > SPENT and len(waves) != most_waves:
+        left = most - so_far.share.size
+        floor, size = even_share(plan, waves, so_far.outcome), min(plan.wave(so_far.share.size), left)
+        wave = draw_wave(generator, so_far.model, weight=weight, known=known, size=size, floor=floor)
+        share = _wave_share(population, so_far, plan, wave, rest, left)
         wave = replace(wave, ranks=wave.ranks[: share.size], probability=wave.probability[: share.size])
-        missing = look_up(wave.ranks)
-        if missing.size:
-            # Results of an incomplete wave wait for the others.
-            outcome[wave.ranks], answered[wave.ranks] = np.nan, False
-            missing = wave.ranks[np.isin(wave.ranks, missing)]
-        else:
+        missing = wave.ranks[~there[wave.ranks]]
+        # Results of an incomplete wave wait for the others.
+        if not missing.size:
+            known[wave.ranks] = True
             waves.append(wave)
             shares.append(share)
-            drawn += wave.ranks.size
             rest -= float(share.sum()) if plan.target_cov is not None else 0.0
-    return state()
+        so_far = state()
+    return so_far
 
 
 def _wave_share(
@@ -258,7 +235,7 @@ def needed_share(target: float, found: Estimate, expected: float, beyond: float,
 
 
 def _certainty_stratum(
-    population: Population, refined: Mapping[int, bool | None], plan: AuditPlan, order: np.ndarray, lost: int
+    population: Population, refined: Answers, plan: AuditPlan, order: np.ndarray, lost: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Ranks known with certainty, and those among them that are still to run."""
     if plan.k_t is None:
@@ -282,15 +259,14 @@ def _audit(replay: _Replay, group: np.ndarray | None = None) -> AuditTotal:
 
 
 def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: float = 0.95) -> Estimate:
-    weight, model = replay.weight, replay.model
-    group = None
+    weight, model, group = replay.weight, replay.model, None
     if population.replicate is not None:
         group = np.unique(population.replicate[replay.order], return_inverse=True)[1]
     audit = _audit(replay, group)
     runs = replay.certain.size + sum(wave.ranks.size for wave in replay.waves)
     notes = []
-    if replay.unanswered:
-        notes.append(f"{replay.unanswered} refined runs gave no answer: the model stands in for them")
+    if unanswered := int(np.isnan(replay.outcome[replay.known]).sum()):
+        notes.append(f"{unanswered} refined runs gave no answer: the model stands in for them")
     if np.isnan(audit.variance):
         notes.append("no wave of the audit is complete yet: this is the model's guess")
         return Estimate(audit.total, (0.0, 1.0), np.inf, runs, "two-phase", level, tuple(notes), np.nan)

@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cooperative.effects import Exceedance, ModeShare
-from cooperative.estimate import Chances, Fits, Severity
+from cooperative.effects import ModeShare
+from cooperative.estimate import Chances, Exceedance, Fits, Severity
 from cooperative.hazard import ARRIVAL, REACHED, THICKNESS, Maps
 
 ROUGH, REFINED, FAILED, GREY = "#0072B2", "#D55E00", "#CC79A7", "#5A5A5A"
