@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cooperative import runs
-from cooperative.effects import Exceedance
-from cooperative.estimate import Estimator
+from cooperative.estimate import Estimator, Exceedance
 from cooperative.folder import SLIDES, Results, models_of, read_results
 from cooperative.hazard import THICKNESS, Maps, maps_of
 from cooperative.reporting import _bodies as bodies

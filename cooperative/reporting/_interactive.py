@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cooperative.effects import Exceedance
+from cooperative.estimate import Exceedance
 from cooperative.hazard import ARRIVAL, THICKNESS, Maps
 from cooperative.reporting._bodies import Moving
 from cooperative.reporting._charts import GREY, REFINED, ROUGH, SERIES, mapped, ranks
