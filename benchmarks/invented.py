@@ -14,7 +14,7 @@ import numpy as np
 from cooperative import runs
 from cooperative.measure import ColumnPlan
 from cooperative.scene import Calibration, Campaign, factors_of_safety, to_toml
-from cooperative.scene._rasters import packed
+from cooperative.scene._files import packed
 from cooperative.store import Sample
 from jaxmpm import Raster
 

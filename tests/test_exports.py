@@ -18,7 +18,7 @@ from cooperative.reporting import _exports
 from cooperative.reporting import _geography as geography
 from cooperative.reporting._exports import export
 from cooperative.scene import parse, to_toml
-from cooperative.scene._rasters import packed
+from cooperative.scene._files import packed
 from cooperative.store import Sample, open_store, read_sample, read_store, write_sample
 
 UTM = (

@@ -131,7 +131,7 @@ REFUSED = [
         ("[rough]", "[water]\ndepth = -1.0\n[rough]"),
         r"\[water\] depth = -1 m: give a finite value of 0 or more, or a level for water",
     ),
-    (("[rough]", "[water]\nraster = 'a.asc'\n[rough]"), r"\[water\] raster is not for a scene with \[ground\]"),
+    (("[rough]", "[water]\nraster = 'a.asc'\n[rough]"), r"\[water\] raster = 'a.asc' is no file that was read"),
     (("[rough]", "[water]\nr_u = 1.0\n[rough]"), r"\[water\] r_u = 1: give a value of 0 or more and below 1"),
     (
         ("[rough]", "[water]\ntable = [[0, 12], [8, 12], [16, 2], [32, 2]]\n[rough]"),

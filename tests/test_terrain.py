@@ -13,7 +13,7 @@ from benchmarks.invented import LAYERED, TERRAIN
 from cooperative import run, runs
 from cooperative.__main__ import main
 from cooperative.scene import begin, parse, read_scene, to_toml
-from cooperative.scene._rasters import packed
+from cooperative.scene._files import packed
 from cooperative.store import read_rows, read_store
 
 CLAY = mpm.Soil(strength=30e3, young=2e7)

@@ -1,9 +1,10 @@
 """Scenes: TOML in, one checked and immutable campaign out."""
 
 from cooperative.scene._budget import kept_budget, raised, write_budget
-from cooperative.scene._campaign import Budget, Calibration, Campaign, Given, LimitLoad, Measured, Plan, Run
+from cooperative.scene._campaign import Budget, Calibration, Campaign, Given, Hazard, LimitLoad, Measured, Plan, Run
 from cooperative.scene._examples import NAMED, SCHEMA, begin, example, examples, starters, write_example
-from cooperative.scene._hazard import Hazard
+from cooperative.scene._fields import TAIL, CrossCorrelation, RandomField, gaussian_root, steepest
+from cooperative.scene._files import read_scene, source_of, to_toml
 from cooperative.scene._measured import (
     factors_of_safety,
     measure,
@@ -14,9 +15,7 @@ from cooperative.scene._measured import (
 )
 from cooperative.scene._page import SEVERAL, TABLES, json_schema, markdown
 from cooperative.scene._site import Site, SiteLayer
-from cooperative.scene._soil import TAIL, CrossCorrelation, RandomField, gaussian_root, steepest
 from cooperative.scene._stored import campaign_of, in_folder, read, settled
-from cooperative.scene._text import read_scene, source_of, to_toml
 from cooperative.scene._typed import built, parse
 
 __all__ = [

@@ -14,9 +14,9 @@ from jax.typing import ArrayLike
 
 import kl
 from cooperative.estimate import Estimator, Sampling, TwoPhase
-from cooperative.scene._hazard import Hazard
+from cooperative.measure import Place
+from cooperative.scene._fields import CrossCorrelation, RandomField, check_cross_correlation
 from cooperative.scene._site import Site, SiteLayer, check_site
-from cooperative.scene._soil import CrossCorrelation, RandomField, check_cross_correlation
 from cooperative.store import Source
 from jaxmpm import Discretisation, Settle, ground
 
@@ -154,6 +154,17 @@ class Plan:
     fields: tuple[str, ...] = ("refined",)
     modes: tuple[str, ...] = ("refined",)
     slides: int | None = None
+
+
+@dataclass(frozen=True)
+class Hazard:
+    """What is kept of each refined slide for maps. thickness, speed: thresholds (m, m/s) whose exceedance is mapped.
+    every: steps from one look at the columns of cells to the next. places: that are exposed."""
+
+    thickness: tuple[float, ...]
+    speed: tuple[float, ...]
+    every: int
+    places: tuple[Place, ...]
 
 
 @dataclass(frozen=True)

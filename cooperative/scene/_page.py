@@ -10,7 +10,7 @@ from typing import Any, get_origin
 
 from cooperative.scene import tables
 from cooperative.scene._examples import NAMED, SCHEMA
-from cooperative.scene._text import toml_value
+from cooperative.scene._files import toml_value
 from foundation.files import write_aside
 
 TABLES: Mapping[str, type[tables.Table]] = {

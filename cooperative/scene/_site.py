@@ -3,7 +3,7 @@ layer's strength."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
@@ -11,21 +11,16 @@ from typing import Any
 import numpy as np
 
 from cooperative.measure import Track
-from cooperative.scene import tables
-from cooperative.scene._soil import LIMITS, RandomField, Span, StrengthByStress, ask, soil_of_layer
+from cooperative.scene._fields import LIMITS, RandomField, Span, StrengthByStress
 from foundation.text import shown
 from jaxmpm import (
     AnySoil,
     Discretisation,
     Ground,
-    Interface,
     Layer,
     Raster,
     Scene,
-    Section,
-    Slope,
     State,
-    Terrain,
     Thickness,
     ground,
 )
@@ -222,142 +217,3 @@ def check_site(site: Site, soil: AnySoil, cell: float) -> None:
         asked = thickness.too_thin(cell)
         if asked is not None and not getattr(layer.layer.soil, "unusual", False):
             raise ValueError(f"{layer.label} {asked} If it is meant as it is, say unusual = true in [soil]")
-
-
-def site_of(scene: tables.Scene) -> Site:
-    """The ground of a scene, without its layers. Raises ValueError for values and lines that will not do."""
-    if scene.slope is not None:
-        values = dict(scene.slope)
-        ends = values.pop("y_ends")
-        return Site(Slope(**values), ends)
-    return _section(scene, scene.ground) if scene.ground is not None else _terrain(scene, scene.terrain)
-
-
-def _section(scene: tables.Scene, table: tables.Ground) -> Site:
-    values = dict(table)
-    surface, ends = _line(scene, "[ground] surface", values.pop("surface")), values.pop("ends")
-    contact = None if table.interface is None else Interface(**dict(table.interface))
-    if contact is not None and not scene.unusual:
-        for name in ("friction", "cohesion"):
-            ask(f"[ground.interface] {name}", name, getattr(contact, name))
-    shape = Section(**{**values, "surface": surface, "interface": contact})
-    try:
-        shape.check()
-    except ValueError as error:
-        raise ValueError(f"[ground] {error}") from error
-    return Site(shape, ends, (), *_water(scene, shape))
-
-
-def _terrain(scene: tables.Scene, table: tables.Terrain | None) -> Site:
-    assert table is not None  # a scene has one ground
-    walls = {axis: ends for axis, ends in (("x", table.x), ("y", table.y)) if ends is not None}
-    if table.cut == "free" and table.polygon is None:
-        raise ValueError("[terrain] cut = 'free' has no say without a polygon, a depth is always fixed: leave it out")
-    surface = _heights(scene, "[terrain] surface", table.surface)
-    shape = Terrain(surface, table.base, **walls, polygon=table.polygon, depth=table.depth, cut=table.cut)
-    shape.check()
-    origin = (0.0, 0.0) if table.origin is None else table.origin
-    return Site(shape, table.ends, (), *_water(scene, shape), _track(table.run_out_line, shape), origin)
-
-
-def _track(points: tuple[tuple[float, ...], ...] | None, shape: Terrain) -> Track | None:
-    """The run-out line, between the walls."""
-    if points is None:
-        return None
-    where = "[terrain] run_out_line"
-    for number, point in enumerate(points, 1):
-        if len(point) != 2:
-            raise ValueError(f"{where}: point {number} is {list(point)}: give [x, y] in metres")
-        for axis, at, (low, high) in zip("xy", point, shape.walls, strict=True):
-            if not low <= at <= high:
-                raise ValueError(
-                    f"{where}: point {number} has {axis} = {at:g} m, outside the ground, which reaches from {low:g} to "
-                    f"{high:g} m: move it, it goes on straight beyond its ends"
-                )
-    try:
-        return Track(tuple((x, y) for x, y in points))
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from error
-
-
-def layers_of(scene: tables.Scene, site: Site, random: Mapping[str, RandomField]) -> tuple[SiteLayer, ...]:
-    """The layers that a scene draws. What one does not give of its soil is that of the whole scene.
-
-    random: what varies in the soil of the whole scene. Raises ValueError for layers that will not do.
-    """
-    found = []
-    for number, table in enumerate(scene.layer, 1):
-        where = f"layer {number}" if table.name is None else f"layer {shown(table.name)}"
-        if table.bottom is not None and table.raster is not None:
-            raise ValueError(f"[{where}] has both bottom and raster: give one of them")
-        bottom = _line(scene, f"[{where}] bottom", table.bottom)
-        if table.raster is not None:
-            bottom = _heights(scene, f"[{where}] raster", table.raster)
-        try:
-            soil, varies, own = soil_of_layer(scene, table, random, height=site.height, span=site.span)
-        except ValueError as error:
-            raise ValueError(f"[{where}]: {error}") from error
-        layer = Layer(soil, bottom, table.depth, table.thickness)
-        found.append(SiteLayer(table.name or where, layer, varies, table.rock, own))
-    return tuple(found)
-
-
-def _water(scene: tables.Scene, shape: Section | Terrain) -> tuple[Any, float | None]:
-    """Level or table of the water, and r_u."""
-    if scene.water is None:
-        return None, None
-    drawn, other, table = ("table", "raster", "ground") if scene.terrain is None else ("raster", "table", "terrain")
-    if getattr(scene.water, other) is not None:
-        raise ValueError(f"[water] {other} is not for a scene with [{table}]: give level, depth, r_u or {drawn}")
-    given = {key: value for key, value in scene.water if value is not None}
-    if len(given) != 1:
-        raise ValueError(f"[water] has {' and '.join(given) or 'nothing'}: give one of level, depth, r_u and {drawn}")
-    ((key, value),) = given.items()
-    if key == "r_u":
-        return None, value
-    water: Any = value
-    if key == "table":
-        water = _line(scene, "[water] table", value)
-    elif key == "raster":
-        water = _heights(scene, "[water] raster", value)
-    elif key == "depth":
-        water = shape.lowered(value)
-    if not scene.unusual:
-        _ask_of_water(f"[water] {key}", water, shape)
-    return water, None
-
-
-def _ask_of_water(where: str, water: float | Sequence[Sequence[float]] | Raster, shape: Section | Terrain) -> None:
-    """Raise ValueError for water that stands wildly above the ground, or below its base everywhere."""
-    heights = water.heights if isinstance(water, Raster) else np.atleast_2d(water)[:, -1]
-    heights, base, height = heights[np.isfinite(heights)], shape.corner[-1], shape.extent[-1]
-    if not heights.size:
-        return
-    low, high, top = float(heights.min()), float(heights.max()), base + height
-    meant = "If it is meant as it is, say unusual = true in [soil]"
-    if low - top > DEEPEST_POOL * height:
-        raise ValueError(
-            f"{where} stands {low - top:g} m above the ground's highest point at {top:g} m, more than {DEEPEST_POOL:g} "
-            f"times its height of {height:g} m: were cm or mm meant, or heights from another zero? {meant}"
-        )
-    if high < base:
-        raise ValueError(
-            f"{where} lies below the base at {base:g} m everywhere, at {high:g} m and lower, and wets nothing: leave "
-            f"[water] out, or give heights from the same zero as those of the ground. {meant}"
-        )
-
-
-def _heights(scene: tables.Scene, where: str, name: str) -> Raster:
-    """The raster in a file that was read with the scene."""
-    found = scene.files.get(name)
-    if not isinstance(found, Raster):
-        raise ValueError(f"{where} = {shown(name)} is no file that was read with the scene: run the scene's own file")
-    return found
-
-
-def _line(scene: tables.Scene, where: str, value: Any) -> Any:
-    """The points of a line, also of one that is named after a file that was read with the scene."""
-    found = scene.files.get(value) if isinstance(value, str) else value
-    if isinstance(found, Raster) or (found is None and value is not None):
-        raise ValueError(f"{where} = {shown(value)} is no file that was read with the scene: give points [[x, z], ...]")
-    return found

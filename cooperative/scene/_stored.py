@@ -9,8 +9,8 @@ from cooperative.estimate import Estimator
 from cooperative.scene import tables
 from cooperative.scene._budget import allowing, kept_budget, raised
 from cooperative.scene._campaign import Campaign, Given
+from cooperative.scene._files import source_of
 from cooperative.scene._measured import with_measured
-from cooperative.scene._text import source_of
 from cooperative.scene._typed import parse
 from cooperative.scene._words import campaign_of_words, in_words, source_of_value
 from cooperative.store import SCENE, Source, Store, completed, refuse_another, stored_source

@@ -1,22 +1,41 @@
-"""A campaign's scene: TOML in, checked once, typed values out. Nothing in the file is executed."""
+"""A campaign's scene: its tables in, checked once, typed values out."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import is_dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
+
+import numpy as np
 
 from cooperative.estimate import SETTINGS, Estimator, named_estimator
+from cooperative.measure import Place, Track
 from cooperative.scene import tables
-from cooperative.scene._campaign import Campaign, Given, LimitLoad, Plan, Run
-from cooperative.scene._hazard import hazard_of
+from cooperative.scene._campaign import Campaign, Given, Hazard, LimitLoad, Plan, Run
+from cooperative.scene._fields import CrossCorrelation, ask
+from cooperative.scene._files import files_of, source_of
 from cooperative.scene._measured import given_measured, taking
-from cooperative.scene._site import Site, layers_of, site_of
-from cooperative.scene._soil import CrossCorrelation, ask, soil_of_scene
-from cooperative.scene._text import source_of
+from cooperative.scene._site import Site
+from cooperative.scene._soil import soils_of
 from cooperative.store import Source
 from foundation.text import short, shown
-from jaxmpm import AnySoil, Discretisation, Scene, Settle, State, cell_independent
+from jaxmpm import (
+    AnySoil,
+    Discretisation,
+    Interface,
+    Raster,
+    Scene,
+    Section,
+    Settle,
+    Slope,
+    State,
+    Terrain,
+    cell_independent,
+)
+
+DEEPEST_POOL = 10.0
+"""Depth of water on the ground up to which it is believed, over the height of the ground above its base."""
 
 
 def parse(asked: Source | str | Path, estimator: Estimator | None = None, *, begun: bool = False) -> Campaign:
@@ -30,18 +49,18 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None, *, beg
     types and values out of range. What depends on the geometry is checked when the grids are built.
     """
     source = source_of(asked)
-    scene = tables.read(tables.Scene, source.tables)
+    scene = tables.read(tables.Scene, source.tables, files=files_of(source.tables.get("files")))
     if scene.sweep is not None:
         raise ValueError("the scene has a table [sweep], so it is many campaigns: run it as a sweep")
     scene = _as_begun(scene, begun)
     given = _given(scene, estimator)
     if given is not None and scene.estimator is None:
         source = replace(source, beside={**source.beside, "estimator": {"given": given}})
-    site = site_of(scene)
     if not scene.unusual:
         ask("[run] gravity", "gravity", scene.run.gravity)
-    whole, through = soil_of_scene(scene, height=site.height, span=site.span)
-    site = replace(site, layers=layers_of(scene, site, through))
+    ground = _site(scene)
+    whole, through, layers = soils_of(scene, height=ground.height, span=ground.span)
+    site = replace(ground, layers=layers)
     soil, random = site.representative(whole), site.all_random(through)
     if not random:
         raise ValueError(
@@ -61,7 +80,7 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None, *, beg
         run=_run(scene.run),
         plan=_plan(scene.campaign, has_modes=site.shape.face is not None),
         estimator=estimator or (Given("estimator", given) if given else _named(scene.campaign)),
-        hazard=hazard_of(scene),
+        hazard=_hazard(scene),
     )
     measured = given_measured(scene)
     _check_limit_load(scene.run, measured.limit_load)
@@ -86,6 +105,123 @@ def _as_begun(scene: tables.Scene, begun: bool) -> tables.Scene:
     return scene.model_copy(
         update={name: getattr(scene, name).model_copy(update=change) for name, change in changes.items()}
     )
+
+
+def _site(scene: tables.Scene) -> Site:
+    """The ground of a scene, without its layers. Raises ValueError for values and lines that will not do."""
+    if scene.slope is not None:
+        values = dict(scene.slope)
+        ends = values.pop("y_ends")
+        return Site(Slope(**values), ends)
+    if scene.ground is not None:
+        return _section(scene, scene.ground)
+    assert scene.terrain is not None  # a scene has one ground
+    return _terrain(scene, scene.terrain)
+
+
+def _section(scene: tables.Scene, table: tables.Ground) -> Site:
+    values = dict(table)
+    ends = values.pop("ends")
+    contact = None if table.interface is None else Interface(**dict(table.interface))
+    if contact is not None and not scene.unusual:
+        for name in ("friction", "cohesion"):
+            ask(f"[ground.interface] {name}", name, getattr(contact, name))
+    shape = Section(**{**values, "interface": contact})
+    try:
+        shape.check()
+    except ValueError as error:
+        raise ValueError(f"[ground] {error}") from error
+    return Site(shape, ends, (), *_water(scene, shape))
+
+
+def _terrain(scene: tables.Scene, table: tables.Terrain) -> Site:
+    walls = {axis: ends for axis, ends in (("x", table.x), ("y", table.y)) if ends is not None}
+    if table.cut == "free" and table.polygon is None:
+        raise ValueError("[terrain] cut = 'free' has no say without a polygon, a depth is always fixed: leave it out")
+    surface = cast(Raster, table.surface)
+    shape = Terrain(surface, table.base, **walls, polygon=table.polygon, depth=table.depth, cut=table.cut)
+    shape.check()
+    origin = (0.0, 0.0) if table.origin is None else table.origin
+    return Site(shape, table.ends, (), *_water(scene, shape), _track(table.run_out_line, shape), origin)
+
+
+def _track(points: tuple[tuple[float, ...], ...] | None, shape: Terrain) -> Track | None:
+    """The run-out line, between the walls."""
+    if points is None:
+        return None
+    where = "[terrain] run_out_line"
+    for number, point in enumerate(points, 1):
+        if len(point) != 2:
+            raise ValueError(f"{where}: point {number} is {list(point)}: give [x, y] in metres")
+        for axis, at, (low, high) in zip("xy", point, shape.walls, strict=True):
+            if not low <= at <= high:
+                raise ValueError(
+                    f"{where}: point {number} has {axis} = {at:g} m, outside the ground, which reaches from {low:g} to "
+                    f"{high:g} m: move it, it goes on straight beyond its ends"
+                )
+    try:
+        return Track(tuple((x, y) for x, y in points))
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from error
+
+
+def _water(scene: tables.Scene, shape: Section | Terrain) -> tuple[Any, float | None]:
+    """Level or table of the water, and r_u."""
+    if scene.water is None:
+        return None, None
+    drawn, other, table = ("table", "raster", "ground") if scene.terrain is None else ("raster", "table", "terrain")
+    if getattr(scene.water, other) is not None:
+        raise ValueError(f"[water] {other} is not for a scene with [{table}]: give level, depth, r_u or {drawn}")
+    given = {key: value for key, value in scene.water if value is not None}
+    if len(given) != 1:
+        raise ValueError(f"[water] has {' and '.join(given) or 'nothing'}: give one of level, depth, r_u and {drawn}")
+    ((key, value),) = given.items()
+    if key == "r_u":
+        return None, value
+    water: Any = shape.lowered(value) if key == "depth" else value
+    if not scene.unusual:
+        _ask_of_water(f"[water] {key}", water, shape)
+    return water, None
+
+
+def _ask_of_water(where: str, water: float | Sequence[Sequence[float]] | Raster, shape: Section | Terrain) -> None:
+    """Raise ValueError for water that stands wildly above the ground, or below its base everywhere."""
+    heights = water.heights if isinstance(water, Raster) else np.atleast_2d(water)[:, -1]
+    heights, base, height = heights[np.isfinite(heights)], shape.corner[-1], shape.extent[-1]
+    if not heights.size:
+        return
+    low, high, top = float(heights.min()), float(heights.max()), base + height
+    meant = "If it is meant as it is, say unusual = true in [soil]"
+    if low - top > DEEPEST_POOL * height:
+        raise ValueError(
+            f"{where} stands {low - top:g} m above the ground's highest point at {top:g} m, more than {DEEPEST_POOL:g} "
+            f"times its height of {height:g} m: were cm or mm meant, or heights from another zero? {meant}"
+        )
+    if high < base:
+        raise ValueError(
+            f"{where} lies below the base at {base:g} m everywhere, at {high:g} m and lower, and wets nothing: leave "
+            f"[water] out, or give heights from the same zero as those of the ground. {meant}"
+        )
+
+
+def _hazard(scene: tables.Scene) -> Hazard | None:
+    """What is kept of slides; None where the scene asks for neither maps nor exposed places. Raises ValueError for
+    places whose corners make no shape or whose names are not their own."""
+    if scene.hazard is None and scene.exposed is None:
+        return None
+    asked = scene.hazard or tables.Hazard()
+    places = tuple(Place(each.name, each.corners, each.value, each.curve) for each in scene.exposed or ())
+    keys = [place.key for place in places]
+    for place in places:
+        if not place.key or keys.count(place.key) > 1:
+            raise ValueError(
+                f"[[exposed]] name = {place.name!r} is there {keys.count(place.key)} times as {place.key!r}: give each "
+                "its own, with letters or digits"
+            )
+    thickness, speed = (
+        tuple(sorted({level for of, level in asked.thresholds if of == kind})) for kind in ("thickness", "speed")
+    )
+    return Hazard(thickness, speed, asked.every, places)
 
 
 def _plan(table: tables.Campaign, *, has_modes: bool) -> Plan:

@@ -28,10 +28,9 @@ import numpy as np
 import jaxmpm
 import kl
 from cooperative import estimate, measure
-from cooperative.scene._campaign import Campaign, Given, Plan, Run
-from cooperative.scene._hazard import Hazard
+from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, Run
+from cooperative.scene._fields import CrossCorrelation, RandomField
 from cooperative.scene._site import Site, SiteLayer
-from cooperative.scene._soil import CrossCorrelation, RandomField
 from cooperative.store import Source
 from foundation.text import short
 

@@ -3,7 +3,7 @@
 from cooperative.scene.tables._campaign import Campaign, Grid, Run, Sweep
 from cooperative.scene.tables._ground import Ground, Terrain
 from cooperative.scene.tables._hazard import Exposed, Hazard
-from cooperative.scene.tables._key import EXTRAS, LINE, RASTER, Table
+from cooperative.scene.tables._key import EXTRAS, Table
 from cooperative.scene.tables._reading import Schema, found_in, parts, read, schema_of, table_in, wanted
 from cooperative.scene.tables._scene import STORED, Scene
 from cooperative.scene.tables._soil import OF_A_FIELD, Layer, Soil, Varying
@@ -11,9 +11,7 @@ from cooperative.scene.tables._stored import Calibration, Defaults, FieldModes, 
 
 __all__ = [
     "EXTRAS",
-    "LINE",
     "OF_A_FIELD",
-    "RASTER",
     "STORED",
     "Calibration",
     "Campaign",

@@ -8,7 +8,7 @@ from annotated_types import Ge, MaxLen, MinLen
 from pydantic import AfterValidator, PlainValidator, Strict
 from pydantic import model_validator as validates
 
-from cooperative.measure import Intensity, quantity
+from cooperative.measure import Intensity, Vulnerability, quantity
 from cooperative.scene.tables._key import FromZero, Metres, Number, Pair, Table, key
 from foundation.text import shown
 
@@ -85,4 +85,26 @@ class Exposed(Table):
             )
         if (self.value is None) != (self.vulnerability is None):
             raise ValueError(": give value and vulnerability together, or neither")
+        self.curve  # noqa: B018, raises for one that is none
         return self
+
+    @property
+    def corners(self) -> tuple[tuple[float, ...], ...]:
+        """Of the position: one point, the two ends of a stretch, or the corners of a polygon."""
+        if self.between is not None:
+            return tuple((x,) for x in self.between)
+        return (self.at,) if self.at is not None else self.polygon or ()
+
+    @property
+    def curve(self) -> Vulnerability | None:
+        """Of the vulnerability. ValueError, for the end of a message, for one that falls or leaves [0, 1]."""
+        if self.vulnerability is None:
+            return None
+        kinds = {of for (of, _), _ in self.vulnerability}
+        if len(kinds) != 1:
+            raise ValueError(f" vulnerability is of {' and '.join(sorted(kinds)) or 'nothing'}: give one of them")
+        levels, lost = zip(*((level, share) for (_, level), share in self.vulnerability), strict=True)
+        try:
+            return Vulnerability(kinds.pop(), levels, lost)
+        except ValueError as error:
+            raise ValueError(f" {error}") from error

@@ -7,7 +7,17 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeVar
 
 from annotated_types import GroupedMetadata, Interval, MinLen
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, PlainValidator, Strict, Tag
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    PlainValidator,
+    Strict,
+    Tag,
+    ValidationInfo,
+)
 from pydantic import field_validator as validates
 from pydantic_core import PydanticCustomError
 
@@ -145,16 +155,21 @@ def _is_finite(value: object) -> bool:
     )
 
 
-LINE, RASTER = "line", "raster"
+def _points(value: Any, info: ValidationInfo) -> Any:
+    if not isinstance(value, str):
+        return as_points(value)
+    return value if info.context is None else info.context.points(value)
+
+
 Line = Annotated[
-    tuple[tuple[float, float], ...] | str,
-    PlainValidator(
-        lambda value: value if isinstance(value, str) else as_points(value),
-        json_schema_input_type=Annotated[list[tuple[float, float]], MinLen(2)] | str,
-    ),
+    Any,
+    PlainValidator(_points, json_schema_input_type=Annotated[list[tuple[float, float]], MinLen(2)] | str),
     Field(json_schema_extra={"allowed": "points [[x, z], ...], or the name of a file"}),
-    LINE,
 ]
-"""Points [x, z] (m), or the name of a file of them."""
-Raster = Annotated[str, Field(json_schema_extra={"allowed": "the name of a file"}), RASTER]
-"""The name of a file of heights."""
+"""Points [x, z] (m), also by the name of a file: the context, `scene._files.Files`, has them."""
+Raster = Annotated[
+    str,
+    AfterValidator(lambda name, info: name if info.context is None else info.context.raster(name)),
+    Field(json_schema_extra={"allowed": "the name of a file"}),
+]
+"""Heights by the name of a file, likewise."""

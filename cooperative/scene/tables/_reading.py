@@ -30,14 +30,15 @@ KINDS = {str: "text", bool: "true or false", int: "a whole number", float: "a nu
 T = TypeVar("T", bound=Table)
 
 
-def read(table: type[T], values: Any, where: str = "") -> T:
+def read(table: type[T], values: Any, where: str = "", *, files: Any = None) -> T:
     """A table from its values, as TOML or JSON has them.
 
-    where: its name for messages; none for a whole scene. Raises ValueError that names every key that is not known, with
+    where: its name for messages; none for a whole scene. files: what the files hold that it names, as `Line` and
+    `Raster` ask for it; None leaves their names. Raises ValueError that names every key that is not known, with
     the nearest one that is, every one that lacks, and every value that a key cannot have.
     """
     try:
-        return table.model_validate(values)
+        return table.model_validate(values, context=files)
     except ValidationError as error:
         errors = error.errors(include_url=False)
     found = _faults(table, values, where, errors)

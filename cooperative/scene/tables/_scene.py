@@ -8,11 +8,10 @@ from annotated_types import MaxLen
 from pydantic import AfterValidator, ConfigDict, Field
 from pydantic import model_validator as validates
 
-from cooperative.scene._rasters import unpacked
 from cooperative.scene.tables._campaign import Campaign, Grid, Run, Sweep
 from cooperative.scene.tables._ground import Ground, Slope, Terrain, Water
 from cooperative.scene.tables._hazard import Exposed, Hazard
-from cooperative.scene.tables._key import Table, as_points
+from cooperative.scene.tables._key import Table
 from cooperative.scene.tables._soil import CrossCorrelation, Layer, Soil, Varying
 from cooperative.scene.tables._stored import Calibration, Defaults, FieldModes, GivenEstimator, LimitLoad
 from foundation.text import shown
@@ -31,17 +30,6 @@ def _one_line(name: str) -> str:
             f" = {shown(name)}: give one line of at most {LONGEST_NAME} characters without control characters"
         )
     return name
-
-
-def _read_files(files: dict[str, Any]) -> dict[str, Any]:
-    """Lines and rasters, by the name of the file that they were read from."""
-    found = {}
-    for name, value in files.items():
-        try:
-            found[name] = unpacked(value) if isinstance(value, dict) else as_points(value)
-        except ValueError as error:
-            raise ValueError(f" {shown(name)}{error}") from error
-    return found
 
 
 class Scene(Table):
@@ -70,7 +58,7 @@ class Scene(Table):
     estimator: GivenEstimator | None = None
     field_modes: FieldModes | None = None
     limit_load: LimitLoad | None = None
-    files: Annotated[dict[str, Any], AfterValidator(_read_files)] = Field(
+    files: dict[str, Any] = Field(
         default_factory=dict,
         description="What the files hold that the scene names.",
         json_schema_extra={"additionalProperties": True},  # versions of pydantic differ in whether they write that

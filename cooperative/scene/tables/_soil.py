@@ -322,3 +322,9 @@ class Layer(_SoilOfLayer):
     depth: Length | None = key("Instead, depth of the boundary below the surface.", 3.0, None)
     thickness: Length | None = key("Instead, thickness of the layer.", 2.0, None)
     rock: bool = key("Whether it is rock, which does not yield.", True, False)
+
+    @validates(mode="after")
+    def _one_boundary(self) -> Self:
+        if self.bottom is not None and self.raster is not None:
+            raise ValueError(" has both bottom and raster: give one of them")
+        return self

@@ -1,0 +1,234 @@
+"""Random fields of the soil: what each parameter may be, how two go together, and numbers that betray another unit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any, Literal, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+import kl
+from foundation.text import shown
+from jaxmpm import Believed, soil_limits, unit_slip
+
+TAIL = 4.0
+"""Deviations from the middle of a field up to which its values must be within their limits: beyond lie 3 points in
+100,000 on either side."""
+
+LIMITS = soil_limits()
+
+COV = Believed(most=3.0, above="it is a share, 1 for 100 per cent; were per cent meant?")
+"""Coefficients of variation that are believed."""
+
+_STRESS = Believed("Pa per metre", 50.0, "were kPa or MPa per metre meant?")
+TRENDS = {
+    **dict.fromkeys(("strength", "cohesion", "softening_modulus", "residual_cohesion"), _STRESS),
+    "young": replace(_STRESS, least=1e4),
+    "unit_weight": Believed("N/m3 per metre", 1.0, "were kN/m3 per metre meant?"),
+}
+"""Trends with depth that are believed, upwards or downwards."""
+
+Span = tuple[float, float]
+"""Elevations (m) of the base and of the highest point of ground."""
+
+
+@dataclass(frozen=True)
+class RandomField:
+    """A parameter of the soil that varies: mean, cov, and per axis a correlation length (m; inf: constant along it).
+
+    In the parameter's unit, angles in degrees. marginal, correlation: classes of `kl`. energy: share of the variance
+    that the expansion holds. sampled_at: "particles", or "cells" for one value per cell of the
+    background grid, that at its centre: then the grid of the field is the background grid, and all particles that
+    start in a cell are alike. lower, upper: bounds of marginals that have some. trend: what mean and deviation, in
+    proportion, grow by per metre of depth, from `mean` at depth 0. trend_from: where that is, at the "surface" of the
+    ground, which follows the face of a cut, at the top of the "layer", or at an elevation (m), above which soil has no
+    trend. bedding: of inclined strata; lengths are
+    then down the dip, along strike and across. nataf: whether the parameter, not the Gaussian field behind it, has the
+    correlation along each axis. boreholes: measured values, each a place (m) and the value there; borehole_error: their
+    deviation, in standard deviations of the field.
+    """
+
+    mean: float
+    cov: float
+    length: tuple[float, ...]
+    marginal: type = kl.Lognormal
+    correlation: type = kl.SquaredExponential
+    energy: float = 0.999
+    sampled_at: Literal["particles", "cells"] = "particles"
+    lower: float | None = None
+    upper: float | None = None
+    trend: float | None = None
+    bedding: kl.Bedding | None = None
+    nataf: bool = False
+    boreholes: tuple[tuple[float, ...], ...] | None = None
+    borehole_error: float = 0.0
+    trend_from: Literal["surface", "layer"] | float = "surface"
+
+    @property
+    def distribution(self) -> Any:
+        """The marginal, of the parameter at depth 0 where it has a trend."""
+        bounds = {"lower": self.lower, "upper": self.upper}
+        return self.marginal(self.mean, self.cov, **{end: at for end, at in bounds.items() if at is not None})
+
+    @property
+    def covariance(self) -> tuple[Any, ...]:
+        """The correlation functions of the Gaussian field, one per axis."""
+        plain = tuple(kl.Infinite() if length == math.inf else self.correlation(length) for length in self.length)
+        if not self.nataf:
+            return plain
+        return tuple(
+            axis if isinstance(axis, kl.Infinite) else kl.nataf_corrected(axis, self.distribution) for axis in plain
+        )
+
+    def deepest(self, span: Span) -> float:
+        """Largest depth (m) of ground between two elevations, as the trend counts it."""
+        base, top = span
+        return (top if isinstance(self.trend_from, str) else self.trend_from) - base
+
+    def grown(self, depth: Any) -> Any:
+        """Mean at a depth (m) over that at depth 0."""
+        return 1.0 if self.trend is None else 1.0 + self.trend / self.mean * depth
+
+
+class StrengthByStress(NamedTuple):
+    """Undrained strength as a ratio of the effective vertical stress at rest, of `minimum` (Pa) at least."""
+
+    ratio: float
+    minimum: float
+
+
+@dataclass(frozen=True)
+class CrossCorrelation:
+    """Parameters that vary together. matrix: their correlation, row by row. nataf: whether it is that of the parameters
+    themselves, else that of the Gaussian fields behind them."""
+
+    parameters: tuple[str, ...]
+    matrix: tuple[tuple[float, ...], ...]
+    nataf: bool = False
+
+
+def check_field(where: str, name: str, field: RandomField, span: Span, unusual: bool) -> None:
+    """Whether the values of a field stay within the limits of its parameter."""
+    if not unusual:
+        _ask_of_field(where, name, field)
+    kl.check_marginal(field.distribution)
+    _check_trend(where, field, span)
+    depth = field.deepest(span)
+    if field.grown(depth) <= 0:
+        raise ValueError(
+            f"{where} trend = {field.trend:g} per metre brings the mean of {field.mean:g} to "
+            f"{field.mean * field.grown(depth):.3g} at a depth of {depth:g} m: give a smaller one"
+        )
+    limit = LIMITS[name]
+    for value in extremes(field, span):
+        if not limit.holds(value):
+            number = f"{value:.3g} {limit.unit}".rstrip()
+            raise ValueError(
+                f"{where} has values of {number}, {TAIL:g} deviations from the middle: give {limit} by a "
+                "smaller cov, or marginal = 'truncated normal' with lower and upper"
+            )
+    for row in field.boreholes or ():
+        if len(row) != len(field.length) + 1:
+            raise ValueError(
+                f"{where} boreholes hold {list(row)}: give {len(field.length) + 1} numbers, the place and the value"
+            )
+
+
+def _check_trend(where: str, field: RandomField, span: Span) -> None:
+    """Whether the depth that a trend counts is one that the ground has."""
+    if field.trend_from == "surface":
+        return
+    if field.trend is None:
+        raise ValueError(f"{where} trend_from = {field.trend_from!r} without a trend: add trend, or leave it out")
+    if field.deepest(span) <= 0:
+        raise ValueError(
+            f"{where} trend_from = {field.trend_from:g} m is not above the base of the ground at {span[0]:g} m: give "
+            "an elevation within the ground or above it"
+        )
+
+
+def extremes(field: RandomField, span: Span) -> tuple[float, float]:
+    """Least and largest value of a field within `TAIL` deviations, in ground between two elevations (m)."""
+    at = np.asarray(field.distribution.transform(jnp.asarray([-TAIL, 0.0, TAIL])), float)
+    ends = [float(value) for value in np.outer(at[[0, 2]], [1.0, field.grown(field.deepest(span))]).ravel()]
+    return min(ends), max(ends)
+
+
+def steepest(soil: Any, random: Mapping[str, RandomField], span: Span) -> Any:
+    """The soil where it softens most steeply beside its shear modulus: what varies at such ends of its values."""
+
+    def steepness(each: Any) -> float:
+        law = each.material(np.dtype("float32"), 1.0)
+        return 0.0 if law.steepest_softening is None else float(law.steepest_softening / law.shear)
+
+    names = [name for name in random if hasattr(soil, name) and name != "strength_ratio"]
+    ends = product(*(extremes(random[name], span) for name in names))
+    return max((replace(soil, **dict(zip(names, each, strict=True))) for each in ends), key=steepness)
+
+
+def _ask_of_field(where: str, name: str, field: RandomField) -> None:
+    """Raise ValueError for a number of a field that betrays another unit."""
+    ask(f"{where} mean", name, field.mean)
+    ask(f"{where} cov", name, field.cov, COV)
+    # Angles may well come down to a degree.
+    for end in ("upper",) if LIMITS[name].unit == "degrees" else ("lower", "upper"):
+        ask(f"{where} {end}", name, getattr(field, end) or 0.0)
+    if field.trend is not None and name in TRENDS:
+        ask(f"{where} {'-' if field.trend < 0 else ''}trend", name, abs(field.trend), TRENDS[name])
+    for row in field.boreholes or ():
+        ask(f"{where} boreholes, value", name, row[-1])
+
+
+def ask(where: str, name: str, value: float, believed: Believed | None = None) -> None:
+    """Raise ValueError for a number that betrays another unit, see `jaxmpm.unit_slip`."""
+    if slip := unit_slip(name, value, believed):
+        raise ValueError(f"{where} = {slip} If it is meant as it is, say unusual = true in [soil]")
+
+
+def check_cross_correlation(found: CrossCorrelation, random: Mapping[str, RandomField]) -> None:
+    """Raise ValueError for parameters that do not vary, or not alike, and for a matrix that is no correlation."""
+    for name in found.parameters:
+        if name not in random:
+            raise ValueError(
+                f"[cross_correlation] parameters hold {shown(name)}, which is no parameter that varies: give some of "
+                f"{', '.join(random)}"
+            )
+    if len(set(found.parameters)) != len(found.parameters) or len(found.parameters) < 2:
+        raise ValueError(f"[cross_correlation] parameters = {list(found.parameters)}: give two or more, each once")
+    if {len(row) for row in found.matrix} | {len(found.matrix)} != {len(found.parameters)}:
+        raise ValueError(
+            f"[cross_correlation] matrix has {len(found.matrix)} rows of {len(found.matrix[0])} numbers for "
+            f"{len(found.parameters)} parameters: give a row and a column for each"
+        )
+    first, *others = (random[name] for name in found.parameters)
+    for name, other in zip(found.parameters[1:], others, strict=True):
+        if _shape(other) != _shape(first):
+            raise ValueError(
+                f"[cross_correlation] {name} has not the length, correlation, bedding, energy and nataf of "
+                f"{found.parameters[0]}: fields that correlate need the same"
+            )
+    gaussian_root(found, random)
+
+
+def _shape(field: RandomField) -> Any:
+    """What fields that correlate have in common: their expansion."""
+    told = (field.correlation, field.length, field.bedding, field.energy, field.nataf)
+    bounds = (None if end is None else end / field.mean for end in (field.lower, field.upper))
+    return (*told, field.marginal, field.cov, *bounds) if field.nataf else told
+
+
+def gaussian_root(found: CrossCorrelation, random: Mapping[str, RandomField]) -> np.ndarray:
+    """What independent Gaussian fields (P,) are multiplied by, to be correlated (P, P). Raises ValueError for a matrix
+    that is no correlation, or that the marginals cannot have."""
+    try:
+        root = kl.correlation_root(found.matrix)
+        if found.nataf:
+            marginals = tuple(random[name].distribution for name in found.parameters)
+            root = kl.correlation_root(kl.nataf_matrix(found.matrix, marginals))
+    except ValueError as error:
+        raise ValueError(f"[cross_correlation] {error}") from error
+    return root
