@@ -59,7 +59,7 @@ def run(
     Raises ValueError for a scene, a size or a folder that will not do, before anything is run or written.
     """
     folder = Path(folder)
-    campaign = in_folder(scene, folder, estimator, refined_runs)
+    campaign, source = in_folder(scene, folder, estimator, refined_runs)
     unmeasured = replace(campaign, measured=Measured(campaign.measured.terms))
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
@@ -71,7 +71,7 @@ def run(
         alone = executor is None and workers == 1
         pool = None if alone else runs.Workers(executor or partial(runs.process_pool, workers), workers)
         opened = closing(pool.opened()) if pool else nullcontext()
-        with opened, open_store(folder, campaign.source, verify=verify) as store:
+        with opened, open_store(folder, source, verify=verify) as store:
             with stop.at_once():
                 for model in models.values():
                     runs.keep_initial(folder, model.grid, model.scene, model.state)

@@ -14,7 +14,7 @@ from cooperative.effects import CutOff, Risk
 from cooperative.estimate import named_estimator
 from cooperative.reporting import _page
 from cooperative.runs import phases_of
-from cooperative.scene import Calibration, parse
+from cooperative.scene import Budget, Calibration, LimitLoad, parse
 from cooperative.store import Rows
 from cooperative.summary import Summary, _walls, slides_of, summarise
 from tests.test_campaign import TINY
@@ -168,7 +168,10 @@ def as_json_has_them():
     """Of types that hypothesis fills in: numbers are finite, also the ratio of factors; mappings are dictionaries."""
     st.register_type_strategy(float, st.floats(allow_nan=False, allow_infinity=False))
     st.register_type_strategy(Mapping, lambda kind: st.dictionaries(*map(st.from_type, kind.__args__), max_size=3))
-    st.register_type_strategy(Calibration, st.builds(Calibration, st.floats(0.5, 3.0), st.floats(0.5, 3.0)))
+    above_zero, runs = st.floats(0.5, 3.0), st.integers(1, 1000)
+    st.register_type_strategy(Calibration, st.builds(Calibration, above_zero, above_zero))
+    st.register_type_strategy(LimitLoad, st.builds(LimitLoad, above_zero, above_zero, st.none() | above_zero))
+    st.register_type_strategy(Budget, st.builds(Budget, runs, runs))
     yield
     st.register_type_strategy(float, st.floats())
 

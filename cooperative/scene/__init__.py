@@ -1,7 +1,6 @@
 """Scenes: TOML in, one checked and immutable campaign out."""
 
-from cooperative.scene._budget import kept_budget, raised, write_budget
-from cooperative.scene._campaign import Budget, Calibration, Campaign, Given, Hazard, LimitLoad, Measured, Plan, Run
+from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, Run
 from cooperative.scene._examples import NAMED, SCHEMA, begin, example, examples, starters, write_example
 from cooperative.scene._fields import TAIL, CrossCorrelation, RandomField, gaussian_root, steepest
 from cooperative.scene._files import read_scene, source_of, to_toml
@@ -9,14 +8,22 @@ from cooperative.scene._measured import (
     factors_of_safety,
     measure,
     measure_limit_load,
-    stored_measured,
     taking,
-    with_measured,
 )
 from cooperative.scene._page import SEVERAL, TABLES, json_schema, markdown
 from cooperative.scene._site import Site, SiteLayer
-from cooperative.scene._stored import campaign_of, in_folder, read, settled
+from cooperative.scene._stored import (
+    campaign_of,
+    in_folder,
+    kept_budget,
+    read,
+    settled,
+    stored_measured,
+    with_measured,
+    write_budget,
+)
 from cooperative.scene._typed import built, parse
+from cooperative.scene.tables import Budget, Calibration, LimitLoad, Measured
 
 __all__ = [
     "NAMED",
@@ -51,7 +58,6 @@ __all__ = [
     "measure",
     "measure_limit_load",
     "parse",
-    "raised",
     "read",
     "read_scene",
     "settled",

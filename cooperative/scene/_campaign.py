@@ -17,6 +17,7 @@ from cooperative.estimate import Estimator, Sampling, TwoPhase
 from cooperative.measure import Place
 from cooperative.scene._fields import CrossCorrelation, RandomField, check_cross_correlation
 from cooperative.scene._site import Site, SiteLayer, check_site
+from cooperative.scene.tables import Budget, Measured
 from cooperative.store import Source
 from jaxmpm import Discretisation, Settle, ground
 
@@ -62,59 +63,6 @@ class Run:
     def last(self, grid: str) -> float:
         """Time (s) at which a run of a grid ends at the latest."""
         return self.t_end if grid == "rough" or self.slides_t_end is None else self.slides_t_end
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """Factors of safety of the slope of median soil on both grids; the rough strength is multiplied by `factor`."""
-
-    rough: float
-    refined: float
-
-    @property
-    def factor(self) -> float:
-        """Refined over rough factor of safety."""
-        return self.refined / self.rough
-
-    def check(self) -> None:
-        """Raise ValueError for numbers that no slope has."""
-        _above_zero("calibration", vars(self))
-
-
-@dataclass(frozen=True)
-class LimitLoad:
-    """Of the refined slope of median soil: its factor of safety, and the failure displacement (m) that goes with it.
-    volume: that exceeds it where a slope fails (m3, in a section m2); None in folders of before, where any particle
-    did."""
-
-    factor: float
-    displacement: float
-    volume: float | None = None
-
-    def check(self) -> None:
-        """Raise ValueError for numbers that no slope has."""
-        _above_zero("limit_load", {name: value for name, value in vars(self).items() if value is not None})
-
-
-@dataclass(frozen=True)
-class Measured:
-    """What a campaign measures before its first run, None where it is not known.
-
-    terms: number of terms of each expansion of the random soil, in the order of `runs.RandomSoil.groups`. calibration:
-    factors of safety of both grids. limit_load: where failure counts from it.
-    """
-
-    terms: tuple[int, ...] | None = None
-    calibration: Calibration | None = None
-    limit_load: LimitLoad | None = None
-
-    def check(self) -> None:
-        """Raise ValueError for numbers that no expansion and no slope has."""
-        if self.terms is not None and (not self.terms or min(self.terms) < 1):
-            raise ValueError(f"[field_modes] counts = {list(self.terms)}: give 1 or more for each expansion")
-        for found in (self.calibration, self.limit_load):
-            if found is not None:
-                found.check()
 
 
 def _above_zero(table: str, numbers: Mapping[str, float]) -> None:
@@ -168,14 +116,6 @@ class Hazard:
 
 
 @dataclass(frozen=True)
-class Budget:
-    """Refined runs that a campaign's folder allows, and those that its scene did."""
-
-    refined_runs: int
-    scene: int
-
-
-@dataclass(frozen=True)
 class Given:
     """Stands for an object that a script gave, where only its words are known.
 
@@ -218,7 +158,7 @@ class Campaign:
         name: of the campaign, one line.
         measured: terms, factors of safety and limit load that are known; a folder adds what it has measured.
         raised: refined runs that the campaign's folder allows beyond the estimator's.
-        source: what it was made from; nothing until it has a folder, where it was written in Python.
+        source: what it was read from, see `made_from`; nothing where Python wrote or changed it.
 
     Raises:
         ValueError: numbers out of range, or parts that do not go together.
@@ -237,7 +177,7 @@ class Campaign:
     name: str = "campaign"
     measured: Measured = Measured()
     raised: Budget | None = None
-    source: Source = field(default=Source(None), repr=False, compare=False)
+    source: Source = field(default=Source(None), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Put the ground into a site, means into the soil, and check what goes together."""
@@ -278,6 +218,12 @@ class Campaign:
         return None if volume is None else f"{volume:g} {unit}"
 
 
+def made_from(source: Source, campaign: Campaign) -> Campaign:
+    """The campaign, newly made, with what it was read from; `replace` leaves that out of what it makes."""
+    object.__setattr__(campaign, "source", source)
+    return campaign
+
+
 def _with_means(soil: Any, random: Mapping[str, RandomField]) -> Any:
     """The soil with the means of what varies, where it leaves them out."""
     own = {each.name for each in fields(soil)} if is_dataclass(soil) else set()
@@ -306,7 +252,6 @@ def check_campaign(campaign: Campaign) -> None:
             f"[run] least_volume = {campaign.least_volume}: give more than 0 and less than the ground's "
             f"{ground.volume(campaign.site.shape):.4g}"
         )
-    campaign.measured.check()
     for name, varies in campaign.random.items():
         if len(varies.length) != dimension:
             raise ValueError(f"[{name}] length has {len(varies.length)} values: give {dimension}, one per axis")

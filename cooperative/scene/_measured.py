@@ -17,29 +17,19 @@ from __future__ import annotations
 
 import json
 import math
-import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Protocol
 
 import jax
 
-from cooperative.scene import tables
-from cooperative.scene._campaign import Calibration, Campaign, LimitLoad, Measured
-from cooperative.store import MOST_TEXT, write_aside
-from foundation import files
+from cooperative.scene._campaign import Campaign
+from cooperative.scene.tables import Calibration, LimitLoad
+from cooperative.store import write_aside
 from jaxmpm import Scene, Settle, State, diagnostics, factor_of_safety, reduced, solve
 
 NAME = "measured.json"
-
-TABLES: dict[str, tuple[str, str, type[Any]]] = {
-    "terms": ("field_modes", "numbers of terms", tables.FieldModes),
-    "calibration": ("calibration", "two factors of safety", tables.Calibration),
-    "limit_load": ("limit_load", "limit load", tables.LimitLoad),
-}
-"""By field of `Measured`: the table that a scene may give it in, which names the file in folders of earlier versions;
-what it is, in messages; and the model of the table."""
 
 SHARE = 0.05
 """Least volume that counts as a failure where the scene does not give one, over the height of the slope to the power of
@@ -55,44 +45,6 @@ class Grid(Protocol):
     @property
     def median(self) -> tuple[Scene, State]:
         """Scene and initial state of the median soil."""
-
-
-def given_measured(scene: tables.Scene) -> Measured:
-    """What a scene gives."""
-    return Measured(**{name: _value(getattr(scene, table)) for name, (table, _, _) in TABLES.items()})
-
-
-def stored_measured(folder: Path, wanted: Sequence[str] = tuple(TABLES)) -> Measured:
-    """What a campaign's folder has measured, as far as its files are there.
-
-    Args:
-        folder: of the campaign, of this version or an earlier one.
-        wanted: fields of `Measured` to read from the files of earlier versions; the others are None.
-
-    Raises:
-        ValueError: a file is damaged.
-    """
-    if os.path.lexists(path := folder / NAME):
-        return _checked(path, "numbers that were measured", _of_file)
-    earlier = {name: folder / f"{TABLES[name][0]}.json" for name in wanted}
-    there = {name: path for name, path in earlier.items() if os.path.lexists(path)}
-    return Measured(**{name: _earlier(name, path) for name, path in there.items()})
-
-
-def with_measured(campaign: Campaign, folder: Path) -> Campaign:
-    """The campaign with what its folder has measured; what it gives itself comes first.
-
-    Raises:
-        ValueError: a file is damaged, or the failure displacement does not go with the rest of the campaign.
-    """
-    asked = {
-        "terms": True,
-        "calibration": campaign.plan.calibrate,
-        "limit_load": campaign.run.failure == "limit load",
-    }
-    wanted = [name for name, wants in asked.items() if wants and getattr(campaign.measured, name) is None]
-    stored = stored_measured(folder, wanted)
-    return taking(campaign, **{name: getattr(stored, name) for name in wanted})
 
 
 def measure(campaign: Campaign, folder: Path, terms: Sequence[int], grids: Mapping[str, Grid]) -> Campaign:
@@ -187,31 +139,3 @@ def _factors_at_once() -> int:
     """Reduction factors that a measurement tries at once: on CPU lanes run in turn, and bisection takes the fewest;
     elsewhere a batch costs as much time as one."""
     return 2 if jax.default_backend() == "cpu" else 8
-
-
-def _value(table: tables.FieldModes | tables.Calibration | tables.LimitLoad | None) -> Any:
-    """A field of `Measured` from its table."""
-    if isinstance(table, tables.FieldModes):
-        return table.counts
-    kind = Calibration if isinstance(table, tables.Calibration) else LimitLoad
-    return None if table is None else kind(**dict(table))
-
-
-def _of_file(content: Any) -> Measured:
-    """The numbers in `measured.json`, checked as those of a scene are."""
-    table = tables.read(tables.Measured, content, "measured")
-    return Measured(table.terms, _value(table.calibration), _value(table.limit_load))
-
-
-def _earlier(name: str, path: Path) -> Any:
-    """The one field of `Measured` that a file of an earlier version holds."""
-    table, what, model = TABLES[name]
-    return _checked(path, what, lambda content: _value(tables.read(model, content, table)))
-
-
-def _checked(path: Path, what: str, measured: Callable[[Any], Any]) -> Any:
-    """What a file holds. Raises ValueError where it is damaged."""
-    try:
-        return measured(json.loads(files.read_plain(path, MOST_TEXT)))
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path} holds no {what} ({error}): delete it to measure it again") from error

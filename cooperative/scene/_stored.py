@@ -1,19 +1,34 @@
-"""The campaign that a folder holds: its scene, the defaults of the time when it began, and what was measured since."""
+"""The campaign that a folder holds: its scene, the defaults of the time when it began, what was measured since, and the
+refined runs that were allowed since, for a target that moves or rough runs that broke off."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import json
+import os
+from collections.abc import Collection
+from dataclasses import asdict, fields, replace
 from pathlib import Path
+from typing import Any, cast
 
-from cooperative.estimate import Estimator
+from cooperative.estimate import Estimator, Sampling
 from cooperative.scene import tables
-from cooperative.scene._budget import allowing, kept_budget, raised
-from cooperative.scene._campaign import Campaign, Given
+from cooperative.scene._campaign import Campaign, Given, made_from
 from cooperative.scene._files import source_of
-from cooperative.scene._measured import with_measured
+from cooperative.scene._measured import NAME, taking
 from cooperative.scene._typed import parse
 from cooperative.scene._words import campaign_of_words, in_words, source_of_value
-from cooperative.store import SCENE, Source, Store, completed, refuse_another, stored_source
+from cooperative.store import MOST_TEXT, SCENE, Source, Store, completed, refuse_another, stored_source, write_aside
+from foundation import files
+from foundation.text import shown
+
+BUDGET = "budget.json"
+
+EARLIER: dict[str, tuple[str, str, type[Any]]] = {
+    "terms": ("field_modes", "numbers of terms", tables.FieldModes),
+    "calibration": ("calibration", "two factors of safety", tables.Calibration),
+    "limit_load": ("limit_load", "limit load", tables.LimitLoad),
+}
+"""By field of `Measured`: the table that names its file in folders of earlier versions; what it is; its model."""
 
 
 def campaign_of(store: Store, estimator: Estimator | None = None) -> Campaign:
@@ -21,10 +36,7 @@ def campaign_of(store: Store, estimator: Estimator | None = None) -> Campaign:
 
     estimator: that of the script, where one gave it.
     """
-    campaign, budget = read(store.source, estimator, begun=True), kept_budget(store.folder)
-    if budget is not None and not isinstance(campaign.estimator, Given):
-        campaign = raised(campaign, budget)
-    return with_measured(campaign, store.folder)
+    return _grown(read(store.source, estimator, begun=True), store.folder, None)
 
 
 def read(scene: Campaign | Source | str | Path, estimator: Estimator | None = None, *, begun: bool = False) -> Campaign:
@@ -39,23 +51,24 @@ def read(scene: Campaign | Source | str | Path, estimator: Estimator | None = No
         ValueError: as `parse` and `Campaign`; an estimator that is not the campaign's.
     """
     if isinstance(scene, Campaign):
-        campaign = replace(scene, source=source_of_value(scene))
+        campaign, source = scene, source_of_value(scene)
     elif isinstance(scene, Source) and scene.text is None:
-        campaign = campaign_of_words(scene)
+        campaign, source = campaign_of_words(scene), scene
     else:
         return parse(scene, estimator, begun=begun)
-    if estimator is None:
-        return campaign
-    words, there = in_words(estimator), campaign.source.beside["campaign"].get("estimator")
-    if words != there:
-        raise ValueError(f"the campaign's estimator is {there}, not {words}: give that one, or another folder")
-    return replace(campaign, estimator=estimator)
+    if estimator is not None:
+        words, there = in_words(estimator), source.beside["campaign"].get("estimator")
+        if words != there:
+            raise ValueError(f"the campaign's estimator is {there}, not {words}: give that one, or another folder")
+        campaign = replace(campaign, estimator=estimator)
+    return made_from(source, replace(campaign))
 
 
 def in_folder(
     scene: Campaign | Source | str | Path, folder: Path, estimator: Estimator | None, refined_runs: int | None
-) -> Campaign:
-    """A campaign that begins in a folder or goes on there, with what that has measured and allows.
+) -> tuple[Campaign, Source]:
+    """A campaign that begins in a folder or goes on there, with what that has measured and allows; and what it was made
+    from.
 
     Args:
         scene: as for `read`.
@@ -66,25 +79,13 @@ def in_folder(
     Raises:
         ValueError: as `read`, for a folder of another campaign, and for runs that are allowed already.
     """
-    if isinstance(scene, Campaign) and (text := _unchanged(scene)) is not None:
-        estimator = scene.estimator if "estimator" in text.tables else None
-        scene = text
+    if isinstance(scene, Campaign) and scene.source.text is not None:
+        estimator = scene.estimator if "estimator" in scene.source.tables else None
+        scene = scene.source
     scene = scene if isinstance(scene, Campaign) else settled(scene, folder)
     campaign = read(scene, estimator, begun=stored_source(folder) is not None)
     refuse_another(folder, campaign.source)
-    return with_measured(allowing(campaign, folder, refined_runs), folder)
-
-
-def _unchanged(campaign: Campaign) -> Source | None:
-    """The scene that a campaign was read from, where it still is what that says; None for one that Python made or
-    changed."""
-    source = campaign.source
-    if source.text is None:
-        return None
-    estimator = campaign.estimator if "estimator" in source.tables else None
-    again = parse(source, estimator, begun=getattr(campaign.soil, "unusual", False))
-    same = again.measured == campaign.measured and source_of_value(again) == source_of_value(campaign)
-    return source if same else None
+    return _grown(campaign, folder, refined_runs), campaign.source
 
 
 def settled(scene: Source | str | Path, folder: Path, name: str = SCENE) -> Source:
@@ -108,3 +109,101 @@ def settled(scene: Source | str | Path, folder: Path, name: str = SCENE) -> Sour
         "gap_memory": tables.Soil.model_fields["gap_memory"].default,
     }
     return Source(source.text, {**source.beside, "defaults": today})
+
+
+def _grown(campaign: Campaign, folder: Path, refined_runs: int | None) -> Campaign:
+    """The campaign with what its folder has measured and the refined runs that it allows, or is to allow from now on.
+
+    Raises ValueError for no more than is allowed already, or an estimator without such a setting.
+    """
+    budget = kept_budget(folder)
+    if refined_runs is not None:
+        budget = _more(campaign, budget, refined_runs)
+    if budget is not None and not isinstance(campaign.estimator, Given):
+        chosen, where = cast(Any, campaign.estimator), f"refined_runs = {budget.refined_runs}"
+        if budget.refined_runs <= budget.scene:
+            raise ValueError(f"{where}: the scene allows {budget.scene} already, give more")
+        if "refined_runs" not in {setting.name for setting in fields(chosen)}:
+            raise ValueError(f"{where}: estimator {chosen.name!r} has no such setting")
+        campaign = replace(campaign, estimator=replace(chosen, refined_runs=budget.refined_runs), raised=budget)
+    return with_measured(campaign, folder)
+
+
+def _more(campaign: Campaign, kept: tables.Budget | None, refined_runs: int) -> tables.Budget:
+    """So many refined runs allowed. kept: those that the folder allows already."""
+    first = Sampling(campaign.plan.samples, campaign.run.failure_displacement, campaign.plan.screening_stop)
+    scene = campaign.estimator.budget(campaign.estimator.rough_runs(first))
+    if scene is None:
+        raise ValueError(
+            f"refined_runs = {refined_runs}: estimator {campaign.estimator.name!r} has no number of runs to raise, its "
+            "rule alone tells when to stop"
+        )
+    allowed = scene if kept is None else kept.refined_runs
+    if refined_runs <= scene or refined_runs < allowed:
+        raise ValueError(f"refined_runs = {refined_runs}: the campaign allows {allowed} already, give more")
+    if refined_runs > tables.MOST_RUNS:
+        raise ValueError(f"refined_runs = {shown(refined_runs)}: give at most {tables.MOST_RUNS:,}")
+    return tables.Budget(refined_runs, scene)
+
+
+def write_budget(folder: Path, budget: tables.Budget) -> None:
+    """Keep the refined runs allowed in a campaign's folder. OSError where the disk refuses."""
+    if kept_budget(folder) != budget:
+        write_aside(folder / BUDGET, json.dumps(asdict(budget)).encode())
+
+
+def kept_budget(folder: Path) -> tables.Budget | None:
+    """The refined runs that a campaign's folder allows beyond its scene, None where it does not.
+
+    Raises ValueError for a file that holds something else.
+    """
+    remedy = "delete it, and say --refined-runs again"
+    budget: tables.Budget | None = _content(folder / BUDGET, tables.Budget, "numbers of refined runs", remedy)
+    return budget
+
+
+def stored_measured(folder: Path, wanted: Collection[str] = tuple(EARLIER)) -> tables.Measured:
+    """What a campaign's folder has measured, as far as its files are there.
+
+    Args:
+        folder: of the campaign, of this version or an earlier one.
+        wanted: fields of `Measured` to read from the files of earlier versions; the others are None.
+
+    Raises:
+        ValueError: a file is damaged.
+    """
+    remedy = "delete it to measure it again"
+    measured: tables.Measured | None = _content(folder / NAME, tables.Measured, "numbers that were measured", remedy)
+    if measured is not None:
+        return measured
+    earlier = {name: _content(folder / f"{table}.json", model, what, remedy)
+               for name, (table, what, model) in EARLIER.items() if name in wanted}  # fmt: skip
+    if earlier.get("terms") is not None:
+        earlier["terms"] = earlier["terms"].counts
+    return tables.Measured(**earlier)
+
+
+def with_measured(campaign: Campaign, folder: Path) -> Campaign:
+    """The campaign with what its folder has measured; what it gives itself comes first.
+
+    Raises:
+        ValueError: a file is damaged, or the failure displacement does not go with the rest of the campaign.
+    """
+    asked = {
+        "terms": True,
+        "calibration": campaign.plan.calibrate,
+        "limit_load": campaign.run.failure == "limit load",
+    }
+    wanted = [name for name, wants in asked.items() if wants and getattr(campaign.measured, name) is None]
+    stored = stored_measured(folder, wanted)
+    return taking(campaign, **{name: getattr(stored, name) for name in wanted})
+
+
+def _content(path: Path, table: type[Any], what: str, remedy: str) -> Any:
+    """What a file holds, None where there is none. Raises ValueError where it is damaged."""
+    if not os.path.lexists(path):
+        return None
+    try:
+        return tables.read(table, json.loads(files.read_plain(path, MOST_TEXT)), path.stem)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path} holds no {what} ({error}): {remedy}") from error

@@ -12,10 +12,10 @@ import numpy as np
 from cooperative.estimate import SETTINGS, Estimator, named_estimator
 from cooperative.measure import Place, Track
 from cooperative.scene import tables
-from cooperative.scene._campaign import Campaign, Given, Hazard, LimitLoad, Plan, Run
+from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, Run, made_from
 from cooperative.scene._fields import CrossCorrelation, ask
 from cooperative.scene._files import files_of, source_of
-from cooperative.scene._measured import given_measured, taking
+from cooperative.scene._measured import taking
 from cooperative.scene._site import Site
 from cooperative.scene._soil import soils_of
 from cooperative.store import Source
@@ -69,7 +69,6 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None, *, beg
         )
     together = scene.cross_correlation
     campaign = Campaign(
-        source=source,
         name=scene.name,
         ground=site,
         soil=soil,
@@ -82,9 +81,10 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None, *, beg
         estimator=estimator or (Given("estimator", given) if given else _named(scene.campaign)),
         hazard=_hazard(scene),
     )
-    measured = given_measured(scene)
-    _check_limit_load(scene.run, measured.limit_load)
-    return taking(campaign, **vars(measured))
+    _check_limit_load(scene.run, scene.limit_load)
+    terms = None if scene.field_modes is None else scene.field_modes.counts
+    campaign = taking(campaign, terms=terms, calibration=scene.calibration, limit_load=scene.limit_load)
+    return made_from(source, campaign)
 
 
 def built(campaign: Campaign, grid: str, *, at_rest: bool = True) -> tuple[Scene, State]:
@@ -247,7 +247,7 @@ def _named(table: tables.Campaign) -> Estimator:
     return named_estimator(table.estimator, {key: getattr(table, key) for key in (*SETTINGS, "seed")})
 
 
-def _check_limit_load(run: tables.Run, given: LimitLoad | None) -> None:
+def _check_limit_load(run: tables.Run, given: tables.LimitLoad | None) -> None:
     """Raise ValueError for a limit load, asked for or given, that does not go with the table [run]."""
     asked = run.failure == "limit load"
     if asked and "failure_displacement" in run.model_fields_set:

@@ -66,7 +66,7 @@ def campaign_of_words(source: Source) -> Campaign:
     for words that are not of a campaign."""
     try:
         fields = {name: of_words(words, name) for name, words in source.beside["campaign"].items()}
-        return Campaign(**fields, source=source)
+        return Campaign(**fields)
     except (AttributeError, KeyError, TypeError, zlib.error) as error:
         raise ValueError(f"campaign.json holds no campaign ({error}): put back the file that it began with") from error
 

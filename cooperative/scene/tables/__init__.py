@@ -7,15 +7,16 @@ from cooperative.scene.tables._key import EXTRAS, Table
 from cooperative.scene.tables._reading import Schema, found_in, parts, read, schema_of, table_in, wanted
 from cooperative.scene.tables._scene import STORED, Scene
 from cooperative.scene.tables._soil import OF_A_FIELD, Layer, Soil, Varying
-from cooperative.scene.tables._stored import Calibration, Defaults, FieldModes, LimitLoad, Measured
+from cooperative.scene.tables._stored import MOST_RUNS, Budget, Calibration, FieldModes, LimitLoad, Measured
 
 __all__ = [
     "EXTRAS",
+    "MOST_RUNS",
     "OF_A_FIELD",
     "STORED",
+    "Budget",
     "Calibration",
     "Campaign",
-    "Defaults",
     "Exposed",
     "FieldModes",
     "Grid",

@@ -95,6 +95,7 @@ class Within(GroupedMetadata):
 
     def __iter__(self) -> Iterator[Any]:
         limit = self.limit
+        yield Strict()
         yield Interval(gt=limit.above, ge=limit.least, lt=limit.below, le=limit.most)
         yield AfterValidator(_single_or_infinite if self.infinite else _single)
         extra: Any = {"unit": limit.unit} if limit.unit else {}

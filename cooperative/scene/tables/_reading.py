@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, TypeVar, get_args, get_origin
 
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic.json_schema import GenerateJsonSchema
 
-from cooperative.scene.tables._key import Table, fits, leaves
+from cooperative.scene.tables._key import fits, leaves
 from cooperative.scene.tables._scene import Scene
 from foundation.check import Limit
 from foundation.text import shown
@@ -24,10 +24,12 @@ MOST = 8
 
 RANGE = ("single", "greater_than", "greater_than_equal", "less_than", "less_than_equal")
 CHOICE = ("choice", "literal_error")
+UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
+NO_TABLE = ("model_type", "dataclass_type")
 KINDS = {str: "text", bool: "true or false", int: "a whole number", float: "a number", list: "a list", dict: "a table"}
 """What a value of TOML is, in words."""
 
-T = TypeVar("T", bound=Table)
+T = TypeVar("T")
 
 
 def read(table: type[T], values: Any, where: str = "", *, files: Any = None) -> T:
@@ -38,7 +40,7 @@ def read(table: type[T], values: Any, where: str = "", *, files: Any = None) -> 
     the nearest one that is, every one that lacks, and every value that a key cannot have.
     """
     try:
-        return table.model_validate(values, context=files)
+        return TypeAdapter(table).validate_python(values, context=files)
     except ValidationError as error:
         errors = error.errors(include_url=False)
     found = _faults(table, values, where, errors)
@@ -54,8 +56,8 @@ class _Place:
     path: tuple[str, ...]
     key: str
     value: Any
-    inner: type[Table] | None
-    owner: type[Table] | None = None
+    inner: type[Any] | None
+    owner: Any = None
     field: str = ""
 
     @property
@@ -74,7 +76,7 @@ class _Place:
         return f"[{'.'.join(self.path)}] {self.key}" if self.path else self.key
 
 
-def _placed(table: type[Table], values: Any, where: str, location: Iterable[int | str]) -> _Place:
+def _placed(table: type[Any], values: Any, where: str, location: Iterable[int | str]) -> _Place:
     """Where pydantic's location leads: through tables, and into the list of those of which there are several."""
     place = _Place((), where, values, table)
     for part in location:
@@ -86,21 +88,21 @@ def _placed(table: type[Table], values: Any, where: str, location: Iterable[int 
             name = value.get("name") if isinstance(value, dict) else None
             label = f"{place.field} {shown(name) if isinstance(name, str) else part + 1}"
             place = _Place(place.path, label, value, inner, place.owner, place.field)
-        elif inner is not None and part in inner.model_fields:
+        elif inner is not None and part in inner.__pydantic_fields__:
             path = (*place.path, place.key) if place.key else ()
-            place = _Place(path, part, value.get(part), table_in(inner.model_fields[part]), inner, part)
+            place = _Place(path, part, value.get(part), table_in(inner.__pydantic_fields__[part]), inner, part)
         # What is left tells which of the types of a union it is.
     return place
 
 
-def _faults(table: type[Table], values: Any, where: str, errors: Iterable[Any]) -> list[str]:
+def _faults(table: type[Any], values: Any, where: str, errors: Iterable[Any]) -> list[str]:
     """What is wrong with the values of a table, in words: keys that are not known, keys that lack, and values."""
     unknown: list[str] = []
     lacking: dict[str, list[str]] = {}
     wrong: dict[tuple[str, ...], str] = {}
     for error in errors:
         kind, location = error["type"], error["loc"]
-        if kind == "extra_forbidden":
+        if kind in UNKNOWN:
             place = _placed(table, values, where, location[:-1])
             unknown.append(
                 f"{place.section} has an unknown key {shown(location[-1])}{_meant(location[-1], place.inner)}"
@@ -124,7 +126,7 @@ def _wrong(place: _Place, error: Mapping[str, Any]) -> str:
     kind, value = error["type"], place.value
     if kind == "value_error":
         return f"{place}{error['ctx']['error']}"
-    if kind == "model_type":
+    if kind in NO_TABLE:
         return f"{place.whole} = {shown(value)} is {_kind(value)}: make it a table, {place.section}"
     if place.inner is not None and kind == "list_type":
         return f"[{place.key}] is {_kind(value)}: write [[{place.key}]], once for each"
@@ -149,23 +151,23 @@ def _kind(value: object) -> str:
     return KINDS.get(type(value), f"a {type(value).__name__}")
 
 
-def _meant(key: str, table: type[Table] | None) -> str:
+def _meant(key: str, table: type[Any] | None) -> str:
     """What an unknown key may have meant, in words: one that the table knows by another word, one of another table, the
     nearest one, or else all that are known."""
     assert table is not None
     if here := _synonyms(table, key):
         return f" (did you mean {' or '.join(here)}?)"
-    for section, field in Scene.model_fields.items():
+    for section, field in Scene.__pydantic_fields__.items():
         other = table_in(field)
-        if other is not None and (there := [repr(key)] if key in other.model_fields else _synonyms(other, key)):
+        if other is not None and (there := [repr(key)] if key in other.__pydantic_fields__ else _synonyms(other, key)):
             return f" (did you mean {there[0]} of [{section}]?)"
-    return _nearest(key, table.model_fields) or f"; it knows {', '.join(table.model_fields)}"
+    return _nearest(key, table.__pydantic_fields__) or f"; it knows {', '.join(table.__pydantic_fields__)}"
 
 
-def _synonyms(table: type[Table], key: str) -> list[str]:
+def _synonyms(table: type[Any], key: str) -> list[str]:
     """Keys of a table that are also called so, each in words."""
     found = []
-    for name, field in table.model_fields.items():
+    for name, field in table.__pydantic_fields__.items():
         extra = field.json_schema_extra
         words = str(extra.get("synonyms", "")).split() if isinstance(extra, dict) else []
         meanings = [word.partition("=")[2] for word in words if word.partition("=")[0] == key.lower()]
@@ -196,9 +198,9 @@ class _Toml(GenerateJsonSchema):
 
 
 @cache
-def schema_of(table: type[Table]) -> dict[str, Any]:
+def schema_of(table: Any) -> dict[str, Any]:
     """JSON schema (draft 2020-12) of a table."""
-    return table.model_json_schema(schema_generator=_Toml)
+    return TypeAdapter(table).json_schema(schema_generator=_Toml)
 
 
 def parts(field: FieldInfo) -> Iterator[Any]:
@@ -213,13 +215,13 @@ def parts(field: FieldInfo) -> Iterator[Any]:
     yield from field.metadata
 
 
-def table_in(field: FieldInfo) -> type[Table] | None:
+def table_in(field: FieldInfo) -> Any:
     """The table that a key may hold."""
     return next((each for each in parts(field) if _is_table(each)), None)
 
 
 def _is_table(kind: Any) -> bool:
-    return isinstance(kind, type) and get_origin(kind) is None and issubclass(kind, Table)
+    return isinstance(kind, type) and get_origin(kind) is None and hasattr(kind, "__pydantic_fields__")
 
 
 def found_in(schema: Any, name: str, otherwise: Any = "") -> Any:

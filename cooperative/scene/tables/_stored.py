@@ -1,44 +1,81 @@
-"""Tables that a campaign wrote into the scene that its folder keeps, and numbers that its folder keeps in files."""
+"""What a campaign measures before its first run, and tables that it wrote into the scene that its folder keeps."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
-from annotated_types import Ge
+from annotated_types import Ge, Interval
+from pydantic import ConfigDict, Strict
+from pydantic import model_validator as validates
+from pydantic.dataclasses import dataclass
 
 from cooperative.scene.tables._key import AboveZero, Length, Several, Table, key
 
+CONFIG = ConfigDict(extra="forbid")
 
-class Calibration(Table):
-    """Factors of safety of the slope of median soil."""
+
+@dataclass(frozen=True, config=CONFIG)
+class Calibration:
+    """Factors of safety of the slope of median soil; the rough strength is multiplied by `factor`."""
 
     rough: AboveZero = key("On the rough grid.", 1.2)
     refined: AboveZero = key("On the refined grid.", 1.1)
 
+    @validates(mode="before")
+    @classmethod
+    def _without_factor(cls, given: Any) -> Any:
+        """A summary has the factor beside them."""
+        return {name: each for name, each in given.items() if name != "factor"} if isinstance(given, dict) else given
 
-class LimitLoad(Table):
-    """The limit load of the slope of median soil."""
+    @property
+    def factor(self) -> float:
+        """Refined over rough factor of safety."""
+        return self.refined / self.rough
+
+
+@dataclass(frozen=True, config=CONFIG)
+class LimitLoad:
+    """The limit load of the slope of median soil, on the refined grid. volume: None in folders of before, where any
+    particle counted."""
 
     factor: AboveZero = key("Factor of safety.", 1.2)
     displacement: Length = key("Displacement that goes with it.", 0.3)
     volume: AboveZero | None = key("Least volume that moves farther (m3, in a section m2).", 5.0, None)
 
 
-Terms = Several[Annotated[int, Ge(1)]]
+Terms = Several[Annotated[int, Strict(), Ge(1)]]
+
+
+@dataclass(frozen=True, config=CONFIG)
+class Measured:
+    """What a campaign measures before its first run, None where it is not known.
+
+    terms: number of terms of each expansion of the random soil, in the order of `runs.RandomSoil.groups`. calibration:
+    factors of safety of both grids. limit_load: where failure counts from it.
+    """
+
+    terms: Terms | None = None
+    calibration: Calibration | None = None
+    limit_load: LimitLoad | None = None
+
+
+MOST_RUNS = 2**31 - 1
+"""Refined runs at most that a folder may allow."""
+Runs = Annotated[int, Strict(), Interval(ge=1, le=MOST_RUNS)]
+
+
+@dataclass(frozen=True, config=CONFIG)
+class Budget:
+    """Refined runs that a campaign's folder allows, and those that its scene did."""
+
+    refined_runs: Runs
+    scene: Runs
 
 
 class FieldModes(Table):
     """How many terms each expansion of the random soil has."""
 
     counts: Terms = key("Of each expansion.", [242])
-
-
-class Measured(Table):
-    """What a campaign measured before its first run, in the file of its folder."""
-
-    terms: Terms | None = key("Number of terms of each expansion of the random soil.", [242], None)
-    calibration: Calibration | None = key("Factors of safety.", {"rough": 1.2, "refined": 1.1}, None)
-    limit_load: LimitLoad | None = key("Limit load.", {"factor": 1.2, "displacement": 0.3}, None)
 
 
 class Defaults(Table):
