@@ -81,7 +81,7 @@ def campaigns(name: str) -> list[Campaign]:
             path = Path(place) / "own.toml"
             begin(name.removeprefix("new/"), path)
         source = read_scene(path)
-    return [parse(each.text) for each in variants(source)] if "sweep" in source.tables else [parse(source)]
+    return [parse(each.source) for each in variants(source)] if "sweep" in source.tables else [parse(source)]
 
 
 def about(name: str) -> str:

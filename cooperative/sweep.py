@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -49,10 +49,10 @@ STYLES = dict(zip(SEVERITY, (("#D55E00", "o"), ("#CC79A7", "s"), ("#0072B2", "^"
 
 @dataclass(frozen=True)
 class Variant:
-    """One campaign of a sweep. name: its folder. text: its scene. points: the (parameter, value) it answers for."""
+    """One campaign of a sweep. name: its folder. source: its scene. points: the (parameter, value) it answers for."""
 
     name: str
-    text: str
+    source: Source
     points: tuple[tuple[str, float], ...]
 
 
@@ -65,12 +65,12 @@ def run(scene: Source | str | Path, folder: Path, *, workers: int = 1, progress:
     sweep that will not do, before anything is run, and for a folder of another sweep.
     """
     folder = Path(folder)
-    source, begun = settled(scene, folder, SWEEP), (folder / SWEEP).exists()
-    parts = variants(source, begun=begun)
+    source = settled(scene, folder, SWEEP)
+    parts = variants(source)
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
     for part in parts:
-        check_size(parse(part.text, begun=begun), workers)
+        check_size(parse(part.source), workers)
     _claim(folder, source)
     with heeding():
         return _ran(parts, folder, list(_sweep(source.tables)), workers=workers, progress=progress)
@@ -100,12 +100,15 @@ def _ran(parts: list[Variant], folder: Path, names: list[str], *, workers: int, 
     return found
 
 
-def variants(scene: Source | str | Path, *, begun: bool = False) -> list[Variant]:
-    """The campaigns of a sweep. begun: as for `parse`. ValueError where the table `[sweep]` is missing or holds what
-    cannot be swept."""
-    tables = source_of(scene).tables
-    sweep, base_scene = _sweep(tables), {name: table for name, table in tables.items() if name != "sweep"}
-    campaign = parse(to_toml(base_scene), begun=begun)
+def variants(scene: Source | str | Path) -> list[Variant]:
+    """The campaigns of a sweep. ValueError where the table `[sweep]` is missing or holds what cannot be swept."""
+    source = source_of(scene)
+    sweep, base_scene = _sweep(source.tables), {name: each for name, each in source.tables.items() if name != "sweep"}
+
+    def variant(name: str, *points: tuple[str, float], **changed: Any) -> Variant:
+        return Variant(name, Source(to_toml({**base_scene, **changed}), begun=source.begun), points)
+
+    campaign = parse(variant("base").source)
     if campaign.plan.coefficients is not kl.latin_hypercube:
         raise ValueError("[sweep] shares coefficients between fields of different lengths: take 'latin hypercube'")
     estimator, first = campaign.estimator, Sampling(campaign.plan.samples, campaign.run.failure_displacement)
@@ -119,22 +122,19 @@ def variants(scene: Source | str | Path, *, begun: bool = False) -> list[Variant
     unknown = [name for name in sweep if name not in base and name != "k_t"]
     if unknown:
         raise ValueError(f"[sweep] {unknown[0]} cannot be swept in this scene: give {', '.join((*base, 'k_t'))}")
-    at_base: list[tuple[str, float]] = []
-    found = []
-    for name, values in sweep.items():
-        for value in values if name != "k_t" else ():
-            if value == base[name]:
-                at_base.append((name, value))
-            else:
-                changed = {**base_scene, "strength": _changed(base_scene["strength"], name, value, dimension)}
-                found.append(Variant(f"{name}-{value:g}", to_toml(changed), ((name, value),)))
-    found.insert(0, Variant("base", to_toml(base_scene), tuple(at_base)))
+    points = [(name, value) for name, values in sweep.items() if name in base for value in values]
+    found = [variant("base", *(each for each in points if each[1] == base[each[0]]))]
+    for parameter, value in points:
+        if value != base[parameter]:
+            changed = {**base, parameter: value}
+            length = [changed[axis] for axis in _axes(dimension)]
+            table = {**base_scene["strength"], "cov": changed["cov"], "length": length}
+            found.append(variant(f"{parameter}-{value:g}", (parameter, value), strength=table))
     if "k_t" in sweep:
         # All values of k_t can be told from the runs that the largest asks for.
         plan = {k: v for k, v in base_scene["campaign"].items() if k not in ("refined_runs", "target_cov")}
         plan |= {"estimator": "published", "k_t": int(max(sweep["k_t"]))}
-        points = tuple(("k_t", value) for value in sweep["k_t"])
-        found.append(Variant("ranked", to_toml({**base_scene, "campaign": plan}), points))
+        found.append(variant("ranked", *(("k_t", value) for value in sweep["k_t"]), campaign=plan))
     return found
 
 
@@ -203,15 +203,6 @@ def _sweep(tables: Mapping[str, Any]) -> dict[str, list[float]]:
     return table
 
 
-def _changed(strength: dict[str, Any], name: str, value: float, dimension: int) -> dict[str, Any]:
-    """The table `[strength]` with one parameter changed."""
-    if name == "cov":
-        return {**strength, "cov": value}
-    length = list(strength["length"])
-    length[_axes(dimension).index(name)] = value
-    return {**strength, "length": length}
-
-
 def _claim(folder: Path, source: Source) -> None:
     """Make the folder, or see that it is this sweep's."""
     there = stored_source(folder, SWEEP)
@@ -224,20 +215,20 @@ def _claim(folder: Path, source: Source) -> None:
         source.write(folder, SWEEP)
 
 
-def _with_factors(part: Variant, folder: Path) -> str:
+def _with_factors(part: Variant, folder: Path) -> Source:
     """The variant's scene; where it is calibrated, with the factors of safety that the base campaign measured."""
-    campaign = parse(part.text, begun=True)
+    campaign = parse(part.source)
     if part.name == "base" or not campaign.plan.calibrate or campaign.measured.calibration is not None:
-        return part.text
+        return part.source
     found = stored_measured(folder / "campaigns" / "base").calibration
     assert found is not None
-    return part.text + to_toml({"calibration": {"rough": found.rough, "refined": found.refined}})
+    return Source(to_toml({**part.source.tables, "calibration": asdict(found)}))
 
 
 def _ranked(folder: Path, k_t: int) -> Summary:
     """Summary that a campaign by the published rule would have had with this k_t."""
     store = read_store(folder)
-    campaign = replace(parse(store.source, begun=True), estimator=Published(k_t))
+    campaign = replace(parse(store.source), estimator=Published(k_t))
     rough, refined = map(rows_reader(store, samples_of(campaign)), GRIDS)
     order = rank_samples(rough.columns["displacement"], rough.columns["broke_off"].astype(bool)).order
     ran = order[: stopping_rank(order, phases_of(campaign, rough, refined).answers, k_t)]

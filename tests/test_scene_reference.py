@@ -222,12 +222,12 @@ def test_ranges_of_a_sweep_are_those_of_the_checks(name):
     good, bad = SWEPT[name]
     others = [[good, bad], [good, good], [], good]
     assert schema().is_valid(tables | {"sweep": {name: [good]}})
-    assert [parse(part.text) for part in sweep.variants(in_toml(tables | {"sweep": {name: [good]}}))]
+    assert [parse(part.source) for part in sweep.variants(in_toml(tables | {"sweep": {name: [good]}}))]
     for values in others:
         swept = tables | {"sweep": {name: values}}
         assert not schema().is_valid(swept)
         with pytest.raises(ValueError, match=r"\[sweep\]|length of axis|cov"):
-            [parse(part.text) for part in sweep.variants(in_toml(swept))]
+            [parse(part.source) for part in sweep.variants(in_toml(swept))]
 
 
 def test_an_empty_sweep_is_refused():

@@ -9,6 +9,7 @@ import jaxmpm as mpm
 from benchmarks.invented import LAYERED
 from cooperative.__main__ import main
 from cooperative.scene import built, parse
+from cooperative.store import Source
 from tests.test_random_soil import changed
 
 STRONG, WEAK = mpm.FrictionalSoil(20e3, 20.0), mpm.FrictionalSoil(0.0, 10.0)
@@ -77,7 +78,7 @@ def test_a_scene_asks_about_a_seam_too_thin_for_its_refined_grid():
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             built(parse(text), "rough", at_rest=False)
-    assert parse(SEAM, begun=True).site.layers
+    assert parse(Source(SEAM, begun=True)).site.layers
 
 
 def test_check_gives_the_cells_of_every_layer(tmp_path, capsys):

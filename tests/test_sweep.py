@@ -30,18 +30,18 @@ def test_one_parameter_is_changed_at_a_time_and_the_scene_itself_runs_once():
     found = {part.name: part for part in sweep.variants(SWEEP)}
     assert list(found) == ["base", "lx-10", "cov-0.2", "ranked"]
     assert found["base"].points == (("lx", 20.0), ("cov", 0.4))
-    base, longer = parse(found["base"].text), parse(found["lx-10"].text)
+    base, longer = parse(found["base"].source), parse(found["lx-10"].source)
     assert base.random["strength"].length == (20.0, 4.0)
     assert longer.random["strength"].length == (10.0, 4.0)
     assert longer.random["strength"].cov == base.random["strength"].cov
-    assert parse(found["cov-0.2"].text).random["strength"].cov == 0.2
-    assert parse(found["ranked"].text).estimator.k_t == 2
+    assert parse(found["cov-0.2"].source).random["strength"].cov == 0.2
+    assert parse(found["ranked"].source).estimator.k_t == 2
 
 
 def test_campaigns_share_their_coefficients():
     designs = {}
     for part in sweep.variants(SWEEP):
-        campaign = parse(part.text)
+        campaign = parse(part.source)
         designs[part.name] = runs.coefficients_of(campaign, runs.random_soil(campaign))
     modes = min(design.shape[1] for design in designs.values())
     assert len({design.shape[1] for design in designs.values()}) > 1
@@ -150,4 +150,4 @@ def test_sweeps_that_come_along_are_sound(scene, campaigns):
     parts = sweep.variants(path.read_text())
     assert len(parts) == len({part.name for part in parts}) == campaigns
     for part in parts:
-        parse(part.text)
+        parse(part.source)

@@ -1,14 +1,13 @@
 """Scenes: TOML in, one checked and immutable campaign out."""
 
-from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, Run
+from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, Run, taking
 from cooperative.scene._examples import NAMED, SCHEMA, begin, example, examples, starters, write_example
 from cooperative.scene._fields import TAIL, CrossCorrelation, RandomField, gaussian_root, steepest
-from cooperative.scene._files import read_scene, source_of, to_toml
+from cooperative.scene._files import to_toml
 from cooperative.scene._measured import (
     factors_of_safety,
     measure,
     measure_limit_load,
-    taking,
 )
 from cooperative.scene._page import SEVERAL, TABLES, json_schema, markdown
 from cooperative.scene._site import Site, SiteLayer
@@ -22,7 +21,7 @@ from cooperative.scene._stored import (
     with_measured,
     write_budget,
 )
-from cooperative.scene._typed import built, parse
+from cooperative.scene._typed import built, parse, read_scene, source_of
 from cooperative.scene.tables import Budget, Calibration, LimitLoad, Measured
 
 __all__ = [

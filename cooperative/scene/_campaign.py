@@ -224,6 +224,25 @@ def made_from(source: Source, campaign: Campaign) -> Campaign:
     return campaign
 
 
+def taking(campaign: Campaign, **found: Any) -> Campaign:
+    """The campaign with these fields of `Measured`; samples fail from the displacement of a limit load.
+
+    Raises:
+        ValueError: the failure displacement does not go with the rest of the campaign.
+    """
+    measured = replace(campaign.measured, **found)
+    limit_load = measured.limit_load
+    if limit_load is None:
+        return replace(campaign, measured=measured)
+    settle = campaign.run.settle
+    if settle is not None and settle.slides is not None:
+        settle = replace(settle, slides=limit_load.displacement)
+    run = replace(
+        campaign.run, failure_displacement=limit_load.displacement, least_volume=limit_load.volume, settle=settle
+    )
+    return replace(campaign, measured=measured, run=run)
+
+
 def _with_means(soil: Any, random: Mapping[str, RandomField]) -> Any:
     """The soil with the means of what varies, where it leaves them out."""
     own = {each.name for each in fields(soil)} if is_dataclass(soil) else set()

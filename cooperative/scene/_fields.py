@@ -13,24 +13,13 @@ import numpy as np
 
 import kl
 from foundation.text import shown
-from jaxmpm import Believed, soil_limits, unit_slip
+from jaxmpm import soil_limits
 
 TAIL = 4.0
 """Deviations from the middle of a field up to which its values must be within their limits: beyond lie 3 points in
 100,000 on either side."""
 
 LIMITS = soil_limits()
-
-COV = Believed(most=3.0, above="it is a share, 1 for 100 per cent; were per cent meant?")
-"""Coefficients of variation that are believed."""
-
-_STRESS = Believed("Pa per metre", 50.0, "were kPa or MPa per metre meant?")
-TRENDS = {
-    **dict.fromkeys(("strength", "cohesion", "softening_modulus", "residual_cohesion"), _STRESS),
-    "young": replace(_STRESS, least=1e4),
-    "unit_weight": Believed("N/m3 per metre", 1.0, "were kN/m3 per metre meant?"),
-}
-"""Trends with depth that are believed, upwards or downwards."""
 
 Span = tuple[float, float]
 """Elevations (m) of the base and of the highest point of ground."""
@@ -93,6 +82,12 @@ class RandomField:
         """Mean at a depth (m) over that at depth 0."""
         return 1.0 if self.trend is None else 1.0 + self.trend / self.mean * depth
 
+    def extremes(self, span: Span) -> tuple[float, float]:
+        """Least and largest value within `TAIL` deviations, in ground between two elevations (m)."""
+        at = np.asarray(self.distribution.transform(jnp.asarray([-TAIL, 0.0, TAIL])), float)
+        ends = [float(value) for value in np.outer(at[[0, 2]], [1.0, self.grown(self.deepest(span))]).ravel()]
+        return min(ends), max(ends)
+
 
 class StrengthByStress(NamedTuple):
     """Undrained strength as a ratio of the effective vertical stress at rest, of `minimum` (Pa) at least."""
@@ -111,53 +106,6 @@ class CrossCorrelation:
     nataf: bool = False
 
 
-def check_field(where: str, name: str, field: RandomField, span: Span, unusual: bool) -> None:
-    """Whether the values of a field stay within the limits of its parameter."""
-    if not unusual:
-        _ask_of_field(where, name, field)
-    kl.check_marginal(field.distribution)
-    _check_trend(where, field, span)
-    depth = field.deepest(span)
-    if field.grown(depth) <= 0:
-        raise ValueError(
-            f"{where} trend = {field.trend:g} per metre brings the mean of {field.mean:g} to "
-            f"{field.mean * field.grown(depth):.3g} at a depth of {depth:g} m: give a smaller one"
-        )
-    limit = LIMITS[name]
-    for value in extremes(field, span):
-        if not limit.holds(value):
-            number = f"{value:.3g} {limit.unit}".rstrip()
-            raise ValueError(
-                f"{where} has values of {number}, {TAIL:g} deviations from the middle: give {limit} by a "
-                "smaller cov, or marginal = 'truncated normal' with lower and upper"
-            )
-    for row in field.boreholes or ():
-        if len(row) != len(field.length) + 1:
-            raise ValueError(
-                f"{where} boreholes hold {list(row)}: give {len(field.length) + 1} numbers, the place and the value"
-            )
-
-
-def _check_trend(where: str, field: RandomField, span: Span) -> None:
-    """Whether the depth that a trend counts is one that the ground has."""
-    if field.trend_from == "surface":
-        return
-    if field.trend is None:
-        raise ValueError(f"{where} trend_from = {field.trend_from!r} without a trend: add trend, or leave it out")
-    if field.deepest(span) <= 0:
-        raise ValueError(
-            f"{where} trend_from = {field.trend_from:g} m is not above the base of the ground at {span[0]:g} m: give "
-            "an elevation within the ground or above it"
-        )
-
-
-def extremes(field: RandomField, span: Span) -> tuple[float, float]:
-    """Least and largest value of a field within `TAIL` deviations, in ground between two elevations (m)."""
-    at = np.asarray(field.distribution.transform(jnp.asarray([-TAIL, 0.0, TAIL])), float)
-    ends = [float(value) for value in np.outer(at[[0, 2]], [1.0, field.grown(field.deepest(span))]).ravel()]
-    return min(ends), max(ends)
-
-
 def steepest(soil: Any, random: Mapping[str, RandomField], span: Span) -> Any:
     """The soil where it softens most steeply beside its shear modulus: what varies at such ends of its values."""
 
@@ -166,27 +114,8 @@ def steepest(soil: Any, random: Mapping[str, RandomField], span: Span) -> Any:
         return 0.0 if law.steepest_softening is None else float(law.steepest_softening / law.shear)
 
     names = [name for name in random if hasattr(soil, name) and name != "strength_ratio"]
-    ends = product(*(extremes(random[name], span) for name in names))
+    ends = product(*(random[name].extremes(span) for name in names))
     return max((replace(soil, **dict(zip(names, each, strict=True))) for each in ends), key=steepness)
-
-
-def _ask_of_field(where: str, name: str, field: RandomField) -> None:
-    """Raise ValueError for a number of a field that betrays another unit."""
-    ask(f"{where} mean", name, field.mean)
-    ask(f"{where} cov", name, field.cov, COV)
-    # Angles may well come down to a degree.
-    for end in ("upper",) if LIMITS[name].unit == "degrees" else ("lower", "upper"):
-        ask(f"{where} {end}", name, getattr(field, end) or 0.0)
-    if field.trend is not None and name in TRENDS:
-        ask(f"{where} {'-' if field.trend < 0 else ''}trend", name, abs(field.trend), TRENDS[name])
-    for row in field.boreholes or ():
-        ask(f"{where} boreholes, value", name, row[-1])
-
-
-def ask(where: str, name: str, value: float, believed: Believed | None = None) -> None:
-    """Raise ValueError for a number that betrays another unit, see `jaxmpm.unit_slip`."""
-    if slip := unit_slip(name, value, believed):
-        raise ValueError(f"{where} = {slip} If it is meant as it is, say unusual = true in [soil]")
 
 
 def check_cross_correlation(found: CrossCorrelation, random: Mapping[str, RandomField]) -> None:

@@ -16,13 +16,9 @@ from typing import Any
 import numpy as np
 
 from cooperative.scene import tables
-from cooperative.scene.tables._key import as_points
-from cooperative.store import Source, tables_of
 from foundation.text import shown
 from jaxmpm import Raster, read_line, read_raster
 
-LARGEST = 1_000_000
-"""Bytes of a scene file at most; a scene has a few thousand."""
 MOST_HEIGHTS = 150_000
 """Heights of a raster in a scene: half of the megabyte that a scene's text may have."""
 
@@ -43,9 +39,9 @@ class Files:
         if self.folder is not None and name not in self.known:
             drawing = re.fullmatch(r"(.+?\.dxf)#(.+)", name, re.IGNORECASE)
             path, *layer = (name,) if drawing is None else drawing.groups()
-            self.known[name] = as_points(_read(read_line, self.folder / path, *layer))
+            self.known[name] = _read(read_line, self.folder / path, *layer)
         found = self.known.get(name)
-        if not isinstance(found, tuple):
+        if not isinstance(found, list):
             raise ValueError(f" = {shown(name)} is no file that was read with the scene: give points [[x, z], ...]")
         return found
 
@@ -64,70 +60,6 @@ def _read(reader: Callable[..., Any], *where: Any) -> Any:
         return reader(*where)
     except ValueError as error:
         raise ValueError(f": {error}") from error
-
-
-def files_of(table: Any) -> Files:
-    """The files in the table `files`. ValueError for one that is damaged."""
-    known = {}
-    for name, value in table.items() if isinstance(table, dict) else ():
-        try:
-            known[name] = unpacked(value) if isinstance(value, dict) else as_points(value)
-        except ValueError as error:
-            raise ValueError(f"files {shown(name)}{error}") from error
-    return Files(known)
-
-
-def source_of(scene: Source | str | Path) -> Source:
-    """What a scene is made from: its text and, of a file, the points and heights of the files that it names.
-
-    Args:
-        scene: the text, or the path of a file; a string of one line that ends in ".toml" is a path, since no scene
-            has one line.
-
-    Raises:
-        ValueError: naming the file, where one is missing or no text.
-    """
-    if isinstance(scene, Source):
-        return scene
-    if isinstance(scene, str) and ("\n" in scene or not scene.endswith(".toml")):
-        return Source(scene)
-    return read_scene(Path(scene))
-
-
-def read_scene(path: Path) -> Source:
-    """A scene's file, with the points and heights of the files that it names. Raises ValueError, naming the file, where
-    one is missing or no text, and for what no scene has."""
-    if not path.exists():
-        raise ValueError(f"there is no scene {path}: give the path of a scene in TOML")
-    if not path.is_file():
-        raise ValueError(f"scene {path} is no file: give the path of a scene in TOML")
-    if path.stat().st_size > LARGEST:
-        raise ValueError(f"scene {path} has {path.stat().st_size} bytes, the limit is {LARGEST}: is it a scene?")
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-        given = tables_of(text)
-        if "files" in given:
-            return Source(text)
-        files = Files({}, path.parent)
-        scene = tables.read(tables.Scene, given, files=files)
-    except UnicodeDecodeError as error:
-        raise ValueError(f"scene {path} is no text in UTF-8 (byte {error.start}): give a scene in TOML") from error
-    except OSError as error:
-        raise ValueError(f"scene {path} cannot be read ({error.strerror}): give a file that you may read") from error
-    table = {name: _in_table(name, found, scene.terrain) for name, found in files.known.items()}
-    return Source(text, {"files": table} if table else {})
-
-
-def _in_table(name: str, found: Any, terrain: tables.Terrain | None) -> Any:
-    """The points or the raster of a file as the table `files` has them; of a raster the part between the walls, at the
-    step of [terrain]."""
-    if not isinstance(found, Raster):
-        return [list(point) for point in found]
-    if terrain is not None:
-        x, y = found.ends
-        found = found.cropped(terrain.x or x, terrain.y or y)
-        found = found if terrain.step is None else found.resampled(terrain.step)
-    return packed(name, found)
 
 
 def to_toml(scene: dict[str, Any]) -> str:
@@ -153,6 +85,24 @@ def toml_value(value: Any) -> str:
     return str(value) if isinstance(value, float) else json.dumps(value)
 
 
+def files_of(table: Any) -> Files:
+    """The files in the table `files`. ValueError for one that is damaged."""
+    known = table if isinstance(table, dict) else {}
+    return Files({name: unpacked(name, each) if isinstance(each, dict) else each for name, each in known.items()})
+
+
+def in_table(name: str, found: Any, terrain: tables.Terrain | None) -> Any:
+    """The points or the raster of a file as the table `files` has them; of a raster the part between the walls, at the
+    step of [terrain]."""
+    if not isinstance(found, Raster):
+        return found
+    if terrain is not None:
+        x, y = found.ends
+        found = found.cropped(terrain.x or x, terrain.y or y)
+        found = found if terrain.step is None else found.resampled(terrain.step)
+    return packed(name, found)
+
+
 def packed(name: str, raster: Raster) -> dict[str, Any]:
     """A raster as a table of a scene: its heights in single precision, compressed. ValueError for too many."""
     nx, ny = raster.heights.shape
@@ -168,7 +118,7 @@ def packed(name: str, raster: Raster) -> dict[str, Any]:
     return table | {"heights": base64.b64encode(data).decode()}
 
 
-def unpacked(table: Any) -> Raster:
+def unpacked(name: str, table: Any) -> Raster:
     """The raster in a table of a scene. ValueError for one that holds something else, or less than it says."""
     try:
         (nx, ny), (x, y), step = table["shape"], table["corner"], table["step"]
@@ -184,6 +134,7 @@ def unpacked(table: Any) -> Raster:
         heights = np.frombuffer(data, "<f4").astype(float).reshape(nx, ny)
         found = Raster(heights, (float(x), float(y)), float(step), projection)
     except (AttributeError, TypeError, KeyError, ValueError, OverflowError, zlib.error, binascii.Error) as error:
-        raise ValueError(f": its table in [files] is damaged ({shown(str(error))}): run the scene's file") from error
-    found.check("")
+        where = f"files {shown(name)}: its table in [files] is damaged"
+        raise ValueError(f"{where} ({shown(str(error))}): run the scene's file") from error
+    found.check(f"files {shown(name)}")
     return found

@@ -18,13 +18,13 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Protocol
 
 import jax
 
-from cooperative.scene._campaign import Campaign
+from cooperative.scene._campaign import Campaign, taking
 from cooperative.scene.tables import Calibration, LimitLoad
 from cooperative.store import write_aside
 from jaxmpm import Scene, Settle, State, diagnostics, factor_of_safety, reduced, solve
@@ -77,25 +77,6 @@ def measure(campaign: Campaign, folder: Path, terms: Sequence[int], grids: Mappi
     if campaign.plan.calibrate and campaign.measured.calibration is None:
         campaign = kept(calibration=factors_of_safety(campaign, grids))
     return campaign
-
-
-def taking(campaign: Campaign, **found: Any) -> Campaign:
-    """The campaign with these fields of `Measured`; samples fail from the displacement of a limit load.
-
-    Raises:
-        ValueError: the failure displacement does not go with the rest of the campaign.
-    """
-    measured = replace(campaign.measured, **found)
-    limit_load = measured.limit_load
-    if limit_load is None:
-        return replace(campaign, measured=measured)
-    settle = campaign.run.settle
-    if settle is not None and settle.slides is not None:
-        settle = replace(settle, slides=limit_load.displacement)
-    run = replace(
-        campaign.run, failure_displacement=limit_load.displacement, least_volume=limit_load.volume, settle=settle
-    )
-    return replace(campaign, measured=measured, run=run)
 
 
 def factors_of_safety(campaign: Campaign, grids: Mapping[str, Grid]) -> Calibration:

@@ -9,13 +9,24 @@ from typing import Any, cast
 
 import kl
 from cooperative.scene import tables
-from cooperative.scene._fields import LIMITS, RandomField, Span, ask, check_field, extremes
+from cooperative.scene._fields import LIMITS, TAIL, RandomField, Span
 from cooperative.scene._site import SiteLayer
 from foundation.text import shown
-from jaxmpm import FrictionalSoil, Layer, Soil
+from jaxmpm import Believed, FrictionalSoil, Layer, Soil, unit_slip
 
 BAND = 1 / 5
 """Thickness of the band to which softening refers, over the slope's height, where a scene does not say."""
+
+COV = Believed(most=3.0, above="it is a share, 1 for 100 per cent; were per cent meant?")
+"""Coefficients of variation that are believed."""
+
+_STRESS = Believed("Pa per metre", 50.0, "were kPa or MPa per metre meant?")
+TRENDS = {
+    **dict.fromkeys(("strength", "cohesion", "softening_modulus", "residual_cohesion"), _STRESS),
+    "young": replace(_STRESS, least=1e4),
+    "unit_weight": Believed("N/m3 per metre", 1.0, "were kN/m3 per metre meant?"),
+}
+"""Trends with depth that are believed, upwards or downwards."""
 
 SOFTENED_BY = {
     "residual_ratio": ("softening_modulus", "strain_95"),
@@ -84,7 +95,7 @@ def _soil_of(
     for name, value in table:
         if isinstance(value, tables.Varying):
             random[name] = _field(value)
-            check_field(place(name), name, random[name], span, unusual)
+            _check_field(place(name), name, random[name], span, unusual)
             values[name] = value.mean
         elif name in LIMITS and isinstance(value, float) and not unusual:
             ask(place(name), name, value)
@@ -246,6 +257,65 @@ def _field(table: tables.Varying) -> RandomField:
     return RandomField(**{**dict(table), "bedding": bedding})
 
 
+def _check_field(where: str, name: str, field: RandomField, span: Span, unusual: bool) -> None:
+    """Whether the values of a field stay within the limits of its parameter."""
+    if not unusual:
+        _ask_of_field(where, name, field)
+    kl.check_marginal(field.distribution)
+    _check_trend(where, field, span)
+    depth = field.deepest(span)
+    if field.grown(depth) <= 0:
+        raise ValueError(
+            f"{where} trend = {field.trend:g} per metre brings the mean of {field.mean:g} to "
+            f"{field.mean * field.grown(depth):.3g} at a depth of {depth:g} m: give a smaller one"
+        )
+    limit = LIMITS[name]
+    for value in field.extremes(span):
+        if not limit.holds(value):
+            number = f"{value:.3g} {limit.unit}".rstrip()
+            raise ValueError(
+                f"{where} has values of {number}, {TAIL:g} deviations from the middle: give {limit} by a "
+                "smaller cov, or marginal = 'truncated normal' with lower and upper"
+            )
+    for row in field.boreholes or ():
+        if len(row) != len(field.length) + 1:
+            raise ValueError(
+                f"{where} boreholes hold {list(row)}: give {len(field.length) + 1} numbers, the place and the value"
+            )
+
+
+def _check_trend(where: str, field: RandomField, span: Span) -> None:
+    """Whether the depth that a trend counts is one that the ground has."""
+    if field.trend_from == "surface":
+        return
+    if field.trend is None:
+        raise ValueError(f"{where} trend_from = {field.trend_from!r} without a trend: add trend, or leave it out")
+    if field.deepest(span) <= 0:
+        raise ValueError(
+            f"{where} trend_from = {field.trend_from:g} m is not above the base of the ground at {span[0]:g} m: give "
+            "an elevation within the ground or above it"
+        )
+
+
+def _ask_of_field(where: str, name: str, field: RandomField) -> None:
+    """Raise ValueError for a number of a field that betrays another unit."""
+    ask(f"{where} mean", name, field.mean)
+    ask(f"{where} cov", name, field.cov, COV)
+    # Angles may well come down to a degree.
+    for end in ("upper",) if LIMITS[name].unit == "degrees" else ("lower", "upper"):
+        ask(f"{where} {end}", name, getattr(field, end) or 0.0)
+    if field.trend is not None and name in TRENDS:
+        ask(f"{where} {'-' if field.trend < 0 else ''}trend", name, abs(field.trend), TRENDS[name])
+    for row in field.boreholes or ():
+        ask(f"{where} boreholes, value", name, row[-1])
+
+
+def ask(where: str, name: str, value: float, believed: Believed | None = None) -> None:
+    """Raise ValueError for a number that betrays another unit, see `jaxmpm.unit_slip`."""
+    if slip := unit_slip(name, value, believed):
+        raise ValueError(f"{where} = {slip} If it is meant as it is, say unusual = true in [soil]")
+
+
 def _check_saturated(values: Mapping[str, Any], random: Mapping[str, RandomField], place: Place) -> None:
     """Water in its pores does not make soil lighter."""
     saturated, weight = values["saturated_unit_weight"], values["unit_weight"]
@@ -269,7 +339,7 @@ def _check_friction(values: Mapping[str, Any], random: Mapping[str, RandomField]
         return
 
     def ends(name: str) -> tuple[float, float]:
-        return extremes(random[name], span) if name in random else (values[name], values[name])
+        return random[name].extremes(span) if name in random else (values[name], values[name])
 
     for name in ("cohesion", "friction") if values["softening_strain"] is not None else ():
         (least, _), (_, residual) = ends(name), ends(f"residual_{name}")

@@ -12,11 +12,10 @@ from typing import Any, cast
 
 from cooperative.estimate import Estimator, Sampling
 from cooperative.scene import tables
-from cooperative.scene._campaign import Campaign, Given, made_from
-from cooperative.scene._files import source_of
-from cooperative.scene._measured import NAME, taking
-from cooperative.scene._typed import parse
-from cooperative.scene._words import campaign_of_words, in_words, source_of_value
+from cooperative.scene._campaign import Campaign, Given, taking
+from cooperative.scene._measured import NAME
+from cooperative.scene._typed import parse, source_of
+from cooperative.scene._words import in_python
 from cooperative.store import MOST_TEXT, SCENE, Source, Store, completed, refuse_another, stored_source, write_aside
 from foundation import files
 from foundation.text import shown
@@ -36,32 +35,22 @@ def campaign_of(store: Store, estimator: Estimator | None = None) -> Campaign:
 
     estimator: that of the script, where one gave it.
     """
-    return _grown(read(store.source, estimator, begun=True), store.folder, None)
+    return _grown(read(store.source, estimator), store.folder, None)
 
 
-def read(scene: Campaign | Source | str | Path, estimator: Estimator | None = None, *, begun: bool = False) -> Campaign:
+def read(scene: Campaign | Source | str | Path, estimator: Estimator | None = None) -> Campaign:
     """A campaign, checked.
 
     Args:
         scene: in TOML its text, the path of its file, or what a folder keeps of it; one that was written in Python.
         estimator: in place of one that a scene names, or the one that the script of a campaign gave.
-        begun: whether the campaign is under way; its numbers were accepted when it began, and none is asked about.
 
     Raises:
         ValueError: as `parse` and `Campaign`; an estimator that is not the campaign's.
     """
-    if isinstance(scene, Campaign):
-        campaign, source = scene, source_of_value(scene)
-    elif isinstance(scene, Source) and scene.text is None:
-        campaign, source = campaign_of_words(scene), scene
-    else:
-        return parse(scene, estimator, begun=begun)
-    if estimator is not None:
-        words, there = in_words(estimator), source.beside["campaign"].get("estimator")
-        if words != there:
-            raise ValueError(f"the campaign's estimator is {there}, not {words}: give that one, or another folder")
-        campaign = replace(campaign, estimator=estimator)
-    return made_from(source, replace(campaign))
+    if isinstance(scene, Campaign) or (isinstance(scene, Source) and scene.text is None):
+        return in_python(scene, estimator)
+    return parse(scene, estimator)
 
 
 def in_folder(
@@ -82,8 +71,7 @@ def in_folder(
     if isinstance(scene, Campaign) and scene.source.text is not None:
         estimator = scene.estimator if "estimator" in scene.source.tables else None
         scene = scene.source
-    scene = scene if isinstance(scene, Campaign) else settled(scene, folder)
-    campaign = read(scene, estimator, begun=stored_source(folder) is not None)
+    campaign = read(scene if isinstance(scene, Campaign) else settled(scene, folder), estimator)
     refuse_another(folder, campaign.source)
     return _grown(campaign, folder, refined_runs), campaign.source
 
@@ -103,7 +91,7 @@ def settled(scene: Source | str | Path, folder: Path, name: str = SCENE) -> Sour
     if there is not None:
         return completed(source, there)
     if "defaults" in source.tables:
-        return source
+        return Source(source.text, source.beside)
     today = {
         "cfl": tables.Grid.model_fields["cfl"].default,
         "gap_memory": tables.Soil.model_fields["gap_memory"].default,

@@ -12,12 +12,11 @@ import numpy as np
 from cooperative.estimate import SETTINGS, Estimator, named_estimator
 from cooperative.measure import Place, Track
 from cooperative.scene import tables
-from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, Run, made_from
-from cooperative.scene._fields import CrossCorrelation, ask
-from cooperative.scene._files import files_of, source_of
-from cooperative.scene._measured import taking
+from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, Run, made_from, taking
+from cooperative.scene._fields import CrossCorrelation
+from cooperative.scene._files import Files, files_of, in_table
 from cooperative.scene._site import Site
-from cooperative.scene._soil import soils_of
+from cooperative.scene._soil import ask, soils_of
 from cooperative.store import Source
 from foundation.text import short, shown
 from jaxmpm import (
@@ -34,17 +33,18 @@ from jaxmpm import (
     cell_independent,
 )
 
+LARGEST = 1_000_000
+"""Bytes of a scene file at most; a scene has a few thousand."""
 DEEPEST_POOL = 10.0
 """Depth of water on the ground up to which it is believed, over the height of the ground above its base."""
 
 
-def parse(asked: Source | str | Path, estimator: Estimator | None = None, *, begun: bool = False) -> Campaign:
+def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Campaign:
     """Read and check a scene.
 
     asked: the scene's text, its file, or both with what a folder keeps beside it.
     estimator: takes the place of the one that the scene names. The campaign's source has it in words, so that a folder
-    knows which estimator it belongs to. begun: whether the campaign is under way; its numbers were accepted when
-    it began, and none is asked about.
+    knows which estimator it belongs to.
     Raises ValueError for TOML that does not parse, unknown keys (naming the nearest one), missing keys, wrong
     types and values out of range. What depends on the geometry is checked when the grids are built.
     """
@@ -52,7 +52,7 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None, *, beg
     scene = tables.read(tables.Scene, source.tables, files=files_of(source.tables.get("files")))
     if scene.sweep is not None:
         raise ValueError("the scene has a table [sweep], so it is many campaigns: run it as a sweep")
-    scene = _as_begun(scene, begun)
+    scene = _as_begun(scene, source.begun)
     given = _given(scene, estimator)
     if given is not None and scene.estimator is None:
         source = replace(source, beside={**source.beside, "estimator": {"given": given}})
@@ -85,6 +85,47 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None, *, beg
     terms = None if scene.field_modes is None else scene.field_modes.counts
     campaign = taking(campaign, terms=terms, calibration=scene.calibration, limit_load=scene.limit_load)
     return made_from(source, campaign)
+
+
+def source_of(scene: Source | str | Path) -> Source:
+    """What a scene is made from: its text and, of a file, the points and heights of the files that it names.
+
+    Args:
+        scene: the text, or the path of a file; a string of one line that ends in ".toml" is a path, since no scene
+            has one line.
+
+    Raises:
+        ValueError: naming the file, where one is missing or no text.
+    """
+    if isinstance(scene, Source):
+        return scene
+    if isinstance(scene, str) and ("\n" in scene or not scene.endswith(".toml")):
+        return Source(scene)
+    return read_scene(Path(scene))
+
+
+def read_scene(path: Path) -> Source:
+    """A scene's file, with the points and heights of the files that it names. Raises ValueError, naming the file, where
+    one is missing or no text, and for what no scene has."""
+    if not path.exists():
+        raise ValueError(f"there is no scene {path}: give the path of a scene in TOML")
+    if not path.is_file():
+        raise ValueError(f"scene {path} is no file: give the path of a scene in TOML")
+    if path.stat().st_size > LARGEST:
+        raise ValueError(f"scene {path} has {path.stat().st_size} bytes, the limit is {LARGEST}: is it a scene?")
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+        source = Source(text)
+        if "files" in source.tables:
+            return source
+        files = Files({}, path.parent)
+        scene = tables.read(tables.Scene, source.tables, files=files)
+    except UnicodeDecodeError as error:
+        raise ValueError(f"scene {path} is no text in UTF-8 (byte {error.start}): give a scene in TOML") from error
+    except OSError as error:
+        raise ValueError(f"scene {path} cannot be read ({error.strerror}): give a file that you may read") from error
+    table = {name: in_table(name, found, scene.terrain) for name, found in files.known.items()}
+    return Source(text, {"files": table} if table else {})
 
 
 def built(campaign: Campaign, grid: str, *, at_rest: bool = True) -> tuple[Scene, State]:

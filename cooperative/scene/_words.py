@@ -28,7 +28,8 @@ import numpy as np
 import jaxmpm
 import kl
 from cooperative import estimate, measure
-from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, Run
+from cooperative.estimate import Estimator
+from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, Run, made_from
 from cooperative.scene._fields import CrossCorrelation, RandomField
 from cooperative.scene._site import Site, SiteLayer
 from cooperative.store import Source
@@ -69,6 +70,23 @@ def campaign_of_words(source: Source) -> Campaign:
         return Campaign(**fields)
     except (AttributeError, KeyError, TypeError, zlib.error) as error:
         raise ValueError(f"campaign.json holds no campaign ({error}): put back the file that it began with") from error
+
+
+def in_python(scene: Campaign | Source, estimator: Estimator | None) -> Campaign:
+    """A campaign that was written in Python, of a script or of a folder, made from its words.
+
+    estimator: that of the script, where one gave it. Raises ValueError for one that is not the campaign's.
+    """
+    if isinstance(scene, Campaign):
+        campaign, source = scene, source_of_value(scene)
+    else:
+        campaign, source = campaign_of_words(scene), scene
+    if estimator is not None:
+        words, there = in_words(estimator), source.beside["campaign"].get("estimator")
+        if words != there:
+            raise ValueError(f"the campaign's estimator is {there}, not {words}: give that one, or another folder")
+        campaign = dataclasses.replace(campaign, estimator=estimator)
+    return made_from(source, dataclasses.replace(campaign))
 
 
 def in_words(value: Any, where: str = "campaign") -> Any:

@@ -37,10 +37,12 @@ class Source:
         beside: tables that the text does not have: `defaults` of the time when the campaign began, points and heights
             of the `files` that the scene names, a script's `estimator` in words. Of a campaign that was written in
             Python: `campaign`, its fields in words.
+        begun: whether a folder holds it; its numbers were accepted when it began, and none is asked about.
     """
 
     text: str | None
     beside: Mapping[str, Any] = field(default_factory=dict)
+    begun: bool = field(default=False, compare=False)
 
     @cached_property
     def tables(self) -> dict[str, Any]:
@@ -96,7 +98,7 @@ def stored_source(folder: Path, scene: str = SCENE) -> Source | None:
     """
     path, beside = folder / scene, _beside(folder / CAMPAIGN)
     if not os.path.lexists(path):
-        return Source(None, beside) if "campaign" in beside else None
+        return Source(None, beside, begun=True) if "campaign" in beside else None
     try:
         text = files.read_plain(path, MOST_TEXT).decode("utf-8-sig")
         tables = tomllib.loads(text) | beside
@@ -104,7 +106,7 @@ def stored_source(folder: Path, scene: str = SCENE) -> Source | None:
         raise ValueError(f"{path} is not text in UTF-8: {error}") from error
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ValueError(f"{path} is not valid TOML: {error}") from error
-    return Source(text, beside if "defaults" in tables else beside | tomllib.loads(FIRST_DEFAULTS))
+    return Source(text, beside if "defaults" in tables else beside | tomllib.loads(FIRST_DEFAULTS), begun=True)
 
 
 def _beside(path: Path) -> dict[str, Any]:
@@ -135,7 +137,7 @@ def refuse_another(folder: Path, source: Source) -> Source | None:
 def completed(asked: Source, there: Source) -> Source:
     """A scene that is given again, with the tables of its folder that it does not have."""
     missing = {name: there.tables[name] for name in OF_THE_FOLDER if name in there.tables and name not in asked.tables}
-    return Source(asked.text, {**asked.beside, **missing})
+    return Source(asked.text, {**asked.beside, **missing}, begun=True)
 
 
 def differences(there: Source, asked: Source, most: int = 5) -> list[str]:

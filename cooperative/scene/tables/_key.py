@@ -159,7 +159,7 @@ def _is_finite(value: object) -> bool:
 def _points(value: Any, info: ValidationInfo) -> Any:
     if not isinstance(value, str):
         return as_points(value)
-    return value if info.context is None else info.context.points(value)
+    return value if info.context is None else as_points(info.context.points(value))
 
 
 Line = Annotated[
