@@ -5,6 +5,7 @@ Another machine is played by a folder that keeps the count that it would have co
 
 import json
 import warnings
+from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 
 from benchmarks.invented import TINY
 from cooperative import run, runs
-from cooperative.scene import campaign_of, parse, taking, with_measured
+from cooperative.scene import Measured, campaign_of, parse, with_measured
 from cooperative.store import read_sample, read_store
 from tests.test_random_soil import CORRELATED, FIELDS, LEFT, SAND
 
@@ -46,7 +47,7 @@ def test_a_folder_keeps_the_count_of_the_machine_it_began_on(tmp_path):
 
 def test_workers_and_readers_take_the_kept_count(tmp_path):
     text, _ = at_the_edge(6)
-    campaign = taking(parse(text), terms=(6,))
+    campaign = replace(parse(text), measured=Measured((6,)))
     assert runs.random_soil(campaign).modes == 6
     (tmp_path / "measured.json").write_text('{"terms": [7]}')
     assert with_measured(campaign, tmp_path) == campaign
@@ -55,7 +56,7 @@ def test_workers_and_readers_take_the_kept_count(tmp_path):
 def test_the_modes_are_those_of_the_field_but_for_the_last():
     text, here = at_the_edge(6)
     own = runs.build(parse(text), "rough", runs.random_soil(parse(text)), at_rest=False)
-    fewer_campaign = taking(parse(text), terms=(6,))
+    fewer_campaign = replace(parse(text), measured=Measured((6,)))
     fewer = runs.build(fewer_campaign, "rough", runs.random_soil(fewer_campaign), at_rest=False)
     xi = np.random.default_rng(1).normal(size=here).astype(np.float32)
     xi[-1] = 0
@@ -65,7 +66,7 @@ def test_the_modes_are_those_of_the_field_but_for_the_last():
 @pytest.mark.parametrize("text", [SAND, SAND + CORRELATED, SAND.replace(FIELDS, FIELDS + LEFT)])
 def test_each_group_takes_its_own(text):
     soil = runs.random_soil(parse(text))
-    kept = runs.random_soil(taking(parse(text), terms=soil.counts))
+    kept = runs.random_soil(replace(parse(text), measured=Measured(soil.counts)))
     assert kept.counts == soil.counts
     assert [group.names for group in kept.groups] == [group.names for group in soil.groups]
 

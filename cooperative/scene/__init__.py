@@ -1,6 +1,6 @@
 """Scenes: TOML in, one checked and immutable campaign out."""
 
-from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, Run, taking
+from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, Run
 from cooperative.scene._examples import NAMED, SCHEMA, begin, example, examples, starters, write_example
 from cooperative.scene._fields import TAIL, CrossCorrelation, RandomField, gaussian_root, steepest
 from cooperative.scene._files import to_toml
@@ -64,7 +64,6 @@ __all__ = [
     "starters",
     "steepest",
     "stored_measured",
-    "taking",
     "to_toml",
     "with_measured",
     "write_budget",

@@ -17,7 +17,7 @@ from cooperative.estimate import Estimator, Sampling, TwoPhase
 from cooperative.measure import Place
 from cooperative.scene._fields import CrossCorrelation, RandomField, check_cross_correlation
 from cooperative.scene._site import Site, SiteLayer, check_site
-from cooperative.scene.tables import Budget, Measured
+from cooperative.scene.tables import Budget, LimitLoad, Measured
 from cooperative.store import Source
 from jaxmpm import Discretisation, Settle, ground
 
@@ -158,7 +158,7 @@ class Campaign:
         name: of the campaign, one line.
         measured: terms, factors of safety and limit load that are known; a folder adds what it has measured.
         raised: refined runs that the campaign's folder allows beyond the estimator's.
-        source: what it was read from, see `made_from`; nothing where Python wrote or changed it.
+        source: what it was read from, nothing where Python wrote or changed it.
 
     Raises:
         ValueError: numbers out of range, or parts that do not go together.
@@ -180,13 +180,15 @@ class Campaign:
     source: Source = field(default=Source(None), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Put the ground into a site, means into the soil, and check what goes together."""
+        """Put the ground into a site, means into the soil, a limit load into the run, and check what goes together."""
         if not isinstance(self.ground, Site | Given):
             object.__setattr__(self, "ground", Site(self.ground))
         for grid in ("rough", "refined"):
             if getattr(self, grid).dtype is None:
                 object.__setattr__(self, grid, replace(getattr(self, grid), dtype="float32"))
         object.__setattr__(self, "random", MappingProxyType(dict(self.random)))
+        if self.measured.limit_load is not None:
+            object.__setattr__(self, "run", _failing_at(self.run, self.measured.limit_load))
         if isinstance(self.ground, Given) or isinstance(self.site.shape, Given) or isinstance(self.soil, Given):
             return  # of a folder whose script is not here, and checked when it began
         ground.check_ground(self.site.shape)
@@ -194,6 +196,11 @@ class Campaign:
         if self.plan.slides == 0 or self.site.shape.face is None:
             object.__setattr__(self, "plan", replace(self.plan, modes=()))
         check_campaign(self)
+
+    def made_from(self, source: Source) -> Campaign:
+        """The campaign, newly made, with what it was read from; `replace` leaves that out of what it makes."""
+        object.__setattr__(self, "source", source)
+        return self
 
     @property
     def site(self) -> Site:
@@ -218,29 +225,12 @@ class Campaign:
         return None if volume is None else f"{volume:g} {unit}"
 
 
-def made_from(source: Source, campaign: Campaign) -> Campaign:
-    """The campaign, newly made, with what it was read from; `replace` leaves that out of what it makes."""
-    object.__setattr__(campaign, "source", source)
-    return campaign
-
-
-def taking(campaign: Campaign, **found: Any) -> Campaign:
-    """The campaign with these fields of `Measured`; samples fail from the displacement of a limit load.
-
-    Raises:
-        ValueError: the failure displacement does not go with the rest of the campaign.
-    """
-    measured = replace(campaign.measured, **found)
-    limit_load = measured.limit_load
-    if limit_load is None:
-        return replace(campaign, measured=measured)
-    settle = campaign.run.settle
+def _failing_at(run: Run, limit_load: LimitLoad) -> Run:
+    """The run of samples that fail from the displacement of a limit load."""
+    settle = run.settle
     if settle is not None and settle.slides is not None:
         settle = replace(settle, slides=limit_load.displacement)
-    run = replace(
-        campaign.run, failure_displacement=limit_load.displacement, least_volume=limit_load.volume, settle=settle
-    )
-    return replace(campaign, measured=measured, run=run)
+    return replace(run, failure_displacement=limit_load.displacement, least_volume=limit_load.volume, settle=settle)
 
 
 def _with_means(soil: Any, random: Mapping[str, RandomField]) -> Any:

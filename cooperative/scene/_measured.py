@@ -18,13 +18,13 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Protocol
 
 import jax
 
-from cooperative.scene._campaign import Campaign, taking
+from cooperative.scene._campaign import Campaign
 from cooperative.scene.tables import Calibration, LimitLoad
 from cooperative.store import write_aside
 from jaxmpm import Scene, Settle, State, diagnostics, factor_of_safety, reduced, solve
@@ -65,7 +65,7 @@ def measure(campaign: Campaign, folder: Path, terms: Sequence[int], grids: Mappi
     """
 
     def kept(**found: Any) -> Campaign:
-        ready = taking(campaign, **found)
+        ready = replace(campaign, measured=replace(campaign.measured, **found))
         there = {name: value for name, value in asdict(ready.measured).items() if value is not None}
         write_aside(folder / NAME, json.dumps(there).encode())
         return ready

@@ -64,6 +64,11 @@ def soils_of(
 
     height: of the slope (m). span: of the ground. Raises ValueError for soil and layers that will not do.
     """
+    if not scene.unusual:
+        _ask("[run] gravity", "gravity", scene.run.gravity)
+        if scene.ground is not None and scene.ground.interface is not None:
+            for name, value in scene.ground.interface:
+                _ask(f"[ground.interface] {name}", name, value)
     soil, random = None, cast(Mapping[str, RandomField], {})
     if scene.soil is not None and not (scene.layer and _kind(_of_scene(scene)) is None):
         table = scene.soil if scene.strength is None else scene.soil.model_copy(update={"strength": scene.strength})
@@ -98,7 +103,7 @@ def _soil_of(
             _check_field(place(name), name, random[name], span, unusual)
             values[name] = value.mean
         elif name in LIMITS and isinstance(value, float) and not unusual:
-            ask(place(name), name, value)
+            _ask(place(name), name, value)
     for name, others in SOFTENED_BY.items():
         if name in random and all(values[other] is None for other in others):
             raise ValueError(
@@ -299,18 +304,18 @@ def _check_trend(where: str, field: RandomField, span: Span) -> None:
 
 def _ask_of_field(where: str, name: str, field: RandomField) -> None:
     """Raise ValueError for a number of a field that betrays another unit."""
-    ask(f"{where} mean", name, field.mean)
-    ask(f"{where} cov", name, field.cov, COV)
+    _ask(f"{where} mean", name, field.mean)
+    _ask(f"{where} cov", name, field.cov, COV)
     # Angles may well come down to a degree.
     for end in ("upper",) if LIMITS[name].unit == "degrees" else ("lower", "upper"):
-        ask(f"{where} {end}", name, getattr(field, end) or 0.0)
+        _ask(f"{where} {end}", name, getattr(field, end) or 0.0)
     if field.trend is not None and name in TRENDS:
-        ask(f"{where} {'-' if field.trend < 0 else ''}trend", name, abs(field.trend), TRENDS[name])
+        _ask(f"{where} {'-' if field.trend < 0 else ''}trend", name, abs(field.trend), TRENDS[name])
     for row in field.boreholes or ():
-        ask(f"{where} boreholes, value", name, row[-1])
+        _ask(f"{where} boreholes, value", name, row[-1])
 
 
-def ask(where: str, name: str, value: float, believed: Believed | None = None) -> None:
+def _ask(where: str, name: str, value: float, believed: Believed | None = None) -> None:
     """Raise ValueError for a number that betrays another unit, see `jaxmpm.unit_slip`."""
     if slip := unit_slip(name, value, believed):
         raise ValueError(f"{where} = {slip} If it is meant as it is, say unusual = true in [soil]")

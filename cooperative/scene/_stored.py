@@ -12,11 +12,11 @@ from typing import Any, cast
 
 from cooperative.estimate import Estimator, Sampling
 from cooperative.scene import tables
-from cooperative.scene._campaign import Campaign, Given, taking
+from cooperative.scene._campaign import Campaign, Given
 from cooperative.scene._measured import NAME
 from cooperative.scene._typed import parse, source_of
 from cooperative.scene._words import in_python
-from cooperative.store import MOST_TEXT, SCENE, Source, Store, completed, refuse_another, stored_source, write_aside
+from cooperative.store import MOST_TEXT, SCENE, Source, Store, refuse_another, stored_source, write_aside
 from foundation import files
 from foundation.text import shown
 
@@ -89,7 +89,7 @@ def settled(scene: Source | str | Path, folder: Path, name: str = SCENE) -> Sour
     """
     source, there = source_of(scene), stored_source(folder, name)
     if there is not None:
-        return completed(source, there)
+        return source.completed(there)
     if "defaults" in source.tables:
         return Source(source.text, source.beside)
     today = {
@@ -184,7 +184,8 @@ def with_measured(campaign: Campaign, folder: Path) -> Campaign:
     }
     wanted = [name for name, wants in asked.items() if wants and getattr(campaign.measured, name) is None]
     stored = stored_measured(folder, wanted)
-    return taking(campaign, **{name: getattr(stored, name) for name in wanted})
+    known = {name: getattr(stored, name) for name in wanted}
+    return replace(campaign, measured=replace(campaign.measured, **known)) if known else campaign
 
 
 def _content(path: Path, table: type[Any], what: str, remedy: str) -> Any:

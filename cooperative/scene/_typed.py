@@ -12,11 +12,11 @@ import numpy as np
 from cooperative.estimate import SETTINGS, Estimator, named_estimator
 from cooperative.measure import Place, Track
 from cooperative.scene import tables
-from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, Run, made_from, taking
+from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, Run
 from cooperative.scene._fields import CrossCorrelation
 from cooperative.scene._files import Files, files_of, in_table
 from cooperative.scene._site import Site
-from cooperative.scene._soil import ask, soils_of
+from cooperative.scene._soil import soils_of
 from cooperative.store import Source
 from foundation.text import short, shown
 from jaxmpm import (
@@ -56,8 +56,6 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
     given = _given(scene, estimator)
     if given is not None and scene.estimator is None:
         source = replace(source, beside={**source.beside, "estimator": {"given": given}})
-    if not scene.unusual:
-        ask("[run] gravity", "gravity", scene.run.gravity)
     ground = _site(scene)
     whole, through, layers = soils_of(scene, height=ground.height, span=ground.span)
     site = replace(ground, layers=layers)
@@ -67,6 +65,8 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
             "nothing in the scene is random: give at least one parameter of the soil as a table, such as "
             "[soil.cohesion] with mean, cov and length"
         )
+    _check_limit_load(scene.run, scene.limit_load)
+    terms = None if scene.field_modes is None else scene.field_modes.counts
     together = scene.cross_correlation
     campaign = Campaign(
         name=scene.name,
@@ -80,11 +80,9 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
         plan=_plan(scene.campaign, has_modes=site.shape.face is not None),
         estimator=estimator or (Given("estimator", given) if given else _named(scene.campaign)),
         hazard=_hazard(scene),
+        measured=tables.Measured(terms, scene.calibration, scene.limit_load),
     )
-    _check_limit_load(scene.run, scene.limit_load)
-    terms = None if scene.field_modes is None else scene.field_modes.counts
-    campaign = taking(campaign, terms=terms, calibration=scene.calibration, limit_load=scene.limit_load)
-    return made_from(source, campaign)
+    return campaign.made_from(source)
 
 
 def source_of(scene: Source | str | Path) -> Source:
@@ -164,9 +162,6 @@ def _section(scene: tables.Scene, table: tables.Ground) -> Site:
     values = dict(table)
     ends = values.pop("ends")
     contact = None if table.interface is None else Interface(**dict(table.interface))
-    if contact is not None and not scene.unusual:
-        for name in ("friction", "cohesion"):
-            ask(f"[ground.interface] {name}", name, getattr(contact, name))
     shape = Section(**{**values, "interface": contact})
     try:
         shape.check()

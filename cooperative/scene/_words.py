@@ -29,7 +29,7 @@ import jaxmpm
 import kl
 from cooperative import estimate, measure
 from cooperative.estimate import Estimator
-from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, Run, made_from
+from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, Run
 from cooperative.scene._fields import CrossCorrelation, RandomField
 from cooperative.scene._site import Site, SiteLayer
 from cooperative.store import Source
@@ -86,7 +86,7 @@ def in_python(scene: Campaign | Source, estimator: Estimator | None) -> Campaign
         if words != there:
             raise ValueError(f"the campaign's estimator is {there}, not {words}: give that one, or another folder")
         campaign = dataclasses.replace(campaign, estimator=estimator)
-    return made_from(source, dataclasses.replace(campaign))
+    return dataclasses.replace(campaign).made_from(source)
 
 
 def in_words(value: Any, where: str = "campaign") -> Any:

@@ -59,6 +59,11 @@ class Source:
         """For people: the scene's text, or the fields of a campaign that was written in Python."""
         return json.dumps(self.beside, indent=1) if self.text is None else self.text
 
+    def completed(self, there: Source) -> Source:
+        """A scene that is given again, with the tables of its folder that it does not have."""
+        missing = {key: there.tables[key] for key in OF_THE_FOLDER if key in there.tables and key not in self.tables}
+        return Source(self.text, {**self.beside, **missing}, begun=True)
+
     def write(self, folder: Path, scene: str = SCENE) -> None:
         """Begin the folder of a campaign, or of a sweep, with it. OSError where the disk refuses."""
         # First, so that no scene is ever without what goes with it; alone it is no campaign yet.
@@ -134,18 +139,12 @@ def refuse_another(folder: Path, source: Source) -> Source | None:
     return there
 
 
-def completed(asked: Source, there: Source) -> Source:
-    """A scene that is given again, with the tables of its folder that it does not have."""
-    missing = {name: there.tables[name] for name in OF_THE_FOLDER if name in there.tables and name not in asked.tables}
-    return Source(asked.text, {**asked.beside, **missing}, begun=True)
-
-
 def differences(there: Source, asked: Source, most: int = 5) -> list[str]:
     """What two campaigns have otherwise, in words."""
     if (there.text is None) != (asked.text is None):
         kinds = ("a scene", "written in Python")
         return [f"it is {kinds[there.text is None]} there and {kinds[asked.text is None]} now"]
-    old, new = _flat(there.tables), _flat(completed(asked, there).tables)
+    old, new = _flat(there.tables), _flat(asked.completed(there).tables)
     lines = [
         f"{short(key)} is {short(old.get(key, 'not set'))} there and {short(new.get(key, 'not set'))} now"
         for key in sorted(old.keys() | new.keys())
