@@ -84,10 +84,10 @@ def test_ground_alone_is_a_site_and_the_soil_has_the_means_of_what_varies():
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"run": Run(t_end=-1.0)}, r"t_end = -1: give a finite value above 0"),
+        ({"run": Run(t_end=-1.0)}, r"t_end = -1 s: give a finite value above 0"),
         ({"run": Run(slides_t_end=1.0)}, r"slides_t_end = 1 s is before t_end = 20 s"),
-        ({"plan": Plan(samples=0)}, r"samples = 0: give 1 or more"),
-        ({"plan": Plan(samples=6, seed=-1)}, r"seed = -1: give 0 to 2\^63 - 1"),
+        ({"plan": Plan(samples=0)}, r"samples = 0: give a whole number of 1 or more"),
+        ({"plan": Plan(samples=6, seed=-1)}, r"seed = -1: give a whole number of 0 or more"),
         ({"random": {"strength": RandomField(30e3, 0.4, (20.0,))}}, r"length has 1 values: give 2, one per axis"),
         ({"estimator": Published(k_t=0)}, r"k_t = 0"),
         ({"ground": 3.0}, r"float lacks .*: add the members of jaxmpm.Ground"),

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import kl
-from cooperative.scene import Campaign, CrossCorrelation, RandomField, Site, gaussian_root
+from cooperative.scene import Campaign, CrossCorrelation, RandomField, Site
 
 Box = tuple[tuple[float, ...], tuple[float, ...]]
 """Lowest corner and edges (d,) m."""
@@ -158,7 +158,7 @@ def _group(
     layer, fields, box = part[0], MappingProxyType(dict(part[1])), part[2]
     try:
         expansion = _expansion(fields[names[0]], box, count)
-        root = None if correlated is None or names != correlated.parameters else gaussian_root(correlated, fields)
+        root = None if correlated is None or names != correlated.parameters else correlated.gaussian_root(fields)
         return Group(names, expansion, box, root, _conditioning(names, fields, expansion, root, site), layer)
     except ValueError as error:
         raise ValueError(f"random {' and '.join(names)}: {error}") from error

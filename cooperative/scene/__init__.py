@@ -2,7 +2,7 @@
 
 from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, Run
 from cooperative.scene._examples import NAMED, SCHEMA, begin, example, examples, starters, write_example
-from cooperative.scene._fields import TAIL, CrossCorrelation, RandomField, gaussian_root, steepest
+from cooperative.scene._fields import TAIL, CrossCorrelation, RandomField, steepest
 from cooperative.scene._files import to_toml
 from cooperative.scene._measured import (
     factors_of_safety,
@@ -49,7 +49,6 @@ __all__ = [
     "example",
     "examples",
     "factors_of_safety",
-    "gaussian_root",
     "in_folder",
     "json_schema",
     "kept_budget",

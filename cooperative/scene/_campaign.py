@@ -15,6 +15,7 @@ from jax.typing import ArrayLike
 import kl
 from cooperative.estimate import Estimator, Sampling, TwoPhase
 from cooperative.measure import Place
+from cooperative.scene import tables
 from cooperative.scene._fields import CrossCorrelation, RandomField, check_cross_correlation
 from cooperative.scene._site import Site, SiteLayer, check_site
 from cooperative.scene.tables import Budget, LimitLoad, Measured
@@ -63,12 +64,6 @@ class Run:
     def last(self, grid: str) -> float:
         """Time (s) at which a run of a grid ends at the latest."""
         return self.t_end if grid == "rough" or self.slides_t_end is None else self.slides_t_end
-
-
-def _above_zero(table: str, numbers: Mapping[str, float]) -> None:
-    for name, value in numbers.items():
-        if not 0 < value < float("inf"):
-            raise ValueError(f"[{table}] {name} = {value:g}: give a finite value above 0")
 
 
 @dataclass(frozen=True)
@@ -244,8 +239,10 @@ def check_campaign(campaign: Campaign) -> None:
     """Ranges that no builder looks at."""
     check_site(campaign.site, campaign.soil, campaign.grids["refined"].cell)
     run, plan, dimension = campaign.run, campaign.plan, campaign.dimension
-    _above_zero("run", {name: getattr(run, name) for name in ("t_end", "gravity", "failure_displacement")})
-    if run.slides_t_end is not None and not run.t_end <= run.slides_t_end < float("inf"):
+    for where, table, value in (("run", tables.Run, run), ("campaign", tables.Campaign, plan)):
+        numbers = {name: each for name, each in vars(value).items() if isinstance(each, int | float)}
+        tables.read(table, {name: each for name, each in numbers.items() if name in table.model_fields}, where)
+    if run.slides_t_end is not None and run.slides_t_end < run.t_end:
         raise ValueError(
             f"[run] slides_t_end = {run.slides_t_end:g} s is before t_end = {run.t_end:g} s, up to which all runs go: "
             "give at least that, or leave it out"
@@ -255,11 +252,10 @@ def check_campaign(campaign: Campaign) -> None:
             f"[run] slides_t_end = {run.slides_t_end:g} s has no say beside [campaign] slides = 0, which asks for no "
             "slides: leave one of them out"
         )
-    _above_zero("campaign", {"restart_every": plan.restart_every})
-    if run.least_volume is not None and not 0 < run.least_volume < ground.volume(campaign.site.shape):
+    volume = ground.volume(campaign.site.shape)
+    if run.least_volume is not None and run.least_volume >= volume:
         raise ValueError(
-            f"[run] least_volume = {campaign.least_volume}: give more than 0 and less than the ground's "
-            f"{ground.volume(campaign.site.shape):.4g}"
+            f"[run] least_volume = {campaign.least_volume}: give more than 0 and less than the ground's {volume:.4g}"
         )
     for name, varies in campaign.random.items():
         if len(varies.length) != dimension:
@@ -272,17 +268,6 @@ def check_campaign(campaign: Campaign) -> None:
         except ValueError as error:
             raise ValueError(f"{layer.label}: {error}") from error
     _check_boreholes(campaign)
-    for name, value in (
-        ("samples", plan.samples),
-        ("lanes", 1 if plan.lanes is None else plan.lanes),
-        ("look_ahead", plan.look_ahead),
-    ):
-        if value < 1:
-            raise ValueError(f"[campaign] {name} = {value}: give 1 or more")
-    if plan.slides is not None and plan.slides < 0:
-        raise ValueError(f"[campaign] slides = {plan.slides}: give 0 or more, or 'all'")
-    if not 0 <= plan.seed < 2**63:
-        raise ValueError(f"[campaign] seed = {plan.seed}: give 0 to 2^63 - 1")
     check_failure(campaign)
     if plan.screening_stop is not None and "rough" in plan.modes:
         raise ValueError(

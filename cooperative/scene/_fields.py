@@ -105,6 +105,18 @@ class CrossCorrelation:
     matrix: tuple[tuple[float, ...], ...]
     nataf: bool = False
 
+    def gaussian_root(self, random: Mapping[str, RandomField]) -> np.ndarray:
+        """What independent Gaussian fields (P,) are multiplied by, to be correlated (P, P). Raises ValueError for a
+        matrix that is no correlation, or that the marginals cannot have."""
+        try:
+            if not self.nataf:
+                return kl.correlation_root(self.matrix)
+            kl.correlation_root(self.matrix)
+            marginals = tuple(random[name].distribution for name in self.parameters)
+            return kl.correlation_root(kl.nataf_matrix(self.matrix, marginals))
+        except ValueError as error:
+            raise ValueError(f"[cross_correlation] {error}") from error
+
 
 def steepest(soil: Any, random: Mapping[str, RandomField], span: Span) -> Any:
     """The soil where it softens most steeply beside its shear modulus: what varies at such ends of its values."""
@@ -140,7 +152,7 @@ def check_cross_correlation(found: CrossCorrelation, random: Mapping[str, Random
                 f"[cross_correlation] {name} has not the length, correlation, bedding, energy and nataf of "
                 f"{found.parameters[0]}: fields that correlate need the same"
             )
-    gaussian_root(found, random)
+    found.gaussian_root(random)
 
 
 def _shape(field: RandomField) -> Any:
@@ -148,16 +160,3 @@ def _shape(field: RandomField) -> Any:
     told = (field.correlation, field.length, field.bedding, field.energy, field.nataf)
     bounds = (None if end is None else end / field.mean for end in (field.lower, field.upper))
     return (*told, field.marginal, field.cov, *bounds) if field.nataf else told
-
-
-def gaussian_root(found: CrossCorrelation, random: Mapping[str, RandomField]) -> np.ndarray:
-    """What independent Gaussian fields (P,) are multiplied by, to be correlated (P, P). Raises ValueError for a matrix
-    that is no correlation, or that the marginals cannot have."""
-    try:
-        root = kl.correlation_root(found.matrix)
-        if found.nataf:
-            marginals = tuple(random[name].distribution for name in found.parameters)
-            root = kl.correlation_root(kl.nataf_matrix(found.matrix, marginals))
-    except ValueError as error:
-        raise ValueError(f"[cross_correlation] {error}") from error
-    return root

@@ -7,15 +7,14 @@ executed.
 
 from __future__ import annotations
 
-import ast
 import base64
 import dataclasses
 import enum
 import hashlib
 import inspect
 import json
-import linecache
 import math
+import re
 import zlib
 from collections.abc import Iterator, Mapping
 from functools import cache
@@ -36,6 +35,9 @@ from cooperative.store import Source
 from foundation.text import short
 
 PACKAGES = {"foundation", "jaxmpm", "kl", "cooperative"}
+
+
+_ADDRESS = re.compile(" at 0x[0-9a-f]+")
 
 
 @cache
@@ -210,27 +212,15 @@ def _functions(own: type) -> Iterator[tuple[str, FunctionType]]:
 
 
 def _source(own: type | FunctionType) -> str:
+    """Source of a function; of a class its name, its plain attributes and the source of its methods. Python finds the
+    source of a whole class by its module's file, which a notebook does not have; that of a function in the cell."""
+    if isinstance(own, type):
+        functions = dict(_functions(own))
+        plain = (f"{name} = {each!r}" for name, each in vars(own).items() if name[:2] != "__" and name not in functions)
+        parts = [*(_ADDRESS.sub("", each) for each in plain), *map(_source, functions.values())]
+        return "\n".join([own.__qualname__, *parts])
     try:
         return inspect.getsource(own)
-    except (OSError, TypeError):  # a class of a notebook's cell, or of no file at all
-        if isinstance(own, type):
-            functions = list(_functions(own))
-            in_cell = next((text for _, each in functions if (text := _class_around(each, own.__name__))), None)
-            return in_cell or "\n".join([own.__qualname__, *(name + _source(each) for name, each in functions)])
+    except OSError:  # of no file at all
         code = own.__code__
         return repr((code.co_code.hex(), code.co_names, [each for each in code.co_consts if not inspect.iscode(each)]))
-
-
-def _class_around(method: FunctionType, name: str) -> str | None:
-    """Source of the class of this name whose body defines a method; None where the text of that is not known.
-
-    Python finds the source of a class by its module's file, which a notebook does not have; that of a function it finds
-    in the cell.
-    """
-    lines = linecache.getlines(method.__code__.co_filename)
-    for each in ast.walk(ast.parse("".join(lines))):
-        if isinstance(each, ast.ClassDef) and each.name == name:
-            first = min([each.lineno, *(decorator.lineno for decorator in each.decorator_list)])
-            if first <= method.__code__.co_firstlineno <= (each.end_lineno or first):
-                return "".join(lines[first - 1 : each.end_lineno])
-    return None
