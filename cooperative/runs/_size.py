@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
 
 from cooperative.runs._model import sampling_of
-from cooperative.scene import TAIL, Campaign, steepest
+from cooperative.scene import TAIL, Campaign, RandomField
 from cooperative.store import GRIDS
 from jaxmpm import AnySoil, Material, Scene, block, declared, ground
 
@@ -73,7 +75,7 @@ def grid_size(campaign: Campaign, grid: str) -> GridSize:
     one = min(scenes, key=lambda scene: float(scene.time_step))
     for soil, random in zip(soils, [layer.random for layer in site.layers] or [campaign.random], strict=True):
         if _varies_in_steepness(soil.material(np.dtype("float32"), numerics.cell), random):
-            _refused_at_the_ends(alone, steepest(soil, random, site.span))
+            _refused_at_the_ends(alone, _steepest(soil, random, site.span))
     dt, each = float(one.time_step), math.prod(numerics.spacing)
     steps = campaign.run.last(grid) / dt if dt > 0 else math.inf
     passes = max(scene.nonlocal_passes or 0 for scene in scenes)
@@ -92,6 +94,18 @@ def _varies_in_steepness(law: Material, random: Collection[str]) -> bool:
     return law.steepest_softening is not None and any(
         known[name].path.startswith("softening.") for name in random if name in known
     )
+
+
+def _steepest(soil: Any, random: Mapping[str, RandomField], span: tuple[float, float]) -> Any:
+    """The soil where it softens most steeply beside its shear modulus: what varies at such ends of its values."""
+
+    def steepness(each: Any) -> float:
+        law = each.material(np.dtype("float32"), 1.0)
+        return 0.0 if law.steepest_softening is None else float(law.steepest_softening / law.shear)
+
+    names = [name for name in random if hasattr(soil, name) and name != "strength_ratio"]
+    ends = product(*(random[name].extremes(span) for name in names))
+    return max((replace(soil, **dict(zip(names, each, strict=True))) for each in ends), key=steepness)
 
 
 def _refused_at_the_ends(alone: Callable[[AnySoil], Scene], soil: AnySoil) -> None:

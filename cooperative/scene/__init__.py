@@ -2,7 +2,7 @@
 
 from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, Run
 from cooperative.scene._examples import NAMED, SCHEMA, begin, example, examples, starters, write_example
-from cooperative.scene._fields import TAIL, CrossCorrelation, RandomField, steepest
+from cooperative.scene._fields import TAIL, CrossCorrelation, RandomField
 from cooperative.scene._files import to_toml
 from cooperative.scene._measured import (
     factors_of_safety,
@@ -61,7 +61,6 @@ __all__ = [
     "settled",
     "source_of",
     "starters",
-    "steepest",
     "stored_measured",
     "to_toml",
     "with_measured",

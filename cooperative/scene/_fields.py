@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from itertools import product
+from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 import jax.numpy as jnp
@@ -116,18 +115,6 @@ class CrossCorrelation:
             return kl.correlation_root(kl.nataf_matrix(self.matrix, marginals))
         except ValueError as error:
             raise ValueError(f"[cross_correlation] {error}") from error
-
-
-def steepest(soil: Any, random: Mapping[str, RandomField], span: Span) -> Any:
-    """The soil where it softens most steeply beside its shear modulus: what varies at such ends of its values."""
-
-    def steepness(each: Any) -> float:
-        law = each.material(np.dtype("float32"), 1.0)
-        return 0.0 if law.steepest_softening is None else float(law.steepest_softening / law.shear)
-
-    names = [name for name in random if hasattr(soil, name) and name != "strength_ratio"]
-    ends = product(*(random[name].extremes(span) for name in names))
-    return max((replace(soil, **dict(zip(names, each, strict=True))) for each in ends), key=steepness)
 
 
 def check_cross_correlation(found: CrossCorrelation, random: Mapping[str, RandomField]) -> None:

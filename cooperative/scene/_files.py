@@ -33,6 +33,24 @@ class Files:
     known: dict[str, Any]
     folder: Path | None = None
 
+    @classmethod
+    def of(cls, table: Any) -> Files:
+        """Those in the table `files`. ValueError for one that is damaged."""
+        known = table if isinstance(table, dict) else {}
+        return cls({name: unpacked(name, each) if isinstance(each, dict) else each for name, each in known.items()})
+
+    def table(self, terrain: tables.Terrain | None) -> dict[str, Any]:
+        """The table `files`: of a raster the part between the walls of [terrain], at its step."""
+        found = dict(self.known)
+        for name, raster in self.known.items():
+            if isinstance(raster, Raster):
+                if terrain is not None:
+                    x, y = raster.ends
+                    raster = raster.cropped(terrain.x or x, terrain.y or y)
+                    raster = raster if terrain.step is None else raster.resampled(terrain.step)
+                found[name] = packed(name, raster)
+        return found
+
     def points(self, name: str) -> Any:
         """Points of a file, in a drawing of one of its layers: "section.dxf#GROUND". ValueError, for the end of a
         message, where it has none."""
@@ -83,24 +101,6 @@ def toml_value(value: Any) -> str:
     if isinstance(value, list):
         return "[" + ", ".join(map(toml_value, value)) + "]"
     return str(value) if isinstance(value, float) else json.dumps(value)
-
-
-def files_of(table: Any) -> Files:
-    """The files in the table `files`. ValueError for one that is damaged."""
-    known = table if isinstance(table, dict) else {}
-    return Files({name: unpacked(name, each) if isinstance(each, dict) else each for name, each in known.items()})
-
-
-def in_table(name: str, found: Any, terrain: tables.Terrain | None) -> Any:
-    """The points or the raster of a file as the table `files` has them; of a raster the part between the walls, at the
-    step of [terrain]."""
-    if not isinstance(found, Raster):
-        return found
-    if terrain is not None:
-        x, y = found.ends
-        found = found.cropped(terrain.x or x, terrain.y or y)
-        found = found if terrain.step is None else found.resampled(terrain.step)
-    return packed(name, found)
 
 
 def packed(name: str, raster: Raster) -> dict[str, Any]:

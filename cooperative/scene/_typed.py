@@ -14,7 +14,7 @@ from cooperative.measure import Place, Track
 from cooperative.scene import tables
 from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, Run
 from cooperative.scene._fields import CrossCorrelation
-from cooperative.scene._files import Files, files_of, in_table
+from cooperative.scene._files import Files
 from cooperative.scene._site import Site
 from cooperative.scene._soil import soils_of
 from cooperative.store import Source
@@ -49,7 +49,7 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
     types and values out of range. What depends on the geometry is checked when the grids are built.
     """
     source = source_of(asked)
-    scene = tables.read(tables.Scene, source.tables, files=files_of(source.tables.get("files")))
+    scene = tables.read(tables.Scene, source.tables, files=Files.of(source.tables.get("files")))
     if scene.sweep is not None:
         raise ValueError("the scene has a table [sweep], so it is many campaigns: run it as a sweep")
     scene = _as_begun(scene, source.begun)
@@ -122,8 +122,7 @@ def read_scene(path: Path) -> Source:
         raise ValueError(f"scene {path} is no text in UTF-8 (byte {error.start}): give a scene in TOML") from error
     except OSError as error:
         raise ValueError(f"scene {path} cannot be read ({error.strerror}): give a file that you may read") from error
-    table = {name: in_table(name, found, scene.terrain) for name, found in files.known.items()}
-    return Source(text, {"files": table} if table else {})
+    return Source(text, {"files": files.table(scene.terrain)} if files.known else {})
 
 
 def built(campaign: Campaign, grid: str, *, at_rest: bool = True) -> tuple[Scene, State]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -12,7 +13,6 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic.json_schema import GenerateJsonSchema
 
-from cooperative.scene.tables._key import fits, leaves
 from cooperative.scene.tables._scene import Scene
 from foundation.check import Limit
 from foundation.text import shown
@@ -22,7 +22,7 @@ Schema = Mapping[str, Any]
 MOST = 8
 """Faults that a message names; it counts the others."""
 
-RANGE = ("single", "greater_than", "greater_than_equal", "less_than", "less_than_equal")
+RANGE = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
 CHOICE = ("choice", "literal_error")
 UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
 NO_TABLE = ("model_type", "dataclass_type")
@@ -135,7 +135,7 @@ def _wrong(place: _Place, error: Mapping[str, Any]) -> str:
         return f"the scene has {len(value)} tables [[{place.key}]], the limit is {most}: give fewer"
     assert place.owner is not None
     schema = schema_of(place.owner)["properties"][place.field]
-    if kind in RANGE and not all(map(fits, leaves(value))):
+    if kind == "single" or (kind in RANGE and not math.isfinite(error["input"])):
         return f"{place} = {shown(value)}: give finite values, in single precision (1e-30 to 1e30)"
     if kind in RANGE:
         number = f"{value:g}" if isinstance(value, int | float) else shown(value)
