@@ -15,7 +15,7 @@ import numpy as np
 from cooperative import runs
 from cooperative.estimate import Estimator
 from cooperative.measure import SEVERITY
-from cooperative.scene import Campaign, campaign_of
+from cooperative.scene import Campaign, Given, campaign_of
 from cooperative.store import GRIDS, Rows, Store, read_sample, read_store
 from cooperative.summary import Summary, summarise
 from foundation import files
@@ -25,7 +25,7 @@ SLIDES = 3
 SUMMARY = "summary.json"
 CHECKSUM = "checksum"
 """Key of a summary that tells whether it is whole, and of which rows."""
-CONTENT = 7
+CONTENT = 8
 """Of what a summary says, counted up when it says more: one of an earlier version is made anew."""
 MADE_FROM = ("measured.json", "budget.json")
 """Files of a campaign's folder that say what its scene and rows do not."""
@@ -86,7 +86,7 @@ def read_results(folder: str | Path, estimator: Estimator | None = None) -> Resu
     """
     store = read_store(folder)
     campaign = None if estimator is None else campaign_of(store, estimator)
-    ground = _ground(store)
+    ground = stored_ground(store)
     if ground is None:
         campaign = campaign or campaign_of(store)
         ground = runs.ground_of(models_of(campaign))
@@ -98,6 +98,18 @@ def read_results(folder: str | Path, estimator: Estimator | None = None) -> Resu
     left_out += [f"refined run {number} has no rough run beside it: resume the campaign" for number in without]
     summary = _stored(store, rough, refined) or summarise(campaign or campaign_of(store), rough, refined)
     return Results(store, ground, rough, refined, summary, tuple(left_out))
+
+
+def known_summary(store: Store, rows: Mapping[str, Rows], estimator: Estimator | None = None) -> Summary | None:
+    """The summary of a campaign's rows; None before the first rough one, and where the folder keeps none and nobody but
+    a script's estimator, which is not given, knows what they stand for."""
+    rough, (refined, _) = rows["rough"], _paired(rows["refined"], rows["rough"])
+    if not rough.numbers:
+        return None
+    if (found := _stored(store, rough, refined)) is not None:
+        return found
+    campaign = campaign_of(store, estimator)
+    return None if isinstance(campaign.estimator, Given) else summarise(campaign, rough, refined)
 
 
 def write_results(results: Results, models: Mapping[str, runs.GridModel]) -> None:
@@ -141,7 +153,7 @@ def models_of(campaign: Campaign) -> dict[str, runs.GridModel]:
     return {grid: runs.build(campaign, grid, soil, at_rest=False) for grid in GRIDS}
 
 
-def _ground(store: Store) -> runs.StoredGround | None:
+def stored_ground(store: Store) -> runs.StoredGround | None:
     """The ground that a folder keeps; a warning names a file that is damaged."""
     try:
         return runs.read_ground(store.folder)

@@ -64,6 +64,16 @@ class Convergence:
 
 
 @dataclass(frozen=True)
+class StandsFor:
+    """A refined run in the estimate. failed: None where it broke off before it could tell. weight: the share of all
+    samples that it stands for. slide_weight: the same for what slides did."""
+
+    failed: bool | None
+    weight: float
+    slide_weight: float
+
+
+@dataclass(frozen=True)
 class Summary:
     """A campaign in numbers.
 
@@ -83,6 +93,7 @@ class Summary:
     planned_samples: on the rough grid in the end.
     failure_displacement (m), least_volume (m3, in a section m2; None for any particle): from which on a slope fails.
     settle: whether a run ends once it has settled. slide_weights: by sample, what each slide stands for.
+    stands_for: by sample, what each refined run does.
     """
 
     name: str
@@ -126,6 +137,7 @@ class Summary:
     least_volume: float | None
     settle: bool
     slide_weights: Mapping[int, float]
+    stands_for: Mapping[int, StandsFor]
 
     @property
     def estimate(self) -> Estimate:
@@ -214,6 +226,10 @@ def summary_of(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -
         least_volume=campaign.run.least_volume,
         settle=campaign.run.settle is not None,
         slide_weights={refined.numbers[at]: float(slides.weight[at]) for at in np.flatnonzero(slides.slid)},
+        stands_for={
+            number: StandsFor(phases.answers[number], float(phases.weights[number]), float(slides.weight[at]))
+            for at, number in enumerate(refined.numbers)
+        },
         **vars(effects),
     )
 

@@ -10,6 +10,7 @@ from dataclasses import is_dataclass, replace
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
+import h5py
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -26,7 +27,7 @@ from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import _page as page
 from cooperative.reporting import _plots as plots
 from cooperative.reporting import report, write_table
-from cooperative.reporting._exports import export
+from cooperative.reporting._exports import export, export_sample
 from cooperative.reporting._page import in_slopes
 from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, sample_path, write_sample
@@ -481,6 +482,37 @@ def test_a_whole_folder_is_reported_without_its_scene_and_its_grids(tmp_path, do
     (folder / "ground.h5").unlink()
     with pytest.raises(AssertionError, match="the scene was read"):
         report(folder)
+
+
+def arrays(path):
+    """All arrays of an HDF5 file by name."""
+    found = {}
+    with h5py.File(path) as file:
+        file.visititems(lambda name, each: found.update({name: each[()]}) if isinstance(each, h5py.Dataset) else None)
+    return found
+
+
+def test_a_whole_folder_is_exported_without_its_scene_and_its_grids(tmp_path, done, monkeypatch):
+    folder = copied(done, tmp_path / "c")
+    drawn = [(grid, number) for grid, number in read_results(folder).soils() if grid == "refined"]
+    kinds = ["table", "hdf5", "maps"]
+    whole = {path: path.read_bytes() for path in export(folder, kinds) if path.suffix != ".h5"}
+    series = {number: arrays(export_sample(folder, number)) for _, number in drawn}
+
+    def refused(*_, **__):
+        raise AssertionError("the scene was read, or a grid built")
+
+    for module in ("folder", "reporting._exports", "reporting._tables"):
+        monkeypatch.setattr(f"cooperative.{module}.campaign_of", refused)
+    monkeypatch.setattr(runs, "build", refused)
+    monkeypatch.setattr("cooperative.reporting._exports.build", refused)
+    assert {path: path.read_bytes() for path in export(folder, kinds) if path.suffix != ".h5"} == whole
+    assert "weight" in (folder / "table.csv").read_text().splitlines()[0].split(",")
+    # The random soil of a sample that a report draws is in the folder, too.
+    assert all(alike(arrays(export_sample(folder, number)), series[number]) for _, number in drawn)
+    (other,) = [number for number in read_results(folder).refined.numbers if ("refined", number) not in drawn][:1]
+    with pytest.raises(AssertionError, match="the scene was read"):
+        export_sample(folder, other)
 
 
 @pytest.mark.usefixtures("unrendered")

@@ -184,9 +184,10 @@ def test_what_is_not_installed_is_named_with_its_remedy(library, kind, message, 
 
 def test_without_rasterio_all_but_the_contours_is_there(tmp_path, site, maps, monkeypatch):
     monkeypatch.setitem(sys.modules, "rasterio", None)
-    campaign, store = SimpleNamespace(dimension=3, site=site), SimpleNamespace(folder=tmp_path)
+    ground = SimpleNamespace(dimension=3, origin=site.origin, projection=site.projection)
+    store = SimpleNamespace(folder=tmp_path)
     with pytest.warns(UserWarning, match="no contours: GeoJSON of a scene with a projection needs rasterio"):
-        written = {path.suffix for path in _exports._of_maps(campaign, store, maps, ["maps"])}
+        written = {path.suffix for path in _exports._of_maps(ground, store, maps, ["maps"])}
     assert written == {".csv", ".asc", ".prj"}
 
 

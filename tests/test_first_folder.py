@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cooperative import run, runs
-from cooperative.reporting import progress_of, report
+from cooperative.reporting import export, progress_of, report
 from cooperative.scene import campaign_of
 from cooperative.store import read_rows, read_sample, read_store
 
@@ -84,6 +84,9 @@ def test_a_kept_folder_opens_tells_how_far_it_is_and_is_reported(kept, tmp_path,
         words = report(folder)
     assert answer in words
     assert (folder / "report.html").stat().st_size > 10_000
+    written = {path.name for path in export(folder, ["table", "hdf5"])}
+    assert written == {"table.csv", "campaign.h5"}
+    assert (folder / "table.csv").read_text().count("\n") == 1 + done[0] + done[1]
 
 
 def test_a_finished_folder_keeps_the_slides_of_its_earlier_draw(kept, tmp_path):

@@ -8,12 +8,10 @@ from types import ModuleType
 
 import numpy as np
 
-from cooperative.estimate import Estimator
+from cooperative.folder import Results
 from cooperative.hazard import Maps
 from cooperative.reporting._geography import LIMITS, key, middle, missing
 from cooperative.reporting._tables import tables_of
-from cooperative.runs import StoredGround
-from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, Store, read_sample
 from cooperative.summary import Summary
 from foundation.files import aside
@@ -21,14 +19,7 @@ from foundation.files import aside
 Variable = tuple[tuple[str, ...] | str, np.ndarray, dict[str, str]]
 
 
-def write_netcdf(
-    store: Store,
-    summary: Summary,
-    maps: Maps | None,
-    *,
-    ground: StoredGround | None = None,
-    estimator: Estimator | None = None,
-) -> Path:
+def write_netcdf(results: Results, maps: Maps | None) -> Path:
     """Write `campaign.nc` in the campaign's folder.
 
     Along `sample`: `rough_displacement`, `refined_runout` and so on, all columns of `table.csv` with their grid's name,
@@ -37,11 +28,11 @@ def write_netcdf(
     own: the exceedance curves. Attributes: the probability of failure with its interval and method, how many slides had
     not come to rest at their end (what slides do is then at least what is given), and the scene.
 
-    ground: of the campaign, which tells damaged samples; see `write_table` for `estimator`.
     ValueError without xarray and h5netcdf (extra "exports"), OSError where the disk refuses.
     """
     xarray = _xarray()
-    tables = tables_of(campaign_of(store, estimator), store, ground)
+    store, summary = results.store, results.summary
+    tables = tables_of({"rough": results.rough, "refined": results.refined}, summary)
     variables = _of_samples(store, tables) | _of_curves(summary)
     if maps is not None:
         variables |= _of_maps(maps)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from cooperative.estimate import Estimator
-from cooperative.folder import models_of, read_results
+from cooperative.folder import known_summary, models_of, read_results, stored_ground
 from cooperative.hazard import Maps, maps_of
 from cooperative.reporting._dataset import write_netcdf
 from cooperative.reporting._geography import (
@@ -20,9 +21,19 @@ from cooperative.reporting._geography import (
     write_notice,
     write_tidy,
 )
-from cooperative.reporting._tables import consolidate, write_table
-from cooperative.runs import GridModel, build, foreign, ground_of, random_soil, rows_reader, samples_of
-from cooperative.scene import Campaign, Given, campaign_of
+from cooperative.reporting._tables import consolidate, rows_of, write_table
+from cooperative.runs import (
+    GridModel,
+    SampleSoil,
+    StoredGround,
+    build,
+    foreign,
+    ground_of,
+    random_soil,
+    read_drawn,
+    soil_of,
+)
+from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, Sample, Store, own_folder, read_sample, read_store, sample_path
 from jaxmpm import Result, solve, write_particles, write_vtkhdf
 
@@ -54,11 +65,9 @@ def export(
     if wrong := [kind for kind in kinds if kind not in KINDS]:
         raise ValueError(f"{wrong[0]!r} is no kind of export: give one of {', '.join(KINDS)}")
     store = read_store(folder)
-    campaign = campaign_of(store, estimator)
-    models = models_of(campaign)
-    ground = ground_of(models)
-    read = rows_reader(store, ground.samples, ground)
-    rows = {grid: read(grid) for grid in GRIDS}
+    models = cache(lambda: models_of(campaign_of(store, estimator)))
+    ground = stored_ground(store) or ground_of(models())
+    rows = rows_of(store, ground)
     if not any(rows[grid].numbers for grid in GRIDS):
         raise ValueError(f"folder {folder} has no finished sample yet: start the run first")
     for why in [why for grid in GRIDS for why in rows[grid].damaged]:
@@ -68,48 +77,49 @@ def export(
     if "hdf5" in kinds:
         yield consolidate(store, ground=ground)
     if {"maps", "geotiff", "netcdf"} & {*kinds}:
-        maps = None
-        if campaign.hazard is not None and (not isinstance(campaign.estimator, Given) or asked):
-            maps = maps_of(read_results(folder, estimator))
-        _check_maps(campaign, maps, asked)
+        known = asked or known_summary(store, rows, estimator) is not None
+        results = read_results(folder, estimator) if known and ("netcdf" in kinds or ground.hazard) else None
+        maps = None if results is None else maps_of(results)
+        _check_maps(ground, maps, asked)
         if maps is not None:
-            yield from _of_maps(campaign, store, maps, kinds)
-        if "netcdf" in kinds:
-            summary = read_results(folder, estimator).summary
-            yield write_netcdf(store, summary, maps, ground=ground, estimator=estimator)
+            yield from _of_maps(ground, store, maps, kinds)
+        if "netcdf" in kinds and results is not None:
+            yield write_netcdf(results, maps)
     if "particles" in kinds:
+        soils = read_drawn(store.folder, [(grid, number) for grid in GRIDS for number in rows[grid].numbers])
         for grid in GRIDS:
             for number in rows[grid].numbers:
                 sample = read_sample(store, grid, number)
                 if "displacement" in sample.fields:
-                    yield _series_of_fields(store, models[grid], sample)
+                    soil = soils.get((grid, number)) or soil_of(models()[grid], sample.coefficients)
+                    yield _series_of_fields(store, grid, ground.grids[grid].position, sample, soil)
 
 
-def _check_maps(campaign: Campaign, maps: Maps | None, asked: Sequence[str]) -> None:
+def _check_maps(ground: StoredGround, maps: Maps | None, asked: Sequence[str]) -> None:
     """Raise ValueError where maps are asked for that the campaign does not have."""
     if not {"maps", "geotiff"} & {*asked}:
         return
-    if campaign.hazard is None:
+    if ground.hazard is None:
         raise ValueError("the campaign has no hazard maps to export: give [hazard] in the scene of another")
     if maps is None:
         raise ValueError("the campaign has no hazard maps to export yet: no refined run has slid to its end")
-    if "geotiff" in asked and campaign.dimension != 3:
+    if "geotiff" in asked and ground.dimension != 3:
         raise ValueError("a section has no map in plan to export as geotiff: give maps, whose hazard.csv is along x")
 
 
-def _of_maps(campaign: Campaign, store: Store, maps: Maps, kinds: Sequence[str]) -> Iterator[Path]:
+def _of_maps(ground: StoredGround, store: Store, maps: Maps, kinds: Sequence[str]) -> Iterator[Path]:
     """The files of hazard maps."""
     if "maps" in kinds:
         yield write_tidy(store.folder, maps)
         yield from write_notice(store.folder, maps)
-        if campaign.dimension == 3:
-            yield from write_ascii(store.folder, campaign.site, maps)
+        if ground.dimension == 3:
+            yield from write_ascii(store.folder, ground, maps)
             try:
-                yield from write_contours(store.folder, campaign.site, maps)
+                yield from write_contours(store.folder, ground, maps)
             except MissingLibrary as error:
                 warnings.warn(f"no contours: {error}", stacklevel=2)
     if "geotiff" in kinds:
-        yield from write_geotiff(store.folder, campaign.site, maps)
+        yield from write_geotiff(store.folder, ground, maps)
 
 
 def export_sample(folder: str | Path, number: int, grid: str = "refined", *, frames: int | None = None) -> Path:
@@ -121,7 +131,7 @@ def export_sample(folder: str | Path, number: int, grid: str = "refined", *, fra
     """
     store = read_store(folder)
     if not sample_path(store, grid, number).exists():
-        there = rows_reader(store, samples_of(campaign_of(store)))(grid).numbers
+        there = rows_of(store)[grid].numbers
         raise ValueError(f"sample {number} is not finished on the {grid} grid: give one of {_few(there)}")
     sample = read_sample(store, grid, number)
     if frames is None and "displacement" not in sample.fields:
@@ -129,13 +139,16 @@ def export_sample(folder: str | Path, number: int, grid: str = "refined", *, fra
             f"the fields of sample {number} on the {grid} grid were not kept ([campaign] fields in the scene): "
             'set fields = "both" for another campaign, or give --frames to run the sample again'
         )
-    model = _model(store, grid, at_rest=frames is not None)
-    if why := foreign(None, ground_of({"refined": model, grid: model}), grid, sample.record):
+    ground = stored_ground(store) or ground_of(models_of(campaign_of(store)))
+    if why := foreign(None, ground, grid, sample.record):
         raise ValueError(f"{sample_path(store, grid, number)} {why}: delete it and resume the campaign")
     if frames is None:
-        return _series_of_fields(store, model, sample)
+        soil = read_drawn(store.folder, [(grid, number)]).get((grid, number))
+        soil = soil or soil_of(_model(store, grid, at_rest=False), sample.coefficients)
+        return _series_of_fields(store, grid, ground.grids[grid].position, sample, soil)
     if frames < 2:
         raise ValueError(f"frames = {frames}: give 2 or more, the first is the start and the last the end")
+    model = _model(store, grid, at_rest=True)
     times = np.linspace(0.0, sample.steps * model.time_step(sample.coefficients), frames)
     path = _series_path(store, grid, number)
     result = run_again(model, sample, times)
@@ -149,18 +162,17 @@ def run_again(model: GridModel, sample: Sample, times: np.ndarray) -> Result:
     return solve(scene, state, t_end=float(times[-1]), snapshots=times.tolist())
 
 
-def _series_of_fields(store: Store, model: GridModel, sample: Sample) -> Path:
-    path = _series_path(store, model.grid, sample.number)
-    position = np.asarray(model.scene.particles.position)
+def _series_of_fields(store: Store, grid: str, position: np.ndarray, sample: Sample, soil: SampleSoil) -> Path:
+    path = _series_path(store, grid, sample.number)
     of_particles = (position.shape, position.shape[1:])
     kept = {name: values for name, values in sample.fields.items() if values.shape in of_particles}
     at_rest = {name: np.zeros_like(values) for name, values in kept.items()}
     write_particles(
         path,
         position,
-        [0.0, sample.steps * model.time_step(sample.coefficients)],
+        [0.0, sample.steps * soil.time_step],
         [at_rest, kept],
-        constant={name: np.asarray(value) for name, value in model.parameters(sample.coefficients).items()},
+        constant={name: values.astype(np.float32) for name, values in soil.values.items()},
     )
     return path
 

@@ -15,7 +15,7 @@ import numpy as np
 from contourpy import contour_generator
 
 from cooperative.hazard import Maps
-from cooperative.scene import Site
+from cooperative.runs import StoredGround
 from cooperative.store import own_folder
 from foundation.files import write_aside
 
@@ -46,10 +46,10 @@ def write_tidy(folder: Path, maps: Maps) -> Path:
     return _written(folder, "hazard.csv", text.getvalue().encode())
 
 
-def write_ascii(folder: Path, site: Site, maps: Maps) -> Iterator[Path]:
+def write_ascii(folder: Path, ground: StoredGround, maps: Maps) -> Iterator[Path]:
     """Write ESRI ASCII grids in plan, `maps/reached.asc` with `-low` and `-high` for its limits, and so for each map;
     each with the projection beside it (`.prj`) where the scene has one. NODATA is -9999."""
-    west, south = _corner(site, maps)
+    west, south = _corner(ground, maps)
     for name, found in maps.maps.items():
         for limit in LIMITS:
             values = getattr(found, limit)
@@ -59,16 +59,16 @@ def write_ascii(folder: Path, site: Site, maps: Maps) -> Iterator[Path]:
             lines = "\n".join(" ".join(f"{value:.9g}" for value in row) for row in rows)
             file = key(name) + ("" if limit == "value" else f"-{limit}")
             yield _written(folder, f"{file}.asc", f"{head}NODATA_value {NODATA:g}\n{lines}\n".encode())
-            if site.projection is not None:
-                yield _written(folder, f"{file}.prj", site.projection.encode())
+            if ground.projection is not None:
+                yield _written(folder, f"{file}.prj", ground.projection.encode())
 
 
-def write_geotiff(folder: Path, site: Site, maps: Maps) -> Iterator[Path]:
+def write_geotiff(folder: Path, ground: StoredGround, maps: Maps) -> Iterator[Path]:
     """Write `maps/reached.tif` and so for each map, in plan: three bands, the value and both limits, with the scene's
     projection where it has one. NaN is no data. ValueError without rasterio (extra "terrain")."""
     rasterio = _rasterio("GeoTIFF")
-    west, south = _corner(site, maps)
-    cell, projection = maps.plan.cell, _known_projection(rasterio, site)
+    west, south = _corner(ground, maps)
+    cell, projection = maps.plan.cell, _known_projection(rasterio, ground)
     for name, found in maps.maps.items():
         nx, ny = found.value.shape
         how: dict[str, Any] = {"width": nx, "height": ny, "count": len(LIMITS), "dtype": "float64", "nodata": np.nan}
@@ -85,13 +85,13 @@ def write_geotiff(folder: Path, site: Site, maps: Maps) -> Iterator[Path]:
         yield _written(folder, f"{key(name)}.tif", data)
 
 
-def write_contours(folder: Path, site: Site, maps: Maps) -> Iterator[Path]:
+def write_contours(folder: Path, ground: StoredGround, maps: Maps) -> Iterator[Path]:
     """Write contours of each map's value between the centres of its columns, `maps/reached.geojson` and so on.
 
     Where the scene has a projection they are in longitude and latitude, as GeoJSON asks for (RFC 7946, Section 4),
     which needs rasterio (extra "terrain"); else in the scene's own metres, and the file says so.
     """
-    place = _to_degrees(site)
+    place = _to_degrees(ground)
     for name, found in maps.maps.items():
         features = []
         for height, lines in _contours(maps, found.value, maps.units[name]):
@@ -106,7 +106,7 @@ def write_contours(folder: Path, site: Site, maps: Maps) -> Iterator[Path]:
         whole: dict[str, Any] = {"type": "FeatureCollection", "name": name, "features": features}
         if maps.moving:
             whole["at_least"] = at_least(maps)
-        if site.projection is None:
+        if ground.projection is None:
             whole["coordinates_are"] = "metres of the scene: it has no projection"
         yield _written(folder, f"{key(name)}.geojson", json.dumps(whole).encode())
 
@@ -153,26 +153,26 @@ def _contours(maps: Maps, values: np.ndarray, unit: str) -> Iterator[tuple[float
             yield float(height), lines
 
 
-def _to_degrees(site: Site) -> Any:
+def _to_degrees(ground: StoredGround) -> Any:
     """Brings points (n, 2) of the scene to longitude and latitude, or leaves them where it has no projection."""
-    if site.projection is None:
+    if ground.projection is None:
         return lambda points: points
     rasterio = _rasterio("GeoJSON of a scene with a projection")
     from rasterio.warp import transform
 
-    known = _known_projection(rasterio, site)
+    known = _known_projection(rasterio, ground)
 
     def placed(points: np.ndarray) -> np.ndarray:
-        x, y = (points + np.asarray(site.origin)).T
+        x, y = (points + np.asarray(ground.origin)).T
         return np.stack(transform(known, "EPSG:4326", x.tolist(), y.tolist()), axis=1)
 
     return placed
 
 
-def _corner(site: Site, maps: Maps) -> tuple[float, float]:
+def _corner(ground: StoredGround, maps: Maps) -> tuple[float, float]:
     """West and south end of the mapped columns, in the scene's projection (m)."""
     (west, *_), (south, *_) = maps.edges
-    return float(west + site.origin[0]), float(south + site.origin[1])
+    return float(west + ground.origin[0]), float(south + ground.origin[1])
 
 
 def _rasterio(what: str) -> ModuleType:
@@ -184,11 +184,11 @@ def _rasterio(what: str) -> ModuleType:
     return found
 
 
-def _known_projection(rasterio: Any, site: Site) -> Any:
-    if site.projection is None:
+def _known_projection(rasterio: Any, ground: StoredGround) -> Any:
+    if ground.projection is None:
         return None
     try:
-        return rasterio.crs.CRS.from_wkt(site.projection)
+        return rasterio.crs.CRS.from_wkt(ground.projection)
     except rasterio.errors.CRSError as error:
         raise ValueError(
             f"the projection of [terrain] surface cannot be read ({error}): give a file with another, or none"

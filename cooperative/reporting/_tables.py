@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Mapping
 from pathlib import Path
 
 import h5py
 import numpy as np
 
 from cooperative.estimate import Estimator
-from cooperative.runs import StoredGround, phases_of, rows_reader, samples_of
-from cooperative.scene import Campaign, Given, campaign_of
+from cooperative.folder import known_summary, stored_ground
+from cooperative.runs import StoredGround, rows_reader, samples_of
+from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, Rows, Store, fill_sample, read_sample
-from cooperative.summary import slides_of
+from cooperative.summary import Summary
 from foundation import files
-from foundation.files import write_aside
 
 
 def write_table(
@@ -32,12 +33,13 @@ def write_table(
     that each stands for, whose sum over the failures is the probability of failure, and `slide_weight`, the same for
     what slides did: 0 for failures that did not slide on to their end, and the more for those that did.
     estimator: the one that `cooperative.campaign.run` was given, where it was given one; without it these three columns
-    are left out, as nobody else knows what the runs stand for.
-    ground: of the campaign, by which samples with arrays of other grids are damaged ones.
+    are left out where the folder has no summary of its rows, as nobody else knows what the runs stand for.
+    ground: of the campaign, by which samples with arrays of other grids are damaged ones; by default the folder's.
     Damaged files are left out; `read_rows` names them. OSError if the disk refuses.
     """
     path = store.folder / "table.csv" if path is None else Path(path)
-    tables = tables_of(campaign_of(store, estimator), store, ground)
+    rows = rows_of(store, ground)
+    tables = tables_of(rows, known_summary(store, rows, estimator))
     names = list(dict.fromkeys(name for columns in tables.values() for name in columns))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -45,29 +47,28 @@ def write_table(
     for grid, columns in tables.items():
         for at in range(columns["sample"].size):
             writer.writerow([grid, *(_cell(columns.get(name), at) for name in names)])
-    write_aside(path, text.getvalue().encode())
+    files.write_aside(path, text.getvalue().encode())
     return path
 
 
-def tables_of(campaign: Campaign, store: Store, ground: StoredGround | None = None) -> dict[str, dict[str, np.ndarray]]:
-    """Columns of each grid's rows by name, with what the refined runs stand for; see `write_table`."""
-    read = rows_reader(store, samples_of(campaign), ground)
-    rows = {grid: read(grid) for grid in GRIDS}
-    tables = {grid: rows[grid].columns for grid in GRIDS}
-    if not isinstance(campaign.estimator, Given):
-        tables["refined"] = tables["refined"] | _standing_for(campaign, rows["rough"], rows["refined"])
+def rows_of(store: Store, ground: StoredGround | None = None) -> dict[str, Rows]:
+    """Verified rows of both grids. Where neither `ground` nor the folder tells how many samples there are, its scene
+    does."""
+    ground = ground or stored_ground(store)
+    samples = samples_of(campaign_of(store)) if ground is None else ground.samples
+    read = rows_reader(store, samples, ground)
+    return {grid: read(grid) for grid in GRIDS}
+
+
+def tables_of(rows: Mapping[str, Rows], summary: Summary | None) -> dict[str, dict[str, np.ndarray]]:
+    """Columns of each grid's rows by name, with what the refined runs stand for by this summary; see `write_table`."""
+    tables = {grid: dict(rows[grid].columns) for grid in GRIDS}
+    if summary is not None:
+        known = [summary.stands_for.get(number) for number in rows["refined"].numbers]
+        for name in ("failed", "weight", "slide_weight"):
+            values = [None if each is None else getattr(each, name) for each in known]
+            tables["refined"][name] = np.array([np.nan if each is None else each for each in values], float)
     return tables
-
-
-def _standing_for(campaign: Campaign, rough: Rows, refined: Rows) -> dict[str, np.ndarray]:
-    """What each refined run stands for, and whether it failed (runs,) each."""
-    phases = phases_of(campaign, rough, refined)
-    answers, weights = phases.answers, phases.weights
-    return {
-        "failed": np.array([np.nan if answers[n] is None else float(answers[n] is True) for n in refined.numbers]),
-        "weight": np.array([weights[n] for n in refined.numbers]),
-        "slide_weight": slides_of(campaign, phases, refined).weight,
-    }
 
 
 def consolidate(store: Store, path: str | Path | None = None, *, ground: StoredGround | None = None) -> Path:
@@ -78,11 +79,9 @@ def consolidate(store: Store, path: str | Path | None = None, *, ground: StoredG
     `write_table`. OSError if the disk refuses; what was there before stays.
     """
     path = store.folder / "campaign.h5" if path is None else Path(path)
-    read = rows_reader(store, samples_of(campaign_of(store)), ground)
     with files.hdf5_aside(path) as file:
         file.attrs["scene"] = store.source.words
-        for grid in GRIDS:
-            rows = read(grid)
+        for grid, rows in rows_of(store, ground).items():
             for name, values in rows.columns.items():
                 text = values.dtype.kind == "U"
                 file[f"tables/{grid}/{name}"] = values.astype(h5py.string_dtype()) if text else values

@@ -8,6 +8,7 @@ Both are sealed. A folder of an earlier version has neither; its scene gives wha
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ from foundation import files
 from jaxmpm import Face
 
 GROUND, DRAWN = "cooperative ground", "cooperative random soil"
-SCHEMA = 1
+SCHEMA = 2
 POINTS = {2: 401, 3: 101}
 """Points of the outline along each horizontal axis, by dimension."""
 
@@ -78,6 +79,8 @@ class StoredGround:
         samples: of the first phase, None where only the estimator of a script knows.
         grids: "rough" and "refined".
         hazard: None where the scene asks for no maps.
+        origin: of the scene's coordinates in those of its map (2,) m.
+        projection: of that map as WKT, None where the scene has none.
     """
 
     corner: tuple[float, ...]
@@ -91,6 +94,8 @@ class StoredGround:
     samples: int | None
     grids: Mapping[str, StoredGrid]
     hazard: HazardPlan | None
+    origin: tuple[float, ...]
+    projection: str | None
 
     @property
     def dimension(self) -> int:
@@ -140,6 +145,8 @@ def ground_of(models: Mapping[str, GridModel]) -> StoredGround:
         samples=samples_of(campaign),
         grids={grid: _stored_grid(model) for grid, model in models.items()},
         hazard=hazard,
+        origin=tuple(map(float, campaign.site.origin)),
+        projection=campaign.site.projection,
     )
 
 
@@ -189,6 +196,8 @@ def keep_ground(folder: Path, models: Mapping[str, GridModel]) -> None:
 
     def fill(file: h5py.File) -> None:
         file.attrs.update(line=ground.line, random=" ".join(ground.random), terms=ground.terms)
+        file["origin"] = np.array(ground.origin)
+        file.attrs["projection"] = json.dumps(ground.projection)
         if ground.samples is not None:
             file.attrs["samples"] = ground.samples
         if ground.face is not None:
@@ -235,6 +244,8 @@ def read_ground(folder: Path) -> StoredGround | None:
             samples=int(about["samples"]) if "samples" in about else None,
             grids={name: _read_grid(file, name) for name in ("rough", "refined")},
             hazard=hazard,
+            origin=_numbers(file, "/", "origin"),
+            projection=json.loads(str(about["projection"])),
         )
 
 
