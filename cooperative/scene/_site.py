@@ -78,6 +78,11 @@ class Site:
         return ground.build_ground(self.shape, layers, numerics, **loads)
 
     @property
+    def _bare(self) -> list[Layer]:
+        """Its layers as the solver has them."""
+        return [each.layer for each in self.layers]
+
+    @property
     def height(self) -> float:
         """From the foot of the ground to its top (m)."""
         return ground.relief(self.shape)
@@ -90,8 +95,7 @@ class Site:
     def soils(self, soil: AnySoil) -> list[Layer]:
         """Its layers for the solver; one of the campaign's own soil where it has none. Soil whose strength goes with
         the stress at rest has its least strength there."""
-        layers = [each.layer for each in self.layers] or [Layer(soil)]
-        return [replace(each, soil=_at_least_strength(each.soil)) for each in layers]
+        return [replace(each, soil=_at_least_strength(each.soil)) for each in self._bare or [Layer(soil)]]
 
     def by_stress(self, soil: Any) -> list[StrengthByStress | None] | None:
         """How the strength of each layer, or of the campaign's own soil, goes with the stress at rest, None for one
@@ -116,14 +120,12 @@ class Site:
 
     def layer_of(self, position: np.ndarray, numerics: Discretisation) -> np.ndarray | None:
         """Number of the layer (N,) in which each point (d, N) m lies, None where there are none."""
-        layers = [each.layer for each in self.layers]
-        return ground.layer_of(self.shape, layers, position, numerics) if layers else None
+        return ground.layer_of(self.shape, self._bare, position, numerics) if self.layers else None
 
     @property
     def thicknesses(self) -> list[Thickness]:
         """That of each layer; none where there are none."""
-        layers = [each.layer for each in self.layers]
-        return ground.thicknesses(self.shape, layers) if layers else []
+        return ground.thicknesses(self.shape, self._bare) if self.layers else []
 
     def values_of(self, parameter: str, field: RandomField) -> tuple[RandomField | float, ...]:
         """What a parameter that varies is in each layer: a field, or the number of one in which it does not vary; the
@@ -156,7 +158,7 @@ class Site:
 
     def box_of(self, number: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Lowest corner and edges (d,) m of a box that holds a layer, the same for every grid."""
-        return ground.box_of(self.shape, [each.layer for each in self.layers], number)
+        return ground.box_of(self.shape, self._bare, number)
 
     @property
     def span(self) -> Span:
@@ -173,7 +175,7 @@ class Site:
         """
         at, top = np.asarray(points, float), np.asarray(field.trend_from)
         if field.trend_from == "layer" and numerics is not None:
-            top = ground.top_of(self.shape, [each.layer for each in self.layers], layer, at, numerics)
+            top = ground.top_of(self.shape, self._bare, layer, at, numerics)
         elif isinstance(field.trend_from, str):
             top = self.shape.heights(*at[:-1])
         return np.maximum(top - at[-1], 0.0)

@@ -41,7 +41,6 @@ from cooperative.store._source import (
     refuse_another,
     scene_digest,
     stored_source,
-    tables_of,
 )
 from foundation.files import DamagedFile, Scalar, own_folder, write_aside
 
@@ -72,7 +71,6 @@ __all__ = [
     "sample_path",
     "scene_digest",
     "stored_source",
-    "tables_of",
     "write_aside",
     "write_sample",
 ]

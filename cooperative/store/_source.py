@@ -47,7 +47,7 @@ class Source:
     @cached_property
     def tables(self) -> dict[str, Any]:
         """The tables of the text and those beside it. Raises ValueError for text that is no TOML."""
-        return {**tables_of(self.text or ""), **self.beside}
+        return {**_tables_of(self.text or ""), **self.beside}
 
     @cached_property
     def digest(self) -> str:
@@ -72,7 +72,7 @@ class Source:
             write_aside(folder / scene, self.text.encode())
 
 
-def tables_of(text: str) -> dict[str, Any]:
+def _tables_of(text: str) -> dict[str, Any]:
     """The tables of a scene. Raises ValueError for text that is no TOML."""
     if text.startswith("\ufeff"):
         raise ValueError("the scene begins with a byte order mark (U+FEFF): read its file with encoding = 'utf-8-sig'")

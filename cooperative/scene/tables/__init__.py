@@ -2,7 +2,7 @@
 
 from cooperative.scene.tables._campaign import Campaign, Grid, Run, Sweep
 from cooperative.scene.tables._ground import Ground, Terrain
-from cooperative.scene.tables._hazard import Exposed, Hazard
+from cooperative.scene.tables._hazard import Hazard
 from cooperative.scene.tables._key import EXTRAS, Table
 from cooperative.scene.tables._reading import Schema, found_in, parts, read, schema_of, table_in, wanted
 from cooperative.scene.tables._scene import STORED, Scene
@@ -17,7 +17,6 @@ __all__ = [
     "Budget",
     "Calibration",
     "Campaign",
-    "Exposed",
     "FieldModes",
     "Grid",
     "Ground",
