@@ -156,7 +156,7 @@ def make(name: str) -> None:
     lost = [slide.number for slide in slides if slide.row["broke_off"]]
     slides = [slide for slide in slides if slide.number not in lost]
     pairs = [np.delete(displacement, lost) for displacement in pairs]
-    plan = runs.column_plan(refined.scene)
+    plan = refined.columns
     columns = refined.state.columns
     assert columns is not None
     kept: dict[str, Any] = {"rough": pairs[0], "refined": pairs[1], "least": columns.least, "cell_area": plan.area}

@@ -118,14 +118,14 @@ def build(campaign: Campaign, grid: str, soil: Any, **_: Any) -> Any:
     absent: Any = None
     particles, nodes = SimpleNamespace(position=np.zeros((2, PARTICLES))), SimpleNamespace(shape=(2, 2))
     scene: Any = SimpleNamespace(particles=particles, grid=nodes, wall_friction=None, material=None)
-    return runs.GridModel(grid, campaign, scene, absent, soil, {})
+    return runs.GridModel(grid, campaign, scene, absent, soil)
 
 
 def ground_of(models: dict[str, Any]) -> runs.StoredGround:
     """As much of the ground as made-up runs are read by."""
     columns = ColumnPlan((0.0,), 1.0, (1,), ((0.0, 1.0),))
     grids = {
-        grid: runs.StoredGrid(model.scene.particles.position, np.ones(2), None, columns, "made up")
+        grid: runs.StoredGrid(model.scene.particles.position, np.ones(2), columns, "made up")
         for grid, model in models.items()
     }
     samples = runs.samples_of(models["rough"].campaign)

@@ -122,15 +122,14 @@ class _Runs:
         limit = plan.screening_stop if grid == "rough" else None
         if grid == "refined" and plan.slides is not None and not slides:
             limit = self.campaign.run.failure_displacement
-        restart_in = self.folder if grid == "refined" else None
         if self.workers is not None:
             return runs.run_through(
-                self.workers, self.packed, grid, numbers, coefficients, stop_at=limit, restart_in=restart_in,
-                slides=slides, folder=self.folder, look=self.stop.look,
+                self.workers, self.packed, grid, numbers, coefficients, stop_at=limit, slides=slides,
+                folder=self.folder, look=self.stop.look,
             )  # fmt: skip
         return runs.run_samples(
             self.models[grid], coefficients, numbers, width=plan.lanes if grid == "rough" else plan.look_ahead,
-            stop_at=limit, restart_in=restart_in, stop=self.stop.asked, slides=slides,
+            stop_at=limit, restart_in=self.folder if grid == "refined" else None, stop=self.stop.asked, slides=slides,
         )  # fmt: skip
 
 

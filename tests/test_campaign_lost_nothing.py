@@ -20,7 +20,7 @@ from benchmarks.invented import LONG, SCENE
 from cooperative import _commands as command
 from cooperative import campaign
 from cooperative.__main__ import main
-from cooperative.store import _rows, open_store, read_rows, read_sample, read_store, sample_path, write_sample
+from cooperative.store import _disk, open_store, read_rows, read_sample, read_store, sample_path, write_sample
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -99,12 +99,12 @@ def test_a_file_that_rotted_unseen_is_redone_when_asked_to_verify(undisturbed, t
     shutil.copytree(undisturbed[0], folder)
     campaign.run(SCENE, folder)
     path = folder / "samples/rough/000007.h5"
-    before, real = _rows.stamp_of(path), _rows.stamp_of
+    before, real = _disk.stamp_of(path), _disk.stamp_of
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
     path.write_bytes(data)
     # A bit that flips on the disk changes neither size nor times.
-    monkeypatch.setattr(_rows, "stamp_of", lambda each: before if each == path else real(each))
+    monkeypatch.setattr(_disk, "stamp_of", lambda each: before if each == path else real(each))
     monkeypatch.setattr(command, "report", lambda folder: "")
     assert without_times(campaign.run(SCENE, folder)) == without_times(undisturbed[1])
     assert not path.with_name("000007.h5.damaged").exists()

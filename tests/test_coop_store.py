@@ -24,7 +24,7 @@ from cooperative.runs import foreign
 from cooperative.store import (
     DamagedFile,
     Sample,
-    _rows,
+    _disk,
     open_store,
     read_rows,
     read_sample,
@@ -34,8 +34,8 @@ from cooperative.store import (
     write_aside,
     write_sample,
 )
-from cooperative.store._rows import rows_of
-from cooperative.store._samples import read_file
+from cooperative.store._disk import read_file
+from cooperative.store._samples import rows_of
 from foundation import files
 
 SCENE = '[soil]\nSu_mean = 42000.0\nSu_cov = 0.3\n[campaign]\nsamples = 10\ngrids = ["rough", "refined"]\n'
@@ -512,7 +512,7 @@ def files_read(monkeypatch):
         read.append(path.name)
         return read_file(store, grid, path)
 
-    monkeypatch.setattr(_rows, "read_file", noted)
+    monkeypatch.setattr(_disk, "read_file", noted)
     return read
 
 
@@ -603,7 +603,7 @@ def test_lines_of_an_index_that_do_not_hold_are_dropped_and_their_files_verified
 def forged(store, **changes):
     """A line with a checksum that fits and contents that nobody wrote."""
     text = json.dumps(json.loads(index_lines(store.folder)[0].partition(b" ")[2]) | changes).encode()
-    return _rows.checked_line(store, "rough", text)
+    return _disk.checked_line(store, "rough", text)
 
 
 @pytest.mark.parametrize(
@@ -658,12 +658,12 @@ def test_an_index_that_is_no_file_is_set_aside_and_leads_nowhere(tmp_path, what)
 
 def test_what_an_index_cannot_see_is_noticed_when_the_file_is_read_and_when_asked_to_verify(tmp_path, monkeypatch):
     paths = in_campaign(tmp_path)
-    stamps = {path: _rows.stamp_of(path) for path in paths}
+    stamps = {path: _disk.stamp_of(path) for path in paths}
     data = bytearray(paths[2].read_bytes())
     data[-20] ^= 1
     paths[2].write_bytes(data)
     # Bits that flip on the disk change neither size nor times.
-    monkeypatch.setattr(_rows, "stamp_of", stamps.__getitem__)
+    monkeypatch.setattr(_disk, "stamp_of", stamps.__getitem__)
     with open_store(tmp_path, SCENE) as store:
         rows = read_rows(store, "rough")
         assert_same_rows(rows, rows_of([sample(number).record for number in range(5)]))

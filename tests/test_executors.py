@@ -363,7 +363,7 @@ def test_errors_of_a_run_on_dask_are_errors(dask):
             executor.submit(failing, 3).result()
         assert executor.submit(pow, 2, 5).result() == 32
         executor.shutdown(cancel_futures=True)
-        assert executor.client.status == "closed"
+        assert executor._client.status == "closed"
 
 
 BEGUN, DROPPED = threading.Event(), threading.Event()
@@ -389,7 +389,7 @@ def test_a_dask_task_that_nobody_waits_for_ends_itself(dask, how):
         if how == "cancelled":
             executor.shutdown(cancel_futures=True)
         else:
-            executor.client.close()
+            executor._client.close()
         assert DROPPED.wait(30)
 
 

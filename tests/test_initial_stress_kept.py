@@ -12,7 +12,7 @@ from benchmarks.invented import TINY
 from cooperative import campaign
 from cooperative.reporting._exports import export_sample
 from cooperative.runs import _executors, build, keep_initial, random_soil
-from cooperative.runs._initial import initial_path
+from cooperative.runs._built import initial_path
 from cooperative.scene import parse
 from cooperative.store import read_rows, read_store, sample_path
 from foundation.files import set_aside

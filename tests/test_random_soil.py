@@ -354,7 +354,7 @@ def test_a_sample_of_such_a_campaign_is_made_again_from_its_coefficients(done):
 def test_a_worker_makes_the_same_sample(done):
     text, folder, _ = done
     kept = read_sample(read_store(folder), "rough", 2)
-    again = run_sample(runs.packed(parse(text)), "rough", 2, kept.coefficients, None, None, folder=folder)
+    again = run_sample(runs.packed(parse(text)), "rough", 2, kept.coefficients, None, folder=folder)
     assert dict(again.row) == dict(kept.row)
 
 

@@ -14,7 +14,7 @@ import pytest
 from cooperative import run, runs
 from cooperative.runs import Stopped, run_samples
 from cooperative.scene import parse
-from cooperative.store import open_store, read_rows, read_sample, read_store, restart_path, write_sample
+from cooperative.store import Source, open_store, read_rows, read_sample, read_store, restart_path, write_sample
 from jaxmpm import solve, with_strength
 from tests.test_campaign import TINY, changed
 
@@ -129,6 +129,16 @@ def test_lanes_go_on_from_restart_points_beside_fresh_ones(undisturbed, folder):
         again = runs.run_samples(model, coefficients, [first, second], width=width, restart_in=folder)
         for sample in again:
             assert_same_sample(sample, found[sample.number])
+
+
+def test_a_campaign_that_was_written_in_python_has_restart_points(tmp_path):
+    model, coefficients = model_of(OFTEN)
+    folder = tmp_path / "written"
+    open_store(folder, Source(None, {"campaign": {"name": "written"}})).close()
+    on_chunk, _ = stop_after(1)
+    with pytest.raises(Broken):
+        list(runs.run_samples(model, coefficients, [0], width=1, on_chunk=on_chunk, restart_in=folder))
+    assert restart_path(folder, "refined", 0).exists()
 
 
 def test_short_runs_write_none(folder):

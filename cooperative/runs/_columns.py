@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from cooperative.measure import ColumnPlan, Place
-from cooperative.runs._model import GridModel, column_plan
+from cooperative.runs._model import GridModel
 from cooperative.store import Scalar
 from jaxmpm import Face, Result, passing
 
@@ -40,7 +40,7 @@ def column_row(model: GridModel, columns: dict[str, np.ndarray]) -> dict[str, Sc
     kept, hazard = model.state.columns, model.campaign.hazard
     if not columns or kept is None or hazard is None:
         return {}
-    plan = column_plan(model.scene)
+    plan = model.columns
     covered, face = columns["column_deposit"] >= kept.least, model.campaign.site.shape.face
     row: dict[str, Scalar] = {"area_columns": float(covered[beyond_toe(face, plan)].sum()) * plan.area}
     for place in hazard.places:

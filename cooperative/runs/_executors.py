@@ -21,7 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from cooperative.runs._model import GridModel, build
+from cooperative.runs._built import build
+from cooperative.runs._model import GridModel
 from cooperative.runs._packed import Packed, unpacked
 from cooperative.runs._processes import ATTEMPTS, Processes, WorkerLost, stop_wanted
 from cooperative.runs._random_soil import random_soil
@@ -58,8 +59,7 @@ def cores_to_use() -> list[int]:
 def _shares(workers: int) -> list[list[int]]:
     """The cores of each worker; no cores where the system cannot bind a process to them."""
     if not hasattr(os, "sched_setaffinity"):
-        warnings.warn("this system binds no process to cores: workers take what they get", stacklevel=4)
-        return [[] for _ in range(workers)]
+        return [[]] * workers
     cores = cores_to_use()
     share = max(1, len(cores) // workers)
     firsts = (worker * share % len(cores) for worker in range(workers))
@@ -91,23 +91,22 @@ def run_sample(
     number: int,
     coefficients: np.ndarray,
     stop_at: float | None,
-    restart_in: Path | None,
     slides: bool = False,
     folder: Path | None = None,
 ) -> Sample | None:
-    """Run one sample of a campaign on one of its grids; what a worker does. restart_in, slides: see `run_samples`.
-    folder: of the campaign, for the grid's initial stress. Returns None where the campaign is not known here and did
-    not come along."""
+    """Run one sample of a campaign on one of its grids; what a worker does. slides: see `run_samples`. folder: of the
+    campaign, for the grid's initial stress and restart points of refined runs. Returns None where the campaign is not
+    known here and did not come along."""
     if campaign.content is not None and campaign.key not in _campaigns:
         _campaigns.clear()
         _campaigns[campaign.key] = unpacked(campaign.content)
     if campaign.key not in _campaigns:
         return None
     one, model = {number: coefficients}, _prepared(campaign.key, grid, folder)
-    runs = run_samples(
-        model, one, one, width=1, stop_at=stop_at, restart_in=restart_in, stop=_unwanted, slides=slides
-    )  # fmt: skip
-    return next(iter(runs))
+    restart_in = folder if grid == "refined" else None
+    return next(
+        run_samples(model, one, one, width=1, stop_at=stop_at, restart_in=restart_in, stop=_unwanted, slides=slides)
+    )
 
 
 _campaigns: dict[str, Campaign] = {}
@@ -161,7 +160,6 @@ def run_through(
     coefficients: np.ndarray,
     *,
     stop_at: float | None = None,
-    restart_in: Path | None = None,
     slides: bool = False,
     folder: Path | None = None,
     look: Callable[[], None] = lambda: None,
@@ -169,7 +167,8 @@ def run_through(
     """Run the samples with these numbers, rows of `coefficients`, through an executor; yields each as it ends.
 
     campaign: with its content, which goes to each worker that asks for it.
-    folder: of the campaign, where workers find the initial stress; one that does not see it solves for it.
+    folder: of the campaign, where workers find the initial stress and keep restart points; one that does not see it
+    solves for the stress, and keeps none.
     look: called several times a second, may raise to stop.
 
     Numbers are drawn one by one as places become free. A sample whose worker was killed, or whose executor broke, may
@@ -188,7 +187,7 @@ def run_through(
     def submit(number: int, packed: Packed = known) -> None:
         nonlocal broken, refused
         try:
-            future = workers.submit(packed, grid, number, coefficients[number], stop_at, restart_in, slides, folder)
+            future = workers.submit(packed, grid, number, coefficients[number], stop_at, slides, folder)
             refused = 0
         except BrokenExecutor as error:
             broken, refused = True, refused + 1
@@ -214,7 +213,11 @@ def run_through(
             number = pending.pop(future)
             try:
                 sample = future.result()
-            except (WorkerLost, BrokenExecutor) as error:
+            except Exception as error:
+                # Dask raises `KilledWorker` for one that kills more workers than its `allowed-failures`.
+                lost = isinstance(error, WorkerLost | BrokenExecutor) or type(error).__name__ == "KilledWorker"
+                if not lost:
+                    raise
                 broken = broken or isinstance(error, BrokenExecutor)
                 deaths[number] += alone and not isinstance(error, _Refused)
                 left = deaths[number] < ATTEMPTS
@@ -241,21 +244,29 @@ def dask_executor(client: Any) -> Callable[[], Executor]:
     """Makes the executor that runs samples on a Dask cluster, for `campaign.run(..., executor=...)`.
 
     client: a `distributed.Client`, which stays open, or the address of a scheduler, "tcp://host:8786". Dask itself runs
-    the sample of a dead worker again, on another one; one that kills more than Dask's `allowed-failures` raises
-    `WorkerLost`, see `run_through`. Needs the extra `dask`; raises ValueError where that is not installed.
+    the sample of a dead worker again, on another one. Needs the extra `dask`; raises ValueError where that is not
+    installed.
     """
     try:
-        import distributed
+        import distributed.cfexecutor
     except ImportError as error:
         raise ValueError("Dask is not installed: pip install distributed") from error
 
+    class OnCluster(distributed.cfexecutor.ClientExecutor):
+        """As `concurrent.futures` knows executors."""
+
+        def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+            super().shutdown(wait=not cancel_futures)
+            if self._client is not client:
+                self._client.close()
+
     def make() -> Executor:
         if not isinstance(client, str):
-            return _DaskExecutor(client, owned=False)
+            return OnCluster(client, pure=False)
         try:
             if not client.strip():
                 raise ValueError("it is empty")
-            return _DaskExecutor(distributed.Client(client, timeout=PATIENCE, set_as_default=False), owned=True)
+            return OnCluster(distributed.Client(client, timeout=PATIENCE, set_as_default=False), pure=False)
         except (OSError, ValueError, TypeError, KeyError) as error:
             why = " ".join(str(error).split()) or type(error).__name__
             raise ValueError(
@@ -264,42 +275,6 @@ def dask_executor(client: Any) -> Callable[[], Executor]:
             ) from error
 
     return make
-
-
-class _DaskExecutor(Executor):
-    """A Dask client as `concurrent.futures` knows executors. owned: whether the client ends with it."""
-
-    def __init__(self, client: Any, *, owned: bool) -> None:
-        self.client, self.owned = client, owned
-        self.tasks: set[Any] = set()
-
-    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        task = self.client.submit(function, *args, **kwargs, pure=False)
-        # Dask drops a task that nobody holds.
-        self.tasks.add(task)
-
-        def hand_over(task: Any) -> None:
-            self.tasks.discard(task)
-            error = None if task.cancelled() else task.exception()
-            if task.cancelled():
-                future.cancel()
-                future.set_running_or_notify_cancel()
-            elif type(error).__name__ == "KilledWorker":
-                future.set_exception(WorkerLost(str(error)))
-            elif error is not None:
-                future.set_exception(error)
-            else:
-                future.set_result(task.result())
-
-        task.add_done_callback(hand_over)
-        return future
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        if cancel_futures:
-            self.client.cancel(list(self.tasks))
-        if self.owned:
-            self.client.close()
 
 
 def _given_up(number: int) -> Sample:

@@ -10,25 +10,34 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import h5py
 import numpy as np
+from pydantic import ConfigDict, TypeAdapter, with_config
 
 from cooperative.measure import ColumnPlan
-from cooperative.runs._model import GridModel, column_plan, sampling_of
-from cooperative.scene import Campaign, Given
+from cooperative.runs._columns import COLUMNS
+from cooperative.runs._model import GridModel
+from cooperative.runs._random_soil import samples_of
+from cooperative.store import Record, Rows, Store, reader
 from foundation import files
 from jaxmpm import Face
 
-GROUND, DRAWN = "cooperative ground", "cooperative random soil"
-SCHEMA = 2
+GROUND, DRAWN = ("cooperative ground", 3), ("cooperative random soil", 1)
+"""Kind and schema of both files."""
+ARRAYS = ("position", "half_size", "layer")
+"""Fields of a grid that are data sets of `ground.h5`; all else of the ground is JSON there."""
+OF_PARTICLES = ("displacement", "plastic_strain")
+"""Fields of a sample that have a value, or a vector, for each particle."""
 POINTS = {2: 401, 3: 101}
 """Points of the outline along each horizontal axis, by dimension."""
 
 
+@with_config(ConfigDict(arbitrary_types_allowed=True))
 @dataclass(frozen=True)
 class StoredGrid:
     """One grid of a campaign.
@@ -36,16 +45,16 @@ class StoredGrid:
     Args:
         position: of its particles at the start (d, N) m.
         half_size: half their spacing (d,) m.
-        layer: number of the layer that each particle is of (N,), None where the ground has none.
         columns: of its cells.
         numerics: how its answers depend on the cell, in words.
+        layer: number of the layer that each particle is of (N,), None where the ground has none.
     """
 
     position: np.ndarray
     half_size: np.ndarray
-    layer: np.ndarray | None
     columns: ColumnPlan
     numerics: str
+    layer: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -64,6 +73,7 @@ class HazardPlan:
     speed: tuple[float, ...]
 
 
+@with_config(ConfigDict(arbitrary_types_allowed=True))
 @dataclass(frozen=True)
 class StoredGround:
     """What samples of a campaign are read and drawn by.
@@ -108,6 +118,9 @@ class StoredGround:
         return self.corner[1] + self.extent[1] / 2 if self.dimension == 3 else 0.0
 
 
+_STORED = TypeAdapter(StoredGround)
+
+
 @dataclass(frozen=True)
 class SampleSoil:
     """The random soil of a sample on one grid. values: of each parameter at the particles (N,), in SI units and
@@ -150,16 +163,9 @@ def ground_of(models: Mapping[str, GridModel]) -> StoredGround:
     )
 
 
-def samples_of(campaign: Campaign) -> int | None:
-    """Samples of the first phase; None where the estimator of a script, which alone knows, is not here."""
-    if isinstance(campaign.estimator, Given):
-        return None
-    return campaign.estimator.rough_runs(sampling_of(campaign))
-
-
 def _stored_grid(model: GridModel) -> StoredGrid:
     position = np.asarray(model.scene.particles.position)
-    return StoredGrid(position, model.half_size, model.layer, column_plan(model.scene), _numerics(model))
+    return StoredGrid(position, model.half_size, model.columns, _numerics(model), model.layer)
 
 
 def _numerics(model: GridModel) -> str:
@@ -183,6 +189,39 @@ def soil_of(model: GridModel, coefficients: np.ndarray) -> SampleSoil:
     return SampleSoil(values, model.time_step(coefficients))
 
 
+def rows_reader(
+    store: Store, samples: int | None, ground: StoredGround | None = None, look: Callable[[], None] = lambda: None
+) -> Callable[[str], Rows]:
+    """Reads the verified rows of a grid. Files of samples that the campaign does not have are damaged.
+
+    Args:
+        store: the campaign's folder.
+        samples: of the first phase, None where only the estimator of a script knows.
+        ground: of the campaign; then files that hold another number of coefficients or of particles are damaged too.
+        look: called before each file.
+    """
+    return reader(store, partial(foreign, samples, ground), look)
+
+
+def foreign(samples: int | None, ground: StoredGround | None, grid: str, sample: Record) -> str | None:
+    """What a sample holds that a campaign of so many samples, or a grid, does not have; None if nothing."""
+    if samples is not None and sample.number >= samples:
+        return f"is of a sample that the scene, with {samples}, does not have"
+    if ground is None:
+        return None
+    (count,) = sample.shapes["coefficients"]
+    if count != ground.terms and not (sample.row["broke_off"] and count == 0):
+        return f"holds {count} coefficients of a field that has {ground.terms}"
+    shape = ground.grids[grid].position.shape
+    expected = dict(zip(OF_PARTICLES, (shape, shape[1:]), strict=True))
+    expected |= dict.fromkeys(COLUMNS, ground.grids[grid].columns.shape)
+    for name, wanted in expected.items():
+        what, held = "columns" if name in COLUMNS else "particles", sample.shapes.get(f"fields/{name}", wanted)
+        if held != wanted:
+            return f"holds {name} of shape {held} for {what} of shape {wanted}"
+    return None
+
+
 def keep_ground(folder: Path, models: Mapping[str, GridModel]) -> None:
     """Write `ground.h5`, unless the folder has it; one that is damaged is set aside. For the one controller. OSError
     where the disk refuses."""
@@ -192,32 +231,17 @@ def keep_ground(folder: Path, models: Mapping[str, GridModel]) -> None:
             return
     except files.DamagedFile:
         files.set_aside(path)
-    ground = ground_of(models)
+    about = asdict(ground_of(models))
+    arrays = {"surface": about.pop("surface")}
+    for name, grid in about["grids"].items():
+        arrays |= {f"{name}_{of}": grid.pop(of) for of in ARRAYS if grid[of] is not None}
 
     def fill(file: h5py.File) -> None:
-        file.attrs.update(line=ground.line, random=" ".join(ground.random), terms=ground.terms)
-        file["origin"] = np.array(ground.origin)
-        file.attrs["projection"] = json.dumps(ground.projection)
-        if ground.samples is not None:
-            file.attrs["samples"] = ground.samples
-        if ground.face is not None:
-            file.attrs.update(vars(ground.face))
-        file["corner"], file["extent"], file["surface"] = ground.corner, ground.extent, ground.surface
-        file.create_group("layers").attrs.update({f"layer_{at}": name for at, name in enumerate(ground.layers)})
-        for name, grid in ground.grids.items():
-            group, plan = file.create_group(name), grid.columns
-            group.attrs.update(numerics=grid.numerics, cell=plan.cell)
-            group["position"], group["half_size"] = grid.position, grid.half_size
-            group["origin"], group["shape"], group["ends"] = plan.origin, plan.shape, plan.ends
-            if grid.layer is not None:
-                group["layer"] = grid.layer
-        if ground.hazard is not None:
-            group = file.create_group("hazard")
-            group.attrs.update(least=ground.hazard.least, every=ground.hazard.every)
-            group["thickness"] = np.array(ground.hazard.thickness, float)
-            group["speed"] = np.array(ground.hazard.speed, float)
+        file.attrs["ground"] = json.dumps(about)
+        for name, values in arrays.items():
+            file[name] = values
 
-    files.write_sealed(path, GROUND, SCHEMA, fill)
+    files.write_sealed(path, *GROUND, fill)
 
 
 def read_ground(folder: Path) -> StoredGround | None:
@@ -225,47 +249,12 @@ def read_ground(folder: Path) -> StoredGround | None:
     path = folder / "ground.h5"
     if not os.path.lexists(path):
         return None
-    with files.read_sealed(path, GROUND, SCHEMA) as file:
-        about, names, layers = file.scalars("/"), file.names("/"), file.scalars("layers")
-        hazard = None
-        if "hazard" in names:
-            least, every = (float(file.scalars("hazard")[name]) for name in ("least", "every"))
-            thickness, speed = (_numbers(file, "hazard", name) for name in ("thickness", "speed"))
-            hazard = HazardPlan(least, every, thickness, speed)
-        return StoredGround(
-            _numbers(file, "/", "corner"),
-            _numbers(file, "/", "extent"),
-            file.array("/", "surface", kinds="f"),
-            Face(*(float(about[name]) for name in ("toe_x", "toe_z", "height"))) if "toe_x" in about else None,
-            line=bool(about["line"]),
-            layers=tuple(str(layers[f"layer_{at}"]) for at in range(len(layers))),
-            random=tuple(str(about["random"]).split()),
-            terms=int(about["terms"]),
-            samples=int(about["samples"]) if "samples" in about else None,
-            grids={name: _read_grid(file, name) for name in ("rough", "refined")},
-            hazard=hazard,
-            origin=_numbers(file, "/", "origin"),
-            projection=json.loads(str(about["projection"])),
-        )
-
-
-def _read_grid(file: files.Contents, name: str) -> StoredGrid:
-    position, about = file.array(name, "position", dimensions=2, kinds="f"), file.scalars(name)
-    layer = file.array(name, "layer", dimensions=1, kinds="iu") if "layer" in file.names(name) else None
-    if layer is not None and layer.shape != position.shape[1:]:
-        raise files.DamagedFile(f"{file.path} is damaged: {layer.size} layers of {position.shape[1]} particles")
-    plan = ColumnPlan(
-        _numbers(file, name, "origin"),
-        float(about["cell"]),
-        tuple(map(int, _numbers(file, name, "shape"))),
-        tuple((float(low), float(high)) for low, high in file.array(name, "ends", dimensions=2)),
-    )
-    half_size = file.array(name, "half_size", dimensions=1, kinds="f")
-    return StoredGrid(position, half_size, layer, plan, str(about["numerics"]))
-
-
-def _numbers(file: files.Contents, group: str, name: str) -> tuple[float, ...]:
-    return tuple(file.array(group, name, dimensions=1).tolist())
+    with files.read_sealed(path, *GROUND) as file:
+        about, there = json.loads(str(file.scalars("/")["ground"])), file.names("/")
+        about["surface"] = file.array("/", "surface", kinds="f")
+        for name, grid in about["grids"].items():
+            grid |= {of: file.array("/", f"{name}_{of}") for of in ARRAYS if f"{name}_{of}" in there}
+        return _STORED.validate_python(about)
 
 
 def keep_drawn(folder: Path, drawn: Drawn) -> None:
@@ -278,20 +267,21 @@ def keep_drawn(folder: Path, drawn: Drawn) -> None:
             for name, values in soil.values.items():
                 group[name] = values.astype(np.float32)
 
-    files.write_sealed(folder / "drawn.h5", DRAWN, SCHEMA, fill)
+    files.write_sealed(folder / "drawn.h5", *DRAWN, fill)
 
 
 def read_drawn(folder: Path, wanted: Iterable[tuple[str, int]]) -> Drawn:
     """The random soil in `drawn.h5` of these samples, by grid and number; those that it lacks are left out, all of them
     where it cannot be trusted."""
+    found: dict[tuple[str, int], SampleSoil] = {}
     try:
-        with files.read_sealed(folder / "drawn.h5", DRAWN, SCHEMA) as file:
-            groups = {f"{grid}_{number}": (grid, number) for grid, number in wanted}
-            return {groups[name]: _read_soil(file, name) for name in file.names("/") if name in groups}
+        with files.read_sealed(folder / "drawn.h5", *DRAWN) as file:
+            there = file.names("/")
+            for grid, number in wanted:
+                if (group := f"{grid}_{number}") in there:
+                    values = {name: file.array(group, name, dimensions=1, kinds="f") for name in file.names(group)}
+                    step = float(file.scalars(group)["time_step"])
+                    found[grid, number] = SampleSoil({name: each.astype(float) for name, each in values.items()}, step)
     except (FileNotFoundError, files.DamagedFile):
         return {}
-
-
-def _read_soil(file: files.Contents, group: str) -> SampleSoil:
-    values = {name: file.array(group, name, dimensions=1, kinds="f").astype(float) for name in file.names(group)}
-    return SampleSoil(values, float(file.scalars(group)["time_step"]))
+    return found

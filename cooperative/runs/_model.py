@@ -1,11 +1,10 @@
-"""The model of a grid: its scene at rest, and the soil that a sample's coefficients give its particles."""
+"""The model of a grid, and the soil that a sample's coefficients give its particles."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -14,11 +13,9 @@ import numpy as np
 
 import jaxmpm
 import kl
-from cooperative.estimate import Sampling
 from cooperative.measure import ColumnPlan, OpenGround
-from cooperative.runs._initial import read_initial
-from cooperative.runs._random_soil import RandomSoil, random_soil
-from cooperative.scene import Campaign, RandomField, built
+from cooperative.runs._random_soil import RandomSoil
+from cooperative.scene import Campaign, RandomField
 from jaxmpm import Face, Scene, State, Zoned, column_shape, declared, with_columns, with_parameters
 
 RATIO = "strength_ratio"
@@ -30,10 +27,10 @@ class GridModel:
     """One grid of a campaign, ready to run.
 
     grid: "rough" or "refined" of the `campaign`. scene, state: what a sample's soil is put into, at rest; what is
-    random is there the same in a layer, and of no sample. soil: what is random. growth: by what trends multiply
-    it at the particles, by parameter and layer. strength_factor: on strength, where the grids are calibrated. layer:
-    number of the layer that each particle is of (N,), None where the ground has none. stress: effective and vertical
-    (N,) Pa, at rest, None where no strength goes with it.
+    random is there the same in a layer, and of no sample. soil: what is random. growth: see `growth_of_trends`.
+    strength_factor: on strength, where the grids are calibrated. layer: number of the layer that each particle is of
+    (N,), None where the ground has none. stress: effective and vertical (N,) Pa, at rest, None where no strength goes
+    with it.
     """
 
     grid: str
@@ -41,7 +38,7 @@ class GridModel:
     scene: Scene
     state: State
     soil: RandomSoil
-    growth: Mapping[str, tuple[jax.Array | None, ...]]
+    growth: Mapping[str, tuple[jax.Array | None, ...]] = field(default_factory=dict)
     strength_factor: float = 1.0
     layer: np.ndarray | None = None
     stress: jax.Array | None = None
@@ -84,6 +81,17 @@ class GridModel:
             for wall in self.scene.walls
             if wall.axis != upright
         )
+
+    @property
+    def columns(self) -> ColumnPlan:
+        """Where the columns of its cells stand, between its walls where it has some."""
+        grid, shape = self.scene.grid, column_shape(self.scene)
+        ends = []
+        for axis, count in enumerate(shape):
+            walls = {wall.side: wall.index for wall in self.scene.walls if wall.axis == axis}
+            low, high = walls.get("low", 0), walls.get("high", count)
+            ends.append((grid.origin[axis] + low * grid.cell, grid.origin[axis] + high * grid.cell))
+        return ColumnPlan(tuple(grid.origin[: len(shape)]), grid.cell, shape, tuple(ends))
 
     @property
     def reach(self) -> float:
@@ -168,9 +176,8 @@ class GridModel:
         hazard = self.campaign.hazard
         if hazard is None or self.grid != "refined":
             return self
-        plan = column_plan(self.scene)
         for place in hazard.places:
-            place.columns(plan)
+            place.columns(self.columns)
         moved = self.campaign.run.failure_displacement
         return replace(self, state=with_columns(self.scene, self.state, moved=moved, every=hazard.every))
 
@@ -188,13 +195,42 @@ class GridModel:
         scene = self.scene if known else jaxmpm.reduced(self.scene, 1 / factor)
         return replace(self, scene=scene, strength_factor=factor)
 
+    def growth_of_trends(self) -> dict[str, tuple[jax.Array | None, ...]]:
+        """By what the trend of each parameter that varies multiplies it at the particles (N,), in each layer."""
+        site, numerics = self.campaign.site, self.campaign.grids[self.grid]
+
+        def growth(points: np.ndarray, layer: RandomField | float, number: int) -> jax.Array | None:
+            if not isinstance(layer, RandomField) or layer.trend is None:
+                return None
+            depth = site.depth(points, layer, number, numerics if site.layers else None)
+            return jnp.asarray(layer.grown(depth), self.scene.particles.position.dtype)
+
+        return {
+            name: tuple(
+                growth(np.asarray(self._points(random)), layer, number)
+                for number, layer in enumerate(site.values_of(name, random))
+            )
+            for name, random in self.campaign.random.items()
+        }
+
+    def _points(self, random: RandomField) -> jax.Array:
+        """Where a field is taken for each particle (d, N) m: there, or at the centre of the cell that it starts in,
+        kept in the ground's box where that ends in it."""
+        position, grid, shape = self.scene.particles.position, self.scene.grid, self.campaign.site.shape
+        if random.sampled_at == "particles":
+            return position
+        origin = jnp.asarray(grid.origin)[:, None]
+        centre = origin + (jnp.floor((position - origin) / grid.cell) + 0.5) * grid.cell
+        end = jnp.asarray(shape.corner) + jnp.asarray(shape.extent)
+        return jnp.minimum(centre, end[:, None])
+
     def _drawn(self, coefficients: jax.Array | np.ndarray | None) -> dict[str, jax.Array]:
         """What is random at the particles (N,), in engineers' numbers."""
         sample = np.zeros(self.soil.modes) if coefficients is None else coefficients
         own = {group.layer: self.soil.coefficients(sample, group.layer) for group in self.soil.groups}
         return {
-            name: self._values(field, name, {layer: each[name] for layer, each in own.items() if name in each})
-            for name, field in self.campaign.random.items()
+            name: self._values(random, name, {layer: each[name] for layer, each in own.items() if name in each})
+            for name, random in self.campaign.random.items()
         }
 
     def _in_law(self, drawn: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
@@ -244,11 +280,11 @@ class GridModel:
         return value / scale if inverse else value * scale
 
     def _values(
-        self, field: RandomField, name: str, coefficients: Mapping[int | None, jax.Array | np.ndarray]
+        self, random: RandomField, name: str, coefficients: Mapping[int | None, jax.Array | np.ndarray]
     ) -> jax.Array:
         """A parameter at the particles (N,), of the coefficients of its fields by the layer at which they stop."""
-        points = points_of(self.campaign, self.scene, field)
-        layers = self.campaign.site.values_of(name, field)
+        points = self._points(random)
+        layers = self.campaign.site.values_of(name, random)
         marginals = tuple(
             layer.distribution if isinstance(layer, RandomField) else kl.Normal(layer, 0.0) for layer in layers
         )
@@ -277,106 +313,3 @@ def _values(
     if layer is None:
         return each[0]
     return jnp.take_along_axis(jnp.stack(each), jnp.asarray(layer)[None], axis=0)[0]
-
-
-def points_of(campaign: Campaign, scene: Scene, field: RandomField) -> jax.Array:
-    """Where a field is taken for each particle (d, N) m: there, or at the centre of the cell that it starts in, kept in
-    the ground's box where that ends in it."""
-    position, grid, shape = scene.particles.position, scene.grid, campaign.site.shape
-    if field.sampled_at == "particles":
-        return position
-    origin = jnp.asarray(grid.origin)[:, None]
-    centre = origin + (jnp.floor((position - origin) / grid.cell) + 0.5) * grid.cell
-    end = jnp.asarray(shape.corner) + jnp.asarray(shape.extent)
-    return jnp.minimum(centre, end[:, None])
-
-
-def growth_of(campaign: Campaign, grid: str, scene: Scene) -> dict[str, tuple[jax.Array | None, ...]]:
-    """By what the trend of each parameter that varies multiplies it at the particles (N,), in each layer."""
-    site, numerics = campaign.site, campaign.grids[grid]
-
-    def growth(points: np.ndarray, layer: RandomField | float, number: int) -> jax.Array | None:
-        if not isinstance(layer, RandomField) or layer.trend is None:
-            return None
-        depth = site.depth(points, layer, number, numerics if site.layers else None)
-        return jnp.asarray(layer.grown(depth), scene.particles.position.dtype)
-
-    return {
-        name: tuple(
-            growth(np.asarray(points_of(campaign, scene, field)), layer, number)
-            for number, layer in enumerate(site.values_of(name, field))
-        )
-        for name, field in campaign.random.items()
-    }
-
-
-def coefficients_of(campaign: Campaign, soil: RandomSoil) -> np.ndarray:
-    """Coefficients of the scene's samples (samples, modes), by the design that it asks for."""
-    plan = campaign.plan
-    return np.asarray(plan.coefficients(jax.random.key(plan.seed), plan.samples, soil.modes))
-
-
-def sampling_of(campaign: Campaign) -> Sampling:
-    """The first phase as the campaign's estimator sees it; random fields are expanded when first asked for."""
-    return Sampling(
-        campaign.plan.samples,
-        campaign.run.failure_displacement,
-        campaign.plan.screening_stop,
-        modes=lambda: int(random_soil(campaign).modes),
-        draw=lambda: coefficients_of(campaign, random_soil(campaign)),
-    )
-
-
-def build(
-    campaign: Campaign, grid: str, soil: RandomSoil, *, at_rest: bool = True, folder: Path | None = None
-) -> GridModel:
-    """Scene and initial state of one grid; ValueError where slope, soil, grid and exposed places do not fit together.
-
-    at_rest: False leaves the state free of stress, which is not solved for then: for who looks and does not run.
-    folder: of the campaign, whose initial stress is taken where it keeps one of this grid.
-    """
-    scene, state = built(campaign, grid, at_rest=False)
-    _refuse_unknown(campaign.random, scene)
-    if at_rest:
-        kept = None if folder is None else read_initial(folder, grid, scene, state)
-        state = jaxmpm.at_rest(scene, apic=campaign.grids[grid].apic) if kept is None else kept
-    layer = campaign.site.layer_of(np.asarray(scene.particles.position), campaign.grids[grid])
-    model = GridModel(
-        grid, campaign, scene, state, soil, growth_of(campaign, grid, scene), layer=layer,
-        stress=_effective_stress(campaign, scene),
-    )  # fmt: skip
-    return model.with_measured(campaign)
-
-
-def _effective_stress(campaign: Campaign, scene: Scene) -> jax.Array | None:
-    """Vertical (N,) Pa, at rest, of the weight of soil with its means; None where no strength goes with it. The elastic
-    stress of a grid would not do: within a cell of the surface it is half of that, or less."""
-    if campaign.site.by_stress(campaign.soil) is None:
-        return None
-    stress, dtype = jaxmpm.overburden(scene), scene.particles.mass.dtype
-    if scene.water is None:
-        stress = stress - campaign.site.pore_pressure(np.asarray(scene.particles.position, float), stress)
-    return jnp.asarray(stress, dtype)
-
-
-def _refuse_unknown(random: Collection[str], scene: Scene) -> None:
-    """Raise ValueError for what varies and is no parameter of the soil."""
-    known = [*declared(scene.material), "young", "poisson", "unit_weight"]
-    known += [RATIO] if "strength" in known else []
-    unknown = [name for name in random if name not in known]
-    if unknown:
-        raise ValueError(
-            f"random holds {', '.join(unknown)}, which is no parameter of {type(scene.material).__name__}: give some "
-            f"of {', '.join(known)}"
-        )
-
-
-def column_plan(scene: Scene) -> ColumnPlan:
-    """Where the columns of cells of a grid stand, between its walls where it has some."""
-    grid, shape = scene.grid, column_shape(scene)
-    ends = []
-    for axis, count in enumerate(shape):
-        walls = {wall.side: wall.index for wall in scene.walls if wall.axis == axis}
-        low, high = walls.get("low", 0), walls.get("high", count)
-        ends.append((grid.origin[axis] + low * grid.cell, grid.origin[axis] + high * grid.cell))
-    return ColumnPlan(tuple(grid.origin[: len(shape)]), grid.cell, shape, tuple(ends))

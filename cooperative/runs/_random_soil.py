@@ -1,4 +1,5 @@
-"""The random parameters of a scene's soil: their expansions, and which of a sample's coefficients are whose.
+"""The random parameters of a scene's soil, their expansions, and which of a sample's coefficients are whose; samples as
+the campaign's estimator draws and sees them.
 
 Parameters that correlate share an expansion and are made from independent fields of it; their borehole values
 condition all of them together, since a value of one tells of the others.
@@ -16,7 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 
 import kl
-from cooperative.scene import Campaign, CrossCorrelation, RandomField, Site
+from cooperative.estimate import Phases, Sampling
+from cooperative.scene import Campaign, CrossCorrelation, Given, RandomField, Site
+from cooperative.store import Rows
 
 Box = tuple[tuple[float, ...], tuple[float, ...]]
 """Lowest corner and edges (d,) m."""
@@ -212,3 +215,32 @@ def _conditioning(
     return kl.condition_on(
         matrix.astype(expansion.axes[0].fractions.dtype), np.concatenate(scores), error=np.concatenate(errors)
     )
+
+
+def coefficients_of(campaign: Campaign, soil: RandomSoil) -> np.ndarray:
+    """Coefficients of the scene's samples (samples, modes), by the design that it asks for."""
+    plan = campaign.plan
+    return np.asarray(plan.coefficients(jax.random.key(plan.seed), plan.samples, soil.modes))
+
+
+def sampling_of(campaign: Campaign) -> Sampling:
+    """The first phase as the campaign's estimator sees it; random fields are expanded when first asked for."""
+    return Sampling(
+        campaign.plan.samples,
+        campaign.run.failure_displacement,
+        campaign.plan.screening_stop,
+        modes=lambda: int(random_soil(campaign).modes),
+        draw=lambda: coefficients_of(campaign, random_soil(campaign)),
+    )
+
+
+def samples_of(campaign: Campaign) -> int | None:
+    """Samples of the first phase; None where the estimator of a script, which alone knows, is not here."""
+    if isinstance(campaign.estimator, Given):
+        return None
+    return campaign.estimator.rough_runs(sampling_of(campaign))
+
+
+def phases_of(campaign: Campaign, rough: Rows, refined: Rows) -> Phases:
+    """What the rows of both grids tell the campaign's estimator."""
+    return Phases.known(campaign.estimator, sampling_of(campaign), rough.results, refined.results)

@@ -1,4 +1,5 @@
-"""Restart points of long runs: a run that is killed goes on from its last one, bit for bit.
+"""What a run leaves while it is under way: frames, by which a slide is drawn without being run again; restart points,
+from which a run that was killed goes on, bit for bit.
 
 A restart point holds the state, what the settle watch remembers, what the modes need of the past and the frames so far.
 It lies in the campaign's folder, which a worker must see; where it does not, its runs start afresh.
@@ -8,17 +9,50 @@ from __future__ import annotations
 
 import os
 import warnings
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cooperative.measure import Motion
-from cooperative.runs._frames import Frames
 from cooperative.store import check_frames, restart_path
 from foundation import files
 from jaxmpm import Midway, State, load_state, save_state
+
+PASSED = (1.0, 5.0)
+"""Multiples of the failure displacement. A frame is the state after the first chunk of steps that ends beyond one."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """A run at some of its times. times: of T moments, ascending (s). displacement: at each of them (d, N) m."""
+
+    times: tuple[float, ...] = ()
+    displacement: tuple[np.ndarray, ...] = ()
+
+    def due(self, farthest: float, failure_displacement: float) -> bool:
+        """Whether soil that has moved so far (m) asks for the next frame. At most one is taken at a time."""
+        return len(self.times) < len(PASSED) and farthest > PASSED[len(self.times)] * failure_displacement
+
+    def after(self, time: float, displacement: ArrayLike) -> Self:
+        """With one frame more; half precision tells 10 m to 4 mm, which is enough for a picture."""
+        return type(self)((*self.times, time), (*self.displacement, np.asarray(displacement).astype(np.float16)))
+
+    def as_fields(self) -> dict[str, np.ndarray]:
+        """As they are stored: `frames` (T, d, N) m and `frame_times` (T,) s, or nothing where there are none."""
+        if not self.times:
+            return {}
+        return {"frames": np.stack(self.displacement), "frame_times": np.asarray(self.times)}
+
+    @classmethod
+    def of(cls, fields: Mapping[str, np.ndarray]) -> Self:
+        """Those among the fields of a sample or a restart point, none where they have none."""
+        if "frames" not in fields:
+            return cls()
+        return cls(tuple(fields["frame_times"].tolist()), tuple(fields["frames"]))
 
 
 @dataclass(frozen=True)
@@ -72,34 +106,26 @@ def read_restart(
         if (about.get("scene"), about.get("grid"), about.get("sample")) != (digest, grid, number):
             raise files.DamagedFile(f"{path} is of another scene or sample")
         return _restored(path, state, about, start)
-    except ValueError as error:
-        warnings.warn(f"{error}: set aside, the run starts afresh", stacklevel=2)
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        why = error if isinstance(error, ValueError) else f"{path} is damaged: {error!r}"
+        warnings.warn(f"{why}: set aside, the run starts afresh", stacklevel=2)
         files.set_aside(path)
         return None
 
 
 def _restored(path: Path, state: State, about: dict[str, Any], start: Motion) -> RestartPoint:
-    """The run as it was; DamagedFile where a part of it is missing or of another type or shape."""
-    particles = start.volume.shape
-    for name, shape in (("seconds", ()), ("quiet", ()), ("reference", ()), ("times", (-1,)), ("moved", particles),
-                        ("onset", particles), ("seen", particles), ("travel", (-1,))):  # fmt: skip
-        found = np.asarray(about.get(name))
-        if found.dtype.kind not in "biuf" or (found.ndim != 1 if shape == (-1,) else found.shape != shape):
-            raise files.DamagedFile(f"{path} holds {name} as {found.dtype} of shape {found.shape}")
-    snapshots = len(about["times"])
-    if snapshots < 1 or len(about["travel"]) != sum(range(2, snapshots + 1)):
-        raise files.DamagedFile(f"{path} holds {len(about['travel'])} numbers of travel for {snapshots} snapshots")
-    check_frames(path, about, state.displacement.shape)
+    """The run as it was. Raises DamagedFile, or what reading the wrong type raises, where a part of it is missing or of
+    another type or shape."""
+    for name in ("moved", "onset", "seen"):
+        if np.shape(about[name]) != start.volume.shape:
+            raise files.DamagedFile(f"{path} holds {name} of shape {np.shape(about[name])}")
     # Snapshot k has one travel for each snapshot up to it.
-    ends = np.cumsum(np.arange(2, len(about["times"]) + 1))
-    motion = Motion(
-        start.volume,
-        start.failure_displacement,
-        tuple(about["times"].tolist()),
-        about["moved"],
-        about["onset"],
-        about["seen"],
-        tuple(np.split(about["travel"], ends)[: len(ends)]),
-    )
-    midway = Midway(state, about["quiet"], about["reference"])
-    return RestartPoint(midway, motion, Frames.of(about), about["seconds"])
+    times, travel = tuple(about["times"].tolist()), about["travel"]
+    ends = np.cumsum(np.arange(2, len(times) + 1))
+    if travel.shape != (ends[-1] if len(ends) else 0,):
+        raise files.DamagedFile(f"{path} holds travel of shape {travel.shape} for {len(times)} snapshots")
+    check_frames(path, about, state.displacement.shape)
+    parts = tuple(np.split(travel, ends)[: len(ends)])
+    motion = replace(start, times=times, moved=about["moved"], onset=about["onset"], seen=about["seen"], travel=parts)
+    midway = Midway(state, float(about["quiet"]), float(about["reference"]))
+    return RestartPoint(midway, motion, Frames.of(about), float(about["seconds"]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import tee
 from operator import itemgetter
 from pathlib import Path
@@ -23,11 +23,10 @@ from cooperative.measure import (
     walls_reached,
 )
 from cooperative.runs._columns import column_row, kept_columns
-from cooperative.runs._frames import Frames
 from cooperative.runs._model import GridModel
-from cooperative.runs._restart import RestartPoint, read_restart, write_restart
+from cooperative.runs._restart import Frames, RestartPoint, read_restart, write_restart
 from cooperative.runs._stopping import Asked, Stopped
-from cooperative.store import SLIDES, Sample, Scalar, read_store
+from cooperative.store import SLIDES, Sample, Scalar, stored_source
 from jaxmpm import Chunk, Face, Midway, Result, Status, solve_each
 
 
@@ -55,8 +54,7 @@ def run_samples(
     if width is None:
         width = 1 if jax.default_backend() == "cpu" else 64
     run = model.campaign.run
-    folder = restart_in if restart_in is not None and (restart_in / "scene.toml").is_file() else None
-    lanes, left_out = _UnderWay(model, folder, stop, SLIDES if slides else model.grid), False
+    under_way, left_out = _UnderWay(model, restart_in, stop, SLIDES if slides else model.grid), False
 
     def until_stopped() -> Iterator[int]:
         nonlocal left_out
@@ -67,7 +65,7 @@ def run_samples(
             yield number
 
     def looked(chunk: Chunk) -> None:
-        lanes.look(chunk.busy)
+        under_way.look(chunk.busy)
         if on_chunk is not None:
             on_chunk(chunk)
 
@@ -78,45 +76,44 @@ def run_samples(
     for number, result in solve_each(
         model.scene, model.state, varied, numbers=wanted, width=width, t_end=run.t_end, settle=run.settle,
         slides_end=model.slides_end, stop_at=stop_at, least_volume=run.least_volume, on_chunk=looked,
-        observe=lanes.remember if lanes.remembers else None, resume=lanes.begin,
+        observe=under_way.remember if under_way.remembers else None, resume=under_way.begin,
     ):  # fmt: skip
-        seconds = lanes.before[number] + lanes.lap()
-        past = lanes.motions.pop(number)
-        motion = past if model.grid in model.campaign.plan.modes else None
-        yield finished(model, number, coefficients[number], result, seconds, motion, lanes.frames.pop(number))
+        lane = under_way.lanes.pop(number)
+        seconds = lane.before + under_way.lap()
+        motion = lane.motion if model.grid in model.campaign.plan.modes else None
+        yield finished(model, number, coefficients[number], result, seconds, motion, lane.frames)
     if left_out:
         raise Stopped
 
 
 @dataclass
+class _Lane:
+    """A run under way. motion: its past for the modes. before: seconds that it had taken when this process took it up.
+    written: when its last restart point was written."""
+
+    motion: Motion
+    frames: Frames
+    before: float
+    written: float
+
+
 class _UnderWay:
     """What the runs under way leave behind between chunks of steps: their past for the modes, frames, restart points.
 
-    folder: of the campaign, None without restart points. kept_as: the grid of its samples, or SLIDES. motions, frames,
-    before, written: by number, each run's past, its frames, the seconds it had taken when this process took it up, and
-    when its last restart point was written. started: when the last run ended. stopping: whether a stop was seen after
-    the last chunk. busy: lanes of that chunk not shown yet. ended: whether a run ended with it.
+    folder: of the campaign, None without restart points. kept_as: the grid of its samples, or SLIDES. lanes: by number.
+    started: when the last run ended. stopping: whether a stop was seen after the last chunk. busy: lanes of that chunk
+    not shown yet. ended: whether a run ended with it.
     """
 
-    model: GridModel
-    folder: Path | None
-    stop: Asked
-    kept_as: str
-    motions: dict[int, Motion] = field(default_factory=dict)
-    frames: dict[int, Frames] = field(default_factory=dict)
-    before: dict[int, float] = field(default_factory=dict)
-    written: dict[int, float] = field(default_factory=dict)
-    started: float = field(default_factory=time.perf_counter)
-    stopping: bool = False
-    busy: int = 0
-    ended: bool = False
-
-    def __post_init__(self) -> None:
-        volume = np.asarray(self.model.scene.particles.volume)
-        self.at_rest = Motion.start(volume, self.model.campaign.run.failure_displacement)
-        self.digest = "" if self.folder is None else read_store(self.folder).digest
-        plan = self.model.campaign.plan
-        self.remembers = self.folder is not None or self.model.grid in (*plan.modes, *plan.fields)
+    def __init__(self, model: GridModel, folder: Path | None, stop: Asked, kept_as: str) -> None:
+        source = None if folder is None else stored_source(folder)
+        self.digest, self.folder = ("", None) if source is None else (source.digest, folder)
+        self.model, self.stop, self.kept_as = model, stop, kept_as
+        plan, volume = model.campaign.plan, np.asarray(model.scene.particles.volume)
+        self.at_rest = Motion.start(volume, model.campaign.run.failure_displacement)
+        self.remembers = self.folder is not None or model.grid in (*plan.modes, *plan.fields)
+        self.lanes: dict[int, _Lane] = {}
+        self.started, self.stopping, self.busy, self.ended = time.perf_counter(), False, 0, False
 
     def lap(self) -> float:
         """Seconds since a run ended the last time."""
@@ -125,14 +122,12 @@ class _UnderWay:
 
     def begin(self, number: int) -> Midway | None:
         """Where a sample goes on from."""
-        self.written[number] = time.perf_counter()
         point = None
         if self.folder is not None:
             place = self.folder, self.kept_as, number, self.digest
             point = read_restart(*place, like=self.model.state, start=self.at_rest)
-        self.motions[number] = self.at_rest if point is None else point.motion
-        self.frames[number] = Frames() if point is None else point.frames
-        self.before[number] = 0.0 if point is None else point.seconds
+        past = (self.at_rest, Frames(), 0.0) if point is None else (point.motion, point.frames, point.seconds)
+        self.lanes[number] = _Lane(*past, time.perf_counter())
         return None if point is None else point.midway
 
     def look(self, busy: int) -> None:
@@ -143,23 +138,24 @@ class _UnderWay:
 
     def remember(self, number: int, seconds: float, midway: Midway) -> None:
         """One lane after a chunk. Raises `Stopped` after the last one, if none waits to be given out."""
-        motion, running = self.motions[number], bool(midway.state.status == Status.RUNNING)
+        lane, plan = self.lanes[number], self.model.campaign.plan
+        running = bool(midway.state.status == Status.RUNNING)
         # A refined run that has failed may be asked to slide on from here.
         failed = self.model.slides_on and bool(midway.state.status == Status.DECIDED)
-        if seconds > motion.times[-1]:  # a lane with a number that none may have takes no step
+        if seconds > lane.motion.times[-1]:  # a lane with a number that none may have takes no step
             moved = np.asarray(_moved(midway.state.displacement))
-            self.motions[number] = motion.after(seconds, moved)
-            kept = self.model.grid in self.model.campaign.plan.fields and (running or failed)
-            if kept and self.frames[number].due(float(moved.max()), motion.failure_displacement):
-                self.frames[number] = self.frames[number].after(seconds, midway.state.displacement)
+            lane.motion = lane.motion.after(seconds, moved)
+            kept = self.model.grid in plan.fields and (running or failed)
+            if kept and lane.frames.due(float(moved.max()), lane.motion.failure_displacement):
+                lane.frames = lane.frames.after(seconds, midway.state.displacement)
         now = time.perf_counter()
-        due = self.stopping or now - self.written[number] > self.model.campaign.plan.restart_every
+        due = self.stopping or now - lane.written > plan.restart_every
         if self.folder is not None and ((due and running) or failed):
             state = replace(midway.state, status=jnp.asarray(int(Status.RUNNING), jnp.int32))
-            taken = self.before[number] + now - self.started
-            point = RestartPoint(replace(midway, state=state), self.motions[number], self.frames[number], taken)
+            taken = lane.before + now - self.started
+            point = RestartPoint(replace(midway, state=state), lane.motion, lane.frames, taken)
             write_restart(self.folder, SLIDES if failed else self.kept_as, number, self.digest, point)
-            self.written[number] = now
+            lane.written = now
         self.busy -= 1
         self.ended = self.ended or not running
         if self.stopping and not self.busy and not self.ended:

@@ -18,20 +18,18 @@ named, set aside and counted as not done.
     .lock                         held by the one controller; the kernel frees it when the process ends
 """
 
-from cooperative.store._opened import lock_holder, open_store, read_store
-from cooperative.store._rows import Rows, read_rows, write_sample
-from cooperative.store._samples import (
-    GRIDS,
-    SLIDES,
-    Record,
-    Sample,
-    Store,
+from cooperative.store._disk import (
     check_frames,
     fill_sample,
+    read_rows,
     read_sample,
+    reader,
     restart_path,
     sample_path,
+    write_sample,
 )
+from cooperative.store._opened import lock_holder, open_store, read_store
+from cooperative.store._samples import GRIDS, SLIDES, Record, Rows, Sample, Store
 from cooperative.store._source import (
     CAMPAIGN,
     FIRST_DEFAULTS,
@@ -66,6 +64,7 @@ __all__ = [
     "read_rows",
     "read_sample",
     "read_store",
+    "reader",
     "refuse_another",
     "restart_path",
     "sample_path",

@@ -8,13 +8,15 @@ import platform
 import socket
 import sys
 import textwrap
-from dataclasses import replace
+from collections.abc import Mapping
 from datetime import date
+from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 
-from cooperative.store._samples import GRIDS, SLIDES, Store, package_versions
+from cooperative.store._samples import GRIDS, SLIDES, Store
 from cooperative.store._source import CAMPAIGN, MOST_TEXT, Source, refuse_another, stored_source
-from foundation import files
+from foundation import __version__, files
 from foundation.files import write_aside
 from foundation.text import printable, short, shown
 
@@ -49,7 +51,8 @@ def open_store(folder: str | Path, source: Source | str, *, verify: bool = False
         ) from error
     try:
         # Another controller may have begun since, and ended.
-        if refuse_another(folder, source) is None:
+        there = refuse_another(folder, source)
+        if there is None:
             source.write(folder)
         _write_readme(folder, source)
         for directory in (folder / "samples", *(folder / "samples" / grid for grid in (*GRIDS, SLIDES))):
@@ -60,7 +63,7 @@ def open_store(folder: str | Path, source: Source | str, *, verify: bool = False
         for index in (folder / "samples").glob("*.index") if verify else ():
             if not index.is_dir():
                 index.unlink()
-        return replace(read_store(folder), lock=lock)
+        return Store(folder, there or source, lock)
     except BaseException:
         os.close(lock)
         raise
@@ -130,8 +133,14 @@ def _write_readme(folder: Path, source: Source) -> None:
     name = name.get("name") if isinstance(name, dict) else name
     title = printable(name) if isinstance(name, str) and name.strip() else "a campaign"
     python = f"Python {platform.python_version()} on {platform.system()} {platform.machine()}"
-    said = ", ".join([python, *(f"{name} {version}" for name, version in package_versions().items())])
+    said = ", ".join([python, *(f"{name} {number}" for name, number in package_versions().items())])
     versions = textwrap.fill(said, 110, initial_indent="  ", subsequent_indent="  ")
     text = Path(__file__).with_name("_readme.txt").read_text(encoding="utf-8")
     text = text.format(title=title, day=date.today().isoformat(), versions=versions)
     write_aside(folder / README, text.encode())
+
+
+@cache
+def package_versions() -> Mapping[str, str]:
+    """Versions of the packages that a result depends on."""
+    return {"jaxmpm": __version__} | {name: version(name) for name in ("jax", "jaxlib", "numpy", "scipy", "h5py")}

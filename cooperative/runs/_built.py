@@ -1,4 +1,5 @@
-"""The initial stress of a grid: solved once per campaign, kept in its folder, read by whoever builds the grid again.
+"""A grid's model, built; its stress at rest is solved once per campaign, kept in its folder, and read by whoever builds
+the grid again.
 
     initial/rough.h5              stress of all particles at rest, and of which grid it is
     initial/refined.h5
@@ -12,6 +13,7 @@ from __future__ import annotations
 import hashlib
 import os
 import warnings
+from collections.abc import Collection
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -21,11 +23,56 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+import jaxmpm
+from cooperative.runs._model import RATIO, GridModel
+from cooperative.runs._random_soil import RandomSoil
+from cooperative.scene import Campaign, built
 from foundation import files
-from jaxmpm import Scene, State
+from jaxmpm import Scene, State, declared
 
 KIND = "cooperative initial stress"
 SCHEMA = 1
+
+
+def build(
+    campaign: Campaign, grid: str, soil: RandomSoil, *, at_rest: bool = True, folder: Path | None = None
+) -> GridModel:
+    """Scene and initial state of one grid; ValueError where slope, soil, grid and exposed places do not fit together.
+
+    at_rest: False leaves the state free of stress, which is not solved for then: for who looks and does not run.
+    folder: of the campaign, whose initial stress is taken where it keeps one of this grid.
+    """
+    scene, state = built(campaign, grid, at_rest=False)
+    _refuse_unknown(campaign.random, scene)
+    if at_rest:
+        kept = None if folder is None else _read_initial(folder, grid, scene, state)
+        state = jaxmpm.at_rest(scene, apic=campaign.grids[grid].apic) if kept is None else kept
+    layer = campaign.site.layer_of(np.asarray(scene.particles.position), campaign.grids[grid])
+    model = GridModel(grid, campaign, scene, state, soil, layer=layer, stress=_effective_stress(campaign, scene))
+    return replace(model, growth=model.growth_of_trends()).with_measured(campaign)
+
+
+def _effective_stress(campaign: Campaign, scene: Scene) -> jax.Array | None:
+    """Vertical (N,) Pa, at rest, of the weight of soil with its means; None where no strength goes with it. The elastic
+    stress of a grid would not do: within a cell of the surface it is half of that, or less."""
+    if campaign.site.by_stress(campaign.soil) is None:
+        return None
+    stress, dtype = jaxmpm.overburden(scene), scene.particles.mass.dtype
+    if scene.water is None:
+        stress = stress - campaign.site.pore_pressure(np.asarray(scene.particles.position, float), stress)
+    return jnp.asarray(stress, dtype)
+
+
+def _refuse_unknown(random: Collection[str], scene: Scene) -> None:
+    """Raise ValueError for what varies and is no parameter of the soil."""
+    known = [*declared(scene.material), "young", "poisson", "unit_weight"]
+    known += [RATIO] if "strength" in known else []
+    unknown = [name for name in random if name not in known]
+    if unknown:
+        raise ValueError(
+            f"random holds {', '.join(unknown)}, which is no parameter of {type(scene.material).__name__}: give some "
+            f"of {', '.join(known)}"
+        )
 
 
 def initial_path(folder: Path, grid: str) -> Path:
@@ -33,7 +80,7 @@ def initial_path(folder: Path, grid: str) -> Path:
     return folder / "initial" / f"{grid}.h5"
 
 
-def read_initial(folder: Path, grid: str, scene: Scene, state: State) -> State | None:
+def _read_initial(folder: Path, grid: str, scene: Scene, state: State) -> State | None:
     """The state of this grid with the stress that the folder keeps, None where it keeps none that can be trusted; a
     warning names a file that is damaged or of another grid."""
     path = initial_path(folder, grid)
