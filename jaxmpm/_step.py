@@ -19,7 +19,7 @@ from jax import Array
 
 from jaxmpm import tensors
 from jaxmpm.boundary import around, fold, hold, moved_along, one_with, slide, unfold
-from jaxmpm.laws import elastic_increment, elastic_strain, logarithmic, update_with_gap, volumetric
+from jaxmpm.laws import elastic_increment, elastic_strain, frictional, logarithmic, update_with_gap, volumetric
 from jaxmpm.transfer import filtered, g2p, momentum, nodal_momentum, p2g, velocity_gradient, within_cells
 from jaxmpm.types import Scene, Scheme, State, Tensor
 
@@ -205,13 +205,18 @@ class Maps(NamedTuple):
         averaged, _ = self.to_particles(reciprocal(self.scene, nodal[:, :1]) * nodal[:, 1:], values=1, gradients=0)
         return averaged[0]
 
+    def cell_average(self, values: Array, volume: Array) -> Array:
+        """Average (N,) of `values` (N,) over each cell by `volume` (N,) m3; soil with friction and other soil apart."""
+        kind = frictional(self.scene.material)
+        return within_cells(self.scene.grid, self.position, values, volume, None if isinstance(kind, bool) else kind)
+
     def unlocked(self, strain: Tensor, volume: Array) -> Tensor:
         """The strain with its mean averaged as the scene requires; `volume` (N,) m3 is that of the particles."""
         scene = self.scene
         if scene.fbar:
             return tensors.with_mean(strain, self.average(tensors.mean(strain), 0))
         if scene.cell_average:
-            return tensors.with_mean(strain, within_cells(scene.grid, self.position, tensors.mean(strain), volume))
+            return tensors.with_mean(strain, self.cell_average(tensors.mean(strain), volume))
         return strain
 
 
@@ -442,9 +447,10 @@ def reciprocal(scene: Scene, mass: Array) -> Array:
 def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps) -> Array:
     """Stress components (s, N) that act on the grid, times the current volume (J).
 
-    With F-bar the mean stress is averaged by the transpose of the strain's average: forces then do the work that the
-    averaged strain stores. Without this the energy grows in a long run. If particles have a pore pressure, the total
-    stress acts.
+    The mean stress is averaged by the transpose of the strain's average: forces then do the work that the averaged
+    strain stores. Without this the energy grows in a long run, and that of clay that softens without bounds. Frictional
+    soil under the cell average keeps its local mean stress: a free surface would lose its strength. If particles have a
+    pore pressure, the total stress acts.
 
     Args:
         scene: of the particles.
@@ -462,6 +468,11 @@ def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps) -> Arr
     if scene.fbar:
         specific, full = volume / scene.particles.mass, tensors.expand(stress, d)
         full = tensors.with_mean(full, maps.average(tensors.mean(full) * specific, 0) / specific)
+        stress = tensors.compress(full, d)
+    if scene.cell_average and (local := frictional(scene.material)) is not True:
+        full = tensors.expand(stress, d)
+        mean = tensors.mean(full)
+        full = tensors.with_mean(full, jnp.where(local, mean, maps.cell_average(mean, volume)))
         stress = tensors.compress(full, d)
     acting = tensors.acting(stress, d)
     return tensors.spread(volume[None], len(acting), axis=0) * acting

@@ -101,10 +101,13 @@ def test_averages_over_neighbours_map_nothing_unless_asked_for(choice, more):
 
 
 def test_averages_over_cells_gather_nothing_unless_asked_for():
-    plain, asked = section(), section(cell_average=True)
-    assert not plain[0].cell_average
-    assert scatters(*asked) == scatters(*plain) + 1
-    assert len(jax.tree.leaves(asked)) == len(jax.tree.leaves(plain))
+    # Of the strain; of soil without friction also of the stress that acts.
+    sand = mpm.FrictionalSoil(5e3, 30.0, criterion=mpm.DruckerPrager)
+    for soil, more in ((SOIL, 2), (sand, 1)):
+        plain, asked = section(soil, cell_average=False), section(soil, cell_average=True)
+        assert scatters(*asked) == scatters(*plain) + more
+        assert len(jax.tree.leaves(asked)) == len(jax.tree.leaves(plain))
+    assert not section()[0].cell_average
 
 
 def test_affine_transfers_are_absent_from_state_and_program_unless_asked_for():

@@ -9,7 +9,7 @@ from jaxmpm.laws._parameter import Declared, Parameter, declared, excesses, hard
 from jaxmpm.laws._softening import Decay, ExponentialSoftening, FrictionalSoftening, RateEffect, Softening
 from jaxmpm.laws._undrained import J2, Elastic, add, elastic_increment, elastic_strain
 from jaxmpm.laws._water import WaterSurface, WaterTable
-from jaxmpm.laws._zoned import Zoned, in_total_stress, laws_of
+from jaxmpm.laws._zoned import Zoned, frictional, in_total_stress, laws_of
 
 __all__ = [
     "J2",
@@ -35,6 +35,7 @@ __all__ = [
     "elastic_increment",
     "elastic_strain",
     "excesses",
+    "frictional",
     "hardens",
     "has_strength",
     "in_total_stress",

@@ -140,6 +140,12 @@ def in_total_stress(law: Material) -> bool:
     return has_strength(law) and not law.FRICTIONAL
 
 
+def frictional(law: Material) -> bool | Array:
+    """Whether strength depends on the mean stress: a bool, or per particle (N,) where zones differ."""
+    kinds = [each.FRICTIONAL for each in laws_of(law)]
+    return law.joined(kinds) if isinstance(law, Zoned) and len(set(kinds)) > 1 else kinds[0]
+
+
 @remembers_gap.register
 def _(law: Zoned) -> bool:
     return any(map(remembers_gap, law.laws))

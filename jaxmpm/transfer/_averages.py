@@ -38,7 +38,7 @@ def filtered(grid: Grid, nodal: Array, passes: int) -> Array:
     return field.reshape(nodal.shape)
 
 
-def within_cells(grid: Grid, position: Array, values: Array, weights: Array) -> Array:
+def within_cells(grid: Grid, position: Array, values: Array, weights: Array, apart: Array | None = None) -> Array:
     """Average over the particles in the same cell, by weight.
 
     It is a projection, symmetric in the weights: averaging twice changes nothing.
@@ -48,6 +48,7 @@ def within_cells(grid: Grid, position: Array, values: Array, weights: Array) -> 
         position: (d, N) m.
         values: (N,).
         weights: (N,).
+        apart: whether a particle is of the second of two groups (N,), each averaged by itself; None for one group.
 
     Returns:
         (N,).
@@ -56,7 +57,11 @@ def within_cells(grid: Grid, position: Array, values: Array, weights: Array) -> 
     cell = jnp.zeros(position.shape[-1:], jnp.int32)
     for axis, nodes in enumerate(grid.shape):
         cell = cell * nodes + jnp.clip(cells[axis], 0, nodes - 1)
-    sums = jnp.zeros((grid.nodes, 2), values.dtype).at[cell].add(jnp.stack([weights, weights * values], axis=-1))
+    groups = 1 if apart is None else 2
+    cell = cell if apart is None else cell + grid.nodes * apart
+    sums = (
+        jnp.zeros((groups * grid.nodes, 2), values.dtype).at[cell].add(jnp.stack([weights, weights * values], axis=-1))
+    )
     weight, weighted = jnp.moveaxis(sums[cell], -1, 0)
     return weighted / weight
 
