@@ -141,7 +141,14 @@ def in_total_stress(law: Material) -> bool:
 
 
 def frictional(law: Material) -> bool | Array:
-    """Whether strength depends on the mean stress: a bool, or per particle (N,) where zones differ."""
+    """Whether strength depends on the mean stress.
+
+    Args:
+        law: of the scene.
+
+    Returns:
+        A bool, or one per particle (N,) where zones differ.
+    """
     kinds = [each.FRICTIONAL for each in laws_of(law)]
     return law.joined(kinds) if isinstance(law, Zoned) and len(set(kinds)) > 1 else kinds[0]
 
