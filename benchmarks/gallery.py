@@ -43,6 +43,7 @@ RESULTS = {
     "cho_cphi": "P_f 0.092 (0.061 to 0.135), 240 samples on the refined grid; 0.055 to 0.064 printed",
     "example_2": "P_f 0.84 (0.81 to 0.93) where any soil counts; 0.43 printed, see [random fields](random-fields.md)",
     "griffiths_fenton": "P_f 0.279 (0.249 to 0.378); 0.286 by the closed form",
+    "embankment": "P_f 0.418 (0.297 to 0.619); all failures deep, run-out 13 m",
     "sites/acads_1c": "factor of safety 1.356 at its limit load (1.35 printed); no failure in 20 refined runs, "
     "P_f below 0.24",
     "sites/acads_3a": "factor of safety 1.271 at its limit load (1.26 printed)",
