@@ -5,7 +5,7 @@ BIN := .venv/bin
 CONSTRAINTS ?=
 PIP := $(BIN)/pip install --quiet $(if $(CONSTRAINTS),--constraint $(CONSTRAINTS))
 
-.PHONY: .venv demo figures notebooks test test-slow bench lint dist clean
+.PHONY: .venv demo figures notebooks docs test test-slow bench lint dist clean
 
 .venv: .venv/installed
 
@@ -32,6 +32,11 @@ figures: demo
 notebooks: .venv
 	$(PIP) --editable '.[notebooks]'
 	$(BIN)/python -m notebooks
+
+# The site opens from out/docs/docs/index.html without a server. Broken links and public names without a page fail it.
+docs: .venv
+	$(PIP) --editable '.[docs]'
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going -c docs -b html . out/docs
 
 # The type stubs of NumPy and JAX differ by version: types are checked with the newest that Python 3.11 gets.
 lint: .venv

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from benchmarks.csv_rows import ENDED, REMEDY, filled, lines_of, number, row_of, whole, word
-from cooperative import write_aside
 from cooperative.measure import SEVERITY
+from foundation.files import write_aside
 from jaxmpm import Status
 
 Until = Literal["class", "end"]

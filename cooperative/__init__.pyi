@@ -63,7 +63,6 @@ from .scene import (
     read,
 )
 from .store import (
-    DamagedFile,
     Rows,
     Sample,
     Store,
@@ -73,7 +72,6 @@ from .store import (
     read_store,
     sample_path,
     scene_digest,
-    write_aside,
     write_sample,
 )
 from .summary import Summary, summarise
@@ -88,7 +86,6 @@ __all__ = [
     "ControlVariate",
     "Correlation",
     "CrossCorrelation",
-    "DamagedFile",
     "Estimate",
     "Estimator",
     "FailureMode",
@@ -168,7 +165,6 @@ __all__ = [
     "summarise",
     "two_phase",
     "wilson_interval",
-    "write_aside",
     "write_sample",
     "write_table",
 ]

@@ -2,7 +2,7 @@
 
 from foundation import __version__
 from foundation.check import Limit
-from foundation.files import DamagedFile, write_aside
+from foundation.files import DamagedFile
 from foundation.pytrees import pytree
 from jaxmpm import diagnostics, ground, tensors
 from jaxmpm._step import step
@@ -217,7 +217,6 @@ __all__ = [
     "with_parameters",
     "with_soil",
     "with_strength",
-    "write_aside",
     "write_particles",
     "write_vtkhdf",
 ]

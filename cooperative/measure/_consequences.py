@@ -41,23 +41,26 @@ class OpenGround:
 
 @dataclass(frozen=True)
 class Consequences:
-    """Consequences of one sample. The sliding soil is all that is displaced by `failure_displacement` or more, the
-    sliding mass all of it but detached grains, see `consequences`.
+    """Consequences of one sample.
 
-    displacement: R_d (m), the largest displacement of a particle of the sliding mass, of any where nothing slides; with
-        a least volume that which so much soil has exceeded.
-    depth: H (m), from crest level down to the deepest point of the sliding soil before it slid. Measured from
-        the crest, it exceeds the slope height exactly if the slip surface passes below the toe. On `OpenGround`,
-        from the surface above it, where that is most.
-    runout: L (m), horizontally from the toe to the front of the sliding mass; 0 if it stays behind the toe. On
-        `OpenGround`, from the rear of the mass before it slid to its front after, along its mean displacement: the
-        travel distance of Corominas (1996), Canadian Geotechnical Journal 33, 260-271. Where the ground has a track,
-        along that instead, whichever way the mass went.
-    volume: V, of the sliding soil (m3), in a section (m2), that is m3 per metre of width.
-    area: S, plan area beyond the toe that the sliding mass overruns (m2): the run-out of each slice across
-        the slope, times its width, summed. In a section (m), that is m2 per metre of width, it equals the run-out.
-        On `OpenGround`, plan area of the mass at its end.
-    displacement_any, runout_any: displacement and run-out with detached grains (m).
+    The sliding soil is all that is displaced by `failure_displacement` or more, the sliding mass all of it but detached
+    grains, see `consequences`.
+
+    Args:
+        displacement: R_d (m), the largest displacement of a particle of the sliding mass, of any where nothing slides;
+            with a least volume that which so much soil has exceeded.
+        depth: H (m), from crest level down to the deepest point of the sliding soil before it slid. Measured from
+            the crest, it exceeds the slope height exactly if the slip surface passes below the toe. On `OpenGround`,
+            from the surface above it, where that is most.
+        runout: L (m), horizontally from the toe to the front of the sliding mass; 0 if it stays behind the toe. On
+            `OpenGround`, from the rear of the mass before it slid to its front after, along its mean displacement: the
+            travel distance of Corominas (1996), Canadian Geotechnical Journal 33, 260-271. Where the ground has a
+            track, along that instead, whichever way the mass went.
+        volume: V, of the sliding soil (m3), in a section (m2), that is m3 per metre of width.
+        area: S, plan area beyond the toe that the sliding mass overruns (m2): the run-out of each slice across
+            the slope, times its width, summed. In a section (m), that is m2 per metre of width, it equals the run-out.
+            On `OpenGround`, plan area of the mass at its end.
+        displacement_any, runout_any: displacement and run-out with detached grains (m).
     """
 
     displacement: float
@@ -87,18 +90,21 @@ def consequences(
 ) -> Consequences:
     """Consequences of one final state.
 
-    position: initial particle positions (d, N) m, rows (x, y, z) or, in a section, (x, z).
-    displacement: from there to the final state (d, N) m.
-    volume: initial particle volumes (N,) m3; in a section per metre of width (m2).
-    half_size: half the initial particle spacing (d,) m. Edges of particle domains count rather than their
-        centres, so that the answer is the same for finer sampling.
-    slice_width: width of the slices across the slope in 3D (m); the area is that much too wide at most.
-    failure_displacement: displacement from which on soil counts as sliding (m); 1 m in the paper.
-    reach: distance of two particles up to which they hang together (m). Sliding soil that hangs together with less than
-        a hundredth of the sliding volume is detached grains. None counts none as detached.
-    least_volume: of the soil whose displacement is asked for (m3; in a section m2), see `exceeded`.
+    Args:
+        position: initial particle positions (d, N) m, rows (x, y, z) or, in a section, (x, z).
+        displacement: from there to the final state (d, N) m.
+        volume: initial particle volumes (N,) m3; in a section per metre of width (m2).
+        geometry: of the slope, or ground without a toe.
+        half_size: half the initial particle spacing (d,) m. Edges of particle domains count rather than their centres,
+            so that the answer is the same for finer sampling.
+        slice_width: width of the slices across the slope in 3D (m); the area is that much too wide at most.
+        failure_displacement: displacement from which soil counts as sliding (m); 1 m in the paper.
+        reach: distance of two particles up to which they hang together (m). Sliding soil that hangs together with less
+            than a hundredth of the sliding volume is detached grains. None counts none as detached.
+        least_volume: of the soil whose displacement is measured (m3; in a section m2), see `exceeded`.
 
-    Raises ValueError for shapes that do not fit, values that are not finite, lengths that are not positive.
+    Raises:
+        ValueError: shapes do not fit, values are not finite, lengths are not positive.
     """
     position, displacement, volume, half = checked(position, displacement, volume, half_size)
     lengths = {"slice_width": slice_width, "failure_displacement": failure_displacement, "reach": reach}

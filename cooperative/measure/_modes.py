@@ -29,13 +29,14 @@ SEVERITY = ("progressive", "compound", "deep", "shallow")
 class ModeRules:
     """Limits of the rules.
 
-    failure_displacement: displacement from which on soil counts as sliding, and as let go (m).
-    slice_width: width of the slices across the slope (m).
-    separation: two masses side by side are two if the depth between them is less than that of the lesser by this
-        share of the slope height.
-    smallest_share: share of the sliding volume below which a mass does not count.
-    lull: time (s) in which less than `lull_share` of the sliding volume lets go, between two releases.
-    slowed: the first mass has slowed when its mean speed, over a snapshot, is at most this share of its peak.
+    Args:
+        failure_displacement: displacement from which soil counts as sliding, and as released (m).
+        slice_width: width of the slices across the slope (m).
+        separation: two masses side by side are two if the depth between them is less than that of the lesser by this
+            share of the slope height.
+        smallest_share: share of the sliding volume below which a mass does not count.
+        lull: time (s) in which less than `lull_share` of the sliding volume lets go, between two releases.
+        slowed: the first mass has slowed when its mean speed, over a snapshot, is at most this share of its peak.
     """
 
     failure_displacement: float = 1.0

@@ -29,7 +29,7 @@ class Zoned:
     goes by one name and is one value per particle (N,) of the ground.
 
     Args:
-        laws: `Material`s, none of them zoned; each parameter is a number or one value per particle of the zone.
+        laws: each a `Material` that is not zoned; each parameter is a number or one value per particle of the zone.
         counts: particles of each zone; static.
     """
 
