@@ -17,7 +17,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parent.parent
+from tests import ROOT
+
 SESSION = "JAXMPM_TEST_SESSION"
 """Environment variable by which a session knows the processes that it started, theirs too."""
 

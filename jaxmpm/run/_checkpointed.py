@@ -25,7 +25,7 @@ from jaxmpm.transfer import scatter_p
 from jaxmpm.types import Scene, State, Status
 
 # Memory of reversing one step, in sizes of the state, and what friction and finite strains add, whose principal values
-# need many rotations: measured in two and three dimensions, see tests/test_replay.py.
+# need many rotations: measured in two and three dimensions, see tests/jaxmpm/run/test_replay.py.
 STEP_IN_STATES, MORE_WITH_FRICTION, MORE_WITH_FINITE_STRAIN = 10, 4, 16
 
 

@@ -1,0 +1,332 @@
+"""Campaigns end to end on a small slope: the answer, going on after any interruption, and what is refused."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import kl
+from benchmarks.invented import TINY
+from cooperative import run, runs
+from cooperative.__main__ import main
+from cooperative.reporting import report
+from cooperative.scene import parse
+from cooperative.store import open_store, read_rows, read_sample, read_store, write_sample
+from cooperative.summary import Summary, summarise
+from jaxmpm import Status
+from tests import ROOT
+
+SCENES = ROOT / "benchmarks" / "scenes"
+
+
+def changed(old, new):
+    assert old in TINY
+    return TINY.replace(old, new)
+
+
+def finished(text, tmp_path_factory):
+    """A campaign that has run: its folder and summary."""
+    folder = tmp_path_factory.mktemp("campaign") / "out"
+    return folder, run(text, folder)
+
+
+@pytest.fixture
+def done(tiny_campaign):
+    return tiny_campaign
+
+
+@pytest.mark.slow
+def test_campaign_counts_what_it_ran(done):
+    folder, summary = done
+    store = read_store(folder)
+    rough, refined = read_rows(store, "rough"), read_rows(store, "refined")
+    assert rough.numbers == list(range(6))
+    failures = int(np.sum(refined.columns["displacement"] > 1.0))
+    assert 0 < failures < 6
+    assert summary.probability_of_failure == failures / 6
+    assert summary.interval[0] < summary.probability_of_failure < summary.interval[1]
+    assert Summary.from_json((folder / "summary.json").read_text()) == summary
+
+
+def test_refined_runs_are_the_worst_ranked_and_end_with_k_t_that_stand(done):
+    store = read_store(done[0])
+    rough, refined = read_rows(store, "rough"), read_rows(store, "refined")
+    order = np.argsort(-rough.columns["displacement"], kind="stable")
+    ran = refined.numbers
+    assert sorted(order[: len(ran)].tolist()) == ran
+    if len(ran) < 6:
+        by_rank = [refined.columns["displacement"][ran.index(n)] > 1.0 for n in order[: len(ran)].tolist()]
+        assert by_rank[-2:] == [False, False]
+
+
+def test_two_phase_campaign_spends_its_budget(tmp_path):
+    text = changed('estimator = "published"', "refined_runs = 10").replace("samples = 6", "samples = 14")
+    summary = run(text, tmp_path / "two-phase")
+    assert summary.estimator == "two-phase"
+    assert summary.refined_runs == 10
+    low, high = summary.interval
+    assert 0 <= low < summary.probability_of_failure < high <= 1
+    assert summary.other_estimates.keys() <= {"published n/N"}
+    assert run(text, tmp_path / "two-phase") == summary
+
+
+def test_a_sample_can_be_made_again_from_its_number(done):
+    campaign = parse(TINY)
+    soil = runs.random_soil(campaign)
+    model = runs.build(campaign, "rough", soil)
+    coefficients = runs.coefficients_of(campaign, soil)
+    kept = read_sample(read_store(done[0]), "rough", 4)
+    again = next(iter(runs.run_samples(model, coefficients, [4], width=1)))
+    assert np.array_equal(kept.coefficients, coefficients[4])
+    assert np.array_equal(kept.fields["displacement"], again.fields["displacement"])
+    assert dict(kept.row) == dict(again.row)
+
+
+def test_refined_failures_get_a_mode_and_its_onset(done):
+    store = read_store(done[0])
+    refined = read_rows(store, "refined").columns
+    failed = refined["displacement"] > 1.0
+    assert set(refined["mode"][~failed]) <= {"none"}
+    assert set(refined["mode"][failed]) <= {"shallow", "deep", "progressive"}
+    assert (refined["onset"][failed] > 0).all()
+    assert (refined["onset"][failed] < 4.0).all()
+    assert np.isnan(refined["onset"][~failed]).all()
+    np.testing.assert_allclose(refined["depth_deepest"][failed], refined["depth"][failed], rtol=1e-6)
+    assert "mode" not in read_rows(store, "rough").columns
+
+
+def rough_rows(text, samples, widths):
+    """Rows of the first rough samples by their number, run with each of these numbers of lanes."""
+    campaign = parse(text)
+    soil = runs.random_soil(campaign)
+    model = runs.build(campaign, "rough", soil)
+    coefficients = runs.coefficients_of(campaign, soil)
+    return [
+        {s.number: dict(s.row) for s in runs.run_samples(model, coefficients, range(samples), width=width)}
+        for width in widths
+    ]
+
+
+def test_the_past_of_a_sample_does_not_depend_on_its_neighbours():
+    rows = rough_rows(changed('fields = "both"', 'modes = "both"'), samples=5, widths=(1, 2))
+    assert rows[0] == rows[1]
+    assert any(row["mode"] != "none" for row in rows[0].values())
+
+
+def test_both_grids_see_the_same_field(done):
+    campaign = parse(TINY)
+    soil = runs.random_soil(campaign)
+    rough, refined = (runs.build(campaign, grid, soil) for grid in ("rough", "refined"))
+    coefficients = jnp.asarray(runs.coefficients_of(campaign, soil)[0])
+    # The mean over the four refined particles of a rough one differs from it by the field's curvature only.
+    fine = {
+        tuple(p): s
+        for p, s in zip(
+            np.asarray(refined.scene.particles.position).T.round(3),
+            np.asarray(refined.strength(coefficients)),
+            strict=True,
+        )
+    }
+    coarse = np.asarray(rough.strength(coefficients))
+    means, at = [], []
+    for i, (x, z) in enumerate(np.asarray(rough.scene.particles.position).T.round(3)):
+        around = [
+            fine.get((np.float32(x + dx).round(3), np.float32(z + dz).round(3)))
+            for dx in (-0.25, 0.25)
+            for dz in (-0.25, 0.25)
+        ]
+        if None not in around:
+            means.append(np.mean(around))
+            at.append(i)
+    assert len(at) > 0.9 * coarse.size
+    assert np.allclose(means, coarse[at], rtol=0.02)
+    common = jnp.asarray([[3.0, 7.0], [2.0, 9.0]])
+    values = [kl.field_at(model.soil.expansions["strength"], coefficients, common) for model in (rough, refined)]
+    assert np.array_equal(*values)
+
+
+@pytest.mark.slow
+def test_report_draws_its_figures_and_says_the_probability(done, capsys):
+    folder, summary = done
+    assert main(["report", str(folder)]) == 0
+    said = capsys.readouterr().out
+    assert f"{summary.probability_of_failure:.3f}" in said
+    for name in ("ranked", "field", "slope", "exceedance"):
+        assert (folder / "figures" / f"{name}.png").stat().st_size > 5000
+
+
+def test_killed_campaign_goes_on_and_ends_the_same(done, tmp_path):
+    _, summary = done
+    scene = tmp_path / "tiny.toml"
+    scene.write_text(TINY)
+    again = tmp_path / "again"
+    command = [sys.executable, "-m", "cooperative", "run", str(scene), "--out", str(again)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ)
+    deadline = time.monotonic() + 120
+    while len(list(again.glob("samples/rough/*.h5"))) < 2 and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    before = sorted(p.name for p in again.glob("samples/rough/*.h5"))
+    assert len(before) >= 2
+    stamps = {name: (again / "samples" / "rough" / name).stat().st_mtime_ns for name in before}
+    resumed = run(TINY, again)
+    assert {name: (again / "samples" / "rough" / name).stat().st_mtime_ns for name in before} == stamps
+    for key in ("probability_of_failure", "interval", "refined_runs", "status", "consequences_of_failures"):
+        assert getattr(resumed, key) == getattr(summary, key)
+
+
+def test_broken_off_runs_are_kept_counted_and_reported(tmp_path):
+    campaign = parse(TINY)
+    soil = runs.random_soil(campaign)
+    model = runs.build(campaign, "rough", soil)
+    state = replace(model.state, velocity=model.state.velocity.at[0, 5].set(jnp.nan))
+    coefficients = runs.coefficients_of(campaign, soil)
+    with open_store(tmp_path / "broken", TINY) as store:
+        for sample in runs.run_samples(replace(model, state=state), coefficients, [0, 1], width=2):
+            write_sample(store, "rough", sample)
+        summary = summarise(campaign, read_rows(store, "rough"), read_rows(store, "refined"))
+    assert summary.broke_off["rough"] == {0: "NOT_FINITE at step 1", 1: "NOT_FINITE at step 1"}
+    assert summary.status["rough"] == {Status.NOT_FINITE.name: 2}
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_samples_with_a_strength_that_none_may_have_break_off_and_are_reported(tmp_path, done, monkeypatch):
+    whole = read_store(done[0])
+    worst = int(np.argmax(read_rows(whole, "rough").columns["displacement"]))
+    spoilt = {"rough": (worst + 1) % 6, "refined": worst}
+    xi = {grid: read_sample(whole, "rough", number).coefficients for grid, number in spoilt.items()}
+    varied = runs.GridModel.varied
+
+    def spoiling(model, coefficients):
+        found = varied(model, coefficients)
+        bad = jnp.nan if model.grid == "rough" else 0.0
+        other = {"strength": found["strength"].at[3].set(bad)}
+        return other if np.array_equal(coefficients, xi[model.grid]) else found
+
+    monkeypatch.setattr(runs.GridModel, "varied", spoiling)
+    folder = tmp_path / "bad"
+    told = run(TINY, folder)
+    assert told.broke_off == {grid: {n: "BAD_PARAMETER at step 0"} for grid, n in spoilt.items()}
+    assert [told.status[grid]["BAD_PARAMETER"] for grid in spoilt] == [1, 1]
+    store = read_store(folder)
+    for grid, number in spoilt.items():
+        rows = read_rows(store, grid)
+        assert rows.columns["broke_off"].tolist() == [n == number for n in rows.numbers]
+    # Neighbours are what they are without it; the sample that broke off on the rough grid runs on the refined one.
+    others = [n for n in range(6) if n != spoilt["rough"]]
+    assert [dict(read_sample(store, "rough", n).row) for n in others] == [
+        dict(read_sample(whole, "rough", n).row) for n in others
+    ]
+    assert spoilt["rough"] in read_rows(store, "refined").numbers
+    words = report(folder, slides=0)
+    page = (folder / "report.html").read_text()
+    for grid, number in spoilt.items():
+        line = f"sample {number} on the {grid} grid: BAD_PARAMETER at step 0"
+        assert f"BROKE OFF      {line}" in words
+        assert f"broke off: {line}" in page
+
+
+BAD_SCENES = [
+    (("cov = 0.4", "cof = 0.4"), r"unknown key 'cof' \(did you mean 'cov'\?\)"),
+    (("[strength]", "[strenght]"), r"unknown key 'strenght' \(did you mean 'strength'\?\)"),
+    (("cov = 0.4", "cov = -0.1"), r"cov = -0.1: give a finite value of 0 or more"),
+    (("cov = 0.4", "cov = '0.4'"), r"cov = '0.4' is text: give a number"),
+    (("cov = 0.4", "cov = 1e30"), r"cov = 1e\+30, above 3: it is a share, .*were per cent meant\?"),
+    (("mean = 30e3", "mean = true"), r"mean = True is true or false: give a number"),
+    (("samples = 6", "samples = 0"), r"samples = 0: give a whole number of 1 or more"),
+    (("samples = 6", "samples = 6.5"), r"samples = 6.5 is a number: give a whole number"),
+    (("samples = 6\n", ""), r"\[campaign\] lacks samples"),
+    (("k_t = 2", "k_t = 0"), r"k_t = 0: give a whole number of 1 or more"),
+    (
+        ("length = [20.0, 4.0]", "length = [20.0, 0.0]"),
+        r"length = \[20.0, 0.0\] m: give a list of numbers, one per axis, each a value above 0, or inf",
+    ),
+    (("length = [20.0, 4.0]", "length = [20.0]"), r"length has 1 values: give 2"),
+    (("length = [20.0, 4.0]", "length = [20.0, 4.0]\nenergy = 0.0"), r"energy = 0: give a value above 0, up to 1"),
+    (("length = [20.0, 4.0]", "length = [20.0, 4.0]\nenergy = 1.5"), r"energy = 1.5"),
+    (("cov = 0.4", "cov = 0.4\nmarginal = 'gaussian'"), r"marginal = 'gaussian': give one of 'lognormal'"),
+    (('estimator = "published"', "estimator = 'twophase'"), r"estimator = 'twophase': .*did you mean 'two-phase'"),
+    (('estimator = "published"\n', ""), r"samples = 6: give 10 or more for the audit"),
+    (('estimator = "published"', "refined_runs = 3"), r"refined_runs = 3: give a whole number of 10 or more"),
+    (('fields = "both"', 'modes = "both"\nscreening_stop = 2.0'), r"screening_stop = 2 m ends rough runs before"),
+    (("t_end = 4.0", "t_end = -4.0"), r"t_end = -4 s: give a finite value above 0"),
+    (("poisson = 0.3", "poisson = 0.5"), r"poisson = 0.5"),
+    (("young = 2e7", "young = 0"), r"young = 0 Pa"),
+    (("height = 8.0", "height = -8.0"), r"height = -8 m"),
+    (("spacing = [1.0, 1.0]", "spacing = [0.6, 1.0]"), r"no whole multiple of the spacing along x"),
+    (("spacing = [0.5, 0.5]", "spacing = [2.0, 2.0]"), r"leaves gaps in cells of 1 m"),
+    (("[run]", "[run"), r"not valid TOML"),
+    (("t_end = 4.0", "t_end = 4.0\n[campaign.more]\na = 1"), r"valid TOML|unknown key 'more'"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "message"), BAD_SCENES, ids=[change[1].strip() or "missing" for change, _ in BAD_SCENES]
+)
+def test_bad_scenes_are_refused_before_anything_is_written(change, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        run(changed(*change), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_folder_of_another_scene_is_refused(done):
+    with pytest.raises(ValueError, match=r"belongs to another scene .*campaign.seed"):
+        run(changed("seed = 3", "seed = 4"), done[0])
+
+
+def test_errors_are_one_line_for_people(tmp_path, capsys):
+    scene = tmp_path / "bad.toml"
+    scene.write_text(changed("cov = 0.4", "cov = -1"))
+    assert main(["run", str(scene), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error: [strength] cov = -1")
+    assert said.count("\n") == 1
+    assert main(["report", str(tmp_path / "nothing")]) == 2
+    assert main(["run", str(tmp_path / "none.toml"), "--out", str(tmp_path / "out")]) == 2
+
+
+@pytest.mark.parametrize("name", ["paper", "paper_section", "slope", "section", "demo"])
+def test_scenes_that_come_along_are_sound(name):
+    campaign = parse((SCENES / f"{name}.toml").read_text())
+    soil = runs.random_soil(campaign)
+    assert soil.expansions["strength"].variance_mean > 0.998
+    first = runs.coefficients_of(campaign, soil)
+    assert first.shape == (campaign.plan.samples, soil.modes)
+    assert np.array_equal(first, runs.coefficients_of(campaign, soil))
+
+
+def test_paper_scene_holds_the_published_numbers():
+    campaign = parse((SCENES / "paper.toml").read_text())
+    published = json.loads((ROOT / "tests" / "reference" / "paper.json").read_text())
+    slope, soil, run = published["slope"], published["soil"], published["run"]
+    shape = campaign.site.shape
+    assert (shape.crest, shape.height, shape.run_per_rise) == (30.0, 12.0, 2.0)
+    assert shape.toe == slope["toe_m"]
+    assert shape.foundation == slope["foundation_m"]
+    assert shape.width == slope["length_y_m"]
+    assert campaign.soil.young == soil["E_Pa"]
+    assert campaign.soil.poisson == soil["nu"]
+    assert campaign.soil.unit_weight == soil["unit_weight_N_m3"]
+    assert campaign.soil.softening_modulus == soil["softening_modulus_Pa"]
+    assert campaign.random["strength"].mean == soil["Su_mean_Pa"]
+    assert campaign.random["strength"].cov == soil["Su_cov"]
+    assert campaign.random["strength"].length == (soil["lx_m"], soil["ly_m"], soil["lz_m"])
+    assert campaign.run.t_end == run["t_end_s"]
+    for grid in ("rough", "refined"):
+        assert campaign.grids[grid].cell == slope[grid]["cell_m"]
+        assert list(campaign.grids[grid].spacing) == slope[grid]["spacing_xyz_m"]
+
+
+def test_lanes_do_not_change_a_sample():
+    rows = rough_rows(TINY, samples=4, widths=(1, 3))
+    assert rows[0] == rows[1]
+    assert jax.tree.structure(rows[0]) == jax.tree.structure(rows[1])

@@ -1,0 +1,213 @@
+"""Whatever happens to a campaign's folder, in any order: it ends as an undisturbed one, or says what is damaged."""
+
+import contextlib
+import io
+import os
+import random
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+import warnings
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, Phase, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
+
+from benchmarks import hostile_files, invented, lives
+from cooperative import campaign
+from cooperative.__main__ import main
+from cooperative.reporting import _composition, _exports, _interactive, _page, _plots
+from cooperative.store import DamagedFile, read_sample, read_store
+from tests import ROOT
+
+SCENE = invented.SCENE.replace("samples = 50", "samples = 20").replace("refined_runs = 15", "refined_runs = 10")
+
+LIVES = textwrap.dedent("""
+    import os, sys, warnings
+    from benchmarks import invented
+    from cooperative import campaign
+    warnings.simplefilter("ignore")
+    invented.invent(seconds=0.005)
+    for folder in sys.stdin:
+        life = os.fork()
+        if life == 0:
+            campaign.run(sys.argv[1], folder.strip())
+            os._exit(0)
+        print(life, flush=True)
+        os.waitpid(life, 0)
+        print("gone", flush=True)
+""")
+
+
+class Cut(BaseException):
+    """An end that nobody expects, at a write."""
+
+
+class Folder(RuleBasedStateMachine):
+    """A campaign's folder and what may happen to it. `undisturbed` and `lives` are set by the test."""
+
+    undisturbed: Path
+    lives: subprocess.Popen
+    where: Path
+    count = 0
+
+    def __init__(self):
+        super().__init__()
+        type(self).count += 1
+        self.folder = self.where / f"campaign-{self.count}"
+        self.touched = False
+
+    def there(self):
+        """Whether the folder is a campaign's by now."""
+        return (self.folder / "scene.toml").exists()
+
+    def samples(self):
+        """The samples' files, in order."""
+        return sorted(self.folder.glob("samples/*/[0-9]*.h5"))
+
+    def damaged(self):
+        """Files that cannot be read, by name."""
+        return {path for path in self.samples() if not self.readable(path)}
+
+    def readable(self, path):
+        try:
+            read_sample(read_store(self.folder), path.parent.name, int(path.stem))
+        except DamagedFile:
+            return False
+        return True
+
+    @rule(command=st.sampled_from(["run", "resume"]))
+    def runs_to_the_end(self, command):
+        """Every damaged file is named, and the answer is that of the undisturbed campaign."""
+        if command == "resume" and not self.there():
+            return
+        damaged = self.damaged() if self.there() else set()
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            campaign.run(SCENE if command == "run" else read_store(self.folder).source, self.folder)
+        said = " ".join(str(warning.message) for warning in warned)
+        assert all(str(path) in said for path in damaged)
+        assert [line for line in lives.differences(self.folder, self.undisturbed) if "aside" not in line] == []
+
+    @rule(writes=st.integers(0, 40), after=st.booleans())
+    def is_cut_short(self, writes, after):
+        """It ends at a write: before the file takes its place, or just after."""
+        real, left = os.replace, writes
+
+        def replace(part, path):
+            nonlocal left
+            left -= 1
+            if left < 0 and not after:
+                raise Cut
+            real(part, path)
+            if left < 0:
+                raise Cut
+
+        with pytest.MonkeyPatch.context() as patched, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            patched.setattr(os, "replace", replace)
+            with contextlib.suppress(Cut):
+                campaign.run(SCENE, self.folder)
+
+    @rule(milliseconds=st.integers(0, 200))
+    def is_killed(self, milliseconds):
+        self.lives.stdin.write(f"{self.folder}\n")
+        self.lives.stdin.flush()
+        life = int(self.lives.stdout.readline())
+        time.sleep(milliseconds / 1000)
+        os.kill(life, signal.SIGKILL)
+        assert self.lives.stdout.readline() == "gone\n"
+
+    @precondition(lambda self: self.samples())
+    @rule(seed=st.integers(0, 10**6))
+    def a_sample_is_damaged(self, seed):
+        path = random.Random(seed).choice(self.samples())
+        ((_, data),) = list(hostile_files.damaged(path.read_bytes(), 1 + seed % 5, seed=seed))[-1:]
+        path.write_bytes(data)
+
+    @precondition(lambda self: self.samples())
+    @rule(seed=st.integers(0, 10**6))
+    def samples_are_deleted(self, seed):
+        generator = random.Random(seed)
+        for path in generator.sample(self.samples(), generator.randint(1, min(5, len(self.samples())))):
+            path.unlink()
+
+    @rule(name=st.sampled_from(["summary.json", ".lock", "table.csv", "campaign.h5", "samples/rough"]))
+    def something_else_is_deleted(self, name):
+        path = self.folder / name
+        if path.is_dir() and not any(path.iterdir()):
+            path.rmdir()
+        elif path.is_file():
+            path.unlink()
+
+    @precondition(lambda self: self.there())
+    @rule(command=st.sampled_from(["report", "status", "export"]))
+    def is_looked_at(self, command):
+        """Whoever looks gets an answer, or a reason in one line; never a traceback."""
+        said = io.StringIO()
+        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            status = main([command, str(self.folder)])
+        assert status in (0, 2)
+        if status == 2:
+            assert said.getvalue().startswith("error: ")
+            assert len(said.getvalue().splitlines()) == 1
+
+    def teardown(self):
+        self.runs_to_the_end("run")
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_folder_to_which_anything_happens_ends_as_an_undisturbed_one(tmp_path):
+    assert_holds(tmp_path, max_examples=2, stateful_step_count=8)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("quick")
+def test_a_folder_to_which_anything_happens_often_ends_as_an_undisturbed_one(tmp_path):
+    assert_holds(tmp_path, max_examples=40, stateful_step_count=20)
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Made-up runs, whose fields belong to no particles that could be drawn or exported."""
+    invented.invent(put=monkeypatch.setattr)
+    monkeypatch.setattr(_composition, "_slopes", lambda *_: [])
+    monkeypatch.setattr(_plots, "save", lambda *_: None)
+    monkeypatch.setattr(_plots, "lay_out", lambda _: None)
+    monkeypatch.setattr(_page, "_inlined", lambda _: "")
+    monkeypatch.setattr(_interactive, "installed", lambda: False)
+    monkeypatch.setattr(_exports, "_series_of_fields", lambda store, *_: store.folder)
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_report_names_the_refined_runs_that_it_cannot_rank(tmp_path, capsys):
+    campaign.run(SCENE, tmp_path)
+    first, second, *_ = sorted(tmp_path.glob("samples/refined/*.h5"))
+    (tmp_path / "samples" / "rough" / first.name).unlink()
+    (tmp_path / "samples" / "rough" / second.name).write_bytes(b"nothing")
+    assert main(["report", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert f"refined run {int(first.stem)} has no rough run beside it: resume" in said
+    assert f"refined run {int(second.stem)} has no rough run beside it: resume" in said
+    assert f"{second.name} is not a cooperative sample file: will be run again" in said
+    with pytest.warns(UserWarning, match="set aside"):
+        campaign.run(SCENE, tmp_path)
+    assert main(["report", str(tmp_path)]) == 0
+    assert "LEFT OUT" not in capsys.readouterr().out
+
+
+def assert_holds(folder, **how):
+    campaign.run(SCENE, folder / "undisturbed")
+    command = [sys.executable, "-c", LIVES, SCENE]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=ROOT, text=True) as lives:
+        machine = type("Machine", (Folder,), {"undisturbed": folder / "undisturbed", "lives": lives, "where": folder})
+        checks = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much]
+        # Without shrinking, which takes minutes here: the steps of a failure are printed as they were.
+        chosen = settings(deadline=None, suppress_health_check=checks, phases=[Phase.generate], **how)
+        run_state_machine_as_test(machine, settings=chosen)
+        lives.stdin.close()

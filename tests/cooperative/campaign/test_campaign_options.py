@@ -1,0 +1,269 @@
+"""What a scene can ask of a campaign beyond the usual: estimators, calibration, modes of old folders."""
+
+import json
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import jaxmpm as mpm
+import kl
+from cooperative import run, runs
+from cooperative.reporting._progress import progress_of
+from cooperative.scene import parse, stored_measured, with_measured
+from cooperative.store import Rows, read_rows, read_store, write_sample
+from cooperative.summary import Summary, summarise
+from tests.cooperative.campaign.test_campaign import TINY, changed, finished
+
+AS_PUBLISHED = TINY.replace("tension_cutoff = 0.0", 'tension_cutoff = 0.0\nsoftening_length = "cell"').replace(
+    "spacing = [", "fbar = false\nspacing = ["
+)
+SUBSET = changed(
+    'estimator = "published"', 'estimator = "subset"\nlevels = 1\nreplicates = 2\nrefined_runs = 12'
+).replace("samples = 6", "samples = 40")
+
+
+@pytest.fixture(scope="module")
+def subset(tmp_path_factory):
+    return finished(SUBSET, tmp_path_factory)
+
+
+@pytest.mark.slow
+def test_subset_simulation_runs_from_a_scene(subset):
+    folder, summary = subset
+    store = read_store(folder)
+    rough = read_rows(store, "rough")
+    assert rough.numbers == list(range(76))
+    assert 0 < summary.refined_runs <= 12
+    assert summary.finished == "the refined runs allowed are spent"
+    low, high = summary.interval
+    assert 0 <= low < summary.probability_of_failure < high <= 1
+    assert set(summary.other_estimates) == set()
+    assert progress_of(folder).grids[0].planned == 76
+    # The chains of the upper level lie above the rough threshold of the lower one.
+    displacement = rough.columns["displacement"]
+    assert np.median(displacement[20:38]) > np.median(displacement[:20])
+
+
+@pytest.mark.slow
+def test_subset_simulation_goes_on_where_it_was(subset, tmp_path):
+    summary, again = subset[1], tmp_path / "again"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("cooperative.campaign.write_sample", failing_after(write_sample, 50))
+        with pytest.raises(KeyboardInterrupt):
+            run(SUBSET, again)
+    assert len(read_rows(read_store(again), "rough").numbers) == 50
+    assert progress_of(again).estimate is not None
+    resumed = run(SUBSET, again)
+    assert resumed.probability_of_failure == summary.probability_of_failure
+    assert resumed.interval == summary.interval
+
+
+def test_answers_of_a_scene_do_not_follow_the_cell_unless_it_says_so(tmp_path):
+    rough, refined = (parse(TINY).grids[grid] for grid in ("rough", "refined"))
+    assert parse(TINY).soil.softening_length == 8.0 / 5
+    assert (rough.fbar, rough.internal_length) == (True, None)
+    assert refined.fbar
+    assert refined.internal_length == pytest.approx(8.0 / 5 / np.sqrt(2 * np.pi))
+    published = parse(AS_PUBLISHED)
+    assert published.soil.softening_length is None
+    assert {(grid.fbar, grid.internal_length) for grid in published.grids.values()} == {(False, None)}
+    assert parse(changed("softening_modulus = 85e3\n", "")).soil.softening_length is None
+    moved = []
+    for name, text in (("default", TINY), ("published", AS_PUBLISHED)):
+        run(text.replace("samples = 6", "samples = 3"), tmp_path / name)
+        moved.append(read_rows(read_store(tmp_path / name), "rough").columns["displacement"])
+    assert np.all(np.abs(moved[0] / moved[1] - 1) > 1e-3)
+
+
+@pytest.mark.parametrize(("cell", "toe"), [(2.0, 16.0), (3.0, 17.0)])
+def test_strength_is_the_fields_at_each_particle_or_at_the_centre_of_its_cell(cell, toe):
+    text = changed("toe = 16.0", f"toe = {toe}").replace("cell = 2.0", f"cell = {cell}")
+    said = "length = [20.0, 4.0]"
+    per_particle, per_cell = (parse(text.replace(said, f"{said}\n{line}")) for line in ("", 'sampled_at = "cells"'))
+    with pytest.raises(
+        ValueError, match=r"sampled_at = 'cell': give one of 'particles', 'cells' \(did you mean 'cells'"
+    ):
+        parse(text.replace(said, f'{said}\nsampled_at = "cell"'))
+    soil = runs.random_soil(per_particle)
+    xi = np.random.default_rng(1).standard_normal(soil.modes)
+    models = [runs.build(campaign, "rough", soil) for campaign in (per_particle, per_cell)]
+    plain, even = (np.asarray(model.strength(xi)) for model in models)
+    position = np.asarray(models[0].scene.particles.position)
+    centre = np.minimum((np.floor(position / cell) + 0.5) * cell, np.array([[16.0 + toe], [10.0]]))
+    marginal = per_particle.random["strength"].distribution
+    assert even == pytest.approx(
+        np.asarray(marginal.transform(kl.field_at(soil.expansions["strength"], xi, centre))), rel=1e-5
+    )
+    assert plain == pytest.approx(
+        np.asarray(marginal.transform(kl.field_at(soil.expansions["strength"], xi, position))), rel=1e-5
+    )
+    cells = np.unique(centre, axis=1).shape[1]
+    assert np.unique(even).size == cells < np.unique(plain).size
+
+
+def test_a_scene_can_choose_how_its_answers_follow_the_cell():
+    said = 'spacing = [0.5, 0.5]\nfbar = false\ninternal_length = "none"'
+    campaign = parse(changed("spacing = [0.5, 0.5]", said))
+    assert not campaign.grids["refined"].fbar
+    assert campaign.grids["refined"].internal_length is None
+    assert campaign.grids["rough"].fbar
+    assert campaign.soil.softening_length == 8.0 / 5
+    short = parse(changed("spacing = [0.5, 0.5]", "spacing = [0.5, 0.5]\ninternal_length = 0.1"))
+    with pytest.raises(ValueError, match=r"internal_length = 0\.1 m is less than cells"):
+        runs.build(short, "refined", runs.random_soil(short))
+    with pytest.raises(ValueError, match=r"softening_length = 'mesh' is text: give a number, or 'cell'"):
+        parse(changed("tension_cutoff = 0.0", 'softening_length = "mesh"'))
+
+
+def test_a_scene_knows_every_choice_of_clay_and_grid():
+    text = changed("tension_cutoff = 0.0", "strain_95 = 0.5\nrate_coefficient = 0.1\nsoftening_length = 1.0").replace(
+        "cell = 2.0", 'cell = 2.0\nkernel = "quadratic b-spline"\napic = true\nflip = 0.0\ndamping = 0.1'
+    )
+    campaign = parse(text)
+    assert (campaign.soil.strain_95, campaign.soil.rate_coefficient, campaign.soil.softening_length) == (0.5, 0.1, 1.0)
+    rough = campaign.grids["rough"]
+    assert (rough.kernel, rough.apic, rough.flip, rough.damping) == (mpm.QuadraticBSpline, True, 0.0, 0.1)
+
+
+def failing_after(function, count):
+    calls = []
+
+    def limited(*arguments):
+        if len(calls) == count:
+            raise KeyboardInterrupt
+        calls.append(None)
+        return function(*arguments)
+
+    return limited
+
+
+@pytest.mark.slow
+def test_workers_give_the_answer_of_one_process_in_subset_simulation(subset, tmp_path):
+    together = run(SUBSET, tmp_path / "two", workers=2)
+    assert together.probability_of_failure == subset[1].probability_of_failure
+
+
+@pytest.mark.parametrize("estimator", ["control variate", pytest.param("monte carlo", marks=pytest.mark.slow)])
+def test_the_first_samples_run_refined(estimator, tmp_path):
+    text = changed('estimator = "published"', f'estimator = "{estimator}"\nrefined_runs = 10')
+    summary = run(text.replace("samples = 6", "samples = 12"), tmp_path / "out")
+    assert read_rows(read_store(tmp_path / "out"), "refined").numbers == list(range(10))
+    assert summary.finished == "the refined runs allowed are spent"
+    assert summary.convergence.refined_runs == (10,)
+    assert {"Monte Carlo", "multifidelity control variate"} == {summary.estimator, *summary.other_estimates} - {
+        "published n/N"
+    }
+
+
+def test_calibration_is_measured_once_and_lowers_the_rough_strength(tmp_path):
+    # A median strength of 30 kPa.
+    text = changed('estimator = "published"', 'estimator = "published"\ncalibrate = true')
+    text = text.replace("mean = 30e3", f"mean = {30e3 * np.sqrt(1 + 0.4**2)}")
+    summary = run(text, tmp_path / "out")
+    found = summary.calibration
+    assert found.factor == pytest.approx(found.refined / found.rough)
+    assert 0.5 < found.factor < 1
+    stamp = (tmp_path / "out" / "measured.json").stat().st_mtime_ns
+    assert run(text, tmp_path / "out") == summary
+    assert (tmp_path / "out" / "measured.json").stat().st_mtime_ns == stamp
+    # The same samples as without, moved farther.
+    campaign = with_measured(parse(text), tmp_path / "out")
+    assert campaign.measured.calibration.factor == found.factor
+    soil = runs.random_soil(campaign)
+    coefficients = runs.coefficients_of(campaign, soil)
+    plain, weaker = (runs.build(c, "rough", soil) for c in (parse(text), campaign))
+    np.testing.assert_allclose(
+        weaker.strength(coefficients[0]), found.factor * plain.strength(coefficients[0]), rtol=1e-5
+    )
+    assert runs.build(campaign, "refined", soil).strength_factor == 1.0
+    moved = read_rows(read_store(tmp_path / "out"), "rough").columns["displacement"]
+    # The least one hardly yields: how far it swings back hides how far it slid.
+    farthest = int(np.argmax(moved))
+    without = next(iter(runs.run_samples(plain, coefficients, [farthest])))
+    assert moved[farthest] > without.row["displacement"]
+
+
+def test_known_factors_of_safety_are_taken_from_the_scene(tmp_path):
+    text = changed('fields = "both"', "calibrate = true\n[calibration]\nrough = 1.2\nrefined = 1.1")
+    factors = run(text, tmp_path / "out").as_json()["calibration"]
+    assert factors == {"rough": 1.2, "refined": 1.1, "factor": pytest.approx(1.1 / 1.2)}
+    assert json.loads((tmp_path / "out" / "measured.json").read_text())["calibration"] == {"rough": 1.2, "refined": 1.1}
+
+
+def test_a_damaged_calibration_is_named(tmp_path):
+    (tmp_path / "calibration.json").write_text("[1.0")
+    with pytest.raises(ValueError, match=r"calibration.json holds no two factors of safety .*: delete it"):
+        stored_measured(tmp_path)
+
+
+def test_summary_tells_modes_fits_severity_and_what_more_runs_would_buy(tmp_path):
+    summary = run(TINY, tmp_path / "out")
+    modes = summary.modes
+    assert sum(part.count for part in modes.values()) == summary.failures_refined
+    assert sum(part.ratio for part in modes.values()) == pytest.approx(1.0)
+    assert sum(part.probability for part in modes.values()) == pytest.approx(summary.probability_of_failure)
+    for part in modes.values():
+        assert part.interval[0] <= part.ratio <= part.interval[1]
+    occurring = {mode for mode, part in modes.items() if part.count}
+    assert summary.fits.keys() == {"all", *occurring}
+    assert "too few" in summary.fits["all"]["displacement"].notes[0]
+    assert {place.group for place in summary.severity["volume"]} == occurring
+    left = 6 - summary.refined_runs
+    assert summary.after_more_runs.runs == summary.after_more_runs.samples_left == left
+    assert -1 <= summary.grids.spearman <= 1
+    assert summary.convergence.probability[-1] == summary.probability_of_failure
+    assert "NaN" not in (tmp_path / "out" / "summary.json").read_text()
+    assert Summary.from_json((tmp_path / "out" / "summary.json").read_text()) == summary
+
+
+def test_rows_written_before_modes_were_kept_still_read(tmp_path):
+    run(TINY, tmp_path / "out")
+    campaign, store = parse(TINY), read_store(tmp_path / "out")
+    rough, refined = read_rows(store, "rough"), read_rows(store, "refined")
+    new = ("mode", "masses", "depth_shallowest", "depth_deepest", "onset", "onset_second")
+    old = Rows({name: column for name, column in refined.columns.items() if name not in new}, ())
+    summary = summarise(campaign, rough, old)
+    assert summary.modes is None
+    assert summary.fits.keys() == {"all"}
+    assert summary.probability_of_failure == summarise(campaign, rough, refined).probability_of_failure
+    nothing = Rows({name: column[:0] for name, column in refined.columns.items()}, ())
+    assert summarise(replace(campaign), rough, nothing).grids is None
+
+
+BAD = [
+    ("levels = 2", r"levels = 2 is for estimator = 'subset'"),
+    ("refined_runs = 20", r"refined_runs = 20 is for estimator = 'two-phase' or .*, not 'published'"),
+    ('estimator = "subset"', r"samples = 6 per level with 8 replicates: give a multiple of 80, at least 160"),
+    ('estimator = "subset"\nreplicates = 1', r"replicates = 1"),
+    ("calibrate = 1", r"calibrate = 1 is a whole number: give true or false"),
+    ("[calibration]\nrough = 1.2", r"\[calibration\] lacks refined"),
+    ("[calibration]\nrough = 1.2\nrefined = 0", r"\[calibration\] refined = 0: give a finite value above 0"),
+    ("[calibration]\nrough = 1.2\nrefine = 1", r"unknown key 'refine' \(did you mean 'refined'\?\)"),
+]
+
+
+@pytest.mark.parametrize(("lines", "message"), BAD, ids=[lines.replace("\n", ", ") for lines, _ in BAD])
+def test_options_that_do_not_go_together_are_refused(lines, message):
+    text = TINY.replace('estimator = "published"', "") if lines.startswith("estimator") else TINY
+    with pytest.raises(ValueError, match=message):
+        parse(f"{text}\n{lines}\n")
+
+
+@pytest.mark.parametrize(
+    "content",
+    ["[1.2, 1.1]", '{"rough": 1.2}', '{"rough": "1.2", "refined": 1.1}', '{"rough": true, "refined": 1.1}',
+     '{"rough": NaN, "refined": 1.1}', '{"rough": 0, "refined": 1.1}', '{"rough": -1, "refined": -1}',
+     '{"rough": 1.2, "refined": 1.1, "other": 1}', "[" * 100_000, "\x00"],
+)  # fmt: skip
+def test_kept_factors_of_safety_are_checked_like_a_scenes(tmp_path, content):
+    (tmp_path / "calibration.json").write_text(content)
+    with pytest.raises(ValueError, match=r"calibration\.json holds no two factors of safety .*delete it"):
+        stored_measured(tmp_path)
+
+
+def test_kept_factors_of_safety_are_read_from_a_file_alone(tmp_path):
+    os.mkfifo(tmp_path / "calibration.json")
+    with pytest.raises(ValueError, match="no regular file"):
+        stored_measured(tmp_path)

@@ -1,0 +1,275 @@
+"""Campaigns written in Python: the same as a scene's, kept in words, gone on with by the same law only."""
+
+import json
+import linecache
+import pickle
+import subprocess
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import jaxmpm as mpm
+from benchmarks.invented import LAYERED, TERRAIN, TINY
+from cooperative import (
+    Campaign,
+    MonteCarlo,
+    Plan,
+    Published,
+    RandomField,
+    Run,
+    Site,
+    read,
+    read_store,
+    report,
+    run,
+    runs,
+)
+from cooperative.scene import Given, campaign_of, parse
+from cooperative.scene._words import campaign_of_words, source_checksum, source_of_value
+from tests.cooperative.effects.test_places import HAZARD
+from tests.cooperative.scene.test_random_soil import CORRELATED, SAND
+
+SLOPE = mpm.Slope(crest=8.0, height=8.0, run_per_rise=1.0, toe=16.0, foundation=2.0)
+CLAY = mpm.Soil(
+    unit_weight=20e3, young=2e7, poisson=0.3, strength=30e3, softening_modulus=85e3, residual_ratio=0.5,
+    tension_cutoff=0.0, softening_length=8.0 / 5,
+)  # fmt: skip
+
+
+def grid(cell):
+    return mpm.cell_independent(mpm.Discretisation(cell, (cell / 2, cell / 2), cfl=0.9), CLAY)
+
+
+TINY_IN_PYTHON = Campaign(
+    name="tiny",
+    ground=Site(SLOPE, "fixed"),
+    soil=CLAY,
+    random={"strength": RandomField(30e3, 0.4, (20.0, 4.0))},
+    rough=grid(2.0),
+    refined=grid(1.0),
+    run=Run(t_end=4.0),
+    estimator=Published(k_t=2),
+    plan=Plan(samples=6, seed=3, fields=("rough", "refined")),
+)
+SHORT = replace(TINY_IN_PYTHON, run=Run(t_end=0.3), plan=Plan(samples=2), estimator=MonteCarlo(refined_runs=10))
+
+
+@pytest.mark.parametrize("campaign", [TINY_IN_PYTHON, parse(TINY), parse(LAYERED)])
+def test_a_campaign_is_pickled_as_it_is(campaign):
+    assert pickle.loads(pickle.dumps(campaign)) == campaign
+
+
+def test_a_scene_is_read_from_text_and_from_its_path(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(TINY)
+    assert read(str(path)) == read(path) == read(TINY)
+    with pytest.raises(ValueError, match=r"there is no scene elsewhere\.toml: give the path of a scene"):
+        read("elsewhere.toml")
+
+
+def test_a_campaign_in_python_has_the_defaults_of_a_scene():
+    assert source_of_value(TINY_IN_PYTHON).tables == source_of_value(parse(TINY)).tables
+
+
+def test_ground_alone_is_a_site_and_the_soil_has_the_means_of_what_varies():
+    campaign = replace(TINY_IN_PYTHON, ground=SLOPE, soil=replace(CLAY, strength=None))
+    assert campaign.site == Site(SLOPE)
+    assert campaign.soil.strength == 30e3
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"run": Run(t_end=-1.0)}, r"t_end = -1 s: give a finite value above 0"),
+        ({"run": Run(slides_t_end=1.0)}, r"slides_t_end = 1 s is before t_end = 20 s"),
+        ({"plan": Plan(samples=0)}, r"samples = 0: give a whole number of 1 or more"),
+        ({"plan": Plan(samples=6, seed=-1)}, r"seed = -1: give a whole number of 0 or more"),
+        ({"random": {"strength": RandomField(30e3, 0.4, (20.0,))}}, r"length has 1 values: give 2, one per axis"),
+        ({"estimator": Published(k_t=0)}, r"k_t = 0"),
+        ({"ground": 3.0}, r"float lacks .*: add the members of jaxmpm.Ground"),
+    ],
+)
+def test_a_value_is_checked_as_a_scene_is(changed, message):
+    with pytest.raises(ValueError, match=message):
+        replace(TINY_IN_PYTHON, **changed)
+
+
+@pytest.mark.parametrize("text", [TINY, LAYERED, TERRAIN, TINY + HAZARD, SAND + CORRELATED])
+def test_words_are_the_campaign_again(text):
+    source = source_of_value(parse(text))
+    again = campaign_of_words(replace(source, beside=json.loads(json.dumps(source.beside))))
+    assert source_of_value(again).tables == source.tables
+    model, known = (runs.build(each, "rough", runs.random_soil(each), at_rest=False) for each in (again, parse(text)))
+    xi = np.full(known.soil.modes, 0.5, np.float32)
+    for name, values in known.parameters(xi).items():
+        np.testing.assert_array_equal(values, model.parameters(xi)[name])
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ({}, "holds no campaign"),
+        ({"ground": {"class": "os.system"}}, r"ground holds os\.system, which this version does not have"),
+        ({"ground": {"class": "jaxmpm.solve", "scene": 1}}, r"ground holds jaxmpm\.solve"),
+        ({"plan": {"class": "cooperative.Plan", "sample": 3}}, "holds no campaign .*sample"),
+        ({"soil": {"array": "AAAA", "dtype": "<f8", "shape": [1]}}, "holds no campaign"),
+        ({"soil": {"array": "AAAA", "dtype": "|O", "shape": [1]}}, "holds no campaign"),
+    ],
+)
+def test_words_that_are_of_no_campaign_are_named(words, message):
+    source = source_of_value(TINY_IN_PYTHON)
+    changed = source.beside["campaign"] | words if words else {}
+    with pytest.raises(ValueError, match=message):
+        campaign_of_words(replace(source, beside={"campaign": changed}))
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("value") / "out"
+    return folder, run(SHORT, folder)
+
+
+def test_it_runs_goes_on_and_is_reported_from_its_folder_alone(done):
+    folder, summary = done
+    assert not (folder / "scene.toml").exists()
+    assert run(SHORT, folder) == summary
+    assert run(read_store(folder).source, folder) == summary
+    assert campaign_of(read_store(folder)) == replace(SHORT, measured=campaign_of(read_store(folder)).measured)
+    assert f"{summary.probability_of_failure:.3f}" in report(folder)
+
+
+def test_the_folder_of_another_campaign_is_refused(done):
+    folder, _ = done
+    with pytest.raises(ValueError, match=r"campaign\.rough\.cfl is 0\.9 there and 0\.5 now"):
+        run(replace(SHORT, rough=replace(SHORT.rough, cfl=0.5)), folder)
+    with pytest.raises(ValueError, match="it is written in Python there and a scene now"):
+        run(TINY, folder)
+
+
+def test_a_scene_that_was_read_keeps_its_text_unless_it_was_changed(tmp_path):
+    def stop(phase):
+        raise InterruptedError(phase)
+
+    path = tmp_path / "scene.toml"
+    path.write_text(TINY)
+    campaign = read(path)
+    for name, value in (("same", campaign), ("other", replace(campaign, run=Run(t_end=0.3)))):
+        with pytest.raises(InterruptedError):
+            run(value, tmp_path / name, on_phase=stop)
+    assert (tmp_path / "same" / "scene.toml").read_text() == TINY
+    assert not (tmp_path / "other" / "scene.toml").exists()
+    with pytest.raises(InterruptedError):
+        run(path, tmp_path / "same", on_phase=stop)
+
+
+@dataclass(frozen=True)
+class Logged(mpm.Soil):
+    """A soil that holds more than its numbers."""
+
+    log: Any = None
+
+
+def test_a_campaign_that_cannot_be_kept_is_refused_before_anything_is_written(tmp_path):
+    with open(tmp_path / "log", "w") as file:
+        soil = Logged(strength=30e3, log=file)
+        with pytest.raises(ValueError, match=r"soil\.log is <_io\.TextIOWrapper .*which has no words"):
+            run(replace(SHORT, soil=soil), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_a_script_gave_is_asked_of_it():
+    source = source_of_value(replace(SHORT, soil=Logged(strength=30e3)))
+    campaign = campaign_of_words(source)
+    assert isinstance(campaign.soil, Given)
+    assert campaign.run == SHORT.run
+    with pytest.raises(ValueError, match=r"the campaign's soil is .*Logged\(.*log=null\), which a script gave"):
+        runs.check_size(campaign)
+
+
+def class_of_a_cell(text, name):
+    """The class that a notebook's cell defines; its text lies where IPython leaves it."""
+    linecache.cache[name] = (len(text), None, text.splitlines(keepends=True), name)
+    cell = {"__name__": "of_no_file"}
+    exec(compile(text, name, "exec"), cell)
+    return cell["Weak"]
+
+
+@pytest.mark.parametrize(("changed", "same"), [("share = 0.2", True), ("share = 0.3", False)])
+def test_a_class_of_a_cell_is_known_by_all_of_its_source(changed, same):
+    text = "class Other:\n    pass\n\nclass Weak:\n    share = 0.2\n\n    def left(self):\n        return self.share\n"
+    now = class_of_a_cell("# A line above.\n" + text.replace("share = 0.2", changed), "<cell 2>")
+    assert (source_checksum(class_of_a_cell(text, "<cell 1>")) == source_checksum(now)) is same
+
+
+OWN = """
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+import sys
+import jax.numpy as jnp
+import jaxmpm as mpm
+from cooperative import Campaign, MonteCarlo, Plan, RandomField, Run, run
+from jaxmpm.laws import add, elastic_increment
+from jaxmpm.tensors import deviator, mean, safe_sqrt, second_invariant
+
+@mpm.pytree
+@dataclass(frozen=True)
+class Tresca(mpm.Law):
+    bulk: Any
+    shear: Any
+    strength: Any
+    g95: Any
+    PARAMETERS = {"strength": mpm.Parameter(above=0, unit="Pa", reduced=True)}
+
+    def initial_history(self, particles):
+        return jnp.zeros_like(particles.mass)
+
+    def update(self, strain_increment, stress, history, dt=None):
+        trial = add(stress, elastic_increment(self.bulk, self.shear, strain_increment))
+        t, left = safe_sqrt(second_invariant(deviator(trial))), 0.2 + 0.8 * jnp.exp(-3 * history / self.g95)
+        beyond = jnp.maximum(t - self.strength * left, 0)
+        pressure, scale = mean(trial), 1 - beyond / jnp.where(t > 0, t, 1)
+        stress = tuple(scale * s + pressure * (axis < 3) for axis, s in enumerate(deviator(trial)))
+        return stress, history + beyond / self.shear
+
+@dataclass(frozen=True)
+class SensitiveClay:
+    strength: float = 30e3
+    unit_weight: float = 20e3
+
+    def material(self, dtype, band):
+        number = partial(jnp.asarray, dtype=dtype)
+        return Tresca(number(2e7), number(1e7), number(self.strength), number(0.4 * 0.5 / band))
+
+if __name__ == "__main__":
+    campaign = Campaign(
+        ground=mpm.Slope(crest=8.0, height=8.0, run_per_rise=1.0, toe=16.0, foundation=2.0), soil=SensitiveClay(),
+        random={"strength": RandomField(25e3, 0.4, (20.0, 4.0), trend=1e3)},
+        rough=mpm.Discretisation(2.0, (1.0, 1.0)), refined=mpm.Discretisation(1.0, (0.5, 0.5)),
+        run=Run(t_end=0.5), plan=Plan(samples=3), estimator=MonteCarlo(refined_runs=10))
+    print(run(campaign, sys.argv[1], workers=int(sys.argv[2])).probability_of_failure)
+"""
+
+
+def script(text: str, folder: Path, workers: int) -> subprocess.CompletedProcess[str]:
+    path = folder.parent / "own.py"
+    path.write_text(text)
+    command = [sys.executable, str(path), str(folder), str(workers)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=600)
+
+
+@pytest.mark.slow
+def test_a_law_of_a_script_runs_on_two_workers_and_only_with_the_same_source(tmp_path):
+    first = script(OWN, tmp_path / "two", 2)
+    assert first.returncode == 0, first.stderr
+    assert script(OWN, tmp_path / "one", 1).stdout == first.stdout
+    assert script(OWN, tmp_path / "two", 1).stdout == first.stdout
+    again = script(OWN.replace("0.2 + 0.8 *", "0.3 + 0.7 *"), tmp_path / "two", 2)
+    assert again.returncode != 0
+    assert "soil.source of SensitiveClay is" in again.stderr
+    assert "belongs to another scene" in again.stderr
+    assert first.stdout.strip()[:4] in report(tmp_path / "two")

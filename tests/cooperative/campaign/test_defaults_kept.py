@@ -1,0 +1,127 @@
+"""A default may change: campaigns begun before go on as they were, new ones follow, and their folders say which."""
+
+import pytest
+
+from benchmarks.invented import LAYERED
+from cooperative import campaign, sweep
+from cooperative.scene import campaign_of, parse, settled
+from cooperative.store import FIRST_DEFAULTS, open_store, read_store, scene_digest
+from tests.cooperative.campaign.test_campaign import TINY
+
+
+def steps(text):
+    return {grid: shape.cfl for grid, shape in parse(text).grids.items()}
+
+
+def test_a_new_scene_has_todays_default_and_its_own_word():
+    assert steps(TINY) == {"rough": 0.9, "refined": 0.9}
+    assert steps(TINY.replace("[rough]", "[rough]\ncfl = 0.3")) == {"rough": 0.3, "refined": 0.9}
+    assert steps(TINY.replace("[rough]", "[rough]\ncfl = 0.3") + FIRST_DEFAULTS) == {"rough": 0.3, "refined": 0.5}
+
+
+def test_a_folder_begun_before_goes_on_with_the_default_of_its_time(tmp_path):
+    (tmp_path / "scene.toml").write_text(TINY)
+    store = read_store(tmp_path)
+    assert {shape.cfl for shape in campaign_of(store).grids.values()} == {0.5}
+    assert store.digest == scene_digest(TINY)
+    source = settled(TINY, tmp_path)
+    assert set(steps(source).values()) == {0.5}
+    with open_store(tmp_path, source) as held:
+        assert held.digest == scene_digest(TINY)
+    assert (tmp_path / "scene.toml").read_text() == TINY
+
+
+def test_a_folder_keeps_the_default_that_it_was_begun_with(tmp_path):
+    source = settled(TINY, tmp_path)
+    assert source.beside == {"defaults": {"cfl": 0.9, "gap_memory": True}}
+    with open_store(tmp_path, source) as store:
+        assert store.digest == scene_digest(TINY + "[defaults]\ncfl = 0.9\ngap_memory = true\n")
+    assert (tmp_path / "scene.toml").read_text() == TINY
+    kept = (tmp_path / "campaign.json").read_text()
+    (tmp_path / "campaign.json").write_text(kept.replace("0.9", "0.7"))
+    assert settled(TINY, tmp_path).beside["defaults"]["cfl"] == 0.7
+    assert settled(source, tmp_path) == source
+    with pytest.raises(ValueError, match=r"defaults.cfl is 0.7 there and 0.9 now"):
+        open_store(tmp_path, source)
+
+
+def test_a_folder_that_was_killed_as_it_began_is_begun_anew(tmp_path):
+    for content in ('{"defaults": {"cfl": 0.7, "gap_memory": true}}', '{"defaults": {"cfl": 0.7}, "files": {}}'):
+        (tmp_path / "campaign.json").write_text(content)
+        assert settled(TINY, tmp_path).beside["defaults"]["cfl"] == 0.9
+        with pytest.raises(ValueError, match=r"has no scene\.toml"):
+            read_store(tmp_path)
+    with open_store(tmp_path, TINY) as store:
+        assert store.digest == scene_digest(TINY)
+    assert set(steps(read_store(tmp_path).source).values()) == {0.5}
+
+
+@pytest.mark.parametrize("content", ["[1.0", "[]", "\x00", "[" * 100_000])
+def test_a_damaged_file_beside_a_scene_is_named(tmp_path, content):
+    with open_store(tmp_path, settled(TINY, tmp_path)):
+        pass
+    (tmp_path / "campaign.json").write_text(content)
+    for opened in (lambda: read_store(tmp_path), lambda: campaign.run(TINY, tmp_path)):
+        with pytest.raises(ValueError, match=r"campaign\.json is damaged .*put back the file"):
+            opened()
+
+
+def remembers(text):
+    """Whether each of the soils of a scene remembers its gap, that of its layers too."""
+    campaign = parse(text)
+    return {layer.soil.gap_memory for layer in campaign.site.soils(campaign.soil)} | {campaign.soil.gap_memory}
+
+
+@pytest.mark.parametrize("scene", [TINY, LAYERED])
+def test_a_folder_that_is_older_than_a_default_goes_on_without_it(scene, tmp_path):
+    # The version before had the time step of today, and a cutoff that forgets.
+    kept = scene + "\n[defaults]\ncfl = 0.9\n"
+    (tmp_path / "scene.toml").write_text(kept)
+    assert remembers(scene) == {True}
+    assert remembers(settled(scene, tmp_path)) == remembers(kept) == {False}
+    assert remembers(scene + FIRST_DEFAULTS) == {False}
+    assert set(steps(settled(scene, tmp_path)).values()) == {0.9}
+    with open_store(tmp_path, settled(scene, tmp_path)) as held:
+        assert held.digest == scene_digest(kept)
+    own = LAYERED.replace("tension_cutoff = 0.0", "tension_cutoff = 0.0\ngap_memory = true")
+    assert remembers(own + "\n[defaults]\ncfl = 0.9\n") == {True}
+
+
+class _Looked(Exception):
+    pass
+
+
+def test_campaigns_and_sweeps_look_in_their_folders(tmp_path, monkeypatch):
+    seen = []
+
+    def look(asked, *_):
+        seen.append({shape.cfl for shape in asked.grids.values()})
+        raise _Looked
+
+    monkeypatch.setattr(campaign.runs, "check_size", look)
+    monkeypatch.setattr(sweep, "check_size", look)
+    swept = TINY + "[sweep]\ncov = [0.2]\n"
+    for begin, name, text in ((campaign.run, "scene.toml", TINY), (sweep.run, "sweep.toml", swept)):
+        for begun in (False, True):
+            folder = tmp_path / f"{name}-{begun}"
+            folder.mkdir()
+            if begun:
+                (folder / name).write_text(text)
+            with pytest.raises(_Looked):
+                begin(text, folder)
+    assert seen == [{0.9}, {0.5}, {0.9}, {0.5}]
+
+
+@pytest.mark.parametrize(
+    ("table", "match"),
+    [
+        ("cfl = 'fast'", "cfl = 'fast' is text"),
+        ("cfl = 0.9\nstep = 1.0", "unknown key 'step'"),
+        ("", "lacks cfl"),
+        ("cfl = ", "not valid TOML"),
+    ],
+)
+def test_other_defaults_in_a_folder_are_named(tmp_path, table, match):
+    (tmp_path / "scene.toml").write_text(f"{TINY}\n[defaults]\n{table}\n")
+    with pytest.raises(ValueError, match=match):
+        campaign.run(TINY, tmp_path)

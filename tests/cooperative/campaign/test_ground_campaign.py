@@ -1,0 +1,122 @@
+"""A campaign on ground with a toe: drawn like a slope it has the slope's answer, and a user's own class will do."""
+
+import json
+import re
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxmpm as mpm
+from benchmarks.invented import TINY
+from cooperative import Campaign, MonteCarlo, Plan, RandomField, Run, report, run, runs
+from cooperative.scene import parse
+from tests.cooperative.campaign.test_campaign import SCENES
+from tests.cooperative.scene.test_scene_sections import OUTLINE
+from tests.jaxmpm.ground.test_ground import Embankment
+
+TOED = OUTLINE.replace("[ground]", "[ground]\ntoe = 16.0\ncrest = 8.0")
+MEASURED_ANEW = {"seconds", "checksum"}
+"""What differs between two campaigns of one scene."""
+
+
+def same(one, other, where="summary"):
+    """Assert that two summaries are the same, floats to 1e-6."""
+    if isinstance(one, dict):
+        assert one.keys() == other.keys(), where
+        for key in one.keys() - MEASURED_ANEW:
+            same(one[key], other[key], f"{where}/{key}")
+    elif isinstance(one, list):
+        assert len(one) == len(other), where
+        for number, pair in enumerate(zip(one, other, strict=True)):
+            same(*pair, f"{where}/{number}")
+    else:
+        assert one == (pytest.approx(other, rel=1e-6, nan_ok=True) if isinstance(other, float) else other), where
+
+
+def summary_of(folder):
+    return json.loads((folder / "summary.json").read_text())
+
+
+def test_a_slope_drawn_with_its_toe_has_the_slopes_summary(tiny_campaign, tmp_path):
+    run(TOED, tmp_path / "drawn")
+    drawn, slope = summary_of(tmp_path / "drawn"), summary_of(tiny_campaign[0])
+    same(drawn, slope)
+    assert drawn["modes"]["deep"]["count"] > 0
+    assert drawn["consequences_of_failures"]["runout"]["mean"] > 5
+
+
+@pytest.mark.slow
+def test_the_demos_slope_drawn_with_its_toe_has_its_summary(tmp_path):
+    text = (SCENES / "demo.toml").read_text().replace("samples = 40", "samples = 10")
+    start, end = text.index("[slope]"), text.index("[soil]")
+    line = "surface = [[0, 16], [60, 16], [84, 4], [132, 4]]"
+    drawn = f"{text[:start]}[ground]\n{line}\ntoe = 84.0\ncrest = 60.0\n{text[end:]}"
+    for name, scene in (("slope", text), ("drawn", drawn)):
+        run(scene, tmp_path / name)
+    same(summary_of(tmp_path / "drawn"), summary_of(tmp_path / "slope"))
+
+
+def test_without_a_toe_there_are_no_modes():
+    assert parse(TINY).plan.modes == parse(TOED).plan.modes == ("refined",)
+    assert parse(OUTLINE).plan.modes == ()
+
+
+REFUSED = {
+    "toe = 500.0": "[ground] toe = 500 m lies outside the ground, which reaches from x = 0 to 32 m",
+    "toe = 12.0": "[ground] toe = 12 m is no foot of a slope, a point of the surface",
+    "toe = 16.0\ncrest = 20.0": "[ground] crest = 20 m lies beyond the toe at x = 16 m",
+    "crest = 8.0": "[ground] crest = 8 m without a toe",
+}
+
+
+@pytest.mark.parametrize("keys", REFUSED)
+def test_a_toe_that_the_ground_has_not_is_refused(keys):
+    with pytest.raises(ValueError, match=re.escape(REFUSED[keys])):
+        parse(OUTLINE.replace("[ground]", f"[ground]\n{keys}"))
+
+
+def test_a_campaigns_grid_is_built_and_run_over_a_ground_of_ones_own():
+    scene = parse(
+        TOED.replace('fields = "both"', 'fields = "both"\nmodes = "both"').replace("mean = 30e3", "mean = 9e3")
+    )
+    own = Embankment()
+    campaign = replace(scene, ground=own)
+    assert campaign.dimension == 2
+    soil = runs.random_soil(campaign)
+    assert soil.groups[0].box == (own.corner, own.extent)
+    model = runs.build(campaign, "rough", soil)
+    size = runs.grid_size(campaign, "rough")
+    assert size.particles == pytest.approx(model.scene.particles.mass.size, rel=0.02)
+    assert size.nodes == np.prod(model.scene.grid.shape)
+    (sample,) = runs.run_samples(model, jnp.zeros((1, soil.modes)), [0])
+    moved = sample.fields["displacement"]
+    x, z = np.asarray(model.scene.particles.position)
+    sliding = np.linalg.norm(moved, axis=0) >= 1
+    assert sliding.any()
+    # Beyond its own toe, and below its own crest.
+    assert sample.row["runout_any"] == pytest.approx(max((x + moved[0])[sliding].max() + 0.5 - own.face.toe_x, 0))
+    assert sample.row["depth"] == pytest.approx(own.subsoil + own.height - (z[sliding].min() - 0.5))
+    assert sample.row["mode"] in ("deep", "shallow", "progressive")
+    assert isinstance(model.geometry, mpm.Face)
+
+
+@pytest.mark.slow
+def test_a_campaign_of_a_ground_of_ones_own_runs_on_two_workers_and_is_reported(tmp_path, unrendered):
+    clay = mpm.Soil(unit_weight=20e3, young=2e7, strength=14e3, softening_modulus=85e3, tension_cutoff=0.0)
+    campaign = Campaign(
+        ground=Embankment(),
+        soil=clay,
+        random={"strength": RandomField(14e3, 0.3, (20.0, 4.0))},
+        rough=mpm.Discretisation(2.0, (1.0, 1.0), cfl=0.9),
+        refined=mpm.Discretisation(1.0, (0.5, 0.5), cfl=0.9),
+        run=Run(t_end=3.0),
+        plan=Plan(samples=3),
+        estimator=MonteCarlo(refined_runs=10),
+    )
+    summary = run(campaign, tmp_path / "own", workers=2)
+    assert sum(mode.count for mode in summary.modes.values()) == summary.failures_refined == 3
+    text = report(tmp_path / "own")
+    assert "m beyond the toe" in text
+    assert summary_of(tmp_path / "own")["slides"] == 3

@@ -1,0 +1,153 @@
+"""Sweeps: which campaigns they are, what these share, and going on."""
+
+import json
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks import invented
+from cooperative import runs, sweep
+from cooperative.scene import parse, to_toml
+from cooperative.store import read_rows, read_store
+from cooperative.summary import summarise
+from tests import ROOT
+from tests.cooperative.campaign.test_campaign import TINY
+from tests.cooperative.effects.test_summary import five_slides
+
+TABLE = "[sweep]\nlx = [10, 20.0]\ncov = [0.2, 0.4]\nk_t = [1, 2]\n"
+SWEEP = TINY.replace('fields = "both"', 'fields = "none"') + TABLE
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sweep") / "tiny"
+    return folder, sweep.run(SWEEP, folder)
+
+
+def test_one_parameter_is_changed_at_a_time_and_the_scene_itself_runs_once():
+    found = {part.name: part for part in sweep.variants(SWEEP)}
+    assert list(found) == ["base", "lx-10", "cov-0.2", "ranked"]
+    assert found["base"].points == (("lx", 20.0), ("cov", 0.4))
+    base, longer = parse(found["base"].source), parse(found["lx-10"].source)
+    assert base.random["strength"].length == (20.0, 4.0)
+    assert longer.random["strength"].length == (10.0, 4.0)
+    assert longer.random["strength"].cov == base.random["strength"].cov
+    assert parse(found["cov-0.2"].source).random["strength"].cov == 0.2
+    assert parse(found["ranked"].source).estimator.k_t == 2
+
+
+def test_campaigns_share_their_coefficients():
+    designs = {}
+    for part in sweep.variants(SWEEP):
+        campaign = parse(part.source)
+        designs[part.name] = runs.coefficients_of(campaign, runs.random_soil(campaign))
+    modes = min(design.shape[1] for design in designs.values())
+    assert len({design.shape[1] for design in designs.values()}) > 1
+    for design in designs.values():
+        np.testing.assert_array_equal(design[:, :modes], designs["base"][:, :modes])
+
+
+def test_programs_are_released_after_each_campaign_of_a_sweep(tmp_path, monkeypatch):
+    order = []
+    summary = replace(summarise(*five_slides()), modes=None)
+    monkeypatch.setattr(sweep, "run_campaign", lambda text, where, **_: order.append(where.name) or summary)
+    monkeypatch.setattr(sweep, "release_programs", lambda: order.append("released"))
+    monkeypatch.setattr(sweep, "save", lambda figure, path: None)
+    sweep.run(TINY + "[sweep]\ncov = [0.2, 0.4]\n", tmp_path / "out")
+    assert order == ["base", "released", "cov-0.2", "released"]
+
+
+@pytest.mark.slow
+def test_a_sweep_answers_for_every_value(swept):
+    folder, found = swept
+    assert json.loads((folder / "sweep.json").read_text()) == found
+    assert {name: [row["value"] for row in rows] for name, rows in found["parameters"].items()} == {
+        "lx": [10, 20.0],
+        "cov": [0.2, 0.4],
+        "k_t": [1, 2],
+    }
+    for rows in found["parameters"].values():
+        for row in rows:
+            assert row["interval"][0] <= row["probability"] <= row["interval"][1]
+            if row["modes"]:
+                assert sum(part["ratio"] for part in row["modes"].values()) == pytest.approx(1.0)
+    # Both come from the runs of the base campaign or the same samples.
+    base = found["parameters"]["lx"][1]
+    assert found["parameters"]["cov"][1]["probability"] == base["probability"]
+    assert found["parameters"]["k_t"][1]["probability"] == base["probability"]
+    fewer, more = found["parameters"]["k_t"]
+    assert fewer["refined_runs"] <= more["refined_runs"]
+    assert fewer["probability"] <= more["probability"]
+    for name in ("probability", "modes"):
+        assert (folder / "figures" / f"{name}.png").stat().st_size > 5000
+
+
+@pytest.mark.slow
+def test_a_sweep_goes_on_where_it_was(swept):
+    folder, found = swept
+    files = sorted(folder.glob("campaigns/*/samples/*/*.h5"))
+    stamps = [path.stat().st_mtime_ns for path in files]
+    files[3].unlink()
+    assert sweep.run(SWEEP, folder) == found
+    changed = [path for path, stamp in zip(files, stamps, strict=True) if path.stat().st_mtime_ns != stamp]
+    assert changed == [files[3]]
+    assert len(read_rows(read_store(folder / "campaigns" / "base"), "rough").numbers) == 6
+
+
+def test_the_folder_of_another_sweep_is_refused(tmp_path, monkeypatch):
+    invented.invent(put=monkeypatch.setattr)
+    monkeypatch.setattr(sweep, "save", lambda figure, path: None)
+    assert sweep.run(SWEEP, tmp_path / "mine") == sweep.run(SWEEP, tmp_path / "mine")
+    with pytest.raises(ValueError, match="belongs to another sweep"):
+        sweep.run(SWEEP.replace("[10, 20.0]", "[10, 30]"), tmp_path / "mine")
+    (tmp_path / "letter").write_text("")
+    with pytest.raises(ValueError, match=r"no sweep\.toml"):
+        sweep.run(SWEEP, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("[sweep]", "[sweeps]"), "no table"),
+        (("lx = [10, 20.0]", "ly = [10, 20.0]"), r"ly cannot be swept in this scene: give cov, lx, lz, k_t"),
+        (("lx = [10, 20.0]", "lx = [10, 10]"), "list of different numbers"),
+        (("lx = [10, 20.0]", "lx = []"), "list of different numbers"),
+        (("lx = [10, 20.0]", "lx = 10"), "list of different numbers"),
+        (
+            ("lx = [10, 20.0]", "lx = [-1]"),
+            r"lx = \[-1\] m: give a list of different numbers, each a finite value above 0",
+        ),
+        (("k_t = [1, 2]", "k_t = [0, 2]"), "different whole numbers, each 1 or more"),
+        (("seed = 3", 'seed = 3\ncoefficients = "sobol"'), "take 'latin hypercube'"),
+        (("samples = 6", "samples = 40\nreplicates = 2"), "replicates = 2 is for"),
+        (("samples = 6", "samples = six"), "not valid TOML"),
+    ],
+)
+def test_bad_sweeps_are_refused(change, message, tmp_path):
+    assert change[0] in SWEEP
+    with pytest.raises(ValueError, match=message):
+        sweep.run(SWEEP.replace(*change), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_campaign_refuses_a_sweep():
+    with pytest.raises(ValueError, match=r"has a table \[sweep\]"):
+        parse(SWEEP)
+
+
+def test_toml_written_reads_back_the_same():
+    tables = tomllib.loads(TINY)
+    assert tomllib.loads(to_toml(tables)) == tables
+    odd = {"name": 'a "quoted" name, ü', "run": {"settle": False, "t_end": 1e22, "x": [1, 2.5]}}
+    assert tomllib.loads(to_toml(odd)) == odd
+
+
+@pytest.mark.parametrize(("scene", "campaigns"), [("section_sweep", 7), ("paper_sweep", 11)])
+def test_sweeps_that_come_along_are_sound(scene, campaigns):
+    path = ROOT / "benchmarks" / "scenes" / f"{scene}.toml"
+    parts = sweep.variants(path.read_text())
+    assert len(parts) == len({part.name for part in parts}) == campaigns
+    for part in parts:
+        parse(part.source)

@@ -1,0 +1,128 @@
+"""Exposed places and hazard in a scene: which columns they take, what they lose, and what is refused."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from cooperative import runs
+from cooperative.measure import ColumnPlan, Place, Vulnerability, quantity
+from cooperative.scene import parse
+from tests.cooperative.campaign.test_campaign import TINY
+
+SECTION = ColumnPlan((-1.0,), 1.0, (12,), ((0.0, 10.0),))
+GROUND = ColumnPlan((-1.0, -1.0), 1.0, (8, 6), ((0.0, 6.0), (0.0, 4.0)))
+
+HAZARD = """
+[hazard]
+thresholds = ["50 cm", "3.6 km/h", "1 m"]
+[[exposed]]
+name = "road"
+between = [18.0, 21.0]
+value = 1000.0
+vulnerability = [["0 m", 0.0], ["0.5 m", 0.5], ["2 m", 1.0]]
+[[exposed]]
+name = "house"
+at = [22.5]
+"""
+
+
+def test_a_scene_names_its_places_and_thresholds_in_their_units():
+    hazard = parse(TINY + HAZARD).hazard
+    assert hazard.thickness == (0.5, 1.0)
+    assert hazard.speed == pytest.approx((1.0,))
+    road, house = hazard.places
+    assert road.corners == ((18.0,), (21.0,))
+    assert road.vulnerability.share(np.array([0.0, 0.25, 1.25, 9.0])) == pytest.approx([0.0, 0.25, 0.75, 1.0])
+    assert (house.value, house.vulnerability) == (None, None)
+    assert parse(TINY).hazard is None
+    assert parse(TINY + "[hazard]\n").hazard.every == 20
+
+
+def test_points_stretches_and_polygons_take_their_columns():
+    assert np.flatnonzero(Place("a", ((3.2,),)).columns(SECTION)).tolist() == [4]
+    assert np.flatnonzero(Place("end", ((10.0,),)).columns(SECTION)).tolist() == [10]
+    assert np.flatnonzero(Place("b", ((3.0,), (5.5,))).columns(SECTION)).tolist() == [4, 5, 6]
+    square = Place("c", ((1.0, 1.0), (3.0, 1.0), (3.0, 2.0), (1.0, 2.0)))
+    assert np.argwhere(square.columns(GROUND)).tolist() == [[2, 2], [3, 2]]
+    assert np.argwhere(Place("d", ((5.5, 0.5),)).columns(GROUND)).tolist() == [[6, 1]]
+    assert SECTION.ground == (slice(1, 11),)
+    assert GROUND.ground == (slice(1, 7), slice(1, 5))
+
+
+@given(st.integers(0, 2**32), st.integers(3, 7))
+def test_a_polygon_takes_the_columns_that_points_in_it_lie_in(seed, count):
+    generator = np.random.default_rng(seed)
+    angle = np.sort(generator.random(count)) * 2 * np.pi
+    radius = 0.3 + 1.6 * generator.random(count)
+    corners = np.stack([3 + radius * np.cos(angle), 2 + radius * np.sin(angle)], axis=-1)
+    pairs = list(zip(corners, np.roll(corners, -1, axis=0), strict=True))
+    # Triangles with the middle that all turn left make a star; other corners may make a polygon that crosses itself.
+    assume(all((one[0] - 3) * (other[1] - 2) > (one[1] - 2) * (other[0] - 3) for one, other in pairs))
+    found = Place("star", tuple(map(tuple, corners.tolist()))).columns(GROUND)
+    inside = np.zeros(GROUND.shape, bool)
+    for one, other in pairs:
+        share = generator.dirichlet([1, 1, 1], size=60)
+        points = share @ np.array([[3.0, 2.0], one, other])
+        inside[tuple(np.floor(points - GROUND.origin).astype(int).T)] = True
+    assert not (inside & ~found).any()
+
+
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        (lambda: Place("x", ((12.5,),)).columns(SECTION), r"'x' has x = 12.5 m, outside the ground, .* 0 to 10 m"),
+        (lambda: Place("x", ((3.0, 2.0),)).columns(SECTION), "given by 2 numbers, the ground has 1"),
+        (lambda: Place("x", ((1, 1), (3, 1), (3, 5), (1, 5))).columns(GROUND), "y = 5 m, outside the ground"),
+        (lambda: Place("x", ((1, 1), (3, 3), (3, 1), (1, 3))), "crosses itself, between corners 1 and 3"),
+        (lambda: Place("x", ((1, 1), (2, 2), (3, 3))), "has no area"),
+        (lambda: Place("x", ((3.0,), (2.0,))), "from 3 to 2 m: give the lower end first"),
+        (lambda: Place("x", ((float("nan"),),)), "give finite metres"),
+        (lambda: Vulnerability("speed", (0.0, 1.0), (0.5, 0.2)), "falls from 0.5 at 0 m/s to 0.2 at 1 m/s"),
+        (lambda: Vulnerability("thickness", (0.0, 1.0), (0.0, 1.2)), "loses 1.2 at 1 m: give a share from 0 to 1"),
+        (lambda: Vulnerability("thickness", (1.0, 1.0), (0.0, 1.0)), "do not ascend"),
+    ],
+)
+def test_places_and_curves_that_make_no_sense_are_refused(place, message):
+    with pytest.raises(ValueError, match=message):
+        place()
+
+
+BAD = [
+    ('"50 cm"', '"50"', r"thresholds = '50' has no unit: give one of m, cm, m/s, km/h"),
+    ('"50 cm"', "0.5", r"thresholds = 0.5 has no unit"),
+    ('"50 cm"', '"50 kg"', r"is no number and unit"),
+    ('"50 cm"', '"-1 m"', r"'-1 m': give a finite number of 0 or more"),
+    ('"50 cm"', '"0 m"', r"give more than 0"),
+    ("thresholds", "tresholds", r"\[hazard\] has an unknown key 'tresholds' \(did you mean 'thresholds'\?\)"),
+    ('["2 m", 1.0]', '["2 m", 0.4]', r"\[exposed 'road'\] a vulnerability curve falls from 0.5 at 0.5 m to 0.4 at 2 m"),
+    ('["2 m", 1.0]', '["2 m", 1.5]', r"loses 1.5 at 2 m: give a share from 0 to 1"),
+    ('["2 m", 1.0]', '["2 m/s", 1.0]', r"vulnerability is of speed and thickness: give one of them"),
+    ('["2 m", 1.0]', '"2 m"', r'give pairs such as \["0.5 m", 0.2\]'),
+    ("value = 1000.0", "", r"give value and vulnerability together"),
+    ("value = 1000.0", "value = -1.0", r"value = -1: give a finite value of 0 or more"),
+    ('"house"', '"road"', r"name = 'road' is there 2 times as 'road'"),
+    ("at = [22.5]", "", r"'house'\] has no position: give one of at"),
+    ("at = [22.5]", "at = [22.5]\nbetween = [1.0, 2.0]", r"has at and between: give one of at"),
+    ("at = [22.5]", "polygon = [[1, 2], [3, 4]]", r"give three or more corners"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "message"), BAD)
+def test_scenes_with_bad_places_are_refused(old, new, message):
+    assert old in HAZARD
+    with pytest.raises(ValueError, match=message):
+        parse(TINY + HAZARD.replace(old, new, 1))
+
+
+def test_a_place_outside_the_ground_is_refused_before_anything_runs():
+    campaign = parse(TINY + HAZARD.replace("[22.5]", "[99.0]"))
+    with pytest.raises(ValueError, match=r"place 'house' has x = 99 m, outside the ground, .* from 0 to 32 m"):
+        runs.build(campaign, "refined", runs.random_soil(campaign), at_rest=False)
+
+
+@given(st.floats(0, 1e6), st.sampled_from(["m", "cm", "m/s", "km/h"]))
+def test_a_quantity_is_read_with_its_unit(number, unit):
+    of, value = quantity("x", f"{number!r} {unit}")
+    assert of == ("speed" if "/" in unit else "thickness")
+    assert value == pytest.approx(number * {"m": 1, "cm": 0.01, "m/s": 1, "km/h": 1 / 3.6}[unit])

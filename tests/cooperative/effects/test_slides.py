@@ -1,0 +1,386 @@
+"""Failures that slide on to their end while the others end once they have failed."""
+
+import csv
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import norm
+
+from benchmarks import estimators_means as means
+from benchmarks import invented
+from cooperative import campaign, runs
+from cooperative.estimate import (
+    Failures,
+    MonteCarlo,
+    Phases,
+    Population,
+    Published,
+    Slides,
+    TwoPhase,
+    shares,
+    slide_order,
+    zone_weights,
+)
+from cooperative.reporting import progress_of, report, words
+from cooperative.scene import parse
+from cooperative.store import SLIDES, open_store, read_rows, read_sample, read_store, restart_path
+from tests import ROOT
+from tests.cooperative.campaign.test_campaign import TINY
+
+DATA = ROOT / "benchmarks" / "data" / "section_pairs.csv"
+SCENE = TINY.replace("k_t = 2", "k_t = 4")
+
+
+sizes = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=60).map(np.array)
+
+
+@given(sizes, st.integers(0, 2**63 - 1))
+def test_every_sample_that_may_fail_has_its_turn(size, seed):
+    order = slide_order(size, seed) if size.any() else np.zeros(0, int)
+    assert sorted(order) == np.flatnonzero(size > 0).tolist()
+
+
+def test_slides_lie_along_the_ranks_as_densely_as_failures_do():
+    size = 1 / (1 + np.exp((np.arange(400) - 120) / 25))
+    reached = np.cumsum(size) / size.sum()
+    for seed in range(20):
+        for count in (5, 13, 30):
+            first = np.sort(reached[slide_order(size, seed)[:count]])
+            # Points of the golden section lie within 1.9 / n of even ones; a sample is up to 0.01 wide.
+            assert np.abs(first - (np.arange(count) + 0.5) / count).max() < 1.9 / count + 0.01
+
+
+def test_zones_hold_what_is_counted_nearest_and_never_less_than_the_slide_itself():
+    even = np.full(10, 0.1)
+    failures = Failures(np.arange(10), even, np.array([1.0] * 6 + [0.0] * 4), np.array([0.1] * 6 + [0.0] * 4))
+    np.testing.assert_allclose(zone_weights(failures, np.array([1, 4])), [0.3, 0.3])
+    np.testing.assert_allclose(zone_weights(failures, np.array([0, 1, 4])), [0.1, 0.2, 0.3])
+    below = replace(failures, count=np.array([0.1] * 5 + [-0.3] + [0.0] * 4))
+    assert zone_weights(below, np.array([0, 5])).min() == pytest.approx(0.1)
+
+
+def made_up(seed, samples=200, pf=0.2, runs=40):
+    """A campaign whose audit has ended, and which samples fail."""
+    rough, other = np.random.default_rng(seed).standard_normal((2, samples))
+    failed = 0.95 * rough + np.sqrt(1 - 0.95**2) * other > norm.isf(pf)
+    return means.audited(TwoPhase(refined_runs=runs, seed=seed), np.exp(rough - norm.isf(pf / 2)), failed), failed
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 30), st.integers(1, 8), st.randoms(use_true_random=False))
+def test_as_many_slide_as_are_asked_for_in_whatever_order_they_run(seed, count, random):
+    audit, failed = made_up(seed)
+    _, numbers, whole = means.slid(audit, failed, count, seed)
+    assert whole.slid.sum() == count
+    assert whole.weight[whole.slid].sum() == pytest.approx(audit.estimate.probability)
+    assert whole.weight.sum() == pytest.approx(1.0)
+    assert np.all(whole.weight[whole.failed & ~whole.slid] == 0)
+    # One by one in any order, looked at anew after each, as a campaign that is killed again and again.
+    phases, ended = audit, {n for n, fails in audit.answers.items() if not fails}
+    while True:
+        there = sorted(phases.answers)
+        slides = Slides.of(phases, there, np.array([n in ended for n in there]), count, seed)
+        if not slides.wanted:
+            break
+        one = random.choice(slides.wanted)
+        ended.add(one)
+        phases = replace(phases, answers={**phases.answers, one: bool(failed[one])})
+    assert there == numbers
+    assert np.array_equal(slides.slid, whole.slid)
+    np.testing.assert_allclose(slides.weight, whole.weight)
+    assert phases.estimate == audit.estimate
+
+
+def test_slides_run_beyond_the_audit_where_it_seldom_looked():
+    audit, failed = made_up(3)
+    phases, _, slides = means.slid(audit, failed, 20, 3)
+    beyond = phases.answers.keys() - audit.answers.keys()
+    assert slides.slid.sum() == 20
+    assert len(beyond) > 5
+    # They are no runs of the audit: its estimate and what its runs stand for stay.
+    assert {n: w for n, w in phases.weights.items() if n not in beyond} == pytest.approx(audit.weights)
+    assert all(phases.weights[n] == 0 for n in beyond)
+
+
+def test_slides_of_an_earlier_draw_count_and_no_more_are_asked_for():
+    audit, _ = made_up(5)
+    waiting = [n for n, fails in audit.answers.items() if fails]
+    numbers = sorted(audit.answers)
+    ended = np.array([n in waiting[:6] or not audit.answers[n] for n in numbers])
+    slides = Slides.of(audit, numbers, ended, 6, 5)
+    assert (slides.slid.sum(), slides.wanted, slides.planned) == (6, (), 6)
+    more = Slides.of(audit, numbers, ended, 8, 5)
+    assert (more.slid.sum(), len(more.wanted)) == (6, 2)
+    none = Slides.of(audit, numbers, ended, 0, 5)
+    assert (none.slid.sum(), none.planned) == (0, 0)
+
+
+def known_population():
+    """Screening, failures, displacements and modes of 400 sections, all of which ran refined."""
+    rows = list(csv.DictReader(line for line in DATA.open() if not line.startswith("#")))
+    rough, refined = (np.array([float(r[f"{g}_displacement"]) for r in rows]) for g in ("rough", "refined"))
+    return rough, refined, np.array([row["refined_mode"] for row in rows])
+
+
+@pytest.mark.slow
+def test_slides_of_a_known_population_stand_for_all_of_its_failures():
+    rough, refined, mode = known_population()
+    fails = refined > 1.0
+    truth, share = refined[fails].mean(), float((mode[fails] == "deep").mean())
+    found, former, covered, repeats = [], [], [], 100
+    for seed in range(repeats):
+        audit = means.audited(TwoPhase(refined_runs=60, seed=seed), rough, fails)
+        _, numbers, slides = means.slid(audit, fails, 15, seed)
+        slid, weight = np.array(numbers)[slides.slid], slides.weight[slides.slid]
+        found.append(weight @ refined[slid] / weight.sum() / truth - 1)
+        former.append(means._former_mean(audit, refined, 15, np.random.default_rng(seed)) / truth - 1)
+        low, high = shares(mode[slid], weight, ("deep",))["deep"].interval
+        covered.append(low <= share <= high)
+    assert abs(np.mean(found)) < 0.02
+    assert np.std(found) < 0.8 * np.std(former)
+    assert np.mean(covered) >= 0.9
+
+
+@pytest.mark.parametrize("estimator", [TwoPhase(refined_runs=60), MonteCarlo(refined_runs=60), Published(k_t=8)])
+def test_weights_give_the_printed_probability_of_failure(estimator):
+    rough, refined, _ = known_population()
+    phases = Phases(estimator, 1.0, population=Population(rough))
+    while wanted := phases.next_runs(8, ()):
+        phases = phases.refined({n: (refined[n], False) for n in {*phases.answers, *wanted}})
+    found = phases.weights
+    assert sum(found.values()) == pytest.approx(1.0, abs=1e-12)
+    failed = [n for n in found if phases.answers[n]]
+    assert sum(found[n] for n in failed) == pytest.approx(phases.estimate.probability, abs=1e-12)
+    # Among the failures they are in proportion to those of the draws.
+    drawn = estimator.weights(phases.population, phases.answers)
+    factors = [found[n] / drawn[n] for n in failed]
+    assert factors == pytest.approx([factors[0]] * len(factors))
+
+
+def test_a_run_without_an_answer_stands_for_nothing():
+    phases = Phases(MonteCarlo(), 1.0, population=Population(np.arange(4.0)))
+    found = phases.refined({0: (0.1, False), 1: (0.2, True), 2: (2.0, True), 3: (0.3, False)})
+    assert found.answers == {0: False, 1: None, 2: True, 3: False}
+    assert found.weights == pytest.approx({0: 1 / 3, 1: 0.0, 2: 1 / 3, 3: 1 / 3})
+
+
+def test_estimators_without_a_model_draw_their_slides_from_their_failures_alone():
+    moved = np.random.default_rng(2).permutation(np.linspace(0.1, 3.0, 50))
+    phases = Phases(MonteCarlo(refined_runs=30), 1.0, population=Population(moved))
+    phases = phases.refined({n: (moved[n], False) for n in range(30)})
+    numbers, failed = list(range(30)), moved[:30] > 1.0
+    slides = Slides.of(phases, numbers, ~failed, 6, 1)
+    assert len(slides.wanted) == 6
+    assert all(failed[n] for n in slides.wanted)
+    every = Slides.of(phases, numbers, np.ones(30, bool), None, 1)
+    np.testing.assert_allclose(every.weight, 1 / 30)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_slides_that_the_estimator_does_not_count_stand_for_nothing():
+    # Monte Carlo counts the samples from the first on without a gap: here none.
+    phases = Phases(MonteCarlo(), 1.0, population=Population(np.linspace(3.0, 0.1, 30)))
+    phases = phases.refined(dict.fromkeys((5, 6, 9), (3.0, False)))
+    slides = Slides.of(phases, [5, 6, 9], np.ones(3, bool), None, 1)
+    assert slides.slid.all()
+    assert slides.weight.tolist() == [0.0] * 3
+
+
+@pytest.fixture(scope="module")
+def all_slides(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("all")
+    return folder, campaign.run(SCENE, folder)
+
+
+def asked(slides):
+    return SCENE + f"slides = {json.dumps(slides)}\n"
+
+
+@pytest.mark.slow
+def test_a_drawn_slide_goes_on_bit_for_bit(all_slides, tmp_path):
+    folder, whole = all_slides
+    summary = campaign.run(asked(1), tmp_path)
+    assert summary.probability_of_failure == whole.probability_of_failure
+    assert summary.failures_refined == whole.failures_refined > 1
+    assert (summary.slides, whole.slides) == (1, whole.failures_refined)
+    assert any("slid on" in note for note in summary.notes)
+    assert not any("slid on" in note for note in whole.notes)
+    with open_store(tmp_path, asked(1)) as store, open_store(folder, SCENE) as other:
+        rows = read_rows(store, "refined")
+        decided = [n for n, status in zip(rows.numbers, rows.columns["status"], strict=True) if status == "DECIDED"]
+        assert len(decided) == whole.failures_refined - 1
+        (slid,) = read_rows(store, SLIDES).numbers
+        one, same = read_sample(store, "refined", slid), read_sample(other, "refined", slid)
+        assert (one.row, one.status, one.steps) == (same.row, same.status, same.steps)
+        assert all(np.array_equal(one.fields[name], same.fields[name]) for name in same.fields)
+        assert not read_sample(store, "refined", decided[0]).fields
+        assert not any(restart_path(tmp_path, SLIDES, number).exists() for number in rows.numbers)
+    assert np.isnan(rows.columns["runout"][[rows.numbers.index(n) for n in decided]]).all()
+
+
+LONGER = SCENE.replace("t_end = 4.0", "t_end = 4.0\nslides_t_end = 40.0")
+
+
+def test_slides_run_on_beyond_the_time_of_their_class(all_slides, tmp_path):
+    folder, before = all_slides
+    whole = campaign.run(LONGER, tmp_path / "all")
+    # Which samples fail, and so the answer, is what it was.
+    for key in ("probability_of_failure", "interval", "failures_refined", "refined_runs"):
+        assert getattr(whole, key) == getattr(before, key)
+    assert whole.grids.same_class == before.grids.same_class
+    assert before.cut_off.at_t_end > whole.cut_off.at_t_end == 0
+    assert any("had not come to rest when they ended at 4 s" in note for note in before.notes)
+    some = campaign.run(LONGER + "slides = 2\n", tmp_path / "some")
+    assert (some.slides, some.probability_of_failure) == (2, whole.probability_of_failure)
+    stores = {name: read_store(tmp_path / name) for name in ("all", "some")} | {"short": read_store(folder)}
+    rows = {name: read_rows(store, "refined") for name, store in stores.items()}
+    short, long = rows["short"].columns, rows["all"].columns
+    fails, cut = short["displacement"] > 1.0, short["status"] == "FINISHED"
+    assert np.array_equal(long["displacement"] > 1.0, fails)
+    assert (long["steps"][fails & cut] > short["steps"][fails & cut]).all()
+    for name in ("displacement", "steps", "status"):
+        assert np.array_equal(long[name][~(fails & cut)], short[name][~(fails & cut)])
+    # From where a slide had failed it comes to the same end.
+    for number in read_rows(stores["some"], SLIDES).numbers:
+        one, same = (read_sample(stores[name], "refined", number) for name in ("some", "all"))
+        assert (one.row, one.status, one.steps) == (same.row, same.status, same.steps)
+    # What it costs at most is counted.
+    sizes = [runs.grid_size(parse(text), grid).steps for text in (SCENE, LONGER) for grid in ("rough", "refined")]
+    assert (sizes[2], sizes[3]) == (sizes[0], pytest.approx(10 * sizes[1]))
+
+
+def test_slides_that_lost_their_restart_point_start_afresh(all_slides, tmp_path, monkeypatch):
+    class Killed(Exception):
+        pass
+
+    def interrupted(*_):
+        raise Killed
+
+    folder, _ = all_slides
+    with monkeypatch.context() as patched:
+        patched.setattr(campaign, "_slide_on", interrupted)
+        with pytest.raises(Killed):
+            campaign.run(asked(2), tmp_path)
+    kept = list((tmp_path / "restart").glob("slides-*.h5"))
+    assert len(kept) >= 2
+    status = progress_of(tmp_path)
+    assert (status.grids[2].grid, status.grids[2].done, status.grids[2].planned) == (SLIDES, 0, 2)
+    assert not status.grids[2].at_least
+    assert "  slides         0 of 2 samples" in words(status)
+    for path in kept[1:]:
+        path.unlink()
+    again = campaign.run(asked(2), tmp_path)
+    assert again.slides == 2
+    assert (progress_of(tmp_path).grids[2].done, len(progress_of(folder).grids)) == (2, 2)
+    with open_store(tmp_path, asked(2)) as store, open_store(folder, SCENE) as other:
+        for number in read_rows(store, SLIDES).numbers:
+            assert read_sample(store, "refined", number).row == read_sample(other, "refined", number).row
+
+
+def test_restart_points_that_wait_for_the_draw_are_no_more_than_twice_the_slides(tmp_path):
+    for number in range(7):
+        path = restart_path(tmp_path, SLIDES, number)
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+    restart_path(tmp_path, SLIDES, 5).unlink()
+    phases = SimpleNamespace(answers={**dict.fromkeys(range(6), True), 6: False})
+    store = SimpleNamespace(folder=tmp_path)
+
+    def kept(slides):
+        hands = SimpleNamespace(campaign=SimpleNamespace(plan=SimpleNamespace(slides=slides)))
+        campaign._drop_restart_points(hands, store, phases)
+        return [number for number in range(6) if restart_path(tmp_path, SLIDES, number).exists()]
+
+    assert kept(None) == kept(0) == kept(3) == [0, 1, 2, 3, 4]
+    assert kept(2) == [0, 1, 2, 3]
+    assert kept(1) == [0, 1]
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_a_class_is_all_that_an_audit_without_slides_asks(all_slides, tmp_path):
+    _, whole = all_slides
+    summary = campaign.run(asked(0), tmp_path)
+    assert summary.probability_of_failure == whole.probability_of_failure
+    assert summary.slides == 0
+    assert summary.consequences_of_failures == {}
+    assert not (tmp_path / "restart").exists() or not list((tmp_path / "restart").iterdir())
+    assert not any("slid on" in note for note in summary.notes)
+    assert [each.grid for each in progress_of(tmp_path).grids] == ["rough", "refined"]
+    assert "note: the scene asks for no slides (slides = 0)" in report(tmp_path)
+    shown = (tmp_path / "report.html").read_text()
+    # Every section that needs slides says so.
+    for section in ("How far, how much, how deep", "What the slope looks like", "Distributions of what the slides do"):
+        assert f"<h2>{section}</h2>\n<p>No consequence was asked for" in shown
+
+
+@pytest.mark.parametrize(
+    ("said", "match"),
+    [
+        ('slides = 0\nmodes = "refined"', "slides = 0 ends every refined run.*modes = 'refined'"),
+        ("slides = -1", "slides = -1: give a whole number of 0 or more"),
+        ('slides = "some"', "or 'all'"),
+        ("[run]\nslides_t_end = 3.0", "slides_t_end = 3 s is before t_end = 4 s"),
+        ("slides = 0\n[run]\nslides_t_end = 9.0", "slides_t_end = 9 s has no say beside .* slides = 0"),
+    ],
+)
+def test_bad_slides_are_named(said, match):
+    plan, _, run = said.partition("[run]")
+    with pytest.raises(ValueError, match=match):
+        parse(SCENE.replace("[run]", f"[run]{run}") + plan)
+
+
+FULL = invented.SCENE.replace("samples = 50", "samples = 120\nslides = 8").replace("runs = 15", "runs = 30")
+
+
+@pytest.fixture
+def deciding(monkeypatch):
+    """Made-up runs that end once they have failed, where only their class is asked for."""
+    invented.invent(put=monkeypatch.setattr)
+
+    def run_samples(*arguments, stop_at=None, **choices):
+        for sample in invented.run_samples(*arguments, **choices):
+            if arguments[0].grid == "refined" and stop_at is not None and sample.row["displacement"] > stop_at:
+                cut = dict.fromkeys(("depth", "runout", "volume", "area"), np.nan) | {"displacement": 1.01 * stop_at}
+                sample = replace(sample, status="DECIDED", row=sample.row | cut, fields={})
+            yield sample
+
+    monkeypatch.setattr(campaign.runs, "run_samples", run_samples)
+
+
+def test_a_campaign_runs_refined_what_its_slides_want_beyond_the_audit(tmp_path, deciding, monkeypatch):
+    whole = campaign.run(FULL, tmp_path / "whole")
+    assert (whole.slides, whole.slides_drawn) == (8, 8)
+    assert whole.refined_runs > 30
+    assert whole.finished == "the refined runs allowed are spent"
+    audit = campaign.run(FULL.replace("slides = 8", "slides = 0"), tmp_path / "audit")
+    assert (audit.slides, audit.refined_runs) == (0, 30)
+    for same in ("probability_of_failure", "interval", "convergence", "coefficient_of_variation"):
+        assert getattr(whole, same) == getattr(audit, same)
+    # Killed after every second slide, it comes to the same end.
+    written = campaign.write_sample
+
+    def killed(store, grid, sample):
+        written(store, grid, sample)
+        if grid == SLIDES or (lives > 1 and grid == "refined"):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(campaign, "write_sample", killed)
+    lives, summary = 0, None
+    while summary is None:
+        try:
+            summary = campaign.run(FULL, tmp_path / "killed")
+        except KeyboardInterrupt:
+            lives += 1
+    assert lives > 2
+    assert replace(summary, seconds=whole.seconds) == whole
+    # More runs allowed later: what slid stays, and no more slides than asked for.
+    monkeypatch.setattr(campaign, "write_sample", written)
+    more = campaign.run(FULL, tmp_path / "killed", refined_runs=50)
+    assert more.slides == 8
+    status = progress_of(tmp_path / "killed")
+    assert (status.grids[2].done, status.grids[2].planned) == (8, 8)

@@ -1,0 +1,436 @@
+"""The summary of made-up campaigns whose truth is known."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import spearmanr
+
+from cooperative.effects import CutOff, Risk
+from cooperative.estimate import named_estimator
+from cooperative.reporting import _page
+from cooperative.runs import phases_of
+from cooperative.scene import Budget, Calibration, LimitLoad, parse
+from cooperative.store import Rows
+from cooperative.summary import Summary, _walls, slides_of, summarise
+from tests.cooperative.campaign.test_campaign import TINY
+from tests.cooperative.effects.test_places import HAZARD
+from tests.cooperative.estimate.test_twophase import pair
+
+BASE = parse(TINY)
+
+
+def campaign_with(*, samples, estimator="two-phase", **settings):
+    chosen = named_estimator(estimator, {"seed": BASE.plan.seed, **settings})
+    return replace(BASE, plan=replace(BASE.plan, samples=samples), estimator=chosen)
+
+
+def rows(numbers, displacement, **columns):
+    count = len(numbers)
+    return Rows(
+        {
+            "sample": np.asarray(numbers, int),
+            "status": np.full(count, "FINISHED"),
+            "steps": np.ones(count, int),
+            "seconds": np.ones(count),
+            "displacement": np.asarray(displacement, float),
+            "broke_off": np.zeros(count),
+            **columns,
+        },
+        (),
+    )
+
+
+def made_up(count, pf, seed):
+    """Rough rows, and a refined grid that can be asked for any samples. The worse a sample, the likelier it is deep."""
+    displacement, failed = pair(count, pf, 0.95, seed)
+    generator = np.random.default_rng(seed + 1)
+    moved = np.where(failed, 5 + 10 * generator.random(count), 0.05 * displacement / displacement.max())
+    deep = generator.random(count) < np.clip(0.4 + 0.5 * np.log(displacement), 0.1, 0.95)
+    mode = np.where(failed, np.where(deep, "deep", "shallow"), "none")
+    size = np.where(deep, 500.0, 200.0) * np.exp(0.3 * generator.standard_normal(count))
+
+    def refined(numbers):
+        at = np.asarray(sorted(numbers), int)
+        own = {name: np.where(failed[at], size[at], 0.0) for name in ("depth", "runout", "volume", "area")}
+        return rows(at, moved[at], mode=mode[at], **own)
+
+    return rows(np.arange(count), displacement), refined, failed, mode, size
+
+
+def play(campaign, rough, refined):
+    numbers: list[int] = []
+    while asked := phases_of(campaign, rough, refined(numbers)).next_runs(1, ()):
+        numbers += asked
+    return summarise(campaign, rough, refined(numbers))
+
+
+@pytest.mark.slow
+def test_ratios_means_and_fits_are_those_of_the_population_not_of_the_runs():
+    ratio, mean, plain, covered = [], [], [], 0
+    for seed in range(14):
+        rough, refined, failed, mode, size = made_up(500, 0.25, seed)
+        found = play(campaign_with(samples=500, refined_runs=100), rough, refined)
+        truth = np.mean(mode[failed] == "deep")
+        deep = found.modes["deep"]
+        ratio.append(deep.ratio - truth)
+        covered += deep.interval[0] <= truth <= deep.interval[1]
+        mean.append(found.consequences_of_failures["volume"].mean / size[failed].mean() - 1)
+        plain.append(deep.count / found.failures_refined - truth)
+    assert abs(np.mean(ratio)) < 4 * np.std(ratio) / np.sqrt(14)
+    assert abs(np.mean(mean)) < 4 * np.std(mean) / np.sqrt(14)
+    # Counting the runs alone would be off: the audit looks where failure is in doubt, and there fewer are deep.
+    assert np.mean(plain) < -2 * np.std(plain) / np.sqrt(14)
+    assert covered >= 11
+
+
+def test_fits_find_the_family_and_severity_the_larger_mode():
+    rough, refined, *_ = made_up(3000, 0.25, 0)
+    found = summarise(campaign_with(samples=3000, estimator="monte carlo"), rough, refined(range(3000)))
+    assert found.fits["deep"]["volume"].best_aic == "lognormal"
+    assert [place.group for place in found.severity["volume"]] == ["deep", "shallow"]
+    assert found.severity["volume"][0].rank_interval == (1, 1)
+    assert found.grids.spearman > 0.5
+    assert found.modes["deep"].probability + found.modes["shallow"].probability == pytest.approx(
+        found.probability_of_failure
+    )
+
+
+@pytest.mark.parametrize(
+    ("plan", "said"),
+    [
+        ({"refined_runs": 60}, "the refined runs allowed are spent"),
+        ({"target_cov": 0.14}, "the coefficient of variation is at most 0.14"),
+        ({"target_cov": 0.02}, "out of reach with 600 samples"),
+        ({"estimator": "published", "k_t": 9}, "9 samples in a row stand"),
+        ({"estimator": "monte carlo"}, "all samples ran on the refined grid"),
+        ({"estimator": "monte carlo", "target_cov": 0.2}, "the coefficient of variation is at most 0.2"),
+        ({"estimator": "control variate", "refined_runs": 40}, "the refined runs allowed are spent"),
+    ],
+)
+def test_the_campaign_says_why_it_ended(plan, said):
+    rough, refined, failed, *_ = made_up(600, 0.25, 3)
+    campaign = campaign_with(samples=600, **plan)
+    found = play(campaign, rough, refined)
+    assert said in found.finished
+    if "target_cov" in plan and "out of reach" not in said:
+        assert found.coefficient_of_variation <= plan["target_cov"]
+    if plan.get("estimator") != "published":
+        assert found.interval[0] <= failed.mean() <= found.interval[1]
+    if found.refined_runs < 600 and plan.get("estimator") != "published":
+        assert found.after_more_runs.coefficient_of_variation < found.coefficient_of_variation
+    assert summarise(campaign, rough, refined([0])).finished is None
+
+
+def test_a_run_that_broke_off_has_no_part_in_modes_and_fits():
+    rough, refined, failed, *_ = made_up(60, 0.4, 1)
+    table = refined(range(60))
+    lost = int(np.flatnonzero(failed)[0])
+    for name in ("depth", "runout", "volume", "area"):
+        table.columns[name][lost] = np.nan
+    table.columns["mode"] = table.columns["mode"].copy()
+    table.columns["mode"][lost] = ""
+    table.columns["broke_off"][lost] = 1.0
+    found = summarise(campaign_with(samples=60, estimator="monte carlo"), rough, table)
+    assert found.failures_refined == failed.sum()
+    assert sum(part.count for part in found.modes.values()) == failed.sum() - 1
+    # Every sample has run: there are no more to buy.
+    assert found.after_more_runs.samples_left == 0
+    assert "only more would bring" in _page._more(found)
+    assert found.fits["all"]["volume"].samples == failed.sum() - 1
+
+
+def test_of_exposed_places_nothing_is_said_before_a_slide_counts():
+    rough, refined, failed, *_ = made_up(60, 0.4, 1)
+    campaign = campaign_with(samples=60, estimator="monte carlo")
+    campaign = replace(campaign, hazard=parse(TINY + HAZARD).hazard, plan=replace(campaign.plan, slides=2))
+    fails = refined(np.flatnonzero(failed)[:3])
+    fails.columns["status"][:] = "DECIDED"
+    for runs in (refined([]), fails):
+        found = summarise(campaign, rough, runs)
+        assert found.risk == Risk({"road": None, "house": None}, None)
+        (said,) = _page.risks(found, found.risk)
+        assert "Nothing is known of how likely a slide reaches road, house" in said
+    # Where many runs ended and none failed, that is known.
+    stands = refined(range(60))
+    stands.columns["displacement"][:] = 0.05
+    reached = summarise(campaign, rough, stands).risk.places["house"].reached
+    assert reached.probability == 0
+    assert 0 < reached.interval[1] < 0.2
+
+
+@pytest.fixture(scope="module", autouse=True)
+def as_json_has_them():
+    """Of types that hypothesis fills in: numbers are finite, also the ratio of factors; mappings are dictionaries."""
+    st.register_type_strategy(float, st.floats(allow_nan=False, allow_infinity=False))
+    st.register_type_strategy(Mapping, lambda kind: st.dictionaries(*map(st.from_type, kind.__args__), max_size=3))
+    above_zero, runs = st.floats(0.5, 3.0), st.integers(1, 1000)
+    st.register_type_strategy(Calibration, st.builds(Calibration, above_zero, above_zero))
+    st.register_type_strategy(LimitLoad, st.builds(LimitLoad, above_zero, above_zero, st.none() | above_zero))
+    st.register_type_strategy(Budget, st.builds(Budget, runs, runs))
+    yield
+    st.register_type_strategy(float, st.floats())
+
+
+@given(data=st.data())
+@settings(max_examples=20, deadline=None)
+def test_a_summary_is_the_same_after_json(data):
+    made = data.draw(st.from_type(Summary))
+    assert Summary.from_json(json.dumps(made.as_json(), allow_nan=False)) == made
+
+
+def test_numbers_that_are_not_finite_are_null_in_json_and_other_json_is_no_summary():
+    made = summarise(*five_slides())
+    odd = replace(made, unseen=np.inf, seconds={"rough": np.nan, "refined": 1.0}).as_json()
+    assert (odd["unseen"], odd["seconds"]) == (None, {"rough": None, "refined": 1.0})
+    for text in (json.dumps(odd), "[]", "{}", '{"name": "x"}', json.dumps({**made.as_json(), "samples": "12"})):
+        with pytest.raises(ValueError, match="Summary"):
+            Summary.from_json(text)
+
+
+def test_walls_are_named_with_how_many_runs_reached_them():
+    refined = rows([0, 1, 2], [5.0, 5.0, 0.1], walls=np.array(["x = 0 m; x = 84 m", "x = 84 m", ""]))
+    assert _walls(rows([], []), refined) == [
+        "the slide reached the wall at x = 0 m, which held it, in 1 refined run: lengthen the ground there",
+        "the slide reached the wall at x = 84 m, which held it, in 2 refined runs: lengthen the ground there",
+    ]
+
+
+def test_a_rough_sample_that_is_to_be_redone_is_no_obstacle():
+    rough, refined, *_ = made_up(60, 0.4, 1)
+    fewer = Rows({name: np.delete(column, 7) for name, column in rough.columns.items()}, ("000007.h5 is damaged",))
+    found = summarise(campaign_with(samples=60, estimator="monte carlo"), fewer, refined(range(60)))
+    assert found.grids.samples <= 59
+    assert found.refined_runs == 60
+
+
+def test_summary_and_words_tell_sampling_from_what_was_not_seen():
+    rough, refined, *_ = made_up(600, 0.25, 3)
+    found = play(campaign_with(samples=600, refined_runs=60), rough, refined)
+    low, high = found.sampling_interval
+    assert found.interval[0] == low
+    assert found.interval[1] > high > found.probability_of_failure
+    assert 0 < found.unseen < 0.5
+    said = _page.unseen(found)
+    assert f"{low:.3g} to {high:.3g}" in said
+    assert f"{found.coefficient_of_variation:.1%}" in said
+    assert f"up to {found.unseen:.2g} of all samples" in said
+    plain = summarise(campaign_with(samples=600, estimator="monte carlo"), rough, refined(range(600)))
+    assert (plain.unseen, plain.sampling_interval, _page.unseen(plain)) == (0.0, None, "")
+
+
+def test_summary_says_where_the_ranks_mislead():
+    rough, _, failed, *_ = made_up(600, 0.25, 3)
+    turned = np.argsort(np.argsort(rough.columns["displacement"]))
+    upside_down = rows(np.arange(600), np.sort(rough.columns["displacement"])[::-1][turned])
+
+    def refined(numbers):
+        at = np.asarray(sorted(numbers), int)
+        return rows(
+            at, np.where(failed[at], 5.0, 0.1), **{n: np.zeros(at.size) for n in ("depth", "runout", "volume", "area")}
+        )
+
+    found = play(campaign_with(samples=600, refined_runs=60), upside_down, refined)
+    assert any(note.startswith("THE RANKS MISLEAD") for note in found.notes)
+    assert found.interval[0] <= failed.mean() <= found.interval[1]
+
+
+def test_refined_runs_that_all_broke_off_beyond_the_limit_have_a_summary():
+    rough, *_ = made_up(40, 0.3, seed=3)
+    numbers = np.arange(12)
+    refined = rows(numbers, np.full(12, 3.0), broke_off=np.ones(12), status=np.full(12, "NOT_FINITE"))
+    found = summarise(campaign_with(samples=40), rough, refined)
+    assert found.failures_refined == 12
+    assert found.consequences_of_failures["depth"] is None
+    assert found.consequences_of_failures["displacement"].largest == 3.0
+    assert found.fits == {"all": {}}
+
+
+def drawn_classes(slides):
+    """200 samples on both grids, of which 11 stand on the rough one alone; failures end once they have failed, but for
+    those drawn to slide on. The campaign, rough and refined rows."""
+    generator = np.random.default_rng(8)
+    rough = np.sort(np.exp(generator.normal(-1.5, 1.0, 200)))[::-1]
+    fails, missed = np.zeros(200, bool), generator.choice(np.flatnonzero(rough < 1.0)[:60], 11, replace=False)
+    fails[rough > 1.0] = fails[missed] = True
+    moved = np.where(fails, 1.0 + 0.01 * generator.random(200), rough.clip(max=0.9))
+    campaign = campaign_with(samples=200, estimator="monte carlo")
+    campaign = replace(campaign, plan=replace(campaign.plan, slides=slides))
+    own = {name: np.where(fails, np.nan, 0.0) for name in ("depth", "runout", "volume", "area")}
+    table = rows(np.arange(200), moved, mode=np.full(200, "", "<U8"), **own)
+    table.columns["status"] = np.where(fails, "DECIDED", "SETTLED")
+    before = rows(np.arange(200), rough)
+    wanted = slides_of(campaign, phases_of(campaign, before, table), table).wanted
+    drawn = np.isin(np.arange(200), wanted) if slides is not None else fails
+    table.columns["status"][drawn] = "SETTLED"
+    table.columns["mode"][drawn] = "deep"
+    table.columns["displacement"][drawn] = 5 + 10 * generator.random(drawn.sum())
+    for name in own:
+        table.columns[name][drawn] = 20 + 10 * generator.random(drawn.sum())
+    return campaign, before, table
+
+
+@pytest.mark.parametrize("slides", [0, 3, None])
+def test_grids_agree_as_all_classes_do_whichever_failures_slide_on(slides):
+    campaign, rough, refined = drawn_classes(slides)
+    found = summarise(campaign, rough, refined).grids
+    assert (found.samples, found.same_class) == (200, pytest.approx(0.945))
+    # Where some failures' ways are unknown all are, and the ranks are those of displacements up to the limit.
+    moved = refined.columns["displacement"]
+    known = moved if slides is None else np.minimum(moved, moved[refined.columns["status"] == "DECIDED"].min())
+    assert found.spearman == pytest.approx(spearmanr(rough.columns["displacement"], known).statistic)
+
+
+def test_runs_that_broke_off_have_the_class_that_they_tell():
+    campaign, rough, refined = drawn_classes(None)
+    lost = np.flatnonzero(refined.columns["displacement"] > 1)[[0, 1, 5]]
+    lost = np.append(lost, np.flatnonzero(refined.columns["displacement"] < 1)[:2])
+    refined.columns["broke_off"][lost], refined.columns["status"][lost] = 1.0, "NOT_FINITE"
+    found = summarise(campaign, rough, refined).grids
+    # Those that stood until they broke off have no class.
+    assert found.samples == 198
+    rough.columns["broke_off"][[0, 199]] = 1.0
+    assert summarise(campaign, rough, refined).grids.samples == 197
+
+
+def test_a_campaign_without_slides_says_that_no_consequence_was_asked_for():
+    campaign, rough, refined = drawn_classes(0)
+    found = summarise(campaign, rough, refined)
+    (note,) = found.notes
+    assert note.startswith("the scene asks for no slides (slides = 0): the 30 refined failures ended")
+    assert (found.slides, found.slides_drawn, found.failures_refined) == (0, 0, 30)
+    assert _page.without_slides(found).startswith("No consequence was asked for")
+    assert "over 200 samples. Failures that did not slide on rank alike." in _page.agreement(found)
+    three = summarise(*drawn_classes(3))
+    assert three.notes[0].startswith("3 of 30 refined failures slid on")
+    assert (three.slides_drawn, _page.without_slides(three)) == (3, "")
+    # Drawn, and not yet at their end.
+    campaign, rough, refined = drawn_classes(3)
+    refined.columns["status"][refined.columns["status"] == "SETTLED"] = "DECIDED"
+    assert _page.without_slides(summarise(campaign, rough, refined)) == "No slide has come to its end yet."
+
+
+def five_slides(status="SETTLED", *, slid=5, reached=2):
+    """20 samples that all ran refined, of which some slid; `reached` of these came over the road, worth 1000, and none
+    over the house. The campaign with both places, rough and refined rows."""
+    base = parse(TINY + HAZARD)
+    campaign = campaign_with(samples=20, estimator="monte carlo")
+    campaign = replace(campaign, hazard=base.hazard, run=replace(base.run, t_end=20.0))
+    number = np.arange(20)
+    moved, came = np.where(number < slid, 5.0 + number, 0.1), number < reached
+    fails = moved > 1
+    own = {name: np.where(fails, 0.5 * moved, 0.0) for name in ("depth", "runout", "volume", "area")}
+    for name, value in (("thickness", 2.0), ("speed", 3.0), ("arrival", 15.0)):
+        own[f"{name}_at_road"] = np.where(came, value + 4.0 * (number % 2), np.nan)
+        own[f"{name}_at_house"] = np.full(20, np.nan)
+    own["area_columns"] = np.where(fails, 1.0, np.nan)
+    table = rows(number, moved, mode=np.where(fails, "deep", "none"), **own)
+    table.columns["status"] = np.where(fails, status, "SETTLED").astype("<U10")
+    return campaign, rows(number, moved), table
+
+
+def test_four_slides_have_a_range_and_no_interval_and_five_have_one():
+    four = summarise(*five_slides(slid=4)).consequences_of_failures
+    five = summarise(*five_slides(slid=5)).consequences_of_failures
+    for name, (smallest, largest) in {"displacement": (5, 8), "runout": (2.5, 4), "volume": (2.5, 4)}.items():
+        assert four[name].interval is None
+        assert (four[name].smallest, four[name].largest) == (smallest, largest)
+        low, high = five[name].interval
+        assert 0.3 * five[name].mean < low < high < 3 * five[name].mean
+    assert _page._interval(four["runout"]) == "too few for an interval"
+
+
+def test_no_mean_lies_beyond_the_time_of_the_runs_or_below_the_ground():
+    campaign, rough, refined = five_slides(slid=12, reached=12)
+    number, deep = np.arange(20), campaign.site.shape.extent[-1]
+    refined.columns["arrival_at_road"] = np.where(number < 12, np.where(number < 5, 0.1, 19.9), np.nan)
+    refined.columns["depth"] = np.where(number < 12, np.where(number < 2, 0.1 * deep, deep), 0.0)
+    found = summarise(campaign, rough, refined)
+    arrival = found.risk.places["road"].arrival
+    assert arrival.mean < arrival.interval[1] == 20.0
+    depth = found.consequences_of_failures["depth"]
+    assert depth.mean < depth.interval[1] == deep
+
+
+@pytest.mark.parametrize(("slid", "reached"), [(0, 0), (3, 0), (3, 2), (8, 0), (8, 3)])
+def test_an_expected_loss_is_at_most_value_times_the_upper_probability(slid, reached):
+    found = summarise(*five_slides(slid=slid, reached=reached))
+    road, house = (found.risk.places[name] for name in ("road", "house"))
+    low, high = road.loss.interval
+    assert 0 <= low <= road.loss.expected <= high <= 1000 * road.reached.interval[1]
+    assert found.risk.loss.interval == (low, high)
+    if slid < 5 or not reached:
+        assert (low, high) == (0, pytest.approx(1000 * road.reached.interval[1]))
+    assert high > 0
+    assert house.loss is None
+    text = " ".join(_page.risks(found, found.risk))
+    assert ("not within 20 s" in text, "at most" in text) == (True, True)
+
+
+def test_slides_that_had_not_come_to_rest_are_counted_and_all_they_do_is_at_least_that():
+    campaign, rough, refined = five_slides("FINISHED")
+    refined.columns["status"][0] = "SETTLED"
+    found = summarise(campaign, rough, refined)
+    assert found.cut_off == CutOff(of=5, at_t_end=4, broke_off=0, t_end=20.0)
+    assert "4 of 5 slides had not come to rest when they ended at 20 s" in " ".join(found.notes)
+    assert all(each.at_least for each in found.consequences_of_failures.values())
+    text = " ".join(_page.risks(found, found.risk))
+    assert "at least 0.1" in text
+    assert "interval of what 20 s show" in text
+    assert "4 of 5 slides had not come to rest" in _page.cut_off(found)
+    settled = summarise(*five_slides())
+    assert settled.cut_off.at_t_end == 0
+    assert not any(each.at_least for each in settled.consequences_of_failures.values())
+    assert "at least" not in " ".join([*_page.risks(settled, settled.risk), *settled.notes, _page.cut_off(settled)])
+    # Where nothing looks for rest it is not known.
+    campaign = replace(campaign, run=replace(campaign.run, settle=None))
+    assert any("not looked at for rest" in note for note in summarise(campaign, rough, refined).notes)
+
+
+def test_a_slide_that_broke_off_moved_at_least_so_far_and_has_no_other_part():
+    campaign, rough, refined = five_slides()
+    refined.columns["status"][1], refined.columns["broke_off"][1] = "NOT_FINITE", 1.0
+    for name in ("depth", "runout", "volume", "area", "area_columns"):
+        refined.columns[name][1] = np.nan
+    found = summarise(campaign, rough, refined)
+    assert (found.cut_off.broke_off, found.cut_off.at_t_end) == (1, 0)
+    assert any(note.startswith("1 of 5 slides broke off") for note in found.notes)
+    spreads = found.consequences_of_failures
+    assert [spreads[name].at_least for name in ("displacement", "runout")] == [True, False]
+
+
+def test_runs_that_still_moved_when_their_class_was_taken_are_named():
+    campaign, rough, refined = five_slides()
+    refined.columns["status"][7:9], refined.columns["displacement"][8] = "FINISHED", 0.7
+    (note,) = summarise(campaign, rough, refined).notes
+    assert note.startswith(
+        "2 of 15 refined runs that stand had not settled at t_end = 20 s, having moved 0.7 m at most"
+    )
+
+
+def test_more_runs_are_no_more_than_are_left_and_all_samples_are_the_limit():
+    rough, refined, failed, *_ = made_up(80, 0.4, 3)
+    found = play(campaign_with(samples=80, refined_runs=60), rough, refined)
+    more = found.after_more_runs
+    assert (more.runs, more.samples_left) == (20, 20)
+    # All refined, only the sampling of the 80 is left.
+    share = found.probability_of_failure
+    assert more.coefficient_of_variation == more.all_samples == pytest.approx(np.sqrt((1 - share) / share / 80))
+    assert "Another 20 refined runs" in _page._more(found)
+    assert "only more samples help" in _page._more(found)
+    whole = play(campaign_with(samples=80, refined_runs=80), rough, refined)
+    share = whole.probability_of_failure
+    assert whole.coefficient_of_variation == pytest.approx(np.sqrt((1 - share) / share / 80))
+    assert share == pytest.approx(failed.mean())
+    # Under way, the budget leaves fewer.
+    campaign = campaign_with(samples=80, refined_runs=30)
+    begun = summarise(campaign, rough, refined(phases_of(campaign, rough, refined([])).next_runs(1, ())))
+    more = begun.after_more_runs
+    assert more.runs == 30 - begun.refined_runs < more.samples_left == 80 - begun.refined_runs
+    # The published rule takes no more.
+    ended = play(campaign_with(samples=80, estimator="published", k_t=9), rough, refined)
+    assert (ended.after_more_runs.coefficient_of_variation, _page._more(ended)) == (None, "")

@@ -1,0 +1,578 @@
+"""The report: one page that needs nothing else, with every figure drawn, and the same numbers as the summary."""
+
+import csv
+import errno
+import os
+import re
+import shutil
+import sys
+from dataclasses import is_dataclass, replace
+from html.parser import HTMLParser
+from xml.etree import ElementTree
+
+import h5py
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from benchmarks.hazard_populations import SOLID
+from cooperative import folder as folders
+from cooperative import run, runs
+from cooperative.__main__ import main
+from cooperative.folder import models_of, read_results
+from cooperative.hazard import hazard_maps
+from cooperative.reporting import _bodies as bodies
+from cooperative.reporting import _composition as composition
+from cooperative.reporting import _interactive as interactive
+from cooperative.reporting import _page as page
+from cooperative.reporting import _plots as plots
+from cooperative.reporting import report, write_table
+from cooperative.reporting._exports import export, export_sample
+from cooperative.reporting._page import in_slopes
+from cooperative.scene import parse
+from cooperative.store import open_store, read_rows, read_sample, read_store, sample_path, write_sample
+from cooperative.summary import Summary
+from tests.cooperative.campaign.test_campaign import TINY
+from tests.cooperative.effects.test_places import HAZARD
+
+SCENE = TINY.replace("samples = 6", "samples = 14").replace('estimator = "published"', "refined_runs = 10") + HAZARD
+
+
+class Page(HTMLParser):
+    """Tags, sources and text of a page; raises where tags do not close in order."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.tags, self.images, self.links, self.text, self.ids = [], [], [], [], [], []
+        self.feed(text)
+        assert not self.open
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append(tag)
+        given = dict(attributes)
+        self.links += [given[name] for name in ("href", "xlink:href", "src", "action", "data") if name in given]
+        self.ids += [given["id"]] if "id" in given else []
+        if given.get("role") == "img":
+            self.images.append(given)
+        if tag not in ("meta", "link", "img", "input"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        self.handle_starttag(tag, attributes)
+        if tag not in ("meta", "link", "img", "input"):
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open[-1:] not in (["style"], ["script"]):
+            self.text.append(data)
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """A finished campaign: its folder and summary."""
+    folder = tmp_path_factory.mktemp("campaign") / "tiny"
+    summary = run(SCENE, folder)
+    report(folder)
+    return folder, summary
+
+
+@pytest.fixture(params=["with the extra", "without"])
+def extra(request, monkeypatch):
+    """Whether Plotly is installed."""
+    with_it = request.param == "with the extra"
+    if with_it:
+        pytest.importorskip("plotly", reason="the extra interactive is not installed")
+    monkeypatch.setattr(interactive, "installed", lambda: with_it)
+    return with_it
+
+
+def test_the_page_needs_nothing_else_and_every_figure_is_drawn(tmp_path, done, extra):
+    folder = copied(done, tmp_path / "c")
+    report(folder)
+    text = (folder / "report.html").read_text()
+    shown = Page(text)
+    assert "default-src 'none'" in text.split("</head>")[0]
+    names = {path.stem for path in (folder / "figures").iterdir()}
+    assert {"ranked", "convergence", "grids", "exceedance", "hazard", "losses", "fits-all", "field", "slope"} <= names
+    assert len([name for name in names if name.startswith("slide-")]) == 3
+    # Every figure has its caption, and a drawing that is well-formed for itself and names that caption.
+    drawings = re.findall(r'<svg role="img".*?</svg>', text, flags=re.S)
+    assert shown.tags.count("figure") == shown.tags.count("figcaption") == len(drawings) == len(names)
+    captions = dict(re.findall(r'<figcaption id="(.*?)">(.*?)</figcaption>', text))
+    assert len(captions) == len(names)
+    assert all(len(caption) > 25 for caption in captions.values())
+    for drawing in map(ElementTree.fromstring, drawings):
+        assert drawing.get("aria-labelledby") in captions
+        inside = {each.get("id") for each in drawing.iter()}
+        used = {each.get("{http://www.w3.org/1999/xlink}href", "") for each in drawing.iter()}
+        used |= {f"#{name}" for each in drawing.iter() for name in re.findall(r"url\(#(.*?)\)", str(each.attrib))}
+        assert {name[1:] for name in used if name.startswith("#")} <= inside
+        assert not drawing.findall(".//{*}style")
+    assert len(set(shown.ids)) == len(shown.ids)
+    # Nothing is fetched, and nothing runs but where figures answer.
+    assert all(link.startswith(("data:", "#")) for link in shown.links)
+    assert not re.search(r"url\((?!#)|@import", re.sub(r"<script.*?</script>", "", text, flags=re.S))
+    live = re.findall(r'<div id="([\w-]+)" class="plotly-graph-div"', text)
+    assert set(live) == ({"ranked", "grids", "exceedance", "hazard", "losses"} if extra else set())
+    assert text.count("<noscript>") == len(live)
+    assert ("<script" in text) == extra
+    assert len(text) < 1.5e6 + (len(interactive.script()) if extra else 0)
+
+
+def test_nothing_is_shown_twice(done):
+    folder, summary = done
+    modes = {mode for mode, share in summary.modes.items() if share.count}
+    names = {path.stem for path in (folder / "figures").iterdir()}
+    assert ("modes" in names) == ("severity" in names) == (len(modes) > 1)
+    assert {f"fits-{mode}" for mode in modes} <= names if len(modes) > 1 else "fits-all" in names
+    shown = Page((folder / "report.html").read_text())
+    assert not any("influence area" in text for text in shown.text)
+
+
+def test_figures_that_answer_hold_the_numbers_of_the_summary(done):
+    pytest.importorskip("plotly", reason="the extra interactive is not installed")
+    _, summary = done
+    curve = summary.exceedance["runout"]
+    *band, shown = interactive.stairs({"runout": curve}, {"runout": "run-out $L$ [m]"}, "probability [-]").data
+    assert (shown.x.tolist(), shown.y.tolist()) == ([*curve.thresholds], [*curve.probability])
+    assert [each.y.tolist() for each in band] == [[*curve.low], [*curve.high]]
+    assert shown.customdata.tolist() == [list(limits) for limits in zip(curve.low, curve.high, strict=True)]
+    moved = {
+        "sample": np.array([4, 7, 9]),
+        "rough": np.array([0.1, np.nan, 2.0]),
+        "refined": np.array([np.nan, 3.0, 4]),
+    }
+    rough, refined = interactive.ranked(moved, 1.0).data
+    assert rough.x.tolist() == refined.x.tolist() == [3, 1, 2]
+    assert rough.customdata.tolist() == [4, 7, 9]
+
+
+def test_the_page_says_what_the_summary_holds(done):
+    folder, summary = done
+    text = " ".join(Page((folder / "report.html").read_text()).text)
+    low, high = summary.interval
+    assert f"{summary.probability_of_failure:.3g}" in text
+    assert f"{low:.3g} to {high:.3g}" in text
+    assert f"{summary.grids.spearman:.2f}" in text
+    assert "What more runs would buy" in text
+    assert "One slope in 10 slides to" in text
+    for mode, share in summary.modes.items():
+        assert (mode in text) == (share.count > 0)
+    for fits in summary.fits["all"].values():
+        assert fits.best_aic is None or fits.best_aic in text
+    for status in summary.status["refined"]:
+        assert status in text
+    assert "jaxlib" in text
+    assert "run_per_rise = 1.0" in text
+    assert Summary.from_json((folder / "summary.json").read_text()) == summary
+
+
+def test_the_table_tells_what_each_refined_run_stands_for(done):
+    folder, summary = done
+    with open(write_table(read_store(folder)), newline="") as file:
+        lines = list(csv.DictReader(file))
+    refined = [line for line in lines if line["grid"] == "refined"]
+    failing = sum(float(line["weight"]) for line in refined if line["failed"] == "1.0")
+    assert failing / sum(float(line["weight"]) for line in refined) == pytest.approx(
+        summary.probability_of_failure, abs=1e-12
+    )
+    assert sum(line["failed"] == "1.0" for line in refined) == summary.failures_refined > 0
+    assert {line["weight"] for line in lines if line["grid"] == "rough"} == {""}
+
+
+def test_maps_add_up_to_what_the_slides_cover(done):
+    folder, summary = done
+    found = hazard_maps(folder)
+    reached, covered = found.maps["reached"], found.maps["covered at the end"]
+    assert (reached.value + 1e-12 >= covered.value).all()
+    assert reached.value.max() == pytest.approx(summary.probability_of_failure)
+    assert (reached.high <= summary.interval[1] + 1e-12).all()
+    with open(write_table(read_store(folder)), newline="") as file:
+        slides = [line for line in csv.DictReader(file) if line["failed"] == "1.0"]
+    expected = sum(float(line["slide_weight"]) * float(line["area_columns"]) for line in slides)
+    assert float(covered.value[found.beyond].sum()) * found.plan.area == pytest.approx(expected, rel=1e-9)
+    # Edges of particles lead the columns by less than one.
+    for line in slides:
+        assert abs(float(line["area_columns"]) - float(line["area"])) < 1.5 * found.plan.cell
+    thickness = found.maps["expected thickness"].value.sum() * found.plan.area
+    volume = sum(float(line["slide_weight"]) * float(line["volume"]) for line in slides)
+    assert thickness == pytest.approx(volume, rel=1e-5)
+
+
+def test_expected_loss_is_the_area_under_its_curve(done):
+    _, summary = done
+    loss, road = summary.risk.loss, summary.risk.places["road"]
+    curve = loss.exceedance
+    assert float(np.array(curve.probability[:-1]) @ np.diff(curve.thresholds)) == pytest.approx(loss.expected, rel=1e-9)
+    assert loss.expected == pytest.approx(road.loss.expected)
+    assert 0 < loss.interval[0] < loss.expected < loss.interval[1]
+    assert sum(loss.modes.values()) == pytest.approx(1.0)
+    assert summary.risk.places["house"].loss is None
+    assert 0 < road.arrival.mean < summary.risk.places["house"].arrival.mean
+
+
+@pytest.mark.slow
+def test_the_same_folder_gives_the_same_page(done):
+    folder, _ = done
+    first = (folder / "report.html").read_bytes()
+    report(folder)
+    assert (folder / "report.html").read_bytes() == first
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_names_with_markup_stay_text(tmp_path, done):
+    text = SCENE.replace('name = "tiny"', "name = '<script>alert(1)</script> & co'")
+    with open_store(tmp_path / "odd", text) as store:
+        for number in range(14):
+            write_sample(store, "rough", read_sample(read_store(done[0]), "rough", number))
+    report(tmp_path / "odd", slides=0)
+    shown = Page((tmp_path / "odd" / "report.html").read_text())
+    assert "<script>alert" not in (tmp_path / "odd" / "report.html").read_text()
+    assert any("<script>alert(1)</script> & co" in text for text in shown.text)
+    # A campaign that has not ended says so.
+    assert any("has not ended: this is what is known so far, from 14 of 14 samples" in text for text in shown.text)
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_runs_that_broke_off_and_damaged_files_are_on_the_page(tmp_path, done):
+    with open_store(tmp_path / "c", SCENE) as store:
+        for number in range(14):
+            sample = read_sample(read_store(done[0]), "rough", number)
+            if number == 4:
+                row = {"displacement": 0.3, "broke_off": True}
+                sample = replace(sample, status="NOT_FINITE", row=row, fields={})
+            write_sample(store, "rough", sample)
+        path = sample_path(store, "rough", 7)
+        path.write_bytes(path.read_bytes()[:-1])
+    report(tmp_path / "c", slides=0)
+    text = " ".join(Page((tmp_path / "c" / "report.html").read_text()).text)
+    assert "sample 4 on the rough grid: NOT_FINITE at step" in text
+    assert "000007.h5 does not match its checksum" in text
+
+
+def test_slides_are_chosen_by_mode_then_by_distance(done):
+    folder, summary = done
+    results = read_results(folder)
+    rows = results.refined
+    grid, chosen = results.drawn(3)
+    assert grid == "refined"
+    assert len(chosen) == len(set(chosen)) == 3
+    modes = dict(zip(rows.numbers, rows.columns["mode"], strict=True))
+    occur = {mode for mode, share in summary.modes.items() if share.count}
+    assert {modes[number] for number in chosen} == occur or len(occur) > 3
+    assert chosen[0] == rows.numbers[int(np.argmax(rows.columns["displacement"]))]
+    none = replace(results, summary=replace(summary, slide_weights={}))
+    assert none.drawn(3) == ("refined", [chosen[0]])
+    assert results.soils() == [("rough", chosen[0]), *(("refined", number) for number in chosen)]
+
+
+def test_a_sample_run_again_ends_where_it_ended(done):
+    folder, _ = done
+    store = read_store(folder)
+    rows = read_rows(store, "refined")
+    sample = read_sample(store, "refined", rows.numbers[int(np.argmax(rows.columns["displacement"]))])
+    campaign = parse(SCENE)
+    shown = composition.moments(runs.build(campaign, "refined", runs.random_soil(campaign)), sample)
+    assert np.array_equal(shown.displacement[-1], sample.fields["displacement"])
+    far = np.linalg.norm(shown.displacement, axis=1).max(axis=1)
+    assert len(shown.times) == 4
+    assert (np.diff(far) > 0).all()
+    assert (far >= np.array([0.1, 0.3, 0.6, 1.0]) * sample.row["displacement"] * (1 - 1e-6)).all()
+
+
+def test_the_report_and_the_export_solve_nothing(tmp_path, done, monkeypatch):
+    folder = copied(done, tmp_path / "c")
+    shutil.rmtree(folder / "figures")
+    solvers = {"solve", "solve_each", "advance", "advance_lanes", "elastic_equilibrium"}
+    places = [
+        (module, name)
+        for label, module in list(sys.modules.items())
+        for name in solvers & vars(module).keys()
+        if label.split(".")[0] in ("jaxmpm", "cooperative")
+    ]
+    assert {name for _, name in places} == solvers
+
+    def refused(*_, **__):
+        raise AssertionError("the solver was asked")
+
+    for module, name in places:
+        monkeypatch.setattr(module, name, refused)
+    monkeypatch.setattr(plots, "save", lambda figure, path: path.write_bytes(b""))
+    (folder / "report.html").unlink()
+    report(folder)
+    assert (folder / "report.html").read_bytes() == (done[0] / "report.html").read_bytes()
+    assert {path.name for path in (folder / "figures").iterdir()} == {
+        path.name for path in (done[0] / "figures").iterdir()
+    }
+    assert list(export(folder))
+    with pytest.raises(AssertionError, match="the solver was asked"):
+        report(folder, again=True)
+
+
+def test_slides_are_drawn_from_their_frames_and_without_them_from_their_end(done):
+    folder, _ = done
+    store = read_store(folder)
+    rows = read_rows(store, "refined")
+    sample = read_sample(store, "refined", rows.numbers[int(np.argmax(rows.columns["displacement"]))])
+    models = models_of(parse(SCENE))
+    soil = runs.soil_of(models["refined"], sample.coefficients)
+    shown = composition.kept_moments(sample, soil)
+    limit, far = (
+        parse(SCENE).run.failure_displacement,
+        [np.linalg.norm(each, axis=0).max() for each in shown.displacement],
+    )
+    assert len(shown.times) == 1 + sum(sample.row["displacement"] > passed * limit for passed in (1, 5))
+    assert limit < far[0] < far[-1]
+    ends = {name: values for name, values in sample.fields.items() if not name.startswith("frame")}
+    (only,) = composition.kept_moments(replace(sample, fields=ends), soil).times
+    assert only == shown.times[-1]
+    none = composition.kept_moments(replace(sample, fields={}), soil)
+    assert list(plots.drawn_slide(runs.ground_of(models), "refined", sample, soil, none)) == []
+
+
+def test_no_slides_and_bad_numbers_of_slides(done, capsys):
+    folder, _ = done
+    assert main(["report", str(folder), "--slides", "-1"]) == 2
+    assert "slides = -1: give 0 or more" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("chance", "said"),
+    [(0.0, ""), (1.0, ""), (0.4, ": 40 in 100 such slopes"), (0.1, ": 10 in 100 such slopes"),
+     (0.05, ": one in 20 such slopes"), (0.0012, ": one in 830 such slopes"), (1e-6, ": one in 1000000 such slopes")],
+)  # fmt: skip
+def test_probabilities_are_counted_in_slopes(chance, said):
+    assert in_slopes(chance) == said
+
+
+def test_bodies_go_with_their_soil():
+    at = np.meshgrid(np.arange(6.0), np.arange(4.0), np.arange(3.0), indexing="ij")
+    position, half = np.stack([each.ravel() for each in at]), np.full(3, 0.5)
+    stretch = np.array([[0.5], [0.0], [0.0]]) * position
+    displacement = np.stack([0 * position, 2.0 + 0 * position, stretch])
+    body = bodies.moving(position, displacement, [0.0, 1.0, 2.0], half)
+    still, shifted, stretched = body.corners
+    np.testing.assert_allclose(still.min(axis=0), -0.5)
+    np.testing.assert_allclose(shifted, still + 2.0)
+    np.testing.assert_allclose(body.moved[1], 2.0 * np.sqrt(3))
+    # Faces share their corners: the skin has no cracks.
+    assert len(np.unique(still, axis=0)) == len(still) == len(np.unique(body.faces))
+    inner = (still[:, 0] > 0) & (still[:, 0] < 5)
+    np.testing.assert_allclose(stretched[inner, 0], 1.5 * still[inner, 0])
+    assert bodies.picture(body).axes[0].collections[0].get_rasterized()
+
+
+def test_tables_set_numbers_apart_from_text():
+    made = page.table(["a", "b"], [["x < y", 1.23456], [None, 7]])
+    assert '<td data-head="a">x &lt; y</td><td class="number" data-head="b">1.235</td>' in made
+    assert '<td class="number" data-head="a">–</td><td class="number" data-head="b">7</td>' in made
+    assert '<th scope="col">a</th><th scope="col" class="number">b</th>' in made
+    values = (0.12345, 42_561.0, 1e12, -123.456)
+    assert [page.number(value) for value in values] == ["0.1235", "42,560", "1e+12", "-123.5"]
+
+
+def copied(done, folder):
+    """A campaign's folder copied from a finished one."""
+    shutil.copytree(done[0], folder)
+    return folder
+
+
+@pytest.mark.usefixtures("unrendered")
+@pytest.mark.parametrize("what", ["deleted", "damaged", pytest.param("surplus", marks=pytest.mark.slow)])
+def test_a_rough_file_that_lacks_or_is_too_many_does_not_stop_the_report(tmp_path, done, what, capsys):
+    folder = copied(done, tmp_path / "c")
+    store = read_store(folder)
+    number = read_rows(store, "refined").numbers[0]
+    path = sample_path(store, "rough", number)
+    if what == "deleted":
+        path.unlink()
+    elif what == "damaged":
+        path.write_bytes(path.read_bytes()[:-1])
+    else:
+        sample = replace(read_sample(store, "rough", number), number=14)
+        with open_store(folder, SCENE) as held:
+            write_sample(held, "rough", sample)
+    assert main(["report", str(folder), "--slides", "0"]) == 0
+    said = capsys.readouterr().out
+    assert f"{14 - (what != 'surplus')} samples" in said
+    text = " ".join(Page((folder / "report.html").read_text()).text)
+    assert ("000014.h5 is of a sample that the scene, with 14, does not have" in text) == (what == "surplus")
+
+
+def of_another_field(sample):
+    return replace(sample, coefficients=sample.coefficients[:3])
+
+
+def of_other_particles(sample):
+    return replace(sample, fields=sample.fields | {"displacement": sample.fields["displacement"][:, :7]})
+
+
+@pytest.mark.usefixtures("unrendered")
+@pytest.mark.parametrize(
+    ("spoilt", "why"),
+    [(of_another_field, r"holds 3 coefficients of a field that has \d+"),
+     (of_other_particles, r"holds displacement of shape \(2, 7\) for particles of shape \(2, \d+\)")],
+)  # fmt: skip
+def test_a_sample_whose_arrays_are_not_the_scenes_is_left_out_and_named(tmp_path, done, spoilt, why, capsys):
+    folder = copied(done, tmp_path / "c")
+    store = read_store(folder)
+    columns = read_rows(store, "refined").columns
+    number = int(columns["sample"][np.argmax(columns["displacement"])])
+    whole = read_sample(store, "refined", number)
+    sample = spoilt(replace(whole, fields={"displacement": whole.fields["displacement"]}))
+    for grid in ("refined", "slides"):
+        sample_path(store, grid, number).unlink(missing_ok=True)
+    with open_store(folder, SCENE) as held:
+        write_sample(held, "refined", sample)
+    assert main(["report", str(folder), "--slides", "1"]) == 0
+    capsys.readouterr()
+    text = " ".join(Page((folder / "report.html").read_text()).text)
+    assert re.search(rf"{number:06d}\.h5 {why}", text)
+    assert main(["export", str(folder), "--sample", str(number)]) == 2
+    assert re.search(why, capsys.readouterr().err)
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_the_report_reads_the_summary_and_makes_it_anew_only_from_other_rows(tmp_path, done, monkeypatch):
+    folder = copied(done, tmp_path / "c")
+    asked = []
+    made = folders.summarise
+    monkeypatch.setattr(folders, "summarise", lambda *given: asked.append(given) or made(*given))
+    said = report(folder, slides=0)
+    assert asked == []
+    kept = (folder / "summary.json").read_text()
+    wrong = kept.replace('"failures_refined": ', '"failures_refined": 9')
+    for content in (wrong, "[" * 100_000, "7", kept[:-9]):
+        (folder / "summary.json").write_text(content)
+        assert report(folder, slides=0) == said
+    assert len(asked) == 4
+    (folder / "summary.json").unlink()
+    os.mkfifo(folder / "summary.json")
+    assert report(folder, slides=0) == said
+
+
+def alike(one, other):
+    """Whether two stored values hold the same numbers."""
+    if is_dataclass(one):
+        return type(one) is type(other) and alike(vars(one), vars(other))
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(alike(one[key], other[key]) for key in one)
+    return np.array_equal(one, other, equal_nan=True) if isinstance(one, np.ndarray) else one == other
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_a_whole_folder_is_reported_without_its_scene_and_its_grids(tmp_path, done, monkeypatch):
+    folder = copied(done, tmp_path / "c")
+    words = report(folder)
+    page = (folder / "report.html").read_text()
+
+    def refused(*_, **__):
+        raise AssertionError("the scene was read, or a grid built")
+
+    monkeypatch.setattr(folders, "campaign_of", refused)
+    monkeypatch.setattr("cooperative.reporting._composition.campaign_of", refused)
+    monkeypatch.setattr(runs, "build", refused)
+    assert report(folder) == words
+    assert (folder / "report.html").read_text() == page
+    assert hazard_maps(folder).slides > 0
+    # What is not kept comes from the scene.
+    (folder / "ground.h5").unlink()
+    with pytest.raises(AssertionError, match="the scene was read"):
+        report(folder)
+
+
+def arrays(path):
+    """All arrays of an HDF5 file by name."""
+    found = {}
+    with h5py.File(path) as file:
+        file.visititems(lambda name, each: found.update({name: each[()]}) if isinstance(each, h5py.Dataset) else None)
+    return found
+
+
+def test_a_whole_folder_is_exported_without_its_scene_and_its_grids(tmp_path, done, monkeypatch):
+    folder = copied(done, tmp_path / "c")
+    drawn = [(grid, number) for grid, number in read_results(folder).soils() if grid == "refined"]
+    kinds = ["table", "hdf5", "maps"]
+    whole = {path: path.read_bytes() for path in export(folder, kinds) if path.suffix != ".h5"}
+    series = {number: arrays(export_sample(folder, number)) for _, number in drawn}
+
+    def refused(*_, **__):
+        raise AssertionError("the scene was read, or a grid built")
+
+    for module in ("folder", "reporting._exports", "reporting._tables"):
+        monkeypatch.setattr(f"cooperative.{module}.campaign_of", refused)
+    monkeypatch.setattr(runs, "build", refused)
+    monkeypatch.setattr("cooperative.reporting._exports.build", refused)
+    assert {path: path.read_bytes() for path in export(folder, kinds) if path.suffix != ".h5"} == whole
+    assert "weight" in (folder / "table.csv").read_text().splitlines()[0].split(",")
+    # The random soil of a sample that a report draws is in the folder, too.
+    assert all(alike(arrays(export_sample(folder, number)), series[number]) for _, number in drawn)
+    (other,) = [number for number in read_results(folder).refined.numbers if ("refined", number) not in drawn][:1]
+    with pytest.raises(AssertionError, match="the scene was read"):
+        export_sample(folder, other)
+
+
+@pytest.mark.usefixtures("unrendered")
+@pytest.mark.parametrize("name", ["ground.h5", "drawn.h5"])
+@pytest.mark.parametrize("how", ["deleted", "damaged"])
+@pytest.mark.filterwarnings("ignore:.*ground.h5.*the ground is built again")
+def test_without_what_a_folder_keeps_of_its_ground_the_report_is_the_same(tmp_path, done, name, how):
+    folder = copied(done, tmp_path / "c")
+    words = report(folder)
+    page = (folder / "report.html").read_text()
+    if how == "deleted":
+        (folder / name).unlink()
+    else:
+        (folder / name).write_bytes((folder / name).read_bytes()[:-1])
+    assert report(folder) == words
+    assert (folder / "report.html").read_text() == page
+
+
+@pytest.mark.parametrize("solid", [False, True])
+def test_the_ground_that_a_folder_keeps_is_that_of_the_grids(tmp_path, solid):
+    text = SOLID if solid else SCENE
+    models = models_of(parse(text))
+    runs.keep_ground(tmp_path, models)
+    kept = runs.read_ground(tmp_path)
+    assert alike(kept, runs.ground_of(models))
+    rough = kept.grids["rough"]
+    assert np.array_equal(rough.position, models["rough"].scene.particles.position)
+    heights = parse(text).site.shape.heights(*kept.surface[:-1].reshape(kept.dimension - 1, -1))
+    assert np.array_equal(kept.surface[-1].ravel(), heights)
+    # Written once, and again where it is damaged.
+    stamp = (tmp_path / "ground.h5").stat().st_mtime_ns
+    runs.keep_ground(tmp_path, models)
+    assert (tmp_path / "ground.h5").stat().st_mtime_ns == stamp
+    (tmp_path / "ground.h5").write_bytes(b"cooperative ground")
+    runs.keep_ground(tmp_path, models)
+    assert alike(runs.read_ground(tmp_path), kept)
+    assert (tmp_path / "ground.h5.damaged").exists()
+
+
+def test_a_figure_that_cannot_be_written_is_named_and_leaves_the_old_one(tmp_path, done, monkeypatch):
+    folder = copied(done, tmp_path / "c")
+    before = (folder / "figures" / "ranked.png").read_bytes()
+
+    def full(self, path, **_):
+        with open(path, "wb") as file:
+            file.write(b"half")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Figure, "savefig", full)
+    with pytest.raises(OSError, match=r"ranked\.png \(No space left on device\): make room"):
+        plots.save(Figure(), folder / "figures" / "ranked.png")
+    assert (folder / "figures" / "ranked.png").read_bytes() == before
+    assert not list((folder / "figures").glob(".*"))
+
+
+def test_figures_are_not_written_through_a_link(tmp_path, done):
+    folder = copied(done, tmp_path / "c")
+    shutil.rmtree(folder / "figures")
+    (tmp_path / "elsewhere").mkdir()
+    (folder / "figures").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(ValueError, match="figures is a link or a file, not a folder"):
+        report(folder, slides=0)
+    assert not list((tmp_path / "elsewhere").iterdir())

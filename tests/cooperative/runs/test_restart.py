@@ -1,0 +1,242 @@
+"""Restart points: a long run that was stopped or killed ends as if nothing had happened, bit for bit."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+from cooperative import run, runs
+from cooperative.runs import Stopped, run_samples
+from cooperative.scene import parse
+from cooperative.store import Source, open_store, read_rows, read_sample, read_store, restart_path, write_sample
+from jaxmpm import solve, with_strength
+from tests.cooperative.campaign.test_campaign import TINY, changed
+
+OFTEN = changed("k_t = 2", "k_t = 2\nrestart_every = 1e-6")
+
+
+class Broken(Exception):
+    """Of a run that a test breaks off."""
+
+
+def model_of(text, grid="refined"):
+    campaign = parse(text)
+    soil = runs.random_soil(campaign)
+    return runs.build(campaign, grid, soil), runs.coefficients_of(campaign, soil)
+
+
+def stop_after(chunks):
+    seen = []
+
+    def on_chunk(_):
+        seen.append(None)
+        if len(seen) > chunks:
+            raise Broken
+
+    return on_chunk, seen
+
+
+def assert_same_sample(first, second):
+    assert (first.number, first.status, first.steps) == (second.number, second.status, second.steps)
+    assert dict(first.row) == dict(second.row)
+    assert first.fields.keys() == second.fields.keys()
+    for name, values in first.fields.items():
+        assert values.tobytes() == second.fields[name].tobytes()
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A campaign's folder, for restart points."""
+    open_store(tmp_path / "campaign", OFTEN).close()
+    return tmp_path / "campaign"
+
+
+@pytest.fixture(scope="module")
+def undisturbed():
+    """Refined runs of all samples without any restart point; first one that slides, then one that settles."""
+    model, coefficients = model_of(OFTEN)
+    found = {s.number: s for s in runs.run_samples(model, coefficients, range(6), width=1)}
+    slides = next(n for n, s in found.items() if s.row["displacement"] > 1)
+    stands = next(n for n, s in found.items() if s.status == "SETTLED" and s.row["displacement"] < 1)
+    return model, coefficients, {n: found[n] for n in (slides, stands, *sorted(found.keys() - {slides, stands}))}
+
+
+def test_failures_leave_frames_that_a_run_for_them_alone_gives_too(undisturbed):
+    model, _, found = undisturbed
+    limit = model.campaign.run.failure_displacement
+    for sample in found.values():
+        far = sample.row["displacement"]
+        assert ("frames" in sample.fields) == (far > limit)
+        if far > limit:
+            frames, times = sample.fields["frames"], sample.fields["frame_times"]
+            assert frames.dtype == np.float16
+            assert len(times) == 1 + (far > 5 * limit)
+            states = solve(
+                with_strength(model.scene, model.strength(sample.coefficients)), model.state,
+                t_end=float(times[-1]), snapshots=times.tolist(),
+            ).snapshots  # fmt: skip
+            alone = np.stack([np.asarray(state.displacement) for state in states])
+            np.testing.assert_array_equal(frames, alone.astype(np.float16))
+            reached = np.linalg.norm(alone, axis=1).max(axis=1)
+            assert (reached > np.array([1, 5])[: len(times)] * limit).all()
+
+
+def test_frames_are_kept_only_where_fields_are(undisturbed):
+    model, coefficients, found = undisturbed
+    number = next(iter(found))
+    bare = replace(model, campaign=replace(model.campaign, plan=replace(model.campaign.plan, fields=())))
+    (sample,) = run_samples(bare, coefficients, [number], width=1)
+    assert sample.fields.keys() == {"slice_depth"}
+    assert dict(sample.row) == dict(found[number].row)
+
+
+@pytest.mark.parametrize("which", [0, 1], ids=["slides", "settles"])
+def test_an_interrupted_run_ends_as_the_undisturbed_one(which, undisturbed, folder):
+    model, coefficients, found = undisturbed
+    number = list(found)[which]
+    whole, all_chunks = stop_after(10_000)
+    list(runs.run_samples(model, coefficients, [number], width=1, on_chunk=whole))
+    done = 0
+    # Stopped twice, each time after going on from the restart point before.
+    for chunks in (len(all_chunks) // 3, len(all_chunks) // 4):
+        on_chunk, _ = stop_after(chunks)
+        with pytest.raises(Broken):
+            list(runs.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=folder))
+        point = restart_path(folder, "refined", number)
+        assert point.exists()
+        done += chunks
+    with h5py.File(point) as file:
+        assert ("frames" in file["about"]) == (which == 0)
+    on_chunk, left = stop_after(10_000)
+    (again,) = runs.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=folder)
+    assert len(left) == len(all_chunks) - done
+    assert_same_sample(again, found[number])
+
+
+def test_lanes_go_on_from_restart_points_beside_fresh_ones(undisturbed, folder):
+    model, coefficients, found = undisturbed
+    first, second, *_ = found
+    on_chunk, _ = stop_after(3)
+    with pytest.raises(Broken):
+        list(runs.run_samples(model, coefficients, [second], width=1, on_chunk=on_chunk, restart_in=folder))
+    for width in (1, 2):
+        again = runs.run_samples(model, coefficients, [first, second], width=width, restart_in=folder)
+        for sample in again:
+            assert_same_sample(sample, found[sample.number])
+
+
+def test_a_campaign_that_was_written_in_python_has_restart_points(tmp_path):
+    model, coefficients = model_of(OFTEN)
+    folder = tmp_path / "written"
+    open_store(folder, Source(None, {"campaign": {"name": "written"}})).close()
+    on_chunk, _ = stop_after(1)
+    with pytest.raises(Broken):
+        list(runs.run_samples(model, coefficients, [0], width=1, on_chunk=on_chunk, restart_in=folder))
+    assert restart_path(folder, "refined", 0).exists()
+
+
+def test_short_runs_write_none(folder):
+    model, coefficients = model_of(TINY)
+    list(runs.run_samples(model, coefficients, [0], width=1, restart_in=folder))
+    assert not (folder / "restart").exists()
+
+
+def test_a_folder_that_a_worker_does_not_see_is_run_without(undisturbed, tmp_path):
+    model, coefficients, found = undisturbed
+    number = next(iter(found))
+    (alone,) = runs.run_samples(model, coefficients, [number], width=1, restart_in=tmp_path / "elsewhere")
+    assert_same_sample(alone, found[number])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_damaged_and_foreign_restart_points_are_named_and_the_run_starts_afresh(undisturbed, folder):
+    model, coefficients, found = undisturbed
+    number = next(iter(found))
+    on_chunk, _ = stop_after(3)
+    with pytest.raises(Broken):
+        list(runs.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=folder))
+    path = restart_path(folder, "refined", number)
+    whole = path.read_bytes()
+    other = next(n for n in found if n != number)
+    for content, at, reason in (
+        (whole[:-7], number, "does not match its checksum"),
+        (whole, other, "another scene or sample"),
+    ):
+        path.unlink(missing_ok=True)
+        there = restart_path(folder, "refined", at)
+        there.write_bytes(content)
+        with pytest.warns(UserWarning, match=rf"{there.name} .*{reason}.*starts afresh"):
+            (again,) = runs.run_samples(model, coefficients, [at], width=1, restart_in=folder)
+        assert_same_sample(again, found[at])
+        assert there.with_name(there.name + ".damaged").read_bytes() == content
+
+
+def test_a_finished_sample_has_no_restart_point(undisturbed, tmp_path):
+    _, _, found = undisturbed
+    sample = next(iter(found.values()))
+    with open_store(tmp_path / "c", OFTEN) as store:
+        path = restart_path(store.folder, "refined", sample.number)
+        path.parent.mkdir()
+        path.write_bytes(b"")
+        write_sample(store, "refined", sample)
+        assert not path.exists()
+
+
+@pytest.mark.slow
+def test_a_campaign_killed_within_a_refined_run_ends_the_same(undisturbed, tmp_path):
+    scene, folder = tmp_path / "tiny.toml", tmp_path / "killed"
+    scene.write_text(OFTEN)
+    command = [sys.executable, "-m", "cooperative", "run", str(scene), "--out", str(folder), "--workers", "1"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ)
+    deadline = time.monotonic() + 120
+    while not list(folder.glob("restart/*.h5")) and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.005)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    left = list(folder.glob("restart/refined-*.h5"))
+    assert len(left) == 1
+    run(OFTEN, folder)
+    assert not list(folder.glob("restart/*"))
+    _, coefficients, found = undisturbed
+    store = read_store(folder)
+    numbers = read_rows(store, "refined").numbers
+    assert numbers
+    for number in numbers:
+        sample = read_sample(store, "refined", number)
+        assert_same_sample(sample, found[number])
+        assert np.array_equal(sample.coefficients, coefficients[number])
+
+
+def test_a_run_asked_to_stop_writes_its_restart_point_and_goes_on_from_it(undisturbed, folder):
+    _, coefficients, found = undisturbed
+    number = next(iter(found))
+    # Restart points are due after ten minutes: only the stop makes one.
+    model, _ = model_of(TINY)
+    asked = iter([False] * 4)
+    with pytest.raises(Stopped):
+        list(run_samples(model, coefficients, [number], width=1, restart_in=folder, stop=lambda: next(asked, True)))
+    assert restart_path(folder, "refined", number).exists()
+    on_chunk, left = stop_after(10_000)
+    (again,) = run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=folder)
+    assert_same_sample(again, found[number])
+    on_chunk, whole = stop_after(10_000)
+    list(run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk))
+    assert 0 < len(left) < len(whole)
+
+
+def test_a_stop_begins_no_further_sample_and_loses_none_that_ended(undisturbed):
+    model, coefficients, found = undisturbed
+    ended = []
+    runs = run_samples(model, coefficients, iter(range(6)), width=2, stop=lambda: bool(ended))
+    ended.append(next(runs))
+    with pytest.raises(Stopped):
+        ended += runs
+    assert 1 <= len(ended) <= 2
+    for sample in ended:
+        assert_same_sample(sample, found[sample.number])

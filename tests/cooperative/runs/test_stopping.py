@@ -1,0 +1,210 @@
+"""Stopping: no signal is lost, commands end within seconds, and no worker outlives its controller."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from benchmarks import invented
+from benchmarks.invented import SCENE
+from cooperative import campaign
+from cooperative.__main__ import main
+from cooperative.runs import Stopped, heeding, process_pool
+from cooperative.runs import _processes as processes
+from cooperative.store import read_rows, read_store
+from tests import ROOT
+
+
+class Dying:
+    """Asks for a stop in its destructor, where Python drops whatever a signal's handler raises."""
+
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        sum(range(10_000))
+
+
+def see_one_die(stop):
+    assert not stop.asked()
+    Dying()
+    assert stop.asked()
+    stop.look()
+    pytest.fail("nobody looked")
+
+
+def test_a_signal_within_a_destructor_is_not_lost():
+    with pytest.raises(Stopped, match="SIGINT"), heeding() as stop:
+        see_one_die(stop)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_that_nobody_looked_at_stops_in_the_end(number, code):
+    before = signal.getsignal(number)
+    with pytest.raises(Stopped, match="the same command goes on from there") as stopped, heeding():
+        os.kill(os.getpid(), number)
+    assert stopped.value.exit_code == code
+    assert signal.getsignal(number) is before
+
+
+def falls(number):
+    """Whether a signal raises where it falls."""
+    try:
+        os.kill(os.getpid(), number)
+        sum(range(10_000))
+    except Stopped:
+        return True
+    return False
+
+
+def test_a_second_signal_ends_where_it_falls_and_the_first_where_nothing_would_be_lost():
+    seen = []
+    with pytest.raises(Stopped), heeding():
+        seen += [falls(signal.SIGINT), falls(signal.SIGINT)]
+    with pytest.raises(Stopped), heeding() as stop, stop.at_once():
+        seen += [falls(signal.SIGTERM)]
+    assert seen == [False, True, True]
+
+
+def test_within_another_one_and_in_other_threads_nothing_changes():
+    with heeding() as outer:
+        handler = signal.getsignal(signal.SIGTERM)
+        with heeding() as inner:
+            assert inner is outer
+        assert signal.getsignal(signal.SIGTERM) is handler
+    found = []
+
+    def elsewhere():
+        with heeding() as stop:
+            found.append(stop.asked())
+
+    thread = threading.Thread(target=elsewhere)
+    thread.start()
+    thread.join()
+    assert found == [False]
+
+
+def controller(script, **options):
+    """A process that runs a script, whose output can be read."""
+    command = [sys.executable, "-c", textwrap.dedent(script)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT, **options)
+
+
+LONG = """
+    import hashlib
+    from cooperative.runs import heeding
+    with heeding(ends_process=True):
+        print("begun", flush=True)
+        hashlib.pbkdf2_hmac("sha256", b"", b"", 2_000_000_000)
+"""
+
+
+def test_the_second_signal_ends_a_command_even_within_a_long_call():
+    with controller(LONG) as process:
+        assert process.stdout.readline() == "begun\n"
+        process.send_signal(signal.SIGTERM)
+        time.sleep(0.5)
+        assert process.poll() is None
+        process.send_signal(signal.SIGTERM)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 143
+    assert said.strip().startswith("stopped by SIGTERM")
+
+
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="looks at what is loaded by /proc")
+def test_ctrl_c_while_the_libraries_load_ends_without_a_word():
+    command = [sys.executable, "-m", "cooperative", "status", "nowhere"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT) as process:
+        while process.poll() is None and "numpy" not in Path(f"/proc/{process.pid}/maps").read_text():
+            time.sleep(0.001)
+        process.send_signal(signal.SIGINT)
+        assert process.communicate(timeout=60) == ("", "")
+    assert process.returncode == -signal.SIGINT
+
+
+POOL = """
+    import time
+    from cooperative.runs import process_pool
+    if __name__ == "__main__":
+        pool = process_pool(2)
+        tasks = [pool.submit(time.sleep, 1000) for _ in range(4)]
+        while len(pool.workers) < 2:
+            time.sleep(0.01)
+        print(*(worker.process.pid for worker in pool.workers), flush=True)
+        tasks[0].result()
+"""
+
+
+def ended(process):
+    """Whether a process is gone, or dead and not yet fetched by its parent."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
+    except OSError:
+        return True
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks at processes by /proc")
+@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
+def test_no_worker_outlives_its_controller(number):
+    with controller(POOL) as process:
+        workers = [int(worker) for worker in process.stdout.readline().split()]
+        assert len(workers) == 2
+        process.send_signal(number)
+        # The workers have its output open too: it ends with the last of them.
+        process.communicate(timeout=120)
+    assert process.returncode == -number
+    assert all(ended(worker) for worker in workers)
+
+
+def wait_until_told():
+    return processes._stop_wanted.wait(300)
+
+
+@pytest.mark.slow
+def test_workers_are_told_to_come_to_an_end():
+    pool = process_pool(1)
+    task = pool.submit(wait_until_told)
+    pool.submit(time.sleep, 0)
+    pool.shutdown(cancel_futures=True)
+    assert task.result(timeout=0)
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Made-up runs in place of the solver's."""
+    invented.invent(put=monkeypatch.setattr)
+    return monkeypatch
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize("after", [3, 58])
+def test_a_campaign_stops_by_signal_and_goes_on(number, code, after, quick, tmp_path, capsys):
+    scene, folder = tmp_path / "scene.toml", tmp_path / "out"
+    scene.write_text(SCENE)
+    written = []
+
+    def write_sample(*arguments):
+        written.append(real(*arguments))
+        if len(written) == after:
+            os.kill(os.getpid(), number)
+
+    with quick.context() as patched:
+        real = campaign.write_sample
+        patched.setattr(campaign, "write_sample", write_sample)
+        assert main(["run", str(scene), "--out", str(folder), "--workers", "1"]) == code
+    said = capsys.readouterr().err
+    assert f"stopped by {signal.Signals(number).name}; what is finished is kept" in said
+    assert "Traceback" not in said
+    store = read_store(folder)
+    assert sum(len(read_rows(store, grid).numbers) for grid in ("rough", "refined")) == len(written)
+    assert after <= len(written) <= after + 1
+    assert not (folder / "summary.json").exists()
+    there = campaign.run(SCENE, folder)
+    alone = campaign.run(SCENE, tmp_path / "alone")
+    assert replace(there, seconds=alone.seconds) == alone

@@ -1,0 +1,203 @@
+"""Scenes that no campaign can be made of: each is refused in one line, before anything is built or written."""
+
+import math
+import re
+
+import pytest
+
+from benchmarks.invented import LAYERED, TERRAIN
+from cooperative import run, runs
+from cooperative.__main__ import main
+from cooperative.runs import check_coefficients, check_size, grid_size
+from cooperative.scene import SEVERAL, TABLES, parse, read_scene
+from cooperative.store import open_store, read_store
+from tests.cooperative.campaign.test_campaign import SCENES, TINY, changed
+
+TOO_LARGE = [
+    (("height = 8.0", "height = 1e6"), r"particles .* the limit is 1e\+13: give larger cells"),
+    (("samples = 6", "samples = 1_000_000_000_000"), r"asks for 1000000000000 rough runs, the limit is 1e\+07"),
+    (("cell = 1.0\nspacing = [0.5, 0.5]", "cell = 0.001\nspacing = [0.0005, 0.0005]"), r"\[refined\] a run takes"),
+    (("cell = 2.0", "cell = 2.0\ncfl = 1e-9"), r"\[rough\] a run takes .* steps, the limit is 1e\+07: give a larger"),
+    (("t_end = 4.0", "t_end = 1e12"), r"\[rough\] a run takes .* steps, the limit is 1e\+07"),
+    (("young = 2e7", "young = 1e30"), r"\[rough\] a run takes .* steps"),
+    (
+        ("t_end = 4.0", "t_end = 1e-12"),
+        r"\[run\] t_end = 1e-12 s is less than one time step .*0\.014 s: give the seconds",
+    ),
+    (("cell = 1.0", "cell = inf"), r"\[refined\] cell = inf: give finite values"),
+    (("cell = 1.0", "cell = nan"), r"\[refined\] cell = nan: give finite values"),
+    (("cell = 1.0", "cell = 1e-320"), r"\[refined\] cell = 1e-320: give finite values, in single precision"),
+    (("toe = 16.0", "toe = 1e30"), r"toe = 1e\+30 m is no whole multiple of the spacing along x"),
+    (("samples = 6", "samples = 6\nlanes = 9_223_372_036_854_775_808"), "lanes is a whole number beyond 64 bits"),
+    (("seed = 3", "seed = -1"), "seed = -1: give a whole number of 0 or more"),
+    (("samples = 6", f"samples = 0x{'f' * 5000}"), r"samples is a whole number beyond 64 bits"),
+    (("cov = 0.4", f"cov = 0x{'f' * 5000}"), r"cov is a whole number beyond 64 bits"),
+    (('name = "tiny"', f"a = {'[' * 5000}{']' * 5000}"), "nests tables or lists without end"),
+    (("cov = 0.4", f"cov{'.a' * 1500} = 1"), r"cov = \{'a'.*\} is a table: give a number"),
+    (('name = "tiny"', 'name = "tiny\\n  probability of failure  0.000"'), "one line of at most 200 characters"),
+    (('name = "tiny"', 'name = "\\u001b[2J"'), "without control characters"),
+    (('name = "tiny"', "name = 3"), "name = 3 is a whole number: give text"),
+]
+
+
+@pytest.fixture
+def nothing_built(monkeypatch):
+    """Neither a grid nor a field may be built."""
+
+    def built(*_):
+        pytest.fail("something was built")
+
+    for name in ("build", "random_soil", "coefficients_of"):
+        monkeypatch.setattr(runs, name, built)
+
+
+@pytest.mark.parametrize(("change", "message"), TOO_LARGE, ids=[change[1][:40] for change, _ in TOO_LARGE])
+def test_what_would_not_end_or_fit_is_refused_before_anything_is_built(change, message, nothing_built, tmp_path):
+    with pytest.raises(ValueError, match=message) as refused:
+        run(changed(*change), tmp_path / "out")
+    assert "\n" not in str(refused.value)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "levels"), [(('estimator = "published"', 'estimator = "subset"\nlevels = 1_000_000_000'), 160)]
+)
+def test_levels_without_end_are_refused(change, levels, nothing_built, tmp_path):
+    text = changed(*change).replace("samples = 6", f"samples = {levels}")
+    with pytest.raises(ValueError, match=r"rough runs, the limit is 1e\+07"):
+        run(text, tmp_path / "out")
+
+
+def test_a_size_is_that_of_the_grid_that_is_built():
+    campaign = parse(TINY)
+    for grid in ("rough", "refined"):
+        size = grid_size(campaign, grid)
+        scene, _ = runs.build(campaign, grid, None).scene, None
+        # A slope's face is made of steps.
+        assert size.particles == pytest.approx(scene.particles.mass.size, rel=0.05)
+        assert size.nodes == math.prod(scene.grid.shape)
+        assert size.steps == pytest.approx(campaign.run.t_end / float(scene.time_step))
+        assert size.passes == (scene.nonlocal_passes or 0)
+
+
+def test_scenes_that_come_along_fit_into_a_small_machine(monkeypatch):
+    monkeypatch.setattr(runs._size, "memory_limit", lambda: 8e9)
+    for path in SCENES.glob("*.toml"):
+        if "[sweep]" not in path.read_text():
+            check_size(parse(path.read_text()))
+    paper = parse((SCENES / "paper.toml").read_text())
+    size = grid_size(paper, "refined")
+    assert (size.particles, grid_size(paper, "rough").particles) == (681_984, 42_624)
+    with pytest.raises(ValueError, match=r"particles in 64 workers take some .* GB, this machine lends 8 GB"):
+        check_size(paper, workers=64)
+    with pytest.raises(ValueError, match=r"1000 samples of 10000000 coefficients take some 12.* GB"):
+        check_coefficients(paper, 10_000_000)
+
+
+def wrong_values():
+    """Values of which each is wrong for most keys."""
+    numbers = ["nan", "inf", "-inf", "-1", "0", "1e308", "1e-308", "9_223_372_036_854_775_807"]
+    return [*numbers, '"text"', "true", "[]", "[1.0]", "[nan, nan]", "[[1]]", "{}", "1979-05-27", "'\\u001b'"]
+
+
+KEYS = [(section, key) for section, table in TABLES.items() for key in table.model_fields if section != "sweep"]
+
+
+@pytest.mark.parametrize(("section", "key"), KEYS, ids=[f"{section}-{key}" for section, key in KEYS])
+def test_every_wrong_value_of_every_key_is_fine_or_ends_in_one_line(section, key):
+    said = [refusal(with_value(section, key, value)) for value in wrong_values()]
+    assert all("\n" not in line and len(line) < 500 for line in said)
+    assert sum(map(bool, said)) >= 6
+
+
+def refusal(text):
+    """What is said against a scene; nothing for one that will do."""
+    try:
+        check_size(parse(text))
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+def with_value(section, key, value):
+    """The small scene with one key of one table set, of the first where there are several."""
+    drawn = {"ground": LAYERED, "layer": LAYERED, "water": LAYERED, "terrain": TERRAIN}
+    header = f"[[{section}]]" if section in SEVERAL else f"[{section}]"
+    lines, here, done = [], "", False
+    for line in drawn.get(section, TINY).splitlines():
+        if line.startswith("["):
+            here = line
+            lines += [line, *([f"{key} = {value}"] if here == header and not done else [])]
+            done = done or here == header
+        elif not (here == header and line.split(" = ")[0] == key):
+            lines.append(line)
+    return "\n".join(lines if done else [*lines, header, f"{key} = {value}"])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"\x89PNG\r\n\x1a\n\x00\xff", r"scene .*scene.toml is no text in UTF-8 \(byte 0\)"),
+        (None, "there is no scene "),
+        (b"a" * 1_000_001, "has 1000001 bytes, the limit is 1000000"),
+    ],
+)
+def test_files_that_are_no_scene_are_named(content, message, tmp_path, capsys):
+    path = tmp_path / "scene.toml"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ValueError, match=message):
+        read_scene(path)
+    for command in ("run", "sweep"):
+        assert main([command, str(path), "--out", str(tmp_path / "out")]) == 2
+        said = capsys.readouterr().err
+        assert said.startswith("error: ")
+        assert str(path) in said
+        assert said.count("\n") == 1
+    with pytest.raises(ValueError, match="is no file"):
+        read_scene(tmp_path)
+
+
+def test_a_byte_order_mark_at_the_head_of_a_file_is_no_part_of_the_scene(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text("\ufeff" + TINY, encoding="utf-8")
+    assert read_scene(path).text == TINY
+    with open_store(tmp_path / "out", TINY) as store:
+        path.replace(tmp_path / "out" / "scene.toml")
+    assert read_store(tmp_path / "out").digest == store.digest
+    with pytest.raises(ValueError, match=r"begins with a byte order mark .*: read its file with encoding"):
+        parse("\ufeff" + TINY)
+
+
+@pytest.mark.parametrize("name", ["a\\u0000b.csv", "a\\u0000b.dxf#GROUND"])
+def test_a_file_whose_name_holds_what_no_name_may_is_named(name, tmp_path, capsys):
+    path = tmp_path / "scene.toml"
+    path.write_text(f'[ground]\nsurface = "{name}"\n')
+    assert main(["check", str(path)]) == 2
+    assert re.fullmatch(r"error: .*/a\?b.\w+ names no file \(.*\): give .*\n", capsys.readouterr().err)
+
+
+@pytest.mark.parametrize("workers", [0, -3])
+def test_no_workers_are_refused_before_the_folder_is_made(workers, tmp_path, capsys):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(TINY)
+    for command in ("run", "sweep"):
+        text = TINY if command == "run" else TINY + "[sweep]\nlx = [10.0]\n"
+        scene.write_text(text)
+        assert main([command, str(scene), "--out", str(tmp_path / "out"), "--workers", str(workers)]) == 2
+        assert capsys.readouterr().err == f"error: workers = {workers}: give 1 or more\n"
+        assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("address", ["nowhere", "tcp://127.0.0.1:1", "http://127.0.0.1:1", "tcp://", ""])
+def test_a_scheduler_that_does_not_answer_is_named_before_the_folder_is_made(address, tmp_path, capsys, monkeypatch):
+    pytest.importorskip("distributed", reason="extra `dask` is not installed")
+    monkeypatch.setattr(runs._executors, "PATIENCE", 1)
+    for name in ("build", "random_soil"):
+        monkeypatch.setattr(runs, name, lambda *_, **__: type("Invented", (), {"modes": 3, "counts": (3,)})())
+    scene = tmp_path / "scene.toml"
+    scene.write_text(TINY)
+    assert main(["run", str(scene), "--out", str(tmp_path / "out"), "--dask", address]) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.startswith(f"error: no Dask scheduler answers at {address!r} (")
+    assert not (tmp_path / "out").exists()

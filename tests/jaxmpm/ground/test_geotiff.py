@@ -1,0 +1,133 @@
+"""Terrain models in GeoTIFFs: what is written is read, and what no ground in metres can be made of is refused."""
+
+import contextlib
+import sys
+import warnings
+
+import numpy as np
+import pytest
+
+import jaxmpm as mpm
+from benchmarks.invented import TERRAIN
+from cooperative.scene import parse, read_scene
+from tests.cooperative.scene.test_random_soil import changed
+
+rasterio = pytest.importorskip("rasterio", reason="the extra terrain is not installed")
+
+HEIGHTS = np.arange(12.0).reshape(4, 3) + 100  # rows from north to south
+UTM = "EPSG:32633"
+
+
+def written(path, heights=HEIGHTS, *, crs=UTM, transform=(5.0, 0, 300.0, 0, -5.0, 420.0), unit=None, scale=None, **how):
+    """A GeoTIFF of one band whose upper left corner is x = 300 m, y = 420 m."""
+    how = {"dtype": "float32", "nodata": -9999.0, "count": 1, **how}
+    rows, columns = heights.shape
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with rasterio.open(
+            path, "w", driver="GTiff", width=columns, height=rows, crs=crs, transform=rasterio.Affine(*transform), **how
+        ) as file:
+            for band in range(how["count"]):
+                file.write(heights.astype(how["dtype"]), band + 1)
+            if unit is not None:
+                file.set_band_unit(1, unit)
+            if scale is not None:
+                file.scales, file.offsets = (scale[0],), (scale[1],)
+    return path
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64", "int16"])
+def test_heights_lie_at_the_middles_of_squares_from_south_to_north(dtype, tmp_path):
+    found = mpm.read_raster(written(tmp_path / "dem.tif", dtype=dtype))
+    assert (found.corner, found.step) == ((302.5, 402.5), 5.0)
+    assert np.array_equal(found.heights, HEIGHTS[::-1].T)
+
+
+def test_no_data_is_a_hole(tmp_path):
+    holed = HEIGHTS.copy()
+    holed[0, 1], holed[3, 2] = -9999, np.inf
+    found = mpm.read_raster(written(tmp_path / "dem.tiff", holed))
+    assert np.argwhere(np.isnan(found.heights)).tolist() == [[1, 3], [2, 0]]
+    shape = mpm.Terrain(found, base=90.0)
+    with pytest.raises(ValueError, match=r"2 holes between the walls, the first at \(307.5, 417.5\) m: fill them"):
+        shape.check()
+
+
+def test_scale_and_offset_are_applied(tmp_path):
+    found = mpm.read_raster(written(tmp_path / "dem.tif", dtype="int16", scale=(0.1, 50.0), unit="metre"))
+    assert np.allclose(found.heights, HEIGHTS[::-1].T / 10 + 50)
+
+
+def test_a_scene_carries_the_terrain_of_a_geotiff(tmp_path):
+    plane = np.linspace(10.0, 6.0, 9)[None] * np.ones((5, 1))
+    written(tmp_path / "dem.tif", plane, transform=(2.0, 0, -1.0, 0, -2.0, 9.0))
+    text = changed(TERRAIN[: TERRAIN.index("[files]")], ('"hill"', '"dem.tif"'))
+    (tmp_path / "scene.toml").write_text(text)
+    carried = read_scene(tmp_path / "scene.toml")
+    (tmp_path / "dem.tif").unlink()
+    shape, known = (parse(each).site.shape for each in (carried, TERRAIN))
+    x, y = np.array([0.0, 3.3, 16.0]), np.array([0.0, 5.2, 8.0])
+    assert np.allclose(shape.heights(x, y), known.heights(x, y))
+    assert (shape.walls, shape.base) == (known.walls, known.base)
+
+
+REFUSED = [
+    ({"crs": "EPSG:4326", "transform": (8e-4, 0, 12.0, 0, -8e-4, 47.0)}, "is in degrees: project it to metres first"),
+    ({"crs": "EPSG:2225"}, "is in feet: project it to metres first"),
+    ({"crs": None, "transform": (8e-4, 0, 12.0, 0, -8e-4, 47.0)}, "look like degrees: project it"),
+    ({"crs": "EPSG:32633+6360"}, "is in feet"),
+    ({"unit": "ft"}, "has heights in 'ft': give them in metres"),
+    ({"transform": (5.0, 1.0, 300.0, 1.0, -5.0, 420.0)}, "or is turned: resample it to squares"),
+    ({"transform": (5.0, 0, 300.0, 0, -6.0, 420.0)}, "has steps of 5 and 6 m"),
+    ({"transform": (-5.0, 0, 300.0, 0, -5.0, 420.0)}, "has steps of -5 and 5 m"),
+    ({"transform": (1.0, 0, 0, 0, 1.0, 0), "crs": None}, "has no position"),
+    ({"count": 3}, "has 3 bands of float32: give one of heights"),
+    ({"dtype": "complex64", "nodata": None}, "has 1 bands of complex64"),
+]
+
+
+@pytest.mark.parametrize(("how", "message"), REFUSED, ids=[message[:30] for _, message in REFUSED])
+def test_what_is_no_terrain_in_metres_is_refused_with_the_remedy(how, message, tmp_path):
+    path = written(tmp_path / "dem.tif", **how)
+    with pytest.raises(ValueError, match=message) as refused:
+        mpm.read_raster(path)
+    assert "\n" not in str(refused.value)
+
+
+def test_files_that_hold_less_than_they_say_are_refused(tmp_path):
+    rough = np.random.default_rng(1).normal(size=(60, 40))
+    whole = written(tmp_path / "dem.tif", rough).read_bytes()
+    heights = mpm.read_raster(tmp_path / "dem.tif").heights
+    for length in (0, 4, 100, len(whole) // 2, len(whole) - 5):
+        (tmp_path / "cut.tif").write_bytes(whole[:length])
+        with pytest.raises(ValueError, match=r"cut\.tif cannot be read as a GeoTIFF"):
+            mpm.read_raster(tmp_path / "cut.tif")
+    # The width stands behind its tag, 256, as one short number.
+    at = whole.index(np.array([256, 3, 1, 0, 40, 0], "<u2").tobytes()) + 8
+    (tmp_path / "lie.tif").write_bytes(whole[:at] + np.array([60000], "<u2").tobytes() + whole[at + 2 :])
+    with pytest.raises(ValueError, match=r"lie\.tif (cannot be read as a GeoTIFF|declares)"):
+        mpm.read_raster(tmp_path / "lie.tif")
+    generator = np.random.default_rng(2)
+    for _ in range(60):
+        bytes_ = bytearray(whole)
+        for place in generator.integers(0, 600, 4):
+            bytes_[place] = generator.integers(256)
+        (tmp_path / "any.tif").write_bytes(bytes_)
+        with contextlib.suppress(ValueError):
+            assert mpm.read_raster(tmp_path / "any.tif").heights.size <= 2 * heights.size
+
+
+def test_only_the_file_itself_is_opened(tmp_path):
+    with pytest.raises(ValueError, match="cannot be read"):
+        mpm.read_raster("/vsizip/none.zip/dem.tif")
+    written(tmp_path / "dem.tif")
+    (tmp_path / "link.tif").symlink_to(tmp_path / "dem.tif")
+    with pytest.raises(ValueError, match="is no regular file"):
+        mpm.read_raster(tmp_path / "link.tif")
+
+
+def test_what_reads_geotiffs_is_asked_for_where_it_lacks(tmp_path, monkeypatch):
+    path = written(tmp_path / "dem.tif")
+    monkeypatch.setitem(sys.modules, "rasterio", None)
+    with pytest.raises(ValueError, match=r"is a GeoTIFF, which rasterio reads: pip install rasterio"):
+        mpm.read_raster(path)

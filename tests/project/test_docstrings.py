@@ -1,0 +1,192 @@
+"""Documentation: every public name says what it is; what it lists exists; shapes and units are written in one way."""
+
+import ast
+import dataclasses
+import enum
+import inspect
+import re
+
+import pytest
+
+import cooperative
+import foundation.check
+import foundation.files
+import foundation.pytrees
+import foundation.text
+import jaxmpm
+import kl
+import kl.plots
+from tests import ROOT
+
+PUBLIC = [
+    (package, name)
+    for package in (jaxmpm, kl, cooperative)
+    for name in package.__all__
+    if not inspect.ismodule(getattr(package, name))
+]
+
+
+@pytest.mark.parametrize(("package", "name"), PUBLIC, ids=[f"{p.__name__}.{n}" for p, n in PUBLIC])
+def test_public_names_are_documented(package, name):
+    thing = getattr(package, name)
+    text = inspect.getdoc(thing) or ""
+    # A dataclass without a docstring is given its signature as one.
+    assert text
+    assert not text.startswith(f"{name}(")
+    if dataclasses.is_dataclass(thing):
+        fields = [f.name for f in dataclasses.fields(thing)]
+        assert not [f for f in fields if not re.search(rf"\b{f}\b", text)]
+
+
+def named(text: str) -> list[str]:
+    """What a docstring's list of arguments names: words at the start of a sentence, before a colon."""
+    lists = re.findall(r"(?:^|\.\s+|\n\s*)((?:[a-z_0-9]+, )*[a-z_0-9]+): ", text)
+    return [name for found in lists for name in found.split(", ")]
+
+
+def described() -> list[tuple[str, str, set[str]]]:
+    """Public functions, classes and their public methods: name, docstring, and the names that it may list."""
+    found = []
+    for package, name in PUBLIC:
+        thing = getattr(package, name)
+        if not inspect.isfunction(thing) and not inspect.isclass(thing):
+            continue
+        own = parameters(thing) if inspect.isfunction(thing) else members(thing)
+        found.append((f"{package.__name__}.{name}", inspect.getdoc(thing) or "", own))
+        for method, function in vars(thing).items() if inspect.isclass(thing) else ():
+            function = getattr(function, "__func__", function)
+            if inspect.isfunction(function) and not method.startswith("_"):
+                text = inspect.cleandoc(function.__doc__ or "")
+                found.append((f"{package.__name__}.{name}.{method}", text, parameters(function)))
+    return found
+
+
+def parameters(function) -> set[str]:
+    return set(inspect.signature(function).parameters)
+
+
+def members(thing: type) -> set[str]:
+    """Fields, arguments of the constructor, properties and constants of a class."""
+    fields = {name for base in thing.__mro__ for name in getattr(base, "__annotations__", {})}
+    known = fields | {name for name in dir(thing) if not name.startswith("_")}
+    try:
+        return known | parameters(thing)
+    except ValueError:  # the constructors of enumerations and exceptions have no signature
+        return known
+
+
+DESCRIBED = described()
+
+
+@pytest.mark.parametrize(("name", "text", "known"), DESCRIBED, ids=[name for name, *_ in DESCRIBED])
+def test_documented_names_exist(name, text, known):
+    assert not set(named(text)) - known
+
+
+# Modules whose functions a script calls by the module's name.
+BY_MODULE = (
+    *(jaxmpm.diagnostics, jaxmpm.objectives, jaxmpm.tensors, kl.plots),
+    *(foundation.check, foundation.files, foundation.pytrees, foundation.text),
+)
+LISTED = [
+    (f"{package.__name__}.{name}", getattr(package, name)) for package, name in PUBLIC if package is not cooperative
+]
+ROOMS = (
+    *(jaxmpm.ground, jaxmpm.laws, jaxmpm.run, jaxmpm.setup, jaxmpm.soil, jaxmpm.transfer),
+    *(kl.axis, kl.field, kl.marginal),
+)
+LISTED += [
+    (f"{room.__name__}.{name}", getattr(room, name))
+    for room in ROOMS
+    for name in room.__all__
+    if all(getattr(room, name) is not thing for _, thing in LISTED)
+]
+LISTED += [
+    (f"{module.__name__}.{name}", thing)
+    for module in BY_MODULE
+    for name, thing in vars(module).items()
+    if not name.startswith("_") and getattr(thing, "__module__", "") == module.__name__
+]
+CALLED = [
+    (name, thing) for name, thing in LISTED if inspect.isclass(thing) or inspect.isfunction(inspect.unwrap(thing))
+]
+
+
+def arguments(text: str) -> list[str]:
+    """Names in the section `Args:` of a docstring, one line each."""
+    _, _, section = text.partition("\nArgs:\n")
+    section = re.split(r"\n(?=\S)", section)[0]
+    return re.findall(r"^    \*{0,2}(\w+): \S", section, re.MULTILINE)
+
+
+def expected(thing) -> list[str]:
+    """Arguments of a function, fields of a dataclass or named tuple; none of other classes."""
+    if dataclasses.is_dataclass(thing):
+        return [field.name for field in dataclasses.fields(thing)]
+    if isinstance(thing, type):
+        return list(getattr(thing, "_fields", ()))
+    return list(inspect.signature(thing).parameters)
+
+
+@pytest.mark.parametrize(("name", "thing"), CALLED, ids=[name for name, _ in CALLED])
+def test_each_argument_has_a_line_in_order(name, thing):
+    if isinstance(thing, type) and issubclass(thing, enum.Enum | Exception):
+        return
+    assert arguments(inspect.getdoc(thing) or "") == expected(thing)
+
+
+@pytest.mark.parametrize(("name", "thing"), CALLED, ids=[name for name, _ in CALLED])
+def test_public_methods_are_documented(name, thing):
+    if not isinstance(thing, type):
+        return
+    own = {key: getattr(value, "__func__", value) for key, value in vars(thing).items() if not key.startswith("_")}
+    methods = {key: value for key, value in own.items() if inspect.isfunction(value) or isinstance(value, property)}
+    assert not [key for key, method in methods.items() if not method.__doc__]
+    lists = {key: method for key, method in methods.items() if "\nArgs:\n" in inspect.cleandoc(method.__doc__)}
+    assert not [key for key, method in lists.items() if arguments(inspect.getdoc(method)) != expected(method)[1:]]
+
+
+def test_a_missing_and_a_misplaced_line_are_seen():
+    text = (
+        "What it does.\n\nArgs:\n    scene: a scene.\n        Goes on.\n    *rest: others.\n\nReturns:\n    state: one."
+    )
+    assert arguments(text) == ["scene", "rest"]
+    assert arguments("What it does, of scene: and state.") == []
+
+
+MODULES = [path for package in ("foundation", "jaxmpm", "kl", "cooperative") for path in (ROOT / package).rglob("*.py")]
+
+# A shape is a tuple as Python writes it: (), (N,), (d, N).
+FOREIGN = {
+    "brackets, as in [d, N]": r"(?<!\w)\[(?:[dNBMkm]|nodes|modes)(?:, ?\w+)+\]|\[[dNBM]\]",
+    "products, as in N x d": r"\b(?:[dNBM]|nodes|modes) ?(?: x |\u00d7|\*) ?(?:[dNBM]|nodes|modes|\d)\b",
+    "one axis without a comma, as in (N)": r"(?<![\w\]])\((?:[dNBMk]|nodes|modes|samples|runs)\)",
+    "units in brackets, as in [m]": r"(?<!\w)\[(?:m|s|Pa|kPa|kg|N|m2|m3|m/s|1/s)\]",
+    "tuples in code, as in `(d,N)`": r"\((?:[dNBM]|nodes|modes),\w+\)",
+}
+
+
+def foreign(text: str) -> list[str]:
+    return [match for pattern in FOREIGN.values() for match in re.findall(pattern, text)]
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_shapes_are_tuples_and_units_are_not_in_brackets(path):
+    tree = ast.parse(path.read_text())
+    kinds = ast.Module | ast.ClassDef | ast.FunctionDef
+    texts = [(ast.get_docstring(node) or "") for node in ast.walk(tree) if isinstance(node, kinds)]
+    assert not [found for text in texts for found in foreign(text)]
+
+
+@pytest.mark.parametrize(
+    "text", ["[d, N] m", "N x d", "modes \u00d7 N", "mass (N) kg", "(nodes)", "(d,N)", "[N] values", "cells [m]"]
+)
+def test_shapes_and_units_of_other_dialects_are_seen(text):
+    assert foreign(text)
+
+
+@pytest.mark.parametrize(
+    "text", ["(d, N) m", "(N,)", "()", "cells (m)", "in [0, 1]", "cos(k)", "a[m, k]", "a[m]", "[lower, upper]"]
+)
+def test_tuples_and_what_is_no_shape_are_left_alone(text):
+    assert not foreign(text)

@@ -1,0 +1,138 @@
+"""Imports go down only, from room to room, and each package stands alone."""
+
+import ast
+from collections import defaultdict
+from pathlib import Path
+
+import pytest
+
+from tests import ROOT
+
+# From the bottom up: a room, or a module that stands alone, may import what stands before it.
+ROOMS = {
+    "foundation": "text pytrees check files",
+    "jaxmpm": "types tensors transfer laws boundary _step diagnostics soil setup ground run io",
+    "kl": "types axis marginal sampling field soil plots",
+    "cooperative": (
+        "store measure estimate scene runs effects summary folder hazard campaign reporting sweep research doctor"
+    ),
+}
+ENTRANCES = {"cooperative": {"__main__", "_commands"}}
+FOREIGN = {
+    "foundation": {"jaxmpm", "kl", "cooperative", "benchmarks", "tests"},
+    "jaxmpm": {"kl", "cooperative", "benchmarks", "tests"},
+    "kl": {"jaxmpm", "cooperative", "benchmarks", "tests"},
+    "cooperative": {"benchmarks", "tests"},
+}
+
+
+def imported(path: Path) -> set[str]:
+    """Modules that a file imports, in full, with the names taken from packages appended."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def modules(package: str) -> list[Path]:
+    return sorted((ROOT / package).rglob("*.py"))
+
+
+def room_of(path: Path) -> str:
+    """The room or lone module that a file belongs to; "__init__" for that of the package."""
+    return path.relative_to(ROOT).parts[1].removesuffix(".py")
+
+
+MODULES = [path for package in ROOMS for path in modules(package)]
+
+
+@pytest.mark.parametrize("package", ROOMS)
+def test_every_module_stands_in_a_room(package):
+    found = {room_of(path) for path in modules(package)} - {"__init__"} - ENTRANCES.get(package, set())
+    assert found == set(ROOMS[package].split())
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_imports_go_down_and_stay_out_of_other_rooms_insides(path):
+    package, room = path.relative_to(ROOT).parts[0], room_of(path)
+    if room == "__init__" or room in ENTRANCES.get(package, set()):
+        return
+    order = ROOMS[package].split()
+    for module in imported(path):
+        top, *inside = module.split(".")
+        if top != package or not inside or inside[0] not in order:
+            continue
+        assert inside[0] in order[: order.index(room) + 1], f"{path} imports {module}, which stands above it"
+        if inside[0] != room:
+            private = [name for name in inside[1:-1] if name.startswith("_")] or inside[-1].startswith("_")
+            assert not private, f"{path} imports {module}, which is the inside of another room"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_packages_know_nothing_of_those_above(path):
+    tops = {module.split(".")[0] for module in imported(path)}
+    assert not tops & FOREIGN[path.relative_to(ROOT).parts[0]]
+
+
+def test_campaigns_use_only_what_the_packages_export():
+    exported = {}
+    for package in ("jaxmpm", "kl"):
+        tree = ast.parse((ROOT / package / "__init__.py").read_text())
+        names = [n for n in ast.walk(tree) if isinstance(n, ast.Assign) and ast.unparse(n.targets[0]) == "__all__"]
+        exported[package] = set(ast.literal_eval(names[0].value))
+    for path in modules("cooperative"):
+        for module in imported(path):
+            top, _, rest = module.partition(".")
+            if top in exported and rest:
+                assert rest in exported[top], f"{path.name} imports {module}, which {top} does not export"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_no_function_has_its_modules_name(path):
+    functions = {node.name for node in ast.parse(path.read_text()).body if isinstance(node, ast.FunctionDef)}
+    assert path.stem.removeprefix("_") not in functions or path.stem.startswith("_")
+
+
+def code(path: Path) -> list[str]:
+    """Lines of a module as they are spelt in one way, without imports and what stands there for people."""
+    tree = ast.parse(path.read_text())
+    for node in ast.walk(tree):
+        if isinstance(body := getattr(node, "body", None), list):
+            left_out = ast.Import | ast.ImportFrom
+            kept = [each for each in body if not isinstance(each, left_out) and not said(each)]
+            node.body = kept or [ast.Pass()]
+    return [line.strip() for line in ast.unparse(tree).splitlines() if line.strip()]
+
+
+def said(node: ast.AST) -> bool:
+    """Whether a statement is a text for people."""
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+
+
+def repeated(paths: dict[str, list[Path]], lines: int) -> dict[str, set[str]]:
+    """Passages of so many lines that stand in more than one room: passage -> rooms."""
+    found = defaultdict(set)
+    for room, files in paths.items():
+        for path in files:
+            spelt = code(path)
+            for first in range(len(spelt) - lines + 1):
+                found["\n".join(spelt[first : first + lines])].add(room)
+    return {passage: rooms for passage, rooms in found.items() if len(rooms) > 1}
+
+
+def test_no_room_repeats_six_lines_of_another():
+    rooms = defaultdict(list)
+    for path in MODULES:
+        rooms[f"{path.relative_to(ROOT).parts[0]}.{room_of(path)}"].append(path)
+    assert repeated(rooms, 6) == {}
+
+
+def test_repetition_is_seen_however_it_is_laid_out(tmp_path):
+    passage = "a = f(1, 2)\nb = g(a)\n# why\nc = a + b\nd = c\n\ne = d\nf = [e,\n     a]\n"
+    for name, text in {"one": passage, "two": "import os\n" + passage.replace("f(1, 2)", "f(1,\n  2)")}.items():
+        (tmp_path / f"{name}.py").write_text(text)
+    rooms = {name: [tmp_path / f"{name}.py"] for name in ("one", "two")}
+    assert len(repeated(rooms, 6)) == 1

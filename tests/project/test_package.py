@@ -1,0 +1,160 @@
+"""What the package says of itself, and the commands that help a newcomer: doctor and example."""
+
+import json
+import re
+import shlex
+import sys
+import tomllib
+import warnings
+from importlib import import_module
+from types import SimpleNamespace
+
+import pytest
+from packaging.requirements import Requirement
+
+import cooperative
+import jaxmpm
+import kl
+from cooperative import doctor
+from cooperative.__main__ import main
+from cooperative._commands import EXAMPLES, parser
+from cooperative.runs import _compiled, memory_mappings, release_programs
+from cooperative.scene import SCHEMA, example, examples, json_schema, parse
+from tests import ROOT
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+
+def test_one_version():
+    assert jaxmpm.__version__ == kl.__version__ == cooperative.__version__
+    assert re.search(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), re.M)[1] == jaxmpm.__version__
+    assert re.search(r"^## ([0-9.]+)", (ROOT / "CHANGELOG.md").read_text(), re.M)[1] == jaxmpm.__version__
+
+
+def test_every_package_ships_and_says_that_it_is_typed():
+    shipped = PROJECT["tool"]["scikit-build"]["wheel"]["packages"]
+    for name in ("foundation", "jaxmpm", "kl", "cooperative"):
+        assert shipped[name] == name
+        assert (ROOT / name / "py.typed").exists()
+
+
+def test_no_file_has_what_a_later_python_warns_of():
+    folders = ("foundation", "jaxmpm", "kl", "cooperative", "benchmarks", "tests", "notebooks")
+    files = [path for folder in folders for path in (ROOT / folder).rglob("*.py")]
+    assert len(files) > 200
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for path in files:
+            compile(path.read_text(), str(path), "exec", dont_inherit=True)
+
+
+@pytest.mark.parametrize("kind", ["oldest", "newest"])
+def test_pinned_versions_are_those_that_the_package_allows(kind):
+    text = (ROOT / "packaging" / f"constraints-{kind}.txt").read_text()
+    pinned = [Requirement(line) for line in text.splitlines() if line and not line.startswith("#")]
+    allowed = {r.name.replace("_", "-"): r for r in map(Requirement, PROJECT["project"]["dependencies"])}
+    names = {each.name.replace("_", "-") for each in pinned}
+    assert names >= allowed.keys()
+    for each in pinned:
+        (version,) = each.specifier
+        assert version.operator == "=="
+        if (wanted := allowed.get(each.name.replace("_", "-"))) is not None:
+            assert wanted.specifier.contains(version.version)
+
+
+def test_the_command_on_the_path_is_there():
+    module, name = PROJECT["project"]["scripts"]["jaxmpm"].split(":")
+    assert getattr(import_module(module), name) is main
+
+
+def test_examples_are_the_scenes_that_ship(tmp_path, monkeypatch, capsys):
+    source = ROOT / PROJECT["tool"]["scikit-build"]["wheel"]["packages"]["cooperative/scenes"]
+    assert examples() == {path.stem: path for path in sorted(source.glob("*.toml"))}
+    monkeypatch.chdir(tmp_path)
+    assert main(["example", "demo"]) == 0
+    assert capsys.readouterr().out == "demo.toml\nscene.schema.json\n"
+    written = (tmp_path / "demo.toml").read_text()
+    assert parse(written).name.startswith("demo")
+    assert written == "#:schema ./scene.schema.json\n" + example("demo")
+    assert json.loads((tmp_path / "scene.schema.json").read_text()) == json_schema()
+    assert SCHEMA.parent == ROOT / PROJECT["tool"]["scikit-build"]["wheel"]["packages"]["cooperative"]
+    assert main(["example", "demo"]) == 2
+    assert "exists already" in capsys.readouterr().err
+    with pytest.raises(ValueError, match="no example scene is called 'nope': give one of cho, cho_cphi, demo, "):
+        example("nope")
+
+
+def test_doctor_tells_what_it_runs_on_and_that_it_is_well(monkeypatch, capsys):
+    monkeypatch.setattr(doctor, "_SECONDS", 0.01)
+    assert main(["doctor"]) == 0
+    said = capsys.readouterr().out
+    for name in ("jaxmpm", "jax", "transfers on CPU", "C++ compiler", "cores", "device", "column at rest", "a step"):
+        assert re.search(rf"^{re.escape(name)}: +\S", said, re.M)
+    held, allowed = memory_mappings()
+    assert re.search(rf"^memory mappings: +[\d,]+ of the {allowed:,} that a process may hold", said, re.M)
+    assert 0 < held < allowed
+    assert said.endswith("well\n")
+
+
+def test_nothing_is_released_where_the_system_gives_no_number_of_mappings(monkeypatch, tmp_path):
+    monkeypatch.setattr(_compiled, "MAPPINGS", tmp_path / "none")
+    assert memory_mappings() is None
+    assert not release_programs(most=0)
+    assert dict(doctor.installation())["memory mappings"] == "this system gives neither their number nor a limit"
+
+
+@pytest.mark.parametrize(("kind", "untimed"), [("NVIDIA H100 80GB HBM3", False), ("NVIDIA A100-SXM4-40GB", True)])
+def test_doctor_says_which_gpu_nobody_has_timed(kind, untimed, monkeypatch):
+    monkeypatch.setattr(doctor.jax, "devices", lambda: [SimpleNamespace(platform="gpu", device_kind=kind)])
+    assert dict(doctor.installation())["device"] == f"gpu: {kind}" + " (the solver runs here, untimed)" * untimed
+
+
+@pytest.mark.parametrize("errors", [(0.02, 0.0), (0.0, 0.06), (float("nan"), 0.0)])
+def test_doctor_finds_wrong_answers(errors, monkeypatch, capsys):
+    monkeypatch.setattr(doctor, "column_errors", lambda: errors)
+    monkeypatch.setattr(doctor, "step_speed", lambda: (1, 1, 1.0))
+    assert main(["doctor"]) == 2
+    assert "NOT WELL" in capsys.readouterr().out
+
+
+def test_a_shell_completes_commands_and_files(capsys):
+    shtab = pytest.importorskip("shtab")
+    assert main(["completion", "bash"]) == 0
+    said = capsys.readouterr().out
+    assert "--refined-runs" in said
+    assert "completion" in said
+    assert shtab.FILE["bash"] in said
+
+
+def test_completion_says_what_it_needs(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "shtab", None)
+    assert main(["completion", "bash"]) == 2
+    assert "pip install shtab" in capsys.readouterr().err
+
+
+def told(capsys, *arguments):
+    """What a command says when it is asked for help, its lines joined."""
+    with pytest.raises(SystemExit) as ended:
+        main([*arguments, "--help"])
+    assert ended.value.code == 0
+    return " ".join(capsys.readouterr().out.split())
+
+
+def test_help_has_examples_and_exit_codes(capsys):
+    said = told(capsys)
+    for name, (arguments, what) in EXAMPLES.items():
+        assert f"jaxmpm {name} {arguments}".strip() + f" {what}" in said
+    assert "exit codes: 0" in said
+    assert "said in one line, or wrong answers in doctor's self-check; 130" in said
+
+
+def test_every_command_has_an_example_which_it_takes():
+    (commands,) = parser()._subparsers._group_actions
+    assert set(EXAMPLES) == set(commands.choices)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_help_of_a_command_ends_with_its_example(name, capsys):
+    typed = shlex.split(told(capsys, name).rpartition("example: ")[2])
+    assert typed[:2] == ["jaxmpm", name]
+    assert parser().parse_args(typed[1:]).does.__doc__
