@@ -22,9 +22,9 @@ demo: .venv
 # tables in RESULTS.md, of the first notebook, of every scene.
 figures: demo
 	cp out/demo/figures/field.png out/demo/figures/slope.png out/demo/figures/ranked.png benchmarks/figures/
-	$(BIN)/python -m benchmarks.published
-	$(BIN)/python -m benchmarks.work_precision
-	$(BIN)/python -m benchmarks.gallery
+	$(BIN)/python -m benchmarks.study.published
+	$(BIN)/python -m benchmarks.accuracy.work_precision
+	$(BIN)/python -m benchmarks.project.gallery
 	$(PIP) --editable '.[notebooks]'
 	$(BIN)/python -m notebooks 01
 

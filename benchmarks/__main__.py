@@ -5,36 +5,10 @@ Without `--keep` no file of the repository changes."""
 from __future__ import annotations
 
 import argparse
-import importlib
 import sys
 
 from benchmarks.measure import Report, as_json
-from benchmarks.results import keep, run_all
-
-# Each module has `run(quick: bool) -> Report`; the order is that of RESULTS.md.
-NAMES = (
-    "stability",
-    "earthquakes",
-    "work_precision",
-    "slope",
-    "throughput",
-    "screening",
-    "levers",
-    "rest",
-    "opened_soil",
-    "leave_out",
-    "fields",
-    "estimators",
-    "hazard",
-    "gradients",
-    "rare_events",
-    "derivative_screening",
-    "published",
-    "docs",
-)
-
-# Of hours, or about no answer of the solver: not part of `all`.
-LONG = ("campaign", "robustness", "stability_of_slopes", "limit_equilibrium", "random_slopes", "sites")
+from benchmarks.results import BENCHMARKS, SHORT, keep, module, run_all
 
 
 def _table(report: Report) -> str:
@@ -47,7 +21,7 @@ def _table(report: Report) -> str:
 def main() -> int:
     """Parse the command line, run the benchmark, print it for people or as one JSON object."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    parser.add_argument("name", choices=(*NAMES, *LONG, "all"))
+    parser.add_argument("name", choices=(*BENCHMARKS, "all"))
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--quick", action="store_true", help="smaller and coarser, to see that it runs")
     parser.add_argument("--keep", action="store_true", help="put the answer into RESULTS.md and draw its pictures")
@@ -55,14 +29,14 @@ def main() -> int:
     if arguments.keep and arguments.quick:
         parser.error("--keep and --quick: RESULTS.md holds whole runs, leave one of them out")
     if arguments.name == "all":
-        failed = run_all(NAMES)
+        failed = run_all(SHORT)
         print("\n".join(["benchmarks/RESULTS.md written", *(f"failed: {line}" for line in failed)]))
         return 1 if failed else 0
-    report: Report = importlib.import_module(f"benchmarks.{arguments.name}").run(quick=arguments.quick)
+    report: Report = module(arguments.name).run(quick=arguments.quick)
     answer = as_json(arguments.name, report)
     print(answer if arguments.json else _table(report))
     if arguments.keep:
-        keep(answer, (*NAMES, *LONG), report.draw)
+        keep(answer, report.draw)
     return 0
 
 

@@ -10,7 +10,7 @@ import importlib
 import json
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,47 @@ there. Machines are shared and noisy: times are medians, with smallest and large
 """
 
 
-def run_all(names: tuple[str, ...]) -> list[str]:
+# Room of each benchmark, a module with `run(quick: bool) -> Report`; the order is that of RESULTS.md.
+SHORT = {
+    "stability": "stability",
+    "earthquakes": "accuracy",
+    "work_precision": "accuracy",
+    "slope": "accuracy",
+    "throughput": "speed",
+    "screening": "speed",
+    "levers": "settings",
+    "rest": "settings",
+    "opened_soil": "settings",
+    "leave_out": "speed",
+    "fields": "accuracy",
+    "estimators": "statistics",
+    "hazard": "statistics",
+    "gradients": "speed",
+    "rare_events": "statistics",
+    "derivative_screening": "statistics",
+    "published": "study",
+    "docs": "project",
+}
+
+# Of hours, or about no answer of the solver: not part of `all`.
+LONG = {
+    "campaign": "speed",
+    "robustness": "robustness",
+    "stability_of_slopes": "sites",
+    "limit_equilibrium": "sites",
+    "random_slopes": "sites",
+    "sites": "sites",
+}
+
+BENCHMARKS = SHORT | LONG
+
+
+def module(name: str) -> Any:
+    """The module of a benchmark."""
+    return importlib.import_module(f"benchmarks.{BENCHMARKS[name]}.{name}")
+
+
+def run_all(names: Iterable[str]) -> list[str]:
     """Run every benchmark in a process of its own and keep its answer; returns failures."""
     failed = []
     for name in names:
@@ -41,19 +81,19 @@ def run_all(names: tuple[str, ...]) -> list[str]:
     return failed
 
 
-def keep(answer: str, names: tuple[str, ...], draw: Callable[[Path], object] | None = None) -> None:
-    """Keep a benchmark's JSON, draw its pictures and write the page of all that are kept, in the order of `names`."""
+def keep(answer: str, draw: Callable[[Path], object] | None = None) -> None:
+    """Keep a benchmark's JSON, draw its pictures and write the page of all that are kept."""
     for folder in (FOLDER, FIGURES):
         folder.mkdir(parents=True, exist_ok=True)
     write_aside(FOLDER / f"{json.loads(answer)['benchmark']}.json", f"{answer}\n".encode())
     if draw is not None:
         draw(FIGURES)
-    write_aside(PAGE, document(kept(names)).encode())
+    write_aside(PAGE, document(kept()).encode())
 
 
-def kept(names: tuple[str, ...]) -> list[dict[str, Any]]:
-    """The answers that are kept of these benchmarks."""
-    return [json.loads(path.read_text()) for name in names if (path := FOLDER / f"{name}.json").exists()]
+def kept() -> list[dict[str, Any]]:
+    """The answers that are kept, in the order of BENCHMARKS."""
+    return [json.loads(path.read_text()) for name in BENCHMARKS if (path := FOLDER / f"{name}.json").exists()]
 
 
 def document(answers: list[dict[str, Any]]) -> str:
@@ -70,7 +110,7 @@ def document(answers: list[dict[str, Any]]) -> str:
 def section(answer: dict[str, Any]) -> str:
     """One benchmark: what it is, where it ran, its figures if it has any, its table."""
     name, machine = answer["benchmark"], answer["machine"]
-    about = (importlib.import_module(f"benchmarks.{name}").__doc__ or "").strip()
+    about = (module(name).__doc__ or "").strip()
     versions = ", ".join(f"{package} {number}" for package, number in machine["versions"].items())
     lines = [f"## {name}", "", about, ""]
     lines += [f"{answer['date']}: {machine['processor']}, {machine['cores']} cores; {versions}.", ""]
@@ -93,9 +133,8 @@ def tables(rows: list[dict[str, Any]]) -> list[str]:
 
 def kept_rows(name: str) -> list[dict[str, Any]]:
     """The rows of a benchmark whose answer is kept, to draw figures anew."""
-    (answer,) = kept((name,))
-    found: list[dict[str, Any]] = answer["rows"]
-    return found
+    rows: list[dict[str, Any]] = json.loads((FOLDER / f"{name}.json").read_text())["rows"]
+    return rows
 
 
 def _cell(value: Any) -> str:

@@ -54,7 +54,7 @@ import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 
-from benchmarks.invented import TINY  # noqa: E402
+from benchmarks.robustness.invented import TINY  # noqa: E402
 from cooperative import run  # noqa: E402
 from cooperative.reporting import _plots  # noqa: E402
 from cooperative.runs import keep_compiled, release_programs  # noqa: E402

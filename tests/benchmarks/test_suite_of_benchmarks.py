@@ -10,10 +10,11 @@ import sys
 import pytest
 from matplotlib import image
 
-from benchmarks import measure, random_slopes, results, slopes, stability_of_slopes, summary, work_precision
-from benchmarks.__main__ import LONG, NAMES
-from benchmarks.throughput_case import Case
-from benchmarks.throughput_case import measure as measure_case
+from benchmarks import measure, results, summary
+from benchmarks.accuracy import work_precision
+from benchmarks.sites import random_slopes, slopes, stability_of_slopes
+from benchmarks.speed.throughput_case import Case
+from benchmarks.speed.throughput_case import measure as measure_case
 from cooperative.runs import check_size, random_soil
 from cooperative.scene import parse
 
@@ -48,17 +49,17 @@ def test_results_hold_every_value_and_row():
 
 
 def test_the_page_is_of_the_answers_that_are_kept(tmp_path, monkeypatch):
-    assert results.PAGE.read_text() == results.document(results.kept((*NAMES, *LONG)))
+    assert results.PAGE.read_text() == results.document(results.kept())
     rows = [{"x": 1.5, "of": "a b"}, {"x": None, "of": "c"}, {"z": 2.0}]
     monkeypatch.setattr(results, "FOLDER", tmp_path / "results")
     monkeypatch.setattr(results, "PAGE", tmp_path / "RESULTS.md")
     monkeypatch.setattr(results, "FIGURES", tmp_path / "figures")
     for name in ("slope", "screening"):
         report = measure.Report({}, rows, lambda folder: (folder / f"{name}_all.png").write_bytes(b""))  # noqa: B023
-        results.keep(measure.as_json(name, report), NAMES, report.draw)
+        results.keep(measure.as_json(name, report), report.draw)
     assert results.kept_rows("slope") == results.kept_rows("screening") == rows
     page = (tmp_path / "RESULTS.md").read_text()
-    assert page == results.document(results.kept(NAMES))
+    assert page == results.document(results.kept())
     assert page.index("## slope") < page.index("## screening")
     for name in ("slope", "screening"):
         assert f"![{name}_all](figures/{name}_all.png)" in page
@@ -142,7 +143,7 @@ def test_figures_of_slopes_are_those_of_their_finest_cells():
 
 def test_core_counts_beyond_the_machine_are_refused():
     with pytest.raises(ValueError, match="4096 cores asked for"):
-        measure.on_cores(4096, "benchmarks.throughput_case", "{}")
+        measure.on_cores(4096, "benchmarks.speed.throughput_case", "{}")
 
 
 @pytest.fixture(scope="module")

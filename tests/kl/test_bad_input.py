@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kl
-from benchmarks.hostile_files import in_place_of, lay_baits, no_files
+from benchmarks.robustness.hostile_files import in_place_of, lay_baits, no_files
 
 BOX = ((0.0, 0.0), (10.0, 5.0))
 SE = kl.SquaredExponential

@@ -224,6 +224,6 @@ def test_thousands_of_modes_are_selected():
 def test_the_refined_grid_fits_in_a_gigabyte():
     case = '{"method": "points", "parameter": 681984, "repeats": 1, "lengths": [60, 60, 2], "extent": [96, 96, 24]}'
     done = subprocess.run(
-        [sys.executable, "-m", "benchmarks.fields_case", case], capture_output=True, text=True, check=True
+        [sys.executable, "-m", "benchmarks.accuracy.fields_case", case], capture_output=True, text=True, check=True
     )
     assert json.loads(done.stdout.splitlines()[-1])["memory_mb"] < 1000

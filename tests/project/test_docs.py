@@ -4,8 +4,8 @@ import tomllib
 
 import pytest
 
-from benchmarks import docs
 from benchmarks.measure import ROOT
+from benchmarks.project import docs
 
 README = docs.page("README.md")
 BLOCKS = [(path, n, block) for path in docs.pages() for n, block in enumerate(docs.blocks(path, "python"))]

@@ -5,7 +5,7 @@ import re
 import pytest
 from matplotlib import image
 
-from benchmarks import gallery
+from benchmarks.project import gallery
 
 PAGE = gallery.PAGE.read_text()
 

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from benchmarks import docs
+from benchmarks.project import docs
 from cooperative._commands import parser
 from cooperative.scene import parse
 from cooperative.store import read_store

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks import invented
-from benchmarks.invented import SCENE
+from benchmarks.robustness import invented
+from benchmarks.robustness.invented import SCENE
 from cooperative import _commands as command
 from cooperative import campaign
 from cooperative.__main__ import main

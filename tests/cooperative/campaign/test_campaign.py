@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import kl
-from benchmarks.invented import TINY
+from benchmarks.robustness.invented import TINY
 from cooperative import run, runs
 from cooperative.__main__ import main
 from cooperative.reporting import report

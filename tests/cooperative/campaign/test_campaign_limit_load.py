@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 import jaxmpm as mpm
-from benchmarks.invented import TINY
+from benchmarks.robustness.invented import TINY
 from cooperative import run, runs
 from cooperative.scene import Calibration, LimitLoad, campaign_of, measure_limit_load, parse
 from cooperative.store import open_store, read_rows, read_store

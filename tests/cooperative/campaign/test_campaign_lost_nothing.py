@@ -15,8 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import invented
-from benchmarks.invented import LONG, SCENE
+from benchmarks.robustness import invented
+from benchmarks.robustness.invented import LONG, SCENE
 from cooperative import _commands as command
 from cooperative import campaign
 from cooperative.__main__ import main
@@ -154,7 +154,7 @@ def test_a_second_controller_is_refused_and_harms_nothing(undisturbed, tmp_path,
 LIVES = textwrap.dedent("""
     import os, sys, warnings
     from cooperative import campaign
-    from benchmarks import invented
+    from benchmarks.robustness import invented
     warnings.simplefilter("ignore")
     invented.invent(seconds=0.01)
     for _ in sys.stdin:

@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
 
-from benchmarks import hostile_files, invented, lives
+from benchmarks.robustness import hostile_files, invented, lives
 from cooperative import campaign
 from cooperative.__main__ import main
 from cooperative.reporting import _composition, _exports, _interactive, _page, _plots
@@ -28,7 +28,7 @@ SCENE = invented.SCENE.replace("samples = 50", "samples = 20").replace("refined_
 
 LIVES = textwrap.dedent("""
     import os, sys, warnings
-    from benchmarks import invented
+    from benchmarks.robustness import invented
     from cooperative import campaign
     warnings.simplefilter("ignore")
     invented.invent(seconds=0.005)

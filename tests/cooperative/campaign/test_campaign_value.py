@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from benchmarks.invented import LAYERED, TERRAIN, TINY
+from benchmarks.robustness.invented import LAYERED, TERRAIN, TINY
 from cooperative import (
     Campaign,
     MonteCarlo,

@@ -264,7 +264,7 @@ def test_status_of_a_folder_without_samples(tmp_path, capsys):
 
 POOR = """
 import os, sys
-from benchmarks import invented
+from benchmarks.robustness import invented
 from cooperative import campaign
 from cooperative.__main__ import main
 folder = sys.argv[1]

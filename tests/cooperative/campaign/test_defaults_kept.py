@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.invented import LAYERED
+from benchmarks.robustness.invented import LAYERED
 from cooperative import campaign, sweep
 from cooperative.scene import campaign_of, parse, settled
 from cooperative.store import FIRST_DEFAULTS, open_store, read_store, scene_digest

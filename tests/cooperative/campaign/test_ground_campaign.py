@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from benchmarks.invented import TINY
+from benchmarks.robustness.invented import TINY
 from cooperative import Campaign, MonteCarlo, Plan, RandomField, Run, report, run, runs
 from cooperative.scene import parse
 from tests.cooperative.campaign.test_campaign import SCENES

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks import invented
+from benchmarks.robustness import invented
 from cooperative import runs, sweep
 from cooperative.scene import parse, to_toml
 from cooperative.store import read_rows, read_store

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 import cooperative
-from benchmarks import invented
-from benchmarks.invented import CALIBRATED, SUBSET
+from benchmarks.robustness import invented
+from benchmarks.robustness.invented import CALIBRATED, SUBSET
 from cooperative import campaign
 
 HOUSE = Path(cooperative.__file__).parent

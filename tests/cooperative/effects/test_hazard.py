@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import trapezoid
 
-from benchmarks import estimators_means as means
+from benchmarks.statistics import estimators_means as means
 from cooperative.estimate import (
     MonteCarlo,
     Population,

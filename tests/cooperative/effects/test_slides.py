@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from benchmarks import estimators_means as means
-from benchmarks import invented
+from benchmarks.robustness import invented
+from benchmarks.statistics import estimators_means as means
 from cooperative import campaign, runs
 from cooperative.estimate import (
     Failures,

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks import estimators_means as means
+from benchmarks.statistics import estimators_means as means
 from cooperative.estimate import mean_interval
 
 positive = st.lists(st.tuples(st.floats(0.1, 50.0), st.floats(0.01, 1.0)), min_size=3, max_size=30).map(np.array)

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from benchmarks import invented
+from benchmarks.robustness import invented
 from cooperative import Stopped, run
 
 AUDITED = invented.SCENE.replace("samples = 50", "samples = 12").replace("refined_runs = 15", "refined_runs = 10")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from benchmarks.invented import TERRAIN
+from benchmarks.robustness.invented import TERRAIN
 from cooperative import hazard, runs
 from cooperative.__main__ import main
 from cooperative.reporting import _exports

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from benchmarks.hazard_populations import SOLID
+from benchmarks.statistics.hazard_populations import SOLID
 from cooperative import folder as folders
 from cooperative import run, runs
 from cooperative.__main__ import main

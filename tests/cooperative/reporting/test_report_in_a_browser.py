@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from benchmarks.hazard_populations import SOLID
+from benchmarks.statistics.hazard_populations import SOLID
 from cooperative import run
 from cooperative.reporting import report
 from tests.cooperative.reporting.test_report import SCENE

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxmpm
-from benchmarks.invented import TINY
+from benchmarks.robustness.invented import TINY
 from cooperative import campaign
 from cooperative.reporting._exports import export_sample
 from cooperative.runs import _executors, build, keep_initial, random_soil

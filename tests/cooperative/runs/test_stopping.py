@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import invented
-from benchmarks.invented import SCENE
+from benchmarks.robustness import invented
+from benchmarks.robustness.invented import SCENE
 from cooperative import campaign
 from cooperative.__main__ import main
 from cooperative.runs import Stopped, heeding, process_pool

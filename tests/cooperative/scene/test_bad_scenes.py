@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from benchmarks.invented import LAYERED, TERRAIN
+from benchmarks.robustness.invented import LAYERED, TERRAIN
 from cooperative import run, runs
 from cooperative.__main__ import main
 from cooperative.runs import check_coefficients, check_size, grid_size

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks.invented import TINY
+from benchmarks.robustness.invented import TINY
 from cooperative import run, runs
 from cooperative.scene import Measured, campaign_of, parse, with_measured
 from cooperative.store import read_sample, read_store

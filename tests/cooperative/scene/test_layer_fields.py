@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import kl
-from benchmarks.invented import LAYERED, TERRAIN
+from benchmarks.robustness.invented import LAYERED, TERRAIN
 from cooperative import runs
 from cooperative.scene import parse
 from tests.cooperative.scene.test_random_soil import CORRELATED, SAND, changed

@@ -9,7 +9,7 @@ import pytest
 
 import cooperative
 import jaxmpm as mpm
-from benchmarks.invented import TINY
+from benchmarks.robustness.invented import TINY
 from cooperative import runs
 from cooperative.research.back_analysis import Parameters, Survey, predict
 from cooperative.runs import grid_size

@@ -10,7 +10,7 @@ import pytest
 
 import jaxmpm as mpm
 import kl
-from benchmarks.invented import TINY
+from benchmarks.robustness.invented import TINY
 from cooperative import runs
 from cooperative.scene import RandomField, parse
 from jaxmpm.laws import add, elastic_increment

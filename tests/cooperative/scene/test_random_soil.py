@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import kl
-from benchmarks.invented import LAYERED, TINY
+from benchmarks.robustness.invented import LAYERED, TINY
 from cooperative import run, runs
 from cooperative.reporting import report
 from cooperative.reporting._exports import export, run_again

@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.invented import LAYERED
+from benchmarks.robustness.invented import LAYERED
 from cooperative.__main__ import main
 from cooperative.runs import check_size, grid_size
 from cooperative.scene import SCHEMA, parse, read_scene, starters

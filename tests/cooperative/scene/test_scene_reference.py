@@ -7,7 +7,7 @@ from functools import cache
 import jsonschema
 import pytest
 
-from benchmarks.invented import LAYERED, TERRAIN
+from benchmarks.robustness.invented import LAYERED, TERRAIN
 from cooperative import sweep
 from cooperative.estimate import MonteCarlo, Sampling, Subset, TwoPhase
 from cooperative.scene import SEVERAL, TABLES, built, examples, json_schema, markdown, parse, to_toml

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from benchmarks import sites
-from benchmarks.invented import LAYERED
+from benchmarks.robustness.invented import LAYERED
+from benchmarks.sites import sites
 from cooperative import run, runs
 from cooperative.__main__ import main
 from cooperative.reporting import report

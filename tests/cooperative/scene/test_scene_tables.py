@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from benchmarks.invented import LAYERED
+from benchmarks.robustness.invented import LAYERED
 from cooperative.scene import TABLES, parse
 from cooperative.scene.tables import Table, read
 from cooperative.scene.tables._key import AboveZero, key

@@ -19,7 +19,7 @@ import h5py
 import numpy as np
 import pytest
 
-from benchmarks.hostile_files import Baits, damaged, hand_made, lay_baits, no_files
+from benchmarks.robustness.hostile_files import Baits, damaged, hand_made, lay_baits, no_files
 from cooperative.runs import foreign
 from cooperative.store import (
     DamagedFile,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from benchmarks import earthquakes_ends
+from benchmarks.accuracy import earthquakes_ends
 from tests.differences import check_run
 
 HALVES = mpm.Discretisation(1.0, (0.5, 0.5))

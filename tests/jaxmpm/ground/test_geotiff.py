@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from benchmarks.invented import TERRAIN
+from benchmarks.robustness.invented import TERRAIN
 from cooperative.scene import parse, read_scene
 from tests.cooperative.scene.test_random_soil import changed
 

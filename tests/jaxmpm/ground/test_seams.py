@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from benchmarks.invented import LAYERED
+from benchmarks.robustness.invented import LAYERED
 from cooperative.__main__ import main
 from cooperative.scene import built, parse
 from cooperative.store import Source

@@ -9,7 +9,7 @@ import pytest
 from matplotlib.cbook import get_sample_data
 
 import jaxmpm as mpm
-from benchmarks.invented import LAYERED, TERRAIN
+from benchmarks.robustness.invented import LAYERED, TERRAIN
 from cooperative import run, runs
 from cooperative.__main__ import main
 from cooperative.scene import begin, parse, read_scene, to_toml

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from benchmarks.invented import TERRAIN
+from benchmarks.robustness.invented import TERRAIN
 from cooperative import runs
 from cooperative.measure import EDGE, OpenGround, consequences, walls_reached
 from cooperative.scene import parse

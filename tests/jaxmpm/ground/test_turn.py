@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from benchmarks.invented import TERRAIN
+from benchmarks.robustness.invented import TERRAIN
 from cooperative.__main__ import main
 from cooperative.reporting import _bodies as bodies
 from cooperative.reporting import _ground as ground

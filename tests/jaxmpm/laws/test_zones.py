@@ -268,7 +268,7 @@ def test_what_zones_cannot_be_is_refused():
 
 @pytest.mark.slow
 def test_an_embankment_on_clay_fails_as_slip_circles_say():
-    # Spencer's method by xslope (benchmarks.limit_equilibrium), critical circle through fill and clay: 1.228.
+    # Spencer's method by xslope (benchmarks.sites.limit_equilibrium), critical circle through fill and clay: 1.228.
     bank = mpm.Section([(0, 11), (12, 11), (22, 6), (40, 6)])
     fill = mpm.FrictionalSoil(2e3, 32.0, unit_weight=20e3, young=3e7)
     clay = mpm.Soil(unit_weight=18e3, young=3e7, strength=22e3)

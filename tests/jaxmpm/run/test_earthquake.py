@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from benchmarks import earthquakes
+from benchmarks.accuracy import earthquakes
 from jaxmpm import diagnostics
 
 HALVES = mpm.Discretisation(1.0, (0.5, 0.5))

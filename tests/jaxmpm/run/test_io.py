@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from benchmarks.hostile_files import in_place_of, lay_baits, no_files, resealed
+from benchmarks.robustness.hostile_files import in_place_of, lay_baits, no_files, resealed
 
 SLOPE = mpm.Slope(crest=6.0, height=4.0, run_per_rise=1.0, toe=6.0, foundation=2.0)
 COARSE = {2: mpm.Discretisation(cell=2.0, spacing=(1.0, 1.0)), 3: mpm.Discretisation(cell=2.0, spacing=(1.0, 1.0, 1.0))}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.footing import CAPACITY, capacity
+from benchmarks.accuracy.footing import CAPACITY, capacity
 from tests.verification import order
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.collapse import FRICTION, collapsed
+from benchmarks.accuracy.collapse import FRICTION, collapsed
 
 # Run-out over the initial width of columns of aspect ratio a, of sand (Lube et al. 2005, 10.1103/PhysRevE.72.041301)
 # and of glass beads (Lajeunesse et al. 2005, 10.1063/1.2087592); both after Lagree et al. (2011),

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from benchmarks.earthquakes import GRAVITY, block
-from benchmarks.manufactured import manufactured_error
-from benchmarks.stability_rigid import sliding_row
+from benchmarks.accuracy.earthquakes import GRAVITY, block
+from benchmarks.accuracy.manufactured import manufactured_error
+from benchmarks.stability.stability_rigid import sliding_row
 from jaxmpm import diagnostics
 from tests.verification import order
 

@@ -1,0 +1,1 @@
+"""Error against run time, beside closed forms and published values."""

@@ -1,0 +1,157 @@
+"""`python -m benchmarks.project.gallery`: draw every scene of benchmarks/scenes, tell its cost and write
+docs/gallery.md.
+
+A cost is what `python -m cooperative check` says of the scene, of all campaigns of a sweep together. Results stand here
+once the campaign has been run. `--draw NAME ...` draws some pictures anew and leaves the page as it is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from benchmarks.measure import ROOT
+from cooperative.folder import models_of
+from cooperative.reporting import _plots as plots
+from cooperative.reporting import panels
+from cooperative.runs import coefficients_of, cost_of, ground_of, soil_of
+from cooperative.scene import Campaign, begin, parse, read_scene
+from cooperative.sweep import variants
+from foundation.files import write_aside
+
+SCENES = ROOT / "benchmarks" / "scenes"
+PAGE = ROOT / "docs" / "gallery.md"
+FIGURES = ROOT / "docs" / "gallery"
+
+BEGIN = "yours to fill in: `jaxmpm new --kind {}`"
+RESULTS = {
+    "demo": "P_f 0.49 (0.326 to 0.716); 86 % of the failures deep, 14 % progressive",
+    "section": "P_f 0.408 (0.289 to 0.638); all failures deep",
+    "paper_section": "P_f 0.341 (0.222 to 0.578); 87 % of the failures deep, 13 % shallow",
+    "slope": "P_f 0.45 (0.31 to 0.69), from 200 rough and 24 refined runs of [the study](published-study.md)",
+    "paper": "P_f 0.282 (0.244 to 0.382), from 750 rough and 100 refined runs of [the study](published-study.md); "
+    "0.244 printed",
+    "section_sweep": "P_f 0.17, 0.37, 0.57 at cov 0.2, 0.3, 0.4; 0.37 to 0.40 over lx: [figures](report.md#sweeps)",
+    "paper_sweep": "P_f rises along y, as printed; along x the rough grid alone shows it: "
+    "[the study](published-study.md)",
+    "cho": "P_f 0.083 (0.068 to 0.155); 0.065 to 0.079 printed",
+    "cho_cphi": "P_f 0.092 (0.061 to 0.135), 240 samples on the refined grid; 0.055 to 0.064 printed",
+    "example_2": "P_f 0.84 (0.81 to 0.93) where any soil counts; 0.43 printed, see [random fields](random-fields.md)",
+    "griffiths_fenton": "P_f 0.279 (0.249 to 0.378); 0.286 by the closed form",
+    "embankment": "P_f 0.418 (0.297 to 0.619); all failures deep, run-out 13 m",
+    "sites/acads_1c": "factor of safety 1.356 at its limit load (1.35 printed); no failure in 20 refined runs, "
+    "P_f below 0.24",
+    "sites/acads_3a": "factor of safety 1.271 at its limit load (1.26 printed)",
+    "sites/griffiths_lane_3": "factor of safety 1.375 at its limit load (1.4 printed); no failure in 20 refined runs, "
+    "P_f below 0.24",
+    "sites/retrogression_5m": "P_f 1.0 (0.81 to 1.0); mean soil runs out 37.7 m (21.6 printed), in 5 slides (3)",
+    "sites/retrogression_5m_divided": "P_f 1.0 (0.78 to 1.0); mean soil runs out 58 m (21.6 printed), in 3 slides (3)",
+    "new/slope": BEGIN.format("slope"),
+    "new/section": BEGIN.format("section"),
+    "new/terrain": BEGIN.format("terrain"),
+}
+"""Of each scene, by its path below benchmarks/scenes; the order is that of the page. Intervals are of 95 %."""
+
+HEAD = """# Gallery
+
+The scenes that come along. `jaxmpm example NAME` writes those of the first table, `jaxmpm new --kind KIND` those of
+the last. Each picture shows sample 0 on the refined grid; `jaxmpm draw SCENE` draws it larger, with layers, walls and
+both grids. The cost is the most that the scene can take, by `jaxmpm check SCENE` on one core of a shared machine. Runs
+end far sooner where the slope stands. P_f is the probability of failure, with its interval of 95 %.
+`python -m benchmarks.project.gallery` writes this page.
+"""
+GROUPS = {"": "Examples", "sites": "Slopes with known answers", "new": "To begin your own with"}
+
+
+def names() -> list[str]:
+    """Every scene that comes along, by its path below benchmarks/scenes without the suffix."""
+    return sorted(path.relative_to(SCENES).with_suffix("").as_posix() for path in SCENES.rglob("*.toml"))
+
+
+def campaigns(name: str) -> list[Campaign]:
+    """The campaigns of a scene: one, or those of a sweep, of which the first has the scene's own values."""
+    with tempfile.TemporaryDirectory() as place:
+        path = SCENES / f"{name}.toml"
+        if name.startswith("new/"):
+            # A terrain model is written beside it.
+            path = Path(place) / "own.toml"
+            begin(name.removeprefix("new/"), path)
+        source = read_scene(path)
+    return [parse(each.source) for each in variants(source)] if "sweep" in source.tables else [parse(source)]
+
+
+def about(name: str) -> str:
+    """What a scene's own first comment says of it."""
+    lines = (SCENES / f"{name}.toml").read_text().splitlines()
+    last = next(number for number, line in enumerate(lines) if not line.startswith("#"))
+    return " ".join(line.lstrip("# ") for line in lines[:last])
+
+
+def picture(campaign: Campaign) -> Figure:
+    """The random soil of sample 0 on the refined grid; in 3D in the section in the middle."""
+    models = models_of(campaign)
+    ground, model = ground_of(models), models["refined"]
+    plane = plots.plane_at(ground.grids["refined"], ground.middle)
+    position, half = plots.section_of(ground.grids["refined"], plane)
+    name = next(iter(campaign.random))
+    drawn = plots.quantity(name)
+    values = soil_of(model, coefficients_of(campaign, model.soil)[0]).values[name][plane] / drawn.unit
+    length, height = np.ptp(position, axis=1)
+    figure, (ax,) = panels(1, size=(4.8, 3.8 * height / length + 0.6))
+    norm = Normalize(float(np.nanmin(values)), float(np.nanmax(values)))
+    boxes = plots.draw_particles(ax, position, half, values, "cividis", norm)
+    figure.colorbar(boxes, ax=ax, label=f"{drawn.symbol} [{drawn.said}]", aspect=12)
+    return figure
+
+
+def cost(parts: list[Campaign], seconds: float) -> str:
+    """Particles of both grids and the most hours of one core, in words."""
+    found = [cost_of(part, seconds / len(parts)) for part in parts]
+    sizes = found[0].sizes
+    hours = sum(each.hours(grid) for each in found for grid in each.sizes)
+    said = f"{60 * hours:.0f} minutes" if hours < 1 else f"{float(f'{hours:.2g}'):,g} hours"
+    rough, refined = (sum(each.runs[grid] for each in found) for grid in ("rough", "refined"))
+    grids = " and ".join(f"{size.particles:,.0f}" for size in sizes.values())
+    return f"{rough:,} rough and at most {refined:,} refined runs of {grids} particles: {said}"
+
+
+def row(name: str, told: str) -> str:
+    """One line of the page's table."""
+    link = f"[`{name}`](../benchmarks/scenes/{name}.toml)"
+    shown = f"![Random soil of {name}](gallery/{name.replace('/', '-')}.png)"
+    return f"| {link}: {about(name)} | {shown} | {told} | {RESULTS[name]} |"
+
+
+def draw(name: str) -> None:
+    """Write a scene's picture."""
+    FIGURES.mkdir(exist_ok=True)
+    plots.save(picture(campaigns(name)[0]), FIGURES / f"{name.replace('/', '-')}.png", dpi=80)
+
+
+def main() -> None:
+    """Draw the pictures, try the costs, write the page."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.project.gallery", description=__doc__)
+    parser.add_argument("--draw", nargs="+", choices=list(RESULTS), metavar="NAME", help="draw these alone")
+    parser.add_argument("--seconds", type=float, default=10.0, help="of each trial (%(default)g)")
+    given = parser.parse_args()
+    for name in given.draw or RESULTS:
+        draw(name)
+    if given.draw:
+        return
+    lines = [HEAD]
+    for group, title in GROUPS.items():
+        lines += [f"## {title}\n", "| scene | sample 0 | most that it can cost | result |", "|---|---|---|---|"]
+        mine = [name for name in RESULTS if os.path.dirname(name) == group]
+        lines += [*(row(name, cost(campaigns(name), given.seconds)) for name in mine), ""]
+    write_aside(PAGE, "\n".join(lines).encode())
+    print(PAGE)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Interrupted campaigns, damaged files and hostile scenes."""

@@ -1,0 +1,1 @@
+"""What a setting of the runs changes in classes, slides and cost."""

@@ -1,0 +1,268 @@
+"""What a cutoff that remembers the gap it has opened (`gap_memory`) does to classes, slides and soil thrown out.
+
+`python -m benchmarks.settings.opened_soil [CASE ...]` runs what benchmarks/data/opened_soil.csv lacks, one run after
+the other; `python -m benchmarks opened_soil` tells what the file holds. Every run with memory stands beside the same
+one without: of the section both are there, of the slope in 3D the runs without are the study's, the four that left the
+grid among them. `closed` is the volume that had opened at the end of some quarter of a second and was closed again at
+the end of the run (m3, of a section m2): where there is less than `FEW` of the volume that slides, nothing counts as
+closed."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from benchmarks.csv_rows import ENDED, number, rows_of, whole, word
+from benchmarks.measure import ROOT, Report
+from benchmarks.settings.rest import appending
+from benchmarks.study.study import DATA as STUDY
+from benchmarks.study.study import read_study
+from benchmarks.study.study_pieces import LIMIT
+from benchmarks.study.study_runs import CASES as STUDY_CASES
+from benchmarks.study.study_runs import FAST, Changes, campaign_with
+from benchmarks.study.study_table import Rows, Run, merged
+from cooperative import runs
+from cooperative.measure import SEVERITY, Motion
+from cooperative.runs import GridModel
+from cooperative.store import Sample
+from jaxmpm import Midway, Status, solve_each
+
+DATA = ROOT / "benchmarks" / "data" / "opened_soil.csv"
+MEASURES = ("displacement", "depth", "runout", "volume", "area")
+LENGTHS = ("displacement", "runout")
+COLUMNS = ("case", "memory", "number", "status", "steps", *MEASURES, "mode", "closed")
+LEFT = (94, 623, 661, 243)
+"""Samples of the study whose refined slides left the grid."""
+OTHERS = (135, 349, 188, 102, 696, 737, 86, 212, 363, 176)
+"""Ten others of its refined slides, the two progressive ones among them."""
+CALIBRATED = 1.093
+"""What the study divides the strength on the rough grid by."""
+ANEW = {"campaign": {"seed": 2025}}
+FEW = 1e-3
+Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Case:
+    """Runs of a scene's grid. changes: of the scene. samples: their numbers, or the first so many. study: the case of
+    the study whose slides have these numbers and are the runs without memory; None where they are run here."""
+
+    scene: str
+    changes: Changes
+    grid: str
+    samples: tuple[int, ...] | int
+    study: str | None = None
+    reduction: float = 1.0
+
+    def numbers(self) -> list[int]:
+        """Of the samples."""
+        if not isinstance(self.samples, int):
+            return list(self.samples)
+        return list(range(self.samples)) if self.study is None else sorted(self.stored())[: self.samples]
+
+    def stored(self) -> dict[int, Row]:
+        """Slides of the study without memory, by sample."""
+        return {
+            run.sample: vars(outcome)
+            for run, outcome in _study().items()
+            if run == Run(str(self.study), self.grid, run.sample, self.reduction, "end")
+        }
+
+
+@cache
+def _study() -> Rows:
+    return merged(read_study(STUDY).values())
+
+
+def _of_study(name: str, grid: str, samples: tuple[int, ...] | int, reduction: float = 1.0) -> Case:
+    case = STUDY_CASES[name]
+    return Case(case["scene"], case["changes"], grid, samples, name, reduction)
+
+
+CASES = {
+    "section, published": Case("paper_section", FAST, "refined", 100),
+    "section, default": Case("section", FAST, "refined", 100),
+    "3D, refined, left the grid": _of_study("published", "refined", LEFT),
+    **{
+        f"3D, calibrated, {name}": _of_study(name, "rough", slides, CALIBRATED)
+        for name, slides in (("lx = ly = 60", 53), ("lx = 120", 54), ("lx = 30", 54), ("ly = 120", 39))
+    },
+    "section, published, other samples": Case("paper_section", {**FAST, **ANEW}, "refined", 100),
+    "section, default, other samples": Case("section", {**FAST, **ANEW}, "refined", 100),
+    "3D, refined, others": _of_study("published", "refined", OTHERS),
+}
+"""In the order in which they are run."""
+
+
+def read(path: Path) -> dict[tuple[str, bool], dict[int, Row]]:
+    """The file: (case, with memory) -> number -> row. ValueError for a line that does not parse, that no run could have
+    left, or whose run stands there twice."""
+    found: dict[tuple[str, bool], dict[int, Row]] = {}
+    for where, row in rows_of(path, COLUMNS) if path.exists() else ():
+        case = word(row["case"], f"{where}: case", allowed=CASES)
+        memory = word(row["memory"], f"{where}: memory", allowed=("0", "1")) == "1"
+        status = Status[word(row["status"], f"{where}: status", allowed=ENDED)]
+        whole(row["steps"], f"{where}: steps")
+        ended = status <= Status.DECIDED
+        word(row["mode"], f"{where}: mode", allowed=(*SEVERITY, "none") if ended else ("",))
+        told = {name: number(row[name], f"{where}: {name}") if row[name] or ended else None for name in MEASURES}
+        closed = number(row["closed"], f"{where}: closed") if memory else word(row["closed"], where, allowed=("",))
+        rows, sample = found.setdefault((case, memory), {}), whole(row["number"], f"{where}: number")
+        if sample in rows:
+            raise ValueError(f"{where}: its run stands there twice: delete one of the two")
+        rows[sample] = {**row, **told, "closed": closed}
+    return found
+
+
+def carry_on(cases: Mapping[str, Case], path: Path, minutes: float = float("inf")) -> None:
+    """Run what the file lacks of the cases; no run begins after `minutes`."""
+    end, done = time.monotonic() + 60 * minutes, read(path)
+    with appending(path, COLUMNS) as put:
+        for name, case in cases.items():
+            ways = (True, False) if case.study is None else (True,)
+            left = [(n, way) for n in case.numbers() for way in ways if n not in done.get((name, way), {})]
+            models = cache(partial(_model, case))
+            for sample, memory in left:
+                if time.monotonic() > end:
+                    return
+                found, closed = run_watched(models(memory), sample)
+                measured = (_cell(found.row.get(each)) for each in (*MEASURES, "mode"))
+                row = (name, int(memory), sample, found.status, found.steps, *measured, closed)
+                put(row)
+                print(time.strftime("%H:%M:%S"), *row, flush=True)
+
+
+def _model(case: Case, memory: bool) -> GridModel:
+    campaign = campaign_with(case.scene, {**case.changes, "soil": {"gap_memory": memory}})
+    campaign = replace(campaign, plan=replace(campaign.plan, fields=(), modes=(case.grid,)))
+    return replace(runs.build(campaign, case.grid, runs.random_soil(campaign)), strength_factor=1 / case.reduction)
+
+
+def _cell(value: Any) -> Any:
+    return f"{value:.6g}" if isinstance(value, float) else "" if value is None else value
+
+
+def run_watched(model: GridModel, sample: int) -> tuple[Sample, str]:
+    """A sample's run to its end, and the volume that it opened and closed again, nothing without memory."""
+    coefficients = runs.coefficients_of(model.campaign, model.soil)[sample]
+    volume, run = np.asarray(model.scene.particles.volume), model.campaign.run
+    past, widest = Motion.start(volume, run.failure_displacement), np.zeros(volume.size)
+
+    def remember(_: int, seconds: float, midway: Midway) -> None:
+        nonlocal past, widest
+        if seconds > past.times[-1]:
+            past = past.after(seconds, np.linalg.norm(np.asarray(midway.state.displacement), axis=0))
+        if midway.state.gap is not None:
+            widest = np.maximum(widest, np.asarray(midway.state.gap, float))
+
+    own = {name: [values] for name, values in model.varied(jnp.asarray(coefficients)).items()}
+    ((_, result),) = solve_each(
+        model.scene, model.state, own, numbers=[sample], width=1, t_end=run.t_end, settle=run.settle, observe=remember
+    )
+    found = runs.finished(model, sample, coefficients, result, 0.0, past)
+    if result.state.gap is None:
+        return found, ""
+    return found, f"{np.sum(volume * (np.exp(widest) - np.exp(np.asarray(result.state.gap, float)))):.6g}"
+
+
+def compared(name: str, case: Case, remembers: Mapping[int, Row], forgets: Mapping[int, Row]) -> dict[str, Any]:
+    """Runs with memory beside the same ones without: what broke off, classes that changed, and by how many cells the
+    lengths of slides changed, where no opened soil closed again and where some did."""
+    both = [(remembers[n], forgets[n]) for n in sorted(remembers.keys() & forgets.keys())]
+    slid = [(new, old) for new, old in both if new["runout"] is not None and _fails(new) and _fails(old)]
+    kept = [(new, old) for new, old in slid if old["runout"] is not None]
+    cell = campaign_with(case.scene, case.changes).grids[case.grid].cell
+    changes = {
+        closed: np.array(
+            [
+                max(abs(float(new[length]) - float(old[length])) / cell for length in LENGTHS)
+                for new, old in kept
+                if (new["closed"] > FEW * new["volume"]) == closed
+            ]
+        )
+        for closed in (False, True)
+    }
+
+    def broke_off(rows: list[Row]) -> int:
+        return sum(Status[row["status"]] > Status.DECIDED for row in rows)
+
+    told = {
+        "case": name,
+        "runs": len(both),
+        "broke_off_without": broke_off([old for _, old in both]),
+        "broke_off_with": broke_off([new for new, _ in both]),
+        "fail": sum(_fails(new) for new, _ in both),
+        "classes_changed": sum(_fails(new) != _fails(old) for new, old in both),
+        "modes_changed": sum(new["mode"] != old["mode"] for new, old in kept),
+        "steps_over_those_without": round(
+            sum(int(new["steps"]) for new, _ in kept) / max(1, sum(int(old["steps"]) for _, old in kept)), 3
+        ),
+    }
+    for closed, words in ((False, "nothing_closes"), (True, "soil_closes")):
+        found = changes[closed]
+        told |= {
+            f"slides_{words}": found.size,
+            f"median_change_{words}_cells": round(float(np.median(found)), 4) if found.size else None,
+            f"largest_change_{words}_cells": round(float(found.max()), 4) if found.size else None,
+        }
+    moved = [float(new["runout"]) - float(old["runout"]) for new, old in kept]
+    return told | {"median_runout_grows_by_m": round(float(np.median(moved)), 3) if moved else None}
+
+
+def _fails(row: Row) -> bool:
+    return bool(row["displacement"] > LIMIT)
+
+
+def run(quick: bool) -> Report:
+    """What the file holds; `quick` changes nothing, there is nothing to run."""
+    del quick
+    found = read(DATA)
+    rows = [
+        compared(name, case, found[name, True], found.get((name, False), {}) if case.study is None else case.stored())
+        for name, case in CASES.items()
+        if (name, True) in found
+    ]
+
+    def total(name: str) -> int:
+        return sum(row[name] for row in rows)
+
+    def largest(name: str) -> float | None:
+        return max((row[name] for row in rows if row[name] is not None), default=None)
+
+    names = ("runs", "fail", "broke_off_without", "broke_off_with", "classes_changed", "modes_changed")
+    return Report(
+        {
+            **{name: total(name) for name in names},
+            "slides_nothing_closes": total("slides_nothing_closes"),
+            "median_change_nothing_closes_cells": largest("median_change_nothing_closes_cells"),
+            "slides_soil_closes": total("slides_soil_closes"),
+            "median_change_soil_closes_cells": largest("median_change_soil_closes_cells"),
+            "largest_change_soil_closes_cells": largest("largest_change_soil_closes_cells"),
+        },
+        rows,
+    )
+
+
+def main() -> None:
+    """Parse the command line and run what is missing."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.settings.opened_soil", description=__doc__)
+    parser.add_argument("cases", nargs="*", metavar="CASE", help=f"some of {'; '.join(CASES)}; all if none is named")
+    parser.add_argument("--data", type=Path, default=DATA, help="where the rows go (benchmarks/data/opened_soil.csv)")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no run after as many")
+    arguments = parser.parse_args()
+    if unknown := [name for name in arguments.cases if name not in CASES]:
+        sys.exit(f"case {unknown[0]!r}: give some of {'; '.join(CASES)}")
+    carry_on({name: CASES[name] for name in arguments.cases or CASES}, arguments.data, arguments.minutes)
+
+
+if __name__ == "__main__":
+    main()

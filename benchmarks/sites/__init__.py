@@ -1,0 +1,1 @@
+"""Slopes with known answers: factors of safety, probabilities, run-outs."""

@@ -1,0 +1,153 @@
+"""Cho's slope with cohesion and friction: the class of each sample on the refined grid, beside slip circles on it.
+
+`python -m benchmarks.sites.cho_cphi` writes `benchmarks/data/cho_cphi.csv` and goes on where it was stopped: of each
+sample the displacement that the least volume has exceeded when its run ends, whether it sped up on its way, and the
+factor of safety of Bishop's simplified method on circles through the same cohesion and friction. The head has the limit
+load. Source: Bishop (1955), 10.1680/geot.1955.5.1.7."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from benchmarks.measure import ROOT, scene_campaign
+from cooperative import runs
+from cooperative.estimate import wilson_interval
+from cooperative.measure import exceeded
+from cooperative.scene import measure_limit_load
+from jaxmpm import Midway, Settle, Slope, solve_each
+from jaxmpm.run._limit_load import speeds_up
+
+PATH = ROOT / "benchmarks" / "data" / "cho_cphi.csv"
+COLUMNS = ("number", "displacement", "speeds_up", "circles")
+SAMPLES = 240
+BEYOND = 2.0
+"""Largest displacement (m) at which a run ends: far beyond the limit."""
+SLICES = 50
+
+
+@dataclass(frozen=True)
+class Circles:
+    """Slip circles through a slope. nearest: particle (C, S) at the middle of each slice's base. weight: of the slices
+    (C, S) N. sine, cosine: of their base's dip (C, S). width: of the slices (C, 1) m."""
+
+    nearest: np.ndarray
+    weight: np.ndarray
+    sine: np.ndarray
+    cosine: np.ndarray
+    width: np.ndarray
+
+    @classmethod
+    def through(cls, slope: Slope, position: np.ndarray, spacing: float, unit_weight: float) -> Circles:
+        """Through the crest, 0.5 m apart, and out of the face or the ground before it, as flat as 0.08 and as deep as
+        0.5 of the chord. position: of the particles (2, N) m, on a lattice of this spacing."""
+        toe = slope.crest + slope.height * slope.run_per_rise
+        line = ([0, slope.crest, toe, toe + slope.toe], [slope.foundation + slope.height] * 2 + [slope.foundation] * 2)
+        column, row = (np.floor(position / spacing)).astype(int)
+        found: list[tuple[np.ndarray, ...]] = []
+        outs = np.r_[np.arange(slope.crest + 4, toe), np.arange(toe, toe + slope.toe - 1, 0.75)]
+        for left, right, sag in ((a, b, s) for a in np.arange(0.5, slope.crest + 3, 0.5) for b in outs
+                                 for s in np.linspace(0.08, 0.5, 15)):  # fmt: skip
+            (high, low), edges = np.interp([left, right], *line), np.linspace(left, right, SLICES + 1)
+            chord, x = np.hypot(right - left, high - low), (edges[1:] + edges[:-1]) / 2
+            radius = chord * (1 + 4 * sag**2) / (8 * sag)
+            across = np.array([high - low, right - left]) / chord
+            centre = np.array([(left + right) / 2, (high + low) / 2]) + across * (radius - sag * chord)
+            base = centre[1] - np.sqrt(np.maximum(radius**2 - (x - centre[0]) ** 2, 1e-9))
+            thick, sine, cosine = np.interp(x, *line) - base, (centre[0] - x) / radius, (centre[1] - base) / radius
+            if centre[1] - radius < 0 or thick.min() < -1e-3 or cosine.min() < 0.2 or thick @ sine <= 0:
+                continue
+            at = np.floor(np.stack([x, base]) / spacing).astype(int)
+            apart = np.abs(column - at[0][:, None]) * 1000 + np.abs(row - at[1][:, None])
+            width = np.array([edges[1] - edges[0]])
+            found.append((apart.argmin(axis=1), unit_weight * np.maximum(thick, 0) * width, sine, cosine, width))
+        return cls(*(np.array(each) for each in zip(*found, strict=True)))
+
+    def factor_of_safety(self, soil: Mapping[str, Any]) -> float:
+        """The least of all circles, of cohesion (Pa) and friction (degrees) at the particles (N,)."""
+        cohesion, friction = (np.asarray(soil[name], float) for name in ("cohesion", "friction"))
+        resists = cohesion[self.nearest], np.tan(np.deg2rad(friction))[self.nearest]
+        drives, factor = (self.weight * self.sine).sum(axis=1), np.full(len(self.width), 1.2)
+        for _ in range(12):
+            turned = self.cosine + self.sine * resists[1] / factor[:, None]
+            factor = ((resists[0] * self.width + self.weight * resists[1]) / turned).sum(axis=1) / drives
+        return float(factor.min())
+
+
+def rows() -> Iterator[dict[str, str]]:
+    """The rows that are kept."""
+    with PATH.open() as file:
+        yield from csv.DictReader(line for line in file if not line.startswith("#"))
+
+
+def limit() -> dict[str, float]:
+    """The limit load that is kept: factor, displacement (m) and volume (m2)."""
+    known: dict[str, float] = json.loads(PATH.read_text().splitlines()[0].removeprefix("# "))
+    return known
+
+
+def summarised() -> dict[str, Any]:
+    """Shares that fail, with their intervals, on the refined grid and by circles, and how often both agree."""
+    known, at = list(rows()), limit()
+    moved, circles = (np.array([float(row[name]) for row in known]) for name in ("displacement", "circles"))
+    fails, sped = moved > at["displacement"], np.array([row["speeds_up"] == "True" for row in known])
+    low, high = wilson_interval(int(fails.sum()), len(known))
+    return {
+        "pf": float(fails.mean()),
+        "low": low,
+        "high": high,
+        "fos": at["factor"],
+        "runs": len(known),
+        "circles_pf": float((circles < 1).mean()),
+        "circles_same_class": float((fails == (circles < 1)).mean()),
+        "circles_rank_correlation": float(stats.spearmanr(moved, -circles).statistic),
+        "in_time_same_class": float((fails == sped).mean()),
+    }
+
+
+def main() -> None:
+    """Run what is missing, one sample after the other."""
+    campaign = scene_campaign("cho_cphi")
+    model = runs.build(campaign, "refined", soil := runs.random_soil(campaign))
+    if not PATH.exists():
+        head = json.dumps(asdict(measure_limit_load(campaign, model)))
+        PATH.write_text(f"# {head}\n# displacement in m\n{','.join(COLUMNS)}\n")
+    coefficients, done = runs.coefficients_of(campaign, soil), {int(row["number"]) for row in rows()}
+    slope: Any = campaign.site.shape
+    circles = Circles.through(
+        slope, np.asarray(model.scene.particles.position, float), 2 * model.half_size[0], campaign.soil.unit_weight
+    )
+    with PATH.open("a") as file:
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        for number in sorted(set(range(SAMPLES)) - done):
+            moved, sped = _run(model, model.varied(coefficients[number]), limit()["volume"])
+            factor = circles.factor_of_safety(model.parameters(coefficients[number]))
+            row = (number, f"{moved:.5g}", sped, f"{factor:.4f}")
+            writer.writerow(dict(zip(COLUMNS, row, strict=True)))
+            file.flush()
+
+
+def _run(model: runs.GridModel, varied: Mapping[str, Any], least: float) -> tuple[float, bool]:
+    """Displacement (m) that the least volume has exceeded at the end, and whether it sped up between looks."""
+    volume, seen = np.asarray(model.scene.particles.volume), []
+
+    def look(_: int, seconds: float, midway: Midway) -> None:
+        seen.append(exceeded(np.linalg.norm(np.asarray(midway.state.displacement), axis=0), volume, least))
+
+    each = {name: [value] for name, value in varied.items()}
+    for _ in solve_each(
+        model.scene, model.state, each, width=1, t_end=model.campaign.run.t_end, settle=Settle(), stop_at=BEYOND,
+        observe=look,
+    ):  # fmt: skip
+        pass
+    return seen[-1], bool(speeds_up(np.array(seen)[:, None], 2)[0])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,192 @@
+"""Failure probabilities of slopes of the literature, by class and by the limit load.
+
+Factors of safety alone are in `stability_of_slopes`.
+
+Cho's slope with cohesion and friction, of the rows of `benchmarks.sites.cho_cphi`, and his undrained slope. Infinite
+correlation lengths, where P_f is P(S_u < median / factor of safety), on the published section and on Griffiths and
+Fenton's slope; in 3D, of 100 rough and 24 refined runs each, Example 2 of the paper (random cohesion and friction) and
+the published slope without softening, counterpart of the printed 0.231, between fixed ends and rollers. All but the
+first are campaigns in out/random_slopes, which go on with the next command where they were stopped; what has not ended
+is null. `--quick` runs a few samples of each on coarse grids.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import tempfile
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from benchmarks.measure import ROOT, Report
+from benchmarks.sites import cho_cphi
+from cooperative import run as run_campaign
+from cooperative.runs import Stopped, cores_to_use
+from cooperative.scene import parse, to_toml
+from cooperative.store import Store, read_rows, read_sample, read_store
+
+SCENES = ROOT / "benchmarks" / "scenes"
+Tables = dict[str, dict[str, Any]]
+
+
+def as_printed(tables: Tables) -> None:
+    """A scene as it stands."""
+
+
+def in_part(tables: Tables) -> None:
+    """So many samples of a scene in 3D as some hours of one core allow."""
+    tables["campaign"] |= {"samples": 100, "refined_runs": 24}
+
+
+def without_softening(tables: Tables) -> None:
+    """The same soil, perfectly plastic, with what keeps clay from locking; failure by the limit load."""
+    for key in ("softening_modulus", "residual_ratio", "softening_length", "plastic_strain", "tension_cutoff"):
+        tables["soil"].pop(key, None)
+    for grid in ("rough", "refined"):
+        tables[grid]["fbar"] = True
+    tables["run"] = {"t_end": 20.0, "failure": "limit load"}
+    plan = tables["campaign"]
+    tables["campaign"] = {
+        **{key: plan[key] for key in ("samples", "seed")}, "refined_runs": 60, "slides": 0, "fields": "none",
+    }  # fmt: skip
+
+
+def in_3d(tables: Tables) -> None:
+    """As `without_softening`, and in part."""
+    without_softening(tables)
+    in_part(tables)
+
+
+def on_rollers(tables: Tables) -> None:
+    """As `in_3d`, with ends along y that do not hold the slope."""
+    in_3d(tables)
+    tables["slope"]["y_ends"] = "roller"
+
+
+def without_softening_or_ends(tables: Tables) -> None:
+    """As `without_softening`, with the same strength everywhere."""
+    without_softening(tables)
+    tables["strength"]["length"] = [math.inf] * len(tables["strength"]["length"])
+    tables["campaign"] |= {"samples": 1000, "refined_runs": 100}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A slope. scene: of benchmarks/scenes. change: what is done to it. printed: P_f of the literature, None where the
+    closed form tells. large: m3, from which on a slide counts as one of the whole slope, None for no such count."""
+
+    scene: str
+    change: Callable[[Tables], None]
+    printed: tuple[float, ...] | None
+    large: float | None = None
+
+
+CASES = {
+    "cho": Case("cho", as_printed, (0.079, 0.065, 0.078)),
+    "section_infinite": Case("paper_section", without_softening_or_ends, None),
+    "griffiths_fenton": Case("griffiths_fenton", as_printed, None),
+    "example_2": Case("example_2", in_part, (0.43,), large=2000.0),
+    "pf_3d_limit_load": Case("paper", in_3d, (0.231,)),
+    "pf_3d_rollers": Case("paper", on_rollers, (0.231,)),
+}
+
+
+def scene_text(case: Case, quick: bool) -> str:
+    """The scene of a case; `quick` a section of it with a few samples on coarse grids."""
+    tables = tomllib.loads((SCENES / f"{case.scene}.toml").read_text())
+    case.change(tables)
+    if quick:
+        tables["soil"]["young"] = min(tables["soil"]["young"], 2e7)  # softer, so that steps are longer
+        for table in (
+            tables.get("strength", {}),
+            tables["soil"].get("cohesion", {}),
+            tables["soil"].get("friction", {}),
+        ):
+            if "length" in table:
+                table["length"] = [table["length"][0], table["length"][-1]]
+        for key in ("width", "y_ends"):
+            tables["slope"].pop(key, None)
+        coarse = tables["rough"]
+        coarse["spacing"] = [coarse["spacing"][0], coarse["spacing"][-1]]
+        tables["refined"] = {**coarse}
+        tables["campaign"] |= {"samples": 12, "refined_runs": 10}
+    return to_toml(tables)
+
+
+def closed_form(text: str, factor: float) -> float:
+    """P(S_u < median / factor) of a lognormal strength that is the same everywhere."""
+    return float(stats.norm.cdf(-math.log(factor) / math.sqrt(math.log1p(parse(text).random["strength"].cov ** 2))))
+
+
+def row(name: str, case: Case, folder: Path, text: str, workers: int) -> dict[str, Any]:
+    """The campaign of a case, run or gone on with, beside what the literature or theory has."""
+    found = run_campaign(text, folder / name, workers=workers)
+    low, high = found.interval
+    limit = found.limit_load
+    assert limit is not None
+    expected = closed_form(text, limit.factor) if case.printed is None else None
+    store = read_store(folder / name)
+    return {
+        "case": name,
+        "fos": limit.factor,
+        "failure_displacement_m": limit.displacement,
+        "least_volume": limit.volume,
+        "pf": found.probability_of_failure,
+        "low": low,
+        "high": high,
+        "printed": case.printed and list(case.printed),
+        "closed_form": expected,
+        "holds_closed_form": None if expected is None else bool(low <= expected <= high),
+        "samples": found.samples,
+        "refined_runs": found.refined_runs,
+        **shares(store, limit.displacement, case.large),
+        "hours": sum(found.seconds.values()) / 3600,
+        "device": read_sample(store, "rough", 0).device,
+    }
+
+
+def shares(store: Store, limit: float, large: float | None) -> dict[str, float | None]:
+    """Shares of the rough samples that fail, whose soil runs out beyond the toe, and whose slides are large. Rough runs
+    go on to their end, so this tells slides of the whole slope from soil that slips within its face, a failure too."""
+    found = read_rows(store, "rough").columns
+    counted = {"fails": found["displacement"] > limit, "beyond_toe": found["runout"] > 0}
+    told: dict[str, float | None] = {f"rough_{name}": round(float(np.mean(each)), 3) for name, each in counted.items()}
+    return told | {"rough_large": None if large is None else round(float(np.mean(found["volume"] > large)), 3)}
+
+
+def run(quick: bool) -> Report:
+    """All cases, as far as they come; those that were stopped go on with the next command."""
+    rows = []
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) if quick else ROOT / "out" / "random_slopes"
+        try:
+            for name, case in CASES.items():
+                workers = 1 if quick else len(cores_to_use())
+                rows.append(row(name, case, folder, scene_text(case, quick), workers))
+        except Stopped as stopped:
+            print(stopped, file=sys.stderr)
+    return Report(summarised(rows), rows)
+
+
+def summarised(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """The named figures; None of what has not ended."""
+    known = {one["case"]: one for one in rows}
+
+    def of(case: str, key: str) -> Any:
+        return known.get(case, {}).get(key)
+
+    values = {f"example_2_{key}": of("example_2", key) for key in ("fos", "pf", "low", "high", "hours")}
+    values |= {f"example_2_{key}": of("example_2", key) for key in ("rough_fails", "rough_beyond_toe", "rough_large")}
+    for name in ("pf_3d_limit_load", "pf_3d_rollers"):
+        values |= {name: of(name, "pf"), f"{name}_fos": of(name, "fos")}
+    values |= {f"cho_{key}": of("cho", key) for key in ("pf", "low", "high", "fos")}
+    values |= {f"cho_cphi_{key}": value for key, value in cho_cphi.summarised().items()}
+    for name in ("section_infinite", "griffiths_fenton"):
+        values |= {f"{name}_{key}": of(name, key) for key in ("pf", "low", "high", "closed_form")}
+    return values

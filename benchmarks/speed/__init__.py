@@ -1,0 +1,1 @@
+"""What a step, a screening, a gradient and a campaign cost."""

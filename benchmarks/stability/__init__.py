@@ -1,0 +1,1 @@
+"""Stiff and extreme cases, each with its bound."""

@@ -1,0 +1,1 @@
+"""Estimators, hazard maps and rare events: error, coverage and cost."""

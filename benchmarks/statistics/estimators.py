@@ -1,0 +1,382 @@
+"""Estimators of the failure probability on synthetic pairs of grids whose truth is known.
+
+A sample has a rough response X and a refined one r X + sqrt(1 - r^2) Z, X and Z standard normal and independent;
+it fails where the refined response exceeds the quantile of P_f. Repeating the whole campaign, sampling included,
+gives bias, root mean square error and coverage of the 95 % interval. Costs are in refined-run equivalents: a
+rough run counts 1/30.
+
+The bias is measured against the failures of the very samples drawn, whose mean is P_f exactly: that takes the
+sampling noise of phase one out of it (not for Monte Carlo and subset simulation, measured against P_f itself).
+`bias_error` is the standard error of what is left.
+
+Four links more, of P_f 0.05 and 0.244 with 60 and 120 refined runs of 750 samples, put the interval to the test where
+the ranking is bad: a t-copula of 3 degrees of freedom, responses that have nothing to do with each other, responses
+that go against each other, and failures at both ends of the ranking, where r X + sqrt(1 - r^2) Z is far from 0 on
+either side. The normal link stands beside them. `coverage` and `width` are those of the whole interval, with its
+allowance for what no run has looked at; `coverage_sampling` and `width_sampling` those without, which should hold
+95 % where the ranking is good (`two_phase_coverage_*`). With the allowance they hold more there, and at least 90 %
+wherever the failures hide (`coverage_bad_ranking_min`).
+
+A campaign may also end by itself, once the coefficient of variation that it claims is at most `target_cov`: then its
+cost is as random as its answer. Two cases have 1000 samples, P_f 0.28 and a target of 0.1, as `benchmarks campaign`
+asks, with the audit of a campaign. Of each correlation, as `r095` and `r098`, the figures are the true error of P_f
+(`target_cov_rmse_*`) beside the mean of what is claimed at the end (`target_cov_claimed_*`), the coverage of the whole
+interval and of sampling alone (`target_cov_coverage_*`, `target_cov_coverage_sampling_*`), and the quartiles of the
+refined runs (`target_cov_runs_q25_*`, `_q50_*`, `_q75_*`). With 750 samples, P_f 0.1 and 0.244 and targets of 0.1, 0.15
+and 0.25 the normal link stands beside a Clayton and a Gumbel copula of rank correlation 0.85 and failures at both ends:
+`target_cov_rmse_over_claimed_max` and `target_cov_bias_max` are over all but the last.
+
+Means of consequences over the failures, from the audit or from a part of its failures that slid on, have intervals of
+their own (`coverage_mean_min`, `coverage_mean_max`; `benchmarks.statistics.estimators_means`).
+
+Another table takes campaigns from a real population, the plane-strain section with all its samples run on both grids
+(`benchmarks.statistics.estimators_section`): there error stands against run time, in the figure too.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+from functools import partial
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from benchmarks.measure import ROOT, Report, kept_row
+from benchmarks.statistics import estimators_means as means
+from benchmarks.statistics import estimators_section as section
+from cooperative import AuditPlan, Estimate, Population, control_variate, monte_carlo, published, two_phase
+from cooperative.estimate import SubsetPlan, TwoPhase, subset_simulation
+from cooperative.runs import cores_to_use, process_pool
+
+ROUGH_COST = 1 / 30
+CORRELATIONS = (0.8, 0.9, 0.95, 0.98)
+# As on the published section, the rough grid fails at a higher response: half as often.
+ROUGH_FAILS = 0.5
+
+
+@dataclass(frozen=True)
+class Case:
+    """One cell of the study. pf: truth. samples: N of the first phase. runs: of the second.
+    contaminated: share of samples whose rough response says nothing, which no model here foresees. link: how the
+    responses of both grids hang together, a name in `LINKS`. target_cov: coefficient of variation at which the audit
+    ends before its runs are spent."""
+
+    method: str
+    pf: float
+    correlation: float
+    samples: int
+    runs: int
+    contaminated: float = 0.0
+    link: str = "normal"
+    target_cov: float | None = None
+
+
+Pair = tuple[np.ndarray, np.ndarray]
+Repeat = Callable[[Any, int, int], np.ndarray]
+
+
+def _normal(case: Case, rough: np.ndarray, other: np.ndarray, generator: np.random.Generator) -> Pair:
+    refined = case.correlation * rough + np.sqrt(1 - case.correlation**2) * other
+    return rough, refined > norm.isf(case.pf)
+
+
+def _t_copula(case: Case, rough: np.ndarray, other: np.ndarray, generator: np.random.Generator) -> Pair:
+    """Both responses over the root of one chi-squared number: they go astray together."""
+    refined = case.correlation * rough + np.sqrt(1 - case.correlation**2) * other
+    scale = np.sqrt(generator.chisquare(FREEDOM, rough.size) / FREEDOM)
+    return norm.ppf(student.cdf(rough / scale, FREEDOM)), refined / scale > student.isf(case.pf, FREEDOM)
+
+
+def _both_ends(case: Case, rough: np.ndarray, other: np.ndarray, generator: np.random.Generator) -> Pair:
+    refined = case.correlation * rough + np.sqrt(1 - case.correlation**2) * other
+    return rough, np.abs(refined) > norm.isf(case.pf / 2)
+
+
+def _clayton(case: Case, rough: np.ndarray, other: np.ndarray, generator: np.random.Generator) -> Pair:
+    """By conditional inversion: good ranks of what stands, poor ones of what fails."""
+    first, given = norm.cdf(rough), norm.cdf(other)
+    second = ((given ** (-CLAYTON / (1 + CLAYTON)) - 1) * first**-CLAYTON + 1) ** (-1 / CLAYTON)
+    return rough, second > 1 - case.pf
+
+
+def _gumbel(case: Case, rough: np.ndarray, other: np.ndarray, generator: np.random.Generator) -> Pair:
+    """By a positive stable number common to both (Kanter 1975): good ranks of what fails."""
+    power, angle = 1 / GUMBEL, np.pi * generator.random(rough.size)
+    scale = np.sin(power * angle) / np.sin(angle) ** GUMBEL
+    scale *= (np.sin((1 - power) * angle) / generator.exponential(size=rough.size)) ** (GUMBEL - 1)
+    first, second = np.exp(-((generator.exponential(size=(2, rough.size)) / scale) ** power))
+    return norm.ppf(first), second > 1 - case.pf
+
+
+LINKS = {"normal": _normal, "t-copula": _t_copula, "both ends": _both_ends, "Clayton": _clayton, "Gumbel": _gumbel}
+FREEDOM = 3
+CLAYTON, GUMBEL = 4.08, 3.01
+"""Parameters of the copulas for a rank correlation of 0.85, which stands as the correlation of their cases."""
+TARGET_LINKS = (("normal", 0.95), ("normal", 0.98), ("Clayton", 0.85), ("Gumbel", 0.85), ("both ends", 0.95))
+BAD_RANKING = (("t-copula", 0.9), ("normal", 0.0), ("normal", -0.9), ("both ends", 0.95))
+
+
+def draw(case: Case, generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Rough displacement (N,), 1 m where the rough grid fails, and refined failure (N,)."""
+    rough, other = generator.standard_normal((2, case.samples))
+    rough, failed = LINKS[case.link](case, rough, other, generator)
+    if case.contaminated:
+        lost = generator.random(case.samples) < case.contaminated
+        rough = np.where(lost, generator.standard_normal(case.samples), rough)
+    return np.exp(rough - norm.isf(ROUGH_FAILS * case.pf)), failed
+
+
+def _two_phase(case: Case, displacement: np.ndarray, failed: np.ndarray, seed: int, k_t: int | None) -> Estimate:
+    population = Population(displacement)
+    if case.target_cov is None:
+        plan = AuditPlan(runs=case.runs, seed=seed, k_t=k_t, growth=0.25 if case.runs < 200 else 0.5)
+    else:
+        plan = TwoPhase(refined_runs=case.runs, target_cov=case.target_cov, seed=seed).audit(population)
+    return two_phase(population, dict(enumerate(failed.tolist())), plan)
+
+
+METHODS: dict[str, Callable[[Case, np.ndarray, np.ndarray, int], Estimate]] = {
+    "two-phase": lambda case, rough, failed, seed: _two_phase(case, rough, failed, seed, None),
+    "two-phase, ranked prefix": lambda case, rough, failed, seed: _two_phase(case, rough, failed, seed, 8),
+    "published n/N": lambda case, rough, failed, seed: published(
+        rough, dict(enumerate(failed.tolist())), max(case.samples // 50, 5)
+    ),
+    "Monte Carlo": lambda case, rough, failed, seed: monte_carlo(failed[: case.runs]),
+    "control variate": lambda case, rough, failed, seed: control_variate(
+        rough, dict(enumerate(failed[: case.runs].tolist()))
+    ),
+}
+
+
+def _subset(case: Case, seed: int) -> tuple[Estimate, int]:
+    """Estimate and rough runs spent; the refined response depends on a coefficient of its own."""
+    threshold = float(np.exp(-norm.isf(ROUGH_FAILS * case.pf)))
+    samples = subset_simulation(
+        lambda xi: threshold * np.exp(xi[:, 0]), 4, SubsetPlan(per_level=case.samples, levels=3, seed=seed)
+    )
+    xi = samples.coefficients
+    refined = case.correlation * xi[:, 0] + np.sqrt(1 - case.correlation**2) * xi[:, 1]
+    failed = refined > norm.isf(case.pf)
+    population = Population(samples.rough_displacement, weight=samples.weight, replicate=samples.replicate)
+    plan = AuditPlan(runs=case.runs, seed=seed, growth=0.5, proving=0)
+    found = two_phase(population, dict(enumerate(failed.tolist())), plan)
+    return found, samples.rough_runs
+
+
+def repeat(case: Case, first: int, count: int) -> np.ndarray:
+    """Campaigns number `first` to `first + count`: rows of P_f, limits, the upper one of sampling alone,
+    coefficient of variation claimed, refined runs, rough runs, sample P_f."""
+    rows = []
+    for number in range(first, first + count):
+        seeds = [number, int(1e4 * case.pf), int(100 * abs(case.correlation))]
+        if case.link != "normal" or case.correlation < 0:
+            seeds += [list(LINKS).index(case.link), int(case.correlation < 0)]
+        generator = np.random.default_rng(seeds)
+        if case.method == "subset simulation, two-phase":
+            found, rough_runs = _subset(case, number)
+            share = case.pf
+        else:
+            displacement, failed = draw(case, generator)
+            found = METHODS[case.method](case, displacement, failed, number)
+            share = case.pf if case.method == "Monte Carlo" else float(failed.mean())
+            rough_runs = 0 if case.method == "Monte Carlo" else case.samples
+        high = (found.sampling_interval or found.interval)[1]
+        rows.append((found.probability, *found.interval, high, found.cov, found.refined_runs, rough_runs, share))
+    return np.array(rows)
+
+
+def summarise(case: Case, rows: np.ndarray) -> dict[str, Any]:
+    """Bias, error, coverage and cost of one case, relative to P_f; with a target, what was claimed at the end and the
+    quartiles of the refined runs."""
+    probability, low, high, sampling_high, claimed, refined_runs, rough_runs, share = rows.T
+    off = (probability - share) / case.pf
+    told: dict[str, Any] = {
+        "method": case.method + (f", {case.contaminated:.0%} contaminated" if case.contaminated else ""),
+        "pf": case.pf,
+        "link": case.link,
+        "correlation": case.correlation,
+        "bias": float(off.mean()),
+        "bias_error": float(off.std() / np.sqrt(len(rows))),
+        "rmse": float(np.sqrt(np.mean((probability / case.pf - 1) ** 2))),
+        "coverage": float(np.mean((low <= case.pf) & (case.pf <= high))),
+        "coverage_sampling": float(np.mean((low <= case.pf) & (case.pf <= sampling_high))),
+        "width": float(np.mean(high - low) / case.pf),
+        "width_sampling": float(np.mean(sampling_high - low) / case.pf),
+        "refined_runs": float(refined_runs.mean()),
+        "equivalents": float(refined_runs.mean() + ROUGH_COST * rough_runs.mean()),
+    }
+    if case.target_cov is None:
+        return told
+    quartiles = np.quantile(refined_runs, (0.25, 0.5, 0.75), method="inverted_cdf")
+    # Of a campaign that found no failure nothing is claimed.
+    told |= {"target_cov": case.target_cov, "claimed": float(claimed[np.isfinite(claimed)].mean())}
+    return told | {f"runs_q{at}": int(runs) for at, runs in zip((25, 50, 75), quartiles, strict=True)}
+
+
+def cases() -> list[Case]:
+    """Every cell: two-phase everywhere, the other estimators at the same cost, subset simulation where rare."""
+    sizes = {0.244: (750, 76), 1e-2: (5000, 400), 1e-3: (20000, 1500)}
+    found = []
+    for pf, (samples, runs) in sizes.items():
+        cost = round(runs + ROUGH_COST * samples)
+        for r in CORRELATIONS:
+            found.append(Case("two-phase", pf, r, samples, runs))
+            found.append(Case("published n/N", pf, r, samples, runs))
+            if pf > 2e-3:
+                found.append(Case("two-phase, ranked prefix", pf, r, samples, runs))
+                found.append(Case("control variate", pf, r, samples, runs))
+            else:
+                found.append(Case("subset simulation, two-phase", pf, r, 500, 400))
+        found.append(Case("Monte Carlo", pf, 1.0, cost, cost))
+        found.append(Case("two-phase", pf, 0.95, samples, runs, contaminated=0.02))
+    return found
+
+
+def ranking_cases() -> list[Case]:
+    """Two-phase with links of which the ranking tells little, or the wrong thing, and with the normal one."""
+    links = (*BAD_RANKING, ("normal", 0.95))
+    return [
+        Case("two-phase", pf, correlation, 750, runs, link=link)
+        for pf in (0.05, 0.244)
+        for runs in (60, 120)
+        for link, correlation in links
+    ]
+
+
+def ranking_values(rows: list[dict[str, Any]]) -> dict[str, float]:
+    """Coverage where the ranking is bad, and where it is good the width with and without the guard, over P_f."""
+    good = [row for row in rows if (row["link"], row["correlation"]) not in BAD_RANKING]
+    bad = [row for row in rows if row not in good]
+    named = {
+        "coverage_bad_ranking_min": min(row["coverage"] for row in bad),
+        "coverage_bad_ranking_min_without_guard": min(row["coverage_sampling"] for row in bad),
+        "bias_bad_ranking_over_error_max": max(abs(row["bias"]) / row["bias_error"] for row in bad),
+    }
+    for row in good:
+        where = f"pf{row['pf']:g}_{row['refined_runs']:g}_runs".replace(".", "")
+        named[f"width_{where}"] = row["width"]
+        named[f"width_{where}_without_guard"] = row["width_sampling"]
+    return named
+
+
+def target_cases() -> list[Case]:
+    """Campaigns that end by their target, however many of their samples that takes."""
+    return [Case("two-phase", 0.28, correlation, 1000, 1000, target_cov=0.1) for correlation in (0.95, 0.98)]
+
+
+def target_values(rows: list[dict[str, Any]]) -> dict[str, float]:
+    """The true error beside the claimed one, coverage, and quartiles of the refined runs, by correlation."""
+    told = ("rmse", "claimed", "coverage", "coverage_sampling", "runs_q25", "runs_q50", "runs_q75")
+    return {f"target_cov_{name}_r{100 * row['correlation']:03.0f}": row[name] for row in rows for name in told}
+
+
+def link_cases() -> list[Case]:
+    """Campaigns that end by a target, with other links and probabilities, where the sampling of 750 fields alone does
+    not scatter more than the target: at P_f 0.02 it does for all."""
+    return [
+        Case("two-phase", pf, correlation, 750, 750, link=link, target_cov=target)
+        for link, correlation in TARGET_LINKS
+        for pf in (0.02, 0.1, 0.244)
+        for target in (0.1, 0.15, 0.25)
+        if np.sqrt((1 - pf) / (750 * pf)) < target
+    ]
+
+
+def link_values(rows: list[dict[str, Any]]) -> dict[str, float]:
+    """The largest true error over what is claimed, and the largest bias, wherever the ranking has one end; coverage of
+    the whole interval where it has two."""
+    one = [row for row in rows if row["link"] != "both ends"]
+    return {
+        "target_cov_rmse_over_claimed_max": max(row["rmse"] / row["claimed"] for row in one),
+        "target_cov_bias_max": max(abs(row["bias"]) for row in one),
+        "target_cov_bias_max_standard_error": max(row["bias_error"] for row in one),
+        "target_cov_coverage_both_ends_min": min(row["coverage"] for row in rows if row not in one),
+    }
+
+
+def runs_for_cov(rows: list[dict[str, Any]], target: float) -> float:
+    """Refined runs at which the measured error meets `target`, from a fit of rmse^2 = a + b / refined runs."""
+    runs = np.array([row["refined_runs"] for row in rows])
+    square = np.array([row["rmse"] ** 2 for row in rows])
+    slope, level = np.polyfit(1 / runs, square, 1)
+    return float(slope / (target**2 - level))
+
+
+def measured(tasks: list[tuple[Repeat, Any, int]], quick: bool) -> list[np.ndarray]:
+    """The rows of every task, in its order: campaigns of a case, so many. Run by as many processes as there are cores
+    to use, in pieces that stay in out/estimators: a run that was stopped goes on from them."""
+    sources = [
+        *sorted((ROOT / "cooperative" / "estimate").rglob("*.py")),
+        *sorted(Path(__file__).parent.glob("est*.py")),
+    ]
+    digest = sha256(b"\0".join(path.read_bytes() for path in sources)).hexdigest()[:16]
+    folder, parts = ROOT / "out" / "estimators" / digest, 2 if quick else 20
+    with process_pool(len(cores_to_use())) as pool:
+
+        def begun(what: Repeat, case: Any, count: int) -> list[Future[dict[str, Any]]]:
+            name = f"{what.__module__.split('.')[-1]} {re.sub(r'[^a-zA-Z0-9.=-]+', ' ', repr(case))}"
+            each = count // parts
+            return [
+                pool.submit(kept_row, folder, f"{name} {at} {each}", partial(_piece, what, case, at, each))
+                for at in range(0, count, each)
+            ]
+
+        pieces = [begun(*task) for task in tasks]
+        return [np.concatenate([part.result()["rows"] for part in each]) for each in pieces]
+
+
+def _piece(what: Repeat, case: Any, first: int, count: int) -> dict[str, Any]:
+    return {"rows": what(case, first, count).tolist()}
+
+
+def run(quick: bool = False) -> Report:
+    """Study all cases with 2000 repetitions each, those of means and most of a target with other links with 500 (40 if
+    quick), the synthetic ones and the section's."""
+    repetitions, fewer = (40, 40) if quick else (2000, 500)
+    study, ranking = cases(), ranking_cases()
+    budgets = [Case("two-phase", 0.244, 0.95, 750, runs) for runs in (52, 64, 90)]
+    to_target, linked = target_cases(), link_cases()
+    todo = sorted([*study, *budgets, *ranking, *to_target], key=lambda case: -case.samples)
+    if quick:
+        todo = [case for case in todo if case.samples <= 5000]
+    on_section = [(method, runs) for method in section.METHODS for runs in section.BUDGETS]
+    asked: list[tuple[Repeat, Any, int]] = [(repeat, case, repetitions) for case in todo]
+    # The shortest campaigns scatter most.
+    shortest = [case for case in linked if (case.pf, case.target_cov) == (0.244, 0.25)]
+    asked += [(repeat, case, repetitions if case in shortest else fewer) for case in linked]
+    asked += [(means.repeat, case, fewer) for case in means.CASES]
+    asked += [(section.repeat, case, repetitions) for case in on_section]
+    found = {(what, case): rows for (what, case, _), rows in zip(asked, measured(asked, quick), strict=True)}
+    table = {case: summarise(case, found[repeat, case]) for case in [*todo, *linked]}
+    of_failures = [means.summarise(case, found[means.repeat, case]) for case in means.CASES]
+    population = [section.summarise(*case, found[section.repeat, case]) for case in on_section]
+    ours = [
+        row for case, row in table.items() if case.method == "two-phase" and not case.contaminated and case in study
+    ]
+    runs_of_10 = runs_for_cov([table[case] for case in (*budgets, Case("two-phase", 0.244, 0.95, 750, 76))], 0.1)
+    values = {
+        "repetitions": repetitions,
+        "two_phase_bias_max": max(abs(row["bias"]) for row in ours),
+        "two_phase_bias_max_standard_error": max(row["bias_error"] for row in ours),
+        "two_phase_coverage_min": min(row["coverage_sampling"] for row in ours),
+        "two_phase_coverage_max": max(row["coverage_sampling"] for row in ours),
+        "two_phase_coverage_guarded_min": min(row["coverage"] for row in ours),
+        "two_phase_coverage_guarded_max": max(row["coverage"] for row in ours),
+        "two_phase_runs_pf0244_r095": runs_of_10 + ROUGH_COST * 750,
+        "two_phase_refined_runs_pf0244_r095": runs_of_10,
+        **ranking_values([table[case] for case in ranking]),
+        **target_values([table[case] for case in to_target]),
+        "link_repetitions": fewer,
+        "mean_repetitions": fewer,
+        **link_values([table[case] for case in [*to_target, *linked]]),
+        **means.values(of_failures),
+        **section.values(population),
+    }
+    return Report(values, [*table.values(), *of_failures, *population], partial(section.draw, population))

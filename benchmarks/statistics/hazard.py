@@ -1,0 +1,194 @@
+"""Hazard maps: do their intervals hold the truth, do they add up, and what do they cost?
+
+Campaigns are drawn with replacement from two fully refined populations (`benchmarks.statistics.hazard_populations`):
+600 samples, an audit of 60 refined runs by the two-phase estimator, all failures sliding or 20 of them. Maps of five
+events (reached, covered at the end, deposit thicker than 0.5 and 1 m, faster than 1 m/s) are held against the
+population's own. Coverage counts the cells whose true probability times the refined slides is at least 5; in rarer
+cells the intervals may only hold more. The least of many cells is biased low by noise: `standard_error` is that of one
+cell's coverage, from as many campaigns. A Monte Carlo campaign of 300 refined runs beside each says how often the
+difference of both maps is within its own 95 % interval.
+
+`overhead_share` is what looking at the columns takes of a step on one core, turn by turn against the same step without,
+the median; columns are looked at every `looked_at_every_steps`.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.measure import Report, on_cores
+from benchmarks.statistics import estimators_means as means
+from benchmarks.statistics.hazard_populations import LIMIT, SOLID, Population, population
+from cooperative import Estimate, MonteCarlo, TwoPhase, report
+from cooperative import run as run_campaign
+from cooperative.estimate import Chances, Estimator, chance_of, exceedance, mean_of
+from cooperative.measure import Vulnerability
+
+SAMPLES, REFINED, OFTEN = 600, 60, 5.0
+HOUSE = Vulnerability("thickness", (0.0, 0.5, 2.0), (0.0, 0.4, 1.0))
+
+
+def events(of: Population) -> np.ndarray:
+    """What each sample does in each column (N, events, columns) bool, without the columns where nothing ever comes."""
+    deposit, thickness, speed, _ = (values.reshape(of.rough.size, -1) for values in of.columns.values())
+    found = np.stack(
+        [thickness >= of.least, deposit >= of.least, deposit > 0.5, deposit > 1.0, speed > 1.0], axis=1
+    )  # fmt: skip
+    return found[:, :, (thickness > 0).any(axis=0)]
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A campaign that has run. found: its P_f. weight: what each slide stands for (n,). at: which sample of the
+    population each is (n,)."""
+
+    found: Estimate
+    weight: np.ndarray
+    at: np.ndarray
+
+
+def campaigns(
+    of: Population, estimator: Estimator, samples: int, slides: tuple[int | None, ...], seed: int
+) -> list[Drawn]:
+    """One campaign whose samples are drawn from a population with replacement, with as many of its failures sliding as
+    each of `slides` says."""
+    at = np.random.default_rng([seed, samples]).integers(of.rough.size, size=samples)
+    failed, found = of.refined[at] > LIMIT, []
+    audit = means.audited(estimator, of.rough[at], failed)
+    for count in slides:
+        phases, numbers, drawn = means.slid(audit, failed, count, seed)
+        mine = drawn.slid & (drawn.weight > 0)
+        found.append(Drawn(phases.estimate, drawn.weight[mine], at[np.array(numbers)[mine]]))
+    return found
+
+
+class Held:
+    """How often the maps of campaigns held the truth (k,) of so many cells, and agreed with those of Monte Carlo."""
+
+    def __init__(self, truth: np.ndarray) -> None:
+        self.truth, self.campaigns, self.slides, self.area, self.loss = truth, 0, 0, 0.0, 0.0
+        self.held, self.agree, self.bias = (np.zeros(truth.size) for _ in range(3))
+
+    def add(self, of: Population, happens: np.ndarray, drawn: Drawn, plain: Drawn) -> None:
+        """Count one campaign, and one by Monte Carlo beside it. happens: (N, k)."""
+        maps, other = (chance_of(each.found, each.weight, happens[each.at]) for each in (drawn, plain))
+        self.held += (maps.low <= self.truth) & (self.truth <= maps.high)
+        self.agree += agreeing(maps, other)
+        self.bias += maps.value - self.truth
+        self.campaigns, self.slides = self.campaigns + 1, self.slides + drawn.at.size
+        self.area, self.loss = max(self.area, area_error(of, drawn)), max(self.loss, loss_error(of, drawn))
+
+    @property
+    def often(self) -> np.ndarray:
+        """Cells (k,) that are reached often enough."""
+        return self.truth * self.slides / self.campaigns >= OFTEN
+
+
+def coverage(name: str, repeats: int) -> tuple[list[dict[str, Any]], list[np.ndarray]]:
+    """How often intervals hold the truth: a row of the table with all failures sliding and one with 20 of them, and for
+    each the coverage of every cell that is reached often."""
+    of = population(name)
+    # Many columns are reached by the same samples, event by event: each such group is counted once, times its size.
+    happens, cells = np.unique(events(of).reshape(of.rough.size, -1), axis=1, return_counts=True)
+    some = happens.any(axis=0)
+    happens, cells = happens[:, some], cells[some]
+    counts = (None, 20)
+    told = {count: Held(happens.mean(axis=0)) for count in counts}
+    for seed in range(repeats):
+        (plain,) = campaigns(of, MonteCarlo(), SAMPLES // 2, (None,), seed + 10**6)
+        drawn = campaigns(of, TwoPhase(refined_runs=REFINED, seed=seed), SAMPLES, counts, seed)
+        for count, each in zip(counts, drawn, strict=True):
+            told[count].add(of, happens, each, plain)
+    rows = [_row(name, of, count, held, cells) for count, held in told.items()]
+    return rows, [np.repeat(held.held[held.often] / repeats, cells[held.often]) for held in told.values()]
+
+
+def _row(name: str, of: Population, slides: int | None, held: Held, cells: np.ndarray) -> dict[str, Any]:
+    often, repeats = held.often, held.campaigns
+    covered, weight = held.held / repeats, cells[often]
+    return {
+        "population": name,
+        "slides": "all" if slides is None else slides,
+        "campaigns": repeats,
+        "standard_error": float(np.sqrt(0.05 * 0.95 / repeats)),
+        "cells": int(weight.sum()),
+        "coverage_mean": float(np.average(covered[often], weights=weight)),
+        "coverage_min": float(covered[often].min()),
+        "rarer_cells": int(cells[~often].sum()),
+        "rarer_coverage_mean": float(np.average(covered[~often], weights=cells[~often])),
+        "rarer_coverage_min": float(covered[~often].min()),
+        "agrees_with_monte_carlo": float(np.average(held.agree[often] / repeats, weights=weight)),
+        "bias_over_truth": float(np.abs(held.bias[often] / repeats / held.truth[often]).max()),
+        "covered_area_error": held.area,
+        "loss_identity_error": held.loss,
+        "edge_based_area_over_columns": float(
+            of.numbers["area"][of.fails].mean() / of.numbers["area_columns"][of.fails].mean() - 1
+        ),
+    }
+
+
+def agreeing(one: Chances, other: Chances) -> np.ndarray:
+    """Where two independent maps differ by no more than both their intervals allow together, by squares."""
+    lower, upper = (np.where(one.value < other.value, a, b) for a, b in ((one.high, one.low), (other.low, other.high)))
+    return np.abs(one.value - other.value) <= np.hypot(lower - one.value, upper - other.value)
+
+
+def area_error(of: Population, drawn: Drawn) -> float:
+    """How far the map of what is covered at the end, summed beyond the toe, lies from the expected covered area."""
+    covered = of.columns["column_deposit"][drawn.at][:, of.beyond :] >= of.least
+    mapped = float(chance_of(drawn.found, drawn.weight, covered).value.sum()) * of.cell_area
+    counted = float(mean_of(drawn.found, drawn.weight, of.numbers["area_columns"][drawn.at]).value)
+    return abs(mapped / counted - 1)
+
+
+def loss_error(of: Population, drawn: Drawn) -> float:
+    """How far the area under the loss exceedance curve lies from the expected loss, of a house at the foot."""
+    thickest = of.columns["column_thickness"][drawn.at][:, of.beyond + 1].reshape(drawn.at.size, -1).max(axis=1)
+    lost = 1e5 * HOUSE.share(thickest)
+    curve = exceedance(drawn.found, drawn.weight, lost, np.unique(np.concatenate([[0.0], lost])))
+    under = float(np.array(curve.probability[:-1]) @ np.diff(curve.thresholds))
+    expected = float(mean_of(drawn.found, drawn.weight, lost).value)
+    return abs(under / expected - 1) if expected else abs(under)
+
+
+def overhead(repeats: int) -> dict[str, Any]:
+    """Share of a step that looking at the columns takes, on the published rough section and slope, on one core."""
+    found = [
+        on_cores(1, "benchmarks.statistics.hazard_case", name, str(repeats)) for name in ("paper_section", "paper")
+    ]
+    return max(found, key=lambda each: each["overhead_share"])
+
+
+def report_size() -> float:
+    """Megabytes of the report of a campaign in 3D, with maps."""
+    with tempfile.TemporaryDirectory() as folder:
+        text = SOLID.replace("samples = 300", "samples = 20\nrefined_runs = 12")
+        run_campaign(text, Path(folder) / "solid")
+        report(Path(folder) / "solid")
+        return (Path(folder) / "solid" / "report.html").stat().st_size / 1e6
+
+
+def run(quick: bool) -> Report:
+    """Both populations, with all failures sliding and with a part of them."""
+    repeats = 30 if quick else 1000
+    told = [coverage(name, repeats) for name in ("section", "solid")]
+    rows = [row for both, _ in told for row in both]
+    often = np.concatenate([covered for _, both in told for covered in both])
+    values = {
+        "map_coverage_mean": float(often.mean()),
+        "map_coverage_min": float(often.min()),
+        "rarer_coverage_mean": min(row["rarer_coverage_mean"] for row in rows),
+        "rarer_coverage_min": min(row["rarer_coverage_min"] for row in rows),
+        "standard_error": rows[0]["standard_error"],
+        "agrees_with_monte_carlo": min(row["agrees_with_monte_carlo"] for row in rows),
+        "covered_area_error": max(row["covered_area_error"] for row in rows),
+        "loss_identity_error": max(row["loss_identity_error"] for row in rows),
+        **overhead(5 if quick else 41),
+        "report_mb": report_size(),
+    }
+    return Report(values, rows)

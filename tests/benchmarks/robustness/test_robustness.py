@@ -1,0 +1,154 @@
+"""What `benchmarks robustness` tries, in small, and that each of its checks finds what it is there for."""
+
+import random
+import time
+from pathlib import Path
+
+import pytest
+
+from benchmarks.robustness import hostile_scenes, invented, lives, robustness
+from benchmarks.robustness.invented import SCENE
+from cooperative import _commands as command
+from cooperative import campaign
+from cooperative.scene import parse
+from cooperative.store import read_sample, read_store, sample_path
+from foundation import files
+
+SMALL = SCENE.replace("samples = 50", "samples = 16").replace("refined_runs = 15", "refined_runs = 10")
+
+
+@pytest.fixture
+def finished(tmp_path, monkeypatch) -> Path:
+    """A finished campaign of made-up runs."""
+    invented.invent(put=monkeypatch.setattr)
+    campaign.run(SMALL, tmp_path / "finished")
+    return tmp_path / "finished"
+
+
+def assert_all_end_well(count, seed, by_command, folder):
+    values, rows = robustness.fuzzed(count, by_command, folder, seed)
+    assert rows == []
+    assert values["tracebacks"] == 0
+
+
+def test_thirty_hostile_scenes_end_in_a_campaign_or_one_line(tmp_path):
+    assert_all_end_well(30, 0, 1, tmp_path)
+
+
+@pytest.mark.slow
+def test_two_thousand_hostile_scenes_end_in_a_campaign_or_one_line(tmp_path):
+    assert_all_end_well(2000, 1, 20, tmp_path)
+
+
+def test_hostile_scenes_come_to_a_campaign_now_and_then():
+    texts = list(hostile_scenes.scenes(100, seed=5))
+    assert texts == list(hostile_scenes.scenes(100, seed=5))
+    accepted = [text for text in texts if refusal(text) is None]
+    assert 5 < len(accepted) < 60
+
+
+def refusal(text):
+    try:
+        parse(text)
+    except ValueError as error:
+        return error
+    return None
+
+
+@pytest.mark.parametrize(
+    ("does", "how"),
+    [
+        (lambda given: print("error: one line", file=hostile_scenes.sys.stderr) or exit(2), "traceback"),
+        (lambda given: {}["key"], "traceback"),
+        (lambda given: raised(ValueError("two\nlines")), "refused"),  # the command masks what would break its line
+        (lambda given: raised(ValueError("\x1b[2J")), "refused"),
+        (lambda given: (print("more", file=hostile_scenes.sys.stderr), raised(ValueError("one line"))), "noise"),
+        (lambda given: (given.out.mkdir(), (given.out / "scene.toml").touch(), raised(ValueError("late"))), "noise"),
+        (lambda given: raised(ValueError("one line")), "refused"),
+        (lambda given: raised(hostile_scenes.Began()), "began"),
+    ],
+)
+def test_an_answer_is_told_from_a_traceback_noise_and_a_folder_left_behind(does, how, tmp_path, monkeypatch):
+    monkeypatch.setattr(command, "run", does)
+    assert hostile_scenes.asked("", tmp_path).how == how
+
+
+def raised(error):
+    raise error
+
+
+def test_no_damage_to_a_sample_goes_undetected(finished):
+    assert robustness.damage(80, finished, seed=0) == (84, [])
+
+
+@pytest.mark.slow
+def test_no_damage_to_a_sample_goes_undetected_however_often(finished):
+    assert robustness.damage(1000, finished, seed=1) == (1001, [])
+
+
+def test_damage_would_be_found_out_if_seals_were_not_looked_at(finished, monkeypatch):
+    class Fits:
+        def __ne__(self, other):
+            return False
+
+    store = read_store(finished)
+    path, expected = sample_path(store, "rough", 3), lives.content(store, "rough", 3)
+    number = read_sample(store, "rough", 3).coefficients[:1].tobytes()
+    changed = path.read_bytes().replace(number, number[:-1] + bytes([number[-1] ^ 1]))
+    path.write_bytes(changed)
+    assert not robustness.believed(store, "rough", 3, expected)
+    monkeypatch.setattr(files, "seal", lambda *_: Fits())
+    assert robustness.believed(store, "rough", 3, expected)
+
+
+def test_nothing_made_by_hand_is_believed_or_leads_outside(finished, tmp_path):
+    made, escapes = robustness.by_hand(finished, tmp_path / "outside")
+    assert made >= 30
+    assert escapes == []
+
+
+def test_what_is_lost_is_told(finished, tmp_path):
+    other = tmp_path / "other"
+    campaign.run(SMALL, other)
+    assert lives.differences(other, finished) == []
+    (other / "summary.json").write_text((finished / "summary.json").read_text().replace("0", "1"))
+    (other / "samples" / "rough" / "000004.h5").unlink()
+    assert len(lives.differences(other, finished)) == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("case", lives.CASES, ids=lambda case: case.name)
+def test_kills_lose_nothing_and_leave_nobody(case, workers, tmp_path):
+    toll = lives.disturb(case, workers, 3, lives.killed, tmp_path, seed=7)
+    assert (toll.disturbed, toll.lost, toll.orphans) == (3, [], [])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2])
+def test_signals_at_random_moments_end_campaigns_and_lose_nothing(workers, tmp_path):
+    signals = lives.Toll()
+    toll = lives.disturb(lives.CASES[0], workers, 25, lives.signalled(signals), tmp_path, seed=8)
+    assert (toll.disturbed, toll.lost, toll.orphans, signals.signals_lost) == (25, [], [], [])
+
+
+@pytest.mark.slow
+def test_a_campaign_whose_workers_are_killed_goes_on_to_the_same_answer(tmp_path):
+    toll = lives.kill_workers(lives.CREWS, 5, tmp_path, seed=9)
+    assert (toll.disturbed, toll.lost, toll.orphans) == (5, [], [])
+
+
+@pytest.mark.slow
+def test_a_large_folder_goes_on_and_a_signal_ends_its_verification(tmp_path):
+    assert lives.large(1500, tmp_path / "large").keys() == {"resume_1500_s", "signal_while_verifying_s"}
+
+
+@pytest.mark.slow
+def test_workers_end_with_a_controller_that_is_killed(tmp_path):
+    life = lives.Life(lives.CASES[0], tmp_path / "killed", workers=2)
+    until = time.monotonic() + lives.PATIENCE
+    while not lives.finished(tmp_path) and time.monotonic() < until:
+        time.sleep(0.01)
+    assert len(list(lives._marked(life.mark))) >= 3
+    assert lives.killed(life, random.Random(0))
+    assert life.left() == []

@@ -1,0 +1,30 @@
+"""Cho's slope with cohesion and friction: classes of the refined grid beside slip circles through the same soil."""
+
+import numpy as np
+import pytest
+
+from benchmarks.measure import scene_campaign
+from benchmarks.sites import cho_cphi
+from cooperative import runs
+
+
+def test_classes_are_those_of_the_rule_in_time_and_nearly_those_of_circles():
+    found = cho_cphi.summarised()
+    assert found["runs"] == cho_cphi.SAMPLES
+    assert min(found["in_time_same_class"], found["circles_same_class"]) > 0.95
+    assert found["circles_rank_correlation"] > 0.85
+    assert found["high"] - found["low"] <= 0.08
+    # Printed are 0.055 to 0.0637.
+    assert found["low"] <= 0.0637
+    assert found["high"] >= 0.055
+
+
+@pytest.mark.slow
+def test_circles_give_the_printed_factor_at_the_means():
+    campaign = scene_campaign("cho_cphi")
+    model = runs.build(campaign, "refined", runs.random_soil(campaign), at_rest=False)
+    position = np.asarray(model.scene.particles.position, float)
+    circles = cho_cphi.Circles.through(campaign.site.shape, position, 2 * model.half_size[0], campaign.soil.unit_weight)
+    even = np.ones(position.shape[1])
+    factor = circles.factor_of_safety({"cohesion": 10e3 * even, "friction": 30.0 * even})
+    assert abs(factor / 1.204 - 1) < 0.01

@@ -1,0 +1,108 @@
+"""The benchmark of estimators: campaigns that end by the coefficient of variation that they claim."""
+
+from concurrent.futures import Future
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import spearmanr
+
+from benchmarks.speed.campaign import PLAN
+from benchmarks.statistics import estimators
+
+CASE = estimators.target_cases()[-1]
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return estimators.repeat(CASE, 0, 30)
+
+
+def test_campaigns_that_ask_for_a_target_end_by_it(rows):
+    assert (CASE.samples, CASE.target_cov) == (PLAN["samples"], PLAN["target_cov"])
+    claimed, runs = rows[:, 4], rows[:, 5]
+    # The number of runs is fixed before the last of them: what is claimed in the end scatters about the target.
+    assert claimed.mean() < 0.1
+    assert np.all(claimed < 0.115)
+    assert np.all((runs >= 16) & (runs < CASE.runs))
+    assert len(set(runs)) > 3
+    unmet = estimators.repeat(replace(CASE, runs=16), 0, 5)
+    assert np.all(unmet[:, 5] == 16)
+    assert np.any(unmet[:, 4] > 0.1)
+
+
+def test_its_quartiles_are_of_refined_runs_and_its_error_is_the_true_one(rows):
+    row = estimators.summarise(CASE, rows)
+    runs = np.sort(rows[:, 5])
+    assert [row["runs_q25"], row["runs_q50"], row["runs_q75"]] == [runs[7], runs[14], runs[22]]
+    assert row["rmse"] == pytest.approx(np.sqrt(np.mean((rows[:, 0] / 0.28 - 1) ** 2)))
+    assert row["claimed"] == rows[:, 4].mean()
+    values = estimators.target_values([row])
+    assert values["target_cov_runs_q50_r098"] == row["runs_q50"]
+    assert values["target_cov_rmse_r098"] == row["rmse"]
+    assert "target_cov_coverage_sampling_r098" in values
+
+
+def test_cases_that_spend_their_runs_have_no_target_in_their_row():
+    plain = estimators.Case("two-phase", 0.244, 0.95, 100, 20)
+    assert "target_cov" not in estimators.summarise(plain, estimators.repeat(plain, 0, 2))
+
+
+@pytest.mark.parametrize(("link", "better"), [("Clayton", False), ("Gumbel", True)])
+def test_links_have_their_probability_and_rank_correlation_and_tails(link, better):
+    case = estimators.Case("two-phase", 0.1, 0.85, 20_000, 20, link=link)
+    displacement, failed = estimators.draw(case, np.random.default_rng(1))
+    assert failed.mean() == pytest.approx(0.1, abs=0.008)
+    # The response itself, by the share of samples that exceed ever higher limits.
+    generator, rank = np.random.default_rng(1), np.zeros(case.samples)
+    state = generator.bit_generator.state
+    for pf in np.arange(0.005, 1.0, 0.005):
+        generator.bit_generator.state = state
+        rank += estimators.draw(replace(case, pf=pf), generator)[1]
+    assert spearmanr(displacement, rank).statistic == pytest.approx(0.85, abs=0.01)
+    # Of the failures, those among the tenth that the rough grid ranks worst: where both tails hang together, more.
+    worst = displacement >= np.quantile(displacement, 0.9)
+    normal = replace(case, link="normal", correlation=0.862)
+    of_normal, fails = estimators.draw(normal, np.random.default_rng(1))
+    both = fails[of_normal >= np.quantile(of_normal, 0.9)].mean()
+    assert bool(failed[worst].mean() > both) is better
+
+
+def test_links_are_judged_where_750_samples_can_reach_the_target():
+    cases = estimators.link_cases()
+    assert {case.pf for case in cases} == {0.1, 0.244}
+    rows = [
+        {"link": "normal", "rmse": 0.1, "claimed": 0.1, "bias": -0.02, "bias_error": 0.003, "coverage": 0.97},
+        {"link": "Clayton", "rmse": 0.21, "claimed": 0.2, "bias": 0.01, "bias_error": 0.004, "coverage": 0.96},
+        {"link": "both ends", "rmse": 0.5, "claimed": 0.2, "bias": 0.1, "bias_error": 0.01, "coverage": 0.93},
+    ]
+    found = estimators.link_values(rows)
+    assert found["target_cov_rmse_over_claimed_max"] == pytest.approx(1.05)
+    assert (found["target_cov_bias_max"], found["target_cov_coverage_both_ends_min"]) == (0.02, 0.93)
+
+
+def test_a_benchmark_that_was_stopped_goes_on_from_its_pieces(tmp_path, monkeypatch):
+    case = estimators.Case("two-phase", 0.244, 0.95, 60, 16)
+    asked = []
+
+    class AtOnce:
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+        def submit(self, act, folder, name, make):
+            asked.append(not (folder / f"{name}.json").exists())
+            done = Future()
+            done.set_result(act(folder, name, make))
+            return done
+
+    monkeypatch.setattr(estimators, "ROOT", tmp_path)
+    monkeypatch.setattr(estimators, "process_pool", lambda count: AtOnce())
+    (tmp_path / "cooperative" / "estimate").mkdir(parents=True)
+    (first,) = estimators.measured([(estimators.repeat, case, 4)], quick=True)
+    np.testing.assert_array_equal(first, estimators.repeat(case, 0, 4))
+    (again,) = estimators.measured([(estimators.repeat, case, 4)], quick=True)
+    np.testing.assert_array_equal(again, first)
+    assert asked == [True, True, False, False]
