@@ -49,6 +49,7 @@ SHORT = {
     "derivative_screening": "statistics",
     "published": "study",
     "docs": "project",
+    "size": "project",
 }
 
 # Of hours, or about no answer of the solver: not part of `all`.
