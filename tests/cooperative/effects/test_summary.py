@@ -300,8 +300,7 @@ def test_runs_that_broke_off_have_the_class_that_they_tell():
 def test_a_campaign_without_slides_says_that_no_consequence_was_asked_for():
     campaign, rough, refined = drawn_classes(0)
     found = summarise(campaign, rough, refined)
-    (note,) = found.notes
-    assert note.startswith("the scene asks for no slides (slides = 0): the 30 refined failures ended")
+    assert found.notes[0].startswith("the scene asks for no slides (slides = 0): the 30 refined failures ended")
     assert (found.slides, found.slides_drawn, found.failures_refined) == (0, 0, 30)
     assert _page.without_slides(found).startswith("No consequence was asked for")
     assert "over 200 samples. Failures that did not slide on rank alike." in _page.agreement(found)
@@ -410,6 +409,13 @@ def test_runs_that_still_moved_when_their_class_was_taken_are_named():
     assert note.startswith(
         "2 of 15 refined runs that stand had not settled at t_end = 20 s, having moved 0.7 m at most"
     )
+
+
+def test_runs_that_settled_close_to_failure_are_named():
+    campaign, rough, refined = five_slides()
+    refined.columns["displacement"][7:9] = 0.21, 0.19
+    (note,) = summarise(campaign, rough, refined).notes
+    assert note.startswith("1 of 15 refined runs that stand settled after 0.21 m, more than 0.2 of the 1 m of a failure")
 
 
 def test_more_runs_are_no_more_than_are_left_and_all_samples_are_the_limit():
