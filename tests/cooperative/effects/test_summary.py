@@ -415,7 +415,7 @@ def test_runs_that_settled_close_to_failure_are_named():
     campaign, rough, refined = five_slides()
     refined.columns["displacement"][7:9] = 0.21, 0.19
     (note,) = summarise(campaign, rough, refined).notes
-    assert note.startswith("1 of 15 refined runs that stand settled after 0.21 m, more than 0.2 of the 1 m of a failure")
+    assert note.startswith("1 of 15 refined runs that stand settled after 0.21 m, more than 0.2 of the 1 m")
 
 
 def test_more_runs_are_no_more_than_are_left_and_all_samples_are_the_limit():
