@@ -24,12 +24,9 @@ import numpy as np
 from benchmarks.csv_rows import ENDED, number, rows_of, whole, word
 from benchmarks.measure import ROOT, Report
 from benchmarks.settings.rest import appending
-from benchmarks.study.study import DATA as STUDY
-from benchmarks.study.study import read_study
-from benchmarks.study.study_pieces import LIMIT
-from benchmarks.study.study_runs import CASES as STUDY_CASES
-from benchmarks.study.study_runs import FAST, Changes, campaign_with
-from benchmarks.study.study_table import Rows, Run, merged
+from benchmarks.study.cases import CASES as STUDY_CASES
+from benchmarks.study.cases import FAILS_ABOVE, FAST, Changes, campaign_of
+from benchmarks.study.rows import Rows, Run, read_study
 from cooperative import runs
 from cooperative.measure import SEVERITY, Motion
 from cooperative.runs import GridModel
@@ -80,7 +77,7 @@ class Case:
 
 @cache
 def _study() -> Rows:
-    return merged(read_study(STUDY).values())
+    return read_study()
 
 
 def _of_study(name: str, grid: str, samples: tuple[int, ...] | int, reduction: float = 1.0) -> Case:
@@ -142,7 +139,7 @@ def carry_on(cases: Mapping[str, Case], path: Path, minutes: float = float("inf"
 
 
 def _model(case: Case, memory: bool) -> GridModel:
-    campaign = campaign_with(case.scene, {**case.changes, "soil": {"gap_memory": memory}})
+    campaign = campaign_of(case.scene, {**case.changes, "soil": {"gap_memory": memory}})
     campaign = replace(campaign, plan=replace(campaign.plan, fields=(), modes=(case.grid,)))
     return replace(runs.build(campaign, case.grid, runs.random_soil(campaign)), strength_factor=1 / case.reduction)
 
@@ -180,7 +177,7 @@ def compared(name: str, case: Case, remembers: Mapping[int, Row], forgets: Mappi
     both = [(remembers[n], forgets[n]) for n in sorted(remembers.keys() & forgets.keys())]
     slid = [(new, old) for new, old in both if new["runout"] is not None and _fails(new) and _fails(old)]
     kept = [(new, old) for new, old in slid if old["runout"] is not None]
-    cell = campaign_with(case.scene, case.changes).grids[case.grid].cell
+    cell = campaign_of(case.scene, case.changes).grids[case.grid].cell
     changes = {
         closed: np.array(
             [
@@ -219,7 +216,7 @@ def compared(name: str, case: Case, remembers: Mapping[int, Row], forgets: Mappi
 
 
 def _fails(row: Row) -> bool:
-    return bool(row["displacement"] > LIMIT)
+    return bool(row["displacement"] > FAILS_ABOVE)
 
 
 def run(quick: bool) -> Report:

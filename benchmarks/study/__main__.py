@@ -1,53 +1,56 @@
-"""`python -m benchmarks.study [PIECE ...]`: the published study in 3D, in pieces that go on where they were stopped.
+"""`python -m benchmarks.study [CASE ...]`: run the campaigns of the published study anew, in out/study.
 
-A run is one row of a small CSV file, `study_PIECE.csv` in the folder, written as soon as the run has ended; a process
-that is killed loses only the runs under way. `python -m benchmarks published` makes tables and verdicts of the files.
+A case with a random field is a campaign: a folder that goes on where it was stopped, with its report. One without is a
+search for the factors of safety of both grids. `python -m benchmarks published` compares the rows of the first runs,
+in benchmarks/data/study_*.csv.
 """
 
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
-from benchmarks.study import study_slides
-from benchmarks.study.study import DATA, FIGURES, carry_on, collect, progress, read_study
-from benchmarks.study.study_pieces import PIECES
-from benchmarks.study.study_table import merged
+import cooperative
+from benchmarks.measure import ROOT
+from benchmarks.study.cases import CASES, campaign_of, plan_of
+from cooperative.scene import factors_of_safety
 
 
-def main() -> int:
-    """Parse the command line and go on with the study, collect rows, or list them."""
+def run_case(case: str, folder: Path, workers: int = 1) -> str:
+    """Run a case.
+
+    Args:
+        case: name in `CASES`.
+        folder: where the folders of campaigns are.
+        workers: parallel processes.
+
+    Returns:
+        The answer in words.
+    """
+    definition, plan = CASES[case], plan_of(case)
+    changes = definition["changes"]
+    campaign = campaign_of(definition["scene"], {**changes, "campaign": {**changes.get("campaign", {}), **plan}})
+    if not plan:
+        soil = cooperative.random_soil(campaign)
+        factors = factors_of_safety(
+            campaign, {grid: cooperative.build(campaign, grid, soil) for grid in campaign.grids}
+        )
+        return f"{case}: factor of safety {factors.rough:.2f} rough, {factors.refined:.2f} refined"
+    cooperative.run(campaign, folder / case, workers=workers)
+    return f"{case}: {cooperative.report(folder / case)}"
+
+
+def main() -> None:
+    """Parse the command line and run the cases."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.study", description=__doc__)
-    parser.add_argument("pieces", nargs="*", metavar="PIECE", help=f"some of {', '.join(PIECES)}; all if none is named")
-    parser.add_argument("--folder", type=Path, default=DATA, help="where the rows go (benchmarks/data)")
-    parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no run after as many")
-    parser.add_argument("--workers", type=int, default=1, help="processes, each with its share of the cores")
-    parser.add_argument("--lanes", type=int, default=1, help="runs that a process does side by side, for a GPU")
-    parser.add_argument("--collect", type=Path, metavar="FOLDER", help="take over the rows there, run nothing")
-    parser.add_argument("--draw", action="store_true", help="run and draw a typical slide of each mode, nothing else")
-    parser.add_argument("--list", action="store_true", help="say what is there, run nothing")
+    parser.add_argument("cases", nargs="*", metavar="CASE", help=f"some of: {'; '.join(CASES)}; all by default")
+    parser.add_argument("--workers", type=int, default=1, help="parallel processes")
     arguments = parser.parse_args()
-    try:
-        if arguments.collect is not None:
-            print(collect(arguments.collect, arguments.folder) or "nothing new")
-        elif arguments.draw:
-            drawn = study_slides.draw(merged(read_study(arguments.folder).values()), FIGURES)
-            print(*drawn.files, sep="\n")
-            if drawn.broke_off:
-                raise ValueError("\n".join(drawn.broke_off))
-        elif arguments.list:
-            print("\n".join(progress(arguments.folder)))
-        else:
-            carry_on(
-                arguments.folder, arguments.pieces or list(PIECES), workers=arguments.workers, lanes=arguments.lanes,
-                minutes=arguments.minutes,
-            )  # fmt: skip
-    except ValueError as error:
-        print(error, file=sys.stderr)
-        return 1
-    return 0
+    if unknown := set(arguments.cases) - set(CASES):
+        parser.error(f"case {min(unknown)!r}: give some of {'; '.join(CASES)}")
+    for case in arguments.cases or CASES:
+        print(run_case(case, ROOT / "out" / "study", arguments.workers), flush=True)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.settings import rest
-from benchmarks.study import study_runs
-from cooperative.runs import run_samples
+from benchmarks.study.cases import campaign_of
+from cooperative.runs import build, coefficients_of, random_soil, run_samples
 from jaxmpm import Settle
 from tests.benchmarks.study.test_study import TINY
 
@@ -103,9 +103,10 @@ def test_how_far_slides_move_after_20_s_and_when_a_second_mass_lets_go(tmp_path,
         rest.run(quick=True)
 
 
-def test_a_slide_that_runs_on_is_measured_twice_in_one_run(monkeypatch):
-    monkeypatch.setitem(study_runs.CASES, "tiny", TINY)
-    model, coefficients = study_runs.prepared("tiny", "rough")
+def test_a_slide_that_runs_on_is_measured_twice_in_one_run():
+    campaign = campaign_of("demo", TINY)
+    soil = random_soil(campaign)
+    model, coefficients = build(campaign, "rough", soil), coefficients_of(campaign, soil)
     run = replace(model.campaign.run, settle=Settle())
     plan = replace(model.campaign.plan, modes=("rough",))
     model = replace(model, campaign=replace(model.campaign, run=run, plan=plan), strength_factor=0.25)

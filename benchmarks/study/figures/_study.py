@@ -9,8 +9,8 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from benchmarks.study.published_answers import Found, Line
-from benchmarks.study.study_table import Rows
+from benchmarks.study.answers import Answer, Line
+from benchmarks.study.rows import Rows
 from cooperative.reporting import panels
 
 BLUE, RED, GREEN, PINK = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
@@ -23,20 +23,27 @@ INSIDE, FAINT = 8.5, 9.0
 
 @dataclass(frozen=True)
 class Study:
-    """What is drawn. rows: of all runs. lines: of the table."""
+    """What is drawn.
+
+    Attributes:
+        rows: of all runs.
+        lines: of the table.
+    """
 
     rows: Rows
     lines: Sequence[Line]
 
-    def line(self, key: str) -> Line | None:
+    def line(self, key: str) -> Line:
         """The row with this name, or the first whose words begin so."""
         named = (line for line in self.lines if line.name == key)
-        return next(named, next((line for line in self.lines if line.what.startswith(key)), None))
+        return next(named, None) or next(line for line in self.lines if line.what.startswith(key))
 
-    def answer(self, key: str) -> Found | None:
-        """What was found in that row, None where it has not run."""
-        line = self.line(key)
-        return None if line is None or isinstance(line.found, str) else line.found
+    def answer(self, key: str) -> Answer:
+        """The answer in that row. ValueError where it has none."""
+        answer = self.line(key).answer
+        if isinstance(answer, str):
+            raise ValueError(f"{key}: not run yet: {answer}")
+        return answer
 
 
 def sheet(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
@@ -46,12 +53,12 @@ def sheet(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, l
     return figure, axes
 
 
-def upright(ax: Axes, at: float, found: Found, **style: Any) -> None:
+def upright(ax: Axes, at: float, answer: Answer, **style: Any) -> None:
     """A value over `at`, with its interval."""
-    ax.plot((at, at), found.interval, "-", color=style["color"], lw=1.4)
-    ax.plot(at, found.value, ls="none", **style)
+    ax.plot((at, at), answer.interval, "-", color=style["color"], lw=1.4)
+    ax.plot(at, answer.value, ls="none", **style)
 
 
-def with_limits(found: Found, digits: int = 2) -> str:
+def with_limits(answer: Answer, digits: int = 2) -> str:
     """A value with its interval in words."""
-    return f"{found.value:.{digits}f} ({found.interval[0]:.{digits}f} to {found.interval[1]:.{digits}f})"
+    return f"{answer.value:.{digits}f} ({answer.interval[0]:.{digits}f} to {answer.interval[1]:.{digits}f})"

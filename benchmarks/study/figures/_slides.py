@@ -2,34 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from benchmarks.study.published_answers import Found
-from benchmarks.study.published_modes import BEST_FITS, TO_FIT, rough_shares, weighted_slides
-from benchmarks.study.study_figures._study import BLUE, GREY, INSIDE, MODES, RED, Study, sheet, upright
-from benchmarks.study.study_pieces import sweep_cases
-from benchmarks.study.study_runs import LENGTHS, sweep_case
+from benchmarks.study.answers import Answer
+from benchmarks.study.cases import LENGTHS, SWEEP, sweep_case
+from benchmarks.study.figures._study import BLUE, GREY, INSIDE, MODES, RED, Study, sheet, upright
+from benchmarks.study.modes import BEST_FITS, TO_FIT, rough_shares, weighted_slides
 from cooperative.estimate import Fit, fit_distributions
 
 LABELS = {"area": "influence area [m$^2$]", "volume": "sliding volume [m$^3$]", "runout": "run-out [m]"}
 
 
-def modes(study: Study) -> Figure | None:
+def modes(study: Study) -> Figure:
     """Shares of the modes against each correlation length, and beside them those of refined slides and the printed."""
-    by_length = [[(f"{length:g} m", [sweep_case(axis, length)]) for length in LENGTHS] for axis in ("lx", "ly")]
-    found = {mode: study.answer(f"share_{mode}") for mode in MODES}
-    known = [rough_shares(study.rows, cases, (mode,)) for groups in by_length for _, cases in groups for mode in MODES]
-    if all(isinstance(answer, str) for answer in known) and not any(found.values()):
-        return None
     figure, axes = sheet(1, 3, (3.2, 3.9))
-    for ax, axis, groups in zip(axes, ("l_x", "l_y"), by_length, strict=False):
-        ticks = [f"{name}\nn = {_rough(ax, at, study, cases)}" for at, (name, cases) in enumerate(groups)]
+    for ax, axis in zip(axes, ("lx", "ly"), strict=False):
+        counts = [_rough(ax, at, study, [sweep_case(axis, length)]) for at, length in enumerate(LENGTHS)]
+        ticks = [f"{length:g} m\nn = {count}" for length, count in zip(LENGTHS, counts, strict=True)]
         ax.set_xticks(range(len(ticks)), ticks, fontsize=INSIDE)
-        ax.set_xlabel(f"correlation length ${axis}$, the other 60 m")
+        ax.set_xlabel(f"correlation length $l_{axis[1]}$, the other 60 m")
         ax.set_title("rough grid, calibrated", loc="left", fontsize=10)
-    _beside(axes[2], study, found)
+    _beside(axes[2], study)
     for ax in axes:
         ax.set(ylim=(-0.02, 1.02), xlim=(-0.5, len(ax.get_xticks()) - 0.5))
         ax.grid(axis="y", color="0.9", lw=0.6)
@@ -39,31 +36,25 @@ def modes(study: Study) -> Figure | None:
     return figure
 
 
-def _rough(ax: Axes, at: float, study: Study, cases: list[str]) -> int:
+def _rough(ax: Axes, at: float, study: Study, cases: Collection[str]) -> int:
     """Shares on the calibrated rough grid over `at`; the number of slides."""
     for mode in MODES:
-        answer = rough_shares(study.rows, cases, (mode,))
-        if not isinstance(answer, str):
-            _share(ax, at, mode, answer)
+        _share(ax, at, mode, rough_shares(study.rows, cases, (mode,)))
     return sum(run.case in cases and run.grid == "rough" and o.mode is not None for run, o in study.rows.items())
 
 
-def _share(ax: Axes, at: float, mode: str, answer: Found) -> None:
+def _share(ax: Axes, at: float, mode: str, answer: Answer) -> None:
     color, marker = MODES[mode]
     upright(ax, at + 0.16 * (list(MODES).index(mode) - 1.5), answer, color=color, marker=marker, ms=5)
 
 
-def _beside(ax: Axes, study: Study, refined: dict[str, Found | None]) -> None:
-    pooled = _rough(ax, 0, study, sweep_cases())
-    for mode, answer in refined.items():
-        if answer is not None:
-            _share(ax, 1, mode, answer)
+def _beside(ax: Axes, study: Study) -> None:
+    pooled = _rough(ax, 0, study, SWEEP)
+    for number, (mode, (color, marker)) in enumerate(MODES.items()):
         line = study.line(f"share_{mode}")
-        if line is not None and line.printed is not None:
-            at, (color, marker) = 2 + 0.16 * (list(MODES).index(mode) - 1.5), MODES[mode]
-            if line.counted is not None:
-                ax.plot((at, at), line.counted, "-", color=color, lw=1.4)
-            ax.plot(at, line.printed, marker, color=color, mfc="white", mew=1.6, ms=6)
+        _share(ax, 1, mode, study.answer(f"share_{mode}"))
+        assert line.printed is not None
+        ax.plot(2 + 0.16 * (number - 1.5), line.printed, marker, color=color, mfc="white", mew=1.6, ms=6)
     names = (
         f"rough grid\nall lengths\nn = {pooled}",
         f"refined grid\n60 m\nn = {len(weighted_slides(study.rows).ended)}",
@@ -73,19 +64,16 @@ def _beside(ax: Axes, study: Study, refined: dict[str, Found | None]) -> None:
     ax.set_title("beside them", loc="left", fontsize=10)
 
 
-def fits(study: Study) -> Figure | None:
+def fits(study: Study) -> Figure:
     """Distributions fitted to the consequences of each mode of enough refined slides, the printed family among them."""
     slides = weighted_slides(study.rows)
-    names = np.array([slide.mode for slide in slides.ended])
-    told = [mode for mode in MODES if (names == mode).sum() >= TO_FIT]
-    if not told:
-        return None
-    figure, axes = sheet(len(told), len(LABELS), (3.15, 3.7))
-    for mode, row in zip(told, np.array(axes).reshape(len(told), -1), strict=True):
+    fitted = [mode for mode in MODES if slides.of_mode(mode).sum() >= TO_FIT]
+    figure, axes = sheet(len(fitted), len(LABELS), (3.15, 3.7))
+    for mode, row in zip(fitted, np.array(axes).reshape(len(fitted), -1), strict=True):
         mine = [slide for slide in slides.ended if slide.mode == mode]
         for ax, (measure, label) in zip(row, LABELS.items(), strict=True):
             values = np.array([getattr(slide, measure) for slide in mine], float)
-            _distributions(ax, values, slides.weight[names == mode], BEST_FITS[mode][measure])
+            _distributions(ax, values, slides.weight[slides.of_mode(mode)], BEST_FITS[mode][measure])
             ax.set(xlabel=label, ylim=(-0.02, 1.02))
         row[0].set_ylabel(f"share of {mode} slides below [-]")
         row[0].set_title(f"{len(mine)} {mode} slides, refined grid", loc="left", fontsize=10)
@@ -114,5 +102,5 @@ def _distributions(ax: Axes, values: np.ndarray, weight: np.ndarray, printed: st
 
 
 def _words(fit: Fit, best: Fit, printed: str) -> str:
-    said = f"{fit.name} {fit.aic - best.aic:.1f}"
-    return f"{said} (printed)" if fit.name == printed else said
+    words = f"{fit.name} {fit.aic - best.aic:.1f}"
+    return f"{words} (printed)" if fit.name == printed else words

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from benchmarks.study.published_answers import Line
-from benchmarks.study.study_figures._study import BLUE, FAINT, GREY, RED, Study, sheet
+from benchmarks.study.answers import Answer, Line
+from benchmarks.study.figures._study import BLUE, GREY, RED, Study, sheet
 
 
 class Kind(NamedTuple):
@@ -93,10 +93,8 @@ COLUMNS = (24, 74, 136)
 """Where ours, the printed value and the verdict stand in words, right of the axes (pt)."""
 
 
-def against(study: Study) -> Figure | None:
-    """Each headline number with its interval over the printed one, marked by what became of it."""
-    if not any(study.answer(key) for panel in PANELS for key in panel.rows):
-        return None
+def against(study: Study) -> Figure:
+    """Each headline number with its interval over the printed one, marked by its verdict."""
     heights = [len(panel.rows) + 1.6 for panel in PANELS]
     figure, axes = sheet(len(PANELS), 1, (9.0, 0.275 * sum(heights) / len(PANELS)))
     grid = axes[0].get_gridspec()
@@ -121,9 +119,7 @@ def against(study: Study) -> Figure | None:
 
 def _panel(ax: Axes, study: Study, panel: Panel) -> None:
     for at, key in enumerate(panel.rows):
-        line = study.line(key)
-        if line is not None:
-            _row(ax, at, line, panel)
+        _row(ax, at, study.line(key), study.answer(key), panel)
     ax.set_yticks(range(len(panel.rows)), list(panel.rows.values()))
     ax.set_ylim(len(panel.rows) - 0.4, -0.6)
     ax.tick_params(axis="y", length=0)
@@ -139,24 +135,20 @@ def _panel(ax: Axes, study: Study, panel: Panel) -> None:
         ax.axvline(0, color="black", lw=0.8)
 
 
-def _row(ax: Axes, at: int, line: Line, panel: Panel) -> None:
-    """Mark and words of one row; only what is printed where ours has not run."""
+def _row(ax: Axes, at: int, line: Line, answer: Answer, panel: Panel) -> None:
+    """Mark and words of one row."""
     printed = "rises" if panel.rises else "" if line.printed is None else f"{line.printed:.{panel.digits}f}"
     if line.printed is not None:
         if line.counted is not None:
             ax.plot(line.counted, (at, at), "-", color="black", lw=4, alpha=0.25, solid_capstyle="butt")
         ax.plot(line.printed, at, "|", color="black", ms=13, mew=2, zorder=4)
-    _beside(ax, at, COLUMNS[1], printed)
-    if isinstance(line.found, str):
-        _beside(ax, at, COLUMNS[2], "not run yet", color=GREY, fontsize=FAINT)
-        return
     word, kind = judged(line)
-    low, high = np.clip(line.found.interval, *(panel.ends or (-np.inf, np.inf)))
+    low, high = np.clip(answer.interval, *(panel.ends or (-np.inf, np.inf)))
     ax.plot((low, high), (at, at), "-", color=kind.color, lw=1.8, zorder=3)
-    ax.plot(line.found.value, at, kind.marker, color=kind.color, ms=7, zorder=3, clip_on=False)
-    shown = f"{line.found.value:{'+' if panel.rises else ''}.{panel.digits}f}"
-    _beside(ax, at, COLUMNS[0], shown)
-    _beside(ax, at, COLUMNS[2], word, color=kind.color)
+    ax.plot(answer.value, at, kind.marker, color=kind.color, ms=7, zorder=3, clip_on=False)
+    shown = f"{answer.value:{'+' if panel.rises else ''}.{panel.digits}f}"
+    for points, words, color in zip(COLUMNS, (shown, printed, word), ("black", "black", kind.color), strict=True):
+        _beside(ax, at, points, words, color=color)
 
 
 def _beside(ax: Axes, at: float, points: float, words: str, **style: Any) -> None:
@@ -168,6 +160,6 @@ def _beside(ax: Axes, at: float, points: float, words: str, **style: Any) -> Non
 
 
 def judged(line: Line) -> tuple[str, Kind]:
-    """What a verdict comes to, in a word, and how that is drawn."""
-    said = line.verdict()
-    return next((word, kind) for word, kind in VERDICTS.items() if said.startswith(kind.begins))
+    """A verdict in a word, and how that is drawn."""
+    verdict = line.verdict()
+    return next((word, kind) for word, kind in VERDICTS.items() if verdict.startswith(kind.begins))

@@ -1,4 +1,4 @@
-"""Answers of the study beside what is published: values with intervals and hours, and their verdicts."""
+"""Answers of the study and the published values: intervals, hours and verdicts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.stats import t as student
 
-from benchmarks.study.study_table import CPU, Outcome, Run
+from benchmarks.study.rows import CPU, Outcome, Run
 
 FEW_RUNS = 8
 """Runs from which on the mean of their seconds has an interval."""
@@ -22,13 +22,20 @@ class Hours(NamedTuple):
     gpu: float
 
     def __str__(self) -> str:
-        told = [f"{hours:.3f} {kind}" for hours, kind in ((self.core, "core"), (self.gpu, "GPU")) if hours]
-        return " + ".join(told) or "none"
+        parts = [f"{hours:.3f} {kind}" for hours, kind in ((self.core, "core"), (self.gpu, "GPU")) if hours]
+        return " + ".join(parts) or "none"
 
 
 @dataclass(frozen=True)
-class Found:
-    """One answer of ours: its value, interval, what it rests on, and what that took."""
+class Answer:
+    """One answer of this study.
+
+    Attributes:
+        value: the answer.
+        interval: its limits.
+        rests_on: the runs behind it, in words.
+        hours: of these runs.
+    """
 
     value: float
     interval: tuple[float, float]
@@ -38,56 +45,68 @@ class Found:
 
 @dataclass(frozen=True)
 class Line:
-    """One row of the table. name: of the value, None for a row without one. printed: the published value, None if
-    there is none. found: ours, or why there is none yet. cause: what was measured of the reasons of a difference.
-    counted: the interval of the published value itself, where it is a share that was counted."""
+    """One row of the table.
+
+    Attributes:
+        what: the row in words.
+        name: of the value, None for a row without one.
+        printed: the published value, None if there is none.
+        answer: of this study, or the runs that are missing.
+        cause: measured reasons of a difference.
+        counted: interval of the published value, where it is a share that was counted.
+    """
 
     what: str
     name: str | None
     printed: float | None
-    found: Found | str
+    answer: Answer | str
     cause: str = ""
     counted: tuple[float, float] | None = None
 
     def verdict(self) -> str:
-        """Whether the published value lies in our interval, and if not, why; two shares that were both counted agree
-        where their difference is no larger than the root of the sum of squares of the two half widths between them.
-        Where nothing was found, an interval that holds the published value decides nothing."""
-        if isinstance(self.found, str):
-            return f"not run yet: {self.found}"
-        low, high = self.found.interval
+        """Whether the published value lies in the interval, and the cause if it does not.
+
+        Two shares that were both counted agree where their difference is at most the root of the sum of squares of the
+        half widths between them. An interval of a share of 0 that holds the published value decides nothing.
+        """
+        if isinstance(self.answer, str):
+            return f"not run yet: {self.answer}"
+        value, (low, high) = self.answer.value, self.answer.interval
         if self.printed is None:
             return self.cause or "not published"
         if low - 1e-9 <= self.printed <= high + 1e-9:
-            return "agrees" if self.found.value else f"not resolved: none was found, up to {high:.2g} may be"
+            return "agrees" if value else f"not resolved: none was found, up to {high:.2g} may be"
+        difference = f"{value - self.printed:+.3g}"
         if self.counted is not None:
-            above = self.found.value > self.printed
-            ours = self.found.value - low if above else high - self.found.value
-            theirs = self.counted[1] - self.printed if above else self.printed - self.counted[0]
-            reach = float(np.hypot(ours, theirs))
-            words = f"{self.found.value - self.printed:+.3g}, where the two samples leave {reach:.3g} open"
-            if abs(self.found.value - self.printed) <= reach:
-                return f"agrees: {words}"
-            return f"differs by {words}: {self.cause or 'cause not measured yet'}"
-        return f"differs by {self.found.value - self.printed:+.3g}: {self.cause or 'cause not measured yet'}"
+            above = value > self.printed
+            half_widths = (
+                (value - low, self.counted[1] - self.printed)
+                if above
+                else (high - value, self.printed - self.counted[0])
+            )
+            reach = float(np.hypot(*half_widths))
+            difference += f", where the two samples leave {reach:.3g} open"
+            if abs(value - self.printed) <= reach:
+                return f"agrees: {difference}"
+        return f"differs by {difference}: {self.cause or 'cause not measured yet'}"
 
     def as_row(self) -> dict[str, Any]:
         """The line with the same columns for all."""
-        found = self.found if isinstance(self.found, Found) else None
+        answer = None if isinstance(self.answer, str) else self.answer
         return {
             "what": self.what,
             "published": "none" if self.printed is None else self.printed,
-            "ours": "none" if found is None else round(found.value, 4),
-            "low": "none" if found is None else round(found.interval[0], 4),
-            "high": "none" if found is None else round(found.interval[1], 4),
-            "rests on": "nothing" if found is None else found.rests_on,
-            "hours": "none" if found is None else str(found.hours),
+            "ours": "none" if answer is None else round(answer.value, 4),
+            "low": "none" if answer is None else round(answer.interval[0], 4),
+            "high": "none" if answer is None else round(answer.interval[1], 4),
+            "rests on": "nothing" if answer is None else answer.rests_on,
+            "hours": "none" if answer is None else str(answer.hours),
             "verdict": self.verdict(),
         }
 
 
 def hours_of(rows: Mapping[Run, Outcome], **which: Any) -> Hours:
-    """Hours of the runs whose fields are as said."""
+    """Hours of the runs whose fields have these values."""
     chosen = [o for run, o in rows.items() if all(getattr(run, name) == value for name, value in which.items())]
     core = sum(outcome.seconds for outcome in chosen if outcome.device == CPU)
     return Hours(core / 3600, (sum(outcome.seconds for outcome in chosen) - core) / 3600)
@@ -108,7 +127,7 @@ def paired_change(before: list[bool], after: list[bool]) -> tuple[float, tuple[f
     return (gained - lost) / first.size, (middle - half, middle + half)
 
 
-def difference(first: Found, last: Found) -> tuple[float, tuple[float, float]]:
+def difference(first: Answer, last: Answer) -> tuple[float, tuple[float, float]]:
     """By how much the second of two independent answers is larger, with its interval, from their own intervals.
 
     Zou and Donner (2008), Statistics in Medicine 27, 1693-1702, DOI 10.1002/sim.3095: on each side the distances of the
