@@ -57,10 +57,8 @@ def _effective_stress(campaign: Campaign, scene: Scene) -> jax.Array | None:
     stress of a grid would not do: within a cell of the surface it is half of that, or less."""
     if campaign.site.by_stress(campaign.soil) is None:
         return None
-    stress, dtype = jaxmpm.overburden(scene), scene.particles.mass.dtype
-    if scene.water is None:
-        stress = stress - campaign.site.pore_pressure(np.asarray(scene.particles.position, float), stress)
-    return jnp.asarray(stress, dtype)
+    borne = campaign.site.r_u or 0.0
+    return jnp.asarray((1 - borne) * jaxmpm.overburden(scene), scene.particles.mass.dtype)
 
 
 def _refuse_unknown(random: Collection[str], scene: Scene) -> None:

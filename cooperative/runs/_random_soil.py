@@ -18,7 +18,7 @@ import numpy as np
 
 import kl
 from cooperative.estimate import Phases, Sampling
-from cooperative.scene import Campaign, CrossCorrelation, Given, RandomField, Site
+from cooperative.scene import Campaign, CrossCorrelation, Given, RandomField
 from cooperative.store import Rows
 
 Box = tuple[tuple[float, ...], tuple[float, ...]]
@@ -107,30 +107,47 @@ def random_soil(campaign: Campaign) -> RandomSoil:
     through = {name for name in campaign.random if site.spans(name)}
     if correlated is not None and not through.isdisjoint(correlated.parameters):
         through |= {*correlated.parameters}
-    parts: list[Part] = []
-    if through:
-        spanning = tuple((name, field) for name, field in campaign.random.items() if name in through)
-        parts.append((None, spanning, (site.shape.corner, site.shape.extent)))
+    fields = {name: field for name, field in campaign.random.items() if name in through}
+    parts = [_part(campaign, None, fields, (site.shape.corner, site.shape.extent))] if fields else []
     for number, layer in enumerate(site.layers):
         if layer.own:
-            own = tuple((name, field) for name, field in layer.random.items() if name in layer.own)
-            parts.append((number, own, site.box_of(number)))
-    return _random_soil(tuple(parts), correlated, replace(site, layers=()), campaign.measured.terms)
+            own = {name: field for name, field in layer.random.items() if name in layer.own}
+            parts.append(_part(campaign, number, own, site.box_of(number)))
+    return _random_soil(tuple(parts), correlated, campaign.measured.terms)
 
 
-Part = tuple[int | None, tuple[tuple[str, RandomField], ...], Box]
-"""The layer at which fields stop, these fields by parameter, and the box that holds them."""
+Part = tuple[int | None, tuple[tuple[str, RandomField], ...], Box, tuple[tuple[str, tuple[float, ...]], ...]]
+"""The layer at which fields stop, these fields by parameter, the box that holds them, and the depth (m) of each of
+their borehole values, as the trend counts it, by parameter."""
+
+
+def _part(campaign: Campaign, layer: int | None, fields: Mapping[str, RandomField], box: Box) -> Part:
+    depths = {name: _borehole_depths(campaign, layer, field) for name, field in fields.items()}
+    return layer, tuple(fields.items()), box, tuple(depths.items())
+
+
+def _borehole_depths(campaign: Campaign, layer: int | None, field: RandomField) -> tuple[float, ...]:
+    """Depth (m) of borehole values as the trend counts it, in the layer in which each lies, or that of the field."""
+    if field.boreholes is None:
+        return ()
+    site, numerics = campaign.site, campaign.refined
+    points = np.array([row[:-1] for row in field.boreholes], float).T
+    number = site.layer_of(points, numerics) if layer is None else np.full(points.shape[1], layer)
+    if number is None:
+        return tuple(site.depth(points, field, 0).tolist())
+    each = [site.depth(point[:, None], field, int(at), numerics)[0] for point, at in zip(points.T, number, strict=True)]
+    return tuple(map(float, each))
 
 
 @lru_cache(maxsize=8)
 def _random_soil(
-    parts: tuple[Part, ...], correlated: CrossCorrelation | None, site: Site, counts: tuple[int, ...] | None
+    parts: tuple[Part, ...], correlated: CrossCorrelation | None, counts: tuple[int, ...] | None
 ) -> RandomSoil:
     members = [(part, names) for part in parts for names in _members(part, correlated)]
     if counts is not None and len(counts) != len(members):
         raise ValueError(f"[field_modes] counts has {len(counts)} numbers for {len(members)} expansions: {REMEDY}")
     groups = [
-        _group(part, names, correlated, site, count)
+        _group(part, names, correlated, count)
         for (part, names), count in zip(members, counts or (None,) * len(members), strict=True)
     ]
     return RandomSoil(tuple(groups if len(groups) == 1 else _placed(groups)))
@@ -155,14 +172,12 @@ def _placed(groups: list[Group]) -> list[Group]:
     ]
 
 
-def _group(
-    part: Part, names: tuple[str, ...], correlated: CrossCorrelation | None, site: Site, count: int | None
-) -> Group:
-    layer, fields, box = part[0], MappingProxyType(dict(part[1])), part[2]
+def _group(part: Part, names: tuple[str, ...], correlated: CrossCorrelation | None, count: int | None) -> Group:
+    layer, fields, box, depths = part[0], MappingProxyType(dict(part[1])), part[2], dict(part[3])
     try:
         expansion = _expansion(fields[names[0]], box, count)
         root = None if correlated is None or names != correlated.parameters else correlated.gaussian_root(fields)
-        return Group(names, expansion, box, root, _conditioning(names, fields, expansion, root, site), layer)
+        return Group(names, expansion, box, root, _conditioning(names, fields, expansion, root, depths), layer)
     except ValueError as error:
         raise ValueError(f"random {' and '.join(names)}: {error}") from error
 
@@ -185,9 +200,9 @@ def _conditioning(
     fields: Mapping[str, RandomField],
     expansion: kl.Expansion,
     root: np.ndarray | None,
-    site: Site,
+    depths: Mapping[str, tuple[float, ...]],
 ) -> kl.Conditioning | None:
-    """What the borehole values of these parameters say of their coefficients together."""
+    """What the borehole values of these parameters, at these depths (m), say of their coefficients together."""
     weights = np.eye(1) if root is None else root
     rows, scores, errors = [], [], []
     for weight, name in zip(weights, names, strict=True):
@@ -196,9 +211,7 @@ def _conditioning(
             continue
         data = np.asarray(field.boreholes)
         points = data[:, :-1].T
-        if field.trend_from == "layer":
-            raise ValueError("trend_from = 'layer' with boreholes, which name no layer: give 'surface' or an elevation")
-        values = data[:, -1] / field.grown(site.depth(points, field, 0))
+        values = data[:, -1] / field.grown(np.array(depths[name]))
         score = np.asarray(field.distribution.standardise(jnp.asarray(values)), float)
         if not np.isfinite(score).all():
             worst = data[int(np.argmin(np.isfinite(score)))]

@@ -25,9 +25,6 @@ from jaxmpm import (
     ground,
 )
 
-DEEPEST_POOL = 10.0
-"""Depth of water on the ground up to which it is believed, over the height of the ground above its base."""
-
 
 @dataclass(frozen=True)
 class SiteLayer:
@@ -71,10 +68,15 @@ class Site:
         """Scene and initial state on a grid; ValueError where ground, soil and grid do not fit together."""
         # What is unusual was asked about when the scene was read.
         layers = [replace(each, soil=_as_meant(each.soil)) for each in self.soils(soil)]
-        loads = {"gravity": gravity, "at_rest": at_rest, "ends": self.ends, "water": self.water, "r_u": self.r_u}
+        loads: dict[str, Any] = {
+            "gravity": gravity,
+            "at_rest": at_rest,
+            "ends": self.ends,
+            "water": self.water,
+            "r_u": self.r_u,
+        }
         if self.by_stress(soil) and all(getattr(each.soil, "friction", None) is None for each in layers):
-            # Soil in total stress alone: water determines its strength and is no load.
-            del loads["water"], loads["r_u"]
+            del loads["r_u"]  # it determines the strength, and is no load on soil in total stress
         return ground.build_ground(self.shape, layers, numerics, **loads)
 
     @property
@@ -104,19 +106,6 @@ class Site:
         found = [None if getattr(each, "strength_ratio", None) is None
                  else StrengthByStress(each.strength_ratio, each.strength_minimum) for each in soils]  # fmt: skip
         return found if any(found) else None
-
-    def pore_pressure(self, points: np.ndarray, stress: np.ndarray) -> np.ndarray:
-        """At rest (N,) Pa at points (d, N) m of soil in total stress: r_u times that stress (N,) Pa, or that of water
-        up to the table, and no higher than the ground, whose load the water on it adds to both."""
-        if self.r_u is not None:
-            return self.r_u * stress
-        *plan, z = points
-        table: Any = self.water
-        if isinstance(self.water, Raster):
-            table = self.water.at(*plan)
-        elif isinstance(self.water, tuple):
-            table = np.interp(plan[0], *np.transpose(self.water))
-        return ground.WATER_WEIGHT * np.maximum(np.minimum(table, self.shape.heights(*plan)) - z, 0.0)
 
     def layer_of(self, position: np.ndarray, numerics: Discretisation) -> np.ndarray | None:
         """Number of the layer (N,) in which each point (d, N) m lies, None where there are none."""

@@ -92,7 +92,8 @@ def scene(
         finite_strain: as in `Discretisation`.
         internal_length: as in `Discretisation`.
         body_force: as in `Scene`.
-        water: as in `Scene`; needs a law of effective stress.
+        water: as in `Scene`. The strength of undrained soil does not depend on the mean stress, so a table below the
+            surface changes nothing there, and a pool is a pressure on the surface.
         pore_pressure: as in `Scene`; needs a law of effective stress.
         motion: as in `Scene`.
         tied: as in `Scene`.
@@ -464,11 +465,6 @@ def _check_water(
     material: Material,
     particles: Particles,
 ) -> None:
-    if in_total_stress(material):
-        raise ValueError(
-            f"pore pressure in {type(material).__name__}, whose strength is undrained and knows total stress only: "
-            "leave the water out, or give a frictional soil (of clay with friction = 0, its cohesion the strength)"
-        )
     if isinstance(water, WaterTable):
         check.finite("water's x", water.x, "m")
         check.finite("water's z", water.z, "m")
@@ -493,6 +489,11 @@ def _check_water(
     elif water is not None:
         raise ValueError(f"water = {shown(water)}: give a WaterTable, a WaterSurface, or None")
     if pore_pressure is not None:
+        if in_total_stress(material):
+            raise ValueError(
+                f"pore pressure by r_u in {type(material).__name__}, whose strength is undrained and does not depend "
+                "on it: leave it out, or give the water a level or table, of which a pool loads the ground"
+            )
         check.not_negative("pore_pressure", pore_pressure, "Pa")
         if np.shape(pore_pressure) != particles.mass.shape:
             raise ValueError(

@@ -185,10 +185,15 @@ def test_every_wrong_key_is_named_at_once():
         parse(TINY.replace("run_per_rise", "slope_ratio"))
 
 
-@pytest.mark.parametrize("water", ["level = 6.0", "depth = 2.0", "r_u = 0.2", "table = [[0, 8], [16, 2], [32, 2]]"])
-def test_undrained_clay_refuses_water_in_its_pores(water):
-    with pytest.raises(ValueError, match="pore pressure in J2, whose strength is undrained"):
-        rough(LAYERED.replace("[rough]", f"[water]\n{water}\n[rough]"))
+def test_undrained_clay_refuses_a_share_of_its_weight_as_pore_pressure():
+    with pytest.raises(ValueError, match=r"pore pressure by r_u in J2, whose strength is undrained .*: leave it out"):
+        rough(LAYERED.replace("[rough]", "[water]\nr_u = 0.2\n[rough]"))
+
+
+@pytest.mark.parametrize("water", ["level = 6.0", "depth = 2.0", "table = [[0, 8], [16, 2], [32, 2]]"])
+def test_undrained_clay_stands_under_a_table(water):
+    model = rough(LAYERED.replace("[rough]", f"[water]\n{water}\n[rough]"))
+    assert model.scene.water is not None
 
 
 LEVEL = """[ground]

@@ -168,7 +168,17 @@ def test_a_ratio_that_says_no_strength_is_refused(old, new, message):
         model_of(CONSTANT.replace(old, new))
 
 
-def test_the_solver_alone_refuses_a_ratio():
-    soil = parse(CONSTANT.replace("WATER", "level = 0.0")).soil
-    with pytest.raises(ValueError, match=r"strength_ratio = 0.25 is of the stress at rest, which only a campaign"):
-        soil.material(np.dtype("float32"), 1.0)
+def test_the_solver_alone_gives_each_particle_its_strength():
+    campaign = parse(CONSTANT.replace("WATER", "level = 10.0"))
+    with pytest.raises(ValueError, match=r"strength_ratio = 0.25 is of the stress at rest, .*overburden\(scene\)"):
+        campaign.soil.material(np.dtype("float32"), 1.0)
+    drawn, soil = mpm.Section([(0, 12), (24, 12)]), mpm.Soil(unit_weight=18e3, strength=6e3)
+    scene, _ = mpm.section(drawn, soil, campaign.rough, water=10.0)
+    scene = mpm.with_strength(scene, np.maximum(0.25 * mpm.overburden(scene), 6e3))
+    np.testing.assert_allclose(scene.material.strength, model_of(CONSTANT).strength(), rtol=1e-6)
+
+
+def test_water_on_clay_of_a_ratio_is_a_load():
+    model = model_of(CONSTANT, "level = 15.0")
+    assert model.scene.water is not None
+    assert model_of(CONSTANT, "r_u = 0.4").scene.pore_pressure is None

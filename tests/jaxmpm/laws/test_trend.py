@@ -90,6 +90,16 @@ def test_a_layer_may_count_its_trend_from_elsewhere():
     np.testing.assert_allclose(strength, np.where(layer == 0, 40e3, 20e3) + 1.5e3 * (top - z), rtol=1e-5, atol=RESOLVED)
 
 
+def test_boreholes_count_the_trend_from_the_top_of_their_layer():
+    alike = SCENE.replace("strength = { mean = 20e3, cov = 0.0 }", "").replace("cov = 0.0", "cov = 0.3")
+    holes = 'trend_from = "layer"\nboreholes = [[4.5, 3.5, 31e3], [4.5, 8.5, 52e3]]'
+    for scene, layers in ((alike, [1, 0]), (PLAIN.replace("cov = 0.0", "cov = 0.3"), None)):
+        (x, z), strength, layer = strength_of(scene, holes, "rough")
+        at = [int(np.argmin(np.hypot(x - 4.5, z - hole))) for hole in (3.5, 8.5)]
+        assert layer is None or layer[at].tolist() == layers
+        np.testing.assert_allclose(strength[at], [31e3, 52e3], rtol=5e-3)
+
+
 @pytest.mark.parametrize(
     ("scene", "trend_from", "message"),
     [
@@ -103,11 +113,6 @@ def test_a_layer_may_count_its_trend_from_elsewhere():
             SCENE.replace("trend = 1.5e3", ""),
             "trend_from = 8.0",
             r"\[strength\] trend_from = 8.0 without a trend: add trend",
-        ),
-        (
-            PLAIN,
-            'trend_from = "layer"\nboreholes = [[4.0, 8.0, 43e3]]',
-            "random strength: trend_from = 'layer' with boreholes",
         ),
     ],
 )

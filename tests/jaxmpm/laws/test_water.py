@@ -57,6 +57,41 @@ def test_a_pool_loads_the_face_so_that_a_slope_under_it_is_one_of_buoyant_soil()
     assert np.allclose(low.stress, buoyant.stress, rtol=2e-3, atol=100.0)
 
 
+CLAY = mpm.Soil(unit_weight=18e3, young=5e6, poisson=0.3, strength=9e3)
+FBAR = replace(HALVES, fbar=True)
+BUOYANT = 9.81 * (1 - WATER / 18e3)
+"""Gravity (m/s2) that gives soil of the same mass its weight under water."""
+
+
+def slides(soil, **loads):
+    """Largest displacement (m) after 2 s of the hill, in soil that yields."""
+    result = mpm.solve(*mpm.section(HILL, soil, HALVES, **loads), t_end=2.0).raise_if_failed()
+    return float(np.linalg.norm(result.state.displacement, axis=0).max())
+
+
+def test_clay_under_a_pool_slides_by_its_buoyant_weight_however_deep_it_is():
+    weak = replace(CLAY, strength=4e3)
+    low, high, buoyant = (slides(weak, **each) for each in ({"water": 7.0}, {"water": 40.0}, {"gravity": BUOYANT}))
+    assert low > 0.1
+    assert low == pytest.approx(high, rel=1e-6)
+    assert low == pytest.approx(buoyant, rel=0.01)
+
+
+def test_a_pool_at_half_height_bears_some_of_a_slope_of_clay():
+    dry, half, full = (slides(CLAY, **water) for water in ({}, {"water": 4.5}, {"water": 6.0}))
+    assert full < half < dry
+
+
+@pytest.mark.slow
+def test_a_table_in_the_ground_changes_no_factor_of_undrained_clay():
+    # Total stress: its law sees no mean stress.
+    found = [
+        mpm.factor_of_safety(*mpm.section(HILL, replace(CLAY, strength=12e3), FBAR, **water), t_end=6.0).stable
+        for water in ({}, {"water": [(0, 4), (8, 3.5), (14, 2), (20, 2)]})
+    ]
+    assert found[0] == pytest.approx(found[1], abs=0.011)
+
+
 def table(*points, height=0.5):
     x, z = jnp.asarray(points, float).T
     return mpm.WaterTable(x, z, jnp.asarray(WATER), jnp.asarray(height))
@@ -229,7 +264,10 @@ def test_earthquakes_push_towards_the_lower_end_and_up():
 
 
 REFUSED = {
-    "undrained": ({"soil": mpm.Soil(strength=2e4), "water": 4.0}, "J2, whose strength is undrained"),
+    "undrained": (
+        {"soil": mpm.Soil(strength=2e4), "r_u": 0.2},
+        "r_u in J2, whose strength is undrained .* level or table",
+    ),
     "r_u of 1": ({"r_u": 1.0}, "r_u = 1: give a value of 0 or more and below 1"),
     "r_u nan": ({"r_u": float("nan")}, "r_u = nan"),
     "both": ({"r_u": 0.2, "water": 4.0}, "both water and r_u = 0.2"),

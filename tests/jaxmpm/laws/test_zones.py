@@ -226,7 +226,7 @@ def test_water_does_not_enter_the_strength_of_undrained_layers():
         mpm.scene(
             scene.particles, scene.grid, scene.material, kernel=scene.kernel, pore_pressure=np.ones(undrained.size)
         )
-    with pytest.raises(ValueError, match="pore pressure in Zoned, whose strength is undrained"):
+    with pytest.raises(ValueError, match="pore pressure by r_u in Zoned, whose strength is undrained"):
         mpm.section(
             drawn, [mpm.Layer(clay, bottom), mpm.Layer(replace(clay, softening_modulus=9e3))], NUMERICS, r_u=0.1
         )
