@@ -202,8 +202,8 @@ seed = 5
 """)
 with warnings.catch_warnings(action="ignore"):
     hill = cooperative.run(read_scene(folder / "hill.toml"), folder / "hill")
-low, high = hill["interval"]
-print(f"P_f = {hill['probability_of_failure']:.2f}, 95 % interval {low:.2f} to {high:.2f}, {hill['slides']} slides")
+low, high = hill.interval
+print(f"P_f = {hill.probability_of_failure:.2f}, 95 % interval {low:.2f} to {high:.2f}, {hill.slides} slides")
 
 # %% [markdown]
 # The map in plan, with the upper limit of its interval beside it and the ground as contours every metre. With so few
