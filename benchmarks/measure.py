@@ -26,8 +26,8 @@ ROOT = Path(__file__).resolve().parent.parent
 
 @dataclass(frozen=True)
 class Report:
-    """A benchmark's answer: `values` are the named figures, `rows` the table behind them. draw: draws its pictures in a
-    folder, None where it has none."""
+    """A benchmark's answer: `values` are the named figures, `rows` the table behind them. draw: what `--keep` draws in
+    a folder or writes, None for nothing."""
 
     values: dict[str, Any]
     rows: list[dict[str, Any]]

@@ -12,25 +12,27 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from matplotlib.figure import Figure
 
 import jaxmpm as mpm
 from benchmarks.accuracy.collapse import collapsed
 from benchmarks.accuracy.footing import CAPACITY, capacity
 from benchmarks.accuracy.manufactured import manufactured_run
-from benchmarks.measure import ROOT, Report, scene_campaign, timed
-from benchmarks.results import kept_rows
+from benchmarks.measure import Report, scene_campaign, timed
+from benchmarks.results import FIGURES, kept_rows
 from cooperative.measure import Consequences, consequences
 from cooperative.reporting import panels, save
 from jaxmpm import diagnostics
 
 Row = dict[str, Any]
-FIGURES = ROOT / "benchmarks" / "figures"
 BAR = mpm.Soil(unit_weight=9.81e3, young=1e6, poisson=0.0)
 # Cell and particle spacing (m) of the section: 2 particles a cell where that divides its sizes, else 3.
 GRIDS = ((3.0, 1.0), (2.0, 1.0), (1.5, 0.5), (1.0, 0.5), (0.75, 0.25), (0.5, 0.25))
@@ -253,13 +255,14 @@ def sand_rows(quick: bool) -> Iterator[Row]:
         }
 
 
-def draw(rows: list[Row]) -> None:
+def draw(rows: list[Row], folder: Path) -> None:
     """Both figures, legible at the width of a page: the slope over cells, and problems with a theory."""
-    slopes([row for row in rows if row.get("setting") in SETTINGS])
-    theory([row for row in rows if row.get("choice") is not None and row["error"] is not None])
+    of_choices = [row for row in rows if row.get("choice") is not None and row["error"] is not None]
+    save(slopes([row for row in rows if row.get("setting") in SETTINGS]), folder / "work_precision.png", dpi=90)
+    save(theory(of_choices), folder / "work_precision_theory.png", dpi=90)
 
 
-def slopes(rows: list[Row]) -> None:
+def slopes(rows: list[Row]) -> Figure:
     """Factor of safety and run-out against cell size, and against seconds; a line per setting."""
     figure, axes = panels(2, 2, size=(4.4, 3.2))
     across = ("cell_m", "fails_at_R", "seconds"), ("cell_m", f"runout_at_R_{FIXED:g}_m", f"seconds_at_R_{FIXED:g}")
@@ -273,10 +276,10 @@ def slopes(rows: list[Row]) -> None:
         right.set(ylabel=name, xlabel="seconds", xscale="log")
     axes[0].plot(list(PUBLISHED), [p["fos"] for p in PUBLISHED.values()], "kP", label="published")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
-    save(figure, FIGURES / "work_precision.png", dpi=90)
+    return figure
 
 
-def theory(rows: list[Row]) -> None:
+def theory(rows: list[Row]) -> Figure:
     """Error against seconds of each problem with a theory, a line per choice."""
     problems = list(dict.fromkeys(row["problem"] for row in rows))
     figure, axes = panels(1, len(problems), size=(3.0, 4.6))
@@ -292,7 +295,7 @@ def theory(rows: list[Row]) -> None:
         axis.set(xlabel="seconds", title=problem)
     axes[0].set(ylabel="error")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
-    save(figure, FIGURES / "work_precision_theory.png", dpi=90)
+    return figure
 
 
 def finest_with_its_error(rows: list[Row], key: str) -> dict[str, float]:
@@ -309,7 +312,6 @@ def run(quick: bool) -> Report:
         rows.append(row)
     if quick:
         return Report({"rows": len(rows)}, rows)
-    draw(rows)
     values: dict[str, Any] = {"best_buy": BEST_BUY, "best_buy_on_large_cells": ON_LARGE_CELLS, "advice": ADVICE}
     at_fixed = f"runout_at_R_{FIXED:g}"
     for key, name in (("fails_at_R", "fos"), ("runout_m", "runout"), (f"{at_fixed}_m", at_fixed)):
@@ -325,8 +327,8 @@ def run(quick: bool) -> Report:
     for name in ("front", "front_of_95_percent"):
         values[f"sand_{name}_at_128_cells"] = finest[name]
         values[f"sand_{name}_change_from_64_to_128_cells"] = round(finest[name] - coarser[name], 3)
-    return Report(values, rows)
+    return Report(values, rows, partial(draw, rows))
 
 
 if __name__ == "__main__":
-    draw(kept_rows("work_precision"))
+    draw(kept_rows("work_precision"), FIGURES)

@@ -1,4 +1,4 @@
-"""Scenes that nobody should write, made from the schema, and what the campaign's command says to each.
+"""Scenes that nobody should write, made from the schema, and how the campaign's command ends on each.
 
 A scene ends well when its campaign begins its first run or calibration, or when it is refused in one line. `tried` asks
 one process after the other, under a limit of memory; a process that dies or hangs is named and replaced. `python -m
@@ -27,7 +27,7 @@ from typing import Any
 
 from benchmarks.measure import ROOT
 from benchmarks.robustness.invented import CALIBRATED, SCENE, SUBSET
-from cooperative.scene import TABLES, tables
+from cooperative.scene import TABLES, tables, to_toml
 
 MEMORY = 4 * 2**30
 """Bytes of address space that a scene may take beyond what the process has before."""
@@ -54,11 +54,16 @@ TEXTS = ("[" * 2000, "a = " + "[" * 3000, "\x00", "\ufeff", "= 1", "[slope]\n[sl
 
 @dataclass(frozen=True)
 class Answer:
-    """What came of a scene. how: "began", "refused", or what is wrong ("traceback", "noise", "died", "hung"). said: its
-    last words. seconds: of processor time until then."""
+    """The end of a scene.
+
+    Attributes:
+        how: "began", "refused", or what is wrong ("traceback", "noise", "died", "hung").
+        message: the end of its standard error.
+        seconds: of processor time until then.
+    """
 
     how: str
-    said: str
+    message: str
     seconds: float
 
     @property
@@ -74,7 +79,7 @@ def scenes(count: int, seed: int = 0) -> Iterator[str]:
         scene: dict[str, Any] = tomllib.loads(generator.choice((SCENE, SCENE, SUBSET, CALIBRATED)))
         for _ in range(generator.choice((1, 1, 1, 2, 3))):
             _change(scene, generator)
-        text = toml(scene)
+        text = to_toml(scene)
         if generator.random() < 0.1:
             at = generator.randrange(len(text))
             text = text[:at] + generator.choice((*TEXTS, "")) + text[at + generator.randrange(3) :]
@@ -117,23 +122,6 @@ def _value(known: Any, now: Any, generator: random.Random) -> Any:
         return generator.choice((1, 2, 3, 10, 20, 40, 80, 160))
     factor = generator.choice((1e-3, 0.5, 2.0, 1e3))
     return [number * factor for number in now] if isinstance(now, list) else (now or 1.0) * factor
-
-
-def toml(tables: dict[str, Any]) -> str:
-    """TOML text, whatever the values are."""
-    plain = [f"{json.dumps(key)} = {_toml(value)}" for key, value in tables.items() if not isinstance(value, dict)]
-    for name, table in tables.items():
-        if isinstance(table, dict):
-            plain += [f"[{json.dumps(name)}]", *(f"{json.dumps(key)} = {_toml(value)}" for key, value in table.items())]
-    return "\n".join(plain) + "\n"
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{json.dumps(key)} = {_toml(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return repr(value) if isinstance(value, float) else json.dumps(value)
 
 
 def tried(texts: Iterable[str]) -> Iterator[tuple[str, Answer]]:
@@ -211,30 +199,30 @@ def asked(text: str, folder: Path) -> Answer:
         how = "traceback"
         errors.write(traceback.format_exc())
     seconds = time.process_time() - before
-    said = _without_warnings(errors.getvalue())
-    if how == "refused" and not (said.startswith("error: ") and said.isprintable()):
+    message = _without_warnings(errors.getvalue())
+    if how == "refused" and not (message.startswith("error: ") and message.isprintable()):
         how = "noise"
     if how == "refused" and any(path for path in out.rglob("*") if path.is_file() and path.name != ".lock"):
-        how, said = "noise", f"the scene was refused, and its folder written: {said}"
-    return Answer(how, said[-1500:], round(seconds, 2))
+        how, message = "noise", f"the scene was refused, and its folder written: {message}"
+    return Answer(how, message[-1500:], round(seconds, 2))
 
 
-def _without_warnings(said: str) -> str:
-    """What a command says besides warnings, which have a line each."""
-    return "".join(line for line in said.splitlines(keepends=True) if not line.startswith("warning: ")).removesuffix(
+def _without_warnings(message: str) -> str:
+    """Standard error of a command without warnings, which have a line each."""
+    return "".join(line for line in message.splitlines(keepends=True) if not line.startswith("warning: ")).removesuffix(
         "\n"
     )
 
 
 def by_command_line(text: str, folder: Path) -> Answer:
-    """What the command says, in a process of its own, to a scene that it refuses."""
+    """How the command, in a process of its own, ends on a scene that it refuses."""
     scene = folder / "by_command_line.toml"
     scene.write_bytes(text.encode("utf-8", "surrogatepass"))
     command = [sys.executable, "-m", "cooperative", "run", str(scene), "--out", str(folder / "refused")]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE)
-    said = _without_warnings(done.stderr)
-    well = done.returncode == 2 and said.startswith("error: ") and said.isprintable()
-    return Answer("refused" if well else "traceback", said[-1500:], 0.0)
+    message = _without_warnings(done.stderr)
+    well = done.returncode == 2 and message.startswith("error: ") and message.isprintable()
+    return Answer("refused" if well else "traceback", message[-1500:], 0.0)
 
 
 def main() -> None:

@@ -132,12 +132,12 @@ def fuzzed(count: int, by_command: int, folder: Path, seed: int) -> tuple[dict[s
             refused.append(text)
         if not answer.well:
             bad += 1
-            rows.append({"scene": index, "seed": seed, "how": answer.how, "said": answer.said[-300:]})
+            rows.append({"scene": index, "seed": seed, "how": answer.how, "said": answer.message[-300:]})
     for text in random.Random(seed).sample(refused, by_command):
         answer = hostile_scenes.by_command_line(text, folder)
         if not answer.well:
             bad += 1
-            rows.append({"scene": text[:200], "seed": seed, "how": answer.how, "said": answer.said[-300:]})
+            rows.append({"scene": text[:200], "seed": seed, "how": answer.how, "said": answer.message[-300:]})
     values = {"scenes_fuzzed": count, "by_command_line": by_command, "tracebacks": bad, "slowest_scene_s": slowest}
     return values, rows
 

@@ -128,9 +128,6 @@ def factors(case: Case) -> dict[str, Any]:
     """The slope's factors of safety: of the critical circle, and of the critical slip surface of any shape."""
     search, start = search_module(), time.perf_counter()
     given = inputs(case)
-    INPUTS.mkdir(exist_ok=True)
-    written = json.dumps(given, default=lambda shape: shape.wkt, indent=1) + "\n"
-    write_aside(INPUTS / f"{case.name.replace('/', ' of ')}.json", written.encode())
     height = case.shape.relief
     with contextlib.redirect_stdout(io.StringIO()):  # it tells of every circle
         circles, settled, *_ = search.circular_search(given, METHOD, seed="grid", num_slices=SLICES)
@@ -161,6 +158,14 @@ def factors(case: Case) -> dict[str, Any]:
     }
 
 
+def write_inputs(known: Sequence[Case]) -> None:
+    """Write what xslope is given of each slope into benchmarks/data/limit_equilibrium."""
+    INPUTS.mkdir(exist_ok=True)
+    for case in known:
+        text = json.dumps(inputs(case), default=lambda shape: shape.wkt, indent=1) + "\n"
+        write_aside(INPUTS / f"{case.name.replace('/', ' of ')}.json", text.encode())
+
+
 def run(quick: bool) -> Report:
     """All slopes; `quick` takes the first. Raises ValueError without xslope."""
     search_module()
@@ -174,4 +179,5 @@ def run(quick: bool) -> Report:
             "lem_circle_error_max": round(max(abs(row["circle"] / row["reference"] - 1) for row in rows), 4),
         },
         rows,
+        lambda _: write_inputs(known),
     )

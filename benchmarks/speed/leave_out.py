@@ -9,7 +9,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any, Literal
 
 import jax
@@ -47,6 +47,37 @@ CFL = 0.5
 """At which every scheme is stable; the cost of a step does not depend on it."""
 
 
+def numbers(values: dict[str, Any], state: State) -> dict[str, Any]:
+    """Floats as arrays of the state's type; the other values as they are."""
+    return {name: jnp.asarray(v, state.stress.dtype) if type(v) is float else v for name, v in values.items()}
+
+
+def with_scene(**values: Any) -> Variant:
+    """The scene with other values."""
+    return lambda scene, state: (replace(scene, **numbers(values, state)), state)
+
+
+def with_law(gap: bool = True, **values: Any) -> Variant:
+    """The material law with other values. gap: whether the state keeps its gap."""
+
+    def changed(scene: Scene, state: State) -> tuple[Scene, State]:
+        material = replace(scene.material, **numbers(values, state))
+        return replace(scene, material=material), state if gap else replace(state, gap=None)
+
+    return changed
+
+
+def with_rate(scene: Scene, state: State) -> tuple[Scene, State]:
+    """Strength that rises with the rate of shear."""
+    return with_law(rate=RateEffect(**numbers({"coefficient": 0.1, "reference_rate": 3e-6}, state)))(scene, state)
+
+
+def with_exponential_softening(scene: Scene, state: State) -> tuple[Scene, State]:
+    """Softening that ends by and by, as that of sensitive clay, for the linear one."""
+    softening = ExponentialSoftening(scene.material.softening.residual_ratio, jnp.asarray(10.0, state.stress.dtype))
+    return with_law(softening=softening)(scene, state)
+
+
 def without_softening(scene: Scene, state: State) -> tuple[Scene, State]:
     """Peak strength for ever: no history array."""
     return replace(scene, material=replace(scene.material, softening=None)), replace(state, history=None)
@@ -58,66 +89,12 @@ def without_yielding(scene: Scene, state: State) -> tuple[Scene, State]:
     return replace(scene, material=material), replace(state, history=None, gap=None)
 
 
-def without_cutoff(scene: Scene, state: State) -> tuple[Scene, State]:
-    """No limit to the mean stress."""
-    return replace(scene, material=replace(scene.material, tension_cutoff=None)), replace(state, gap=None)
-
-
-def without_gap(scene: Scene, state: State) -> tuple[Scene, State]:
-    """Soil that has opened forgets it."""
-    return replace(scene, material=replace(scene.material, gap_memory=False)), replace(state, gap=None)
-
-
-def homogeneous(scene: Scene, state: State) -> tuple[Scene, State]:
-    """One strength for all particles: a scalar."""
-    return replace(scene, material=replace(scene.material, strength=scene.material.strength[0])), state
-
-
 def with_uneven_softening(scene: Scene, state: State) -> tuple[Scene, State]:
     """Modulus and residual of the softening that differ from particle to particle, as random fields make them."""
     law = scene.material.softening
     uneven = 1 + 0.3 * jnp.sin(jnp.arange(scene.particles.mass.size, dtype=state.stress.dtype))
     values = {"softening.modulus": law.modulus * uneven, "softening.residual_ratio": law.residual_ratio * uneven}
     return with_soil(scene, state, **values)
-
-
-def with_exponential_softening(scene: Scene, state: State) -> tuple[Scene, State]:
-    """Softening that ends by and by, as that of sensitive clay, for the linear one."""
-    strain = jnp.asarray(10.0, state.stress.dtype)
-    softening = ExponentialSoftening(scene.material.softening.residual_ratio, strain)
-    return replace(scene, material=replace(scene.material, softening=softening)), state
-
-
-def with_rate(scene: Scene, state: State) -> tuple[Scene, State]:
-    """Strength that rises with the rate of shear."""
-    coefficient, reference = (jnp.asarray(value, state.stress.dtype) for value in (0.1, 3e-6))
-    rate = RateEffect(coefficient, reference)
-    return replace(scene, material=replace(scene.material, rate=rate)), state
-
-
-def with_damping(scene: Scene, state: State) -> tuple[Scene, State]:
-    """Mass-proportional damping."""
-    return replace(scene, damping=jnp.asarray(0.1, state.stress.dtype)), state
-
-
-def with_pic(scene: Scene, state: State) -> tuple[Scene, State]:
-    """A blend of FLIP and PIC."""
-    return replace(scene, flip=jnp.asarray(0.95, state.stress.dtype)), state
-
-
-def with_fbar(scene: Scene, state: State) -> tuple[Scene, State]:
-    """F-bar: volumetric strain and mean stress averaged."""
-    return replace(scene, fbar=True), state
-
-
-def with_cell_average(scene: Scene, state: State) -> tuple[Scene, State]:
-    """Volumetric strain averaged over cells."""
-    return replace(scene, cell_average=True), state
-
-
-def with_finite_strain(scene: Scene, state: State) -> tuple[Scene, State]:
-    """Hencky strains with exponential return mapping."""
-    return replace(scene, finite_strain=True), state
 
 
 def with_table(scene: Scene, state: State) -> tuple[Scene, State]:
@@ -127,17 +104,6 @@ def with_table(scene: Scene, state: State) -> tuple[Scene, State]:
     level = jnp.asarray([jnp.max(z) / 2, jnp.max(z) / 4], dtype)
     table = WaterTable(jnp.asarray([0, jnp.max(x)], dtype), level, jnp.asarray(9810, dtype), jnp.asarray(1, dtype))
     return replace(scene, water=table), state
-
-
-def with_pore_pressure(scene: Scene, state: State) -> tuple[Scene, State]:
-    """A pore pressure that particles carry."""
-    return replace(scene, pore_pressure=1e3 * scene.particles.position[-1]), state
-
-
-def with_cut(scene: Scene, state: State) -> tuple[Scene, State]:
-    """Nodes beyond a cut: every tenth."""
-    nodes = int(np.prod(scene.grid.shape))
-    return replace(scene, cut=jnp.arange(nodes) % 10 == 0), state
 
 
 def with_motion(scene: Scene, state: State) -> tuple[Scene, State]:
@@ -161,19 +127,9 @@ def with_uneven_stiffness(scene: Scene, state: State) -> tuple[Scene, State]:
     return replace(scene, material=replace(law, bulk=law.bulk * uneven, shear=law.shear * uneven)), state
 
 
-def with_averages(scene: Scene, state: State) -> tuple[Scene, State]:
-    """Plastic strain averaged over neighbours, with one filter: on the rough grid a band 5 m thick."""
-    return replace(scene, nonlocal_passes=1), state
-
-
 def with_looks(scene: Scene, state: State) -> tuple[Scene, State]:
     """Largest thickness, speed and arrival per column of cells, looked at every 20 steps, as hazard maps ask for."""
     return scene, with_columns(scene, state)
-
-
-def single_mapping(scene: Scene, state: State) -> tuple[Scene, State]:
-    """USL: no second pass of transfers."""
-    return replace(scene, scheme=Scheme.USL), state
 
 
 def on_a_cone(scene: Scene, state: State) -> tuple[Scene, State]:
@@ -203,14 +159,8 @@ def on_a_pyramid(scene: Scene, state: State) -> tuple[Scene, State]:
     """The cone's soil with Mohr-Coulomb."""
     scene, state = on_a_cone(scene, state)
     cone = scene.material
-    material = MohrCoulomb(
-        bulk=cone.bulk,
-        shear=cone.shear,
-        cohesion=cone.cohesion,
-        friction=cone.friction,
-        dilation=cone.dilation,
-        tension_cutoff=cone.tension_cutoff,
-    )
+    values = {field.name: getattr(cone, field.name) for field in fields(MohrCoulomb) if hasattr(cone, field.name)}
+    material = MohrCoulomb(**values)
     return replace(scene, material=material), state
 
 
@@ -235,7 +185,7 @@ def in_zones(below: Variant, above: Variant) -> Variant:
 
 def stretched(variant: Variant) -> Variant:
     """A variant with finite strains."""
-    return lambda scene, state: with_finite_strain(*variant(scene, state))
+    return lambda scene, state: with_scene(finite_strain=True)(*variant(scene, state))
 
 
 def unchanged(scene: Scene, state: State) -> tuple[Scene, State]:
@@ -254,23 +204,32 @@ FEATURES: dict[str, tuple[Variant, Variant]] = {
     "layers of two kinds (clay, Mohr-Coulomb)": (in_zones(unchanged, on_a_pyramid), on_a_pyramid),
     "exponential softening": (with_exponential_softening, unchanged),
     "effect of rate": (with_rate, unchanged),
-    "tension cutoff": (unchanged, without_cutoff),
-    "memory of the gap": (unchanged, without_gap),
-    "strength per particle": (unchanged, homogeneous),
+    "tension cutoff": (unchanged, with_law(tension_cutoff=None, gap=False)),
+    "memory of the gap": (unchanged, with_law(gap_memory=False, gap=False)),
+    "strength per particle": (
+        unchanged,
+        lambda scene, state: with_law(strength=scene.material.strength[0])(scene, state),
+    ),
     "softening per particle": (with_uneven_softening, unchanged),
     "stiffness per particle": (with_uneven_stiffness, unchanged),
-    "second mapping (MUSL)": (unchanged, single_mapping),
-    "damping": (with_damping, unchanged),
-    "PIC blend": (with_pic, unchanged),
-    "F-bar": (with_fbar, unchanged),
-    "volumetric strain averaged over cells": (with_cell_average, unchanged),
-    "finite strains (Hencky)": (with_finite_strain, unchanged),
+    "second mapping (MUSL)": (unchanged, with_scene(scheme=Scheme.USL)),
+    "damping": (with_scene(damping=0.1), unchanged),
+    "PIC blend": (with_scene(flip=0.95), unchanged),
+    "F-bar": (with_scene(fbar=True), unchanged),
+    "volumetric strain averaged over cells": (with_scene(cell_average=True), unchanged),
+    "finite strains (Hencky)": (with_scene(finite_strain=True), unchanged),
     "finite strains, elastic": (stretched(without_yielding), without_yielding),
     "finite strains, friction (Mohr-Coulomb)": (stretched(on_a_pyramid), on_a_pyramid),
-    "averaged plastic strain": (with_averages, unchanged),
+    "averaged plastic strain": (with_scene(nonlocal_passes=1), unchanged),
     "water table": (with_table, unchanged),
-    "pore pressure of particles (r_u)": (with_pore_pressure, unchanged),
-    "cut of any shape": (with_cut, unchanged),
+    "pore pressure of particles (r_u)": (
+        lambda scene, state: (replace(scene, pore_pressure=1e3 * scene.particles.position[-1]), state),
+        unchanged,
+    ),
+    "cut of any shape": (
+        lambda scene, state: (replace(scene, cut=jnp.arange(np.prod(scene.grid.shape)) % 10 == 0), state),
+        unchanged,
+    ),
     "motion of the base": (with_motion, unchanged),
     "walls with friction": (with_wall_friction, unchanged),
     "largest per column (hazard maps)": (with_looks, unchanged),

@@ -65,9 +65,8 @@ def test_the_page_is_of_the_answers_that_are_kept(tmp_path, monkeypatch):
         assert f"![{name}_all](figures/{name}_all.png)" in page
 
 
-def test_figures_of_error_and_time_are_drawn_from_the_kept_answer(tmp_path, monkeypatch):
-    monkeypatch.setattr(work_precision, "FIGURES", tmp_path)
-    work_precision.draw(results.kept_rows("work_precision"))
+def test_figures_of_error_and_time_are_drawn_from_the_kept_answer(tmp_path):
+    work_precision.draw(results.kept_rows("work_precision"), tmp_path)
     for name in ("work_precision", "work_precision_theory"):
         width = image.imread(tmp_path / f"{name}.png").shape[1]
         assert 700 < width < 900  # a page's width, so that its letters are as large as drawn
