@@ -51,7 +51,7 @@ def markdown() -> str:
         "# Scenes: every key\n",
         "A scene is a TOML file. This page is made from the tables that read it (`python -m cooperative.scene`).",
         f"So is [`{SCHEMA.name}`](../cooperative/{SCHEMA.name}), from which an editor completes keys:",
-        "`jaxmpm new` and `jaxmpm example` write it beside the scene, which names it in its first line,",
+        "`jaxmpm new` and `jaxmpm example` write it beside the scene, whose first line is",
         f"`{NAMED.strip()}`. Lengths are in metres, stresses in Pa. `name`, outside all tables, is a title.\n",
     ]
     explained: set[type[tables.Table]] = set()

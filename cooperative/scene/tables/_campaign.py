@@ -77,31 +77,33 @@ class Run(Table):
         "Time at which a run ends, if it has not before.", 20.0, 20.0, synonyms="duration end_time total_time"
     )
     slides_t_end: Seconds | None = key(
-        "Time up to which slides of the refined grid go on that had not come to rest at t_end, at least t_end; what "
-        "has failed is told at t_end.",
+        "Time up to which slides of the refined grid continue that had not come to rest at `t_end`; at least `t_end`. "
+        "The class of a sample is decided at `t_end`.",
         60.0,
         None,
         otherwise="`t_end`",
     )
     failure: Literal["displacement", "limit load"] = key(
-        "What failure is: a displacement, or the limit load of the slope of median soil, from which the displacement "
-        "is then found and printed with the answer.",
+        "Criterion of failure: a given displacement, or the displacement of the slope of median soil at its limit "
+        "load. The campaign then measures that displacement first and prints it with the answer.",
         "limit load",
         "displacement",
     )
     failure_displacement: Length = key(
-        "Displacement from which on soil counts as sliding.", 1.0, 1.0, synonyms="threshold criterion limit"
+        "Displacement from which soil counts as sliding. A sample fails when soil moves farther.",
+        1.0,
+        1.0,
+        synonyms="threshold criterion limit",
     )
     least_volume: AboveZero | None = key(
-        "Volume of soil that has to move farther than that where a slope fails, so that a few grains are no failure; "
-        "in a section m2.",
+        "Volume of soil that must move farther than `failure_displacement` for a sample to fail, so that a few grains "
+        "are no failure. In a section an area (m2).",
         5.0,
         None,
         units="m3",
-        otherwise='any particle; with `"limit load"` 0.05 times the slope\'s height to the power of 2 in a section, 3 '
-        "in 3D",
+        otherwise='any particle; with `"limit load"` 0.05 h^2 in a section, 0.05 h^3 in 3D, h the slope\'s height',
     )
-    settle: bool = key("Whether a run ends once its slope stands still.", True, True)
+    settle: bool = key("Whether a run ends once its slope has come to rest.", True, True)
     rest: bool | None = key("Whether a slide ends once its deposit rests.", True, None, otherwise="as `settle`")
 
     @validates(mode="after")
@@ -126,7 +128,9 @@ class Campaign(Table):
         otherwise='not used; `"published"`: none, give it',
     )  # fmt: skip
     estimator: Annotated[str, one_of({name: name for name in ESTIMATORS})] = key(
-        "How the failure probability is estimated.", "two-phase", "two-phase"
+        "Method of estimating the failure probability, see [estimators](report.md#estimators).",
+        "two-phase",
+        "two-phase",
     )
     refined_runs: Annotated[int, Ge(10)] | None = key(
         "Budget of refined runs.", 60, None, synonyms="budget",
@@ -146,18 +150,23 @@ class Campaign(Table):
     )
     look_ahead: Annotated[int, Ge(1)] = key("Refined runs under way at once.", 1, 1)
     screening_stop: Length | None = key(
-        "Displacement at which a rough run ends undisputed.", 2.0, None, otherwise="none: rough runs go on"
+        "Displacement at which a rough run ends, since its sample has certainly failed.",
+        2.0,
+        None,
+        otherwise="none: rough runs continue",
     )
     calibrate: bool = key("Whether rough strength is brought down by the grids' factors of safety.", False, False)
     restart_every: Seconds = key("Time between restart points of a refined run.", 600.0, 600.0)
     fields: Annotated[tuple[str, ...], one_of(FIELDS)] = key(
-        "Grids whose final displacement and plastic strain are kept, and of a failure two frames.", "refined", "refined"
+        "Grids of which final displacement and plastic strain are stored, and two frames of each failure.",
+        "refined",
+        "refined",
     )
     modes: Annotated[tuple[str, ...], one_of(MODES)] = key(
         "Grids whose failures get a mode; only a slope with a toe has modes.", "refined", "refined"
     )
     slides: Annotated[int, Ge(0)] | Literal["all"] = key(
-        "Failures that slide on to their end, drawn along the ranks; other refined runs end once they have failed.",
+        "Number of failures, drawn along the ranks, that slide to their end; other refined runs end at failure.",
         30,
         "all",
     )
@@ -173,8 +182,8 @@ Different = Annotated[Several[T], AfterValidator(_different), Field(json_schema_
 
 
 class Sweep(Table):
-    """Values of parameters, of which each is changed alone while the others stay as the scene has them: then the scene
-    is many campaigns, and `jaxmpm sweep` runs it. It needs a table `[strength]`, `coefficients = "latin hypercube"` and
+    """Values of parameters. Each is changed alone, with the others as the scene has them. The scene is then many
+    campaigns, and `jaxmpm sweep` runs them. It needs a table `[strength]`, `coefficients = "latin hypercube"` and
     an estimator other than `"subset"`. One key at least."""
 
     lx: Different[Length] | None = key(
@@ -188,6 +197,6 @@ class Sweep(Table):
         "Coefficients of variation of the strength.", [0.2, 0.3, 0.4], None, otherwise="not varied"
     )
     k_t: Different[Annotated[int, Ge(1)]] | None = key(
-        'Stopping rules of `"published"`, all told from the runs of one campaign by the largest.', [2, 5, 10], None,
+        'Stopping rules of `"published"`, all evaluated from one campaign with the largest.', [2, 5, 10], None,
         otherwise="not varied",
     )  # fmt: skip

@@ -36,10 +36,10 @@ class Interface(Table):
 
 
 class Ground(Table):
-    """Ground that you draw, a section in plane strain, in the place of `[slope]`. Lines are points `[[x, z], ...]` with
-    x rising, or name a file beside the scene: points as CSV, or a DXF drawing in metres with one polyline, or with one
-    in the layer that stands after `#`, as in `"section.dxf#GROUND"` (extra `sections`). The distance of the walls is a
-    multiple of both cells."""
+    """Ground that you draw, a section in plane strain, in place of `[slope]`. A line is a list of points with rising x,
+    `[[x, z], ...]`, or the name of a file beside the scene. The file is a CSV of points, or a DXF drawing in metres
+    (extra `sections`). A drawing has one polyline, or one in the layer named after `#`, as in `"section.dxf#GROUND"`.
+    The distance of the walls is a multiple of both cells."""
 
     surface: Line = key(
         "The surface, from wall to wall.", [[0, 12], [20, 12], [44, 0], [92, 0]], units="m",
@@ -50,8 +50,8 @@ class Ground(Table):
         "Where the ground ends.", [0.0, 92.0], None, otherwise="the ends of the surface", allowed=_WALLS
     )
     toe: Metres | None = key(
-        "x of the toe of a slope, a point of the surface at which it stops falling along x or falls less steeply. "
-        "Run-out is then counted beyond it, depth below the crest, and failures have modes, as of a `[slope]`.",
+        "x of the toe: a point at which the surface stops falling along x, or falls less steeply. Run-out is then "
+        "counted from the toe and depth from the crest, and failures have modes, as in a `[slope]`.",
         54.0,
         None,
         otherwise="none: run-out from the rear of a slide to its front",
@@ -61,14 +61,14 @@ class Ground(Table):
         otherwise="where the surface before the toe is highest",
     )  # fmt: skip
     ends: Literal["roller", "fixed", "left fixed", "right fixed"] = key(
-        "What holds the ground at its walls, the other one of two on a roller. For a free face draw the surface down "
-        "to the base, and on along it.",
+        "Boundary condition at the walls. With `left fixed` or `right fixed` the other wall is a roller. For a free "
+        "face draw the surface down to the base, and on along the base.",
         "roller",
         "roller",
     )
     interface: Interface | None = key(
-        "Strength of the contact of soil with the base, on which soil then slides: of a joint, or a weak seam on rock "
-        "too thin for the cells. They do not vary, and strength reduction divides them too.",
+        "Strength of the contact of soil with the base, on which soil can then slide. It stands for a joint, or for a "
+        "weak seam on rock that is thinner than a cell. It does not vary; strength reduction divides it too.",
         {"friction": 10.0, "cohesion": 0.0},
         None,
         otherwise="none: soil sticks to the base",
@@ -76,8 +76,9 @@ class Ground(Table):
 
 
 class Terrain(Table):
-    """Ground under a terrain model, in the place of `[slope]`. Rasters are ESRI ASCII grids or GeoTIFFs in metres
-    beside the scene. Boxes that the surface cuts keep their share of volume and mass."""
+    """Ground under a terrain model, in place of `[slope]`. Rasters are ESRI ASCII grids or GeoTIFFs in metres (extra
+    `terrain`) beside the scene. A particle at the surface has the volume and mass of that part of its box which lies
+    below the surface."""
 
     surface: Raster = key("File of the heights of the ground.", "terrain.asc", units="m")
     base: Metres = key("Height of the rigid base.", 80.0)
@@ -100,21 +101,21 @@ class Terrain(Table):
         allowed="x and y",
     )
     ends: Literal["roller", "fixed"] = key(
-        "What holds the ground at its walls; for a free face see `cut`.", "roller", "roller"
+        "Boundary condition at the walls; for a free face see `cut`.", "roller", "roller"
     )
     polygon: Annotated[tuple[Pair[Metres], ...], Strict(False), MinLen(3)] | None = key(
-        "Corners in plan of the part that is kept; what lies around it is left out.",
+        "Corners in plan of the part that is used; the rest is left out.",
         [[20, 10], [180, 10], [180, 110], [20, 110]],
         None,
-        otherwise="not used: all is kept",
+        otherwise="not used: all of the ground",
         allowed="three or more corners [x, y]",
     )
     depth: Length | None = key(
-        "Depth below the surface down to which ground is kept; the cut stands still.", 15.0, None,
-        otherwise="not used: kept down to the base",
+        "Depth below the surface down to which ground is used; the cut is fixed.", 15.0, None,
+        otherwise="not used: down to the base",
     )  # fmt: skip
     cut: Literal["fixed", "free"] = key(
-        "What holds the ground along its polygon: free is as if the soil around had been dug away.", "fixed", "fixed"
+        "Boundary condition along the polygon; free: as if the soil around had been excavated.", "fixed", "fixed"
     )
     run_out_line: Rows | None = key(
         "Line in plan along which run-out is measured, straight on beyond its ends.",
@@ -127,11 +128,16 @@ class Terrain(Table):
 
 
 class Water(Table):
-    """Water in the drawn ground, and above it: one of these keys."""
+    """Water in drawn ground (`[ground]`) or a terrain, and above it: one of these keys. Where `level` or `table` lies
+    above the ground there is a pool, whose surface is level and whose pressure acts on the ground. A simple `[slope]`
+    takes no water: draw it."""
 
-    level: Metres | None = key("Height of the water, in the ground and above it.", 3.0, None)
+    level: Metres | None = key("Height of the water, in the ground and above it (a pool).", 3.0, None)
     table: Line | None = key(
-        "Of a section, height of the water as a line from wall to wall.", [[0, 8], [44, 0], [92, 0]], None, units="m"
+        "Of a section, the water table as a line from wall to wall; level where it lies above the ground.",
+        [[0, 8], [44, 0], [92, 0]],
+        None,
+        units="m",
     )
     raster: Raster | None = key("Of a terrain, file of the heights of the water table.", "water.asc", None, units="m")
     depth: Depth | None = key(

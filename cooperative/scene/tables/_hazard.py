@@ -30,8 +30,8 @@ Quantity = Annotated[
 
 
 class Hazard(Table):
-    """What is kept of each refined slide for maps: with this table, or `[[exposed]]`, the largest thickness, the
-    largest speed and the arrival of the soil in each column of cells. Both may be left out."""
+    """Hazard maps. With this table, or `[[exposed]]`, each refined slide stores the largest thickness, the largest
+    speed and the arrival of the soil in each column of cells. Both keys may be left out."""
 
     thresholds: Annotated[tuple[Threshold, ...], Strict(False)] = key(
         "Thicknesses of the deposit (m, cm) and speeds (m/s, km/h) to map.",
@@ -40,7 +40,7 @@ class Hazard(Table):
         units="in each",
         allowed="texts: a number above 0 and its unit",
     )
-    every: Annotated[int, Ge(1)] = key("Steps from one look at the columns to the next.", 20, 20)
+    every: Annotated[int, Ge(1)] = key("Steps between two evaluations of the columns.", 20, 20)
 
 
 def _short(name: str) -> str:
@@ -50,7 +50,7 @@ def _short(name: str) -> str:
 
 
 class Exposed(Table):
-    """A position that a slide may reach, one table for each, with one of `at`, `between` and `polygon`."""
+    """An element at risk, which a slide may reach: one table for each, with one of `at`, `between` and `polygon`."""
 
     name: Annotated[str, AfterValidator(_short)] = key(
         "Its name, of which there is one.", "road", allowed=f"text of up to {LONGEST_NAME} characters"
@@ -65,10 +65,10 @@ class Exposed(Table):
         "In 3D, the corners of a polygon in order.", [[70, 5], [76, 5], [73, 12]], None,
         allowed="three or more corners [x, y]",
     )  # fmt: skip
-    value: FromZero | None = key("What stands there, in any currency.", 250e3, None)
+    value: FromZero | None = key("Value of what stands there, in any currency.", 250e3, None)
     vulnerability: Annotated[tuple[Annotated[tuple[Quantity, Number], Strict(False)], ...], Strict(False)] | None = key(
-        "Share of the value that is lost at each largest thickness, or each largest speed, straight lines between; it "
-        "does not fall.",
+        "Share of the value that is lost, at values of the largest thickness or of the largest speed. The curve has "
+        "straight lines between its points and does not fall.",
         [["0 m", 0.0], ["1 m", 0.4], ["3 m", 1.0]],
         None,
         units="in each",

@@ -72,10 +72,10 @@ class Bedding(Table):
 
 class Varying(Table):
     """The random field of undrained shear strength, in short for `[soil.strength]`. Every parameter that varies has
-    these keys, in its own unit. Values within 4 deviations have to be such as the soil may have."""
+    these keys, in its own unit. Values within 4 standard deviations must be physically possible."""
 
     mean: AboveZero = key(
-        "Mean, at the ground where there is a trend.", 42e3, units="Pa",
+        "Mean; with a trend, the mean at depth 0, see `trend_from`.", 42e3, units="Pa",
         synonyms="su s_u cu undrained_strength shear_strength average",
     )  # fmt: skip
     cov: FromZero = key("Coefficient of variation.", 0.3, synonyms="sd std sigma deviation coefficient_of_variation")
@@ -86,14 +86,14 @@ class Varying(Table):
         "Family of correlation functions, see [random fields](random-fields.md).", "exponential", "squared exponential"
     )
     length: PerAxis[Annotated[float, Within(above_zero("m"), infinite=True)]] = key(
-        "Correlation length along each axis, as the family defines it; inf: constant along it.", [60.0, 2.0],
+        "Correlation length along each axis, as defined by the family; inf: constant along the axis.", [60.0, 2.0],
         synonyms="lx ly lz theta scale_of_fluctuation correlation_length correlation_lengths",
     )  # fmt: skip
     energy: Annotated[float, Within(Limit(above=0, most=1))] = key(
-        "Share of the field's variance that its modes keep.", 0.999, 0.999
+        "Share of the field's variance that its terms hold.", 0.999, 0.999
     )
     sampled_at: Literal["particles", "cells"] = key(
-        "Where the field is taken: at particles, or one value for each cell.", "particles", "particles"
+        "Where the field is evaluated: at particles, or once for each cell.", "particles", "particles"
     )
     lower: Number | None = key(
         "Lower bound of the distribution, where its family has one.", 10e3, None, units="Pa",
@@ -104,19 +104,19 @@ class Varying(Table):
     )
     trend: Number | None = key(
         "Growth of the mean, and of the deviation with it, per metre of depth.", 1.2e3, None, units="Pa/m",
-        otherwise="none: alike at every depth",
+        otherwise="none: the same at every depth",
     )  # fmt: skip
     trend_from: Metres | Literal["surface", "layer"] = key(
-        "Where the depth of the trend is counted from: the ground's surface, which follows the face of a cut, the top "
-        "of each layer, or an elevation above the base, such as that of the ground before a cut; above it there is no "
-        "trend.",
+        "Where the depth of the trend is 0: at the ground's surface, at the top of each layer, or at an elevation (m). "
+        "The surface includes the face of a cut; for a cut give the elevation of the ground before. Above an "
+        "elevation there is no trend.",
         "surface",
         "surface",
     )
     bedding: Bedding | None = key(
         "Inclined strata: `dip` below the horizontal and `strike`, anticlockwise from x seen from above, both in "
-        "degrees. With strike 90, as by default, they dip towards the toe. Lengths are then down the dip, along "
-        "strike and across.",
+        "degrees. With the default strike of 90 they dip towards the toe. Lengths are then down the dip, along strike "
+        "and across.",
         {"dip": 15.0, "strike": 90.0},
         None,
         otherwise="level strata",
@@ -125,14 +125,15 @@ class Varying(Table):
         "Whether the parameter itself has the correlation, not the Gaussian field behind it.", True, False
     )
     boreholes: Rows | None = key(
-        "Measured values: the position and the value there. x of a simple slope is from its rear, z from its base.",
+        "Measured values: rows `[x, z, value]`, in 3D `[x, y, z, value]`. In a simple slope x is counted from its "
+        "rear, z from its base.",
         [[10.0, 2.5, 45e3]],
         None,
         units="m, Pa",
         otherwise="none measured",
         allowed="rows of a coordinate per axis and the value",
     )
-    borehole_error: FromZero = key("Deviation of the measured values, in deviations of the field.", 0.1, 0.0)
+    borehole_error: FromZero = key("Standard deviation of the measured values over that of the field.", 0.1, 0.0)
 
     @validates(mode="after")
     def _bounds(self) -> Self:
@@ -154,10 +155,10 @@ class _Soil(Table, Generic[F]):
     """Keys of the soil. F: the table of a parameter that varies."""
 
     unit_weight: OrTable[Annotated[float, _of("unit_weight")], F] = key(
-        "Weight of the soil with the water in it.", 20e3, synonyms="gamma density rho weight"
+        "Weight of the soil, including its water.", 20e3, synonyms="gamma density rho weight"
     )
     saturated_unit_weight: Annotated[float, _of("saturated_unit_weight")] | None = key(
-        "Weight of soil that lies below the water table at the start, where soil above it weighs unit_weight.",
+        "Weight of soil that lies below the water table at the start; soil above it has `unit_weight`.",
         20e3,
         None,
         otherwise="that of soil above it",
@@ -173,14 +174,13 @@ class _Soil(Table, Generic[F]):
         "Undrained shear strength; `[strength]` is short for a table of it.", 42e3, None
     )
     strength_ratio: OrTable[Annotated[float, _of("strength_ratio")], F] | None = key(
-        "In place of the strength, what it is over the effective vertical stress at rest: the weight of the soil "
-        "above, of its mean unit weight, less the pressure of the water, so it needs `[water]`.",
+        "In place of the strength, s_u / sigma'_v: undrained strength over the effective vertical stress at rest. That "
+        "stress is the weight of the soil above, with mean unit weights, less the water pressure. It needs `[water]`.",
         0.25,
         None,
     )
     strength_minimum: Annotated[float, _of("strength_minimum")] | None = key(
-        "Least strength, where it goes with the stress: that of the soil at the surface. It goes with "
-        "`strength_ratio`.",
+        "Smallest strength with `strength_ratio`, which would give 0 at the surface.",
         5e3,
         None,
     )
@@ -195,7 +195,7 @@ class _Soil(Table, Generic[F]):
         "Largest mean tension.", 0.0, None, otherwise="no limit"
     )
     gap_memory: bool = key(
-        "Whether soil that the tension cutoff has opened closes its gap before it bears pressure; without it it "
+        "Whether soil that the tension cutoff has opened closes its gap before it bears pressure. With `false` it "
         "resists at once, and grains are thrown out.",
         True,
         True,
@@ -208,7 +208,7 @@ class _Soil(Table, Generic[F]):
         synonyms="softening=exponential exponential_softening",
     )  # fmt: skip
     softening_length: Annotated[float, _of("softening_length")] | Literal["cell"] | None = key(
-        'Thickness of the band that softening refers to; `"cell"`: that of a cell, whichever it is.',
+        'Thickness of the shear band that softening refers to; `"cell"`: the size of a cell, on each grid.',
         2.4,
         None,
         otherwise="a fifth of the height of the slope, or of the ground's relief",
@@ -217,7 +217,7 @@ class _Soil(Table, Generic[F]):
         "Rise of strength for each tenfold rate of strain.", 0.1, None, otherwise="none: no effect of rate"
     )
     reference_rate: Annotated[float, _of("reference_rate")] = key(
-        "Rate of shear strain at which strength is as given.", 1e-5, UndrainedSoil.reference_rate
+        "Rate of shear strain at which the given strength holds.", 1e-5, UndrainedSoil.reference_rate
     )
     cohesion: OrTable[Annotated[float, _of("cohesion")], F] | None = key(
         "Cohesion, with friction in place of strength.", 5e3, None, synonyms="c"
@@ -244,8 +244,10 @@ class _Soil(Table, Generic[F]):
     )  # fmt: skip
     decay: Annotated[Decay, one_of(DECAYS)] = key("How they fall.", "linear", "linear")
     unusual: bool = key(
-        "Whether numbers of the soil, of gravity and of the water's height that betray another unit are meant as they "
-        "are; without it they are refused.",
+        "Whether to accept numbers that look like another unit. Without it a scene is refused for strength below "
+        "1 kPa, cohesion below 0.1 kPa, either above 5 MPa, Young's modulus below 0.2 MPa, or friction below 1.6 "
+        "degrees. The same holds for unit weight outside 3 to 40 kN/m3, and gravity outside 0.1 to 30 m/s2. It "
+        "also holds for a trend of strength below 50 Pa/m, and for a water level far from the ground.",
         False,
         False,
     )
@@ -253,8 +255,8 @@ class _Soil(Table, Generic[F]):
 
 class Soil(_Soil[Varying]):
     """The soil: undrained, with a strength that does not depend on pressure, or with cohesion and friction. A parameter
-    that varies is a table in place of a number, such as `[soil.cohesion]`, with the keys of `[strength]`. A number that
-    betrays another unit is refused, see `unusual`."""
+    that varies is a table in place of a number, such as `[soil.cohesion]`, with the keys of `[strength]`. Units are
+    Pa, N/m3 and degrees: a number that looks like kPa or kN/m3 is refused, see `unusual`."""
 
 
 class CrossCorrelation(Table):
@@ -304,17 +306,19 @@ _SoilOfLayer: Any = create_model(
 
 
 class Layer(_SoilOfLayer):
-    """Layers of the drawn ground, `[[layer]]` for each, from the top down; the last has no lower boundary. Each may
-    have any key of `[soil]`, and of a parameter that varies a table, such as `[layer.strength]`, with its own `mean`,
-    `cov`, `marginal`, `lower`, `upper` and `trend`; what it leaves out is that of `[soil]` and `[strength]`. Its random
-    field goes through all layers, unless a layer gives a `length` of its own: then its field stops at it, independent
-    of all others, with a `correlation`, `energy`, `bedding` and so on that may be its own too. Layers may be of
-    different kinds, fill with cohesion and friction over clay with a strength over rock: one of the other kind than
-    `[soil]` takes over from it what both kinds have. Where every layer gives all of its soil, no `[soil]` is needed."""
+    """Layers of the drawn ground, one `[[layer]]` each, from the top down. The last has no lower boundary. Each may
+    have any key of `[soil]`. A parameter that varies is a table, such as `[layer.strength]`, with `mean`, `cov`,
+    `marginal`, `lower`, `upper`, `trend` and `trend_from`. Keys that a layer leaves out take their values from `[soil]`
+    and `[strength]`. A random field passes through all layers. If a layer gives a `length`, its field stops at its
+    boundaries and is independent of all others; `correlation`, `energy` and `bedding` may then be its own too. Layers
+    may be of different kinds, such as sand with cohesion and friction over clay with a strength over rock. A layer of
+    the other kind than `[soil]` takes only `unit_weight`, `young`, `poisson` and other keys of both kinds from it. Rock
+    needs these three alone. `[soil]` may be left out if every layer gives all of its soil. [A whole
+    example](random-fields.md#in-a-scene) has fill, clay and rock."""
 
     name: str | None = key("What it is called.", "soft clay", None, otherwise="`layer` and its number")
     bottom: Line | None = key(
-        "Its lower boundary; where that meets the one above, the layer ends.", [[0, 2], [92, -2]], None, units="m"
+        "Its lower boundary. The layer ends where this meets the boundary above.", [[0, 2], [92, -2]], None, units="m"
     )
     raster: Raster | None = key(
         "Instead, under a terrain, a file of the boundary's heights.", "rock.asc", None, units="m"
