@@ -139,15 +139,14 @@ def within(name: str, value: Any, limit: Limit, *, remedy: str = "") -> None:
     """
     if is_traced(value):
         return
-    array = np.asarray(value)
+    array, remedy = np.asarray(value), f"; {remedy}" if remedy else ""
     if array.dtype.kind not in "fiub":
-        raise ValueError(f"{name} = {shown(value)}: give {limit}{_remedy(remedy)}")
-    bad = np.argwhere(~np.asarray(limit.holds(array)))
-    if not len(bad):
+        raise ValueError(f"{name} = {shown(value)}: give {limit}{remedy}")
+    if not len(bad := np.argwhere(~np.asarray(limit.holds(array)))):
         return
     where = f" at {bad[0].tolist()} (bad at {len(bad)} of {array.size})" if array.ndim else ""
-    unit = f" {limit.unit}" if limit.unit else ""
-    raise ValueError(f"{name} = {array[tuple(bad[0])]:g}{unit}{where}: give {limit}{_remedy(remedy)}")
+    given = f"{name} = {array[tuple(bad[0])]:g} {limit.unit}".rstrip()
+    raise ValueError(f"{given}{where}: give {limit}{remedy}")
 
 
 def finite(name: str, value: Values, unit: str = "", *, remedy: str = "") -> None:
@@ -349,7 +348,3 @@ def axes(name: str, values: Sequence[float], dimension: int) -> None:
         raise ValueError(f"{name} = {shown(values)}: give {dimension} values, one per axis")
     if len(values) != dimension:
         raise ValueError(f"{name} = {shown(tuple(values))} has {len(values)} values: give {dimension}, one per axis")
-
-
-def _remedy(remedy: str) -> str:
-    return f"; {remedy}" if remedy else ""

@@ -6,6 +6,7 @@ from foundation.files import DamagedFile
 from foundation.pytrees import pytree
 from jaxmpm import diagnostics, ground, tensors
 from jaxmpm._step import step
+from jaxmpm.grid import Grid, Particles, Wall
 from jaxmpm.ground import (
     Face,
     Ground,
@@ -45,6 +46,7 @@ from jaxmpm.laws import (
     reduce_strength,
     with_parameters,
 )
+from jaxmpm.protocols import Kernel, Material
 from jaxmpm.run import (
     Checkpoints,
     Chunk,
@@ -96,20 +98,7 @@ from jaxmpm.soil import (
     unit_slip,
 )
 from jaxmpm.transfer import GIMP, Linear, QuadraticBSpline, native_available, native_library
-from jaxmpm.types import (
-    Columns,
-    Engine,
-    FreeField,
-    Grid,
-    Kernel,
-    Material,
-    Particles,
-    Scene,
-    Scheme,
-    State,
-    Status,
-    Wall,
-)
+from jaxmpm.types import Columns, Engine, FreeField, Scene, Scheme, State, Status
 
 __all__ = [
     "GIMP",

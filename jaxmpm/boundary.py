@@ -8,8 +8,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxmpm.grid import Grid, Wall
 from jaxmpm.tensors import safe_sqrt
-from jaxmpm.types import Grid, Scene, Wall
+from jaxmpm.types import Scene
 
 
 def one_with(scene: Scene) -> list[tuple[int, int]]:

@@ -11,8 +11,8 @@ from jax import Array
 
 from foundation import check
 from jaxmpm import tensors
-from jaxmpm._step import Maps, acting_stress, external_force, felt_gravity, grid_position, reciprocal
 from jaxmpm.boundary import hold
+from jaxmpm.equations import Maps, acting_stress, external_force, felt_gravity, grid_position, reciprocal
 from jaxmpm.transfer import momentum as particle_momentum
 from jaxmpm.types import Scene, State
 

@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from foundation import check, files
+from foundation import check, hdf5
 from foundation.text import shown
 from jaxmpm import diagnostics
 from jaxmpm.laws import declared
@@ -63,7 +63,7 @@ def save_state(path: str | Path, state: State, *, about: Mapping[str, Any] | Non
         for name, value in (about or {}).items():
             rest[name] = value
 
-    files.write_sealed(path, KIND, SCHEMA, fill)
+    hdf5.write_sealed(path, KIND, SCHEMA, fill)
 
 
 def load_state(path: str | Path, like: State) -> tuple[State, dict[str, Any]]:
@@ -82,7 +82,7 @@ def load_state(path: str | Path, like: State) -> tuple[State, dict[str, Any]]:
             names it.
     """
     wanted = _named(like)
-    with files.read_sealed(path, KIND, SCHEMA) as file:
+    with hdf5.read_sealed(path, KIND, SCHEMA) as file:
         names = file.names("state")
         arrays = {name: file.array("state", name) for name in names if name in wanted}
         about = {name: file.value("about", name) for name in file.names("about")}
@@ -150,7 +150,7 @@ def write_particles(
             f"position has shape {position.shape} and times are {shown(list(times))}: give (d, N) and ascending times"
         )
     count = position.shape[1]
-    with files.hdf5_aside(path) as file:
+    with hdf5.hdf5_aside(path) as file:
         root = file.create_group("VTKHDF", track_order=True)
         root.attrs["Version"] = (2, 0)
         root.attrs.create("Type", b"UnstructuredGrid", dtype="S16")

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmpm.types import Component, Tensor
+from jaxmpm.protocols import Component, Tensor
 
 # Axes of space (x, y, z = 0, 1, 2) that a 1D, 2D or 3D grid spans.
 AXES: dict[int, tuple[int, ...]] = {1: (0,), 2: (0, 2), 3: (0, 1, 2)}

@@ -8,49 +8,15 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal, Protocol, TypeAlias
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 from jax import Array
 
 from foundation.check import Limit, above_zero, from_zero
 from foundation.pytrees import pytree
-
-Component: TypeAlias = Array | float
-"""A component of a tensor; one that the dimension cannot have is the number 0.0, which vanishes in the program."""
-
-Tensor: TypeAlias = tuple[Component, Component, Component, Component, Component, Component]
-"""Symmetric tensor as its six components (xx, yy, zz, xy, yz, xz); a component absent in 1D or 2D is 0.0."""
-
-
-def static(**kwargs: Any) -> Any:
-    """A dataclass field that shapes the program: hashable, part of the compilation key.
-
-    Args:
-        **kwargs: of `dataclasses.field`.
-
-    Returns:
-        The field.
-    """
-    return field(metadata={"static": True}, **kwargs)
-
-
-class Kernel(Protocol):
-    """Shape functions of the nodes around a particle: static, so a frozen dataclass of hashable values.
-
-    A function reaches at most one and a half cells from its node, and those of the three nodes around a particle add up
-    to 1.
-    """
-
-    @classmethod
-    def of_spacing(cls, spacing: tuple[float, ...]) -> Kernel:
-        """The kernel for particles this far apart along each axis (m)."""
-
-    def shape(self, axis: int, cell: float, r: Array) -> tuple[Array, Array]:
-        """Value and derivative (1/m) of a node's function at r = (x - x_node) / cell along an axis; cell in m."""
-
-    def deviation(self, cell: float) -> float:
-        """Standard deviation (m) of the Gaussian over which mapping to the grid and back spreads a value; cell in m."""
+from jaxmpm.grid import Grid, Particles, Wall, static
+from jaxmpm.protocols import Kernel, Motion, Water
 
 
 class Engine(enum.Enum):
@@ -85,127 +51,6 @@ class Status(enum.IntEnum):
     INVERTED = 6
     TIME_STEP_TOO_LARGE = 7
     BAD_PARAMETER = 8
-
-
-@pytree
-@dataclass(frozen=True)
-class Grid:
-    """Regular background grid.
-
-    Args:
-        shape: nodes per axis; static.
-        cell: edge of a cell (m); static.
-        origin: position of node 0 (m); static.
-    """
-
-    shape: tuple[int, ...] = static()
-    cell: float = static()
-    origin: tuple[float, ...] = static()
-
-    @property
-    def dimension(self) -> int:
-        """Number of axes: 1, 2 or 3."""
-        return len(self.shape)
-
-    @property
-    def nodes(self) -> int:
-        """Number of nodes; nodes are numbered fastest along the last axis."""
-        total = 1
-        for n in self.shape:
-            total *= n
-        return total
-
-
-@dataclass(frozen=True)
-class Wall:
-    """A plane normal to one axis that constrains the nodes on it and beyond it.
-
-    Args:
-        axis: index of the normal's axis.
-        side: "low" constrains nodes up to `index`, "high" from `index` on.
-        index: node number of the plane along the axis.
-        hold: "fixed" stops all motion, "roller" the normal one; "friction" stops motion into the wall and slows motion
-            along it (Coulomb, with cohesion if the scene has some).
-    """
-
-    axis: int
-    side: Literal["low", "high"]
-    index: int
-    hold: Literal["fixed", "roller", "friction"]
-
-
-@pytree
-@dataclass(frozen=True)
-class Particles:
-    """Constant properties of particles.
-
-    In plane strain masses and volumes are per metre of width, in 1D per square metre of section.
-
-    Args:
-        position: initial one (d, N) m.
-        mass: (N,) kg.
-        volume: initial one (N,) m3.
-    """
-
-    position: Array
-    mass: Array
-    volume: Array
-
-    PARAMETERS: ClassVar[Mapping[str, Limit]] = {"mass": above_zero("kg"), "volume": above_zero("m3")}
-
-
-class Material(Protocol):
-    """A constitutive law: a frozen pytree of parameters, each a number or one value per particle (N,).
-
-    The protocol names all members that the package uses; `Law` is a base class with what most laws share.
-    """
-
-    PARAMETERS: ClassVar[Mapping[str, Limit]]
-    """Limits of the parameters by name: a `Limit`, or a `Parameter` if strength reduction, a campaign or the thickness
-    of shear bands affect it; parameters that are not named may have any finite value."""
-
-    @property
-    def FRICTIONAL(self) -> bool:
-        """Whether strength depends on the mean stress, which F-bar would average; of most laws a class variable."""
-
-    @property
-    def bulk(self) -> Array:
-        """Elastic bulk modulus K (Pa), for the initial stress and the elastic energy."""
-
-    @property
-    def shear(self) -> Array:
-        """Elastic shear modulus G (Pa), for the initial stress and the elastic energy."""
-
-    @property
-    def p_wave_modulus(self) -> Array:
-        """Modulus of the fastest elastic wave (Pa), K + 4G/3 of an isotropic law: it sets the time step."""
-
-    @property
-    def steepest_softening(self) -> Array | None:
-        """Largest loss of strength per unit of plastic shear strain (Pa), below G; None without softening."""
-
-    def initial_history(self, particles: Particles) -> Any:
-        """History of undisturbed particles: an array (N,) or a pytree of them; None for a law without."""
-
-    def reduced(self, factor: Array) -> Any:
-        """The law with its strength divided by `factor`: peak, residual, and the tangent of friction."""
-
-    def update(
-        self, strain_increment: Tensor, stress: Tensor, history: Any, dt: Array | None = None
-    ) -> tuple[Tensor, Any]:
-        """Stress and history after a strain increment.
-
-        Tensors have six components (xx, yy, zz, xy, yz, xz), tension positive; absent ones are the number 0.0.
-
-        Args:
-            strain_increment: tensor, shear components tensorial.
-            stress: tensor (Pa).
-            history: of the law.
-            dt: duration of the increment (s), which rate-dependent laws need.
-
-        Returns:
-            Stress (Pa) and history.
-        """
 
 
 @pytree
@@ -266,9 +111,9 @@ class Scene:
     wall_friction: Array | None = None
     wall_cohesion: Array | None = None
     wall_pressure: Array | None = None
-    water: Any = None
+    water: Water | None = None
     pore_pressure: Array | None = None
-    motion: Any = None
+    motion: Motion | None = None
     cut: Array | None = None
     free_field: FreeField | None = None
 

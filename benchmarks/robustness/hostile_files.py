@@ -20,7 +20,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from foundation import files
+from foundation import hdf5
 
 BAIT = 31337.0
 """The number that the baits are full of: where it turns up, something outside was read."""
@@ -84,8 +84,8 @@ def sealed_anew(data: bytes) -> bytes:
     head = re.match(rb"(.*), schema (\d+), SHA-256", data)
     if head is None:
         raise ValueError("the file has no seal: give the bytes of a sample or a restart point")
-    content = data[files.USER_BLOCK :]
-    return files.seal(head[1].decode(), int(head[2]), content) + content
+    content = data[hdf5.USER_BLOCK :]
+    return hdf5.seal(head[1].decode(), int(head[2]), content) + content
 
 
 def in_place_of(name: str, baits: Baits) -> dict[str, Change]:
@@ -235,15 +235,15 @@ def hand_made(baits: Baits) -> Mapping[str, Maker]:
         os.truncate(path, 2**40)
 
     def unsealed(path: Path, whole: bytes) -> None:
-        path.write_bytes(whole[files.USER_BLOCK :])
+        path.write_bytes(whole[hdf5.USER_BLOCK :])
 
     def nothing_sealed(content: bytes, path: Path, whole: bytes) -> None:
-        path.write_bytes(sealed_anew(whole[: files.USER_BLOCK] + content))
+        path.write_bytes(sealed_anew(whole[: hdf5.USER_BLOCK] + content))
 
     def beyond_its_end(path: Path, whole: bytes) -> None:
         # The superblock's end of file (version 2 and 3: 4th address) far behind the bytes that there are.
         changed = bytearray(whole)
-        changed[files.USER_BLOCK + 28 : files.USER_BLOCK + 36] = struct.pack("<Q", 2**40)
+        changed[hdf5.USER_BLOCK + 28 : hdf5.USER_BLOCK + 36] = struct.pack("<Q", 2**40)
         path.write_bytes(sealed_anew(bytes(changed)))
 
     lies = {

@@ -49,7 +49,7 @@ def search_module() -> Any:
 
 def zones(shape: Section, layers: Sequence[Layer]) -> Iterator[tuple[int, shapely.Polygon]]:
     """The ground as polygons, each with the number of its layer from 0 on."""
-    points, (left, right) = shape.outline()
+    points, (left, right), _ = shape.outline()
     inner = points[(points[:, 0] > left) & (points[:, 0] < right)]
     ends = [(x, float(shape.heights(np.array([x]))[0])) for x in (left, right)]
     # Ground down at the base has no area: buffer(0) leaves it out.

@@ -16,7 +16,7 @@ from cooperative.runs import StoredGround, rows_reader, samples_of
 from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, Rows, Store, fill_sample, read_sample
 from cooperative.summary import Summary
-from foundation import files
+from foundation import files, hdf5
 
 
 def write_table(
@@ -79,7 +79,7 @@ def consolidate(store: Store, path: str | Path | None = None, *, ground: StoredG
     `write_table`. OSError if the disk refuses; what was there before stays.
     """
     path = store.folder / "campaign.h5" if path is None else Path(path)
-    with files.hdf5_aside(path) as file:
+    with hdf5.hdf5_aside(path) as file:
         file.attrs["scene"] = store.source.words
         for grid, rows in rows_of(store, ground).items():
             for name, values in rows.columns.items():

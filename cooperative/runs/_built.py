@@ -27,7 +27,7 @@ import jaxmpm
 from cooperative.runs._model import RATIO, GridModel
 from cooperative.runs._random_soil import RandomSoil
 from cooperative.scene import Campaign, built
-from foundation import files
+from foundation import files, hdf5
 from jaxmpm import Scene, State, declared
 
 KIND = "cooperative initial stress"
@@ -107,13 +107,13 @@ def keep_initial(folder: Path, grid: str, scene: Scene, state: State) -> None:
         file.attrs.update(grid=_checksum(scene))
         file["stress"] = np.asarray(state.stress)
 
-    files.write_sealed(path, KIND, SCHEMA, fill)
+    hdf5.write_sealed(path, KIND, SCHEMA, fill)
 
 
 def _read(path: Path, scene: Scene, state: State) -> State:
     if path.parent.is_symlink():
         raise files.DamagedFile(f"{path} leads out of the campaign's folder")
-    with files.read_sealed(path, KIND, SCHEMA) as file:
+    with hdf5.read_sealed(path, KIND, SCHEMA) as file:
         of_grid, stress = file.scalars("/").get("grid"), file.array("/", "stress", dimensions=2, kinds="f")
     if of_grid != _checksum(scene):
         raise files.DamagedFile(f"{path} holds the initial stress of another grid")

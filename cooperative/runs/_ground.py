@@ -24,7 +24,7 @@ from cooperative.runs._columns import COLUMNS
 from cooperative.runs._model import GridModel
 from cooperative.runs._random_soil import samples_of
 from cooperative.store import Record, Rows, Store, reader
-from foundation import files
+from foundation import files, hdf5
 from jaxmpm import Face
 
 GROUND, DRAWN = ("cooperative ground", 3), ("cooperative random soil", 1)
@@ -241,7 +241,7 @@ def keep_ground(folder: Path, models: Mapping[str, GridModel]) -> None:
         for name, values in arrays.items():
             file[name] = values
 
-    files.write_sealed(path, *GROUND, fill)
+    hdf5.write_sealed(path, *GROUND, fill)
 
 
 def read_ground(folder: Path) -> StoredGround | None:
@@ -249,7 +249,7 @@ def read_ground(folder: Path) -> StoredGround | None:
     path = folder / "ground.h5"
     if not os.path.lexists(path):
         return None
-    with files.read_sealed(path, *GROUND) as file:
+    with hdf5.read_sealed(path, *GROUND) as file:
         about, there = json.loads(str(file.scalars("/")["ground"])), file.names("/")
         about["surface"] = file.array("/", "surface", kinds="f")
         for name, grid in about["grids"].items():
@@ -267,7 +267,7 @@ def keep_drawn(folder: Path, drawn: Drawn) -> None:
             for name, values in soil.values.items():
                 group[name] = values.astype(np.float32)
 
-    files.write_sealed(folder / "drawn.h5", *DRAWN, fill)
+    hdf5.write_sealed(folder / "drawn.h5", *DRAWN, fill)
 
 
 def read_drawn(folder: Path, wanted: Iterable[tuple[str, int]]) -> Drawn:
@@ -275,7 +275,7 @@ def read_drawn(folder: Path, wanted: Iterable[tuple[str, int]]) -> Drawn:
     where it cannot be trusted."""
     found: dict[tuple[str, int], SampleSoil] = {}
     try:
-        with files.read_sealed(folder / "drawn.h5", *DRAWN) as file:
+        with hdf5.read_sealed(folder / "drawn.h5", *DRAWN) as file:
             there = file.names("/")
             for grid, number in wanted:
                 if (group := f"{grid}_{number}") in there:

@@ -40,7 +40,8 @@ from cooperative.store._source import (
     scene_digest,
     stored_source,
 )
-from foundation.files import DamagedFile, Scalar, own_folder, write_aside
+from foundation.files import DamagedFile, own_folder, write_aside
+from foundation.hdf5 import Scalar
 
 __all__ = [
     "CAMPAIGN",

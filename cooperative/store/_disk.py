@@ -23,8 +23,9 @@ from numpy.typing import ArrayLike
 
 from cooperative.store._opened import package_versions
 from cooperative.store._samples import GRIDS, SLIDES, Record, Rows, Sample, Store, rows_of
-from foundation import files
-from foundation.files import DamagedFile, Scalar, set_aside
+from foundation import files, hdf5
+from foundation.files import DamagedFile, set_aside
+from foundation.hdf5 import Scalar
 from foundation.text import shown
 
 KIND = "cooperative sample"
@@ -71,7 +72,7 @@ def write_sample(store: Store, grid: str, sample: Sample) -> Path:
         raise ValueError(f"{store.folder} is open for reading: use open_store to write {path.name}")
     if os.path.lexists(path):
         raise ValueError(f"{path} is finished already: results are never overwritten, delete it to redo it")
-    files.write_sealed(path, KIND, SCHEMA, lambda file: fill_sample(file, store, grid, sample))
+    hdf5.write_sealed(path, KIND, SCHEMA, lambda file: fill_sample(file, store, grid, sample))
     _add_to_index(store, grid, stamp_of(path), sample.record)
     restart_path(store.folder, grid, sample.number).unlink(missing_ok=True)
     return path
@@ -170,7 +171,7 @@ def read_sample(store: Store, grid: str, number: int) -> Sample:
 
 def read_file(store: Store, grid: str, path: Path) -> Sample:
     """The sample in one file of this grid. DamagedFile if it cannot be trusted."""
-    with files.read_sealed(path, KIND, SCHEMA) as file:
+    with hdf5.read_sealed(path, KIND, SCHEMA) as file:
         said, row = file.scalars("/"), file.scalars("row")
         _check_types(path, said, SAID, required=SAID)
         if said["scene"] != store.digest:

@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 
 from cooperative.store._source import Source
-from foundation.files import Scalar
+from foundation.hdf5 import Scalar
 
 GRIDS = ("rough", "refined")
 SLIDES = "slides"

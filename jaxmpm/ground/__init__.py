@@ -1,24 +1,14 @@
 """Ground: its protocol, slopes, sections and terrain, their layers and files, and the particles that fill it."""
 
-from jaxmpm.ground._ground import (
-    Face,
-    Ground,
-    box_of,
-    build_ground,
-    cells,
-    check_ground,
-    layer_of,
-    relief,
-    scene_of,
-    thicknesses,
-    top_of,
-    volume,
-)
+from jaxmpm.ground._fill import cells, scene_of
+from jaxmpm.ground._ground import Face, Ground, build_ground, check_ground, layer_of
 from jaxmpm.ground._layer import Layer
 from jaxmpm.ground._line import read_line
+from jaxmpm.ground._pore_water import WATER_WEIGHT
+from jaxmpm.ground._probe import box_of, relief, thicknesses, top_of, volume
 from jaxmpm.ground._raster import Raster, read_raster
 from jaxmpm.ground._seam import Thickness
-from jaxmpm.ground._section import WATER_WEIGHT, Section, section
+from jaxmpm.ground._section import Section, section
 from jaxmpm.ground._slope import Slope, slope
 from jaxmpm.ground._terrain import Terrain, terrain
 

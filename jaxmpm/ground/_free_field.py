@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
 
-from jaxmpm._step import Maps, particles_to_grid
+from jaxmpm.equations import Maps, free_field, particles_to_grid
+from jaxmpm.ground._boundaries import Height, Outline
 from jaxmpm.setup import PADDING, Discretisation
 from jaxmpm.transfer import GIMP, Linear
 from jaxmpm.types import FreeField, Scene, Scheme, State
@@ -29,7 +31,9 @@ def check_free_field(discretisation: Discretisation) -> None:
         )
 
 
-def joined(scene: Scene, state: State, low: tuple[Scene, State], high: tuple[Scene, State]) -> tuple[Scene, State]:
+def with_free_field(
+    scene: Scene, state: State, low: tuple[Scene, State], high: tuple[Scene, State]
+) -> tuple[Scene, State]:
     """Replace the walls at both ends by a free field.
 
     The forces of these walls at rest continue to act on the ends.
@@ -54,6 +58,19 @@ def joined(scene: Scene, state: State, low: tuple[Scene, State], high: tuple[Sce
         return scene, state
     nodal = particles_to_grid(scene, state, scene.time_step, Maps(scene, scene.particles.position))
     assert nodal.force is not None
-    assert nodal.beyond is not None
+    traction = free_field(scene, state, scene.time_step).traction
     net = (nodal.force + nodal.mass * scene.gravity).reshape(*scene.grid.shape, -1)[jnp.asarray(planes)]
-    return replace(scene, free_field=replace(field, held=-net - nodal.beyond.traction)), state
+    return replace(scene, free_field=replace(field, held=-net - traction)), state
+
+
+def check_level(tops: Sequence[Height], outline: Outline, discretisation: Discretisation) -> None:
+    """Raise ValueError unless the surface and layers are level within a cell of each wall, to half a particle."""
+    left, right = outline.walls
+    for wall, within in ((left, left + discretisation.cell), (right, right - discretisation.cell)):
+        for number, top in enumerate(tops[:-1], 1):
+            at, inside = top(np.array([wall, within]))
+            if abs(at - inside) > discretisation.spacing[-1] / 2:
+                raise ValueError(
+                    f"ends = 'free field', but the top of layer {number} goes from {inside:g} to {at:g} m within a "
+                    f"cell of the wall at x = {wall:g} m: draw it on level there, ground beyond it is taken as level"
+                )

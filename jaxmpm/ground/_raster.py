@@ -87,7 +87,7 @@ class Raster:
                 "like degrees: project it to metres first, e.g. with gdalwarp -t_srs and the EPSG code of a UTM zone"
             )
 
-    def places(self) -> np.ndarray:
+    def points(self) -> np.ndarray:
         """Positions x and y (2, n) m of its points."""
         (x, y), (nx, ny) = self.corner, self.heights.shape
         along, across = np.meshgrid(x + self.step * np.arange(nx), y + self.step * np.arange(ny), indexing="ij")

@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 
 from foundation import check
-from jaxmpm.ground._ground import Face, scene_of
+from jaxmpm.ground._fill import scene_of
+from jaxmpm.ground._ground import Face
 from jaxmpm.ground._layer import Layer
 from jaxmpm.setup import Discretisation, cells_up, check_discretisation
 from jaxmpm.soil import AnySoil

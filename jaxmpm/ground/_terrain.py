@@ -6,23 +6,23 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import shapely
-from jax.typing import DTypeLike
 
 from foundation import check
 from foundation.text import shown
-from jaxmpm.ground._ground import box_cells, box_grid
-from jaxmpm.ground._layer import Box, Layer, check_ends
+from jaxmpm.grid import Grid, Wall
+from jaxmpm.ground._boxes import SAMPLED, boxes
+from jaxmpm.ground._fill import box_cells, box_grid
+from jaxmpm.ground._layer import Box, Layer
+from jaxmpm.ground._pore_water import pore_pressure_of, water_raster, water_surface
 from jaxmpm.ground._raster import Raster
 from jaxmpm.ground._seam import Thickness, thicknesses_of, warn_of_seams
-from jaxmpm.ground._section import WATER_WEIGHT, pore_pressure_of
-from jaxmpm.laws import WaterSurface
+from jaxmpm.ground._strata import bottoms, refuse_thin
 from jaxmpm.setup import (
     PADDING,
     RESOLVED,
@@ -31,22 +31,15 @@ from jaxmpm.setup import (
     build,
     check_discretisation,
     end_walls,
-    fill,
     material_on,
     settled,
     sorted_by_cell,
 )
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, law_of_layers, weights
-from jaxmpm.types import Grid, Particles, Scene, State, Wall
-
-SAMPLED = 4
-"""Points along each side of a column of particles at which its surface is sampled."""
+from jaxmpm.types import Scene, State
 
 POINTS = 64
 """Points along each wall at which layers are sampled."""
-
-LEAST_SHARE = 0.02
-"""Least share of its box for a particle; with less, its stress would be rounding only."""
 
 
 @dataclass(frozen=True)
@@ -189,7 +182,7 @@ class Terrain:
             return np.ones(np.shape(x), bool)
         return shapely.contains_xy(shapely.Polygon(self.polygon), x, y)
 
-    def kept(self, position: np.ndarray) -> np.ndarray:
+    def modelled(self, position: np.ndarray) -> np.ndarray:
         """Whether points between the walls lie in the modelled part.
 
         Args:
@@ -238,34 +231,15 @@ class Terrain:
         return terrain(self, layers, discretisation, **loads)
 
     def cells(self, discretisation: Discretisation) -> list[int]:
-        """Cells of a grid along each axis, with air above the highest point.
-
-        Args:
-            discretisation: cell, spacing and numerical choices.
-
-        Returns:
-            Number of cells along each axis.
-
-        Raises:
-            ValueError: If terrain or grid is invalid, or they do not fit each other.
-        """
+        """Cells of a grid along each axis, with air above the highest point, as `jaxmpm.ground.cells`."""
         check_discretisation(discretisation, 3)
         self.check()
         return box_cells("the terrain", self, discretisation)
 
     def layer_of(self, layers: Sequence[Layer], position: np.ndarray, discretisation: Discretisation) -> np.ndarray:
-        """Layer of boxes of particles: the one in which the centre of their part under the surface lies.
+        """Number (N,) int, from 0, of the layer in which the centre of a box's part under the surface lies.
 
-        Args:
-            layers: from the top down.
-            position: centres of the boxes (3, N) m.
-            discretisation: its spacing is the height of the boxes.
-
-        Returns:
-            (N,) int, numbers from 0.
-
-        Raises:
-            ValueError: If layers are invalid, as for `terrain`.
+        Position (3, N) m is that of the centres of the boxes, the spacing their height.
         """
         x, y, z = np.asarray(position, float)
         spacing, surface = discretisation.spacing[-1], self.heights(x, y)
@@ -273,48 +247,27 @@ class Terrain:
         # The centre of a box that the surface cuts may lie in the air, above a layer that has no thickness there.
         z = np.minimum(np.minimum(z, (z - spacing / 2 + surface) / 2), surface - 2 * rounding)
         layer = np.zeros(z.size, int)
-        for bottom in _bottoms(self, layers, x, y, spacing):
+        for bottom in bottoms(self.heights(x, y), layers, x, y, spacing):
             layer += below(z, bottom, rounding)
         return layer
 
     def thicknesses(self, layers: Sequence[Layer]) -> list[Thickness]:
-        """Thickness of each layer, and whether it is a weak seam.
-
-        Args:
-            layers: from the top down.
-
-        Returns:
-            One per layer.
-
-        Raises:
-            ValueError: If a bottom has holes.
-        """
+        """Thickness of each layer, and whether it is a weak seam, as `jaxmpm.ground.thicknesses`."""
         share = (np.arange(POINTS) + 0.5) / POINTS
         x, y = (axis.ravel() for axis in np.meshgrid(*(low + share * (high - low) for low, high in self.walls)))
         within = self.in_plan(x, y)
         x, y = x[within], y[within]
-        tops = [self.heights(x, y), *_bottoms(self, layers, x, y, math.inf), np.full(x.size, self.base)]
+        tops = [self.heights(x, y), *bottoms(self.heights(x, y), layers, x, y, math.inf), np.full(x.size, self.base)]
         return thicknesses_of(layers, [np.maximum(top, self.base) for top in tops])
 
     def box_of(self, layers: Sequence[Layer], number: int) -> Box:
-        """A box that holds a layer.
-
-        Args:
-            layers: from the top down.
-            number: of the layer, from 0.
-
-        Returns:
-            Lowest corner and edges (m).
-
-        Raises:
-            ValueError: If layers are invalid, have holes, or this one lies nowhere.
-        """
+        """Lowest corner and edges (m) of a box that holds a layer, as `jaxmpm.ground.box_of`."""
         rasters = [self.surface, *(layer.bottom for layer in layers if isinstance(layer.bottom, Raster))]
-        points = [raster.cropped(*self.walls).places() for raster in rasters]
+        points = [raster.cropped(*self.walls).points() for raster in rasters]
         (west, east), (south, north) = self.walls
         x, y = np.concatenate(points, axis=1)
         x, y = x.clip(west, east), y.clip(south, north)
-        lines = [self.heights(x, y), *_bottoms(self, layers, x, y, math.inf), np.full(x.size, self.base)]
+        lines = [self.heights(x, y), *bottoms(self.heights(x, y), layers, x, y, math.inf), np.full(x.size, self.base)]
         top, bottom = np.maximum(lines[number], self.base), np.maximum(lines[number + 1], self.base)
         if not (top > bottom).any():
             raise ValueError(f"layer {number + 1} lies nowhere between the walls: draw it there, or leave it out")
@@ -362,7 +315,8 @@ def terrain(
     cells = shape.cells(discretisation)
     layers = list(soil) if isinstance(soil, Sequence) else [Layer(soil)]
     grid = box_grid(shape.corner, cells, discretisation.cell)
-    particles = sorted_by_cell(_boxes(shape, discretisation), grid)
+    inside = None if shape.polygon is None and shape.depth is None else shape.modelled
+    particles = sorted_by_cell(boxes(shape, discretisation, inside), grid)
     layer = shape.layer_of(layers, np.asarray(particles.position), discretisation)
     empty = np.flatnonzero(np.bincount(layer, minlength=len(layers)) == 0)
     if empty.size:
@@ -370,14 +324,14 @@ def terrain(
     law, order = law_of_layers([material_on(discretisation, each.soil) for each in layers], layer)
     particles, layer = jax.tree.map(lambda leaf: leaf[..., order], (particles, layer))
     (x, y, z), spacing = np.asarray(particles.position, float), discretisation.spacing[-1]
-    table = _water_table(shape, water)
+    table = water_raster(water, shape.walls)
     under = None if table is None else below(z, table.at(x, y), RESOLVED * spacing)
     density = jnp.asarray(
         weights([each.soil for each in layers], layer, under) / STANDARD_GRAVITY, particles.mass.dtype
     )
-    tops = [shape.heights(x, y), *_bottoms(shape, layers, x, y, spacing), np.full(z.size, shape.base)]
+    tops = [shape.heights(x, y), *bottoms(shape.heights(x, y), layers, x, y, spacing), np.full(z.size, shape.base)]
     bounded = [np.maximum(top, shape.base) for top in tops]
-    _refuse_thin(x, y, bounded, spacing)
+    refuse_thin(x, y, bounded, spacing)
     warn_of_seams(layers, thicknesses_of(layers, bounded), discretisation.cell)
     built, state = build(
         replace(particles, mass=particles.volume * density),
@@ -387,114 +341,8 @@ def terrain(
         walls=(*end_walls(0, cells[0], ends), *end_walls(1, cells[1], ends), Wall(2, "low", PADDING, "fixed")),
         gravity=gravity,
         speed=math.sqrt(gravity * shape.extent[-1]) if speed is None else speed,
-        water=None if table is None else _water_surface(table, spacing, particles.mass.dtype),
+        water=None if table is None else water_surface(table, spacing, particles.mass.dtype),
         pore_pressure=pore_pressure_of(r_u, table is not None, z, layers, tops),
         cut=shape.beyond(grid),
     )
     return built, settled(built, state) if at_rest else state
-
-
-def _water_table(shape: Terrain, water: float | Raster | None) -> Raster | None:
-    """Heights of the water between the walls; ValueError if they have holes or end before them."""
-    if water is None:
-        return None
-    if not isinstance(water, Raster):
-        check.finite("water", water, "m")
-        (west, east), (south, north) = shape.walls
-        return Raster(np.full((2, 2), float(water)), (west, south), max(east - west, north - south))
-    water.check("water")
-    part = water.cropped(*shape.walls)
-    _refuse_holes("water", part.heights.ravel(), *part.places())
-    return part
-
-
-def _water_surface(table: Raster, height: float, dtype: DTypeLike) -> WaterSurface:
-    numbers = table.heights, table.corner, table.step, WATER_WEIGHT, height
-    return WaterSurface(*(jnp.asarray(value, dtype) for value in numbers))
-
-
-def _boxes(shape: Terrain, discretisation: Discretisation) -> Particles:
-    """The particles under the surface, each with its share of its box's volume."""
-    dx, dy, dz = discretisation.spacing
-    length, width, height = shape.extent
-    nx, ny, nz = round(length / dx), round(width / dy), math.ceil(height / dz * (1 - 1e-12))
-    x, y = (
-        start + (np.arange(n * SAMPLED) + 0.5) * step / SAMPLED
-        for start, n, step in zip(shape.corner, (nx, ny), (dx, dy), strict=False)
-    )
-    surface = (shape.heights(*np.meshgrid(x, y, indexing="ij")) - shape.base) / dz
-    surface = surface.reshape(nx, SAMPLED, ny, SAMPLED).transpose(1, 3, 0, 2).reshape(SAMPLED**2, nx, ny, 1)
-    share = np.mean([np.clip(each - np.arange(nz), 0, 1) for each in surface], axis=0)
-    # The volume of a sliver goes to the box below it.
-    sliver = np.where(share < LEAST_SHARE, share, 0)
-    sliver[..., 0] = 0
-    share -= sliver
-    share[..., :-1] += sliver[..., 1:]
-    modelled = share.ravel() > 0
-    if shape.polygon is not None or shape.depth is not None:
-        steps = zip(shape.corner, (nx, ny, nz), discretisation.spacing, strict=True)
-        centres = [start + (np.arange(n) + 0.5) * step for start, n, step in steps]
-        modelled &= shape.kept(np.stack([axis.ravel() for axis in np.meshgrid(*centres, indexing="ij")]))
-    if not modelled.any():
-        raise ValueError("the cuts leave no particle: draw the polygon larger, or take smaller particles")
-    particles = fill(
-        (length, width, nz * dz), (dx, dy, dz), unit_weight=STANDARD_GRAVITY, inside=lambda _: modelled,
-        corner=shape.corner, dtype=discretisation.dtype,
-    )  # fmt: skip
-    return replace(particles, volume=particles.volume * jnp.asarray(share.ravel()[modelled], particles.volume.dtype))
-
-
-def _bottoms(shape: Terrain, layers: Sequence[Layer], x: np.ndarray, y: np.ndarray, spacing: float) -> list[np.ndarray]:
-    """Heights (N,) m of the layers' lower boundaries, without the last, at points (N,) m."""
-    check_ends(layers)
-    surface = shape.heights(x, y)
-    bounds = [surface]
-    for number, layer in enumerate(layers[:-1], 1):
-        if layer.depth is not None:
-            bottom = surface - layer.depth
-        elif layer.thickness is not None:
-            bottom = bounds[-1] - layer.thickness
-        elif isinstance(layer.bottom, Raster):
-            bottom = layer.bottom.at(x, y)
-        else:
-            raise ValueError(
-                f"the bottom of layer {number} is a line: under a terrain give a raster, depth or thickness"
-            )
-        _refuse_holes(f"the bottom of layer {number}", bottom, x, y)
-        beyond = bottom - bounds[-1]
-        worst = int(np.argmax(beyond)) if beyond.size else 0
-        if beyond.size and beyond[worst] > spacing:
-            raise ValueError(
-                f"the bottom of layer {number} lies {beyond[worst]:g} m above the one above it at ({x[worst]:g}, "
-                f"{y[worst]:g}) m: draw it below"
-            )
-        bounds.append(np.minimum(bottom, bounds[-1]))
-    return bounds[1:]
-
-
-def _refuse_thin(x: np.ndarray, y: np.ndarray, tops: Sequence[np.ndarray], spacing: float) -> None:
-    """Raise ValueError for a layer that is nowhere as thick as a particle.
-
-    Args:
-        x: positions of points (N,) m.
-        y: positions of points (N,) m.
-        tops: heights (N,) m there of the layers' upper boundaries and of the base.
-        spacing: height of a particle (m).
-    """
-    for number, (top, bottom) in enumerate(pairwise(tops), 1):
-        thickness = top - bottom
-        most = int(np.argmax(thickness))
-        if thickness[most] < spacing * (1 - RESOLVED):
-            raise ValueError(
-                f"layer {number} is at most {thickness[most]:g} m thick, at ({x[most]:g}, {y[most]:g}) m, less than a "
-                f"particle of {spacing:g} m: take smaller particles, or draw it thicker"
-            )
-
-
-def _refuse_holes(name: str, heights: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
-    holes = np.flatnonzero(~np.isfinite(heights))
-    if holes.size:
-        raise ValueError(
-            f"{name} has no height at ({x[holes[0]]:g}, {y[holes[0]]:g}) m: fill its holes, or give one that reaches "
-            "the walls"
-        )

@@ -9,8 +9,9 @@ import jax.numpy as jnp
 from jax import Array
 
 from foundation.check import Limit, above_zero
+from jaxmpm.grid import Particles
 from jaxmpm.laws._parameter import with_strength_divided
-from jaxmpm.types import Material, Particles, Tensor
+from jaxmpm.protocols import Material, Tensor
 
 MODULI = {"bulk": above_zero("Pa"), "shear": above_zero("Pa")}
 

@@ -8,8 +8,8 @@ from typing import Any
 import jax.numpy as jnp
 from jax import Array
 
+from jaxmpm.protocols import Material, Tensor
 from jaxmpm.tensors import mean
-from jaxmpm.types import Material, Tensor
 
 SHARE = 1e-3
 """Largest pressure of loose soil, over the stress that the cutoff removed; rounding is far smaller."""

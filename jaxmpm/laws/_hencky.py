@@ -16,8 +16,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxmpm.laws._spectral import Matrix, isotropic
+from jaxmpm.protocols import Component, Tensor
 from jaxmpm.tensors import AXES, VOIGT, absent, by_component, placed, row_by_row
-from jaxmpm.types import Component, Tensor
 
 
 def logarithmic(elastic: Tensor, gradient: Sequence[Sequence[Array]], dt: Array) -> Tensor:

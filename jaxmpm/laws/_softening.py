@@ -17,8 +17,8 @@ from jax import Array
 from foundation.check import Limit
 from foundation.pytrees import pytree
 from jaxmpm.laws._parameter import Parameter
+from jaxmpm.protocols import Tensor
 from jaxmpm.tensors import deviator, safe_sqrt, second_invariant
-from jaxmpm.types import Tensor
 
 RATIO = Parameter(least=0.0, most=1.0)
 

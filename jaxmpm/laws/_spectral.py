@@ -10,8 +10,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxmpm.protocols import Component, Tensor
 from jaxmpm.tensors import VOIGT, absent, placed
-from jaxmpm.types import Component, Tensor
 
 SWEEPS = 5
 """Rounds of Jacobi's method: it converges quadratically, and after 5 a 3 x 3 matrix is diagonal to rounding."""

@@ -16,11 +16,12 @@ from jax import Array
 
 from foundation.check import Limit, from_zero
 from foundation.pytrees import pytree
+from jaxmpm.grid import Particles
 from jaxmpm.laws._base import Law
 from jaxmpm.laws._parameter import Parameter
 from jaxmpm.laws._softening import ExponentialSoftening, RateEffect, Softening
+from jaxmpm.protocols import Tensor
 from jaxmpm.tensors import absent, by_component, deviator, mean, safe_sqrt, second_invariant
-from jaxmpm.types import Particles, Tensor
 
 
 def elastic_increment(bulk: Array, shear: Array, strain_increment: Tensor) -> Tensor:

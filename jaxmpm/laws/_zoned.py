@@ -14,10 +14,11 @@ from jax import Array
 
 from foundation.check import Limit
 from foundation.pytrees import pytree
+from jaxmpm.grid import Particles
 from jaxmpm.laws._gap import remembers_gap, update_with_gap
 from jaxmpm.laws._parameter import Declared, declared, has_strength, with_parameters
+from jaxmpm.protocols import Material, Tensor
 from jaxmpm.tensors import absent, placed, rows
-from jaxmpm.types import Material, Particles, Tensor
 
 
 @pytree

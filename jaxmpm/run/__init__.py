@@ -1,10 +1,14 @@
 """Runs: chunks of steps on the device with checks between them on the host; many samples; derivatives."""
 
+from jaxmpm.run._advance import advance, advance_lanes, repeat
+from jaxmpm.run._batch import Chunk, Midway
 from jaxmpm.run._checkpointed import Checkpoints, checkpoints, replay
 from jaxmpm.run._columns import Passing, column_shape, passing, with_columns
-from jaxmpm.run._integrate import Result, Settle, advance, advance_lanes, lanes, repeat, solve
-from jaxmpm.run._many import Chunk, Midway, solve_each
+from jaxmpm.run._integrate import Result, solve
+from jaxmpm.run._lanes import lanes
+from jaxmpm.run._many import solve_each
 from jaxmpm.run._sensitivity import strength_sensitivity
+from jaxmpm.run._stopping import Settle
 from jaxmpm.run._strength_reduction import FactorOfSafety, factor_of_safety, reduced
 
 __all__ = [

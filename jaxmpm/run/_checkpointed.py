@@ -18,8 +18,8 @@ from jax import Array
 
 from foundation import check
 from jaxmpm._step import step
+from jaxmpm.run._advance import begun, lane_status, running
 from jaxmpm.run._checks import check_state
-from jaxmpm.run._integrate import begun, lane_status, running
 from jaxmpm.tensors import rows
 from jaxmpm.transfer import scatter_p
 from jaxmpm.types import Scene, State, Status

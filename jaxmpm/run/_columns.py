@@ -12,7 +12,7 @@ from jax import Array
 
 from foundation import check
 from jaxmpm import tensors
-from jaxmpm._step import grid_position
+from jaxmpm.equations import grid_position
 from jaxmpm.transfer import locate
 from jaxmpm.types import Columns, Scene, State, Status
 

@@ -15,7 +15,9 @@ import numpy as np
 from jax import Array
 
 from jaxmpm import diagnostics
-from jaxmpm.run._integrate import Result, Settle, Watch, advance_lanes, farthest, steps_until
+from jaxmpm.run._advance import advance_lanes
+from jaxmpm.run._integrate import Result
+from jaxmpm.run._stopping import Settle, Watch, farthest, steps_until
 from jaxmpm.types import Scene, State, Status
 
 LOOKS = 4

@@ -15,8 +15,11 @@ from jax import Array
 from foundation import check
 from foundation.text import shown
 from jaxmpm.laws import reduce_strength
-from jaxmpm.run._integrate import Settle, check_run, farthest, repeat, solve, varied_lanes
+from jaxmpm.run._advance import repeat
+from jaxmpm.run._integrate import solve
+from jaxmpm.run._lanes import varied_lanes
 from jaxmpm.run._limit_load import LOOKS, Times, displacements, find_kink, speeds_up
+from jaxmpm.run._stopping import Settle, check_run, farthest
 from jaxmpm.setup import check_scene
 from jaxmpm.types import Scene, State
 

@@ -1,20 +1,7 @@
 """Scene and State from particles, a law and numerical choices, all checked, with the initial stress."""
 
-from jaxmpm.setup._builders import (
-    PADDING,
-    ROUNDING,
-    Hold,
-    bar,
-    below,
-    block,
-    box_particles,
-    build,
-    column,
-    end_walls,
-    fill,
-    material_on,
-    sorted_by_cell,
-)
+from jaxmpm.setup._build import PADDING, ROUNDING, Hold, below, build, end_walls, material_on
+from jaxmpm.setup._builders import bar, block, column
 from jaxmpm.setup._discretisation import (
     RESOLVED,
     Discretisation,
@@ -23,9 +10,11 @@ from jaxmpm.setup._discretisation import (
     check_discretisation,
     check_resolved,
 )
+from jaxmpm.setup._fill import box_particles, fill, sorted_by_cell
 from jaxmpm.setup._initial_stress import at_rest, overburden, settled
+from jaxmpm.setup._law import check_scene, check_shape, refuse_snap_back, with_strength
 from jaxmpm.setup._motion import read_motion
-from jaxmpm.setup._scene import check_scene, check_shape, refuse_snap_back, scene, unstressed, with_strength
+from jaxmpm.setup._scene import scene, unstressed
 from jaxmpm.setup._vary import check_names, check_start, parameter_names, vary, with_soil
 
 __all__ = [

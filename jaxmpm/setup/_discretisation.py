@@ -11,9 +11,10 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from foundation import check
+from jaxmpm.protocols import Kernel
 from jaxmpm.soil import AnySoil
 from jaxmpm.transfer import GIMP, QuadraticBSpline, length_of_band
-from jaxmpm.types import Kernel, Scheme
+from jaxmpm.types import Scheme
 
 RESOLVED = 1e-3
 """Required precision of a particle's position, as a share of its size."""

@@ -16,8 +16,8 @@ import numpy as np
 from jax import Array
 
 from jaxmpm import tensors
-from jaxmpm._step import MASS_FLOOR, Maps, acting_stress, external_force
 from jaxmpm.boundary import hold
+from jaxmpm.equations import MASS_FLOOR, Maps, acting_stress, external_force
 from jaxmpm.laws import elastic_increment
 from jaxmpm.setup._scene import unstressed
 from jaxmpm.types import Scene, State

@@ -14,7 +14,7 @@ from jax.typing import ArrayLike
 from foundation import check
 from jaxmpm.laws import declared, with_parameters
 from jaxmpm.setup._initial_stress import at_rest
-from jaxmpm.setup._scene import check_scene, check_shape, wave_speed
+from jaxmpm.setup._law import check_scene, check_shape, wave_speed
 from jaxmpm.soil import STANDARD_GRAVITY, moduli
 from jaxmpm.types import Scene, State
 

@@ -1,17 +1,9 @@
 """Soil in engineers' units, the law that it gives, and detection of numbers in another unit."""
 
+from jaxmpm.soil._interface import Interface
 from jaxmpm.soil._layers import law_of_layers, weights
-from jaxmpm.soil._soil import (
-    STANDARD_GRAVITY,
-    AnySoil,
-    FrictionalSoil,
-    Interface,
-    PlasticStrain,
-    Soil,
-    moduli,
-    soil_limits,
-    warn_of_units,
-)
+from jaxmpm.soil._limits import AnySoil, soil_limits, warn_of_units
+from jaxmpm.soil._soil import STANDARD_GRAVITY, FrictionalSoil, PlasticStrain, Soil, moduli
 from jaxmpm.soil._units import Believed, unit_slip
 
 __all__ = [

@@ -11,8 +11,8 @@ import numpy as np
 from jax import Array
 
 from jaxmpm.laws import Zoned
-from jaxmpm.soil._soil import AnySoil
-from jaxmpm.types import Material
+from jaxmpm.protocols import Material
+from jaxmpm.soil._limits import AnySoil
 
 
 def weights(soils: Sequence[AnySoil], layer: np.ndarray, under: np.ndarray | None) -> np.ndarray:

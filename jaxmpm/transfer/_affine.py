@@ -16,7 +16,8 @@ import numpy as np
 from jax import Array
 from jax.typing import DTypeLike
 
-from jaxmpm.types import Grid, Scene, State
+from jaxmpm.grid import Grid
+from jaxmpm.types import Scene, State
 
 
 def momentum(scene: Scene, state: State, position: Array) -> Array:

@@ -9,8 +9,9 @@ import jax.numpy as jnp
 from jax import Array
 
 from foundation import check
+from jaxmpm.grid import Grid
+from jaxmpm.protocols import Kernel
 from jaxmpm.transfer._shape import locate
-from jaxmpm.types import Grid, Kernel
 
 
 def filtered(grid: Grid, nodal: Array, passes: int) -> Array:

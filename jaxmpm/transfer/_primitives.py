@@ -25,10 +25,11 @@ from jax.core import ShapedArray
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
+from jaxmpm.grid import Grid
+from jaxmpm.protocols import Kernel
 from jaxmpm.transfer import _stencil as stencil
 from jaxmpm.transfer import native
 from jaxmpm.transfer._stencil import Term
-from jaxmpm.types import Grid, Kernel
 
 # The primitives. Arrays may have any number of leading batch axes, of length 1 where lanes share the array.
 scatter_p = Primitive("jaxmpm_scatter")  # position (d, N), blocks of rows (r, N) -> (nodes, channels)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmpm.types import Grid
+from jaxmpm.grid import Grid
 
 WIDTH = 3
 """Nodes per axis in a stencil."""

@@ -14,8 +14,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxmpm.grid import Grid
+from jaxmpm.protocols import Kernel
 from jaxmpm.transfer._shape import WIDTH, base_node, locate
-from jaxmpm.types import Grid, Kernel
 
 
 class Term(NamedTuple):

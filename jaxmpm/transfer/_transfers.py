@@ -13,13 +13,15 @@ from typing import Any
 
 from jax import Array
 
+from jaxmpm.grid import Grid
+from jaxmpm.protocols import Kernel
 from jaxmpm.tensors import ACTING, AXES, VOIGT
 from jaxmpm.transfer import _stencil as stencil
 from jaxmpm.transfer import native
 from jaxmpm.transfer._primitives import gather_p, rows_of, scatter_p
 from jaxmpm.transfer._shape import WIDTH
 from jaxmpm.transfer._stencil import Term
-from jaxmpm.types import Engine, Grid, Kernel
+from jaxmpm.types import Engine
 
 
 def p2g(

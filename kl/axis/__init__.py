@@ -1,7 +1,7 @@
 """One axis: covariance functions and the eigenpairs of their operators."""
 
+from kl.axis._corrected import Corrected, gaussian_correlation, transformed_correlation
 from kl.axis._covariance import (
-    Corrected,
     CosineExponential,
     Covariance,
     Exponential,
@@ -13,24 +13,15 @@ from kl.axis._covariance import (
     SquaredExponential,
     Triangular,
     from_scale_of_fluctuation,
-    gaussian_correlation,
     length_leaves,
     on_host,
     scale_of_fluctuation,
-    transformed_correlation,
 )
-from kl.axis._fredholm import (
-    ClosedForm,
-    Constant,
-    Haar,
-    Legendre,
-    Nystrom,
-    Solver,
-    all_axis_modes,
-    haar_transform,
-    resolved,
-)
+from kl.axis._fredholm import all_axis_modes
+from kl.axis._matrices import haar_transform
 from kl.axis._modes import AxisModes, CellModes, LegendreModes, SineModes, leading, scaled_functions
+from kl.axis._resolution import resolved
+from kl.axis._solvers import ClosedForm, Constant, Haar, Legendre, Nystrom, Solver
 
 __all__ = [
     "AxisModes",

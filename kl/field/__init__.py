@@ -2,7 +2,8 @@
 
 from kl.field._bedding import Bedding, rotate
 from kl.field._conditioning import Conditioning, condition, condition_on, conditioned, kriging_variance, mode_matrix
-from kl.field._expansion import Expansion, expand, field_at, field_on_lattice, with_covariance
+from kl.field._evaluation import field_at, field_on_lattice
+from kl.field._expansion import Expansion, expand, with_covariance
 from kl.field._files import load, save
 from kl.field._lattice import LatticeRoots, exact_field, exact_lattice
 from kl.field._truncation import (

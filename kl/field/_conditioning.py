@@ -25,7 +25,8 @@ from foundation import check
 from foundation.check import require
 from foundation.pytrees import pytree
 from kl.axis import scaled_functions
-from kl.field._expansion import Expansion, points_in_box
+from kl.field._evaluation import points_in_box
+from kl.field._expansion import Expansion
 from kl.types import HostArray
 
 Values: TypeAlias = ArrayLike | Sequence[float]

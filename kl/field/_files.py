@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from foundation import files
+from foundation import files, hdf5
 from foundation.check import require
 from kl.axis import (
     CellModes,
@@ -79,7 +79,7 @@ def save(expansion: Expansion, path: str | Path) -> None:
     Raises:
         OSError: If the system refuses, with its errno, the file's name and a remedy.
     """
-    with files.hdf5_aside(path) as file:
+    with hdf5.hdf5_aside(path) as file:
         file.attrs.update(format=_FORMAT, version=_VERSION)
         file["index"] = np.asarray(expansion.index)
         file["origin"], file["extent"] = expansion.origin, expansion.extent
@@ -110,14 +110,14 @@ def load(path: str | Path) -> Expansion:
         OSError: If the system refuses.
     """
     try:
-        with files.contents(path, files.read_plain(os.path.realpath(path))) as contents:
+        with hdf5.contents(path, files.read_plain(os.path.realpath(path))) as contents:
             expansion = _read(contents)
     except files.DamagedFile as error:
         raise ValueError(f"{path} holds no complete expansion ({error}): make it again with `save`") from error
     return jax.tree.map(_as_written, expansion)
 
 
-def _read(file: files.Contents) -> Expansion:
+def _read(file: hdf5.Contents) -> Expansion:
     about = file.scalars("/")
     require(
         (about.get("format"), about.get("version")) == (_FORMAT, _VERSION),
@@ -150,7 +150,7 @@ def _read(file: files.Contents) -> Expansion:
     )
 
 
-def _read_modes(file: files.Contents, axis: str, origin: float, extent: float) -> tuple[Any, int]:
+def _read_modes(file: hdf5.Contents, axis: str, origin: float, extent: float) -> tuple[Any, int]:
     """The modes of an axis and their number."""
     form = _FORMS[str(file.scalars(axis)["form"])]
     arrays = {}
@@ -189,7 +189,7 @@ def _write_covariance(group: h5py.Group, covariance: Covariance) -> None:
             group[each.name] = np.asarray(value)
 
 
-def _read_covariance(file: files.Contents, group: str) -> Covariance:
+def _read_covariance(file: hdf5.Contents, group: str) -> Covariance:
     scalars = file.scalars(group)
     family = _FAMILIES[str(scalars["family"])]
     values: dict[str, Covariance | HostArray | float] = {}

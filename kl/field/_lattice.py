@@ -20,7 +20,7 @@ from foundation import check
 from foundation.check import require
 from foundation.pytrees import pytree
 from kl.axis import Covariance, length_leaves, on_host
-from kl.field._expansion import warn_if_coarse
+from kl.field._evaluation import warn_if_coarse
 
 
 @pytree

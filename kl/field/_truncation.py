@@ -19,7 +19,8 @@ from jax.typing import ArrayLike
 from foundation import check
 from foundation.check import require
 from kl.axis import scaled_functions
-from kl.field._expansion import Expansion, coefficient_tensor, lattice_in_box, lattice_sum, point_sum, points_in_box
+from kl.field._evaluation import coefficient_tensor, lattice_in_box, lattice_sum, point_sum, points_in_box
+from kl.field._expansion import Expansion
 
 
 @dataclass(frozen=True)

@@ -1,16 +1,14 @@
 """Marginal distributions by equiprobable transform, and what the transform does to correlation."""
 
+from kl.marginal._gamma_beta import Beta, Gamma, Weibull
 from kl.marginal._marginals import (
-    Beta,
     Empirical,
-    Gamma,
     Gumbel,
     Lognormal,
     Marginal,
     Normal,
     TruncatedNormal,
     Uniform,
-    Weibull,
     check_marginal,
 )
 from kl.marginal._nataf import NatafError, hermite_coefficients, nataf_corrected, nataf_correlation, nataf_error

@@ -9,8 +9,8 @@ import pytest
 from scipy.optimize import brentq
 
 import kl
-from kl.axis import _fredholm, scaled_functions
-from kl.axis._fredholm import _haar_matrix, all_axis_modes
+from kl.axis import _fredholm, all_axis_modes, scaled_functions
+from kl.axis._matrices import haar_matrix
 from kl.axis._modes import functions
 from tests import ROOT
 
@@ -131,7 +131,7 @@ def test_eigenfunctions_are_orthonormal(x64, solver):
 def test_haar_transform_is_orthogonal_and_keeps_eigenvalues(x64):
     wavelets = kl.haar_transform(jnp.eye(32)).T
     np.testing.assert_allclose(wavelets @ wavelets.T, np.eye(32), atol=1e-12)
-    matrix = _haar_matrix(5, 24.0, SMOOTH)
+    matrix = haar_matrix(5, 24.0, SMOOTH)
     in_wavelets = wavelets @ matrix @ wavelets.T
     np.testing.assert_allclose(jnp.linalg.eigvalsh(in_wavelets), jnp.linalg.eigvalsh(matrix), atol=1e-12)
 

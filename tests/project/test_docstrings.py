@@ -11,6 +11,7 @@ import pytest
 import cooperative
 import foundation.check
 import foundation.files
+import foundation.hdf5
 import foundation.pytrees
 import foundation.text
 import jaxmpm
@@ -86,7 +87,7 @@ def test_documented_names_exist(name, text, known):
 # Modules whose functions a script calls by the module's name.
 BY_MODULE = (
     *(jaxmpm.diagnostics, jaxmpm.objectives, jaxmpm.tensors, kl.plots),
-    *(foundation.check, foundation.files, foundation.pytrees, foundation.text),
+    *(foundation.check, foundation.files, foundation.hdf5, foundation.pytrees, foundation.text),
 )
 LISTED = [
     (f"{package.__name__}.{name}", getattr(package, name)) for package, name in PUBLIC if package is not cooperative

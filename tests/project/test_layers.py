@@ -10,8 +10,10 @@ from tests import ROOT
 
 # From the bottom up: a room, or a module that stands alone, may import what stands before it.
 ROOMS = {
-    "foundation": "text pytrees check files",
-    "jaxmpm": "types tensors transfer laws boundary _step diagnostics soil setup ground run io",
+    "foundation": "text pytrees check files hdf5",
+    "jaxmpm": (
+        "grid protocols types tensors transfer laws boundary equations _step diagnostics soil setup ground run io"
+    ),
     "kl": "types axis marginal sampling field soil plots",
     "cooperative": (
         "store measure estimate scene runs effects summary folder hazard campaign reporting sweep research doctor"

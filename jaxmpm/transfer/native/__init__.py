@@ -18,9 +18,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxmpm.grid import Grid
+from jaxmpm.protocols import Kernel
 from jaxmpm.transfer._shape import GIMP, Linear, QuadraticBSpline
 from jaxmpm.transfer._stencil import Term
-from jaxmpm.types import Grid, Kernel
 
 LIBRARY = "libjaxmpm_transfer.so"
 FUNCTIONS = {Linear: 0, GIMP: 1, QuadraticBSpline: 2}

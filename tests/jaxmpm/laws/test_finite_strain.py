@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 import jaxmpm as mpm
 from jaxmpm import diagnostics, tensors
-from jaxmpm._step import Maps, update_stress
-from jaxmpm.run._integrate import lane_status
+from jaxmpm.equations import Maps, update_stress
+from jaxmpm.run._advance import lane_status
 from tests.differences import check_run
 
 K, G, PEAK, SLOPE, RATIO = 8e6, 3e6, 40e3, 85e3, 0.5

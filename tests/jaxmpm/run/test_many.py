@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from jaxmpm.run._many import Batch, Midway, _Sample
+from jaxmpm.run._batch import Batch, Midway, Sample
 from jaxmpm.setup import vary
 
 SHAPE = mpm.Slope(crest=4, height=2, run_per_rise=1.0, toe=4, foundation=2)
@@ -112,7 +112,7 @@ def test_slides_go_on_where_others_end_and_from_any_point_bit_for_bit():
 
 def test_only_what_samples_differ_in_has_lanes():
     scene, state = built()
-    samples = [_Sample(i, *vary(scene, state, {"strength": 9e3 + i}), None) for i in range(3)]
+    samples = [Sample(i, *vary(scene, state, {"strength": 9e3 + i}), None) for i in range(3)]
     batch = Batch.of(scene, samples, t_end=1.0, every=0.25)
     lanes = [path for path, axis in jax.tree_util.tree_leaves_with_path(batch.axes) if axis == 0]
     assert [jax.tree_util.keystr(path) for path in lanes] == [".material.strength"]
@@ -120,7 +120,7 @@ def test_only_what_samples_differ_in_has_lanes():
 
 def test_refill_and_shrink_give_new_batches():
     scene, state = built()
-    samples = [_Sample(i, *vary(scene, state, {"strength": 9e3 + i}), None) for i in range(5)]
+    samples = [Sample(i, *vary(scene, state, {"strength": 9e3 + i}), None) for i in range(5)]
     batch = Batch.of(scene, samples[:4], t_end=1.0, every=0.25)
     later = replace(samples[4], resume=lambda number: Midway(state, quiet=0.5, reference=0.1 * number))
     filled = batch.refill(2, later)
@@ -136,7 +136,7 @@ def test_refill_and_shrink_give_new_batches():
 
 def test_a_batch_shrinks_to_powers_of_two_so_that_ends_share_programs():
     scene, state = built()
-    samples = [_Sample(i, *vary(scene, state, {"strength": 9e3 + i}), None) for i in range(9)]
+    samples = [Sample(i, *vary(scene, state, {"strength": 9e3 + i}), None) for i in range(9)]
     batch, widths = Batch.of(scene, samples, t_end=1.0, every=0.25), []
     for gone in range(8):
         batch = batch.refill(batch.numbers.index(gone), None).shrink()

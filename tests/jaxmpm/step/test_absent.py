@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import pytest
 
 import jaxmpm as mpm
-from jaxmpm import _step
+from jaxmpm import equations
 
 SHAPE = mpm.Slope(crest=6, height=4, run_per_rise=1.0, toe=8, foundation=2)
 SOIL = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3)
@@ -156,8 +156,8 @@ def longest_loop(scene, state):
     """Operations of the longest loop in what updates the stress on CPUs: the largest computation that XLA fuses."""
 
     def updated(scene, state, gradient):
-        maps = _step.Maps(scene, _step.grid_position(scene, state))
-        return _step.update_stress(scene, state, gradient, scene.time_step, maps)
+        maps = equations.Maps(scene, equations.grid_position(scene, state))
+        return equations.update_stress(scene, state, gradient, scene.time_step, maps)
 
     gradient = jnp.zeros((scene.grid.dimension,) * 2 + scene.particles.mass.shape)
     text = jax.jit(updated).lower(scene, state, gradient).compile().as_text()

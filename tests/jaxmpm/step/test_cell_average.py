@@ -10,11 +10,11 @@ import pytest
 
 import jaxmpm as mpm
 from jaxmpm import tensors
-from jaxmpm._step import Maps, acting_stress
 from jaxmpm.diagnostics import elastic_energy, kinetic_energy, potential_energy, unbalanced_force
+from jaxmpm.equations import Maps, acting_stress
+from jaxmpm.grid import Grid
 from jaxmpm.laws import frictional
 from jaxmpm.transfer import within_cells
-from jaxmpm.types import Grid
 from tests.differences import check_run
 
 SHAPE = mpm.Slope(crest=6.0, height=4.0, run_per_rise=1.0, toe=8.0, foundation=2.0)

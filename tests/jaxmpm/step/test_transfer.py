@@ -18,9 +18,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from jaxmpm.grid import Grid
 from jaxmpm.transfer import GIMP, Linear, QuadraticBSpline, native
 from jaxmpm.transfer import _transfers as transfer
-from jaxmpm.types import Engine, Grid
+from jaxmpm.types import Engine
 
 CELL = 1.3
 KERNELS = ("linear", "gimp", "bspline")

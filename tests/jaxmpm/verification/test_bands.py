@@ -13,7 +13,7 @@ import pytest
 
 import jaxmpm as mpm
 from jaxmpm import diagnostics
-from jaxmpm.types import Wall
+from jaxmpm.grid import Wall
 
 SHAPE = mpm.Slope(crest=8.0, height=4.0, run_per_rise=1.0, toe=8.0, foundation=2.0)
 CLAY = mpm.Soil(young=1e7, strength=14e3, softening_modulus=60e3, tension_cutoff=None)

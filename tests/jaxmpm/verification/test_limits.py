@@ -61,7 +61,7 @@ def test_averaged_plastic_strain_peaks_less_and_its_sum_stays():
 
 
 def test_average_over_neighbours_keeps_a_constant_and_widens_a_spike_to_its_length():
-    from jaxmpm._step import Maps
+    from jaxmpm.equations import Maps
 
     length, cell = 2.0, 0.5
     soil = mpm.Soil(strength=1e4, softening_modulus=1e4)

@@ -26,8 +26,8 @@ from skfem.helpers import ddot, div, sym_grad
 import jaxmpm as mpm
 from jaxmpm import tensors
 from jaxmpm.diagnostics import unbalanced_force
+from jaxmpm.grid import Wall
 from jaxmpm.setup._initial_stress import elastic_equilibrium
-from jaxmpm.types import Wall
 from tests.verification import order
 
 LENGTH, HELD, RISE, END_RISE = 48.0, 44.0, 44.0, 16.0  # the panel, m: from 44 m high to 16 m

@@ -1,0 +1,34 @@
+"""Equations of a step: transfers, motion of the nodes, stress, and free field; `jaxmpm.step` applies them in order."""
+
+from jaxmpm.equations._free_field import beyond_ends, free_field
+from jaxmpm.equations._maps import MASS_FLOOR, Maps, grid_position, reciprocal
+from jaxmpm.equations._nodes import (
+    Moved,
+    Nodal,
+    external_force,
+    felt_gravity,
+    move_grid,
+    nodal_velocity,
+    particles_to_grid,
+    pushed,
+)
+from jaxmpm.equations._stress import acting_stress, update_stress
+
+__all__ = [
+    "MASS_FLOOR",
+    "Maps",
+    "Moved",
+    "Nodal",
+    "acting_stress",
+    "beyond_ends",
+    "external_force",
+    "felt_gravity",
+    "free_field",
+    "grid_position",
+    "move_grid",
+    "nodal_velocity",
+    "particles_to_grid",
+    "pushed",
+    "reciprocal",
+    "update_stress",
+]

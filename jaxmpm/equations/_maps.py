@@ -1,0 +1,107 @@
+"""Transfers between the particles and the grid of a scene, and the averages that consist of them."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxmpm import tensors
+from jaxmpm.boundary import around, fold, one_with, unfold
+from jaxmpm.laws import frictional
+from jaxmpm.protocols import Tensor
+from jaxmpm.transfer import filtered, g2p, nodal_momentum, p2g, within_cells
+from jaxmpm.types import Scene, State
+
+# Nodes with less than this share of the mean particle mass get no velocity. Their momentum is lost, so the share is far
+# below rounding; a node's velocity, a ratio of sums with the same weights, is accurate down to it.
+MASS_FLOOR = 1e-12
+
+
+class Maps(NamedTuple):
+    """The transfers between a scene's grid and its particles at given positions.
+
+    At open ends of the ground particles reach nodes beyond the last plane. `fold` adds sums there to the nodes that
+    they are identified with, `unfold` copies values back.
+
+    Args:
+        scene: whose grid, kernel and engine are used.
+        position: (d, N) m of the particles on the grid.
+    """
+
+    scene: Scene
+    position: Array
+
+    def to_grid(self, carried: Array | None, stress: Array | None) -> Array:
+        """Map particles to nodes: see `jaxmpm.transfer.p2g`."""
+        return self.fold(self.to_all_nodes(carried, stress))
+
+    def to_particles(self, nodal: Array, *, values: int, gradients: int) -> tuple[Any, Any]:
+        """Interpolate nodal values at particles: see `jaxmpm.transfer.g2p`."""
+        return self.from_all_nodes(self.unfold(nodal), values=values, gradients=gradients)
+
+    def to_all_nodes(self, carried: Array | None, stress: Array | None) -> Array:
+        """As `to_grid`, at all nodes that particles reach, those beyond open ends of the ground included."""
+        scene = self.scene
+        return p2g(scene.grid, scene.kernel, self.position, carried, stress, engine=scene.engine)
+
+    def from_all_nodes(self, nodal: Array, *, values: int, gradients: int) -> tuple[Any, Any]:
+        """As `to_particles`, from all nodes that particles reach."""
+        scene = self.scene
+        return g2p(
+            scene.grid, scene.kernel, self.position, nodal, values=values, gradients=gradients, engine=scene.engine
+        )
+
+    def fold(self, reached: Array) -> Array:
+        """Sums (nodes, c) with those beyond open ends added to the nodes that they are identified with."""
+        return fold(one_with(self.scene), self.scene.grid, reached)
+
+    def unfold(self, nodal: Array) -> Array:
+        """Nodal values (nodes, c), copied to the nodes beyond open ends."""
+        return unfold(one_with(self.scene), self.scene.grid, nodal)
+
+    def momentum(self, moving: Array) -> Array:
+        """Momentum (nodes, d) kg m/s from the channels of `jaxmpm.transfer.momentum` at all nodes that particles reach.
+
+        An affine part refers to the positions of these nodes, so it is evaluated before those beyond open ends are
+        added.
+        """
+        return self.fold(nodal_momentum(self.scene.grid, moving))
+
+    def gradient(self, velocity: Array) -> Array:
+        """Gradient (d, d, N) 1/s at the particles of velocities (nodes, d) m/s."""
+        return self.to_particles(velocity, values=0, gradients=self.scene.grid.dimension)[1]
+
+    def average(self, values: Array, passes: int) -> Array:
+        """Average (N,) of `values` (N,) over the particles nearby, weighted by mass, through `passes` filters."""
+        m = self.scene.particles.mass
+        nodal = filtered(self.scene.grid, self.to_grid(jnp.stack([m, m * values]), None), passes)
+        averaged, _ = self.to_particles(reciprocal(self.scene, nodal[:, :1]) * nodal[:, 1:], values=1, gradients=0)
+        return averaged[0]
+
+    def cell_average(self, values: Array, volume: Array) -> Array:
+        """Average (N,) of `values` (N,) over each cell by `volume` (N,) m3; soil with friction and other soil apart."""
+        kind = frictional(self.scene.material)
+        return within_cells(self.scene.grid, self.position, values, volume, None if isinstance(kind, bool) else kind)
+
+    def unlocked(self, strain: Tensor, volume: Array) -> Tensor:
+        """The strain with its mean averaged as the scene requires; `volume` (N,) m3 is that of the particles."""
+        scene = self.scene
+        if scene.fbar:
+            return tensors.with_mean(strain, self.average(tensors.mean(strain), 0))
+        if scene.cell_average:
+            return tensors.with_mean(strain, self.cell_average(tensors.mean(strain), volume))
+        return strain
+
+
+def grid_position(scene: Scene, state: State) -> Array:
+    """Positions of particles on the grid (d, N) m; tied sides wrap them round."""
+    position = scene.particles.position + state.displacement
+    return position if scene.tied is None else around(scene.tied, scene.grid, position)
+
+
+def reciprocal(scene: Scene, mass: Array) -> Array:
+    """1 / mass at nodes with mass, else 0."""
+    carries = mass > MASS_FLOOR * jnp.mean(scene.particles.mass)
+    return jnp.where(carries, 1 / jnp.where(carries, mass, 1), 0)

@@ -1,0 +1,191 @@
+"""Nodal mass, momentum and force of the particles, and the motion of the nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxmpm import tensors
+from jaxmpm.boundary import hold, slide
+from jaxmpm.equations._maps import Maps, reciprocal
+from jaxmpm.equations._stress import acting_stress
+from jaxmpm.transfer import momentum
+from jaxmpm.types import Scene, State
+
+
+class Beyond(NamedTuple):
+    """Action of the free field on the nodes at both ends of the ground.
+
+    Args:
+        velocity: (2, nz, d) m/s at the end of the step, from the base up.
+        traction: (2, nz, d) N.
+        impedance: (2, nz, d) of the dashpots (kg/s).
+    """
+
+    velocity: Array
+    traction: Array
+    impedance: Array
+
+
+class Nodal(NamedTuple):
+    """Values at the nodes.
+
+    Args:
+        mass: (nodes, d) kg, equal along all axes.
+        momentum: (nodes, d) kg m/s.
+        force: (nodes, d) N; None before there is one.
+        per_mass: (nodes, d) 1 / mass (1/kg), 0 at nodes without mass.
+        area: (nodes,) area of soil on a wall (m2), at nodes that lie on one; None if no wall needs it.
+        beyond: action of the free field; None without.
+    """
+
+    mass: Array
+    momentum: Array
+    force: Array | None
+    per_mass: Array
+    area: Array | None = None
+    beyond: Beyond | None = None
+
+
+class Moved(NamedTuple):
+    """The grid after its motion.
+
+    Args:
+        velocity: (nodes, d) m/s.
+        acceleration: (nodes, d) m/s2.
+    """
+
+    velocity: Array
+    acceleration: Array
+
+
+def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stressed: bool = True) -> Nodal:
+    """Mass, momentum and force of the particles at the nodes; the force of their stress only if `stressed`."""
+    particles, grid = scene.particles, scene.grid
+    carried = [particles.mass[None], momentum(scene, state, maps.position)]
+    volume, area = particles.volume * state.volume_ratio, None
+    external = external_force(scene, maps.position, volume, state.step * dt)
+    if external is not None:
+        carried.append(external)
+    if bonded(scene):
+        # Soil that fills the cells on a wall contributes half of their volume to its nodes.
+        carried.insert(0, 2 / grid.cell * volume[None])
+    nodal = maps.to_all_nodes(
+        jnp.concatenate(carried), acting_stress(scene, state.stress, volume, maps) if stressed else None
+    )
+    ends = np.cumsum([len(block) for block in carried][: None if stressed else -1])
+    blocks = jnp.split(nodal, ends, axis=1)
+    if bonded(scene):
+        area = maps.fold(blocks.pop(0))[:, 0]
+    mass, moving, *forces = blocks
+    mass = tensors.spread(maps.fold(mass), grid.dimension, axis=1)
+    return Nodal(
+        mass=mass,
+        momentum=maps.momentum(moving),
+        force=maps.fold(sum(forces[1:], forces[0])) if forces else None,
+        per_mass=reciprocal(scene, mass),
+        area=area,
+    )
+
+
+def external_force(scene: Scene, position: Array, volume: Array, time: Array) -> Array | None:
+    """Force (d, N) N besides gravity on particles at `position` (d, N) m of volume (N,) m3; None if there is none."""
+    particles, force = scene.particles, None
+    if scene.body_force is not None:
+        force = particles.mass * scene.body_force(particles.position, time)
+    if scene.water is not None:
+        push = volume * scene.water.push(position)
+        force = push if force is None else force + push
+    return force
+
+
+def felt_gravity(scene: Scene, time: Array) -> Array:
+    """Gravity (d,) m/s2 minus the acceleration of the base, in whose frame the soil moves."""
+    return scene.gravity if scene.motion is None else scene.gravity - scene.motion.at(time)
+
+
+def pushed(scene: Scene, state: State, nodal: Nodal, maps: Maps) -> Nodal:
+    """The nodes with the force of the particles' stress added."""
+    stress = maps.to_grid(None, acting_stress(scene, state.stress, scene.particles.volume * state.volume_ratio, maps))
+    return nodal._replace(force=stress if nodal.force is None else nodal.force + stress)
+
+
+def move_grid(scene: Scene, nodal: Nodal, time: Array, dt: Array) -> Moved:
+    """Motion of the nodes by forces, gravity and damping, with walls applied."""
+    assert nodal.force is not None
+    before = nodal_velocity(scene, nodal)
+    acceleration = nodal.per_mass * (nodal.force + nodal.mass * felt_gravity(scene, time))
+    if scene.damping is not None:
+        acceleration = acceleration - scene.damping * before
+    if nodal.beyond is not None:
+        acceleration = led(scene, nodal, before, acceleration, dt)
+    acceleration = hold(scene, acceleration)
+    velocity = before + dt * acceleration
+    if scene.wall_friction is None:
+        return Moved(velocity, acceleration)
+    velocity = slide(scene.walls, scene.grid, velocity, braked(scene, nodal, dt))
+    return Moved(velocity, (velocity - before) / dt)
+
+
+def bonded(scene: Scene) -> bool:
+    """Whether walls with friction need the area of soil on them."""
+    return scene.wall_cohesion is not None or scene.wall_pressure is not None
+
+
+def braked(scene: Scene, nodal: Nodal, dt: Array) -> Callable[[Array], Array]:
+    """Largest change of velocity along walls with friction, as a function of the velocity into them.
+
+    It is Coulomb friction of the contact pressure minus the water's, and cohesion.
+
+    Args:
+        scene: with wall_friction.
+        nodal: values at the nodes.
+        dt: time step (s).
+
+    Returns:
+        Function of the velocities (nodes,) m/s into walls that they stop in dt; it gives the largest change of those
+        along them (nodes,) m/s.
+    """
+    friction = scene.wall_friction
+    assert friction is not None
+    if nodal.area is None:
+        return lambda push: friction * push
+    rate = dt * nodal.area * nodal.per_mass[:, 0]
+    water = 0.0 if scene.wall_pressure is None else rate * scene.wall_pressure
+    cohesion = 0.0 if scene.wall_cohesion is None else rate * scene.wall_cohesion
+    return lambda push: jnp.where(push > 0, friction * jnp.maximum(push - water, 0) + cohesion, 0)
+
+
+def led(scene: Scene, nodal: Nodal, before: Array, acceleration: Array, dt: Array) -> Array:
+    """Acceleration with the traction of the free field on the ends and of the dashpots between them.
+
+    Dashpots take the velocities at the end of the step, so that light nodes are stable.
+
+    Args:
+        scene: with a free field.
+        nodal: values at the nodes.
+        before: velocity (nodes, d) m/s.
+        acceleration: (nodes, d) m/s2 without the free field.
+        dt: time step (s).
+
+    Returns:
+        (nodes, d) m/s2.
+    """
+    assert scene.free_field is not None
+    assert nodal.beyond is not None
+    shape = (*scene.grid.shape, scene.grid.dimension)
+    per_mass, before, field = (each.reshape(shape) for each in (nodal.per_mass, before, acceleration))
+    for plane, velocity, traction, impedance in zip(scene.free_field.planes, *nodal.beyond, strict=True):
+        rate = per_mass[plane] * impedance
+        pull = per_mass[plane] * traction + rate * (velocity - before[plane])
+        field = field.at[plane].set((field[plane] + pull) / (1 + dt * rate))
+    return field.reshape(acceleration.shape)
+
+
+def nodal_velocity(scene: Scene, nodal: Nodal) -> Array:
+    """Velocity (nodes, d) m/s of the nodes, with walls applied."""
+    return hold(scene, nodal.per_mass * nodal.momentum)

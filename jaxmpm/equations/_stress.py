@@ -1,0 +1,119 @@
+"""Stress of the particles: as it acts on the grid, and after a step."""
+
+from __future__ import annotations
+
+import operator
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxmpm import tensors
+from jaxmpm.equations._maps import Maps
+from jaxmpm.laws import elastic_increment, elastic_strain, frictional, logarithmic, update_with_gap, volumetric
+from jaxmpm.protocols import Tensor
+from jaxmpm.types import Scene, State
+
+
+def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps) -> Array:
+    """Stress components (s, N) that act on the grid, times the current volume (J).
+
+    The mean stress is averaged by the transpose of the strain's average: forces then do the work that the averaged
+    strain stores. Without this the energy grows in a long run, and that of clay that softens without bounds. Frictional
+    soil under the cell average keeps its local mean stress: a free surface would lose its strength. If particles have a
+    pore pressure, the total stress acts.
+
+    Args:
+        scene: of the particles.
+        stress: components of the state (s, N) Pa.
+        volume: current one (N,) m3.
+        maps: transfers at the particles.
+
+    Returns:
+        (d (d + 1) / 2, N) J.
+    """
+    d = scene.grid.dimension
+    if scene.pore_pressure is not None:
+        effective = tensors.expand(stress, d)
+        stress = tensors.compress(tensors.with_mean(effective, tensors.mean(effective) - scene.pore_pressure), d)
+    if scene.fbar:
+        specific, full = volume / scene.particles.mass, tensors.expand(stress, d)
+        full = tensors.with_mean(full, maps.average(tensors.mean(full) * specific, 0) / specific)
+        stress = tensors.compress(full, d)
+    if scene.cell_average and (local := frictional(scene.material)) is not True:
+        full = tensors.expand(stress, d)
+        mean = tensors.mean(full)
+        full = tensors.with_mean(full, jnp.where(local, mean, maps.cell_average(mean, volume)))
+        stress = tensors.compress(full, d)
+    acting = tensors.acting(stress, d)
+    return tensors.spread(volume[None], len(acting), axis=0) * acting
+
+
+def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, maps: Maps) -> State:
+    """Stress, history, gap and volume after a step with velocity gradient (d, d, N) 1/s."""
+    d = scene.grid.dimension
+    strained = (strained_by_logarithms if scene.finite_strain else strained_by_rates)(
+        scene, state, tensors.entries(gradient), dt, maps
+    )
+    given = strained.strain, strained.stress, state.history, dt
+    stress, history, gap = update_with_gap(scene.material, *given, gap=state.gap, logarithmic=scene.finite_strain)
+    if scene.nonlocal_passes is not None:
+        smooth = partial(maps.average, passes=scene.nonlocal_passes)
+        history = jax.tree.map(lambda new, old: old + smooth(new - old), history, state.history)
+    if scene.finite_strain:
+        # Stored first: otherwise XLA on CPU divides all components in the one loop that computes them.
+        components = tensors.compress(tensors.row_by_row(stress), d) / strained.volume_ratio
+    else:
+        components = tensors.compress(stress, d)
+    return replace(state, stress=components, history=history, gap=gap, volume_ratio=strained.volume_ratio)
+
+
+class Strained(NamedTuple):
+    """Arguments of a law in a step, and the new volume.
+
+    Args:
+        strain: increment.
+        stress: tensor that it is added to (Pa).
+        volume_ratio: (N,) current over initial volume.
+    """
+
+    strain: Tensor
+    stress: Tensor
+    volume_ratio: Array
+
+
+def strained_by_rates(scene: Scene, state: State, entries: Any, dt: Array, maps: Maps) -> Strained:
+    """Hypoelasticity: the stress rotated by the Jaumann rate, and the strain of the velocity gradient's entries."""
+    rotated = tensors.rotate(tensors.expand(state.stress, scene.grid.dimension), entries, dt)
+    strain = maps.unlocked(tensors.strain_increment(entries, dt), scene.particles.volume * state.volume_ratio)
+    return Strained(strain, rotated, state.volume_ratio * (1 + 3 * tensors.mean(strain)))
+
+
+def strained_by_logarithms(scene: Scene, state: State, entries: Any, dt: Array, maps: Maps) -> Strained:
+    """Hyperelasticity: the Kirchhoff stress minus that of the strain increment, and the increment.
+
+    Both add up to the trial stress of Hencky's strain. The change of volume is exact, averaged as the scene requires.
+
+    Args:
+        scene: of the particles.
+        state: before the step.
+        entries: of the velocity gradient, row by row (1/s).
+        dt: time step (s).
+        maps: transfers at the particles.
+
+    Returns:
+        Arguments of the law.
+    """
+    law = scene.material
+    kirchhoff = tensors.expand(state.volume_ratio * state.stress, scene.grid.dimension)
+    elastic = elastic_strain(law.bulk, law.shear, kirchhoff)
+    strain = tensors.with_mean(tensors.strain_increment(entries, dt), volumetric(entries, dt) / 3)
+    strain = maps.unlocked(strain, scene.particles.volume * state.volume_ratio)
+    grown = tensors.mean(strain)
+    trial = tensors.with_mean(logarithmic(elastic, entries, dt), tensors.mean(elastic) + grown)
+    before = tensors.by_component(operator.sub, trial, strain)
+    stress = elastic_increment(law.bulk, law.shear, before)
+    return Strained(strain, stress, state.volume_ratio * jnp.exp(3 * grown))

@@ -1,0 +1,91 @@
+"""What a scene is discretised by: a grid, its walls, and particles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal
+
+from jax import Array
+
+from foundation.check import Limit, above_zero
+from foundation.pytrees import pytree
+
+
+def static(**kwargs: Any) -> Any:
+    """A dataclass field that shapes the program: hashable, part of the compilation key.
+
+    Args:
+        **kwargs: of `dataclasses.field`.
+
+    Returns:
+        The field.
+    """
+    return field(metadata={"static": True}, **kwargs)
+
+
+@pytree
+@dataclass(frozen=True)
+class Grid:
+    """Regular background grid.
+
+    Args:
+        shape: nodes per axis; static.
+        cell: edge of a cell (m); static.
+        origin: position of node 0 (m); static.
+    """
+
+    shape: tuple[int, ...] = static()
+    cell: float = static()
+    origin: tuple[float, ...] = static()
+
+    @property
+    def dimension(self) -> int:
+        """Number of axes: 1, 2 or 3."""
+        return len(self.shape)
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes; nodes are numbered fastest along the last axis."""
+        total = 1
+        for n in self.shape:
+            total *= n
+        return total
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A plane normal to one axis that constrains the nodes on it and beyond it.
+
+    Args:
+        axis: index of the normal's axis.
+        side: "low" constrains nodes up to `index`, "high" from `index` on.
+        index: node number of the plane along the axis.
+        hold: "fixed" stops all motion, "roller" the normal one; "friction" stops motion into the wall and slows motion
+            along it (Coulomb, with cohesion if the scene has some).
+    """
+
+    axis: int
+    side: Literal["low", "high"]
+    index: int
+    hold: Literal["fixed", "roller", "friction"]
+
+
+@pytree
+@dataclass(frozen=True)
+class Particles:
+    """Constant properties of particles.
+
+    In plane strain masses and volumes are per metre of width, in 1D per square metre of section.
+
+    Args:
+        position: initial one (d, N) m.
+        mass: (N,) kg.
+        volume: initial one (N,) m3.
+    """
+
+    position: Array
+    mass: Array
+    volume: Array
+
+    PARAMETERS: ClassVar[Mapping[str, Limit]] = {"mass": above_zero("kg"), "volume": above_zero("m3")}

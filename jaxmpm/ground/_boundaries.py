@@ -1,0 +1,219 @@
+"""Lines of a section: its outline, and the boundaries of its layers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from foundation import check
+from foundation.text import shown
+from jaxmpm.ground._layer import Layer, Line, check_ends
+from jaxmpm.ground._raster import Raster
+from jaxmpm.laws import WaterTable
+from jaxmpm.setup import (
+    RESOLVED,
+    Discretisation,
+    below,
+)
+
+Height = Callable[[np.ndarray], np.ndarray]
+"""Function that gives heights (n,) m of a line at x (n,) m."""
+
+
+FOOT = 1e-6
+"""Largest distance of a toe from a point of the surface, as a share of the section's length."""
+
+
+TOUCHING = 0.01
+"""Largest distance of two lines that touch, as a share of a particle's height."""
+
+
+class Outline(NamedTuple):
+    """What bounds a section.
+
+    Args:
+        points: of its surface (n, 2) m, x rising.
+        walls: x of the left and the right wall (m).
+        base: height of the base (m).
+    """
+
+    points: np.ndarray
+    walls: tuple[float, float]
+    base: float
+
+    def heights(self, x: np.ndarray) -> np.ndarray:
+        """Height (n,) m of the surface at x (n,) m."""
+        return np.interp(x, self.points[:, 0], self.points[:, 1])
+
+
+def points_of(name: str, line: Line | Raster) -> np.ndarray:
+    """The points (n, 2) of a line; ValueError for an invalid one."""
+    if isinstance(line, Raster) or np.ndim(line) != 2 or np.shape(line)[0] < 2 or np.shape(line)[1] != 2:
+        raise ValueError(f"{name} = {shown(line)}: give two points [x, z] or more")
+    points = np.asarray(line, float)
+    check.finite(name, points, "m")
+    for (x0, z0), (x1, z1) in pairwise(points):
+        if x1 < x0:
+            raise ValueError(
+                f"{name} turns back from ({x0:g}, {z0:g}) to ({x1:g}, {z1:g}) m: give points with x rising, without "
+                "overhang"
+            )
+    return points
+
+
+def elevation_of_toe(points: np.ndarray, left: float, toe: float, right: float) -> float:
+    """Elevation (m) of the surface, points (n, 2), at its toe (m); ValueError unless it is a foot between the walls."""
+    check.finite("toe", toe, "m")
+    if not left < toe < right:
+        raise ValueError(
+            f"toe = {toe:g} m lies outside the ground, which reaches from x = {left:g} to {right:g} m: give the x at "
+            "which the slope meets the ground before it"
+        )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        steep = np.diff(points[:, 1]) / np.diff(points[:, 0])
+    feet = points[1:-1][(steep[:-1] < 0) & (steep[:-1] < steep[1:])]
+    feet = feet[(feet[:, 0] > left) & (feet[:, 0] < right)]
+    apart = np.abs(feet[:, 0] - toe)
+    if not feet.size or apart.min() > FOOT * (right - left):
+        there = ", ".join(f"{x:g}" for x in feet[np.argsort(apart)[:4], 0])
+        raise ValueError(
+            f"toe = {toe:g} m is no foot of a slope, a point of the surface beyond which it falls less steeply: "
+            + (f"give x = {there} m" if there else "no slope falls along x, mirror the section")
+        )
+    return float(feet[np.argmin(apart), 1])
+
+
+def layering(outline: Outline, layers: Sequence[Layer], discretisation: Discretisation) -> list[Height]:
+    """The upper boundaries of the layers, and the base; ValueError for layers too thin for particles."""
+    dx, dz = discretisation.spacing
+    tops = tops_of(outline, layers, dz)
+    left, right = outline.walls
+    columns = left + (np.arange(round((right - left) / dx)) + 0.5) * dx
+    x = np.r_[left, columns, right]
+    _refuse_thin(x, [np.maximum(top(x), outline.base) for top in tops], dz)
+    return tops
+
+
+def tops_of(outline: Outline, layers: Sequence[Layer], spacing: float) -> list[Height]:
+    """The upper boundaries of the layers, and the base.
+
+    Args:
+        outline: of the section.
+        layers: from the top down.
+        spacing: of particles along z (m), a share of which is the largest distance of lines that touch; inf for no
+            check.
+
+    Returns:
+        Functions of x.
+
+    Raises:
+        ValueError: If a line is invalid or crosses another.
+    """
+    ends = outline.walls
+    check_ends(layers)
+    tops: list[Height] = [outline.heights]
+    x = knots(outline, layers)
+    for number, layer in enumerate(layers[:-1], 1):
+        name = f"bottom of layer {number}"
+        if layer.bottom is not None:
+            points = points_of(name, layer.bottom)
+            tops.append(_boundary(name, points, tops[-1], ends, touching=TOUCHING * spacing))
+        elif layer.depth is not None:
+            tops.append(_offset(tops[0], layer.depth))
+        elif layer.thickness is not None:
+            tops.append(_offset(tops[-1], layer.thickness))
+        beyond = tops[-1](x) - tops[-2](x)
+        worst = int(np.argmax(beyond))
+        if beyond[worst] > TOUCHING * spacing:
+            upper = "the surface" if number == 1 else f"the bottom of layer {number - 1}"
+            raise ValueError(
+                f"the {name} crosses {upper}: at x = {x[worst]:g} m it is {beyond[worst]:g} m higher, at z = "
+                f"{tops[-1](x)[worst]:g} m; draw it below, or end it where they meet"
+            )
+    return [*tops, lambda x: np.full_like(x, outline.base)]
+
+
+def knots(outline: Outline, layers: Sequence[Layer]) -> np.ndarray:
+    """Positions x (n,) m just before and just after every point of the surface and of the layers' boundaries."""
+    surface, (left, right), _ = outline
+    lines = [
+        points_of(f"bottom of layer {number}", layer.bottom)
+        for number, layer in enumerate(layers, 1)
+        if layer.bottom is not None
+    ]
+    x = np.unique(np.concatenate([line[:, 0] for line in (surface, *lines)]).clip(left, right))
+    step = 1e-9 * (right - left)
+    return np.unique(np.concatenate([x - step, x + step]).clip(left, right))
+
+
+def _offset(line: Height, down: float) -> Height:
+    """The line moved down (m)."""
+    return lambda x: line(x) - down
+
+
+def _boundary(name: str, points: np.ndarray, above: Height, ends: tuple[float, float], touching: float) -> Height:
+    """A layer's lower boundary; beyond its ends, which touch the one above or reach a wall, it is the one above."""
+    for (x, z), short in ((points[0], points[0, 0] > ends[0]), (points[-1], points[-1, 0] < ends[1])):
+        height = float(above(np.array([x]))[0])
+        if short and abs(height - z) > touching:
+            raise ValueError(
+                f"the {name} ends at ({x:g}, {z:g}) m in the ground, {height - z:g} m below the boundary above it: "
+                f"draw it on to the walls at x = {ends[0]:g} and {ends[1]:g} m, or to that one, to end its layer"
+            )
+    return lambda x: np.where(
+        (x < points[0, 0]) | (x > points[-1, 0]), above(x), np.interp(x, points[:, 0], points[:, 1])
+    )
+
+
+def layer_at(tops: Sequence[Height], position: np.ndarray, spacing: float) -> np.ndarray:
+    x, z = np.asarray(position, float)
+    layer = np.zeros(x.size, int)
+    for top in tops[1:-1]:
+        layer += below(z, top(x), RESOLVED * spacing)
+    return layer
+
+
+def _refuse_thin(x: np.ndarray, tops: Sequence[np.ndarray], spacing: float) -> None:
+    """Raise ValueError for a layer thinner than a particle, except where it tapers to nothing.
+
+    Args:
+        x: of both walls and of the columns of particles between them (m).
+        spacing: of particles along z (m).
+        tops: heights (n,) m there of the layers' upper boundaries and of the base.
+    """
+    for number, (top, bottom) in enumerate(pairwise(tops), 1):
+        thickness = top - bottom
+        size = np.where(thickness < spacing * (1 - RESOLVED), np.where(thickness > TOUCHING * spacing, 1, 0), 2)
+        ends, size = size[[0, -1]], size[1:-1]
+        changes = np.flatnonzero(np.diff(size)) + 1
+        kinds = [int(run[0]) for run in np.split(size, changes)]
+        # A wall where the layer has tapered to nothing counts as ground without it; another does not.
+        beyond = np.where(ends == 0, 0, -1)
+        for kind, before, after, start in zip(
+            kinds, [beyond[0], *kinds], [*kinds[1:], beyond[1]], [0, *changes.tolist()], strict=False
+        ):
+            if kind == 1 and {before, after} != {0, 2}:
+                at = start + 1
+                raise ValueError(
+                    f"layer {number} is {thickness[at]:g} m thick at ({x[at]:g}, {bottom[at]:g}) m, less than "
+                    f"a particle of {spacing:g} m: take smaller particles, or draw it thicker"
+                )
+        if not (size == 2).any():
+            raise ValueError(f"layer {number} holds no particle between the walls: draw it there, or leave it out")
+
+
+def check_alike(outline: Outline, tops: Sequence[Height], table: WaterTable | None, spacing: float) -> None:
+    """Raise ValueError unless every line is as high at one wall as at the other, so that they can be tied."""
+    ends = outline.walls
+    lines = {f"top of layer {number}": top(np.array(ends)) for number, top in enumerate(tops[:-1], 1)}
+    if table is not None:
+        lines["water"] = np.interp(ends, table.x, table.z)
+    for name, (left, right) in lines.items():
+        if abs(left - right) > TOUCHING * spacing:
+            raise ValueError(
+                f"ends = 'tied', but the {name} is at {left:g} m at one wall and at {right:g} m at the other: draw the "
+                "ground on until it is as high at both, or take rollers"
+            )

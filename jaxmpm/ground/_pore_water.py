@@ -1,0 +1,151 @@
+"""Water in and above ground: its table, its surface, and pore pressure as a share of the weight above."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import DTypeLike
+
+from foundation import check
+from jaxmpm.grid import Grid
+from jaxmpm.ground._boundaries import Height, Outline, points_of
+from jaxmpm.ground._layer import Layer, Line
+from jaxmpm.ground._raster import Raster
+from jaxmpm.ground._strata import refuse_holes
+from jaxmpm.laws import WaterSurface, WaterTable
+from jaxmpm.setup import (
+    RESOLVED,
+    Discretisation,
+    below,
+)
+from jaxmpm.soil import Interface
+
+WATER_WEIGHT = 9810.0
+"""Unit weight of water (N/m3)."""
+
+
+def water_table(outline: Outline, water: float | Line | None, discretisation: Discretisation) -> WaterTable | None:
+    """The table from wall to wall; ValueError for one that does not reach them."""
+    if water is None:
+        return None
+    left, right = outline.walls
+    points = points_of("water", [(left, water), (right, water)] if isinstance(water, int | float) else water)
+    if points[0, 0] > left or points[-1, 0] < right:
+        raise ValueError(
+            f"water goes from ({points[0, 0]:g}, {points[0, 1]:g}) to ({points[-1, 0]:g}, {points[-1, 1]:g}) m"
+            f": draw it to the walls at x = {left:g} and {right:g} m"
+        )
+    upright = np.flatnonzero(np.diff(points[:, 0]) == 0)
+    if upright.size:
+        x, z = points[upright[0]]
+        raise ValueError(f"water is upright at ({x:g}, {z:g}) m: draw a table that slopes there")
+    _refuse_sloping_pool(outline, points, discretisation)
+    dtype = check.dtype(discretisation.dtype or jax.dtypes.canonicalize_dtype(float))
+    x, z = points.T
+    return WaterTable(*(jnp.asarray(value, dtype) for value in (x, z, WATER_WEIGHT, discretisation.spacing[-1])))
+
+
+def under(table: WaterTable) -> Callable[[np.ndarray], np.ndarray]:
+    """Function that gives which of positions (2, N) m lie under a table: (N,) bool."""
+    rounding = RESOLVED * float(table.height)
+    return lambda position: below(position[1], np.interp(position[0], table.x, table.z), rounding)
+
+
+def _refuse_sloping_pool(outline: Outline, points: np.ndarray, discretisation: Discretisation) -> None:
+    """Raise ValueError unless water above the ground is level, to half a particle.
+
+    The weight of a sloping pool would push soil sideways without balance.
+    """
+    left, right = outline.walls
+    dx, dz = discretisation.spacing
+    x = left + (np.arange(round((right - left) / dx)) + 0.5) * dx
+    water, ground = np.interp(x, *points.T), outline.heights(x)
+    stands = water - ground > dz / 2
+    for pool in np.split(np.arange(x.size), np.flatnonzero(np.diff(stands)) + 1):
+        low, high = pool[np.argmin(water[pool])], pool[np.argmax(water[pool])]
+        if stands[pool[0]] and water[high] - water[low] > dz / 2:
+            (x0, z0), (x1, z1) = sorted((x[end], water[end]) for end in (low, high))
+            raise ValueError(
+                f"water above the ground slopes from ({x0:g}, {z0:.4g}) to ({x1:g}, {z1:.4g}) m, where a pool is "
+                f"level: draw one level above the ground from x = {x[pool[0]]:g} to {x[pool[-1]]:g} m, or the table "
+                "below the ground there"
+            )
+
+
+def pore_pressure_of(
+    r_u: float | None, table: bool, z: np.ndarray, layers: Sequence[Layer], tops: Sequence[np.ndarray]
+) -> np.ndarray | None:
+    """Pore pressure as a share of the weight per area above each particle.
+
+    Args:
+        r_u: that share; None for no pore pressure.
+        table: whether there is a water table too.
+        z: height of the particles (N,) m.
+        layers: from the top down.
+        tops: heights (N,) m, above each particle, of the layers' upper boundaries and of the base.
+
+    Returns:
+        (N,) Pa, None without r_u.
+
+    Raises:
+        ValueError: If r_u is outside [0, 1), or a table is given too.
+    """
+    if r_u is None:
+        return None
+    if not 0 <= r_u < 1:
+        raise ValueError(f"r_u = {r_u:g}: give a value of 0 or more and below 1")
+    if table:
+        raise ValueError(f"both water and r_u = {r_u:g} are given: give one of them")
+    above = np.zeros(z.size)
+    for layer, (top, bottom) in zip(layers, pairwise(tops), strict=True):
+        above += layer.soil.unit_weight * np.maximum(top - np.maximum(bottom, z), 0)
+    return r_u * above
+
+
+def water_raster(water: float | Raster | None, walls: tuple[tuple[float, float], tuple[float, float]]) -> Raster | None:
+    """Heights of the water between the walls; ValueError if they have holes or end before them."""
+    if water is None:
+        return None
+    if not isinstance(water, Raster):
+        check.finite("water", water, "m")
+        (west, east), (south, north) = walls
+        return Raster(np.full((2, 2), float(water)), (west, south), max(east - west, north - south))
+    water.check("water")
+    part = water.cropped(*walls)
+    refuse_holes("water", part.heights.ravel(), *part.points())
+    return part
+
+
+def water_surface(table: Raster, height: float, dtype: DTypeLike) -> WaterSurface:
+    numbers = table.heights, table.corner, table.step, WATER_WEIGHT, height
+    return WaterSurface(*(jnp.asarray(value, dtype) for value in numbers))
+
+
+def strength_of_base(
+    interface: Interface | None,
+    outline: Outline,
+    layers: Sequence[Layer],
+    tops: Sequence[Height],
+    grid: Grid,
+    r_u: float | None,
+) -> dict[str, Any]:
+    """Arguments of `build` for an interface on the base; nothing without one.
+
+    Under a water table soil presses on the base with its effective stress alone, with r_u with that of the water too.
+    """
+    if interface is None:
+        return {}
+    x = np.clip(grid.origin[0] + np.arange(grid.shape[0]) * grid.cell, *outline.walls)
+    base = np.full(x.size, outline.base)
+    pressure = pore_pressure_of(r_u, table=False, z=base, layers=layers, tops=[top(x) for top in tops])
+    return {
+        "friction": math.tan(math.radians(interface.friction)),
+        "cohesion": interface.cohesion or None,
+        "wall_pressure": None if pressure is None else np.repeat(pressure, grid.shape[1]),
+    }

@@ -1,0 +1,144 @@
+"""Steps on the device: a lane takes them until its status ends it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from foundation import check
+from jaxmpm._step import step
+from jaxmpm.equations import grid_position
+from jaxmpm.laws import hardens, snaps_back
+from jaxmpm.run._columns import recorded
+from jaxmpm.transfer import inside, locate
+from jaxmpm.types import Scene, State, Status
+
+
+def lane_status(scene: Scene, state: State) -> Array:
+    """Status of a running lane after a step: RUNNING, or the reason to end.
+
+    It compares extremes over the particles, which propagate NaN: every comparison with NaN is false.
+
+    Args:
+        scene: of the lane.
+        state: after the step.
+
+    Returns:
+        () int32.
+    """
+    cells = locate(scene.grid, grid_position(scene, state))
+    ends = jnp.stack([jnp.min(cells, axis=1), jnp.max(cells, axis=1)], axis=1)
+    speed2 = jnp.max(jnp.sum(state.velocity**2, axis=0))
+    finite = jnp.isfinite(speed2) & jnp.all(jnp.isfinite(ends))
+    slow = speed2 * scene.time_step**2 < scene.grid.cell**2
+    status = jnp.where(slow, Status.RUNNING, Status.TIME_STEP_TOO_LARGE)
+    status = jnp.where(jnp.min(state.volume_ratio) > 0, status, Status.INVERTED)
+    status = jnp.where(jnp.all(inside(scene.grid, ends)), status, Status.OUTSIDE_GRID)
+    return jnp.where(finite, status, Status.NOT_FINITE).astype(jnp.int32)
+
+
+def begun(scene: Scene, state: State) -> State:
+    """The state, with status BAD_PARAMETER if it is running and a number of its scene is invalid."""
+    good = check.admissible(scene)
+    for wrong in (snaps_back(scene.material), hardens(scene.material)):
+        good = good if wrong is None else good & ~wrong
+    bad = (state.status == Status.RUNNING) & ~good
+    return replace(state, status=jnp.where(bad, int(Status.BAD_PARAMETER), state.status).astype(jnp.int32))
+
+
+def running(state: State) -> State:
+    """The state with all lanes running that have not broken off."""
+    ended = state.status <= Status.DECIDED
+    return replace(state, status=jnp.where(ended, Status.RUNNING, state.status).astype(jnp.int32))
+
+
+def advance(scene: Scene, state: State, steps: int | Array) -> State:
+    """Take steps; a lane that is not running does not change.
+
+    A Python number of steps gives a loop of that length, differentiable in reverse. A traced one compiles once for all
+    numbers, and ends when the lane does. A lane with a number in its scene that is not finite or beyond its limit takes
+    no step and gets the status BAD_PARAMETER.
+
+    Args:
+        scene: to run.
+        state: of one lane.
+        steps: their number.
+
+    Returns:
+        State.
+    """
+    state = begun(scene, state)
+
+    def advanced(old: State) -> State:
+        new = step(scene, old, scene.time_step)
+        return replace(new, step=old.step + 1, status=lane_status(scene, new))
+
+    def frozen_unless_running(_: Any, old: State) -> State:
+        new = advanced(old)
+        new = new if new.columns is None else recorded(scene, new)
+        return jax.tree.map(partial(jnp.where, old.status == Status.RUNNING), new, old)
+
+    if isinstance(steps, int):
+        return jax.lax.fori_loop(0, steps, frozen_unless_running, state)
+    last = state.step + steps
+
+    def until(stop: Array, move: Callable[[State], State], start: State) -> State:
+        return jax.lax.while_loop(lambda s: (s.status == Status.RUNNING) & (s.step < stop), move, start)
+
+    if state.columns is None:
+        return until(last, advanced, state)
+    every = state.columns.every
+
+    def looked_after(start: State) -> State:
+        # A look inside the loop would cost every step a quarter, although few steps need it.
+        return recorded(scene, until(jnp.minimum(last, (start.step // every + 1) * every), advanced, start))
+
+    return until(last, looked_after, state)
+
+
+def repeat(state: State, count: int) -> State:
+    """Lanes that start from the same state.
+
+    Args:
+        state: of one lane.
+        count: number of lanes B.
+
+    Returns:
+        State with leaves (B, ...).
+
+    Raises:
+        ValueError: If `count` is no whole number above 0.
+    """
+    check.whole("count", count)
+    return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (count, *leaf.shape)), state)
+
+
+@partial(jax.jit, static_argnames="axes", donate_argnames="state")
+def advance_lanes(scene: Scene, state: State, steps: Array, axes: Scene | None) -> State:
+    """Compiled `advance` over lanes; the given state is donated.
+
+    On CPU lanes run one after the other, each for all its steps, so that a lane stays in cache; a vmapped step would
+    stream all lanes through memory. On other devices they run side by side.
+
+    Args:
+        scene: to run.
+        state: of one lane, or of B with `axes`.
+        steps: () for all lanes, or (B,) for each.
+        axes: leaves of the scene that have lanes first, None without lanes; static.
+
+    Returns:
+        State.
+    """
+    in_turn = jax.custom_batching.sequential_vmap(advance)
+    one = in_turn if jax.default_backend() == "cpu" else advance
+    return over_lanes(one, axes, 0 if jnp.ndim(steps) else None)(scene, state, steps)
+
+
+def over_lanes(function: Callable[..., Any], axes: Scene | None, *others: int | None) -> Callable[..., Any]:
+    return function if axes is None else jax.vmap(function, in_axes=(axes, 0, *others))

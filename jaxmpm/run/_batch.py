@@ -1,0 +1,272 @@
+"""Samples in lanes: chunks of steps, lanes that take the next sample, and batches that shrink."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxmpm.run._advance import advance_lanes
+from jaxmpm.run._integrate import Result
+from jaxmpm.run._stopping import Settle, Watch, farthest, steps_until
+from jaxmpm.types import Scene, State, Status
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Numbers of one chunk of steps.
+
+    Args:
+        lanes: in the program.
+        busy: lanes with a sample.
+        steps: taken by each lane; the largest number if lanes have their own time steps.
+    """
+
+    lanes: int
+    busy: int
+    steps: int
+
+
+@dataclass(frozen=True)
+class Midway:
+    """An unfinished sample: its state, and the memory of the stopping rule (see `Settle`).
+
+    Args:
+        state: now.
+        quiet: seconds without motion so far.
+        reference: displacement (m) from which motion is counted.
+    """
+
+    state: State
+    quiet: float = 0.0
+    reference: float = 0.0
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A sample to run.
+
+    Args:
+        number: of the sample.
+        scene: of the sample.
+        state: at the start.
+        resume: as of `solve_each`.
+    """
+
+    number: int
+    scene: Scene
+    state: State
+    resume: Callable[[int], Midway | None] | None
+
+    def begin(self) -> Midway:
+        """Where it was in an earlier run, or its start."""
+        return (self.resume(self.number) if self.resume is not None else None) or Midway(self.state)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Samples in lanes. Every change gives a new batch; arrays of the old state may be donated.
+
+    Args:
+        scene: leaves that samples differ in have lanes first (B, ...).
+        axes: which leaves these are.
+        state: of all lanes.
+        watch: of all lanes.
+        numbers: of the samples, None in a lane without one.
+        time_step: (B,) s.
+        total: (B,) steps to the end.
+        chunk: (B,) steps that a lane takes at once, which depend on its own time step alone.
+        t_end: duration (s).
+        every: time between two looks (s).
+    """
+
+    scene: Scene
+    axes: Scene
+    state: State
+    watch: Watch
+    numbers: tuple[int | None, ...]
+    time_step: np.ndarray
+    total: np.ndarray
+    chunk: np.ndarray
+    t_end: float
+    every: float
+
+    @classmethod
+    def of(cls, shared: Scene, samples: list[Sample], *, t_end: float, every: float) -> Batch:
+        """A batch with one lane for each sample."""
+        axes = jax.tree.map(lambda a, b: None if a is b else 0, shared, samples[0].scene)
+        starts = [sample.begin() for sample in samples]
+        scene = jax.tree.map(
+            lambda axis, *leaves: leaves[0] if axis is None else jnp.stack(leaves),
+            axes,
+            *(sample.scene for sample in samples),
+            is_leaf=_is_none,
+        )
+        watch = Watch(np.array([s.quiet for s in starts], float), np.array([s.reference for s in starts], float))
+        state = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(start.state for start in starts))
+        paces = [_pace(sample.scene, t_end, every) for sample in samples]
+        time_step, total, chunk = (np.array(column) for column in zip(*paces, strict=True))
+        return cls(
+            scene=scene,
+            axes=axes,
+            state=state,
+            watch=watch,
+            numbers=tuple(sample.number for sample in samples),
+            time_step=time_step,
+            total=total,
+            chunk=chunk,
+            t_end=t_end,
+            every=every,
+        )
+
+    @property
+    def busy(self) -> list[int]:
+        """Lanes with a sample."""
+        return [lane for lane, number in enumerate(self.numbers) if number is not None]
+
+    @property
+    def ended(self) -> list[int]:
+        """Lanes whose sample has ended."""
+        running = np.asarray(self.state.status) == Status.RUNNING
+        return [lane for lane in self.busy if not running[lane]]
+
+    def number(self, lane: int) -> int:
+        """Number of the sample in a lane that has one."""
+        number = self.numbers[lane]
+        assert number is not None
+        return number
+
+    def seconds(self, lane: int) -> float:
+        """Time simulated so far (s) in a lane."""
+        return int(self.state.step[lane]) * float(self.time_step[lane])
+
+    def midway(self, lane: int) -> Midway:
+        """The sample in a lane as it is now."""
+        return Midway(_lane(self.state, lane), float(self.watch.quiet[lane]), float(self.watch.reference[lane]))
+
+    def result(self, lane: int) -> Result:
+        """Result of a sample that has ended."""
+        scene = _take(self.scene, lane, self.axes)
+        return Result(jax.device_get(_take(self.state, lane)), scene.time_step)
+
+    def advanced(
+        self,
+        settle: Settle | None,
+        stop_at: float | None,
+        slides_end: tuple[float, float] | None = None,
+        least_volume: float | None = None,
+    ) -> Batch:
+        """The batch after a chunk of steps of every lane and a look at each.
+
+        Args:
+            settle: rule by which lanes settle, None for none.
+            stop_at: displacement at which lanes are decided (m), None for none.
+            slides_end: displacement (m) and time (s), as of `solve_each`.
+            least_volume: as for `solve`.
+
+        Returns:
+            Batch.
+        """
+        state = advance_lanes(self.scene, self.state, jnp.asarray(self.chunk), self.axes)
+        elapsed = self.chunk * self.time_step
+        watch, status = self.watch.look(self.scene, state, self.axes, elapsed, settle, stop_at, least_volume)
+        step = np.asarray(state.step)
+        over = (status == Status.RUNNING) & (step >= self.total)
+        if slides_end is not None and over.any():
+            beyond, time = slides_end
+            last = np.array([steps_until(time, dt) for dt in self.time_step])
+            reached = np.asarray(farthest(self.scene, state, self.axes, least_volume))
+            over &= (step >= last) | (reached <= beyond)
+        ended = jnp.asarray(np.where(over, Status.FINISHED, status), jnp.int32)
+        return replace(self, state=replace(state, status=ended), watch=watch)
+
+    def refill(self, lane: int, sample: Sample | None) -> Batch:
+        """The batch with another sample in a lane, or none."""
+        numbers = (*self.numbers[:lane], None if sample is None else sample.number, *self.numbers[lane + 1 :])
+        if sample is None:
+            return replace(self, numbers=numbers)
+        start = sample.begin()
+        scene, state = _put(self.scene, self.state, sample.scene, start.state, lane, self.axes)
+        here, (dt, total, chunk) = np.arange(len(numbers)) == lane, _pace(sample.scene, self.t_end, self.every)
+        return replace(
+            self,
+            scene=scene,
+            state=state,
+            watch=self.watch.restarted(lane, start.quiet, start.reference),
+            numbers=numbers,
+            time_step=np.where(here, dt, self.time_step),
+            total=np.where(here, total, self.total),
+            chunk=np.where(here, chunk, self.chunk),
+        )
+
+    def shrink(self) -> Batch:
+        """The batch with fewer lanes, once half of them have no sample.
+
+        The width is the power of two that the others need, so that the ends of many batches share a few programs.
+
+        Returns:
+            Batch.
+        """
+        busy, lanes = self.busy, len(self.numbers)
+        width = 1 << (len(busy) - 1).bit_length() if busy else lanes
+        if width > lanes // 2:
+            return self
+        empty = [lane for lane in range(lanes) if self.numbers[lane] is None]
+        keep = np.asarray(sorted([*busy, *empty[: width - len(busy)]]))
+        return replace(
+            self,
+            scene=_take(self.scene, keep, self.axes),
+            state=_take(self.state, keep),
+            watch=self.watch.of(keep),
+            numbers=tuple(self.numbers[lane] for lane in keep),
+            time_step=self.time_step[keep],
+            total=self.total[keep],
+            chunk=self.chunk[keep],
+        )
+
+
+def _pace(scene: Scene, t_end: float, every: float) -> tuple[float, int, int]:
+    """Time step (s), steps to the end, and steps of a chunk."""
+    dt = float(scene.time_step)
+    total = steps_until(t_end, dt)
+    return dt, total, even_chunk(total, max(1, round(every / dt)))
+
+
+def even_chunk(total: int, about: int) -> int:
+    """Steps of a chunk, within a fifth of `about`, whose multiples reach `total` with the fewest steps beyond."""
+    return min(range(max(1, about * 4 // 5), max(2, about * 6 // 5)), key=lambda c: (-total % c, abs(c - about)))
+
+
+def _is_none(node: Any) -> bool:
+    return node is None
+
+
+def _take(tree: Any, index: int | np.ndarray, axes: Any = None) -> Any:
+    """The lanes `index` of every leaf, or of those leaves only that have lanes by `axes`."""
+    if axes is None:
+        return jax.tree.map(lambda leaf: leaf[index], tree)
+    return jax.tree.map(lambda axis, leaf: leaf if axis is None else leaf[index], axes, tree, is_leaf=_is_none)
+
+
+@jax.jit
+def _lane(batch: State, lane: int) -> State:
+    return jax.tree.map(lambda leaf: leaf[lane], batch)
+
+
+@partial(jax.jit, static_argnames="axes", donate_argnames="states")
+def _put(scenes: Scene, states: State, scene: Scene, state: State, lane: int, axes: Scene) -> tuple[Scene, State]:
+    """Scene and state of one sample placed in a lane of the others'."""
+
+    def put(axis: int | None, lanes: Array, one: Array) -> Array:
+        return lanes if axis is None else lanes.at[lane].set(one)
+
+    return (
+        jax.tree.map(put, axes, scenes, scene, is_leaf=_is_none),
+        jax.tree.map(partial(put, 0), states, state),
+    )

@@ -1,0 +1,161 @@
+"""Rules that end a run, which the host applies between chunks of steps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import numpy as np
+from jax import Array
+
+from foundation import check
+from jaxmpm import diagnostics
+from jaxmpm.run._advance import over_lanes
+from jaxmpm.types import Scene, State, Status
+
+
+@dataclass(frozen=True)
+class Settle:
+    """Rule by which a lane has settled: for `hold` seconds it is slow and its largest displacement does not change.
+
+    The unbalanced force is not part of the rule: an undamped slope oscillates elastically without end, with 5 to 15 %
+    of its weight unbalanced, while it stands. Any number below 0, an `every` of 0 or a value that is not finite raises
+    ValueError.
+
+    Args:
+        speed: largest root mean square of the particle speed (m/s).
+        drift: largest change of the displacement (m).
+        hold: duration (s).
+        every: time between two looks (s).
+        slides: largest displacement (m) from which a lane is a slide. A slide settles by another rule: for `hold`
+            seconds the mean displacement of the soil beyond `slides`, plus what other soil moved, does not change, at
+            any particle speed. That rule detects a second mass that moves, and ignores single grains. None for no
+            slides: their speed then prevents them from settling.
+    """
+
+    speed: float = 0.05
+    drift: float = 2e-3
+    hold: float = 1.0
+    every: float = 0.25
+    slides: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, unit in (("speed", "m/s"), ("drift", "m"), ("hold", "s")):
+            check.not_negative(f"settle's {name}", getattr(self, name), unit)
+        check.positive("settle's every", self.every, "s")
+        if self.slides is not None:
+            check.positive("settle's slides", self.slides, "m")
+
+
+@partial(jax.jit, static_argnames=("axes", "slides", "volume"))
+def _look(
+    scene: Scene, state: State, axes: Scene | None, slides: float | None, volume: float | None
+) -> tuple[Array, ...]:
+    """Speed and largest displacement of each lane, or the displacement that a volume exceeds.
+
+    With `slides` also the mean displacement of each slide.
+    """
+
+    def measures(scene: Scene, state: State) -> tuple[Array, ...]:
+        measured = diagnostics.speed(scene, state), _farthest(scene, state, volume)
+        return measured if slides is None else (*measured, diagnostics.slide_displacement(scene, state, slides))
+
+    return over_lanes(measures, axes)(scene, state)
+
+
+@partial(jax.jit, static_argnames=("axes", "volume"))
+def farthest(scene: Scene, state: State, axes: Scene | None, volume: float | None) -> Array:
+    """Largest displacement of each lane (m), or the one that a volume of soil has exceeded."""
+    return over_lanes(partial(_farthest, volume=volume), axes)(scene, state)
+
+
+def _farthest(scene: Scene, state: State, volume: float | None) -> Array:
+    if volume is None:
+        return diagnostics.largest_displacement(state)
+    return diagnostics.exceeded_displacement(scene, state, volume)
+
+
+def check_run(t_end: float, settle: Settle | None, stop_at: float | None, least_volume: float | None = None) -> None:
+    """Raise ValueError for an invalid end of a run."""
+    if np.ndim(t_end):
+        raise ValueError(f"t_end has shape {np.shape(t_end)}: give one number of seconds, the same for all lanes")
+    check.positive("t_end", t_end, "s")
+    if settle is not None and not isinstance(settle, Settle):
+        raise ValueError(f"settle = {settle!r}: give Settle(...), or None")
+    if stop_at is not None:
+        check.positive("stop_at", stop_at, "m")
+    if least_volume is not None:
+        check.positive("least_volume", least_volume)
+
+
+def steps_until(time: float, dt: float) -> int:
+    """Number of steps of dt (s) that reach `time` (s)."""
+    return math.ceil(time / dt * (1 - 1e-6))
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Memory of the stopping rule between looks, per lane.
+
+    Args:
+        quiet: (B,) or () seconds without motion.
+        reference: displacement (m) from which motion is counted, of the same shape.
+    """
+
+    quiet: np.ndarray
+    reference: np.ndarray
+
+    @classmethod
+    def start(cls, shape: tuple[int, ...]) -> Watch:
+        """A watch without memory, for lanes of this shape."""
+        return cls(np.zeros(shape), np.zeros(shape))
+
+    def restarted(self, lane: int, quiet: float, reference: float) -> Watch:
+        """The watch with another sample in one lane, at its own time and displacement."""
+        fresh = np.arange(self.quiet.size) == lane
+        return Watch(np.where(fresh, quiet, self.quiet), np.where(fresh, reference, self.reference))
+
+    def of(self, lanes: np.ndarray) -> Watch:
+        """The watch of some lanes."""
+        return Watch(self.quiet[lanes], self.reference[lanes])
+
+    def look(
+        self,
+        scene: Scene,
+        state: State,
+        axes: Scene | None,
+        elapsed: float | np.ndarray,
+        settle: Settle | None,
+        stop_at: float | None,
+        least_volume: float | None,
+    ) -> tuple[Watch, np.ndarray]:
+        """Apply the stopping rules after some time.
+
+        Args:
+            scene: of the run.
+            state: now.
+            axes: leaves of the scene that have lanes first, None without lanes.
+            elapsed: time since the last look (s), () or (B,).
+            settle: rule by which lanes settle, None for none.
+            stop_at: displacement at which lanes are decided (m), None for none.
+            least_volume: as for `solve`.
+
+        Returns:
+            The watch afterwards, and the status of each lane; settled and decided ones have ended.
+        """
+        slides = None if settle is None else settle.slides
+        speed, displacement, *slid = map(np.asarray, _look(scene, state, axes, slides, least_volume))
+        status, watch = np.asarray(state.status), self
+        if settle is not None:
+            fast, seen = speed > settle.speed, displacement
+            if slides is not None:
+                fast, seen = fast & (displacement <= slides), np.where(displacement > slides, slid[0], displacement)
+            moved = np.abs(seen - self.reference) > settle.drift
+            quiet = np.where(moved | fast, 0.0, self.quiet + elapsed)
+            watch = Watch(quiet, np.where(moved, seen, self.reference))
+            status = np.where((status == Status.RUNNING) & (quiet >= settle.hold), Status.SETTLED, status)
+        if stop_at is not None:
+            status = np.where((status == Status.RUNNING) & (displacement > stop_at), Status.DECIDED, status)
+        return watch, status.astype(np.int32)

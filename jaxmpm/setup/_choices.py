@@ -1,0 +1,212 @@
+"""Checks of a scene's geometry, loads and numerical choices."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from functools import lru_cache
+
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from foundation import check
+from foundation.text import shown
+from jaxmpm.grid import Grid, Particles, Wall
+from jaxmpm.laws import (
+    WaterSurface,
+    WaterTable,
+    Zoned,
+    in_total_stress,
+)
+from jaxmpm.protocols import Kernel, Material
+from jaxmpm.setup._law import in_total_stress_at
+from jaxmpm.transfer import Linear, inside, locate
+from jaxmpm.types import Engine, Scheme
+
+
+def check_grid(grid: Grid) -> int:
+    d = len(grid.shape)
+    if d not in (1, 2, 3):
+        raise ValueError(f"grid.shape = {grid.shape}: give 1, 2 or 3 axes")
+    for a, nodes in enumerate(grid.shape):
+        check.whole(f"grid.shape[{a}]", nodes, least=3)
+    check.positive("grid.cell", grid.cell, "m")
+    check.axes("grid.origin", grid.origin, d)
+    return d
+
+
+def check_particles(particles: Particles, grid: Grid) -> np.dtype:
+    """Their precision."""
+    d, arrays = grid.dimension, (particles.position, particles.mass, particles.volume)
+    shapes = tuple(np.shape(array) for array in arrays)
+    count = shapes[0][-1] if shapes[0] else 0
+    if shapes != ((d, count), (count,), (count,)) or not count:
+        raise ValueError(
+            f"particles have position {shapes[0]}, mass {shapes[1]} and volume {shapes[2]}: give ({d}, N), (N,) and "
+            f"(N,) on a grid of {d} axes, N at least 1"
+        )
+    dtypes = {np.dtype(array.dtype) for array in arrays}
+    if len(dtypes) > 1:
+        raise ValueError(f"particles mix {', '.join(sorted(map(str, dtypes)))}: give all arrays one dtype")
+    check.within_limits(particles)
+    out = ~np.asarray(inside(grid, locate(grid, jnp.asarray(particles.position))))
+    if out.any():
+        first = np.asarray(particles.position)[:, int(np.argmax(out))]
+        raise ValueError(
+            f"{int(out.sum())} particles, one of them at {first.tolist()} m, stand on or beyond the outermost cells of "
+            f"the grid of {grid.shape} nodes from {grid.origin} m: enlarge the grid by a cell of padding on each side"
+        )
+    return check.dtype(dtypes.pop())
+
+
+def check_walls(walls: Sequence[Wall], grid: Grid, friction: float | None, *, bonded: bool) -> None:
+    for wall in walls:
+        if not isinstance(wall, Wall):
+            raise ValueError(f"walls hold {wall!r}: give Wall(axis, side, index, hold)")
+        if wall.axis not in range(grid.dimension) or wall.index not in range(grid.shape[wall.axis]):
+            raise ValueError(f"{wall}: there is no such axis or node on a grid of {grid.shape} nodes")
+        if wall.side not in ("low", "high") or wall.hold not in ("fixed", "roller", "friction"):
+            raise ValueError(f"{wall}: side is 'low' or 'high', hold is 'fixed', 'roller' or 'friction'")
+    rough = any(wall.hold == "friction" for wall in walls)
+    if rough != (friction is not None):
+        raise ValueError(
+            f"wall_friction = {friction} with walls of {sorted({wall.hold for wall in walls})}: give it with, and only "
+            "with, walls of 'friction'"
+        )
+    if bonded and not rough:
+        raise ValueError("wall_cohesion or wall_pressure without walls of 'friction': leave them out")
+    if friction is not None:
+        check.not_negative("wall_friction", friction)
+
+
+def check_kernel(kernel: Kernel, grid: Grid) -> None:
+    missing = [name for name in ("shape", "deviation") if not hasattr(kernel, name)]
+    if missing or isinstance(kernel, type) or type(kernel).__hash__ is None:
+        raise ValueError(f"kernel = {kernel!r}: give a hashable object with shape and deviation, e.g. GIMP((0.5, 0.5))")
+    half = getattr(kernel, "half_size", None)
+    if half is not None:
+        check.axes("half_size", half, grid.dimension)
+        check.positive("half_size", half, "m")
+    _check_weights(kernel, grid)  # type: ignore[arg-type]
+
+
+@lru_cache
+def _check_weights(kernel: Kernel, grid: Grid) -> None:
+    reach = (np.arange(64) + 0.5) / 64 + 0.5
+    r = jnp.asarray(reach - np.arange(3)[:, None], jnp.float32)
+    for axis in range(grid.dimension):
+        value, slope = (np.asarray(each).sum(0) for each in kernel.shape(axis, grid.cell, r))
+        if not (np.abs(value - 1) < 1e-5).all() or not (np.abs(slope * grid.cell) < 1e-4).all():
+            raise ValueError(
+                f"{kernel!r} weighs a particle by {value.min():g} to {value.max():g} over its three nodes along axis "
+                f"{axis} in cells of {grid.cell:g} m: give functions that add up to 1 and reach at most 1.5 cells"
+            )
+
+
+HATS_EDGE = 0.01
+"""Distance of a particle from a face (cells) below which there is a warning of hats."""
+
+
+def warn_of_hats(kernel: Kernel, scheme: Scheme, particles: Particles, grid: Grid) -> None:
+    """Warn of hats where they do not work: their slopes jump at the faces of cells."""
+    if not isinstance(kernel, Linear):
+        return
+    if scheme is Scheme.USL:
+        warnings.warn(
+            "kernel = Linear with scheme = USL: nodes that are nearly empty have no bounded velocity, and slides end "
+            "INVERTED; take MUSL, or GIMP",
+            stacklevel=3,
+        )
+    cells = np.asarray(locate(grid, jnp.asarray(particles.position)), float)
+    near = np.any(abs(cells - np.round(cells)) < HATS_EDGE, axis=0)
+    if near.any():
+        warnings.warn(
+            f"kernel = Linear with {int(near.sum())} of {near.size} particles within {HATS_EDGE:g} cells of a cell's "
+            "face, where the slope of hats jumps: even a uniform motion strains them; move the particles, or take GIMP",
+            stacklevel=3,
+        )
+
+
+def check_choices(scheme: Scheme, engine: Engine | None, *, cfl: float, flip: float, damping: float) -> None:
+    if not isinstance(scheme, Scheme):
+        raise ValueError(f"scheme = {scheme!r}: give a member of Scheme")
+    if engine is not None and not isinstance(engine, Engine):
+        raise ValueError(f"engine = {engine!r}: give a member of Engine, or None")
+    check.between("cfl", cfl, 0.0, 1.0)
+    check.between("flip", flip, 0.0, 1.0, ends=True)
+    check.not_negative("damping", damping, "1/s")
+
+
+def gravity_vector(gravity: float | Sequence[float], dimension: int) -> np.ndarray:
+    """The vector (d,) m/s2; a number acts downwards."""
+    if np.ndim(gravity) == 0:
+        check.not_negative("gravity", gravity, "m/s2")
+        return np.array([0.0] * (dimension - 1) + [-float(np.asarray(gravity))])
+    vector = np.asarray(gravity)
+    check.axes("gravity", vector.tolist(), dimension)
+    return vector
+
+
+def check_tied(
+    tied: tuple[int, int], grid: Grid, particles: Particles, walls: Sequence[Wall], internal_length: float | None
+) -> None:
+    whole = isinstance(tied, tuple) and len(tied) == 2 and all(isinstance(node, int) for node in tied)
+    if not whole or not 1 <= tied[0] < tied[1] <= grid.shape[0] - 2:
+        raise ValueError(f"tied = {tied!r}: give two nodes along x in rising order, from 1 to {grid.shape[0] - 2}")
+    along = (np.asarray(particles.position[0], float) - grid.origin[0]) / grid.cell
+    if along.min() < tied[0] or along.max() > tied[1]:
+        raise ValueError(
+            f"particles reach from {along.min():g} to {along.max():g} cells along x, beyond the planes tied at nodes "
+            f"{tied[0]} and {tied[1]}: put them between"
+        )
+    if any(wall.axis == 0 for wall in walls):
+        raise ValueError("a wall along x with tied sides, which are no ends: give one or the other")
+    if internal_length is not None:
+        raise ValueError(
+            f"internal_length = {internal_length:g} m with tied sides, across which it does not average: leave it out"
+        )
+
+
+def check_water(
+    water: WaterTable | WaterSurface | None,
+    pore_pressure: ArrayLike | None,
+    material: Material,
+    particles: Particles,
+) -> None:
+    if isinstance(water, WaterTable):
+        check.finite("water's x", water.x, "m")
+        check.finite("water's z", water.z, "m")
+        if np.ndim(water.x) != 1 or np.shape(water.x) != np.shape(water.z) or np.size(water.x) < 2:
+            raise ValueError(
+                f"water's x and z have shapes {np.shape(water.x)} and {np.shape(water.z)}: give (m,), m > 1"
+            )
+        if not np.all(np.diff(np.asarray(water.x)) > 0):
+            raise ValueError(
+                f"water's x = {shown(np.asarray(water.x).tolist())} m does not rise: give its points in order"
+            )
+    elif isinstance(water, WaterSurface):
+        check.finite("water's heights", water.heights, "m")
+        check.finite("water's corner", water.corner, "m")
+        check.positive("water's step", water.step, "m")
+        shapes = np.shape(water.heights), np.shape(water.corner), particles.position.shape[0]
+        if len(shapes[0]) != 2 or min(shapes[0]) < 2 or shapes[1:] != ((2,), 3):
+            raise ValueError(
+                f"water's heights have shape {shapes[0]}, its corner {shapes[1]}, in {shapes[2]}D: give (nx, ny), 2 or "
+                "more along each, and (2,), in 3D"
+            )
+    elif water is not None:
+        raise ValueError(f"water = {shown(water)}: give a WaterTable, a WaterSurface, or None")
+    if pore_pressure is not None:
+        if in_total_stress(material):
+            raise ValueError(
+                f"pore pressure by r_u in {type(material).__name__}, whose strength is undrained and does not depend "
+                "on it: leave it out, or give the water a level or table, of which a pool loads the ground"
+            )
+        check.not_negative("pore_pressure", pore_pressure, "Pa")
+        if np.shape(pore_pressure) != particles.mass.shape:
+            raise ValueError(
+                f"pore_pressure has shape {np.shape(pore_pressure)}: give {particles.mass.shape}, one a particle"
+            )
+        if isinstance(material, Zoned) and np.any(np.asarray(pore_pressure)[in_total_stress_at(material)]):
+            raise ValueError("pore_pressure above 0 in a zone whose strength is undrained: give 0 Pa there")

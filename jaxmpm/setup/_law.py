@@ -1,0 +1,184 @@
+"""Checks of a law and of its numbers on the particles of a scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
+from foundation import check
+from jaxmpm.grid import Particles
+from jaxmpm.laws import (
+    Zoned,
+    declared,
+    excesses,
+    hardens,
+    in_total_stress,
+    laws_of,
+    snaps_back,
+    with_parameters,
+)
+from jaxmpm.protocols import Material
+from jaxmpm.types import Scene
+
+MEMBERS = [name for name in vars(Material) if not name.startswith("_")] + ["PARAMETERS"]
+"""Members of the protocol `Material`."""
+
+
+def check_scene(scene: Scene, axes: Scene | None = None) -> None:
+    """Check the numbers of a scene. Traced values are skipped.
+
+    Args:
+        scene: to check.
+        axes: leaves that have lanes first, None without lanes.
+
+    Raises:
+        ValueError: If a number is beyond its limit, softening snaps back, a residual exceeds its peak, or dilation
+            exceeds friction.
+    """
+    check.within_limits(scene)
+    laws = laws_of(scene.material)
+    for law, own in zip(laws, (None,) * len(laws) if axes is None else laws_of(axes.material), strict=True):
+        lanes = own if jax.tree.leaves(own) else None
+        refuse_snap_back(law, lanes)
+        _refuse_hardening(law, lanes)
+        _refuse_excess(law, lanes)
+
+
+def refuse_snap_back(material: Material, axes: Material | None = None) -> None:
+    """Check that strength falls less steeply than the soil unloads elastically.
+
+    Args:
+        material: a law.
+        axes: parameters that have lanes first, None without lanes.
+
+    Raises:
+        ValueError: If it does not.
+    """
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(material)):
+        return
+    back = snaps_back(material) if axes is None else jax.vmap(snaps_back, in_axes=(axes,))(material)
+    if back is not None and bool(np.any(back)):
+        steepest = float(np.max(np.asarray(material.steepest_softening)))
+        raise ValueError(
+            f"softening of {steepest:g} Pa per unit of shear strain is steeper than elastic unloading (shear modulus "
+            f"{float(np.min(np.asarray(material.shear))):g} Pa), which snaps back: soften more slowly, raise the "
+            "stiffness, or, where softening is scaled by the cell, take smaller cells"
+        )
+
+
+def _refuse_hardening(material: Material, axes: Material | None = None) -> None:
+    """Raise ValueError if residual cohesion or friction exceeds its peak."""
+    if check.is_traced(material):
+        return
+    harder = hardens(material) if axes is None else jax.vmap(hardens, in_axes=(axes,))(material)
+    if harder is not None and bool(np.any(harder)):
+        raise ValueError(
+            "softening leaves more cohesion or friction than the peak has: give residuals of at most the peak at each "
+            "particle"
+        )
+
+
+def _refuse_excess(material: Material, axes: Material | None = None) -> None:
+    """Raise ValueError if a number of the law exceeds the one that limits it: dilation above friction."""
+    if check.is_traced(material):
+        return
+    excess_of = excesses(material) if axes is None else jax.vmap(excesses, in_axes=(axes,))(material)
+    for name, excess in excess_of.items():
+        worst, parameter = float(np.max(np.asarray(excess))), declared(material)[name].parameter
+        if worst > 0:
+            above = f"{math.degrees(worst):.3g} degrees" if parameter.angle else f"{worst:.3g} {parameter.unit}"
+            raise ValueError(
+                f"{name} is up to {above.rstrip()} above the {parameter.at_most}: give at most the {parameter.at_most}"
+            )
+
+
+def wave_speed(particles: Particles, material: Material) -> float:
+    """Speed of the fastest elastic wave at any particle (m/s)."""
+    density = np.asarray(particles.mass, float) / np.asarray(particles.volume, float)
+    return math.sqrt(float(np.max(np.asarray(material.p_wave_modulus, float) / density)))
+
+
+def check_shape(name: str, value: ArrayLike, particles: Particles) -> None:
+    """Check that a parameter is a number or one value per particle.
+
+    Args:
+        name: of the parameter, for the message.
+        value: () or (N,).
+        particles: N of them.
+
+    Raises:
+        ValueError: If it has another shape.
+    """
+    if np.shape(value) not in ((), particles.mass.shape):
+        raise ValueError(
+            f"{name} has shape {np.shape(value)}: give a number or {particles.mass.shape}, one value per particle"
+        )
+
+
+def checked_material(material: Any, particles: Particles, dtype: np.dtype) -> Any:
+    """The material with its numbers in the particles' precision."""
+    missing = [name for name in MEMBERS if not hasattr(type(material), name) and not hasattr(material, name)]
+    if missing:
+        raise ValueError(f"{type(material).__name__} lacks {', '.join(missing)}: derive it from jaxmpm.Law")
+    if isinstance(material, Zoned):
+        return _checked_zones(material, particles, dtype)
+    for name, limit, value in check.parameters(material):
+        check.within(name, value, limit)
+        check_shape(name, value, particles)
+    return jax.tree.map(number_of(dtype), material)
+
+
+def _checked_zones(material: Zoned, particles: Particles, dtype: np.dtype) -> Zoned:
+    """As `checked_material`, for each law with the particles of its zone."""
+    count = particles.mass.size
+    if len(material.counts) != len(material.laws) or min(material.counts) < 1 or sum(material.counts) != count:
+        raise ValueError(
+            f"counts = {material.counts} for {len(material.laws)} laws and {count} particles: give the number of each "
+            "law's particles, 1 or more, together all of them"
+        )
+    zones = ((law, jax.tree.map(lambda leaf, own=own: leaf[..., own], particles)) for law, own in material.zones)
+    return replace(material, laws=tuple(checked_material(law, own, dtype) for law, own in zones))
+
+
+def in_total_stress_at(material: Zoned) -> np.ndarray:
+    """Particles (N,) bool in zones whose strength is undrained."""
+    return np.repeat([in_total_stress(law) for law in material.laws], material.counts)
+
+
+def with_strength(scene: Scene, strength: ArrayLike) -> Scene:
+    """The scene with another strength.
+
+    Args:
+        scene: with a law that has a strength.
+        strength: Pa, a number or one value per particle (N,).
+
+    Returns:
+        Scene.
+
+    Raises:
+        ValueError: If the law has no strength, the shape is different, a value is not finite and above 0, or softening
+            snaps back.
+    """
+    if "strength" not in declared(scene.material):
+        raise ValueError(
+            f"{type(scene.material).__name__} has no strength: give a J2 material, as `Soil(strength=..)` makes"
+        )
+    check.positive("strength", strength, "Pa")
+    check_shape("strength", strength, scene.particles)
+    value = jnp.asarray(strength, scene.particles.mass.dtype)
+    varied = with_parameters(scene.material, {declared(scene.material)["strength"].path: value})
+    for law in laws_of(varied):
+        refuse_snap_back(law)
+    return replace(scene, material=varied)
+
+
+def number_of(dtype: np.dtype) -> Callable[[ArrayLike], Array]:
+    return lambda value: jnp.asarray(value, dtype)

@@ -1,0 +1,101 @@
+"""Limits of the numbers of a soil, and questions about those that look like another unit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
+from typing import Any, Protocol
+
+import numpy as np
+
+from foundation import check
+from foundation.check import Limit
+from jaxmpm.soil._units import PLAUSIBLE, unit_slip
+
+ANGLE = Limit(least=0, most=60, unit="degrees")
+
+
+LIMITS: Mapping[str, Limit] = MappingProxyType(
+    {
+        "strength": Limit(above=0, unit="Pa"),
+        "cohesion": Limit(least=0, unit="Pa"),
+        "friction": ANGLE,
+        "dilation": ANGLE,
+        "young": Limit(above=0, unit="Pa"),
+        "poisson": Limit(above=-1, below=0.5),
+        "unit_weight": Limit(above=0, unit="N/m3"),
+        "softening_modulus": Limit(above=0, unit="Pa"),
+        "residual_cohesion": Limit(least=0, unit="Pa"),
+        "residual_friction": ANGLE,
+        "residual_ratio": Limit(least=0, most=1),
+        "strain_95": Limit(above=0),
+        "softening_strain": Limit(above=0),
+        "rate_coefficient": Limit(least=0),
+        "saturated_unit_weight": Limit(above=0, unit="N/m3"),
+        "reference_rate": Limit(above=0, unit="1/s"),
+        "tension_cutoff": Limit(least=0, unit="Pa"),
+        "softening_length": Limit(above=0, unit="m"),
+        "strength_ratio": Limit(above=0, most=1),
+        "strength_minimum": Limit(above=0, unit="Pa"),
+    }
+)
+
+
+def soil_limits() -> Mapping[str, Limit]:
+    """Limits of the numbers of soil by the engineer's name, each with its unit.
+
+    Their order is that of a sample's coefficients, so a new one goes to the end.
+
+    Returns:
+        Limit by name.
+    """
+    return LIMITS
+
+
+class AnySoil(Protocol):
+    """Protocol of a soil: `Soil`, `FrictionalSoil`, or a user's own frozen dataclass.
+
+    If a number of its law varies in a campaign, the soil has it too, under the engineer's name that the law declares
+    (`jaxmpm.Parameter`) and in degrees if it is an angle; it has `young` and `poisson` if these vary. It may have
+    `softens`, `softening_length`, `saturated_unit_weight` and `unusual`, as `FrictionalSoil` does.
+    """
+
+    @property
+    def unit_weight(self) -> float:
+        """Unit weight (N/m3)."""
+
+    def material(self, dtype: np.dtype, band: float) -> Any:
+        """Its law.
+
+        Args:
+            dtype: of the law's numbers.
+            band: thickness of the grid's shear bands (m).
+
+        Returns:
+            A `jaxmpm.Material`.
+
+        Raises:
+            ValueError: If a number is impossible for soil.
+        """
+
+
+def warn_of_units(soil: AnySoil) -> None:
+    """Warn once of all numbers that look like another unit, unless the soil has `unusual`.
+
+    Args:
+        soil: to check.
+    """
+    slips = () if getattr(soil, "unusual", False) else dict.fromkeys(_slips(soil))
+    if slips:
+        check.warn(f"{'; '.join(slips)} If they are intended, give the soil unusual=True")
+
+
+def _slips(soil: AnySoil) -> Iterator[str]:
+    """Question about each number that looks like another unit, at the least and the largest of several values."""
+    for name in PLAUSIBLE:
+        value = getattr(soil, name, None)
+        if value is None or check.is_traced(value) or not np.size(value):
+            continue
+        for end in (np.min, np.max):
+            if slip := unit_slip(name, float(end(np.asarray(value)))):
+                yield f"{name} = {slip}"
