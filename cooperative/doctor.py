@@ -33,7 +33,7 @@ def installation() -> Iterator[tuple[str, str]]:
         yield package, importlib.metadata.version(package)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        native = mpm.native_available()
+        native = mpm.transfer.native_available()
     yield (
         "transfers on CPU",
         "compiled" if native else "on XLA, at some fortieth of the speed: the library was not built",

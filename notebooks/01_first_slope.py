@@ -186,7 +186,7 @@ plt.close(fig)
 # ## What to remember
 #
 # - `scene, state = mpm.slope(...)`, then `result = mpm.solve(scene, state, t_end=...)`.
-# - A scene is data. Another strength, another gravity: another scene (`mpm.reduced`, `mpm.with_strength`,
+# - A scene is data. Another strength, another gravity: another scene (`mpm.reduced`, `mpm.with_soil`,
 #   `dataclasses.replace`).
 # - Many strengths at once are a batch: [02 batched screening](02_batched_screening.ipynb).
 

@@ -41,7 +41,7 @@ style()
 # %%
 line = kl.expand((kl.SquaredExponential(2.0),), origin=(0.0,), extent=(16.0,))
 depth = np.linspace(0.0, 16.0, 201)
-modes = kl.mode_matrix(line, depth[None])  # (points, modes), each with the root of its eigenvalue
+modes = kl.field.mode_matrix(line, depth[None])  # (points, modes), each with the root of its eigenvalue
 xi = kl.monte_carlo(jax.random.key(0), 1, line.modes)[0]
 
 fig, (left, right) = plt.subplots(1, 2, figsize=(10, 3.2))
@@ -132,7 +132,7 @@ with_ends = (np.linspace(0.0, 96.0, 97), np.linspace(0.0, 16.0, 33))  # m
 fig, axes = plt.subplots(2, 1, figsize=(9, 3.7), sharex=True)
 for ax, energy in zip(axes, (0.95, 0.999), strict=True):
     expansion = kl.expand(layered.covariance, **box, energy=energy)
-    variance = np.asarray(kl.variance_on_lattice(expansion, with_ends))
+    variance = np.asarray(kl.field.variance_on_lattice(expansion, with_ends))
     lost_at_worst.append(float(1 - variance.min()))
     image = ax.pcolormesh(*with_ends, variance.T, vmin=0.7, vmax=1.0, rasterized=True)
     ax.set(aspect="equal", xlabel="x [m]", ylabel="z [m]")
@@ -147,7 +147,7 @@ plt.show()
 #
 # A marginal maps the standard field to the property, quantile by quantile. `Lognormal(mean=..., cov=...)` takes the
 # moments of the strength itself. The correlation above is that of the Gaussian field; that of the strength is a
-# little lower (`kl.nataf_error` says by how much).
+# little lower (`kl.marginal.nataf_error` says by how much).
 
 # %%
 marginal = kl.Lognormal(mean=42e3, cov=0.3)
@@ -229,7 +229,7 @@ axes[0].set_ylabel("z [m]")
 axes[0].legend(fontsize=8)
 plt.show()
 misfit = kl.field_at(layered, tied, borehole) - marginal.standardise(truth)
-variance_left = float(kl.kriging_variance(data, layered, borehole).mean())
+variance_left = float(kl.field.kriging_variance(data, layered, borehole).mean())
 print(
     f"rms misfit at the data {float(jnp.sqrt(jnp.mean(misfit**2))):.3f} scores, variance left there {variance_left:.4f}"
 )

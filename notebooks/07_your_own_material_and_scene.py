@@ -59,8 +59,8 @@ style()
 #
 # Tensors are tuples of six components (xx, yy, zz, xy, yz, xz), tension positive. Those that a dimension cannot have
 # are the number 0.0 and vanish when the program is compiled: that is why one law serves all dimensions.
-# `mpm.pytree` makes a dataclass of arrays something that JAX can trace, batch and differentiate. `mpm.Law` has what
-# most laws share: the speed of the elastic wave, no history, no softening (see `mpm.Material` for all of it).
+# `mpm.pytree` makes a dataclass of arrays something that JAX can trace, batch and differentiate. `mpm.laws.Law` has
+# what most laws share: the speed of the elastic wave, no history, no softening (see `mpm.Material` for all of it).
 # PARAMETERS declares the law's numbers: what they may be (a lane with another one takes no step and has a status of its
 # own), and whether strength reduction divides them.
 
@@ -68,7 +68,7 @@ style()
 # %%
 @mpm.pytree
 @dataclass(frozen=True)
-class Bingham(mpm.Law):
+class Bingham(mpm.laws.Law):
     """Moduli K and G, strength S (Pa) and viscosity (Pa s)."""
 
     bulk: Array
@@ -77,8 +77,8 @@ class Bingham(mpm.Law):
     viscosity: Array
 
     PARAMETERS = {  # noqa: RUF012
-        "strength": mpm.Parameter(least=0.0, unit="Pa", reduced=True),
-        "viscosity": mpm.Parameter(above=0.0, unit="Pa s"),
+        "strength": mpm.laws.Parameter(least=0.0, unit="Pa", reduced=True),
+        "viscosity": mpm.laws.Parameter(above=0.0, unit="Pa s"),
     }
 
     def update(self, strain_increment: Any, stress: Any, history: None, dt: Array) -> tuple[Any, None]:
@@ -145,7 +145,7 @@ def scene_of(
     cell: float,
     gravity: float = 0.0,
     base: str = "roller",
-    kernel: mpm.Kernel | None = None,
+    kernel: type[mpm.Kernel] = mpm.GIMP,
 ) -> tuple[mpm.Scene, mpm.State]:
     """A body of density 2000 kg/m3 where it is `inside`, in a box with smooth walls or a fixed base."""
     d, edge = len(domain), cell / 2
@@ -155,9 +155,10 @@ def scene_of(
         *(mpm.Wall(axis, "low", 1, base if axis == d - 1 else "roller") for axis in range(d)),
         *(mpm.Wall(axis, "high", nodes - 2, "roller") for axis, nodes in enumerate(grid.shape)),
     )
-    kernel = kernel or mpm.GIMP((edge / 2,) * d)
+    numerics = mpm.Discretisation(cell, (edge,) * d, kernel)
     speed = float(np.sqrt(2 * gravity * domain[-1]))
-    scene = mpm.scene(particles, grid, material, kernel=kernel, walls=walls, gravity=gravity, speed=speed)
+    boundary, loads = mpm.Boundary(walls), mpm.Loads(gravity)
+    scene = mpm.scene(particles, grid, material, numerics, boundary=boundary, loads=loads, speed=speed)
     return scene, mpm.unstressed(scene)
 
 
@@ -182,7 +183,7 @@ matrix = np.array([[0, -b / density, -b / density], [bulk * b, 0, 0], [4 / 3 * s
 exact = np.array([(expm(matrix * t) @ [tip, 0, 0])[0] for t in times])
 
 
-def amplitude(size: tuple[float, ...], cell: float, kernel: mpm.Kernel | None = None) -> np.ndarray:
+def amplitude(size: tuple[float, ...], cell: float, kernel: type[mpm.Kernel] = mpm.GIMP) -> np.ndarray:
     """Amplitude (m/s) of the standing wave at `times` in a filled box."""
     scene, state = scene_of(fluid, size, None, cell=cell, kernel=kernel)
     shape = np.sin(b * np.asarray(scene.particles.position[0]))
@@ -234,6 +235,10 @@ print(f"2D and 3D differ from 1D by {dimensions_differ:.1e} of the amplitude; er
 class SoftGrain:
     """A hat averaged over a particle whose density is a hat, one cell wide."""
 
+    @classmethod
+    def of_spacing(cls, spacing: tuple[float, ...]) -> "SoftGrain":
+        return cls()
+
     def shape(self, axis: int, cell: float, r: Array) -> tuple[Array, Array]:
         far, mid, near = (jnp.maximum(reach - jnp.abs(r), 0) for reach in (1.5, 1.0, 0.5))
         value = 2 / 3 * (far**3 - 2 * mid**3 - near**3)
@@ -243,7 +248,7 @@ class SoftGrain:
         return cell * np.sqrt(5 / 12)  # variances of both hats, 1/6 and 1/24, to the grid and back
 
 
-kernels = {"GIMP": mpm.GIMP((0.125,)), "your own": SoftGrain(), "quadratic B-splines": mpm.QuadraticBSpline()}
+kernels = {"GIMP": mpm.GIMP, "your own": SoftGrain, "quadratic B-splines": mpm.QuadraticBSpline}
 by_kernel = {name: amplitude((length,), 0.5, kernel) for name, kernel in kernels.items()}
 kernel_errors = {name: float(np.sqrt(np.mean((wave - exact) ** 2)) / tip) for name, wave in by_kernel.items()}
 
@@ -428,9 +433,9 @@ print(f"P_f {told.probability_of_failure:.2f} ({low:.2f} to {high:.2f}), {told.e
 # %% [markdown]
 # ## What to remember
 #
-# - A law: an `mpm.Law` with `update`, and `initial_history` if it remembers. One code for all dimensions.
-# - A kernel: `shape` and `deviation`, and `of_spacing` where a builder such as `mpm.slope` is to make it.
-# - A scene: `mpm.scene` of particles, a grid, a law and a kernel; `mpm.at_rest` or `mpm.unstressed` to start from.
+# - A law: an `mpm.laws.Law` with `update`, and `initial_history` if it remembers. One code for all dimensions.
+# - A kernel: `of_spacing`, `shape` and `deviation`; give its class as `kernel` of a `Discretisation`.
+# - A scene: `mpm.scene` of particles, grid, law and numerical choices; start from `mpm.at_rest` or `mpm.unstressed`.
 # - An estimator: which samples run refined, and what is made of them; give it to `campaign.run`.
 # - A law in a campaign: [09](09_campaign_with_your_own_law.ipynb).
 # - Test a law alone first, then against something exact, then let it slide.

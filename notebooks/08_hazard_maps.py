@@ -7,7 +7,7 @@
 # all slopes. So a map needs no further run.
 #
 # First a section, where a map is a curve along $x$; then a hillside, where it is one. Both are small, so that they run
-# in a minute or two: their cells are too coarse to be believed.
+# in a minute or two: their cells are too coarse to be plausible.
 
 # %%
 import os

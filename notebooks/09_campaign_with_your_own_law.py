@@ -7,13 +7,13 @@
 #
 # A campaign asks three things of a soil of your own.
 #
-# - **A law**, a frozen dataclass made a pytree, derived from `mpm.Law`: `update` gives the new stress and the new
+# - **A law**, a frozen dataclass made a pytree, derived from `mpm.laws.Law`: `update` gives the new stress and the new
 #   history from the increment of strain; `initial_history` gives the history of undisturbed soil. `PARAMETERS`
-#   declares the law's numbers (`mpm.Parameter`): which values they may have, and that strength reduction divides the
-#   strength.
-# - **A soil**, a frozen dataclass that meets `mpm.AnySoil`: it has a `unit_weight`, and `material` makes the law, in
-#   the precision of the grid and for shear bands `band` metres thick. What is random is a field of the soil under the
-#   same name; its mean comes from `RandomField`.
+#   declares the law's numbers (`mpm.laws.Parameter`): which values they may have, and that strength reduction divides
+#   the strength.
+# - **A soil**, a frozen dataclass that meets `mpm.soil.AnySoil`: it has a `unit_weight`, and `material` makes the law,
+#   in the precision of the grid and for shear bands `band` metres thick. What is random is a field of the soil under
+#   the same name; its mean comes from `RandomField`.
 # - **Nothing that cannot be sent or written down.** Workers get the classes of the cell with the campaign, by
 #   cloudpickle. The folder keeps numbers, and of your classes a checksum of their source.
 #
@@ -50,12 +50,12 @@ folder = Path("own")
 # %%
 @mpm.pytree
 @dataclass(frozen=True)
-class Tresca(mpm.Law):
+class Tresca(mpm.laws.Law):
     bulk: Array
     shear: Array
     strength: Array
     strain_95: Array
-    PARAMETERS = {"strength": mpm.Parameter(above=0, unit="Pa", reduced=True)}  # noqa: RUF012
+    PARAMETERS = {"strength": mpm.laws.Parameter(above=0, unit="Pa", reduced=True)}  # noqa: RUF012
 
     def initial_history(self, particles):
         return jnp.zeros_like(particles.mass)

@@ -83,13 +83,13 @@ def haar(case: dict[str, Any]) -> Made:
     level = case["parameter"]
     held = 1.0
     for each, size in zip(covariance_of(case["lengths"]), case["extent"], strict=True):
-        held *= float(axis_modes(each, kl.Haar(level), 0.0, size).fractions.sum())
-    return expansion_case(case, kl.Haar(level), energy=min(0.9999, held * 0.9999))
+        held *= float(axis_modes(each, kl.axis.Haar(level), 0.0, size).fractions.sum())
+    return expansion_case(case, kl.axis.Haar(level), energy=min(0.9999, held * 0.9999))
 
 
 def nystrom(case: dict[str, Any]) -> Made:
     """Gauss-Legendre Nystrom of one order on every axis, 99.99 % of the variance."""
-    return expansion_case(case, kl.Nystrom(case["parameter"]), energy=0.9999)
+    return expansion_case(case, kl.axis.Nystrom(case["parameter"]), energy=0.9999)
 
 
 def truncated(case: dict[str, Any]) -> Made:
@@ -102,7 +102,7 @@ def untruncated(case: dict[str, Any]) -> Made:
     axes = lattice(case["extent"], case["cell"])
 
     def setup() -> Any:
-        return jax.block_until_ready(kl.exact_lattice(covariance_of(case["lengths"]), axes))
+        return jax.block_until_ready(kl.field.exact_lattice(covariance_of(case["lengths"]), axes))
 
     roots = setup()
     count = case.get("batch", BATCH)
@@ -110,7 +110,7 @@ def untruncated(case: dict[str, Any]) -> Made:
     key = jax.random.key(0)
 
     def batch() -> Any:
-        return kl.exact_field(roots, jax.random.normal(key, (count, *shape))).block_until_ready()
+        return kl.field.exact_field(roots, jax.random.normal(key, (count, *shape))).block_until_ready()
 
     made, exact = jnp.ones(()), jnp.ones(())
     for root, x, length in zip(roots.roots, axes, case["lengths"], strict=True):

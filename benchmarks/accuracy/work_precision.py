@@ -204,7 +204,7 @@ def slide(scene: mpm.Scene, state: mpm.State, reduction: float, numerics: mpm.Di
     )
 
 
-def factor(scene: mpm.Scene, state: mpm.State, resolution: float, guess: float | None) -> mpm.FactorOfSafety:
+def factor(scene: mpm.Scene, state: mpm.State, resolution: float, guess: float | None) -> mpm.run.FactorOfSafety:
     """The factor of safety, sought within 0.1 of the guess and, where it is not there, in all the range."""
     if guess is not None:
         try:

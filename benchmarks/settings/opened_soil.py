@@ -31,7 +31,8 @@ from cooperative import runs
 from cooperative.measure import SEVERITY, Motion
 from cooperative.runs import GridModel
 from cooperative.store import Sample
-from jaxmpm import Midway, Status, solve_each
+from jaxmpm import Status, solve_each
+from jaxmpm.run import Midway
 
 DATA = ROOT / "benchmarks" / "data" / "opened_soil.csv"
 MEASURES = ("displacement", "depth", "runout", "volume", "area")

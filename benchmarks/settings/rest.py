@@ -30,7 +30,8 @@ from cooperative import runs
 from cooperative.measure import SEVERITY, Motion
 from cooperative.runs import GridModel
 from cooperative.store import Sample
-from jaxmpm import Midway, Settle, State, Status, solve_each
+from jaxmpm import Settle, State, Status, solve_each
+from jaxmpm.run import Midway
 
 DATA = ROOT / "benchmarks" / "data" / "rest.csv"
 LONGER = ROOT / "benchmarks" / "data" / "rest_25_s.csv"

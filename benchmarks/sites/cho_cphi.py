@@ -21,7 +21,8 @@ from cooperative import runs
 from cooperative.estimate import wilson_interval
 from cooperative.measure import exceeded
 from cooperative.scene import measure_limit_load
-from jaxmpm import Midway, Settle, Slope, solve_each
+from jaxmpm import Settle, Slope, solve_each
+from jaxmpm.run import Midway
 from jaxmpm.run._limit_load import speeds_up
 
 PATH = ROOT / "benchmarks" / "data" / "cho_cphi.csv"

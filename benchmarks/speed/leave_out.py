@@ -20,27 +20,29 @@ from benchmarks.measure import Report, scene_campaign
 from cooperative.scene import built
 from jaxmpm import (
     BaseMotion,
-    DruckerPrager,
-    Elastic,
     Engine,
-    ExponentialSoftening,
-    FrictionalSoftening,
-    MohrCoulomb,
-    RateEffect,
     Scene,
     Scheme,
     Section,
     State,
     Status,
-    WaterTable,
-    Zoned,
-    advance_lanes,
     passing,
     section,
     step,
     with_columns,
     with_soil,
 )
+from jaxmpm.laws import (
+    DruckerPrager,
+    Elastic,
+    ExponentialSoftening,
+    FrictionalSoftening,
+    MohrCoulomb,
+    RateEffect,
+    WaterTable,
+    Zoned,
+)
+from jaxmpm.run import advance_lanes
 
 Variant = Callable[[Scene, State], tuple[Scene, State]]
 CFL = 0.5

@@ -18,7 +18,8 @@ from scipy.stats import spearmanr
 from benchmarks.measure import Report, scene_campaign
 from cooperative import runs
 from cooperative.store import open_store, write_sample
-from jaxmpm import Chunk, Result
+from jaxmpm import Result
+from jaxmpm.run import Chunk
 from jaxmpm.transfer import g2p, p2g
 
 

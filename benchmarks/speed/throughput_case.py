@@ -16,8 +16,8 @@ import jax
 import jax.numpy as jnp
 
 from benchmarks.measure import peak_memory_mb, scene_campaign
-from jaxmpm import Engine, Scene, Scheme, State, lanes, reduced, repeat
-from jaxmpm.run import advance_lanes
+from jaxmpm import Engine, Scene, Scheme, State, reduced
+from jaxmpm.run import advance_lanes, lanes, repeat
 
 # The slope is made to slide, so that the plastic branches do their work.
 REDUCTION = 1.3

@@ -96,7 +96,7 @@ def collapse_rows(quick: bool) -> Iterator[Row]:
         scene, state = mpm.slope(shape, soil, replace(NUMERICS, **choices), speed=20.0)
         # A strength per particle, so that the cases share their compiled program.
         strength = jnp.broadcast_to(scene.material.strength / reduction, scene.particles.mass.shape)
-        return energy_row(name, mpm.with_strength(scene, strength), state, seconds, CLOSED)
+        return energy_row(name, mpm.with_soil(scene, state, strength=strength)[0], state, seconds, CLOSED)
 
     yield collapse("collapse at R = 2")
     yield collapse("collapse at R = 5 to the far wall", reduction=5.0)
@@ -141,7 +141,11 @@ def uneven_rows(quick: bool, seconds: float) -> Iterator[Row]:
     particles = scene.particles
     decades = 10 ** np.random.default_rng(0).uniform(1, 7, particles.mass.size)
     yield energy_row(
-        "strength over six decades between neighbours", mpm.with_strength(scene, decades), state, seconds, CLOSED
+        "strength over six decades between neighbours",
+        mpm.with_soil(scene, state, strength=decades)[0],
+        state,
+        seconds,
+        CLOSED,
     )
     for length in (0.3,) if quick else (0.3, 3.0):
         kinds = (kl.Exponential(length),) * 2
@@ -149,7 +153,7 @@ def uneven_rows(quick: bool, seconds: float) -> Iterator[Row]:
         xi = kl.latin_hypercube(jax.random.key(1), 1, field.modes)
         strength = kl.Lognormal(mean=10e3, cov=1.0).transform(kl.field_at(field, xi, particles.position))[0]
         name = f"lognormal strength of COV 1.0, correlated over {length:g} m in cells of 1 m"
-        varied = mpm.with_strength(scene, strength)
+        varied = mpm.with_soil(scene, state, strength=strength)[0]
         row = energy_row(name, varied, state, seconds, CLOSED)
         yield row | {"strength_from_Pa": round(float(strength.min())), "to_Pa": round(float(strength.max()))}
 
@@ -333,8 +337,8 @@ def refusal_rows() -> Iterator[Row]:
     yield judged(name, refused, len(cases), "cases", at_least=True)
 
     scene, state = mpm.slope(SLOPE, CLAY, NUMERICS)
-    varied, axes = mpm.lanes(scene, strength=jnp.broadcast_to(scene.material.strength, (5,)))
-    states = mpm.repeat(state, 5)
+    varied, axes = mpm.run.lanes(scene, strength=jnp.broadcast_to(scene.material.strength, (5,)))
+    states = mpm.run.repeat(state, 5)
     velocity = states.velocity.at[1, 0, 7].set(jnp.nan).at[2, 0, 7].set(1.2 / float(scene.time_step))
     outside = states.displacement.at[3, 1, 7].set(1e3)
     bad = replace(states, velocity=velocity, displacement=outside)

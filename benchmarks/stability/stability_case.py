@@ -44,7 +44,7 @@ def status_of(state: mpm.State) -> str:
 
 @pytree
 @dataclass(frozen=True)
-class Metered(mpm.Law):
+class Metered(mpm.laws.Law):
     """A law with linear elasticity, and with it what it dissipates per initial volume (J/m3).
 
     The mean of a step's two stresses does work on its strain (exact while elastic, second order in the step on the

@@ -20,7 +20,8 @@ from cooperative.reporting._plots import Drawn
 from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, Sample, own_folder, read_sample, write_aside
 from foundation.text import short
-from jaxmpm import Midway, solve_each
+from jaxmpm import solve_each
+from jaxmpm.run import Midway
 
 SHARES = (0.1, 0.3, 0.6)
 """Shares of the largest displacement at which a slide that is run again is drawn, and at its end."""

@@ -26,7 +26,8 @@ from cooperative.reporting._bodies import skin
 from cooperative.runs import GridModel, coefficients_of, ground_of, soil_of
 from cooperative.scene import Campaign
 from cooperative.store import write_aside
-from jaxmpm import Raster, WaterSurface, WaterTable
+from jaxmpm import Raster
+from jaxmpm.laws import WaterSurface, WaterTable
 
 LAYERS = matplotlib.colormaps["Set2"]
 WATER, ROCK = "#1f77b4", "#969696"

@@ -19,7 +19,8 @@ from jax.flatten_util import ravel_pytree
 
 from cooperative.runs import GridModel
 from foundation.text import shown
-from jaxmpm import declared, objectives, pytree, replay, with_soil
+from jaxmpm import objectives, pytree, replay, with_soil
+from jaxmpm.laws import declared
 
 # Prior deviation of the logarithms of strength and softening: a factor of 1.3 either way.
 LOG_DEVIATION = 0.3

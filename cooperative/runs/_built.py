@@ -28,7 +28,8 @@ from cooperative.runs._model import RATIO, GridModel
 from cooperative.runs._random_soil import RandomSoil
 from cooperative.scene import Campaign, built
 from foundation import files, hdf5
-from jaxmpm import Scene, State, declared
+from jaxmpm import Scene, State
+from jaxmpm.laws import declared
 
 KIND = "cooperative initial stress"
 SCHEMA = 1

@@ -19,7 +19,7 @@ try:
 except ImportError:
     jax_cache = None  # type: ignore[assignment]
 
-from jaxmpm import native_library
+from jaxmpm.transfer import native_library
 
 SHORTEST = 0.1
 """Seconds from which on a compilation is worth keeping."""

@@ -16,7 +16,9 @@ import kl
 from cooperative.measure import ColumnPlan, OpenGround
 from cooperative.runs._random_soil import RandomSoil
 from cooperative.scene import Campaign, RandomField
-from jaxmpm import Face, Scene, State, Zoned, column_shape, declared, with_columns, with_parameters
+from jaxmpm import Face, Scene, State, with_columns
+from jaxmpm.laws import Zoned, declared, with_parameters
+from jaxmpm.run import column_shape
 
 RATIO = "strength_ratio"
 """What strength goes with the stress by: a parameter of soil, of which its law knows the strength alone."""
@@ -244,7 +246,7 @@ class GridModel:
         law: Any = self.scene.material
         known = {name: each.path for name, each in declared(law).items()}
         full: Any = with_parameters(law, {known[name]: value for name, value in found.items() if name in known})
-        reduced = declared(jaxmpm.reduce_strength(full, jnp.asarray(1 / self.strength_factor, law.bulk.dtype)))
+        reduced = declared(jaxmpm.laws.reduce_strength(full, jnp.asarray(1 / self.strength_factor, law.bulk.dtype)))
         count = self.scene.particles.mass.shape
         return {
             name: jnp.broadcast_to(reduced[name].value, count) if name in known else found[name] for name in self.names

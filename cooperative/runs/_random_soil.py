@@ -39,7 +39,7 @@ class Group:
     expansion: kl.Expansion
     box: Box
     root: np.ndarray | None
-    conditioning: kl.Conditioning | None
+    conditioning: kl.field.Conditioning | None
     layer: int | None = None
     place: np.ndarray | None = None
 
@@ -201,7 +201,7 @@ def _conditioning(
     expansion: kl.Expansion,
     root: np.ndarray | None,
     depths: Mapping[str, tuple[float, ...]],
-) -> kl.Conditioning | None:
+) -> kl.field.Conditioning | None:
     """What the borehole values of these parameters, at these depths (m), say of their coefficients together."""
     weights = np.eye(1) if root is None else root
     rows, scores, errors = [], [], []
@@ -218,14 +218,14 @@ def _conditioning(
             raise ValueError(
                 f"the borehole value {worst[-1]:g} at {worst[:-1].tolist()} m cannot occur in {field.distribution}"
             )
-        modes = np.asarray(kl.mode_matrix(expansion, points))
+        modes = np.asarray(kl.field.mode_matrix(expansion, points))
         rows.append(np.kron(weight[None], modes))
         scores.append(score)
         errors.append(np.full(len(score), field.borehole_error))
     if not rows:
         return None
     matrix = np.concatenate(rows)
-    return kl.condition_on(
+    return kl.field.condition_on(
         matrix.astype(expansion.axes[0].fractions.dtype), np.concatenate(scores), error=np.concatenate(errors)
     )
 

@@ -27,7 +27,8 @@ from cooperative.runs._model import GridModel
 from cooperative.runs._restart import Frames, RestartPoint, read_restart, write_restart
 from cooperative.runs._stopping import Asked, Stopped
 from cooperative.store import SLIDES, Sample, Scalar, stored_source
-from jaxmpm import Chunk, Face, Midway, Result, Status, solve_each
+from jaxmpm import Face, Result, Status, solve_each
+from jaxmpm.run import Chunk, Midway
 
 
 def run_samples(

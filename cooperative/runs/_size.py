@@ -22,7 +22,9 @@ from cooperative.runs._model import GridModel
 from cooperative.runs._random_soil import random_soil, sampling_of
 from cooperative.scene import TAIL, Campaign, RandomField
 from cooperative.store import GRIDS
-from jaxmpm import AnySoil, Material, Scene, State, Status, advance, block, declared, ground
+from jaxmpm import Material, Scene, State, Status, advance, block, ground
+from jaxmpm.laws import declared
+from jaxmpm.soil import AnySoil
 
 MOST_STEPS = 10**7
 """Of one run. The published slope takes 2,000 and 5,000; with more, rounding in float32 gets the better of a step."""

@@ -141,7 +141,7 @@ class Campaign:
         ground: where soil slides: a `jaxmpm.Slope`, `Section` or `Terrain`, a class of one's own that meets
             `jaxmpm.Ground`, or a `Site` with layers and water.
         soil: what slides, with the means of what varies, where a layer does not have its own: a `jaxmpm.Soil`,
-            `FrictionalSoil`, or a frozen dataclass of one's own that meets `jaxmpm.AnySoil`.
+            `FrictionalSoil`, or a frozen dataclass of one's own that meets `jaxmpm.soil.AnySoil`.
         rough, refined: discretisation of both grids; single precision unless it has a `dtype`.
         plan: samples, seed, and what the campaign does.
         random: what varies, by parameter of the soil.

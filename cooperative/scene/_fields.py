@@ -12,7 +12,7 @@ import numpy as np
 
 import kl
 from foundation.text import shown
-from jaxmpm import soil_limits
+from jaxmpm.soil import soil_limits
 
 TAIL = 4.0
 """Deviations from the middle of a field up to which its values must be within their limits: beyond lie 3 points in
@@ -69,7 +69,8 @@ class RandomField:
         if not self.nataf:
             return plain
         return tuple(
-            axis if isinstance(axis, kl.Infinite) else kl.nataf_corrected(axis, self.distribution) for axis in plain
+            axis if isinstance(axis, kl.Infinite) else kl.marginal.nataf_corrected(axis, self.distribution)
+            for axis in plain
         )
 
     def deepest(self, span: Span) -> float:
@@ -109,10 +110,10 @@ class CrossCorrelation:
         matrix that is no correlation, or that the marginals cannot have."""
         try:
             if not self.nataf:
-                return kl.correlation_root(self.matrix)
-            kl.correlation_root(self.matrix)
+                return kl.soil.correlation_root(self.matrix)
+            kl.soil.correlation_root(self.matrix)
             marginals = tuple(random[name].distribution for name in self.parameters)
-            return kl.correlation_root(kl.nataf_matrix(self.matrix, marginals))
+            return kl.soil.correlation_root(kl.soil.nataf_matrix(self.matrix, marginals))
         except ValueError as error:
             raise ValueError(f"[cross_correlation] {error}") from error
 

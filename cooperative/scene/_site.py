@@ -13,17 +13,9 @@ import numpy as np
 from cooperative.measure import Track
 from cooperative.scene._fields import LIMITS, RandomField, Span, StrengthByStress
 from foundation.text import shown
-from jaxmpm import (
-    AnySoil,
-    Discretisation,
-    Ground,
-    Layer,
-    Raster,
-    Scene,
-    State,
-    Thickness,
-    ground,
-)
+from jaxmpm import Discretisation, Ground, Layer, Raster, Scene, State, ground
+from jaxmpm.ground import Thickness
+from jaxmpm.soil import AnySoil
 
 
 @dataclass(frozen=True)

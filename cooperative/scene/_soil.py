@@ -12,21 +12,22 @@ from cooperative.scene import tables
 from cooperative.scene._fields import LIMITS, TAIL, RandomField, Span
 from cooperative.scene._site import SiteLayer
 from foundation.text import shown
-from jaxmpm import Believed, FrictionalSoil, Layer, Soil, unit_slip
+from jaxmpm import FrictionalSoil, Layer, Soil
+from jaxmpm.soil import Plausible, unit_slip
 
 BAND = 1 / 5
 """Thickness of the band to which softening refers, over the slope's height, where a scene does not say."""
 
-COV = Believed(most=3.0, above="it is a share, 1 for 100 per cent; were per cent meant?")
-"""Coefficients of variation that are believed."""
+COV = Plausible(most=3.0, above="it is a share, 1 for 100 per cent; were per cent meant?")
+"""Coefficients of variation that are plausible."""
 
-_STRESS = Believed("Pa per metre", 50.0, "were kPa or MPa per metre meant?")
+_STRESS = Plausible("Pa per metre", 50.0, "were kPa or MPa per metre meant?")
 TRENDS = {
     **dict.fromkeys(("strength", "cohesion", "softening_modulus", "residual_cohesion"), _STRESS),
     "young": replace(_STRESS, least=1e4),
-    "unit_weight": Believed("N/m3 per metre", 1.0, "were kN/m3 per metre meant?"),
+    "unit_weight": Plausible("N/m3 per metre", 1.0, "were kN/m3 per metre meant?"),
 }
-"""Trends with depth that are believed, upwards or downwards."""
+"""Trends with depth that are plausible, upwards or downwards."""
 
 SOFTENED_BY = {
     "residual_ratio": ("softening_modulus", "strain_95"),
@@ -266,7 +267,7 @@ def _check_field(where: str, name: str, field: RandomField, span: Span, unusual:
     """Whether the values of a field stay within the limits of its parameter."""
     if not unusual:
         _ask_of_field(where, name, field)
-    kl.check_marginal(field.distribution)
+    kl.marginal.check_marginal(field.distribution)
     _check_trend(where, field, span)
     depth = field.deepest(span)
     if field.grown(depth) <= 0:
@@ -315,9 +316,9 @@ def _ask_of_field(where: str, name: str, field: RandomField) -> None:
         _ask(f"{where} boreholes, value", name, row[-1])
 
 
-def _ask(where: str, name: str, value: float, believed: Believed | None = None) -> None:
-    """Raise ValueError for a number that betrays another unit, see `jaxmpm.unit_slip`."""
-    if slip := unit_slip(name, value, believed):
+def _ask(where: str, name: str, value: float, plausible: Plausible | None = None) -> None:
+    """Raise ValueError for a number that betrays another unit, see `jaxmpm.soil.unit_slip`."""
+    if slip := unit_slip(name, value, plausible):
         raise ValueError(f"{where} = {slip} If it is meant as it is, say unusual = true in [soil]")
 
 

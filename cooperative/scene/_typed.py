@@ -19,24 +19,13 @@ from cooperative.scene._site import Site
 from cooperative.scene._soil import soils_of
 from cooperative.store import Source
 from foundation.text import short, shown
-from jaxmpm import (
-    AnySoil,
-    Discretisation,
-    Interface,
-    Raster,
-    Scene,
-    Section,
-    Settle,
-    Slope,
-    State,
-    Terrain,
-    cell_independent,
-)
+from jaxmpm import Discretisation, Interface, Raster, Scene, Section, Settle, Slope, State, Terrain, cell_independent
+from jaxmpm.soil import AnySoil
 
 LARGEST = 1_000_000
 """Bytes of a scene file at most; a scene has a few thousand."""
 DEEPEST_POOL = 10.0
-"""Depth of water on the ground up to which it is believed, over the height of the ground above its base."""
+"""Depth of water on the ground up to which it is plausible, over the height of the ground above its base."""
 
 
 def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Campaign:

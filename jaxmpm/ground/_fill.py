@@ -19,8 +19,10 @@ from jaxmpm.protocols import Material
 from jaxmpm.setup import (
     PADDING,
     ROUNDING,
+    Boundary,
     Discretisation,
     Hold,
+    Loads,
     below,
     build,
     cells_up,
@@ -78,8 +80,8 @@ def scene_of(
         grid,
         law,
         discretisation,
-        walls=(*walls, Wall(upright, "low", PADDING, "fixed")),
-        gravity=gravity,
+        boundary=Boundary((*walls, Wall(upright, "low", PADDING, "fixed"))),
+        loads=Loads(gravity),
         speed=math.sqrt(gravity * ground.extent[-1]) if speed is None else speed,
     )
     return built, settled(built, state) if at_rest else state

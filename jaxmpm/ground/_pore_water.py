@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -21,6 +20,7 @@ from jaxmpm.ground._strata import refuse_holes
 from jaxmpm.laws import WaterSurface, WaterTable
 from jaxmpm.setup import (
     RESOLVED,
+    Boundary,
     Discretisation,
     below,
 )
@@ -127,25 +127,25 @@ def water_surface(table: Raster, height: float, dtype: DTypeLike) -> WaterSurfac
     return WaterSurface(*(jnp.asarray(value, dtype) for value in numbers))
 
 
-def strength_of_base(
+def boundary_of_base(
     interface: Interface | None,
     outline: Outline,
     layers: Sequence[Layer],
     tops: Sequence[Height],
     grid: Grid,
     r_u: float | None,
-) -> dict[str, Any]:
-    """Arguments of `build` for an interface on the base; nothing without one.
+) -> Boundary:
+    """Boundary with the strength of an interface on the base; without one, an empty boundary.
 
     Under a water table soil presses on the base with its effective stress alone, with r_u with that of the water too.
     """
     if interface is None:
-        return {}
+        return Boundary()
     x = np.clip(grid.origin[0] + np.arange(grid.shape[0]) * grid.cell, *outline.walls)
     base = np.full(x.size, outline.base)
     pressure = pore_pressure_of(r_u, table=False, z=base, layers=layers, tops=[top(x) for top in tops])
-    return {
-        "friction": math.tan(math.radians(interface.friction)),
-        "cohesion": interface.cohesion or None,
-        "wall_pressure": None if pressure is None else np.repeat(pressure, grid.shape[1]),
-    }
+    return Boundary(
+        friction=math.tan(math.radians(interface.friction)),
+        cohesion=interface.cohesion or None,
+        pressure=None if pressure is None else np.repeat(pressure, grid.shape[1]),
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -28,13 +28,14 @@ from jaxmpm.ground._fill import box_cells, box_grid, lattice
 from jaxmpm.ground._free_field import check_free_field, check_level, with_free_field
 from jaxmpm.ground._ground import Face
 from jaxmpm.ground._layer import Box, Layer, Line
-from jaxmpm.ground._pore_water import pore_pressure_of, strength_of_base, under, water_table
+from jaxmpm.ground._pore_water import boundary_of_base, pore_pressure_of, under, water_table
 from jaxmpm.ground._seam import Thickness, thicknesses_of, warn_of_seams
 from jaxmpm.laws import BaseMotion, WaterTable
 from jaxmpm.setup import (
     PADDING,
     Discretisation,
     Hold,
+    Loads,
     build,
     check_discretisation,
     end_walls,
@@ -279,25 +280,24 @@ def section(
     base = Wall(1, "low", PADDING, "fixed" if shape.interface is None else "friction")
     warn_of_seams(layers, shape.thicknesses(layers), discretisation.cell)
     towards = 1 if shape.surface[0][1] >= shape.surface[-1][1] else -1
+    x, z = np.asarray(particles.position, float)
     built, state = build(
         particles,
         grid,
         law,
         discretisation,
-        walls=(*upright, base),
-        **strength_of_base(shape.interface, outline, layers, tops, grid, r_u),
-        tied=(PADDING, PADDING + cells[0]) if ends == "tied" else None,
-        motion=motion,
-        gravity=(towards * k_h * gravity, -(1 - k_v) * gravity),
-        speed=math.sqrt(gravity * shape.extent[-1]) if speed is None else speed,
-        water=table,
-        pore_pressure=pore_pressure_of(
-            r_u,
-            table is not None,
-            np.asarray(particles.position[1], float),
-            layers,
-            [top(np.asarray(particles.position[0], float)) for top in tops],
+        boundary=replace(
+            boundary_of_base(shape.interface, outline, layers, tops, grid, r_u),
+            walls=(*upright, base),
+            tied=(PADDING, PADDING + cells[0]) if ends == "tied" else None,
         ),
+        loads=Loads(
+            gravity=(towards * k_h * gravity, -(1 - k_v) * gravity),
+            water=table,
+            pore_pressure=pore_pressure_of(r_u, table is not None, z, layers, [top(x) for top in tops]),
+            motion=motion,
+        ),
+        speed=math.sqrt(gravity * shape.extent[-1]) if speed is None else speed,
     )
     state = settled(built, state) if at_rest else state
     if ends != "free field":

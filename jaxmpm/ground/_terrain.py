@@ -26,7 +26,9 @@ from jaxmpm.ground._strata import bottoms, refuse_thin
 from jaxmpm.setup import (
     PADDING,
     RESOLVED,
+    Boundary,
     Discretisation,
+    Loads,
     below,
     build,
     check_discretisation,
@@ -338,11 +340,15 @@ def terrain(
         grid,
         law,
         discretisation,
-        walls=(*end_walls(0, cells[0], ends), *end_walls(1, cells[1], ends), Wall(2, "low", PADDING, "fixed")),
-        gravity=gravity,
+        boundary=Boundary(
+            (*end_walls(0, cells[0], ends), *end_walls(1, cells[1], ends), Wall(2, "low", PADDING, "fixed")),
+            cut=shape.beyond(grid),
+        ),
+        loads=Loads(
+            gravity=gravity,
+            water=None if table is None else water_surface(table, spacing, particles.mass.dtype),
+            pore_pressure=pore_pressure_of(r_u, table is not None, z, layers, tops),
+        ),
         speed=math.sqrt(gravity * shape.extent[-1]) if speed is None else speed,
-        water=None if table is None else water_surface(table, spacing, particles.mass.dtype),
-        pore_pressure=pore_pressure_of(r_u, table is not None, z, layers, tops),
-        cut=shape.beyond(grid),
     )
     return built, settled(built, state) if at_rest else state

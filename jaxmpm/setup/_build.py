@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 import jax
@@ -10,11 +10,12 @@ import numpy as np
 
 from foundation import check
 from jaxmpm.grid import Grid, Particles, Wall
-from jaxmpm.laws import BaseMotion, WaterSurface, WaterTable, Zoned
+from jaxmpm.laws import Zoned
 from jaxmpm.protocols import Material
-from jaxmpm.setup._discretisation import Discretisation, kernel_of
+from jaxmpm.setup._discretisation import Discretisation
 from jaxmpm.setup._fill import sorted_by_cell
 from jaxmpm.setup._law import in_total_stress_at
+from jaxmpm.setup._options import Boundary, Loads
 from jaxmpm.setup._scene import scene, unstressed
 from jaxmpm.soil import AnySoil, warn_of_units
 from jaxmpm.transfer import band_thickness
@@ -88,17 +89,9 @@ def build(
     material: Material,
     discretisation: Discretisation,
     *,
-    walls: tuple[Wall, ...],
-    gravity: float | Sequence[float],
+    boundary: Boundary,
+    loads: Loads,
     speed: float,
-    friction: float | None = None,
-    cohesion: float | None = None,
-    wall_pressure: np.ndarray | None = None,
-    water: WaterTable | WaterSurface | None = None,
-    pore_pressure: np.ndarray | None = None,
-    motion: BaseMotion | None = None,
-    tied: tuple[int, int] | None = None,
-    cut: np.ndarray | None = None,
 ) -> tuple[Scene, State]:
     """Scene and motionless, stress-free state of particles.
 
@@ -110,17 +103,9 @@ def build(
         grid: background grid.
         material: their law.
         discretisation: cell, spacing and numerical choices.
-        walls: planes that constrain nodes.
-        gravity: downwards (m/s2), or a vector (d,).
+        boundary: what constrains the nodes.
+        loads: gravity, water and motion.
         speed: largest particle speed that the time step allows for (m/s).
-        friction: coefficient of walls with friction.
-        cohesion: of such walls (Pa).
-        wall_pressure: (nodes,) pressure of the water between these walls and the soil (Pa).
-        water: table or surface of the water.
-        pore_pressure: (N,) Pa.
-        motion: of the base.
-        tied: two planes of nodes along x that are identified.
-        cut: (nodes,) bool, nodes at which nothing moves.
 
     Returns:
         Scene and state.
@@ -128,34 +113,9 @@ def build(
     Raises:
         ValueError: If shapes, numbers and choices do not fit, as for `scene`.
     """
-    if isinstance(material, Zoned):
-        if pore_pressure is not None:
-            pore_pressure = np.where(in_total_stress_at(material), 0.0, pore_pressure)
-    else:
+    if not isinstance(material, Zoned):
         particles = sorted_by_cell(particles, grid)
-    built = scene(
-        particles,
-        grid,
-        material,
-        kernel=kernel_of(discretisation),
-        gravity=gravity,
-        walls=walls,
-        wall_friction=friction,
-        wall_cohesion=cohesion,
-        wall_pressure=wall_pressure,
-        scheme=discretisation.scheme,
-        cfl=discretisation.cfl,
-        speed=speed,
-        flip=discretisation.flip,
-        damping=discretisation.damping,
-        fbar=discretisation.fbar,
-        cell_average=discretisation.cell_average,
-        finite_strain=discretisation.finite_strain,
-        internal_length=discretisation.internal_length,
-        water=water,
-        pore_pressure=pore_pressure,
-        motion=motion,
-        tied=tied,
-        cut=cut,
-    )
+    elif loads.pore_pressure is not None:
+        loads = replace(loads, pore_pressure=np.where(in_total_stress_at(material), 0.0, loads.pore_pressure))
+    built = scene(particles, grid, material, discretisation, boundary=boundary, loads=loads, speed=speed)
     return built, unstressed(built, apic=discretisation.apic)

@@ -16,6 +16,7 @@ from jaxmpm.setup._build import PADDING, build, end_walls, material_on
 from jaxmpm.setup._discretisation import Discretisation, cells_up, check_discretisation
 from jaxmpm.setup._fill import box_particles
 from jaxmpm.setup._initial_stress import settled
+from jaxmpm.setup._options import Boundary, Loads
 from jaxmpm.soil import AnySoil
 from jaxmpm.types import Scene, State
 
@@ -56,8 +57,8 @@ def column(
         Grid(tuple(n + 1 + 2 * PADDING for n in cells), cell, (-PADDING * cell,) * d),
         material_on(discretisation, soil),
         discretisation,
-        walls=tuple(walls),
-        gravity=gravity,
+        boundary=Boundary(tuple(walls)),
+        loads=Loads(gravity),
         speed=math.sqrt(gravity * height),
     )
     return built, settled(built, state) if at_rest else state
@@ -96,8 +97,8 @@ def bar(
         Grid((cells + 1 + 2 * PADDING,), cell, (-PADDING * cell,)),
         material_on(discretisation, soil),
         discretisation,
-        walls=(Wall(0, "low", PADDING, "fixed"),),
-        gravity=0.0,
+        boundary=Boundary((Wall(0, "low", PADDING, "fixed"),)),
+        loads=Loads(),
         speed=abs(velocity),
     )
     wave = (2 * mode - 1) * math.pi / (2 * length)
@@ -172,11 +173,9 @@ def block(
         Grid(tuple(n + 1 + 2 * PADDING for n in cells), cell, (-PADDING * cell,) * d),
         material_on(discretisation, soil),
         discretisation,
-        walls=faces,
-        gravity=gravity,
+        boundary=Boundary(faces, friction if walls == "friction" else None, cohesion or None),
+        loads=Loads(gravity),
         speed=float(np.linalg.norm(velocity)) if speed is None else speed,
-        friction=friction if walls == "friction" else None,
-        cohesion=cohesion or None,
     )
     start = jnp.asarray(velocity, state.velocity.dtype)[:, None]
     return built, replace(state, velocity=jnp.broadcast_to(start, state.velocity.shape))

@@ -21,6 +21,7 @@ from jaxmpm.laws import (
 )
 from jaxmpm.protocols import Kernel, Material
 from jaxmpm.setup._law import in_total_stress_at
+from jaxmpm.setup._options import Boundary
 from jaxmpm.transfer import Linear, inside, locate
 from jaxmpm.types import Engine, Scheme
 
@@ -60,7 +61,9 @@ def check_particles(particles: Particles, grid: Grid) -> np.dtype:
     return check.dtype(dtypes.pop())
 
 
-def check_walls(walls: Sequence[Wall], grid: Grid, friction: float | None, *, bonded: bool) -> None:
+def check_boundary(boundary: Boundary, grid: Grid) -> None:
+    """Raise ValueError for walls, or shapes of values at the nodes, that do not fit the grid or each other."""
+    walls, friction = boundary.walls, boundary.friction
     for wall in walls:
         if not isinstance(wall, Wall):
             raise ValueError(f"walls hold {wall!r}: give Wall(axis, side, index, hold)")
@@ -74,10 +77,15 @@ def check_walls(walls: Sequence[Wall], grid: Grid, friction: float | None, *, bo
             f"wall_friction = {friction} with walls of {sorted({wall.hold for wall in walls})}: give it with, and only "
             "with, walls of 'friction'"
         )
-    if bonded and not rough:
+    if not rough and (boundary.cohesion is not None or boundary.pressure is not None):
         raise ValueError("wall_cohesion or wall_pressure without walls of 'friction': leave them out")
     if friction is not None:
         check.not_negative("wall_friction", friction)
+    nodes, pressure, cut = (grid.nodes,), boundary.pressure, boundary.cut
+    if pressure is not None and np.shape(pressure) != nodes:
+        raise ValueError(f"wall_pressure has shape {np.shape(pressure)}: give {nodes}, in Pa")
+    if cut is not None and (np.shape(cut) != nodes or np.asarray(cut).dtype != bool):
+        raise ValueError(f"cut has shape {np.shape(cut)}: give {nodes}, one bool for each node")
 
 
 def check_kernel(kernel: Kernel, grid: Grid) -> None:
@@ -128,14 +136,9 @@ def warn_of_hats(kernel: Kernel, scheme: Scheme, particles: Particles, grid: Gri
         )
 
 
-def check_choices(scheme: Scheme, engine: Engine | None, *, cfl: float, flip: float, damping: float) -> None:
-    if not isinstance(scheme, Scheme):
-        raise ValueError(f"scheme = {scheme!r}: give a member of Scheme")
+def check_engine(engine: Engine | None) -> None:
     if engine is not None and not isinstance(engine, Engine):
         raise ValueError(f"engine = {engine!r}: give a member of Engine, or None")
-    check.between("cfl", cfl, 0.0, 1.0)
-    check.between("flip", flip, 0.0, 1.0, ends=True)
-    check.not_negative("damping", damping, "1/s")
 
 
 def gravity_vector(gravity: float | Sequence[float], dimension: int) -> np.ndarray:

@@ -23,7 +23,6 @@ from jaxmpm.laws import (
     in_total_stress,
     laws_of,
     snaps_back,
-    with_parameters,
 )
 from jaxmpm.protocols import Material
 from jaxmpm.types import Scene
@@ -127,7 +126,7 @@ def checked_material(material: Any, particles: Particles, dtype: np.dtype) -> An
     """The material with its numbers in the particles' precision."""
     missing = [name for name in MEMBERS if not hasattr(type(material), name) and not hasattr(material, name)]
     if missing:
-        raise ValueError(f"{type(material).__name__} lacks {', '.join(missing)}: derive it from jaxmpm.Law")
+        raise ValueError(f"{type(material).__name__} lacks {', '.join(missing)}: derive it from jaxmpm.laws.Law")
     if isinstance(material, Zoned):
         return _checked_zones(material, particles, dtype)
     for name, limit, value in check.parameters(material):
@@ -151,33 +150,6 @@ def _checked_zones(material: Zoned, particles: Particles, dtype: np.dtype) -> Zo
 def in_total_stress_at(material: Zoned) -> np.ndarray:
     """Particles (N,) bool in zones whose strength is undrained."""
     return np.repeat([in_total_stress(law) for law in material.laws], material.counts)
-
-
-def with_strength(scene: Scene, strength: ArrayLike) -> Scene:
-    """The scene with another strength.
-
-    Args:
-        scene: with a law that has a strength.
-        strength: Pa, a number or one value per particle (N,).
-
-    Returns:
-        Scene.
-
-    Raises:
-        ValueError: If the law has no strength, the shape is different, a value is not finite and above 0, or softening
-            snaps back.
-    """
-    if "strength" not in declared(scene.material):
-        raise ValueError(
-            f"{type(scene.material).__name__} has no strength: give a J2 material, as `Soil(strength=..)` makes"
-        )
-    check.positive("strength", strength, "Pa")
-    check_shape("strength", strength, scene.particles)
-    value = jnp.asarray(strength, scene.particles.mass.dtype)
-    varied = with_parameters(scene.material, {declared(scene.material)["strength"].path: value})
-    for law in laws_of(varied):
-        refuse_snap_back(law)
-    return replace(scene, material=varied)
 
 
 def number_of(dtype: np.dtype) -> Callable[[ArrayLike], Array]:

@@ -3,68 +3,49 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
-from jax.typing import ArrayLike
 
 from foundation import check
-from jaxmpm.grid import Grid, Particles, Wall
+from jaxmpm.grid import Grid, Particles
 from jaxmpm.laws import (
-    BaseMotion,
-    WaterSurface,
-    WaterTable,
     remembers_gap,
 )
 from jaxmpm.protocols import Kernel, Material
 from jaxmpm.setup._choices import (
-    check_choices,
+    check_boundary,
+    check_engine,
     check_grid,
     check_kernel,
     check_particles,
     check_tied,
-    check_walls,
     check_water,
     gravity_vector,
     warn_of_hats,
 )
+from jaxmpm.setup._discretisation import Discretisation, check_discretisation, kernel_of
 from jaxmpm.setup._law import check_scene, checked_material, number_of, wave_speed
 from jaxmpm.setup._motion import check_motion
+from jaxmpm.setup._options import Boundary, Loads, regrouped
 from jaxmpm.tensors import CARRIED
 from jaxmpm.transfer import passes_for
-from jaxmpm.types import Engine, Scene, Scheme, State, Status
+from jaxmpm.types import Engine, Scene, State, Status
 
 
 def scene(
     particles: Particles,
     grid: Grid,
     material: Material,
+    discretisation: Discretisation | None = None,
     *,
-    kernel: Kernel,
-    gravity: float | Sequence[float] = 0.0,
-    walls: Sequence[Wall] = (),
-    wall_friction: float | None = None,
-    wall_cohesion: float | None = None,
-    wall_pressure: ArrayLike | None = None,
-    scheme: Scheme = Scheme.MUSL,
-    cfl: float = 0.5,
+    boundary: Boundary | None = None,
+    loads: Loads | None = None,
     speed: float | None = None,
-    flip: float = 1.0,
-    damping: float = 0.0,
-    fbar: bool = False,
-    cell_average: bool | None = None,
-    finite_strain: bool = False,
-    internal_length: float | None = None,
-    body_force: Callable[[Array, Array], Array] | None = None,
-    water: WaterTable | WaterSurface | None = None,
-    pore_pressure: ArrayLike | None = None,
-    motion: BaseMotion | None = None,
-    tied: tuple[int, int] | None = None,
-    cut: ArrayLike | None = None,
     engine: Engine | None = None,
+    **before: Any,
 ) -> Scene:
     """Build a scene of any particles and law; numbers take the precision of the particles' positions.
 
@@ -74,92 +55,83 @@ def scene(
         particles: position (d, N) m inside the grid, mass (N,) kg, volume (N,) m3.
         grid: background grid.
         material: law with parameters () or (N,).
-        kernel: an object, for example GIMP(half_size).
-        gravity: downwards (m/s2), or a vector (d,).
-        walls: planes that constrain nodes.
-        wall_friction: as in `Scene`.
-        wall_cohesion: as in `Scene`.
-        wall_pressure: as in `Scene`.
-        scheme: when the stress is updated.
-        cfl: time_step = cfl cell / (c + speed), c the fastest elastic wave.
+        discretisation: cell, spacing and numerical choices; the cell is that of the grid, and the kernel is made for
+            the spacing.
+        boundary: what constrains the nodes; None for nothing.
+        loads: gravity, body force, water and motion; None for none.
         speed: largest particle speed that the time step allows for (m/s), by default of a fall through half the grid.
-        flip: as in `Discretisation`.
-        damping: as in `Discretisation`.
-        fbar: as in `Discretisation`.
-        cell_average: as in `Discretisation`.
-        finite_strain: as in `Discretisation`.
-        internal_length: as in `Discretisation`.
-        body_force: as in `Scene`.
-        water: as in `Scene`. The strength of undrained soil does not depend on the mean stress, so a table below the
-            surface changes nothing there, and a pool is a pressure on the surface.
-        pore_pressure: as in `Scene`; needs a law of effective stress.
-        motion: as in `Scene`.
-        tied: as in `Scene`.
-        cut: as in `Scene`.
-        engine: as in `Scene`.
+        engine: of the transfers, None for the fastest available.
+        **before: keywords of before, in place of the options; they will leave the next version.
 
     Returns:
         Scene.
 
     Raises:
         ValueError: If shapes, numbers or choices do not fit; the message names each.
+        TypeError: If a keyword is unknown, or there is no discretisation.
     """
-    d = check_grid(grid)
+    d, boundary, loads = check_grid(grid), boundary or Boundary(), loads or Loads()
+    kernel: Kernel | None = None
+    if before or discretisation is None:
+        kernel, discretisation, boundary, loads = regrouped(grid, before)
+    check_discretisation(discretisation, d)
+    kernel = kernel or kernel_of(discretisation)
+    if discretisation.cell != grid.cell:
+        raise ValueError(f"cell = {discretisation.cell:g} m on a grid of cells of {grid.cell:g} m: give the same")
     dtype = check_particles(particles, grid)
-    check_walls(walls, grid, wall_friction, bonded=wall_cohesion is not None or wall_pressure is not None)
+    check_boundary(boundary, grid)
     check_kernel(kernel, grid)
-    check_choices(scheme, engine, cfl=cfl, flip=flip, damping=damping)
-    warn_of_hats(kernel, scheme, particles, grid)
-    g = gravity_vector(gravity, d)
+    check_engine(engine)
+    warn_of_hats(kernel, discretisation.scheme, particles, grid)
+    g = gravity_vector(loads.gravity, d)
     if speed is None:
         speed = math.sqrt(float(np.linalg.norm(g)) * (grid.shape[-1] - 1) * grid.cell)
     check.not_negative("speed", speed, "m/s")
     number = number_of(dtype)
     material = checked_material(material, particles, dtype)
-    if wall_pressure is not None and np.shape(wall_pressure) != (math.prod(grid.shape),):
-        raise ValueError(f"wall_pressure has shape {np.shape(wall_pressure)}: give ({math.prod(grid.shape)},), in Pa")
-    if fbar and material.FRICTIONAL:
+    numerics = discretisation
+    if numerics.fbar and material.FRICTIONAL:
         raise ValueError(
             "fbar = True with a frictional soil: it averages the mean stress, on which friction depends, and soil at a "
             "free surface would lose its strength; leave fbar out, cell_average is the cure for such soils"
         )
-    if fbar and cell_average:
+    if numerics.fbar and numerics.cell_average:
         raise ValueError("fbar = True with cell_average = True: both average the volumetric strain, give one of them")
-    if motion is not None:
-        check_motion(motion, d)
-    if cut is not None and (np.shape(cut) != (math.prod(grid.shape),) or np.asarray(cut).dtype != bool):
-        raise ValueError(f"cut has shape {np.shape(cut)}: give ({math.prod(grid.shape)},), one bool for each node")
-    if tied is not None:
-        check_tied(tied, grid, particles, walls, internal_length)
-    if water is not None or pore_pressure is not None:
-        check_water(water, pore_pressure, material, particles)
-    if internal_length is not None and material.initial_history(particles) is None:
-        raise ValueError(f"internal_length = {internal_length:g} m, but the soil does not soften: leave it out")
+    if loads.motion is not None:
+        check_motion(loads.motion, d)
+    length = numerics.internal_length
+    if boundary.tied is not None:
+        check_tied(boundary.tied, grid, particles, boundary.walls, length)
+    if loads.water is not None or loads.pore_pressure is not None:
+        check_water(loads.water, loads.pore_pressure, material, particles)
+    if length is not None and material.initial_history(particles) is None:
+        raise ValueError(f"internal_length = {length:g} m, but the soil does not soften: leave it out")
+    average = numerics.cell_average
     built = Scene(
         grid=grid,
         particles=particles,
         material=material,
         gravity=number(g),
-        time_step=number(cfl * grid.cell / (wave_speed(particles, material) + speed)),
+        time_step=number(numerics.cfl * grid.cell / (wave_speed(particles, material) + speed)),
         kernel=kernel,
-        walls=tuple(walls),
-        scheme=scheme,
+        walls=tuple(boundary.walls),
+        scheme=numerics.scheme,
         engine=engine,
-        fbar=bool(fbar),
-        cell_average=bool(material.FRICTIONAL and d > 1) if cell_average is None else bool(cell_average),
-        finite_strain=bool(finite_strain),
-        nonlocal_passes=None if internal_length is None else passes_for(internal_length, kernel, grid.cell),
-        body_force=body_force,
-        flip=None if flip == 1 else number(flip),
-        damping=None if damping == 0 else number(damping),
-        wall_friction=None if wall_friction is None else number(wall_friction),
-        wall_cohesion=None if wall_cohesion is None else number(wall_cohesion),
-        wall_pressure=None if wall_pressure is None else number(wall_pressure),
-        water=jax.tree.map(number, water),
-        pore_pressure=None if pore_pressure is None else number(pore_pressure),
-        motion=jax.tree.map(number, motion),
-        tied=tied,
-        cut=None if cut is None else jnp.asarray(cut),
+        fbar=bool(numerics.fbar),
+        cell_average=bool(material.FRICTIONAL and d > 1) if average is None else bool(average),
+        finite_strain=bool(numerics.finite_strain),
+        nonlocal_passes=None if length is None else passes_for(length, kernel, grid.cell),
+        body_force=loads.body_force,
+        flip=None if numerics.flip == 1 else number(numerics.flip),
+        damping=None if numerics.damping == 0 else number(numerics.damping),
+        wall_friction=None if boundary.friction is None else number(boundary.friction),
+        wall_cohesion=None if boundary.cohesion is None else number(boundary.cohesion),
+        wall_pressure=None if boundary.pressure is None else number(boundary.pressure),
+        water=jax.tree.map(number, loads.water),
+        pore_pressure=None if loads.pore_pressure is None else number(loads.pore_pressure),
+        motion=jax.tree.map(number, loads.motion),
+        tied=boundary.tied,
+        cut=None if boundary.cut is None else jnp.asarray(boundary.cut),
     )
     check_scene(built)
     return built

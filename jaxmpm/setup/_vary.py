@@ -15,6 +15,7 @@ from foundation import check
 from jaxmpm.laws import declared, with_parameters
 from jaxmpm.setup._initial_stress import at_rest
 from jaxmpm.setup._law import check_scene, check_shape, wave_speed
+from jaxmpm.setup._scene import unstressed
 from jaxmpm.soil import STANDARD_GRAVITY, moduli
 from jaxmpm.types import Scene, State
 
@@ -49,6 +50,22 @@ def with_soil(scene: Scene, state: State, **values: ArrayLike) -> tuple[Scene, S
     varied, start = vary(scene, state, values)
     check_scene(varied)
     return varied, start
+
+
+def with_strength(scene: Scene, strength: ArrayLike) -> Scene:
+    """The scene of `with_soil` with another strength; it will leave the next version.
+
+    Args:
+        scene: with a law that has a strength.
+        strength: Pa, a number or one value per particle (N,).
+
+    Returns:
+        Scene.
+
+    Raises:
+        ValueError: As for `with_soil`.
+    """
+    return with_soil(scene, unstressed(scene), strength=strength)[0]
 
 
 def check_names(scene: Scene, names: Collection[str]) -> None:

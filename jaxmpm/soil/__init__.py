@@ -4,15 +4,15 @@ from jaxmpm.soil._interface import Interface
 from jaxmpm.soil._layers import law_of_layers, weights
 from jaxmpm.soil._limits import AnySoil, soil_limits, warn_of_units
 from jaxmpm.soil._soil import STANDARD_GRAVITY, FrictionalSoil, PlasticStrain, Soil, moduli
-from jaxmpm.soil._units import Believed, unit_slip
+from jaxmpm.soil._units import Plausible, unit_slip
 
 __all__ = [
     "STANDARD_GRAVITY",
     "AnySoil",
-    "Believed",
     "FrictionalSoil",
     "Interface",
     "PlasticStrain",
+    "Plausible",
     "Soil",
     "law_of_layers",
     "moduli",

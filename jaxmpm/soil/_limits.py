@@ -56,7 +56,7 @@ class AnySoil(Protocol):
     """Protocol of a soil: `Soil`, `FrictionalSoil`, or a user's own frozen dataclass.
 
     If a number of its law varies in a campaign, the soil has it too, under the engineer's name that the law declares
-    (`jaxmpm.Parameter`) and in degrees if it is an angle; it has `young` and `poisson` if these vary. It may have
+    (`jaxmpm.laws.Parameter`) and in degrees if it is an angle; it has `young` and `poisson` if these vary. It may have
     `softens`, `softening_length`, `saturated_unit_weight` and `unusual`, as `FrictionalSoil` does.
     """
 

@@ -111,7 +111,7 @@ class Soil:
         if self.strength_ratio is not None:
             raise ValueError(
                 f"strength_ratio = {self.strength_ratio:g} is of the stress at rest, which only a campaign works out: "
-                "build with a strength, then give each particle `ratio * overburden(scene)` by `with_strength`"
+                "build with a strength, then give each particle `ratio * overburden(scene)` by `with_soil`"
             )
         number = partial(jnp.asarray, dtype=dtype)
         bulk, shear = (number(modulus) for modulus in moduli(self.young, self.poisson))

@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 
 @dataclass(frozen=True)
-class Believed:
+class Plausible:
     """Plausible numbers of a parameter: 0, and those from `least` to `most`.
 
     Args:
@@ -33,38 +33,38 @@ _WEIGHT = "were kN/m3 (1000 N/m3) or kg/m3 (9.81 N/m3) meant?"
 _DEGREES = "it is taken in degrees; are these radians, or a tangent, and were degrees meant?"
 _SHARE = "it is a share, 1 for 100 per cent; were per cent meant?"
 
-PLAUSIBLE: Mapping[str, Believed] = MappingProxyType(
+PLAUSIBLE: Mapping[str, Plausible] = MappingProxyType(
     {
-        "strength": Believed("Pa", 1e3, _KPA, 5e6, _TWICE),
-        "strength_minimum": Believed("Pa", 100.0, _KPA, 5e6, _TWICE),
-        "cohesion": Believed("Pa", 100.0, _KPA, 5e6, _TWICE),
-        "friction": Believed("degrees", 1.6, _DEGREES),
-        "young": Believed("Pa", 2e5, "were kPa or MPa meant?"),
-        "unit_weight": Believed("N/m3", 3e3, _WEIGHT, 40e3, _TWICE),
-        "saturated_unit_weight": Believed("N/m3", 3e3, _WEIGHT, 40e3, _TWICE),
-        "softening_modulus": Believed("Pa", 500.0, _KPA),
-        "residual_cohesion": Believed("Pa", 100.0, _KPA, 5e6, _TWICE),
-        "residual_friction": Believed("degrees", 1.6, _DEGREES),
-        "strain_95": Believed(most=5.0, above=_SHARE),
-        "softening_strain": Believed(most=5.0, above=_SHARE),
-        "gravity": Believed("m/s2", 0.1, "were multiples of 9.81 m/s2 meant?", 30.0, "were cm/s2 meant?"),
+        "strength": Plausible("Pa", 1e3, _KPA, 5e6, _TWICE),
+        "strength_minimum": Plausible("Pa", 100.0, _KPA, 5e6, _TWICE),
+        "cohesion": Plausible("Pa", 100.0, _KPA, 5e6, _TWICE),
+        "friction": Plausible("degrees", 1.6, _DEGREES),
+        "young": Plausible("Pa", 2e5, "were kPa or MPa meant?"),
+        "unit_weight": Plausible("N/m3", 3e3, _WEIGHT, 40e3, _TWICE),
+        "saturated_unit_weight": Plausible("N/m3", 3e3, _WEIGHT, 40e3, _TWICE),
+        "softening_modulus": Plausible("Pa", 500.0, _KPA),
+        "residual_cohesion": Plausible("Pa", 100.0, _KPA, 5e6, _TWICE),
+        "residual_friction": Plausible("degrees", 1.6, _DEGREES),
+        "strain_95": Plausible(most=5.0, above=_SHARE),
+        "softening_strain": Plausible(most=5.0, above=_SHARE),
+        "gravity": Plausible("m/s2", 0.1, "were multiples of 9.81 m/s2 meant?", 30.0, "were cm/s2 meant?"),
     }
 )
 """By parameter of the soil, and gravity."""
 
 
-def unit_slip(name: str, value: float, believed: Believed | None = None) -> str | None:
+def unit_slip(name: str, value: float, plausible: Plausible | None = None) -> str | None:
     """Message about a number that looks like another unit.
 
     Args:
         name: of a parameter of soil, or "gravity".
         value: its number.
-        believed: its plausible range; None for the known one.
+        plausible: its plausible range; None for the known one.
 
     Returns:
         The value with its limit and a question about the unit; None if it is plausible or the parameter is unknown.
     """
-    known = PLAUSIBLE.get(name) if believed is None else believed
+    known = PLAUSIBLE.get(name) if plausible is None else plausible
     if known is None or not value > 0:
         return None
     for beyond, limit, question in (("below", known.least, known.below), ("above", known.most, known.above)):

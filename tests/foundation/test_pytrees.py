@@ -31,14 +31,14 @@ def test_no_two_classes_have_one_structure(package):
 
 
 def test_a_static_field_is_part_of_the_structure():
-    value = jaxmpm.DruckerPrager(1.0, 1.0, 1.0, 0.5, 0.0)
-    other = dataclasses.replace(value, matching=jaxmpm.Matching.COMPRESSION)
+    value = jaxmpm.laws.DruckerPrager(1.0, 1.0, 1.0, 0.5, 0.0)
+    other = dataclasses.replace(value, matching=jaxmpm.laws.Matching.COMPRESSION)
     assert jax.tree.structure(value) != jax.tree.structure(other)
     assert jax.tree.map(lambda leaf: leaf, other) == other
 
 
 def test_what_is_absent_leaves_no_trace_in_the_structure():
-    absent, there = (jaxmpm.J2(1.0, 1.0, 1.0, gap_memory=memory) for memory in (False, True))
+    absent, there = (jaxmpm.laws.J2(1.0, 1.0, 1.0, gap_memory=memory) for memory in (False, True))
     assert "False" not in str(jax.tree.structure(absent))
     assert jax.tree.structure(absent) != jax.tree.structure(there)
     for value in (absent, there):

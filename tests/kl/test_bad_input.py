@@ -39,19 +39,23 @@ def field_points(*columns):
         ((SE(10.0), SE(2.0)), {"energy": 1.5}, r"energy = 1.5 is outside \(0, 1\]"),
         ((SE(10.0), SE(2.0)), {"energy": 0.9, "modes": 3}, r"energy = 0.9 and modes = 3: give one"),
         ((SE(10.0), SE(2.0)), {"modes": 0}, r"modes = 0 must be 1 or more"),
-        ((SE(10.0), SE(2.0)), {"modes": 99, "solver": kl.Haar(2)}, r"modes = 99 exceeds 16, .* give: raise"),
-        ((SE(10.0), SE(2.0)), {"energy": 0.9999, "solver": kl.Haar(2)}, r"energy = 0.9999 cannot be reached.*level"),
-        ((SE(10.0), SE(2.0)), {"solver": kl.Haar(13)}, r"level = 13 must be 0 to 12"),
-        ((SE(10.0), SE(2.0)), {"solver": kl.Nystrom(0)}, r"order = 0 must be 1 to 2000"),
-        ((SE(10.0), SE(2.0)), {"solver": kl.ClosedForm()}, r"no closed form for SquaredExponential: use Nystrom"),
+        ((SE(10.0), SE(2.0)), {"modes": 99, "solver": kl.axis.Haar(2)}, r"modes = 99 exceeds 16, .* give: raise"),
+        (
+            (SE(10.0), SE(2.0)),
+            {"energy": 0.9999, "solver": kl.axis.Haar(2)},
+            r"energy = 0.9999 cannot be reached.*level",
+        ),
+        ((SE(10.0), SE(2.0)), {"solver": kl.axis.Haar(13)}, r"level = 13 must be 0 to 12"),
+        ((SE(10.0), SE(2.0)), {"solver": kl.axis.Nystrom(0)}, r"order = 0 must be 1 to 2000"),
+        ((SE(10.0), SE(2.0)), {"solver": kl.axis.ClosedForm()}, r"no closed form for SquaredExponential: use Nystrom"),
         ((SE(10.0), SE(2.0)), {"solver": "nystrom"}, r"solver = 'nystrom' is none of"),
-        ((SE(10.0), SE(2.0)), {"solver": (kl.Haar(3),)}, r"1 solvers for 2 axes"),
+        ((SE(10.0), SE(2.0)), {"solver": (kl.axis.Haar(3),)}, r"1 solvers for 2 axes"),
         ((SE(10.0), SE(2.0)), {"dtype": jnp.float64}, r"float64, but JAX runs in float32"),
         ((SE(10.0), SE(2.0)), {"dtype": jnp.int32}, r"dtype = int32: give float32 or float64"),
-        ((kl.Triangular(3.0), SE(2.0)), {"solver": (kl.ClosedForm(), None)}, r"3.0 is below the extent 10.0"),
-        ((kl.Periodic(SE(2.0), 9.0), SE(2.0)), {}, r"period = 9.0 must be the extent of its axis, 10.0"),
-        ((kl.Periodic(SE(300.0), 10.0), SE(2.0)), {}, r"exceeds 20 periods: use `Infinite"),
-        ((kl.Periodic(SE(2.0), 10.0), SE(2.0)), {"solver": kl.Haar(4)}, r"Haar cannot take a Periodic axis"),
+        ((kl.Triangular(3.0), SE(2.0)), {"solver": (kl.axis.ClosedForm(), None)}, r"3.0 is below the extent 10.0"),
+        ((kl.axis.Periodic(SE(2.0), 9.0), SE(2.0)), {}, r"period = 9.0 must be the extent of its axis, 10.0"),
+        ((kl.axis.Periodic(SE(300.0), 10.0), SE(2.0)), {}, r"exceeds 20 periods: use `Infinite"),
+        ((kl.axis.Periodic(SE(2.0), 10.0), SE(2.0)), {"solver": kl.axis.Haar(4)}, r"Haar cannot take a Periodic axis"),
         ((SE(1e-3), SE(2.0)), {}, r"does not resolve the correlation length 0.001 m"),
         ((SE(10.0), SE(2.0)), {"bedding": kl.Bedding(100.0)}, r"dip = 100.0 degrees is outside \[0, 90\]"),
         ((SE(10.0), SE(2.0)), {"bedding": kl.Bedding(10.0, strike=30.0)}, r"strike = 30.0: in two dimensions"),
@@ -74,9 +78,9 @@ def test_expand_refuses_traced_lengths_and_names_the_way():
 
 
 def test_expand_refuses_what_is_not_positive_definite():
-    hat = kl.Corrected(kl.Triangular(4.0), jnp.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
+    hat = kl.axis.Corrected(kl.Triangular(4.0), jnp.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
     with pytest.raises(ValueError, match=r"not positive definite \(negative eigenvalues"):
-        kl.expand((hat,), (0.0,), (10.0,), solver=kl.Nystrom(40))
+        kl.expand((hat,), (0.0,), (10.0,), solver=kl.axis.Nystrom(40))
 
 
 def test_fields_refuse_points_outside_and_wrong_shapes(expansion):
@@ -107,38 +111,38 @@ def test_fields_refuse_points_outside_and_wrong_shapes(expansion):
         (lambda e, c: kl.field_on_lattice(e, c, (jnp.ones(3), jnp.ones((2, 2)))), r"shape \(2, 2\) along axis 1"),
         (lambda e, c: kl.field_on_lattice(e, c, (jnp.ones(3), jnp.zeros(0))), r"no points along axis 1"),
         (
-            lambda e, c: kl.variance_on_lattice(e, (jnp.ones(3), jnp.array([6.0]))),
+            lambda e, c: kl.field.variance_on_lattice(e, (jnp.ones(3), jnp.array([6.0]))),
             r"from 6.0 to 6.0 along axis 1",
         ),
-        (lambda e, c: kl.variance_on_lattice(e, (jnp.ones(3),)), r"1 axes for an expansion of 2"),
-        (lambda e, c: kl.variance_at(e, jnp.zeros((2, 0))), r"no points"),
-        (lambda e, c: kl.rescaled(jnp.ones((2, 3)), jnp.ones(2)), r"variance of shape \(2,\) for a field"),
-        (lambda e, c: kl.rescaled(jnp.ones(3), jnp.zeros(3)), r"captured variance = .*above 0; keep more modes"),
-        (lambda e, c: kl.with_residual(jnp.ones(3), -jnp.ones(3), jax.random.key(0)), r"of 0 or more"),
+        (lambda e, c: kl.field.variance_on_lattice(e, (jnp.ones(3),)), r"1 axes for an expansion of 2"),
+        (lambda e, c: kl.field.variance_at(e, jnp.zeros((2, 0))), r"no points"),
+        (lambda e, c: kl.field.rescaled(jnp.ones((2, 3)), jnp.ones(2)), r"variance of shape \(2,\) for a field"),
+        (lambda e, c: kl.field.rescaled(jnp.ones(3), jnp.zeros(3)), r"captured variance = .*above 0; keep more modes"),
+        (lambda e, c: kl.field.with_residual(jnp.ones(3), -jnp.ones(3), jax.random.key(0)), r"of 0 or more"),
         (lambda e, c: kl.with_covariance(e, (SE(1.0),)), r"of \['SquaredExponential'\] for an expansion"),
         (lambda e, c: kl.with_covariance(e, (SE(1.0), kl.Matern32(1.0))), r"give the same families"),
         (lambda e, c: kl.with_covariance(e, (SE(1.0), SE(-1.0))), r"correlation length = -1 m"),
         (lambda e, c: kl.captured_variance(e, probes=1), r"probes = 1"),
-        (lambda e, c: kl.rotate(kl.Bedding(10.0), jnp.array([[NAN], [1.0]])), r"points = .*give a finite value"),
-        (lambda e, c: kl.rotate(kl.Bedding(10.0, NAN), jnp.ones((3, 1))), r"strike = nan: give a finite value"),
-        (lambda e, c: kl.rotate(kl.Bedding(10.0), jnp.ones(3)), r"points of shape \(3,\)"),
+        (lambda e, c: kl.field.rotate(kl.Bedding(10.0), jnp.array([[NAN], [1.0]])), r"points = .*give a finite value"),
+        (lambda e, c: kl.field.rotate(kl.Bedding(10.0, NAN), jnp.ones((3, 1))), r"strike = nan: give a finite value"),
+        (lambda e, c: kl.field.rotate(kl.Bedding(10.0), jnp.ones(3)), r"points of shape \(3,\)"),
         (lambda e, c: kl.expand((SE(1.0),), (NAN,), (1.0,)), r"origin = .*a finite value; it is the lowest corner"),
         (lambda e, c: kl.conditioned(kl.condition(e, jnp.ones((2, 1)), [0.5]), c[:-1]), r"one a mode"),
         (lambda e, c: kl.conditioned(kl.condition(e, jnp.ones((2, 1)), [0.5]), c * NAN), r"coefficients = nan at"),
         (lambda e, c: kl.condition(e, jnp.ones((2, 1)), [0.5], error=[0.1, 0.2]), r"error of shape \(2,\) for 1 data"),
-        (lambda e, c: kl.haar_transform(jnp.ones(3)), r"3 values along the last axis: give 2\^level"),
-        (lambda e, c: kl.haar_transform(jnp.ones(0)), r"0 values along the last axis"),
-        (lambda e, c: kl.from_scale_of_fluctuation(SE, -2.0), r"scale of fluctuation = -2 m"),
-        (lambda e, c: kl.scale_of_fluctuation(kl.Infinite()), r"Infinite has no scale of fluctuation"),
-        (lambda e, c: kl.exact_lattice((SE(1.0),), (np.zeros(0),)), r"coordinates of shape \(0,\): give \(N,\)"),
+        (lambda e, c: kl.axis.haar_transform(jnp.ones(3)), r"3 values along the last axis: give 2\^level"),
+        (lambda e, c: kl.axis.haar_transform(jnp.ones(0)), r"0 values along the last axis"),
+        (lambda e, c: kl.axis.from_scale_of_fluctuation(SE, -2.0), r"scale of fluctuation = -2 m"),
+        (lambda e, c: kl.axis.scale_of_fluctuation(kl.Infinite()), r"Infinite has no scale of fluctuation"),
+        (lambda e, c: kl.field.exact_lattice((SE(1.0),), (np.zeros(0),)), r"coordinates of shape \(0,\): give \(N,\)"),
         (
-            lambda e, c: kl.exact_lattice((SE(1.0),), (np.array([0.0, NAN]),)),
+            lambda e, c: kl.field.exact_lattice((SE(1.0),), (np.array([0.0, NAN]),)),
             r"lattice coordinates = nan at .*bad at 1 of",
         ),
         (lambda e, c: kl.linear_with_depth(jnp.array([1.0, NAN]), 1.0, 2.0), r"depth = nan at .*bad at 1 of"),
         (lambda e, c: kl.monte_carlo(jax.random.key(0), 3, 2, rows=[0.5]), r"type float64: give a list of sample"),
         (lambda e, c: kl.latin_hypercube(jax.random.key(0), 2.5, 2), r"n_samples = 2.5 must be 1 or more, a whole"),
-        (lambda e, c: kl.nataf_matrix(np.eye(3), (kl.Normal(1.0, 0.1),) * 2), r"\(3, 3\) for 2 marginals"),
+        (lambda e, c: kl.soil.nataf_matrix(np.eye(3), (kl.Normal(1.0, 0.1),) * 2), r"\(3, 3\) for 2 marginals"),
         (
             lambda e, c: kl.correlate(jnp.ones((2, 5)), [[1.0, NAN], [NAN, 1.0]]),
             r"correlation matrix = nan at .*bad at 2 of",
@@ -155,9 +159,9 @@ def test_lengths_far_below_the_lattice_are_warned_of(expansion):
     with pytest.warns(UserWarning, match=r"spacing 5.0 m exceeds twice the correlation length 2.0 m.*refine"):
         kl.field_on_lattice(expansion, ones, (jnp.arange(0.0, 10.0), jnp.array([0.0, 5.0])))
     with pytest.warns(UserWarning, match="exceeds twice"):
-        kl.exact_lattice((SE(0.2),), (np.arange(4.0),))
+        kl.field.exact_lattice((SE(0.2),), (np.arange(4.0),))
     with pytest.warns(UserWarning, match=r"far below the Haar cell of 5.0 m"):
-        kl.expand((SE(0.5),), (0.0,), (10.0,), modes=1, solver=kl.Haar(1))
+        kl.expand((SE(0.5),), (0.0,), (10.0,), modes=1, solver=kl.axis.Haar(1))
 
 
 @pytest.mark.parametrize(
@@ -206,9 +210,9 @@ def test_a_marginal_gives_finite_values_or_refuses(family, power_of_ten, score):
 
 def test_a_marginal_is_checked_before_it_is_traced():
     for proper in (kl.Lognormal(25e3, 0.3), kl.Normal(1.0, 0.0), kl.Beta(10.0, 0.3, 0.0, 30.0)):
-        kl.check_marginal(proper)
+        kl.marginal.check_marginal(proper)
     with pytest.raises(ValueError, match="lower the cov"):
-        kl.check_marginal(kl.Lognormal(25e3, 1e30))
+        kl.marginal.check_marginal(kl.Lognormal(25e3, 1e30))
     with pytest.raises(ValueError, match=r"gaussian field = nan at .*bad at 1 of"):
         kl.Lognormal(1.0, 0.1).transform(jnp.array([0.0, NAN]))
 
@@ -232,7 +236,7 @@ def test_bad_correlation_matrices(matrix, message):
 
 def test_unreachable_correlation_between_marginals():
     with pytest.raises(ValueError, match=r"cannot be had between these marginals"):
-        kl.nataf_matrix([[1.0, -0.95], [-0.95, 1.0]], (kl.Lognormal(1.0, 1.0), kl.Lognormal(1.0, 1.0)))
+        kl.soil.nataf_matrix([[1.0, -0.95], [-0.95, 1.0]], (kl.Lognormal(1.0, 1.0), kl.Lognormal(1.0, 1.0)))
 
 
 @pytest.mark.parametrize(
@@ -294,13 +298,13 @@ def test_strata_and_trends_of_other_points():
 
 def test_exact_lattice_and_noise():
     with pytest.raises(ValueError, match=r"noise = nan at"):
-        kl.exact_field(kl.exact_lattice((SE(1.0),), (np.arange(3.0),)), jnp.ones(3) * NAN)
+        kl.field.exact_field(kl.field.exact_lattice((SE(1.0),), (np.arange(3.0),)), jnp.ones(3) * NAN)
     with pytest.raises(ValueError, match="1 covariances for 2 axes"):
-        kl.exact_lattice((SE(1.0),), (np.arange(3.0),) * 2)
+        kl.field.exact_lattice((SE(1.0),), (np.arange(3.0),) * 2)
     with pytest.raises(ValueError, match=r"correlation length = 0 m"):
-        kl.exact_lattice((SE(0.0),), (np.arange(3.0),))
+        kl.field.exact_lattice((SE(0.0),), (np.arange(3.0),))
     with pytest.raises(ValueError, match=r"noise of shape \(4,\): give \(3,\)"):
-        kl.exact_field(kl.exact_lattice((SE(1.0),), (np.arange(3.0),)), jnp.ones(4))
+        kl.field.exact_field(kl.field.exact_lattice((SE(1.0),), (np.arange(3.0),)), jnp.ones(4))
 
 
 def test_damaged_stores(tmp_path, expansion):

@@ -34,7 +34,7 @@ def test_mean_and_variance_are_those_of_simple_kriging(x64, error):
     weights = np.linalg.solve(kernel, exact_correlation(points, at))
     np.testing.assert_allclose(kl.field_at(expansion, conditioning.mean, at), weights.T @ values, atol=5e-3)
     variance = 1 - (weights * exact_correlation(points, at)).sum(axis=0)
-    np.testing.assert_allclose(kl.kriging_variance(conditioning, expansion, at), variance, atol=3e-3)
+    np.testing.assert_allclose(kl.field.kriging_variance(conditioning, expansion, at), variance, atol=3e-3)
 
 
 def test_every_realisation_honours_exact_data(x64):
@@ -44,7 +44,7 @@ def test_every_realisation_honours_exact_data(x64):
     coefficients = kl.conditioned(conditioning, kl.monte_carlo(jax.random.key(0), 50, expansion.modes))
     fields = kl.field_at(expansion, coefficients, points)
     np.testing.assert_allclose(fields, np.broadcast_to(values, fields.shape), atol=1e-6)
-    np.testing.assert_allclose(kl.kriging_variance(conditioning, expansion, points), 0, atol=1e-6)
+    np.testing.assert_allclose(kl.field.kriging_variance(conditioning, expansion, points), 0, atol=1e-6)
 
 
 def test_conditioned_coefficients_have_the_posterior_covariance(x64):
@@ -52,7 +52,7 @@ def test_conditioned_coefficients_have_the_posterior_covariance(x64):
     points, values = boreholes(2)
     noise = np.where(np.arange(len(values)) % 2 == 0, 0.0, 0.5)
     conditioning = kl.condition(expansion, points, values, error=noise)
-    modes = np.asarray(kl.mode_matrix(expansion, points))
+    modes = np.asarray(kl.field.mode_matrix(expansion, points))
     gain = modes.T @ np.linalg.inv(modes @ modes.T + np.diag(noise**2))
     root = kl.conditioned(conditioning, jnp.eye(expansion.modes)) - conditioning.mean
     np.testing.assert_allclose(root.T @ root, np.eye(expansion.modes) - gain @ modes, atol=1e-9)
@@ -86,5 +86,5 @@ def test_a_thousand_data(precision, modes, error):
         misfit = kl.field_at(expansion, coefficients, points) - values
         # With an error, the misfit is at most the error of the data and that of the field about them.
         assert float(jnp.abs(misfit).max()) < (6 * error if error else 1e-6)
-        variance = kl.kriging_variance(conditioning, expansion, points)
+        variance = kl.field.kriging_variance(conditioning, expansion, points)
         assert float(variance.max()) < 1.1 * error**2 + 1e-6

@@ -64,7 +64,7 @@ def test_published_field_keeps_the_known_modes_and_variance():
     for energy, table in zip((0.95, 0.99, 0.999), COST["truncation"].values(), strict=True):
         expansion = kl.expand(paper(), ORIGIN, EXTENT, energy=energy)
         # The table is of the lattice of cells, whose corners lie half a cell inside.
-        variance = kl.variance_on_lattice(expansion, LATTICE)
+        variance = kl.field.variance_on_lattice(expansion, LATTICE)
         mean, worst = table["variance_mean_min"]
         assert abs(float(variance.mean()) - mean) < 2e-3
         assert abs(float(variance.min()) - worst) < 8e-3
@@ -83,7 +83,7 @@ def test_covariance_of_the_modes_is_the_target(x64):
         (kl.Matern52(20.0), kl.SquaredExponential(60.0), kl.SquaredExponential(4.0)), ORIGIN, EXTENT, energy=0.99999
     )
     points = scattered(60)
-    modes = kl.mode_matrix(expansion, points)
+    modes = kl.field.mode_matrix(expansion, points)
     lags = points[:, :, None] - points[:, None, :]
     target = jnp.prod(jnp.stack([c(lag) for c, lag in zip(expansion.covariance, lags, strict=True)]), axis=0)
     np.testing.assert_allclose(modes @ modes.T, target, atol=3e-3)
@@ -100,7 +100,7 @@ def test_same_coefficients_give_the_same_field_on_every_grid(expansion):
     np.testing.assert_allclose(at_points, rough[:, ::4, ::4, ::4].reshape(4, -1), atol=2e-5)
 
 
-@pytest.mark.parametrize("solver", [kl.Nystrom(50), kl.Haar(8)])
+@pytest.mark.parametrize("solver", [kl.axis.Nystrom(50), kl.axis.Haar(8)])
 def test_two_dimensions_and_solvers_join(solver):
     covariance, box = (kl.SquaredExponential(60.0), kl.SquaredExponential(4.0)), ((0.0, -4.0), (96.0, 24.0))
     expansion = kl.expand(covariance, *box, modes=30, solver=solver)
@@ -108,7 +108,7 @@ def test_two_dimensions_and_solvers_join(solver):
     coefficients = jax.random.normal(jax.random.key(0), (30,))
     points = jnp.asarray(np.random.default_rng(0).uniform((0, -4), (96, 20), (200, 2)).T, jnp.float32)
     difference = kl.field_at(expansion, coefficients, points) - kl.field_at(reference, coefficients, points)
-    assert float(jnp.abs(difference).max()) < (2e-5 if isinstance(solver, kl.Nystrom) else 0.15)
+    assert float(jnp.abs(difference).max()) < (2e-5 if isinstance(solver, kl.axis.Nystrom) else 0.15)
 
 
 def test_chunks_batches_jit_and_vmap_agree(expansion, monkeypatch):
@@ -119,7 +119,7 @@ def test_chunks_batches_jit_and_vmap_agree(expansion, monkeypatch):
     np.testing.assert_allclose(kl.field_at(expansion, coefficients[3], points), whole[3], atol=2e-5)
     mapped = jax.jit(jax.vmap(lambda each: kl.field_at(expansion, each, points)))(coefficients)
     np.testing.assert_allclose(mapped, whole, atol=2e-5)
-    modes = kl.mode_matrix(expansion, points)
+    modes = kl.field.mode_matrix(expansion, points)
     np.testing.assert_allclose(coefficients @ modes.T, whole, atol=3e-5)
     lattice = tuple(axis[:12] for axis in LATTICE)
     batch = kl.field_on_lattice(expansion, coefficients, lattice)
@@ -170,22 +170,22 @@ def test_gradient_by_length_is_finite_in_float32(expansion):
 def test_rescaling_and_residual_restore_unit_variance():
     expansion = kl.expand(paper(), ORIGIN, EXTENT, energy=0.9)
     points = scattered(200)
-    variance = kl.variance_at(expansion, points)
-    modes = kl.mode_matrix(expansion, points)
+    variance = kl.field.variance_at(expansion, points)
+    modes = kl.field.mode_matrix(expansion, points)
     np.testing.assert_allclose((modes**2).sum(axis=1), variance, rtol=1e-4)
     field = kl.field_at(expansion, kl.monte_carlo(jax.random.key(0), 4000, expansion.modes), points)
     assert abs(float(field.var()) - 1) > 0.05
-    np.testing.assert_allclose(kl.rescaled(field, variance).var(), 1, atol=0.02)
-    completed = kl.with_residual(field, variance, jax.random.key(1))
+    np.testing.assert_allclose(kl.field.rescaled(field, variance).var(), 1, atol=0.02)
+    completed = kl.field.with_residual(field, variance, jax.random.key(1))
     np.testing.assert_allclose(completed.var(), 1, atol=0.02)
 
 
 def test_exact_lattice_has_the_exact_covariance(x64):
     axes = (np.linspace(0, 9, 5), np.linspace(0, 5, 4), np.linspace(0, 3, 6))
     covariance = (kl.Exponential(5.0), kl.CosineExponential(3.0), kl.Triangular(2.0))
-    lattice = kl.exact_lattice(covariance, axes)
+    lattice = kl.field.exact_lattice(covariance, axes)
     noise = jnp.eye(120).reshape(120, 5, 4, 6)
-    modes = kl.exact_field(lattice, noise).reshape(120, 120)
+    modes = kl.field.exact_field(lattice, noise).reshape(120, 120)
     target = np.ones((1, 1))
     for each, axis in zip(covariance, axes, strict=True):
         target = np.kron(target, each(np.abs(axis[:, None] - axis)))
@@ -199,7 +199,7 @@ def test_inclined_strata_correlate_along_their_dip(x64):
     down_dip = np.array([np.cos(np.pi / 6), 0, -np.sin(np.pi / 6)])
     normal = np.array([np.sin(np.pi / 6), 0, np.cos(np.pi / 6)])
     points = jnp.asarray(np.stack([start, start + 6 * down_dip, start - 2 * normal, start + np.array([0, 6, 0])]).T)
-    modes = kl.mode_matrix(expansion, points)
+    modes = kl.field.mode_matrix(expansion, points)
     correlation = modes @ modes.T
     expected = [1, np.exp(-((6 / 40) ** 2)), np.exp(-1), np.exp(-((6 / 60) ** 2))]
     np.testing.assert_allclose(correlation[0], expected, atol=0.02)
@@ -209,7 +209,7 @@ def test_inclined_strata_correlate_along_their_dip(x64):
 
 @pytest.mark.parametrize(("strike", "falls"), [(90.0, (1, 0)), (0.0, (0, -1)), (180.0, (0, 1)), (270.0, (-1, 0))])
 def test_strike_turns_the_dip(strike, falls):
-    down_dip = kl.rotate(kl.Bedding(dip=20.0, strike=strike), jnp.eye(3))[0]
+    down_dip = kl.field.rotate(kl.Bedding(dip=20.0, strike=strike), jnp.eye(3))[0]
     np.testing.assert_allclose(down_dip[:2], np.array(falls) * np.cos(np.pi / 9), atol=1e-6)
     assert down_dip[2] < 0
 

@@ -169,13 +169,13 @@ def test_nataf_of_the_lognormal_in_closed_form(x64):
         variance = np.log1p(cov**2)
         target = jnp.linspace(-0.3, 1.0, 14)
         exact = jnp.log1p(target * (np.exp(variance) - 1)) / variance
-        np.testing.assert_allclose(kl.nataf_correlation(marginal, marginal, target), exact, atol=2e-6)
-        assert kl.nataf_error(marginal).uncorrected == pytest.approx(error, abs=6e-4)
+        np.testing.assert_allclose(kl.marginal.nataf_correlation(marginal, marginal, target), exact, atol=2e-6)
+        assert kl.marginal.nataf_error(marginal).uncorrected == pytest.approx(error, abs=6e-4)
 
 
 def test_nataf_between_two_families_by_simulation():
     first, second = kl.Lognormal(3.0, 0.6), kl.Gumbel(20.0, 0.3)
-    gaussian = float(kl.nataf_correlation(first, second, -0.4))
+    gaussian = float(kl.marginal.nataf_correlation(first, second, -0.4))
     draws = jax.random.normal(jax.random.key(0), (2, 400_000))
     other = gaussian * draws[0] + np.sqrt(1 - gaussian**2) * draws[1]
     sample = np.corrcoef(first.transform(draws[0]), second.transform(other))[0, 1]
@@ -186,14 +186,14 @@ def test_field_with_nataf_correction_has_the_correlation_asked_for(x64):
     marginal = kl.Lognormal(1.0, 0.8)
     target = kl.SquaredExponential(4.0)
     with pytest.warns(UserWarning, match="not quite positive definite"):
-        corrected = kl.expand((kl.nataf_corrected(target, marginal),), (0.0,), (12.0,), energy=0.99999)
+        corrected = kl.expand((kl.marginal.nataf_corrected(target, marginal),), (0.0,), (12.0,), energy=0.99999)
     plain = kl.expand((target,), (0.0,), (12.0,), energy=0.99999)
     points = jnp.linspace(1.0, 11.0, 9)[None]
     lag = points[0][:, None] - points[0]
-    powers = kl.hermite_coefficients(marginal) ** 2
+    powers = kl.marginal.hermite_coefficients(marginal) ** 2
 
     def property_correlation(expansion):
-        modes = kl.mode_matrix(expansion, points)
+        modes = kl.field.mode_matrix(expansion, points)
         gaussian = modes @ modes.T
         return sum(power * gaussian ** (k + 1) for k, power in enumerate(powers))
 

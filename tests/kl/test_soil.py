@@ -28,7 +28,7 @@ def test_correlated_sets_keep_the_first_and_correlate_the_rest():
 
 def test_cohesion_and_friction_have_the_correlation_asked_for():
     marginals = (kl.Lognormal(3e3, 0.5), kl.Beta(20.0, 0.2, 5.0, 35.0))
-    matrix = kl.nataf_matrix([[1.0, -0.5], [-0.5, 1.0]], marginals)
+    matrix = kl.soil.nataf_matrix([[1.0, -0.5], [-0.5, 1.0]], marginals)
     assert matrix[0, 1] < -0.5
     draws = kl.correlate(jax.random.normal(jax.random.key(1), (2, 200_000)), matrix)
     sample = np.corrcoef(*(marginal.transform(g) for marginal, g in zip(marginals, draws, strict=True)))[0, 1]
@@ -82,7 +82,7 @@ def test_sobol_integrates_better_than_monte_carlo():
     "covariance",
     [
         (kl.SquaredExponential(10.0), kl.Matern52(10.0), kl.Infinite()),
-        (kl.Exponential(10.0), kl.Periodic(kl.SquaredExponential(4.0), 10.0), kl.Infinite()),
+        (kl.Exponential(10.0), kl.axis.Periodic(kl.SquaredExponential(4.0), 10.0), kl.Infinite()),
     ],
 )
 def test_store_gives_back_the_same_field(tmp_path, covariance):
@@ -96,8 +96,13 @@ def test_store_gives_back_the_same_field(tmp_path, covariance):
 
 
 def test_store_keeps_corrected_and_bedded_fields(tmp_path):
-    covariance = (kl.nataf_corrected(kl.SquaredExponential(10.0), kl.Lognormal(1.0, 0.3)), kl.SquaredExponential(3.0))
-    expansion = kl.expand(covariance, (0.0, 0.0), (20.0, 6.0), solver=kl.Haar(6), bedding=kl.Bedding(10.0), energy=0.99)
+    covariance = (
+        kl.marginal.nataf_corrected(kl.SquaredExponential(10.0), kl.Lognormal(1.0, 0.3)),
+        kl.SquaredExponential(3.0),
+    )
+    expansion = kl.expand(
+        covariance, (0.0, 0.0), (20.0, 6.0), solver=kl.axis.Haar(6), bedding=kl.Bedding(10.0), energy=0.99
+    )
     kl.save(expansion, tmp_path / "field.h5")
     again = kl.load(tmp_path / "field.h5")
     assert again.bedding == expansion.bedding

@@ -38,14 +38,14 @@ def band(quantities):
 
 
 def test_mean_and_variance(expansion, points, fields):
-    variance = np.asarray(kl.variance_at(expansion, points))
+    variance = np.asarray(kl.field.variance_at(expansion, points))
     mean_score = np.asarray(fields.mean(axis=0)) / np.sqrt(variance / SAMPLES)
     variance_score = (np.asarray(fields.var(axis=0, ddof=1)) / variance - 1) / np.sqrt(2 / SAMPLES)
     assert np.abs(np.concatenate([mean_score, variance_score])).max() < band(24)
 
 
 def test_correlation(expansion, points, fields):
-    modes = np.asarray(kl.mode_matrix(expansion, points), float)
+    modes = np.asarray(kl.field.mode_matrix(expansion, points), float)
     covariance = modes @ modes.T
     deviation = np.sqrt(np.diag(covariance))
     target = (covariance / deviation / deviation[:, None])[np.triu_indices(12, 1)]
@@ -63,7 +63,7 @@ def test_correlation(expansion, points, fields):
     ],
 )
 def test_marginal_by_kolmogorov_and_smirnov(expansion, points, fields, marginal, distribution):
-    unit = kl.rescaled(fields, kl.variance_at(expansion, points))
+    unit = kl.field.rescaled(fields, kl.field.variance_at(expansion, points))
     strength = np.asarray(marginal.transform(unit), float)
     p_values = [stats.kstest(strength[:, point], distribution.cdf).pvalue for point in range(3)]
     assert min(p_values) > FALSE_ALARM / 9
@@ -86,7 +86,7 @@ def test_conditioned_fields(expansion, points):
     conditioning = kl.condition(expansion, data, values, error=error)
     coefficients = kl.conditioned(conditioning, kl.monte_carlo(jax.random.key(5), SAMPLES, expansion.modes))
     sample = np.asarray(kl.field_at(expansion, coefficients, points), float)
-    variance = np.asarray(kl.kriging_variance(conditioning, expansion, points), float)
+    variance = np.asarray(kl.field.kriging_variance(conditioning, expansion, points), float)
     mean = np.asarray(kl.field_at(expansion, conditioning.mean, points), float)
     mean_score = (sample.mean(axis=0) - mean) / np.sqrt(variance / SAMPLES)
     variance_score = (sample.var(axis=0, ddof=1) / variance - 1) / np.sqrt(2 / SAMPLES)

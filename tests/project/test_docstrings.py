@@ -10,6 +10,7 @@ import pytest
 
 import cooperative
 import foundation.check
+import foundation.deprecated
 import foundation.files
 import foundation.hdf5
 import foundation.pytrees
@@ -87,7 +88,7 @@ def test_documented_names_exist(name, text, known):
 # Modules whose functions a script calls by the module's name.
 BY_MODULE = (
     *(jaxmpm.diagnostics, jaxmpm.objectives, jaxmpm.tensors, kl.plots),
-    *(foundation.check, foundation.files, foundation.hdf5, foundation.pytrees, foundation.text),
+    *(foundation.check, foundation.deprecated, foundation.files, foundation.hdf5, foundation.pytrees, foundation.text),
 )
 LISTED = [
     (f"{package.__name__}.{name}", getattr(package, name)) for package, name in PUBLIC if package is not cooperative

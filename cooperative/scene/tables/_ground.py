@@ -8,7 +8,8 @@ from annotated_types import MinLen
 from pydantic import Strict
 
 from cooperative.scene.tables._key import Depth, FromZero, Length, Line, Metres, Pair, Raster, Rows, Table, Within, key
-from jaxmpm import Limit, soil_limits
+from foundation.check import Limit
+from jaxmpm.soil import soil_limits
 
 _WALLS = "two numbers, the lower one first"
 

@@ -30,9 +30,11 @@ from cooperative.scene.tables._key import (
     key,
     one_of,
 )
-from foundation.check import above_zero
-from jaxmpm import Decay, DruckerPrager, Limit, Matching, MohrCoulomb, PlasticStrain, soil_limits
+from foundation.check import Limit, above_zero
+from jaxmpm import PlasticStrain
 from jaxmpm import Soil as UndrainedSoil
+from jaxmpm.laws import Decay, DruckerPrager, Matching, MohrCoulomb
+from jaxmpm.soil import soil_limits
 
 CORRELATIONS = {
     "squared exponential": kl.SquaredExponential,

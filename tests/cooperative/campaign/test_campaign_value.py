@@ -218,12 +218,12 @@ from jaxmpm.tensors import deviator, mean, safe_sqrt, second_invariant
 
 @mpm.pytree
 @dataclass(frozen=True)
-class Tresca(mpm.Law):
+class Tresca(mpm.laws.Law):
     bulk: Any
     shear: Any
     strength: Any
     g95: Any
-    PARAMETERS = {"strength": mpm.Parameter(above=0, unit="Pa", reduced=True)}
+    PARAMETERS = {"strength": mpm.laws.Parameter(above=0, unit="Pa", reduced=True)}
 
     def initial_history(self, particles):
         return jnp.zeros_like(particles.mass)

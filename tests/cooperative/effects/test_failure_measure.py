@@ -86,8 +86,8 @@ def test_lanes_and_samples_are_judged_by_it_apart(slope):
     scene, state = slope
     weak, strong = 8e3, 40e3
     choices = {"t_end": 2.0, "settle": mpm.Settle(), "stop_at": LIMIT, "least_volume": LEAST}
-    varied, axes = mpm.lanes(scene, strength=jnp.asarray([weak, strong]))
-    together = mpm.solve(varied, mpm.repeat(state, 2), axes=axes, **choices)
+    varied, axes = mpm.run.lanes(scene, strength=jnp.asarray([weak, strong]))
+    together = mpm.solve(varied, mpm.run.repeat(state, 2), axes=axes, **choices)
     assert together.status.tolist() == [mpm.Status.DECIDED, mpm.Status.SETTLED]
     samples = {"strength": [jnp.asarray(weak), jnp.asarray(strong)]}
     for number, result in mpm.solve_each(scene, state, samples, width=1, **choices):
@@ -151,7 +151,7 @@ def test_the_length_of_the_slope_changes_no_class():
         scene, state = mpm.slope(shape, SOIL, mpm.Discretisation(1.0, (0.5, 0.5, 0.5)), y_ends="roller")
         y = scene.particles.position[1]
         weak = jnp.where((y > 4) & (y < 12), 10e3, 400e3)
-        found.append(slid(mpm.with_strength(scene, weak), state, 1.0))
+        found.append(slid(mpm.with_soil(scene, state, strength=weak)[0], state, 1.0))
     (short, mean), (long, mean_long) = found
     assert short > LIMIT
     assert abs(long / short - 1) < 0.03

@@ -46,7 +46,7 @@ def filled(folder, text):
     campaign = parse(text)
     soil = runs.random_soil(campaign)
     model = runs.build(campaign, "refined", soil, at_rest=False)
-    shape = mpm.column_shape(model.scene)
+    shape = mpm.run.column_shape(model.scene)
     with open_store(folder, text) as store:
         for number in range(10):
             slid = number < 4

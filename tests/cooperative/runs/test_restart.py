@@ -15,7 +15,7 @@ from cooperative import run, runs
 from cooperative.runs import Stopped, run_samples
 from cooperative.scene import parse
 from cooperative.store import Source, open_store, read_rows, read_sample, read_store, restart_path, write_sample
-from jaxmpm import solve, with_strength
+from jaxmpm import solve, with_soil
 from tests.cooperative.campaign.test_campaign import TINY, changed
 
 OFTEN = changed("k_t = 2", "k_t = 2\nrestart_every = 1e-6")
@@ -78,7 +78,7 @@ def test_failures_leave_frames_that_a_run_for_them_alone_gives_too(undisturbed):
             assert frames.dtype == np.float16
             assert len(times) == 1 + (far > 5 * limit)
             states = solve(
-                with_strength(model.scene, model.strength(sample.coefficients)), model.state,
+                *with_soil(model.scene, model.state, strength=model.strength(sample.coefficients)),
                 t_end=float(times[-1]), snapshots=times.tolist(),
             ).snapshots  # fmt: skip
             alone = np.stack([np.asarray(state.displacement) for state in states])

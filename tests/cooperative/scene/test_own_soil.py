@@ -20,7 +20,7 @@ from jaxmpm.transfer import band_thickness
 
 @mpm.pytree
 @dataclass(frozen=True)
-class Tresca(mpm.Law):
+class Tresca(mpm.laws.Law):
     """In plane strain: strength S (r + (1 - r) exp(-3 g / g95)), with g the plastic shear strain."""
 
     bulk: Any
@@ -30,9 +30,9 @@ class Tresca(mpm.Law):
     g95: Any
 
     PARAMETERS = {  # noqa: RUF012
-        "strength": mpm.Parameter(above=0, unit="Pa", reduced=True),
-        "remoulded": mpm.Parameter(least=0, most=1, name="residual_ratio"),
-        "g95": mpm.Parameter(above=0, name="strain_95", per_band=True),
+        "strength": mpm.laws.Parameter(above=0, unit="Pa", reduced=True),
+        "remoulded": mpm.laws.Parameter(least=0, most=1, name="residual_ratio"),
+        "g95": mpm.laws.Parameter(above=0, name="strain_95", per_band=True),
     }
 
     def initial_history(self, particles):

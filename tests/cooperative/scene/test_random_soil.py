@@ -18,7 +18,8 @@ from cooperative.runs._executors import run_sample
 from cooperative.scene import campaign_of, parse
 from cooperative.store import read_rows, read_sample, read_store, restart_path
 from cooperative.sweep import variants
-from jaxmpm import DruckerPrager, FrictionalSoil, MohrCoulomb
+from jaxmpm import FrictionalSoil
+from jaxmpm.laws import DruckerPrager, MohrCoulomb
 
 CLAY = TINY[TINY.index("softening_modulus") : TINY.index("[strength]")]
 FIELDS = """
@@ -159,7 +160,7 @@ def test_fields_correlate_as_asked(nataf):
     strong = changed(said, ("matrix = [[1.0, -0.5], [-0.5, 1.0]]", "matrix = [[1.0, -0.6], [-0.6, 1.0]]"))
     model = model_of(changed(SAND, ("cov = 0.3", "cov = 0.8")) + strong)
     (group,) = model.soil.groups
-    modes = np.asarray(kl.mode_matrix(group.expansion, np.array([[7.0], [3.0]])))[0]
+    modes = np.asarray(kl.field.mode_matrix(group.expansion, np.array([[7.0], [3.0]])))[0]
     sets = jax.vmap(model.soil.coefficients)(drawn(model, 20_000))
     score = {name: jnp.asarray(each @ modes / np.linalg.norm(modes)) for name, each in sets.items()}
     found = [model.campaign.random[name].distribution.transform(each) for name, each in score.items()]
@@ -174,7 +175,7 @@ def test_fields_that_correlate_are_conditioned_together():
     cohesion, friction = (model.campaign.random[name] for name in ("cohesion", "friction"))
     score = float(cohesion.distribution.standardise(jnp.asarray(9e3)))
     (group,) = model.soil.groups
-    modes = np.asarray(kl.mode_matrix(group.expansion, np.array([[7.0], [3.0]])))[0]
+    modes = np.asarray(kl.field.mode_matrix(group.expansion, np.array([[7.0], [3.0]])))[0]
     sets = jax.vmap(model.soil.coefficients)(drawn(model, 20_000))
     at = {name: np.asarray(each @ modes) for name, each in sets.items()}
     np.testing.assert_allclose(at["cohesion"], score, atol=2e-3)
@@ -222,7 +223,7 @@ def test_correlation_of_the_property_itself_is_had_on_request():
     model = model_of(changed(TINY, ("cov = 0.4", "cov = 1.2\nnataf = true")))
     expansion = model.soil.expansions["strength"]
     points = np.array([[4.0, 20.0], [3.0, 3.0]])
-    modes = np.asarray(kl.mode_matrix(expansion, points), float)
+    modes = np.asarray(kl.field.mode_matrix(expansion, points), float)
     gaussian = modes @ modes.T
     # Of lognormal numbers: (exp(s^2 r) - 1) / (exp(s^2) - 1).
     s2 = np.log1p(1.2**2)

@@ -14,7 +14,7 @@ from cooperative.scene import SEVERAL, TABLES, built, examples, json_schema, mar
 from cooperative.scene._page import write
 from cooperative.scene._soil import OF_FRICTION
 from cooperative.scene.tables import schema_of
-from jaxmpm import soil_limits
+from jaxmpm.soil import soil_limits
 from tests import ROOT
 from tests.cooperative.campaign.test_campaign import TINY
 

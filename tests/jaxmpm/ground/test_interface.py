@@ -34,7 +34,7 @@ def test_a_layer_without_end_slides_from_its_factor_of_safety_on(interface, k_h,
     exact = (interface.cohesion + pressed * math.tan(math.radians(interface.friction))) / pull
     scene, state = layer(interface, k_h, **water)
     varied, axes = reductions(scene, exact * jnp.array([0.99, 1.25]))
-    result = mpm.solve(varied, mpm.repeat(state, 2), t_end=1.0, axes=axes).raise_if_failed()
+    result = mpm.solve(varied, mpm.run.repeat(state, 2), t_end=1.0, axes=axes).raise_if_failed()
     stands, slides = np.asarray(result.state.displacement[:, 0]).mean(axis=1)
     assert abs(stands) < 1e-5
     assert np.isclose(slides, 0.5 * k_h * 9.81 * (1 - 1 / 1.25), rtol=0.01)

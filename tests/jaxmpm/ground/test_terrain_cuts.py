@@ -137,7 +137,7 @@ def test_cuts_in_python_are_refused_likewise():
             built(**cuts)
     scene = built()[1]
     with pytest.raises(ValueError, match=r"cut has shape \(3,\): give"):
-        mpm.scene(scene.particles, scene.grid, scene.material, kernel=scene.kernel, cut=np.zeros(3, bool))
+        mpm.scene(scene.particles, scene.grid, scene.material, ONES, boundary=mpm.Boundary(cut=np.zeros(3, bool)))
 
 
 @pytest.mark.slow
@@ -150,7 +150,7 @@ def test_what_slides_within_the_cuts_slides_as_in_the_whole():
         scene, state = mpm.terrain(mpm.Terrain(plane, 0.0, **cuts), CLAY, ONES)
         x, y, z = np.asarray(scene.particles.position, float)
         weak = (np.hypot(x - 28, y - 24) < 10) & (34 - 0.4 * x - z < 3)
-        slides = mpm.with_strength(scene, np.where(weak, 1e3, 200e3).astype(np.float32))
+        slides = mpm.with_soil(scene, state, strength=np.where(weak, 1e3, 200e3).astype(np.float32))[0]
         final = mpm.solve(slides, state, t_end=3.0).raise_if_failed().state
         measured = consequences(
             np.asarray(scene.particles.position), np.asarray(final.displacement), np.asarray(scene.particles.volume),

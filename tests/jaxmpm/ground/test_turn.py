@@ -118,10 +118,10 @@ def test_without_plotly_a_scene_in_3d_is_drawn_as_a_picture(tmp_path, capsys, mo
 def test_water_is_drawn_where_it_stands_whatever_says_so():
     x, y = np.array([-1.0, 0.5, 3.0]), np.array([0.0, 1.0, 9.0])
     weight, height = jnp.asarray(9810.0), jnp.asarray(1.0)
-    table = mpm.WaterTable(jnp.array([0.0, 2.0]), jnp.array([4.0, 6.0]), weight, height)
+    table = mpm.laws.WaterTable(jnp.array([0.0, 2.0]), jnp.array([4.0, 6.0]), weight, height)
     # Heights 4 + x + 2 y on points 2 m apart, level beyond the outermost.
     heights = 4 + jnp.array([[0.0, 4.0], [2.0, 6.0]])
-    surface = mpm.WaterSurface(heights, jnp.zeros(2), jnp.asarray(2.0), weight, height)
+    surface = mpm.laws.WaterSurface(heights, jnp.zeros(2), jnp.asarray(2.0), weight, height)
     for water, known in ((table, [4, 4.5, 6]), (surface, [4, 6.5, 10]), (None, None)):
         found = ground._water(SimpleNamespace(scene=SimpleNamespace(water=water)), x, y)
         assert found is None if known is None else np.allclose(found, known)

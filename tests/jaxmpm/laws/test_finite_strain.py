@@ -17,7 +17,7 @@ from jaxmpm.run._advance import lane_status
 from tests.differences import check_run
 
 K, G, PEAK, SLOPE, RATIO = 8e6, 3e6, 40e3, 85e3, 0.5
-ELASTIC = mpm.Elastic(jnp.asarray(K), jnp.asarray(G))
+ELASTIC = mpm.laws.Elastic(jnp.asarray(K), jnp.asarray(G))
 EIGHTS = mpm.Discretisation(1.0, (0.5, 0.5), finite_strain=True)
 
 
@@ -123,7 +123,7 @@ def softened(drive):
 @pytest.mark.parametrize("steps", [1, 20])
 @pytest.mark.parametrize("strain", [0.1, -0.5])
 def test_clay_softens_in_logarithmic_strain_as_in_closed_form(strain, steps):
-    law = mpm.J2(*map(jnp.asarray, (K, G, PEAK)), mpm.Softening(jnp.asarray(SLOPE), jnp.asarray(RATIO)))
+    law = mpm.laws.J2(*map(jnp.asarray, (K, G, PEAK)), mpm.laws.Softening(jnp.asarray(SLOPE), jnp.asarray(RATIO)))
     scene, state = point(law, d=1)
     end = deformed(scene, state, np.full((steps, 1, 1), np.exp(strain / steps)))
     shear, g = softened(2 / np.sqrt(3) * abs(strain))
@@ -133,7 +133,7 @@ def test_clay_softens_in_logarithmic_strain_as_in_closed_form(strain, steps):
 
 
 @pytest.mark.usefixtures("x64")
-@pytest.mark.parametrize("law", [mpm.DruckerPrager, mpm.MohrCoulomb])
+@pytest.mark.parametrize("law", [mpm.laws.DruckerPrager, mpm.laws.MohrCoulomb])
 def test_soil_with_friction_flows_at_its_strength_without_change_of_volume(law):
     cohesion, friction = 5e3, np.radians(30.0)
     material = law(*map(jnp.asarray, (K, G, cohesion, friction, 0.0)))
@@ -144,7 +144,7 @@ def test_soil_with_friction_flows_at_its_strength_without_change_of_volume(law):
     high, *_, low = np.sort(np.linalg.eigvalsh(tau))[::-1]
     assert np.isclose(np.trace(tau), np.trace(before), rtol=1e-9)
     criterion = (high - low) / 2 + (high + low) / 2 * np.sin(friction) - cohesion * np.cos(friction)
-    assert abs(criterion) < (1e-9 if law is mpm.MohrCoulomb else 0.02) * abs(tau).max()
+    assert abs(criterion) < (1e-9 if law is mpm.laws.MohrCoulomb else 0.02) * abs(tau).max()
 
 
 SHAPE = mpm.Slope(crest=4, height=2, run_per_rise=1.0, toe=4, foundation=2)
@@ -193,7 +193,7 @@ SAND = mpm.FrictionalSoil(cohesion=1e3, friction=20.0, young=5e6)
 SOILS = {
     "elastic": (replace(CLAY, strength=None), ("bulk", "shear"), 1e-6),
     "clay": (replace(CLAY, strength=6e3), ("bulk", "strength"), 1e-4),
-    "cone": (replace(SAND, criterion=mpm.DruckerPrager), ("cohesion", "friction"), 1e-4),
+    "cone": (replace(SAND, criterion=mpm.laws.DruckerPrager), ("cohesion", "friction"), 1e-4),
     "pyramid": (SAND, ("cohesion", "friction"), 1e-4),
 }
 

@@ -17,10 +17,10 @@ from tests.jaxmpm.laws.test_finite_strain import deformed, point
 
 K, G, STRENGTH, AT_REST = 8e6, 3e6, 2e4, -5e4
 BULK, SHEAR, NONE = jnp.asarray(K), jnp.asarray(G), jnp.asarray(0.0)
-CLAY = mpm.J2(BULK, SHEAR, jnp.asarray(STRENGTH), tension_cutoff=NONE)
+CLAY = mpm.laws.J2(BULK, SHEAR, jnp.asarray(STRENGTH), tension_cutoff=NONE)
 ANGLES = jnp.radians(30.0), jnp.radians(0.0)
-CONE = mpm.DruckerPrager(BULK, SHEAR, jnp.asarray(1e4), *ANGLES, tension_cutoff=NONE)
-PYRAMID = mpm.MohrCoulomb(BULK, SHEAR, jnp.asarray(1e4), *ANGLES, tension_cutoff=NONE)
+CONE = mpm.laws.DruckerPrager(BULK, SHEAR, jnp.asarray(1e4), *ANGLES, tension_cutoff=NONE)
+PYRAMID = mpm.laws.MohrCoulomb(BULK, SHEAR, jnp.asarray(1e4), *ANGLES, tension_cutoff=NONE)
 LAWS = {"clay": CLAY, "cone": CONE, "pyramid": PYRAMID}
 COLUMN = mpm.Soil(young=2e6, poisson=0.3, strength=1e4)
 

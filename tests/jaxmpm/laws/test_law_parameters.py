@@ -21,7 +21,7 @@ SOILS = {
 
 @mpm.pytree
 @dataclass(frozen=True)
-class Undeclared(mpm.Law):
+class Undeclared(mpm.laws.Law):
     """Numbers of which nothing is declared, one of them of a part."""
 
     bulk: Any
@@ -32,7 +32,7 @@ class Undeclared(mpm.Law):
 
 @mpm.pytree
 @dataclass(frozen=True)
-class Joints(mpm.Law):
+class Joints(mpm.laws.Law):
     """A friction that is divided, and an opening angle that may not exceed it."""
 
     bulk: Any
@@ -41,8 +41,8 @@ class Joints(mpm.Law):
     opening: Any
 
     PARAMETERS = {  # noqa: RUF012
-        "slip": mpm.Parameter(least=0.0, unit="rad", name="joint_friction", reduced=True),
-        "opening": mpm.Parameter(least=0.0, unit="rad", at_most="joint_friction"),
+        "slip": mpm.laws.Parameter(least=0.0, unit="rad", name="joint_friction", reduced=True),
+        "opening": mpm.laws.Parameter(least=0.0, unit="rad", at_most="joint_friction"),
     }
 
 
@@ -71,17 +71,17 @@ def test_a_law_has_engineers_names_for_its_numbers_wherever_they_stand_in_it(soi
 
 
 def test_numbers_that_a_law_declares_nothing_of_go_by_their_path():
-    law = Undeclared(1.0, 1.0, 2.0, mpm.Softening(3.0, 0.5))
+    law = Undeclared(1.0, 1.0, 2.0, mpm.laws.Softening(3.0, 0.5))
     assert declared(law)["yield_stress"].path == "yield_stress"
     assert not declared(law)["yield_stress"].parameter.reduced
     assert declared(law)["softening_modulus"].path == "softening.modulus"
     with pytest.raises(ValueError, match="Undeclared has no strength to divide: declare one in PARAMETERS"):
-        mpm.reduce_strength(law, 1.5)
+        mpm.laws.reduce_strength(law, 1.5)
 
 
 def test_reduction_divides_the_tangent_of_an_angle_and_lowers_what_may_not_exceed_it():
     friction, opening = jnp.radians(jnp.asarray([30.0, 12.0])), jnp.radians(jnp.asarray([5.0, 12.0]))
-    weaker = mpm.reduce_strength(Joints(1.0, 1.0, friction, opening), 1.25)
+    weaker = mpm.laws.reduce_strength(Joints(1.0, 1.0, friction, opening), 1.25)
     tangent = np.tan(np.radians([30.0, 12.0])) / 1.25
     np.testing.assert_allclose(np.tan(weaker.slip), tangent, rtol=1e-6)
     np.testing.assert_allclose(np.degrees(weaker.opening), [5.0, np.degrees(np.arctan(tangent[1]))], rtol=1e-6)
@@ -89,20 +89,15 @@ def test_reduction_divides_the_tangent_of_an_angle_and_lowers_what_may_not_excee
 
 
 def test_a_number_above_that_which_it_may_not_exceed_is_refused_by_the_names_of_the_law():
-    scene, _ = mpm.block(
-        (0.5, 0.5),
-        mpm.Soil(),
-        mpm.Discretisation(1.0, (0.5, 0.5), fbar=False, cell_average=False),
-        domain=(3, 3),
-        corner=(1.0, 1.0),
-    )
+    numerics = mpm.Discretisation(1.0, (0.5, 0.5), fbar=False, cell_average=False)
+    scene, _ = mpm.block((0.5, 0.5), mpm.Soil(), numerics, domain=(3, 3), corner=(1.0, 1.0))
     law = Joints(*(jnp.asarray(value, jnp.float32) for value in (1e6, 1e6, 0.2, 0.1)))
-    mpm.scene(scene.particles, scene.grid, law, kernel=scene.kernel)
+    mpm.scene(scene.particles, scene.grid, law, numerics)
     with pytest.raises(ValueError, match=r"opening is up to 5.73 degrees above the joint_friction: give at most"):
-        mpm.scene(scene.particles, scene.grid, replace(law, opening=law.slip + 0.1), kernel=scene.kernel)
+        mpm.scene(scene.particles, scene.grid, replace(law, opening=law.slip + 0.1), numerics)
 
 
 @pytest.mark.parametrize("table", ["LIMITS", "STRENGTH"])
 def test_a_law_with_a_table_of_before_is_refused(table):
     with pytest.raises(ValueError, match=f"Own has {table}: declare its numbers in PARAMETERS"):
-        type("Own", (mpm.Law,), {table: {}})
+        type("Own", (mpm.laws.Law,), {table: {}})

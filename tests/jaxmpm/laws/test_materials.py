@@ -14,8 +14,8 @@ K, G, S0, H, RATIO = 8e6, 3e6, 40e3, 85e3, 0.5
 
 
 def soil(cutoff=None, softening=True, strength=S0):
-    soft = mpm.Softening(jnp.asarray(H), jnp.asarray(RATIO)) if softening else None
-    return mpm.J2(jnp.asarray(K), jnp.asarray(G), jnp.asarray(strength), soft, cutoff)
+    soft = mpm.laws.Softening(jnp.asarray(H), jnp.asarray(RATIO)) if softening else None
+    return mpm.laws.J2(jnp.asarray(K), jnp.asarray(G), jnp.asarray(strength), soft, cutoff)
 
 
 def shear_path(law, gamma, steps):

@@ -21,12 +21,12 @@ COMPONENTS = st.lists(st.floats(-2e5, 2e5), min_size=6, max_size=6)
 NO_STRAIN = (0.0,) * 6
 
 
-def law(kind=mpm.MohrCoulomb, dilation=0.0, cutoff=None, softening=None, dtype=float, **choices):
+def law(kind=mpm.laws.MohrCoulomb, dilation=0.0, cutoff=None, softening=None, dtype=float, **choices):
     def number(value):
         return None if value is None else jnp.asarray(value, dtype)
 
     if softening is not None:
-        softening = mpm.FrictionalSoftening(**{k: number(v) for k, v in softening.items()})
+        softening = mpm.laws.FrictionalSoftening(**{k: number(v) for k, v in softening.items()})
     parameters = (number(v) for v in (K, G, C, PHI, np.radians(dilation)))
     return kind(*parameters, softening, number(cutoff), **choices)
 
@@ -76,7 +76,8 @@ def triaxial(material, axial, confinement, steps):
 @pytest.mark.usefixtures("x64")
 @pytest.mark.parametrize("dilation", [5.0, 15.0, 30.0])
 @pytest.mark.parametrize(
-    ("kind", "choices"), [(mpm.MohrCoulomb, {}), (mpm.DruckerPrager, {"matching": mpm.Matching.COMPRESSION})]
+    ("kind", "choices"),
+    [(mpm.laws.MohrCoulomb, {}), (mpm.laws.DruckerPrager, {"matching": mpm.laws.Matching.COMPRESSION})],
 )
 def test_triaxial_compression_fails_at_the_closed_form(kind, choices, dilation):
     confinement, s = 50e3, np.sin(PHI)
@@ -88,7 +89,8 @@ def test_triaxial_compression_fails_at_the_closed_form(kind, choices, dilation):
 
 @pytest.mark.usefixtures("x64")
 @pytest.mark.parametrize(
-    ("kind", "choices"), [(mpm.MohrCoulomb, {}), (mpm.DruckerPrager, {"matching": mpm.Matching.EXTENSION})]
+    ("kind", "choices"),
+    [(mpm.laws.MohrCoulomb, {}), (mpm.laws.DruckerPrager, {"matching": mpm.laws.Matching.EXTENSION})],
 )
 def test_triaxial_extension_fails_at_the_closed_form(kind, choices):
     confinement, s = 150e3, np.sin(PHI)
@@ -99,7 +101,7 @@ def test_triaxial_extension_fails_at_the_closed_form(kind, choices):
 
 @pytest.mark.usefixtures("x64")
 @pytest.mark.parametrize("dilation", [0.0, 10.0, 30.0])
-@pytest.mark.parametrize("kind", [mpm.MohrCoulomb, mpm.DruckerPrager])
+@pytest.mark.parametrize("kind", [mpm.laws.MohrCoulomb, mpm.laws.DruckerPrager])
 def test_plane_strain_fails_at_mohr_coulomb_whatever_the_dilation(kind, dilation):
     # In-plane shear with the dilation angle itself, so that the stress comes to stand at failure.
     opening = np.sin(np.radians(dilation)) * np.hypot(0.5e-3, 0.3e-3)
@@ -110,7 +112,7 @@ def test_plane_strain_fails_at_mohr_coulomb_whatever_the_dilation(kind, dilation
 
 
 @pytest.mark.usefixtures("x64")
-@pytest.mark.parametrize("kind", [mpm.MohrCoulomb, mpm.DruckerPrager])
+@pytest.mark.parametrize("kind", [mpm.laws.MohrCoulomb, mpm.laws.DruckerPrager])
 def test_simple_shear_without_dilation_mobilises_c_cos_phi_and_the_mean_stress(kind):
     stress, _ = driven(law(kind), (0.0, 0.0, 0.0, 0.0, 0.0, 1e-3), 200, start=-100e3)
     assert np.isclose(stress[5], C * np.cos(PHI) + 100e3 * np.sin(PHI), rtol=1e-9)
@@ -170,9 +172,9 @@ def test_mohr_coulomb_returns_to_the_pyramid_by_flow_of_its_active_planes(trial,
 @settings(max_examples=100)
 @given(trial=COMPONENTS, dilation=st.sampled_from([0.0, 15.0]), cutoff=st.sampled_from([None, 4e3]))
 def test_drucker_prager_stays_on_its_cone_and_below_the_cutoff(trial, dilation, cutoff):
-    material = law(mpm.DruckerPrager, dilation, cutoff, softening=PEAK_AND_RESIDUAL)
+    material = law(mpm.laws.DruckerPrager, dilation, cutoff, softening=PEAK_AND_RESIDUAL)
     stress, g = returned(material, tensor(trial), jnp.zeros(()))
-    slope, intercept, _ = mpm.cone(material.matching, material.cohesion, material.friction, material.dilation)
+    slope, intercept, _ = mpm.laws.cone(material.matching, material.cohesion, material.friction, material.dilation)
     p = mpm.tensors.mean(stress)
     q = jnp.sqrt(mpm.tensors.second_invariant(mpm.tensors.deviator(stress)))
     assert q + slope * p <= intercept + 1e-9 * 2e5
@@ -181,7 +183,7 @@ def test_drucker_prager_stays_on_its_cone_and_below_the_cutoff(trial, dilation, 
 
 
 @pytest.mark.usefixtures("x64")
-@pytest.mark.parametrize("kind", [mpm.MohrCoulomb, mpm.DruckerPrager])
+@pytest.mark.parametrize("kind", [mpm.laws.MohrCoulomb, mpm.laws.DruckerPrager])
 @pytest.mark.parametrize("cutoff", [None, 2e3])
 def test_float32_agrees_with_float64_over_a_cloud_of_stresses(kind, cutoff):
     cloud = np.random.default_rng(1).normal(size=(6, 4000)) * 1e5
@@ -209,7 +211,7 @@ STATES = {
 
 @pytest.mark.usefixtures("x64")
 @pytest.mark.parametrize("state", STATES)
-@pytest.mark.parametrize("kind", [mpm.MohrCoulomb, mpm.DruckerPrager])
+@pytest.mark.parametrize("kind", [mpm.laws.MohrCoulomb, mpm.laws.DruckerPrager])
 @pytest.mark.parametrize("cutoff", [None, 5e3])
 def test_derivatives_are_finite_and_those_of_the_stress(kind, cutoff, state):
     material, trial = law(kind, 10.0, cutoff, softening=PEAK_AND_RESIDUAL), jnp.asarray(STATES[state])
@@ -225,8 +227,8 @@ def test_derivatives_are_finite_and_those_of_the_stress(kind, cutoff, state):
 
 
 @pytest.mark.usefixtures("x64")
-@pytest.mark.parametrize("decay", list(mpm.Decay))
-@pytest.mark.parametrize("kind", [mpm.MohrCoulomb, mpm.DruckerPrager])
+@pytest.mark.parametrize("decay", list(mpm.laws.Decay))
+@pytest.mark.parametrize("kind", [mpm.laws.MohrCoulomb, mpm.laws.DruckerPrager])
 def test_softening_takes_cohesion_and_friction_to_their_residual_values(kind, decay):
     material = law(kind, softening=PEAK_AND_RESIDUAL)
     material = replace(material, softening=replace(material.softening, decay=decay))
@@ -237,19 +239,19 @@ def test_softening_takes_cohesion_and_friction_to_their_residual_values(kind, de
 
 
 @pytest.mark.usefixtures("x64")
-@pytest.mark.parametrize("kind", [mpm.MohrCoulomb, mpm.DruckerPrager])
+@pytest.mark.parametrize("kind", [mpm.laws.MohrCoulomb, mpm.laws.DruckerPrager])
 def test_without_friction_both_are_j2_in_plane_strain(kind):
     material = replace(law(kind), friction=jnp.asarray(0.0))
-    plain = mpm.J2(material.bulk, material.shear, material.cohesion)
+    plain = mpm.laws.J2(material.bulk, material.shear, material.cohesion)
     path = (2e-3, 0.0, -2e-3, 0.0, 0.0, 1e-3)
     ours, theirs = (driven(m, path, 20, start=-50e3)[0] for m in (material, plain))
     assert np.allclose([ours[k] for k in (0, 2, 5)], [theirs[k] for k in (0, 2, 5)], rtol=1e-9)
 
 
 @pytest.mark.usefixtures("x64")
-@pytest.mark.parametrize("kind", [mpm.MohrCoulomb, mpm.DruckerPrager])
+@pytest.mark.parametrize("kind", [mpm.laws.MohrCoulomb, mpm.laws.DruckerPrager])
 def test_strength_reduction_divides_cohesion_and_the_tangent_of_friction(kind):
-    reduced = mpm.reduce_strength(law(kind, 25.0, softening=PEAK_AND_RESIDUAL), jnp.asarray(1.5))
+    reduced = mpm.laws.reduce_strength(law(kind, 25.0, softening=PEAK_AND_RESIDUAL), jnp.asarray(1.5))
     assert np.isclose(reduced.cohesion, C / 1.5)
     assert np.isclose(jnp.tan(reduced.friction), np.tan(PHI) / 1.5)
     assert np.isclose(reduced.dilation, reduced.friction)

@@ -11,7 +11,7 @@ import jaxmpm as mpm
 from jaxmpm.diagnostics import unbalanced_force
 from tests.differences import check_run
 
-SAND = mpm.FrictionalSoil(5e3, 30.0, unit_weight=18e3, young=2e7, criterion=mpm.DruckerPrager)
+SAND = mpm.FrictionalSoil(5e3, 30.0, unit_weight=18e3, young=2e7, criterion=mpm.laws.DruckerPrager)
 HALVES = mpm.Discretisation(1.0, (0.5, 0.5))
 LEVEL = mpm.Section([(0, 8), (12, 8)])
 HILL = mpm.Section([(0, 6), (8, 6), (14, 3), (20, 3)])
@@ -94,7 +94,7 @@ def test_a_table_in_the_ground_changes_no_factor_of_undrained_clay():
 
 def table(*points, height=0.5):
     x, z = jnp.asarray(points, float).T
-    return mpm.WaterTable(x, z, jnp.asarray(WATER), jnp.asarray(height))
+    return mpm.laws.WaterTable(x, z, jnp.asarray(WATER), jnp.asarray(height))
 
 
 def test_the_push_is_the_pressures_gradient(x64):
@@ -119,7 +119,7 @@ def hill_of_water(step=2.0):
 def test_the_push_below_a_surface_is_the_pressures_gradient(x64):
     raster = hill_of_water()
     told = raster.heights, raster.corner, raster.step, WATER, 0.5
-    water = mpm.WaterSurface(*(jnp.asarray(value, float) for value in told))
+    water = mpm.laws.WaterSurface(*(jnp.asarray(value, float) for value in told))
     place = np.random.default_rng(1).uniform([[0.1], [0.1], [0]], [[7.9], [3.9], [9]], (3, 300))
     table, tiny = raster.at(*place[:2]), 1e-6
 
@@ -130,7 +130,7 @@ def test_the_push_below_a_surface_is_the_pressures_gradient(x64):
     slopes = [(pressure(*(place + step)) - pressure(*(place - step))) / (2 * tiny) for step in steps]
     far = (abs(table - place[2]) > 0.25) & (abs(place[:2] / 2 - np.round(place[:2] / 2)) > 1e-5).all(axis=0)
     beyond = np.array([[-3.0, 20.0], [2.0, 2.0], [1.0, 1.0]])
-    push = np.asarray(jax.jit(mpm.WaterSurface.push)(water, jnp.asarray(np.concatenate([place, beyond], axis=1))))
+    push = np.asarray(jax.jit(mpm.laws.WaterSurface.push)(water, jnp.asarray(np.concatenate([place, beyond], axis=1))))
     assert np.allclose(push[:, :-2][:, far], -np.stack(slopes)[:, far], atol=1e-3)
     assert np.array_equal(push[0, -2:], [0, 0])
     assert np.all(push[2, -2:] == WATER)
@@ -206,8 +206,8 @@ def terrain_with_a_surface(soil):
 
 
 SOAKED = [
-    (section_with_a_table, mpm.DruckerPrager),
-    pytest.param(terrain_with_a_surface, mpm.MohrCoulomb, marks=pytest.mark.slow),
+    (section_with_a_table, mpm.laws.DruckerPrager),
+    pytest.param(terrain_with_a_surface, mpm.laws.MohrCoulomb, marks=pytest.mark.slow),
 ]
 
 
@@ -249,8 +249,8 @@ def test_pools_that_are_level_and_tables_in_the_ground_are_built_as_drawn(water)
 @pytest.mark.parametrize("built", [section_with_a_table, terrain_with_a_surface])
 def test_lanes_share_the_water_on_both_engines(built):
     scene, state = built(SAND)
-    varied, axes = mpm.lanes(scene, cohesion=jnp.array([1e3, 5e3]))
-    together = mpm.solve(varied, mpm.repeat(state, 2), t_end=0.2, axes=axes).state.displacement
+    varied, axes = mpm.run.lanes(scene, cohesion=jnp.array([1e3, 5e3]))
+    together = mpm.solve(varied, mpm.run.repeat(state, 2), t_end=0.2, axes=axes).state.displacement
     for engine in (None, mpm.Engine.XLA):
         alone = mpm.solve(replace(scene, engine=engine), state, t_end=0.2).state.displacement
         assert np.allclose(together[1], alone, rtol=1e-12, atol=1e-15)

@@ -15,7 +15,7 @@ BELOW = [(0, 3), (8, 3), (9, 3)]
 NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5))
 CLAY = mpm.Soil(young=5e6, strength=12e3, softening_modulus=20e3, rate_coefficient=0.05)
 FILL = mpm.FrictionalSoil(4e3, 30.0, 5.0, young=8e6, tension_cutoff=0.0)
-CONE = replace(FILL, criterion=mpm.DruckerPrager)
+CONE = replace(FILL, criterion=mpm.laws.DruckerPrager)
 LOST = replace(CONE, residual_friction=20.0, softening_strain=0.1, tension_cutoff=None)
 ROCK = mpm.Soil(young=5e7, strength=None)
 
@@ -45,7 +45,7 @@ def test_layers_of_a_kind_are_one_law_and_others_follow_one_another():
         at = particle(scene, {"MohrCoulomb": (1, 5), "J2": (8, 1.2), "Elastic": (8, 0.3)}[type(law).__name__])
         assert own.start <= at < own.stop
     alike, _ = layered(CLAY, replace(CLAY, strength=20e3))
-    assert isinstance(alike.material, mpm.J2)
+    assert isinstance(alike.material, mpm.laws.J2)
     # The third layer is of the first one's kind: their particles follow one law.
     two, _ = layered(FILL, CLAY, replace(FILL, friction=35.0))
     assert [type(law).__name__ for law in two.material.laws] == ["MohrCoulomb", "J2"]
@@ -58,7 +58,9 @@ def test_one_soil_written_as_two_kinds_moves_as_one(soil, finite):
     numerics = replace(NUMERICS, finite_strain=finite)
     scene, state = mpm.section(DRAWN, soil, numerics)
     half = int(scene.particles.mass.size * 0.4)
-    two = replace(scene, material=mpm.Zoned((scene.material, scene.material), (half, scene.particles.mass.size - half)))
+    two = replace(
+        scene, material=mpm.laws.Zoned((scene.material, scene.material), (half, scene.particles.mass.size - half))
+    )
     one, other = (mpm.advance(s, state, 60) for s in (scene, two))
     assert float(jnp.max(abs(one.displacement))) > 1e-4
     for name in ("displacement", "stress", "history", "gap"):
@@ -103,8 +105,8 @@ def test_lanes_of_unlike_strength_move_as_each_alone():
     count = scene.particles.mass.size
     strengths = jnp.asarray([[8e3], [12e3]]) * jnp.ones(count)
     cohesions = jnp.asarray([2e3, 5e3])
-    varied, axes = mpm.lanes(scene, strength=strengths, cohesion=cohesions)
-    together = mpm.advance_lanes(varied, mpm.repeat(state, 2), jnp.asarray([40, 40]), axes)
+    varied, axes = mpm.run.lanes(scene, strength=strengths, cohesion=cohesions)
+    together = mpm.run.advance_lanes(varied, mpm.run.repeat(state, 2), jnp.asarray([40, 40]), axes)
     for lane in range(2):
         alone, start = mpm.with_soil(scene, state, strength=strengths[lane], cohesion=cohesions[lane])
         moved = mpm.advance(alone, start, 40)
@@ -122,7 +124,7 @@ def test_float32_and_both_engines_agree_with_float64():
         exact_end = np.asarray(exact_end)
     scale = abs(exact_end).max()
     scene, state = layered(LOST, CLAY, ROCK)
-    for engine in (mpm.Engine.XLA, *([mpm.Engine.NATIVE] if mpm.native_available() else [])):
+    for engine in (mpm.Engine.XLA, *([mpm.Engine.NATIVE] if mpm.transfer.native_available() else [])):
         end = mpm.advance(replace(scene, engine=engine), state, 60)
         np.testing.assert_allclose(end.displacement, exact_end, atol=2e-3 * scale)
 
@@ -150,9 +152,11 @@ def test_names_reach_every_zone_that_has_them():
     with pytest.raises(ValueError, match="strength = -1 Pa"):
         mpm.with_soil(scene, state, strength=-1.0)
     with pytest.raises(ValueError, match="snaps back"):
-        mpm.lanes(scene, **{"softening.modulus": jnp.asarray([10e3, 1e9])})
+        mpm.run.lanes(scene, **{"softening.modulus": jnp.asarray([10e3, 1e9])})
     with pytest.raises(ValueError, match="dilation is up to 10 degrees above the friction"):
-        mpm.lanes(scene, friction=jnp.radians(jnp.asarray([30.0, 20.0])), dilation=jnp.radians(jnp.asarray([5.0, 30])))
+        mpm.run.lanes(
+            scene, friction=jnp.radians(jnp.asarray([30.0, 20.0])), dilation=jnp.radians(jnp.asarray([5.0, 30]))
+        )
 
 
 def test_reduction_divides_the_strength_of_every_zone_that_has_some():
@@ -162,9 +166,8 @@ def test_reduction_divides_the_strength_of_every_zone_that_has_some():
     np.testing.assert_allclose(clay_less.strength, clay.strength / 1.25, rtol=1e-6)
     np.testing.assert_allclose(jnp.tan(sand_less.friction), jnp.tan(sand.friction) / 1.25, rtol=1e-6)
     assert rock_less is rock
-    both = mpm.scene(
-        scene.particles, scene.grid, mpm.Zoned((rock, rock), (10, scene.particles.mass.size - 10)), kernel=scene.kernel
-    )
+    rocks = mpm.laws.Zoned((rock, rock), (10, scene.particles.mass.size - 10))
+    both = mpm.scene(scene.particles, scene.grid, rocks, NUMERICS)
     with pytest.raises(ValueError, match="no zone of Elastic and Elastic has strength to divide"):
         mpm.reduced(both, 1.25)
 
@@ -224,7 +227,11 @@ def test_water_does_not_enter_the_strength_of_undrained_layers():
         np.testing.assert_allclose(total, -20e3 * (6 - z), rtol=0.03, atol=1500)
     with pytest.raises(ValueError, match="pore_pressure above 0 in a zone whose strength is undrained: give 0 Pa"):
         mpm.scene(
-            scene.particles, scene.grid, scene.material, kernel=scene.kernel, pore_pressure=np.ones(undrained.size)
+            scene.particles,
+            scene.grid,
+            scene.material,
+            NUMERICS,
+            loads=mpm.Loads(pore_pressure=np.ones(undrained.size)),
         )
     with pytest.raises(ValueError, match="pore pressure by r_u in Zoned, whose strength is undrained"):
         mpm.section(
@@ -261,7 +268,7 @@ def test_averaged_plastic_strain_goes_over_zones_that_soften():
 def test_what_zones_cannot_be_is_refused():
     scene, _ = layered(FILL, CLAY)
     with pytest.raises(ValueError, match=r"counts = \(3, 4\) for 2 laws and \d+ particles: give the number of each"):
-        mpm.scene(scene.particles, scene.grid, replace(scene.material, counts=(3, 4)), kernel=scene.kernel)
+        mpm.scene(scene.particles, scene.grid, replace(scene.material, counts=(3, 4)), NUMERICS)
     with pytest.raises(ValueError, match="fbar = True with a frictional soil"):
         layered(FILL, CLAY, numerics=replace(NUMERICS, fbar=True))
 

@@ -10,6 +10,7 @@ import pytest
 
 import jaxmpm as mpm
 from foundation import check
+from foundation.check import Limit
 
 NAN, INF = float("nan"), float("inf")
 SHAPE = mpm.Slope(crest=4, height=2, run_per_rise=1.0, toe=4, foundation=2)
@@ -41,11 +42,9 @@ def test_one_bad_particle_is_refused_on_the_host(section, value):
     strength = np.full(scene.particles.mass.size, 9e3)
     strength[3] = value
     with pytest.raises(ValueError, match=r"strength = .* Pa at \[3\] \(bad at 1 of .*\): give a finite value above 0"):
-        mpm.with_strength(scene, strength)
-    with pytest.raises(ValueError, match=r"strength = .* at \[1, 3\] \(bad at 1 of"):
-        mpm.lanes(scene, strength=np.stack([np.full_like(strength, 9e3), strength]))
-    with pytest.raises(ValueError, match=r"strength = .* at \[3\]"):
         mpm.with_soil(scene, state, strength=strength)
+    with pytest.raises(ValueError, match=r"strength = .* at \[1, 3\] \(bad at 1 of"):
+        mpm.run.lanes(scene, strength=np.stack([np.full_like(strength, 9e3), strength]))
     with pytest.raises(ValueError, match=r"strength = .* at \[3\]"):
         mpm.slope(SHAPE, replace(CLAY, strength=strength), NUMERICS)
     with pytest.raises(ValueError, match=r"strength = .* at \[3\]"):
@@ -61,11 +60,11 @@ def test_one_bad_particle_is_refused_on_the_host(section, value):
 def test_a_lane_with_a_bad_parameter_takes_no_step_and_leaves_its_neighbours(section):
     scene, state = section
     good = jnp.broadcast_to(scene.material.strength, (4, scene.particles.mass.size))
-    varied, axes = mpm.lanes(scene, strength=good)
+    varied, axes = mpm.run.lanes(scene, strength=good)
     bad = good.at[1, 3].set(NAN).at[2, 5].set(0.0).at[3, 0].set(-1.0)
     broken = replace(varied, material=replace(varied.material, strength=bad))
-    whole = mpm.solve(varied, mpm.repeat(state, 4), t_end=0.05, axes=axes)
-    result = mpm.solve(broken, mpm.repeat(state, 4), t_end=0.05, axes=axes)
+    whole = mpm.solve(varied, mpm.run.repeat(state, 4), t_end=0.05, axes=axes)
+    result = mpm.solve(broken, mpm.run.repeat(state, 4), t_end=0.05, axes=axes)
     assert result.status.tolist() == [mpm.Status.FINISHED, BAD, BAD, BAD]
     assert np.asarray(result.state.step)[1:].tolist() == [0, 0, 0]
     assert result.broke_off.tolist() == [False, True, True, True]
@@ -107,12 +106,12 @@ def test_other_numbers_of_a_scene_are_held_to_their_limits(section, name, value)
 
 def test_snap_back_in_one_lane_is_a_bad_parameter(section):
     scene, state = section
-    brittle = replace(scene.material, softening=mpm.ExponentialSoftening(jnp.asarray(0.5), jnp.asarray(0.01)))
+    brittle = replace(scene.material, softening=mpm.laws.ExponentialSoftening(jnp.asarray(0.5), jnp.asarray(0.01)))
     scene = replace(scene, material=brittle)  # steepest 150 S, the shear modulus 1.9 MPa
     found = dict(mpm.solve_each(scene, state, {"strength": [9e3, 20e3]}, width=2, t_end=0.02))
     assert [int(found[i].status) for i in (0, 1)] == [mpm.Status.FINISHED, BAD]
     with pytest.raises(ValueError, match="snaps back"):
-        mpm.lanes(scene, strength=jnp.asarray([9e3, 20e3]))
+        mpm.run.lanes(scene, strength=jnp.asarray([9e3, 20e3]))
 
 
 def test_softening_is_held_to_its_limits_at_each_particle(section):
@@ -124,7 +123,7 @@ def test_softening_is_held_to_its_limits_at_each_particle(section):
     with pytest.raises(ValueError, match=r"softening.residual_ratio = 1.5 at \[2\] .*: give a value from 0 to 1"):
         mpm.with_soil(scene, state, **{"softening.residual_ratio": ratios[2]})
     with pytest.raises(ValueError, match=r"softening.residual_ratio = nan at \[1, 3\]"):
-        mpm.lanes(scene, **{"softening.residual_ratio": jnp.stack(ratios)})
+        mpm.run.lanes(scene, **{"softening.residual_ratio": jnp.stack(ratios)})
     with pytest.raises(
         ValueError, match=r"\['softening.strain'\] is no parameter of J2: use some of .*softening.modul"
     ):
@@ -138,7 +137,7 @@ def test_soil_that_softening_would_harden_is_refused_and_ends_its_lane():
         with pytest.raises(ValueError, match="softening leaves more cohesion or friction than the peak has"):
             mpm.with_soil(scene, state, **{name: value})
         with pytest.raises(ValueError, match="softening leaves more"):
-            mpm.lanes(scene, **{name: jnp.asarray([value])})
+            mpm.run.lanes(scene, **{name: jnp.asarray([value])})
     harder = replace(scene, material=replace(scene.material, cohesion=jnp.asarray(500.0)))
     assert int(mpm.advance(harder, state, jnp.asarray(1)).status) == BAD
 
@@ -176,10 +175,14 @@ REFUSED = [
         lambda s, t: list(mpm.solve_each(s, t, {"strength": [9e3, np.full(3, 9e3)]}, width=1, t_end=0.02)),
         "has shape|values of shapes",
     ),
-    ("state", lambda s, t: mpm.solve(s, mpm.repeat(t, 2), t_end=1.0), "displacement has shape"),
-    ("repeat", lambda s, t: mpm.repeat(t, 0), "count = 0: give a whole number of 1 or more"),
-    ("lanes' shape", lambda s, t: mpm.lanes(s, strength=np.full((2, 3), 9e3)), "a lane of strength has shape"),
-    ("lanes' count", lambda s, t: mpm.lanes(s, strength=np.full(2, 9e3), bulk=np.full(3, 1e7)), "as many for every"),
+    ("state", lambda s, t: mpm.solve(s, mpm.run.repeat(t, 2), t_end=1.0), "displacement has shape"),
+    ("repeat", lambda s, t: mpm.run.repeat(t, 0), "count = 0: give a whole number of 1 or more"),
+    ("lanes' shape", lambda s, t: mpm.run.lanes(s, strength=np.full((2, 3), 9e3)), "a lane of strength has shape"),
+    (
+        "lanes' count",
+        lambda s, t: mpm.run.lanes(s, strength=np.full(2, 9e3), bulk=np.full(3, 1e7)),
+        "as many for every",
+    ),
     ("reduction", lambda s, t: mpm.reduced(s, NAN), "factor = nan"),
     ("bracket", lambda s, t: mpm.factor_of_safety(s, t, bracket=(0.5, INF)), "bracket = inf at"),
     ("batch", lambda s, t: mpm.factor_of_safety(s, t, batch=2.5), "batch = 2.5: give a whole number of 2 or more"),
@@ -190,7 +193,11 @@ REFUSED = [
     ("floor", lambda s, t: mpm.objectives.log_displacement(t, floor=0.0), "floor = 0 m"),
     ("stations", lambda s, t: mpm.objectives.column_height(s, t, jnp.asarray([NAN]), 1.0), "stations = nan m at"),
     ("times", lambda s, t: mpm.write_vtkhdf("x.vtkhdf", s, [t], [NAN]), "times = "),
-    ("energy", lambda s, t: mpm.diagnostics.kinetic_energy(s, mpm.repeat(t, 2)), "the state's displacement has shape"),
+    (
+        "energy",
+        lambda s, t: mpm.diagnostics.kinetic_energy(s, mpm.run.repeat(t, 2)),
+        "the state's displacement has shape",
+    ),
 ]
 
 
@@ -203,14 +210,14 @@ def test_bad_numbers_are_refused_naming_value_and_limit(section, call, message):
 def test_a_law_of_the_users_own_is_held_to_its_own_limits(section):
     @mpm.pytree
     @dataclass(frozen=True)
-    class Own(mpm.Law):
+    class Own(mpm.laws.Law):
         """Elastic, with a number that must lie between 1 and 2."""
 
         bulk: float
         shear: float
         exponent: float
 
-        PARAMETERS = {"exponent": mpm.Limit(least=1.0, most=2.0)}  # noqa: RUF012
+        PARAMETERS = {"exponent": Limit(least=1.0, most=2.0)}  # noqa: RUF012
 
         def update(self, strain_increment, stress, history, dt=None):
             return stress, history
@@ -220,17 +227,17 @@ def test_a_law_of_the_users_own_is_held_to_its_own_limits(section):
     for law in (Own(1.0, 1.0, 3.0), Own(0.0, 1.0, 1.5), Own(1.0, NAN, 1.5)):
         assert not bool(check.admissible(law))
         with pytest.raises(ValueError, match="give a"):
-            mpm.scene(scene.particles, scene.grid, law, kernel=scene.kernel)
+            mpm.scene(scene.particles, scene.grid, law, NUMERICS)
 
 
 @pytest.mark.parametrize(
     ("limit", "inside", "outside", "words"),
     [
-        (mpm.Limit(above=0.0), [1e-30, 1e30], [0.0, -1.0, NAN, INF], "a finite value above 0"),
-        (mpm.Limit(least=0.0), [0.0, 3.0], [-1e-30, NAN, INF], "a finite value of 0 or more"),
-        (mpm.Limit(least=0.0, most=1.0), [0.0, 1.0], [-0.1, 1.1, NAN], "a value from 0 to 1"),
-        (mpm.Limit(above=-1.0, below=0.5), [0.0], [-1.0, 0.5, NAN], "a value above -1 and below 0.5"),
-        (mpm.Limit(), [-1e30, 0.0], [NAN, INF, -INF], "a finite value"),
+        (Limit(above=0.0), [1e-30, 1e30], [0.0, -1.0, NAN, INF], "a finite value above 0"),
+        (Limit(least=0.0), [0.0, 3.0], [-1e-30, NAN, INF], "a finite value of 0 or more"),
+        (Limit(least=0.0, most=1.0), [0.0, 1.0], [-0.1, 1.1, NAN], "a value from 0 to 1"),
+        (Limit(above=-1.0, below=0.5), [0.0], [-1.0, 0.5, NAN], "a value above -1 and below 0.5"),
+        (Limit(), [-1e30, 0.0], [NAN, INF, -INF], "a finite value"),
     ],
 )
 def test_limits_mean_the_same_on_host_and_device(limit, inside, outside, words):
@@ -280,5 +287,5 @@ def test_dilation_above_friction_is_refused_wherever_it_comes_from():
     with pytest.raises(ValueError, match=r"dilation is up to 4.27 degrees above the friction"):
         mpm.with_soil(scene, state, friction=friction)
     with pytest.raises(ValueError, match="dilation is up to 1 degrees above the friction"):
-        mpm.lanes(scene, friction=np.radians([20.0, 9.0]))
-    mpm.lanes(scene, friction=np.radians([20.0, 11.0]))
+        mpm.run.lanes(scene, friction=np.radians([20.0, 9.0]))
+    mpm.run.lanes(scene, friction=np.radians([20.0, 11.0]))

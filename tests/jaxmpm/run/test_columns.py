@@ -78,8 +78,8 @@ def test_columns_of_a_solid_lie_in_plan():
         SOIL,
         mpm.Discretisation(1.0, (0.5, 0.5, 0.5)),
     )
-    assert mpm.column_shape(scene) == tuple(n - 1 for n in scene.grid.shape[:2])
-    assert mpm.with_columns(scene, state).columns.arrival.shape == mpm.column_shape(scene)
+    assert mpm.run.column_shape(scene) == tuple(n - 1 for n in scene.grid.shape[:2])
+    assert mpm.with_columns(scene, state).columns.arrival.shape == mpm.run.column_shape(scene)
     pushed = replace(state, displacement=state.displacement.at[1, 0].set(1.5))
     found = mpm.passing(scene, pushed, 1.0).thickness
     at = np.floor(np.asarray(scene.particles.position[:2, 0] + pushed.displacement[:2, 0]) - scene.grid.origin[:2])

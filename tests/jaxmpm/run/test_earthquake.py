@@ -186,4 +186,4 @@ def test_ground_of_unlike_ends_cannot_be_tied():
         mpm.section(mpm.Section([(0, 6), (8, 3)]), SOIL, HALVES, ends="tied")
     scene, _ = layer()
     with pytest.raises(ValueError, match=r"tied = \(0, 3\): give two nodes along x"):
-        mpm.scene(scene.particles, scene.grid, scene.material, kernel=scene.kernel, tied=(0, 3))
+        mpm.scene(scene.particles, scene.grid, scene.material, HALVES, boundary=mpm.Boundary(tied=(0, 3)))

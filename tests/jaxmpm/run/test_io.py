@@ -10,6 +10,7 @@ import pytest
 
 import jaxmpm as mpm
 from benchmarks.robustness.hostile_files import in_place_of, lay_baits, no_files, resealed
+from foundation.files import DamagedFile
 
 SLOPE = mpm.Slope(crest=6.0, height=4.0, run_per_rise=1.0, toe=6.0, foundation=2.0)
 COARSE = {2: mpm.Discretisation(cell=2.0, spacing=(1.0, 1.0)), 3: mpm.Discretisation(cell=2.0, spacing=(1.0, 1.0, 1.0))}
@@ -102,7 +103,7 @@ def test_damaged_restart_points_are_refused_by_name(tmp_path):
     flipped[len(whole) // 2] ^= 0x08
     for content in (whole[:-50], bytes(flipped), b"", b"a photograph", whole[512:]):
         path.write_bytes(content)
-        with pytest.raises(mpm.DamagedFile, match=r"restart\.h5"):
+        with pytest.raises(DamagedFile, match=r"restart\.h5"):
             mpm.load_state(path, start)
 
 
@@ -134,7 +135,7 @@ def vtk_steps(path):
 def test_vtk_reads_a_run_back(dimension, tmp_path):
     scene, start = scene_of(dimension)
     strength = jnp.linspace(4e3, 6e3, scene.particles.mass.size, dtype=jnp.float32)
-    scene = mpm.with_strength(scene, strength)
+    scene = mpm.with_soil(scene, start, strength=strength)[0]
     result = mpm.solve(scene, start, t_end=1.5, snapshots=(0.5, 1.0, 1.5))
     mpm.write_vtkhdf(tmp_path / "run.vtkhdf", scene, result.snapshots, result.times)
 
@@ -190,7 +191,7 @@ def test_what_does_not_fit_is_refused_and_leaves_no_file(tmp_path):
         ([start] * 3, [0.0, 1.0], "more states for 2 times"),
         ([start, start], [1.0, 1.0], "ascending"),
         ([start, replace(start, history=None)], [0.0, 1.0], "plastic_strain"),
-        ([mpm.repeat(start, 2)], [0.0], "has shape"),
+        ([mpm.run.repeat(start, 2)], [0.0], "has shape"),
     ):
         with pytest.raises(ValueError, match=message):
             mpm.write_vtkhdf(path, scene, states, times)

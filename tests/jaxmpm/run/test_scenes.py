@@ -84,8 +84,8 @@ def test_settled_slope_stays_within_a_millimetre_for_twenty_seconds(precise):
 
 def test_settled_lanes_end_early_and_sliding_ones_do_not():
     scene, state = mpm.slope(mpm.Slope(), PAPER_SOIL, SECTION)
-    varied, axes = mpm.lanes(scene, strength=42e3 / jnp.asarray([0.7, 1.5]))
-    result = mpm.solve(varied, mpm.repeat(state, 2), t_end=6.0, settle=mpm.Settle(), axes=axes)
+    varied, axes = mpm.run.lanes(scene, strength=42e3 / jnp.asarray([0.7, 1.5]))
+    result = mpm.solve(varied, mpm.run.repeat(state, 2), t_end=6.0, settle=mpm.Settle(), axes=axes)
     assert list(result.status) == [mpm.Status.SETTLED, mpm.Status.FINISHED]
     assert int(result.state.step[0]) < int(result.state.step[1])
 
@@ -179,11 +179,11 @@ def test_bad_runs_are_refused():
     with pytest.raises(ValueError, match=r"snapshots at \[3\] s lie outside"):
         mpm.solve(scene, state, t_end=1.0, snapshots=(3,))
     with pytest.raises(ValueError, match=r"stiffness.*is no parameter of J2"):
-        mpm.lanes(scene, stiffness=jnp.ones(2))
+        mpm.run.lanes(scene, stiffness=jnp.ones(2))
     with pytest.raises(ValueError, match="strength has shape"):
-        mpm.with_strength(scene, np.ones(3))
+        mpm.with_soil(scene, state, strength=np.ones(3))
     with pytest.raises(ValueError, match=r"strength = -1 Pa at \[0\]"):
-        mpm.with_strength(scene, -np.ones(scene.particles.mass.size))
+        mpm.with_soil(scene, state, strength=-np.ones(scene.particles.mass.size))
 
 
 @pytest.mark.slow
@@ -201,10 +201,10 @@ def test_factor_of_safety_brackets_the_jump_and_refuses_a_wrong_bracket():
 @pytest.mark.slow
 def test_a_slide_ends_when_its_deposit_rests_though_it_rings():
     scene, state = mpm.slope(mpm.Slope(), PAPER_SOIL, SECTION)
-    varied, axes = mpm.lanes(scene, strength=42e3 / jnp.asarray([1.3, 1.5]))
+    varied, axes = mpm.run.lanes(scene, strength=42e3 / jnp.asarray([1.3, 1.5]))
     result = {
         slides: mpm.solve(
-            varied, mpm.repeat(state, 2), t_end=20.0, settle=mpm.Settle(slides=slides), axes=axes
+            varied, mpm.run.repeat(state, 2), t_end=20.0, settle=mpm.Settle(slides=slides), axes=axes
         ).raise_if_failed()
         for slides in (None, 1.0)
     }

@@ -32,8 +32,8 @@ def test_a_lane_that_has_finished_runs_on_from_its_state(fallen):
 @pytest.mark.parametrize("status", [mpm.Status.FINISHED, mpm.Status.SETTLED, mpm.Status.DECIDED])
 def test_only_lanes_that_broke_off_stay_as_they_are(fallen, status):
     scene, state = fallen
-    varied, axes = mpm.lanes(scene, strength=jnp.full(3, 9e3))
-    states = mpm.repeat(state, 3)
+    varied, axes = mpm.run.lanes(scene, strength=jnp.full(3, 9e3))
+    states = mpm.run.repeat(state, 3)
     begun = jnp.asarray([status, mpm.Status.OUTSIDE_GRID, mpm.Status.RUNNING], jnp.int32)
     result = mpm.solve(varied, replace(states, status=begun), t_end=0.1, axes=axes)
     assert result.status.tolist() == [mpm.Status.FINISHED, mpm.Status.OUTSIDE_GRID, mpm.Status.FINISHED]
@@ -72,11 +72,11 @@ def test_an_array_of_one_number_is_an_end(fallen):
 def test_no_lanes_are_refused(fallen):
     scene, state = fallen
     with pytest.raises(ValueError, match=r"strength has shape \(0,\): give \(lanes,\)"):
-        mpm.lanes(scene, strength=jnp.zeros(0))
-    varied, axes = mpm.lanes(scene, strength=jnp.full(2, 9e3))
+        mpm.run.lanes(scene, strength=jnp.zeros(0))
+    varied, axes = mpm.run.lanes(scene, strength=jnp.full(2, 9e3))
     none = replace(varied, material=replace(varied.material, strength=jnp.zeros(0)))
     with pytest.raises(ValueError, match="the state has 0 lanes: give one or more"):
-        mpm.solve(none, jax.tree.map(lambda leaf: leaf[:0], mpm.repeat(state, 2)), t_end=0.1, axes=axes)
+        mpm.solve(none, jax.tree.map(lambda leaf: leaf[:0], mpm.run.repeat(state, 2)), t_end=0.1, axes=axes)
 
 
 @pytest.mark.usefixtures("x64")

@@ -64,7 +64,7 @@ def test_a_gap_is_absent_from_state_and_program_unless_the_cutoff_opens_one():
 def test_homogeneous_strength_and_softening_are_numbers():
     scene, state = section()
     assert scene.material.strength.shape == ()
-    uneven = mpm.with_strength(scene, jnp.full_like(scene.particles.mass, 9e3))
+    uneven = mpm.with_soil(scene, state, strength=jnp.full_like(scene.particles.mass, 9e3))[0]
     modulus = jnp.full_like(scene.particles.mass, 40e3)
     softer, _ = mpm.with_soil(scene, state, **{"softening.modulus": modulus})
     arrays = f"tensor<{scene.particles.mass.size}xf32>"
@@ -102,7 +102,7 @@ def test_averages_over_neighbours_map_nothing_unless_asked_for(choice, more):
 
 def test_averages_over_cells_gather_nothing_unless_asked_for():
     # Of the strain; of soil without friction also of the stress that acts.
-    sand = mpm.FrictionalSoil(5e3, 30.0, criterion=mpm.DruckerPrager)
+    sand = mpm.FrictionalSoil(5e3, 30.0, criterion=mpm.laws.DruckerPrager)
     for soil, more in ((SOIL, 2), (sand, 1)):
         plain, asked = section(soil, cell_average=False), section(soil, cell_average=True)
         assert scatters(*asked) == scatters(*plain) + more
@@ -129,7 +129,7 @@ def test_rate_effect_and_body_force_leave_no_operation_behind():
 
 
 def test_water_is_absent_from_arguments_and_program_unless_given():
-    sand = mpm.FrictionalSoil(5e3, 30.0, criterion=mpm.DruckerPrager)
+    sand = mpm.FrictionalSoil(5e3, 30.0, criterion=mpm.laws.DruckerPrager)
     drawn = mpm.Section([(0, 6), (6, 6), (10, 2), (18, 2)])
     dry, table, carried = (mpm.section(drawn, sand, NUMERICS, **water) for water in ({}, {"water": 3.0}, {"r_u": 0.2}))
     assert dry[0].water is None
@@ -169,7 +169,7 @@ def longest_loop(scene, state):
 @pytest.mark.skipif(jax.default_backend() != "cpu", reason="looks at a program for CPU")
 def test_finite_strains_do_not_join_the_components_of_a_costly_law_in_one_loop():
     # One loop for all of them is not vectorised: a step with Mohr-Coulomb took fifty times as long.
-    sand = mpm.FrictionalSoil(5e3, 30.0, criterion=mpm.MohrCoulomb, tension_cutoff=None)
+    sand = mpm.FrictionalSoil(5e3, 30.0, criterion=mpm.laws.MohrCoulomb, tension_cutoff=None)
     numerics = mpm.Discretisation(1.0, (0.5,) * 3)
     plain, stretched = (
         longest_loop(*mpm.column(4.0, sand, replace(numerics, finite_strain=finite))) for finite in (False, True)
@@ -186,14 +186,14 @@ def in_layers(*soils, **numerics):
 def test_zones_are_absent_unless_layers_are_of_different_kinds():
     of_one_kind = in_layers(SOIL, replace(SOIL, strength=18e3))
     plain = mpm.section(mpm.Section([(0, 4), (6, 4)]), SOIL, NUMERICS, at_rest=False)
-    same = mpm.with_strength(plain[0], of_one_kind[0].material.strength)
+    same = mpm.with_soil(*plain, strength=of_one_kind[0].material.strength)[0]
     assert program(*of_one_kind) == program(same, plain[1])
 
 
 @pytest.mark.skipif(jax.default_backend() != "cpu", reason="looks at a program for CPU")
 @pytest.mark.parametrize("finite", [False, True])
 def test_a_zone_costs_its_own_particles_only(finite):
-    sand = mpm.FrictionalSoil(5e3, 30.0, criterion=mpm.MohrCoulomb, tension_cutoff=0.0)
+    sand = mpm.FrictionalSoil(5e3, 30.0, criterion=mpm.laws.MohrCoulomb, tension_cutoff=0.0)
 
     def flops(scene, state):
         compiled = jax.jit(mpm.step).lower(replace(scene, engine=mpm.Engine.XLA), state, scene.time_step).compile()

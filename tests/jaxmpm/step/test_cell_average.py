@@ -18,7 +18,7 @@ from jaxmpm.transfer import within_cells
 from tests.differences import check_run
 
 SHAPE = mpm.Slope(crest=6.0, height=4.0, run_per_rise=1.0, toe=8.0, foundation=2.0)
-SAND = mpm.FrictionalSoil(cohesion=3e3, friction=25.0, young=2e7, criterion=mpm.DruckerPrager)
+SAND = mpm.FrictionalSoil(cohesion=3e3, friction=25.0, young=2e7, criterion=mpm.laws.DruckerPrager)
 NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5))
 CLAY = mpm.Soil(unit_weight=17e3, young=2e7, poisson=0.4, strength=18e3, softening_modulus=40e3)
 FILL = mpm.FrictionalSoil(2e3, 33.0, young=3e7)
@@ -123,7 +123,9 @@ def test_it_lowers_what_locks():
 
 
 @pytest.mark.usefixtures("x64")
-@pytest.mark.parametrize("criterion", [mpm.MohrCoulomb, pytest.param(mpm.DruckerPrager, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "criterion", [mpm.laws.MohrCoulomb, pytest.param(mpm.laws.DruckerPrager, marks=pytest.mark.slow)]
+)
 def test_gradients_are_those_of_differences_and_engines_and_lanes_agree(criterion):
     scene, state = mpm.slope(SHAPE, replace(SAND, criterion=criterion), NUMERICS)
     weak = mpm.reduced(scene, 1.3)
@@ -139,7 +141,7 @@ def test_gradients_are_those_of_differences_and_engines_and_lanes_agree(criterio
 @pytest.mark.usefixtures("x64")
 def test_lanes_are_what_each_would_be_alone():
     scene, state = sand_slope()
-    varied, axes = mpm.lanes(scene, cohesion=jnp.array([2e3, 3e3]))
-    together = mpm.solve(varied, mpm.repeat(state, 2), t_end=0.5, axes=axes).state.displacement
+    varied, axes = mpm.run.lanes(scene, cohesion=jnp.array([2e3, 3e3]))
+    together = mpm.solve(varied, mpm.run.repeat(state, 2), t_end=0.5, axes=axes).state.displacement
     alone = mpm.solve(scene, state, t_end=0.5).state.displacement
     assert np.allclose(together[1], alone, rtol=1e-12, atol=1e-15)

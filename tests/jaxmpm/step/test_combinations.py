@@ -22,7 +22,12 @@ SOILS = {
     "cutoff": replace(CLAY, softening_modulus=20e3, tension_cutoff=0.0),
     "mohr-coulomb": mpm.FrictionalSoil(cohesion=5e3, friction=30.0, dilation=5.0, young=1e7),
     "drucker-prager softening": mpm.FrictionalSoil(
-        cohesion=5e3, friction=30.0, softening_strain=0.1, criterion=mpm.DruckerPrager, young=1e7, tension_cutoff=0.0
+        cohesion=5e3,
+        friction=30.0,
+        softening_strain=0.1,
+        criterion=mpm.laws.DruckerPrager,
+        young=1e7,
+        tension_cutoff=0.0,
     ),
 }
 FEATURES = {

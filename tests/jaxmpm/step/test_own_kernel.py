@@ -82,8 +82,8 @@ def slid(kernel):
     shape = mpm.Slope(crest=4, height=2, run_per_rise=1.0, toe=4, foundation=2)
     soil = mpm.Soil(young=5e6, strength=6e3, softening_modulus=40e3)
     scene, state = mpm.slope(shape, soil, mpm.Discretisation(1.0, (0.5, 0.5), kernel=kernel, fbar=True))
-    scene, axes = mpm.lanes(scene, strength=jnp.array([6e3, 5e3]))
-    return mpm.solve(scene, mpm.repeat(state, 2), t_end=0.5, axes=axes).raise_if_failed().state
+    scene, axes = mpm.run.lanes(scene, strength=jnp.array([6e3, 5e3]))
+    return mpm.solve(scene, mpm.run.repeat(state, 2), t_end=0.5, axes=axes).raise_if_failed().state
 
 
 @pytest.mark.usefixtures("x64")

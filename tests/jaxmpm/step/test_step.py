@@ -102,10 +102,10 @@ def small_slope(**choices):
 def test_vmapped_lanes_equal_single_runs():
     scene, state = small_slope()
     strengths = scene.material.strength * jnp.asarray([0.8, 1.0, 3.0])
-    varied, axes = mpm.lanes(scene, strength=strengths)
-    batch = mpm.solve(varied, mpm.repeat(state, 3), t_end=0.5, axes=axes)
+    varied, axes = mpm.run.lanes(scene, strength=strengths)
+    batch = mpm.solve(varied, mpm.run.repeat(state, 3), t_end=0.5, axes=axes)
     for i, strength in enumerate(strengths):
-        single = mpm.solve(mpm.with_strength(scene, strength), state, t_end=0.5)
+        single = mpm.solve(mpm.with_soil(scene, state, strength=strength)[0], state, t_end=0.5)
         for ours, theirs in zip(jax.tree.leaves(batch.state), jax.tree.leaves(single.state), strict=True):
             scale = max(1.0, float(jnp.max(jnp.abs(theirs))))
             assert np.allclose(ours[i] / scale, theirs / scale, rtol=1e-5, atol=1e-6)
@@ -145,8 +145,8 @@ def test_float32_agrees_with_float64():
 
 def test_a_lane_that_breaks_off_stops_with_status_and_step_and_leaves_its_neighbours():
     scene, state = small_slope()
-    varied, axes = mpm.lanes(scene, strength=jnp.broadcast_to(scene.material.strength, (3,)))
-    states = mpm.repeat(state, 3)
+    varied, axes = mpm.run.lanes(scene, strength=jnp.broadcast_to(scene.material.strength, (3,)))
+    states = mpm.run.repeat(state, 3)
     bad = replace(states, velocity=states.velocity.at[1, 0, 7].set(jnp.nan))
     whole = mpm.solve(varied, states, t_end=0.3, axes=axes)
     broken = mpm.solve(varied, bad, t_end=0.3, axes=axes)

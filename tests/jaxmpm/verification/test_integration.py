@@ -70,7 +70,7 @@ def frictional_flow(material, surface):
 
 
 def cone_surface(stress, cohesion, friction, dilation):
-    slope, intercept, dilating = (float(v) for v in cone(mpm.Matching.PLANE_STRAIN, cohesion, friction, dilation))
+    slope, intercept, dilating = (float(v) for v in cone(mpm.laws.Matching.PLANE_STRAIN, cohesion, friction, dilation))
     normal, third = j2_normal(stress), ISOTROPIC / 3
     value = shear_stress(stress) + slope * np.mean(stress[:3]) - intercept
     return value, normal + slope * third, normal + dilating * third
@@ -110,21 +110,21 @@ def shear_stress(stress):
 
 
 def j2(softening):
-    return mpm.J2(jnp.asarray(K), jnp.asarray(G), jnp.asarray(4e4), softening)
+    return mpm.laws.J2(jnp.asarray(K), jnp.asarray(G), jnp.asarray(4e4), softening)
 
 
 def case(name):
     """Material, its equations, and the yield function of a stress before any plastic strain."""
     if name == "j2 linear":
-        soft = mpm.Softening(jnp.asarray(85e3), jnp.asarray(0.1))
+        soft = mpm.laws.Softening(jnp.asarray(85e3), jnp.asarray(0.1))
         return j2(soft), j2_flow(lambda g: 85e3), lambda stress: shear_stress(stress) - 4e4
     if name == "j2 exponential":
-        soft = mpm.ExponentialSoftening(jnp.asarray(0.2), jnp.asarray(0.3))
+        soft = mpm.laws.ExponentialSoftening(jnp.asarray(0.2), jnp.asarray(0.3))
         slope = j2_flow(lambda g: 3 / 0.3 * 4e4 * 0.8 * np.exp(-3 * g / 0.3))
         return j2(soft), slope, lambda stress: shear_stress(stress) - 4e4
     kind, surface = {
-        "drucker-prager": (mpm.DruckerPrager, cone_surface),
-        "mohr-coulomb": (mpm.MohrCoulomb, pyramid_surface),
+        "drucker-prager": (mpm.laws.DruckerPrager, cone_surface),
+        "mohr-coulomb": (mpm.laws.MohrCoulomb, pyramid_surface),
     }[name]
     material = law(kind, 10.0, softening=PEAK_AND_RESIDUAL | {"strain": 0.5})
     peak = [float(v) for v in (material.cohesion, material.friction, material.dilation)]
@@ -163,8 +163,8 @@ def test_return_mapping_converges_to_the_differential_equations(name, seed):
 @pytest.mark.parametrize("strain_95", [0.05, 0.3])
 @pytest.mark.parametrize("steps", [1, 9])
 def test_exponential_softening_in_simple_shear_solves_its_own_equation(strain_95, steps):
-    soft = mpm.ExponentialSoftening(jnp.asarray(0.2), jnp.asarray(strain_95))
-    material = mpm.J2(jnp.asarray(K), jnp.asarray(G), jnp.asarray(4e4), soft)
+    soft = mpm.laws.ExponentialSoftening(jnp.asarray(0.2), jnp.asarray(strain_95))
+    material = mpm.laws.J2(jnp.asarray(K), jnp.asarray(G), jnp.asarray(4e4), soft)
     gamma = 0.2
     stress, g = mapped(material, jnp.zeros(6), jnp.zeros(6).at[5].set(gamma / 2), jnp.zeros(6), jnp.zeros(()), steps)
     assert np.isclose(stress[5], G * (gamma - g), rtol=1e-9)
@@ -174,9 +174,9 @@ def test_exponential_softening_in_simple_shear_solves_its_own_equation(strain_95
 @pytest.mark.usefixtures("x64")
 @pytest.mark.parametrize(("rate", "factor"), [(1e-7, 1.0), (1e-5, 1.0), (1e-3, 1.2), (10.0, 1.6)])
 def test_strength_rises_by_a_share_per_tenfold_rate(rate, factor):
-    effect = mpm.RateEffect(jnp.asarray(0.1), jnp.asarray(1e-5))
-    for soft in (None, mpm.ExponentialSoftening(jnp.asarray(1.0), jnp.asarray(0.3))):
-        material = mpm.J2(jnp.asarray(K), jnp.asarray(G), jnp.asarray(4e4), soft, None, effect)
+    effect = mpm.laws.RateEffect(jnp.asarray(0.1), jnp.asarray(1e-5))
+    for soft in (None, mpm.laws.ExponentialSoftening(jnp.asarray(1.0), jnp.asarray(0.3))):
+        material = mpm.laws.J2(jnp.asarray(K), jnp.asarray(G), jnp.asarray(4e4), soft, None, effect)
         increment = (0.0, 0.0, 0.0, 0.0, 0.0, jnp.asarray(0.05))
         history = None if soft is None else jnp.zeros(())
         stress, _ = material.update(increment, tensor([0.0] * 6), history, jnp.asarray(0.1 / rate))

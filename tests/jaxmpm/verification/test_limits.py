@@ -114,7 +114,7 @@ def test_bad_cures_are_refused(soil, numerics, message):
         ({"dilation": 40.0}, "dilation = 40"),
         ({"cohesion": 0.0, "friction": 0.0}, "give at least one"),
         ({"softening_strain": 0.1, "residual_cohesion": 2e4}, "residual_cohesion = 20000"),
-        ({"criterion": mpm.J2}, "give MohrCoulomb or DruckerPrager"),
+        ({"criterion": mpm.laws.J2}, "give MohrCoulomb or DruckerPrager"),
     ],
 )
 def test_bad_frictional_soils_are_refused(soil, message):
@@ -131,7 +131,9 @@ def test_fbar_is_refused_where_strength_depends_on_the_mean_stress():
         mpm.slope(CUT, mpm.FrictionalSoil(cohesion=1e3, friction=30.0), mpm.Discretisation(0.5, (0.25,) * 2, fbar=True))
 
 
-@pytest.mark.parametrize("criterion", [pytest.param(mpm.MohrCoulomb, marks=pytest.mark.slow), mpm.DruckerPrager])
+@pytest.mark.parametrize(
+    "criterion", [pytest.param(mpm.laws.MohrCoulomb, marks=pytest.mark.slow), mpm.laws.DruckerPrager]
+)
 def test_frictional_slope_has_the_factor_of_safety_of_its_infinite_slope_bound(criterion):
     # Without cohesion a slope of 1:2 fails at tan(phi) = 1/2 near its surface; with a little cohesion a little later.
     shape = mpm.Slope(crest=6.0, height=4.0, run_per_rise=2.0, toe=8.0, foundation=2.0)

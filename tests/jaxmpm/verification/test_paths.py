@@ -14,8 +14,8 @@ K, G, PEAK, SLOPE, RATIO, CELL_PRESSURE = 8e6, 3e6, 40e3, 85e3, 0.5, 50e3
 
 
 def clay():
-    soft = mpm.Softening(jnp.asarray(SLOPE), jnp.asarray(RATIO))
-    return mpm.J2(jnp.asarray(K), jnp.asarray(G), jnp.asarray(PEAK), soft)
+    soft = mpm.laws.Softening(jnp.asarray(SLOPE), jnp.asarray(RATIO))
+    return mpm.laws.J2(jnp.asarray(K), jnp.asarray(G), jnp.asarray(PEAK), soft)
 
 
 def uniform(value):
