@@ -6,8 +6,10 @@ where: file, line and column, as messages begin with them.
 from __future__ import annotations
 
 import csv
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -82,3 +84,26 @@ def whole(cell: str, where: str) -> int:
     if not (cell.isascii() and cell.isdecimal()):
         raise ValueError(f"{where} = {cell!r} is no whole number of 0 or more: {REMEDY}")
     return int(cell)
+
+
+def put_once(rows: dict[int, Any], number: int, row: Any, where: str) -> None:
+    """Put a row under the number of its sample. ValueError where that has one."""
+    if number in rows:
+        raise ValueError(f"{where}: its run stands there twice: delete one of the two")
+    rows[number] = row
+
+
+@contextmanager
+def appending(path: Path, columns: Sequence[str]) -> Iterator[Callable[[Sequence[object]], None]]:
+    """Gives what writes a row to the end of the file at once."""
+    new = not path.exists()
+    with path.open("a", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+
+        def put(row: Sequence[object]) -> None:
+            writer.writerow(row)
+            file.flush()
+
+        if new:
+            put(columns)
+        yield put

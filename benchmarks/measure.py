@@ -71,15 +71,15 @@ def scene_campaign(name: str) -> Campaign:
 
 def code_digest(*texts: str) -> str:
     """Of the code that runs, native kernels included, and of texts that say what it runs."""
-    told = hashlib.sha256("\0".join(texts).encode())
+    digest = hashlib.sha256("\0".join(texts).encode())
     for package in ("foundation", "jaxmpm", "kl", "cooperative"):
         for path in sorted((ROOT / package).rglob("*")):
             if path.suffix in (".py", ".so"):
-                told.update(f"{path.relative_to(ROOT)}\0".encode() + path.read_bytes())
-    return told.hexdigest()[:16]
+                digest.update(f"{path.relative_to(ROOT)}\0".encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
 
 
-def kept_row(folder: Path, name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+def stored_row(folder: Path, name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     """The row that a command which was stopped later left in the folder, else one made now and left there."""
     path = folder / f"{name}.json"
     if not path.is_file():

@@ -89,10 +89,10 @@ def keep(answer: str, draw: Callable[[Path], object] | None = None) -> None:
     write_aside(FOLDER / f"{json.loads(answer)['benchmark']}.json", f"{answer}\n".encode())
     if draw is not None:
         draw(FIGURES)
-    write_aside(PAGE, document(kept()).encode())
+    write_aside(PAGE, document(stored()).encode())
 
 
-def kept() -> list[dict[str, Any]]:
+def stored() -> list[dict[str, Any]]:
     """The answers that are kept, in the order of BENCHMARKS."""
     return [json.loads(path.read_text()) for name in BENCHMARKS if (path := FOLDER / f"{name}.json").exists()]
 
@@ -132,7 +132,7 @@ def tables(rows: list[dict[str, Any]]) -> list[str]:
     return lines
 
 
-def kept_rows(name: str) -> list[dict[str, Any]]:
+def stored_rows(name: str) -> list[dict[str, Any]]:
     """The rows of a benchmark whose answer is kept, to draw figures anew."""
     rows: list[dict[str, Any]] = json.loads((FOLDER / f"{name}.json").read_text())["rows"]
     return rows

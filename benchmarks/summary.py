@@ -95,8 +95,8 @@ CLOSEST = 6
 def lead(answers: list[Answer]) -> list[str]:
     """The lines of the page, of those benchmarks that have an answer."""
     by_name = {answer["benchmark"]: answer for answer in answers}
-    found = [(q, by_name[q.benchmark]["values"]) for q in QUESTIONS if q.benchmark in by_name]
-    judged = [(q, values[q.value]) for q, values in found if values.get(q.value) is not None]
+    answered = [(q, by_name[q.benchmark]["values"]) for q in QUESTIONS if q.benchmark in by_name]
+    judged = [(q, values[q.value]) for q, values in answered if values.get(q.value) is not None]
     judged.sort(key=lambda pair: keeps(*pair) != "no")
     lines = [
         "## In one page",
@@ -146,13 +146,13 @@ def keeps(question: Question, value: float) -> str:
 def breaks(rows: list[Answer]) -> list[str]:
     """Where it breaks: stability cases beyond their bound with the reason, then those closest to it."""
     failed = [row for row in rows if not row["passed"]]
-    kept = sorted((row for row in rows if row["passed"]), key=closeness, reverse=True)[:CLOSEST]
+    closest = sorted((row for row in rows if row["passed"]), key=closeness, reverse=True)[:CLOSEST]
     lines = ["", "### Where it breaks", "", "| case | figure | bound | why |", "|---|---|---|---|"]
     for row in failed:
         lines.append(f"| {row['case']} | {figure(row)} | {limit(row)} | {row.get('why', 'not understood yet')} |")
     lines += ["", f"Of the other {len(rows) - len(failed)} cases these come closest to their bound:", ""]
     lines += ["| case | figure | bound |", "|---|---|---|"]
-    return lines + [f"| {row['case']} | {figure(row)} | {limit(row)} |" for row in kept]
+    return lines + [f"| {row['case']} | {figure(row)} | {limit(row)} |" for row in closest]
 
 
 def closeness(row: Answer) -> float:
@@ -186,6 +186,6 @@ def best_buy(answer: Answer) -> list[str]:
             if row.get("setting") == setting:
                 published = row["published"]
                 beside = "" if published == "none" else ", ".join(f"{value:g}" for value in published.values())
-                found = (row[key] for key in ("cell_m", "fails_at_R", "runout_m", "runout_at_R_1.4_m", "seconds"))
-                lines.append("| " + " | ".join(map(str, (setting, *found, beside))) + " |")
+                answered = (row[key] for key in ("cell_m", "fails_at_R", "runout_m", "runout_at_R_1.4_m", "seconds"))
+                lines.append("| " + " | ".join(map(str, (setting, *answered, beside))) + " |")
     return lines

@@ -43,11 +43,11 @@ def harmonic(t: np.ndarray) -> np.ndarray:
 def slid(push: Callable[[np.ndarray], np.ndarray], t_end: float) -> float:
     """Newmark's block: how far it slides (m), by its equation of motion in steps of 1e-5 s."""
     dt = 1e-5
-    speed = moved = 0.0
+    speed = distance = 0.0
     for a in (push(np.arange(0, t_end, dt) + dt / 2) - YIELD) * GRAVITY:
         speed = max(speed + a * dt, 0.0)
-        moved += speed * dt
-    return moved
+        distance += speed * dt
+    return distance
 
 
 def block(
@@ -87,14 +87,14 @@ def newmark_row(name: str, push: Callable[[np.ndarray], np.ndarray], exact: floa
     dtype = state.stress.dtype
     motion = mpm.BaseMotion(jnp.asarray(acceleration, dtype), jnp.asarray(interval, dtype))
     result = mpm.solve(replace(scene, motion=motion), state, t_end=t_end).raise_if_failed()
-    found = float(jnp.mean(result.state.displacement[0]))
+    answer = float(jnp.mean(result.state.displacement[0]))
     return {
         "case": f"Newmark's block, {name}",
         "cell_m": cell,
         "young_Pa": young,
         "reference": round(float(exact), 5),
-        "found": round(found, 5),
-        "error": round(float(found / exact) - 1, 5),
+        "found": round(answer, 5),
+        "error": round(float(answer / exact) - 1, 5),
         "seconds": round(time.perf_counter() - start, 1),
     }
 
@@ -123,7 +123,7 @@ def infinite_slope_row(k: float, quick: bool) -> dict[str, Any]:
     scene, state = mpm.section(
         layer, soil, numerics, gravity=GRAVITY * across, k_h=along / across, ends="tied", speed=3.0
     )
-    found = mpm.factor_of_safety(
+    answer = mpm.factor_of_safety(
         scene,
         state,
         criterion="limit load",
@@ -131,12 +131,12 @@ def infinite_slope_row(k: float, quick: bool) -> dict[str, Any]:
         resolution=0.02 if quick else 0.01,
         t_end=6.0,
     )
-    assert found.kink is not None
+    assert answer.kink is not None
     return {
         "case": f"infinite slope, k = {k:g}",
         "reference": round(exact, 4),
-        "found": round(found.kink, 4),
-        "error": round(found.kink / exact - 1, 4),
+        "found": round(answer.kink, 4),
+        "error": round(answer.kink / exact - 1, 4),
         "seconds": round(time.perf_counter() - start, 1),
     }
 
@@ -176,18 +176,18 @@ def shear_layer_row(share: float, quick: bool, ends: Literal["tied", "free field
     # The uppermost particles stand a quarter of a cell below the surface, where the mode is a little smaller.
     depth = LAYER - float(np.asarray(scene.particles.position[1])[top].mean())
     at = np.array([int(one.step) for one in result.snapshots]) * float(scene.time_step)
-    moved = np.array([np.asarray(one.displacement[0])[top].mean() for one in result.snapshots], float)
+    distance = np.array([np.asarray(one.displacement[0])[top].mean() for one in result.snapshots], float)
     waves = [f(2 * math.pi * rate * at) for rate in {frequency, own} for f in (np.sin, np.cos)]
-    sine, cosine, *_ = np.linalg.lstsq(np.stack(waves, axis=1), moved, rcond=None)[0]
+    sine, cosine, *_ = np.linalg.lstsq(np.stack(waves, axis=1), distance, rcond=None)[0]
     base = -amplitude / omega**2
-    found = math.hypot(sine + base, cosine) / abs(base)
+    answer = math.hypot(sine + base, cosine) / abs(base)
     exact = amplification(frequency) * math.cos(omega * depth / SHEAR_WAVE)
     return {
         "case": f"layer on rock shaken at {share:g} of its own frequency, ends: {ends}",
         "cell_m": cell,
         "reference": round(exact, 4),
-        "found": round(found, 4),
-        "error": round(found / exact - 1, 4),
+        "found": round(answer, 4),
+        "error": round(answer / exact - 1, 4),
         "seconds": round(time.perf_counter() - start, 1),
     }
 

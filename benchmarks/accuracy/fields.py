@@ -144,8 +144,8 @@ def _example_2() -> dict[str, Any]:
     energies = {
         f"example_2_modes_{percent}": kl.expand(covariance, *box, energy=percent / 100).modes for percent in (95, 99)
     }
-    kept = kl.expand(covariance, *box, modes=250)
-    captured = kl.captured_variance(kept)
+    expansion_250 = kl.expand(covariance, *box, modes=250)
+    captured = kl.captured_variance(expansion_250)
     return {
         **energies,
         "example_2_modes_95_by_axis": _modes_by_axis(covariance, box[1]),

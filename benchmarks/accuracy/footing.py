@@ -34,8 +34,8 @@ def loaded(cell: float, *, poisson: float = 0.49, **choices: Any) -> tuple[mpm.S
     domain = (width, depth + 2 * FOOTING_HEIGHT)
     scene, state = mpm.block(size, soil, numerics, domain=domain, corner=(0.0, 0.0), walls="roller", speed=1.0)
     x, z = np.asarray(scene.particles.position)
-    kept = np.flatnonzero((z < depth) | (x < HALF_WIDTH))
-    particles, state = jax.tree.map(lambda leaf: leaf[..., kept] if leaf.ndim else leaf, (scene.particles, state))
+    inside = np.flatnonzero((z < depth) | (x < HALF_WIDTH))
+    particles, state = jax.tree.map(lambda leaf: leaf[..., inside] if leaf.ndim else leaf, (scene.particles, state))
     block = particles.position[1] > depth
     mass = jnp.where(block, MASS_RATIO, 1.0) * particles.mass
     strength = jnp.where(block, 1e3, 1.0) * STRENGTH

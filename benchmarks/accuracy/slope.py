@@ -52,10 +52,10 @@ def row(
     soil = replace(campaign.soil, plastic_strain=measure)
     scene, state = campaign.site.built(soil, numerics, campaign.run.gravity, at_rest=True)
     limit = campaign.run.failure_displacement
-    found = factor_of_safety(
+    result = factor_of_safety(
         scene, state, bracket=(1.0, 1.6), failure_displacement=limit, resolution=resolution, batch=4
     )
-    weaker = reduced(scene, found.fails if reduction is None else reduction)
+    weaker = reduced(scene, result.fails if reduction is None else reduction)
     slide = solve(weaker, state, t_end=campaign.run.t_end, settle=Settle()).raise_if_failed()
     position, face = np.asarray(scene.particles.position), campaign.site.shape.face
     assert face is not None
@@ -73,9 +73,9 @@ def row(
         "plastic_strain": measure.value,
         "kernel": numerics.kernel.__name__,
         "update": "APIC" if numerics.apic else "FLIP",
-        "stable_R": found.stable,
-        "fails_R": found.fails,
-        "slides_at_R": found.fails if reduction is None else reduction,
+        "stable_R": result.stable,
+        "fails_R": result.fails,
+        "slides_at_R": result.fails if reduction is None else reduction,
         "runout_m": round(done.runout, 2),
         "depth_m": round(done.depth, 2),
         "largest_displacement_m": round(done.displacement, 2),
@@ -96,8 +96,8 @@ def run(quick: bool) -> Report:
     values: dict[str, Any] = {"particles_rough": particles(scene_campaign("paper"), "rough")}
     if not quick:
         values["particles_refined"] = particles(scene_campaign("paper"), "refined")
-    for grid, found in by_grid.items():
-        values[f"fos_{grid}"] = found["fails_R"]
+    for grid, result in by_grid.items():
+        values[f"fos_{grid}"] = result["fails_R"]
     if not quick:
         rows.append(row(scene_campaign("paper"), "rough", section.soil.plastic_strain, resolution=0.02))
         values["runout_refined_m"] = by_grid["refined"]["runout_m"]

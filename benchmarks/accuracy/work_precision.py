@@ -27,7 +27,7 @@ from benchmarks.accuracy.collapse import collapsed
 from benchmarks.accuracy.footing import CAPACITY, capacity
 from benchmarks.accuracy.manufactured import manufactured_run
 from benchmarks.measure import Report, scene_campaign, timed
-from benchmarks.results import FIGURES, kept_rows
+from benchmarks.results import FIGURES, stored_rows
 from cooperative.measure import Consequences, consequences
 from cooperative.reporting import panels, save
 from jaxmpm import diagnostics
@@ -103,8 +103,8 @@ def bar(cells: int, *, particles: int = 2, dtype: str = "float32", **choices: An
     times = np.linspace(0, 2 * np.pi / omega, 17)[1:]
     result = mpm.solve(scene, state, t_end=float(times[-1]), snapshots=times.tolist())
     reached = np.array([int(s.step) for s in result.snapshots]) * float(scene.time_step)
-    moved = np.array([float(diagnostics.momentum(scene, s)[0]) for s in result.snapshots])
-    error = np.max(np.abs(moved / float(diagnostics.momentum(scene, state)[0]) - np.cos(omega * reached)))
+    distance = np.array([float(diagnostics.momentum(scene, s)[0]) for s in result.snapshots])
+    error = np.max(np.abs(distance / float(diagnostics.momentum(scene, state)[0]) - np.cos(omega * reached)))
     steps, run = jnp.asarray(int(result.state.step)), jax.jit(mpm.advance)
     return float(error), timed(lambda: jax.block_until_ready(run(scene, state, steps)), repeats=3).median
 
@@ -117,8 +117,8 @@ def wave(cells: int, *, dtype: str = "float32", cfl: float = 0.5, **choices: Any
 def footing(cells: int, *, particles: int = 2, dtype: str = "float64", **choices: Any) -> tuple[float, float]:
     """The strip footing: error of its bearing capacity over theory, `cells` on half its width; seconds."""
     cell = 1 / cells
-    found = capacity(cell, spacing=cell / particles, dtype=dtype, **choices)
-    return abs(found["load"] / CAPACITY - 1), found["seconds"]
+    answer = capacity(cell, spacing=cell / particles, dtype=dtype, **choices)
+    return abs(answer["load"] / CAPACITY - 1), answer["seconds"]
 
 
 def theory_rows(quick: bool) -> Iterator[Row]:
@@ -165,15 +165,15 @@ def slope_row(
     with jax.enable_x64(choice.get("dtype") == "float64"):
         numerics = replace(campaign.grids["rough"], cell=cell, **choice)
         scene, state = campaign.site.built(soil, numerics, campaign.run.gravity, at_rest=True)
-        found = factor(scene, state, resolution, guess)
-        first = slide(scene, state, found.fails, numerics)
+        answer = factor(scene, state, resolution, guess)
+        first = slide(scene, state, answer.fails, numerics)
         row: Row = {
             "problem": "slope",
             "setting": "plain",
             "cell_m": cell,
             "particles_a_cell": round(cell / numerics.spacing[0]),
-            "stands_at_R": found.stable,
-            "fails_at_R": found.fails,
+            "stands_at_R": answer.stable,
+            "fails_at_R": answer.fails,
             "runout_m": round(first.runout, 2),
             "seconds": round(time.perf_counter() - start, 1),
             "published": PUBLISHED.get(cell, "none"),
@@ -245,13 +245,13 @@ def slope_rows(quick: bool) -> Iterator[Row]:
 def sand_rows(quick: bool) -> Iterator[Row]:
     """A column of sand as high as wide, over cells a width: how far its front runs, and 95 % of it."""
     for cells in (8,) if quick else (8, 16, 32, 64, 128):
-        found = collapsed(1.0, cells)
+        answer = collapsed(1.0, cells)
         yield {
             "problem": "sand column, run-out over its width",
             "cells_a_width": cells,
-            "front": round(found["front"], 3),
-            "front_of_95_percent": round(found["front_of_95_percent"], 3),
-            "seconds": round(found["seconds"], 1),
+            "front": round(answer["front"], 3),
+            "front_of_95_percent": round(answer["front_of_95_percent"], 3),
+            "seconds": round(answer["seconds"], 1),
         }
 
 
@@ -331,4 +331,4 @@ def run(quick: bool) -> Report:
 
 
 if __name__ == "__main__":
-    draw(kept_rows("work_precision"), FIGURES)
+    draw(stored_rows("work_precision"), FIGURES)

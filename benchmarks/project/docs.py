@@ -32,8 +32,8 @@ def words(path: str) -> int:
 
 def blocks(path: str, language: str) -> list[str]:
     """Fenced blocks of one language, which may stand in lists."""
-    found = re.findall(rf"^ *```{language}\n(.*?)^ *```", page(path), re.S | re.M)
-    return [textwrap.dedent(block) for block in found]
+    texts = re.findall(rf"^ *```{language}\n(.*?)^ *```", page(path), re.S | re.M)
+    return [textwrap.dedent(block) for block in texts]
 
 
 def broken_links(path: str) -> list[str]:
@@ -61,9 +61,9 @@ def undocumented_keys() -> list[str]:
     table, or in that of the section whose keys it says it has too."""
     scenes = ROOT / "docs" / "scenes.md"
     parts = re.split(r"^## `\[+(\w+)\]+`$", scenes.read_text() if scenes.exists() else "", flags=re.M)
-    told = dict(zip(parts[1::2], parts[2::2], strict=True))
-    rows = {section: set(re.findall(r"^\| `(\w+)` \|", text, re.M)) for section, text in told.items()}
-    for section, text in told.items():
+    by_section = dict(zip(parts[1::2], parts[2::2], strict=True))
+    rows = {section: set(re.findall(r"^\| `(\w+)` \|", text, re.M)) for section, text in by_section.items()}
+    for section, text in by_section.items():
         for other in re.findall(r"(?:Keys as in|any key of) `\[(\w+)\]`", text):
             rows[section] |= rows.get(other, set())
     return [

@@ -93,11 +93,11 @@ def names() -> list[str]:
 
 def campaigns(name: str) -> list[Campaign]:
     """The campaigns of a scene: one, or those of a sweep, of which the first has the scene's own values."""
-    with tempfile.TemporaryDirectory() as place:
+    with tempfile.TemporaryDirectory() as scratch:
         path = SCENES / f"{name}.toml"
         if name.startswith("new/"):
             # A terrain model is written beside it.
-            path = Path(place) / "own.toml"
+            path = Path(scratch) / "own.toml"
             begin(name.removeprefix("new/"), path)
         source = read_scene(path)
     return [parse(each.source) for each in variants(source)] if "sweep" in source.tables else [parse(source)]
@@ -129,20 +129,20 @@ def picture(campaign: Campaign) -> Figure:
 
 def cost(parts: list[Campaign], seconds: float) -> str:
     """Particles of both grids and the most hours of one core, in words."""
-    found = [cost_of(part, seconds / len(parts)) for part in parts]
-    sizes = found[0].sizes
-    hours = sum(each.hours(grid) for each in found for grid in each.sizes)
-    said = f"{60 * hours:.0f} minutes" if hours < 1 else f"{float(f'{hours:.2g}'):,g} hours"
-    rough, refined = (sum(each.runs[grid] for each in found) for grid in ("rough", "refined"))
+    result = [cost_of(part, seconds / len(parts)) for part in parts]
+    sizes = result[0].sizes
+    hours = sum(each.hours(grid) for each in result for grid in each.sizes)
+    duration = f"{60 * hours:.0f} minutes" if hours < 1 else f"{float(f'{hours:.2g}'):,g} hours"
+    rough, refined = (sum(each.runs[grid] for each in result) for grid in ("rough", "refined"))
     grids = " and ".join(f"{size.particles:,.0f}" for size in sizes.values())
-    return f"{rough:,} rough and at most {refined:,} refined runs of {grids} particles: {said}"
+    return f"{rough:,} rough and at most {refined:,} refined runs of {grids} particles: {duration}"
 
 
-def row(name: str, told: str) -> str:
+def row(name: str, cost_text: str) -> str:
     """One line of the page's table."""
     link = f"[`{name}`](../benchmarks/scenes/{name}.toml)"
     shown = f"![Random soil of {name}](gallery/{name.replace('/', '-')}.png)"
-    return f"| {link}: {about(name)} | {shown} | {told} | {RESULTS[name]} |"
+    return f"| {link}: {about(name)} | {shown} | {cost_text} | {RESULTS[name]} |"
 
 
 def draw(name: str) -> None:

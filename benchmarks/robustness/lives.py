@@ -64,7 +64,7 @@ CASES = (
     Case("subset", "run", SUBSET),
     Case("sweep", "sweep", SWEEP),
 )
-CREWS = Case("long", "run", LONG)
+WORKER_KILLS = Case("long", "run", LONG)
 """Whose workers are killed."""
 
 
@@ -109,11 +109,11 @@ class Life:
     def left(self) -> list[str]:
         """Processes of it that still run some seconds after it has ended; they are ended then."""
         until = time.monotonic() + SOON
-        while (found := list(_marked(self.mark))) and time.monotonic() < until:
+        while (result := list(_marked(self.mark))) and time.monotonic() < until:
             time.sleep(0.1)
-        for number, _ in found:
+        for number, _ in result:
             os.kill(number, signal.SIGKILL)
-        return [command for _, command in found]
+        return [command for _, command in result]
 
 
 def _marked(mark: str) -> Iterator[tuple[int, str]]:

@@ -29,8 +29,8 @@ from benchmarks.measure import Report
 from benchmarks.robustness import hostile_files, hostile_scenes
 from benchmarks.robustness.lives import (
     CASES,
-    CREWS,
     PATIENCE,
+    WORKER_KILLS,
     Toll,
     content,
     disturb,
@@ -65,13 +65,13 @@ def damage(count: int, folder: Path, seed: int) -> tuple[int, list[str]]:
         for how, data in [*hostile_files.damaged(whole, 5, seed=generator.randrange(2**32)), *mixed]:
             tried += 1
             path.write_bytes(data)
-            if believed(store, grid, number, expected):
+            if accepted(store, grid, number, expected):
                 undetected.append(f"{grid} {number}: {how}")
         path.write_bytes(whole)
     return tried, undetected
 
 
-def believed(store: Store, grid: str, number: int, expected: tuple[Any, ...]) -> bool:
+def accepted(store: Store, grid: str, number: int, expected: tuple[Any, ...]) -> bool:
     """Whether a sample's file is read as whole and says something else than expected."""
     try:
         return content(store, grid, number) != expected
@@ -81,7 +81,7 @@ def believed(store: Store, grid: str, number: int, expected: tuple[Any, ...]) ->
 
 def by_hand(folder: Path, outside: Path) -> tuple[int, list[str]]:
     """Put what was made by hand in place of a sample's file, one after the other, and have the controller look; gives
-    how many, and those that were believed, that hung or broke it, or led it outside."""
+    how many, and those that were accepted, that hung or broke it, or led it outside."""
     baits, escapes = hostile_files.lay_baits(outside), []
     makers = hostile_files.hand_made(baits)
     path = sample_path(read_store(folder), GRIDS[0], 0)
@@ -93,7 +93,7 @@ def by_hand(folder: Path, outside: Path) -> tuple[int, list[str]]:
             with open_store(folder, (folder / "scene.toml").read_text()) as store, _hurried(name):
                 rows = read_rows(store, GRIDS[0])
             if 0 in rows.numbers or os.path.lexists(path):
-                escapes.append(f"{name}: believed")
+                escapes.append(f"{name}: accepted")
         except Exception as error:
             escapes.append(f"{name}: {error!r}")
         if not baits.untouched():
@@ -165,25 +165,25 @@ def run(quick: bool = False) -> Report:
             (case, workers, disturb(case, workers, 25 // part, signalled(signals), folder / f"signals-{workers}", 1))
             for case, workers in ((CASES[0], 1), (CASES[0], 2))
         ]
-        crews = [(CREWS, 2, kill_workers(CREWS, 36 // part, folder / "crews", 4))]
+        worker_kills = [(WORKER_KILLS, 2, kill_workers(WORKER_KILLS, 36 // part, folder / "crews", 4))]
         seconds = large(20_000 // part, folder / "large")
         damaged, undetected = damage(400 // part, folder / "plain-1" / "undisturbed", seed=2)
         made, escapes = by_hand(folder / "plain-1" / "undisturbed", folder / "outside")
         scenes, bad = fuzzed(2000 // part, 20 // part, folder, seed=3)
-    tolls = [toll for _, _, toll in (*kills, *stopped, *crews)]
+    tolls = [toll for _, _, toll in (*kills, *stopped, *worker_kills)]
     rows = [
         {"case": case.name, "workers": workers, "end": end, "times": toll.disturbed, "lost": len(toll.lost),
          "orphans": len(toll.orphans)}
-        for end, group in (("kill", kills), ("signal", stopped), ("worker kill", crews))
+        for end, group in (("kill", kills), ("signal", stopped), ("worker kill", worker_kills))
         for case, workers, toll in group
     ]  # fmt: skip
-    said = (
+    lines = (
         [line for toll in tolls for line in (*toll.lost, *toll.orphans)] + signals.signals_lost + undetected + escapes
     )
     values = {
         "kills": sum(toll.disturbed for _, _, toll in kills),
         "signals": sum(toll.disturbed for _, _, toll in stopped),
-        "worker_kills": sum(toll.disturbed for _, _, toll in crews),
+        "worker_kills": sum(toll.disturbed for _, _, toll in worker_kills),
         **seconds,
         "signal_to_end_s": round(max(signals.signal_to_end, seconds["signal_while_verifying_s"]), 2),
         "lost": sum(len(toll.lost) for toll in tolls),
@@ -195,4 +195,4 @@ def run(quick: bool = False) -> Report:
         "hand_made_files": made,
         "escapes": len(escapes),
     }
-    return Report(values, [*rows, *({"what": line[:300]} for line in said), *bad])
+    return Report(values, [*rows, *({"what": line[:300]} for line in lines), *bad])

@@ -29,15 +29,15 @@ def beside(variant: Variant) -> Variant:
     return scene, grid, SPACINGS[grid][0], 0.5, until
 
 
-def row(variant: Variant, found: dict[Variant, dict[int, dict[str, float]]]) -> dict[str, Any]:
+def row(variant: Variant, result: dict[Variant, dict[int, dict[str, float]]]) -> dict[str, Any]:
     """One variant beside the published one, over the samples that both have."""
     scene, grid, spacing, cfl, until = variant
     plain = beside(variant)
-    both = sorted(found[variant].keys() & found[plain].keys())
-    mine, base = ({name: np.array([found[of][n][name] for n in both]) for name in MEASURED} for of in (variant, plain))
+    both = sorted(result[variant].keys() & result[plain].keys())
+    mine, base = ({name: np.array([result[of][n][name] for n in both]) for name in MEASURED} for of in (variant, plain))
     fails = (mine["displacement"] > LIMIT, base["displacement"] > LIMIT)
     share = (SPACINGS[grid][0] / spacing) ** 2
-    told = {
+    values = {
         "scene": scene, "grid": grid, "until": until, "particles_a_cell": round(4 * share), "cfl": cfl,
         "samples": len(both), "fail": int(fails[0].sum()), "classes_changed": int((fails[0] != fails[1]).sum()),
         "spearman": round(float(spearmanr(rank_by(mine), rank_by(base)).statistic), 4),
@@ -46,11 +46,15 @@ def row(variant: Variant, found: dict[Variant, dict[int, dict[str, float]]]) -> 
         "cost_share": round(float(mine["steps"].sum() * share / base["steps"].sum()), 3),
     }  # fmt: skip
     if until == "class":
-        return told
+        return values
     slide = fails[0] & fails[1]
     change = {name: (mine[name] - base[name])[slide] for name in ("displacement", "runout")}
-    told |= {f"median_change_{name}_m": round(float(np.median(moved)), 3) for name, moved in change.items()}
-    return told | {f"largest_change_{name}_m": round(float(np.abs(moved).max()), 3) for name, moved in change.items()}
+    values |= {
+        f"median_change_{name}_m": round(float(np.median(displacement)), 3) for name, displacement in change.items()
+    }
+    return values | {
+        f"largest_change_{name}_m": round(float(np.abs(displacement).max()), 3) for name, displacement in change.items()
+    }
 
 
 def rank_by(of: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -62,8 +66,8 @@ def rank_by(of: Mapping[str, np.ndarray]) -> np.ndarray:
 
 def run(quick: bool) -> Report:
     """The table; `quick` makes no difference, since nothing is run."""
-    found = read()
-    rows = [row(variant, found) for variant in variants() if {variant, beside(variant)} <= found.keys()]
+    result = read()
+    rows = [row(variant, result) for variant in variants() if {variant, beside(variant)} <= result.keys()]
     rows = [one for one in rows if (one["particles_a_cell"], one["cfl"]) != (4, 0.5)]
     faster = [one for one in rows if one["particles_a_cell"] == 4]
     single = [one for one in rows if one["particles_a_cell"] == 1 and one["cfl"] == 0.5]

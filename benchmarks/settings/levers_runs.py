@@ -8,7 +8,6 @@ energy of a run, kinetic, elastic and potential, is told from its start: more th
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
@@ -16,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.csv_rows import ENDED, REMEDY, number, rows_of, whole, word
+from benchmarks.csv_rows import ENDED, REMEDY, appending, number, put_once, rows_of, whole, word
 from benchmarks.measure import ROOT, scene_campaign
 from benchmarks.statistics.section_pairs import study
 from cooperative import runs
@@ -40,13 +39,11 @@ Variant = tuple[str, str, float, float, str]
 def read() -> dict[Variant, dict[int, dict[str, float]]]:
     """The file: variant -> number -> what was measured. ValueError for a line that does not parse, that no run could
     have left, or whose run stands there twice."""
-    found: dict[Variant, dict[int, dict[str, float]]] = {}
+    answer: dict[Variant, dict[int, dict[str, float]]] = {}
     for where, row in rows_of(DATA, COLUMNS):
-        known = found.setdefault(_variant(row, where), {})
-        if (sample := whole(row["number"], f"{where}: number")) in known:
-            raise ValueError(f"{where}: its run stands there twice: delete one of the two")
-        known[sample] = _measured(row, where)
-    return found
+        known = answer.setdefault(_variant(row, where), {})
+        put_once(known, whole(row["number"], f"{where}: number"), _measured(row, where), where)
+    return answer
 
 
 def _variant(row: Mapping[str, str], where: str) -> Variant:
@@ -57,8 +54,8 @@ def _variant(row: Mapping[str, str], where: str) -> Variant:
     spacing, cfl = (number(row[name], f"{where}: {name}", above=True) for name in ("spacing", "cfl"))
     variant = scene, grid, spacing, cfl, until
     if variant not in variants():
-        told = f"spacing = {spacing:g}, cfl = {cfl:g} of the {grid} grid to its {until}"
-        raise ValueError(f"{where}: {told} is no variant: spacings are {SPACINGS}, CFL {CFL}, {REMEDY}")
+        values = f"spacing = {spacing:g}, cfl = {cfl:g} of the {grid} grid to its {until}"
+        raise ValueError(f"{where}: {values} is no variant: spacings are {SPACINGS}, CFL {CFL}, {REMEDY}")
     return variant
 
 
@@ -87,16 +84,11 @@ def variants() -> Iterator[Variant]:
 
 def main() -> None:
     """Run what is missing, one sample after the other."""
-    new = not DATA.exists()
-    done = {} if new else read()
-    with DATA.open("a", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        if new:
-            writer.writerow(COLUMNS)
+    done = read() if DATA.exists() else {}
+    with appending(DATA, COLUMNS) as put:
         for variant in variants():
             for row in _rows(variant, sorted(set(range(SAMPLES[variant[-1]])) - done.get(variant, {}).keys())):
-                writer.writerow((*variant, *row))
-                file.flush()
+                put((*variant, *row))
 
 
 def _rows(variant: Variant, numbers: list[int]) -> Iterator[tuple[object, ...]]:
@@ -115,15 +107,15 @@ def _rows(variant: Variant, numbers: list[int]) -> Iterator[tuple[object, ...]]:
     ):  # fmt: skip
         done = measured(model, result)
         energy = float(_energy(model.scene, result.state)) - begun
-        told = (int(result.state.step) * float(result.time_step), done.displacement, done.runout, energy)
-        yield (sample, int(result.status), int(result.state.step), *(f"{value:.6g}" for value in told))
+        values = (int(result.state.step) * float(result.time_step), done.displacement, done.runout, energy)
+        yield (sample, int(result.status), int(result.state.step), *(f"{value:.6g}" for value in values))
 
 
 def measured(model: GridModel, result: Result) -> Consequences:
     """Consequences of a run, detached grains included."""
-    particles, moved = model.scene.particles, np.asarray(result.state.displacement)
+    particles, distance = model.scene.particles, np.asarray(result.state.displacement)
     position, volume = np.asarray(particles.position), np.asarray(particles.volume)
-    return consequences(position, moved, volume, model.geometry, half_size=model.half_size)
+    return consequences(position, distance, volume, model.geometry, half_size=model.half_size)
 
 
 @jax.jit

@@ -18,21 +18,19 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.csv_rows import ENDED, number, rows_of, whole, word
+from benchmarks.csv_rows import ENDED, appending, number, put_once, rows_of, whole, word
 from benchmarks.measure import ROOT, Report
-from benchmarks.settings.rest import appending
+from benchmarks.settings.rest import followed
 from benchmarks.study.cases import CASES as STUDY_CASES
 from benchmarks.study.cases import FAILS_ABOVE, FAST, Changes, campaign_of
 from benchmarks.study.rows import Rows, Run, read_study
 from cooperative import runs
-from cooperative.measure import SEVERITY, Motion
+from cooperative.measure import SEVERITY
 from cooperative.runs import GridModel
 from cooperative.store import Sample
-from jaxmpm import Status, solve_each
-from jaxmpm.run import Midway
+from jaxmpm import State, Status
 
 DATA = ROOT / "benchmarks" / "data" / "opened_soil.csv"
 MEASURES = ("displacement", "depth", "runout", "volume", "area")
@@ -104,7 +102,7 @@ CASES = {
 def read(path: Path) -> dict[tuple[str, bool], dict[int, Row]]:
     """The file: (case, with memory) -> number -> row. ValueError for a line that does not parse, that no run could have
     left, or whose run stands there twice."""
-    found: dict[tuple[str, bool], dict[int, Row]] = {}
+    answer: dict[tuple[str, bool], dict[int, Row]] = {}
     for where, row in rows_of(path, COLUMNS) if path.exists() else ():
         case = word(row["case"], f"{where}: case", allowed=CASES)
         memory = word(row["memory"], f"{where}: memory", allowed=("0", "1")) == "1"
@@ -112,13 +110,11 @@ def read(path: Path) -> dict[tuple[str, bool], dict[int, Row]]:
         whole(row["steps"], f"{where}: steps")
         ended = status <= Status.DECIDED
         word(row["mode"], f"{where}: mode", allowed=(*SEVERITY, "none") if ended else ("",))
-        told = {name: number(row[name], f"{where}: {name}") if row[name] or ended else None for name in MEASURES}
+        figures = {name: number(row[name], f"{where}: {name}") if row[name] or ended else None for name in MEASURES}
         closed = number(row["closed"], f"{where}: closed") if memory else word(row["closed"], where, allowed=("",))
-        rows, sample = found.setdefault((case, memory), {}), whole(row["number"], f"{where}: number")
-        if sample in rows:
-            raise ValueError(f"{where}: its run stands there twice: delete one of the two")
-        rows[sample] = {**row, **told, "closed": closed}
-    return found
+        rows, sample = answer.setdefault((case, memory), {}), whole(row["number"], f"{where}: number")
+        put_once(rows, sample, {**row, **figures, "closed": closed}, where)
+    return answer
 
 
 def carry_on(cases: Mapping[str, Case], path: Path, minutes: float = float("inf")) -> None:
@@ -132,9 +128,9 @@ def carry_on(cases: Mapping[str, Case], path: Path, minutes: float = float("inf"
             for sample, memory in left:
                 if time.monotonic() > end:
                     return
-                found, closed = run_watched(models(memory), sample)
-                measured = (_cell(found.row.get(each)) for each in (*MEASURES, "mode"))
-                row = (name, int(memory), sample, found.status, found.steps, *measured, closed)
+                answer, closed = run_watched(models(memory), sample)
+                measured = (_cell(answer.row.get(each)) for each in (*MEASURES, "mode"))
+                row = (name, int(memory), sample, answer.status, answer.steps, *measured, closed)
                 put(row)
                 print(time.strftime("%H:%M:%S"), *row, flush=True)
 
@@ -153,23 +149,18 @@ def run_watched(model: GridModel, sample: int) -> tuple[Sample, str]:
     """A sample's run to its end, and the volume that it opened and closed again, nothing without memory."""
     coefficients = runs.coefficients_of(model.campaign, model.soil)[sample]
     volume, run = np.asarray(model.scene.particles.volume), model.campaign.run
-    past, widest = Motion.start(volume, run.failure_displacement), np.zeros(volume.size)
+    widest = np.zeros(volume.size)
 
-    def remember(_: int, seconds: float, midway: Midway) -> None:
-        nonlocal past, widest
-        if seconds > past.times[-1]:
-            past = past.after(seconds, np.linalg.norm(np.asarray(midway.state.displacement), axis=0))
-        if midway.state.gap is not None:
-            widest = np.maximum(widest, np.asarray(midway.state.gap, float))
+    def look(_: float, state: State) -> None:
+        nonlocal widest
+        if state.gap is not None:
+            widest = np.maximum(widest, np.asarray(state.gap, float))
 
-    own = {name: [values] for name, values in model.varied(jnp.asarray(coefficients)).items()}
-    ((_, result),) = solve_each(
-        model.scene, model.state, own, numbers=[sample], width=1, t_end=run.t_end, settle=run.settle, observe=remember
-    )
-    found = runs.finished(model, sample, coefficients, result, 0.0, past)
+    result, past = followed(model, coefficients, run.t_end, run.settle, look)
+    answer = runs.finished(model, sample, coefficients, result, 0.0, past)
     if result.state.gap is None:
-        return found, ""
-    return found, f"{np.sum(volume * (np.exp(widest) - np.exp(np.asarray(result.state.gap, float)))):.6g}"
+        return answer, ""
+    return answer, f"{np.sum(volume * (np.exp(widest) - np.exp(np.asarray(result.state.gap, float)))):.6g}"
 
 
 def compared(name: str, case: Case, remembers: Mapping[int, Row], forgets: Mapping[int, Row]) -> dict[str, Any]:
@@ -177,13 +168,13 @@ def compared(name: str, case: Case, remembers: Mapping[int, Row], forgets: Mappi
     lengths of slides changed, where no opened soil closed again and where some did."""
     both = [(remembers[n], forgets[n]) for n in sorted(remembers.keys() & forgets.keys())]
     slid = [(new, old) for new, old in both if new["runout"] is not None and _fails(new) and _fails(old)]
-    kept = [(new, old) for new, old in slid if old["runout"] is not None]
+    chosen = [(new, old) for new, old in slid if old["runout"] is not None]
     cell = campaign_of(case.scene, case.changes).grids[case.grid].cell
     changes = {
         closed: np.array(
             [
                 max(abs(float(new[length]) - float(old[length])) / cell for length in LENGTHS)
-                for new, old in kept
+                for new, old in chosen
                 if (new["closed"] > FEW * new["volume"]) == closed
             ]
         )
@@ -193,27 +184,27 @@ def compared(name: str, case: Case, remembers: Mapping[int, Row], forgets: Mappi
     def broke_off(rows: list[Row]) -> int:
         return sum(Status[row["status"]] > Status.DECIDED for row in rows)
 
-    told = {
+    figures = {
         "case": name,
         "runs": len(both),
         "broke_off_without": broke_off([old for _, old in both]),
         "broke_off_with": broke_off([new for new, _ in both]),
         "fail": sum(_fails(new) for new, _ in both),
         "classes_changed": sum(_fails(new) != _fails(old) for new, old in both),
-        "modes_changed": sum(new["mode"] != old["mode"] for new, old in kept),
+        "modes_changed": sum(new["mode"] != old["mode"] for new, old in chosen),
         "steps_over_those_without": round(
-            sum(int(new["steps"]) for new, _ in kept) / max(1, sum(int(old["steps"]) for _, old in kept)), 3
+            sum(int(new["steps"]) for new, _ in chosen) / max(1, sum(int(old["steps"]) for _, old in chosen)), 3
         ),
     }
     for closed, words in ((False, "nothing_closes"), (True, "soil_closes")):
-        found = changes[closed]
-        told |= {
-            f"slides_{words}": found.size,
-            f"median_change_{words}_cells": round(float(np.median(found)), 4) if found.size else None,
-            f"largest_change_{words}_cells": round(float(found.max()), 4) if found.size else None,
+        answer = changes[closed]
+        figures |= {
+            f"slides_{words}": answer.size,
+            f"median_change_{words}_cells": round(float(np.median(answer)), 4) if answer.size else None,
+            f"largest_change_{words}_cells": round(float(answer.max()), 4) if answer.size else None,
         }
-    moved = [float(new["runout"]) - float(old["runout"]) for new, old in kept]
-    return told | {"median_runout_grows_by_m": round(float(np.median(moved)), 3) if moved else None}
+    distance = [float(new["runout"]) - float(old["runout"]) for new, old in chosen]
+    return figures | {"median_runout_grows_by_m": round(float(np.median(distance)), 3) if distance else None}
 
 
 def _fails(row: Row) -> bool:
@@ -223,11 +214,11 @@ def _fails(row: Row) -> bool:
 def run(quick: bool) -> Report:
     """What the file holds; `quick` changes nothing, there is nothing to run."""
     del quick
-    found = read(DATA)
+    answer = read(DATA)
     rows = [
-        compared(name, case, found[name, True], found.get((name, False), {}) if case.study is None else case.stored())
+        compared(name, case, answer[name, True], answer.get((name, False), {}) if case.study is None else case.stored())
         for name, case in CASES.items()
-        if (name, True) in found
+        if (name, True) in answer
     ]
 
     def total(name: str) -> int:

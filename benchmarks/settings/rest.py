@@ -13,9 +13,7 @@ that of displacement and run-out with detached grains. The same runs tell when t
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,14 +21,14 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.csv_rows import ENDED, number, rows_of, whole, word
+from benchmarks.csv_rows import ENDED, appending, number, put_once, rows_of, whole, word
 from benchmarks.measure import ROOT, Report, scene_campaign
 from benchmarks.statistics.section_pairs import study
 from cooperative import runs
 from cooperative.measure import SEVERITY, Motion
 from cooperative.runs import GridModel
 from cooperative.store import Sample
-from jaxmpm import Settle, State, Status, solve_each
+from jaxmpm import Result, Settle, State, Status, solve_each
 from jaxmpm.run import Midway
 
 DATA = ROOT / "benchmarks" / "data" / "rest.csv"
@@ -71,22 +69,22 @@ CASES = {
 def read(path: Path) -> dict[tuple[str, bool], dict[int, Row]]:
     """The file: (case, with the rule) -> number -> row. ValueError for a line that does not parse, that no run could
     have left, or whose run stands there twice."""
-    found: dict[tuple[str, bool], dict[int, Row]] = {}
+    answer: dict[tuple[str, bool], dict[int, Row]] = {}
     for where, row in _checked(path, COLUMNS, (*LENGTHS, *AMOUNTS)):
         rest = word(row["rest"], f"{where}: rest", allowed=("0", "1")) == "1"
-        _put(found.setdefault((row["case"], rest), {}), row, where)
-    return found
+        put_once(answer.setdefault((row["case"], rest), {}), whole(row["number"], f"{where}: number"), row, where)
+    return answer
 
 
 def read_longer(path: Path) -> dict[str, dict[int, Row]]:
     """The file of the slides that ran on: case -> number -> row. ValueError as for `read`."""
-    found: dict[str, dict[int, Row]] = {}
+    answer: dict[str, dict[int, Row]] = {}
     for where, row in _checked(path, COLUMNS_LONGER, TWICE):
         for name in RELEASES:
             if row[name]:
                 number(row[name], f"{where}: {name}")
-        _put(found.setdefault(row["case"], {}), row, where)
-    return found
+        put_once(answer.setdefault(row["case"], {}), whole(row["number"], f"{where}: number"), row, where)
+    return answer
 
 
 def _checked(path: Path, columns: Sequence[str], measures: Sequence[str]) -> Iterator[tuple[str, Row]]:
@@ -102,13 +100,6 @@ def _checked(path: Path, columns: Sequence[str], measures: Sequence[str]) -> Ite
             if row[name] or status <= Status.DECIDED:
                 number(row[name], f"{where}: {name}")
         yield where, row
-
-
-def _put(rows: dict[int, Row], row: Row, where: str) -> None:
-    sample = whole(row["number"], f"{where}: number")
-    if sample in rows:
-        raise ValueError(f"{where}: its run stands there twice: delete one of the two")
-    rows[sample] = row
 
 
 def main() -> None:
@@ -127,22 +118,6 @@ def main() -> None:
             if case.longer and left:
                 for row in _rows_longer(name, case, sorted(left)):
                     put(row)
-
-
-@contextmanager
-def appending(path: Path, columns: Sequence[str]) -> Iterator[Callable[[Sequence[object]], None]]:
-    """Gives what writes a row to the end of the file at once."""
-    new = not path.exists()
-    with path.open("a", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-
-        def put(row: Sequence[object]) -> None:
-            writer.writerow(row)
-            file.flush()
-
-        if new:
-            put(columns)
-        yield put
 
 
 def prepared(case: Case) -> tuple[GridModel, np.ndarray]:
@@ -181,11 +156,43 @@ def _rows(name: str, case: Case, with_rule: set[int], without: set[int]) -> Iter
 def _rows_longer(name: str, case: Case, samples: Sequence[int]) -> Iterator[tuple[object, ...]]:
     model, coefficients = prepared(case)
     for sample in samples:
-        found = run_on(model, coefficients, sample, TIMES)
-        measured = [time.row.get(each, "") for time in found for each in (*LENGTHS, *AMOUNTS, *ANY)]
-        end = found[-1]
-        told = [end.row.get(each, "") for each in ("mode", *RELEASES)]
-        yield name, sample, end.status, end.steps, *measured, *told
+        answer = run_on(model, coefficients, sample, TIMES)
+        measured = [time.row.get(each, "") for time in answer for each in (*LENGTHS, *AMOUNTS, *ANY)]
+        end = answer[-1]
+        at_end = [end.row.get(each, "") for each in ("mode", *RELEASES)]
+        yield name, sample, end.status, end.steps, *measured, *at_end
+
+
+def followed(
+    model: GridModel,
+    coefficients: np.ndarray,
+    t_end: float,
+    settle: Settle | None,
+    look: Callable[[float, State], None],
+) -> tuple[Result, Motion]:
+    """Run one sample.
+
+    Args:
+        model: of the grid.
+        coefficients: of the sample (modes,).
+        t_end: last time (s).
+        settle: rule by which the run ends earlier.
+        look: called now and then with the time (s) and the state.
+
+    Returns:
+        The result and the motion of the particles.
+    """
+    past = Motion.start(np.asarray(model.scene.particles.volume), model.campaign.run.failure_displacement)
+
+    def observe(_: int, seconds: float, midway: Midway) -> None:
+        nonlocal past
+        if seconds > past.times[-1]:
+            past = past.after(seconds, np.linalg.norm(np.asarray(midway.state.displacement), axis=0))
+        look(seconds, midway.state)
+
+    own = {name: [values] for name, values in model.varied(jnp.asarray(coefficients)).items()}
+    ((_, result),) = solve_each(model.scene, model.state, own, width=1, t_end=t_end, settle=settle, observe=observe)
+    return result, past
 
 
 def run_on(
@@ -193,35 +200,28 @@ def run_on(
 ) -> tuple[Sample, Sample]:
     """A sample at the first and at the second of the times (s) of one run without the rule, the mode beside the second.
     Both are as at its last step where it breaks off."""
-    volume, limit = np.asarray(model.scene.particles.volume), model.campaign.run.failure_displacement
-    past, first = Motion.start(volume, limit), None
+    first: list[State] = []
 
-    def remember(_: int, seconds: float, midway: Midway) -> None:
-        nonlocal past, first
-        if seconds > past.times[-1]:
-            past = past.after(seconds, np.linalg.norm(np.asarray(midway.state.displacement), axis=0))
-        if first is None and seconds >= times[0]:
-            first = midway.state
+    def look(seconds: float, state: State) -> None:
+        if not first and seconds >= times[0]:
+            first.append(state)
 
-    own = {name: [values] for name, values in model.varied(jnp.asarray(coefficients[sample])).items()}
-    ((_, result),) = solve_each(
-        model.scene, model.state, own, numbers=[sample], width=1, t_end=times[1], settle=Settle(), observe=remember
-    )
+    result, past = followed(model, coefficients[sample], times[1], Settle(), look)
 
-    def told(state: State, motion: Motion | None) -> Sample:
+    def sample_at(state: State, motion: Motion | None) -> Sample:
         return runs.finished(model, sample, coefficients[sample], replace(result, state=state), 0.0, motion)
 
-    return told(result.state if first is None else first, None), told(result.state, past)
+    return sample_at(first[0] if first else result.state, None), sample_at(result.state, past)
 
 
 def run(quick: bool) -> Report:
     """What the file holds; `quick` changes nothing, there is nothing to run."""
     del quick
-    found, longer = read(DATA), read_longer(LONGER)
+    answer, longer = read(DATA), read_longer(LONGER)
     rows = [
-        compared(name, case, found[name, True], found[name, False])
+        compared(name, case, answer[name, True], answer[name, False])
         for name, case in CASES.items()
-        if (name, True) in found and (name, False) in found
+        if (name, True) in answer and (name, False) in answer
     ]
     values: dict[str, Any] = {
         "slides": sum(row["slides"] for row in rows),
@@ -230,11 +230,11 @@ def run(quick: bool) -> Report:
         "largest_change_of_an_amount": max((row["largest_change_share"] for row in rows), default=None),
     }
     values |= {f"saved_{n}": row["steps_saved"] for n, row in enumerate(rows)}
-    later = [moved(name, case, longer[name]) for name, case in CASES.items() if name in longer]
-    return Report(values | moved_values(later), [*rows, *later])
+    later = [changes_after(name, case, longer[name]) for name, case in CASES.items() if name in longer]
+    return Report(values | values_after(later), [*rows, *later])
 
 
-def moved_values(rows: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
+def values_after(rows: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
     """The largest moves from 20 to 25 s over the cases; None without slides."""
 
     def largest(*names: str) -> float | None:
@@ -250,7 +250,7 @@ def moved_values(rows: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
     }
 
 
-def moved(name: str, case: Case, rows: Mapping[int, Row]) -> dict[str, Any]:
+def changes_after(name: str, case: Case, rows: Mapping[int, Row]) -> dict[str, Any]:
     """Slides that ran on: how far each measure moves from 20 to 25 s at most, lengths in cells and amounts as shares,
     and the longest time between two releases."""
     whole_runs = [row for row in rows.values() if row["mode"]]

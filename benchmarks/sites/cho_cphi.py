@@ -51,7 +51,7 @@ class Circles:
         toe = slope.crest + slope.height * slope.run_per_rise
         line = ([0, slope.crest, toe, toe + slope.toe], [slope.foundation + slope.height] * 2 + [slope.foundation] * 2)
         column, row = (np.floor(position / spacing)).astype(int)
-        found: list[tuple[np.ndarray, ...]] = []
+        result: list[tuple[np.ndarray, ...]] = []
         outs = np.r_[np.arange(slope.crest + 4, toe), np.arange(toe, toe + slope.toe - 1, 0.75)]
         for left, right, sag in ((a, b, s) for a in np.arange(0.5, slope.crest + 3, 0.5) for b in outs
                                  for s in np.linspace(0.08, 0.5, 15)):  # fmt: skip
@@ -67,8 +67,8 @@ class Circles:
             at = np.floor(np.stack([x, base]) / spacing).astype(int)
             apart = np.abs(column - at[0][:, None]) * 1000 + np.abs(row - at[1][:, None])
             width = np.array([edges[1] - edges[0]])
-            found.append((apart.argmin(axis=1), unit_weight * np.maximum(thick, 0) * width, sine, cosine, width))
-        return cls(*(np.array(each) for each in zip(*found, strict=True)))
+            result.append((apart.argmin(axis=1), unit_weight * np.maximum(thick, 0) * width, sine, cosine, width))
+        return cls(*(np.array(each) for each in zip(*result, strict=True)))
 
     def factor_of_safety(self, soil: Mapping[str, Any]) -> float:
         """The least of all circles, of cohesion (Pa) and friction (degrees) at the particles (N,)."""
@@ -96,8 +96,8 @@ def limit() -> dict[str, float]:
 def summarised() -> dict[str, Any]:
     """Shares that fail, with their intervals, on the refined grid and by circles, and how often both agree."""
     known, at = list(rows()), limit()
-    moved, circles = (np.array([float(row[name]) for row in known]) for name in ("displacement", "circles"))
-    fails, sped = moved > at["displacement"], np.array([row["speeds_up"] == "True" for row in known])
+    distance, circles = (np.array([float(row[name]) for row in known]) for name in ("displacement", "circles"))
+    fails, sped = distance > at["displacement"], np.array([row["speeds_up"] == "True" for row in known])
     low, high = wilson_interval(int(fails.sum()), len(known))
     return {
         "pf": float(fails.mean()),
@@ -107,7 +107,7 @@ def summarised() -> dict[str, Any]:
         "runs": len(known),
         "circles_pf": float((circles < 1).mean()),
         "circles_same_class": float((fails == (circles < 1)).mean()),
-        "circles_rank_correlation": float(stats.spearmanr(moved, -circles).statistic),
+        "circles_rank_correlation": float(stats.spearmanr(distance, -circles).statistic),
         "in_time_same_class": float((fails == sped).mean()),
     }
 
@@ -127,9 +127,9 @@ def main() -> None:
     with PATH.open("a") as file:
         writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         for number in sorted(set(range(SAMPLES)) - done):
-            moved, sped = _run(model, model.varied(coefficients[number]), limit()["volume"])
+            distance, sped = _run(model, model.varied(coefficients[number]), limit()["volume"])
             factor = circles.factor_of_safety(model.parameters(coefficients[number]))
-            row = (number, f"{moved:.5g}", sped, f"{factor:.4f}")
+            row = (number, f"{distance:.5g}", sped, f"{factor:.4f}")
             writer.writerow(dict(zip(COLUMNS, row, strict=True)))
             file.flush()
 

@@ -126,9 +126,9 @@ def closed_form(text: str, factor: float) -> float:
 
 def row(name: str, case: Case, folder: Path, text: str, workers: int) -> dict[str, Any]:
     """The campaign of a case, run or gone on with, beside what the literature or theory has."""
-    found = run_campaign(text, folder / name, workers=workers)
-    low, high = found.interval
-    limit = found.limit_load
+    result = run_campaign(text, folder / name, workers=workers)
+    low, high = result.interval
+    limit = result.limit_load
     assert limit is not None
     expected = closed_form(text, limit.factor) if case.printed is None else None
     store = read_store(folder / name)
@@ -137,16 +137,16 @@ def row(name: str, case: Case, folder: Path, text: str, workers: int) -> dict[st
         "fos": limit.factor,
         "failure_displacement_m": limit.displacement,
         "least_volume": limit.volume,
-        "pf": found.probability_of_failure,
+        "pf": result.probability_of_failure,
         "low": low,
         "high": high,
         "printed": case.printed and list(case.printed),
         "closed_form": expected,
         "holds_closed_form": None if expected is None else bool(low <= expected <= high),
-        "samples": found.samples,
-        "refined_runs": found.refined_runs,
+        "samples": result.samples,
+        "refined_runs": result.refined_runs,
         **shares(store, limit.displacement, case.large),
-        "hours": sum(found.seconds.values()) / 3600,
+        "hours": sum(result.seconds.values()) / 3600,
         "device": read_sample(store, "rough", 0).device,
     }
 
@@ -154,10 +154,12 @@ def row(name: str, case: Case, folder: Path, text: str, workers: int) -> dict[st
 def shares(store: Store, limit: float, large: float | None) -> dict[str, float | None]:
     """Shares of the rough samples that fail, whose soil runs out beyond the toe, and whose slides are large. Rough runs
     go on to their end, so this tells slides of the whole slope from soil that slips within its face, a failure too."""
-    found = read_rows(store, "rough").columns
-    counted = {"fails": found["displacement"] > limit, "beyond_toe": found["runout"] > 0}
-    told: dict[str, float | None] = {f"rough_{name}": round(float(np.mean(each)), 3) for name, each in counted.items()}
-    return told | {"rough_large": None if large is None else round(float(np.mean(found["volume"] > large)), 3)}
+    result = read_rows(store, "rough").columns
+    counted = {"fails": result["displacement"] > limit, "beyond_toe": result["runout"] > 0}
+    of_rough: dict[str, float | None] = {
+        f"rough_{name}": round(float(np.mean(each)), 3) for name, each in counted.items()
+    }
+    return of_rough | {"rough_large": None if large is None else round(float(np.mean(result["volume"] > large)), 3)}
 
 
 def run(quick: bool) -> Report:

@@ -21,7 +21,7 @@ import jax
 import numpy as np
 
 import jaxmpm as mpm
-from benchmarks.measure import ROOT, Report, code_digest, kept_row
+from benchmarks.measure import ROOT, Report, code_digest, stored_row
 from benchmarks.sites import sites_retrogression, sites_terrain
 from benchmarks.sites.sites_retrogression import PUBLISHED, READINGS, SCENES
 from benchmarks.sites.slopes import cases
@@ -102,14 +102,14 @@ def run_out(name: str) -> dict[str, Any]:
     scene = mpm.reduced(scene, 4 / 3)
     mpm.solve(scene, state, t_end=float(scene.time_step))  # compiles
     start = time.perf_counter()
-    moved = np.asarray(mpm.solve(scene, state, t_end=20.0).raise_if_failed().state.displacement)
+    distance = np.asarray(mpm.solve(scene, state, t_end=20.0).raise_if_failed().state.displacement)
     seconds = time.perf_counter() - start
     position = np.asarray(scene.particles.position, float)
-    found = consequences(
-        position, moved, np.asarray(scene.particles.volume), OpenGround(shape.heights(position[0])),
+    result = consequences(
+        position, distance, np.asarray(scene.particles.volume), OpenGround(shape.heights(position[0])),
         half_size=np.full(2, 0.25), reach=1.5,
     )  # fmt: skip
-    return {"case": f"{name} domain", "particles": position.shape[1], "runout_m": found.runout, "seconds": seconds}
+    return {"case": f"{name} domain", "particles": position.shape[1], "runout_m": result.runout, "seconds": seconds}
 
 
 def factor(name: str, grid: str) -> dict[str, Any]:
@@ -117,18 +117,18 @@ def factor(name: str, grid: str) -> dict[str, Any]:
     campaign, known = parse(read_scene(SCENES / f"{name}.toml")), FACTORS[name]
     start = time.perf_counter()
     scene, state = built(campaign, grid)
-    found = mpm.factor_of_safety(
+    result = mpm.factor_of_safety(
         scene, state, criterion="limit load", bracket=(0.8 * known, 1.25 * known), resolution=0.02, batch=6
     )
-    assert found.kink is not None
+    assert result.kink is not None
     return {
         "case": f"factor of {name}",
         "cell_m": campaign.grids[grid].cell,
         "particles": scene.particles.mass.size,
-        "fos": round(found.kink, 3),
+        "fos": round(result.kink, 3),
         "known": known,
-        "error": round(found.kink / known - 1, 4),
-        "sharpness": found.sharpness,
+        "error": round(result.kink / known - 1, 4),
+        "sharpness": result.sharpness,
         "seconds": round(time.perf_counter() - start, 1),
     }
 
@@ -139,12 +139,12 @@ def run(quick: bool) -> Report:
     folder = ROOT / "out" / "sites" / code_digest(*texts)
 
     def rows(name: str, make: Callable[[Any], dict[str, Any]], *given: Any) -> list[dict[str, Any]]:
-        return [kept_row(folder, f"{name} {each}", partial(make, each)) for each in given]
+        return [stored_row(folder, f"{name} {each}", partial(make, each)) for each in given]
 
     def either(few: tuple[Any, ...], more: tuple[Any, ...]) -> tuple[Any, ...]:
         return few if quick else (*few, *more)
 
-    line = kept_row(folder, "polyline", polyline)
+    line = stored_row(folder, "polyline", polyline)
     planes = rows("plane", plane, *either((4.0, 2.0), (1.0,)))
     scenes = rows("scene", drawn, *sorted(path.stem for path in SCENES.glob("*.toml")))
     grids = {name: ("rough",) if quick or name == "acads_3a" else ("rough", "refined") for name in FACTORS}
@@ -160,13 +160,13 @@ def run(quick: bool) -> Report:
         "plane_volume_error": max(row["volume_error"] for row in planes),
         "plane_stress_error": max(row["stress_error"] for row in planes),
         "scene_difference": max(row["difference"] for row in scenes if "difference" in row),
-        **{f"{name}_fos": found[-1]["fos"] for name, found in factors.items()},
+        **{f"{name}_fos": result[-1]["fos"] for name, result in factors.items()},
         **{f"{name}_fos_known": FACTORS[name] for name in FACTORS},
         "cut_runout_error": abs(cut["runout_m"] / whole["runout_m"] - 1),
         "cut_seconds_over_whole": cut["seconds"] / whole["seconds"],
         "terrain_travel_error": slides[-2]["travel_m_error"],
         "terrain_runout_error": slides[-2]["runout_m_error"],
-        **{f"{name}_{what}": found[-1][what] for name, found in clay.items() for what in PUBLISHED},
+        **{f"{name}_{what}": result[-1][what] for name, result in clay.items() for what in PUBLISHED},
     }
     known = chain.from_iterable(factors.values())
     return Report(values, [line, *planes, *scenes, *known, whole, cut, *slides, *chain.from_iterable(clay.values())])

@@ -65,25 +65,31 @@ def slide(scene_name: str, cell: float) -> dict[str, Any]:
     motion = Motion.start(volume, LETS_GO)
     for at, seen in zip((*result.times, campaign.run.t_end), (*result.snapshots, result.state), strict=True):
         motion = motion.after(at, np.linalg.norm(np.asarray(seen.displacement), axis=0))
-    moved = np.asarray(result.state.displacement, float)
+    distance = np.asarray(result.state.displacement, float)
     level = OpenGround(np.full(volume.size, HEIGHT))
-    found = consequences(
-        position, moved, volume, level, half_size=np.full(2, cell / 4), reach=1.5 * cell, failure_displacement=LETS_GO
+    answer = consequences(
+        position,
+        distance,
+        volume,
+        level,
+        half_size=np.full(2, cell / 4),
+        reach=1.5 * cell,
+        failure_displacement=LETS_GO,
     )
     # The top row of particles behind the crest, from there backwards.
     top = np.flatnonzero((position[0] < CREST) & (position[1] > HEIGHT - cell / 2))
     onset = motion.onset[top[np.argsort(-position[0, top])]]
     slid = motion.moved >= LETS_GO
     rear = float(position[0, slid].min()) - cell / 4
-    order = np.argsort((position + moved)[0])
+    order = np.argsort((position + distance)[0])
     share = np.cumsum(volume[order]) / volume.sum()
     return {
         "case": scene_name,
         "cell_m": cell,
         "particles": volume.size,
         "strength_kpa": campaign.random["strength"].mean / 1e3,
-        "runout_m": round(found.runout - (TOE - rear), 2),
-        "runout_of_99_percent_m": round(float((position + moved)[0, order[np.searchsorted(share, 0.99)]]) - TOE, 2),
+        "runout_m": round(answer.runout - (TOE - rear), 2),
+        "runout_of_99_percent_m": round(float((position + distance)[0, order[np.searchsorted(share, 0.99)]]) - TOE, 2),
         "retrogression_m": round(CREST - rear, 2),
         "slides": slides(onset),
         "published": ", ".join(f"{name} {value:g}" for name, value in PUBLISHED.items()),

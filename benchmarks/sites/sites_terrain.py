@@ -78,26 +78,28 @@ def slide(cell: float) -> dict[str, Any]:
     numerics = mpm.Discretisation(cell, (cell,) * 3, cfl=0.9, fbar=True, dtype="float32")
     scene, state = mpm.terrain(shape, layers, numerics)
     final = mpm.solve(scene, state, t_end=T_END).raise_if_failed().state
-    moved, position = np.asarray(final.displacement, float), np.asarray(scene.particles.position, float)
+    distance, position = np.asarray(final.displacement, float), np.asarray(scene.particles.position, float)
     volume, half, reach = np.asarray(scene.particles.volume, float), np.full(3, cell / 2), 1.5 * cell
     above = OpenGround(shape.heights(*position[:2]))
-    found = consequences(position, moved, volume, above, half_size=half, reach=reach)
+    result = consequences(position, distance, volume, above, half_size=half, reach=reach)
     clay = shape.layer_of(layers, position, numerics) == 0
     ends = [(axis, side, (0.0, SIZE[axis])[side > 0]) for axis in (0, 1) for side in (-1, 1)]
     reached = walls_reached(
-        position, moved, volume, ends, half_size=half, failure_displacement=1.0, within=cell, reach=reach
+        position, distance, volume, ends, half_size=half, failure_displacement=1.0, within=cell, reach=reach
     )
     return {
         "case": "real terrain",
         "cell_m": cell,
         "particles": volume.size,
         "clay_m3": round(float(volume[clay].sum())),
-        "travel_m": round(float(np.linalg.norm((moved[:, clay] * volume[clay]).sum(axis=1)) / volume[clay].sum()), 2),
-        "runout_m": round(found.runout, 1),
-        "displacement_m": round(found.displacement, 1),
-        "depth_m": round(found.depth, 1),
-        "volume_m3": round(found.volume),
-        "area_m2": round(found.area),
+        "travel_m": round(
+            float(np.linalg.norm((distance[:, clay] * volume[clay]).sum(axis=1)) / volume[clay].sum()), 2
+        ),
+        "runout_m": round(result.runout, 1),
+        "displacement_m": round(result.displacement, 1),
+        "depth_m": round(result.depth, 1),
+        "volume_m3": round(result.volume),
+        "area_m2": round(result.area),
         "walls_reached": reached or "none",
         "seconds": round(time.perf_counter() - start, 1),
     }

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import jaxmpm as mpm
-from benchmarks.measure import ROOT, Report, code_digest, kept_row
+from benchmarks.measure import ROOT, Report, code_digest, stored_row
 from benchmarks.sites.slopes import Case, cases, special_cases
 from benchmarks.speed.leave_out import microseconds
 from cooperative.runs import cores_to_use, process_pool
@@ -44,18 +44,18 @@ def row(case: Case, cell: float, **choices: Any) -> dict[str, Any]:
     start = time.perf_counter()
     scene, state = case.built(cell, **choices)
     bracket = (0.8 * case.reference, case.highest * case.reference)
-    found = mpm.factor_of_safety(scene, state, criterion="limit load", bracket=bracket, resolution=0.02, batch=6)
-    assert found.kink is not None
+    answer = mpm.factor_of_safety(scene, state, criterion="limit load", bracket=bracket, resolution=0.02, batch=6)
+    assert answer.kink is not None
     return {
         "case": case.name,
         "cell_m": round(cell, 4),
         "particles": scene.particles.mass.size,
         "reference": case.reference,
-        "fos": round(found.kink, 3),
-        "error": round(found.kink / case.reference - 1, 4),
-        "stands_at": found.stable,
-        "moves_on_at": found.fails,
-        "sharpness": found.sharpness,
+        "fos": round(answer.kink, 3),
+        "error": round(answer.kink / case.reference - 1, 4),
+        "stands_at": answer.stable,
+        "moves_on_at": answer.fails,
+        "sharpness": answer.sharpness,
         "seconds": round(time.perf_counter() - start, 1),
         "source": case.source,
     }
@@ -78,11 +78,11 @@ def run(quick: bool) -> Report:
     known = [*cases(), *special_cases()]
     folder = ROOT / "out" / "stability_of_slopes" / code_digest((Path(__file__).parent / "slopes.py").read_text())
     locked = [(case, case.cells[0]) for case in known if case.name in LOCKED and not quick]
-    with process_pool(len(cores_to_use())) as crew:
+    with process_pool(len(cores_to_use())) as pool:
 
         def begun(what: str, make: Any, case: Case, *given: Any) -> Future[dict[str, Any]]:
             name = " ".join([what, case.name.replace("/", " of "), *map(str, given)])
-            return crew.submit(kept_row, folder, name, partial(make, case, *given))
+            return pool.submit(stored_row, folder, name, partial(make, case, *given))
 
         # What takes longest begins first.
         ours = {

@@ -69,14 +69,14 @@ def run(quick: bool) -> Report:
     cores = len(cores_to_use())
     texts = {name: scene_text(stage.scene[quick], PLAN | {"slides": stage.slides}) for name, stage in STAGES.items()}
     folder = ROOT / "out" / "campaign" / code_digest(*texts.values())
-    found: dict[str, dict[str, Any]] = {}
+    result: dict[str, dict[str, Any]] = {}
     try:
         with heeding():
             for name, stage in STAGES.items():
-                found[name] = measured(folder, name, stage, texts[name], workers=cores)
+                result[name] = measured(folder, name, stage, texts[name], workers=cores)
     except Stopped as stopped:
         print(stopped, file=sys.stderr)
-    return report(found)
+    return report(result)
 
 
 def scene_text(scene: str, plan: Mapping[str, Any]) -> str:
@@ -89,11 +89,11 @@ def measured(folder: Path, name: str, stage: Stage, text: str, *, workers: int) 
     """Figures of a stage, run or gone on with unless it has ended: hours of each part, over all lives, and what came
     out. Raises what `campaign.run` raises."""
     folder.mkdir(parents=True, exist_ok=True)
-    book, place = folder / f"{name}.json", folder / stage.campaign
-    kept = _read(book)
-    if "figures" in kept:
-        return {**kept["figures"]}
-    with counting(book, kept) as begins, suppress(_Reached):
+    book, store_folder = folder / f"{name}.json", folder / stage.campaign
+    stored = _read(book)
+    if "figures" in stored:
+        return {**stored["figures"]}
+    with counting(book, stored) as begins, suppress(_Reached):
 
         def on_phase(phase: str) -> None:
             if phase == stage.before:
@@ -101,18 +101,18 @@ def measured(folder: Path, name: str, stage: Stage, text: str, *, workers: int) 
                 raise _Reached
             begins(PARTS[phase])
 
-        campaign.run(text, place, workers=workers, progress=sys.stderr.isatty(), on_phase=on_phase)
+        campaign.run(text, store_folder, workers=workers, progress=sys.stderr.isatty(), on_phase=on_phase)
     done = _read(book)
-    figures = {"stage": name, **_outcome(read_store(place), done["seconds"], workers), **done}
+    figures = {"stage": name, **_outcome(read_store(store_folder), done["seconds"], workers), **done}
     files.write_aside(book, json.dumps({**done, "figures": figures}).encode())
     return figures
 
 
 @contextmanager
-def counting(book: Path, kept: Mapping[str, Any], every: float = 1.0) -> Iterator[Callable[[str], None]]:
+def counting(book: Path, stored: Mapping[str, Any], every: float = 1.0) -> Iterator[Callable[[str], None]]:
     """Add the wall seconds of each part to those that the file has, every so many seconds, so that a process killed at
     any moment loses no more than these. Gives what to tell when another part begins; the first is "set-up"."""
-    seconds: dict[str, float] = dict(kept["seconds"])
+    seconds: dict[str, float] = dict(stored["seconds"])
     part, since, turn, ended = "set-up", time.perf_counter(), threading.Lock(), threading.Event()
 
     def count(then: str | None = None) -> None:
@@ -121,7 +121,7 @@ def counting(book: Path, kept: Mapping[str, Any], every: float = 1.0) -> Iterato
             now = time.perf_counter()
             seconds[part] = seconds.get(part, 0.0) + now - since
             part, since = then or part, now
-            files.write_aside(book, json.dumps({"seconds": seconds, "lives": kept["lives"] + 1}).encode())
+            files.write_aside(book, json.dumps({"seconds": seconds, "lives": stored["lives"] + 1}).encode())
 
     def watch() -> None:
         while not ended.wait(every):
@@ -142,13 +142,13 @@ def _read(book: Path) -> dict[str, Any]:
     if not book.exists():
         return {"seconds": {}, "lives": 0}
     try:
-        kept = json.loads(files.read_plain(book))
-        if not all(float(value) >= 0 for value in kept["seconds"].values()) or int(kept["lives"]) < 1:
+        stored = json.loads(files.read_plain(book))
+        if not all(float(value) >= 0 for value in stored["seconds"].values()) or int(stored["lives"]) < 1:
             raise ValueError("negative seconds, or no lives")
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         why = f"{book} holds no seconds of a campaign ({error})"
         raise ValueError(f"{why}: delete {book.parent} to begin anew") from error
-    return dict(kept)
+    return dict(stored)
 
 
 def _outcome(store: Store, seconds: Mapping[str, float], workers: int) -> dict[str, Any]:
@@ -157,34 +157,34 @@ def _outcome(store: Store, seconds: Mapping[str, float], workers: int) -> dict[s
     if progress.estimate is None:
         raise ValueError(f"{store.folder} holds no result of a campaign that has ended: delete it to begin anew")
     rows = {grid: read_rows(store, grid) for grid in GRIDS}
-    found, slid = progress.estimate, read_rows(store, SLIDES)
+    result, slid = progress.estimate, read_rows(store, SLIDES)
     return {
         "samples": len(rows["rough"].numbers),
-        "refined_runs": found.refined_runs,
+        "refined_runs": result.refined_runs,
         "slides": len(slid.numbers),
         "failures_refined": sum(u > 1.0 for u, _ in rows["refined"].results.values()),
-        "probability": found.probability,
-        "interval": list(found.interval),
-        "cov": float(found.cov),
+        "probability": result.probability,
+        "interval": list(result.interval),
+        "cov": float(result.cov),
         **{f"median_{grid}_s": float(np.median(rows[grid].columns["seconds"])) for grid in GRIDS},
         "hours": sum(seconds.values()) / 3600,
         "workers": workers,
     }
 
 
-def report(found: Mapping[str, Mapping[str, Any]]) -> Report:
+def report(result: Mapping[str, Mapping[str, Any]]) -> Report:
     """Named figures of the stages that have ended; null for the others, and where the samples were too few for 10 per
     cent."""
-    met = {name: figures for name, figures in found.items() if figures["cov"] <= PLAN["target_cov"]}
+    met = {name: figures for name, figures in result.items() if figures["cov"] <= PLAN["target_cov"]}
     values: dict[str, Any] = {name: met[name]["hours"] if name in met else None for name in STAGES}
-    published = found.get("hours_to_cov_10")
+    published = result.get("hours_to_cov_10")
     values["refined_runs"] = None if published is None else published["refined_runs"]
-    values["share_of_time"] = None if published is None else _shares(found)
-    return Report(values, [dict(figures) for figures in found.values()])
+    values["share_of_time"] = None if published is None else _shares(result)
+    return Report(values, [dict(figures) for figures in result.values()])
 
 
-def _shares(found: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
+def _shares(result: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
     """Of the published slope's campaign: what its slides took is theirs, coming back to the campaign included."""
-    spent = dict.fromkeys(("set-up", *PARTS.values()), 0.0) | {**found["hours_to_cov_10"]["seconds"]}
-    spent["slides"] += sum(found.get("hours_slides", {"seconds": {}})["seconds"].values())
+    spent = dict.fromkeys(("set-up", *PARTS.values()), 0.0) | {**result["hours_to_cov_10"]["seconds"]}
+    spent["slides"] += sum(result.get("hours_slides", {"seconds": {}})["seconds"].values())
     return {part: round(seconds / sum(spent.values()), 4) for part, seconds in spent.items()}

@@ -55,15 +55,17 @@ def by_parameter(problem: str, steps: int) -> dict[str, Callable[[Any], Any]]:
         return replace(scene, material=replace(scene.material, **changed))
 
     law = scene.material
-    found: dict[str, Callable[[Any], Any]] = {
+    result: dict[str, Callable[[Any], Any]] = {
         "moduli": lambda f: run(material(bulk=law.bulk * f, shear=law.shear * f), state),
         "gravity": lambda f: run(replace(scene, gravity=scene.gravity * f), state),
     }
     if problem == "softening":
-        found["strength"] = lambda f: run(material(strength=law.strength * f), state)
+        result["strength"] = lambda f: run(material(strength=law.strength * f), state)
         softening = law.softening
-        found["softening"] = lambda f: run(material(softening=replace(softening, modulus=softening.modulus * f)), state)
-    return found
+        result["softening"] = lambda f: run(
+            material(softening=replace(softening, modulus=softening.modulus * f)), state
+        )
+    return result
 
 
 def difference_rows(problem: str, steps: int) -> Iterator[dict[str, Any]]:
@@ -119,11 +121,11 @@ def cost_row(engine: str | None, quick: bool) -> dict[str, Any]:
         "memory": 4e9,
         "repeats": 3 if quick else 5,
     }
-    found = on_cores(1, "benchmarks.speed.gradients_case", json.dumps(case))
-    forward, both = found["forward_us"]["median"], found["value_and_gradient_us"]["median"]
+    result = on_cores(1, "benchmarks.speed.gradients_case", json.dumps(case))
+    forward, both = result["forward_us"]["median"], result["value_and_gradient_us"]["median"]
     return {
         **case,
-        **found,
+        **result,
         "reverse_over_forward": both / forward - 1,
         "value_and_gradient_over_forward": both / forward,
     }
@@ -154,5 +156,5 @@ def run(quick: bool) -> Report:
         "rough_reverse_steps": long_case["steps"],
         "rough_reverse_seconds": long["seconds"],
     }
-    told = [{k: v for k, v in r.items() if k != "errors"} for r in rows]
-    return Report(values, [*told, *costs, {**long_case, **long}], partial(draw, rows))
+    tabled = [{k: v for k, v in r.items() if k != "errors"} for r in rows]
+    return Report(values, [*tabled, *costs, {**long_case, **long}], partial(draw, rows))

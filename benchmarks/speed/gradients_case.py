@@ -33,19 +33,19 @@ def measure(scene: str, engine: str | None, steps: int, memory: float, repeats: 
         return objectives.log_displacement(mpm.replay(varied, state, steps, memory=memory)[0])
 
     forward, both = jax.jit(reached), jax.jit(jax.value_and_grad(reached))
-    found: dict[str, Any] = {
+    result: dict[str, Any] = {
         "levels": list(mpm.checkpoints(built, state, steps, memory).levels),
         "particles": particles,
     }
     if repeats:
         for name, run in (("forward", forward), ("value_and_gradient", both)):
             timing = timed(lambda run=run: jax.block_until_ready(run(strength)), repeats)  # type: ignore[misc]
-            found[f"{name}_us"] = timing.scaled(1e6 / steps / particles)
+            result[f"{name}_us"] = timing.scaled(1e6 / steps / particles)
     else:
         start = time.perf_counter()
         gradient = jax.block_until_ready(both(strength))[1]
-        found |= {"seconds": time.perf_counter() - start, "finite": bool(jnp.all(jnp.isfinite(gradient)))}
-    return found | {"peak_mb": peak_memory_mb()}
+        result |= {"seconds": time.perf_counter() - start, "finite": bool(jnp.all(jnp.isfinite(gradient)))}
+    return result | {"peak_mb": peak_memory_mb()}
 
 
 if __name__ == "__main__":

@@ -16,32 +16,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+import jaxmpm as mpm
 from benchmarks.measure import Report, scene_campaign
 from cooperative.scene import built
-from jaxmpm import (
-    BaseMotion,
-    Engine,
-    Scene,
-    Scheme,
-    Section,
-    State,
-    Status,
-    passing,
-    section,
-    step,
-    with_columns,
-    with_soil,
-)
-from jaxmpm.laws import (
-    DruckerPrager,
-    Elastic,
-    ExponentialSoftening,
-    FrictionalSoftening,
-    MohrCoulomb,
-    RateEffect,
-    WaterTable,
-    Zoned,
-)
+from jaxmpm import Scene, State, laws
 from jaxmpm.run import advance_lanes
 
 Variant = Callable[[Scene, State], tuple[Scene, State]]
@@ -71,12 +49,14 @@ def with_law(gap: bool = True, **values: Any) -> Variant:
 
 def with_rate(scene: Scene, state: State) -> tuple[Scene, State]:
     """Strength that rises with the rate of shear."""
-    return with_law(rate=RateEffect(**numbers({"coefficient": 0.1, "reference_rate": 3e-6}, state)))(scene, state)
+    return with_law(rate=laws.RateEffect(**numbers({"coefficient": 0.1, "reference_rate": 3e-6}, state)))(scene, state)
 
 
 def with_exponential_softening(scene: Scene, state: State) -> tuple[Scene, State]:
     """Softening that ends by and by, as that of sensitive clay, for the linear one."""
-    softening = ExponentialSoftening(scene.material.softening.residual_ratio, jnp.asarray(10.0, state.stress.dtype))
+    softening = laws.ExponentialSoftening(
+        scene.material.softening.residual_ratio, jnp.asarray(10.0, state.stress.dtype)
+    )
     return with_law(softening=softening)(scene, state)
 
 
@@ -87,7 +67,7 @@ def without_softening(scene: Scene, state: State) -> tuple[Scene, State]:
 
 def without_yielding(scene: Scene, state: State) -> tuple[Scene, State]:
     """Elastic: no return mapping, no history."""
-    material = Elastic(scene.material.bulk, scene.material.shear)
+    material = laws.Elastic(scene.material.bulk, scene.material.shear)
     return replace(scene, material=material), replace(state, history=None, gap=None)
 
 
@@ -96,7 +76,7 @@ def with_uneven_softening(scene: Scene, state: State) -> tuple[Scene, State]:
     law = scene.material.softening
     uneven = 1 + 0.3 * jnp.sin(jnp.arange(scene.particles.mass.size, dtype=state.stress.dtype))
     values = {"softening.modulus": law.modulus * uneven, "softening.residual_ratio": law.residual_ratio * uneven}
-    return with_soil(scene, state, **values)
+    return mpm.with_soil(scene, state, **values)
 
 
 def with_table(scene: Scene, state: State) -> tuple[Scene, State]:
@@ -104,7 +84,7 @@ def with_table(scene: Scene, state: State) -> tuple[Scene, State]:
     x, z = scene.particles.position[0], scene.particles.position[-1]
     dtype = x.dtype
     level = jnp.asarray([jnp.max(z) / 2, jnp.max(z) / 4], dtype)
-    table = WaterTable(jnp.asarray([0, jnp.max(x)], dtype), level, jnp.asarray(9810, dtype), jnp.asarray(1, dtype))
+    table = laws.WaterTable(jnp.asarray([0, jnp.max(x)], dtype), level, jnp.asarray(9810, dtype), jnp.asarray(1, dtype))
     return replace(scene, water=table), state
 
 
@@ -112,7 +92,7 @@ def with_motion(scene: Scene, state: State) -> tuple[Scene, State]:
     """A record of the base's acceleration, of a thousand samples."""
     dtype = state.stress.dtype
     samples = 0.1 * jnp.sin(jnp.arange(1000, dtype=dtype))
-    motion = BaseMotion(jnp.tile(samples, (scene.grid.dimension, 1)), jnp.asarray(0.01, dtype))
+    motion = mpm.BaseMotion(jnp.tile(samples, (scene.grid.dimension, 1)), jnp.asarray(0.01, dtype))
     return replace(scene, motion=motion), state
 
 
@@ -131,13 +111,13 @@ def with_uneven_stiffness(scene: Scene, state: State) -> tuple[Scene, State]:
 
 def with_looks(scene: Scene, state: State) -> tuple[Scene, State]:
     """Largest thickness, speed and arrival per column of cells, looked at every 20 steps, as hazard maps ask for."""
-    return scene, with_columns(scene, state)
+    return scene, mpm.with_columns(scene, state)
 
 
 def on_a_cone(scene: Scene, state: State) -> tuple[Scene, State]:
     """Drucker-Prager with 25 degrees of friction, the clay's strength its cohesion."""
     law, friction = scene.material, jnp.radians(jnp.asarray(25.0, state.stress.dtype))
-    material = DruckerPrager(
+    material = laws.DruckerPrager(
         bulk=law.bulk,
         shear=law.shear,
         cohesion=law.strength,
@@ -153,7 +133,7 @@ def on_a_soft_cone(scene: Scene, state: State) -> tuple[Scene, State]:
     history, dtype = state.history, state.stress.dtype
     scene, state = on_a_cone(scene, state)
     cohesion, friction, strain = (jnp.asarray(value, dtype) for value in (0.0, np.radians(15.0), 0.2))
-    softening = FrictionalSoftening(cohesion, friction, strain)
+    softening = laws.FrictionalSoftening(cohesion, friction, strain)
     return replace(scene, material=replace(scene.material, softening=softening)), replace(state, history=history)
 
 
@@ -161,8 +141,8 @@ def on_a_pyramid(scene: Scene, state: State) -> tuple[Scene, State]:
     """The cone's soil with Mohr-Coulomb."""
     scene, state = on_a_cone(scene, state)
     cone = scene.material
-    values = {field.name: getattr(cone, field.name) for field in fields(MohrCoulomb) if hasattr(cone, field.name)}
-    material = MohrCoulomb(**values)
+    values = {field.name: getattr(cone, field.name) for field in fields(laws.MohrCoulomb) if hasattr(cone, field.name)}
+    material = laws.MohrCoulomb(**values)
     return replace(scene, material=material), state
 
 
@@ -178,8 +158,8 @@ def in_zones(below: Variant, above: Variant) -> Variant:
             return jax.tree.map(lambda leaf: leaf[..., own] if leaf.shape[-1:] == height.shape else leaf, tree)
 
         (low, old), (high, _) = (variant(scene, state) for variant in (below, above))
-        laws = cut(low.material, order[:count]), cut(high.material, order[count:])
-        law = Zoned(laws, (count, height.size - count))
+        halves = cut(low.material, order[:count]), cut(high.material, order[count:])
+        law = laws.Zoned(halves, (count, height.size - count))
         return replace(scene, particles=cut(scene.particles, order), material=law), cut(old, order)
 
     return of_both
@@ -214,7 +194,7 @@ FEATURES: dict[str, tuple[Variant, Variant]] = {
     ),
     "softening per particle": (with_uneven_softening, unchanged),
     "stiffness per particle": (with_uneven_stiffness, unchanged),
-    "second mapping (MUSL)": (unchanged, with_scene(scheme=Scheme.USL)),
+    "second mapping (MUSL)": (unchanged, with_scene(scheme=mpm.Scheme.USL)),
     "damping": (with_scene(damping=0.1), unchanged),
     "PIC blend": (with_scene(flip=0.95), unchanged),
     "F-bar": (with_scene(fbar=True), unchanged),
@@ -243,9 +223,9 @@ def cost(scene: Scene, state: State) -> tuple[float, float]:
 
     def once(scene: Scene, state: State) -> tuple[State, Any]:
         columns = state.columns
-        return step(scene, state, scene.time_step), columns and passing(scene, state, columns.moved)
+        return mpm.step(scene, state, scene.time_step), columns and mpm.passing(scene, state, columns.moved)
 
-    compiled = jax.jit(once).lower(replace(scene, engine=Engine.XLA), state).compile()
+    compiled = jax.jit(once).lower(replace(scene, engine=mpm.Engine.XLA), state).compile()
     analysis: Any = compiled.cost_analysis()
     counted = analysis[0] if isinstance(analysis, list) else analysis
     return float(counted["flops"]), float(counted["bytes accessed"])
@@ -266,7 +246,9 @@ def turns(variants: list[tuple[Scene, State]], repeats: int) -> list[list[float]
             end = jax.block_until_ready(advance_lanes(scene, start, jnp.asarray(steps), None))
             spent[-1].append((time.perf_counter() - clock) / steps * 1e6)
             if int(end.step) != int(state.step) + steps:
-                raise RuntimeError(f"{Status(int(end.status)).name} after {int(end.step)} of {steps} steps: not timed")
+                raise RuntimeError(
+                    f"{mpm.Status(int(end.status)).name} after {int(end.step)} of {steps} steps: not timed"
+                )
     # The first turn compiles.
     return spent[1:]
 
@@ -276,14 +258,16 @@ def microseconds(variants: list[tuple[Scene, State]], repeats: int) -> list[floa
     return [statistics.median(values) for values in zip(*turns(variants, repeats), strict=True)]
 
 
-def ends_of_a_section(ends: Literal["tied", "free field"]) -> tuple[tuple[Scene, State], tuple[Scene, State]]:
+def ends_of_a_section(
+    ends: Literal["tied", "free field"],
+) -> tuple[tuple[Scene, State], tuple[Scene, State]]:
     """The published section on the rough grid that ends so, and between its walls; tied, level ground as high."""
     campaign = scene_campaign("paper_section")
     slope: Any = campaign.site.shape
     top, low, end = slope.foundation + slope.height, slope.foundation, slope.extent[0]
     line = [(0, top), (end, top)] if ends == "tied" else [(0, top), (slope.crest, top), (slope.toe_x, low), (end, low)]
     with_it, walled = (
-        section(Section(line), campaign.soil, replace(campaign.grids["rough"], cfl=CFL), ends=each)
+        mpm.section(mpm.Section(line), campaign.soil, replace(campaign.grids["rough"], cfl=CFL), ends=each)
         for each in (ends, "roller")
     )
     return with_it, walled

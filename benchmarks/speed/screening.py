@@ -118,26 +118,26 @@ def early_stop_effect(campaign: Any, count: int) -> list[dict[str, Any]]:
     full = np.array([row["displacement"] for row in done["run to t_end"]["rows"]])
     table = []
     for name, run in done.items():
-        moved = np.array([row["displacement"] for row in run["rows"]])
+        displacement = np.array([row["displacement"] for row in run["rows"]])
         table.append(
             {
                 "variant": name,
                 "samples": count,
                 "steps_share": round(run["steps"] / done["run to t_end"]["steps"], 3),
                 "seconds": round(run["total"], 1),
-                "classes_changed": int(np.sum((moved > limit) != (full > limit))),
-                "rank_correlation": round(float(spearmanr(moved, full).statistic), 5),
-                "largest_rank_change_among_standing": rank_change(moved, full, full <= limit),
+                "classes_changed": int(np.sum((displacement > limit) != (full > limit))),
+                "rank_correlation": round(float(spearmanr(displacement, full).statistic), 5),
+                "largest_rank_change_among_standing": rank_change(displacement, full, full <= limit),
             }
         )
     return table
 
 
-def rank_change(moved: np.ndarray, full: np.ndarray, among: np.ndarray) -> int:
+def rank_change(displacement: np.ndarray, full: np.ndarray, among: np.ndarray) -> int:
     """Largest change of a rank among some samples."""
     if not among.any():
         return 0
-    ranks = [np.argsort(np.argsort(-values[among], kind="stable"), kind="stable") for values in (moved, full)]
+    ranks = [np.argsort(np.argsort(-values[among], kind="stable"), kind="stable") for values in (displacement, full)]
     return int(np.max(np.abs(ranks[0] - ranks[1])))
 
 

@@ -93,8 +93,8 @@ def summary(name: str, cores: int, answers: list[dict[str, Any]]) -> dict[str, A
 
 def run(quick: bool) -> Report:
     """Rows of the GPU where JAX finds one, else of the CPU."""
-    found = [sys.executable, "-c", "import jax; print(jax.default_backend())"]
-    if subprocess.run(found, capture_output=True, text=True, check=True).stdout.strip() != "cpu":
+    command = [sys.executable, "-c", "import jax; print(jax.default_backend())"]
+    if subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip() != "cpu":
         return on_gpu()
     return on_cpu(quick)
 

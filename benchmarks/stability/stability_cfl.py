@@ -37,8 +37,8 @@ def bar(
     soil = mpm.Soil(unit_weight=9.81 * DENSITY, young=YOUNG, poisson=0.0)
     size, corner = (cells,) * dimension, (0.0,) * dimension
     scene, state = mpm.block(size, soil, numerics, domain=size, corner=corner, walls="roller", speed=1e-3)
-    moved = replace(scene.particles, position=scene.particles.position + shift)
-    return replace(scene, particles=moved), state
+    shifted = replace(scene.particles, position=scene.particles.position + shift)
+    return replace(scene, particles=shifted), state
 
 
 def growth(scene: mpm.Scene, cfl: float) -> float:
@@ -103,15 +103,15 @@ def cfl_rows(quick: bool) -> Iterator[Row]:
             for particles, shift in ARRANGEMENTS[1:2] if quick else ARRANGEMENTS:
                 scene, state = bar(kernel, scheme, particles, shift)
                 theory = predicted(scene)
-                found = measured(scene, state)
-                limits.append(found)
+                result = measured(scene, state)
+                limits.append(result)
                 where = f"{particles} a cell" + (", 0.01 cells from nodes and faces" if shift else "")
                 yield judged(
                     f"largest stable CFL against theory, {kernel.__name__} {scheme.name}, {where}",
-                    abs(found / theory - 1),
+                    abs(result / theory - 1),
                     0.05,
                     "relative",
-                    measured=round(found, 2),
+                    measured=round(result, 2),
                     theory=round(theory, 2),
                 )
             name = f"least of the limits, {kernel.__name__} {scheme.name}, against the default of 0.5"

@@ -43,14 +43,14 @@ def sliding_row(degrees: float, friction: float, scheme: mpm.Scheme = mpm.Scheme
     final = mpm.solve(scene, state, t_end=2.0).state
     fall = GRAVITY * (int(final.step) * float(scene.time_step)) ** 2 / 2
     expected = fall * max(math.sin(tilt) - friction * math.cos(tilt), 0.0)
-    moved = float(jnp.mean(final.displacement[0]))
+    distance = float(jnp.mean(final.displacement[0]))
     case = f"block on a plane of {degrees:g} degrees with friction {friction:g}"
     name, figure, bound, unit = (
-        ("error of its displacement", abs(moved - expected) / fall, FALL, "of g t^2 / 2")
+        ("error of its displacement", abs(distance - expected) / fall, FALL, "of g t^2 / 2")
         if expected
-        else ("displacement at rest", abs(moved), REST, "m")
+        else ("displacement at rest", abs(distance), REST, "m")
     )
-    more: Row = {"displacement_m": round(moved, 5), "expected_m": round(expected, 5)}
+    more: Row = {"displacement_m": round(distance, 5), "expected_m": round(expected, 5)}
     return judged(f"{case}: {name}", figure, bound, unit, status=status_of(final), **more)
 
 

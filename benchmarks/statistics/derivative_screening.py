@@ -40,18 +40,18 @@ def gradients(count: int) -> tuple[np.ndarray, np.ndarray, float, float]:
     model = runs.build(campaign, "rough", soil)
     steps = round(SECONDS / float(model.scene.time_step))
 
-    def moved(coefficients: jax.Array) -> jax.Array:
+    def response(coefficients: jax.Array) -> jax.Array:
         scene, state = with_soil(model.scene, model.state, **model.varied(coefficients))
         final, _ = replay(scene, state, steps)
         return objectives.log_displacement(final, 1e-4)
 
-    both, alone = jax.jit(jax.value_and_grad(moved)), jax.jit(moved)
+    both, alone = jax.jit(jax.value_and_grad(response)), jax.jit(response)
     table = jnp.asarray(runs.coefficients_of(campaign, soil)[:count])
     jax.block_until_ready((both(table[0]), alone(table[0])))
     start = time.perf_counter()
-    found = [both(xi) for xi in table]
-    values = np.array([float(value) for value, _ in found]) + np.log(1e-4)
-    lengths = np.array([float(jnp.linalg.norm(gradient)) for _, gradient in found])
+    result = [both(xi) for xi in table]
+    values = np.array([float(value) for value, _ in result]) + np.log(1e-4)
+    lengths = np.array([float(jnp.linalg.norm(gradient)) for _, gradient in result])
     middle = time.perf_counter()
     jax.block_until_ready([alone(xi) for xi in table])
     return values, lengths, (middle - start) / count, (time.perf_counter() - middle) / count

@@ -38,158 +38,24 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student
 
-from benchmarks.measure import ROOT, Report, kept_row
+from benchmarks.measure import ROOT, Report, stored_row
 from benchmarks.statistics import estimators_means as means
 from benchmarks.statistics import estimators_section as section
-from cooperative import AuditPlan, Estimate, Population, control_variate, monte_carlo, published, two_phase
-from cooperative.estimate import SubsetPlan, TwoPhase, subset_simulation
+from benchmarks.statistics.estimators_campaigns import Case, repeat
 from cooperative.runs import cores_to_use, process_pool
 
 ROUGH_COST = 1 / 30
-CORRELATIONS = (0.8, 0.9, 0.95, 0.98)
-# As on the published section, the rough grid fails at a higher response: half as often.
-ROUGH_FAILS = 0.5
-
-
-@dataclass(frozen=True)
-class Case:
-    """One cell of the study. pf: truth. samples: N of the first phase. runs: of the second.
-    contaminated: share of samples whose rough response says nothing, which no model here foresees. link: how the
-    responses of both grids hang together, a name in `LINKS`. target_cov: coefficient of variation at which the audit
-    ends before its runs are spent."""
-
-    method: str
-    pf: float
-    correlation: float
-    samples: int
-    runs: int
-    contaminated: float = 0.0
-    link: str = "normal"
-    target_cov: float | None = None
-
-
-Pair = tuple[np.ndarray, np.ndarray]
 Repeat = Callable[[Any, int, int], np.ndarray]
-
-
-def _normal(case: Case, rough: np.ndarray, other: np.ndarray, generator: np.random.Generator) -> Pair:
-    refined = case.correlation * rough + np.sqrt(1 - case.correlation**2) * other
-    return rough, refined > norm.isf(case.pf)
-
-
-def _t_copula(case: Case, rough: np.ndarray, other: np.ndarray, generator: np.random.Generator) -> Pair:
-    """Both responses over the root of one chi-squared number: they go astray together."""
-    refined = case.correlation * rough + np.sqrt(1 - case.correlation**2) * other
-    scale = np.sqrt(generator.chisquare(FREEDOM, rough.size) / FREEDOM)
-    return norm.ppf(student.cdf(rough / scale, FREEDOM)), refined / scale > student.isf(case.pf, FREEDOM)
-
-
-def _both_ends(case: Case, rough: np.ndarray, other: np.ndarray, generator: np.random.Generator) -> Pair:
-    refined = case.correlation * rough + np.sqrt(1 - case.correlation**2) * other
-    return rough, np.abs(refined) > norm.isf(case.pf / 2)
-
-
-def _clayton(case: Case, rough: np.ndarray, other: np.ndarray, generator: np.random.Generator) -> Pair:
-    """By conditional inversion: good ranks of what stands, poor ones of what fails."""
-    first, given = norm.cdf(rough), norm.cdf(other)
-    second = ((given ** (-CLAYTON / (1 + CLAYTON)) - 1) * first**-CLAYTON + 1) ** (-1 / CLAYTON)
-    return rough, second > 1 - case.pf
-
-
-def _gumbel(case: Case, rough: np.ndarray, other: np.ndarray, generator: np.random.Generator) -> Pair:
-    """By a positive stable number common to both (Kanter 1975): good ranks of what fails."""
-    power, angle = 1 / GUMBEL, np.pi * generator.random(rough.size)
-    scale = np.sin(power * angle) / np.sin(angle) ** GUMBEL
-    scale *= (np.sin((1 - power) * angle) / generator.exponential(size=rough.size)) ** (GUMBEL - 1)
-    first, second = np.exp(-((generator.exponential(size=(2, rough.size)) / scale) ** power))
-    return norm.ppf(first), second > 1 - case.pf
-
-
-LINKS = {"normal": _normal, "t-copula": _t_copula, "both ends": _both_ends, "Clayton": _clayton, "Gumbel": _gumbel}
-FREEDOM = 3
-CLAYTON, GUMBEL = 4.08, 3.01
-"""Parameters of the copulas for a rank correlation of 0.85, which stands as the correlation of their cases."""
-TARGET_LINKS = (("normal", 0.95), ("normal", 0.98), ("Clayton", 0.85), ("Gumbel", 0.85), ("both ends", 0.95))
+CORRELATIONS = (0.8, 0.9, 0.95, 0.98)
 BAD_RANKING = (("t-copula", 0.9), ("normal", 0.0), ("normal", -0.9), ("both ends", 0.95))
-
-
-def draw(case: Case, generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Rough displacement (N,), 1 m where the rough grid fails, and refined failure (N,)."""
-    rough, other = generator.standard_normal((2, case.samples))
-    rough, failed = LINKS[case.link](case, rough, other, generator)
-    if case.contaminated:
-        lost = generator.random(case.samples) < case.contaminated
-        rough = np.where(lost, generator.standard_normal(case.samples), rough)
-    return np.exp(rough - norm.isf(ROUGH_FAILS * case.pf)), failed
-
-
-def _two_phase(case: Case, displacement: np.ndarray, failed: np.ndarray, seed: int, k_t: int | None) -> Estimate:
-    population = Population(displacement)
-    if case.target_cov is None:
-        plan = AuditPlan(runs=case.runs, seed=seed, k_t=k_t, growth=0.25 if case.runs < 200 else 0.5)
-    else:
-        plan = TwoPhase(refined_runs=case.runs, target_cov=case.target_cov, seed=seed).audit(population)
-    return two_phase(population, dict(enumerate(failed.tolist())), plan)
-
-
-METHODS: dict[str, Callable[[Case, np.ndarray, np.ndarray, int], Estimate]] = {
-    "two-phase": lambda case, rough, failed, seed: _two_phase(case, rough, failed, seed, None),
-    "two-phase, ranked prefix": lambda case, rough, failed, seed: _two_phase(case, rough, failed, seed, 8),
-    "published n/N": lambda case, rough, failed, seed: published(
-        rough, dict(enumerate(failed.tolist())), max(case.samples // 50, 5)
-    ),
-    "Monte Carlo": lambda case, rough, failed, seed: monte_carlo(failed[: case.runs]),
-    "control variate": lambda case, rough, failed, seed: control_variate(
-        rough, dict(enumerate(failed[: case.runs].tolist()))
-    ),
-}
-
-
-def _subset(case: Case, seed: int) -> tuple[Estimate, int]:
-    """Estimate and rough runs spent; the refined response depends on a coefficient of its own."""
-    threshold = float(np.exp(-norm.isf(ROUGH_FAILS * case.pf)))
-    samples = subset_simulation(
-        lambda xi: threshold * np.exp(xi[:, 0]), 4, SubsetPlan(per_level=case.samples, levels=3, seed=seed)
-    )
-    xi = samples.coefficients
-    refined = case.correlation * xi[:, 0] + np.sqrt(1 - case.correlation**2) * xi[:, 1]
-    failed = refined > norm.isf(case.pf)
-    population = Population(samples.rough_displacement, weight=samples.weight, replicate=samples.replicate)
-    plan = AuditPlan(runs=case.runs, seed=seed, growth=0.5, proving=0)
-    found = two_phase(population, dict(enumerate(failed.tolist())), plan)
-    return found, samples.rough_runs
-
-
-def repeat(case: Case, first: int, count: int) -> np.ndarray:
-    """Campaigns number `first` to `first + count`: rows of P_f, limits, the upper one of sampling alone,
-    coefficient of variation claimed, refined runs, rough runs, sample P_f."""
-    rows = []
-    for number in range(first, first + count):
-        seeds = [number, int(1e4 * case.pf), int(100 * abs(case.correlation))]
-        if case.link != "normal" or case.correlation < 0:
-            seeds += [list(LINKS).index(case.link), int(case.correlation < 0)]
-        generator = np.random.default_rng(seeds)
-        if case.method == "subset simulation, two-phase":
-            found, rough_runs = _subset(case, number)
-            share = case.pf
-        else:
-            displacement, failed = draw(case, generator)
-            found = METHODS[case.method](case, displacement, failed, number)
-            share = case.pf if case.method == "Monte Carlo" else float(failed.mean())
-            rough_runs = 0 if case.method == "Monte Carlo" else case.samples
-        high = (found.sampling_interval or found.interval)[1]
-        rows.append((found.probability, *found.interval, high, found.cov, found.refined_runs, rough_runs, share))
-    return np.array(rows)
+TARGET_LINKS = (("normal", 0.95), ("normal", 0.98), ("Clayton", 0.85), ("Gumbel", 0.85), ("both ends", 0.95))
 
 
 def summarise(case: Case, rows: np.ndarray) -> dict[str, Any]:
@@ -197,7 +63,7 @@ def summarise(case: Case, rows: np.ndarray) -> dict[str, Any]:
     quartiles of the refined runs."""
     probability, low, high, sampling_high, claimed, refined_runs, rough_runs, share = rows.T
     off = (probability - share) / case.pf
-    told: dict[str, Any] = {
+    row: dict[str, Any] = {
         "method": case.method + (f", {case.contaminated:.0%} contaminated" if case.contaminated else ""),
         "pf": case.pf,
         "link": case.link,
@@ -213,30 +79,30 @@ def summarise(case: Case, rows: np.ndarray) -> dict[str, Any]:
         "equivalents": float(refined_runs.mean() + ROUGH_COST * rough_runs.mean()),
     }
     if case.target_cov is None:
-        return told
+        return row
     quartiles = np.quantile(refined_runs, (0.25, 0.5, 0.75), method="inverted_cdf")
     # Of a campaign that found no failure nothing is claimed.
-    told |= {"target_cov": case.target_cov, "claimed": float(claimed[np.isfinite(claimed)].mean())}
-    return told | {f"runs_q{at}": int(runs) for at, runs in zip((25, 50, 75), quartiles, strict=True)}
+    row |= {"target_cov": case.target_cov, "claimed": float(claimed[np.isfinite(claimed)].mean())}
+    return row | {f"runs_q{at}": int(runs) for at, runs in zip((25, 50, 75), quartiles, strict=True)}
 
 
 def cases() -> list[Case]:
     """Every cell: two-phase everywhere, the other estimators at the same cost, subset simulation where rare."""
     sizes = {0.244: (750, 76), 1e-2: (5000, 400), 1e-3: (20000, 1500)}
-    found = []
+    answer = []
     for pf, (samples, runs) in sizes.items():
         cost = round(runs + ROUGH_COST * samples)
         for r in CORRELATIONS:
-            found.append(Case("two-phase", pf, r, samples, runs))
-            found.append(Case("published n/N", pf, r, samples, runs))
+            answer.append(Case("two-phase", pf, r, samples, runs))
+            answer.append(Case("published n/N", pf, r, samples, runs))
             if pf > 2e-3:
-                found.append(Case("two-phase, ranked prefix", pf, r, samples, runs))
-                found.append(Case("control variate", pf, r, samples, runs))
+                answer.append(Case("two-phase, ranked prefix", pf, r, samples, runs))
+                answer.append(Case("control variate", pf, r, samples, runs))
             else:
-                found.append(Case("subset simulation, two-phase", pf, r, 500, 400))
-        found.append(Case("Monte Carlo", pf, 1.0, cost, cost))
-        found.append(Case("two-phase", pf, 0.95, samples, runs, contaminated=0.02))
-    return found
+                answer.append(Case("subset simulation, two-phase", pf, r, 500, 400))
+        answer.append(Case("Monte Carlo", pf, 1.0, cost, cost))
+        answer.append(Case("two-phase", pf, 0.95, samples, runs, contaminated=0.02))
+    return answer
 
 
 def ranking_cases() -> list[Case]:
@@ -273,8 +139,8 @@ def target_cases() -> list[Case]:
 
 def target_values(rows: list[dict[str, Any]]) -> dict[str, float]:
     """The true error beside the claimed one, coverage, and quartiles of the refined runs, by correlation."""
-    told = ("rmse", "claimed", "coverage", "coverage_sampling", "runs_q25", "runs_q50", "runs_q75")
-    return {f"target_cov_{name}_r{100 * row['correlation']:03.0f}": row[name] for row in rows for name in told}
+    line = ("rmse", "claimed", "coverage", "coverage_sampling", "runs_q25", "runs_q50", "runs_q75")
+    return {f"target_cov_{name}_r{100 * row['correlation']:03.0f}": row[name] for row in rows for name in line}
 
 
 def link_cases() -> list[Case]:
@@ -324,7 +190,7 @@ def measured(tasks: list[tuple[Repeat, Any, int]], quick: bool) -> list[np.ndarr
             name = f"{what.__module__.split('.')[-1]} {re.sub(r'[^a-zA-Z0-9.=-]+', ' ', repr(case))}"
             each = count // parts
             return [
-                pool.submit(kept_row, folder, f"{name} {at} {each}", partial(_piece, what, case, at, each))
+                pool.submit(stored_row, folder, f"{name} {at} {each}", partial(_piece, what, case, at, each))
                 for at in range(0, count, each)
             ]
 
@@ -353,10 +219,10 @@ def run(quick: bool = False) -> Report:
     asked += [(repeat, case, repetitions if case in shortest else fewer) for case in linked]
     asked += [(means.repeat, case, fewer) for case in means.CASES]
     asked += [(section.repeat, case, repetitions) for case in on_section]
-    found = {(what, case): rows for (what, case, _), rows in zip(asked, measured(asked, quick), strict=True)}
-    table = {case: summarise(case, found[repeat, case]) for case in [*todo, *linked]}
-    of_failures = [means.summarise(case, found[means.repeat, case]) for case in means.CASES]
-    population = [section.summarise(*case, found[section.repeat, case]) for case in on_section]
+    answer = {(what, case): rows for (what, case, _), rows in zip(asked, measured(asked, quick), strict=True)}
+    table = {case: summarise(case, answer[repeat, case]) for case in [*todo, *linked]}
+    of_failures = [means.summarise(case, answer[means.repeat, case]) for case in means.CASES]
+    population = [section.summarise(*case, answer[section.repeat, case]) for case in on_section]
     ours = [
         row for case, row in table.items() if case.method == "two-phase" and not case.contaminated and case in study
     ]

@@ -90,8 +90,8 @@ def _control_variate(drawn: Drawn) -> Spent:
 
 def _screening_alone(drawn: Drawn) -> Spent:
     fails, count = int(np.sum(drawn.rough > LIMIT)), drawn.at.size
-    found = Estimate(fails / count, wilson_interval(fails, count), np.nan, 0, "screening alone")
-    return found, drawn.seconds(np.zeros(0, int))
+    result = Estimate(fails / count, wilson_interval(fails, count), np.nan, 0, "screening alone")
+    return result, drawn.seconds(np.zeros(0, int))
 
 
 def _monte_carlo(drawn: Drawn) -> Spent:
@@ -136,9 +136,9 @@ def repeat(case: tuple[str, int], first: int, count: int) -> np.ndarray:
     for number in range(first, first + count):
         generator = np.random.default_rng([number, runs, list(METHODS).index(method)])
         drawn = Drawn(pairs, generator.integers(size, size=how.per_run * runs), how.grid, runs, number)
-        found, seconds = how.act(drawn)
-        refined = runs if how.grid == "refined" else found.refined_runs
-        rows.append((found.probability, *found.interval, refined, seconds))
+        result, seconds = how.act(drawn)
+        refined = runs if how.grid == "refined" else result.refined_runs
+        rows.append((result.probability, *result.interval, refined, seconds))
     return np.array(rows)
 
 
@@ -181,15 +181,15 @@ def _agreement(pairs: Pairs, name: str) -> dict[str, float]:
     refined, even = pairs.displacement["refined"], np.ones(pairs.displacement["refined"].size)
     named = {f"{name}_pf": float(np.mean(refined > LIMIT))}
     for grid in ("rough", "calibrated"):
-        found = correlation(pairs.displacement[grid], refined, even, failure_displacement=LIMIT)
-        if found is None:
+        result = correlation(pairs.displacement[grid], refined, even, failure_displacement=LIMIT)
+        if result is None:
             raise ValueError(
                 f"the {grid} displacements of {len(refined)} pairs do not differ: make the data file again"
             )
         named[f"{name}_{grid}_pf"] = float(np.mean(pairs.displacement[grid] > LIMIT))
-        named[f"{name}_{grid}_spearman"] = found.spearman
-        named[f"{name}_{grid}_pearson_log"] = found.pearson_log
-        named[f"{name}_{grid}_same_class"] = found.same_class
+        named[f"{name}_{grid}_spearman"] = result.spearman
+        named[f"{name}_{grid}_pearson_log"] = result.pearson_log
+        named[f"{name}_{grid}_same_class"] = result.same_class
     return named
 
 

@@ -14,6 +14,9 @@ the median; columns are looked at every `looked_at_every_steps`.
 
 from __future__ import annotations
 
+import json
+import statistics
+import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,13 +24,15 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.measure import Report, on_cores
+from benchmarks.measure import Report, on_cores, scene_campaign
+from benchmarks.speed.leave_out import turns, unchanged, with_looks
 from benchmarks.statistics import estimators_means as means
 from benchmarks.statistics.hazard_populations import LIMIT, SOLID, Population, population
 from cooperative import Estimate, MonteCarlo, TwoPhase, report
 from cooperative import run as run_campaign
 from cooperative.estimate import Chances, Estimator, chance_of, exceedance, mean_of
 from cooperative.measure import Vulnerability
+from cooperative.scene import built
 
 SAMPLES, REFINED, OFTEN = 600, 60, 5.0
 HOUSE = Vulnerability("thickness", (0.0, 0.5, 2.0), (0.0, 0.4, 1.0))
@@ -36,10 +41,10 @@ HOUSE = Vulnerability("thickness", (0.0, 0.5, 2.0), (0.0, 0.4, 1.0))
 def events(of: Population) -> np.ndarray:
     """What each sample does in each column (N, events, columns) bool, without the columns where nothing ever comes."""
     deposit, thickness, speed, _ = (values.reshape(of.rough.size, -1) for values in of.columns.values())
-    found = np.stack(
+    result = np.stack(
         [thickness >= of.least, deposit >= of.least, deposit > 0.5, deposit > 1.0, speed > 1.0], axis=1
     )  # fmt: skip
-    return found[:, :, (thickness > 0).any(axis=0)]
+    return result[:, :, (thickness > 0).any(axis=0)]
 
 
 @dataclass(frozen=True)
@@ -47,7 +52,7 @@ class Drawn:
     """A campaign that has run. found: its P_f. weight: what each slide stands for (n,). at: which sample of the
     population each is (n,)."""
 
-    found: Estimate
+    result: Estimate
     weight: np.ndarray
     at: np.ndarray
 
@@ -58,13 +63,13 @@ def campaigns(
     """One campaign whose samples are drawn from a population with replacement, with as many of its failures sliding as
     each of `slides` says."""
     at = np.random.default_rng([seed, samples]).integers(of.rough.size, size=samples)
-    failed, found = of.refined[at] > LIMIT, []
+    failed, result = of.refined[at] > LIMIT, []
     audit = means.audited(estimator, of.rough[at], failed)
     for count in slides:
         phases, numbers, drawn = means.slid(audit, failed, count, seed)
         mine = drawn.slid & (drawn.weight > 0)
-        found.append(Drawn(phases.estimate, drawn.weight[mine], at[np.array(numbers)[mine]]))
-    return found
+        result.append(Drawn(phases.estimate, drawn.weight[mine], at[np.array(numbers)[mine]]))
+    return result
 
 
 class Held:
@@ -76,7 +81,7 @@ class Held:
 
     def add(self, of: Population, happens: np.ndarray, drawn: Drawn, plain: Drawn) -> None:
         """Count one campaign, and one by Monte Carlo beside it. happens: (N, k)."""
-        maps, other = (chance_of(each.found, each.weight, happens[each.at]) for each in (drawn, plain))
+        maps, other = (chance_of(each.result, each.weight, happens[each.at]) for each in (drawn, plain))
         self.held += (maps.low <= self.truth) & (self.truth <= maps.high)
         self.agree += agreeing(maps, other)
         self.bias += maps.value - self.truth
@@ -98,14 +103,14 @@ def coverage(name: str, repeats: int) -> tuple[list[dict[str, Any]], list[np.nda
     some = happens.any(axis=0)
     happens, cells = happens[:, some], cells[some]
     counts = (None, 20)
-    told = {count: Held(happens.mean(axis=0)) for count in counts}
+    tallies = {count: Held(happens.mean(axis=0)) for count in counts}
     for seed in range(repeats):
         (plain,) = campaigns(of, MonteCarlo(), SAMPLES // 2, (None,), seed + 10**6)
         drawn = campaigns(of, TwoPhase(refined_runs=REFINED, seed=seed), SAMPLES, counts, seed)
         for count, each in zip(counts, drawn, strict=True):
-            told[count].add(of, happens, each, plain)
-    rows = [_row(name, of, count, held, cells) for count, held in told.items()]
-    return rows, [np.repeat(held.held[held.often] / repeats, cells[held.often]) for held in told.values()]
+            tallies[count].add(of, happens, each, plain)
+    rows = [_row(name, of, count, held, cells) for count, held in tallies.items()]
+    return rows, [np.repeat(held.held[held.often] / repeats, cells[held.often]) for held in tallies.values()]
 
 
 def _row(name: str, of: Population, slides: int | None, held: Held, cells: np.ndarray) -> dict[str, Any]:
@@ -141,8 +146,8 @@ def agreeing(one: Chances, other: Chances) -> np.ndarray:
 def area_error(of: Population, drawn: Drawn) -> float:
     """How far the map of what is covered at the end, summed beyond the toe, lies from the expected covered area."""
     covered = of.columns["column_deposit"][drawn.at][:, of.beyond :] >= of.least
-    mapped = float(chance_of(drawn.found, drawn.weight, covered).value.sum()) * of.cell_area
-    counted = float(mean_of(drawn.found, drawn.weight, of.numbers["area_columns"][drawn.at]).value)
+    mapped = float(chance_of(drawn.result, drawn.weight, covered).value.sum()) * of.cell_area
+    counted = float(mean_of(drawn.result, drawn.weight, of.numbers["area_columns"][drawn.at]).value)
     return abs(mapped / counted - 1)
 
 
@@ -150,18 +155,16 @@ def loss_error(of: Population, drawn: Drawn) -> float:
     """How far the area under the loss exceedance curve lies from the expected loss, of a house at the foot."""
     thickest = of.columns["column_thickness"][drawn.at][:, of.beyond + 1].reshape(drawn.at.size, -1).max(axis=1)
     lost = 1e5 * HOUSE.share(thickest)
-    curve = exceedance(drawn.found, drawn.weight, lost, np.unique(np.concatenate([[0.0], lost])))
+    curve = exceedance(drawn.result, drawn.weight, lost, np.unique(np.concatenate([[0.0], lost])))
     under = float(np.array(curve.probability[:-1]) @ np.diff(curve.thresholds))
-    expected = float(mean_of(drawn.found, drawn.weight, lost).value)
+    expected = float(mean_of(drawn.result, drawn.weight, lost).value)
     return abs(under / expected - 1) if expected else abs(under)
 
 
 def overhead(repeats: int) -> dict[str, Any]:
     """Share of a step that looking at the columns takes, on the published rough section and slope, on one core."""
-    found = [
-        on_cores(1, "benchmarks.statistics.hazard_case", name, str(repeats)) for name in ("paper_section", "paper")
-    ]
-    return max(found, key=lambda each: each["overhead_share"])
+    result = [on_cores(1, "benchmarks.statistics.hazard", name, str(repeats)) for name in ("paper_section", "paper")]
+    return max(result, key=lambda each: each["overhead_share"])
 
 
 def report_size() -> float:
@@ -173,12 +176,23 @@ def report_size() -> float:
         return (Path(folder) / "solid" / "report.html").stat().st_size / 1e6
 
 
+def overhead_of(name: str, repeats: int) -> dict[str, Any]:
+    """Share of a step on the rough grid of a scene of benchmarks/scenes, the median over turns in which the step with
+    looks and the one without follow each other, and how often the columns are looked at."""
+    scene, state = built(scene_campaign(name), "rough")
+    looked = with_looks(scene, state)
+    columns = looked[1].columns
+    assert columns is not None
+    shares = [1 - plain / looking for plain, looking in turns([unchanged(scene, state), looked], repeats)]
+    return {"overhead_share": statistics.median(shares), "looked_at_every_steps": columns.every}
+
+
 def run(quick: bool) -> Report:
     """Both populations, with all failures sliding and with a part of them."""
     repeats = 30 if quick else 1000
-    told = [coverage(name, repeats) for name in ("section", "solid")]
-    rows = [row for both, _ in told for row in both]
-    often = np.concatenate([covered for _, both in told for covered in both])
+    tallies = [coverage(name, repeats) for name in ("section", "solid")]
+    rows = [row for both, _ in tallies for row in both]
+    often = np.concatenate([covered for _, both in tallies for covered in both])
     values = {
         "map_coverage_mean": float(often.mean()),
         "map_coverage_min": float(often.min()),
@@ -192,3 +206,7 @@ def run(quick: bool) -> Report:
         "report_mb": report_size(),
     }
     return Report(values, rows)
+
+
+if __name__ == "__main__":
+    print(json.dumps(overhead_of(sys.argv[1], int(sys.argv[2]))))

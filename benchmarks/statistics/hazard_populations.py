@@ -21,7 +21,7 @@ from cooperative import runs
 from cooperative.scene import Campaign, Hazard, parse
 from cooperative.store import Sample
 
-KEPT = ROOT / "out" / "hazard"
+STORED = ROOT / "out" / "hazard"
 LIMIT = 1.0
 SLID = 12.0
 """Seconds after which a slide of the section has gone 99 per cent of its way."""
@@ -90,8 +90,8 @@ def path_of(name: str) -> Path:
 def population(name: str) -> Population:
     """A population from its data file."""
     with np.load(path_of(name), allow_pickle=False) as file:
-        kept = {key: file[key] for key in file.files}
-    fails = kept["refined"] > LIMIT
+        stored = {key: file[key] for key in file.files}
+    fails = stored["refined"] > LIMIT
 
     def spread(values: np.ndarray) -> np.ndarray:
         whole = np.zeros((fails.size, *values.shape[1:]))
@@ -99,13 +99,13 @@ def population(name: str) -> Population:
         return whole
 
     return Population(
-        rough=kept["rough"],
-        refined=kept["refined"],
-        numbers={key: spread(kept[key]) for key in NUMBERS},
-        columns={key: spread(kept[key].astype(float)) for key in runs.COLUMNS},
-        least=float(kept["least"]),
-        cell_area=float(kept["cell_area"]),
-        beyond=int(kept["beyond"]),
+        rough=stored["rough"],
+        refined=stored["refined"],
+        numbers={key: spread(stored[key]) for key in NUMBERS},
+        columns={key: spread(stored[key].astype(float)) for key in runs.COLUMNS},
+        least=float(stored["least"]),
+        cell_area=float(stored["cell_area"]),
+        beyond=int(stored["beyond"]),
     )
 
 
@@ -121,9 +121,9 @@ def campaign_of(name: str) -> Campaign:
 def _run(name: str, model: runs.GridModel, coefficients: np.ndarray, numbers: np.ndarray) -> Iterator[Sample]:
     """The samples of a population with these numbers, run unless they are kept."""
     for number in numbers.tolist():
-        kept = KEPT / f"{name}-{model.grid}-{number}.npz"
-        if kept.exists():
-            with np.load(kept, allow_pickle=False) as file:
+        stored = STORED / f"{name}-{model.grid}-{number}.npz"
+        if stored.exists():
+            with np.load(stored, allow_pickle=False) as file:
                 row = {key: float(file[key]) for key in file.files if key not in runs.COLUMNS}
                 fields = {key: file[key] for key in file.files if key in runs.COLUMNS}
             yield Sample(number, "", 0, 0.0, np.zeros(0), row, fields)
@@ -131,13 +131,13 @@ def _run(name: str, model: runs.GridModel, coefficients: np.ndarray, numbers: np
         sample = next(iter(runs.run_samples(model, coefficients, [number], width=1)))
         numbers_of = {key: value for key, value in sample.row.items() if not isinstance(value, str)}
         columns = {key: values for key, values in sample.fields.items() if key in runs.COLUMNS}
-        np.savez(kept, **numbers_of, **columns)  # type: ignore[arg-type]
+        np.savez(stored, **numbers_of, **columns)  # type: ignore[arg-type]
         yield sample
 
 
 def make(name: str) -> None:
     """Run what is missing of a population, and write its file."""
-    KEPT.mkdir(parents=True, exist_ok=True)
+    STORED.mkdir(parents=True, exist_ok=True)
     campaign = campaign_of(name)
     soil = runs.random_soil(campaign)
     coefficients = runs.coefficients_of(campaign, soil)
@@ -159,11 +159,11 @@ def make(name: str) -> None:
     plan = refined.columns
     columns = refined.state.columns
     assert columns is not None
-    kept: dict[str, Any] = {"rough": pairs[0], "refined": pairs[1], "least": columns.least, "cell_area": plan.area}
-    kept |= {"beyond": runs.beyond_toe(refined.campaign.site.shape.face, plan).start}
-    kept |= {key: np.array([float(slide.row[key]) for slide in slides]) for key in NUMBERS}
-    kept |= {key: np.stack([slide.fields[key] for slide in slides]).astype(np.float16) for key in runs.COLUMNS}
-    np.savez_compressed(path_of(name), **kept)
+    stored: dict[str, Any] = {"rough": pairs[0], "refined": pairs[1], "least": columns.least, "cell_area": plan.area}
+    stored |= {"beyond": runs.beyond_toe(refined.campaign.site.shape.face, plan).start}
+    stored |= {key: np.array([float(slide.row[key]) for slide in slides]) for key in NUMBERS}
+    stored |= {key: np.stack([slide.fields[key] for slide in slides]).astype(np.float16) for key in runs.COLUMNS}
+    np.savez_compressed(path_of(name), **stored)
 
 
 if __name__ == "__main__":

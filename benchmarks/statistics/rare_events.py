@@ -79,11 +79,11 @@ def draw(rows: list[dict[str, Any]], folder: Path) -> None:
     """Coefficient of variation against seconds, each estimator's point and the line it moves along."""
     figure = Figure(figsize=(6, 4), layout="constrained")
     ax = figure.subplots()
-    for found, colour, marker in zip(rows, ("#000000", "#E69F00", "#0072B2"), "sov", strict=False):
-        start = found.get("setup_s", 0.0)
+    for result, colour, marker in zip(rows, ("#000000", "#E69F00", "#0072B2"), "sov", strict=False):
+        start = result.get("setup_s", 0.0)
         seconds = np.geomspace(10, 1e5, 200)
-        ax.loglog(start + seconds, np.sqrt(found["cov"] ** 2 * (found["seconds"] - start) / seconds), color=colour)
-        ax.loglog([found["seconds"]], [found["cov"]], marker, color=colour, label=found["estimator"])
+        ax.loglog(start + seconds, np.sqrt(result["cov"] ** 2 * (result["seconds"] - start) / seconds), color=colour)
+        ax.loglog([result["seconds"]], [result["cov"]], marker, color=colour, label=result["estimator"])
     ax.set(xlabel="seconds, one process", ylabel="coefficient of variation of P_f", ylim=(0.02, 2), xlim=(10, 1e5))
     ax.axhline(0.1, color="grey", lw=0.8, ls=":")
     ax.legend(fontsize=8)
@@ -106,8 +106,8 @@ def run(quick: bool) -> Report:
     point = design_point(slide_limit_state(model, seconds=SECONDS, displacement=DISPLACEMENT), modes)
     setup = time.perf_counter() - start
     count = 20 if quick else 1000
-    moved = importance_sampling(lambda xi: solve(xi) > limit, point.coefficients, count, seed=1)
-    rows = [row("importance sampling at the design point", moved, count, time.perf_counter() - start, setup_s=setup)]
+    weighted = importance_sampling(lambda xi: solve(xi) > limit, point.coefficients, count, seed=1)
+    rows = [row("importance sampling at the design point", weighted, count, time.perf_counter() - start, setup_s=setup)]
 
     start = time.perf_counter()
     plan = SubsetPlan(per_level=20, replicates=2, levels=1) if quick else SubsetPlan(per_level=250, replicates=6)

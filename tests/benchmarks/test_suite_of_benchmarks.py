@@ -48,8 +48,8 @@ def test_results_hold_every_value_and_row():
     assert "| z |" in page
 
 
-def test_the_page_is_of_the_answers_that_are_kept(tmp_path, monkeypatch):
-    assert results.PAGE.read_text() == results.document(results.kept())
+def test_the_page_is_of_the_stored_answers(tmp_path, monkeypatch):
+    assert results.PAGE.read_text() == results.document(results.stored())
     rows = [{"x": 1.5, "of": "a b"}, {"x": None, "of": "c"}, {"z": 2.0}]
     monkeypatch.setattr(results, "FOLDER", tmp_path / "results")
     monkeypatch.setattr(results, "PAGE", tmp_path / "RESULTS.md")
@@ -57,16 +57,16 @@ def test_the_page_is_of_the_answers_that_are_kept(tmp_path, monkeypatch):
     for name in ("slope", "screening"):
         report = measure.Report({}, rows, lambda folder: (folder / f"{name}_all.png").write_bytes(b""))  # noqa: B023
         results.keep(measure.as_json(name, report), report.draw)
-    assert results.kept_rows("slope") == results.kept_rows("screening") == rows
+    assert results.stored_rows("slope") == results.stored_rows("screening") == rows
     page = (tmp_path / "RESULTS.md").read_text()
-    assert page == results.document(results.kept())
+    assert page == results.document(results.stored())
     assert page.index("## slope") < page.index("## screening")
     for name in ("slope", "screening"):
         assert f"![{name}_all](figures/{name}_all.png)" in page
 
 
-def test_figures_of_error_and_time_are_drawn_from_the_kept_answer(tmp_path):
-    work_precision.draw(results.kept_rows("work_precision"), tmp_path)
+def test_figures_of_error_and_time_are_drawn_from_the_stored_answer(tmp_path):
+    work_precision.draw(results.stored_rows("work_precision"), tmp_path)
     for name in ("work_precision", "work_precision_theory"):
         width = image.imread(tmp_path / f"{name}.png").shape[1]
         assert 700 < width < 900  # a page's width, so that its letters are as large as drawn
@@ -92,11 +92,11 @@ def test_results_lead_with_broken_bounds_their_reasons_and_the_best_buy():
 
 
 def test_throughput_case_measures_a_lane_that_runs():
-    found = measure_case(Case(scene="paper_section", seconds=0.05, repeats=2))
-    assert found["running"]
-    assert found["particles"] == 888
-    assert len(found["us"]) == 2
-    assert all(us > 0 for us in found["us"])
+    result = measure_case(Case(scene="paper_section", seconds=0.05, repeats=2))
+    assert result["running"]
+    assert result["particles"] == 888
+    assert len(result["us"]) == 2
+    assert all(us > 0 for us in result["us"])
 
 
 @pytest.mark.parametrize(

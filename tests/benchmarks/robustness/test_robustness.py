@@ -68,7 +68,7 @@ def refusal(text):
         (lambda given: raised(hostile_scenes.Began()), "began"),
     ],
 )
-def test_an_answer_is_told_from_a_traceback_noise_and_a_folder_left_behind(does, how, tmp_path, monkeypatch):
+def test_an_answer_differs_from_a_traceback_noise_and_a_folder_left_behind(does, how, tmp_path, monkeypatch):
     monkeypatch.setattr(command, "run", does)
     assert hostile_scenes.asked("", tmp_path).how == how
 
@@ -86,7 +86,7 @@ def test_no_damage_to_a_sample_goes_undetected_however_often(finished):
     assert robustness.damage(1000, finished, seed=1) == (1001, [])
 
 
-def test_damage_would_be_found_out_if_seals_were_not_looked_at(finished, monkeypatch):
+def test_damage_would_show_if_seals_were_not_looked_at(finished, monkeypatch):
     class Fits:
         def __ne__(self, other):
             return False
@@ -96,18 +96,18 @@ def test_damage_would_be_found_out_if_seals_were_not_looked_at(finished, monkeyp
     number = read_sample(store, "rough", 3).coefficients[:1].tobytes()
     changed = path.read_bytes().replace(number, number[:-1] + bytes([number[-1] ^ 1]))
     path.write_bytes(changed)
-    assert not robustness.believed(store, "rough", 3, expected)
+    assert not robustness.accepted(store, "rough", 3, expected)
     monkeypatch.setattr(files, "seal", lambda *_: Fits())
-    assert robustness.believed(store, "rough", 3, expected)
+    assert robustness.accepted(store, "rough", 3, expected)
 
 
-def test_nothing_made_by_hand_is_believed_or_leads_outside(finished, tmp_path):
+def test_nothing_made_by_hand_is_accepted_or_leads_outside(finished, tmp_path):
     made, escapes = robustness.by_hand(finished, tmp_path / "outside")
     assert made >= 30
     assert escapes == []
 
 
-def test_what_is_lost_is_told(finished, tmp_path):
+def test_what_is_lost_is_named(finished, tmp_path):
     other = tmp_path / "other"
     campaign.run(SMALL, other)
     assert lives.differences(other, finished) == []
@@ -134,7 +134,7 @@ def test_signals_at_random_moments_end_campaigns_and_lose_nothing(workers, tmp_p
 
 @pytest.mark.slow
 def test_a_campaign_whose_workers_are_killed_goes_on_to_the_same_answer(tmp_path):
-    toll = lives.kill_workers(lives.CREWS, 5, tmp_path, seed=9)
+    toll = lives.kill_workers(lives.WORKER_KILLS, 5, tmp_path, seed=9)
     assert (toll.disturbed, toll.lost, toll.orphans) == (5, [], [])
 
 

@@ -69,7 +69,7 @@ def test_the_study_holds_the_slides_that_are_run_again():
     assert len(OTHERS) == 10
 
 
-def test_the_kept_rows_are_whole():
+def test_the_stored_rows_are_whole():
     for (name, memory), rows in opened_soil.read(opened_soil.DATA).items():
         assert rows.keys() <= set(CASES[name].numbers())
         assert memory or CASES[name].study is None

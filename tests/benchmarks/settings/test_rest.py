@@ -140,7 +140,7 @@ def test_slides_that_are_there_are_not_run_again(tmp_path, monkeypatch):
     assert rest.DATA.read_text() == before
 
 
-def test_the_rows_that_are_kept_hold_what_the_rule_promises():
+def test_the_stored_rows_hold_what_the_rule_promises():
     values = rest.run(quick=True).values
     assert values["slides"] >= 1
     assert values["modes_changed"] == 0

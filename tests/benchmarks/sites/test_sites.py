@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from benchmarks.measure import kept_row
+from benchmarks.measure import stored_row
 from benchmarks.sites import sites_retrogression, sites_terrain
 from cooperative.scene import parse, read_scene
 
@@ -71,12 +71,16 @@ def test_both_readings_of_the_strength_are_the_same_slope():
     assert 3 / whole.soil.strain_95 == pytest.approx(5)
 
 
-def test_a_row_that_is_kept_is_not_made_again(tmp_path):
+def test_a_stored_row_is_not_made_again(tmp_path):
     made = []
 
     def make():
         made.append(1)
         return {"answer": 0.1}
 
-    assert kept_row(tmp_path / "new", "row 0.5", make) == kept_row(tmp_path / "new", "row 0.5", make) == {"answer": 0.1}
+    assert (
+        stored_row(tmp_path / "new", "row 0.5", make)
+        == stored_row(tmp_path / "new", "row 0.5", make)
+        == {"answer": 0.1}
+    )
     assert made == [1]

@@ -58,23 +58,23 @@ def test_slides_go_on_in_the_same_folder_and_have_hours_of_their_own(tmp_path, m
     slides = measured(tmp_path, SLIDES, "hours_slides")
     assert (slides["refined_runs"], slides["probability"]) == (published["refined_runs"], published["probability"])
     assert (tmp_path / "published" / "summary.json").exists()
-    told = hours.report({"hours_to_cov_10": published | {"cov": 0.09}, "hours_slides": slides | {"cov": 0.09}}).values
-    assert told["hours_to_cov_10"] == published["hours"]
-    assert told["hours_slides"] == slides["hours"]
-    assert told["hours_to_cov_10_default"] is None
-    assert sum(told["share_of_time"].values()) == pytest.approx(1.0, abs=1e-3)
+    row = hours.report({"hours_to_cov_10": published | {"cov": 0.09}, "hours_slides": slides | {"cov": 0.09}}).values
+    assert row["hours_to_cov_10"] == published["hours"]
+    assert row["hours_slides"] == slides["hours"]
+    assert row["hours_to_cov_10_default"] is None
+    assert sum(row["share_of_time"].values()) == pytest.approx(1.0, abs=1e-3)
     whole = published["hours"] + slides["hours"]
-    assert told["share_of_time"]["slides"] == pytest.approx(slides["hours"] / whole, abs=1e-4)
+    assert row["share_of_time"]["slides"] == pytest.approx(slides["hours"] / whole, abs=1e-4)
     assert hours.report({"hours_to_cov_10": published | {"cov": 0.11}}).values["hours_to_cov_10"] is None
 
 
-def test_seconds_are_kept_while_a_part_lasts(tmp_path):
+def test_seconds_are_stored_while_a_part_lasts(tmp_path):
     book = tmp_path / "book.json"
     with hours.counting(book, {"seconds": {"audit": 5.0}, "lives": 2}, every=0.005) as begins:
         begins("audit")
-        while not book.exists() or (kept := json.loads(book.read_text()))["seconds"]["audit"] <= 5.0:
+        while not book.exists() or (stored := json.loads(book.read_text()))["seconds"]["audit"] <= 5.0:
             pass
-    assert kept["lives"] == 3
+    assert stored["lives"] == 3
 
 
 def test_every_stage_ends_where_a_campaign_has_a_phase(tmp_path, made_up):

@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import spearmanr
 
 from benchmarks.speed.campaign import PLAN
-from benchmarks.statistics import estimators
+from benchmarks.statistics import estimators, estimators_campaigns
 
 CASE = estimators.target_cases()[-1]
 
@@ -51,19 +51,19 @@ def test_cases_that_spend_their_runs_have_no_target_in_their_row():
 @pytest.mark.parametrize(("link", "better"), [("Clayton", False), ("Gumbel", True)])
 def test_links_have_their_probability_and_rank_correlation_and_tails(link, better):
     case = estimators.Case("two-phase", 0.1, 0.85, 20_000, 20, link=link)
-    displacement, failed = estimators.draw(case, np.random.default_rng(1))
+    displacement, failed = estimators_campaigns.draw(case, np.random.default_rng(1))
     assert failed.mean() == pytest.approx(0.1, abs=0.008)
     # The response itself, by the share of samples that exceed ever higher limits.
     generator, rank = np.random.default_rng(1), np.zeros(case.samples)
     state = generator.bit_generator.state
     for pf in np.arange(0.005, 1.0, 0.005):
         generator.bit_generator.state = state
-        rank += estimators.draw(replace(case, pf=pf), generator)[1]
+        rank += estimators_campaigns.draw(replace(case, pf=pf), generator)[1]
     assert spearmanr(displacement, rank).statistic == pytest.approx(0.85, abs=0.01)
     # Of the failures, those among the tenth that the rough grid ranks worst: where both tails hang together, more.
     worst = displacement >= np.quantile(displacement, 0.9)
     normal = replace(case, link="normal", correlation=0.862)
-    of_normal, fails = estimators.draw(normal, np.random.default_rng(1))
+    of_normal, fails = estimators_campaigns.draw(normal, np.random.default_rng(1))
     both = fails[of_normal >= np.quantile(of_normal, 0.9)].mean()
     assert bool(failed[worst].mean() > both) is better
 
@@ -76,9 +76,9 @@ def test_links_are_judged_where_750_samples_can_reach_the_target():
         {"link": "Clayton", "rmse": 0.21, "claimed": 0.2, "bias": 0.01, "bias_error": 0.004, "coverage": 0.96},
         {"link": "both ends", "rmse": 0.5, "claimed": 0.2, "bias": 0.1, "bias_error": 0.01, "coverage": 0.93},
     ]
-    found = estimators.link_values(rows)
-    assert found["target_cov_rmse_over_claimed_max"] == pytest.approx(1.05)
-    assert (found["target_cov_bias_max"], found["target_cov_coverage_both_ends_min"]) == (0.02, 0.93)
+    result = estimators.link_values(rows)
+    assert result["target_cov_rmse_over_claimed_max"] == pytest.approx(1.05)
+    assert (result["target_cov_bias_max"], result["target_cov_coverage_both_ends_min"]) == (0.02, 0.93)
 
 
 def test_a_benchmark_that_was_stopped_goes_on_from_its_pieces(tmp_path, monkeypatch):

@@ -26,21 +26,21 @@ def test_default_settings_bring_the_grids_together(pairs):
 
 
 def test_the_rough_grid_ranks_well_and_fails_too_seldom(pairs):
-    moved, even = pairs.displacement, np.ones(SAMPLES)
-    assert all(column.size == SAMPLES for column in moved.values())
-    plain = correlation(moved["rough"], moved["refined"], even, failure_displacement=1.0)
+    distance, even = pairs.displacement, np.ones(SAMPLES)
+    assert all(column.size == SAMPLES for column in distance.values())
+    plain = correlation(distance["rough"], distance["refined"], even, failure_displacement=1.0)
     assert plain.spearman > 0.95
-    assert np.mean(moved["rough"] > 1) < 0.6 * np.mean(moved["refined"] > 1)
+    assert np.mean(distance["rough"] > 1) < 0.6 * np.mean(distance["refined"] > 1)
 
 
 def test_calibration_brings_the_classes_together(pairs):
-    moved, even = pairs.displacement, np.ones(SAMPLES)
+    distance, even = pairs.displacement, np.ones(SAMPLES)
     same = {
-        grid: correlation(moved[grid], moved["refined"], even, failure_displacement=1.0).same_class
+        grid: correlation(distance[grid], distance["refined"], even, failure_displacement=1.0).same_class
         for grid in ("rough", "calibrated")
     }
     assert same["calibrated"] > 0.95 > same["rough"]
-    assert np.mean(moved["calibrated"] > 1) == pytest.approx(np.mean(moved["refined"] > 1), rel=0.1)
+    assert np.mean(distance["calibrated"] > 1) == pytest.approx(np.mean(distance["refined"] > 1), rel=0.1)
 
 
 def test_every_refined_failure_has_a_mode(pairs):
@@ -62,13 +62,13 @@ def test_its_samples_can_be_made_again(of):
 
 @pytest.mark.parametrize("method", section.METHODS)
 def test_campaigns_from_it_are_unbiased_where_they_say_so(method):
-    found = section.summarise(method, 40, section.repeat((method, 40), 0, 60))
-    assert found["seconds"] > 0
+    result = section.summarise(method, 40, section.repeat((method, 40), 0, 60))
+    assert result["seconds"] > 0
     if method == "screening alone":
-        assert found["bias"] < -0.4
+        assert result["bias"] < -0.4
     elif not method.startswith(("published", "screening")):
-        assert abs(found["bias"]) < 4 * found["bias_error"]
-        assert found["coverage"] > 0.85
+        assert abs(result["bias"]) < 4 * result["bias_error"]
+        assert result["coverage"] > 0.85
 
 
 def test_seconds_for_an_error_are_read_off_the_curve():

@@ -107,7 +107,7 @@ def test_common_samples_count_once_in_a_pool_of_lengths():
     assert pooled.interval == pytest.approx(single.interval)
 
 
-def test_few_runs_have_a_range_in_place_of_an_interval():
+def test_few_runs_have_a_range_instead_of_an_interval():
     middle, limits, words = mean_seconds(np.array([10.0, 20.0, 60.0]))
     assert (middle, limits) == (30.0, (10.0, 60.0))
     assert "from the least to the most" in words
