@@ -99,7 +99,7 @@ def warn(message: str) -> None:
     warnings.warn(message, stacklevel=level)
 
 
-def is_traced(*trees: Any) -> bool:
+def is_traced(*trees: object) -> bool:
     """Whether any leaf is a tracer, whose value the host cannot see.
 
     Args:
@@ -125,7 +125,7 @@ def require(holds: ArrayLike, message: str) -> None:
         raise ValueError(message)
 
 
-def within(name: str, value: Any, limit: Limit, *, remedy: str = "") -> None:
+def within(name: str, value: object, limit: Limit, *, remedy: str = "") -> None:
     """Check that every element of a value is a number within a limit.
 
     Args:
@@ -210,7 +210,7 @@ def between(name: str, value: Values, low: float, high: float, *, ends: bool = F
     within(name, value, Limit(least=low, most=high) if ends else Limit(above=low, below=high))
 
 
-def whole(name: str, value: Any, least: int = 1) -> None:
+def whole(name: str, value: object, least: int = 1) -> None:
     """Check that a value is a whole number.
 
     Args:

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Mapping
 
 
-def moved(package: str, homes: Mapping[str, str]) -> Callable[[str], object]:
+def renamed(package: str, homes: Mapping[str, str]) -> Callable[[str], object]:
     """Attribute access of a package that names have left, for its module-level __getattr__.
 
     Args:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import reprlib
-from typing import Any
 
 MOST_SHOWN = 80
 """Characters of a value that a message shows."""
 
 
-def shown(value: Any) -> str:
+def shown(value: object) -> str:
     """A value's repr, cut if it is long or deeply nested, without control characters.
 
     Args:

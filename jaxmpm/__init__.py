@@ -1,7 +1,7 @@
 """Batched, differentiable generalised-interpolation material point method in 1D, 2D and 3D."""
 
 from foundation import __version__
-from foundation.deprecated import moved
+from foundation.deprecated import renamed
 from foundation.pytrees import pytree
 from jaxmpm import diagnostics, ground, laws, run, soil, tensors, transfer
 from jaxmpm._step import step
@@ -134,7 +134,7 @@ __all__ = [
     "write_vtkhdf",
 ]
 
-_MOVED = {
+_RENAMED = {
     "Limit": "foundation.check.Limit",
     "DamagedFile": "foundation.files.DamagedFile",
     "Thickness": "jaxmpm.ground.Thickness",
@@ -177,4 +177,4 @@ _MOVED = {
     "Columns": "jaxmpm.types.Columns",
     "FreeField": "jaxmpm.types.FreeField",
 }
-__getattr__ = moved(__name__, _MOVED)
+__getattr__ = renamed(__name__, _RENAMED)

@@ -7,15 +7,15 @@ mapped again, and the velocity gradient strains the soil. The schemes differ onl
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmpm.boundary import moved_along
+from jaxmpm.boundary import along_walls
 from jaxmpm.equations import (
+    GridMotion,
     Maps,
-    Moved,
     Nodal,
     beyond_ends,
     free_field,
@@ -46,11 +46,11 @@ def step(scene: Scene, state: State, dt: Array) -> State:
     Returns:
         State after the step.
     """
-    moved = SCHEMES[scene.scheme](scene, state, dt, Maps(scene, grid_position(scene, state)))
+    after = SCHEMES[scene.scheme](scene, state, dt, Maps(scene, grid_position(scene, state)))
     if scene.free_field is None:
-        return moved
+        return after
     low, high = (step(column, own, dt) for column, own in beyond_ends(scene, state))
-    return replace(moved, free_field=(low, high))
+    return replace(after, free_field=(low, high))
 
 
 def update_stress_first(scene: Scene, state: State, dt: Array, maps: Maps) -> State:
@@ -58,25 +58,25 @@ def update_stress_first(scene: Scene, state: State, dt: Array, maps: Maps) -> St
     nodal = on_grid(scene, state, dt, maps, stressed=False)
     gradient = maps.gradient(straining_velocity(scene, state, nodal, dt, maps))
     state = update_stress(scene, state, gradient, dt, maps)
-    moved = move_grid(scene, pushed(scene, state, nodal, maps), state.step * dt, dt)
-    state, _ = grid_to_particles(scene, state, moved, dt, maps)
+    motion = move_grid(scene, pushed(scene, state, nodal, maps), state.step * dt, dt)
+    state, _ = grid_to_particles(scene, state, motion, dt, maps)
     return state
 
 
 def update_stress_last(scene: Scene, state: State, dt: Array, maps: Maps) -> State:
     """USL: strain the soil by the velocities of the grid at the end of the step."""
     nodal = on_grid(scene, state, dt, maps)
-    moved = move_grid(scene, nodal, state.step * dt, dt)
-    state, gradient = grid_to_particles(scene, state, moved, dt, maps, strain=True)
+    motion = move_grid(scene, nodal, state.step * dt, dt)
+    state, gradient = grid_to_particles(scene, state, motion, dt, maps, strain=True)
     return update_stress(scene, state, gradient, dt, maps)
 
 
 def modified_update_stress_last(scene: Scene, state: State, dt: Array, maps: Maps) -> State:
     """MUSL: map the particles' new velocities to the grid, and strain the soil by these."""
     nodal = on_grid(scene, state, dt, maps)
-    moved = move_grid(scene, nodal, state.step * dt, dt)
-    state, _ = grid_to_particles(scene, state, moved, dt, maps)
-    gradient = maps.gradient(mapped_again(scene, state, nodal, moved, maps))
+    motion = move_grid(scene, nodal, state.step * dt, dt)
+    state, _ = grid_to_particles(scene, state, motion, dt, maps)
+    gradient = maps.gradient(mapped_again(scene, state, nodal, motion, maps))
     return update_stress(scene, state, gradient, dt, maps)
 
 
@@ -101,11 +101,11 @@ def on_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stressed: bool
 
 
 def grid_to_particles(
-    scene: Scene, state: State, moved: Moved, dt: Array, maps: Maps, *, strain: bool = False
-) -> tuple[State, Any]:
-    """Particles moved by the grid, and the velocity gradient (d, d, N) 1/s at them if `strain`."""
+    scene: Scene, state: State, motion: GridMotion, dt: Array, maps: Maps, *, strain: bool = False
+) -> tuple[State, Array]:
+    """Particles after the motion of the grid, and the velocity gradient (d, d, N) 1/s at them if `strain`."""
     d = scene.grid.dimension
-    fields = jnp.concatenate([moved.velocity, moved.acceleration], axis=1)
+    fields = jnp.concatenate([motion.velocity, motion.acceleration], axis=1)
     values, gradient = maps.to_particles(fields, values=2 * d, gradients=d if strain else 0)
     pic_velocity, change = jnp.split(values, 2)
     flip_velocity = state.velocity + dt * change
@@ -115,18 +115,18 @@ def grid_to_particles(
         velocity=flip_velocity if scene.flip is None else scene.flip * flip_velocity + (1 - scene.flip) * pic_velocity,
     )
     if state.affine is not None:
-        affine = velocity_gradient(scene.grid, maps.position, maps.unfold(moved.velocity), maps.from_all_nodes)
+        affine = velocity_gradient(scene.grid, maps.position, maps.unfold(motion.velocity), maps.from_all_nodes)
         state = replace(state, affine=affine)
     return state, gradient
 
 
-def mapped_again(scene: Scene, state: State, nodal: Nodal, moved: Moved, maps: Maps) -> Array:
+def mapped_again(scene: Scene, state: State, nodal: Nodal, motion: GridMotion, maps: Maps) -> Array:
     """Velocity (nodes, d) m/s from the particles' new momentum and the nodal masses before."""
     moving = maps.momentum(maps.to_all_nodes(momentum(scene, state, maps.position), None))
     velocity = nodal_velocity(scene, nodal._replace(momentum=moving))
     if scene.wall_friction is None:
         return velocity
-    return moved_along(scene.walls, scene.grid, velocity, moved.velocity)
+    return along_walls(scene.walls, scene.grid, velocity, motion.velocity)
 
 
 def straining_velocity(scene: Scene, state: State, nodal: Nodal, dt: Array, maps: Maps) -> Array:
@@ -137,5 +137,5 @@ def straining_velocity(scene: Scene, state: State, nodal: Nodal, dt: Array, maps
     velocity = nodal_velocity(scene, nodal)
     if scene.wall_friction is None:
         return velocity
-    moved = move_grid(scene, pushed(scene, state, nodal, maps), state.step * dt, dt)
-    return moved_along(scene.walls, scene.grid, velocity, moved.velocity)
+    motion = move_grid(scene, pushed(scene, state, nodal, maps), state.step * dt, dt)
+    return along_walls(scene.walls, scene.grid, velocity, motion.velocity)

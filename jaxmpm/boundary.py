@@ -145,8 +145,8 @@ def slide(walls: Sequence[Wall], grid: Grid, velocity: Array, braked: Callable[[
     return field.reshape(velocity.shape)
 
 
-def moved_along(walls: Sequence[Wall], grid: Grid, velocity: Array, moved: Array) -> Array:
-    """Velocities that strain the soil: on and beyond walls with friction those of the moved grid.
+def along_walls(walls: Sequence[Wall], grid: Grid, velocity: Array, after: Array) -> Array:
+    """Velocities that strain the soil: on and beyond walls with friction those after the motion of the grid.
 
     Particles return to such a node only part of the velocity that the wall took from it. Strains from that part would
     let soil come off a wall that holds it, and create energy: a block would shake off a plane that it should stick to.
@@ -155,13 +155,13 @@ def moved_along(walls: Sequence[Wall], grid: Grid, velocity: Array, moved: Array
         walls: of the scene.
         grid: of the nodes.
         velocity: (nodes, d) m/s, mapped from the particles.
-        moved: (nodes, d) m/s, after the grid's motion.
+        after: (nodes, d) m/s, after the grid's motion.
 
     Returns:
         (nodes, d) m/s.
     """
     for wall in _with_friction(walls):
-        velocity = jnp.where(_beyond(wall, grid.shape).reshape(-1, 1), moved, velocity)
+        velocity = jnp.where(_beyond(wall, grid.shape).reshape(-1, 1), after, velocity)
     return velocity
 
 

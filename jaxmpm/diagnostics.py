@@ -86,11 +86,11 @@ def exceeded_displacement(scene: Scene, state: State, volume: float) -> Array:
     """
     _of_one_lane(scene, state)
     check.positive("volume", volume)
-    moved, own = displacement(state), scene.particles.volume
-    order = jnp.argsort(-moved)
+    distance, own = displacement(state), scene.particles.volume
+    order = jnp.argsort(-distance)
     # Half a particle less than the given volume, so that rounding does not matter.
     last = jnp.searchsorted(jnp.cumsum(own[order]), volume - jnp.min(own) / 2)
-    return moved[order][jnp.minimum(last, moved.size - 1)]
+    return distance[order][jnp.minimum(last, distance.size - 1)]
 
 
 def mean_displacement(scene: Scene, state: State) -> Array:
@@ -124,9 +124,9 @@ def slide_displacement(scene: Scene, state: State, beyond: float) -> Array:
     Returns:
         () m, 0 if no soil moved that far.
     """
-    moved, mass = displacement(state), scene.particles.mass
-    slides = jnp.sum(jnp.where(moved > beyond, mass, 0))
-    return jnp.where(slides > 0, jnp.sum(mass * moved) / jnp.where(slides > 0, slides, 1), 0)
+    distance, mass = displacement(state), scene.particles.mass
+    slides = jnp.sum(jnp.where(distance > beyond, mass, 0))
+    return jnp.where(slides > 0, jnp.sum(mass * distance) / jnp.where(slides > 0, slides, 1), 0)
 
 
 def momentum(scene: Scene, state: State) -> Array:

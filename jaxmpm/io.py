@@ -163,8 +163,8 @@ def write_particles(
             data[name], offsets[name] = _rows(name, values, count), np.zeros(len(times), np.int64)
         every = np.arange(len(times)) * count
         for step, fields in enumerate(_exactly(steps, len(times))):
-            moved = fields.get("displacement", np.zeros_like(position))
-            _put(root, "Points", step, len(times), _rows("position", position + moved, count))
+            displacement = fields.get("displacement", np.zeros_like(position))
+            _put(root, "Points", step, len(times), _rows("position", position + displacement, count))
             for name, values in fields.items():
                 _put(data, name, step, len(times), _rows(name, values, count))
                 offsets[name] = every

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Protocol, TypeAlias
+from typing import Any, ClassVar, Protocol, Self, TypeAlias
 
 from jax import Array
 
@@ -16,6 +16,10 @@ Component: TypeAlias = Array | float
 
 Tensor: TypeAlias = tuple[Component, Component, Component, Component, Component, Component]
 """Symmetric tensor as its six components (xx, yy, zz, xy, yz, xz); a component absent in 1D or 2D is 0.0."""
+
+
+History: TypeAlias = Any
+"""History of a law: an array (N,) or a pytree of them, of the law's own kind; None for a law without."""
 
 
 class Kernel(Protocol):
@@ -66,15 +70,15 @@ class Material(Protocol):
     def steepest_softening(self) -> Array | None:
         """Largest loss of strength per unit of plastic shear strain (Pa), below G; None without softening."""
 
-    def initial_history(self, particles: Particles) -> Any:
+    def initial_history(self, particles: Particles) -> History:
         """History of undisturbed particles: an array (N,) or a pytree of them; None for a law without."""
 
-    def reduced(self, factor: Array) -> Any:
+    def reduced(self, factor: Array) -> Self:
         """The law with its strength divided by `factor`: peak, residual, and the tangent of friction."""
 
     def update(
-        self, strain_increment: Tensor, stress: Tensor, history: Any, dt: Array | None = None
-    ) -> tuple[Tensor, Any]:
+        self, strain_increment: Tensor, stress: Tensor, history: History, dt: Array | None = None
+    ) -> tuple[Tensor, History]:
         """Stress and history after a strain increment.
 
         Tensors have six components (xx, yy, zz, xy, yz, xz), tension positive; absent ones are the number 0.0.

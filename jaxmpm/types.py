@@ -16,7 +16,7 @@ from jax import Array
 from foundation.check import Limit, above_zero, from_zero
 from foundation.pytrees import pytree
 from jaxmpm.grid import Grid, Particles, Wall, static
-from jaxmpm.protocols import Kernel, Motion, Water
+from jaxmpm.protocols import History, Kernel, Motion, Water
 
 
 class Engine(enum.Enum):
@@ -201,7 +201,7 @@ class State:
     velocity: Array
     stress: Array
     volume_ratio: Array
-    history: Any
+    history: History
     step: Array
     status: Array
     affine: Array | None = None

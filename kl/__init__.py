@@ -4,7 +4,7 @@ Figures are in `kl.plots`, which has to be imported by its name.
 """
 
 from foundation import __version__
-from foundation.deprecated import moved
+from foundation.deprecated import renamed
 from kl import axis, field, marginal, soil
 from kl.axis import (
     CosineExponential,
@@ -76,7 +76,7 @@ __all__ = [
     "with_trend",
 ]
 
-_MOVED = {
+_RENAMED = {
     "ClosedForm": "kl.axis.ClosedForm",
     "Corrected": "kl.axis.Corrected",
     "Haar": "kl.axis.Haar",
@@ -108,4 +108,4 @@ _MOVED = {
     "correlation_root": "kl.soil.correlation_root",
     "nataf_matrix": "kl.soil.nataf_matrix",
 }
-__getattr__ = moved(__name__, _MOVED)
+__getattr__ = renamed(__name__, _RENAMED)

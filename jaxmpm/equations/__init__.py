@@ -3,7 +3,7 @@
 from jaxmpm.equations._free_field import beyond_ends, free_field
 from jaxmpm.equations._maps import MASS_FLOOR, Maps, grid_position, reciprocal
 from jaxmpm.equations._nodes import (
-    Moved,
+    GridMotion,
     Nodal,
     external_force,
     felt_gravity,
@@ -16,8 +16,8 @@ from jaxmpm.equations._stress import acting_stress, update_stress
 
 __all__ = [
     "MASS_FLOOR",
+    "GridMotion",
     "Maps",
-    "Moved",
     "Nodal",
     "acting_stress",
     "beyond_ends",

@@ -51,11 +51,11 @@ def beside(column: Scene, state: State, dt: Array, height: int) -> list[Array]:
         and the plane's impedance to both waves (kg/s).
     """
     maps, mass = Maps(column, grid_position(column, state)), column.particles.mass
-    moved = move_grid(column, particles_to_grid(column, state, dt, maps), state.step * dt, dt)
+    motion = move_grid(column, particles_to_grid(column, state, dt, maps), state.step * dt, dt)
     stress = acting_stress(column, state.stress, column.particles.volume * state.volume_ratio, maps)
     density = mass / column.particles.volume
     waves = [mass * jnp.sqrt(modulus / density) for modulus in (column.material.p_wave_modulus, column.material.shear)]
     sums = maps.to_grid(jnp.stack([stress[0], stress[-1], *waves]) / column.grid.cell, None)
     assert column.tied is not None
-    plane = jnp.concatenate([moved.velocity, sums], axis=1).reshape(*column.grid.shape, -1)[column.tied[0]]
+    plane = jnp.concatenate([motion.velocity, sums], axis=1).reshape(*column.grid.shape, -1)[column.tied[0]]
     return jnp.split(jnp.pad(plane, ((0, height - len(plane)), (0, 0))), 3, axis=1)

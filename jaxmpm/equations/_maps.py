@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
@@ -37,7 +37,7 @@ class Maps(NamedTuple):
         """Map particles to nodes: see `jaxmpm.transfer.p2g`."""
         return self.fold(self.to_all_nodes(carried, stress))
 
-    def to_particles(self, nodal: Array, *, values: int, gradients: int) -> tuple[Any, Any]:
+    def to_particles(self, nodal: Array, *, values: int, gradients: int) -> tuple[Array, Array]:
         """Interpolate nodal values at particles: see `jaxmpm.transfer.g2p`."""
         return self.from_all_nodes(self.unfold(nodal), values=values, gradients=gradients)
 
@@ -46,7 +46,7 @@ class Maps(NamedTuple):
         scene = self.scene
         return p2g(scene.grid, scene.kernel, self.position, carried, stress, engine=scene.engine)
 
-    def from_all_nodes(self, nodal: Array, *, values: int, gradients: int) -> tuple[Any, Any]:
+    def from_all_nodes(self, nodal: Array, *, values: int, gradients: int) -> tuple[Array, Array]:
         """As `to_particles`, from all nodes that particles reach."""
         scene = self.scene
         return g2p(

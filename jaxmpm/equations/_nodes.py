@@ -51,7 +51,7 @@ class Nodal(NamedTuple):
     beyond: Beyond | None = None
 
 
-class Moved(NamedTuple):
+class GridMotion(NamedTuple):
     """The grid after its motion.
 
     Args:
@@ -114,7 +114,7 @@ def pushed(scene: Scene, state: State, nodal: Nodal, maps: Maps) -> Nodal:
     return nodal._replace(force=stress if nodal.force is None else nodal.force + stress)
 
 
-def move_grid(scene: Scene, nodal: Nodal, time: Array, dt: Array) -> Moved:
+def move_grid(scene: Scene, nodal: Nodal, time: Array, dt: Array) -> GridMotion:
     """Motion of the nodes by forces, gravity and damping, with walls applied."""
     assert nodal.force is not None
     before = nodal_velocity(scene, nodal)
@@ -126,9 +126,9 @@ def move_grid(scene: Scene, nodal: Nodal, time: Array, dt: Array) -> Moved:
     acceleration = hold(scene, acceleration)
     velocity = before + dt * acceleration
     if scene.wall_friction is None:
-        return Moved(velocity, acceleration)
+        return GridMotion(velocity, acceleration)
     velocity = slide(scene.walls, scene.grid, velocity, braked(scene, nodal, dt))
-    return Moved(velocity, (velocity - before) / dt)
+    return GridMotion(velocity, (velocity - before) / dt)
 
 
 def bonded(scene: Scene) -> bool:

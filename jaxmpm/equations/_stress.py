@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -85,14 +85,14 @@ class Strained(NamedTuple):
     volume_ratio: Array
 
 
-def strained_by_rates(scene: Scene, state: State, entries: Any, dt: Array, maps: Maps) -> Strained:
+def strained_by_rates(scene: Scene, state: State, entries: list[list[Array]], dt: Array, maps: Maps) -> Strained:
     """Hypoelasticity: the stress rotated by the Jaumann rate, and the strain of the velocity gradient's entries."""
     rotated = tensors.rotate(tensors.expand(state.stress, scene.grid.dimension), entries, dt)
     strain = maps.unlocked(tensors.strain_increment(entries, dt), scene.particles.volume * state.volume_ratio)
     return Strained(strain, rotated, state.volume_ratio * (1 + 3 * tensors.mean(strain)))
 
 
-def strained_by_logarithms(scene: Scene, state: State, entries: Any, dt: Array, maps: Maps) -> Strained:
+def strained_by_logarithms(scene: Scene, state: State, entries: list[list[Array]], dt: Array, maps: Maps) -> Strained:
     """Hyperelasticity: the Kirchhoff stress minus that of the strain increment, and the increment.
 
     Both add up to the trial stress of Hencky's strain. The change of volume is exact, averaged as the scene requires.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -133,7 +132,7 @@ def lattice(
     return jax.tree.map(lambda leaf: leaf[..., order], particles), law
 
 
-def cells(ground: Any, discretisation: Discretisation) -> list[int]:
+def cells(ground: Ground, discretisation: Discretisation) -> list[int]:
     """Cells of a grid along each axis, with air above the highest point.
 
     Args:

@@ -126,7 +126,7 @@ def _drawing(path: Path) -> Any:
         raise ValueError(f"{path} cannot be read as a DXF drawing: {shown(str(error)) or 'it ends early'}") from error
 
 
-def _unit(number: Any) -> str:
+def _unit(number: int) -> str:
     from ezdxf.enums import InsertUnits
 
     try:

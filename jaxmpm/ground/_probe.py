@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -31,7 +30,7 @@ HALVINGS = 20
 """Bisection steps for a layer's top, which is then known to a millionth of the height above a point."""
 
 
-def volume(ground: Any) -> float:
+def volume(ground: Ground) -> float:
     """Volume of the ground, in plane strain per metre of width.
 
     Args:
@@ -45,7 +44,7 @@ def volume(ground: Any) -> float:
     return float(np.mean(_surface(ground) - ground.corner[-1]) * math.prod(ground.extent[:-1]))
 
 
-def relief(ground: Any) -> float:
+def relief(ground: Ground) -> float:
     """Height of the ground's highest point above its lowest.
 
     Args:
@@ -70,7 +69,7 @@ def _spread(ground: Ground, counts: Sequence[int]) -> list[np.ndarray]:
     return [axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")]
 
 
-def thicknesses(ground: Any, layers: Sequence[Layer]) -> list[Thickness]:
+def thicknesses(ground: Ground, layers: Sequence[Layer]) -> list[Thickness]:
     """Thickness of each layer, and whether it is a weak seam.
 
     Args:
@@ -90,7 +89,7 @@ def thicknesses(ground: Any, layers: Sequence[Layer]) -> list[Thickness]:
     return thicknesses_of(layers, [-np.sum(thick[:each], axis=0) for each in range(len(layers) + 1)])
 
 
-def box_of(ground: Any, layers: Sequence[Layer], number: int) -> Box:
+def box_of(ground: Ground, layers: Sequence[Layer], number: int) -> Box:
     """A box that holds a layer.
 
     Args:

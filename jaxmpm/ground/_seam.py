@@ -6,11 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
 from foundation import check
+from jaxmpm.ground._layer import Layer
+from jaxmpm.soil import AnySoil
 
 RESOLVING = 2.0
 """Least number of cells in the thickness of a weak layer for its own strength to apply at any position."""
@@ -52,7 +53,7 @@ class Thickness:
         )
 
 
-def thicknesses_of(layers: Sequence[Any], tops: Sequence[np.ndarray]) -> list[Thickness]:
+def thicknesses_of(layers: Sequence[Layer], tops: Sequence[np.ndarray]) -> list[Thickness]:
     """Thickness of each layer, 0 m for layers without soil and for traced soils.
 
     Args:
@@ -83,17 +84,18 @@ def thicknesses_of(layers: Sequence[Any], tops: Sequence[np.ndarray]) -> list[Th
     return result
 
 
-def _strength(soil: Any, pressure: float) -> float:
+def _strength(soil: AnySoil, pressure: float) -> float:
     """Mean shear strength (Pa) under a pressure (Pa); infinite without cohesion and friction, and without strength."""
     cohesion, friction, undrained = (getattr(soil, name, None) for name in ("cohesion", "friction", "strength"))
     if cohesion is not None and friction is not None:
         return float(np.mean(cohesion)) + pressure * math.tan(math.radians(float(np.mean(friction))))
-    if undrained is None and getattr(soil, "strength_ratio", None) is not None:
-        return max(soil.strength_ratio * pressure, soil.strength_minimum)
+    ratio, minimum = (getattr(soil, name, None) for name in ("strength_ratio", "strength_minimum"))
+    if undrained is None and ratio is not None:
+        return max(ratio * pressure, minimum)
     return math.inf if undrained is None else float(np.mean(undrained))
 
 
-def warn_of_seams(layers: Sequence[Any], measured: Sequence[Thickness], cell: float) -> None:
+def warn_of_seams(layers: Sequence[Layer], measured: Sequence[Thickness], cell: float) -> None:
     """Warn of weak layers on cells that are too large for them, unless their soil has `unusual`.
 
     Args:

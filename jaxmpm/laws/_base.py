@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import jax.numpy as jnp
 from jax import Array
@@ -11,7 +11,7 @@ from jax import Array
 from foundation.check import Limit, above_zero
 from jaxmpm.grid import Particles
 from jaxmpm.laws._parameter import with_strength_divided
-from jaxmpm.protocols import Material, Tensor
+from jaxmpm.protocols import History, Material, Tensor
 
 MODULI = {"bulk": above_zero("Pa"), "shear": above_zero("Pa")}
 
@@ -43,17 +43,17 @@ class Law:
         """None: the law does not soften."""
         return None
 
-    def initial_history(self, particles: Particles) -> Any:
+    def initial_history(self, particles: Particles) -> History:
         """None: the law has no history."""
         return None
 
-    def reduced(self, factor: Array) -> Any:
+    def reduced(self, factor: Array) -> Self:
         """The law with parameters declared as `reduced` divided by `factor`; ValueError if there are none."""
         return with_strength_divided(self, factor)
 
     def update(
-        self, strain_increment: Tensor, stress: Tensor, history: Any, dt: Array | None = None
-    ) -> tuple[Tensor, Any]:
+        self, strain_increment: Tensor, stress: Tensor, history: History, dt: Array | None = None
+    ) -> tuple[Tensor, History]:
         """Stress (Pa) and history after a strain increment within dt (s); a law must implement it."""
         raise NotImplementedError(f"{type(self).__name__} has no `update`: write one, see jaxmpm.Material")
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from functools import singledispatch
-from typing import Any
 
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmpm.protocols import Material, Tensor
+from jaxmpm.protocols import History, Material, Tensor
 from jaxmpm.tensors import mean
 
 SHARE = 1e-3
@@ -33,12 +32,12 @@ def update_with_gap(
     law: Material,
     strain: Tensor,
     stress: Tensor,
-    history: Any,
+    history: History,
     dt: Array | None,
     *,
     gap: Array | None,
     logarithmic: bool = False,
-) -> tuple[Tensor, Any, Array | None]:
+) -> tuple[Tensor, History, Array | None]:
     """Stress, history and gap after a strain increment.
 
     Soil that shrinks loses its tension first and then its gap; only the rest of the strain reaches the law. So its mean

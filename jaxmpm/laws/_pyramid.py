@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
 
+from jaxmpm.protocols import Component
 from jaxmpm.tensors import safe_sqrt
 
 SMALLEST = 1e-6
@@ -65,12 +66,12 @@ def principal_drop(x1: Array, x2: Array, x3: Array, law: PyramidLaw) -> tuple[Ar
     def beyond(y1: Array, y3: Array) -> Array:
         return y1 * (1 + s) - y3 * (1 - s) - limit
 
-    def stress(m1: Any, m2: Any, m3: Any) -> tuple[Any, Any, Any]:
+    def stress(m1: Component, m2: Component, m3: Component) -> tuple[Array, ...]:
         """Trial stress less the elastic stress of a plastic strain."""
         total = b * (m1 + m2 + m3)
         return tuple(xi - total - 2 * shear * m for xi, m in zip(x, (m1, m2, m3), strict=True))
 
-    def strain(y: Sequence[Any]) -> tuple[Any, Any, Any]:
+    def strain(y: Sequence[Array]) -> tuple[Array, ...]:
         """Plastic strain between the trial stress and y."""
         d = [xi - yi for xi, yi in zip(x, y, strict=True)]
         total = sum(d) * b / (3 * bulk)
@@ -82,7 +83,7 @@ def principal_drop(x1: Array, x2: Array, x3: Array, law: PyramidLaw) -> tuple[Ar
     left = 2 * shear * (1 + s) * (1 + r) + 4 * b * s * r
     f13, f23, f12 = beyond(x1, x3), beyond(x2, x3), beyond(x1, x2)
     main = f13 / same
-    returns = [(stress((1 + r) * main, 0, -(1 - r) * main), [main])]
+    returns: list[tuple[Sequence[Array], Sequence[Array]]] = [(stress((1 + r) * main, 0, -(1 - r) * main), [main])]
     with_23 = [(same * f - right * g) / (same**2 - right**2) for f, g in ((f13, f23), (f23, f13))]
     returns.append((stress((1 + r) * with_23[0], (1 + r) * with_23[1], -(1 - r) * sum(with_23)), with_23))
     with_12 = [(same * f - left * g) / (same**2 - left**2) for f, g in ((f13, f12), (f12, f13))]
@@ -95,7 +96,7 @@ def principal_drop(x1: Array, x2: Array, x3: Array, law: PyramidLaw) -> tuple[Ar
             x, tension, (tension * (1 + s) - limit) / (1 - s), a=a, b=b, r=r, stress=stress, strain=strain
         )
 
-    def violation(y: Sequence[Any], multipliers: Sequence[Any]) -> Array:
+    def violation(y: Sequence[Array], multipliers: Sequence[Array]) -> Array:
         high, low = partial(largest, y), -largest([-yi for yi in y])
         terms = [beyond(high(), low), y[1] - y[0], y[2] - y[1], *(-2 * shear * m for m in multipliers)]
         return largest(terms if tension is None else [*terms, high() - tension])
@@ -114,7 +115,7 @@ def principal_drop(x1: Array, x2: Array, x3: Array, law: PyramidLaw) -> tuple[Ar
     return drop[0], drop[1], drop[2], safe_sqrt(2 * (deviatoric[0] ** 2 + deviatoric[1] ** 2 + deviatoric[2] ** 2))
 
 
-def largest(values: Sequence[Any]) -> Array:
+def largest(values: Sequence[Array]) -> Array:
     result = values[0]
     for value in values[1:]:
         result = jnp.maximum(result, value)
@@ -129,14 +130,18 @@ def cut_off(
     a: Array,
     b: Array,
     r: Array,
-    stress: Callable[..., tuple[Any, Any, Any]],
-    strain: Callable[..., tuple[Any, Any, Any]],
-) -> list[tuple[Any, list[Any]]]:
+    stress: Callable[..., tuple[Array, ...]],
+    strain: Callable[..., tuple[Array, ...]],
+) -> list[tuple[Sequence[Array], Sequence[Array]]]:
     """Returns to the tension planes at t, alone and with the pyramid; they intersect it at the least stress `low`."""
     det = a * a - b * b
     one = (x[0] - t) / a
     two = [(a * (x[i] - t) - b * (x[1 - i] - t)) / det for i in (0, 1)]
-    returns = [(stress(one, 0, 0), [one]), (stress(*two, 0), two), ((t, t, t), list(strain((t, t, t))))]
+    returns: list[tuple[Sequence[Array], Sequence[Array]]] = [
+        (stress(one, 0, 0), [one]),
+        (stress(*two, 0), two),
+        ((t, t, t), list(strain((t, t, t)))),
+    ]
     # One tension plane and the main plane: no strain along axis 2.
     first, third = ((a * d - b * c) / det for d, c in ((x[0] - t, x[2] - low), (x[2] - low, x[0] - t)))
     shearing = -third / (1 - r)

@@ -66,9 +66,7 @@ def _rotate(a: Matrix, axes: Matrix, p: int, q: int, r: int) -> None:
         row[p], row[q] = cosine * row[p] - sine * row[q], sine * row[p] + cosine * row[q]
 
 
-def isotropic(
-    function: Callable[..., tuple[Any, Any, Any, Any]], tensor: Tensor, *parameters: Any
-) -> tuple[Tensor, Array]:
+def isotropic(function: Callable[..., tuple[Array, ...]], tensor: Tensor, *parameters: object) -> tuple[Tensor, Array]:
     """An isotropic tensor function, and a scalar that it also returns.
 
     The derivative is that of the tensor function, not of the axes, so it stays finite where principal values are equal.
@@ -92,7 +90,10 @@ def isotropic(
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))
 def _isotropic(
-    function: Callable[..., Any], present: tuple[int, ...], components: Sequence[Array], parameters: Sequence[Any]
+    function: Callable[..., tuple[Array, ...]],
+    present: tuple[int, ...],
+    components: Sequence[Array],
+    parameters: Sequence[object],
 ) -> tuple[tuple[Component, ...], Array]:
     values, axes = principal(placed(zip(present, components, strict=True)))
     *mapped, scalar = function(*values, *parameters)
@@ -101,7 +102,10 @@ def _isotropic(
 
 @_isotropic.defjvp
 def _isotropic_jvp(
-    function: Callable[..., Any], present: tuple[int, ...], primals: tuple[Any, Any], tangents: tuple[Any, Any]
+    function: Callable[..., tuple[Array, ...]],
+    present: tuple[int, ...],
+    primals: tuple[Any, Any],
+    tangents: tuple[Any, Any],
 ) -> tuple[Any, Any]:
     (components, parameters), (moved, changed) = primals, tangents
     x, axes = principal(placed(zip(present, components, strict=True)))

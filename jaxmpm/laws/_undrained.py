@@ -9,7 +9,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jax import Array
@@ -20,7 +20,7 @@ from jaxmpm.grid import Particles
 from jaxmpm.laws._base import Law
 from jaxmpm.laws._parameter import Parameter
 from jaxmpm.laws._softening import ExponentialSoftening, RateEffect, Softening
-from jaxmpm.protocols import Tensor
+from jaxmpm.protocols import Component, Tensor
 from jaxmpm.tensors import absent, by_component, deviator, mean, safe_sqrt, second_invariant
 
 
@@ -37,7 +37,7 @@ def elastic_increment(bulk: Array, shear: Array, strain_increment: Tensor) -> Te
     """
     volumetric = bulk * 3 * mean(strain_increment)
     xx, yy, zz, xy, yz, xz = deviator(strain_increment)
-    twice: Any = 2 * shear
+    twice: Component = 2 * shear
     return (
         twice * xx + volumetric,
         twice * yy + volumetric,
@@ -161,7 +161,7 @@ class J2(Law):
         """
         trial = add(stress, elastic_increment(self.bulk, self.shear, strain_increment))
         t = safe_sqrt(second_invariant(deviator(trial)))
-        rate: Any = 1.0
+        rate: Component = 1.0
         if self.rate is not None:
             if dt is None:
                 raise ValueError("a rate effect needs the time step: call update(..., dt)")

@@ -17,7 +17,7 @@ from foundation.pytrees import pytree
 from jaxmpm.grid import Particles
 from jaxmpm.laws._gap import remembers_gap, update_with_gap
 from jaxmpm.laws._parameter import Declared, declared, has_strength, with_parameters
-from jaxmpm.protocols import Material, Tensor
+from jaxmpm.protocols import History, Material, Tensor
 from jaxmpm.tensors import absent, placed, rows
 
 
@@ -45,7 +45,7 @@ class Zoned:
         ends = accumulate(self.counts, initial=0)
         return zip(self.laws, (slice(*pair) for pair in pairwise(ends)), strict=True)
 
-    def joined(self, values: Sequence[Any]) -> Array:
+    def per_particle(self, values: Sequence[Any]) -> Array:
         """One value per particle (N,) from one for each zone, a number or (n,)."""
         each = zip(values, self.counts, strict=True)
         return jnp.concatenate([jnp.broadcast_to(jnp.asarray(value), (count,)) for value, count in each])
@@ -58,17 +58,17 @@ class Zoned:
     @property
     def bulk(self) -> Array:
         """Elastic bulk modulus K (N,) Pa."""
-        return self.joined([law.bulk for law in self.laws])
+        return self.per_particle([law.bulk for law in self.laws])
 
     @property
     def shear(self) -> Array:
         """Elastic shear modulus G (N,) Pa."""
-        return self.joined([law.shear for law in self.laws])
+        return self.per_particle([law.shear for law in self.laws])
 
     @property
     def p_wave_modulus(self) -> Array:
         """Modulus of the fastest elastic wave (N,) Pa."""
-        return self.joined([law.p_wave_modulus for law in self.laws])
+        return self.per_particle([law.p_wave_modulus for law in self.laws])
 
     @property
     def steepest_softening(self) -> Array | None:
@@ -76,9 +76,9 @@ class Zoned:
         each = [law.steepest_softening for law in self.laws]
         if all(steepest is None for steepest in each):
             return None
-        return self.joined([0.0 if steepest is None else steepest for steepest in each])
+        return self.per_particle([0.0 if steepest is None else steepest for steepest in each])
 
-    def initial_history(self, particles: Particles) -> Any:
+    def initial_history(self, particles: Particles) -> History:
         """The histories of all zones as one.
 
         Args:
@@ -100,7 +100,7 @@ class Zoned:
             return None
         (like,) = known.values()
         filled = [jax.tree.map(lambda _: 0.0, like) if history is None else history for history in each]
-        return jax.tree.map(lambda *parts: self.joined(parts), *filled)
+        return jax.tree.map(lambda *parts: self.per_particle(parts), *filled)
 
     def reduced(self, factor: Array) -> Zoned:
         """The law with the strength of every zone that has some divided by `factor`; ValueError if none has."""
@@ -111,8 +111,8 @@ class Zoned:
         return replace(self, laws=tuple(law.reduced(factor) if divided else law for law, divided in pairs))
 
     def update(
-        self, strain_increment: Tensor, stress: Tensor, history: Any, dt: Array | None = None
-    ) -> tuple[Tensor, Any]:
+        self, strain_increment: Tensor, stress: Tensor, history: History, dt: Array | None = None
+    ) -> tuple[Tensor, History]:
         """Stress (Pa) and history after a strain increment within dt (s), of each zone by its own law."""
         return update_with_gap(self, strain_increment, stress, history, dt, gap=None)[:2]
 
@@ -151,7 +151,7 @@ def frictional(law: Material) -> bool | Array:
         A bool, or one per particle (N,) where zones differ.
     """
     kinds = [each.FRICTIONAL for each in laws_of(law)]
-    return law.joined(kinds) if isinstance(law, Zoned) and len(set(kinds)) > 1 else kinds[0]
+    return law.per_particle(kinds) if isinstance(law, Zoned) and len(set(kinds)) > 1 else kinds[0]
 
 
 @remembers_gap.register
@@ -164,12 +164,12 @@ def _(
     law: Zoned,
     strain: Tensor,
     stress: Tensor,
-    history: Any,
+    history: History,
     dt: Array | None,
     *,
     gap: Array | None,
     logarithmic: bool = False,
-) -> tuple[Tensor, Any, Array | None]:
+) -> tuple[Tensor, History, Array | None]:
     present = [k for k in range(6) if not (absent(strain[k]) and absent(stress[k]))]
     components, histories, gaps = [], [], []
     for part, own in law.zones:
@@ -187,9 +187,9 @@ def _(
         components.append(jnp.stack([after[0][k] for k in present]))
         histories.append(before[0] if after[1] is None else after[1])
         gaps.append(before[1] if after[2] is None else after[2])
-    joined = placed(zip(present, rows(jnp.concatenate(components, axis=1)), strict=True))
+    stress = placed(zip(present, rows(jnp.concatenate(components, axis=1)), strict=True))
     history, gap = (jax.tree.map(lambda *parts: jnp.concatenate(parts), *each) for each in (histories, gaps))
-    return joined, history, gap
+    return stress, history, gap
 
 
 @declared.register
@@ -198,7 +198,7 @@ def _(law: Zoned) -> dict[str, Declared]:
     numbers: dict[str, Declared] = {}
     for name in dict.fromkeys(name for known in zones for name in known):
         having = [known[name] for known in zones if name in known]
-        value = law.joined([known[name].value if name in known else np.nan for known in zones])
+        value = law.per_particle([known[name].value if name in known else np.nan for known in zones])
         path = having[0].path if len({each.path for each in having}) == 1 else name
         numbers[name] = Declared(path, having[0].parameter, value)
     return numbers

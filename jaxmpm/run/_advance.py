@@ -79,7 +79,7 @@ def advance(scene: Scene, state: State, steps: int | Array) -> State:
         new = step(scene, old, scene.time_step)
         return replace(new, step=old.step + 1, status=lane_status(scene, new))
 
-    def frozen_unless_running(_: Any, old: State) -> State:
+    def frozen_unless_running(_: object, old: State) -> State:
         new = advanced(old)
         new = new if new.columns is None else recorded(scene, new)
         return jax.tree.map(partial(jnp.where, old.status == Status.RUNNING), new, old)

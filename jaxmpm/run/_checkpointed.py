@@ -84,7 +84,7 @@ def _bytes(state: State) -> int:
     return sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(state))
 
 
-def _maps_to_nodes(primitive: Any, *_: Any, **__: Any) -> bool:
+def _maps_to_nodes(primitive: object, *_: object, **__: object) -> bool:
     """Policy of `jax.checkpoint`: store what particles map to the nodes."""
     return primitive is scatter_p
 
@@ -158,7 +158,7 @@ def replay(
         going = old.step < limit
         return jax.tree.map(lambda a, b: jnp.where(going, a, b), new, old)
 
-    def segment(old: State, _: Any) -> tuple[State, Any]:
+    def segment(old: State, _: object) -> tuple[State, Any]:
         new = _nested(one, old, every, len(plan.levels))
         first = jnp.where(old.status == Status.RUNNING, lane_status(scene, new), old.status)
         new = replace(new, status=first)
@@ -196,7 +196,7 @@ def _split(state: State) -> State:
 def _whole(state: State) -> State:
     """The state from the result of `_split`."""
 
-    def is_rows(leaf: Any) -> bool:
+    def is_rows(leaf: object) -> bool:
         return isinstance(leaf, list)
 
     return jax.tree.map(lambda leaf: jnp.stack(leaf) if is_rows(leaf) else leaf, state, is_leaf=is_rows)

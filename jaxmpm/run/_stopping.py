@@ -152,9 +152,9 @@ class Watch:
             fast, seen = speed > settle.speed, displacement
             if slides is not None:
                 fast, seen = fast & (displacement <= slides), np.where(displacement > slides, slid[0], displacement)
-            moved = np.abs(seen - self.reference) > settle.drift
-            quiet = np.where(moved | fast, 0.0, self.quiet + elapsed)
-            watch = Watch(quiet, np.where(moved, seen, self.reference))
+            moves = np.abs(seen - self.reference) > settle.drift
+            quiet = np.where(moves | fast, 0.0, self.quiet + elapsed)
+            watch = Watch(quiet, np.where(moves, seen, self.reference))
             status = np.where((status == Status.RUNNING) & (quiet >= settle.hold), Status.SETTLED, status)
         if stop_at is not None:
             status = np.where((status == Status.RUNNING) & (displacement > stop_at), Status.DECIDED, status)

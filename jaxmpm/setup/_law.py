@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -122,7 +121,7 @@ def check_shape(name: str, value: ArrayLike, particles: Particles) -> None:
         )
 
 
-def checked_material(material: Any, particles: Particles, dtype: np.dtype) -> Any:
+def checked_material(material: Material, particles: Particles, dtype: np.dtype) -> Material:
     """The material with its numbers in the particles' precision."""
     missing = [name for name in MEMBERS if not hasattr(type(material), name) and not hasattr(material, name)]
     if missing:

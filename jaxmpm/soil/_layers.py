@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -51,7 +50,7 @@ def law_of_layers(laws: Sequence[Material], layer: np.ndarray) -> tuple[Material
     """
     if len(laws) > 1 and any(np.ndim(leaf) for law in laws for leaf in jax.tree.leaves(law)):
         raise ValueError("a soil of a layer has a parameter per particle: give numbers, then `with_soil`")
-    kinds: dict[Any, list[int]] = {}
+    kinds: dict[object, list[int]] = {}
     for number in np.unique(layer).tolist():
         kinds.setdefault(jax.tree.structure(laws[number]), []).append(number)
     zones = [np.flatnonzero(np.isin(layer, numbers)) for numbers in kinds.values()]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from foundation import check
 from foundation.check import Limit
+from jaxmpm.protocols import Material
 from jaxmpm.soil._units import PLAUSIBLE, unit_slip
 
 ANGLE = Limit(least=0, most=60, unit="degrees")
@@ -64,7 +65,7 @@ class AnySoil(Protocol):
     def unit_weight(self) -> float:
         """Unit weight (N/m3)."""
 
-    def material(self, dtype: np.dtype, band: float) -> Any:
+    def material(self, dtype: np.dtype, band: float) -> Material:
         """Its law.
 
         Args:

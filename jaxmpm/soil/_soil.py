@@ -12,6 +12,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
 from foundation import check
 from jaxmpm.laws import (
@@ -120,7 +121,7 @@ class Soil:
         softening, cutoff = self._softening(_scale(self, band), number), _cutoff(self, number)
         return J2(bulk, shear, number(self.strength), softening, cutoff, self._rate(number), self.gap_memory)
 
-    def _softening(self, scale: float, number: Callable[..., Any]) -> Softening | ExponentialSoftening | None:
+    def _softening(self, scale: float, number: Callable[[ArrayLike], Array]) -> Softening | ExponentialSoftening | None:
         if self.strain_95 is not None and self.softening_modulus is not None:
             raise ValueError("both softening_modulus and strain_95 are given: choose linear or exponential softening")
         if not isinstance(self.plastic_strain, PlasticStrain):
@@ -133,7 +134,7 @@ class Soil:
             return None
         return ExponentialSoftening(number(self.residual_ratio), number(self.strain_95 * share / scale))
 
-    def _rate(self, number: Callable[..., Any]) -> RateEffect | None:
+    def _rate(self, number: Callable[[ArrayLike], Array]) -> RateEffect | None:
         if self.rate_coefficient is None:
             return None
         return RateEffect(number(self.rate_coefficient), number(self.reference_rate))
@@ -216,7 +217,7 @@ class FrictionalSoil:
             return MohrCoulomb(bulk, shear, *strength, self.gap_memory)
         raise ValueError(f"criterion = {self.criterion!r}: give MohrCoulomb or DruckerPrager")
 
-    def _softening(self, scale: float, number: Callable[..., Any]) -> FrictionalSoftening | None:
+    def _softening(self, scale: float, number: Callable[[ArrayLike], Array]) -> FrictionalSoftening | None:
         if self.softening_strain is None:
             return None
         check.between("residual_cohesion", self.residual_cohesion, 0.0, self.cohesion, ends=True)
@@ -242,7 +243,7 @@ def _scale(soil: Soil | FrictionalSoil, band: float) -> float:
     return 1.0 if soil.softening_length is None else band / soil.softening_length
 
 
-def _cutoff(soil: Soil | FrictionalSoil, number: Callable[..., Any]) -> Array | None:
+def _cutoff(soil: Soil | FrictionalSoil, number: Callable[[ArrayLike], Array]) -> Array | None:
     return None if soil.tension_cutoff is None else number(soil.tension_cutoff)
 
 

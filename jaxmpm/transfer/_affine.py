@@ -9,7 +9,6 @@ Source: Jiang, Schroeder, Selle, Teran and Stomakhin (2015), doi:10.1145/2766996
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -56,7 +55,9 @@ def nodal_momentum(grid: Grid, nodal: Array) -> Array:
     return nodal[:, :d] + jnp.sum(slopes * _nodes(grid, nodal.dtype)[:, None, :], axis=2)
 
 
-def velocity_gradient(grid: Grid, position: Array, velocity: Array, to_particles: Callable[..., Any]) -> Array:
+def velocity_gradient(
+    grid: Grid, position: Array, velocity: Array, to_particles: Callable[..., tuple[Array, Array]]
+) -> Array:
     """Velocity gradient C of APIC at the particles.
 
     Args:

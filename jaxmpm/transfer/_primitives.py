@@ -51,15 +51,15 @@ def _batch(*arrays: Array | ShapedArray) -> tuple[int, ...]:
     return np.broadcast_shapes(*(a.shape[:-2] for a in arrays))
 
 
-def _nodal_shape(position: ShapedArray, *others: ShapedArray, grid: Grid, channels: int, **_: Any) -> ShapedArray:
+def _nodal_shape(position: ShapedArray, *others: ShapedArray, grid: Grid, channels: int, **_: object) -> ShapedArray:
     return ShapedArray((*_batch(position, *others), grid.nodes, channels), position.dtype)
 
 
-def _rows_shape(position: ShapedArray, *others: ShapedArray, rows: int, **_: Any) -> ShapedArray:
+def _rows_shape(position: ShapedArray, *others: ShapedArray, rows: int, **_: object) -> ShapedArray:
     return ShapedArray((*_batch(position, *others), rows, position.shape[-1]), position.dtype)
 
 
-def _contract_shape(position: ShapedArray, *others: ShapedArray, rows: int, **_: Any) -> list[ShapedArray]:
+def _contract_shape(position: ShapedArray, *others: ShapedArray, rows: int, **_: object) -> list[ShapedArray]:
     slope = ShapedArray((*_batch(position, *others), *position.shape[-2:]), position.dtype)
     return [slope, _rows_shape(position, *others, rows=rows)]
 
@@ -146,7 +146,7 @@ def _raised(terms: Sequence[Term], dimension: int) -> tuple[Term, ...]:
     )
 
 
-def _slopes(position: Array, nodal: Array, *, terms: Sequence[Term], rows: int, **statics: Any) -> Array:
+def _slopes(position: Array, nodal: Array, *, terms: Sequence[Term], rows: int, **statics: object) -> Array:
     """Derivative along the position of the result of `gather`: (.., rows, d, N)."""
     d = position.shape[-2]
     derived = gather_p.bind(position, nodal, terms=_raised(terms, d), rows=rows * d, **statics)
@@ -154,7 +154,7 @@ def _slopes(position: Array, nodal: Array, *, terms: Sequence[Term], rows: int, 
 
 
 def _scatter_tangent_expanded(
-    position: Array, moved: Array, *both: Array, terms: tuple[Term, ...], **statics: Any
+    position: Array, moved: Array, *both: Array, terms: tuple[Term, ...], **statics: object
 ) -> Array:
     changed, blocks = both[: len(both) // 2], both[len(both) // 2 :]
     count = sum(block.shape[-2] for block in blocks)
@@ -164,19 +164,23 @@ def _scatter_tangent_expanded(
     return scatter_p.bind(position, *changed, *products, terms=terms + raised, **statics)
 
 
-def _gather_moved_expanded(position: Array, moved: Array, nodal: Array, **statics: Any) -> Array:
-    return (_slopes(position, nodal, **statics) * moved[..., None, :, :]).sum(-2)
+def _gather_moved_expanded(
+    position: Array, moved: Array, nodal: Array, *, terms: Sequence[Term], rows: int, **statics: object
+) -> Array:
+    return (_slopes(position, nodal, terms=terms, rows=rows, **statics) * moved[..., None, :, :]).sum(-2)
 
 
-def _contract_expanded(position: Array, nodal: Array, *blocks: Array, rows: int, **statics: Any) -> list[Array]:
+def _contract_expanded(
+    position: Array, nodal: Array, *blocks: Array, terms: Sequence[Term], rows: int, **statics: object
+) -> list[Array]:
     given = jnp.concatenate([jnp.broadcast_to(b, (*_batch(*blocks), *b.shape[-2:])) for b in blocks], axis=-2)
-    slope = (_slopes(position, nodal, rows=given.shape[-2], **statics) * given[..., :, None, :]).sum(-3)
+    slope = (_slopes(position, nodal, terms=terms, rows=given.shape[-2], **statics) * given[..., :, None, :]).sum(-3)
     if rows:
-        return [slope, gather_p.bind(position, nodal, rows=rows, **statics)]
+        return [slope, gather_p.bind(position, nodal, terms=terms, rows=rows, **statics)]
     return [slope, jnp.zeros((*slope.shape[:-2], 0, slope.shape[-1]), slope.dtype)]
 
 
-def _scatter_jvp(primals: Sequence[Array], tangents: Sequence[Tangent], **statics: Any) -> tuple[Array, Array]:
+def _scatter_jvp(primals: Sequence[Array], tangents: Sequence[Tangent], **statics: object) -> tuple[Array, Array]:
     position, *blocks = primals
     moved, *changed = tangents
     changed = [ad.instantiate_zeros(tangent) for tangent in changed]
@@ -187,7 +191,7 @@ def _scatter_jvp(primals: Sequence[Array], tangents: Sequence[Tangent], **static
     return scatter_p.bind(*primals, **statics), tangent
 
 
-def _gather_jvp(primals: Sequence[Array], tangents: Sequence[Tangent], **statics: Any) -> tuple[Array, Array]:
+def _gather_jvp(primals: Sequence[Array], tangents: Sequence[Tangent], **statics: object) -> tuple[Array, Array]:
     position, nodal = primals
     moved, changed = tangents
     parts = []
@@ -199,8 +203,8 @@ def _gather_jvp(primals: Sequence[Array], tangents: Sequence[Tangent], **statics
 
 
 def _expanded_jvp(
-    expanded: Callable[..., Any], primals: Sequence[Array], tangents: Sequence[Tangent], **statics: Any
-) -> tuple[Any, Any]:
+    expanded: Callable[..., object], primals: Sequence[Array], tangents: Sequence[Tangent], **statics: object
+) -> tuple[object, object]:
     return jax.jvp(partial(expanded, **statics), primals, tuple(map(ad.instantiate_zeros, tangents)))
 
 
@@ -229,7 +233,7 @@ def _zeros(*arrays: Tangent) -> tuple[Tangent, ...]:
 
 
 def _scatter_transpose(
-    cotangent: Tangent, position: Array, *blocks: Tangent, channels: int, **statics: Any
+    cotangent: Tangent, position: Array, *blocks: Tangent, channels: int, **statics: object
 ) -> tuple[Tangent, ...]:
     if isinstance(cotangent, ad.Zero):
         return (None, *_zeros(*blocks))
@@ -237,7 +241,7 @@ def _scatter_transpose(
 
 
 def _scatter_tangent_transpose(
-    cotangent: Tangent, position: Array, moved: Tangent, *both: Tangent, channels: int, **statics: Any
+    cotangent: Tangent, position: Array, moved: Tangent, *both: Tangent, channels: int, **statics: object
 ) -> tuple[Tangent, ...]:
     changed, blocks = both[: len(both) // 2], both[len(both) // 2 :]
     none = [None] * len(blocks)
@@ -250,7 +254,7 @@ def _scatter_tangent_transpose(
 
 
 def _gather_transpose(
-    cotangent: Tangent, position: Array, nodal: Tangent, *, rows: int, **statics: Any
+    cotangent: Tangent, position: Array, nodal: Tangent, *, rows: int, **statics: object
 ) -> tuple[Tangent, ...]:
     if isinstance(cotangent, ad.Zero):
         return None, ad.Zero(nodal.aval)
@@ -259,7 +263,7 @@ def _gather_transpose(
 
 
 def _gather_moved_transpose(
-    cotangent: Tangent, position: Array, moved: Tangent, nodal: Array, *, rows: int, **statics: Any
+    cotangent: Tangent, position: Array, moved: Tangent, nodal: Array, *, rows: int, **statics: object
 ) -> tuple[Tangent, ...]:
     if isinstance(cotangent, ad.Zero):
         return None, ad.Zero(moved.aval), None
@@ -268,8 +272,8 @@ def _gather_moved_transpose(
 
 
 def _batched(
-    primitive: Primitive, arrays: Sequence[Array], axes: Sequence[int | None], **statics: Any
-) -> tuple[Any, Any]:
+    primitive: Primitive, arrays: Sequence[Array], axes: Sequence[int | None], **statics: object
+) -> tuple[object, object]:
     lanes = [a[None] if axis is None else jnp.moveaxis(a, axis, 0) for a, axis in zip(arrays, axes, strict=True)]
     out = primitive.bind(*lanes, **statics)
     return (out, [0] * len(out)) if primitive.multiple_results else (out, 0)
@@ -277,13 +281,13 @@ def _batched(
 
 def _register(
     primitive: Primitive,
-    shape: Callable[..., Any],
+    shape: Callable[..., object],
     counts: tuple[str, ...],
     *,
-    jvp: Callable[..., tuple[Any, Any]],
+    jvp: Callable[..., tuple[object, object]],
     transpose: Callable[..., tuple[Tangent, ...]] | None,
-    on_cpu: Callable[..., Any],
-    elsewhere: Callable[..., Any],
+    on_cpu: Callable[..., object],
+    elsewhere: Callable[..., object],
 ) -> None:
     primitive.def_abstract_eval(shape)
     primitive.def_impl(jax.jit(primitive.bind, static_argnames=(*_STATICS, *counts)))
@@ -298,12 +302,12 @@ def _register(
 
 def _register_expanded(
     primitive: Primitive,
-    shape: Callable[..., Any],
+    shape: Callable[..., object],
     counts: tuple[str, ...],
-    expanded: Callable[..., Any],
+    expanded: Callable[..., object],
     *,
     transpose: Callable[..., tuple[Tangent, ...]] | None,
-    on_cpu: Callable[..., Any] | None = None,
+    on_cpu: Callable[..., object] | None = None,
 ) -> None:
     """Register a primitive that is composed of other primitives wherever it has no kernel of its own."""
     jvp = partial(_expanded_jvp, expanded)

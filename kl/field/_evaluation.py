@@ -87,7 +87,7 @@ def lattice_sum(expansion: Expansion, coefficients: Array, axes: tuple[Array, ..
     """
     factors = [scaled_functions(modes, x) ** power for modes, x in zip(expansion.axes, axes, strict=True)]
 
-    def realisation(coefficients: Array) -> Array:
+    def field_of(coefficients: Array) -> Array:
         # Last axis first: the full lattice then appears only in the last, cheapest contraction, unpermuted.
         tensor = coefficient_tensor(expansion, coefficients)
         after = 1
@@ -98,7 +98,7 @@ def lattice_sum(expansion: Expansion, coefficients: Array, axes: tuple[Array, ..
 
     flat = coefficients.reshape(-1, coefficients.shape[-1])
     # One sample at a time: the intermediates then fit in cache.
-    fields = jax.lax.map(realisation, flat)
+    fields = jax.lax.map(field_of, flat)
     return fields.reshape(*coefficients.shape[:-1], *fields.shape[1:])
 
 

@@ -94,12 +94,12 @@ def exact_field(lattice: LatticeRoots, noise: ArrayLike) -> Array:
 def _exact_field(lattice: LatticeRoots, noise: Array) -> Array:
     shape = tuple(root.shape[0] for root in lattice.roots)
 
-    def realisation(tensor: Array) -> Array:
+    def field_of(tensor: Array) -> Array:
         after = 1
         for root in reversed(lattice.roots):
             tensor = root @ tensor.reshape(-1, root.shape[0], after)
             after *= root.shape[0]
         return tensor.reshape(shape)
 
-    fields = jax.lax.map(realisation, noise.reshape(-1, *shape))
+    fields = jax.lax.map(field_of, noise.reshape(-1, *shape))
     return fields.reshape(noise.shape)
