@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -90,8 +90,15 @@ def export(
         for grid in GRIDS:
             for number in rows[grid].numbers:
                 sample = read_sample(store, grid, number)
-                if "displacement" in sample.fields:
-                    soil = soils.get((grid, number)) or soil_of(models()[grid], sample.coefficients)
+                if "displacement" not in sample.fields:
+                    continue
+                try:
+                    soil = soils.get((grid, number)) or _soil_of(models, grid, sample)
+                except ValueError as error:
+                    if asked:
+                        raise
+                    warnings.warn(f"no particles of sample {number} on the {grid} grid: {error}", stacklevel=2)
+                else:
                     yield _series_of_fields(store, grid, ground.grids[grid].position, sample, soil)
 
 
@@ -144,7 +151,7 @@ def export_sample(folder: str | Path, number: int, grid: str = "refined", *, fra
         raise ValueError(f"{sample_path(store, grid, number)} {why}: delete it and resume the campaign")
     if frames is None:
         soil = read_drawn(store.folder, [(grid, number)]).get((grid, number))
-        soil = soil or soil_of(_model(store, grid, at_rest=False), sample.coefficients)
+        soil = soil or _soil_of(lambda: {grid: _model(store, grid, at_rest=False)}, grid, sample)
         return _series_of_fields(store, grid, ground.grids[grid].position, sample, soil)
     if frames < 2:
         raise ValueError(f"frames = {frames}: give 2 or more, the first is the start and the last the end")
@@ -160,6 +167,18 @@ def run_again(model: GridModel, sample: Sample, times: np.ndarray) -> Result:
     """Run a finished sample once more from its coefficients, for its states at `times` (s, ascending)."""
     scene, state = model.of_sample(sample.coefficients)
     return solve(scene, state, t_end=float(times[-1]), snapshots=times.tolist())
+
+
+def _soil_of(models: Callable[[], Mapping[str, GridModel]], grid: str, sample: Sample) -> SampleSoil:
+    """The random soil of a sample that `drawn.h5` does not have, on its grid, which `models` builds. Raises ValueError
+    where a script gave a part of the campaign that the folder cannot hold."""
+    try:
+        return soil_of(models()[grid], sample.coefficients)
+    except ValueError as error:
+        raise ValueError(
+            f"the folder has the random soil of the samples that its report draws, not of sample {sample.number}, and "
+            f"building its grid fails ({error}): give one of those samples"
+        ) from error
 
 
 def _series_of_fields(store: Store, grid: str, position: np.ndarray, sample: Sample, soil: SampleSoil) -> Path:

@@ -296,7 +296,21 @@ def drawn_fields(ground: StoredGround, sample: Sample, soils: Mapping[str, Sampl
     for place, name in enumerate(ground.random):
         seen = {grid: soil.values[name][planes[grid]] for grid, soil in soils.items()}
         caption = f"Sample {sample.number}: the same random field of {_word(name)} on both grids."
-        yield Drawn(f"field-{name}" if place else "field", caption, parameter_fields(name, sections, seen))
+        if ground.bottoms is not None and len(ground.bottoms):
+            caption += " Lines: lower boundaries of the layers."
+        figure = parameter_fields(name, sections, seen)
+        for ax, (grid, plane) in zip(figure.axes, planes.items(), strict=False):
+            _draw_outline(ax, ground, float(ground.grids[grid].position[1, plane].mean()))
+        yield Drawn(f"field-{name}" if place else "field", caption, figure)
+
+
+def _draw_outline(ax: Axes, ground: StoredGround, y: float) -> None:
+    """Lower boundaries of layers, and walls along x, in a section at y (m)."""
+    for x, z in ground.boundaries(y):
+        ax.plot(x, z, color="k", lw=0.8)
+    for axis, position, hold in ground.walls:
+        if axis == 0:
+            ax.axvline(position, color="k", lw=1.5, ls="--" if hold == "roller" else "-")
 
 
 def drawn_change(ground: StoredGround, grid: str, sample: Sample) -> Drawn:

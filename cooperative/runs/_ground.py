@@ -1,6 +1,7 @@
 """The ground of a campaign as arrays in its folder, by which samples are read and drawn without building a grid.
 
-    ground.h5     written before the first run: outline, toe, layers, and the particles of both grids at the start
+    ground.h5     written before the first run: outline, toe, lower boundaries of layers, walls, and the particles of
+                  both grids at the start
     drawn.h5      written with the summary: the random soil of the samples that a report draws
 
 Both are sealed. A folder of an earlier version has neither; its scene gives what they hold (`ground_of`, `soil_of`).
@@ -26,11 +27,12 @@ from cooperative.runs._random_soil import samples_of
 from cooperative.store import Record, Rows, Store, reader
 from foundation import files, hdf5
 from jaxmpm import Face
+from jaxmpm.ground import top_of
 
 GROUND, DRAWN = ("cooperative ground", 3), ("cooperative random soil", 1)
 """Kind and schema of both files."""
-ARRAYS = ("position", "half_size", "layer")
-"""Fields of a grid that are data sets of `ground.h5`; all else of the ground is JSON there."""
+OUTLINE, ARRAYS = ("surface", "bottoms"), ("position", "half_size", "layer")
+"""Fields of the ground, and of a grid, that are data sets of `ground.h5`; all else is JSON there."""
 OF_PARTICLES = ("displacement", "plastic_strain")
 """Fields of a sample that have a value, or a vector, for each particle."""
 POINTS = {2: 401, 3: 101}
@@ -91,6 +93,9 @@ class StoredGround:
         hazard: None where the scene asks for no maps.
         origin: of the scene's coordinates in those of its map (2,) m.
         projection: of that map as WKT, None where the scene has none.
+        bottoms: elevation of the lower boundary of each layer but the last, at the points of the surface
+            (layers - 1, ...) m; None in a folder that was begun without.
+        walls: axis, position (m) and hold ("fixed" or "roller") of each upright wall.
     """
 
     corner: tuple[float, ...]
@@ -106,6 +111,27 @@ class StoredGround:
     hazard: HazardPlan | None
     origin: tuple[float, ...]
     projection: str | None
+    bottoms: np.ndarray | None = None
+    walls: tuple[tuple[int, float, str], ...] = ()
+
+    def boundaries(self, y: float = 0.0) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Lower boundaries of layers in a section.
+
+        Args:
+            y: of the section (m), in 3D.
+
+        Returns:
+            x and z (n,) m of each layer but the last, z nan where the layer ends.
+        """
+        if self.bottoms is None:
+            return []
+        surface, bottoms = self.surface, self.bottoms
+        if self.dimension == 3:
+            at = int(np.argmin(np.abs(surface[1, 0] - y)))
+            surface, bottoms = surface[:, :, at], bottoms[:, :, at]
+        tops = np.concatenate([surface[-1:], bottoms[:-1]])
+        thin = 1e-4 * self.extent[-1]
+        return [(surface[0], np.where(top - z > thin, z, np.nan)) for top, z in zip(tops, bottoms, strict=True)]
 
     @property
     def dimension(self) -> int:
@@ -138,11 +164,15 @@ def ground_of(models: Mapping[str, GridModel]) -> StoredGround:
     """The ground of a campaign's grids."""
     refined = models["refined"]
     campaign, shape = refined.campaign, refined.campaign.site.shape
+    layers = [each.layer for each in campaign.site.layers]
     corner, extent = tuple(map(float, shape.corner)), tuple(map(float, shape.extent))
     axes = [np.linspace(low, low + edge, POINTS[len(corner)]) for low, edge in zip(corner[:-1], extent, strict=False)]
     plan = np.meshgrid(*axes, indexing="ij")
     heights = shape.heights(*(axis.ravel() for axis in plan)).reshape(plan[0].shape)
-    columns, hazard = refined.state.columns, None
+    base = np.stack([*(axis.ravel() for axis in plan), np.full(plan[0].size, corner[-1])])
+    bottoms = [top_of(shape, layers, number, base, campaign.refined) for number in range(1, len(layers))]
+    upright = len(corner) - 1
+    columns, hazard, grid = refined.state.columns, None, refined.scene.grid
     if columns is not None and campaign.hazard is not None:
         every = float(refined.scene.time_step) * columns.every
         hazard = HazardPlan(float(columns.least), every, campaign.hazard.thickness, campaign.hazard.speed)
@@ -160,6 +190,12 @@ def ground_of(models: Mapping[str, GridModel]) -> StoredGround:
         hazard=hazard,
         origin=tuple(map(float, campaign.site.origin)),
         projection=campaign.site.projection,
+        bottoms=np.reshape(bottoms, (len(bottoms), *plan[0].shape)),
+        walls=tuple(
+            (wall.axis, float(grid.origin[wall.axis] + wall.index * grid.cell), wall.hold)
+            for wall in refined.scene.walls
+            if wall.axis < upright
+        ),
     )
 
 
@@ -232,7 +268,7 @@ def keep_ground(folder: Path, models: Mapping[str, GridModel]) -> None:
     except files.DamagedFile:
         files.set_aside(path)
     about = asdict(ground_of(models))
-    arrays = {"surface": about.pop("surface")}
+    arrays = {name: about.pop(name) for name in OUTLINE}
     for name, grid in about["grids"].items():
         arrays |= {f"{name}_{of}": grid.pop(of) for of in ARRAYS if grid[of] is not None}
 
@@ -251,7 +287,7 @@ def read_ground(folder: Path) -> StoredGround | None:
         return None
     with hdf5.read_sealed(path, *GROUND) as file:
         about, there = json.loads(str(file.scalars("/")["ground"])), file.names("/")
-        about["surface"] = file.array("/", "surface", kinds="f")
+        about |= {name: file.array("/", name, kinds="f") for name in OUTLINE if name in there}
         for name, grid in about["grids"].items():
             grid |= {of: file.array("/", f"{name}_{of}") for of in ARRAYS if f"{name}_{of}" in there}
         return _STORED.validate_python(about)

@@ -128,9 +128,8 @@ class Given:
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
             raise AttributeError(name)
-        raise ValueError(
-            f"the campaign's {self.what} is {self.words}, which a script gave: give it, {self.what}={self.words}"
-        )
+        remedy = f"give it, {self.what}=..." if self.what == "estimator" else "run that script in this folder"
+        raise ValueError(f"the campaign's {self.what} is {self.words}, which a script gave: {remedy}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,6 +5,7 @@ import linecache
 import pickle
 import subprocess
 import sys
+import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,12 +23,16 @@ from cooperative import (
     RandomField,
     Run,
     Site,
+    SiteLayer,
+    export,
+    export_sample,
     read,
     read_store,
     report,
     run,
     runs,
 )
+from cooperative.folder import read_results
 from cooperative.scene import Given, campaign_of, parse
 from cooperative.scene._words import campaign_of_words, source_checksum, source_of_value
 from tests.cooperative.effects.test_places import HAZARD
@@ -188,6 +193,38 @@ def test_what_a_script_gave_is_asked_of_it():
     assert campaign.run == SHORT.run
     with pytest.raises(ValueError, match=r"the campaign's soil is .*Logged\(.*log=null\), which a script gave"):
         runs.check_size(campaign)
+
+
+@dataclass(frozen=True)
+class Hill(mpm.Section):
+    """Ground of a script's own."""
+
+
+def test_ground_of_ones_own_is_reported_drawn_and_exported_from_the_folder_alone(tmp_path):
+    strata = tuple(
+        SiteLayer(name, mpm.Layer(replace(CLAY, unusual=True), depth=depth), SHORT.random, rock=False)
+        for name, depth in (("crust", 2.0), ("clay", None))
+    )
+    hill = Hill([(0, 10), (8, 10), (16, 2), (32, 2)], toe=16.0)
+    campaign = replace(SHORT, ground=Site(hill, layers=strata), plan=replace(SHORT.plan, fields=("rough", "refined")))
+    summary = run(campaign, tmp_path)
+    ground = runs.read_ground(tmp_path)
+    ((x, z),) = ground.boundaries()
+    np.testing.assert_allclose(z, np.interp(x, [0, 8, 16, 32], [8, 8, 0, 0]), atol=1e-3)
+    assert ground.walls == ((0, 0.0, "roller"), (0, 32.0, "roller"))
+    assert isinstance(campaign_of(read_store(tmp_path)).site.shape, Given)
+    assert f"{summary.probability_of_failure:.3f}" in report(tmp_path)
+    drawn = {number for _, number in read_results(tmp_path).soils()}
+    others = {0, 1} - drawn
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        paths = [path.name for path in export(tmp_path)]
+    assert {f"rough-{number:06d}.vtkhdf" for number in drawn} <= set(paths)
+    assert not {f"rough-{number:06d}.vtkhdf" for number in others} & set(paths)
+    assert all(any(f"no particles of sample {number} on" in str(each.message) for each in caught) for number in others)
+    for number in others:
+        with pytest.raises(ValueError, match=r"grid fails .*Hill\(.*which a script gave.*give one of"):
+            export_sample(tmp_path, number, "rough")
 
 
 def class_of_a_cell(text, name):
