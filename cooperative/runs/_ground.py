@@ -14,6 +14,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import h5py
@@ -129,9 +130,8 @@ class StoredGround:
         if self.dimension == 3:
             at = int(np.argmin(np.abs(surface[1, 0] - y)))
             surface, bottoms = surface[:, :, at], bottoms[:, :, at]
-        tops = np.concatenate([surface[-1:], bottoms[:-1]])
-        thin = 1e-4 * self.extent[-1]
-        return [(surface[0], np.where(top - z > thin, z, np.nan)) for top, z in zip(tops, bottoms, strict=True)]
+        lines, thin = [surface[-1], *bottoms], 1e-4 * self.extent[-1]
+        return [(surface[0], np.where(top - z > thin, z, np.nan)) for top, z in pairwise(lines)]
 
     @property
     def dimension(self) -> int:

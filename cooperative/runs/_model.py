@@ -169,7 +169,7 @@ class GridModel:
         """Undrained strength at the particles (N,) Pa, for coefficients (modes,). Raises ValueError where that is not
         what is random."""
         if "strength" not in self.names:
-            raise ValueError(f"random are {', '.join(self.campaign.random)}, not the strength: give [strength]")
+            raise ValueError(f"random are {', '.join(self.campaign.random)}, not the strength: let strength vary")
         return self.parameters(coefficients)["strength"]
 
     def looking(self) -> GridModel:

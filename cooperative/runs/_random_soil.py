@@ -145,7 +145,7 @@ def _random_soil(
 ) -> RandomSoil:
     members = [(part, names) for part in parts for names in _members(part, correlated)]
     if counts is not None and len(counts) != len(members):
-        raise ValueError(f"[field_modes] counts has {len(counts)} numbers for {len(members)} expansions: {REMEDY}")
+        raise ValueError(f"measured are {len(counts)} numbers of terms for {len(members)} expansions: {REMEDY}")
     groups = [
         _group(part, names, correlated, count)
         for (part, names), count in zip(members, counts or (None,) * len(members), strict=True)
@@ -191,7 +191,7 @@ def _expansion(field: RandomField, box: Box, count: int | None) -> kl.Expansion:
     counted = expand(modes=count, solver=own.solvers)
     held = np.cumsum(np.asarray(counted.fractions, float))
     if held[-1] < field.energy - ROUNDING or (count > 1 and held[-2] > field.energy + ROUNDING):
-        raise ValueError(f"[field_modes] has {count} modes where energy = {field.energy:g} takes {own.modes}: {REMEDY}")
+        raise ValueError(f"measured are {count} terms where energy = {field.energy:g} takes {own.modes}: {REMEDY}")
     return counted
 
 

@@ -121,7 +121,7 @@ def _refused_at_the_ends(alone: Callable[[AnySoil], Scene], soil: AnySoil) -> No
         alone(soil)
     except ValueError as error:
         raise ValueError(
-            f"[soil] {TAIL:g} deviations from the middle of what varies there is {error}; or give a smaller cov"
+            f"soil {TAIL:g} deviations from the middle of what varies there is {error}; or give a smaller cov"
         ) from error
 
 
@@ -133,24 +133,25 @@ def check_size(campaign: Campaign, workers: int = 1) -> None:
     """
     plan, runs = campaign.plan, campaign.estimator.rough_runs(sampling_of(campaign))
     if runs > MOST_RUNS:
-        raise ValueError(f"[campaign] asks for {runs} rough runs, the limit is {MOST_RUNS:.0e}: give fewer samples")
+        raise ValueError(f"the campaign asks for {runs} rough runs, the limit is {MOST_RUNS:.0e}: give fewer samples")
     sizes = {grid: grid_size(campaign, grid) for grid in GRIDS}
     for grid, size in sizes.items():
         t_end, step = campaign.run.t_end, campaign.run.last(grid) / size.steps
         if t_end < step:
             raise ValueError(
-                f"[run] t_end = {t_end:g} s is less than one time step of the {grid} grid, {step:.2g} s: "
+                f"t_end = {t_end:g} s is less than one time step of the {grid} grid, {step:.2g} s: "
                 "give the seconds that a slide takes"
             )
         if not size.steps <= MOST_STEPS:
             raise ValueError(
-                f"[{grid}] a run takes {size.steps:.3g} steps, the limit is {MOST_STEPS:.0e}: give a larger cell, a "
-                "larger cfl, softer soil or a shorter t_end"
+                f"{grid} grid: a run takes {size.steps:.3g} steps, the limit is {MOST_STEPS:.0e}: give a larger cell, "
+                "a larger cfl, softer soil or a shorter t_end"
             )
         if not size.work <= MOST_WORK:
             raise ValueError(
-                f"[{grid}] a run takes {size.particles:.3g} particles times {size.steps:.3g} steps, {size.work:.1e} "
-                f"with {size.passes:.3g} averages in each; the limit is {MOST_WORK:.0e}: give larger cells and spacings"
+                f"{grid} grid: a run takes {size.particles:.3g} particles times {size.steps:.3g} steps, "
+                f"{size.work:.1e} with {size.passes:.3g} averages in each; the limit is {MOST_WORK:.0e}: give "
+                "larger cells and spacings"
             )
     usual = 1 if jax.default_backend() == "cpu" else 64
     lanes = {

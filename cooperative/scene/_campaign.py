@@ -238,27 +238,30 @@ def check_campaign(campaign: Campaign) -> None:
     """Ranges that no builder looks at."""
     check_site(campaign.site, campaign.soil, campaign.grids["refined"].cell)
     run, plan, dimension = campaign.run, campaign.plan, campaign.dimension
-    for where, table, value in (("run", tables.Run, run), ("campaign", tables.Campaign, plan)):
+    for argument, table, value in (("run", tables.Run, run), ("plan", tables.Campaign, plan)):
         numbers = {name: each for name, each in vars(value).items() if isinstance(each, int | float)}
-        tables.read(table, {name: each for name, each in numbers.items() if name in table.model_fields}, where)
+        try:
+            tables.read(table, {name: each for name, each in numbers.items() if name in table.model_fields})
+        except ValueError as error:
+            raise ValueError(f"Campaign({argument}={type(value).__name__}(...)): {error}") from error
     if run.slides_t_end is not None and run.slides_t_end < run.t_end:
         raise ValueError(
-            f"[run] slides_t_end = {run.slides_t_end:g} s is before t_end = {run.t_end:g} s, up to which all runs go: "
+            f"slides_t_end = {run.slides_t_end:g} s is before t_end = {run.t_end:g} s, up to which all runs go: "
             "give at least that, or leave it out"
         )
     if run.slides_t_end is not None and plan.slides == 0:
         raise ValueError(
-            f"[run] slides_t_end = {run.slides_t_end:g} s has no say beside [campaign] slides = 0, which asks for no "
-            "slides: leave one of them out"
+            f"slides_t_end = {run.slides_t_end:g} s has no effect beside slides = 0, which asks for no slides: leave "
+            "one of them out"
         )
     volume = ground.volume(campaign.site.shape)
     if run.least_volume is not None and run.least_volume >= volume:
         raise ValueError(
-            f"[run] least_volume = {campaign.least_volume}: give more than 0 and less than the ground's {volume:.4g}"
+            f"least_volume = {campaign.least_volume}: give more than 0 and less than the ground's {volume:.4g}"
         )
     for name, varies in campaign.random.items():
         if len(varies.length) != dimension:
-            raise ValueError(f"[{name}] length has {len(varies.length)} values: give {dimension}, one per axis")
+            raise ValueError(f"length of {name} has {len(varies.length)} values: give {dimension}, one per axis")
     if campaign.cross_correlation is not None:
         check_cross_correlation(campaign.cross_correlation, campaign.random)
     for layer in campaign.site.layers:
@@ -270,8 +273,8 @@ def check_campaign(campaign: Campaign) -> None:
     check_failure(campaign)
     if plan.screening_stop is not None and "rough" in plan.modes:
         raise ValueError(
-            f"[campaign] screening_stop = {plan.screening_stop:g} m ends rough runs before their mode shows: "
-            "leave it out, or modes = 'both'"
+            f"screening_stop = {plan.screening_stop:g} m ends rough runs before their mode shows: leave it out, or ask "
+            "for modes of the refined grid alone"
         )
 
 
@@ -312,8 +315,7 @@ def _check_boreholes(campaign: Campaign) -> None:
             if (int(layer) if name in layers[layer].own else None) != number:
                 raise ValueError(
                     f"a borehole value of {name} at {list(row[:-1])} m lies in {layers[layer].name}, to whose field it "
-                    "does not belong: give it in the table of that layer, or in that of [soil] for a field that goes "
-                    "through it"
+                    "does not belong: give it to the field of that layer, or to one that goes through it"
                 )
 
 
@@ -326,6 +328,6 @@ def check_failure(campaign: Campaign) -> None:
         return  # not known yet
     if plan.screening_stop is not None and plan.screening_stop < run.failure_displacement:
         raise ValueError(
-            f"[campaign] screening_stop = {plan.screening_stop:g} m is below the failure displacement of "
+            f"screening_stop = {plan.screening_stop:g} m is below the failure displacement of "
             f"{run.failure_displacement:g} m: give more, or leave it out"
         )

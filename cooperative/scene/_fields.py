@@ -115,7 +115,7 @@ class CrossCorrelation:
             marginals = tuple(random[name].distribution for name in self.parameters)
             return kl.soil.correlation_root(kl.soil.nataf_matrix(self.matrix, marginals))
         except ValueError as error:
-            raise ValueError(f"[cross_correlation] {error}") from error
+            raise ValueError(f"cross_correlation: {error}") from error
 
 
 def check_cross_correlation(found: CrossCorrelation, random: Mapping[str, RandomField]) -> None:
@@ -123,21 +123,21 @@ def check_cross_correlation(found: CrossCorrelation, random: Mapping[str, Random
     for name in found.parameters:
         if name not in random:
             raise ValueError(
-                f"[cross_correlation] parameters hold {shown(name)}, which is no parameter that varies: give some of "
+                f"cross_correlation: parameters hold {shown(name)}, which is no parameter that varies: give some of "
                 f"{', '.join(random)}"
             )
     if len(set(found.parameters)) != len(found.parameters) or len(found.parameters) < 2:
-        raise ValueError(f"[cross_correlation] parameters = {list(found.parameters)}: give two or more, each once")
+        raise ValueError(f"cross_correlation: parameters = {list(found.parameters)}: give two or more, each once")
     if {len(row) for row in found.matrix} | {len(found.matrix)} != {len(found.parameters)}:
         raise ValueError(
-            f"[cross_correlation] matrix has {len(found.matrix)} rows of {len(found.matrix[0])} numbers for "
+            f"cross_correlation: matrix has {len(found.matrix)} rows of {len(found.matrix[0])} numbers for "
             f"{len(found.parameters)} parameters: give a row and a column for each"
         )
     first, *others = (random[name] for name in found.parameters)
     for name, other in zip(found.parameters[1:], others, strict=True):
         if _shape(other) != _shape(first):
             raise ValueError(
-                f"[cross_correlation] {name} has not the length, correlation, bedding, energy and nataf of "
+                f"cross_correlation: {name} has not the length, correlation, bedding, energy and nataf of "
                 f"{found.parameters[0]}: fields that correlate need the same"
             )
     found.gaussian_root(random)

@@ -32,8 +32,8 @@ class SiteLayer:
 
     @property
     def label(self) -> str:
-        """Its table, in messages."""
-        return f"[{self.name}]" if self.name.startswith("layer ") else f"[layer {shown(self.name)}]"
+        """Its name in messages."""
+        return self.name if self.name.startswith("layer ") else f"layer {shown(self.name)}"
 
 
 @dataclass(frozen=True)
@@ -184,19 +184,19 @@ def check_site(site: Site, soil: AnySoil, cell: float) -> None:
         saturated = getattr(each.soil, "saturated_unit_weight", None)
         if saturated is not None and site.water is None:
             why = (
-                "without water in the ground: add [water] with a level, a table, a raster or a depth"
+                "without water in the ground: give the water's level, table, raster or depth"
                 if site.r_u is None
-                else "beside r_u, which knows no water table: let unit_weight be that of soil and its water"
+                else "beside r_u, which has no water table: let unit_weight be that of soil and its water"
             )
-            raise ValueError(f"[soil] saturated_unit_weight = {saturated:g} N/m3 has no say {why}, or leave it out")
+            raise ValueError(f"saturated_unit_weight = {saturated:g} N/m3 has no effect {why}, or leave it out")
     ratios = [each.ratio for each in site.by_stress(soil) or () if each is not None]
     if ratios and site.water is None and site.r_u is None:
         raise ValueError(
-            f"[soil] strength_ratio = {ratios[0]:g} without [water], and the effective stress is not known without a "
-            f"table: draw the slope as [ground], and add [water] with a level, table, depth or r_u; level = "
-            f"{site.span[0]:g}, that of the base, is dry soil"
+            f"strength_ratio = {ratios[0]:g} without water in the ground, whose table the effective stress depends on: "
+            f"draw the slope as a section, and give water a level, table or depth, or r_u; level = {site.span[0]:g}, "
+            "that of the base, is dry soil"
         )
     for layer, thickness in zip(site.layers, site.thicknesses, strict=True):
         asked = thickness.too_thin(cell)
         if asked is not None and not getattr(layer.layer.soil, "unusual", False):
-            raise ValueError(f"{layer.label} {asked} If it is meant as it is, say unusual = true in [soil]")
+            raise ValueError(f"{layer.label} {asked} If that is intended, give its soil unusual = true")

@@ -3,6 +3,7 @@
 import json
 import linecache
 import pickle
+import re
 import subprocess
 import sys
 import warnings
@@ -17,6 +18,7 @@ import jaxmpm as mpm
 from benchmarks.robustness.invented import LAYERED, TERRAIN, TINY
 from cooperative import (
     Campaign,
+    CrossCorrelation,
     MonteCarlo,
     Plan,
     Published,
@@ -89,18 +91,28 @@ def test_ground_alone_is_a_site_and_the_soil_has_the_means_of_what_varies():
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"run": Run(t_end=-1.0)}, r"t_end = -1 s: give a finite value above 0"),
+        ({"run": Run(t_end=-1.0)}, r"Campaign\(run=Run\(...\)\): t_end = -1 s: give a finite value above 0"),
         ({"run": Run(slides_t_end=1.0)}, r"slides_t_end = 1 s is before t_end = 20 s"),
-        ({"plan": Plan(samples=0)}, r"samples = 0: give a whole number of 1 or more"),
+        ({"plan": Plan(samples=0)}, r"Campaign\(plan=Plan\(...\)\): samples = 0: give a whole number of 1 or more"),
         ({"plan": Plan(samples=6, seed=-1)}, r"seed = -1: give a whole number of 0 or more"),
-        ({"random": {"strength": RandomField(30e3, 0.4, (20.0,))}}, r"length has 1 values: give 2, one per axis"),
+        ({"random": {"strength": RandomField(30e3, 0.4, (20.0,))}}, r"length of strength has 1 values: give 2"),
+        ({"run": Run(slides_t_end=30.0), "plan": Plan(samples=6, slides=0)}, "has no effect beside slides = 0"),
+        ({"run": Run(least_volume=1e6)}, "least_volume = 1e[+]06 m2: give more than 0 and less than"),
+        ({"plan": Plan(samples=6, screening_stop=0.5)}, r"screening_stop = 0.5 m is below the failure displacement"),
+        ({"cross_correlation": CrossCorrelation(("a", "b"), ((1, 0), (0, 1)))}, "parameters hold 'a', which is no"),
+        (
+            {"soil": mpm.FrictionalSoil(4e3, 30.0, saturated_unit_weight=21e3), "random": {}},
+            "has no effect without water in the ground",
+        ),
+        ({"soil": replace(CLAY, strength=None, strength_ratio=0.3)}, "strength_ratio = 0.3 without water in the"),
         ({"estimator": Published(k_t=0)}, r"k_t = 0"),
         ({"ground": 3.0}, r"float lacks .*: add the members of jaxmpm.Ground"),
     ],
 )
-def test_a_value_is_checked_as_a_scene_is(changed, message):
-    with pytest.raises(ValueError, match=message):
+def test_a_value_is_checked_as_a_scene_is_and_no_table_of_a_scene_named(changed, message):
+    with pytest.raises(ValueError, match=message) as refused:
         replace(TINY_IN_PYTHON, **changed)
+    assert "estimator" in changed or not re.search(r"\[[a-z_]+\]", str(refused.value))
 
 
 @pytest.mark.parametrize("text", [TINY, LAYERED, TERRAIN, TINY + HAZARD, SAND + CORRELATED])

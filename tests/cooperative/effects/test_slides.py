@@ -325,7 +325,7 @@ def test_a_class_is_all_that_an_audit_without_slides_asks(all_slides, tmp_path):
         ("slides = -1", "slides = -1: give a whole number of 0 or more"),
         ('slides = "some"', "or 'all'"),
         ("[run]\nslides_t_end = 3.0", "slides_t_end = 3 s is before t_end = 4 s"),
-        ("slides = 0\n[run]\nslides_t_end = 9.0", "slides_t_end = 9 s has no say beside .* slides = 0"),
+        ("slides = 0\n[run]\nslides_t_end = 9.0", "slides_t_end = 9 s has no effect beside slides = 0"),
     ],
 )
 def test_bad_slides_are_named(said, match):

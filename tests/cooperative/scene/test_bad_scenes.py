@@ -16,13 +16,13 @@ from tests.cooperative.campaign.test_campaign import SCENES, TINY, changed
 TOO_LARGE = [
     (("height = 8.0", "height = 1e6"), r"particles .* the limit is 1e\+13: give larger cells"),
     (("samples = 6", "samples = 1_000_000_000_000"), r"asks for 1000000000000 rough runs, the limit is 1e\+07"),
-    (("cell = 1.0\nspacing = [0.5, 0.5]", "cell = 0.001\nspacing = [0.0005, 0.0005]"), r"\[refined\] a run takes"),
-    (("cell = 2.0", "cell = 2.0\ncfl = 1e-9"), r"\[rough\] a run takes .* steps, the limit is 1e\+07: give a larger"),
-    (("t_end = 4.0", "t_end = 1e12"), r"\[rough\] a run takes .* steps, the limit is 1e\+07"),
-    (("young = 2e7", "young = 1e30"), r"\[rough\] a run takes .* steps"),
+    (("cell = 1.0\nspacing = [0.5, 0.5]", "cell = 0.001\nspacing = [0.0005, 0.0005]"), r"refined grid: a run takes"),
+    (("cell = 2.0", "cell = 2.0\ncfl = 1e-9"), r"rough grid: a run takes .* steps, the limit is 1e\+07: give a larger"),
+    (("t_end = 4.0", "t_end = 1e12"), r"rough grid: a run takes .* steps, the limit is 1e\+07"),
+    (("young = 2e7", "young = 1e30"), r"rough grid: a run takes .* steps"),
     (
         ("t_end = 4.0", "t_end = 1e-12"),
-        r"\[run\] t_end = 1e-12 s is less than one time step .*0\.014 s: give the seconds",
+        r"t_end = 1e-12 s is less than one time step .*0\.014 s: give the seconds",
     ),
     (("cell = 1.0", "cell = inf"), r"\[refined\] cell = inf: give finite values"),
     (("cell = 1.0", "cell = nan"), r"\[refined\] cell = nan: give finite values"),

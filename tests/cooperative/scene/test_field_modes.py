@@ -74,9 +74,9 @@ def test_each_group_takes_its_own(text):
 @pytest.mark.parametrize(
     ("counts", "said"),
     [
-        ([3], r"has 3 modes where energy = 0\.\d+ takes 7: delete the folder's measured\.json"),
-        ([12], r"has 12 modes where energy = 0\.\d+ takes 7: delete"),
-        ([7, 7], r"counts has 2 numbers for 1 expansions: delete"),
+        ([3], r"measured are 3 terms where energy = 0\.\d+ takes 7: delete the folder's measured\.json"),
+        ([12], r"measured are 12 terms where energy = 0\.\d+ takes 7: delete"),
+        ([7, 7], r"measured are 2 numbers of terms for 1 expansions: delete"),
         ([0], r"(counts|terms) = \[0\]: give a list of whole numbers, each 1 or more"),
         ([], r"(counts|terms) = \[\]: give a list of whole numbers"),
         ([7.5], r"(counts|terms) = \[7\.5\]: give a list of whole numbers"),

@@ -124,7 +124,7 @@ def test_parameters_of_a_layer_correlate_there():
     at = int(np.flatnonzero(model.layer == 0)[0])
     gaussian = [np.asarray(model.campaign.random[n].distribution.standardise(v[:, at])) for n, v in sets.items()]
     assert np.corrcoef(gaussian)[0, 1] == pytest.approx(-0.5, abs=0.05)
-    with pytest.raises(ValueError, match=r"\[layer 'fill'\]: friction has no field of its own here, and cohesion"):
+    with pytest.raises(ValueError, match=r"layer 'fill': friction has no field of its own here, and cohesion"):
         parse(changed(text, ("friction = { length = [16.0, 3.6] }", "")))
 
 
@@ -158,7 +158,7 @@ def test_terrain_has_such_layers():
 
 REFUSED = [
     ((FILL, "strength = { correlation = 'exponential' }"), r"strength has correlation, .* give its length here too"),
-    ((FILL, "strength = { length = [6.0] }"), r"\[layer 'fill'\]: strength length has 1 values: give 2"),
+    ((FILL, "strength = { length = [6.0] }"), r"layer 'fill': strength length has 1 values: give 2"),
     (
         (FILL, "strength = { length = [6.0, -1.0] }"),
         r"\[layer 'fill'.strength\] length = \[6.0, -1.0\] m: give .*, one per axis, each a value above 0",

@@ -227,11 +227,11 @@ SATURATED = "saturated_unit_weight = 20e3"
 NO_SAY = [
     (
         ("[water]\nlevel = 2.0\n", ""),
-        r"= 20000 N/m3 has no say without water in the ground: add \[water\] with a level",
+        r"= 20000 N/m3 has no effect without water in the ground: give the water's level",
     ),
     (
         ("level = 2.0", "r_u = 0.2"),
-        r"saturated_unit_weight = 20000 N/m3 has no say beside r_u, which knows no water table",
+        r"saturated_unit_weight = 20000 N/m3 has no effect beside r_u, which has no water table",
     ),
     ((SATURATED, "saturated_unit_weight = 17e3"), r"= 17000 N/m3 is below unit_weight = 18000 N/m3, .* unusual = true"),
     (

@@ -146,7 +146,7 @@ def test_the_cell_has_little_say_in_the_strength_of_a_slope():
         (
             "[water]\nWATER\n",
             "",
-            r"strength_ratio = 0.25 without \[water\], and .* level = 0, that of the base, is dry",
+            r"strength_ratio = 0.25 without water in the ground, .* level = 0, that of the base, is dry",
         ),
         ("strength_ratio = 0.25", "strength_ratio = 1.2", r"\[soil\] strength_ratio = 1.2: give a value .* to 1"),
         ("strength_ratio = 0.25", f"strength_ratio = {VARIES.replace('0.25', '0.6')}", r"has values of 1.3, 4 dev"),
