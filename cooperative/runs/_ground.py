@@ -28,7 +28,7 @@ from cooperative.runs._random_soil import samples_of
 from cooperative.store import Record, Rows, Store, reader
 from foundation import files, hdf5
 from jaxmpm import Face
-from jaxmpm.ground import top_of
+from jaxmpm import ground as shapes
 
 GROUND, DRAWN = ("cooperative ground", 3), ("cooperative random soil", 1)
 """Kind and schema of both files."""
@@ -170,7 +170,7 @@ def ground_of(models: Mapping[str, GridModel]) -> StoredGround:
     plan = np.meshgrid(*axes, indexing="ij")
     heights = shape.heights(*(axis.ravel() for axis in plan)).reshape(plan[0].shape)
     base = np.stack([*(axis.ravel() for axis in plan), np.full(plan[0].size, corner[-1])])
-    bottoms = [top_of(shape, layers, number, base, campaign.refined) for number in range(1, len(layers))]
+    bottoms = [shapes.top_of(shape, layers, number, base, campaign.refined) for number in range(1, len(layers))]
     upright = len(corner) - 1
     columns, hazard, grid = refined.state.columns, None, refined.scene.grid
     if columns is not None and campaign.hazard is not None:
