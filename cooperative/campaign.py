@@ -185,8 +185,8 @@ def _refine(
         return screened.refined(known).next_runs(runner.at_once, under_way)
 
     def estimate() -> str:
-        found = screened.refined(known).estimate
-        return "P_f {:.3f} ({:.3f} to {:.3f})".format(found.probability, *found.interval)
+        now = screened.refined(known).estimate
+        return "P_f {:.3f} ({:.3f} to {:.3f})".format(now.probability, *now.interval)
 
     with runner.bar("refined grid", runner.campaign.estimator.budget(len(coefficients)), len(known)) as bar:
         while wanted(()):

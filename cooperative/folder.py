@@ -106,8 +106,8 @@ def known_summary(store: Store, rows: Mapping[str, Rows], estimator: Estimator |
     rough, (refined, _) = rows["rough"], _paired(rows["refined"], rows["rough"])
     if not rough.numbers:
         return None
-    if (found := _stored(store, rough, refined)) is not None:
-        return found
+    if (stored := _stored(store, rough, refined)) is not None:
+        return stored
     campaign = campaign_of(store, estimator)
     return None if isinstance(campaign.estimator, Given) else summarise(campaign, rough, refined)
 

@@ -4,7 +4,7 @@ the grid again.
     initial/rough.h5              stress of all particles at rest, and of which grid it is
     initial/refined.h5
 
-A file belongs to the grid whose particles, nodes, walls, moduli and gravity it was solved with, told by a checksum of
+A file belongs to the grid whose particles, nodes, walls, moduli and gravity it was solved with, by a checksum of
 all these. One that is damaged, or of another grid, is named and the stress is solved again.
 """
 
@@ -46,8 +46,8 @@ def build(
     scene, state = built(campaign, grid, at_rest=False)
     _refuse_unknown(campaign.random, scene)
     if at_rest:
-        kept = None if folder is None else _read_initial(folder, grid, scene, state)
-        state = jaxmpm.at_rest(scene, apic=campaign.grids[grid].apic) if kept is None else kept
+        stored = None if folder is None else _read_initial(folder, grid, scene, state)
+        state = jaxmpm.at_rest(scene, apic=campaign.grids[grid].apic) if stored is None else stored
     layer = campaign.site.layer_of(np.asarray(scene.particles.position), campaign.grids[grid])
     model = GridModel(grid, campaign, scene, state, soil, layer=layer, stress=_effective_stress(campaign, scene))
     return replace(model, growth=model.growth_of_trends()).with_measured(campaign)
@@ -142,7 +142,7 @@ def _structure(scene: Scene) -> str:
 
 def _checksum(scene: Scene) -> str:
     """SHA-256 of a grid's particles, nodes, walls, material and loads."""
-    told = hashlib.sha256(_structure(scene).encode())
+    digest = hashlib.sha256(_structure(scene).encode())
     for leaf in map(np.asarray, jax.tree.leaves(scene)):
-        told.update(f"{leaf.dtype} {leaf.shape}".encode() + np.ascontiguousarray(leaf).tobytes())
-    return told.hexdigest()
+        digest.update(f"{leaf.dtype} {leaf.shape}".encode() + np.ascontiguousarray(leaf).tobytes())
+    return digest.hexdigest()

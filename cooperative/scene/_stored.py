@@ -104,7 +104,7 @@ def _grown(campaign: Campaign, folder: Path, refined_runs: int | None) -> Campai
 
     Raises ValueError for no more than is allowed already, or an estimator without such a setting.
     """
-    budget = kept_budget(folder)
+    budget = stored_budget(folder)
     if refined_runs is not None:
         budget = _more(campaign, budget, refined_runs)
     if budget is not None and not isinstance(campaign.estimator, Given):
@@ -117,8 +117,8 @@ def _grown(campaign: Campaign, folder: Path, refined_runs: int | None) -> Campai
     return with_measured(campaign, folder)
 
 
-def _more(campaign: Campaign, kept: tables.Budget | None, refined_runs: int) -> tables.Budget:
-    """So many refined runs allowed. kept: those that the folder allows already."""
+def _more(campaign: Campaign, stored: tables.Budget | None, refined_runs: int) -> tables.Budget:
+    """So many refined runs allowed. stored: those that the folder allows already."""
     first = Sampling(campaign.plan.samples, campaign.run.failure_displacement, campaign.plan.screening_stop)
     scene = campaign.estimator.budget(campaign.estimator.rough_runs(first))
     if scene is None:
@@ -126,7 +126,7 @@ def _more(campaign: Campaign, kept: tables.Budget | None, refined_runs: int) -> 
             f"refined_runs = {refined_runs}: estimator {campaign.estimator.name!r} has no number of runs to raise, its "
             "rule alone tells when to stop"
         )
-    allowed = scene if kept is None else kept.refined_runs
+    allowed = scene if stored is None else stored.refined_runs
     if refined_runs <= scene or refined_runs < allowed:
         raise ValueError(f"refined_runs = {refined_runs}: the campaign allows {allowed} already, give more")
     if refined_runs > tables.MOST_RUNS:
@@ -136,11 +136,11 @@ def _more(campaign: Campaign, kept: tables.Budget | None, refined_runs: int) -> 
 
 def write_budget(folder: Path, budget: tables.Budget) -> None:
     """Keep the refined runs allowed in a campaign's folder. OSError where the disk refuses."""
-    if kept_budget(folder) != budget:
+    if stored_budget(folder) != budget:
         write_aside(folder / BUDGET, json.dumps(asdict(budget)).encode())
 
 
-def kept_budget(folder: Path) -> tables.Budget | None:
+def stored_budget(folder: Path) -> tables.Budget | None:
     """The refined runs that a campaign's folder allows beyond its scene, None where it does not.
 
     Raises ValueError for a file that holds something else.

@@ -36,7 +36,7 @@ Stamp = tuple[int, int, int]
 restoring a file change it."""
 
 NUMBER, FLAG, TEXT = (float, int), (bool,), (str,)
-SAID = {"schema": (int,), "scene": TEXT, "grid": TEXT, "sample": (int,), "status": TEXT, "steps": (int,),
+ATTRIBUTES = {"schema": (int,), "scene": TEXT, "grid": TEXT, "sample": (int,), "status": TEXT, "steps": (int,),
         "seconds": NUMBER, "dtype": TEXT, "device": TEXT, "versions": TEXT}  # fmt: skip
 """Attributes of every sample's file, and the types that they may have."""
 
@@ -115,7 +115,7 @@ def read_rows(
     nan there ("" for text). Files that cannot be trusted are named in `damaged`; the controller (who holds
     the lock) also renames them to `*.damaged`, so that their samples are run again.
     """
-    found: dict[int, Record] = {}
+    records: dict[int, Record] = {}
     damaged: list[str] = []
     samples = store.folder / "samples"
     folders = [samples / each for each in ((grid, SLIDES) if grid == "refined" else (grid,))]
@@ -136,13 +136,13 @@ def read_rows(
                         _add_to_index(store, folder.name, stamp, record)
                 if why := foreign(grid, record):
                     raise DamagedFile(f"{path} {why}")
-                found[record.number] = record
+                records[record.number] = record
             except DamagedFile as error:
                 damaged.append(str(error))
                 if store.lock is not None:
                     warnings.warn(f"{error}: set aside, the sample is run again", stacklevel=2)
                     set_aside(path)
-    return rows_of(list(found.values()), tuple(damaged))
+    return rows_of(list(records.values()), tuple(damaged))
 
 
 def reader(
@@ -172,44 +172,44 @@ def read_sample(store: Store, grid: str, number: int) -> Sample:
 def read_file(store: Store, grid: str, path: Path) -> Sample:
     """The sample in one file of this grid. DamagedFile if it cannot be trusted."""
     with hdf5.read_sealed(path, KIND, SCHEMA) as file:
-        said, row = file.scalars("/"), file.scalars("row")
-        _check_types(path, said, SAID, required=SAID)
-        if said["scene"] != store.digest:
+        attributes, row = file.scalars("/"), file.scalars("row")
+        _check_types(path, attributes, ATTRIBUTES, required=ATTRIBUTES)
+        if attributes["scene"] != store.digest:
             raise DamagedFile(f"{path} belongs to another scene")
-        if (said["grid"], f"{said['sample']:06d}.h5") != (grid, path.name):
-            raise DamagedFile(f"{path} holds sample {said['sample']} of grid {said['grid']}")
-        _check_row(path, grid, str(said["status"]), row)
+        if (attributes["grid"], f"{attributes['sample']:06d}.h5") != (grid, path.name):
+            raise DamagedFile(f"{path} holds sample {attributes['sample']} of grid {attributes['grid']}")
+        _check_row(path, grid, str(attributes["status"]), row)
         fields = {name: file.array("fields", name) for name in file.names("fields")}
         check_frames(path, fields, fields.get("displacement", np.empty(0)).shape)
-        versions = json.loads(str(said["versions"]))
+        versions = json.loads(str(attributes["versions"]))
         if not isinstance(versions, dict) or not all(isinstance(value, str) for value in versions.values()):
             raise DamagedFile(f"{path} holds versions that are no names and texts")
         return Sample(
-            number=int(said["sample"]),
-            status=str(said["status"]),
-            steps=int(said["steps"]),
-            seconds=float(said["seconds"]),
+            number=int(attributes["sample"]),
+            status=str(attributes["status"]),
+            steps=int(attributes["steps"]),
+            seconds=float(attributes["seconds"]),
             coefficients=file.array("/", "coefficients", dimensions=1, kinds="f"),
             row=row,
             fields=fields,
-            dtype=str(said["dtype"]),
-            device=str(said["device"]),
+            dtype=str(attributes["dtype"]),
+            device=str(attributes["device"]),
             versions=versions,
         )
 
 
-def record_of(path: Path, grid: str, said: Mapping[str, Any]) -> Record:
-    """The record of a sample that an index says. Raises DamagedFile, or what reading the wrong type raises, where it is
+def record_of(path: Path, grid: str, entry: Mapping[str, Any]) -> Record:
+    """The record of a sample in an index's entry. Raises DamagedFile, or what reading the wrong type raises, if it is
     none."""
-    row, shapes = said["row"], {name: tuple(map(int, shape)) for name, shape in said["shapes"].items()}
-    _check_types(path, said, SAID, required=("sample", "status", "steps", "seconds"))
-    _check_row(path, grid, said["status"], row)
+    row, shapes = entry["row"], {name: tuple(map(int, shape)) for name, shape in entry["shapes"].items()}
+    _check_types(path, entry, ATTRIBUTES, required=("sample", "status", "steps", "seconds"))
+    _check_row(path, grid, entry["status"], row)
     (_,) = shapes["coefficients"]
     if not {type(value) for value in row.values()} <= {bool, int, float, str}:
         raise DamagedFile(f"{path} holds a row with what is no number and no text")
-    if not all(text.isprintable() for text in (said["status"], *row, *map(str, row.values()))):
+    if not all(text.isprintable() for text in (entry["status"], *row, *map(str, row.values()))):
         raise DamagedFile(f"{path} holds text that cannot be printed")
-    return Record(said["sample"], said["status"], said["steps"], said["seconds"], row, shapes)
+    return Record(entry["sample"], entry["status"], entry["steps"], entry["seconds"], row, shapes)
 
 
 def _check_row(path: Path, grid: str, status: str, row: Mapping[str, Scalar]) -> None:
@@ -236,14 +236,14 @@ def check_frames(path: Path, fields: Mapping[str, ArrayLike], shape: tuple[int, 
 
 
 def _check_types(
-    path: Path, found: Mapping[str, Scalar], known: Mapping[str, tuple[type, ...]], required: Collection[str] = ()
+    path: Path, values: Mapping[str, Scalar], known: Mapping[str, tuple[type, ...]], required: Collection[str] = ()
 ) -> None:
     """DamagedFile for a value of another type than is known of it, or one that is missing."""
     for name, types in known.items():
-        if name not in found and name in required:
+        if name not in values and name in required:
             raise DamagedFile(f"{path} lacks {name}")
-        if name in found and type(found[name]) not in types:
-            raise DamagedFile(f"{path} holds {shown(name)} = {shown(found[name])}")
+        if name in values and type(values[name]) not in types:
+            raise DamagedFile(f"{path} holds {shown(name)} = {shown(values[name])}")
 
 
 def stamp_of(path: Path) -> Stamp | None:
@@ -266,7 +266,7 @@ def _read_index(store: Store, grid: str, stamps: Mapping[str, Stamp | None]) -> 
         if store.lock is not None:
             warnings.warn(f"{error}: set aside as {set_aside(path)}", stacklevel=4)
         return {}
-    kept: dict[str, tuple[bytes, Record]] = {}
+    valid: dict[str, tuple[bytes, Record]] = {}
     for line in lines:
         try:
             stamp, record = _parsed(store, grid, line)
@@ -274,17 +274,17 @@ def _read_index(store: Store, grid: str, stamps: Mapping[str, Stamp | None]) -> 
             continue
         name = f"{record.number:06d}.h5"
         if stamps.get(name) == stamp:
-            kept[name] = line, record
-    if store.lock is not None and len(kept) != len(lines):
-        files.write_aside(path, b"".join(line for line, _ in kept.values()))
-    return {name: record for name, (_, record) in kept.items()}
+            valid[name] = line, record
+    if store.lock is not None and len(valid) != len(lines):
+        files.write_aside(path, b"".join(line for line, _ in valid.values()))
+    return {name: record for name, (_, record) in valid.items()}
 
 
 def _add_to_index(store: Store, grid: str, stamp: Stamp | None, record: Record) -> None:
     """Add a line for a verified file. OSError where the disk refuses; the file is then verified again another time."""
-    said = {"sample": record.number, "stamp": stamp, "status": record.status, "steps": record.steps,
+    entry = {"sample": record.number, "stamp": stamp, "status": record.status, "steps": record.steps,
             "seconds": record.seconds, "row": dict(record.row), "shapes": record.shapes}  # fmt: skip
-    text = json.dumps(said, default=np.generic.item)
+    text = json.dumps(entry, default=np.generic.item)
     path = index_path(store.folder, grid)
     with files.explained(path), files.append_to(path) as file:
         file.write(checked_line(store, grid, text.encode()).decode())
@@ -307,6 +307,6 @@ def _parsed(store: Store, grid: str, line: bytes) -> tuple[Stamp, Record]:
     text = line.partition(b" ")[2].removesuffix(b"\n")
     if line != checked_line(store, grid, text):
         raise ValueError("it does not match its checksum")
-    said = json.loads(text)
-    (size, changed, entered) = said["stamp"]
-    return (size, changed, entered), record_of(index_path(store.folder, grid), grid, said)
+    entry = json.loads(text)
+    (size, changed, entered) = entry["stamp"]
+    return (size, changed, entered), record_of(index_path(store.folder, grid), grid, entry)

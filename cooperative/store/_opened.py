@@ -21,7 +21,7 @@ from foundation.files import write_aside
 from foundation.text import printable, short, shown
 
 README = "README.txt"
-"""Made from `_readme.txt`, in which each file is told by what stands in it: it is true whichever of them there are."""
+"""Made from `_readme.txt`, which describes each file by its content, whichever of them there are."""
 
 
 def open_store(folder: str | Path, source: Source | str, *, verify: bool = False) -> Store:
@@ -133,8 +133,8 @@ def _write_readme(folder: Path, source: Source) -> None:
     name = name.get("name") if isinstance(name, dict) else name
     title = printable(name) if isinstance(name, str) and name.strip() else "a campaign"
     python = f"Python {platform.python_version()} on {platform.system()} {platform.machine()}"
-    said = ", ".join([python, *(f"{name} {number}" for name, number in package_versions().items())])
-    versions = textwrap.fill(said, 110, initial_indent="  ", subsequent_indent="  ")
+    software = ", ".join([python, *(f"{name} {number}" for name, number in package_versions().items())])
+    versions = textwrap.fill(software, 110, initial_indent="  ", subsequent_indent="  ")
     text = Path(__file__).with_name("_readme.txt").read_text(encoding="utf-8")
     text = text.format(title=title, day=date.today().isoformat(), versions=versions)
     write_aside(folder / README, text.encode())

@@ -131,9 +131,9 @@ def refuse_another(folder: Path, source: Source) -> Source | None:
     """What the campaign in a folder was made from, None where none has begun there. Raises ValueError, naming what
     differs, for a folder of another campaign."""
     there = stored_source(folder)
-    if there is not None and (found := differences(there, source)):
+    if there is not None and (differ := differences(there, source)):
         raise ValueError(
-            f"folder {folder} belongs to another scene ({'; '.join(found)}): "
+            f"folder {folder} belongs to another scene ({'; '.join(differ)}): "
             "give another folder, or the scene that it was started with"
         )
     return there

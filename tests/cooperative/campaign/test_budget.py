@@ -10,7 +10,7 @@ from benchmarks.robustness.invented import SCENE
 from cooperative import _commands as command
 from cooperative import campaign
 from cooperative.__main__ import main
-from cooperative.scene import Budget, campaign_of, kept_budget
+from cooperative.scene import Budget, campaign_of, stored_budget
 from cooperative.store import read_rows, read_store
 from tests.cooperative.campaign.test_campaign import TINY
 from tests.cooperative.campaign.test_cli import invented_campaign
@@ -94,4 +94,4 @@ def test_what_a_folder_allows_does_not_shrink(tmp_path):
 def test_a_damaged_budget_is_named(content, tmp_path):
     (tmp_path / "budget.json").write_text(content, encoding="latin-1")
     with pytest.raises(ValueError, match=r"budget\.json holds .*: delete it, and say --refined-runs again"):
-        kept_budget(tmp_path)
+        stored_budget(tmp_path)
