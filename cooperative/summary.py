@@ -287,7 +287,7 @@ def _notes(
             "they have no part in the other consequences"
         )
     stands = np.array([phases.answers[number] is False for number in refined.numbers], bool)
-    displacement, status = refined.columns["displacement"], refined.columns["status"]
+    displacement, status = refined.columns.get("displacement", np.empty(0)), refined.columns["status"]
     moving = stands & (status == "FINISHED")
     if run.settle is not None and moving.any():
         notes.append(
