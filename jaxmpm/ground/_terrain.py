@@ -146,7 +146,6 @@ class Terrain:
                 f"the surface at ({x:g}, {y:g}, {part.heights[i, j]:g}) m lies below the base at {self.base:g} m: "
                 "lower the base"
             )
-
         self._check_cuts()
 
     def _check_cuts(self) -> None:
@@ -171,15 +170,7 @@ class Terrain:
                 )
 
     def in_plan(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Whether points lie in the modelled part, seen from above.
-
-        Args:
-            x: positions (m), of any shape.
-            y: positions (m), of the same shape.
-
-        Returns:
-            bool, of this shape.
-        """
+        """Whether points at x and y (m), of any shape, lie in the modelled part, seen from above."""
         if self.polygon is None:
             return np.ones(np.shape(x), bool)
         return shapely.contains_xy(shapely.Polygon(self.polygon), x, y)
