@@ -45,7 +45,7 @@ def installation() -> Iterator[tuple[str, str]]:
         known = device.platform == "cpu" or device.device_kind.startswith(_TIMED)
         untimed = "" if known else " (the solver runs here, untimed)"
         yield "device", f"{device.platform}: {device.device_kind}{untimed}"
-    yield "compiled programs", f"kept in {kept}" if (kept := keep_compiled()) else "not kept"
+    yield "compiled programs", f"stored in {folder}" if (folder := keep_compiled()) else "not stored"
     mappings = memory_mappings()
     yield (
         "memory mappings",
@@ -73,8 +73,8 @@ def column_errors() -> tuple[float, float]:
     settlement = -weight / stiffness * (height * z - z**2 / 2)
     stress = -weight * (height - z)
     errors = [
-        float(np.abs(np.asarray(found) - exact).max() / np.abs(exact).max())
-        for found, exact in ((final.displacement[-1], settlement), (final.stress[0], stress))
+        float(np.abs(np.asarray(computed) - exact).max() / np.abs(exact).max())
+        for computed, exact in ((final.displacement[-1], settlement), (final.stress[0], stress))
     ]
     return errors[0], errors[1]
 
@@ -94,7 +94,7 @@ def step_speed() -> tuple[int, int, float]:
 
 
 def examine() -> bool:
-    """Print what the installation is and what its self-check found; whether it is well."""
+    """Print what the installation is and the result of its self-check; whether it passed."""
     for name, value in installation():
         print(f"{name + ':':18} {value}", flush=True)
     settlement, stress = column_errors()

@@ -1,4 +1,4 @@
-"""Hazard maps of a campaign: how likely soil reaches a place, how thick and how fast it is there, and when it comes."""
+"""Hazard maps of a campaign: how likely soil reaches a column, how thick and fast it is there, and when it arrives."""
 
 from __future__ import annotations
 
@@ -21,13 +21,21 @@ REACHED, COVERED, THICKNESS, ARRIVAL = "reached", "covered at the end", "expecte
 class Maps:
     """Maps over the columns of cells with ground in them, (nx,) in a section and (nx, ny) in 3D.
 
-    plan: where the columns stand. edges: of those that are mapped, along each axis (m). maps: by name, each with its
-    pointwise interval: probabilities (reached, covered at the end, deposit thicker than a threshold, ever faster than
-    one), the expected thickness of the deposit over all samples (m), and the mean time of arrival of those slides that
-    come (s), nan where none does. units: of each. beyond: the mapped columns along x that lie beyond the toe. slides:
-    that the maps are made from. least: thickness from which on soil counts as there (m). every: seconds between two
-    looks. missed: how far the fastest soil went between two looks (m). level: of the intervals. moving: slides that had
-    not come to rest at their end, `until` (s): all maps are then at least what is given.
+    Args:
+        plan: where the columns stand.
+        edges: of those that are mapped, along each axis (m).
+        maps: by name, each with its pointwise interval: probabilities (reached, covered at the end, deposit thicker
+            than a threshold, ever faster than one), the expected thickness of the deposit over all samples (m), and the
+            mean time of arrival of those slides that come (s), nan where none does.
+        units: of each.
+        beyond: the mapped columns along x that lie beyond the toe.
+        slides: that the maps are made from.
+        least: thickness from which on soil counts as there (m).
+        every: seconds between two looks.
+        missed: how far the fastest soil went between two looks (m).
+        level: of the intervals.
+        moving: slides that had not come to rest at their end; all maps are then least values.
+        until: latest end of a slide (s).
     """
 
     plan: ColumnPlan
@@ -66,7 +74,11 @@ def hazard_maps(folder: str | Path, *, estimator: Estimator | None = None) -> Ma
 
 
 def maps_of(results: Results) -> Maps | None:
-    """The maps of these results; None where the scene asks for none, or nothing slid."""
+    """The maps of these results; None where the scene asks for none, or nothing slid.
+
+    Args:
+        results: of a campaign.
+    """
     hazard, refined, summary = results.ground.hazard, results.refined, results.summary
     if hazard is None:
         return None
@@ -112,8 +124,10 @@ def _maps(
 
 
 def _arrival(arrival: np.ndarray, weight: np.ndarray, level: float, until: float) -> Chances:
-    """Mean time of arrival in each column, over the slides that come, with the interval of a mean, which holds no time
-    after the end of the runs, `until` (s)."""
+    """Mean time of arrival in each column, over the slides that arrive.
+
+    Its interval is that of a mean and holds no time after the end of the runs, `until` (s).
+    """
     came = np.isfinite(arrival)
     share = came * weight.reshape(-1, *[1] * (arrival.ndim - 1))
     total = share.sum(axis=0)

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
-from cooperative.effects import CutOff, ModeShare, Risk, Spread, effects_of
+from cooperative.agreement import agreement_of
+from cooperative.effects import ModeShare, effects_of
 from cooperative.estimate import (
     Correlation,
     Estimate,
@@ -21,23 +22,26 @@ from cooperative.estimate import (
     Severity,
     Slides,
     after_more_runs,
-    correlation,
 )
-from cooperative.measure import EDGE
+from cooperative.notes import notes_of
+from cooperative.risk import CutOff, Risk, Spread
 from cooperative.runs import phases_of
 from cooperative.scene import Budget, Calibration, Campaign, LimitLoad
 from cooperative.store import Rows
 
 NOT_BROKEN = ("FINISHED", "SETTLED", "DECIDED")
 MORE = 50
-"""What so many more refined runs would buy is told, or fewer where no more are left."""
-NEAR_FAILURE = 0.2
-"""Share of the failure displacement from which a standing slope is close to failure."""
+"""Further refined runs whose effect is given, or fewer where fewer are left."""
 
 
 @dataclass(frozen=True)
 class OtherEstimate:
-    """Probability of failure by another estimator from the same runs, with its confidence limits."""
+    """Probability of failure by another estimator from the same runs.
+
+    Args:
+        probability: P_f.
+        interval: its confidence limits.
+    """
 
     probability: float
     interval: tuple[float, float]
@@ -45,9 +49,16 @@ class OtherEstimate:
 
 @dataclass(frozen=True)
 class MoreRuns:
-    """What further refined runs would buy. runs: so many as the budget and the samples leave, at most `MORE`.
-    coefficient_of_variation, all_samples: after these runs, and after all samples; None where the runs do not tell, or
-    the estimator takes no more. samples_left: not run refined yet, None while the first phase is not complete."""
+    """What further refined runs would buy.
+
+    Args:
+        runs: so many as the budget and the samples leave, at most `MORE`.
+        coefficient_of_variation: after these runs, and after all samples; None where the runs do not tell, or the
+            estimator takes no more.
+        samples_left: not run refined yet, None while the first phase is not complete.
+        all_samples: after these runs, and after all samples; None where the runs do not tell, or the estimator takes no
+            more.
+    """
 
     runs: int
     coefficient_of_variation: float | None
@@ -57,7 +68,14 @@ class MoreRuns:
 
 @dataclass(frozen=True)
 class Convergence:
-    """The estimate and its confidence limits after so many refined runs (k,) each."""
+    """The estimate as refined runs came in.
+
+    Args:
+        refined_runs: number of them (k,).
+        probability: P_f (k,).
+        low: lower confidence limits (k,).
+        high: upper confidence limits (k,).
+    """
 
     refined_runs: tuple[int, ...]
     probability: tuple[float, ...]
@@ -67,8 +85,13 @@ class Convergence:
 
 @dataclass(frozen=True)
 class StandsFor:
-    """A refined run in the estimate. failed: None where it broke off before it could tell. weight: the share of all
-    samples that it stands for. slide_weight: the same for what slides did."""
+    """A refined run in the estimate.
+
+    Args:
+        failed: None where it broke off before it could tell.
+        weight: the share of all samples that it stands for.
+        slide_weight: the same for what slides did.
+    """
 
     failed: bool | None
     weight: float
@@ -79,23 +102,51 @@ class StandsFor:
 class Summary:
     """A campaign in numbers.
 
-    name: of the campaign. probability_of_failure: by the `estimator`, with its confidence limits, the interval, at
-    `level` and its coefficient_of_variation, None at 0. unseen, sampling_interval: as in `Estimate`. finished: why no
-    further run is asked for, None where some are. after_more_runs: what these would buy. other_estimates: by estimator.
-    convergence: the estimate as refined runs came in. samples, failures_rough: on the rough grid. refined_runs,
-    failures_refined: on the refined grid. slides: failures that slid on to their end; slides_drawn: that there are in
-    the end, as far as is known. calibration, limit_load: as measured before the first run, None where not asked for.
-    grids: how well the rough grid tells the refined one, None without any spread. modes: by name, None where the rows
-    have none. status: count of runs by how they ended, of each grid. broke_off: by grid and sample, why and at which
-    step. cut_off: slides that had not come to rest. consequences_of_failures: by name, None where no slide has it.
-    exceedance: by consequence. risk: of the elements at risk, None without any. fits: by group ("all" or a mode) and
-    consequence. severity: modes by the median of each consequence, most severe first. seconds: of all runs of each grid
-    (s). refined_runs_allowed: where the folder allows more than the scene. notes: what a reader must know, in words.
-    estimate_runs, audit_variance, freedom: as in `Estimate`, whose refined_runs are the first, None for no limit.
-    planned_samples: on the rough grid in the end.
-    failure_displacement (m), least_volume (m3, in a section m2; None for any particle): from which on a slope fails.
-    settle: whether a run ends once it has settled. slide_weights: by sample, what each slide stands for.
-    stands_for: by sample, what each refined run does.
+    Args:
+        name: of the campaign.
+        probability_of_failure: by the `estimator`, with its confidence limits, the interval, at `level` and its
+            coefficient_of_variation, None at 0.
+        interval: its confidence limits.
+        level: of all intervals.
+        estimator: its name.
+        coefficient_of_variation: of the estimate, None at 0.
+        unseen: as in `Estimate`.
+        sampling_interval: as in `Estimate`.
+        finished: why no further run is asked for, None where some are.
+        after_more_runs: what these would buy.
+        other_estimates: by estimator.
+        convergence: the estimate as refined runs came in.
+        samples: on the rough grid.
+        failures_rough: on the rough grid.
+        refined_runs: on the refined grid.
+        failures_refined: on the refined grid.
+        slides: failures that slid on to their end;
+        slides_drawn: that there are in the end, as far as is known.
+        calibration: as measured before the first run, None where not asked for.
+        limit_load: as measured before the first run, None where not asked for.
+        grids: how well the rough grid tells the refined one, None without any spread.
+        modes: by name, None where the rows have none.
+        status: count of runs by how they ended, of each grid.
+        broke_off: by grid and sample, why and at which step.
+        cut_off: slides that had not come to rest.
+        consequences_of_failures: by name, None where no slide has it.
+        exceedance: by consequence.
+        risk: of the elements at risk, None without any.
+        fits: by group ("all" or a mode) and consequence.
+        severity: modes by the median of each consequence, most severe first.
+        seconds: of all runs of each grid (s).
+        refined_runs_allowed: where the folder allows more than the scene.
+        notes: what a reader must know, in words.
+        estimate_runs: as in `Estimate`, whose refined_runs are the first, None for no limit.
+        audit_variance: as in `Estimate`, whose refined_runs are the first, None for no limit.
+        freedom: as in `Estimate`, whose refined_runs are the first, None for no limit.
+        planned_samples: on the rough grid in the end. failure_displacement (m), least_volume (m3, in a section m2; None
+            for any particle): from which on a slope fails.
+        failure_displacement: beyond which a slope fails (m).
+        least_volume: of soil that has to move so far (m3, in a section m2), None for any particle.
+        settle: whether a run ends once it has settled.
+        slide_weights: by sample, what each slide stands for.
+        stands_for: by sample, what each refined run does.
     """
 
     name: str
@@ -174,17 +225,29 @@ _SUMMARY = TypeAdapter(Summary)
 
 
 def summarise(campaign: Campaign, rough: Rows, refined: Rows) -> Summary:
-    """The campaign in numbers. Means, shares and fits weigh every refined run by what it stands for; where only some
-    failures slid on to their end, these stand for all (see `slide_weights`).
+    """The campaign in numbers.
 
-    What there is too little of is None or says so: modes of rows that have none (written before modes were kept), fits
-    of fewer than two failures, a correlation without spread.
+    Means, shares and fits weigh every refined run by what it stands for. Where only some failures slid on to their end,
+    these stand for all. What there is too little of is None or says so: modes of rows without any (written before there
+    were modes), fits of fewer than two failures, a correlation without spread.
+
+    Args:
+        campaign: whose rows these are.
+        rough: rows of the rough grid.
+        refined: rows of the refined grid.
     """
     return summary_of(campaign, phases_of(campaign, rough, refined), rough, refined)
 
 
 def summary_of(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -> Summary:
-    """The campaign in numbers; see `summarise`. phases: what these rows tell its estimator."""
+    """The campaign in numbers; see `summarise`.
+
+    Args:
+        campaign: whose rows these are.
+        phases: what these rows tell its estimator.
+        rough: rows of the rough grid.
+        refined: rows of the refined grid.
+    """
     estimate, path, slides = phases.estimate, phases.path, slides_of(campaign, phases, refined)
     effects, tables = effects_of(campaign, estimate, refined, slides), {"rough": rough, "refined": refined}
     limit = campaign.run.failure_displacement
@@ -214,12 +277,12 @@ def summary_of(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -
         slides_drawn=slides.planned,
         calibration=campaign.measured.calibration,
         limit_load=campaign.measured.limit_load,
-        grids=_grids(campaign, phases, rough, refined),
+        grids=agreement_of(campaign, phases, rough, refined),
         status={grid: dict(Counter(rows.columns["status"].tolist())) for grid, rows in tables.items()},
         broke_off={grid: _broken(rows) for grid, rows in tables.items()},
         seconds={grid: float(np.sum(rows.columns["seconds"])) for grid, rows in tables.items()},
         refined_runs_allowed=campaign.raised,
-        notes=_notes(campaign, phases, rough, refined, slides, effects.cut_off),
+        notes=notes_of(campaign, phases, rough, refined, slides, effects.cut_off),
         estimate_runs=estimate.refined_runs,
         audit_variance=estimate.audit_variance,
         freedom=_finite(estimate.freedom),
@@ -237,15 +300,21 @@ def summary_of(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -
 
 
 def slides_of(campaign: Campaign, phases: Phases, refined: Rows) -> Slides:
-    """Which refined failures slid on to their end, and what each run stands for then."""
+    """Which refined failures slid on to their end, and what each run stands for then.
+
+    Args:
+        campaign: whose runs these are.
+        phases: results of both phases.
+        refined: rows of the refined grid.
+    """
     return Slides.of(phases, refined.numbers, refined.ended, campaign.plan.slides, campaign.plan.seed)
 
 
 def _after_more_runs(campaign: Campaign, phases: Phases) -> MoreRuns:
-    found, population = phases.estimate, phases.population
+    estimate, population = phases.estimate, phases.population
     if population is None:
         return MoreRuns(0, None, None, None)
-    # A sample at which a chain of subset simulation stood still has several places.
+    # A sample at which a chain of subset simulation stood still has several positions.
     left = np.setdiff1d(population.numbers, list(phases.answers)).size
     budget = campaign.estimator.budget(population.size)
     # Once the budget is spent the folder may allow more.
@@ -253,93 +322,11 @@ def _after_more_runs(campaign: Campaign, phases: Phases) -> MoreRuns:
     runs = min(MORE, left, allowed)
 
     def after(more: int) -> float | None:
-        if left and not found.audit_variance:
+        if left and not estimate.audit_variance:
             return None
-        return _finite(after_more_runs(found, more if more < left else population.size, samples=population.size))
+        return _finite(after_more_runs(estimate, more if more < left else population.size, samples=population.size))
 
     return MoreRuns(runs, after(runs), left, after(left))
-
-
-def _notes(
-    campaign: Campaign, phases: Phases, rough: Rows, refined: Rows, slides: Slides, cut: CutOff
-) -> tuple[str, ...]:
-    """What a reader must know, in words."""
-    notes, run, load = [], campaign.run, campaign.measured.limit_load
-    if load is not None:
-        notes.append(
-            f"failure counts from {load.displacement:g} m of {campaign.least_volume or 'any soil'}, where the slope of "
-            f"median soil passes its limit load, a factor of safety of {load.factor:.3f}"
-        )
-    notes += [*phases.estimate.notes, *_walls(rough, refined)]
-    if campaign.raised is not None:
-        allowed = campaign.raised
-        notes.append(f"the folder allows {allowed.refined_runs} refined runs, the scene {allowed.scene}")
-    notes += slides.notes
-    if cut.at_t_end:
-        how = "had not come to rest" if run.settle else "were not looked at for rest (settle = false)"
-        notes.append(
-            f"{cut.at_t_end} of {cut.of} slides {how} when they ended at {cut.t_end:g} s: all that slides do "
-            "is at least what is given. A later [run] slides_t_end lets slides run on"
-        )
-    if cut.broke_off:
-        notes.append(
-            f"{cut.broke_off} of {cut.of} slides broke off: their displacement is at least what is given, and "
-            "they have no part in the other consequences"
-        )
-    stands = np.array([phases.answers[number] is False for number in refined.numbers], bool)
-    displacement, status = refined.columns.get("displacement", np.empty(0)), refined.columns["status"]
-    moving = stands & (status == "FINISHED")
-    if run.settle is not None and moving.any():
-        notes.append(
-            f"{moving.sum()} of {stands.sum()} refined runs that stand had not settled at t_end = {run.t_end:g} "
-            f"s, having moved {displacement[moving].max():.2g} m at most: they may fail later"
-        )
-    near = stands & (status == "SETTLED") & (displacement > NEAR_FAILURE * run.failure_displacement)
-    if load is None and near.any():
-        notes.append(
-            f"{near.sum()} of {stands.sum()} refined runs that stand settled after {displacement[near].max():.2g} m, "
-            f"more than {NEAR_FAILURE:g} of the {run.failure_displacement:g} m of a failure: such a slope can creep on "
-            "and fail later. [run] settle = false runs every sample to t_end"
-        )
-    return tuple(notes)
-
-
-def _grids(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -> Correlation | None:
-    """How well the rough grid tells the refined one, over all runs that have a class on both, by their weights in the
-    audit: whether a failure slid on to its end does not matter for its class."""
-    weights, classes = phases.weights, {n: phases.answer(*result) for n, result in rough.results.items()}
-    # A rough sample may lack while its damaged file waits to be redone.
-    both = [number for number in refined.numbers if weights[number] > 0 and classes.get(number) is not None]
-    if not both:
-        return None
-    return correlation(
-        _as_far_as_known(rough, both),
-        _as_far_as_known(refined, both),
-        np.array([weights[number] for number in both]),
-        failure_displacement=campaign.run.failure_displacement,
-    )
-
-
-def _as_far_as_known(rows: Rows, numbers: list[int]) -> np.ndarray:
-    """Largest displacement of these samples (n,) m. Runs that ended once they had failed, or broke off, would have
-    moved farther, so nothing tells which of those beyond the least of them moved farthest: they are all alike."""
-    at = np.isin(rows.numbers, numbers)
-    moved, cut = rows.columns["displacement"][at], (~rows.ended | rows.columns["broke_off"].astype(bool))[at]
-    return np.minimum(moved, moved[cut].min(initial=np.inf))
-
-
-def _walls(rough: Rows, refined: Rows) -> list[str]:
-    """Which walls slides have reached, on the refined grid or, where nothing slid on it, the rough one."""
-    for grid, rows in (("refined", refined), ("rough", rough)):
-        reached = [place for walls in rows.columns.get("walls", ()) for place in str(walls).split("; ") if place]
-        if reached:
-            return [
-                f"the slide reached {place if place == EDGE else f'the wall at {place}'}, which held it, in {count} "
-                f"{grid} run{'s' if count > 1 else ''}: "
-                f"{'draw it farther out' if place == EDGE else 'lengthen the ground'} there"
-                for place, count in sorted(Counter(reached).items())
-            ]
-    return []
 
 
 def _broken(rows: Rows) -> dict[int, str]:

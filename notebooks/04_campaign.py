@@ -146,18 +146,12 @@ charts.grids(
 # a good one makes the interval narrow.
 
 # %%
-path = summary.convergence
-method = summary.estimator
 more = summary.after_more_runs
 print(
     f"coefficient of variation {summary.coefficient_of_variation:.2f}; after {more.runs} more refined runs "
     f"{more.coefficient_of_variation:.2f} is to be expected"
 )
-charts.convergence(
-    {method: np.array(path.refined_runs)},
-    {method: np.array(path.probability)},
-    {method: np.array([path.low, path.high])},
-)
+charts.convergence(summary.convergence, summary.estimator, level=summary.level)
 
 # %% [markdown]
 # ## In which way

@@ -14,14 +14,14 @@ with a difference estimator (Cassel, Sarndal and Wretman 1976, Biometrika 63, 61
 
 That spread knows only of failures that were drawn. Where the ranking is bad, most failures lie where the model expects
 none, and a few draws down there may well miss them all: the estimate is then low half of the time, and its spread is
-small just then. Two things guard against it, and neither takes the ranks at their word:
+small just then. Two things guard against it, and neither relies on the ranks:
 
 - A share of every wave is drawn evenly over all that is unknown. It is `proving` / (`proving` + draws so far), so the
   first wave is even and the ranks are followed more closely as they prove themselves; it stays at a half or more where
   they do not, that is where more failures turn up among draws to which the model gave less than 5 % than a Poisson
   count of its own mean would bring once in 20 times (`surprise`).
 - What may still be hidden below the lowest failure seen has an upper limit (`unseen`). If failures of weight s lie
-  there in any places whatever, no draw meets them with a probability of at most
+  there at any ranks whatever, no draw meets them with a probability of at most
 
       product over draws of (1 - s min(q / w)) <= exp(-s m),   m = sum over draws of min(q / w),
 
@@ -39,22 +39,31 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import expit
-from scipy.stats import norm, poisson
+from scipy.stats import poisson
+
+from cooperative.estimate._protocol import Answers, Population
+from cooperative.estimate._ranking import next_refined, stopping_rank
 
 
 @dataclass(frozen=True)
 class AuditPlan:
-    """How the audit spends its runs. The same plan and results always ask for the same runs.
+    """How the audit spends its runs.
 
-    runs: refined runs in all, the ranked prefix included. seed: of the draws. k_t: run the ranked prefix down
-    to k_t consecutive standing samples first, as a stratum that is known with certainty; None for no prefix.
-    target_cov: stop earlier, after the runs that the estimator takes for this coefficient of variation, as
-    `cooperative.estimate._twophase` fixes them.
-    first_wave, growth: a wave has the larger of `first_wave` runs and the share `growth` of those before.
-    proving: the ranks prove themselves in so many draws: after them the share of draws spread evenly over all that is
-    unknown has come down from 1 to a half. 0 trusts the ranks from the start, and the interval then holds no allowance
-    for what was not seen. floor: least share of even draws, which keeps the estimate unbiased whatever the model.
+    The same plan and results always ask for the same runs.
+
+    Args:
+        runs: refined runs in all, the ranked prefix included.
+        seed: of the draws.
+        k_t: run the ranked prefix down to k_t consecutive standing samples first, as a stratum that is known with
+            certainty; None for no prefix.
+        target_cov: stop earlier, after the runs that the estimator takes for this coefficient of variation, as
+            `cooperative.estimate._twophase` fixes them.
+        first_wave: a wave has the larger of `first_wave` runs and the share `growth` of those before.
+        growth: a wave has the larger of `first_wave` runs and the share `growth` of those before.
+        floor: least share of even draws, which keeps the estimate unbiased whatever the model.
+        proving: the ranks prove themselves in so many draws: after them the share of draws spread evenly over all that
+            is unknown has come down from 1 to a half. 0 trusts the ranks from the start, and the interval then holds no
+            allowance for what was not seen.
     """
 
     runs: int
@@ -80,8 +89,13 @@ RARELY = 0.05
 
 @dataclass(frozen=True)
 class Surprise:
-    """Draws far down the ranking. drawn: how many. failed: of them, below a sample that stands. expected: failures
-    among them, by the model."""
+    """Draws far down the ranking.
+
+    Args:
+        drawn: how many.
+        failed: of them, below a sample that stands.
+        expected: failures among them, by the model.
+    """
 
     drawn: int
     failed: int
@@ -97,10 +111,14 @@ class Surprise:
 class AuditTotal:
     """Weighted total of failures in the population, from the ordered draws.
 
-    total: the estimate. variance: of the audit alone; nan without draws. effective_draws: how many equal
-    residuals would scatter as much, the degrees of freedom of `variance`. doubt: the variance that the final
-    model expects of the same draws, which does not vanish when they happen to meet no failure. beyond: mean square of
-    the draws about the total over what the model of their wave expected. by_group: the total of each group (G,).
+    Args:
+        total: the estimate.
+        variance: of the audit alone; nan without draws.
+        effective_draws: how many equal residuals would scatter as much, the degrees of freedom of `variance`.
+        doubt: the variance that the final model expects of the same draws, which does not vanish when they happen to
+            meet no failure.
+        beyond: mean square of the draws about the total over what the model of their wave expected.
+        by_group: the total of each group (G,).
     """
 
     total: float
@@ -113,8 +131,14 @@ class AuditTotal:
 
 @dataclass(frozen=True)
 class Wave:
-    """One wave of draws. ranks: in the order drawn (b,). probability: of each draw, given those before (b,).
-    chance: of every rank at the first draw of the wave (N,), 0 for those known by then. model: (N,)."""
+    """One wave of draws.
+
+    Args:
+        ranks: in the order drawn (b,).
+        probability: of each draw, given those before (b,).
+        chance: of every rank at the first draw of the wave (N,), 0 for those known by then.
+        model: (N,).
+    """
 
     ranks: np.ndarray
     probability: np.ndarray
@@ -136,44 +160,29 @@ def check_plan(plan: AuditPlan) -> None:
         raise ValueError(f"target_cov = {plan.target_cov} is not positive: give for example 0.1")
 
 
-def fit_logistic(score: np.ndarray, failed: np.ndarray, centre: float) -> tuple[float, float]:
-    """Intercept a and slope b of P(failure) = 1 / (1 + exp(-(a + b (score - centre)))), b at least 0.3.
-
-    score, failed: (n,), n may be 0. Maximum a posteriori with a ~ N(0, 3^2), b ~ N(4, 2^2): scores are normal,
-    so that grids correlated by 0.8 to 0.98 have slopes of 2 to 9. Newton steps on a concave function.
-    """
-    features = np.stack([np.ones_like(score), score - centre])
-    mean, precision = np.array([0.0, 4.0]), np.array([1 / 9, 1 / 4])
-    beta = mean.copy()
-    for _ in range(50):
-        p = expit(beta @ features)
-        gradient = features @ (failed - p) - precision * (beta - mean)
-        step = np.linalg.solve((features * (p * (1 - p))) @ features.T + np.diag(precision), gradient)
-        step *= min(1.0, 2.0 / max(float(np.abs(step).max()), 1e-300))
-        new = np.array([beta[0] + step[0], max(beta[1] + step[1], 0.3)])
-        moved, beta = np.abs(new - beta).max(), new
-        if moved < 1e-8:
-            break
-    return float(beta[0]), float(beta[1])
+def check_weights(population: Population, weight: np.ndarray, count: int) -> None:
+    """Raise ValueError for weights that do not sum to 1, or have no replicates."""
+    if weight.shape != (count,) or not (weight > 0).all() or not np.isclose(weight.sum(), 1.0):
+        raise ValueError(f"weight sums to {weight.sum():.6g}: give {count} positive weights that sum to 1")
+    if population.replicate is None and population.weight is not None:
+        raise ValueError("weighted samples are not independent: give the replicate that each came from")
+    if population.replicate is not None and np.unique(population.replicate).size < 2:
+        raise ValueError("replicate names fewer than 2 independent runs: give at least 2, better 8")
 
 
-def predict_logistic(coefficients: tuple[float, float], score: np.ndarray, centre: float) -> np.ndarray:
-    """Probability of failure at each score, kept off 0 and 1 by 1e-9."""
-    return np.clip(expit(coefficients[0] + coefficients[1] * (score - centre)), 1e-9, 1 - 1e-9)
-
-
-def normal_scores(weight: np.ndarray) -> np.ndarray:
-    """Standard normal quantiles of the ranks, largest first, of samples with the given weights (N,)."""
-    share = weight / weight.sum()
-    return norm.isf(np.cumsum(share) - share / 2)
-
-
-def rough_centre(rough_displacement: np.ndarray, weight: np.ndarray, failure_displacement: float) -> float:
-    """Normal score at which the rough displacement reaches the failure displacement (m), a first guess of where
-    P(failure) is one half, which affects efficiency alone; between the median and the worst sample. Rough runs that
-    broke off (not finite) count as beyond."""
-    share = float(weight[~(np.asarray(rough_displacement) < failure_displacement)].sum() / weight.sum())
-    return float(norm.isf(min(max(share, 0.5 / weight.size), 0.5)))
+def certainty_stratum(refined: Answers, plan: AuditPlan, order: np.ndarray, lost: int) -> tuple[np.ndarray, np.ndarray]:
+    """Ranks known with certainty, and those among them that are still to run."""
+    if plan.k_t is None:
+        return np.arange(lost), np.zeros(0, dtype=int)
+    most = max(plan.runs // 2, lost)
+    rank = stopping_rank(order[:most], refined, plan.k_t)
+    if rank is not None:
+        return np.arange(max(rank, lost)), np.zeros(0, dtype=int)
+    displacement = -np.arange(most, dtype=float)
+    ranked = {at: refined[int(sample)] for at, sample in enumerate(order[:most]) if int(sample) in refined}
+    missing = np.array(next_refined(displacement, ranked, plan.k_t, most), dtype=int)
+    known = np.array([at for at in ranked if at < missing.min()], dtype=int)
+    return np.union1d(known, np.arange(lost)), missing
 
 
 def draw_wave(
@@ -185,7 +194,16 @@ def draw_wave(
     size: int,
     floor: float,
 ) -> Wave:
-    """Draw up to `size` unknown ranks one after another, none twice. model, weight, known: (N,)."""
+    """Draw up to `size` unknown ranks one after another, none twice.
+
+    Args:
+        generator: of random numbers.
+        model: (N,).
+        weight: (N,).
+        known: (N,).
+        size: most draws.
+        floor: share of even draws.
+    """
     unknown = np.flatnonzero(~known)
     doubt = weight[unknown] * np.sqrt(model[unknown] * (1 - model[unknown]))
     share = (1 - floor) * doubt / doubt.sum() + floor / unknown.size
@@ -202,10 +220,14 @@ def draw_wave(
 
 
 def surprise(waves: Sequence[Wave], outcome: np.ndarray) -> Surprise:
-    """How draws far down the ranking came out. outcome: 0, 1 or nan by rank (N,).
+    """How draws far down the ranking came out.
 
-    A failure speaks against the ranks only where a sample that they place above it stands: soil that fails throughout
+    A failure speaks against the ranks only where a sample that ranks above it stands: soil that fails throughout
     agrees with any ranking.
+
+    Args:
+        waves: complete ones.
+        outcome: 0, 1 or nan by rank (N,).
     """
     drawn, failed, expected = 0, 0, 0.0
     stands = np.flatnonzero(outcome == 0)
@@ -228,8 +250,15 @@ def even_share(plan: AuditPlan, waves: Sequence[Wave], outcome: np.ndarray) -> f
 
 
 def unseen(waves: Sequence[Wave], outcome: np.ndarray, known: np.ndarray, *, weight: np.ndarray, level: float) -> float:
-    """Upper limit, at confidence `level`, of the weight of failures below the lowest one seen. outcome, known, weight:
-    by rank (N,); 1 while there are no draws."""
+    """Upper limit, at confidence `level`, of the weight of failures below the lowest one seen.
+
+    Args:
+        waves: complete ones.
+        outcome: by rank (N,); 1 while there are no draws.
+        known: by rank (N,); 1 while there are no draws.
+        weight: by rank (N,); 1 while there are no draws.
+        level: confidence level.
+    """
     failures = np.flatnonzero(outcome == 1)
     lowest = int(failures[-1]) if failures.size else -1
     below = np.flatnonzero(~known & (np.arange(known.size) > lowest))
@@ -244,7 +273,13 @@ def unseen(waves: Sequence[Wave], outcome: np.ndarray, known: np.ndarray, *, wei
 
 
 def draw_variance(wave: Wave, model: np.ndarray, weight: np.ndarray) -> float:
-    """Variance of the first draw of a wave, where samples fail with the probabilities `model` (N,). weight: (N,)."""
+    """Variance of the first draw of a wave, where samples fail with the probabilities `model` (N,).
+
+    Args:
+        wave: of draws.
+        model: probability of failure of each sample (N,).
+        weight: share of all samples (N,).
+    """
     open_ = wave.chance > 0
     p, expected = model[open_], wave.model[open_]
     return float((weight[open_] ** 2 * (p * (1 - p) + (p - expected) ** 2) * (1 / wave.chance[open_] - 1)).sum())
@@ -262,9 +297,15 @@ def audit_total(
 ) -> AuditTotal:
     """The ordered estimate from complete waves.
 
-    outcome: 0 or 1 for each rank that is known, nan for a run that gave no answer (N,); the model then stands
-    in for it. certain: ranks known without a draw. weight: (N,). model: failure probability from all results (N,).
-    share: of each draw in the mean (draws,), in proportion. group: of each rank, 0 to G - 1 (N,).
+    Args:
+        waves: complete ones, in order.
+        outcome: 0 or 1 for each rank that is known, nan for a run that gave no answer (N,); the model then stands in
+            for it.
+        certain: ranks known without a draw.
+        weight: (N,).
+        model: failure probability from all results (N,).
+        share: of each draw in the mean (draws,), in proportion.
+        group: of each rank, 0 to G - 1 (N,).
     """
     group = np.zeros(weight.size, dtype=int) if group is None else group
     groups = int(group.max()) + 1

@@ -6,7 +6,7 @@ Their refined runs are drawn at random where the rough result leaves most doubt.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, field, fields
 from typing import Any, ClassVar
 
 import numpy as np
@@ -31,19 +31,26 @@ from cooperative.estimate._twophase import failures, next_audit, path, sample_we
 
 @dataclass(frozen=True)
 class Audited(Budgeted):
-    """Base of an estimator whose refined runs are an audit of its first phase, spent as its `audit` says."""
+    """Base of an estimator whose refined runs are an audit of its first phase, with the given waves."""
+
+    growth: ClassVar[float] = AuditPlan.growth
+    proving: ClassVar[int] = AuditPlan.proving
+    seed: int = field(default=0, kw_only=True)
 
     def audit(self, population: Population) -> AuditPlan:
-        """How the refined runs are spent."""
-        raise NotImplementedError
+        """Budget and waves of the refined runs; no ranked prefix, which costs more than it brings."""
+        return AuditPlan(
+            self.budget(population.size), self.seed, target_cov=self.target_cov, growth=self.growth,
+            proving=self.proving,
+        )  # fmt: skip
 
-    def wanted(self, population: Population, answers: Answers, places: int, under_way: Collection[int]) -> list[int]:
+    def wanted(self, population: Population, answers: Answers, lanes: int, under_way: Collection[int]) -> list[int]:
         """The rest of the wave; nothing once a target alone is seen to be out of reach."""
         audit = self.audit(population)
         asked = [sample for sample in next_audit(population, answers, audit) if sample not in under_way]
         if asked and self.target_cov is not None and self.refined_runs is None:
-            found = two_phase(population, answers, audit)
-            if found.refined_runs >= usual_budget(population.size) and out_of_reach(found, self.target_cov):
+            estimate = two_phase(population, answers, audit)
+            if estimate.refined_runs >= usual_budget(population.size) and out_of_reach(estimate, self.target_cov):
                 return []
         return asked
 
@@ -68,14 +75,15 @@ class Audited(Budgeted):
 class TwoPhase(Audited):
     """All samples on the rough grid, an audited few on the refined one: `two_phase`.
 
-    refined_runs, target_cov: budget, and the coefficient of variation at which to stop before it is spent. Without
-    either the budget is a fifth of the samples, at least 20. k_t: n/N by the published rule is told beside, where the
-    runs allow it. seed: of the draws.
+    Args:
+        refined_runs: budget. None for a fifth of the samples, at least 20, or with a target for all.
+        target_cov: coefficient of variation at which to stop before the budget is spent, None for none.
+        seed: of the draws.
+        k_t: of the published rule, whose n/N stands beside the estimate where the runs allow it; None for none.
     """
 
     name: ClassVar[str] = "two-phase"
     k_t: int | None = None
-    seed: int = 0
 
     def check(self, sampling: Sampling) -> None:
         """ValueError for a budget, target, k_t or number of samples that an audit cannot do with."""
@@ -86,10 +94,6 @@ class TwoPhase(Audited):
                 f"[campaign] samples = {sampling.samples}: give 10 or more for the audit, or estimator = 'published'"
             )
 
-    def audit(self, population: Population) -> AuditPlan:
-        """How the refined runs are spent; without a ranked prefix, which costs more than it tells."""
-        return AuditPlan(self.budget(population.size), seed=self.seed, target_cov=self.target_cov)
-
     def beside(self, population: Population, answers: Answers) -> list[Estimate]:
         """n/N where its rule is met, plain Monte Carlo where every sample ran."""
         return [*published_where_met(self.k_t, population, answers), *monte_carlo_of_all(population, answers)]
@@ -99,15 +103,23 @@ class TwoPhase(Audited):
 class Subset(Audited):
     """Subset simulation on the rough grid, for rare failures, and the audit of its samples: `subset_simulation`.
 
-    The scene's `samples` are per level, in all replicates together. levels, replicates: as in `SubsetPlan`.
-    refined_runs, target_cov: as for `TwoPhase`. seed: of all draws. No other estimator is told beside: none knows
-    samples that weigh differently.
+    The scene's `samples` are per level, in all replicates together. No other estimator stands beside it: none applies
+    to samples that weigh differently.
+
+    Args:
+        refined_runs: budget. None for a fifth of the samples, at least 20, or with a target for all.
+        target_cov: coefficient of variation at which to stop before the budget is spent, None for none.
+        seed: of all draws.
+        levels: as in `SubsetPlan`.
+        replicates: as in `SubsetPlan`.
     """
 
     name: ClassVar[str] = "subset"
     levels: int | None = None
     replicates: int | None = None
-    seed: int = 0
+    growth: ClassVar[float] = 0.5
+    # No affordable number of even draws rules out a rare failure, so the ranks are trusted, as the levels trust them.
+    proving: ClassVar[int] = 0
 
     def plan(self, sampling: Sampling) -> SubsetPlan:
         """Subset simulation with these settings."""
@@ -139,19 +151,13 @@ class Subset(Audited):
 
     def population(self, sampling: Sampling, screened: Screened) -> Population | None:
         """Samples of all levels, weighted; None while some are to come."""
-        found = replayed(self.plan(sampling), sampling.modes(), screened)[1]
-        if found is None:
+        samples = replayed(self.plan(sampling), sampling.modes(), screened)[1]
+        if samples is None:
             return None
         return Population(
-            found.rough_displacement, weight=found.weight, replicate=found.replicate, number=found.number,
+            samples.rough_displacement, weight=samples.weight, replicate=samples.replicate, number=samples.number,
             failure_displacement=sampling.failure_displacement,
         )  # fmt: skip
-
-    def audit(self, population: Population) -> AuditPlan:
-        """How the refined runs are spent. The ranks are trusted, as the levels trust them: no affordable number of even
-        draws rules out a rare failure."""
-        runs = self.budget(population.size)
-        return AuditPlan(runs, seed=self.seed, target_cov=self.target_cov, growth=0.5, proving=0)
 
 
 ESTIMATORS = {kind.name: kind for kind in (TwoPhase, Published, ControlVariate, MonteCarlo, Subset)}
@@ -161,14 +167,20 @@ SETTINGS = ("k_t", "refined_runs", "target_cov", "levels", "replicates")
 """Keys of a scene that are settings of one estimator or another."""
 
 
-def named_estimator(name: str, said: Mapping[str, Any]) -> Estimator:
-    """The estimator of this name with the settings that a scene gives. said: by key, None for what it does not say.
+def named_estimator(name: str, given: Mapping[str, Any]) -> Estimator:
+    """The estimator of this name with the settings that a scene gives.
 
-    A k_t that the estimator has no use for is let be, since every scene used to have one. Raises ValueError for other
-    settings that are not the estimator's, and for one that it cannot do without.
+    A k_t that the estimator has no use for is let be, since every scene used to have one.
+
+    Args:
+        name: of the estimator in a scene.
+        given: settings by key, None for one that is not given.
+
+    Raises:
+        ValueError: other settings that are not the estimator's, and for one that it cannot do without.
     """
     kind = ESTIMATORS[name]
-    known = {key: value for key, value in said.items() if value is not None}
+    known = {key: value for key, value in given.items() if value is not None}
     takes = {setting.name: setting for setting in fields(kind)}
     for key, value in known.items():
         if key in SETTINGS and key not in takes and key != "k_t":

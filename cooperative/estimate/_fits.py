@@ -14,7 +14,8 @@ from scipy import optimize, stats
 from scipy.stats import rv_continuous
 from scipy.stats.distributions import rv_frozen
 
-from cooperative.estimate._estimates import FEWEST, effective_size
+from cooperative.estimate._estimates import effective_size
+from cooperative.estimate._means import FEWEST
 
 # Fewer samples than this tell six two-parameter distributions apart no better than chance would.
 ENOUGH = 30
@@ -24,7 +25,12 @@ FREE = 2
 
 @dataclass(frozen=True)
 class Candidate:
-    """A family of two parameters. family: of scipy.stats. positive: for values above 0, where it is made to start."""
+    """A family of two parameters.
+
+    Args:
+        family: of scipy.stats.
+        positive: for values above 0, where it is made to start.
+    """
 
     family: rv_continuous
     positive: bool = False
@@ -42,8 +48,15 @@ CANDIDATES = {
 
 @dataclass(frozen=True)
 class Fit:
-    """One fitted distribution. name: of the family. parameters: scipy's, in its order. log_likelihood: at the maximum.
-    aic, bic: Akaike's and Schwarz's criteria. frozen: scipy's distribution with its parameters."""
+    """One fitted distribution.
+
+    Args:
+        name: of the family.
+        parameters: scipy's, in its order.
+        log_likelihood: at the maximum.
+        aic: Akaike's criterion.
+        bic: Schwarz's criterion.
+    """
 
     name: str
     parameters: tuple[float, ...]
@@ -59,8 +72,15 @@ class Fit:
 
 @dataclass(frozen=True)
 class Fits:
-    """All fits to one set of samples, best AIC first. samples: how many they are. best_aic, best_bic: names of the best
-    fits, None without any. notes: what to beware of, in words."""
+    """All fits to one set of samples, best AIC first.
+
+    Args:
+        fits: best AIC first.
+        samples: how many they are.
+        best_aic: names of the best fits, None without any.
+        best_bic: names of the best fits, None without any.
+        notes: what to beware of, in words.
+    """
 
     fits: tuple[Fit, ...]
     samples: int
@@ -72,13 +92,17 @@ class Fits:
 def fit_distributions(values: np.ndarray, weight: np.ndarray | None = None) -> Fits:
     """Fit all candidates to `values` (n,) by maximum likelihood.
 
-    weight: what each value stands for (n,), above 0; the likelihood is then that of as many values as tell as much
-    (pseudo-likelihood: Binder 1983, International Statistical Review 51, 279-292). None is all alike.
+    Every candidate has two free parameters; gamma, Weibull and lognormal start at 0 and are left out, with a note,
+    where a value is not positive. With fewer than 2 distinct values nothing is fitted; with fewer than 30 the notes say
+    that the choice means little, as they do when the runner-up is within 2 of the best AIC.
 
-    Every candidate has two free parameters; gamma, Weibull and lognormal start at 0 and are left out, and said to
-    be, where a value is not positive. With fewer than 2 distinct values nothing is fitted; with fewer than 30 the
-    notes say that the choice means little, as they do when the runner-up is within 2 of the best AIC.
-    Raises ValueError for values that are not finite, or weights that do not fit them.
+    Args:
+        values: one finite number for each sample (n,).
+        weight: what each value stands for (n,), above 0; the likelihood is then that of as many values as tell as much
+            (pseudo-likelihood: Binder 1983, International Statistical Review 51, 279-292). None is all alike.
+
+    Raises:
+        ValueError: values that are not finite, or weights that do not fit them.
     """
     values = np.asarray(values, dtype=float)
     if values.ndim != 1 or not np.isfinite(values).all():
@@ -109,9 +133,16 @@ def fit_distributions(values: np.ndarray, weight: np.ndarray | None = None) -> F
 
 @dataclass(frozen=True)
 class Severity:
-    """One group of failures, for example a mode. count: failures. middle: of the statistic. interval: its bootstrap
-    limits, None for too few failures. rank: 1 for the most severe. rank_interval: ranks that the bootstrap gives at the
-    same level."""
+    """One group of failures, for example a mode.
+
+    Args:
+        group: its name.
+        count: failures.
+        middle: of the statistic.
+        interval: its bootstrap limits, None for too few failures.
+        rank: 1 for the most severe.
+        rank_interval: ranks that the bootstrap gives at the same level.
+    """
 
     group: str
     count: int
@@ -132,11 +163,18 @@ def severity_ranking(
 ) -> list[Severity]:
     """Order groups of failures by a consequence, most severe first, with the uncertainty of the order.
 
-    groups: name -> values (n,) of one consequence. weights: name -> what each value stands for (n,); None is all alike.
-    statistic: function of (values, axis=...). Percentile bootstrap of
-    Efron (1979), Annals of Statistics 7, 1-26: groups are resampled independently, ranked each time. A group of
-    fewer than `FEWEST` shows too little of its spread: it has no interval, and any rank.
-    Raises ValueError for an empty group.
+    Args:
+        groups: name -> values (n,) of one consequence.
+        weights: name -> what each value stands for (n,); None is all alike.
+        statistic: function of (values, axis=...). Percentile bootstrap of Efron (1979), Annals of Statistics 7, 1-26:
+            groups are resampled independently, ranked each time. A group of fewer than `FEWEST` has
+            no interval, and any rank.
+        level: confidence level of the interval.
+        resamples: of the bootstrap.
+        seed: of the bootstrap.
+
+    Raises:
+        ValueError: an empty group.
     """
     generator = np.random.default_rng(seed)
     drawn, middles = [], []
@@ -151,15 +189,15 @@ def severity_ranking(
         middles.append(float(statistic(whole, axis=0)))
     draws, names, tails = np.stack(drawn), list(groups), (0.5 - level / 2, 0.5 + level / 2)
     ranks = 1 + np.argsort(np.argsort(-draws, axis=0, kind="stable"), axis=0)
-    found = []
+    ranking = []
     for rank, at in enumerate(np.argsort(-np.array(middles), kind="stable"), start=1):
         name, count = names[at], int(np.size(groups[names[at]]))
         (low, high), span = np.quantile(draws[at], tails).tolist(), np.quantile(ranks[at], tails, method="nearest")
         if count < FEWEST:
-            found.append(Severity(name, count, middles[at], None, rank, (1, len(names))))
+            ranking.append(Severity(name, count, middles[at], None, rank, (1, len(names))))
         else:
-            found.append(Severity(name, count, middles[at], (low, high), rank, (int(span[0]), int(span[1]))))
-    return found
+            ranking.append(Severity(name, count, middles[at], (low, high), rank, (int(span[0]), int(span[1]))))
+    return ranking
 
 
 @np.errstate(over="ignore", invalid="ignore")  # parameters that the optimiser tries and leaves
@@ -189,5 +227,5 @@ def _weighted(
         return -float(weight @ candidate.family.logpdf(values, *parameters(at))) / weight.sum()
 
     first = np.log(start[0]) if candidate.positive else start[0]
-    found = optimize.minimize(loss, np.array([first, np.log(start[-1])]), method="BFGS", options={"gtol": 1e-4})
-    return parameters(found.x)
+    best = optimize.minimize(loss, np.array([first, np.log(start[-1])]), method="BFGS", options={"gtol": 1e-4})
+    return parameters(best.x)

@@ -46,13 +46,17 @@ GOLDEN = (np.sqrt(5) - 1) / 2
 
 @dataclass(frozen=True)
 class Phases:
-    """What is known of both phases. Samples have their numbers in the campaign here, and their places in the population
-    where the estimator is asked.
+    """What is known of both phases.
 
-    estimator: the campaign's. failure_displacement: beyond which a sample has failed (m). rough: sample -> its largest
-    displacement on the rough grid (m), and whether that run broke off. population: samples of the first phase, None
-    while that is not complete. answers: sample -> whether it failed on the refined grid, None where
-    the run broke off before it could tell. planned: samples of the first phase in the end.
+    Samples have their numbers in the campaign here, and their positions in the population where the estimator is asked.
+
+    Args:
+        estimator: the campaign's.
+        failure_displacement: beyond which a sample has failed (m).
+        rough: sample -> its largest displacement on the rough grid (m), and whether that run broke off.
+        population: samples of the first phase, None while that is not complete.
+        answers: sample -> whether it failed on the refined grid, None where the run broke off before it could tell.
+        planned: samples of the first phase in the end.
     """
 
     estimator: Estimator
@@ -65,7 +69,7 @@ class Phases:
     @classmethod
     def known(cls, estimator: Estimator, sampling: Sampling, rough: Screened, refined: Screened) -> Phases:
         """From the results of both grids: sample -> its largest displacement (m), and whether the run broke off."""
-        # Once there are refined runs, rough ones that lack wait to be redone: what is known is told without them.
+        # Once there are refined runs, missing rough ones wait to be redone, and the estimate does without them.
         planned = estimator.rough_runs(sampling)
         population = None if len(rough) < planned and not refined else estimator.population(sampling, rough)
         return cls(estimator, sampling.failure_displacement, rough, population, planned=planned).refined(refined)
@@ -79,90 +83,93 @@ class Phases:
         fails = bool(displacement > self.failure_displacement)
         return fails if fails or not broke_off else None
 
-    def next_runs(self, places: int, under_way: Collection[int]) -> list[int]:
+    def next_runs(self, lanes: int, under_way: Collection[int]) -> list[int]:
         """Numbers of the samples to start on the refined grid now; empty when there is nothing to start."""
         if self.population is None:
             return []
-        started = {place for place, number in enumerate(self._numbers) if number in under_way}
-        asked = self.estimator.wanted(self.population, self._by_place, places, started)
-        return [self._numbers[place] for place in asked]
+        started = {position for position, number in enumerate(self._numbers) if number in under_way}
+        asked = self.estimator.wanted(self.population, self._by_position, lanes, started)
+        return [self._numbers[position] for position in asked]
 
     @cached_property
     def estimate(self) -> Estimate:
-        """Probability of failure by the campaign's estimator; while the first phase is not complete, the share that
-        fails on the rough grid."""
+        """Probability of failure by the campaign's estimator.
+
+        While the first phase is not complete, the share that fails on the rough grid.
+        """
         if self.population is None:
             return self._rough_alone
-        return self.estimator.estimate(self.population, self._by_place)
+        return self.estimator.estimate(self.population, self._by_position)
 
     @property
     def beside(self) -> list[Estimate]:
         """What other estimators make of the same runs, where the data allow."""
-        return [] if self.population is None else self.estimator.beside(self.population, self._by_place)
+        return [] if self.population is None else self.estimator.beside(self.population, self._by_position)
 
     @property
     def path(self) -> list[Estimate]:
         """Estimates on the way, first to last."""
-        return [] if self.population is None else self.estimator.path(self.population, self._by_place)
+        return [] if self.population is None else self.estimator.path(self.population, self._by_position)
 
     @cached_property
     def weights(self) -> dict[int, float]:
-        """What share of all samples each refined run stands for, by number of the sample; 0 where it stands for
-        nothing.
+        """Share of all samples that each refined run stands for, by sample; 0 where it stands for nothing.
 
         They sum to 1, and those of the failures to the estimated probability of failure. The estimator's own weights,
         of the draws alone, do so on average only: what its model expects of samples that were not drawn is in the
         estimate and not in them. So those of the failures are multiplied by one factor, and those of the runs that
         stand by another (calibration to known totals: Deville and Sarndal 1992, Journal of the American Statistical
-        Association 87, 376-382, DOI 10.1080/01621459.1992.10475217). Means and shares over failures stay what they
-        are. While no failure, or no run that stands, has been found, its class has no weight to multiply.
+        Association 87, 376-382, DOI 10.1080/01621459.1992.10475217). Means and shares over failures stay what they are.
+        While no failure, or no run that stands, has been found, its class has no weight to multiply.
         """
         if self.population is None:
             return dict.fromkeys(self.answers, 0.0)
-        found = dict.fromkeys(self.answers, 0.0)
-        # A sample at which a chain stood still has several places in the population.
-        for place, weight in self.estimator.weights(self.population, self._by_place).items():
-            found[self._numbers[place]] += weight
+        weights = dict.fromkeys(self.answers, 0.0)
+        # A sample at which a chain stood still has several positions in the population.
+        for position, weight in self.estimator.weights(self.population, self._by_position).items():
+            weights[self._numbers[position]] += weight
         share = self.estimate.probability
         stands_for = {True: share, False: 1 - share}
-        drawn = {fails: sum(w for n, w in found.items() if self.answers[n] is fails) for fails in stands_for}
+        drawn = {fails: sum(w for n, w in weights.items() if self.answers[n] is fails) for fails in stands_for}
         # A run that broke off before it could tell belongs to neither class.
         factor = {fails: stands_for[fails] / drawn[fails] for fails in stands_for if drawn[fails] > 0}
         return {
-            n: w * factor.get(self.answers[n] is True, 1.0) * (self.answers[n] is not None) for n, w in found.items()
+            n: w * factor.get(self.answers[n] is True, 1.0) * (self.answers[n] is not None) for n, w in weights.items()
         }
 
     @property
     def failures(self) -> Failures | None:
-        """Where the failures lie, by rank; None while the first phase is not complete. Those that ran refined alone,
-        each with its weight, where the estimator has no model of the others."""
+        """Where the failures lie, by rank; None while the first phase is not complete.
+
+        Those that ran refined alone, each with its weight, where the estimator has no model of the others.
+        """
         if self.population is None:
             return None
         if isinstance(self.estimator, Modelled):
-            found = self.estimator.failures(self.population, self._by_place)
+            failures = self.estimator.failures(self.population, self._by_position)
         else:
             count = np.zeros(self.population.size)
-            for place, weight in self.estimator.weights(self.population, self._by_place).items():
-                count[place] = weight * (self._by_place[place] is True)
+            for position, weight in self.estimator.weights(self.population, self._by_position).items():
+                count[position] = weight * (self._by_position[position] is True)
             count /= max(float(count.sum()), np.finfo(float).tiny)
-            found = Failures(self.population.numbers, count, (count > 0).astype(float), count)
+            failures = Failures(self.population.numbers, count, (count > 0).astype(float), count)
         order = rank_samples(self.population.rough_displacement, self.population.broke_off).order
-        return Failures(*(getattr(found, each.name)[order] for each in fields(found)))
+        return Failures(*(getattr(failures, each.name)[order] for each in fields(failures)))
 
     @property
     def why_finished(self) -> str | None:
         """Why no further refined run is asked for, in words; None where some still are."""
-        return None if self.population is None else self.estimator.why_finished(self.population, self._by_place)
+        return None if self.population is None else self.estimator.why_finished(self.population, self._by_position)
 
     @property
     def _rough_alone(self) -> Estimate:
-        told = [answer for result in self.rough.values() if (answer := self.answer(*result)) is not None]
+        known = [answer for result in self.rough.values() if (answer := self.answer(*result)) is not None]
         method, notes = "rough grid alone", ["screening is not complete: the share that fails on the rough grid alone"]
-        if lost := len(self.rough) - len(told):
+        if lost := len(self.rough) - len(known):
             notes.append(f"{lost} rough runs gave no answer and are left out")
-        if not told:
+        if not known:
             return Estimate(0.0, (0.0, 1.0), np.inf, 0, method, notes=tuple(notes))
-        return binomial(method, sum(told), len(told), 0, notes=tuple(notes))
+        return binomial(method, sum(known), len(known), 0, notes=tuple(notes))
 
     @cached_property
     def _numbers(self) -> list[int]:
@@ -170,13 +177,18 @@ class Phases:
         return numbers
 
     @cached_property
-    def _by_place(self) -> dict[int, bool | None]:
-        return {place: self.answers[n] for place, n in enumerate(self._numbers) if n in self.answers}
+    def _by_position(self) -> dict[int, bool | None]:
+        return {position: self.answers[n] for position, n in enumerate(self._numbers) if n in self.answers}
 
 
 def slide_order(size: np.ndarray, seed: int) -> np.ndarray:
-    """Ranks in the order in which they are to slide (n,), those with a size above 0. size: failures expected of each
-    rank (N,). A part of the order from its start on lies along the ranks as densely as the sizes do."""
+    """Ranks in the order in which they are to slide (n,), those with a size above 0.
+
+    Args:
+        size: failures expected of each rank (N,). A part of the order from its start on lies along the ranks as densely
+            as the sizes do.
+        seed: of the sequence's start.
+    """
     reached, points = np.cumsum(size), np.arange(32 * size.size)
     at = (np.random.default_rng([seed, 1]).random() + GOLDEN * points) % 1 * reached[-1]
     hit, first = np.unique(np.searchsorted(reached, at, side="right"), return_index=True)
@@ -188,8 +200,12 @@ def slide_order(size: np.ndarray, seed: int) -> np.ndarray:
 
 
 def zone_weights(failures: Failures, slid: np.ndarray) -> np.ndarray:
-    """How many failures each slide stands for (n,), as a share of all samples, at least itself. slid: its rank (n,),
-    ascending."""
+    """How many failures each slide stands for (n,), as a share of all samples, at least itself.
+
+    Args:
+        failures: by rank.
+        slid: its rank (n,), ascending.
+    """
     reached = np.cumsum(failures.size) - failures.size / 2
     borders = (reached[slid][1:] + reached[slid][:-1]) / 2
     counted = np.bincount(np.searchsorted(borders, reached), failures.count, slid.size)
@@ -198,9 +214,15 @@ def zone_weights(failures: Failures, slid: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Slides:
-    """Refined runs as means over failures see them, (runs,) each. failed: all failures. slid: those that slid on to
-    their end. weight: what each run stands for, 0 for failures that did not slide. wanted: samples that are to slide
-    still, as far as is known: failures that wait, and samples that have not run refined yet."""
+    """Refined runs as means over failures see them, (runs,) each.
+
+    Args:
+        failed: all failures.
+        slid: those that slid on to their end.
+        weight: what each run stands for, 0 for failures that did not slide.
+        wanted: samples that are to slide still, as far as is known: failures that wait, and samples that have not run
+            refined yet.
+    """
 
     failed: np.ndarray
     slid: np.ndarray
@@ -209,8 +231,15 @@ class Slides:
 
     @classmethod
     def of(cls, phases: Phases, numbers: Sequence[int], ended: np.ndarray, count: int | None, seed: int) -> Slides:
-        """Of the refined runs with these numbers. ended: whether each ran to its end (runs,). count: slides asked for,
-        None for all failures of the audit."""
+        """Of the refined runs with these numbers.
+
+        Args:
+            phases: results so far.
+            numbers: samples of the refined runs (runs,).
+            ended: whether each ran to its end (runs,).
+            count: slides asked for, None for all failures of the audit.
+            seed: of the draw of slides.
+        """
         stands_for = phases.weights
         weight = np.array([stands_for[number] for number in numbers], float)
         failed = np.array([phases.answers[number] is True for number in numbers], bool)
@@ -220,13 +249,13 @@ class Slides:
             return cls(failed, slid, np.where(failed & ~slid, 0.0, weight), ())
         weight = np.where(failed, 0.0, weight)
         # A sample at which a chain stood still has several ranks.
-        place = {number: at for at, number in enumerate(numbers)}
-        ranks = np.array([r for r, n in enumerate(failures.number) if n in place and slid[place[n]]], int)
+        position = {number: at for at, number in enumerate(numbers)}
+        ranks = np.array([r for r, n in enumerate(failures.number) if n in position and slid[position[n]]], int)
         if ranks.size:
             share = zone_weights(failures, ranks)
             # Without a run that the estimator counts, nothing tells what slides stand for.
             share *= phases.estimate.probability / (share.sum() or 1.0)
-            np.add.at(weight, [place[n] for n in failures.number[ranks]], share)
+            np.add.at(weight, [position[n] for n in failures.number[ranks]], share)
         return cls(failed, slid, weight, _wanted(phases, failures, set(np.array(numbers)[slid]), count, seed))
 
     @property
@@ -242,23 +271,23 @@ class Slides:
         if not self.planned:
             return [
                 f"{NOT_ASKED}: the {self.failed.sum()} refined failures ended once they had failed, and there are no "
-                "modes, consequences, maps and fits"
+                "modes, consequences, maps or fits"
             ]
         return [
-            f"{self.slid.sum()} of {self.failed.sum()} refined failures slid on to their end; modes, consequences and "
-            "fits are theirs, weighted for all. The others ended once they had failed"
+            f"{self.slid.sum()} of {self.failed.sum()} refined failures slid on to their end. Modes, consequences and "
+            "fits come from these, weighted for all; the others ended once they had failed"
         ]
 
 
 def _wanted(phases: Phases, failures: Failures, slid: set[int], count: int | None, seed: int) -> tuple[int, ...]:
     """The next in order that fail, or may, until so many slide; those that stand or gave no answer are passed over."""
     size = np.where(failures.chance < FAR_DOWN, 0.0, failures.size)
-    found: dict[int, None] = {}
+    wanted: dict[int, None] = {}
     if not count or not size.any():
         return ()
     for number in failures.number[slide_order(size, seed)].tolist():
-        if len(slid) + len(found) >= count:
+        if len(slid) + len(wanted) >= count:
             break
         if number not in slid and phases.answers.get(number, True):
-            found[number] = None
-    return tuple(found)
+            wanted[number] = None
+    return tuple(wanted)

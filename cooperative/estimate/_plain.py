@@ -6,19 +6,17 @@ these: their order says nothing about them, so they are a random subset.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol
 
 import numpy as np
 
-from cooperative.estimate._audit import fit_logistic, normal_scores, predict_logistic, rough_centre
-from cooperative.estimate._estimates import Estimate, after_more_runs, binomial, with_variance
+from cooperative.estimate._estimates import Estimate, after_more_runs
+from cooperative.estimate._formulas import FOLDS, control_variate, monte_carlo, published
 from cooperative.estimate._protocol import Answers, Estimator, Population, Sampling, Screened, all_samples
 from cooperative.estimate._ranking import next_refined, rank_samples, stopping_rank
 
-FOLDS = 5
-"""Folds of the control variate; it takes two runs in each."""
 LOOK = 10
 """Monte Carlo looks at its target after so many samples, and again after as many."""
 POINTS = 60
@@ -55,7 +53,11 @@ class SceneSamples(Estimator, Protocol):
 
 @dataclass(frozen=True)
 class Published(SceneSamples):
-    """Refined runs in rank order until k_t in a row stand, and n/N: `published`."""
+    """Refined runs in rank order until k_t in a row stand, and n/N: `published`.
+
+    Args:
+        k_t: consecutive samples that must stand.
+    """
 
     name: ClassVar[str] = "published"
     k_t: int
@@ -67,10 +69,10 @@ class Published(SceneSamples):
     def budget(self, samples: int) -> None:
         """The stopping rule alone tells."""
 
-    def wanted(self, population: Population, answers: Answers, places: int, under_way: Collection[int]) -> list[int]:
+    def wanted(self, population: Population, answers: Answers, lanes: int, under_way: Collection[int]) -> list[int]:
         """The next ranks that the rule needs whatever those under way turn out to be."""
         return next_refined(
-            population.rough_displacement, answers, self.k_t, places, broke_off=population.broke_off,
+            population.rough_displacement, answers, self.k_t, lanes, broke_off=population.broke_off,
             under_way=under_way,
         )  # fmt: skip
 
@@ -101,8 +103,12 @@ class Published(SceneSamples):
 
 @dataclass(frozen=True)
 class Budgeted(SceneSamples):
-    """Base of an estimator with a budget: refined_runs, or what is usual where that is None, and target_cov, the
-    coefficient of variation at which to stop before it is spent."""
+    """Base of an estimator with a budget.
+
+    Args:
+        refined_runs: budget, None for the usual one.
+        target_cov: coefficient of variation at which to stop before the budget is spent, None for none.
+    """
 
     refined_runs: int | None = None
     target_cov: float | None = None
@@ -110,7 +116,7 @@ class Budgeted(SceneSamples):
     def check(self, sampling: Sampling) -> None:
         """ValueError for a budget or target that makes no sense."""
         if self.refined_runs is not None and self.refined_runs < 10:
-            raise ValueError(f"[campaign] refined_runs = {self.refined_runs}: give 10 or more, the audit needs some")
+            raise ValueError(f"[campaign] refined_runs = {self.refined_runs}: give 10 or more")
         if self.target_cov is not None and not 0 < self.target_cov < 1:
             raise ValueError(f"[campaign] target_cov = {self.target_cov:g}: give a value above 0 and below 1")
 
@@ -125,14 +131,12 @@ class Budgeted(SceneSamples):
             return None
         if len(answers) == population.size:
             return "all samples ran on the refined grid"
-        target, found = self.target_cov, self.estimate(population, answers)
-        if target is not None and found.cov <= target:
+        target, estimate = self.target_cov, self.estimate(population, answers)
+        if target is not None and estimate.cov <= target:
             return f"the coefficient of variation is at most {target:g}"
-        if target is not None and found.refined_runs < self.budget(population.size):
-            if not out_of_reach(found, target):
-                return (
-                    f"the runs that a coefficient of variation of {target:g} takes are made, as fixed before the last"
-                )
+        if target is not None and estimate.refined_runs < self.budget(population.size):
+            if not out_of_reach(estimate, target):
+                return f"the runs that were fixed for a coefficient of variation of {target:g} are made"
             return (
                 f"a coefficient of variation of {target:g} is out of reach with {population.size} samples, "
                 "however many run refined: give more samples"
@@ -143,7 +147,10 @@ class Budgeted(SceneSamples):
 @dataclass(frozen=True)
 class InOrder(Budgeted):
     """Base of an estimator that refines the scene's first samples, as many as its budget or target asks for.
-    k_t: n/N by the published rule is told beside, where the runs allow it."""
+
+    Args:
+        k_t: of the published rule, whose n/N stands beside the estimate where the runs allow it.
+    """
 
     k_t: int | None = None
 
@@ -152,7 +159,7 @@ class InOrder(Budgeted):
         super().check(sampling)
         check_rule(self.k_t)
 
-    def wanted(self, population: Population, answers: Answers, places: int, under_way: Collection[int]) -> list[int]:
+    def wanted(self, population: Population, answers: Answers, lanes: int, under_way: Collection[int]) -> list[int]:
         """The first samples, as many as the budget allows, or until the target is met at a multiple of 10."""
         runs, target, there = self.budget(population.size), self.target_cov, _without_gap(answers)
         if target is not None:
@@ -165,7 +172,7 @@ class InOrder(Budgeted):
             # Not beyond the next look: what is run after it might not be needed.
             runs = min(runs, LOOK * (there // LOOK + 1))
         missing = [number for number in range(runs) if number not in answers and number not in under_way]
-        return missing[: max(places - len(under_way), 0)]
+        return missing[: max(lanes - len(under_way), 0)]
 
     def path(self, population: Population, answers: Answers) -> list[Estimate]:
         """After every 10 samples, or more."""
@@ -180,7 +187,10 @@ class InOrder(Budgeted):
 class MonteCarlo(InOrder):
     """Refined runs of the first samples, all unless the settings say fewer, and the share that fails: `monte_carlo`.
 
-    refined_runs, target_cov, k_t: as for `TwoPhase`.
+    Args:
+        refined_runs: budget, None for all samples.
+        target_cov: coefficient of variation at which to stop before the budget is spent, None for none.
+        k_t: of the published rule, whose n/N stands beside the estimate where the runs allow it; None for none.
     """
 
     name: ClassVar[str] = "monte carlo"
@@ -206,7 +216,10 @@ class MonteCarlo(InOrder):
 class ControlVariate(InOrder):
     """Refined runs of the first samples, and the control variate that the rough ranks make: `control_variate`.
 
-    refined_runs, target_cov, k_t: as for `TwoPhase`.
+    Args:
+        refined_runs: budget. None for a fifth of the samples, at least 20, or with a target for all.
+        target_cov: coefficient of variation at which to stop before the budget is spent, None for none.
+        k_t: of the published rule, whose n/N stands beside the estimate where the runs allow it; None for none.
     """
 
     name: ClassVar[str] = "control variate"
@@ -217,10 +230,10 @@ class ControlVariate(InOrder):
         if len(known) < 2 * FOLDS:
             few = f"too few runs for a control variate, it takes {2 * FOLDS}"
             return replace(MonteCarlo().estimate(population, answers), notes=(*notes, few))
-        found = control_variate(
+        estimate = control_variate(
             population.rough_displacement, known, failure_displacement=population.failure_displacement
         )
-        return replace(found, notes=notes)
+        return replace(estimate, notes=notes)
 
     def beside(self, population: Population, answers: Answers) -> list[Estimate]:
         """n/N where its rule is met, and plain Monte Carlo: nobody chose the first samples."""
@@ -246,9 +259,9 @@ def monte_carlo_of_all(population: Population, answers: Answers) -> list[Estimat
     return [MonteCarlo().estimate(population, answers)] if whole else []
 
 
-def out_of_reach(found: Estimate, target: float) -> bool:
+def out_of_reach(estimate: Estimate, target: float) -> bool:
     """Whether the sampling of the fields alone scatters more than the target, so that no refined run would help."""
-    return after_more_runs(found, 10**9) > target
+    return after_more_runs(estimate, 10**9) > target
 
 
 def usual_budget(samples: int) -> int:
@@ -280,77 +293,3 @@ def _first_answers(answers: Answers) -> tuple[dict[int, bool], tuple[str, ...]]:
     known = {number: bool(answers[number]) for number in range(count) if answers[number] is not None}
     lost = count - len(known)
     return known, (f"{lost} refined runs gave no answer and are left out",) if lost else ()
-
-
-def monte_carlo(failed: np.ndarray, *, level: float = 0.95, samples: float = np.inf) -> Estimate:
-    """n/N of samples that all ran on the refined grid, with a Wilson interval. failed: (N,) bool. samples: that can run
-    in all, these among them."""
-    failed = np.asarray(failed, dtype=bool)
-    share = float(failed.mean())
-    left = share * (1 - share) * (1 / failed.size - 1 / samples)
-    return binomial("Monte Carlo", int(failed.sum()), failed.size, failed.size, level=level, audit_variance=left)
-
-
-def published(
-    rough_displacement: np.ndarray,
-    refined: Answers,
-    k_t: int,
-    *,
-    broke_off: np.ndarray | None = None,
-    level: float = 0.95,
-) -> Estimate:
-    """n/N of Jiang et al. (2024), Computers and Geotechnics 172, 106413, with a Wilson interval.
-
-    n failures are counted down to the stopping rank of k_t; all samples below it are taken to stand, which
-    makes the estimate too low when the grids disagree. The interval holds the sampling of the N only.
-    rough_displacement: (N,) m. refined: sample -> failed, None for a run without an answer.
-    """
-    order = rank_samples(rough_displacement, broke_off).order
-    rank = stopping_rank(order, refined, k_t)
-    ranked = [refined[int(sample)] for sample in order[:rank] if int(sample) in refined]
-    unanswered, notes = ranked.count(None), []
-    if rank is None or rank < order.size:
-        notes.append("samples below the stopping rank are taken to stand: the estimate tends to be low")
-    if rank is None:
-        notes.append(f"the stopping rule (k_t = {k_t}) is not met yet")
-    if unanswered:
-        notes.append(f"{unanswered} refined runs gave no answer: up to {unanswered / order.size:.2g} more")
-    return binomial("published n/N", ranked.count(True), order.size, len(ranked), level=level, notes=tuple(notes))
-
-
-def control_variate(
-    rough_displacement: np.ndarray,
-    refined: Mapping[int, bool],
-    *,
-    failure_displacement: float = 1.0,
-    level: float = 0.95,
-) -> Estimate:
-    """Multifidelity control variate of Peherstorfer, Willcox and Gunzburger (2016), SIAM Journal on Scientific
-    Computing 38, A3163-A3194, for a random subset of the samples run on both grids.
-
-    The control is the failure probability given the rough rank, from a logistic fit to the other folds, so that
-    no sample takes part in its own prediction. rough_displacement: (N,) (m). refined: sample -> failed, of at
-    least 2 samples per fold drawn without regard to their rough result, for example the first n.
-    failure_displacement: beyond which a sample has failed (m).
-    """
-    count = np.size(rough_displacement)
-    if len(refined) < 2 * FOLDS:
-        raise ValueError(f"{len(refined)} refined runs in {FOLDS} folds: give at least {2 * FOLDS} runs")
-    rank = np.argsort(rank_samples(rough_displacement).order)
-    score = normal_scores(np.ones(count))[rank]
-    centre = rough_centre(rough_displacement, np.ones(count), failure_displacement)
-    runs = np.fromiter(sorted(refined), dtype=int)
-    failed = np.array([refined[int(run)] for run in runs], dtype=float)
-    residual, predicted = np.empty(runs.size), 0.0
-    for fold in range(FOLDS):
-        mine = np.arange(runs.size) % FOLDS == fold
-        model = fit_logistic(score[runs[~mine]], failed[~mine], centre)
-        residual[mine] = failed[mine] - predict_logistic(model, score[runs[mine]], centre)
-        predicted += mine.mean() * predict_logistic(model, score, centre).mean()
-    probability = predicted + float(residual.mean())
-    share = min(max(probability, 0.0), 1.0)
-    spread = float(residual.var(ddof=1)) * (1 / runs.size - 1 / count)
-    return with_variance(
-        "multifidelity control variate", probability, share * (1 - share) / count + spread, runs.size,
-        freedom=runs.size - 1, audit_variance=spread, level=level,
-    )  # fmt: skip

@@ -23,15 +23,22 @@ Screened = Mapping[int, tuple[float, bool]]
 
 
 def _no_field() -> NoReturn:
+    """Stand in for a field that is not known yet."""
     raise ValueError("the random field is not known yet: ask for coefficients once the scene is read")
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """What a scene says of the first phase. samples: [campaign] samples. failure_displacement: beyond which a sample
-    has failed (m). screening_stop: displacement at which a rough run ends (m), None where none does. modes: gives the
-    number of coefficients of a sample. draw: gives the coefficients of all samples (samples, modes), by the design
-    that the scene asks for, Latin hypercube or another. `check` and `rough_runs` do without the last two."""
+    """What a scene says of the first phase.
+
+    Args:
+        samples: [campaign] samples.
+        failure_displacement: beyond which a sample has failed (m).
+        screening_stop: displacement at which a rough run ends (m), None where none does.
+        modes: gives the number of coefficients of a sample.
+        draw: gives the coefficients of all samples (samples, modes), by the design that the scene asks for, Latin
+            hypercube or another. `check` and `rough_runs` do without the last two.
+    """
 
     samples: int
     failure_displacement: float
@@ -42,10 +49,17 @@ class Sampling:
 
 @dataclass(frozen=True)
 class Population:
-    """Samples of the first phase. rough_displacement: (N,) m. broke_off: (N,) bool, rough runs without a
-    result. weight: (N,), summing to 1, equal if None. replicate: (N,) int, the independent runs of subset
-    simulation that the samples came from; None if all N samples are independent. number: (N,) int, of each sample in
-    the campaign, 0 to N - 1 if None. failure_displacement: beyond which a sample has failed (m)."""
+    """Samples of the first phase.
+
+    Args:
+        rough_displacement: (N,) m.
+        broke_off: (N,) bool, rough runs without a result.
+        weight: (N,), summing to 1, equal if None.
+        replicate: (N,) int, the independent runs of subset simulation that the samples came from; None if all N samples
+            are independent.
+        number: (N,) int, of each sample in the campaign, 0 to N - 1 if None.
+        failure_displacement: beyond which a sample has failed (m).
+    """
 
     rough_displacement: np.ndarray
     broke_off: np.ndarray | None = None
@@ -66,8 +80,9 @@ class Population:
 
 
 class Estimator(Protocol):
-    """One way to a probability of failure. `Population` and `Answers` number the samples by their place in the
-    population.
+    """One way to a probability of failure.
+
+    `Population` and `Answers` number the samples by their position in the population.
 
     Anything that has these methods and is a frozen dataclass runs in a campaign, see `cooperative.campaign.run`. One
     that refines some of the scene's own samples may derive from `SceneSamples`, which writes the first phase.
@@ -84,8 +99,17 @@ class Estimator(Protocol):
         """Rough runs that the first phase takes in all."""
 
     def coefficients(self, sampling: Sampling, screened: Screened) -> np.ndarray:
-        """Coefficients (n, modes) of the samples 0 to n - 1 of the first phase, as many as can be told from the rough
-        results so far. Those without a result are run, and then it is asked again."""
+        """Coefficients of the first samples of the first phase, as many as the rough results so far determine.
+
+        Those without a result are run, and then the method is called again.
+
+        Args:
+            sampling: of the scene.
+            screened: rough results so far.
+
+        Returns:
+            Coefficients (n, terms) of samples 0 to n - 1.
+        """
 
     def population(self, sampling: Sampling, screened: Screened) -> Population | None:
         """The first phase as the second sees it; None while it is not complete enough for that."""
@@ -93,9 +117,18 @@ class Estimator(Protocol):
     def budget(self, samples: int) -> int | None:
         """Most refined runs of a population of so many samples; None where only the results will tell."""
 
-    def wanted(self, population: Population, answers: Answers, places: int, under_way: Collection[int]) -> list[int]:
-        """Samples to start on the refined grid now, with `places` lanes in all; empty when nothing is to start, and
-        with nothing under way when the campaign has ended."""
+    def wanted(self, population: Population, answers: Answers, lanes: int, under_way: Collection[int]) -> list[int]:
+        """Samples to start on the refined grid now.
+
+        Args:
+            population: samples of the first phase.
+            answers: of refined runs so far.
+            lanes: in all.
+            under_way: samples that are running.
+
+        Returns:
+            Samples; empty when nothing is to start, and with nothing under way when the campaign has ended.
+        """
 
     def estimate(self, population: Population, answers: Answers) -> Estimate:
         """Probability of failure from what is known."""
@@ -115,11 +148,15 @@ class Estimator(Protocol):
 
 @dataclass(frozen=True)
 class Failures:
-    """Where the failures lie: (N,) each, by place in the population, or by rank.
+    """Where the failures lie: (N,) each, by position in the population, or by rank.
 
-    number: of each sample in the campaign. weight: share of all samples that it is. chance: probability that it fails,
-    as far as the estimator's own runs tell, 0 or 1 where one of them has its class. count: failures that the estimator
-    counts there, as a share of all samples; they add up to about P_f, and single ones may be below 0.
+    Args:
+        number: of each sample in the campaign.
+        weight: share of all samples that it is.
+        chance: probability that it fails, as far as the estimator's own runs tell, 0 or 1 where one of them has its
+            class.
+        count: failures that the estimator counts there, as a share of all samples; they add up to about P_f, and single
+            ones may be below 0.
     """
 
     number: np.ndarray
@@ -138,11 +175,16 @@ class Modelled(Protocol):
     """What an estimator has beside the rest that knows how likely samples fail which it did not run."""
 
     def failures(self, population: Population, answers: Answers) -> Failures:
-        """Where the failures lie, by place in the population."""
+        """Where the failures lie, by position in the population."""
 
 
 def all_samples(sampling: Sampling, screened: Screened) -> Population | None:
-    """A first phase that is the scene's own samples, each as good as another; None before the first result."""
+    """A first phase that is the scene's own samples, each as good as another; None before the first result.
+
+    Args:
+        sampling: of the scene.
+        screened: rough results.
+    """
     if not screened:
         return None
     number = np.array(sorted(screened), dtype=int)

@@ -21,7 +21,9 @@ from cooperative.estimate._estimates import effective_size
 class Ranking:
     """Samples by rough displacement, largest first.
 
-    order: sample indices (N,). broke_off: indices whose rough run gave no result; they lead the order.
+    Args:
+        order: sample indices (N,).
+        broke_off: indices whose rough run gave no result; they lead the order.
     """
 
     order: np.ndarray
@@ -31,9 +33,13 @@ class Ranking:
 def rank_samples(rough_displacement: np.ndarray, broke_off: np.ndarray | None = None) -> Ranking:
     """Rank N samples by their largest rough displacement (N,) m, largest first, ties by sample number.
 
-    A rough run that broke off (`broke_off` (N,) bool, or a displacement that is not finite) says nothing
-    about its sample, and most lanes fail because the soil moved far. It is therefore placed first, where it
-    certainly gets a refined run, and reported; dropping it would bias the probability.
+    A rough run that broke off (`broke_off` (N,) bool, or a displacement that is not finite) says nothing about its
+    sample, and most lanes fail because the soil moved far. It is therefore placed first, where it certainly gets a
+    refined run, and reported; dropping it would bias the probability.
+
+    Args:
+        rough_displacement: largest displacement of each sample on the rough grid (N,) m.
+        broke_off: rough runs without a result (N,) bool.
     """
     displacement = np.asarray(rough_displacement, dtype=float)
     if displacement.ndim != 1 or displacement.size == 0:
@@ -51,9 +57,11 @@ def rank_samples(rough_displacement: np.ndarray, broke_off: np.ndarray | None = 
 def stopping_rank(order: np.ndarray, refined: Mapping[int, bool | None], k_t: int) -> int | None:
     """How many of the ranked samples the rule needs, or None while it is not known yet.
 
-    order: sample indices by rank (N,). refined: sample -> whether it failed on the refined grid; None for a
-    run that gave no answer, which neither counts towards k_t nor resets it. If k_t consecutive samples never
-    stand, all N are needed.
+    Args:
+        order: sample indices by rank (N,).
+        refined: sample -> whether it failed on the refined grid; None for a run that gave no answer, which neither
+            counts towards k_t nor resets it. If k_t consecutive samples never stand, all N are needed.
+        k_t: consecutive samples that must stand.
     """
     rank, missing = _walk(order, refined, k_t)
     return None if missing else rank
@@ -70,15 +78,23 @@ def next_refined(
 ) -> list[int]:
     """Samples to start on the refined grid now, in rank order; empty when there is nothing to start.
 
-    At most `look_ahead` runs are under way together, those in `under_way` included. A sample is asked for
-    only if the rule needs it whatever the missing results turn out to be, so looking ahead wastes no run.
+    At most `look_ahead` runs are under way together, those in `under_way` included. A sample is asked for only if the
+    rule needs it whatever the missing results turn out to be, so looking ahead wastes no run.
+
+    Args:
+        rough_displacement: (N,) m.
+        refined: sample -> whether it failed on the refined grid, None for a run that gave no answer.
+        k_t: consecutive samples that must stand.
+        look_ahead: most runs under way together.
+        broke_off: rough runs without a result (N,) bool.
+        under_way: samples that are running.
     """
     if look_ahead < 1:
         raise ValueError(f"look_ahead = {look_ahead} is below 1: give the number of runs at once")
     order = rank_samples(rough_displacement, broke_off).order
     missing = _walk(order, refined, k_t)[1]
-    places = max(look_ahead - len(under_way), 0)
-    return [sample for sample in missing if sample not in under_way][:places]
+    free = max(look_ahead - len(under_way), 0)
+    return [sample for sample in missing if sample not in under_way][:free]
 
 
 def _walk(order: np.ndarray, refined: Mapping[int, bool | None], k_t: int) -> tuple[int, list[int]]:
@@ -101,9 +117,13 @@ def _walk(order: np.ndarray, refined: Mapping[int, bool | None], k_t: int) -> tu
 class Correlation:
     """How well the rough grid tells the refined one, over samples run on both, each with its weight.
 
-    samples: run on both. spearman: of the ranks, with its interval. pearson_log: of the logarithm of the largest
-    displacement. same_class: share of samples that both grids call failed or both standing. phi: correlation of the
-    two classes, None where either grid has one class only.
+    Args:
+        samples: run on both.
+        spearman: correlation of the ranks.
+        interval: confidence limits of that.
+        pearson_log: of the logarithm of the largest displacement.
+        same_class: share of samples that both grids call failed or both standing.
+        phi: correlation of the two classes, None where either grid has one class only.
     """
 
     samples: int
@@ -119,9 +139,13 @@ def correlation(
 ) -> Correlation | None:
     """Correlation between the grids; None for fewer than 4 samples, or without any spread.
 
-    rough, refined: largest displacements (n,) m of the same samples. weight: (n,). failure_displacement: beyond which
-    a sample has failed (m). The interval of the rank correlation is Fisher's, with the variance of Bonett and Wright
-    (2000), Psychometrika 65, 23-28, for the effective number of samples.
+    Args:
+        rough: largest displacements (n,) m of the same samples.
+        refined: largest displacements (n,) m of the same samples.
+        weight: (n,).
+        failure_displacement: beyond which a sample has failed (m). The interval of the rank correlation is Fisher's,
+            with the variance of Bonett and Wright (2000), Psychometrika 65, 23-28, for the effective number of samples.
+        level: confidence level of the interval.
     """
     if rough.size < 4 or np.ptp(rough) == 0 or np.ptp(refined) == 0:
         return None
@@ -146,9 +170,9 @@ def correlation(
 
 def _ranks(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Weighted ranks from 0 to 1: the share below, and half of that which is equal."""
-    distinct, place = np.unique(values, return_inverse=True)
-    share = np.bincount(place, weight, distinct.size) / weight.sum()
-    return (np.cumsum(share) - share / 2)[place]
+    distinct, which = np.unique(values, return_inverse=True)
+    share = np.bincount(which, weight, distinct.size) / weight.sum()
+    return (np.cumsum(share) - share / 2)[which]
 
 
 def _pearson(a: np.ndarray, b: np.ndarray, weight: np.ndarray) -> float:

@@ -1,13 +1,11 @@
 """The two-phase estimator: all samples on the rough grid, an audited few on the refined one.
 
 Phase one is the sampling of the N fields, phase two the audit of `cooperative.estimate._audit`; the interval holds
-both.
-Two-phase sampling: Sarndal, Swensson and Wretman (1992), Model Assisted Survey Sampling, Chapter 9.
-The interval assumes nothing of the ranking: to the scatter of both phases it adds, upwards only, what failures may
-hide where no run has looked; `Estimate.unseen` and `Estimate.sampling_interval` tell the two apart. Where draws far
-down the ranking fail, the notes say so.
-Everything is a pure function of the rows and the plan: what to run next and the estimate come out the same
-whatever ran at once, in whatever order, and after any interruption.
+both (two-phase sampling: Sarndal, Swensson and Wretman 1992, Model Assisted Survey Sampling, Chapter 9). It assumes
+nothing of the ranking: to the scatter of both phases it adds, upwards only, what failures may hide among samples that
+were not refined, which `Estimate.unseen` and `Estimate.sampling_interval` give apart. Where draws far down the ranking
+fail, the notes say so. Everything is a pure function of the rows and the plan, so what to run next and the estimate do
+not depend on what ran at once, in which order, or after which interruption.
 
 A target for the coefficient of variation goes by the scatter alone.
 Who stops once the spread seen so far is small enough stops when few failures happened to be drawn, or when the estimate
@@ -35,20 +33,19 @@ from cooperative.estimate._audit import (
     AuditTotal,
     Wave,
     audit_total,
+    certainty_stratum,
     check_plan,
+    check_weights,
     draw_variance,
     draw_wave,
     even_share,
-    fit_logistic,
-    normal_scores,
-    predict_logistic,
-    rough_centre,
     surprise,
     unseen,
 )
 from cooperative.estimate._estimates import Estimate, with_variance
+from cooperative.estimate._logistic import fit_logistic, normal_scores, predict_logistic, rough_centre
 from cooperative.estimate._protocol import Answers, Failures, Population
-from cooperative.estimate._ranking import next_refined, rank_samples, stopping_rank
+from cooperative.estimate._ranking import rank_samples
 
 SPENT = 1e-9
 """What is left of the shares of a mean that are all given."""
@@ -58,9 +55,11 @@ PRIOR_DRAWS = 16
 
 @dataclass(frozen=True)
 class _Replay:
-    """The campaign so far, by rank (N,): order of samples, weights, outcomes (nan where none), whether known, ranks of
-    the certainty stratum, complete waves, what each of their draws counts for (draws,), ranks to run next, and the
-    model of all results."""
+    """The campaign so far, by rank (N,).
+
+    Order of samples, weights, outcomes (nan for none), whether known, ranks of the certainty stratum, complete waves,
+    share of each of their draws (draws,), ranks to run next, and the model of all results.
+    """
 
     order: np.ndarray
     weight: np.ndarray
@@ -74,10 +73,19 @@ class _Replay:
 
 
 def next_audit(population: Population, refined: Answers, plan: AuditPlan) -> list[int]:
-    """Samples to run on the refined grid next, in the order drawn; all may run at once. Empty when finished.
+    """Samples to run on the refined grid next, in the order drawn; all may run at once.
 
-    First the rough runs that broke off and the ranked prefix, then wave by wave. refined: sample -> failed, None for a
-    run that gave no answer. Raises ValueError for a plan or population that makes no sense.
+    Empty when finished.
+
+    First the rough runs that broke off and the ranked prefix, then wave by wave.
+
+    Args:
+        population: samples of the first phase.
+        refined: sample -> failed, None for a run that gave no answer.
+        plan: of the audit.
+
+    Raises:
+        ValueError: a plan or population that makes no sense.
     """
     replay = _replay(population, refined, plan)
     return [int(sample) for sample in replay.order[replay.missing]]
@@ -86,8 +94,14 @@ def next_audit(population: Population, refined: Answers, plan: AuditPlan) -> lis
 def two_phase(population: Population, refined: Answers, plan: AuditPlan, *, level: float = 0.95) -> Estimate:
     """Estimate from the complete waves; see `next_audit` for the arguments.
 
-    Unbiased for any relation between the grids. A run without an answer is replaced by what the model expected
-    of it. Before the first wave is complete the interval is (0, 1).
+    Unbiased for any relation between the grids. A run without an answer is replaced by what the model expected of it.
+    Before the first wave is complete the interval is (0, 1).
+
+    Args:
+        population: samples of the first phase.
+        refined: sample -> whether it failed on the refined grid, None for a run that gave no answer.
+        plan: of the audit.
+        level: confidence level of the interval.
     """
     return _estimate(population, _replay(population, refined, plan), plan, level)
 
@@ -104,6 +118,11 @@ def sample_weights(population: Population, refined: Answers, plan: AuditPlan) ->
 
     The weights of the ordered draws without a model; for a share among the failures, or any other mean over samples,
     divide by their sum. Runs that gave no answer, and those of an incomplete wave, have none.
+
+    Args:
+        population: samples of the first phase.
+        refined: sample -> whether it failed on the refined grid, None for a run that gave no answer.
+        plan: of the audit.
     """
     replay = _replay(population, refined, plan)
     count, nothing = replay.order.size, np.zeros(replay.order.size)
@@ -117,13 +136,20 @@ def sample_weights(population: Population, refined: Answers, plan: AuditPlan) ->
 
 
 def failures(population: Population, refined: Answers, plan: AuditPlan) -> Failures:
-    """Where the failures lie, by place in the population: what the model expects of each sample and, where samples were
-    drawn, what the ordered draws correct."""
+    """Where the failures lie, by position in the population.
+
+    The model's expectation for each sample and, where samples were drawn, the correction by the ordered draws.
+
+    Args:
+        population: samples of the first phase.
+        refined: sample -> whether it failed on the refined grid, None for a run that gave no answer.
+        plan: of the audit.
+    """
     replay = _replay(population, refined, plan)
-    place = np.argsort(replay.order)
+    position = np.argsort(replay.order)
     chance = np.where(np.isnan(replay.outcome), replay.model, replay.outcome)
-    count = _audit(replay, np.arange(place.size)).by_group
-    return Failures(population.numbers, replay.weight[place], chance[place], count[place])
+    count = _audit(replay, np.arange(position.size)).by_group
+    return Failures(population.numbers, replay.weight[position], chance[position], count[position])
 
 
 def _replay(population: Population, refined: Answers, plan: AuditPlan, *, most_waves: int | None = None) -> _Replay:
@@ -132,7 +158,7 @@ def _replay(population: Population, refined: Answers, plan: AuditPlan, *, most_w
     ranking = rank_samples(population.rough_displacement, population.broke_off)
     order, count, lost = ranking.order, ranking.order.size, ranking.broke_off.size
     weight = np.full(count, 1 / count) if population.weight is None else np.asarray(population.weight)[order]
-    _check_weights(population, weight, count)
+    check_weights(population, weight, count)
     if lost > plan.runs - plan.first_wave:
         raise ValueError(
             f"{lost} rough runs broke off and want a refined run each, of {plan.runs} runs in all: "
@@ -140,10 +166,10 @@ def _replay(population: Population, refined: Answers, plan: AuditPlan, *, most_w
         )
     score = normal_scores(weight)
     centre = rough_centre(population.rough_displacement[order], weight, population.failure_displacement)
-    found = [refined.get(int(sample), "missing") for sample in order]
-    there = np.array([answer != "missing" for answer in found])
-    value = np.array([np.nan if answer in (None, "missing") else float(answer) for answer in found])
-    certain, missing = _certainty_stratum(population, refined, plan, order, lost)
+    results = [refined.get(int(sample), "missing") for sample in order]
+    there = np.array([answer != "missing" for answer in results])
+    value = np.array([np.nan if answer in (None, "missing") else float(answer) for answer in results])
+    certain, missing = certainty_stratum(refined, plan, order, lost)
     missing = np.union1d(missing, certain[~there[certain]])
     known = there & np.isin(np.arange(count), certain)
     waves: list[Wave] = []
@@ -180,38 +206,57 @@ def _replay(population: Population, refined: Answers, plan: AuditPlan, *, most_w
 def _wave_share(
     population: Population, so_far: _Replay, plan: AuditPlan, wave: Wave, rest: float, left: int
 ) -> np.ndarray:
-    """What the draws of the next wave count for, from the waves before alone; fewer than its draws where these are
-    enough for the target. rest: what is left of the shares. left: draws that the budget allows."""
+    """Share of the estimate of each draw of the next wave, from the waves before alone.
+
+    There are fewer than its draws where these are enough for the target.
+
+    Args:
+        population: samples of the first phase.
+        so_far: waves before.
+        plan: of the audit.
+        wave: drawn, not yet run.
+        rest: what is left of the shares.
+        left: draws that the budget allows.
+    """
     size, drawn = wave.ranks.size, so_far.share.size
     if plan.target_cov is None:
         return place_share(drawn, size)
     needed = 0.0
     if drawn and size < left:
-        # The estimate by place is the steadier one while shares are few.
+        # The estimate with shares by order is steadier while shares are few.
         so_far = replace(so_far, share=place_share(0, drawn))
-        found, beyond = _estimate(population, so_far, plan), _audit(so_far).beyond
+        estimate, beyond = _estimate(population, so_far, plan), _audit(so_far).beyond
         expected = float(so_far.weight @ np.where(np.isnan(so_far.outcome), so_far.model, so_far.outcome))
         variance = draw_variance(wave, wave.model, so_far.weight)
         # Two waves at least.
-        needed = min(needed_share(plan.target_cov, found, expected, beyond, variance), 0.5 / plan.first_wave)
+        needed = min(needed_share(plan.target_cov, estimate, expected, beyond, variance), 0.5 / plan.first_wave)
     return target_share(needed, rest, drawn=drawn, size=size, left=left)
 
 
 def place_share(drawn: int, size: int) -> np.ndarray:
-    """What draws count for, in proportion, that follow `drawn` others (size,): later ones rest on a better model and on
-    more known outcomes."""
+    """Share of draws (size,), in proportion, that follow `drawn` others.
+
+    Later draws rest on a better model and on more known outcomes.
+    """
     return np.sqrt(np.arange(drawn + 1.0, drawn + size + 1.0))
 
 
 def target_share(needed: float, rest: float, *, drawn: int, size: int, left: int) -> np.ndarray:
     """Shares of the draws of a wave of `size` (at most size,), of a mean of which `rest` is left to give.
 
-    needed: share of one draw by the target. drawn, left: draws before, and those that the budget still allows. What the
-    target does not need before the budget ends is shared out as without one. Draws that can carry all that is left are
-    the last, and share it evenly; so are the last that the budget allows.
+    Args:
+        needed: share of one draw by the target.
+        rest: share that is left to give.
+        drawn: draws before, and those that the budget still allows. What the target does not need before the budget
+            ends is shared out as without one. Draws that can carry all that is left are the last, and share it evenly;
+            so are the last that the budget allows.
+        size: draws of the wave.
+        left: draws before, and those that the budget still allows. What the target does not need before the budget ends
+            is shared out as without one. Draws that can carry all that is left are the last, and share it evenly; so
+            are the last that the budget allows.
     """
-    place = place_share(drawn, left)
-    share = np.maximum(rest * place[:size] / place.sum(), needed)
+    order = place_share(drawn, left)
+    share = np.maximum(rest * order[:size] / order.sum(), needed)
     enough = int(np.searchsorted(np.cumsum(share), rest)) + 1
     if enough <= size or size == left:
         share = share[:enough]
@@ -219,36 +264,22 @@ def target_share(needed: float, rest: float, *, drawn: int, size: int, left: int
     return share
 
 
-def needed_share(target: float, found: Estimate, expected: float, beyond: float, variance: float) -> float:
-    """Share of one draw of the next wave for a target of the coefficient of variation; 0 where sampling alone scatters
-    more.
+def needed_share(target: float, estimate: Estimate, expected: float, beyond: float, variance: float) -> float:
+    """Share of one draw of the next wave for a target; 0 where sampling alone scatters more.
 
-    found: from the waves before. expected: probability of failure by the model alone, which one heavy draw moves less.
-    variance: of one draw, by the model; it is multiplied by what the draws so far scatter beyond that.
+    Args:
+        target: coefficient of variation.
+        estimate: from the waves before.
+        expected: probability of failure by the model alone, which one heavy draw moves less.
+        beyond: scatter of the draws so far over what the model expected.
+        variance: of one draw, by the model; it is multiplied by what the draws so far scatter beyond that.
     """
-    square = ((found.probability + expected) / 2) ** 2
-    if not found.probability:
+    square = ((estimate.probability + expected) / 2) ** 2
+    if not estimate.probability:
         return 0.0
-    sampling = found.cov**2 - found.audit_variance / found.probability**2
-    factor = (found.refined_runs * beyond + PRIOR_DRAWS) / (found.refined_runs + PRIOR_DRAWS)
+    sampling = estimate.cov**2 - estimate.audit_variance / estimate.probability**2
+    factor = (estimate.refined_runs * beyond + PRIOR_DRAWS) / (estimate.refined_runs + PRIOR_DRAWS)
     return max(target**2 - sampling, 0.0) * square / (variance * factor)
-
-
-def _certainty_stratum(
-    population: Population, refined: Answers, plan: AuditPlan, order: np.ndarray, lost: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Ranks known with certainty, and those among them that are still to run."""
-    if plan.k_t is None:
-        return np.arange(lost), np.zeros(0, dtype=int)
-    most = max(plan.runs // 2, lost)
-    rank = stopping_rank(order[:most], refined, plan.k_t)
-    if rank is not None:
-        return np.arange(max(rank, lost)), np.zeros(0, dtype=int)
-    displacement = -np.arange(most, dtype=float)
-    ranked = {at: refined[int(sample)] for at, sample in enumerate(order[:most]) if int(sample) in refined}
-    missing = np.array(next_refined(displacement, ranked, plan.k_t, most), dtype=int)
-    known = np.array([at for at in ranked if at < missing.min()], dtype=int)
-    return np.union1d(known, np.arange(lost)), missing
 
 
 def _audit(replay: _Replay, group: np.ndarray | None = None) -> AuditTotal:
@@ -266,30 +297,30 @@ def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: f
     runs = replay.certain.size + sum(wave.ranks.size for wave in replay.waves)
     notes = []
     if unanswered := int(np.isnan(replay.outcome[replay.known]).sum()):
-        notes.append(f"{unanswered} refined runs gave no answer: the model stands in for them")
+        notes.append(f"{unanswered} refined runs gave no answer; the model replaces them")
     if np.isnan(audit.variance):
-        notes.append("no wave of the audit is complete yet: this is the model's guess")
+        notes.append("no wave of the audit is complete yet: the estimate is the model's")
         return Estimate(audit.total, (0.0, 1.0), np.inf, runs, "two-phase", level, tuple(notes), np.nan)
     variance, total = audit.variance, audit.total
     if plan.target_cov is not None:
-        # What few draws scatter is told with what the model expects of them.
+        # The scatter of few draws is combined with what the model expects of them.
         draws = replay.share.size
         variance = (draws * variance + PRIOR_DRAWS * audit.doubt) / (draws + PRIOR_DRAWS)
     if np.nansum(replay.outcome) == 0 and not np.isinf(audit.effective_draws):
-        notes.append("no refined failure found yet: the interval rests on the model")
+        notes.append("no refined failure yet: the interval rests on the model")
         variance, total = max(variance, audit.doubt), max(total, float(weight @ model))
     hidden = None
     if plan.proving:
         hidden = unseen(replay.waves, replay.outcome, replay.known, weight=weight, level=level)
     else:
         notes.append(
-            "the interval takes the ranks at their word: it has no allowance for failures far down that no run met"
+            "the interval has no allowance for failures among low-ranked samples that were not refined (proving = 0)"
         )
     far = surprise(replay.waves, replay.outcome)
     if far.misled:
         notes.append(
-            f"THE RANKS MISLEAD: {far.failed} of {far.drawn} refined runs far down the ranking failed, where at most "
-            f"{max(far.expected, 0.1):.1f} were to be expected; more of the runs are spread evenly over all ranks now"
+            f"THE RANKS MISLEAD: {far.failed} of {far.drawn} low-ranked samples failed when refined, and the model "
+            f"expected {max(far.expected, 0.1):.1f}; more of the runs are now spread evenly over all ranks"
         )
     both, freedom = _whole_variance(audit, variance, min(max(total, 0.0), 1.0), weight.size, group)
     return with_variance(
@@ -321,12 +352,3 @@ def _whole_variance(
     both = variance + share * (1 - share) / samples
     # Welch and Satterthwaite, the binomial part being as good as known.
     return both, audit.effective_draws * (both / variance) ** 2 if variance > 0 else np.inf
-
-
-def _check_weights(population: Population, weight: np.ndarray, count: int) -> None:
-    if weight.shape != (count,) or not (weight > 0).all() or not np.isclose(weight.sum(), 1.0):
-        raise ValueError(f"weight sums to {weight.sum():.6g}: give {count} positive weights that sum to 1")
-    if population.replicate is None and population.weight is not None:
-        raise ValueError("weighted samples are not independent: give the replicate that each came from")
-    if population.replicate is not None and np.unique(population.replicate).size < 2:
-        raise ValueError("replicate names fewer than 2 independent runs: give at least 2, better 8")

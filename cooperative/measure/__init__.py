@@ -1,4 +1,4 @@
-"""What a slide did: consequences, onsets, failure modes, what came over places."""
+"""What a slide did: consequences, onsets, failure modes, what came over elements at risk."""
 
 from cooperative.measure._consequences import (
     EDGE,

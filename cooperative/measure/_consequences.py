@@ -32,8 +32,12 @@ SMALLEST_SHARE = 0.01
 
 @dataclass(frozen=True)
 class OpenGround:
-    """Ground without a crest and a toe, a section or a terrain. surface: height of its surface above each particle
-    before the slide (N,) m. track: along which the run-out is measured, None for along the slide."""
+    """Ground without a crest and a toe, a section or a terrain.
+
+    Args:
+        surface: height of its surface above each particle before the slide (N,) m.
+        track: along which the run-out is measured, None for along the slide.
+    """
 
     surface: np.ndarray
     track: Track | None = None
@@ -49,18 +53,19 @@ class Consequences:
     Args:
         displacement: R_d (m), the largest displacement of a particle of the sliding mass, of any where nothing slides;
             with a least volume that which so much soil has exceeded.
-        depth: H (m), from crest level down to the deepest point of the sliding soil before it slid. Measured from
-            the crest, it exceeds the slope height exactly if the slip surface passes below the toe. On `OpenGround`,
-            from the surface above it, where that is most.
+        depth: H (m), from crest level down to the deepest point of the sliding soil before it slid. Measured from the
+            crest, it exceeds the slope height exactly if the slip surface passes below the toe. On `OpenGround`, from
+            the surface above it, where that is most.
         runout: L (m), horizontally from the toe to the front of the sliding mass; 0 if it stays behind the toe. On
             `OpenGround`, from the rear of the mass before it slid to its front after, along its mean displacement: the
             travel distance of Corominas (1996), Canadian Geotechnical Journal 33, 260-271. Where the ground has a
             track, along that instead, whichever way the mass went.
         volume: V, of the sliding soil (m3), in a section (m2), that is m3 per metre of width.
-        area: S, plan area beyond the toe that the sliding mass overruns (m2): the run-out of each slice across
-            the slope, times its width, summed. In a section (m), that is m2 per metre of width, it equals the run-out.
-            On `OpenGround`, plan area of the mass at its end.
-        displacement_any, runout_any: displacement and run-out with detached grains (m).
+        area: S, plan area beyond the toe that the sliding mass overruns (m2): the run-out of each slice across the
+            slope, times its width, summed. In a section (m), that is m2 per metre of width, it equals the run-out. On
+            `OpenGround`, plan area of the mass at its end.
+        displacement_any: largest displacement with detached grains (m).
+        runout_any: run-out with detached grains (m).
     """
 
     displacement: float
@@ -116,9 +121,9 @@ def consequences(
 
     moved = np.linalg.norm(displacement, axis=0)
     sliding = moved >= failure_displacement
-    largest, told = float(moved.max()), exceeded(moved, volume, least_volume)
+    largest, exceeding = float(moved.max()), exceeded(moved, volume, least_volume)
     if not sliding.any():
-        return Consequences(told, 0.0, 0.0, 0.0, 0.0, largest, 0.0)
+        return Consequences(exceeding, 0.0, 0.0, 0.0, 0.0, largest, 0.0)
 
     before, now, mass = _mass(position, displacement, volume, sliding, reach)
     if isinstance(geometry, Face):
@@ -134,7 +139,7 @@ def consequences(
     else:
         area = _covered(now[:, mass], half)
     return Consequences(
-        displacement=float(moved[sliding][mass].max()) if least_volume is None else told,
+        displacement=float(moved[sliding][mass].max()) if least_volume is None else exceeding,
         depth=float(depth),
         runout=float(beyond[mass].max()),
         volume=float(volume[sliding].sum()),
@@ -145,8 +150,15 @@ def consequences(
 
 
 def exceeded(moved: np.ndarray, volume: np.ndarray, least_volume: float | None) -> float:
-    """Largest of the displacements (N,) m that so much of the soil's volume (N,) has reached; None: that a particle
-    has. As `jaxmpm.diagnostics.exceeded_displacement`, bit for bit."""
+    """Largest displacement that so much of the soil has reached, as `jaxmpm.diagnostics.exceeded_displacement`.
+
+    As `jaxmpm.diagnostics.exceeded_displacement`, bit for bit.
+
+    Args:
+        moved: displacement of each particle (N,) m.
+        volume: of each particle (N,).
+        least_volume: of soil; None for a single particle.
+    """
     if least_volume is None:
         return float(moved.max())
     order = np.argsort(-moved, kind="stable")
@@ -166,35 +178,47 @@ def walls_reached(
     reach: float | None = None,
     polygon: Sequence[Sequence[float]] | None = None,
 ) -> str:
-    """The walls that the sliding mass has come to, or slid from, within so many metres: "x = 0 m; x = 92 m". Empty
-    where it reached none.
+    """The walls that the sliding mass has come to, or slid from.
 
-    polygon: corners in plan (m) of the ground, whose edge is told as `EDGE`.
+    Empty where it reached none.
 
-    position, displacement: (d, N) m. volume: (N,). walls: axis, side (-1 low, 1 high) and place (m) of each.
-    half_size: (d,) m. reach: as for `consequences`.
+    Args:
+        position: (d, N) m.
+        displacement: (d, N) m.
+        volume: (N,).
+        walls: axis, side (-1 low, 1 high) and coordinate (m) of each.
+        half_size: (d,) m.
+        failure_displacement: from which soil counts as sliding (m).
+        within: distance from a wall that counts as reached (m).
+        reach: as for `consequences`.
+        polygon: corners in plan (m) of the ground, whose edge is named `EDGE`.
+
+    Returns:
+        Their positions, as in "x = 0 m; x = 92 m"; empty where it reached none.
     """
     sliding = np.linalg.norm(displacement, axis=0) >= failure_displacement
     if not sliding.any():
         return ""
     before, now, mass = _mass(position, displacement, volume, sliding, reach)
-    found = []
-    for axis, side, place in walls:
+    reached = []
+    for axis, side, at in walls:
         farthest = max((side * where[axis, mass]).max() for where in (before, now)) + half_size[axis]
-        if farthest > side * place - within:
-            found.append(f"{'xyz'[axis]} = {place:g} m")
+        if farthest > side * at - within:
+            reached.append(f"{'xyz'[axis]} = {at:g} m")
     if polygon is not None:
         edge = shapely.LinearRing(polygon)
         apart = min(shapely.distance(edge, shapely.points(*where[:2, mass])).min() for where in (before, now))
-        found += [EDGE] if apart < within + half_size[:2].max() else []
-    return "; ".join(found)
+        reached += [EDGE] if apart < within + half_size[:2].max() else []
+    return "; ".join(reached)
 
 
 def _travelled(
     before: np.ndarray, now: np.ndarray, volume: np.ndarray, mass: np.ndarray, half: np.ndarray, track: Track | None
 ) -> np.ndarray:
-    """How far (n,) m the edge of each particle is from the rear that the mass had before, along the track or, without
-    one, its mean displacement; 0 where that has no direction."""
+    """Distance (n,) m from the rear that the mass had before to the edge of each particle.
+
+    Along the track or, without one, the mean displacement; 0 where that has no direction.
+    """
     if track is not None:
         (start, along), (end, ahead) = track.along(before[:2]), track.along(now[:2])
         sign = 1 if ((end - start)[mass] @ volume[mass]) >= 0 else -1
@@ -209,8 +233,10 @@ def _travelled(
 
 
 def _covered(now: np.ndarray, half: np.ndarray) -> float:
-    """Plan area (m2) of the mass at now (3, n) m, told on squares as wide as two particles, so that a mass that has
-    spread has no holes."""
+    """Plan area (m2) of the mass at now (3, n) m.
+
+    It is counted in squares as wide as two particles, so that a mass that has spread has no holes.
+    """
     side = 4 * half[:2].max()
     return float(len(np.unique(np.floor(now[:2] / side), axis=1).T) * side**2)
 
@@ -238,8 +264,8 @@ def overlapped_slices(
 ) -> tuple[np.ndarray, np.ndarray]:
     """First and last slice across the slope that particle domains [y - half, y + half] reach into, two (N,) of int.
 
-    Slice i is [origin + i slice_width, origin + (i + 1) slice_width]. A domain that only touches a slice does not
-    reach into it, so that splitting a domain reaches the same slices.
+    Slice i is [origin + i slice_width, origin + (i + 1) slice_width]. A domain that only touches a slice does not reach
+    into it, so that splitting a domain reaches the same slices.
     """
     rounding = 1e-9
     first = np.floor((y - half - origin) / slice_width + rounding).astype(int)
@@ -264,8 +290,11 @@ def _swept_area(y: np.ndarray, half: float, beyond: np.ndarray, slice_width: flo
 
 
 def checked(*run: np.ndarray) -> list[np.ndarray]:
-    """Position, displacement, volume and half_size of a run in double precision. Raises ValueError for shapes that do
-    not fit, and numbers that are not finite."""
+    """Position, displacement, volume and half_size of a run in double precision.
+
+    Raises:
+        ValueError: shapes that do not fit, and numbers that are not finite.
+    """
     arrays = [np.asarray(each, dtype=float) for each in run]
     shape = arrays[0].shape
     if len(shape) != 2 or shape[0] not in (2, 3) or shape[1] == 0:

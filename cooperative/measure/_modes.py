@@ -1,12 +1,12 @@
 """Failure modes: shallow, deep, compound and progressive, from depths across the slope and times of release.
 
-The four modes are those of Jiang, Li, Ma and Rezania (2024), Computers and Geotechnics 172, 106413, who tell them
-apart by eye. The rules here need no eye. Where several hold, the gravest name wins: progressive, compound, deep,
+The four modes are those of Jiang, Li, Ma and Rezania (2024), Computers and Geotechnics 172, 106413, who distinguish
+them by eye. The rules here need no eye. Where several hold, the gravest name wins: progressive, compound, deep,
 shallow.
 
     shallow       no mass slides deeper below the crest than the slope is high: it passes above the toe
     deep          all masses slide deeper
-    compound      masses of both kinds at different places along the slope
+    compound      masses of both kinds at different positions along the slope
     progressive   a second mass lets go after the first has slowed
 """
 
@@ -35,7 +35,8 @@ class ModeRules:
         separation: two masses side by side are two if the depth between them is less than that of the lesser by this
             share of the slope height.
         smallest_share: share of the sliding volume below which a mass does not count.
-        lull: time (s) in which less than `lull_share` of the sliding volume lets go, between two releases.
+        lull: time between two releases (s).
+        lull_share: most of the sliding volume that lets go in a lull.
         slowed: the first mass has slowed when its mean speed, over a snapshot, is at most this share of its peak.
     """
 
@@ -50,9 +51,16 @@ class ModeRules:
 
 @dataclass(frozen=True)
 class FailureMode:
-    """name: one of SEVERITY, or "none" if nothing slides. depth: sliding depth below the crest of each slice along the
-    slope (slices,) m, 0 where nothing slides; one slice in a section. masses: the depth of each mass (m). released:
-    when the first and, if progressive, the second mass began to let go (s). notes: in words."""
+    """Failure mode of one final state.
+
+    Args:
+        name: one of SEVERITY, or "none" if nothing slides.
+        depth: sliding depth below the crest of each slice along the slope (slices,) m, 0 where nothing slides; one
+            slice in a section.
+        masses: the depth of each mass (m).
+        released: when the first and, if progressive, the second mass began to let go (s).
+        notes: in words.
+    """
 
     name: str
     depth: np.ndarray
@@ -73,11 +81,17 @@ def failure_mode(
 ) -> FailureMode:
     """Mode of one final state.
 
-    position, displacement: (d, N) m, rows (x, y, z) or, in a section, (x, z). volume: (N,). half_size: half the
-    initial particle spacing (d,) m. motion: the run's past; without it progressive failure cannot be told, and a
-    note says so.
-    Raises ValueError for shapes that do not fit, or a past with another failure displacement than that of
-    the rules.
+    Args:
+        position: (d, N) m, rows (x, y, z) or, in a section, (x, z).
+        displacement: (d, N) m, rows (x, y, z) or, in a section, (x, z).
+        volume: (N,).
+        geometry: face of the slope.
+        half_size: half the initial particle spacing (d,) m.
+        motion: the run's past; without it progressive failure cannot be recognised, and a note says so.
+        rules: limits of the rules, None for the defaults.
+
+    Raises:
+        ValueError: shapes that do not fit, or a past with another failure displacement than that of the rules.
     """
     rules = rules or ModeRules()
     position, displacement, volume, half_size = checked(position, displacement, volume, half_size)
@@ -94,7 +108,7 @@ def failure_mode(
     released: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()
     if motion is None:
-        notes = ("no displacement history: progressive failure cannot be told",)
+        notes = ("no displacement history: progressive failure cannot be recognised",)
     else:
         released = releases(
             motion, sliding, smallest_share=rules.smallest_share, lull=rules.lull, lull_share=rules.lull_share,
@@ -148,7 +162,11 @@ def depth_profile(
 def separate_masses(depth: np.ndarray, share: np.ndarray, slope_height: float, rules: ModeRules) -> tuple[float, ...]:
     """Depths (m) of the masses side by side: peaks of the depth profile that stand out from what lies between them.
 
-    depth, share: (slices,), from `depth_profile`. The flank of a deep slide gets shallower and is no mass of its own.
+    Args:
+        depth: (slices,), from `depth_profile`. The flank of a deep slide gets shallower and is no mass of its own.
+        share: (slices,), from `depth_profile`. The flank of a deep slide gets shallower and is no mass of its own.
+        slope_height: from toe to crest (m).
+        rules: limits of the rules.
     """
     padded = np.concatenate([[0.0], depth, [0.0]])
     peaks = find_peaks(padded, prominence=rules.separation * slope_height)[0] - 1
@@ -156,9 +174,9 @@ def separate_masses(depth: np.ndarray, share: np.ndarray, slope_height: float, r
         return (float(depth.max()),)
     saddles = [a + int(np.argmin(depth[a:b])) for a, b in pairwise(peaks)]
     edges = [0, *saddles, depth.size]
-    kept = [
+    large = [
         float(depth[peak])
         for peak, a, b in zip(peaks, edges[:-1], edges[1:], strict=True)
         if share[a:b].sum() >= rules.smallest_share
     ]
-    return tuple(kept) or (float(depth.max()),)
+    return tuple(large) or (float(depth.max()),)

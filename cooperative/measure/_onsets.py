@@ -1,4 +1,4 @@
-"""When soil lets go: what a run must remember of its past, kept as it goes, so that no snapshot need be."""
+"""When soil lets go: the past of a run, reduced as it goes, so that no snapshot is stored."""
 
 from __future__ import annotations
 
@@ -12,11 +12,16 @@ import numpy as np
 class Motion:
     """The past of one run, reduced to one number per particle and a few per pair of snapshots.
 
-    volume: (N,). failure_displacement: from which on soil has let go (m). times: of the snapshots seen so far (s).
-    moved: how far each particle had moved by the last of them (N,) m. onset: when it let go (N,) s, linear between
-    snapshots, inf if it has not. seen: number of the snapshot that first found it so (N,), -1 if none has.
-    travel: per interval between snapshots, (k,) each, how much farther the soil first seen to have let go at snapshot
-    0, 1 ... k - 1 moved in it, times its volume. What soil does before it lets go, less than that, is no part.
+    Args:
+        volume: (N,).
+        failure_displacement: from which on soil has let go (m).
+        times: of the snapshots seen so far (s).
+        moved: how far each particle had moved by the last of them (N,) m.
+        onset: when it let go (N,) s, linear between snapshots, inf if it has not.
+        seen: number of the first snapshot that shows it (N,), -1 if none has.
+        travel: per interval between snapshots, (k,) each, how much farther the soil first seen to have let go at
+            snapshot 0, 1 ... k - 1 moved in it, times its volume. What soil does before it lets go, less than that, is
+            no part.
     """
 
     volume: np.ndarray
@@ -66,8 +71,14 @@ def releases(
 ) -> tuple[float, ...]:
     """Times (s) at which masses began to let go: one, or two if a second followed when the first had slowed.
 
-    sliding: (N,) bool, the soil to look at. Two releases are separated by a lull, and by the mean speed of the first
-    mass; the limits are those of `cooperative.modes.ModeRules`.
+    Args:
+        motion: past of the run.
+        sliding: (N,) bool, the soil to look at. Two releases are separated by a lull, and by the mean speed of the
+            first mass; the limits are those of `cooperative.modes.ModeRules`.
+        smallest_share: as in `ModeRules`.
+        lull: as in `ModeRules` (s).
+        lull_share: as in `ModeRules`.
+        slowed: as in `ModeRules`.
     """
     onset, volume, seen = motion.onset[sliding], motion.volume[sliding], motion.seen[sliding]
     order = np.argsort(onset, kind="stable")
@@ -93,8 +104,10 @@ def releases(
 
 
 def _has_slowed(motion: Motion, snapshot: int, intervals: int, share: float) -> bool:
-    """Whether the mean speed of the soil released up to a snapshot, in the last of the first `intervals` intervals,
-    is at most `share` of its peak so far."""
+    """Whether the soil released up to a snapshot has slowed in the last of the first `intervals` intervals.
+
+    Its mean speed is then at most `share` of its peak so far.
+    """
     travelled = np.array([travel[: snapshot + 1].sum() for travel in motion.travel[:intervals]])
     speed = travelled / np.diff(motion.times[: intervals + 1])
     return bool(speed[-1] <= share * speed.max())

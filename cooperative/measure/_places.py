@@ -1,4 +1,4 @@
-"""Places that a slide may reach, where the columns of cells lie that tell, and what a place loses."""
+"""Elements at risk, the columns of cells that show what reaches them, and what they lose."""
 
 from __future__ import annotations
 
@@ -20,15 +20,18 @@ UNITS: dict[str, tuple[Intensity, float]] = {
 """What a unit measures, and how many metres, or metres per second, it is."""
 
 TOUCH = 1e-9
-"""Share of a column below which a place that overlaps it only touches it."""
+"""Share of a column below which an element that overlaps it only touches it."""
 
 
 @dataclass(frozen=True)
 class ColumnPlan:
     """Where the columns of cells stand, along the horizontal axes.
 
-    origin: low corner of the first column (k,) m. cell: their edge (m). shape: how many (k,). ends: of the ground that
-    can be reached, (low, high) along each axis (m).
+    Args:
+        origin: low corner of the first column (k,) m.
+        cell: their edge (m).
+        shape: how many (k,).
+        ends: of the ground that can be reached, (low, high) along each axis (m).
     """
 
     origin: tuple[float, ...]
@@ -48,21 +51,25 @@ class ColumnPlan:
     @property
     def ground(self) -> tuple[slice, ...]:
         """The columns with ground in them: those beyond the ends hold the grid's margin."""
-        found = []
+        slices = []
         for axis, (low, high) in enumerate(self.ends):
             edges = self.edges(axis)
             inside = np.flatnonzero((edges[1:] > low + TOUCH * self.cell) & (edges[:-1] < high - TOUCH * self.cell))
-            found.append(slice(int(inside[0]), int(inside[-1]) + 1))
-        return tuple(found)
+            slices.append(slice(int(inside[0]), int(inside[-1]) + 1))
+        return tuple(slices)
 
 
 @dataclass(frozen=True)
 class Vulnerability:
-    """Share of a place's value that is lost, 0 to 1, as a function of what comes over it.
+    """Share of the value of an element at risk that is lost, 0 to 1, as a function of what comes over it.
 
-    of: "thickness" (m) or "speed" (m/s), the largest at the place. at: ascending values of it. lost: the share at each,
-    between them straight lines; nothing below the first, and beyond the last as there.
-    Raises ValueError for curves that fall or leave [0, 1], and values that do not ascend or are below 0.
+    Args:
+        of: "thickness" (m) or "speed" (m/s), the largest at the element.
+        at: ascending values of it.
+        lost: the share at each, between them straight lines; nothing below the first, and beyond the last as there.
+
+    Raises:
+        ValueError: curves that fall or leave [0, 1], and values that do not ascend or are below 0.
     """
 
     of: Intensity
@@ -92,11 +99,17 @@ class Vulnerability:
 
 @dataclass(frozen=True)
 class Place:
-    """A named place in plan: a road, a house.
+    """An element at risk: a road, a house.
 
-    corners: one point, or in a section the two ends of a stretch, or in 3D three or more corners of a polygon, in
-    order (m). value: what stands there, in any currency. vulnerability: how much of it is lost; both or neither.
-    Raises ValueError for stretches without length and polygons that cross themselves or have no area.
+    Args:
+        name: of the element.
+        corners: one point, or in a section the two ends of a stretch, or in 3D three or more corners of a polygon, in
+            order (m).
+        value: what stands there, in any currency.
+        vulnerability: how much of it is lost; both or neither.
+
+    Raises:
+        ValueError: stretches without length and polygons that cross themselves or have no area.
     """
 
     name: str
@@ -106,17 +119,20 @@ class Place:
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.corners).all():
-            raise ValueError(f"place {self.name!r} has corners {self.corners}: give finite metres")
+            raise ValueError(f"element at risk {self.name!r} has corners {self.corners}: give finite metres")
         if len(self.corners) == 2 and not self.corners[0] < self.corners[1]:
             (low,), (high,) = self.corners
-            raise ValueError(f"place {self.name!r} reaches from {low:g} to {high:g} m: give the lower end first")
+            raise ValueError(
+                f"element at risk {self.name!r} reaches from {low:g} to {high:g} m: give the lower end first"
+            )
         if len(self.corners) > 2:
             for one, other in _crossings(self.corners):
                 raise ValueError(
-                    f"place {self.name!r} crosses itself, between corners {one} and {other}: give its corners in order"
+                    f"element at risk {self.name!r} crosses itself, between corners {one} and {other}: "
+                    "give its corners in order"
                 )
             if not shapely.Polygon(self.corners).area > 0:
-                raise ValueError(f"place {self.name!r} has no area: give corners that are not on one line")
+                raise ValueError(f"element at risk {self.name!r} has no area: give corners that are not on one line")
 
     @property
     def key(self) -> str:
@@ -124,52 +140,63 @@ class Place:
         return re.sub(r"\W+", "_", self.name.lower()).strip("_")
 
     def columns(self, plan: ColumnPlan) -> np.ndarray:
-        """Which columns the place overlaps, bool of the plan's shape; a point is in one.
+        """Which columns the element overlaps, bool of the plan's shape; a point is in one.
 
-        Raises ValueError for a place that reaches beyond the ground, or has other axes than it.
+        Raises:
+            ValueError: an element that reaches beyond the ground, or has other axes than it.
         """
         corners = np.array(self.corners)
         if corners.shape[1] != len(plan.shape):
             raise ValueError(
-                f"place {self.name!r} is given by {corners.shape[1]} numbers, the ground has {len(plan.shape)} "
-                "horizontal axes: give [x] or [from, to] in a section, [x, y] or a polygon in 3D"
+                f"element at risk {self.name!r} is given by {corners.shape[1]} numbers, the ground has "
+                f"{len(plan.shape)} horizontal axes: give [x] or [from, to] in a section, [x, y] or a polygon in 3D"
             )
         for axis, (low, high) in enumerate(plan.ends):
             out = corners[(corners[:, axis] < low) | (corners[:, axis] > high), axis]
             if out.size:
                 raise ValueError(
-                    f"place {self.name!r} has {'xy'[axis]} = {out[0]:g} m, outside the ground, which reaches from "
-                    f"{low:g} to {high:g} m: move it, or lengthen the ground"
+                    f"element at risk {self.name!r} has {'xy'[axis]} = {out[0]:g} m, outside the ground, which "
+                    f"reaches from {low:g} to {high:g} m: move it, or lengthen the ground"
                 )
-        found = np.zeros(plan.shape, bool)
+        columns = np.zeros(plan.shape, bool)
         if len(corners) == 1:
             at = np.floor((corners[0] - plan.origin) / plan.cell).astype(int)
             last = [np.searchsorted(plan.edges(axis), high) - 1 for axis, (_, high) in enumerate(plan.ends)]
-            found[tuple(np.minimum(at, last))] = True
-            return found
+            columns[tuple(np.minimum(at, last))] = True
+            return columns
         edges = [plan.edges(axis) for axis in range(len(plan.shape))]
         if len(plan.shape) == 1:
             shared = np.minimum(edges[0][1:], corners[1, 0]) - np.maximum(edges[0][:-1], corners[0, 0])
             return shared > TOUCH * plan.cell
-        (x, y), place = np.meshgrid(*edges, indexing="ij"), shapely.Polygon(corners)
+        (x, y), polygon = np.meshgrid(*edges, indexing="ij"), shapely.Polygon(corners)
         boxes = shapely.box(x[:-1, :-1], y[:-1, :-1], x[1:, 1:], y[1:, 1:])
-        return shapely.area(shapely.intersection(boxes, place)) > TOUCH * plan.area
+        return shapely.area(shapely.intersection(boxes, polygon)) > TOUCH * plan.area
 
 
-def quantity(where: str, said: object) -> tuple[Intensity, float]:
-    """What a text such as "0.5 m" or "2 m/s" measures, and how much of it in m or m/s. ValueError for a number without
-    a unit, a unit that is not known, and what is below 0 or not finite."""
+def quantity(where: str, given: object) -> tuple[Intensity, float]:
+    """Quantity and size of a text such as "0.5 m" or "2 m/s".
+
+    Args:
+        where: key of the scene, in messages.
+        given: the text.
+
+    Returns:
+        "thickness" or "speed", and how much of it in m or m/s.
+
+    Raises:
+        ValueError: a number without a unit, an unknown unit, or a number that is below 0 or not finite.
+    """
     known = ", ".join(UNITS)
-    words = said.split() if isinstance(said, str) else []
+    words = given.split() if isinstance(given, str) else []
     if len(words) != 2 or words[1] not in UNITS:
-        lacks = "has no unit" if isinstance(said, int | float) or len(words) == 1 else "is no number and unit"
-        raise ValueError(f'{where} = {said!r} {lacks}: give one of {known}, as in "0.5 m" or "2 m/s"')
+        lacks = "has no unit" if isinstance(given, int | float) or len(words) == 1 else "is no number and unit"
+        raise ValueError(f'{where} = {given!r} {lacks}: give one of {known}, as in "0.5 m" or "2 m/s"')
     try:
         number = float(words[0])
     except ValueError:
         number = np.nan
     if not 0 <= number < np.inf:
-        raise ValueError(f"{where} = {said!r}: give a finite number of 0 or more, and one of {known}")
+        raise ValueError(f"{where} = {given!r}: give a finite number of 0 or more, and one of {known}")
     of, size = UNITS[words[1]]
     return of, number * size
 

@@ -13,9 +13,13 @@ BEYOND = 1e5
 
 @dataclass(frozen=True)
 class Track:
-    """Where a slide is expected to go, as a line in plan. points: x and y (m) of its points, two or more.
+    """Where a slide is expected to go, as a line in plan.
 
-    Raises ValueError for a line that crosses itself, or of which two points in a row are one.
+    Args:
+        points: x and y (m) of its points, two or more.
+
+    Raises:
+        ValueError: a line that crosses itself, or of which two points in a row are one.
     """
 
     points: tuple[tuple[float, float], ...]
@@ -28,17 +32,25 @@ class Track:
             if not step.any():
                 raise ValueError(f"run-out line has the point ({x:g}, {y:g}) m twice in a row: leave one of them out")
         if not shapely.LineString(points).is_simple:
-            raise ValueError("run-out line crosses itself, so that places on it have no order: draw it without a loop")
+            raise ValueError(
+                "run-out line crosses itself, so that positions on it have no order: draw it without a loop"
+            )
 
-    def along(self, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distance (n,) m along the line of the point of it that is nearest to each place (2, n) m, negative before its
-        start, and the direction (2, n) of the line there."""
+    def along(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distance along the line and its direction at the nearest point of it.
+
+        Args:
+            position: in plan (2, n) m.
+
+        Returns:
+            Distance (n,) m, negative before the start, and direction (2, n).
+        """
         points = np.array(self.points, float)
         steps = np.diff(points, axis=0)
         lengths = np.linalg.norm(steps, axis=1)
         directions = steps / lengths[:, None]
         ends = points[0] - BEYOND * directions[0], points[-1] + BEYOND * directions[-1]
         line = shapely.LineString([ends[0], *points[1:-1], ends[1]])
-        distance = shapely.line_locate_point(line, shapely.points(*place)) - BEYOND
+        distance = shapely.line_locate_point(line, shapely.points(*position)) - BEYOND
         piece = np.searchsorted(np.cumsum(lengths)[:-1], distance, side="right")
         return distance, directions[piece].T

@@ -1,4 +1,4 @@
-"""Bodies in 3D: the skin of the ground, and the same moved with its soil."""
+"""Shapes of soil that has moved: boxes of particles in a section, the skin of the ground in 3D."""
 
 from __future__ import annotations
 
@@ -11,7 +11,13 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-from scipy.spatial import cKDTree
+from scipy.spatial import Delaunay, QhullError, cKDTree
+
+NEAR = 1.5
+"""Radius, in spacings, of the largest circle without a particle that is drawn as soil."""
+
+TORN = 2.0
+"""Distance, in spacings, by which neighbours move apart before soil is drawn as torn."""
 
 MOST_FACES = 10_000
 """Of a skin: a report holds several, each at several times."""
@@ -29,8 +35,13 @@ from outside."""
 
 @dataclass(frozen=True)
 class Skin:
-    """Outer faces of a body. corners: (n, 3) m. faces: numbers of their corners (m, 4), in order as seen from outside.
-    of: highest particle (m,) in the box of each face."""
+    """Outer faces of a body.
+
+    Args:
+        corners: (n, 3) m.
+        faces: numbers of their corners (m, 4), in order as seen from outside.
+        of: highest particle (m,) in the box of each face.
+    """
 
     corners: np.ndarray
     faces: np.ndarray
@@ -39,8 +50,12 @@ class Skin:
 
 @dataclass(frozen=True)
 class Moving:
-    """A body at several times. corners: (T, n, 3) m at the T times (s) of those of the skin's faces (m, 4). moved: how
-    far each corner has moved (T, n) m."""
+    """A body at several times.
+
+    Args:
+        corners: (T, n, 3) m at the T times (s) of those of the skin's faces (m, 4).
+        moved: how far each corner has moved (T, n) m.
+    """
 
     faces: np.ndarray
     corners: np.ndarray
@@ -48,19 +63,75 @@ class Moving:
     times: Sequence[float]
 
 
+def moved_boxes(position: np.ndarray, displacement: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """Corners (N, 4, 2) of the boxes of particles that moved from a lattice.
+
+    A corner goes with the mean displacement of the particles that met there, so that soil which stretches has no cracks
+    in it; particles that have moved apart by more than `TORN` of their spacings do not hold each other's corners.
+
+    Args:
+        position: (2, N) m.
+        displacement: (2, N) m.
+        half: half the spacing (2,) m.
+    """
+    index = np.rint((position - position.min(axis=1, keepdims=True)) / (2 * half[:, None])).astype(int) + 1
+    number = np.full(index.max(axis=1) + 2, -1)
+    number[tuple(index)] = np.arange(position.shape[1])
+    # Where several stand in one cell there is no lattice to tell who meets whom.
+    lattice = bool((number[tuple(index)] == np.arange(position.shape[1])).all())
+    corners = []
+    for side in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
+        total, count = displacement.astype(float), np.ones(position.shape[1])
+        for step in ((side[0], 0), (0, side[1]), side) if lattice else ():
+            other = number[tuple(index + np.array(step)[:, None])]
+            apart = displacement[:, other] - displacement
+            meets = (other >= 0) & (np.linalg.norm(apart, axis=0) < TORN * 2 * half.max())
+            total, count = total + np.where(meets, displacement[:, other], 0.0), count + meets
+        corners.append((position + np.array(side)[:, None] * half[:, None] + total / count).T)
+    return np.stack(corners, axis=1)
+
+
+def soil_between(position: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """Triangles of neighbouring particles with soil between them.
+
+    Those of the Delaunay triangulation whose circumcircle has a radius of at most `NEAR` spacings (the alpha shape of
+    Edelsbrunner, Kirkpatrick and Seidel 1983, doi:10.1109/TIT.1983.1056714).
+
+    Args:
+        position: (2, N) m, where the particles are.
+        half: half the spacing (2,) m.
+
+    Returns:
+        Triangles (m, 3); none where the particles lie on a line.
+    """
+    try:
+        triangles = Delaunay(position.T).simplices
+    except QhullError:
+        return np.zeros((0, 3), int)
+    corners = position.T[triangles]
+    sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    twice = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    # Radius: the product of the sides by four times the area.
+    return triangles[sides.prod(axis=1) <= 2 * twice * NEAR * 2 * half.max()]
+
+
 def skin(position: np.ndarray, size: np.ndarray | Sequence[float], *, most: int = MOST_FACES) -> Skin:
     """The skin of the boxes that particles fill.
 
-    position: (3, N) m. size: edges of the boxes (3,) m, e.g. the spacing of the particles; where they have more than
-    `most` faces boxes are taken a half as large again, until they do not.
+    Args:
+        position: (3, N) m.
+        size: edges of the boxes (3,) m, e.g. the spacing of the particles; where they have more than `most` faces boxes
+            are taken a half as large again, until they do not.
+        most: number of faces.
     """
     edges, corner = np.asarray(size, float), position.min(axis=1, keepdims=True)
     while True:
         # A point in the middle of the first box.
-        place = np.rint((position - corner) / edges[:, None]).astype(int) + 1
-        number = np.full(place.max(axis=1) + 2, -1)
+        index = np.rint((position - corner) / edges[:, None]).astype(int) + 1
+        number = np.full(index.max(axis=1) + 2, -1)
         upwards = np.argsort(position[2], kind="stable")
-        number[tuple(place[:, upwards])] = upwards
+        number[tuple(index[:, upwards])] = upwards
         boxes = np.argwhere(number >= 0)
         faces, points = [], []
         for step, corners in SIDES:
@@ -76,15 +147,18 @@ def skin(position: np.ndarray, size: np.ndarray | Sequence[float], *, most: int 
 def moving(position: np.ndarray, displacement: np.ndarray, times: Sequence[float], half_size: np.ndarray) -> Moving:
     """A slide at several times: the skin of the ground before, moved with its soil.
 
-    position: initial (3, N) m. displacement: (T, 3, N) m at the T times (s). half_size: half the particle spacing
-    (3,) m.
+    Args:
+        position: initial (3, N) m.
+        displacement: (T, 3, N) m at the T times (s).
+        times: of the displacements (s).
+        half_size: half the particle spacing (3,) m.
     """
-    found = skin(position, 2 * half_size)
+    surface = skin(position, 2 * half_size)
     # A corner goes with the particles that meet there, as in a section; where boxes are larger, with the nearest ones.
-    away, near = cKDTree(position.T).query(found.corners, k=min(8, position.shape[1]))
+    away, near = cKDTree(position.T).query(surface.corners, k=min(8, position.shape[1]))
     meets = (away <= away[:, :1] * (1 + 1e-6))[None]
     steps = np.stack([(np.where(meets, step[:, near], 0).sum(axis=2) / meets.sum(axis=2)).T for step in displacement])
-    return Moving(found.faces, found.corners + steps, np.linalg.norm(steps, axis=2), times)
+    return Moving(surface.faces, surface.corners + steps, np.linalg.norm(steps, axis=2), times)
 
 
 def picture(body: Moving) -> Figure:

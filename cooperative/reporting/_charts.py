@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from cooperative.effects import ModeShare
 from cooperative.estimate import Chances, Exceedance, Fits, Severity
 from cooperative.hazard import ARRIVAL, REACHED, THICKNESS, Maps
+from cooperative.summary import Convergence
 
 ROUGH, REFINED, FAILED, GREY = "#0072B2", "#D55E00", "#CC79A7", "#5A5A5A"
 SERIES = (ROUGH, REFINED, FAILED, "#009E73", "#56B4E9", GREY)
@@ -23,7 +24,13 @@ STYLES = ("-", "--", "-.", ":")
 
 
 def panels(rows: int, columns: int = 1, *, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
-    """A figure of rows x columns panels of `size` [inch] each, without state beyond itself."""
+    """A figure with panels, without state beyond itself.
+
+    Args:
+        rows: of panels.
+        columns: of panels.
+        size: of a panel (inch).
+    """
     figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
     axes = list(figure.subplots(rows, columns, squeeze=False).flat)
     for ax in axes:
@@ -43,19 +50,16 @@ def _tiled(count: int, columns: int, size: tuple[float, float]) -> tuple[Figure,
 def ranked_displacements(rows: Mapping[str, np.ndarray], *, failure_displacement: float = 1.0) -> Figure:
     """Largest displacement of every sample, by rank on the rough grid, with its refined result.
 
-    rows: rough (N,) m and refined (N,) m, nan where a sample has no result on that grid; optionally
-    audited (N,) bool, samples drawn by the audit. failure_displacement: m.
+    Args:
+        rows: "rough" and "refined" displacement (N,) m, nan where a sample has no result on that grid.
+        failure_displacement: drawn as a line (m).
     """
     figure, (ax,) = panels(1, size=(7.0, 4.2))
     rough, refined = (np.asarray(rows[name], dtype=float) for name in ("rough", "refined"))
-    audited = np.asarray(rows.get("audited", np.zeros(rough.size, dtype=bool)))
     rank, lost = ranks(rough), ~np.isfinite(rough)
-    refined_runs = (("refined grid", ~audited, REFINED, "^"), ("refined grid, audit", audited, FAILED, "s"))
     ax.plot(rank, rough, ".", color=ROUGH, ms=7, label=f"rough grid ({(~lost).sum()} samples)")
-    for name, chosen, colour, marker in refined_runs:
-        if count := np.isfinite(refined[chosen]).sum():
-            label = f"{name} ({count} samples)"
-            ax.plot(rank[chosen], refined[chosen], marker, color=colour, ms=5, mfc="none", label=label)
+    if count := np.isfinite(refined).sum():
+        ax.plot(rank, refined, "^", color=REFINED, ms=5, mfc="none", label=f"refined grid ({count} samples)")
     if lost.any():
         top = np.full(lost.sum(), np.nanmax(rough))
         ax.plot(rank[lost], top, "x", color=GREY, label=f"rough run broke off ({lost.sum()})")
@@ -83,7 +87,10 @@ def ranks(rough: np.ndarray) -> np.ndarray:
 def exceedance(curves: Mapping[str, Exceedance], labels: Mapping[str, str], *, level: float) -> Figure:
     """Exceedance curves with their pointwise intervals, one panel each.
 
-    curves: by consequence, as in the summary. labels: name -> axis label with its unit. level: of the intervals.
+    Args:
+        curves: by consequence, as in the summary.
+        labels: name -> axis label with its unit.
+        level: of the intervals.
     """
     figure, axes = _tiled(len(curves), 3, (3.7, 3.1))
     for ax, (name, curve) in zip(axes, curves.items(), strict=True):
@@ -110,10 +117,13 @@ def _exceeded(ax: Axes, curve: Exceedance, colour: str, level: float) -> None:
 
 
 def profile(maps: Maps, *, toe: float | None) -> Figure:
-    """Hazard along a section: probabilities, expected thickness and arrival against x. What is reached, the thickness
-    and the arrival have their intervals.
+    """Hazard along a section: probabilities, expected thickness and arrival against x.
 
-    toe: x of the toe (m), drawn as a line where there is one.
+    What is reached, the thickness and the arrival have their intervals.
+
+    Args:
+        maps: of a section.
+        toe: x of the toe (m), drawn as a line where there is one.
     """
     figure, axes = panels(3, size=(8.0, 2.6))
     edges = maps.edges[0]
@@ -134,10 +144,10 @@ def profile(maps: Maps, *, toe: float | None) -> Figure:
 
 
 def _staircase(
-    ax: Axes, edges: np.ndarray, found: Chances, colour: str, style: str, name: str, *, banded: bool = True
+    ax: Axes, edges: np.ndarray, chances: Chances, colour: str, style: str, name: str, *, banded: bool = True
 ) -> None:
     """A value for each column, with its interval if `banded`; one that no slide tells is left out."""
-    value, low, high = (np.append(each, each[-1:]) for each in (found.value, found.low, found.high))
+    value, low, high = (np.append(each, each[-1:]) for each in (chances.value, chances.low, chances.high))
     if banded:
         _banded(ax, edges, value, low, high, colour=colour, name=name, style=style, steps=True)
     else:
@@ -168,7 +178,9 @@ def _banded(
 def plan_maps(maps: Maps, *, toe: float | None) -> Figure:
     """Hazard in plan, one panel for each map, with the limits of its interval beside it for the first.
 
-    toe: x of the toe (m), drawn as a line where there is one.
+    Args:
+        maps: in plan.
+        toe: x of the toe (m), drawn as a line where there is one.
     """
     shown = list(mapped(maps))
     x, y = maps.edges
@@ -184,37 +196,31 @@ def plan_maps(maps: Maps, *, toe: float | None) -> Figure:
 
 
 def mapped(maps: Maps) -> Iterable[tuple[str, str, np.ndarray, float]]:
-    """Title, unit, values (nx, ny) and end of the scale of each map in plan; what is reached and its limits, which
-    follow it, share one scale."""
-    for name, found in maps.maps.items():
+    """Title, unit, values (nx, ny) and end of the scale of each map in plan.
+
+    The limits of what is reached follow it and share its scale.
+    """
+    for name, chances in maps.maps.items():
         reached, unit = name == REACHED, maps.units[name]
-        top = float(np.nanmax(found.high if reached else found.value, initial=0.0)) or 1.0
-        yield name, unit, found.value, top
+        top = float(np.nanmax(chances.high if reached else chances.value, initial=0.0)) or 1.0
+        yield name, unit, chances.value, top
         if reached:
-            yield f"{name}, lower limit", unit, found.low, top
-            yield f"{name}, upper limit", unit, found.high, top
+            yield f"{name}, lower limit", unit, chances.low, top
+            yield f"{name}, upper limit", unit, chances.high, top
 
 
-def convergence(
-    spent: Mapping[str, np.ndarray],
-    probability: Mapping[str, np.ndarray],
-    interval: Mapping[str, np.ndarray],
-    *,
-    truth: float | None = None,
-) -> Figure:
-    """Probability of failure against refined runs spent, one band per estimator.
+def convergence(path: Convergence, method: str, *, level: float) -> Figure:
+    """Probability of failure against refined runs, with its interval.
 
-    spent: method -> refined runs (m,). probability: method -> P_f (m,). interval: method -> limits (2, m).
-    truth: a known answer, drawn as a line.
+    Args:
+        path: estimates as refined runs came in.
+        method: name of the estimator.
+        level: of the interval.
     """
     figure, (ax,) = panels(1, size=(7.0, 4.2))
-    for (method, runs), colour, style in zip(spent.items(), (ROUGH, REFINED, "#009E73", FAILED), STYLES, strict=False):
-        low, high = interval[method]
-        name = f"{method}, 95 % interval"
-        _banded(ax, runs, probability[method], low, high, colour=colour, name=name, style=style, marker="o")
-    if truth is not None:
-        ax.axhline(truth, color=GREY, lw=1, label=f"all samples refined: {truth:.3g}")
-    ax.set(xlabel="refined runs spent [-]", ylabel="probability of failure $P_f$ [-]")
+    values = map(np.array, (path.refined_runs, path.probability, path.low, path.high))
+    _banded(ax, *values, colour=ROUGH, name=f"{method}, {level:.0%} interval", marker="o")
+    ax.set(xlabel="refined runs [-]", ylabel="probability of failure $P_f$ [-]")
     ax.set_ylim(bottom=0)
     ax.legend()
     return figure
@@ -223,7 +229,11 @@ def convergence(
 def grids(rough: np.ndarray, refined: np.ndarray, *, failure_displacement: float, title: str = "") -> Figure:
     """Refined against rough displacement of the samples that ran on both: how well the rough grid tells.
 
-    rough, refined: (n,) m. failure_displacement: m. title: what is known of it, in words.
+    Args:
+        rough: (n,) m.
+        refined: (n,) m.
+        failure_displacement: m.
+        title: what is known of it, in words.
     """
     figure, (ax,) = panels(1, size=(5.2, 4.6))
     fails = refined > failure_displacement
@@ -264,8 +274,12 @@ def fitted(
 ) -> Figure:
     """Cumulative distribution of each consequence with the best fits, one panel each.
 
-    samples: name -> values (n,) of the failures. weights: what each stands for (n,). fits: of each name. labels: name
-    -> axis label with its unit. most: fits drawn in each panel.
+    Args:
+        samples: name -> values (n,) of the failures.
+        weights: what each stands for (n,).
+        fits: of each name.
+        labels: name -> axis label with its unit.
+        most: fits drawn in each panel.
     """
     figure, axes = _tiled(len(samples), 3, (3.5, 2.9))
     for ax, (name, values) in zip(axes, samples.items(), strict=True):
@@ -286,7 +300,9 @@ def fitted(
 def severity(severities: Mapping[str, Sequence[Severity]], labels: Mapping[str, str]) -> Figure:
     """Median of each consequence by failure mode, most severe on top, with its bootstrap interval.
 
-    severities: consequence -> modes by rank, as in the summary. labels: name -> axis label with its unit.
+    Args:
+        severities: consequence -> modes by rank, as in the summary.
+        labels: name -> axis label with its unit.
     """
     # The summary ranks areas too, which a section has none of.
     severities = {name: ranked for name, ranked in severities.items() if name in labels}

@@ -1,20 +1,24 @@
-"""A campaign as one netCDF file with named axes, for xarray and whatever else reads netCDF."""
+"""A campaign as one netCDF file with named axes, and its hazard maps as GeoTIFF, by xarray and rioxarray."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cooperative.folder import Results
 from cooperative.hazard import Maps
-from cooperative.reporting._geography import LIMITS, key, middle, missing
+from cooperative.reporting._map_files import LIMITS, key, maps_path, middle, require
 from cooperative.reporting._tables import tables_of
-from cooperative.store import GRIDS, Store, read_sample
+from cooperative.runs import StoredGround
+from cooperative.store import Store, read_sample
 from cooperative.summary import Summary
 from foundation.files import aside
+
+if TYPE_CHECKING:
+    import xarray
 
 Variable = tuple[tuple[str, ...] | str, np.ndarray, dict[str, str]]
 
@@ -23,21 +27,28 @@ def write_netcdf(results: Results, maps: Maps | None) -> Path:
     """Write `campaign.nc` in the campaign's folder.
 
     Along `sample`: `rough_displacement`, `refined_runout` and so on, all columns of `table.csv` with their grid's name,
-    nan (or "" for text) where a sample did not run there, and `coefficients` of the random fields along `mode`. Along
+    nan (or "" for text) where a sample did not run there, and `coefficients` of the random fields along `term`. Along
     `x` and, in 3D, `y`: the hazard maps with their limits, where the scene asks for them. Along thresholds of their
     own: the exceedance curves. Attributes: the probability of failure with its interval and method, how many slides had
     not come to rest at their end (what slides do is then at least what is given), and the scene.
 
-    ValueError without xarray and h5netcdf (extra "exports"), OSError where the disk refuses.
+    Args:
+        results: of the campaign.
+        maps: its hazard maps, None without any.
+
+    Returns:
+        Path of the file.
+
+    Raises:
+        ValueError: xarray or h5netcdf is not installed (extra "exports").
+        OSError: the disk refuses.
     """
-    xarray = _xarray()
+    require("campaign.nc", "xarray", "h5netcdf")
     store, summary = results.store, results.summary
-    tables = tables_of({"rough": results.rough, "refined": results.refined}, summary)
-    variables = _of_samples(store, tables) | _of_curves(summary)
-    if maps is not None:
-        variables |= _of_maps(maps)
+    data = _of_samples(store, tables_of({"rough": results.rough, "refined": results.refined}, summary))
+    data = data.assign(_of_curves(summary) | ({} if maps is None else _of_maps(maps)))
     low, high = summary.interval
-    attributes = {
+    data.attrs = {
         "title": summary.name,
         "probability_of_failure": summary.probability_of_failure,
         "interval_low": low,
@@ -48,9 +59,6 @@ def write_netcdf(results: Results, maps: Maps | None) -> Path:
         "slides_not_at_rest": summary.cut_off.at_t_end,
         "scene": store.source.words,
     }
-    # Along a single name a variable of that name is its axis.
-    axes = {name: variable for name, variable in variables.items() if variable[0] == name}
-    data = xarray.Dataset({name: v for name, v in variables.items() if name not in axes}, coords=axes, attrs=attributes)
     numbers = [name for name, values in data.variables.items() if values.dtype.kind in "fiu"]
     path = store.folder / "campaign.nc"
     with aside(path) as part:
@@ -58,30 +66,68 @@ def write_netcdf(results: Results, maps: Maps | None) -> Path:
     return path
 
 
-def _of_samples(store: Store, tables: Mapping[str, Mapping[str, np.ndarray]]) -> dict[str, Variable]:
+def write_geotiff(folder: Path, ground: StoredGround, maps: Maps) -> Iterator[Path]:
+    """Write `maps/reached.tif` and so for each map, in plan: three bands, the value and both limits.
+
+    Args:
+        folder: of the campaign.
+        ground: of the campaign, whose projection the files have, where it has one.
+        maps: in plan; nan is no data.
+
+    Yields:
+        Path of each file.
+
+    Raises:
+        ValueError: rioxarray is not installed (extra "exports"), or cannot read the projection.
+        OSError: the disk refuses.
+    """
+    require("GeoTIFF", "rioxarray")
+    import rasterio
+    import xarray
+
+    x, y = (middle(edges) + start for edges, start in zip(maps.edges, ground.origin, strict=True))
+    for name, chances in maps.maps.items():
+        about = {"map": name, "level": f"{maps.level:g}", "slides": maps.slides, "slides_not_at_rest": maps.moving}
+        about |= {"long_name": (name, f"{name}, low limit", f"{name}, high limit")}
+        bands = np.stack([getattr(chances, limit).T[::-1] for limit in LIMITS])
+        raster = xarray.DataArray(bands, {"x": x, "y": y[::-1]}, ("band", "y", "x"), attrs=about)
+        raster = raster.rio.write_nodata(np.nan)
+        try:
+            raster = raster if ground.projection is None else raster.rio.write_crs(ground.projection)
+        except ValueError as error:
+            raise ValueError(
+                f"the projection of [terrain] surface cannot be read ({error}): give a file with another, or none"
+            ) from error
+        path = maps_path(folder, f"{key(name)}.tif")
+        with aside(path) as part:
+            raster.rio.to_raster(part, driver="GTiff", compress="deflate")
+            # rioxarray has no units of bands.
+            with rasterio.open(part, "r+") as file:
+                file.units = (maps.units[name],) * len(LIMITS)
+        yield path
+
+
+def _of_samples(store: Store, tables: Mapping[str, Mapping[str, np.ndarray]]) -> xarray.Dataset:
     """Every column of both grids along the samples, and the coefficients of their fields."""
-    numbers = np.unique(np.concatenate([tables[grid]["sample"] for grid in GRIDS])).astype(int)
-    found: dict[str, Variable] = {"sample": ("sample", numbers, {"long_name": "number of the sample"})}
+    import xarray
+
+    parts: list[xarray.Dataset] = []
     coefficients: dict[int, np.ndarray] = {}
-    for grid in GRIDS:
-        at = np.searchsorted(numbers, tables[grid]["sample"].astype(int))
-        for name, values in tables[grid].items():
-            if name == "sample":
-                continue
-            text = values.dtype.kind == "U"
-            whole: np.ndarray = np.full(numbers.size, "" if text else np.nan, object if text else float)
-            whole[at] = values
-            found[f"{grid}_{name}"] = ("sample", whole, {"grid": grid})
-        for number in tables[grid]["sample"].astype(int).tolist():
-            if number not in coefficients:
-                coefficients[number] = read_sample(store, grid, number).coefficients
-    modes = max((each.size for each in coefficients.values()), default=0)
+    for grid, columns in tables.items():
+        numbers = columns["sample"].astype(int)
+        text = {name: values.astype(object if values.dtype.kind == "U" else float) for name, values in columns.items()}
+        variables = {f"{grid}_{name}": ("sample", each, {"grid": grid}) for name, each in text.items()}
+        del variables[f"{grid}_sample"]
+        parts.append(xarray.Dataset(variables, {"sample": numbers}))
+        coefficients |= {n: read_sample(store, grid, n).coefficients for n in numbers.tolist() if n not in coefficients}
+    empty = {name: "" if each.dtype == object else np.nan for part in parts for name, each in part.items()}
+    data = xarray.merge(parts, join="outer", fill_value=empty)
+    data["sample"].attrs["long_name"] = "number of the sample"
     # A run that was given up has none.
-    whole = np.full((numbers.size, modes), np.nan)
-    for row, number in enumerate(numbers.tolist()):
-        whole[row, : coefficients[number].size] = coefficients[number]
-    found["coefficients"] = (("sample", "mode"), whole, {"long_name": "coefficients of the random fields"})
-    return found
+    xi = np.full((data.sizes["sample"], max(map(len, coefficients.values()), default=0)), np.nan)
+    for row, number in zip(xi, data["sample"].values.tolist(), strict=True):
+        row[: coefficients[number].size] = coefficients[number]
+    return data.assign(coefficients=(("sample", "term"), xi, {"long_name": "coefficients of the random fields"}))
 
 
 def _of_curves(summary: Summary) -> dict[str, Variable]:
@@ -100,22 +146,10 @@ def _of_maps(maps: Maps) -> dict[str, Variable]:
         axis: (axis, middle(edges), {"units": "m", "long_name": f"centre of a column along {axis}"})
         for axis, edges in zip(axes, maps.edges, strict=True)
     }
-    for name, found in maps.maps.items():
+    for name, chances in maps.maps.items():
         about = {"units": "1" if maps.units[name] == "-" else maps.units[name], "long_name": name}
         for limit in LIMITS:
             ending = "" if limit == "value" else f"_{limit}"
-            variables[f"map_{key(name)}{ending}"] = (axes, getattr(found, limit), about)
-        variables[f"map_{key(name)}_slides"] = (axes, found.count, {"units": "1", "long_name": f"slides: {name}"})
+            variables[f"map_{key(name)}{ending}"] = (axes, getattr(chances, limit), about)
+        variables[f"map_{key(name)}_slides"] = (axes, chances.count, {"units": "1", "long_name": f"slides: {name}"})
     return variables
-
-
-def _xarray() -> ModuleType:
-    for library in ("xarray", "h5netcdf"):
-        try:
-            __import__(library)
-        except ImportError as error:
-            raise missing(library, "campaign.nc") from error
-    import xarray
-
-    found: ModuleType = xarray
-    return found

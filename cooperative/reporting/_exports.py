@@ -12,15 +12,8 @@ import numpy as np
 from cooperative.estimate import Estimator
 from cooperative.folder import known_summary, models_of, read_results, stored_ground
 from cooperative.hazard import Maps, maps_of
-from cooperative.reporting._dataset import write_netcdf
-from cooperative.reporting._geography import (
-    MissingLibrary,
-    write_ascii,
-    write_contours,
-    write_geotiff,
-    write_notice,
-    write_tidy,
-)
+from cooperative.reporting._dataset import write_geotiff, write_netcdf
+from cooperative.reporting._map_files import MissingLibrary, write_ascii, write_contours, write_notice, write_tidy
 from cooperative.reporting._tables import consolidate, rows_of, write_table
 from cooperative.runs import (
     GridModel,
@@ -44,22 +37,30 @@ KINDS = (*DEFAULT, "geotiff", "netcdf")
 def export(
     folder: str | Path, kinds: Sequence[str] | None = None, *, estimator: Estimator | None = None
 ) -> Iterator[Path]:
-    """Write what a campaign's folder holds for other programs; yields each file once it is there.
+    """Write what a campaign's folder holds for other programs. Damaged files are left out with a warning.
 
-    kinds: of files, by default those that need no further library; any of
+    Kinds of files:
 
     - "table": `table.csv`, a line for each run, see `write_table`;
     - "hdf5": `campaign.h5`, every sample with its arrays;
-    - "particles": `series/refined-000123.vtkhdf` for ParaView, of each sample whose fields were kept: its particles at
+    - "particles": `series/refined-000123.vtkhdf` for ParaView, of each sample whose fields are stored: its particles at
       the start and at the end;
     - "maps": `maps/hazard.csv`, and in plan `maps/*.asc` and contours as `maps/*.geojson`, of a scene with hazard maps;
-    - "geotiff": `maps/*.tif`, of a scene in 3D with hazard maps, by rasterio (extra "terrain");
+    - "geotiff": `maps/*.tif`, of a scene in 3D with hazard maps, by rioxarray (extra "exports");
     - "netcdf": `campaign.nc`, by xarray and h5netcdf (extra "exports").
 
-    estimator: the one that `cooperative.campaign.run` was given, where it was given one, see `write_table`.
-    Damaged files are left out with a warning. Raises ValueError for kinds that are not known or, where they are asked
-    for by name, that the campaign does not have, for libraries that are not installed and a folder without a finished
-    sample, OSError where the disk refuses.
+    Args:
+        folder: of the campaign.
+        kinds: any of these, None for the first four, which need no extra.
+        estimator: the one that `cooperative.campaign.run` was given, where it was given one, see `write_table`.
+
+    Yields:
+        Path of each file, once it is written.
+
+    Raises:
+        ValueError: a kind is unknown, or asked for by name and not in the campaign; a library is not installed; the
+            folder has no finished sample.
+        OSError: the disk refuses.
     """
     asked, kinds = kinds or (), kinds or DEFAULT
     if wrong := [kind for kind in kinds if kind not in KINDS]:
@@ -132,9 +133,18 @@ def _of_maps(ground: StoredGround, store: Store, maps: Maps, kinds: Sequence[str
 def export_sample(folder: str | Path, number: int, grid: str = "refined", *, frames: int | None = None) -> Path:
     """Write the series of one sample, `series/refined-000123.vtkhdf` in the campaign's folder.
 
-    frames: None takes the fields that the campaign kept, at the start and at the end; a number runs the sample again,
-    with velocity and stress, and writes so many moments from start to end. Raises ValueError for a sample that is not
-    there, for fields that were not kept, or for fewer than 2 frames.
+    Args:
+        folder: of the campaign.
+        number: of the sample.
+        grid: "rough" or "refined".
+        frames: None takes the stored fields, at the start and at the end. A number runs the sample again, with velocity
+            and stress, and writes so many moments from start to end.
+
+    Returns:
+        Path of the file.
+
+    Raises:
+        ValueError: the sample is not there, its fields are not stored, or `frames` is below 2.
     """
     store = read_store(folder)
     if not sample_path(store, grid, number).exists():
@@ -143,7 +153,7 @@ def export_sample(folder: str | Path, number: int, grid: str = "refined", *, fra
     sample = read_sample(store, grid, number)
     if frames is None and "displacement" not in sample.fields:
         raise ValueError(
-            f"the fields of sample {number} on the {grid} grid were not kept ([campaign] fields in the scene): "
+            f"the fields of sample {number} on the {grid} grid are not stored ([campaign] fields in the scene): "
             'set fields = "both" for another campaign, or give --frames to run the sample again'
         )
     ground = stored_ground(store) or ground_of(models_of(campaign_of(store)))
@@ -170,8 +180,11 @@ def run_again(model: GridModel, sample: Sample, times: np.ndarray) -> Result:
 
 
 def _soil_of(models: Callable[[], Mapping[str, GridModel]], grid: str, sample: Sample) -> SampleSoil:
-    """The random soil of a sample that `drawn.h5` does not have, on its grid, which `models` builds. Raises ValueError
-    where a script gave a part of the campaign that the folder cannot hold."""
+    """The random soil of a sample that `drawn.h5` does not have, on its grid, which `models` builds.
+
+    Raises:
+        ValueError: a script gave a part of the campaign that the folder cannot hold.
+    """
     try:
         return soil_of(models()[grid], sample.coefficients)
     except ValueError as error:
@@ -184,13 +197,13 @@ def _soil_of(models: Callable[[], Mapping[str, GridModel]], grid: str, sample: S
 def _series_of_fields(store: Store, grid: str, position: np.ndarray, sample: Sample, soil: SampleSoil) -> Path:
     path = _series_path(store, grid, sample.number)
     of_particles = (position.shape, position.shape[1:])
-    kept = {name: values for name, values in sample.fields.items() if values.shape in of_particles}
-    at_rest = {name: np.zeros_like(values) for name, values in kept.items()}
+    fields = {name: values for name, values in sample.fields.items() if values.shape in of_particles}
+    at_rest = {name: np.zeros_like(values) for name, values in fields.items()}
     write_particles(
         path,
         position,
         [0.0, sample.steps * soil.time_step],
-        [at_rest, kept],
+        [at_rest, fields],
         constant={name: values.astype(np.float32) for name, values in soil.values.items()},
     )
     return path
@@ -206,5 +219,5 @@ def _model(store: Store, grid: str, *, at_rest: bool) -> GridModel:
 
 
 def _few(numbers: list[int], most: int = 10) -> str:
-    said = ", ".join(map(str, numbers[:most])) or "none yet"
-    return said if len(numbers) <= most else f"{said} and {len(numbers) - most} more"
+    first = ", ".join(map(str, numbers[:most])) or "none yet"
+    return first if len(numbers) <= most else f"{first} and {len(numbers) - most} more"

@@ -1,4 +1,4 @@
-"""A scene before it runs: its ground with layers, water, walls and exposed places, and one random field on both grids.
+"""A scene before it runs: ground, layers, water, walls and elements at risk, and one random field on each grid.
 
 In 3D a map and a section, and a page whose ground the reader turns.
 """
@@ -19,10 +19,11 @@ from matplotlib.patches import Patch
 
 from cooperative.folder import models_of
 from cooperative.measure import Place
+from cooperative.reporting import _html as html
 from cooperative.reporting import _interactive as interactive
-from cooperative.reporting import _page as page
 from cooperative.reporting import _plots as plots
 from cooperative.reporting._bodies import skin
+from cooperative.reporting._quantities import quantity
 from cooperative.runs import GridModel, coefficients_of, ground_of, soil_of
 from cooperative.scene import Campaign
 from cooperative.store import write_aside
@@ -35,17 +36,23 @@ WATER, ROCK = "#1f77b4", "#969696"
 Values = dict[str, Mapping[str, np.ndarray]]
 """By grid and parameter of the soil, of the particles (N,), nan for rock."""
 
-PLACE = "#D55E00"
+EXPOSED = "#D55E00"
 TRACK = "#CC0066"
-NAME: dict[str, Any] = {"color": PLACE, "fontsize": "small", "xytext": (0, 8), "textcoords": "offset points"}
-"""How an exposed place and its name are drawn."""
+NAME: dict[str, Any] = {"color": EXPOSED, "fontsize": "small", "xytext": (0, 8), "textcoords": "offset points"}
+"""How an element at risk and its name are drawn."""
 
 
 def draw(campaign: Campaign, *paths: Path, sample: int = 0) -> None:
     """Draw a scene into each of these files: a PNG, PDF or SVG, or in 3D an HTML page that turns.
 
-    sample: number of the sample whose field is drawn. Raises ValueError where the scene has not so many samples, its
-    ground, soil and grids do not fit together, or a page is asked for of a section.
+    Args:
+        campaign: to be drawn.
+        paths: of the files.
+        sample: number of the sample whose field is drawn.
+
+    Raises:
+        ValueError: the scene has not so many samples, its ground, soil and grids do not fit together, or a page is
+            asked for of a section.
     """
     if not 0 <= sample < campaign.plan.samples:
         raise ValueError(f"sample = {sample}: the scene has samples 0 to {campaign.plan.samples - 1}")
@@ -71,35 +78,35 @@ def solid(models: dict[str, GridModel], values: Values) -> str:
     """A page that turns: the ground by its layers, and one random field on every grid, the first."""
     campaign = models["refined"].campaign
     name = next(iter(campaign.random))
-    drawn = plots.quantity(name)
-    field = {grid: found[name] / drawn.unit for grid, found in values.items()}
+    drawn = quantity(name)
+    field = {grid: each[name] / drawn.size for grid, each in values.items()}
     low, high = _ends(field)
     scale: dict[str, Any] = {
         "cmin": low,
         "cmax": high,
         "colorscale": "Cividis",
-        "colorbar": {"title": {"text": drawn.said}},
+        "colorbar": {"title": {"text": drawn.unit}},
     }
     bodies = {"layers": _layered(models["refined"])}
     for grid, model in models.items():
-        found = skin(np.asarray(model.scene.particles.position, float), 2 * model.half_size)
-        seen = field[grid][found.of]
+        body = skin(np.asarray(model.scene.particles.position, float), 2 * model.half_size)
+        seen = field[grid][body.of]
         rock = np.isnan(seen)
-        soil = interactive.mesh(found.corners, found.faces[~rock], of_faces=seen[~rock], **scale)
-        bodies[f"{drawn.word}, {grid} grid"] = [soil, interactive.mesh(found.corners, found.faces[rock], color=ROCK)]
+        soil = interactive.mesh(body.corners, body.faces[~rock], of_faces=seen[~rock], **scale)
+        bodies[f"{drawn.word}, {grid} grid"] = [soil, interactive.mesh(body.corners, body.faces[rock], color=ROCK)]
     figure = interactive.chosen(bodies, list(_outlines(models["refined"])))
-    said = "Ground by its layers, and one sample's random field on both grids. Drag it to turn it."
-    parts = [page.heading(campaign.name, 1), interactive.script(), interactive.html(figure, "ground")]
-    return page.document(campaign.name, [*parts, page.paragraph(said)])
+    text = "Ground by its layers, and one sample's random field on both grids. Drag it to turn it."
+    parts = [html.heading(campaign.name, 1), interactive.script(), interactive.html(figure, "ground")]
+    return html.document(campaign.name, [*parts, html.paragraph(text)])
 
 
 def _layered(model: GridModel) -> list[Any]:
     """The ground by its layers, and the water above it."""
-    found = skin(np.asarray(model.scene.particles.position, float), 2 * model.half_size)
-    number = np.zeros(len(found.of), int) if model.layer is None else model.layer[found.of]
+    body = skin(np.asarray(model.scene.particles.position, float), 2 * model.half_size)
+    number = np.zeros(len(body.of), int) if model.layer is None else model.layer[body.of]
     parts = [
         interactive.mesh(
-            found.corners, found.faces[number == k], color=to_hex(LAYERS(k % LAYERS.N)), name=name, showlegend=True
+            body.corners, body.faces[number == k], color=to_hex(LAYERS(k % LAYERS.N)), name=name, showlegend=True
         )
         for k, name in enumerate(_names(model.campaign))
     ]
@@ -126,7 +133,7 @@ def _pool(model: GridModel) -> np.ndarray:
 
 
 def _outlines(model: GridModel) -> Iterator[Any]:
-    """The base, the walls and the exposed places, these on the surface of the ground."""
+    """The base, the walls and the elements at risk, these on the surface of the ground."""
     campaign = model.campaign
     shape: Any = campaign.site.shape
     low, high = np.array(shape.corner), np.array(shape.corner) + shape.extent
@@ -148,9 +155,9 @@ def _outlines(model: GridModel) -> Iterator[Any]:
         yield interactive.line(
             np.column_stack([points, shape.heights(*points.T) + above]), "run-out line", TRACK, dashed=True
         )
-    for place in _places(campaign):
-        corners = _around(np.array(place.corners), model.scene.grid.cell / 2)
-        yield interactive.line(np.column_stack([corners, shape.heights(*corners.T) + above]), place.name, PLACE)
+    for element in _exposed(campaign):
+        corners = _around(np.array(element.corners), model.scene.grid.cell / 2)
+        yield interactive.line(np.column_stack([corners, shape.heights(*corners.T) + above]), element.name, EXPOSED)
 
 
 def _around(corners: np.ndarray, step: float) -> np.ndarray:
@@ -188,7 +195,7 @@ def _water(model: GridModel, x: np.ndarray, y: np.ndarray) -> np.ndarray | None:
     return raster.at(*(np.clip(at, *ends) for at, ends in zip((x, y), raster.ends, strict=True)))
 
 
-def _places(campaign: Campaign) -> tuple[Place, ...]:
+def _exposed(campaign: Campaign) -> tuple[Place, ...]:
     """That are exposed."""
     return campaign.hazard.places if campaign.hazard else ()
 
@@ -199,8 +206,10 @@ def _ends(field: dict[str, np.ndarray]) -> tuple[float, float]:
 
 
 def ground(models: dict[str, GridModel], values: Values) -> Figure:
-    """Ground above one random field on every grid, the first; in 3D the section in the middle, and its place on a
-    map."""
+    """Ground with its layers above the first random field on every grid.
+
+    In 3D the section in the middle, below a map that shows where it lies.
+    """
     stored, fine = ground_of(models), models["refined"]
     planes = {grid: plots.plane_at(each, stored.middle) for grid, each in stored.grids.items()}
     sections = {grid: plots.section_of(each, planes[grid]) for grid, each in stored.grids.items()}
@@ -210,12 +219,12 @@ def ground(models: dict[str, GridModel], values: Values) -> Figure:
         _map(figure, axes[0], fine, stored.middle)
     _layers(axes[int(mapped)], fine, planes["refined"], sections["refined"], stored.middle)
     name = next(iter(fine.campaign.random))
-    drawn = plots.quantity(name)
-    kept = {grid: found[name][planes[grid]] / drawn.unit for grid, found in values.items()}
-    norm = Normalize(*_ends(kept))
+    drawn = quantity(name)
+    shown_values = {grid: each[name][planes[grid]] / drawn.size for grid, each in values.items()}
+    norm = Normalize(*_ends(shown_values))
     shown = list(axes[1 + mapped :])
     for ax, (grid, (position, half)) in zip(shown, sections.items(), strict=True):
-        boxes = plots.draw_particles(ax, position, half, kept[grid], "cividis", norm)
+        boxes = plots.draw_particles(ax, position, half, shown_values[grid], "cividis", norm)
         ax.set_title(f"{grid} grid, {models[grid].scene.particles.mass.size:,} particles, one sample", loc="left")
     figure.colorbar(boxes, ax=shown, label=drawn.label)
     return figure
@@ -240,17 +249,17 @@ def _layers(ax: Axes, model: GridModel, plane: np.ndarray, section: plots.Sectio
     ax.axhline(corner[-1], color="k", lw=2)
     if campaign.dimension == 2:
         shape: Any = campaign.site.shape
-        for place in _places(campaign):
-            x = np.linspace(min(place.corners)[0], max(place.corners)[0], 100)
-            ax.plot(x, shape.heights(x), color=PLACE, lw=4, marker="v", markevery=[50])
-            ax.annotate(place.name, (x[50], shape.heights(x)[50]), **NAME)
-    said = ", ".join(f"{held} wall at x = {end:g} m" for end, held in zip(ends, hold, strict=True))
-    ax.set_title(f"{said}, fixed base", loc="left")
+        for element in _exposed(campaign):
+            x = np.linspace(min(element.corners)[0], max(element.corners)[0], 100)
+            ax.plot(x, shape.heights(x), color=EXPOSED, lw=4, marker="v", markevery=[50])
+            ax.annotate(element.name, (x[50], shape.heights(x)[50]), **NAME)
+    walls = ", ".join(f"{held} wall at x = {end:g} m" for end, held in zip(ends, hold, strict=True))
+    ax.set_title(f"{walls}, fixed base", loc="left")
     ax.legend(handles=handles, loc="upper left", bbox_to_anchor=(1, 1), fontsize="small", frameon=False)
 
 
 def _map(figure: Figure, ax: Axes, model: GridModel, middle: float) -> None:
-    """Heights of the ground from above with the exposed places, and where the section lies."""
+    """Heights of the ground from above with the elements at risk, and where the section lies."""
     shape: Any = model.campaign.site.shape
     (x0, y0), (length, width) = shape.corner[:2], shape.extent[:2]
     x, y = (start + np.linspace(0, size, 200) for start, size in ((x0, length), (y0, width)))
@@ -258,10 +267,10 @@ def _map(figure: Figure, ax: Axes, model: GridModel, middle: float) -> None:
     heights = shape.heights(*at)
     lines = ax.contourf(x, y, heights.T, 20, cmap="terrain")
     ax.axhline(middle, color="k", lw=1, ls="--")
-    for place in _places(model.campaign):
-        corners = np.array([*place.corners, place.corners[0]])
-        ax.plot(*corners.T, color=PLACE, lw=2, marker="o" if len(place.corners) == 1 else "")
-        ax.annotate(place.name, tuple(corners[0]), **NAME)
+    for element in _exposed(model.campaign):
+        corners = np.array([*element.corners, element.corners[0]])
+        ax.plot(*corners.T, color=EXPOSED, lw=2, marker="o" if len(element.corners) == 1 else "")
+        ax.annotate(element.name, tuple(corners[0]), **NAME)
     if model.campaign.site.track is not None:
         ax.plot(*np.array(model.campaign.site.track.points).T, color=TRACK, lw=1.5, ls=":", label="run-out line")
         ax.legend(loc="upper left", fontsize="small", framealpha=0.8)

@@ -39,13 +39,24 @@ def script() -> str:
 
 
 def html(figure: Figure, name: str) -> str:
-    """A figure as part of a page that has `script`. name: of its element."""
+    """A figure as part of a page that has `script`.
+
+    Args:
+        figure: of Plotly.
+        name: of its element.
+    """
     how = {"displaylogo": False, "responsive": True}
     return str(figure.to_html(config=how, include_plotlyjs=False, full_html=False, div_id=name, include_mathjax=False))
 
 
 def stairs(curves: Mapping[str, Exceedance], labels: Mapping[str, str], up: str) -> Figure:
-    """Exceedance curves beside each other. labels: of their axes, by their names. up: label of the other axis."""
+    """Exceedance curves beside each other.
+
+    Args:
+        curves: by name.
+        labels: of their axes, by their names.
+        up: label of the other axis.
+    """
     shown = [
         {name: tuple(map(np.array, (each.thresholds, each.probability, each.low, each.high)))}
         for name, each in curves.items()
@@ -54,11 +65,16 @@ def stairs(curves: Mapping[str, Exceedance], labels: Mapping[str, str], up: str)
 
 
 def profile(maps: Maps, *, toe: float | None) -> Figure:
-    """Hazard along a section: probabilities, expected thickness and arrival against x; toe: its x (m)."""
+    """Hazard along a section: probabilities, expected thickness and arrival against x.
+
+    Args:
+        maps: of a section.
+        toe: its x (m), None for none.
+    """
 
     def at(name: str) -> tuple[np.ndarray, ...]:
-        found = maps.maps[name]
-        return maps.edges[0], *(np.append(each, each[-1:]) for each in (found.value, found.low, found.high))
+        chances = maps.maps[name]
+        return maps.edges[0], *(np.append(each, each[-1:]) for each in (chances.value, chances.low, chances.high))
 
     likely = {name: at(name) for name, unit in maps.units.items() if unit == "-"}
     shown = [likely, {THICKNESS: at(THICKNESS)}, {ARRIVAL: at(ARRIVAL)}]
@@ -70,17 +86,17 @@ def _stairs(panels: Sequence[Stairs], across: Sequence[str], up: Sequence[str], 
     """Panels of curves of which the first has the band of its interval."""
     figure = _tiled([""] * len(panels), columns)
     for number, curves in enumerate(panels):
-        here = _place(number, columns)
+        here = _panel(number, columns)
         for at, (name, (x, value, low, high)) in enumerate(curves.items()):
             line = {"shape": "hv", "color": SERIES[at % len(SERIES)]}
             thin: dict[str, Any] = {"x": x, "line": line | {"width": 0.5}, "hoverinfo": "skip", "showlegend": False}
             if not at:
                 figure.add_scatter(y=low, mode="lines", **thin, **here)
                 figure.add_scatter(y=high, mode="lines", fill="tonexty", fillcolor=BAND, **thin, **here)
-            told = "%{y:.3g} (%{customdata[0]:.3g} to %{customdata[1]:.3g})"
+            hover = "%{y:.3g} (%{customdata[0]:.3g} to %{customdata[1]:.3g})"
             figure.add_scatter(
                 x=x, y=value, mode="lines", line=line, name=name, showlegend=len(curves) > 1,
-                customdata=np.stack([low, high], axis=1), hovertemplate=told, **here,
+                customdata=np.stack([low, high], axis=1), hovertemplate=hover, **here,
             )  # fmt: skip
         _label(figure, across[number], up[number], here)
         figure.update_yaxes(rangemode="tozero", **here)
@@ -88,16 +104,21 @@ def _stairs(panels: Sequence[Stairs], across: Sequence[str], up: Sequence[str], 
 
 
 def plan_maps(maps: Maps, *, toe: float | None) -> Figure:
-    """Hazard in plan, one panel for each map; all are zoomed together. toe: its x (m)."""
+    """Hazard in plan, one panel for each map; all are zoomed together.
+
+    Args:
+        maps: in plan.
+        toe: its x (m).
+    """
     shown = list(mapped(maps))
     titles = [f"{title}, up to {top:.3g} {unit.strip('-')}" for title, unit, _, top in shown]
     figure = _tiled(titles, ACROSS, shared_xaxes="all", shared_yaxes="all")
     x, y = ((edges[1:] + edges[:-1]) / 2 for edges in maps.edges)
     for number, (_, unit, values, top) in enumerate(shown):
-        here, told = _place(number, ACROSS), "x %{x:.4g} m, y %{y:.4g} m: %{z:.3g} " + unit.strip("-")
+        here, hover = _panel(number, ACROSS), "x %{x:.4g} m, y %{y:.4g} m: %{z:.3g} " + unit.strip("-")
         drawn = values.T.astype(np.float32)
         look = {"zmin": 0.0, "zmax": top, "colorscale": "Cividis", "showscale": False}
-        figure.add_heatmap(x=x, y=y, z=drawn, hovertemplate=f"{told}<extra></extra>", **look, **here)
+        figure.add_heatmap(x=x, y=y, z=drawn, hovertemplate=f"{hover}<extra></extra>", **look, **here)
         _label(figure, "x [m]", "y [m]", here)
     if toe is not None:
         figure.add_vline(toe, line=LIMIT | {"color": "white"})
@@ -108,7 +129,9 @@ def plan_maps(maps: Maps, *, toe: float | None) -> Figure:
 def ranked(moved: Mapping[str, np.ndarray], failure_displacement: float) -> Figure:
     """Largest displacement of every sample by its rank on the rough grid.
 
-    moved: number of each "sample" (N,), and how far it did on each grid (N,) m, nan where it has none.
+    Args:
+        moved: number of each "sample" (N,), and how far it did on each grid (N,) m, nan where it has none.
+        failure_displacement: drawn as a line (m).
     """
     figure, rank = _tiled([""], 1), ranks(moved["rough"])
     for grid, colour, symbol in (("rough", ROUGH, "circle"), ("refined", REFINED, "triangle-up-open")):
@@ -150,7 +173,7 @@ def _tiled(titles: Sequence[str], columns: int, **how: Any) -> Figure:
     return figure.update_layout(template="plotly_white", height=60 + HIGH * rows, margin=margin)
 
 
-def _place(number: int, columns: int) -> dict[str, int]:
+def _panel(number: int, columns: int) -> dict[str, int]:
     return {"row": number // columns + 1, "col": number % columns + 1}
 
 
@@ -173,8 +196,15 @@ def mesh(
     of_faces: np.ndarray | None = None,
     **look: Any,
 ) -> Mesh3d:
-    """Faces (m, 4) between corners (n, 3) m, two triangles each, coloured by a value of each corner (n,) or face (m,),
-    or as `look` says."""
+    """Faces between corners, two triangles each, coloured by a value of each corner or face.
+
+    Args:
+        corners: (n, 3) m.
+        faces: numbers of their corners (m, 4).
+        of_corners: values (n,).
+        of_faces: values (m,).
+        **look: other options of Plotly's mesh.
+    """
     from plotly.graph_objects import Mesh3d
 
     used, numbers = np.unique(faces, return_inverse=True)

@@ -6,10 +6,10 @@ perceptually even for all kinds of colour vision (viridis, cividis). Figures of 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import colormaps
@@ -17,87 +17,53 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from scipy.spatial import Delaunay, QhullError
 
-from cooperative.reporting._bodies import Moving
+from cooperative.reporting._bodies import moved_boxes, soil_between
 from cooperative.reporting._charts import panels
+from cooperative.reporting._quantities import quantity
 from cooperative.runs import Frames, SampleSoil, StoredGrid, StoredGround
 from cooperative.store import Sample
 from foundation import files
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as plotly
 
 Section = tuple[np.ndarray, np.ndarray]
 """Positions (2, N) as x and z (m), and half the particle spacing (2,) m."""
 
 
-NEAR = 1.5
-"""Spacings of the largest circle without a particle in it that is still drawn as soil."""
-
-TORN = 2.0
-"""Spacings by which particles that were neighbours have moved apart where soil is drawn as torn."""
-
-
 @dataclass(frozen=True)
 class Drawn:
-    """A figure, its file name and what it shows. body: that it is of, where a reader may turn it."""
+    """A figure of a report.
+
+    Args:
+        name: of its file.
+        caption: what it shows, in sentences.
+        figure: as matplotlib draws it.
+        interactive: makes the same figure in Plotly, None where there is none.
+    """
 
     name: str
     caption: str
     figure: Figure
-    body: Moving | None = None
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """How a parameter of soil is drawn. said: the unit of its scale. unit: that unit in SI units, or degrees."""
-
-    word: str
-    symbol: str
-    said: str
-    unit: float = 1.0
-
-    @property
-    def label(self) -> str:
-        """Of its scale, in full."""
-        return f"{self.word} {self.symbol} [{self.said}]"
-
-
-QUANTITIES = {
-    "strength": Quantity("undrained strength", "$S_u$", "kPa", 1e3),
-    "strength_ratio": Quantity("undrained strength over effective vertical stress", r"$S_u/\sigma'_v$", "-"),
-    "cohesion": Quantity("cohesion", "$c$", "kPa", 1e3),
-    "friction": Quantity("friction angle", r"$\varphi$", "degrees"),
-    "dilation": Quantity("dilation angle", r"$\psi$", "degrees"),
-    "young": Quantity("Young's modulus", "$E$", "MPa", 1e6),
-    "poisson": Quantity("Poisson's ratio", r"$\nu$", "-"),
-    "unit_weight": Quantity("unit weight", r"$\gamma$", "kN/m3", 1e3),
-    "softening_modulus": Quantity("softening modulus", "$H$", "kPa", 1e3),
-    "residual_cohesion": Quantity("residual cohesion", "$c_r$", "kPa", 1e3),
-    "residual_friction": Quantity("residual friction angle", r"$\varphi_r$", "degrees"),
-    "residual_ratio": Quantity("residual over peak strength", "$r$", "-"),
-    "strain_95": Quantity("plastic strain of 95 % of the loss", r"$\gamma_{95}$", "-"),
-    "softening_strain": Quantity("plastic strain of the loss", r"$\gamma_r$", "-"),
-    "rate_coefficient": Quantity("rise of strength per tenfold rate", r"$\mu$", "-"),
-}
-
-
-def quantity(name: str) -> Quantity:
-    """How a parameter is drawn; one that a law of the user's own has, by its name and in its own unit."""
-    return QUANTITIES.get(name, Quantity(name.replace("_", " "), "", "in its own unit"))
+    interactive: Callable[[], plotly.Figure] | None = None
 
 
 def parameter_fields(name: str, sections: Mapping[str, Section], fields: Mapping[str, np.ndarray]) -> Figure:
     """One random field on every grid, one panel each, on one colour scale.
 
-    name: of the soil's parameter. sections: by grid name. fields: grid name -> its values (N,), in SI units or degrees,
-    of the same particles; nan is rock.
+    Args:
+        name: of the soil's parameter.
+        sections: by grid name.
+        fields: grid name -> its values (N,), in SI units or degrees, of the same particles; nan is rock.
     """
     drawn = quantity(name)
-    low = min(float(np.nanmin(values)) for values in fields.values()) / drawn.unit
-    high = max(float(np.nanmax(values)) for values in fields.values()) / drawn.unit
+    low = min(float(np.nanmin(values)) for values in fields.values()) / drawn.size
+    high = max(float(np.nanmax(values)) for values in fields.values()) / drawn.size
     figure, axes = section_panels(next(iter(sections.values()))[0], len(sections))
     norm = Normalize(low, high)
     for ax, (grid, (position, half)) in zip(axes, sections.items(), strict=True):
-        boxes = draw_particles(ax, position, half, fields[grid] / drawn.unit, "cividis", norm)
+        boxes = draw_particles(ax, position, half, fields[grid] / drawn.size, "cividis", norm)
         ax.set_title(f"{grid} grid, {position.shape[1]:,} particles", loc="left")
     figure.colorbar(boxes, ax=axes, label=drawn.label)
     return figure
@@ -108,7 +74,11 @@ def before_and_after(
 ) -> Figure:
     """Section before and after, coloured by the plastic strain at the end.
 
-    position, displacement: (2, N) m, rows x and z. plastic_strain: (N,). half_size: (2,) m.
+    Args:
+        position: (2, N) m, rows x and z.
+        displacement: (2, N) m, rows x and z.
+        plastic_strain: (N,).
+        half_size: (2,) m.
     """
     figure, axes = section_panels(position, 2)
     norm = Normalize(0.0, max(float(np.quantile(plastic_strain, 0.99)), 1e-3))
@@ -127,17 +97,21 @@ def before_and_after(
 def slide(section: Section, name: str, field: np.ndarray, displacement: np.ndarray, times: Sequence[float]) -> Figure:
     """A random field above the slide that it led to, at several times.
 
-    section: before. name, field: of the soil's parameter, and its values (N,), SI units or degrees. displacement:
-    (T, 2, N) m at the T times (s); colour tells how far a particle has moved by then.
+    Args:
+        section: before.
+        name: of the soil's parameter, and its values (N,), SI units or degrees.
+        field: of the soil's parameter, and its values (N,), SI units or degrees.
+        displacement: (T, 2, N) m at the T times (s); colour tells how far a particle has moved by then.
+        times: of the displacements (s).
     """
     position, half = section
     moved = np.linalg.norm(displacement, axis=1)
     figure, axes = section_panels(position, len(times) + 1)
     drawn = quantity(name)
-    norm = Normalize(float(np.nanmin(field)) / drawn.unit, float(np.nanmax(field)) / drawn.unit)
-    boxes = draw_particles(axes[0], position, half, field / drawn.unit, "cividis", norm)
+    norm = Normalize(float(np.nanmin(field)) / drawn.size, float(np.nanmax(field)) / drawn.size)
+    boxes = draw_particles(axes[0], position, half, field / drawn.size, "cividis", norm)
     axes[0].set_title(f"{'strength' if name == 'strength' else drawn.word} before", loc="left")
-    figure.colorbar(boxes, ax=axes[0], label=f"{drawn.symbol} [{drawn.said}]", aspect=8)
+    figure.colorbar(boxes, ax=axes[0], label=f"{drawn.symbol} [{drawn.unit}]", aspect=8)
     norm = Normalize(0.0, max(float(moved.max()), 1e-6))
     for ax, time, step, far in zip(axes[1:], times, displacement, moved, strict=True):
         boxes = draw_particles(ax, position, half, far, "viridis", norm, displacement=step)
@@ -152,8 +126,12 @@ def plan(
 ) -> Figure:
     """A slide from above at several times: how far the soil on top has moved.
 
-    position: initial (3, N) m. displacement: (T, 3, N) m at the T times (s). half_size: half the particle
-    spacing (3,) m. toe: x of the toe (m), drawn as a line where there is one.
+    Args:
+        position: initial (3, N) m.
+        displacement: (T, 3, N) m at the T times (s).
+        times: of the displacements (s).
+        half_size: half the particle spacing (3,) m.
+        toe: x of the toe (m), drawn as a line where there is one.
     """
     moved = np.linalg.norm(displacement, axis=1)
     norm = Normalize(0.0, max(float(moved.max()), 1e-6))
@@ -175,8 +153,7 @@ def plan(
 
 
 def lay_out(figure: Figure) -> None:
-    """Place the axes of a figure for good: each file that it is written to would do so again, and take longer for it
-    than to draw."""
+    """Place the axes of a figure once, since each file that it is written to would do so again."""
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
@@ -184,8 +161,19 @@ def lay_out(figure: Figure) -> None:
 
 
 def save(figure: Figure, path: str | Path, *, dpi: int = 150) -> Path:
-    """Write the figure (PNG, PDF or SVG by its suffix), whole or not at all, and give the path back. OSError, with the
-    file's name, where the disk refuses."""
+    """Write a figure, whole or not at all.
+
+    Args:
+        figure: to write.
+        path: of the file; its suffix says PNG, PDF or SVG.
+        dpi: resolution of pixels.
+
+    Returns:
+        The path.
+
+    Raises:
+        OSError: the disk refuses; the message has the file's name.
+    """
     path = Path(path)
     with files.aside(path) as part:
         figure.savefig(part, dpi=dpi, format=path.suffix[1:])
@@ -210,18 +198,29 @@ def draw_particles(
     displacement: np.ndarray | None = None,
     vertical: str = "z [m]",
 ) -> PolyCollection:
-    """Particles as boxes in true size, so that both grids fill the same area; with a displacement (2, N) m from a
-    lattice, moved and stretched, over the soil between them."""
-    still = np.zeros_like(position)
-    drawn: Any
-    drawn, shown = moved_boxes(position, still if displacement is None else displacement, half), values
-    if displacement is not None and displacement.any():
-        between = soil_between(position + displacement, half)
+    """Particles as boxes in true size, so that both grids fill the same area.
+
+    With a displacement, they are moved and stretched, over the soil between them.
+
+    Args:
+        ax: axes to draw on.
+        position: before (2, N) m.
+        half: half the particle spacing (2,) m.
+        values: that colours show (N,).
+        colours: name of a colour map.
+        norm: ends of its scale.
+        displacement: from a lattice (2, N) m, None for none.
+        vertical: label of the vertical axis.
+    """
+    step = np.zeros_like(position) if displacement is None else displacement
+    corners, shown = moved_boxes(position, step, half), values
+    if step.any():
+        between = soil_between(position + step, half)
         # Triangles with their last corner twice, so that one array holds them and the boxes.
-        drawn = np.concatenate([(position + displacement).T[between[:, [0, 1, 2, 2]]], drawn])
+        corners = np.concatenate([(position + step).T[between[:, [0, 1, 2, 2]]], corners])
         shown = np.concatenate([values[between].mean(axis=1), values])
     boxes = PolyCollection(
-        drawn,
+        list(corners),
         array=np.ma.masked_invalid(shown),
         cmap=colormaps[colours].with_extremes(bad="0.6"),
         norm=norm,
@@ -235,49 +234,6 @@ def draw_particles(
     return boxes
 
 
-def moved_boxes(position: np.ndarray, displacement: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """Corners (N, 4, 2) of the boxes of particles that moved from a lattice.
-
-    A corner goes with the mean displacement of the particles that met there, so that soil which stretches has no cracks
-    in it; particles that have moved apart by more than `TORN` of their spacings do not hold each other's corners.
-    position, displacement: (2, N) m. half: half the spacing (2,) m.
-    """
-    place = np.rint((position - position.min(axis=1, keepdims=True)) / (2 * half[:, None])).astype(int) + 1
-    number = np.full(place.max(axis=1) + 2, -1)
-    number[tuple(place)] = np.arange(position.shape[1])
-    # Where several stand at one place there is no lattice to tell who meets whom.
-    lattice = bool((number[tuple(place)] == np.arange(position.shape[1])).all())
-    corners = []
-    for side in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
-        total, count = displacement.astype(float), np.ones(position.shape[1])
-        for step in ((side[0], 0), (0, side[1]), side) if lattice else ():
-            other = number[tuple(place + np.array(step)[:, None])]
-            apart = displacement[:, other] - displacement
-            meets = (other >= 0) & (np.linalg.norm(apart, axis=0) < TORN * 2 * half.max())
-            total, count = total + np.where(meets, displacement[:, other], 0.0), count + meets
-        corners.append((position + np.array(side)[:, None] * half[:, None] + total / count).T)
-    return np.stack(corners, axis=1)
-
-
-def soil_between(position: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """Triangles (m, 3) of particles so near to each other that there is soil between them: those of their Delaunay
-    triangulation whose circumcircle has a radius of at most `NEAR` spacings (the alpha shape of Edelsbrunner,
-    Kirkpatrick and Seidel 1983, doi:10.1109/TIT.1983.1056714).
-
-    position: (2, N) m, where the particles are. half: half the spacing (2,) m. None where they lie on a line.
-    """
-    try:
-        found = Delaunay(position.T).simplices
-    except QhullError:
-        return np.zeros((0, 3), int)
-    corners = position.T[found]
-    sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
-    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    twice = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-    # Radius: the product of the sides by four times the area.
-    return found[sides.prod(axis=1) <= 2 * twice * NEAR * 2 * half.max()]
-
-
 def _share_limits(axes: Sequence[Axes]) -> None:
     """Show the same piece of ground in every panel."""
     for limits, give in (("get_xlim", "set_xlim"), ("get_ylim", "set_ylim")):
@@ -289,11 +245,14 @@ def _share_limits(axes: Sequence[Axes]) -> None:
 def drawn_fields(ground: StoredGround, sample: Sample, soils: Mapping[str, SampleSoil]) -> Iterator[Drawn]:
     """The random fields of one sample on both grids, a picture for each parameter.
 
-    ground: of the campaign. soils: of the sample, by grid.
+    Args:
+        ground: of the campaign.
+        sample: whose fields are drawn.
+        soils: of the sample, by grid.
     """
     planes = {grid: _plane(ground, grid, sample) for grid in soils}
     sections = {grid: section_of(ground.grids[grid], plane) for grid, plane in planes.items()}
-    for place, name in enumerate(ground.random):
+    for number, name in enumerate(ground.random):
         seen = {grid: soil.values[name][planes[grid]] for grid, soil in soils.items()}
         caption = f"Sample {sample.number}: the same random field of {_word(name)} on both grids."
         if ground.bottoms is not None and len(ground.bottoms):
@@ -301,7 +260,7 @@ def drawn_fields(ground: StoredGround, sample: Sample, soils: Mapping[str, Sampl
         figure = parameter_fields(name, sections, seen)
         for ax, (grid, plane) in zip(figure.axes, planes.items(), strict=False):
             _draw_outline(ax, ground, float(ground.grids[grid].position[1, plane].mean()))
-        yield Drawn(f"field-{name}" if place else "field", caption, figure)
+        yield Drawn(f"field-{name}" if number else "field", caption, figure)
 
 
 def _draw_outline(ax: Axes, ground: StoredGround, y: float) -> None:
@@ -314,7 +273,7 @@ def _draw_outline(ax: Axes, ground: StoredGround, y: float) -> None:
 
 
 def drawn_change(ground: StoredGround, grid: str, sample: Sample) -> Drawn:
-    """One sample's section before and after, by the plastic strain that was kept."""
+    """One sample's section before and after, by the stored plastic strain."""
     plane = _plane(ground, grid, sample)
     section, half = section_of(ground.grids[grid], plane)
     moved, strain = sample.fields["displacement"][[0, -1]][:, plane], sample.fields["plastic_strain"][plane]

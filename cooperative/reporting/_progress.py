@@ -27,10 +27,17 @@ RECENT = 20
 
 @dataclass(frozen=True)
 class GridProgress:
-    """One grid, or the slides on the refined one. done: finished samples. planned: of how many, None where the stopping
-    rule alone will tell. at_least: whether `planned` may grow. hourly: samples per hour of late, nan before the second.
-    seconds_left: to go, nan where nothing tells. broke_off: runs that broke off. damaged: files that cannot be trusted
-    and will be redone."""
+    """One grid, or the slides on the refined one.
+
+    Args:
+        done: finished samples.
+        planned: of how many, None where the stopping rule alone will tell.
+        at_least: whether `planned` may grow.
+        hourly: samples per hour of late, nan before the second.
+        seconds_left: to go, nan where nothing tells.
+        broke_off: runs that broke off.
+        damaged: files that cannot be trusted and will be redone.
+    """
 
     grid: str
     done: int
@@ -44,9 +51,16 @@ class GridProgress:
 
 @dataclass(frozen=True)
 class Progress:
-    """name: of the campaign. controller: who holds the folder, in words. running: whether that runs, as far as can be
-    seen. grids: rough, then refined, then the slides where not all failures run to their end. estimate: from the
-    refined runs so far, or while screening the share of rough failures; None before the first sample."""
+    """How far a campaign is.
+
+    Args:
+        name: of the campaign.
+        controller: who holds the folder, in words.
+        running: whether that runs, as far as can be seen.
+        grids: rough, then refined, then the slides where not all failures run to their end.
+        estimate: from the refined runs so far, or while screening the share of rough failures; None before the first
+            sample.
+    """
 
     name: str
     controller: str
@@ -56,9 +70,14 @@ class Progress:
 
 
 def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Progress:
-    """Read how far the campaign in `folder` is. ValueError if the folder is none.
+    """Read how far the campaign in `folder` is.
 
-    estimator: the one that `cooperative.campaign.run` was given, where it was given one.
+    Args:
+        folder: of the campaign.
+        estimator: the one that `cooperative.campaign.run` was given, where it was given one.
+
+    Raises:
+        ValueError: the folder is none.
     """
     store = read_store(folder)
     campaign = campaign_of(store, estimator)
@@ -76,7 +95,13 @@ def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Pr
 def watched(folder: str | Path, every: float, *, estimator: Estimator | None = None) -> Iterator[str]:
     """The progress in words, again and again `every` (s) after the last, until nobody runs the campaign any more.
 
-    folder, estimator: as for `progress_of`. Raises ValueError for a folder that is none, or for no time in between.
+    Args:
+        folder: as for `progress_of`.
+        every: seconds between two readings.
+        estimator: as for `progress_of`.
+
+    Raises:
+        ValueError: a folder that is none, or for no time in between.
     """
     if not 0 < every < float("inf"):
         raise ValueError(f"--watch {every:g}: give the seconds between two looks, above 0")
@@ -94,8 +119,10 @@ def current_estimate(campaign: Campaign, rough: Rows, refined: Rows) -> Estimate
 
 
 def planned_refined(campaign: Campaign, rough: Rows, refined: Rows) -> tuple[int, bool]:
-    """Refined runs of the campaign in all, and whether they may become more: the budget, or where there is none what
-    is asked for so far."""
+    """Refined runs of the campaign in all, and whether they may become more.
+
+    The budget, or where there is none the runs asked for so far.
+    """
     most, done = campaign.estimator.budget(planned_rough(campaign)), len(refined.numbers)
     if most is not None:
         # Slides may have wanted more than the estimator.
@@ -114,8 +141,9 @@ def planned_rough(campaign: Campaign) -> int:
 def seconds_per_sample(ended: Sequence[float], seconds: Sequence[float]) -> float:
     """Seconds from one finished sample to the next, of late; nan for fewer than two.
 
-    ended: when each sample was finished (s, ascending). seconds: how long each ran. A gap far longer than any run is a
-    pause of the campaign and does not count.
+    Args:
+        ended: when each sample was finished (s, ascending).
+        seconds: how long each ran. A gap far longer than any run is a pause of the campaign and does not count.
     """
     gaps = np.diff(np.asarray(ended, float))[-RECENT:]
     gaps = gaps[gaps <= 3 * max(seconds, default=0.0) + 60.0]
@@ -130,7 +158,11 @@ def cost_ratio(campaign: Campaign) -> float:
 
 
 def words(progress: Progress) -> str:
-    """The progress for people."""
+    """The progress in lines of text.
+
+    Args:
+        progress: of a campaign.
+    """
     lines = [progress.name, f"  controller     {progress.controller}"]
     for grid in progress.grids:
         most = f"at least {grid.planned}" if grid.at_least else f"{grid.planned}"
@@ -144,16 +176,16 @@ def words(progress: Progress) -> str:
         if grid.broke_off:
             lines.append(f"                 {grid.broke_off} broke off")
         lines += [f"  DAMAGED        {why}: will be run again" for why in grid.damaged]
-    found = progress.estimate
-    if found is None:
+    estimate = progress.estimate
+    if estimate is None:
         lines.append("  no finished sample yet")
         return "\n".join(map(printable, lines))
-    low, high = found.interval
+    low, high = estimate.interval
     lines.append(
-        f"  probability of failure so far  {found.probability:.3f}  "
-        f"({found.level:.0%} interval {low:.3f} to {high:.3f}; {found.method})"
+        f"  probability of failure so far  {estimate.probability:.3f}  "
+        f"({estimate.level:.0%} interval {low:.3f} to {high:.3f}; {estimate.method})"
     )
-    lines += [f"  note: {note}" for note in found.notes]
+    lines += [f"  note: {note}" for note in estimate.notes]
     return "\n".join(map(printable, lines))
 
 
@@ -197,19 +229,21 @@ def _ends(store: Store, grid: str, rows: Rows) -> tuple[list[float], list[float]
 
 
 def _controller(store: Store) -> tuple[str, bool]:
-    """Who holds the folder, and whether that runs as far as can be seen. The lock itself is left alone: taking it, even
-    for a moment, could refuse a controller."""
+    """Who holds the folder, and whether that runs as far as can be seen.
+
+    The lock itself is left alone: taking it, even for a moment, could refuse a controller.
+    """
     try:
-        said = lock_holder(store.folder)
-        process, host = said.removeprefix("process ").split(" on ")
+        holder = lock_holder(store.folder)
+        process, host = holder.removeprefix("process ").split(" on ")
     except (OSError, ValueError):
         return "none yet", False
     if host != socket.gethostname():
-        return f"{said} (whether it still runs cannot be seen from here)", True
+        return f"{holder} (whether it still runs cannot be seen from here)", True
     try:
         os.kill(int(process), 0)
     except ProcessLookupError:
-        return f"none, the last one ({said}) has ended", False
+        return f"none, the last one ({holder}) has ended", False
     except PermissionError:
         pass
-    return said, True
+    return holder, True

@@ -32,10 +32,18 @@ def write_table(
     also have `failed` (1 or 0, empty where the run broke off before it could tell), `weight`, the share of all samples
     that each stands for, whose sum over the failures is the probability of failure, and `slide_weight`, the same for
     what slides did: 0 for failures that did not slide on to their end, and the more for those that did.
-    estimator: the one that `cooperative.campaign.run` was given, where it was given one; without it these three columns
-    are left out where the folder has no summary of its rows, as nobody else knows what the runs stand for.
-    ground: of the campaign, by which samples with arrays of other grids are damaged ones; by default the folder's.
-    Damaged files are left out; `read_rows` names them. OSError if the disk refuses.
+
+    Args:
+        store: of the campaign.
+        path: of the file, None for `table.csv` in the campaign's folder.
+        ground: of the campaign, by which samples with arrays of other grids are damaged ones; by default the folder's.
+            Damaged files are left out; `read_rows` names them.
+        estimator: the one that `cooperative.campaign.run` was given, where it was given one; without it these three
+            columns are left out where the folder has no summary of its rows, as nobody else knows what the runs stand
+            for.
+
+    Raises:
+        OSError: the disk refuses.
     """
     path = store.folder / "table.csv" if path is None else Path(path)
     rows = rows_of(store, ground)
@@ -52,8 +60,10 @@ def write_table(
 
 
 def rows_of(store: Store, ground: StoredGround | None = None) -> dict[str, Rows]:
-    """Verified rows of both grids. Where neither `ground` nor the folder tells how many samples there are, its scene
-    does."""
+    """Verified rows of both grids.
+
+    Where neither `ground` nor the folder tells how many samples there are, its scene does.
+    """
     ground = ground or stored_ground(store)
     samples = samples_of(campaign_of(store)) if ground is None else ground.samples
     read = rows_reader(store, samples, ground)
@@ -75,8 +85,15 @@ def consolidate(store: Store, path: str | Path | None = None, *, ground: StoredG
     """Write all verified samples into one HDF5 file, `campaign.h5` in the campaign's folder by default.
 
     The scene is the attribute `scene`; each sample is a group `rough/000123` or `refined/000123` with what was read of
-    its own file; `tables/rough/...` are the columns of the rows. One sample is in memory at a time. ground: as for
-    `write_table`. OSError if the disk refuses; what was there before stays.
+    its own file; `tables/rough/...` are the columns of the rows. One sample is in memory at a time.
+
+    Args:
+        store: of the campaign.
+        path: of the file, None for `campaign.h5` in the campaign's folder.
+        ground: as for `write_table`.
+
+    Raises:
+        OSError: the disk refuses; what was there before stays.
     """
     path = store.folder / "campaign.h5" if path is None else Path(path)
     with hdf5.hdf5_aside(path) as file:

@@ -29,8 +29,13 @@ LOG_DEVIATION = 0.3
 @pytree
 @dataclass(frozen=True)
 class Parameters:
-    """What is looked for. strength, softening: logarithms of factors on the model's mean strength and softening
-    modulus. coefficients: (n,) the leading ones of the strength's random field, the rest being 0."""
+    """What is looked for.
+
+    Args:
+        strength: logarithms of factors on the model's mean strength and softening modulus.
+        softening: logarithms of factors on the model's mean strength and softening modulus.
+        coefficients: (n,) the leading ones of the strength's random field, the rest being 0.
+    """
 
     strength: Array | float
     softening: Array | float
@@ -41,9 +46,12 @@ class Parameters:
 class Survey:
     """What is observed of a slide, and how.
 
-    seconds: length of the slide. times: number of equally spaced times at which markers are read. markers: (m,)
-    particles whose displacement is followed. stations: (k,) positions along x where the surface is levelled (m).
-    width: over which a levelling averages (m).
+    Args:
+        seconds: length of the slide.
+        times: number of equally spaced times at which markers are read.
+        markers: (m,) particles whose displacement is followed.
+        stations: (k,) positions along x where the surface is levelled (m).
+        width: over which a levelling averages (m).
     """
 
     seconds: float
@@ -56,8 +64,12 @@ class Survey:
 @pytree
 @dataclass(frozen=True)
 class Observed:
-    """surface: (k,) height of the soil column at each station in the end (m). histories: (times, d, m) displacement of
-    the markers (m)."""
+    """Readings of a survey.
+
+    Args:
+        surface: (k,) height of the soil column at each station in the end (m).
+        histories: (times, d, m) displacement of the markers (m).
+    """
 
     surface: Array
     histories: Array
@@ -65,8 +77,15 @@ class Observed:
 
 @dataclass(frozen=True)
 class Recovery:
-    """parameters: most probable ones. losses: of each iteration. deviation: posterior standard deviation of each, as
-    Parameters; beside the prior's it tells what the data determine (`prior`). predicted: what they would show."""
+    """Result of a back-analysis.
+
+    Args:
+        parameters: most probable ones.
+        losses: of each iteration.
+        deviation: posterior standard deviation of each parameter.
+        prior: prior standard deviation of each; the data determine what is far below it.
+        predicted: what they would show.
+    """
 
     parameters: Parameters
     losses: np.ndarray
@@ -76,10 +95,19 @@ class Recovery:
 
 
 def predict(model: GridModel, survey: Survey, parameters: Parameters, *, memory: float = 2e9) -> Observed:
-    """What the survey would show of the slide that these parameters make. Differentiable.
+    """What the survey would show of the slide that these parameters make.
 
-    Raises ValueError for markers that are no particles of the model, a soil that does not soften by a modulus, and
-    random stiffness or weight.
+    Differentiable.
+
+    Args:
+        model: grid and soil.
+        survey: what is observed, and when.
+        parameters: of the soil.
+        memory: bytes for reverse mode.
+
+    Raises:
+        ValueError: markers that are no particles of the model, a soil that does not soften by a modulus, and random
+            stiffness or weight.
     """
     model.refuse_own_start()
     scene, known = model.scene, declared(model.scene.material)
@@ -127,9 +155,18 @@ def recover(
 ) -> Recovery:
     """The most probable parameters behind `observed`, with `modes` leading coefficients, from the prior's middle.
 
-    noise: standard deviation of every reading (m). optimiser: of optax, L-BFGS with its line search by default.
-    report: is told the number and the loss of every iteration.
-    Raises ValueError for a noise that is not positive, more modes than the field has, or a loss that is not finite.
+    Args:
+        model: grid and soil.
+        survey: what is observed, and when.
+        observed: readings.
+        noise: standard deviation of every reading (m).
+        modes: number of leading coefficients.
+        iterations: of the optimiser.
+        optimiser: of optax, L-BFGS with its line search by default.
+        report: called with the number and the loss of every iteration.
+
+    Raises:
+        ValueError: a noise that is not positive, more modes than the field has, or a loss that is not finite.
     """
     if not noise > 0:
         raise ValueError(f"noise = {noise} m: give a standard deviation above 0")
@@ -141,9 +178,9 @@ def recover(
     optimiser = optax.with_extra_args_support(optimiser or optax.lbfgs())
 
     def residuals(parameters: Parameters) -> tuple[Array, Observed]:
-        found = predict(model, survey, parameters)
-        parts = jax.tree.map(lambda a, b: jnp.ravel(a - b) / noise, found, observed)
-        return jnp.concatenate([*jax.tree.leaves(parts), *jax.tree.leaves(_scaled(parameters, prior))]), found
+        predicted = predict(model, survey, parameters)
+        parts = jax.tree.map(lambda a, b: jnp.ravel(a - b) / noise, predicted, observed)
+        return jnp.concatenate([*jax.tree.leaves(parts), *jax.tree.leaves(_scaled(parameters, prior))]), predicted
 
     def loss(parameters: Parameters) -> Array:
         return 0.5 * jnp.sum(residuals(parameters)[0] ** 2)

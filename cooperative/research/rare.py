@@ -32,9 +32,11 @@ FLOOR = 1e-4
 class Search:
     """How a design point is searched for.
 
-    steps: gradients at most. tolerance: of the limit state, as a share of its value at the origin, and of the angle
-    (1 - cosine) between the point and the gradient. longest: step in coefficient space at most, which keeps the search
-    where a run still resembles the last one.
+    Args:
+        steps: gradients at most.
+        tolerance: of the limit state, as a share of its value at the origin, and of the angle (1 - cosine) between the
+            point and the gradient.
+        longest: step in coefficient space at most, which keeps the search where a run still resembles the last one.
     """
 
     steps: int = 40
@@ -44,9 +46,17 @@ class Search:
 
 @dataclass(frozen=True)
 class DesignPoint:
-    """coefficients: (M,) of the most likely failing field. beta: their distance from the origin. probability: what
-    FORM makes of it, Phi(-beta). converged: whether the tolerances were met. values, betas: of the limit state and the
-    distance, step by step. gradients: how many were spent."""
+    """Most likely failing field, and the search for it.
+
+    Args:
+        coefficients: (M,) of the most likely failing field.
+        beta: their distance from the origin.
+        probability: what FORM makes of it, Phi(-beta).
+        converged: whether the tolerances were met.
+        values: of the limit state, step by step.
+        betas: distances from the origin, step by step.
+        gradients: how many were spent.
+    """
 
     coefficients: np.ndarray
     beta: float
@@ -62,9 +72,13 @@ def design_point(
 ) -> DesignPoint:
     """Search for the point of least norm with a limit state of 0, by the improved HL-RF iteration.
 
-    limit_state: coefficients (M,) -> its value, positive where the slope stands, and its gradient (M,).
-    Raises ValueError where the slope fails already at the origin (the median field), or where a gradient is zero or
-    not finite.
+    Args:
+        limit_state: coefficients (M,) -> its value, positive where the slope stands, and its gradient (M,).
+        modes: number of coefficients.
+        search: settings, None for the defaults.
+
+    Raises:
+        ValueError: the slope fails already at the origin (the median field), or where a gradient is zero or not finite.
     """
     search = search or Search()
     at = np.zeros(modes)
@@ -85,11 +99,11 @@ def design_point(
         share = 1.0
         while True:
             trial = at + share * towards
-            found, slope = _checked(limit_state, trial)
-            if 0.5 * trial @ trial + penalty * abs(found) < merit or share < 0.1:
+            trial_value, slope = _checked(limit_state, trial)
+            if 0.5 * trial @ trial + penalty * abs(trial_value) < merit or share < 0.1:
                 break
             share /= 2
-        at, value, gradient = trial, found, slope
+        at, value, gradient = trial, trial_value, slope
         values.append(value)
         betas.append(float(np.linalg.norm(at)))
         cosine = -float(gradient @ at) / max(float(np.linalg.norm(gradient)) * betas[-1], 1e-12)
@@ -118,8 +132,15 @@ def slide_limit_state(
 
     log(displacement / u), u the root mean square displacement (m) after `seconds` on the model's grid: positive where
     the slope stands, smooth from rest to slide. A few seconds are enough to tell, and a longer run gets rougher.
-    memory: bytes for reverse mode. Raises ValueError where stiffness or weight are random, on which the initial stress
-    depends.
+
+    Args:
+        model: grid and soil.
+        seconds: length of the run (s).
+        displacement: at which the limit state is 0 (m).
+        memory: bytes for reverse mode.
+
+    Raises:
+        ValueError: stiffness or weight are random, on which the initial stress depends.
     """
     model.refuse_own_start()
     scene, state = model.scene, model.state
@@ -144,9 +165,17 @@ def importance_sampling(
 ) -> Estimate:
     """Probability of failure from samples around `centre` (M,), weighted back to the standard normal.
 
-    fails: coefficients (samples, M) -> whether each fails. The normal density is moved, not stretched: with tens of
-    coefficients a stretched one has weights of unbounded variance. The interval is that of the mean of the weights.
-    Raises ValueError for fewer than 2 samples.
+    Args:
+        fails: coefficients (samples, M) -> whether each fails. The normal density is moved, not stretched: with tens of
+            coefficients a stretched one has weights of unbounded variance. The interval is that of the mean of the
+            weights.
+        centre: design point (M,).
+        samples: number of samples.
+        seed: of the samples.
+        level: confidence level of the interval.
+
+    Raises:
+        ValueError: fewer than 2 samples.
     """
     if samples < 2:
         raise ValueError(f"samples = {samples}: give 2 or more")

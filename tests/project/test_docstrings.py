@@ -9,6 +9,18 @@ import re
 import pytest
 
 import cooperative
+import cooperative.agreement
+import cooperative.doctor
+import cooperative.effects
+import cooperative.estimate
+import cooperative.hazard
+import cooperative.measure
+import cooperative.notes
+import cooperative.reporting
+import cooperative.research.back_analysis
+import cooperative.research.rare
+import cooperative.risk
+import cooperative.summary
 import foundation.check
 import foundation.deprecated
 import foundation.files
@@ -89,6 +101,9 @@ def test_documented_names_exist(name, text, known):
 BY_MODULE = (
     *(jaxmpm.diagnostics, jaxmpm.objectives, jaxmpm.tensors, kl.plots),
     *(foundation.check, foundation.deprecated, foundation.files, foundation.hdf5, foundation.pytrees, foundation.text),
+    *(cooperative.agreement, cooperative.doctor, cooperative.effects, cooperative.hazard),
+    *(cooperative.notes, cooperative.risk, cooperative.summary),
+    *(cooperative.research.back_analysis, cooperative.research.rare),
 )
 LISTED = [
     (f"{package.__name__}.{name}", getattr(package, name)) for package, name in PUBLIC if package is not cooperative
@@ -96,6 +111,7 @@ LISTED = [
 ROOMS = (
     *(jaxmpm.ground, jaxmpm.laws, jaxmpm.run, jaxmpm.setup, jaxmpm.soil, jaxmpm.transfer),
     *(kl.axis, kl.field, kl.marginal),
+    *(cooperative.estimate, cooperative.measure, cooperative.reporting),
 )
 LISTED += [
     (f"{room.__name__}.{name}", getattr(room, name))

@@ -18,7 +18,8 @@ ROOMS = {
     ),
     "kl": "types axis marginal sampling field soil plots",
     "cooperative": (
-        "store measure estimate scene runs effects summary folder hazard campaign reporting sweep research doctor"
+        "store measure estimate scene runs risk effects notes agreement summary folder hazard campaign reporting sweep "
+        "research doctor"
     ),
 }
 ENTRANCES = {"cooperative": {"__main__", "_commands"}}

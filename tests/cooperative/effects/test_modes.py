@@ -119,7 +119,7 @@ def test_a_second_release_while_the_first_still_runs_is_not_progressive():
 def test_without_history_the_answer_says_what_it_lacks():
     found = mode_of(KNOWN["progressive"], history=False)
     assert found.name == "compound"
-    assert "progressive failure cannot be told" in found.notes[0]
+    assert "progressive failure cannot be recognised" in found.notes[0]
 
 
 def test_masses_and_depths_are_reported():

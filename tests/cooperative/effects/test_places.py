@@ -117,7 +117,9 @@ def test_scenes_with_bad_places_are_refused(old, new, message):
 
 def test_a_place_outside_the_ground_is_refused_before_anything_runs():
     campaign = parse(TINY + HAZARD.replace("[22.5]", "[99.0]"))
-    with pytest.raises(ValueError, match=r"place 'house' has x = 99 m, outside the ground, .* from 0 to 32 m"):
+    with pytest.raises(
+        ValueError, match=r"element at risk 'house' has x = 99 m, outside the ground, .* from 0 to 32 m"
+    ):
         runs.build(campaign, "refined", runs.random_soil(campaign), at_rest=False)
 
 

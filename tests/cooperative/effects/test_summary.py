@@ -10,13 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import spearmanr
 
-from cooperative.effects import CutOff, Risk
 from cooperative.estimate import named_estimator
+from cooperative.notes import walls_reached
 from cooperative.reporting import _page
+from cooperative.reporting import _sentences as words
+from cooperative.risk import CutOff, Risk
 from cooperative.runs import phases_of
 from cooperative.scene import Budget, Calibration, LimitLoad, parse
 from cooperative.store import Rows
-from cooperative.summary import Summary, _walls, slides_of, summarise
+from cooperative.summary import Summary, slides_of, summarise
 from tests.cooperative.campaign.test_campaign import TINY
 from tests.cooperative.effects.test_places import HAZARD
 from tests.cooperative.estimate.test_twophase import pair
@@ -140,7 +142,7 @@ def test_a_run_that_broke_off_has_no_part_in_modes_and_fits():
     assert sum(part.count for part in found.modes.values()) == failed.sum() - 1
     # Every sample has run: there are no more to buy.
     assert found.after_more_runs.samples_left == 0
-    assert "only more would bring" in _page._more(found)
+    assert "only more samples would bring" in words.more(found)
     assert found.fits["all"]["volume"].samples == failed.sum() - 1
 
 
@@ -154,7 +156,7 @@ def test_of_exposed_places_nothing_is_said_before_a_slide_counts():
         found = summarise(campaign, rough, runs)
         assert found.risk == Risk({"road": None, "house": None}, None)
         (said,) = _page.risks(found, found.risk)
-        assert "Nothing is known of how likely a slide reaches road, house" in said
+        assert "How likely a slide reaches road, house is not known" in said
     # Where many runs ended and none failed, that is known.
     stands = refined(range(60))
     stands.columns["displacement"][:] = 0.05
@@ -194,7 +196,7 @@ def test_numbers_that_are_not_finite_are_null_in_json_and_other_json_is_no_summa
 
 def test_walls_are_named_with_how_many_runs_reached_them():
     refined = rows([0, 1, 2], [5.0, 5.0, 0.1], walls=np.array(["x = 0 m; x = 84 m", "x = 84 m", ""]))
-    assert _walls(rows([], []), refined) == [
+    assert walls_reached(rows([], []), refined) == [
         "the slide reached the wall at x = 0 m, which held it, in 1 refined run: lengthen the ground there",
         "the slide reached the wall at x = 84 m, which held it, in 2 refined runs: lengthen the ground there",
     ]
@@ -215,12 +217,12 @@ def test_summary_and_words_tell_sampling_from_what_was_not_seen():
     assert found.interval[0] == low
     assert found.interval[1] > high > found.probability_of_failure
     assert 0 < found.unseen < 0.5
-    said = _page.unseen(found)
+    said = words.unseen(found)
     assert f"{low:.3g} to {high:.3g}" in said
     assert f"{found.coefficient_of_variation:.1%}" in said
     assert f"up to {found.unseen:.2g} of all samples" in said
     plain = summarise(campaign_with(samples=600, estimator="monte carlo"), rough, refined(range(600)))
-    assert (plain.unseen, plain.sampling_interval, _page.unseen(plain)) == (0.0, None, "")
+    assert (plain.unseen, plain.sampling_interval, words.unseen(plain)) == (0.0, None, "")
 
 
 def test_summary_says_where_the_ranks_mislead():
@@ -302,15 +304,15 @@ def test_a_campaign_without_slides_says_that_no_consequence_was_asked_for():
     found = summarise(campaign, rough, refined)
     assert found.notes[0].startswith("the scene asks for no slides (slides = 0): the 30 refined failures ended")
     assert (found.slides, found.slides_drawn, found.failures_refined) == (0, 0, 30)
-    assert _page.without_slides(found).startswith("No consequence was asked for")
-    assert "over 200 samples. Failures that did not slide on rank alike." in _page.agreement(found)
+    assert words.without_slides(found).startswith("No consequence was asked for")
+    assert "of 200 samples. Failures that ended once their class was known share one rank." in words.agreement(found)
     three = summarise(*drawn_classes(3))
     assert three.notes[0].startswith("3 of 30 refined failures slid on")
-    assert (three.slides_drawn, _page.without_slides(three)) == (3, "")
+    assert (three.slides_drawn, words.without_slides(three)) == (3, "")
     # Drawn, and not yet at their end.
     campaign, rough, refined = drawn_classes(3)
     refined.columns["status"][refined.columns["status"] == "SETTLED"] = "DECIDED"
-    assert _page.without_slides(summarise(campaign, rough, refined)) == "No slide has come to its end yet."
+    assert words.without_slides(summarise(campaign, rough, refined)) == "No slide has come to its end yet."
 
 
 def five_slides(status="SETTLED", *, slid=5, reached=2):
@@ -340,7 +342,7 @@ def test_four_slides_have_a_range_and_no_interval_and_five_have_one():
         assert (four[name].smallest, four[name].largest) == (smallest, largest)
         low, high = five[name].interval
         assert 0.3 * five[name].mean < low < high < 3 * five[name].mean
-    assert _page._interval(four["runout"]) == "too few for an interval"
+    assert words.interval(four["runout"]) == "too few for an interval"
 
 
 def test_no_mean_lies_beyond_the_time_of_the_runs_or_below_the_ground():
@@ -380,11 +382,11 @@ def test_slides_that_had_not_come_to_rest_are_counted_and_all_they_do_is_at_leas
     text = " ".join(_page.risks(found, found.risk))
     assert "at least 0.1" in text
     assert "interval of what 20 s show" in text
-    assert "4 of 5 slides had not come to rest" in _page.cut_off(found)
+    assert "4 of 5 slides had not come to rest" in words.cut_off(found)
     settled = summarise(*five_slides())
     assert settled.cut_off.at_t_end == 0
     assert not any(each.at_least for each in settled.consequences_of_failures.values())
-    assert "at least" not in " ".join([*_page.risks(settled, settled.risk), *settled.notes, _page.cut_off(settled)])
+    assert "at least" not in " ".join([*_page.risks(settled, settled.risk), *settled.notes, words.cut_off(settled)])
     # Where nothing looks for rest it is not known.
     campaign = replace(campaign, run=replace(campaign.run, settle=None))
     assert any("not looked at for rest" in note for note in summarise(campaign, rough, refined).notes)
@@ -407,7 +409,7 @@ def test_runs_that_still_moved_when_their_class_was_taken_are_named():
     refined.columns["status"][7:9], refined.columns["displacement"][8] = "FINISHED", 0.7
     (note,) = summarise(campaign, rough, refined).notes
     assert note.startswith(
-        "2 of 15 refined runs that stand had not settled at t_end = 20 s, having moved 0.7 m at most"
+        "2 of 15 refined runs that stand had not settled at t_end = 20 s; the farthest had moved 0.7 m"
     )
 
 
@@ -426,8 +428,8 @@ def test_more_runs_are_no_more_than_are_left_and_all_samples_are_the_limit():
     # All refined, only the sampling of the 80 is left.
     share = found.probability_of_failure
     assert more.coefficient_of_variation == more.all_samples == pytest.approx(np.sqrt((1 - share) / share / 80))
-    assert "Another 20 refined runs" in _page._more(found)
-    assert "only more samples help" in _page._more(found)
+    assert "Another 20 refined runs" in words.more(found)
+    assert "only more samples help" in words.more(found)
     whole = play(campaign_with(samples=80, refined_runs=80), rough, refined)
     share = whole.probability_of_failure
     assert whole.coefficient_of_variation == pytest.approx(np.sqrt((1 - share) / share / 80))
@@ -439,4 +441,4 @@ def test_more_runs_are_no_more_than_are_left_and_all_samples_are_the_limit():
     assert more.runs == 30 - begun.refined_runs < more.samples_left == 80 - begun.refined_runs
     # The published rule takes no more.
     ended = play(campaign_with(samples=80, estimator="published", k_t=9), rough, refined)
-    assert (ended.after_more_runs.coefficient_of_variation, _page._more(ended)) == (None, "")
+    assert (ended.after_more_runs.coefficient_of_variation, words.more(ended)) == (None, "")

@@ -28,12 +28,10 @@ from cooperative.estimate._audit import (
     audit_total,
     draw_wave,
     even_share,
-    fit_logistic,
-    normal_scores,
-    predict_logistic,
     surprise,
     unseen,
 )
+from cooperative.estimate._logistic import fit_logistic, normal_scores, predict_logistic
 from cooperative.estimate._twophase import place_share, target_share
 
 
@@ -367,7 +365,7 @@ def test_the_allowance_widens_upwards_only_and_leaves_the_rest_alone():
     # Who trusts the ranks from the start is told what that leaves out.
     trusting = two_phase(Population(displacement), answers(failed), AuditPlan(runs=60, proving=0))
     assert (trusting.unseen, trusting.sampling_interval) == (0.0, None)
-    assert "at their word" in trusting.notes[0]
+    assert "has no allowance" in trusting.notes[0]
     # Nothing is unseen where all is known.
     everything = two_phase(Population(displacement), answers(failed), AuditPlan(runs=750))
     assert everything.unseen == 0.0

@@ -14,8 +14,9 @@ import jaxmpm as mpm
 from benchmarks.robustness.invented import TERRAIN
 from cooperative import hazard, runs
 from cooperative.__main__ import main
+from cooperative.reporting import _dataset as dataset
 from cooperative.reporting import _exports
-from cooperative.reporting import _geography as geography
+from cooperative.reporting import _map_files as map_files
 from cooperative.reporting._exports import export
 from cooperative.scene import parse, to_toml
 from cooperative.scene._files import packed
@@ -86,7 +87,7 @@ def site():
 
 
 def test_ascii_grids_hold_the_maps_where_they_lie(tmp_path, site, maps):
-    written = {path.name: path for path in geography.write_ascii(tmp_path, site, maps)}
+    written = {path.name: path for path in map_files.write_ascii(tmp_path, site, maps)}
     found = mpm.read_raster(written["reached.asc"])
     np.testing.assert_allclose(found.heights, maps.maps["reached"].value, rtol=1e-8)
     assert found.corner == (maps.edges[0][0] + 0.5 + ORIGIN[0], maps.edges[1][0] + 0.5 + ORIGIN[1])
@@ -98,7 +99,8 @@ def test_ascii_grids_hold_the_maps_where_they_lie(tmp_path, site, maps):
 
 def test_geotiff_is_read_by_rasterio(tmp_path, site, maps):
     rasterio = pytest.importorskip("rasterio", reason="the extra terrain is not installed")
-    written = {path.name: path for path in geography.write_geotiff(tmp_path, site, maps)}
+    pytest.importorskip("rioxarray", reason="the extra exports is not installed")
+    written = {path.name: path for path in dataset.write_geotiff(tmp_path, site, maps)}
     assert len(written) == len(maps.maps)
     with rasterio.open(written["expected_thickness.tif"]) as file:
         assert file.crs.to_epsg() == 32633
@@ -119,7 +121,7 @@ def test_contours_are_where_the_probability_passes_their_value(files, maps):
     whole = json.loads(files["reached.geojson"].read_text())
     assert "no projection" in whole["coordinates_are"]
     assert [each["properties"]["value"] for each in whole["features"]] == [0.01, 0.02, 0.05, 0.1, 0.2]
-    likely, x = maps.maps["reached"].value[:, 0], geography.middle(maps.edges[0])
+    likely, x = maps.maps["reached"].value[:, 0], map_files.middle(maps.edges[0])
     for feature in whole["features"]:
         for line in feature["geometry"]["coordinates"]:
             along = np.array(line)[:, 0]
@@ -128,7 +130,7 @@ def test_contours_are_where_the_probability_passes_their_value(files, maps):
 
 def test_contours_with_a_projection_are_in_degrees(tmp_path, site, maps, files):
     pytest.importorskip("rasterio", reason="the extra terrain is not installed")
-    placed = {path.name: path for path in geography.write_contours(tmp_path, site, maps)}
+    placed = {path.name: path for path in map_files.write_contours(tmp_path, site, maps)}
     degrees, metres = (json.loads(written["reached.geojson"].read_text()) for written in (placed, files))
     (lon, lat), (x, y) = (each["features"][0]["geometry"]["coordinates"][0][0] for each in (degrees, metres))
     # The meridian of the zone is 15 degrees east; a degree of longitude is 76 km here.
@@ -159,7 +161,7 @@ def test_the_campaign_is_read_by_xarray(plain, maps):
         assert float(data.refined_weight.where(failed).sum()) == pytest.approx(0.4)
         assert data.refined_mode.sel(sample=2).item() == "deep"
         assert np.isnan(data.refined_area_columns.sel(sample=7).item())
-        xi = np.random.default_rng(5).standard_normal(data.sizes["mode"])
+        xi = np.random.default_rng(5).standard_normal(data.sizes["term"])
         np.testing.assert_array_equal(data.coefficients.sel(sample=5), xi)
         np.testing.assert_array_equal(data.map_reached, maps.maps["reached"].value)
         assert data.map_arrival.dims == ("x", "y")
@@ -171,7 +173,7 @@ def test_the_campaign_is_read_by_xarray(plain, maps):
 @pytest.mark.parametrize(
     ("library", "kind", "message"),
     [
-        ("rasterio", "geotiff", r"GeoTIFF needs rasterio.*pip install rasterio"),
+        ("rioxarray", "geotiff", r"GeoTIFF needs rioxarray.*pip install rioxarray"),
         ("xarray", "netcdf", r"campaign.nc needs xarray.*pip install xarray"),
         ("h5netcdf", "netcdf", r"campaign.nc needs h5netcdf.*pip install h5netcdf"),
     ],
@@ -237,12 +239,12 @@ def sample_of(folder, number):
 
 def test_maps_of_slides_that_had_not_come_to_rest_say_at_least(tmp_path, plain, maps):
     assert maps.moving == 0
-    assert not list(geography.write_notice(tmp_path, maps))
+    assert not list(map_files.write_notice(tmp_path, maps))
     moving = replace(maps, moving=3, until=20.0)
-    (notice,) = geography.write_notice(tmp_path, moving)
-    said = "3 of 4 slides had not come to rest when they ended at 20 s: all these maps are at least what is given."
+    (notice,) = map_files.write_notice(tmp_path, moving)
+    said = "3 of 4 slides had not come to rest when they ended at 20 s, so the maps give least values."
     assert (notice.name, notice.read_text()) == ("AT_LEAST.txt", f"{said}\n")
-    written = {path.name: path for path in geography.write_contours(tmp_path, parse(scene_of(None)).site, moving)}
+    written = {path.name: path for path in map_files.write_contours(tmp_path, parse(scene_of(None)).site, moving)}
     assert json.loads(written["reached.geojson"].read_text())["at_least"] == said
     with open_store(tmp_path / "moving", (plain / "scene.toml").read_text()) as store:
         for grid in ("rough", "refined"):

@@ -12,9 +12,10 @@ from cooperative.estimate import Chances, Exceedance, fit_distributions, severit
 from cooperative.hazard import Maps
 from cooperative.measure import ColumnPlan
 from cooperative.reporting import _charts as charts
+from cooperative.reporting import _html as html
 from cooperative.reporting import _interactive as interactive
-from cooperative.reporting import _page as page
 from cooperative.reporting import _plots as plots
+from cooperative.summary import Convergence
 
 HALF = np.array([0.5, 0.5])
 X, Z = (grid.ravel() for grid in np.meshgrid(np.arange(0.5, 24), np.arange(0.5, 8), indexing="ij"))
@@ -50,17 +51,10 @@ FIGURES = {
         SOLID, np.stack([SOLID * s for s in (0.1, 0.2)]), [1.0, 2.0], np.array([0.5, 4.0, 0.5]), toe=16.0
     ),
     "ranked_displacements": lambda: charts.ranked_displacements(
-        {
-            "rough": np.array([0.1, np.nan, 3.0]),
-            "refined": np.array([0.2, 9.0, 8.0]),
-            "audited": np.array([True, False, False]),
-        }
+        {"rough": np.array([0.1, np.nan, 3.0]), "refined": np.array([0.2, 9.0, 8.0])}
     ),
     "convergence": lambda: charts.convergence(
-        {"two-phase": RUNS},
-        {"two-phase": RUNS / 200},
-        {"two-phase": np.stack([RUNS / 250, RUNS / 150])},
-        truth=0.2,
+        Convergence(tuple(RUNS), tuple(RUNS / 200), tuple(RUNS / 250), tuple(RUNS / 150)), "two-phase", level=0.95
     ),
     "grids": lambda: charts.grids(np.array([0.1, 0.2, 3.0]), np.array([0.1, 4.0, 8.0]), failure_displacement=1.0),
     "mode_shares": lambda: charts.mode_shares(MODES),
@@ -88,7 +82,7 @@ def test_every_figure_is_drawn_with_units(name, tmp_path):
 def test_a_figure_on_the_page_is_an_element_of_its_own(name):
     figure = FIGURES[name]()
     plots.lay_out(figure)
-    shown = page.figure(plots.Drawn("this", "What it shows & how.", figure))
+    shown = html.figure(plots.Drawn("this", "What it shows & how.", figure))
     drawing = ElementTree.fromstring(shown).find(".//{*}svg")
     assert drawing.get("aria-labelledby") == "of-this"
     assert all(each.get("id", "of-this").startswith(("this-", "of-this")) for each in drawing.iter())
@@ -141,8 +135,7 @@ def test_the_ranked_figure_counts_what_it_shows():
     labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     assert labels == [
         "rough grid (2 samples)",
-        "refined grid (2 samples)",
-        "refined grid, audit (1 samples)",
+        "refined grid (3 samples)",
         "rough run broke off (1)",
     ]
 

@@ -23,12 +23,12 @@ from cooperative.folder import models_of, read_results
 from cooperative.hazard import hazard_maps
 from cooperative.reporting import _bodies as bodies
 from cooperative.reporting import _composition as composition
+from cooperative.reporting import _html as html
 from cooperative.reporting import _interactive as interactive
-from cooperative.reporting import _page as page
 from cooperative.reporting import _plots as plots
 from cooperative.reporting import report, write_table
 from cooperative.reporting._exports import export, export_sample
-from cooperative.reporting._page import in_slopes
+from cooperative.reporting._sentences import in_slopes
 from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, sample_path, write_sample
 from cooperative.summary import Summary
@@ -157,7 +157,7 @@ def test_the_page_says_what_the_summary_holds(done):
     assert f"{summary.probability_of_failure:.3g}" in text
     assert f"{low:.3g} to {high:.3g}" in text
     assert f"{summary.grids.spearman:.2f}" in text
-    assert "What more runs would buy" in text
+    assert "What more runs would bring" in text
     assert "One slope in 10 slides to" in text
     for mode, share in summary.modes.items():
         assert (mode in text) == (share.count > 0)
@@ -233,7 +233,7 @@ def test_names_with_markup_stay_text(tmp_path, done):
     assert "<script>alert" not in (tmp_path / "odd" / "report.html").read_text()
     assert any("<script>alert(1)</script> & co" in text for text in shown.text)
     # A campaign that has not ended says so.
-    assert any("has not ended: this is what is known so far, from 14 of 14 samples" in text for text in shown.text)
+    assert any("has not ended. The results so far are from 14 of 14 samples" in text for text in shown.text)
 
 
 @pytest.mark.usefixtures("unrendered")
@@ -319,7 +319,7 @@ def test_slides_are_drawn_from_their_frames_and_without_them_from_their_end(done
     sample = read_sample(store, "refined", rows.numbers[int(np.argmax(rows.columns["displacement"]))])
     models = models_of(parse(SCENE))
     soil = runs.soil_of(models["refined"], sample.coefficients)
-    shown = composition.kept_moments(sample, soil)
+    shown = composition.stored_moments(sample, soil)
     limit, far = (
         parse(SCENE).run.failure_displacement,
         [np.linalg.norm(each, axis=0).max() for each in shown.displacement],
@@ -327,9 +327,9 @@ def test_slides_are_drawn_from_their_frames_and_without_them_from_their_end(done
     assert len(shown.times) == 1 + sum(sample.row["displacement"] > passed * limit for passed in (1, 5))
     assert limit < far[0] < far[-1]
     ends = {name: values for name, values in sample.fields.items() if not name.startswith("frame")}
-    (only,) = composition.kept_moments(replace(sample, fields=ends), soil).times
+    (only,) = composition.stored_moments(replace(sample, fields=ends), soil).times
     assert only == shown.times[-1]
-    none = composition.kept_moments(replace(sample, fields={}), soil)
+    none = composition.stored_moments(replace(sample, fields={}), soil)
     assert list(plots.drawn_slide(runs.ground_of(models), "refined", sample, soil, none)) == []
 
 
@@ -366,12 +366,12 @@ def test_bodies_go_with_their_soil():
 
 
 def test_tables_set_numbers_apart_from_text():
-    made = page.table(["a", "b"], [["x < y", 1.23456], [None, 7]])
+    made = html.table(["a", "b"], [["x < y", 1.23456], [None, 7]])
     assert '<td data-head="a">x &lt; y</td><td class="number" data-head="b">1.235</td>' in made
     assert '<td class="number" data-head="a">–</td><td class="number" data-head="b">7</td>' in made
     assert '<th scope="col">a</th><th scope="col" class="number">b</th>' in made
     values = (0.12345, 42_561.0, 1e12, -123.456)
-    assert [page.number(value) for value in values] == ["0.1235", "42,560", "1e+12", "-123.5"]
+    assert [html.number(value) for value in values] == ["0.1235", "42,560", "1e+12", "-123.5"]
 
 
 def copied(done, folder):

@@ -1,0 +1,107 @@
+"""Estimates without an audit, as pure functions: Monte Carlo, the published rule, the control variate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from cooperative.estimate._estimates import Estimate, binomial, with_variance
+from cooperative.estimate._logistic import fit_logistic, normal_scores, predict_logistic, rough_centre
+from cooperative.estimate._protocol import Answers
+from cooperative.estimate._ranking import rank_samples, stopping_rank
+
+FOLDS = 5
+"""Folds of the control variate; it takes two runs in each."""
+
+
+def monte_carlo(failed: np.ndarray, *, level: float = 0.95, samples: float = np.inf) -> Estimate:
+    """n/N of samples that all ran on the refined grid, with a Wilson interval.
+
+    Args:
+        failed: (N,) bool.
+        level: confidence level of the interval.
+        samples: that can run in all, these among them.
+    """
+    failed = np.asarray(failed, dtype=bool)
+    share = float(failed.mean())
+    left = share * (1 - share) * (1 / failed.size - 1 / samples)
+    return binomial("Monte Carlo", int(failed.sum()), failed.size, failed.size, level=level, audit_variance=left)
+
+
+def published(
+    rough_displacement: np.ndarray,
+    refined: Answers,
+    k_t: int,
+    *,
+    broke_off: np.ndarray | None = None,
+    level: float = 0.95,
+) -> Estimate:
+    """n/N of Jiang et al.
+
+    (2024), Computers and Geotechnics 172, 106413, with a Wilson interval.
+
+    n failures are counted down to the stopping rank of k_t; all samples below it are taken to stand, which makes the
+    estimate too low when the grids disagree. The interval holds the sampling of the N only.
+
+    Args:
+        rough_displacement: (N,) m.
+        refined: sample -> failed, None for a run without an answer.
+        k_t: consecutive samples that must stand.
+        broke_off: (N,) bool, rough runs without a result.
+        level: confidence level of the interval.
+    """
+    order = rank_samples(rough_displacement, broke_off).order
+    rank = stopping_rank(order, refined, k_t)
+    ranked = [refined[int(sample)] for sample in order[:rank] if int(sample) in refined]
+    unanswered, notes = ranked.count(None), []
+    if rank is None or rank < order.size:
+        notes.append("samples below the stopping rank are taken to stand: the estimate tends to be low")
+    if rank is None:
+        notes.append(f"the stopping rule (k_t = {k_t}) is not met yet")
+    if unanswered:
+        notes.append(f"{unanswered} refined runs gave no answer: up to {unanswered / order.size:.2g} more")
+    return binomial("published n/N", ranked.count(True), order.size, len(ranked), level=level, notes=tuple(notes))
+
+
+def control_variate(
+    rough_displacement: np.ndarray,
+    refined: Mapping[int, bool],
+    *,
+    failure_displacement: float = 1.0,
+    level: float = 0.95,
+) -> Estimate:
+    """Multifidelity control variate for a random subset of the samples run on both grids.
+
+    Peherstorfer, Willcox and Gunzburger (2016), SIAM Journal on Scientific Computing 38, A3163-A3194. The control is
+    the failure probability given the rough rank, from a logistic fit to the other folds, so that no sample takes part
+    in its own prediction.
+
+    Args:
+        rough_displacement: (N,) (m).
+        refined: sample -> failed, of at least 2 samples per fold drawn without regard to their rough result, for
+            example the first n.
+        failure_displacement: beyond which a sample has failed (m).
+        level: confidence level of the interval.
+    """
+    count = np.size(rough_displacement)
+    if len(refined) < 2 * FOLDS:
+        raise ValueError(f"{len(refined)} refined runs in {FOLDS} folds: give at least {2 * FOLDS} runs")
+    rank = np.argsort(rank_samples(rough_displacement).order)
+    score = normal_scores(np.ones(count))[rank]
+    centre = rough_centre(rough_displacement, np.ones(count), failure_displacement)
+    runs = np.fromiter(sorted(refined), dtype=int)
+    failed = np.array([refined[int(run)] for run in runs], dtype=float)
+    residual, predicted = np.empty(runs.size), 0.0
+    for fold in range(FOLDS):
+        mine = np.arange(runs.size) % FOLDS == fold
+        model = fit_logistic(score[runs[~mine]], failed[~mine], centre)
+        residual[mine] = failed[mine] - predict_logistic(model, score[runs[mine]], centre)
+        predicted += mine.mean() * predict_logistic(model, score, centre).mean()
+    probability = predicted + float(residual.mean())
+    share = min(max(probability, 0.0), 1.0)
+    spread = float(residual.var(ddof=1)) * (1 / runs.size - 1 / count)
+    return with_variance(
+        "multifidelity control variate", probability, share * (1 - share) / count + spread, runs.size,
+        freedom=runs.size - 1, audit_variance=spread, level=level,
+    )  # fmt: skip

@@ -1,0 +1,58 @@
+"""A logistic model of failure on the refined grid, given the rank on the rough one."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import expit
+from scipy.stats import norm
+
+
+def fit_logistic(score: np.ndarray, failed: np.ndarray, centre: float) -> tuple[float, float]:
+    """Intercept a and slope b of P(failure) = 1 / (1 + exp(-(a + b (score - centre)))), b at least 0.3.
+
+    Args:
+        score: (n,), n may be 0. Maximum a posteriori with a ~ N(0, 3^2), b ~ N(4, 2^2): scores are normal, so that
+            grids correlated by 0.8 to 0.98 have slopes of 2 to 9. Newton steps on a concave function.
+        failed: (n,), n may be 0. Maximum a posteriori with a ~ N(0, 3^2), b ~ N(4, 2^2): scores are normal, so that
+            grids correlated by 0.8 to 0.98 have slopes of 2 to 9. Newton steps on a concave function.
+        centre: score at which the model is centred.
+    """
+    features = np.stack([np.ones_like(score), score - centre])
+    mean, precision = np.array([0.0, 4.0]), np.array([1 / 9, 1 / 4])
+    beta = mean.copy()
+    for _ in range(50):
+        p = expit(beta @ features)
+        gradient = features @ (failed - p) - precision * (beta - mean)
+        step = np.linalg.solve((features * (p * (1 - p))) @ features.T + np.diag(precision), gradient)
+        step *= min(1.0, 2.0 / max(float(np.abs(step).max()), 1e-300))
+        new = np.array([beta[0] + step[0], max(beta[1] + step[1], 0.3)])
+        moved, beta = np.abs(new - beta).max(), new
+        if moved < 1e-8:
+            break
+    return float(beta[0]), float(beta[1])
+
+
+def predict_logistic(coefficients: tuple[float, float], score: np.ndarray, centre: float) -> np.ndarray:
+    """Probability of failure at each score, clipped to 1e-9 from 0 and 1."""
+    return np.clip(expit(coefficients[0] + coefficients[1] * (score - centre)), 1e-9, 1 - 1e-9)
+
+
+def normal_scores(weight: np.ndarray) -> np.ndarray:
+    """Standard normal quantiles of the ranks, largest first, of samples with the given weights (N,)."""
+    share = weight / weight.sum()
+    return norm.isf(np.cumsum(share) - share / 2)
+
+
+def rough_centre(rough_displacement: np.ndarray, weight: np.ndarray, failure_displacement: float) -> float:
+    """Normal score at which the rough displacement reaches the failure displacement.
+
+    It is a first guess of where the probability of failure is one half, between the median and the worst sample, and
+    affects efficiency alone. Rough runs that broke off (not finite) count as beyond.
+
+    Args:
+        rough_displacement: by rank (N,) m.
+        weight: of each rank (N,).
+        failure_displacement: beyond which a sample has failed (m).
+    """
+    share = float(weight[~(np.asarray(rough_displacement) < failure_displacement)].sum() / weight.sum())
+    return float(norm.isf(min(max(share, 0.5 / weight.size), 0.5)))

@@ -1,0 +1,206 @@
+"""Numbers of a campaign in sentences, for the terminal and for the page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from cooperative.effects import ModeShare
+from cooperative.estimate import NOT_ASKED, Fits
+from cooperative.folder import Results
+from cooperative.reporting._html import number
+from cooperative.risk import Spread
+from cooperative.summary import Summary
+from foundation.text import printable
+
+
+def words(results: Results) -> str:
+    """The summary for the terminal."""
+    summary = results.summary
+    low, high = summary.interval
+    lines = [
+        summary.name,
+        f"  probability of failure  {summary.probability_of_failure:.3f}  "
+        f"({summary.level:.0%} interval {low:.3f} to {high:.3f}; {summary.estimator})",
+        *(f"  {line}" for line in (unseen(summary),) if line),
+    ]
+    for method, other in summary.other_estimates.items():
+        low, high = other.interval
+        lines.append(f"  by {method:<20} {other.probability:.3f}  ({low:.3f} to {high:.3f})")
+    lines += [
+        f"  rough grid     {summary.samples} samples, {summary.failures_rough} beyond the failure displacement, "
+        f"{summary.seconds['rough']:.0f} s",
+        f"  refined grid   {summary.refined_runs} runs, {summary.failures_refined} failures, "
+        f"{summary.seconds['refined']:.0f} s",
+        *(f"  {line}" for line in (more(summary), agreement(summary)) if line),
+    ]
+    for mode, share in occurring(summary).items():
+        low, high = share.interval
+        lines.append(f"  {mode:<13}  {share.ratio:.0%} of the failures ({low:.0%} to {high:.0%})")
+    for name, spread in summary.consequences_of_failures.items():
+        if spread and name in labels(results):
+            mean, largest = (at_least(value, spread.at_least) for value in (spread.mean, spread.largest))
+            ends = f"{number(spread.smallest)} to {largest}"
+            lines.append(f"  {name:<13}  mean {mean} ({interval(spread)}), {ends} ({units(results)[name]})")
+    lines += [f"  BROKE OFF      {line}" for line in broken(summary)]
+    lines += [f"  LEFT OUT       {line}" for line in results.left_out]
+    lines += [f"  note: {note}" for note in summary.notes]
+    lines.append(f"  report with figures: {results.store.folder / 'report.html'}")
+    return "\n".join(map(printable, lines))
+
+
+def at_least(value: float, is_least: bool) -> str:
+    """A number, "at least" that where slides would have gone on."""
+    return ("at least " if is_least else "") + number(value)
+
+
+def limits(interval: Sequence[float] | None) -> str:
+    """Confidence limits."""
+    if interval is None:
+        return "too few for an interval"
+    low, high = map(number, interval)
+    return f"{low} to {high}" if interval[0] else f"at most {high}"
+
+
+def interval(spread: Spread) -> str:
+    """Confidence limits of a mean."""
+    alike = spread.interval is not None and spread.smallest == spread.largest
+    return "all alike" if alike else limits(spread.interval)
+
+
+def cut_off(summary: Summary) -> str:
+    """Ends the caption of a figure of what slides do; empty where all came to rest."""
+    cut = summary.cut_off
+    if not cut.at_t_end:
+        return ""
+    return f" These are least values: {cut.at_t_end} of {cut.of} slides had not come to rest at {cut.t_end:g} s."
+
+
+def without_slides(summary: Summary) -> str:
+    """Why nothing is known of what slides do; empty where some have come to their end."""
+    if summary.consequences_of_failures.get("depth"):
+        return ""
+    if not summary.failures_refined:
+        return "No refined run has failed, so there is no slide."
+    if not summary.slides_drawn:
+        return f"No consequence was asked for: {NOT_ASKED}, and refined runs end once they have failed."
+    return "No slide has come to its end yet."
+
+
+def unseen(summary: Summary) -> str:
+    """How much of the interval allows for samples that were not refined; empty where no part of it does."""
+    if summary.sampling_interval is None or not summary.unseen:
+        return ""
+    low, high = summary.sampling_interval
+    cov = summary.coefficient_of_variation
+    spread = "" if cov is None else f" (coefficient of variation {cov:.1%})"
+    return (
+        f"Sampling error alone gives {low:.3g} to {high:.3g}{spread}. The wider interval allows for failures in up to "
+        f"{summary.unseen:.2g} of all samples, among low-ranked ones that were not refined."
+    )
+
+
+def more(summary: Summary) -> str:
+    """What further refined runs would bring; empty where the runs do not show it."""
+    after, now = summary.after_more_runs, summary.coefficient_of_variation
+    runs, left, then = after.runs, after.samples_left, after.coefficient_of_variation
+    if now is None or then is None or (left and not runs):
+        return ""
+    if not left:
+        return f"All samples are refined: only more samples would bring the coefficient of variation below {now:.1%}."
+    first = f"Another {runs} refined runs would reduce the coefficient of variation from {now:.1%} to {then:.1%}"
+    if runs == left:
+        return f"{first}. All samples are then refined, and only more samples help further."
+    return f"{first}; all {left} samples that are left, to {after.all_samples:.1%}."
+
+
+def finished(summary: Summary) -> str:
+    """Whether the campaign has ended, and why."""
+    return f"The campaign has ended: {summary.finished}." if summary.finished else "The campaign has not ended yet."
+
+
+def agreement(summary: Summary) -> str:
+    """How well the grids agree."""
+    grids = summary.grids
+    if not grids:
+        return ""
+    low, high = grids.interval
+    decided = " Failures that ended once their class was known share one rank."
+    return (
+        f"The rank correlation of the two grids is {grids.spearman:.2f} ({low:.2f} to {high:.2f}). They give the same "
+        f"class in {grids.same_class:.1%} of {grids.samples} samples."
+        + (decided if summary.status["refined"].get("DECIDED") else "")
+    )
+
+
+def broken(summary: Summary) -> list[str]:
+    """The runs that broke off."""
+    return [
+        f"sample {number} on the {grid} grid: {why}"
+        for grid, runs in summary.broke_off.items()
+        for number, why in runs.items()
+    ]
+
+
+def in_slopes(chance: float) -> str:
+    """A probability as a count of slopes; empty at 0 and 1."""
+    if not 0 < chance < 1:
+        return ""
+    many = f": {chance * 100:.0f} in 100 such slopes"
+    return many if chance > 0.095 else f": one in {float(f'{1 / chance:.2g}'):.0f} such slopes"
+
+
+def reach(results: Results) -> str:
+    """Run-out of one slope in ten, a hundred or a thousand, the rarest that the runs show; else empty."""
+    curve, estimate = results.summary.exceedance.get("runout"), results.summary.estimate
+    many = next((many for many in (10, 100, 1000) if estimate.probability > 1.2 / many), None)
+    if not curve or many is None:
+        return ""
+    reached = [at for at, chance in zip(curve.thresholds, curve.probability, strict=True) if chance >= 1 / many]
+    unit = units(results)["runout"]
+    return f"One slope in {many} slides to {reached[-1]:.3g} {unit} or farther." if reached else ""
+
+
+def distinct(results: Results) -> dict[str, dict[str, Fits]]:
+    """Fits of all failures and of each mode, but not of a mode that all failures have, or of what all slides share."""
+    fits = results.summary.fits
+    modes = [fit for group, fit in fits.items() if group != "all"]
+    return {
+        group: {name: fit for name, fit in each.items() if name in labels(results) and fit.fits}
+        for group, each in ({"all": fits["all"]} if modes == [fits.get("all")] else fits).items()
+    }
+
+
+def occurring(summary: Summary) -> dict[str, ModeShare]:
+    """Modes that some refined run failed in."""
+    return {mode: share for mode, share in (summary.modes or {}).items() if share.count}
+
+
+def labels(results: Results) -> dict[str, str]:
+    """Axis label of each consequence, with its unit; the area of a section is its run-out, and left out."""
+    solid = results.ground.dimension == 3
+    return {
+        "displacement": "largest displacement $R_d$ [m]",
+        "depth": "sliding depth $H$ [m]",
+        "runout": "run-out $L$ [m]",
+        "volume": f"sliding volume $V$ [{'m³' if solid else 'm³/m'}]",
+    } | ({"area": "influence area $S$ [m²]"} if solid else {})
+
+
+def units(results: Results) -> dict[str, str]:
+    """Unit of each consequence in words."""
+    each = "" if results.ground.dimension == 3 else " per metre of width"
+    toe = results.ground.face is not None
+    line = ", along the line of the scene" if results.ground.line else ""
+    return {
+        "displacement": "m",
+        "depth": "m below the crest" if toe else "m below the surface",
+        "runout": "m beyond the toe" if toe else f"m from its rear to its front{line}",
+        "volume": f"m³{each}",
+        "area": "m² beyond the toe" if toe else "m² at its end",
+    }
+
+
+def failing_soil(results: Results) -> str:
+    """Whose displacement decides."""
+    volume, unit = results.summary.least_volume, "m3" if results.ground.dimension == 3 else "m2"
+    return "soil" if volume is None else f"at least {volume:g} {unit} of soil"
