@@ -142,7 +142,8 @@ def _structure(scene: Scene) -> str:
 
 def _checksum(scene: Scene) -> str:
     """SHA-256 of a grid's particles, nodes, walls, material and loads."""
-    digest = hashlib.sha256(_structure(scene).encode())
+    # Files of before name the module in which these classes were.
+    digest = hashlib.sha256(_structure(scene).replace("'jaxmpm.grid.", "'jaxmpm.types.").encode())
     for leaf in map(np.asarray, jax.tree.leaves(scene)):
         digest.update(f"{leaf.dtype} {leaf.shape}".encode() + np.ascontiguousarray(leaf).tobytes())
     return digest.hexdigest()
