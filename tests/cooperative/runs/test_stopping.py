@@ -170,7 +170,8 @@ def wait_until_told():
 def test_workers_are_told_to_come_to_an_end():
     pool = process_pool(1)
     task = pool.submit(wait_until_told)
-    pool.submit(time.sleep, 0)
+    while not task.running():
+        time.sleep(0.01)
     pool.shutdown(cancel_futures=True)
     assert task.result(timeout=0)
 
