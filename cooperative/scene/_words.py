@@ -35,6 +35,11 @@ from cooperative.store import Source
 from foundation.text import short
 
 PACKAGES = {"foundation", "jaxmpm", "kl", "cooperative"}
+OFFER = (
+    *(jaxmpm, jaxmpm.laws, jaxmpm.soil, jaxmpm.setup, jaxmpm.ground, jaxmpm.transfer, jaxmpm.run),
+    *(kl, kl.axis, kl.field, kl.marginal, estimate, measure),
+)
+"""Modules whose names a campaign's words hold, each after its package alone: `jaxmpm.MohrCoulomb`."""
 
 
 _ADDRESS = re.compile(" at 0x[0-9a-f]+")
@@ -44,8 +49,8 @@ _ADDRESS = re.compile(" at 0x[0-9a-f]+")
 def _offered() -> dict[str, Any]:
     """Classes and functions of the packages that a campaign may hold, by name."""
     offered = {
-        f"{package}.{name}": getattr(module, name)
-        for package, module in (("jaxmpm", jaxmpm), ("kl", kl), ("cooperative", estimate), ("cooperative", measure))
+        f"{module.__name__.partition('.')[0]}.{name}": getattr(module, name)
+        for module in OFFER
         for name in module.__all__
     }
     own = (CrossCorrelation, Hazard, Plan, RandomField, Run, Site, SiteLayer)

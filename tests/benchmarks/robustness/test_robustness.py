@@ -12,7 +12,7 @@ from cooperative import _commands as command
 from cooperative import campaign
 from cooperative.scene import parse
 from cooperative.store import read_sample, read_store, sample_path
-from foundation import files
+from foundation import hdf5
 
 SMALL = SCENE.replace("samples = 50", "samples = 16").replace("refined_runs = 15", "refined_runs = 10")
 
@@ -97,7 +97,7 @@ def test_damage_would_show_if_seals_were_not_looked_at(finished, monkeypatch):
     changed = path.read_bytes().replace(number, number[:-1] + bytes([number[-1] ^ 1]))
     path.write_bytes(changed)
     assert not robustness.accepted(store, "rough", 3, expected)
-    monkeypatch.setattr(files, "seal", lambda *_: Fits())
+    monkeypatch.setattr(hdf5, "seal", lambda *_: Fits())
     assert robustness.accepted(store, "rough", 3, expected)
 
 

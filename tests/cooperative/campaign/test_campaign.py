@@ -250,7 +250,7 @@ BAD_SCENES = [
         ("length = [20.0, 4.0]", "length = [20.0, 0.0]"),
         r"length = \[20.0, 0.0\] m: give a list of numbers, one per axis, each a value above 0, or inf",
     ),
-    (("length = [20.0, 4.0]", "length = [20.0]"), r"length has 1 values: give 2"),
+    (("length = [20.0, 4.0]", "length = [20.0]"), r"length of strength has 1 values: give 2"),
     (("length = [20.0, 4.0]", "length = [20.0, 4.0]\nenergy = 0.0"), r"energy = 0: give a value above 0, up to 1"),
     (("length = [20.0, 4.0]", "length = [20.0, 4.0]\nenergy = 1.5"), r"energy = 1.5"),
     (("cov = 0.4", "cov = 0.4\nmarginal = 'gaussian'"), r"marginal = 'gaussian': give one of 'lognormal'"),

@@ -32,8 +32,10 @@ def test_samples_fail_from_the_displacement_at_the_limit_load(done):
     moved = read_rows(read_store(folder), "refined").columns["displacement"]
     assert summary.failures_refined == (moved > found.displacement).sum()
     assert found.volume == 0.05 * 8.0**2
-    said = f"failure counts from {found.displacement:g} m of 3.2 m2, where the slope of median soil passes its limit"
-    assert any(said in note for note in summary.notes)
+    rule = (
+        f"a slope fails when 3.2 m2 moves {found.displacement:g} m, the displacement of median soil at its limit load"
+    )
+    assert any(rule in note for note in summary.notes)
 
 
 def test_the_two_factors_of_the_slope_of_median_soil_agree(done):

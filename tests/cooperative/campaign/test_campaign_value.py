@@ -35,7 +35,7 @@ from cooperative import (
     runs,
 )
 from cooperative.folder import read_results
-from cooperative.scene import Given, campaign_of, parse
+from cooperative.scene import Given, _words, campaign_of, parse
 from cooperative.scene._words import campaign_of_words, source_checksum, source_of_value
 from tests.cooperative.effects.test_places import HAZARD
 from tests.cooperative.scene.test_random_soil import CORRELATED, SAND
@@ -322,3 +322,11 @@ def test_a_law_of_a_script_runs_on_two_workers_and_only_with_the_same_source(tmp
     assert "soil.source of SensitiveClay is" in again.stderr
     assert "belongs to another scene" in again.stderr
     assert first.stdout.strip()[:4] in report(tmp_path / "two")
+
+
+def test_no_two_objects_of_the_packages_have_the_same_name_in_words():
+    objects = {}
+    for module in _words.OFFER:
+        for name in module.__all__:
+            known = objects.setdefault((module.__name__.partition(".")[0], name), getattr(module, name))
+            assert known is getattr(module, name), name

@@ -9,7 +9,7 @@ import pytest
 import jaxmpm as mpm
 from cooperative.measure import OpenGround, consequences, exceeded
 from jaxmpm import diagnostics
-from jaxmpm.run import _integrate
+from jaxmpm.run import _stopping
 
 SHAPE = mpm.Slope(crest=6, height=4, run_per_rise=1.0, toe=8, foundation=2)
 SOIL = mpm.Soil(young=5e6, strength=15e3)
@@ -100,7 +100,7 @@ def test_without_it_no_run_sorts_its_soil(slope):
     scene, state = slope
 
     def text(volume):
-        return _integrate._look.lower(scene, state, None, 1.0, volume).as_text()
+        return _stopping._look.lower(scene, state, None, 1.0, volume).as_text()
 
     assert "sort" not in text(None)
     assert "sort" in text(LEAST)
