@@ -255,7 +255,7 @@ kernel_errors = {name: float(np.sqrt(np.mean((wave - exact) ** 2)) / tip) for na
 fig, (left, right) = plt.subplots(1, 2, figsize=(10, 3.2))
 r = jnp.linspace(-1.75, 1.75, 281)
 for (name, kernel), colour in zip(kernels.items(), (BLUE, GREEN, ORANGE), strict=True):
-    left.plot(r, kernel.shape(0, 0.5, r)[0], color=colour, label=name)
+    left.plot(r, kernel.of_spacing((0.25,)).shape(0, 0.5, r)[0], color=colour, label=name)
     right.plot(times, (by_kernel[name] - exact) * 1e3, color=colour, label=name)
 left.set(xlabel="cells from the node", ylabel="weight")
 left.legend(fontsize=8)
