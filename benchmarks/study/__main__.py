@@ -1,18 +1,22 @@
 """`python -m benchmarks.study [CASE ...]`: run the campaigns of the published study anew, in out/study.
 
 A case with a random field is a campaign: a folder that goes on where it was stopped, with its report. One without is a
-search for the factors of safety of both grids. `python -m benchmarks published` compares the rows of the first runs,
-in benchmarks/data/study_*.csv.
+search for the factors of safety of both grids. `--draw` draws a typical slide of each failure mode instead, in
+benchmarks/figures. `python -m benchmarks published` compares the rows of the first runs, benchmarks/data/study_*.csv.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 import cooperative
 from benchmarks.measure import ROOT
+from benchmarks.results import FIGURES
 from benchmarks.study.cases import CASES, campaign_of, plan_of
+from benchmarks.study.draw import draw
+from benchmarks.study.rows import read_study
 from cooperative.scene import factors_of_safety
 
 
@@ -45,9 +49,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.study", description=__doc__)
     parser.add_argument("cases", nargs="*", metavar="CASE", help=f"some of: {'; '.join(CASES)}; all by default")
     parser.add_argument("--workers", type=int, default=1, help="parallel processes")
+    parser.add_argument("--draw", action="store_true", help="run and draw a typical slide of each mode, nothing else")
     arguments = parser.parse_args()
     if unknown := set(arguments.cases) - set(CASES):
         parser.error(f"case {min(unknown)!r}: give some of {'; '.join(CASES)}")
+    if arguments.draw:
+        pictures, broke_off = draw(read_study(), FIGURES)
+        print(*pictures, sep="\n")
+        sys.exit("\n".join(broke_off) or None)
     for case in arguments.cases or CASES:
         print(run_case(case, ROOT / "out" / "study", arguments.workers), flush=True)
 
