@@ -169,6 +169,16 @@ def _boundary(name: str, points: np.ndarray, above: Height, ends: tuple[float, f
 
 
 def layer_at(tops: Sequence[Height], position: np.ndarray, spacing: float) -> np.ndarray:
+    """Layer of each particle of a section.
+
+    Args:
+        tops: of the layers from above, and the lower boundary of the last one; heights (m) over x (m).
+        position: of the particles (2, N) m.
+        spacing: of the particles along z (m).
+
+    Returns:
+        Number of the layer (N,) int, 0 for the uppermost.
+    """
     x, z = np.asarray(position, float)
     layer = np.zeros(x.size, int)
     for top in tops[1:-1]:

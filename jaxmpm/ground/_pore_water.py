@@ -123,6 +123,7 @@ def water_raster(water: float | Raster | None, walls: tuple[tuple[float, float],
 
 
 def water_surface(table: Raster, height: float, dtype: DTypeLike) -> WaterSurface:
+    """The water table in 3D, from its heights on a raster, with the height of the particles' boxes (m)."""
     numbers = table.heights, table.corner, table.step, WATER_WEIGHT, height
     return WaterSurface(*(jnp.asarray(value, dtype) for value in numbers))
 

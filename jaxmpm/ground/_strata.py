@@ -77,6 +77,17 @@ def refuse_thin(x: np.ndarray, y: np.ndarray, tops: Sequence[np.ndarray], spacin
 
 
 def refuse_holes(name: str, heights: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
+    """Refuse a surface with holes.
+
+    Args:
+        name: of the surface, for the message.
+        heights: of it (n,) m, not finite in a hole.
+        x: of the heights (n,) m.
+        y: of the heights (n,) m.
+
+    Raises:
+        ValueError: If it has a hole.
+    """
     holes = np.flatnonzero(~np.isfinite(heights))
     if holes.size:
         raise ValueError(

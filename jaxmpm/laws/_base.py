@@ -11,7 +11,7 @@ from jax import Array
 from foundation.check import Limit, above_zero
 from jaxmpm.grid import Particles
 from jaxmpm.laws._parameter import with_strength_divided
-from jaxmpm.protocols import History, Material, Tensor
+from jaxmpm.protocols import History, Material
 
 MODULI = {"bulk": above_zero("Pa"), "shear": above_zero("Pa")}
 
@@ -20,7 +20,7 @@ class Law:
     """Base of a law with isotropic elasticity, without history, strength, friction or softening.
 
     A law derives from it, is a frozen dataclass decorated with `pytree` that has the moduli `bulk` and `shear` (Pa),
-    and implements `update`. It overrides whatever else it has. PARAMETERS declares the law's own numbers besides the
+    and has an `update`. It overrides whatever else it has. PARAMETERS declares the law's own numbers besides the
     moduli. See `Material` for every member.
     """
 
@@ -50,12 +50,6 @@ class Law:
     def reduced(self, factor: Array) -> Self:
         """The law with parameters declared as `reduced` divided by `factor`; ValueError if there are none."""
         return with_strength_divided(self, factor)
-
-    def update(
-        self, strain_increment: Tensor, stress: Tensor, history: History, dt: Array | None = None
-    ) -> tuple[Tensor, History]:
-        """Stress (Pa) and history after a strain increment within dt (s); a law must implement it."""
-        raise NotImplementedError(f"{type(self).__name__} has no `update`: write one, see jaxmpm.Material")
 
 
 def reduce_strength(material: Material, factor: Array) -> Any:

@@ -116,6 +116,7 @@ def principal_drop(x1: Array, x2: Array, x3: Array, law: PyramidLaw) -> tuple[Ar
 
 
 def largest(values: Sequence[Array]) -> Array:
+    """Elementwise maximum of one or more arrays."""
     result = values[0]
     for value in values[1:]:
         result = jnp.maximum(result, value)

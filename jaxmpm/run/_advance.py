@@ -141,4 +141,11 @@ def advance_lanes(scene: Scene, state: State, steps: Array, axes: Scene | None) 
 
 
 def over_lanes(function: Callable[..., Any], axes: Scene | None, *others: int | None) -> Callable[..., Any]:
+    """The function over the lanes of a batch, or as it is for one lane.
+
+    Args:
+        function: of a scene, a state and others.
+        axes: mapped axes of the scene, None for one lane.
+        others: mapped axes of the other arguments.
+    """
     return function if axes is None else jax.vmap(function, in_axes=(axes, 0, *others))

@@ -27,6 +27,7 @@ from jaxmpm.types import Engine, Scheme
 
 
 def check_grid(grid: Grid) -> int:
+    """Number of the grid's axes; ValueError for a grid that no scene can have."""
     d = len(grid.shape)
     if d not in (1, 2, 3):
         raise ValueError(f"grid.shape = {grid.shape}: give 1, 2 or 3 axes")
@@ -89,6 +90,7 @@ def check_boundary(boundary: Boundary, grid: Grid) -> None:
 
 
 def check_kernel(kernel: Kernel, grid: Grid) -> None:
+    """ValueError for a kernel that lacks a member, cannot be hashed, or does not fit the grid."""
     missing = [name for name in ("shape", "deviation") if not hasattr(kernel, name)]
     if missing or isinstance(kernel, type) or type(kernel).__hash__ is None:
         raise ValueError(f"kernel = {kernel!r}: give a hashable object with shape and deviation, e.g. GIMP((0.5, 0.5))")
@@ -137,6 +139,7 @@ def warn_of_hats(kernel: Kernel, scheme: Scheme, particles: Particles, grid: Gri
 
 
 def check_engine(engine: Engine | None) -> None:
+    """ValueError for anything but an engine or None."""
     if engine is not None and not isinstance(engine, Engine):
         raise ValueError(f"engine = {engine!r}: give a member of Engine, or None")
 
@@ -154,6 +157,18 @@ def gravity_vector(gravity: float | Sequence[float], dimension: int) -> np.ndarr
 def check_tied(
     tied: tuple[int, int], grid: Grid, particles: Particles, walls: Sequence[Wall], internal_length: float | None
 ) -> None:
+    """Refuse planes across x that cannot be tied.
+
+    Args:
+        tied: nodes along x of the two planes.
+        grid: of the scene.
+        particles: N of them, between the planes.
+        walls: of the scene, none of them across x.
+        internal_length: of the scene (m), which must be None.
+
+    Raises:
+        ValueError: If they cannot be tied.
+    """
     whole = isinstance(tied, tuple) and len(tied) == 2 and all(isinstance(node, int) for node in tied)
     if not whole or not 1 <= tied[0] < tied[1] <= grid.shape[0] - 2:
         raise ValueError(f"tied = {tied!r}: give two nodes along x in rising order, from 1 to {grid.shape[0] - 2}")
@@ -177,6 +192,17 @@ def check_water(
     material: Material,
     particles: Particles,
 ) -> None:
+    """Refuse water that a scene cannot have.
+
+    Args:
+        water: a table, a surface, or None.
+        pore_pressure: of r_u at the particles (N,) Pa, or None.
+        material: the law.
+        particles: N of them.
+
+    Raises:
+        ValueError: If shapes or values are wrong, or r_u is given for undrained soil.
+    """
     if isinstance(water, WaterTable):
         check.finite("water's x", water.x, "m")
         check.finite("water's z", water.z, "m")

@@ -125,7 +125,10 @@ def checked_material(material: Material, particles: Particles, dtype: np.dtype) 
     """The material with its numbers in the particles' precision."""
     missing = [name for name in MEMBERS if not hasattr(type(material), name) and not hasattr(material, name)]
     if missing:
-        raise ValueError(f"{type(material).__name__} lacks {', '.join(missing)}: derive it from jaxmpm.laws.Law")
+        raise ValueError(
+            f"{type(material).__name__} lacks {', '.join(missing)}: derive it from jaxmpm.laws.Law, which leaves you "
+            "`update` to write"
+        )
     if isinstance(material, Zoned):
         return _checked_zones(material, particles, dtype)
     for name, limit, value in check.parameters(material):
@@ -152,4 +155,5 @@ def in_total_stress_at(material: Zoned) -> np.ndarray:
 
 
 def number_of(dtype: np.dtype) -> Callable[[ArrayLike], Array]:
+    """A function that makes an array of this precision of a number or an array."""
     return lambda value: jnp.asarray(value, dtype)
