@@ -1,4 +1,4 @@
-"""`benchmarks/RESULTS.md` from the answers that are kept: one page to judge by, all figures, the tables behind.
+"""`benchmarks/RESULTS.md` from the stored answers: one page to judge by, all figures, the tables behind.
 
 `python -m benchmarks NAME --keep` keeps the JSON of a benchmark in benchmarks/data/results and writes the page anew, so
 that each part of it is as old as its own line says.
@@ -83,7 +83,7 @@ def run_all(names: Iterable[str]) -> list[str]:
 
 
 def keep(answer: str, draw: Callable[[Path], object] | None = None) -> None:
-    """Keep a benchmark's JSON, draw its pictures and write the page of all that are kept."""
+    """Keep a benchmark's JSON, draw its pictures and write the page of all that are stored."""
     for folder in (FOLDER, FIGURES):
         folder.mkdir(parents=True, exist_ok=True)
     write_aside(FOLDER / f"{json.loads(answer)['benchmark']}.json", f"{answer}\n".encode())
@@ -93,7 +93,7 @@ def keep(answer: str, draw: Callable[[Path], object] | None = None) -> None:
 
 
 def stored() -> list[dict[str, Any]]:
-    """The answers that are kept, in the order of BENCHMARKS."""
+    """The stored answers, in the order of BENCHMARKS."""
     return [json.loads(path.read_text()) for name in BENCHMARKS if (path := FOLDER / f"{name}.json").exists()]
 
 
@@ -133,7 +133,7 @@ def tables(rows: list[dict[str, Any]]) -> list[str]:
 
 
 def stored_rows(name: str) -> list[dict[str, Any]]:
-    """The rows of a benchmark whose answer is kept, to draw figures anew."""
+    """The rows of a benchmark whose answer is stored, to draw figures anew."""
     rows: list[dict[str, Any]] = json.loads((FOLDER / f"{name}.json").read_text())["rows"]
     return rows
 

@@ -5,7 +5,7 @@
 #
 # **If you know JAX but not the material point method (MPM):** soil is a cloud of particles that carry mass, velocity
 # and stress. In every time step their momentum is summed on a regular grid, Newton's law is solved there, and the
-# particles are moved with the grid's velocity. The grid forgets everything after the step, so that it never tangles,
+# particles move with the grid's velocity. The grid forgets everything after the step, so that it never tangles,
 # however far the soil slides.
 #
 # **If you know MPM but not JAX:** JAX is NumPy whose functions can be compiled, differentiated and mapped over a batch.
@@ -109,11 +109,11 @@ safety = mpm.factor_of_safety(
 )
 print(f"stands at R = {safety.stable}, fails at R = {safety.fails}")
 
-factors, moved = np.array(safety.tried).T
-failing = moved > 1.0
+factors, displacements = np.array(safety.tried).T
+failing = displacements > 1.0
 fig, ax = plt.subplots(figsize=(7, 3.2))
-ax.semilogy(factors[~failing], moved[~failing], "o", color=BLUE, label="came to rest")
-ax.semilogy(factors[failing], moved[failing], "s", color=RED, label="ended when it had moved more than 1 m")
+ax.semilogy(factors[~failing], displacements[~failing], "o", color=BLUE, label="came to rest")
+ax.semilogy(factors[failing], displacements[failing], "s", color=RED, label="ended when it had moved more than 1 m")
 ax.axhline(1.0, color=BLACK, ls="--", lw=1, label="criterion of failure, 1 m")
 ax.set(xlabel="strength divided by R [-]", ylabel="largest displacement [m]")
 ax.legend()

@@ -1,13 +1,13 @@
 # %% [markdown]
 # # 02 A thousand slopes in some minutes
 #
-# The strength of a soil varies from place to place, and nobody knows it everywhere. So one slope becomes a thousand
+# The strength of a soil varies in space, and nobody knows it everywhere. So one slope becomes a thousand
 # possible ones: the same geometry, each with another field of strength. Here we run them all on a rough grid, rank
 # them by how far they move, and ask what the failures have in common.
 #
 # **For those new to JAX:** a thousand runs are not a thousand scripts. `solve` and `solve_each` compile one program
 # for the time step and feed it one *lane* per sample. On a GPU the lanes run side by side, on a CPU one after the
-# other, which keeps a lane in the cache. A lane that comes to rest gives its place to the next sample.
+# other, which keeps a lane in the cache. A lane that comes to rest is refilled with the next sample.
 #
 # **For those new to MPM:** [01](01_first_slope.ipynb) explains scene, state and run.
 
@@ -104,10 +104,10 @@ for kind in mpm.Status:
 # campaign ([04](04_campaign.ipynb)) takes this ranking and runs again, refined, where it matters.
 
 # %%
-moved = np.linalg.norm(displacement, axis=1).max(axis=1)
-failed = moved > 1.0
+farthest = np.linalg.norm(displacement, axis=1).max(axis=1)
+failed = farthest > 1.0
 broke_off = status > mpm.Status.DECIDED
-ranking = cooperative.rank_samples(moved, broke_off)
+ranking = cooperative.rank_samples(farthest, broke_off)
 estimate = cooperative.monte_carlo(failed)
 low, high = estimate.interval
 print(f"P_f = {estimate.probability:.3f} on the rough grid, 95 % interval {low:.3f} to {high:.3f}")
@@ -116,7 +116,7 @@ so_far = np.arange(10, samples + 1, max(1, samples // 100))
 history = [cooperative.monte_carlo(failed[:n]) for n in so_far]
 rank = np.arange(1, samples + 1)
 fig, (left, right) = plt.subplots(1, 2, figsize=(10, 3.4))
-in_order = moved[ranking.order]
+in_order = farthest[ranking.order]
 left.semilogy(rank[in_order > 1], in_order[in_order > 1], ".", color=RED, label=f"{failed.sum()} failed")
 left.semilogy(rank[in_order <= 1], in_order[in_order <= 1], ".", color=BLUE, label=f"{np.sum(~failed)} stand")
 left.axhline(1.0, color=BLACK, ls="--", lw=1, label="criterion, 1 m")
@@ -144,7 +144,7 @@ for (above, below), number, name in ((axes[:2], worst, "worst"), (axes[2:], best
     )  # fmt: skip
     far = draw_section(
         below, position + displacement[number], half_size, np.linalg.norm(displacement[number], axis=0),
-        limits=(0.0, float(moved[worst])), title=f"at the end, moved up to {moved[number]:.2g} m",
+        limits=(0.0, float(farthest[worst])), title=f"at the end, moved up to {farthest[number]:.2g} m",
     )  # fmt: skip
     fig.colorbar(field, ax=above, label="strength [kPa]")
     fig.colorbar(far, ax=below, label="displ. [m]")
@@ -162,8 +162,8 @@ plt.show()
 # %%
 band = plastic_strain[failed].mean(axis=0)
 ranks = np.argsort(np.argsort(np.asarray(strengths), axis=0), axis=0) - (samples - 1) / 2
-moved_ranks = np.argsort(np.argsort(moved)) - (samples - 1) / 2
-correlation = moved_ranks @ ranks / np.sum(moved_ranks**2)
+centred_ranks = np.argsort(np.argsort(farthest)) - (samples - 1) / 2
+correlation = centred_ranks @ ranks / np.sum(centred_ranks**2)
 
 fig, (above, below) = plt.subplots(2, 1, figsize=(9, 3.7), sharex=True)
 boxes = draw_section(above, position, half_size, band, title=f"mean plastic strain of {failed.sum()} failures")
@@ -191,12 +191,12 @@ means = {
     "the common slip band": field @ (band / band.sum()),
     "its own slip band": np.sum(field * plastic_strain, axis=1) / plastic_strain.sum(axis=1),
 }
-rank_correlation = {name: float(spearmanr(mean, moved).statistic) for name, mean in means.items()}
+rank_correlation = {name: float(spearmanr(mean, farthest).statistic) for name, mean in means.items()}
 
 fig, axes = plt.subplots(1, 3, figsize=(11, 3.2), sharey=True)
 for ax, (name, mean) in zip(axes, means.items(), strict=True):
-    ax.semilogy(mean[~failed] / 1e3, moved[~failed], ".", ms=4, color=BLUE, label="stands")
-    ax.semilogy(mean[failed] / 1e3, moved[failed], ".", ms=4, color=RED, label="failed")
+    ax.semilogy(mean[~failed] / 1e3, farthest[~failed], ".", ms=4, color=BLUE, label="stands")
+    ax.semilogy(mean[failed] / 1e3, farthest[failed], ".", ms=4, color=RED, label="failed")
     ax.set(xlabel=f"mean strength of {name} [kPa]", title=f"rank correlation {rank_correlation[name]:.2f}")
 axes[0].set_ylabel("largest displacement [m]")
 axes[2].legend()
@@ -224,6 +224,6 @@ results = {
     "rank_correlation_band": rank_correlation["the common slip band"],
     "rank_correlation_own": rank_correlation["its own slip band"],
     "deepest_correlation_at": float(position[1, np.argmin(correlation)]),
-    "worst_over_best": float(moved[worst] / moved[best]),
+    "worst_over_best": float(farthest[worst] / farthest[best]),
 }
 print(results)

@@ -1,8 +1,8 @@
 # %% [markdown]
-# # 03 Random fields: soil that varies from place to place
+# # 03 Random fields: soil that varies in space
 #
 # A field of strength is a random function of position. It has a *marginal* (what values occur, how often), and a
-# *correlation* (how alike two places are). This notebook makes such fields, checks them against their own definition,
+# *correlation* (how alike two points are). This notebook makes such fields, checks them against their own definition,
 # ties them to boreholes and tilts them with the strata. The package `kl` knows nothing of the material point method:
 # use it for any model.
 #
@@ -59,7 +59,7 @@ plt.show()
 # ## In a section
 #
 # With a correlation that is a product over the axes, so are the modes: each axis is solved alone, and the largest
-# products are kept. Lengths and families may differ between axes. Long along the layers, short across them, is what
+# products are chosen. Lengths and families may differ between axes. Long along the layers, short across them, is what
 # soil looks like; kinds with a kink at lag 0 (exponential) are rough, those without are smooth.
 
 # %%
@@ -101,13 +101,13 @@ targets = (
     layered.covariance[0](lattice[0][i:] - lattice[0][i]),
     layered.covariance[1](lattice[1][j:] - lattice[1][j]),
 )
-found = (
+estimates = (
     np.asarray(jnp.mean(middle[:, None] * fields[:, i:, j], axis=0)),
     np.asarray(jnp.mean(middle[:, None] * fields[:, i, j:], axis=0)),
 )
 
 fig, axes = plt.subplots(1, 2, figsize=(10, 3.2), sharey=True)
-for ax, axis, start, target, estimate, name in zip(axes, lattice, (i, j), targets, found, "xz", strict=True):
+for ax, axis, start, target, estimate, name in zip(axes, lattice, (i, j), targets, estimates, "xz", strict=True):
     lag, scatter = axis[start:] - axis[start], 1.96 * np.sqrt((1 + target**2) / realisations)
     ax.fill_between(lag, target - scatter, target + scatter, color=SKY, alpha=0.4, label="95 % by chance")
     ax.plot(lag, target, color=BLACK, label="target")
@@ -116,7 +116,7 @@ for ax, axis, start, target, estimate, name in zip(axes, lattice, (i, j), target
 axes[0].set_ylabel("correlation [-]")
 axes[1].legend()
 plt.show()
-correlation_error = float(max(np.abs(f - t).max() for f, t in zip(found, targets, strict=True)))
+correlation_error = float(max(np.abs(f - t).max() for f, t in zip(estimates, targets, strict=True)))
 print(f"largest error in correlation {correlation_error:.3f}, by chance {2 / np.sqrt(realisations):.3f}")
 
 # %% [markdown]
@@ -195,8 +195,8 @@ for ax, spacing in zip(axes, (1.0, 0.5), strict=True):
 fig.colorbar(boxes, ax=axes, label="undrained strength [kPa]", extend="both")
 plt.show()
 on_lattice = np.asarray(kl.field_on_lattice(layered, coefficients, lattice))  # two ways to the same field
-places = np.stack([lattice[0][:32], lattice[1]])
-same_field = float(np.abs(kl.field_at(layered, coefficients, places) - on_lattice[np.arange(32), np.arange(32)]).max())
+points = np.stack([lattice[0][:32], lattice[1]])
+same_field = float(np.abs(kl.field_at(layered, coefficients, points) - on_lattice[np.arange(32), np.arange(32)]).max())
 print(f"on a lattice and at scattered points: the same to {same_field:.0e}")
 
 # %% [markdown]
@@ -219,9 +219,9 @@ tied = kl.conditioned(data, free)
 fig, axes = plt.subplots(1, 2, figsize=(10, 3.6), sharey=True)
 up = np.linspace(0.0, 16.0, 81)
 for ax, at in zip(axes, (30.0, 80.0), strict=True):
-    place = np.stack([np.full_like(up, at), up])
+    point = np.stack([np.full_like(up, at), up])
     for set_of, colour, name in ((free, SKY, "without the borehole"), (tied, BLUE, "with it")):
-        low, high = np.quantile(marginal.transform(kl.field_at(layered, set_of, place)), (0.05, 0.95), axis=0) / 1e3
+        low, high = np.quantile(marginal.transform(kl.field_at(layered, set_of, point)), (0.05, 0.95), axis=0) / 1e3
         ax.fill_betweenx(up, low, high, color=colour, alpha=0.35, label=f"90 % of fields {name}")
     ax.set(xlabel="undrained strength [kPa]", title=f"at x = {at:g} m")
 axes[0].plot(truth / 1e3, borehole_z, "o", color=RED, ms=4, label="measured")

@@ -59,15 +59,15 @@ seconds = 1.0 if SMALL else 2.0
 steps = round(seconds / float(scene.time_step))
 
 
-def moved(factor: jax.Array) -> jax.Array:
+def log_displacement(factor: jax.Array) -> jax.Array:
     """Logarithm of the displacement after `steps`, as a function of a factor on the strength."""
     weaker = replace(scene, material=replace(scene.material, strength=scene.material.strength * factor))
     return objectives.log_displacement(mpm.replay(weaker, state, steps)[0])
 
 
-derivative = float(jax.jit(jax.grad(moved))(1.0))
+derivative = float(jax.jit(jax.grad(log_displacement))(1.0))
 h = 1e-2
-difference = float(jax.jit(moved)(1.0 + h) - jax.jit(moved)(1.0 - h)) / (2 * h)
+difference = float(jax.jit(log_displacement)(1.0 + h) - jax.jit(log_displacement)(1.0 - h)) / (2 * h)
 print(f"{steps} steps: d log u / d log S = {derivative:.2f} by reverse mode, {difference:.2f} by differences")
 
 # %% [markdown]
@@ -120,17 +120,17 @@ def moved_by(strength: jax.Array) -> jax.Array:
     )
 
 
-found = {}
+predictions = {}
 for name, chosen in (("where it matters", order[:tenth]), ("where it does not", order[4 * tenth : 5 * tenth])):
     change = jnp.zeros_like(strength).at[chosen].set(0.02 * strength[0])
     predicted, true = float(by_particle @ change), float(moved_by(strength + change) - value)
-    found[name] = (predicted, true)
+    predictions[name] = (predicted, true)
     print(f"2 % more in a tenth of the soil, {name}: log u {true:+.4f}, by the map {predicted:+.4f}")
 
 # %% [markdown]
 # ## Back-analysis: which strength makes this slide?
 #
-# A slope has slid. Its surface was levelled afterwards, and five markers were followed while it moved. We look for
+# A slope has slid. Its surface was levelled afterwards, and five markers were followed during the slide. We look for
 # the mean strength, the softening modulus, and the leading coefficients of the strength's random field. Parameters
 # $p$ and readings $y$ with noise $\sigma$ make the loss
 #
@@ -192,9 +192,9 @@ right.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.4, 1.0), ncols=3)
 plt.show()
 
 # %% [markdown]
-# Bars are what was known before, points what the slide has told. Parameters that lie together in one valley, mean
-# strength and the first coefficients, are found together rather than each alone; the field that they make is what the
-# slide has felt. Beside it the truth:
+# Bars are what was known before, points what the slide has shown. Parameters that lie together in one valley, mean
+# strength and the first coefficients, are estimated together rather than each alone; the field that they make is what
+# the slide has felt. Beside it the truth:
 
 # %%
 fields = []
@@ -221,8 +221,8 @@ print(f"mean error of the recovered strength: {100 * error:.1f} %")
 results = {
     "derivative_over_difference": derivative / difference,
     "share_of_map_in_a_tenth": float(np.sort(density)[:tenth].sum() / density.sum()),
-    "predicted_over_true": found["where it matters"][0] / found["where it matters"][1],
-    "elsewhere_over_where_it_matters": abs(found["where it does not"][1] / found["where it matters"][1]),
+    "predicted_over_true": predictions["where it matters"][0] / predictions["where it matters"][1],
+    "elsewhere_over_where_it_matters": abs(predictions["where it does not"][1] / predictions["where it matters"][1]),
     "loss_per_reading": float(recovery.losses.min() / readings),
     "strength_error": error,
 }

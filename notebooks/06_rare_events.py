@@ -57,7 +57,7 @@ def fails(xi: np.ndarray) -> np.ndarray:
 # ## The way to the design point
 #
 # Failure is a yes or no, and has no gradient. The search follows a smooth stand-in: the logarithm of the root mean
-# square displacement after 2.5 s, against half a metre. It only has to lead to the right place.
+# square displacement after 2.5 s, against half a metre. It only has to lead to the right region.
 
 # %%
 limit_state = slide_limit_state(model, seconds=2.5, displacement=0.5)
@@ -93,25 +93,28 @@ plt.show()
 
 # %%
 samples = 40 if SMALL else 800
-kept: list[np.ndarray] = []
+stored: list[np.ndarray] = []
 
 
 def remembered(xi: np.ndarray) -> np.ndarray:
-    """As `fails`, with the answer kept."""
-    kept.append(fails(xi))
-    return kept[-1]
+    """As `fails`, with the answer stored."""
+    stored.append(fails(xi))
+    return stored[-1]
 
 
-moved = importance_sampling(remembered, point.coefficients, samples, seed=1)
-low, high = moved.interval
-print(f"importance sampling: {moved.probability:.2e} ({low:.2e} to {high:.2e}), cov {moved.cov:.2f}; {moved.notes[0]}")
+shifted = importance_sampling(remembered, point.coefficients, samples, seed=1)
+low, high = shifted.interval
+print(
+    f"importance sampling: {shifted.probability:.2e} ({low:.2e} to {high:.2e}), "
+    f"cov {shifted.cov:.2f}; {shifted.notes[0]}"
+)
 plain = fails(np.random.default_rng(2).standard_normal((samples, soil.modes)))
 counted = monte_carlo(plain)
 print(f"Monte Carlo, as many runs: {counted.probability:.2e} ({counted.interval[0]:.2e} to {counted.interval[1]:.2e})")
 
 # %%
 drawn = point.coefficients + np.random.default_rng(1).standard_normal((samples, soil.modes))
-weights = np.exp(point.beta**2 / 2 - drawn @ point.coefficients) * kept[0]
+weights = np.exp(point.beta**2 / 2 - drawn @ point.coefficients) * stored[0]
 n = np.arange(1, samples + 1)
 mean = np.cumsum(weights) / n
 error = 1.96 * np.sqrt(np.maximum(np.cumsum(weights**2) / n - mean**2, 0) / n)
@@ -123,7 +126,7 @@ ax.fill_between(
 )
 ax.plot(n, mean, color=BLUE)
 ax.axhline(point.probability, color=ORANGE, ls="--", label=r"FORM, $\Phi(-\beta)$")
-ax.set(xlabel="runs", ylabel="probability of failure", yscale="log", ylim=(moved.probability / 30, 1))
+ax.set(xlabel="runs", ylabel="probability of failure", yscale="log", ylim=(shifted.probability / 30, 1))
 ax.legend()
 plt.show()
 
@@ -144,9 +147,9 @@ results = {
     "beta": point.beta,
     "converged": int(point.converged),
     "gradients": point.gradients,
-    "failing_share": float(kept[0].mean()),
-    "probability_over_form": moved.probability / float(norm.sf(point.beta)),
-    "cov_over_monte_carlo": moved.cov / float(np.sqrt((1 / moved.probability - 1) / samples)),
+    "failing_share": float(stored[0].mean()),
+    "probability_over_form": shifted.probability / float(norm.sf(point.beta)),
+    "cov_over_monte_carlo": shifted.cov / float(np.sqrt((1 / shifted.probability - 1) / samples)),
     "weakest_layer_ratio": float((worst / median).min()),
 }
 print(results)

@@ -11,7 +11,7 @@
 # numbers in it: they can be batched and differentiated. `update` must not branch on values (`jnp.where` instead of
 # `if`).
 #
-# **For those new to MPM:** the solver hands `update` the strain increment that the grid's velocity gives a particle
+# **For those new to MPM:** the solver gives `update` the strain increment that the grid's velocity gives a particle
 # in one step. Nothing else of the method is visible to a law.
 
 # %%
@@ -312,9 +312,9 @@ for ax, scene, run, reach, name in (
 ):
     now = np.asarray(mpm.diagnostics.position(scene, run.state))
     r = now[0] if len(now) == 2 else np.hypot(now[0], now[1])
-    moved = np.asarray(mpm.diagnostics.displacement(run.state))
+    displacement = np.asarray(mpm.diagnostics.displacement(run.state))
     half_size = (scene.grid.cell / 4,) * 2
-    boxes = draw_section(ax, (r, now[-1]), half_size, moved, title=f"{name}, {r.size} particles, {len(now)}D")
+    boxes = draw_section(ax, (r, now[-1]), half_size, displacement, title=f"{name}, {r.size} particles, {len(now)}D")
     fig.colorbar(boxes, ax=ax, label="displacement [m]")
     along = np.linspace(0, reach, 200)
     ax.plot(along, root * np.sqrt(reach - along), color=RED, lw=2, label="closed form of the final surface")
@@ -426,9 +426,9 @@ def two_threads() -> ThreadPoolExecutor:
 
 
 with TemporaryDirectory() as folder:
-    told = campaign.run(SCENE, f"{folder}/own", estimator=EveryRank(3), executor=two_threads, workers=2)
-low, high = told.interval
-print(f"P_f {told.probability_of_failure:.2f} ({low:.2f} to {high:.2f}), {told.estimator}: {told.finished}")
+    summary = campaign.run(SCENE, f"{folder}/own", estimator=EveryRank(3), executor=two_threads, workers=2)
+low, high = summary.interval
+print(f"P_f {summary.probability_of_failure:.2f} ({low:.2f} to {high:.2f}), {summary.estimator}: {summary.finished}")
 
 # %% [markdown]
 # ## What to remember
@@ -449,7 +449,7 @@ results = {
     "dimensions_differ": dimensions_differ,
     "front_plane": fronts[0],
     "front_round": fronts[1],
-    "own_estimator_runs": told.refined_runs,
-    "own_estimator_probability": told.probability_of_failure,
+    "own_estimator_runs": summary.refined_runs,
+    "own_estimator_probability": summary.probability_of_failure,
 }
 print(results)

@@ -80,10 +80,10 @@ value = 2e6
 vulnerability = [["0.2 m", 0.0], ["1 m", 0.6], ["2 m", 1.0]]
 """
 with warnings.catch_warnings(action="ignore"):
-    told = cooperative.run(SECTION, folder / "section")
-low, high = told.interval
-print(f"P_f = {told.probability_of_failure:.2f}, 95 % interval {low:.2f} to {high:.2f}")
-print(f"{told.refined_runs} refined runs, of which {told.slides} slid to their end")
+    summary = cooperative.run(SECTION, folder / "section")
+low, high = summary.interval
+print(f"P_f = {summary.probability_of_failure:.2f}, 95 % interval {low:.2f} to {high:.2f}")
+print(f"{summary.refined_runs} refined runs, of which {summary.slides} slid to their end")
 
 # %% [markdown]
 # ## How far: the exceedance curve
@@ -93,7 +93,7 @@ print(f"{told.refined_runs} refined runs, of which {told.slides} slid to their e
 # have been missed.
 
 # %%
-curve = told.exceedance["runout"]
+curve = summary.exceedance["runout"]
 fig, ax = plt.subplots(figsize=(7, 3))
 ax.fill_between(curve.thresholds, curve.low, curve.high, step="post", color=BLUE, alpha=0.2, lw=0)
 ax.step(curve.thresholds, curve.probability, where="post", color=BLUE, label="with 95 % interval")
@@ -112,9 +112,9 @@ plt.show()
 maps = cooperative.hazard_maps(folder / "section")
 x = maps.edges[0]
 fig, (above, below) = plt.subplots(2, 1, figsize=(9, 5), sharex=True)
-for (name, found), colour in zip(maps.maps.items(), (BLUE, ORANGE, GREEN, RED), strict=False):
+for (name, hazard_map), colour in zip(maps.maps.items(), (BLUE, ORANGE, GREEN, RED), strict=False):
     if maps.units[name] == "-":
-        above.stairs(found.value, x, color=colour, lw=1.8, label=name)
+        above.stairs(hazard_map.value, x, color=colour, lw=1.8, label=name)
 reached = maps.maps["reached"]
 above.stairs(reached.high, x, baseline=reached.low, fill=True, color=BLUE, alpha=0.15)
 above.axvspan(24, 28, color=BLACK, alpha=0.1, label="road")
@@ -144,7 +144,7 @@ print(f"expected covered length {mapped:.4f} m by the map, {counted:.4f} m by th
 # curve.
 
 # %%
-road, loss = told.risk.places["road"], told.risk.loss
+road, loss = summary.risk.places["road"], summary.risk.loss
 low, high = road.reached.interval
 print(f"the road is reached with probability {road.reached.probability:.2f} ({low:.2f} to {high:.2f})")
 print(f"expected loss {loss.expected / 1e6:.2f} million", end=", ")
@@ -244,7 +244,7 @@ read_back = float(np.abs(grid.heights - reached.value).max())
 # %% [markdown]
 # ## What to remember
 #
-# - `[hazard]` in the scene, before it runs: what passed over a column is kept while running, at a few per cent of a
+# - `[hazard]` in the scene, before it runs: what passed over a column is stored while running, at a few per cent of a
 #   step, and cannot be had afterwards.
 # - Look at the upper limit where the value is 0: no slide that was run went there, which is not the same as none.
 # - The intervals are of the sampling. They know nothing of the error of the refined grid, nor of soil that is not as
@@ -252,8 +252,8 @@ read_back = float(np.abs(grid.heights - reached.value).max())
 
 # %%
 results = {
-    "probability": told.probability_of_failure,
-    "curve_starts_at_probability": curve.probability[0] / told.probability_of_failure,
+    "probability": summary.probability_of_failure,
+    "curve_starts_at_probability": curve.probability[0] / summary.probability_of_failure,
     "mapped_over_counted": mapped / counted,
     "road_reached": road.reached.probability,
     "hill_probability": hill.probability_of_failure,

@@ -131,7 +131,7 @@ def _example_1() -> tuple[dict[str, Any], Figure]:
 
 
 def _modes_by_axis(covariance: tuple[Any, ...], extent: tuple[float, ...]) -> int:
-    """Number of products when each axis alone keeps the cube root of 95 %, and every product is kept."""
+    """Number of products when each axis alone keeps the cube root of 95 %, and every product is selected."""
     share = 0.95 ** (1 / 3)
     counts = [kl.expand((c,), (0.0,), (size,), energy=share).modes for c, size in zip(covariance, extent, strict=True)]
     return int(np.prod(counts))

@@ -2,8 +2,8 @@
 
 Published (Jiang et al. 2024, Table 3): factor of safety 1.15 at cells of 1, 0.75 and 0.5 m, run-out 14.17, 14.52 and
 14.76 m, in 12,240, 24,503 and 48,976 s. Seconds are those of runs already compiled; of a slope those of finding its
-factor of safety and of the slide. `python -m benchmarks.accuracy.work_precision` draws both figures anew from the kept
-answer."""
+factor of safety and of the slide. `python -m benchmarks.accuracy.work_precision` draws both figures anew from
+the stored answer."""
 
 from __future__ import annotations
 

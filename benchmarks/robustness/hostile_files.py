@@ -88,7 +88,7 @@ def sealed_anew(data: bytes) -> bytes:
     return hdf5.seal(head[1].decode(), int(head[2]), content) + content
 
 
-def in_place_of(name: str, baits: Baits) -> dict[str, Change]:
+def replacements_of(name: str, baits: Baits) -> dict[str, Change]:
     """What may stand in a file where the array `name` is expected, each of it no array that lies there."""
 
     def put(make: Callable[[h5py.File], object], file: h5py.File) -> None:
@@ -247,8 +247,8 @@ def hand_made(baits: Baits) -> Mapping[str, Maker]:
         path.write_bytes(sealed_anew(bytes(changed)))
 
     lies = {
-        **in_place_of("coefficients", baits),
-        **in_place_of("fields/displacement", baits),
+        **replacements_of("coefficients", baits),
+        **replacements_of("fields/displacement", baits),
         **_sample_lies(baits),
     }
     # A sample may have no fields: one that is missing is no lie.

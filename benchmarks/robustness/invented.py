@@ -134,7 +134,7 @@ def ground_of(models: dict[str, Any]) -> runs.StoredGround:
 
 
 def keep_nothing(*_: Any) -> None:
-    """Made-up grids have neither stress nor ground to be kept."""
+    """Made-up grids have neither stress nor ground to be stored."""
 
 
 def soil_of(*_: Any) -> runs.SampleSoil:

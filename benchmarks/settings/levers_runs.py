@@ -3,7 +3,7 @@
 `python -m benchmarks.settings.levers_runs` runs what its file lacks. Every variant runs the first samples of the
 population in `benchmarks.statistics.section_pairs`, as a campaign does but without the rule that ends slides at rest:
 all of them until their class is decided where the time step alone differs, fewer to their end, where run-outs show. The
-energy of a run, kinetic, elastic and potential, is told from its start: more than nothing would be made by the step.
+energy of a run, kinetic, elastic and potential, is counted from its start: more than nothing would be made by the step.
 """
 
 from __future__ import annotations

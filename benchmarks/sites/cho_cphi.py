@@ -82,13 +82,13 @@ class Circles:
 
 
 def rows() -> Iterator[dict[str, str]]:
-    """The rows that are kept."""
+    """The stored rows."""
     with PATH.open() as file:
         yield from csv.DictReader(line for line in file if not line.startswith("#"))
 
 
 def limit() -> dict[str, float]:
-    """The limit load that is kept: factor, displacement (m) and volume (m2)."""
+    """The stored limit load: factor, displacement (m) and volume (m2)."""
     known: dict[str, float] = json.loads(PATH.read_text().splitlines()[0].removeprefix("# "))
     return known
 

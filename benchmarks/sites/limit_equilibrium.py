@@ -30,7 +30,7 @@ SLICES = 40
 POINTS = 12
 """Of a slip surface that is no circle, its ends included."""
 STEP, LEAST_STEP = 0.1, 0.002
-"""Over the height of the slope: first and last distance by which these points are moved."""
+"""Over the height of the slope: first and last distance by which these points move."""
 SKY = 1e3
 """Height above the base that no ground reaches (m)."""
 KILO = 1e-3

@@ -4,7 +4,7 @@ over real terrain and in sensitive clay.
 `polyline_difference` is that of a trapezoid drawn as a line to `Slope`. A plane under a terrain model has a known
 volume, and between walls on rollers a known mean upright stress at every level: the weight of what lies above it.
 `scene_difference` is that of the scenes in `scenes/sites` to the same slopes built in Python; `..._fos` their factors
-of safety by the limit load, on the finest grid, beside the known ones. A row that is done is kept in `out/sites`, so
+of safety by the limit load, on the finest grid, beside the known ones. A row that is done is stored in `out/sites`, so
 that the command goes on where it was stopped; rows are made again when the code has changed.
 """
 

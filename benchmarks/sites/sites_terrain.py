@@ -69,7 +69,7 @@ def slip(ground: mpm.Raster) -> mpm.Raster:
 def slide(cell: float) -> dict[str, Any]:
     """The slide on cells of this size (m).
 
-    `travel_m` is how far the centre of the clay has moved, `runout_m` from the rear of the mass before to its front.
+    `travel_m` is the displacement of the centre of the clay, `runout_m` from the rear of the mass before to its front.
     """
     start = time.perf_counter()
     ground = surface()

@@ -203,7 +203,7 @@ def shaking_rows(quick: bool) -> Iterator[Row]:
 
 
 def awkward_rows(quick: bool) -> Iterator[Row]:
-    """Particles in awkward places: a uniform motion stays uniform, and a vibration keeps its energy."""
+    """Particles in awkward positions: a uniform motion stays uniform, and a vibration keeps its energy."""
     soil = mpm.Soil(unit_weight=9810.0, young=1e6)
     for kernel in KERNELS[:1] if quick else KERNELS:
         for name, size, spacing, corner in (

@@ -81,7 +81,7 @@ def summarise(case: Case, rows: np.ndarray) -> dict[str, Any]:
     if case.target_cov is None:
         return row
     quartiles = np.quantile(refined_runs, (0.25, 0.5, 0.75), method="inverted_cdf")
-    # Of a campaign that found no failure nothing is claimed.
+    # Of a campaign without any failure nothing is claimed.
     row |= {"target_cov": case.target_cov, "claimed": float(claimed[np.isfinite(claimed)].mean())}
     return row | {f"runs_q{at}": int(runs) for at, runs in zip((25, 50, 75), quartiles, strict=True)}
 

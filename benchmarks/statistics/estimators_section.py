@@ -36,7 +36,7 @@ def population(study: str) -> Pairs:
 
 @dataclass(frozen=True)
 class Drawn:
-    """Samples of one campaign: their places in the population (N,), which grid screens them, refined runs allowed."""
+    """Samples of one campaign: their numbers in the population (N,), which grid screens them, refined runs allowed."""
 
     of: Pairs
     at: np.ndarray
@@ -55,7 +55,7 @@ class Drawn:
         return self.of.displacement["refined"][self.at] > LIMIT
 
     def seconds(self, refined: np.ndarray) -> float:
-        """What the screening took, the factors of safety where it is calibrated, and the runs `refined` (places)."""
+        """What the screening took, the factors of safety where it is calibrated, and the runs `refined` (numbers)."""
         spent = self.of.seconds
         fixed = self.of.calibration_seconds if self.grid == "calibrated" else 0.0
         return float(spent[self.grid][self.at].sum() + spent["refined"][self.at[refined]].sum()) + fixed

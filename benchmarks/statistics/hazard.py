@@ -49,7 +49,7 @@ def events(of: Population) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Drawn:
-    """A campaign that has run. found: its P_f. weight: what each slide stands for (n,). at: which sample of the
+    """A campaign that has run. result: its P_f. weight: what each slide stands for (n,). at: which sample of the
     population each is (n,)."""
 
     result: Estimate

@@ -3,7 +3,7 @@
 
 `python -m benchmarks.statistics.hazard_populations` writes `benchmarks/data/hazard_section.npz`, the 400 sections of
 `benchmarks.statistics.section_pairs` with the published settings, and `hazard_solid.npz`, a small slope in 3D on two
-cheap grids. It goes on where it was stopped, with the runs that it kept in `out/hazard`. Of the sections only those run
+cheap grids. It goes on where it was stopped, with the runs stored in `out/hazard`. Of the sections only those run
 that the file of pairs calls failed, for 12 s at CFL 0.9, which changes no class; what stands brings nothing."""
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def campaign_of(name: str) -> Campaign:
 
 
 def _run(name: str, model: runs.GridModel, coefficients: np.ndarray, numbers: np.ndarray) -> Iterator[Sample]:
-    """The samples of a population with these numbers, run unless they are kept."""
+    """The samples of a population with these numbers, run unless they are stored."""
     for number in numbers.tolist():
         stored = STORED / f"{name}-{model.grid}-{number}.npz"
         if stored.exists():

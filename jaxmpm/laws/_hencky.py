@@ -40,9 +40,9 @@ def logarithmic(elastic: Tensor, gradient: Sequence[Sequence[Array]], dt: Array)
     stretch, _ = isotropic(_stretch, elastic)
     stretch = row_by_row(stretch)
     h: Matrix = [[stretch[VOIGT[i][j]] for j in range(3)] for i in range(3)]
-    moved = _sum(g, _product(g, h))  # g b
-    twice = _product(moved, _transposed(g))  # g b g^T
-    change = _sum(_sum(moved, _transposed(moved)), twice)
+    turned = _sum(g, _product(g, h))  # g b
+    twice = _product(turned, _transposed(g))  # g b g^T
+    change = _sum(_sum(turned, _transposed(turned)), twice)
     both = placed((VOIGT[i][j], _before_and_after(h[i][j], change[i][j])) for i in range(3) for j in range(i, 3))
     logarithms, _ = isotropic(_logarithm, row_by_row(both))
     # The difference: equal rounding before and after then does not add up over a million steps at rest.

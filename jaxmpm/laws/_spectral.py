@@ -107,17 +107,17 @@ def _isotropic_jvp(
     primals: tuple[Any, Any],
     tangents: tuple[Any, Any],
 ) -> tuple[Any, Any]:
-    (components, parameters), (moved, changed) = primals, tangents
+    (components, parameters), (component_tangents, parameter_tangents) = primals, tangents
     x, axes = principal(placed(zip(present, components, strict=True)))
     *y, scalar = function(*x, *parameters)
     out = tuple(_component(axes, y, k) for k in present), scalar
-    tangent = placed(zip(present, moved, strict=True))
+    tangent = placed(zip(present, component_tangents, strict=True))
     # The tangent on the principal axes.
     t = [
         [sum(axes[k][i] * tangent[VOIGT[k][l]] * axes[l][j] for k in range(3) for l in range(3)) for j in range(3)]
         for i in range(3)
     ]
-    _, direct = jax.jvp(lambda p: function(*x, *p), (parameters,), (changed,))
+    _, direct = jax.jvp(lambda p: function(*x, *p), (parameters,), (parameter_tangents,))
     one, zero = jnp.ones_like(x[0]), jnp.zeros_like(x[0])
     slopes = [
         jax.jvp(lambda *v: function(*v, *parameters), tuple(x), tuple(one if i == k else zero for i in range(3)))[1]

@@ -98,19 +98,19 @@ def displacements(
     dt = float(scene.time_step)
     chunk = max(1, round(every / dt))
     state, watch = jax.tree.map(jnp.copy, state), Watch.start(np.shape(state.status))
-    moved: list[np.ndarray] = []
+    displacements: list[np.ndarray] = []
     for _ in range(max(1, steps_until(t_end, dt * chunk))):
         state = advance_lanes(scene, state, jnp.asarray(chunk), axes)
         now = _mean(scene, state, axes) if least_volume is None else farthest(scene, state, axes, least_volume)
-        moved.append(np.asarray(now))
+        displacements.append(np.asarray(now))
         watch, ended = watch.look(scene, state, axes, chunk * dt, settle, None, least_volume)
         if decide is not None:
-            ended = np.where((ended == Status.RUNNING) & decide(np.array(moved)), int(Status.DECIDED), ended)
+            ended = np.where((ended == Status.RUNNING) & decide(np.array(displacements)), int(Status.DECIDED), ended)
         state = replace(state, status=jnp.asarray(ended, jnp.int32))
         if not np.any(ended == Status.RUNNING):
             break
     Result(state, scene.time_step).raise_if_failed()
-    return np.array(moved), np.asarray(farthest(scene, state, axes, least_volume))
+    return np.array(displacements), np.asarray(farthest(scene, state, axes, least_volume))
 
 
 @partial(jax.jit, static_argnames="axes")
@@ -118,20 +118,20 @@ def _mean(scene: Scene, state: State, axes: Scene) -> Array:
     return jax.vmap(diagnostics.mean_displacement, in_axes=(axes, 0))(scene, state)
 
 
-def speeds_up(moved: np.ndarray, first: int) -> np.ndarray:
-    """Whether lanes have moved farther in some period than in all the time before, of the same length.
+def speeds_up(displacements: np.ndarray, first: int) -> np.ndarray:
+    """Whether the displacement of lanes grew more in some period than in all the time before, of the same length.
 
     A lane that stands, creeps at a constant speed or comes to rest has not; a body that slides off covers three times
     as much. Displacements count by their largest value so far, so elastic oscillation has no effect.
 
     Args:
-        moved: displacements (looks, B) m.
+        displacements: (looks, B) m.
         first: least number of looks in such a period.
 
     Returns:
         (B,) bool.
     """
-    farthest = np.maximum.accumulate(moved, axis=0)
+    farthest = np.maximum.accumulate(displacements, axis=0)
     halves = np.arange(max(first, 1), len(farthest) // 2 + 1)
     return np.any(farthest[2 * halves - 1] > 2 * farthest[halves - 1], axis=0)
 
@@ -154,7 +154,7 @@ class Kink(NamedTuple):
     jumps: bool
 
 
-def kink(factors: np.ndarray, moved: np.ndarray) -> Kink | None:
+def kink(factors: np.ndarray, displacements: np.ndarray) -> Kink | None:
     """The kink of displacement over the factor.
 
     One branch is the line through the two lowest lanes, as far as lanes follow it. The other is the line through three
@@ -163,26 +163,26 @@ def kink(factors: np.ndarray, moved: np.ndarray) -> Kink | None:
 
     Args:
         factors: (B,), rising.
-        moved: displacements (B,) m.
+        displacements: (B,) m.
 
     Returns:
         Kink, None if all lanes lie on one branch.
     """
-    flat = np.polyfit(factors[:2], moved[:2], 1)
-    standing = np.maximum(np.polyval(flat, factors), moved[0])
-    off = np.flatnonzero(moved > FOLLOWS * standing)
+    flat = np.polyfit(factors[:2], displacements[:2], 1)
+    standing = np.maximum(np.polyval(flat, factors), displacements[0])
+    off = np.flatnonzero(displacements > FOLLOWS * standing)
     if len(off) < 3:
         return None
     first = int(off[0])
     beyond = slice(first + 1, first + 4)
-    steep = np.polyfit(factors[beyond], moved[beyond], 1)
+    steep = np.polyfit(factors[beyond], displacements[beyond], 1)
     if steep[0] <= max(flat[0], 0):
         return None
     meeting = (flat[1] - steep[1]) / (steep[0] - flat[0])
     last = factors[first - 1]
     jumps = bool(meeting < last)
-    rise = (moved[first] - moved[first - 1]) / (factors[first] - last)
-    least = moved[:2].mean() / factors[:2].mean()
+    rise = (displacements[first] - displacements[first - 1]) / (factors[first] - last)
+    least = displacements[:2].mean() / factors[:2].mean()
     sharpness = float(max(steep[0], rise) / max(flat[0], least))
     at = max(meeting, last)
     moves = next((factor for factor in factors[first:] if factor >= at), factors[-1])
@@ -215,27 +215,27 @@ def find_kink(displacement: Callable[[np.ndarray], np.ndarray], start: float) ->
         tried = lanes_around(middle)
         known |= zip(tried.tolist(), displacement(tried).tolist(), strict=True)
         factors = np.array(sorted(known))
-        moved = np.array([known[factor] for factor in factors.tolist()])
-        turn, fall = kink(factors, moved), falls(factors, moved)
+        displacements = np.array([known[factor] for factor in factors.tolist()])
+        turn, fall = kink(factors, displacements), falls(factors, displacements)
         if turn is not None and abs(turn.at / middle - 1) < CENTRED:
             if fall is not None:
                 warnings.warn(f"the limit load at R = {turn.at:.3g} is in doubt: {fall}", stacklevel=2)
             return turn
         middle = factors[0] if turn is None else turn.at
-    text = f"{moved[0]:.2g} to {moved[-1]:.2g} m at R = {factors[0]:.3g} to {factors[-1]:.3g}"
+    text = f"{displacements[0]:.2g} to {displacements[-1]:.2g} m at R = {factors[0]:.3g} to {factors[-1]:.3g}"
     raise ValueError(
         f"the displacement has no kink, {text}: {fall or 'it grows too evenly for a limit load'}; or give a "
         "failure_displacement instead"
     )
 
 
-def falls(factors: np.ndarray, moved: np.ndarray) -> str | None:
+def falls(factors: np.ndarray, displacements: np.ndarray) -> str | None:
     """Warning about displacements (B,) m that fall over rising factors (B,); None if they grow."""
-    drops = moved[:-1] / np.maximum(moved[1:], np.finfo(float).tiny)
+    drops = displacements[:-1] / np.maximum(displacements[1:], np.finfo(float).tiny)
     worst = int(np.argmax(drops))
     if not drops[worst] > FOLLOWS:
         return None
-    (more, less), (at, then) = moved[worst : worst + 2], factors[worst : worst + 2]
+    (more, less), (at, then) = displacements[worst : worst + 2], factors[worst : worst + 2]
     return (
         f"it moves {more:.2g} m at R = {at:.3g} and {less:.2g} m at R = {then:.3g}, as grains do that shake loose "
         "and settle by chance: give a share of PIC (flip = 0.95), or soil with much friction some dilation"

@@ -110,24 +110,24 @@ def factor_of_safety(
     if not 0 < low < high:
         raise ValueError(f"bracket = {bracket}: give a lower and a higher reduction factor above 0")
     judge = partial(_by_displacement, limit) if criterion is None else partial(_by_limit_load, Times.of(scene, t_end))
-    moved: dict[int, tuple[float, bool]] = {}
+    outcomes: dict[int, tuple[float, bool]] = {}
     points = sorted({round(p) for p in np.linspace(low, high, batch)})
     while points:
         factors = [p * resolution for p in points]
-        moved |= zip(points, judge(scene, state, factors, t_end, settle or Settle(), least_volume), strict=True)
-        stands = [p for p, (_, failed) in moved.items() if not failed]
-        fails = [p for p, (_, failed) in moved.items() if failed]
+        outcomes |= zip(points, judge(scene, state, factors, t_end, settle or Settle(), least_volume), strict=True)
+        stands = [p for p, (_, failed) in outcomes.items() if not failed]
+        fails = [p for p, (_, failed) in outcomes.items() if failed]
         if not stands or not fails:
             side, end = ("fails", low) if not stands else ("stands", high)
             raise ValueError(f"the slope {side} even at R = {end * resolution:g}: widen the bracket {bracket}")
         low, high = max(p for p in stands if p < min(fails)), min(fails)
         inner = np.linspace(low, high, min(batch, high - low - 1) + 2)[1:-1]
-        points = sorted({round(p) for p in inner} - set(moved))
+        points = sorted({round(p) for p in inner} - set(outcomes))
     digits = max(0, -math.floor(math.log10(resolution)) + 2)
     result = FactorOfSafety(
         stable=round(low * resolution, digits),
         fails=round(high * resolution, digits),
-        tried=tuple((round(p * resolution, digits), moved[p][0]) for p in sorted(moved)),
+        tried=tuple((round(p * resolution, digits), outcomes[p][0]) for p in sorted(outcomes)),
     )
     return result if criterion is None else _with_kink(result, scene, state, t_end, least_volume)
 

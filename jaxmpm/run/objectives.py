@@ -63,14 +63,14 @@ def front(scene: Scene, state: State, share: float = 0.01, width: float = 0.5) -
     """
     check.between("share", share, 0.0, 0.5)
     check.positive("width", width, "m")
-    x, moved = diagnostics.position(scene, state)[0], diagnostics.displacement(state)
+    x, displacement = diagnostics.position(scene, state)[0], diagnostics.displacement(state)
     at = _foremost(x, scene.particles.mass, share, width)
     if not check.is_traced(scene, state):
-        beyond = np.asarray(moved)[np.asarray(x) >= float(at)]
-        if beyond.size and beyond.mean() < HARDLY * float(jnp.max(moved)):
+        beyond = np.asarray(displacement)[np.asarray(x) >= float(at)]
+        if beyond.size and beyond.mean() < HARDLY * float(jnp.max(displacement)):
             warnings.warn(
                 f"the front at {float(at):.3g} m is of soil that has moved {beyond.mean():.2g} m, the slide up to "
-                f"{float(jnp.max(moved)):.2g} m: it is the ground ahead of the slide, use objectives.runout",
+                f"{float(jnp.max(displacement)):.2g} m: it is the ground ahead of the slide, use objectives.runout",
                 stacklevel=2,
             )
     return at

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kl
-from benchmarks.robustness.hostile_files import in_place_of, lay_baits, no_files
+from benchmarks.robustness.hostile_files import lay_baits, no_files, replacements_of
 
 BOX = ((0.0, 0.0), (10.0, 5.0))
 SE = kl.SquaredExponential
@@ -344,7 +344,7 @@ def test_an_expansion_that_lies_is_refused_in_one_line_and_reads_nothing_elsewhe
     whole = path.read_bytes()
     with h5py.File(path) as file:
         assert name in file
-    for how, change in in_place_of(name, baits).items():
+    for how, change in replacements_of(name, baits).items():
         path.write_bytes(whole)
         with h5py.File(path, "r+") as file:
             change(file)

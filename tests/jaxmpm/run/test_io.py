@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from benchmarks.robustness.hostile_files import in_place_of, lay_baits, no_files, resealed
+from benchmarks.robustness.hostile_files import lay_baits, no_files, replacements_of, resealed
 from foundation.files import DamagedFile
 
 SLOPE = mpm.Slope(crest=6.0, height=4.0, run_per_rise=1.0, toe=6.0, foundation=2.0)
@@ -62,7 +62,7 @@ def test_a_restart_point_that_lies_is_refused_in_one_line_and_reads_nothing_else
     path.parent.mkdir()
     mpm.save_state(path, start, about={"watch": np.zeros(3)})
     whole, baits = path.read_bytes(), lay_baits(tmp_path / "outside")
-    for how, change in in_place_of(name, baits).items():
+    for how, change in replacements_of(name, baits).items():
         # What a caller adds may be a text, or be missing: that is for the caller to judge.
         if how in ("about/watch: text", "about/watch: missing"):
             continue
