@@ -19,8 +19,8 @@ from matplotlib.patches import Patch
 
 from cooperative.folder import models_of
 from cooperative.measure import Place
-from cooperative.reporting import _html as html
 from cooperative.reporting import _interactive as interactive
+from cooperative.reporting import _page as page
 from cooperative.reporting import _plots as plots
 from cooperative.reporting._bodies import skin
 from cooperative.reporting._quantities import quantity
@@ -96,8 +96,8 @@ def solid(models: dict[str, GridModel], values: Values) -> str:
         bodies[f"{drawn.word}, {grid} grid"] = [soil, interactive.mesh(body.corners, body.faces[rock], color=ROCK)]
     figure = interactive.chosen(bodies, list(_outlines(models["refined"])))
     text = "Ground by its layers, and one sample's random field on both grids. Drag it to turn it."
-    parts = [html.heading(campaign.name, 1), interactive.script(), interactive.html(figure, "ground")]
-    return html.document(campaign.name, [*parts, html.paragraph(text)])
+    parts = [page.heading(campaign.name, 1), interactive.script(), interactive.html(figure, "ground")]
+    return page.document(campaign.name, [*parts, page.paragraph(text)])
 
 
 def _layered(model: GridModel) -> list[Any]:

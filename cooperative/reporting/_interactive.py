@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
+import matplotlib
 import numpy as np
 
 from cooperative.estimate import Exceedance
@@ -17,6 +20,8 @@ from cooperative.reporting._charts import GREY, REFINED, ROUGH, SERIES, mapped, 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure, Mesh3d
 
+    from cooperative.reporting._plots import Drawn
+
 Stairs = Mapping[str, tuple[np.ndarray, ...]]
 """Curves by name: thresholds, values and their limits (n,) each."""
 
@@ -24,6 +29,8 @@ BAND = "rgba(0, 114, 178, 0.2)"
 LIMIT = {"color": GREY, "dash": "dot", "width": 1}
 HIGH, ACROSS = 320, 3
 """Height of a panel (pixels), and panels beside each other."""
+WIDE, DPI = 7.5, 120
+"""Width from which a figure stands alone (inch), and the resolution of particles and maps within one."""
 
 
 def installed() -> bool:
@@ -278,3 +285,33 @@ def turning(body: Moving) -> Figure:
         for name, each in zip(names, meshes, strict=True)
     ]
     return figure
+
+
+def figures(drawn: Iterable[Drawn]) -> str:
+    """Figures, narrow ones beside each other where there is room; nothing for none."""
+    shown = "\n".join(map(figure, drawn))
+    return f'<div class="figures">\n{shown}\n</div>' if shown else ""
+
+
+def figure(drawn: Drawn) -> str:
+    """A figure as matplotlib draws it; where Plotly is installed and the browser runs scripts, its interactive form."""
+    shown = _inlined(drawn)
+    if drawn.interactive is not None and installed():
+        shown = f"{html(drawn.interactive(), drawn.name)}\n<noscript>{shown}</noscript>"
+    wide = " wide" if drawn.figure.get_figwidth() > WIDE else ""
+    return (
+        f'<figure class="drawn{wide}" aria-labelledby="of-{drawn.name}">\n{shown}\n'
+        f'<figcaption id="of-{drawn.name}">{escape(drawn.caption)}</figcaption>\n</figure>'
+    )
+
+
+def _inlined(drawn: Drawn) -> str:
+    """A figure as an SVG element, whose ids no other element of the page has."""
+    file = io.BytesIO()
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": drawn.name}):
+        drawn.figure.savefig(file, format="svg", dpi=DPI, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
+    drawing = file.getvalue().decode()
+    # Its style sheet would apply to all elements of the page; the page's own has what it needs.
+    drawing = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>", "", drawing[drawing.find("<svg") :], flags=re.S)
+    drawing = re.sub(r'(\bid="|href="#|url\(#)', rf"\1{drawn.name}-", drawing)
+    return drawing.replace("<svg ", f'<svg role="img" aria-labelledby="of-{drawn.name}" ', 1)

@@ -1,28 +1,25 @@
-"""Sections of a report's page, from the answer down to how the campaign was run."""
+"""The page of a report, which needs no other file: from the answer down to how the campaign was run."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from html import escape
+from pathlib import Path
 
-from cooperative.estimate import ENOUGH, after_more_runs
+from cooperative.estimate import ENOUGH, NOT_ASKED, after_more_runs
 from cooperative.folder import Results
-from cooperative.reporting import _interactive as plotly
+from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import _sentences as sentences
-from cooperative.reporting._html import (
-    Cell,
-    document,
-    figures,
-    heading,
-    headline,
-    paragraph,
-    preformatted,
-    table,
-)
 from cooperative.reporting._plots import Drawn
-from cooperative.risk import Element, Risk
+from cooperative.reporting._sentences import Cell, number
+from cooperative.risk import Risk
 from cooperative.store import GRIDS, read_sample
 from cooperative.summary import OtherEstimate, Summary
 from foundation.text import duration, short
+
+STYLE = Path(__file__).with_name("_page.css").read_text(encoding="utf-8")
+POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+"""A browser fetches nothing for the page."""
 
 INDISTINCT = 2.0
 """Difference in AIC below which two distributions are equally good."""
@@ -44,17 +41,17 @@ def page(results: Results, drawn: Sequence[Drawn]) -> str:
 
 def _parts(results: Results, drawn: Sequence[Drawn]) -> Iterator[str]:
     summary, names = results.summary, {each.name for each in drawn}
-    interactive = plotly.installed() and any(each.interactive for each in drawn)
+    points = interactive.installed() and any(each.interactive for each in drawn)
 
     def shown(*names: str) -> str:
-        return figures(each for each in drawn if each.name.startswith(names))
+        return interactive.figures(each for each in drawn if each.name.startswith(names))
 
-    if interactive:
-        yield plotly.script()
+    if points:
+        yield interactive.script()
     yield heading(summary.name, 1)
     yield from answer(results)
-    missing = sentences.without_slides(summary)
-    if interactive:
+    missing = without_slides(summary)
+    if points:
         yield paragraph(HOW)
     if missing or {"exceedance", "hazard"} & names:
         yield heading("How far, how much, how deep")
@@ -69,7 +66,7 @@ def _parts(results: Results, drawn: Sequence[Drawn]) -> Iterator[str]:
     yield shown("slide", "plan", "body", "slope")
     yield heading("How sure, and why")
     yield estimates(summary)
-    yield paragraph(" ".join(filter(None, (sentences.unseen(summary), sentences.finished(summary)))))
+    yield paragraph(" ".join(filter(None, (sentences.unseen(summary), finished(summary)))))
     yield shown("convergence", "ranked", "grids")
     yield heading("What more runs would bring")
     yield from further_runs(results)
@@ -94,12 +91,12 @@ def answer(results: Results) -> Iterator[str]:
     yield headline(
         "The slope fails with probability" if chance else "No run has failed: the slope fails with probability",
         f"{chance:.3g}",
-        f"({summary.level:.0%} interval {low:.3g} to {high:.3g}){sentences.in_slopes(chance)}.",
+        f"({summary.level:.0%} interval {low:.3g} to {high:.3g}){in_slopes(chance)}.",
     )
     yield paragraph(
-        f"It fails when {sentences.failing_soil(results)} moves farther than {summary.failure_displacement:g} m. "
+        f"It fails when {failing_soil(results)} moves farther than {summary.failure_displacement:g} m. "
         f"{summary.samples} random slopes ran on the rough grid, {summary.refined_runs} of them on the refined one, "
-        f"where {summary.failures_refined} failed. {sentences.reach(results)}".strip()
+        f"where {summary.failures_refined} failed. {reach(results)}".strip()
     )
     if not summary.finished:
         yield paragraph(
@@ -115,26 +112,9 @@ def look(results: Results) -> Iterator[str]:
     """What the slides do on average, and which modes they have."""
     summary = results.summary
     interval = f"{summary.level:.0%} interval"
-    missing, modes = sentences.without_slides(summary), sentences.occurring(summary)
-    yield (
-        paragraph(missing)
-        if missing
-        else table(
-            ["of the slides", "unit", "mean", interval, "smallest", "largest"],
-            [
-                [
-                    name,
-                    sentences.units(results)[name],
-                    _or_least(spread.mean, spread.at_least),
-                    sentences.interval(spread),
-                    spread.smallest,
-                    _or_least(spread.largest, spread.at_least),
-                ]
-                for name, spread in summary.consequences_of_failures.items()
-                if spread and name in sentences.labels(results)
-            ],
-        )
-    )
+    missing, modes = without_slides(summary), sentences.occurring(summary)
+    heads = ["of the slides", "unit", "mean", interval, "smallest", "largest"]
+    yield paragraph(missing) if missing else table(heads, sentences.consequences(results))
     if len(modes) == 1:
         yield paragraph(f"All failures are {next(iter(modes))}.")
     elif modes:
@@ -189,12 +169,15 @@ def risks(summary: Summary, risk: Risk) -> Iterator[str]:
     """How likely slides reach each element at risk, and what is lost."""
     cut, known = summary.cut_off, {name: element for name, element in risk.places.items() if element is not None}
     if len(known) < len(risk.places):
-        why = sentences.without_slides(summary) or "No slide that has come to its end counts in the estimate so far."
+        why = without_slides(summary) or "No slide that has come to its end counts in the estimate so far."
         yield paragraph(f"How likely a slide reaches {', '.join(risk.places)} is not known. {why}", "note")
         return
     level = f"{summary.level:.0%} interval" + (f" of what {cut.t_end:g} s show" if cut.at_t_end else "")
     heads = ["element", "probability of being reached", level, "arrival, s", "thickness, m", "speed, m/s"]
-    yield table([*heads, "expected loss", level], [[name, *_element(each, cut.t_end)] for name, each in known.items()])
+    yield table(
+        [*heads, "expected loss", level],
+        [[name, *sentences.element_row(each, cut.t_end)] for name, each in known.items()],
+    )
     yield paragraph("Arrival, thickness and speed are means of the largest values over the slides that arrive.")
     whole = risk.loss
     if not whole:
@@ -207,22 +190,6 @@ def risks(summary: Summary, risk: Risk) -> Iterator[str]:
         + (f"; {modes}. " if modes else ". ")
         + (f"The samples with the largest shares are {most}." if most else "")
     )
-
-
-def _element(element: Element, t_end: float) -> list[Cell]:
-    """Row of an element at risk."""
-    reached, arrival, loss = element.reached, element.arrival, element.loss
-    when = f"not within {t_end:g} s"
-    if arrival:
-        when = f"{sentences.at_least(arrival.mean, arrival.at_least)} ({sentences.interval(arrival)})"
-    return [
-        _or_least(reached.probability, reached.at_least),
-        sentences.limits(reached.interval),
-        when,
-        *(_or_least(each.mean, each.at_least) if each else None for each in (element.thickness, element.speed)),
-        _or_least(loss.expected, loss.at_least) if loss else None,
-        sentences.limits(loss.interval) if loss else None,
-    ]
 
 
 def best_fits(results: Results) -> Iterator[str]:
@@ -251,8 +218,8 @@ def run_table(results: Results) -> str:
         statuses = ", ".join(_ended(results.summary, *each) for each in results.summary.status[grid].items())
         rows.append([f"{grid} grid", f"{statuses or 'none'}; {duration(results.summary.seconds[grid])} of runs"])
         rows.append([f"{grid} grid", results.ground.grids[grid].numerics])
-        for number in of.numbers[-1:]:
-            last = read_sample(results.store, grid, number)
+        if of.numbers:
+            last = read_sample(results.store, grid, of.numbers[-1])
             versions = ", ".join(f"{name} {version}" for name, version in last.versions.items())
             made[grid] = f"{last.dtype} on {last.device}; {versions}"
     rows += [
@@ -271,6 +238,111 @@ def _ended(summary: Summary, status: str, count: int) -> str:
     return f"{count} FINISHED (at its end time{', not settled' if summary.settle else ''})"
 
 
-def _or_least(value: float, is_least: bool) -> str | float:
-    """A number of a table, in words where slides would have gone on."""
-    return sentences.at_least(value, is_least) if is_least else value
+def without_slides(summary: Summary) -> str:
+    """Why nothing is known of what slides do; empty where some have come to their end."""
+    if summary.consequences_of_failures.get("depth"):
+        return ""
+    if not summary.failures_refined:
+        return "No refined run has failed, so there is no slide."
+    if not summary.slides_drawn:
+        return f"No consequence was asked for: {NOT_ASKED}, and refined runs end once they have failed."
+    return "No slide has come to its end yet."
+
+
+def finished(summary: Summary) -> str:
+    """Whether the campaign has ended, and why."""
+    return f"The campaign has ended: {summary.finished}." if summary.finished else "The campaign has not ended yet."
+
+
+def in_slopes(chance: float) -> str:
+    """A probability as a count of slopes; empty at 0 and 1."""
+    if not 0 < chance < 1:
+        return ""
+    many = f": {chance * 100:.0f} in 100 such slopes"
+    return many if chance > 0.095 else f": one in {float(f'{1 / chance:.2g}'):.0f} such slopes"
+
+
+def reach(results: Results) -> str:
+    """Run-out of one slope in ten, a hundred or a thousand, the rarest that the runs show; else empty."""
+    curve, estimate = results.summary.exceedance.get("runout"), results.summary.estimate
+    many = next((many for many in (10, 100, 1000) if estimate.probability > 1.2 / many), None)
+    if not curve or many is None:
+        return ""
+    reached = [at for at, chance in zip(curve.thresholds, curve.probability, strict=True) if chance >= 1 / many]
+    unit = sentences.units(results)["runout"]
+    return f"One slope in {many} slides to {reached[-1]:.3g} {unit} or farther." if reached else ""
+
+
+def failing_soil(results: Results) -> str:
+    """Whose displacement decides."""
+    volume, unit = results.summary.least_volume, "m3" if results.ground.dimension == 3 else "m2"
+    return "soil" if volume is None else f"at least {volume:g} {unit} of soil"
+
+
+def document(title: str, parts: Iterable[str]) -> str:
+    """The page.
+
+    Args:
+        title: of the window.
+        parts: HTML made by the other functions of this module.
+    """
+    body = "\n".join(parts)
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f'<link rel="icon" href="data:,">\n<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n'
+        f"<body>\n{body}\n</body>\n</html>\n"
+    )
+
+
+def heading(text: str, level: int = 2) -> str:
+    """A heading; level 1 is the page's own."""
+    return f"<h{level}>{escape(text)}</h{level}>"
+
+
+def paragraph(text: str, kind: str | None = None) -> str:
+    """A paragraph, nothing for empty text.
+
+    Args:
+        text: of the paragraph.
+        kind: a class of the style sheet, "note" for warnings.
+    """
+    return f"<p{_class(kind)}>{escape(text)}</p>" if text else ""
+
+
+def headline(before: str, strong: str, after: str) -> str:
+    """A sentence with its number large."""
+    return f'<p class="answer">{escape(before)} <strong>{escape(strong)}</strong> {escape(after)}</p>'
+
+
+def preformatted(text: str) -> str:
+    """Text with its own line ends."""
+    return f"<pre>{escape(text)}</pre>"
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[Cell]]) -> str:
+    """A table, without a head where `head` is empty."""
+    rows, names = list(rows), [escape(name) for name in head]
+    heads: list[str | None] = [*names] or [None] * max(map(len, rows), default=0)
+    lines = "".join(f"<tr>{''.join(map(_cell, row, heads))}</tr>\n" for row in rows)
+    # The head of a column of numbers stands on the right too.
+    numeric = [bool(rows) and not any(isinstance(row[at], str) for row in rows) for at in range(len(names))]
+    shown = "".join(
+        f'<th scope="col"{_class("number" if right else None)}>{name}</th>'
+        for name, right in zip(names, numeric, strict=True)
+    )
+    top = f"<thead><tr>{shown}</tr></thead>\n" if shown else ""
+    return f"<table{_class('rows' if shown else None)}>\n{top}<tbody>\n{lines}</tbody>\n</table>"
+
+
+def _cell(value: Cell, head: str | None) -> str:
+    name = "" if head is None else f' data-head="{head}"'
+    if isinstance(value, str):
+        return f"<td{name}>{escape(value)}</td>"
+    text = "–" if value is None else number(value) if isinstance(value, float) else f"{value}"
+    return f'<td class="number"{name}>{text}</td>'
+
+
+def _class(kind: str | None) -> str:
+    return f' class="{kind}"' if kind else ""

@@ -1,16 +1,18 @@
-"""Numbers of a campaign in sentences, for the terminal and for the page."""
+"""Numbers of a campaign in sentences and rows of tables, for the terminal and for the page."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from cooperative.effects import ModeShare
-from cooperative.estimate import NOT_ASKED, Fits
+from cooperative.estimate import Fits
 from cooperative.folder import Results
-from cooperative.reporting._html import number
-from cooperative.risk import Spread
+from cooperative.risk import Element, Spread
 from cooperative.summary import Summary
 from foundation.text import printable
+
+Cell = str | float | int | None
+"""Of a table: numbers stand on the right, None is a dash."""
 
 
 def words(results: Results) -> str:
@@ -75,17 +77,6 @@ def cut_off(summary: Summary) -> str:
     return f" These are least values: {cut.at_t_end} of {cut.of} slides had not come to rest at {cut.t_end:g} s."
 
 
-def without_slides(summary: Summary) -> str:
-    """Why nothing is known of what slides do; empty where some have come to their end."""
-    if summary.consequences_of_failures.get("depth"):
-        return ""
-    if not summary.failures_refined:
-        return "No refined run has failed, so there is no slide."
-    if not summary.slides_drawn:
-        return f"No consequence was asked for: {NOT_ASKED}, and refined runs end once they have failed."
-    return "No slide has come to its end yet."
-
-
 def unseen(summary: Summary) -> str:
     """How much of the interval allows for samples that were not refined; empty where no part of it does."""
     if summary.sampling_interval is None or not summary.unseen:
@@ -113,11 +104,6 @@ def more(summary: Summary) -> str:
     return f"{first}; all {left} samples that are left, to {after.all_samples:.1%}."
 
 
-def finished(summary: Summary) -> str:
-    """Whether the campaign has ended, and why."""
-    return f"The campaign has ended: {summary.finished}." if summary.finished else "The campaign has not ended yet."
-
-
 def agreement(summary: Summary) -> str:
     """How well the grids agree."""
     grids = summary.grids
@@ -139,25 +125,6 @@ def broken(summary: Summary) -> list[str]:
         for grid, runs in summary.broke_off.items()
         for number, why in runs.items()
     ]
-
-
-def in_slopes(chance: float) -> str:
-    """A probability as a count of slopes; empty at 0 and 1."""
-    if not 0 < chance < 1:
-        return ""
-    many = f": {chance * 100:.0f} in 100 such slopes"
-    return many if chance > 0.095 else f": one in {float(f'{1 / chance:.2g}'):.0f} such slopes"
-
-
-def reach(results: Results) -> str:
-    """Run-out of one slope in ten, a hundred or a thousand, the rarest that the runs show; else empty."""
-    curve, estimate = results.summary.exceedance.get("runout"), results.summary.estimate
-    many = next((many for many in (10, 100, 1000) if estimate.probability > 1.2 / many), None)
-    if not curve or many is None:
-        return ""
-    reached = [at for at, chance in zip(curve.thresholds, curve.probability, strict=True) if chance >= 1 / many]
-    unit = units(results)["runout"]
-    return f"One slope in {many} slides to {reached[-1]:.3g} {unit} or farther." if reached else ""
 
 
 def distinct(results: Results) -> dict[str, dict[str, Fits]]:
@@ -200,7 +167,43 @@ def units(results: Results) -> dict[str, str]:
     }
 
 
-def failing_soil(results: Results) -> str:
-    """Whose displacement decides."""
-    volume, unit = results.summary.least_volume, "m3" if results.ground.dimension == 3 else "m2"
-    return "soil" if volume is None else f"at least {volume:g} {unit} of soil"
+def number(value: float) -> str:
+    """Four significant figures: 0.1234, 42,560."""
+    return f"{float(f'{value:.4g}'):,.0f}" if 1e4 <= abs(value) < 1e12 else f"{value:.4g}"
+
+
+def consequences(results: Results) -> list[list[Cell]]:
+    """Rows of the consequences of slides: name, unit, mean, interval, smallest and largest."""
+    return [
+        [
+            name,
+            units(results)[name],
+            _or_least(spread.mean, spread.at_least),
+            interval(spread),
+            spread.smallest,
+            _or_least(spread.largest, spread.at_least),
+        ]
+        for name, spread in results.summary.consequences_of_failures.items()
+        if spread and name in labels(results)
+    ]
+
+
+def element_row(element: Element, t_end: float) -> list[Cell]:
+    """Cells of an element at risk, behind its name."""
+    reached, arrival, loss = element.reached, element.arrival, element.loss
+    when = f"not within {t_end:g} s"
+    if arrival:
+        when = f"{at_least(arrival.mean, arrival.at_least)} ({interval(arrival)})"
+    return [
+        _or_least(reached.probability, reached.at_least),
+        limits(reached.interval),
+        when,
+        *(_or_least(each.mean, each.at_least) if each else None for each in (element.thickness, element.speed)),
+        _or_least(loss.expected, loss.at_least) if loss else None,
+        limits(loss.interval) if loss else None,
+    ]
+
+
+def _or_least(value: float, is_least: bool) -> str | float:
+    """A number of a table, in words where slides would have gone on."""
+    return at_least(value, is_least) if is_least else value

@@ -20,7 +20,7 @@ from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_s
 from benchmarks.robustness import hostile_files, invented, lives
 from cooperative import campaign
 from cooperative.__main__ import main
-from cooperative.reporting import _composition, _exports, _html, _interactive, _plots
+from cooperative.reporting import _composition, _exports, _interactive, _plots
 from cooperative.store import DamagedFile, read_sample, read_store
 from tests import ROOT
 
@@ -179,7 +179,7 @@ def quick(monkeypatch):
     monkeypatch.setattr(_composition, "_slopes", lambda *_: [])
     monkeypatch.setattr(_plots, "save", lambda *_: None)
     monkeypatch.setattr(_plots, "lay_out", lambda _: None)
-    monkeypatch.setattr(_html, "_inlined", lambda _: "")
+    monkeypatch.setattr(_interactive, "_inlined", lambda _: "")
     monkeypatch.setattr(_interactive, "installed", lambda: False)
     monkeypatch.setattr(_exports, "_series_of_fields", lambda store, *_: store.folder)
 

@@ -304,15 +304,15 @@ def test_a_campaign_without_slides_says_that_no_consequence_was_asked_for():
     found = summarise(campaign, rough, refined)
     assert found.notes[0].startswith("the scene asks for no slides (slides = 0): the 30 refined failures ended")
     assert (found.slides, found.slides_drawn, found.failures_refined) == (0, 0, 30)
-    assert words.without_slides(found).startswith("No consequence was asked for")
+    assert _page.without_slides(found).startswith("No consequence was asked for")
     assert "of 200 samples. Failures that ended once their class was known share one rank." in words.agreement(found)
     three = summarise(*drawn_classes(3))
     assert three.notes[0].startswith("3 of 30 refined failures slid on")
-    assert (three.slides_drawn, words.without_slides(three)) == (3, "")
+    assert (three.slides_drawn, _page.without_slides(three)) == (3, "")
     # Drawn, and not yet at their end.
     campaign, rough, refined = drawn_classes(3)
     refined.columns["status"][refined.columns["status"] == "SETTLED"] = "DECIDED"
-    assert words.without_slides(summarise(campaign, rough, refined)) == "No slide has come to its end yet."
+    assert _page.without_slides(summarise(campaign, rough, refined)) == "No slide has come to its end yet."
 
 
 def five_slides(status="SETTLED", *, slid=5, reached=2):

@@ -12,7 +12,6 @@ from cooperative.estimate import Chances, Exceedance, fit_distributions, severit
 from cooperative.hazard import Maps
 from cooperative.measure import ColumnPlan
 from cooperative.reporting import _charts as charts
-from cooperative.reporting import _html as html
 from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import _plots as plots
 from cooperative.summary import Convergence
@@ -82,7 +81,7 @@ def test_every_figure_is_drawn_with_units(name, tmp_path):
 def test_a_figure_on_the_page_is_an_element_of_its_own(name):
     figure = FIGURES[name]()
     plots.lay_out(figure)
-    shown = html.figure(plots.Drawn("this", "What it shows & how.", figure))
+    shown = interactive.figure(plots.Drawn("this", "What it shows & how.", figure))
     drawing = ElementTree.fromstring(shown).find(".//{*}svg")
     assert drawing.get("aria-labelledby") == "of-this"
     assert all(each.get("id", "of-this").startswith(("this-", "of-this")) for each in drawing.iter())

@@ -23,12 +23,11 @@ from cooperative.folder import models_of, read_results
 from cooperative.hazard import hazard_maps
 from cooperative.reporting import _bodies as bodies
 from cooperative.reporting import _composition as composition
-from cooperative.reporting import _html as html
 from cooperative.reporting import _interactive as interactive
+from cooperative.reporting import _page as html
 from cooperative.reporting import _plots as plots
 from cooperative.reporting import report, write_table
 from cooperative.reporting._exports import export, export_sample
-from cooperative.reporting._sentences import in_slopes
 from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, sample_path, write_sample
 from cooperative.summary import Summary
@@ -345,7 +344,7 @@ def test_no_slides_and_bad_numbers_of_slides(done, capsys):
      (0.05, ": one in 20 such slopes"), (0.0012, ": one in 830 such slopes"), (1e-6, ": one in 1000000 such slopes")],
 )  # fmt: skip
 def test_probabilities_are_counted_in_slopes(chance, said):
-    assert in_slopes(chance) == said
+    assert html.in_slopes(chance) == said
 
 
 def test_bodies_go_with_their_soil():
