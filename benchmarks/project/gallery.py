@@ -20,7 +20,6 @@ from benchmarks.measure import ROOT
 from cooperative.folder import models_of
 from cooperative.reporting import _plots as plots
 from cooperative.reporting import panels
-from cooperative.reporting._quantities import quantity
 from cooperative.runs import coefficients_of, cost_of, ground_of, soil_of
 from cooperative.scene import Campaign, begin, parse, read_scene
 from cooperative.sweep import variants
@@ -118,7 +117,7 @@ def picture(campaign: Campaign) -> Figure:
     plane = plots.plane_at(ground.grids["refined"], ground.middle)
     position, half = plots.section_of(ground.grids["refined"], plane)
     name = next(iter(campaign.random))
-    drawn = quantity(name)
+    drawn = plots.quantity(name)
     values = soil_of(model, coefficients_of(campaign, model.soil)[0]).values[name][plane] / drawn.size
     length, height = np.ptp(position, axis=1)
     figure, (ax,) = panels(1, size=(4.8, 3.8 * height / length + 0.6))

@@ -11,13 +11,7 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-from scipy.spatial import Delaunay, QhullError, cKDTree
-
-NEAR = 1.5
-"""Radius, in spacings, of the largest circle without a particle that is drawn as soil."""
-
-TORN = 2.0
-"""Distance, in spacings, by which neighbours move apart before soil is drawn as torn."""
+from scipy.spatial import cKDTree
 
 MOST_FACES = 10_000
 """Of a skin: a report holds several, each at several times."""
@@ -61,59 +55,6 @@ class Moving:
     corners: np.ndarray
     moved: np.ndarray
     times: Sequence[float]
-
-
-def moved_boxes(position: np.ndarray, displacement: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """Corners (N, 4, 2) of the boxes of particles that moved from a lattice.
-
-    A corner goes with the mean displacement of the particles that met there, so that soil which stretches has no cracks
-    in it; particles that have moved apart by more than `TORN` of their spacings do not hold each other's corners.
-
-    Args:
-        position: (2, N) m.
-        displacement: (2, N) m.
-        half: half the spacing (2,) m.
-    """
-    index = np.rint((position - position.min(axis=1, keepdims=True)) / (2 * half[:, None])).astype(int) + 1
-    number = np.full(index.max(axis=1) + 2, -1)
-    number[tuple(index)] = np.arange(position.shape[1])
-    # Where several stand in one cell there is no lattice to tell who meets whom.
-    lattice = bool((number[tuple(index)] == np.arange(position.shape[1])).all())
-    corners = []
-    for side in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
-        total, count = displacement.astype(float), np.ones(position.shape[1])
-        for step in ((side[0], 0), (0, side[1]), side) if lattice else ():
-            other = number[tuple(index + np.array(step)[:, None])]
-            apart = displacement[:, other] - displacement
-            meets = (other >= 0) & (np.linalg.norm(apart, axis=0) < TORN * 2 * half.max())
-            total, count = total + np.where(meets, displacement[:, other], 0.0), count + meets
-        corners.append((position + np.array(side)[:, None] * half[:, None] + total / count).T)
-    return np.stack(corners, axis=1)
-
-
-def soil_between(position: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """Triangles of neighbouring particles with soil between them.
-
-    Those of the Delaunay triangulation whose circumcircle has a radius of at most `NEAR` spacings (the alpha shape of
-    Edelsbrunner, Kirkpatrick and Seidel 1983, doi:10.1109/TIT.1983.1056714).
-
-    Args:
-        position: (2, N) m, where the particles are.
-        half: half the spacing (2,) m.
-
-    Returns:
-        Triangles (m, 3); none where the particles lie on a line.
-    """
-    try:
-        triangles = Delaunay(position.T).simplices
-    except QhullError:
-        return np.zeros((0, 3), int)
-    corners = position.T[triangles]
-    sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
-    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    twice = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-    # Radius: the product of the sides by four times the area.
-    return triangles[sides.prod(axis=1) <= 2 * twice * NEAR * 2 * half.max()]
 
 
 def skin(position: np.ndarray, size: np.ndarray | Sequence[float], *, most: int = MOST_FACES) -> Skin:

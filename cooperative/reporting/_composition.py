@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from cooperative import runs
 from cooperative.estimate import Estimator, Exceedance
@@ -17,8 +18,8 @@ from cooperative.reporting import _charts as charts
 from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import _plots as plots
 from cooperative.reporting import _sentences as sentences
+from cooperative.reporting._interactive import Drawn
 from cooperative.reporting._page import page
-from cooperative.reporting._plots import Drawn
 from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, Sample, own_folder, read_sample, write_aside
 from jaxmpm import solve_each
@@ -179,16 +180,16 @@ def _slopes(results: Results, slides: int, again: bool, estimator: Estimator | N
     for number in numbers[:slides]:
         sample, soil = samples[number], soils[grid, number]
         shown = moments(model, sample) if model else stored_moments(sample, soil)
-        yield from plots.drawn_slide(ground, grid, sample, soil, shown)
+        yield from drawn_slide(ground, grid, sample, soil, shown)
         if ground.dimension == 3 and shown.times:
             of, displacement = ground.grids[grid], np.stack(shown.displacement)
             body = bodies.moving(np.asarray(of.position, float), displacement, shown.times, of.half_size)
-            caption = f"{plots.title(sample)}: the ground with its soil, coloured by displacement."
+            caption = f"{title(sample)}: the ground with its soil, coloured by displacement."
             yield Drawn(f"body-{number:06d}", caption, bodies.picture(body), partial(interactive.turning, body))
     first = samples[numbers[0]]
     if {"displacement", "plastic_strain"} <= first.fields.keys():
-        yield plots.drawn_change(ground, grid, first)
-    yield from plots.drawn_fields(ground, first, {each: soils[each, numbers[0]] for each in GRIDS})
+        yield drawn_change(ground, grid, first)
+    yield from drawn_fields(ground, first, {each: soils[each, numbers[0]] for each in GRIDS})
 
 
 def stored_moments(sample: Sample, soil: runs.SampleSoil) -> runs.Frames:
@@ -225,3 +226,84 @@ def moments(model: runs.GridModel, sample: Sample) -> runs.Frames:
             times.append(end)
             displacements.append(np.asarray(result.state.displacement))
     return runs.Frames(tuple(times), tuple(displacements))
+
+
+def drawn_fields(ground: runs.StoredGround, sample: Sample, soils: Mapping[str, runs.SampleSoil]) -> Iterator[Drawn]:
+    """The random fields of one sample on both grids, a picture for each parameter.
+
+    Args:
+        ground: of the campaign.
+        sample: whose fields are drawn.
+        soils: of the sample, by grid.
+    """
+    planes = {grid: _plane(ground, grid, sample) for grid in soils}
+    sections = {grid: plots.section_of(ground.grids[grid], plane) for grid, plane in planes.items()}
+    for number, name in enumerate(ground.random):
+        seen = {grid: soil.values[name][planes[grid]] for grid, soil in soils.items()}
+        caption = f"Sample {sample.number}: the same random field of {_word(name)} on both grids."
+        if ground.bottoms is not None and len(ground.bottoms):
+            caption += " Lines: lower boundaries of the layers."
+        figure = plots.parameter_fields(name, sections, seen)
+        for ax, (grid, plane) in zip(figure.axes, planes.items(), strict=False):
+            _draw_outline(ax, ground, float(ground.grids[grid].position[1, plane].mean()))
+        yield Drawn(f"field-{name}" if number else "field", caption, figure)
+
+
+def _draw_outline(ax: Axes, ground: runs.StoredGround, y: float) -> None:
+    """Lower boundaries of layers, and walls along x, in a section at y (m)."""
+    for x, z in ground.boundaries(y):
+        ax.plot(x, z, color="k", lw=0.8)
+    for axis, position, hold in ground.walls:
+        if axis == 0:
+            ax.axvline(position, color="k", lw=1.5, ls="--" if hold == "roller" else "-")
+
+
+def drawn_change(ground: runs.StoredGround, grid: str, sample: Sample) -> Drawn:
+    """One sample's section before and after, by the stored plastic strain."""
+    plane = _plane(ground, grid, sample)
+    section, half = plots.section_of(ground.grids[grid], plane)
+    moved, strain = sample.fields["displacement"][[0, -1]][:, plane], sample.fields["plastic_strain"][plane]
+    caption = f"Sample {sample.number} before and after its slide, by plastic strain."
+    return Drawn("slope", caption, plots.before_and_after(section, moved, strain, half))
+
+
+def drawn_slide(
+    ground: runs.StoredGround, grid: str, sample: Sample, soil: runs.SampleSoil, shown: runs.Frames
+) -> Iterator[Drawn]:
+    """A sample's strength and slide at several times, in 3D from above too; nothing where no moment is known."""
+    if not shown.times:
+        return
+    displacement, plane = np.stack(shown.displacement), _plane(ground, grid, sample)
+    name, of = ground.random[0], ground.grids[grid]
+    seen = displacement[:, [0, -1]][:, :, plane]
+    where = " Section where it moved farthest." if ground.dimension == 3 else ""
+    yield Drawn(
+        f"slide-{sample.number:06d}",
+        f"{title(sample)}: {_word(name)} and slide.{where}",
+        plots.slide(plots.section_of(of, plane), name, soil.values[name][plane], seen, shown.times),
+    )
+    if ground.dimension == 3:
+        toe = None if ground.face is None else ground.face.toe_x
+        yield Drawn(
+            f"plan-{sample.number:06d}",
+            f"{title(sample)}, by how far the soil on top has moved, from above.",
+            plots.plan(np.asarray(of.position, float), displacement, shown.times, of.half_size, toe=toe),
+        )
+
+
+def title(sample: Sample) -> str:
+    """Number and failure mode of a sample."""
+    mode = sample.row.get("mode")
+    return f"Sample {sample.number}" + ("" if mode in (None, "none") else f", {mode}")
+
+
+def _word(name: str) -> str:
+    return "strength" if name == "strength" else plots.quantity(name).word
+
+
+def _plane(ground: runs.StoredGround, grid: str, sample: Sample) -> np.ndarray:
+    """Particles (N,) of the section to draw: all of them in 2D, in 3D the slice that moved farthest."""
+    of, moved = ground.grids[grid], sample.fields.get("displacement")
+    if ground.dimension == 3 and moved is not None and moved.shape == of.position.shape:
+        return plots.plane_at(of, float(of.position[1, np.argmax(np.linalg.norm(moved, axis=0))]))
+    return plots.plane_at(of, ground.middle)

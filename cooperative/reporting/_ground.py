@@ -23,7 +23,6 @@ from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import _page as page
 from cooperative.reporting import _plots as plots
 from cooperative.reporting._bodies import skin
-from cooperative.reporting._quantities import quantity
 from cooperative.runs import GridModel, coefficients_of, ground_of, soil_of
 from cooperative.scene import Campaign
 from cooperative.store import write_aside
@@ -78,7 +77,7 @@ def solid(models: dict[str, GridModel], values: Values) -> str:
     """A page that turns: the ground by its layers, and one random field on every grid, the first."""
     campaign = models["refined"].campaign
     name = next(iter(campaign.random))
-    drawn = quantity(name)
+    drawn = plots.quantity(name)
     field = {grid: each[name] / drawn.size for grid, each in values.items()}
     low, high = _ends(field)
     scale: dict[str, Any] = {
@@ -219,7 +218,7 @@ def ground(models: dict[str, GridModel], values: Values) -> Figure:
         _map(figure, axes[0], fine, stored.middle)
     _layers(axes[int(mapped)], fine, planes["refined"], sections["refined"], stored.middle)
     name = next(iter(fine.campaign.random))
-    drawn = quantity(name)
+    drawn = plots.quantity(name)
     shown_values = {grid: each[name][planes[grid]] / drawn.size for grid, each in values.items()}
     norm = Normalize(*_ends(shown_values))
     shown = list(axes[1 + mapped :])

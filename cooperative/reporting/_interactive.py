@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from html import escape
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import numpy as np
+from matplotlib.figure import Figure as Picture
 
 from cooperative.estimate import Exceedance
 from cooperative.hazard import ARRIVAL, THICKNESS, Maps
@@ -20,7 +22,6 @@ from cooperative.reporting._charts import GREY, REFINED, ROUGH, SERIES, mapped, 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure, Mesh3d
 
-    from cooperative.reporting._plots import Drawn
 
 Stairs = Mapping[str, tuple[np.ndarray, ...]]
 """Curves by name: thresholds, values and their limits (n,) each."""
@@ -31,6 +32,23 @@ HIGH, ACROSS = 320, 3
 """Height of a panel (pixels), and panels beside each other."""
 WIDE, DPI = 7.5, 120
 """Width from which a figure stands alone (inch), and the resolution of particles and maps within one."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A figure of a report.
+
+    Args:
+        name: of its file.
+        caption: what it shows, in sentences.
+        figure: as matplotlib draws it.
+        interactive: makes the same figure in Plotly, None where there is none.
+    """
+
+    name: str
+    caption: str
+    figure: Picture
+    interactive: Callable[[], Figure] | None = None
 
 
 def installed() -> bool:

@@ -10,7 +10,7 @@ from cooperative.estimate import ENOUGH, NOT_ASKED, after_more_runs
 from cooperative.folder import Results
 from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import _sentences as sentences
-from cooperative.reporting._plots import Drawn
+from cooperative.reporting._interactive import Drawn
 from cooperative.reporting._sentences import Cell, number
 from cooperative.risk import Risk
 from cooperative.store import GRIDS, read_sample

@@ -6,10 +6,9 @@ perceptually even for all kinds of colour vision (viridis, cividis). Figures of 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import colormaps
@@ -17,36 +16,67 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from scipy.spatial import Delaunay, QhullError
 
-from cooperative.reporting._bodies import moved_boxes, soil_between
 from cooperative.reporting._charts import panels
-from cooperative.reporting._quantities import quantity
-from cooperative.runs import Frames, SampleSoil, StoredGrid, StoredGround
-from cooperative.store import Sample
+from cooperative.runs import StoredGrid
 from foundation import files
-
-if TYPE_CHECKING:
-    import plotly.graph_objects as plotly
 
 Section = tuple[np.ndarray, np.ndarray]
 """Positions (2, N) as x and z (m), and half the particle spacing (2,) m."""
 
 
+NEAR = 1.5
+"""Radius, in spacings, of the largest circle without a particle that is drawn as soil."""
+
+TORN = 2.0
+"""Distance, in spacings, by which neighbours move apart before soil is drawn as torn."""
+
+
 @dataclass(frozen=True)
-class Drawn:
-    """A figure of a report.
+class Quantity:
+    """How a parameter of soil is drawn.
 
     Args:
-        name: of its file.
-        caption: what it shows, in sentences.
-        figure: as matplotlib draws it.
-        interactive: makes the same figure in Plotly, None where there is none.
+        word: its name in plain words.
+        symbol: in the mathematics of matplotlib.
+        unit: of its scale.
+        size: of that unit, in SI units or degrees.
     """
 
-    name: str
-    caption: str
-    figure: Figure
-    interactive: Callable[[], plotly.Figure] | None = None
+    word: str
+    symbol: str
+    unit: str
+    size: float = 1.0
+
+    @property
+    def label(self) -> str:
+        """Label of its scale."""
+        return f"{self.word} {self.symbol} [{self.unit}]"
+
+
+QUANTITIES = {
+    "strength": Quantity("undrained strength", "$S_u$", "kPa", 1e3),
+    "strength_ratio": Quantity("undrained strength over effective vertical stress", r"$S_u/\sigma'_v$", "-"),
+    "cohesion": Quantity("cohesion", "$c$", "kPa", 1e3),
+    "friction": Quantity("friction angle", r"$\varphi$", "degrees"),
+    "dilation": Quantity("dilation angle", r"$\psi$", "degrees"),
+    "young": Quantity("Young's modulus", "$E$", "MPa", 1e6),
+    "poisson": Quantity("Poisson's ratio", r"$\nu$", "-"),
+    "unit_weight": Quantity("unit weight", r"$\gamma$", "kN/m3", 1e3),
+    "softening_modulus": Quantity("softening modulus", "$H$", "kPa", 1e3),
+    "residual_cohesion": Quantity("residual cohesion", "$c_r$", "kPa", 1e3),
+    "residual_friction": Quantity("residual friction angle", r"$\varphi_r$", "degrees"),
+    "residual_ratio": Quantity("residual over peak strength", "$r$", "-"),
+    "strain_95": Quantity("plastic strain of 95 % of the loss", r"$\gamma_{95}$", "-"),
+    "softening_strain": Quantity("plastic strain of the loss", r"$\gamma_r$", "-"),
+    "rate_coefficient": Quantity("rise of strength per tenfold rate", r"$\mu$", "-"),
+}
+
+
+def quantity(name: str) -> Quantity:
+    """How a parameter is drawn; one that a law of the user's own has, by its name and in its own unit."""
+    return QUANTITIES.get(name, Quantity(name.replace("_", " "), "", "in its own unit"))
 
 
 def parameter_fields(name: str, sections: Mapping[str, Section], fields: Mapping[str, np.ndarray]) -> Figure:
@@ -234,91 +264,65 @@ def draw_particles(
     return boxes
 
 
+def moved_boxes(position: np.ndarray, displacement: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """Corners (N, 4, 2) of the boxes of particles that moved from a lattice.
+
+    A corner goes with the mean displacement of the particles that met there, so that soil which stretches has no cracks
+    in it; particles that have moved apart by more than `TORN` of their spacings do not hold each other's corners.
+
+    Args:
+        position: (2, N) m.
+        displacement: (2, N) m.
+        half: half the spacing (2,) m.
+    """
+    index = np.rint((position - position.min(axis=1, keepdims=True)) / (2 * half[:, None])).astype(int) + 1
+    number = np.full(index.max(axis=1) + 2, -1)
+    number[tuple(index)] = np.arange(position.shape[1])
+    # Where several stand in one cell there is no lattice to tell who meets whom.
+    lattice = bool((number[tuple(index)] == np.arange(position.shape[1])).all())
+    corners = []
+    for side in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
+        total, count = displacement.astype(float), np.ones(position.shape[1])
+        for step in ((side[0], 0), (0, side[1]), side) if lattice else ():
+            other = number[tuple(index + np.array(step)[:, None])]
+            apart = displacement[:, other] - displacement
+            meets = (other >= 0) & (np.linalg.norm(apart, axis=0) < TORN * 2 * half.max())
+            total, count = total + np.where(meets, displacement[:, other], 0.0), count + meets
+        corners.append((position + np.array(side)[:, None] * half[:, None] + total / count).T)
+    return np.stack(corners, axis=1)
+
+
+def soil_between(position: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """Triangles of neighbouring particles with soil between them.
+
+    Those of the Delaunay triangulation whose circumcircle has a radius of at most `NEAR` spacings (the alpha shape of
+    Edelsbrunner, Kirkpatrick and Seidel 1983, doi:10.1109/TIT.1983.1056714).
+
+    Args:
+        position: (2, N) m, where the particles are.
+        half: half the spacing (2,) m.
+
+    Returns:
+        Triangles (m, 3); none where the particles lie on a line.
+    """
+    try:
+        triangles = Delaunay(position.T).simplices
+    except QhullError:
+        return np.zeros((0, 3), int)
+    corners = position.T[triangles]
+    sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    twice = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    # Radius: the product of the sides by four times the area.
+    return triangles[sides.prod(axis=1) <= 2 * twice * NEAR * 2 * half.max()]
+
+
 def _share_limits(axes: Sequence[Axes]) -> None:
     """Show the same piece of ground in every panel."""
     for limits, give in (("get_xlim", "set_xlim"), ("get_ylim", "set_ylim")):
         ends = np.array([getattr(ax, limits)() for ax in axes])
         for ax in axes:
             getattr(ax, give)(float(ends[:, 0].min()), float(ends[:, 1].max()))
-
-
-def drawn_fields(ground: StoredGround, sample: Sample, soils: Mapping[str, SampleSoil]) -> Iterator[Drawn]:
-    """The random fields of one sample on both grids, a picture for each parameter.
-
-    Args:
-        ground: of the campaign.
-        sample: whose fields are drawn.
-        soils: of the sample, by grid.
-    """
-    planes = {grid: _plane(ground, grid, sample) for grid in soils}
-    sections = {grid: section_of(ground.grids[grid], plane) for grid, plane in planes.items()}
-    for number, name in enumerate(ground.random):
-        seen = {grid: soil.values[name][planes[grid]] for grid, soil in soils.items()}
-        caption = f"Sample {sample.number}: the same random field of {_word(name)} on both grids."
-        if ground.bottoms is not None and len(ground.bottoms):
-            caption += " Lines: lower boundaries of the layers."
-        figure = parameter_fields(name, sections, seen)
-        for ax, (grid, plane) in zip(figure.axes, planes.items(), strict=False):
-            _draw_outline(ax, ground, float(ground.grids[grid].position[1, plane].mean()))
-        yield Drawn(f"field-{name}" if number else "field", caption, figure)
-
-
-def _draw_outline(ax: Axes, ground: StoredGround, y: float) -> None:
-    """Lower boundaries of layers, and walls along x, in a section at y (m)."""
-    for x, z in ground.boundaries(y):
-        ax.plot(x, z, color="k", lw=0.8)
-    for axis, position, hold in ground.walls:
-        if axis == 0:
-            ax.axvline(position, color="k", lw=1.5, ls="--" if hold == "roller" else "-")
-
-
-def drawn_change(ground: StoredGround, grid: str, sample: Sample) -> Drawn:
-    """One sample's section before and after, by the stored plastic strain."""
-    plane = _plane(ground, grid, sample)
-    section, half = section_of(ground.grids[grid], plane)
-    moved, strain = sample.fields["displacement"][[0, -1]][:, plane], sample.fields["plastic_strain"][plane]
-    caption = f"Sample {sample.number} before and after its slide, by plastic strain."
-    return Drawn("slope", caption, before_and_after(section, moved, strain, half))
-
-
-def drawn_slide(ground: StoredGround, grid: str, sample: Sample, soil: SampleSoil, shown: Frames) -> Iterator[Drawn]:
-    """A sample's strength and slide at several times, in 3D from above too; nothing where no moment is known."""
-    if not shown.times:
-        return
-    displacement, plane = np.stack(shown.displacement), _plane(ground, grid, sample)
-    name, of = ground.random[0], ground.grids[grid]
-    seen = displacement[:, [0, -1]][:, :, plane]
-    where = " Section where it moved farthest." if ground.dimension == 3 else ""
-    yield Drawn(
-        f"slide-{sample.number:06d}",
-        f"{title(sample)}: {_word(name)} and slide.{where}",
-        slide(section_of(of, plane), name, soil.values[name][plane], seen, shown.times),
-    )
-    if ground.dimension == 3:
-        toe = None if ground.face is None else ground.face.toe_x
-        yield Drawn(
-            f"plan-{sample.number:06d}",
-            f"{title(sample)}, by how far the soil on top has moved, from above.",
-            plan(np.asarray(of.position, float), displacement, shown.times, of.half_size, toe=toe),
-        )
-
-
-def title(sample: Sample) -> str:
-    """Number and failure mode of a sample."""
-    mode = sample.row.get("mode")
-    return f"Sample {sample.number}" + ("" if mode in (None, "none") else f", {mode}")
-
-
-def _word(name: str) -> str:
-    return "strength" if name == "strength" else quantity(name).word
-
-
-def _plane(ground: StoredGround, grid: str, sample: Sample) -> np.ndarray:
-    """Particles (N,) of the section to draw: all of them in 2D, in 3D the slice that moved farthest."""
-    of, moved = ground.grids[grid], sample.fields.get("displacement")
-    if ground.dimension == 3 and moved is not None and moved.shape == of.position.shape:
-        return plane_at(of, float(of.position[1, np.argmax(np.linalg.norm(moved, axis=0))]))
-    return plane_at(of, ground.middle)
 
 
 def plane_at(grid: StoredGrid, centre: float) -> np.ndarray:

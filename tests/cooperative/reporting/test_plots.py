@@ -81,7 +81,7 @@ def test_every_figure_is_drawn_with_units(name, tmp_path):
 def test_a_figure_on_the_page_is_an_element_of_its_own(name):
     figure = FIGURES[name]()
     plots.lay_out(figure)
-    shown = interactive.figure(plots.Drawn("this", "What it shows & how.", figure))
+    shown = interactive.figure(interactive.Drawn("this", "What it shows & how.", figure))
     drawing = ElementTree.fromstring(shown).find(".//{*}svg")
     assert drawing.get("aria-labelledby") == "of-this"
     assert all(each.get("id", "of-this").startswith(("this-", "of-this")) for each in drawing.iter())

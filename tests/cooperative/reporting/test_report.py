@@ -329,7 +329,7 @@ def test_slides_are_drawn_from_their_frames_and_without_them_from_their_end(done
     (only,) = composition.stored_moments(replace(sample, fields=ends), soil).times
     assert only == shown.times[-1]
     none = composition.stored_moments(replace(sample, fields={}), soil)
-    assert list(plots.drawn_slide(runs.ground_of(models), "refined", sample, soil, none)) == []
+    assert list(composition.drawn_slide(runs.ground_of(models), "refined", sample, soil, none)) == []
 
 
 def test_no_slides_and_bad_numbers_of_slides(done, capsys):
