@@ -45,7 +45,7 @@ from .store import (
     read_sample,
     read_store,
 )
-from .summary import Summary
+from .values import Summary
 
 __version__: str
 __all__ = [

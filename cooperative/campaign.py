@@ -29,7 +29,8 @@ from cooperative.store import (
     restart_path,
     write_sample,
 )
-from cooperative.summary import Summary, summary_of
+from cooperative.summary import summary_of
+from cooperative.values import Summary
 
 
 def run(

@@ -17,7 +17,8 @@ from cooperative.estimate import Estimator
 from cooperative.measure import SEVERITY
 from cooperative.scene import Campaign, Given, campaign_of
 from cooperative.store import GRIDS, Rows, Store, read_sample, read_store
-from cooperative.summary import Summary, summarise
+from cooperative.summary import summarise
+from cooperative.values import Summary
 from foundation import files
 
 SLIDES = 3

@@ -2,226 +2,25 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter
 
-from cooperative.agreement import agreement_of
-from cooperative.effects import ModeShare, effects_of
-from cooperative.estimate import (
-    Correlation,
-    Estimate,
-    Exceedance,
-    Fits,
-    Phases,
-    Severity,
-    Slides,
-    after_more_runs,
-)
-from cooperative.notes import notes_of
-from cooperative.risk import CutOff, Risk, Spread
+from cooperative.effects import effects_of
+from cooperative.estimate import Correlation, Phases, Slides, after_more_runs, correlation
+from cooperative.measure import EDGE
 from cooperative.runs import phases_of
-from cooperative.scene import Budget, Calibration, Campaign, LimitLoad
+from cooperative.scene import Campaign
 from cooperative.store import Rows
+from cooperative.values import Convergence, CutOff, MoreRuns, OtherEstimate, StandsFor, Summary
+
+__all__ = ["Summary", "slides_of", "summarise", "summary_of", "walls_reached"]
 
 NOT_BROKEN = ("FINISHED", "SETTLED", "DECIDED")
 MORE = 50
 """Further refined runs whose effect is given, or fewer where fewer are left."""
-
-
-@dataclass(frozen=True)
-class OtherEstimate:
-    """Probability of failure by another estimator from the same runs.
-
-    Args:
-        probability: P_f.
-        interval: its confidence limits.
-    """
-
-    probability: float
-    interval: tuple[float, float]
-
-
-@dataclass(frozen=True)
-class MoreRuns:
-    """What further refined runs would buy.
-
-    Args:
-        runs: so many as the budget and the samples leave, at most `MORE`.
-        coefficient_of_variation: after these runs, and after all samples; None where the runs do not tell, or the
-            estimator takes no more.
-        samples_left: not run refined yet, None while the first phase is not complete.
-        all_samples: after these runs, and after all samples; None where the runs do not tell, or the estimator takes no
-            more.
-    """
-
-    runs: int
-    coefficient_of_variation: float | None
-    samples_left: int | None
-    all_samples: float | None
-
-
-@dataclass(frozen=True)
-class Convergence:
-    """The estimate as refined runs came in.
-
-    Args:
-        refined_runs: number of them (k,).
-        probability: P_f (k,).
-        low: lower confidence limits (k,).
-        high: upper confidence limits (k,).
-    """
-
-    refined_runs: tuple[int, ...]
-    probability: tuple[float, ...]
-    low: tuple[float, ...]
-    high: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class StandsFor:
-    """A refined run in the estimate.
-
-    Args:
-        failed: None where it broke off before it could tell.
-        weight: the share of all samples that it stands for.
-        slide_weight: the same for what slides did.
-    """
-
-    failed: bool | None
-    weight: float
-    slide_weight: float
-
-
-@dataclass(frozen=True)
-class Summary:
-    """A campaign in numbers.
-
-    Args:
-        name: of the campaign.
-        probability_of_failure: by the `estimator`, with its confidence limits, the interval, at `level` and its
-            coefficient_of_variation, None at 0.
-        interval: its confidence limits.
-        level: of all intervals.
-        estimator: its name.
-        coefficient_of_variation: of the estimate, None at 0.
-        unseen: as in `Estimate`.
-        sampling_interval: as in `Estimate`.
-        finished: why no further run is asked for, None where some are.
-        after_more_runs: what these would buy.
-        other_estimates: by estimator.
-        convergence: the estimate as refined runs came in.
-        samples: on the rough grid.
-        failures_rough: on the rough grid.
-        refined_runs: on the refined grid.
-        failures_refined: on the refined grid.
-        slides: failures that slid on to their end;
-        slides_drawn: that there are in the end, as far as is known.
-        calibration: as measured before the first run, None where not asked for.
-        limit_load: as measured before the first run, None where not asked for.
-        grids: how well the rough grid tells the refined one, None without any spread.
-        modes: by name, None where the rows have none.
-        status: count of runs by how they ended, of each grid.
-        broke_off: by grid and sample, why and at which step.
-        cut_off: slides that had not come to rest.
-        consequences_of_failures: by name, None where no slide has it.
-        exceedance: by consequence.
-        risk: of the elements at risk, None without any.
-        fits: by group ("all" or a mode) and consequence.
-        severity: modes by the median of each consequence, most severe first.
-        seconds: of all runs of each grid (s).
-        refined_runs_allowed: where the folder allows more than the scene.
-        notes: what a reader must know, in words.
-        estimate_runs: as in `Estimate`, whose refined_runs are the first, None for no limit.
-        audit_variance: as in `Estimate`, whose refined_runs are the first, None for no limit.
-        freedom: as in `Estimate`, whose refined_runs are the first, None for no limit.
-        planned_samples: on the rough grid in the end. failure_displacement (m), least_volume (m3, in a section m2; None
-            for any particle): from which on a slope fails.
-        failure_displacement: beyond which a slope fails (m).
-        least_volume: of soil that has to move so far (m3, in a section m2), None for any particle.
-        settle: whether a run ends once it has settled.
-        slide_weights: by sample, what each slide stands for.
-        stands_for: by sample, what each refined run does.
-    """
-
-    name: str
-    probability_of_failure: float
-    interval: tuple[float, float]
-    level: float
-    estimator: str
-    coefficient_of_variation: float | None
-    unseen: float
-    sampling_interval: tuple[float, float] | None
-    finished: str | None
-    after_more_runs: MoreRuns
-    other_estimates: Mapping[str, OtherEstimate]
-    convergence: Convergence
-    samples: int
-    failures_rough: int
-    refined_runs: int
-    failures_refined: int
-    slides: int
-    slides_drawn: int
-    calibration: Calibration | None
-    limit_load: LimitLoad | None
-    grids: Correlation | None
-    modes: Mapping[str, ModeShare] | None
-    status: Mapping[str, Mapping[str, int]]
-    broke_off: Mapping[str, Mapping[int, str]]
-    cut_off: CutOff
-    consequences_of_failures: Mapping[str, Spread | None]
-    exceedance: Mapping[str, Exceedance]
-    risk: Risk | None
-    fits: Mapping[str, Mapping[str, Fits]]
-    severity: Mapping[str, tuple[Severity, ...]]
-    seconds: Mapping[str, float]
-    refined_runs_allowed: Budget | None
-    notes: tuple[str, ...]
-    estimate_runs: int
-    audit_variance: float
-    freedom: float | None
-    planned_samples: int
-    failure_displacement: float
-    least_volume: float | None
-    settle: bool
-    slide_weights: Mapping[int, float]
-    stands_for: Mapping[int, StandsFor]
-
-    @property
-    def estimate(self) -> Estimate:
-        """The probability of failure as the estimator gave it, without its notes."""
-        return Estimate(
-            self.probability_of_failure,
-            self.interval,
-            np.inf if self.coefficient_of_variation is None else self.coefficient_of_variation,
-            self.estimate_runs,
-            self.estimator,
-            self.level,
-            audit_variance=self.audit_variance,
-            unseen=self.unseen,
-            sampling_interval=self.sampling_interval,
-            freedom=np.inf if self.freedom is None else self.freedom,
-        )
-
-    def as_json(self) -> dict[str, Any]:
-        """Its fields as JSON has them, which `from_json` reads: a number that is not finite is null."""
-        fields: dict[str, Any] = json.loads(_SUMMARY.dump_json(self))
-        if self.calibration is not None:
-            fields["calibration"]["factor"] = self.calibration.factor
-        return fields
-
-    @classmethod
-    def from_json(cls, text: str | bytes) -> Summary:
-        """A summary from the JSON of `as_json`, without keys that are no field. Raises ValueError for anything else."""
-        return _SUMMARY.validate_json(text, strict=True)
-
-
-_SUMMARY = TypeAdapter(Summary)
+NEAR_FAILURE = 0.2
+"""Share of the failure displacement from which a standing slope is close to failure."""
 
 
 def summarise(campaign: Campaign, rough: Rows, refined: Rows) -> Summary:
@@ -341,3 +140,110 @@ def _broken(rows: Rows) -> dict[int, str]:
 
 def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
+
+
+def agreement_of(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -> Correlation | None:
+    """How well the grids agree, over all runs that have a class on both, by their weights in the audit.
+
+    Failures that ended before the end of their slide count too.
+
+    Args:
+        campaign: whose rows these are.
+        phases: results of both phases.
+        rough: rows of the rough grid.
+        refined: rows of the refined grid.
+    """
+    weights, classes = phases.weights, {n: phases.answer(*result) for n, result in rough.results.items()}
+    # A rough sample may lack while its damaged file waits to be redone.
+    both = [number for number in refined.numbers if weights[number] > 0 and classes.get(number) is not None]
+    if not both:
+        return None
+    return correlation(
+        _as_far_as_known(rough, both),
+        _as_far_as_known(refined, both),
+        np.array([weights[number] for number in both]),
+        failure_displacement=campaign.run.failure_displacement,
+    )
+
+
+def _as_far_as_known(rows: Rows, numbers: list[int]) -> np.ndarray:
+    """Largest displacement of these samples (n,) m.
+
+    Runs that ended once they had failed, or broke off, would have moved farther, so nothing tells which of those beyond
+    the least of them moved farthest: they are all alike.
+    """
+    at = np.isin(rows.numbers, numbers)
+    moved, cut = rows.columns["displacement"][at], (~rows.ended | rows.columns["broke_off"].astype(bool))[at]
+    return np.minimum(moved, moved[cut].min(initial=np.inf))
+
+
+def notes_of(
+    campaign: Campaign, phases: Phases, rough: Rows, refined: Rows, slides: Slides, cut: CutOff
+) -> tuple[str, ...]:
+    """Sentences on what limits the numbers of a summary.
+
+    Args:
+        campaign: whose rows these are.
+        phases: results of both phases.
+        rough: rows of the rough grid.
+        refined: rows of the refined grid.
+        slides: which failures slid.
+        cut: slides that had not come to rest.
+    """
+    notes, run, load = [], campaign.run, campaign.measured.limit_load
+    if load is not None:
+        notes.append(
+            f"a slope fails when {campaign.least_volume or 'any soil'} moves {load.displacement:g} m, the displacement "
+            f"of median soil at its limit load (factor of safety {load.factor:.3f})"
+        )
+    notes += [*phases.estimate.notes, *walls_reached(rough, refined)]
+    if campaign.raised is not None:
+        allowed = campaign.raised
+        notes.append(f"the folder allows {allowed.refined_runs} refined runs, the scene {allowed.scene}")
+    notes += slides.notes
+    if cut.at_t_end:
+        how = "had not come to rest" if run.settle else "were not looked at for rest (settle = false)"
+        notes.append(
+            f"{cut.at_t_end} of {cut.of} slides {how} when they ended at {cut.t_end:g} s, so their "
+            "consequences are least values. A later [run] slides_t_end lets slides run on"
+        )
+    if cut.broke_off:
+        notes.append(
+            f"{cut.broke_off} of {cut.of} slides broke off. Their displacement is a least value, and they have no "
+            "part in the other consequences"
+        )
+    stands = np.array([phases.answers[number] is False for number in refined.numbers], bool)
+    displacement, status = refined.columns.get("displacement", np.zeros(0)), refined.columns["status"]
+    moving = stands & (status == "FINISHED")
+    if run.settle is not None and moving.any():
+        notes.append(
+            f"{moving.sum()} of {stands.sum()} refined runs that stand had not settled at t_end = {run.t_end:g} "
+            f"s; the farthest had moved {displacement[moving].max():.2g} m. They may fail later"
+        )
+    near = stands & (status == "SETTLED") & (displacement > NEAR_FAILURE * run.failure_displacement)
+    if load is None and near.any():
+        notes.append(
+            f"{near.sum()} of {stands.sum()} refined runs that stand settled after {displacement[near].max():.2g} m, "
+            f"more than {NEAR_FAILURE:g} of the {run.failure_displacement:g} m of a failure: such a slope can creep on "
+            "and fail later. [run] settle = false runs every sample to t_end"
+        )
+    return tuple(notes)
+
+
+def walls_reached(rough: Rows, refined: Rows) -> list[str]:
+    """Name the walls that slides have reached, on the refined grid or, where nothing slid on it, the rough one.
+
+    Args:
+        rough: rows of the rough grid.
+        refined: rows of the refined grid.
+    """
+    for grid, rows in (("refined", refined), ("rough", rough)):
+        reached = [wall for walls in rows.columns.get("walls", ()) for wall in str(walls).split("; ") if wall]
+        if reached:
+            return [
+                f"the slide reached {wall if wall == EDGE else f'the wall at {wall}'}, which held it, in {count} "
+                f"{grid} run{'s' if count > 1 else ''}: "
+                f"{'draw it farther out' if wall == EDGE else 'lengthen the ground'} there"
+                for wall, count in sorted(Counter(reached).items())
+            ]
+    return []

@@ -33,7 +33,8 @@ from cooperative.runs import check_size, heeding, phases_of, release_programs, r
 from cooperative.scene import parse, settled, source_of, stored_measured, to_toml
 from cooperative.scene import tables as known
 from cooperative.store import CAMPAIGN, GRIDS, Rows, Source, read_store, stored_source, write_aside
-from cooperative.summary import Summary, summarise
+from cooperative.summary import summarise
+from cooperative.values import Summary
 
 SWEEP = "sweep.toml"
 LENGTHS = ("lx", "ly", "lz")

@@ -22,6 +22,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
 
 from cooperative.estimate._estimates import Estimate, effective_size, quantile, wilson_interval, wilson_limits
 
@@ -104,7 +106,7 @@ def mean_interval(values: np.ndarray, weight: np.ndarray, *, level: float = 0.95
     if variance == 0:
         return mean, mean
     freedom = max(variance**2 / float(parts @ parts) - 1, LEAST_FREEDOM)
-    half = float(quantile(level, np.array(freedom))) * np.sqrt(variance) / mean
+    half = float(student.ppf(0.5 + level / 2, freedom)) * np.sqrt(variance) / mean
     return mean * float(np.exp(-half)), mean * float(np.exp(half))
 
 
@@ -256,7 +258,7 @@ def _share_limits(share: np.ndarray, does: np.ndarray, level: float) -> tuple[np
     ratio = np.where(every, 1.0, np.minimum(share @ does, 1.0))
     low, _ = _limits_of_ratio(ratio, ratio, share, does, level)
     # Of what all slides did, the standard deviation by Jeffreys' prior.
-    apart = quantile(level, np.array(np.inf)) * float(share @ share) / math.sqrt(2)
+    apart = norm.ppf(0.5 + level / 2) * float(share @ share) / math.sqrt(2)
     low = np.where(every, max(1 - float(apart), 0.0), low)
     whole = 1 + share.max()
     with_one_more = np.append(share, share.max()) / whole, np.vstack([does, np.ones(does.shape[1])])

@@ -12,10 +12,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cooperative.effects import ModeShare
 from cooperative.estimate import Chances, Exceedance, Fits, Severity
 from cooperative.hazard import ARRIVAL, REACHED, THICKNESS, Maps
-from cooperative.summary import Convergence
+from cooperative.values import Convergence, ModeShare
 
 ROUGH, REFINED, FAILED, GREY = "#0072B2", "#D55E00", "#CC79A7", "#5A5A5A"
 SERIES = (ROUGH, REFINED, FAILED, "#009E73", "#56B4E9", GREY)

@@ -14,7 +14,7 @@ from cooperative.reporting._map_files import LIMITS, key, maps_path, middle, req
 from cooperative.reporting._tables import tables_of
 from cooperative.runs import StoredGround
 from cooperative.store import Store, read_sample
-from cooperative.summary import Summary
+from cooperative.values import Summary
 from foundation.files import aside
 
 if TYPE_CHECKING:

@@ -12,9 +12,8 @@ from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import _sentences as sentences
 from cooperative.reporting._interactive import Drawn
 from cooperative.reporting._sentences import Cell, number
-from cooperative.risk import Risk
 from cooperative.store import GRIDS, read_sample
-from cooperative.summary import OtherEstimate, Summary
+from cooperative.values import OtherEstimate, Risk, Summary
 from foundation.text import duration, short
 
 STYLE = Path(__file__).with_name("_page.css").read_text(encoding="utf-8")

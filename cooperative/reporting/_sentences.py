@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from cooperative.effects import ModeShare
 from cooperative.estimate import Fits
 from cooperative.folder import Results
-from cooperative.risk import Element, Spread
-from cooperative.summary import Summary
+from cooperative.values import Element, ModeShare, Spread, Summary
 from foundation.text import printable
 
 Cell = str | float | int | None

@@ -15,7 +15,7 @@ from cooperative.folder import known_summary, stored_ground
 from cooperative.runs import StoredGround, rows_reader, samples_of
 from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, Rows, Store, fill_sample, read_sample
-from cooperative.summary import Summary
+from cooperative.values import Summary
 from foundation import files, hdf5
 
 

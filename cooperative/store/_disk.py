@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cooperative.store._opened import package_versions
-from cooperative.store._samples import GRIDS, SLIDES, Record, Rows, Sample, Store, rows_of
+from cooperative.store._samples import GRIDS, SLIDES, Record, Rows, Sample, Store
 from foundation import files, hdf5
 from foundation.files import DamagedFile, set_aside
 from foundation.hdf5 import Scalar
@@ -143,6 +143,26 @@ def read_rows(
                     warnings.warn(f"{error}: set aside, the sample is run again", stacklevel=2)
                     set_aside(path)
     return rows_of(list(records.values()), tuple(damaged))
+
+
+def rows_of(samples: list[Record], damaged: tuple[str, ...] = ()) -> Rows:
+    """The table of these samples."""
+    samples = sorted(samples, key=lambda sample: sample.number)
+    columns = {
+        "sample": np.array([sample.number for sample in samples], dtype=int),
+        "status": np.array([sample.status for sample in samples], dtype=str),
+        "steps": np.array([sample.steps for sample in samples], dtype=int),
+        "seconds": np.array([sample.seconds for sample in samples], dtype=float),
+    }
+    for name in sorted({name for sample in samples for name in sample.row} - columns.keys()):
+        columns[name] = _column([sample.row.get(name) for sample in samples])
+    return Rows(columns, damaged)
+
+
+def _column(values: list[Scalar | None]) -> np.ndarray:
+    if any(isinstance(value, str) for value in values):
+        return np.array(["" if value is None else str(value) for value in values])
+    return np.array([np.nan if value is None else value for value in values])
 
 
 def reader(

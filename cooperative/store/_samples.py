@@ -113,23 +113,3 @@ class Rows:
         """Sample -> its largest displacement (m), and whether the run broke off."""
         columns = (self.columns.get(name, np.zeros(0)) for name in ("displacement", "broke_off"))
         return {n: (float(u), bool(b)) for n, u, b in zip(self.numbers, *columns, strict=True)}
-
-
-def rows_of(samples: list[Record], damaged: tuple[str, ...] = ()) -> Rows:
-    """The table of these samples."""
-    samples = sorted(samples, key=lambda sample: sample.number)
-    columns = {
-        "sample": np.array([sample.number for sample in samples], dtype=int),
-        "status": np.array([sample.status for sample in samples], dtype=str),
-        "steps": np.array([sample.steps for sample in samples], dtype=int),
-        "seconds": np.array([sample.seconds for sample in samples], dtype=float),
-    }
-    for name in sorted({name for sample in samples for name in sample.row} - columns.keys()):
-        columns[name] = _column([sample.row.get(name) for sample in samples])
-    return Rows(columns, damaged)
-
-
-def _column(values: list[Scalar | None]) -> np.ndarray:
-    if any(isinstance(value, str) for value in values):
-        return np.array(["" if value is None else str(value) for value in values])
-    return np.array([np.nan if value is None else value for value in values])

@@ -9,18 +9,16 @@ import re
 import pytest
 
 import cooperative
-import cooperative.agreement
 import cooperative.doctor
 import cooperative.effects
 import cooperative.estimate
 import cooperative.hazard
 import cooperative.measure
-import cooperative.notes
 import cooperative.reporting
 import cooperative.research.back_analysis
 import cooperative.research.rare
-import cooperative.risk
 import cooperative.summary
+import cooperative.values
 import foundation.check
 import foundation.deprecated
 import foundation.files
@@ -101,8 +99,7 @@ def test_documented_names_exist(name, text, known):
 BY_MODULE = (
     *(jaxmpm.diagnostics, jaxmpm.objectives, jaxmpm.tensors, kl.plots),
     *(foundation.check, foundation.deprecated, foundation.files, foundation.hdf5, foundation.pytrees, foundation.text),
-    *(cooperative.agreement, cooperative.doctor, cooperative.effects, cooperative.hazard),
-    *(cooperative.notes, cooperative.risk, cooperative.summary),
+    *(cooperative.doctor, cooperative.effects, cooperative.hazard, cooperative.summary, cooperative.values),
     *(cooperative.research.back_analysis, cooperative.research.rare),
 )
 LISTED = [

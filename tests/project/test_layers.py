@@ -18,7 +18,7 @@ ROOMS = {
     ),
     "kl": "types axis marginal sampling field soil plots",
     "cooperative": (
-        "store measure estimate scene runs risk effects notes agreement summary folder hazard campaign reporting sweep "
+        "store measure estimate scene runs values effects summary folder hazard campaign reporting sweep "
         "research doctor"
     ),
 }

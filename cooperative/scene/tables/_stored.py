@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 from annotated_types import Ge, Interval
-from pydantic import ConfigDict, Strict
+from pydantic import ConfigDict, Strict, computed_field
 from pydantic import model_validator as validates
 from pydantic.dataclasses import dataclass
 
@@ -27,6 +27,7 @@ class Calibration:
         """A summary has the factor beside them."""
         return {name: each for name, each in given.items() if name != "factor"} if isinstance(given, dict) else given
 
+    @computed_field  # type: ignore[prop-decorator]
     @property
     def factor(self) -> float:
         """Refined over rough factor of safety."""

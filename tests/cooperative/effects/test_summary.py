@@ -11,14 +11,13 @@ from hypothesis import strategies as st
 from scipy.stats import spearmanr
 
 from cooperative.estimate import named_estimator
-from cooperative.notes import walls_reached
 from cooperative.reporting import _page
 from cooperative.reporting import _sentences as words
-from cooperative.risk import CutOff, Risk
 from cooperative.runs import phases_of
 from cooperative.scene import Budget, Calibration, LimitLoad, parse
 from cooperative.store import Rows
-from cooperative.summary import Summary, slides_of, summarise
+from cooperative.summary import Summary, slides_of, summarise, walls_reached
+from cooperative.values import CutOff, Risk
 from tests.cooperative.campaign.test_campaign import TINY
 from tests.cooperative.effects.test_places import HAZARD
 from tests.cooperative.estimate.test_twophase import pair

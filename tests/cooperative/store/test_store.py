@@ -34,8 +34,7 @@ from cooperative.store import (
     write_aside,
     write_sample,
 )
-from cooperative.store._disk import read_file
-from cooperative.store._samples import rows_of
+from cooperative.store._disk import read_file, rows_of
 from foundation import files
 from tests import ROOT
 
