@@ -11,7 +11,7 @@ import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +22,7 @@ from jax.typing import ArrayLike, DTypeLike
 from foundation.text import shown
 
 Values: TypeAlias = ArrayLike | Sequence[float]
+Elements = TypeVar("Elements", Array, np.ndarray, float)
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Limit:
     below: float | None = None
     unit: str = ""
 
-    def holds(self, value: Any) -> Any:
+    def holds(self, value: Elements) -> Elements:
         """Whether each element of an array, of NumPy or JAX, is within the limit; False for NaN."""
         good = abs(value) < math.inf
         good = good if self.above is None else good & (value > self.above)
@@ -225,7 +226,7 @@ def whole(name: str, value: object, least: int = 1) -> None:
         raise ValueError(f"{name} = {shown(value)}: give a whole number of {least} or more")
 
 
-def parameters(tree: Any, prefix: str = "") -> Iterator[tuple[str, Limit, Any]]:
+def parameters(tree: object, prefix: str = "") -> Iterator[tuple[str, Limit, Array]]:
     """Name, limit and value of every number in a dataclass and in those nested in it.
 
     A class declares limits of its fields in PARAMETERS; all other fields may have any finite value. Static fields and
@@ -238,7 +239,7 @@ def parameters(tree: Any, prefix: str = "") -> Iterator[tuple[str, Limit, Any]]:
     Yields:
         Name with a dot for each level, limit, and value.
     """
-    for field in dataclasses.fields(tree):
+    for field in dataclasses.fields(tree):  # type: ignore[arg-type]
         value = getattr(tree, field.name)
         if field.metadata.get("static") or value is None:
             continue
@@ -253,7 +254,7 @@ def parameters(tree: Any, prefix: str = "") -> Iterator[tuple[str, Limit, Any]]:
                 yield prefix + field.name, limit, leaf
 
 
-def within_limits(tree: Any) -> None:
+def within_limits(tree: object) -> None:
     """Check that every number in a dataclass, and in those nested in it, is within its limit.
 
     Args:
@@ -266,7 +267,7 @@ def within_limits(tree: Any) -> None:
         within(name, value, limit)
 
 
-def admissible(tree: Any) -> Array:
+def admissible(tree: object) -> Array:
     """Check on the device that every number in a dataclass, and in those nested in it, is within its limit.
 
     Args:

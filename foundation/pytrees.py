@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 from typing import Any, TypeVar
 from weakref import WeakSet
 
@@ -34,18 +35,18 @@ def pytree(cls: Class) -> Class:
     static = [f.name for f in fields if f.metadata.get("static") and f.name not in absent]
     leaves = [f.name for f in fields if not f.metadata.get("static")]
 
-    def structure(value: Any) -> tuple[Any, ...]:
+    def structure(value: object) -> tuple[object, ...]:
         present = ((name, getattr(value, name)) for name in absent)
         there = ((name, held) for name, held in present if held != absent[name])
         return (cls, *(getattr(value, name) for name in static), *there)
 
-    def flatten(value: Any) -> tuple[list[Any], tuple[Any, ...]]:
+    def flatten(value: object) -> tuple[list[object], tuple[object, ...]]:
         return [getattr(value, name) for name in leaves], structure(value)
 
-    def flatten_with_keys(value: Any) -> tuple[list[Any], tuple[Any, ...]]:
+    def flatten_with_keys(value: object) -> tuple[list[tuple[object, object]], tuple[object, ...]]:
         return [(jax.tree_util.GetAttrKey(name), getattr(value, name)) for name in leaves], structure(value)
 
-    def unflatten(known: tuple[Any, ...], children: Any) -> Any:
+    def unflatten(known: tuple[Any, ...], children: Iterable[object]) -> object:
         always, there = known[1 : 1 + len(static)], dict(known[1 + len(static) :])
         own = absent | there | dict(zip(static, always, strict=True))
         return cls(**own, **dict(zip(leaves, children, strict=True)))

@@ -17,6 +17,7 @@ import h5py
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from foundation import check, hdf5
 from foundation.text import shown
@@ -43,7 +44,7 @@ COLUMNS = {
 Fields = Mapping[str, np.ndarray]
 
 
-def save_state(path: str | Path, state: State, *, about: Mapping[str, Any] | None = None) -> None:
+def save_state(path: str | Path, state: State, *, about: Mapping[str, object] | None = None) -> None:
     """Write a restart point, whole or not at all: every leaf of a state bit for bit.
 
     Args:
@@ -227,7 +228,7 @@ def _fields_of(scene: Scene, state: State) -> dict[str, np.ndarray]:
     return {name: np.asarray(values) for name, values in (fields | history).items()}
 
 
-def _named(tree: Any) -> dict[str, Any]:
+def _named(tree: object) -> dict[str, Array]:
     """Leaves of a pytree by their path in it ("history" or "history.x"), in the order of its flattening."""
     paths, _ = jax.tree_util.tree_flatten_with_path(tree)
     return {jax.tree_util.keystr(path, simple=True, separator="."): leaf for path, leaf in paths}

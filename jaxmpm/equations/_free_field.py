@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import jax.numpy as jnp
 from jax import Array
@@ -13,19 +12,27 @@ from jaxmpm.equations._nodes import Beyond, move_grid, particles_to_grid
 from jaxmpm.equations._stress import acting_stress
 from jaxmpm.types import Scene, State
 
-SHARED = (
-    *("gravity", "motion", "body_force", "damping", "flip", "scheme", "engine"),
-    *("fbar", "cell_average", "finite_strain"),
-)
-"""Fields of the scene that the columns of its free field share."""
-
 
 def beyond_ends(scene: Scene, state: State) -> list[tuple[Scene, State]]:
     """Columns of the free field with their states, at the scene's time and under its motion."""
     assert scene.free_field is not None
     assert state.free_field is not None
-    shared: dict[str, Any] = {name: getattr(scene, name) for name in SHARED}
-    columns = (replace(column, **shared) for column in (scene.free_field.low, scene.free_field.high))
+    columns = (
+        replace(
+            column,
+            gravity=scene.gravity,
+            motion=scene.motion,
+            body_force=scene.body_force,
+            damping=scene.damping,
+            flip=scene.flip,
+            scheme=scene.scheme,
+            engine=scene.engine,
+            fbar=scene.fbar,
+            cell_average=scene.cell_average,
+            finite_strain=scene.finite_strain,
+        )
+        for column in (scene.free_field.low, scene.free_field.high)
+    )
     return [(column, replace(own, step=state.step)) for column, own in zip(columns, state.free_field, strict=True)]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -75,7 +75,7 @@ class Ground(Protocol):
 
 
 def build_ground(
-    ground: Ground, layers: Sequence[Layer], discretisation: Discretisation, **loads: Any
+    ground: Ground, layers: Sequence[Layer], discretisation: Discretisation, **loads: object
 ) -> tuple[Scene, State]:
     """Call the ground's own `build` for layers.
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from foundation import files
 from foundation.text import shown
+
+if TYPE_CHECKING:
+    from ezdxf.document import Drawing
 
 MOST_BYTES = {"csv": 1_000_000, "dxf": 2**25}
 """Largest size (bytes) of a file of points, and of a drawing."""
@@ -110,7 +113,7 @@ def _polyline(path: Path, layer: str | None) -> list[list[float]]:
     return _flat(path, np.array(list(_vertices(path, lines[0])), float).reshape(-1, 3))
 
 
-def _drawing(path: Path) -> Any:
+def _drawing(path: Path) -> Drawing:
     try:
         import ezdxf
     except ImportError as error:

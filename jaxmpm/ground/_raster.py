@@ -6,12 +6,15 @@ import re
 import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from foundation import check, files
 from foundation.text import shown
+
+if TYPE_CHECKING:
+    from rasterio.io import DatasetReader
 
 MOST_BYTES = 2**28
 """Largest size (bytes) of a file of heights."""
@@ -263,7 +266,7 @@ def _geotiff(path: Path) -> Raster:
         raise ValueError(f"{path} cannot be read as a GeoTIFF: {shown(str(error))}") from error
 
 
-def _heights(path: Path, file: Any) -> Raster:
+def _heights(path: Path, file: DatasetReader) -> Raster:
     """The raster of an open GeoTIFF."""
     if file.count != 1 or np.dtype(file.dtypes[0]).kind not in "iuf":
         raise ValueError(

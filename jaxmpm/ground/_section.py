@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -302,8 +303,8 @@ def section(
     state = settled(built, state) if at_rest else state
     if ends != "free field":
         return built, state
-    loads = {"gravity": gravity, "r_u": r_u, "k_h": towards * k_h, "k_v": k_v, "at_rest": at_rest}
-    return with_free_field(built, state, *_columns_beyond(shape, layers, tops, table, discretisation, loads))
+    column = partial(section, ends="tied", gravity=gravity, r_u=r_u, k_h=towards * k_h, k_v=k_v, at_rest=at_rest)
+    return with_free_field(built, state, *_columns_beyond(shape, layers, tops, table, discretisation, column))
 
 
 def _columns_beyond(
@@ -312,13 +313,13 @@ def _columns_beyond(
     tops: Sequence[Height],
     table: WaterTable | None,
     discretisation: Discretisation,
-    loads: dict[str, Any],
+    column: Callable[..., tuple[Scene, State]],
 ) -> Iterator[tuple[Scene, State]]:
     """Scenes and states of columns of the level ground beyond both walls, the low one first."""
     for wall in shape.outline().walls:
         ground, here = _level_ground(wall, layers, tops, discretisation)
         water = None if table is None else float(np.interp(wall, table.x, table.z))
-        yield section(ground, here, discretisation, ends="tied", water=water, **loads)
+        yield column(ground, here, discretisation, water=water)
 
 
 def _level_ground(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self, TypeVar
 
 import jax.numpy as jnp
 from jax import Array
@@ -12,6 +12,8 @@ from foundation.check import Limit, above_zero
 from jaxmpm.grid import Particles
 from jaxmpm.laws._parameter import with_strength_divided
 from jaxmpm.protocols import History, Material
+
+Kind = TypeVar("Kind", bound=Material)
 
 MODULI = {"bulk": above_zero("Pa"), "shear": above_zero("Pa")}
 
@@ -33,10 +35,9 @@ class Law:
         cls.PARAMETERS = {**MODULI, **cls.PARAMETERS}
 
     @property
-    def p_wave_modulus(self) -> Array:
+    def p_wave_modulus(self: Material) -> Array:
         """K + 4G/3 (Pa)."""
-        law: Any = self
-        return law.bulk + 4 * law.shear / 3
+        return self.bulk + 4 * self.shear / 3
 
     @property
     def steepest_softening(self) -> Array | None:
@@ -52,7 +53,7 @@ class Law:
         return with_strength_divided(self, factor)
 
 
-def reduce_strength(material: Material, factor: Array) -> Any:
+def reduce_strength(material: Kind, factor: Array) -> Kind:
     """Divide a law's peak and residual strength, tan(phi) included, by a factor: the strength reduction method.
 
     Args:

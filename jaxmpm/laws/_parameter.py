@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import singledispatch
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax.numpy as jnp
 from jax import Array
+from jax.typing import ArrayLike
 
 from foundation import check
 from foundation.check import Limit
+
+Law = TypeVar("Law")
 
 ROUNDING = 1e-5
 """Largest excess of a residual over its peak, as a share, that counts as rounding."""
@@ -60,11 +63,11 @@ class Declared(NamedTuple):
 
     path: str
     parameter: Parameter
-    value: Any
+    value: Array
 
 
 @singledispatch
-def declared(law: Any) -> dict[str, Declared]:
+def declared(law: object) -> dict[str, Declared]:
     """The numbers of a law by the engineer's name; those declared as no `Parameter` by their path.
 
     Args:
@@ -81,7 +84,7 @@ def declared(law: Any) -> dict[str, Declared]:
 
 
 @singledispatch
-def with_parameters(law: Any, values: Mapping[str, Any]) -> Any:
+def with_parameters(law: Any, values: Mapping[str, ArrayLike]) -> Any:
     """A law with other values of its numbers.
 
     Args:
@@ -98,7 +101,7 @@ def with_parameters(law: Any, values: Mapping[str, Any]) -> Any:
     return replace(law, **own)
 
 
-def has_strength(law: Any) -> bool:
+def has_strength(law: object) -> bool:
     """Whether strength reduction divides a number of a law.
 
     Args:
@@ -110,7 +113,7 @@ def has_strength(law: Any) -> bool:
     return any(each.parameter.reduced for each in declared(law).values())
 
 
-def with_strength_divided(law: Any, factor: Array) -> Any:
+def with_strength_divided(law: Law, factor: Array) -> Law:
     """A law with its strength divided by a factor, as its numbers declare it.
 
     Args:
@@ -138,7 +141,7 @@ def with_strength_divided(law: Any, factor: Array) -> Any:
     return with_parameters(law, {known[name].path: value for name, value in {**strength, **lowered}.items()})
 
 
-def hardens(law: Any) -> Array | None:
+def hardens(law: object) -> Array | None:
     """Whether a residual strength of a law exceeds its peak anywhere by more than rounding.
 
     Args:
@@ -158,7 +161,7 @@ def hardens(law: Any) -> Array | None:
     return jnp.any(jnp.stack([jnp.any(residual > peak * (1 + ROUNDING)) for residual, peak in pairs]))
 
 
-def excesses(law: Any) -> dict[str, Array]:
+def excesses(law: object) -> dict[str, Array]:
     """Largest excess of each number over the one that limits it, strengths left out.
 
     Args:

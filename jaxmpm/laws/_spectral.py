@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -104,9 +104,9 @@ def _isotropic(
 def _isotropic_jvp(
     function: Callable[..., tuple[Array, ...]],
     present: tuple[int, ...],
-    primals: tuple[Any, Any],
-    tangents: tuple[Any, Any],
-) -> tuple[Any, Any]:
+    primals: tuple[Sequence[Array], Sequence[object]],
+    tangents: tuple[Sequence[Array], Sequence[object]],
+) -> tuple[tuple[tuple[Component, ...], Array], tuple[tuple[Component, ...], Array]]:
     (components, parameters), (component_tangents, parameter_tangents) = primals, tangents
     x, axes = principal(placed(zip(present, components, strict=True)))
     *y, scalar = function(*x, *parameters)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import accumulate, pairwise
-from typing import Any, ClassVar
+from typing import ClassVar, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
 from foundation.check import Limit
 from foundation.pytrees import pytree
@@ -19,6 +20,8 @@ from jaxmpm.laws._gap import remembers_gap, update_with_gap
 from jaxmpm.laws._parameter import Declared, declared, has_strength, with_parameters
 from jaxmpm.protocols import History, Material, Tensor
 from jaxmpm.tensors import absent, placed, rows
+
+Tree = TypeVar("Tree")
 
 
 @pytree
@@ -36,16 +39,16 @@ class Zoned:
 
     PARAMETERS: ClassVar[Mapping[str, Limit]] = {}
 
-    laws: tuple[Any, ...]
+    laws: tuple[Material, ...]
     counts: tuple[int, ...] = field(metadata={"static": True})
 
     @property
-    def zones(self) -> Iterator[tuple[Any, slice]]:
+    def zones(self) -> Iterator[tuple[Material, slice]]:
         """Each law and the slice of its particles."""
         ends = accumulate(self.counts, initial=0)
         return zip(self.laws, (slice(*pair) for pair in pairwise(ends)), strict=True)
 
-    def per_particle(self, values: Sequence[Any]) -> Array:
+    def per_particle(self, values: Sequence[ArrayLike]) -> Array:
         """One value per particle (N,) from one for each zone, a number or (n,)."""
         each = zip(values, self.counts, strict=True)
         return jnp.concatenate([jnp.broadcast_to(jnp.asarray(value), (count,)) for value, count in each])
@@ -117,7 +120,7 @@ class Zoned:
         return update_with_gap(self, strain_increment, stress, history, dt, gap=None)[:2]
 
 
-def laws_of(law: Any) -> tuple[Any, ...]:
+def laws_of(law: Material) -> tuple[Material, ...]:
     """The laws of all zones.
 
     Args:
@@ -205,7 +208,7 @@ def _(law: Zoned) -> dict[str, Declared]:
 
 
 @with_parameters.register
-def _(law: Zoned, values: Mapping[str, Any]) -> Zoned:
+def _(law: Zoned, values: Mapping[str, ArrayLike]) -> Zoned:
     taken: set[str] = set()
     laws = []
     for part, own in law.zones:
@@ -219,7 +222,7 @@ def _(law: Zoned, values: Mapping[str, Any]) -> Zoned:
     return replace(law, laws=tuple(laws))
 
 
-def _of_zone(tree: Any, own: slice) -> Any:
+def _of_zone(tree: Tree, own: slice) -> Tree:
     """The particles of a zone in every array whose last axis runs over the particles of the ground."""
     return jax.tree.map(lambda leaf: leaf[..., own] if np.ndim(leaf) else leaf, tree)
 
@@ -228,7 +231,7 @@ def _has_history(law: Material, own: slice, like: Tensor) -> bool:
     """Whether a law has a history of its own particles."""
     count, dtype = own.stop - own.start, jnp.result_type(like[0])
     values = jax.ShapeDtypeStruct((count,), dtype)
-    particles: Any = Particles(jax.ShapeDtypeStruct((3, count), dtype), values, values)  # type: ignore[arg-type]
+    particles = Particles(jax.ShapeDtypeStruct((3, count), dtype), values, values)  # type: ignore[arg-type]
     return jax.eval_shape(law.initial_history, particles) is not None
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +18,8 @@ from jaxmpm.laws import hardens, snaps_back
 from jaxmpm.run._columns import recorded
 from jaxmpm.transfer import inside, locate
 from jaxmpm.types import Scene, State, Status
+
+Result = TypeVar("Result")
 
 
 def lane_status(scene: Scene, state: State) -> Array:
@@ -140,7 +142,7 @@ def advance_lanes(scene: Scene, state: State, steps: Array, axes: Scene | None) 
     return over_lanes(one, axes, 0 if jnp.ndim(steps) else None)(scene, state, steps)
 
 
-def over_lanes(function: Callable[..., Any], axes: Scene | None, *others: int | None) -> Callable[..., Any]:
+def over_lanes(function: Callable[..., Result], axes: Scene | None, *others: int | None) -> Callable[..., Result]:
     """The function over the lanes of a batch, or as it is for one lane.
 
     Args:

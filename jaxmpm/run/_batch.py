@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +16,8 @@ from jaxmpm.run._advance import advance_lanes
 from jaxmpm.run._integrate import Result
 from jaxmpm.run._stopping import Settle, Watch, farthest, steps_until
 from jaxmpm.types import Scene, State, Status
+
+Tree = TypeVar("Tree")
 
 
 @dataclass(frozen=True)
@@ -247,7 +249,7 @@ def _is_none(node: object) -> bool:
     return node is None
 
 
-def _take(tree: Any, index: int | np.ndarray, axes: Any = None) -> Any:
+def _take(tree: Tree, index: int | np.ndarray, axes: Tree | None = None) -> Tree:
     """The lanes `index` of every leaf, or of those leaves only that have lanes by `axes`."""
     if axes is None:
         return jax.tree.map(lambda leaf: leaf[index], tree)

@@ -158,7 +158,7 @@ def replay(
         going = old.step < limit
         return jax.tree.map(lambda a, b: jnp.where(going, a, b), new, old)
 
-    def segment(old: State, _: object) -> tuple[State, Any]:
+    def segment(old: State, _: object) -> tuple[State, object]:
         new = _nested(one, old, every, len(plan.levels))
         first = jnp.where(old.status == Status.RUNNING, lane_status(scene, new), old.status)
         new = replace(new, status=first)

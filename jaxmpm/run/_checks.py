@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -39,8 +37,8 @@ def check_state(scene: Scene, state: State, axes: Scene | None) -> None:
     if precisions[0] != precisions[1]:
         raise ValueError("the state is {}, the scene {}: build both with the same precision".format(*precisions))
     law = scene.material
-    structure: Any = jax.tree.structure(jax.eval_shape(law.initial_history, scene.particles))
-    if structure != jax.tree.structure(state.history):
+    expected: object = jax.tree.structure(jax.eval_shape(law.initial_history, scene.particles))
+    if expected != jax.tree.structure(state.history):
         raise ValueError(
             f"the state's history is not that of {type(law).__name__}: give the state that was built with this law, or "
             "replace(state, history=scene.material.initial_history(scene.particles))"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -13,8 +13,11 @@ import numpy as np
 from jax import Array
 
 from jaxmpm.laws import with_parameters
+from jaxmpm.protocols import Material
 from jaxmpm.setup import check_scene, check_shape, parameter_names
 from jaxmpm.types import Scene
+
+Values = TypeVar("Values")
 
 
 def lanes(scene: Scene, **values: Array) -> tuple[Scene, Scene]:
@@ -47,7 +50,7 @@ def lanes(scene: Scene, **values: Array) -> tuple[Scene, Scene]:
     return varied_lanes(scene, partial(with_parameters, scene.material), {n: jnp.asarray(v) for n, v in values.items()})
 
 
-def varied_lanes(scene: Scene, law_of: Callable[[Any], Any], lanes: Any) -> tuple[Scene, Scene]:
+def varied_lanes(scene: Scene, law_of: Callable[[Values], Material], lanes: Values) -> tuple[Scene, Scene]:
     """A scene with a law for each lane, and the axes for `solve(..., axes=axes)`.
 
     Args:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -68,19 +67,21 @@ def fill(
     )
 
 
-def box_particles(extent: Sequence[float], soil: AnySoil, discretisation: Discretisation, **where: Any) -> Particles:
+def box_particles(
+    extent: Sequence[float], soil: AnySoil, discretisation: Discretisation, corner: Sequence[float] | None = None
+) -> Particles:
     """Particles of a soil that fill a box.
 
     Args:
         extent: edges of the box (m).
         soil: of the particles.
         discretisation: cell, spacing and numerical choices.
-        **where: `corner` and `inside` of `fill`.
+        corner: lowest corner (d,) of the box (m), by default the origin.
 
     Returns:
         Particles.
     """
-    return fill(extent, discretisation.spacing, unit_weight=soil.unit_weight, dtype=discretisation.dtype, **where)
+    return fill(extent, discretisation.spacing, unit_weight=soil.unit_weight, corner=corner, dtype=discretisation.dtype)
 
 
 def sorted_by_cell(particles: Particles, grid: Grid) -> Particles:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -45,7 +44,7 @@ def scene(
     loads: Loads | None = None,
     speed: float | None = None,
     engine: Engine | None = None,
-    **before: Any,
+    **before: object,
 ) -> Scene:
     """Build a scene of any particles and law; numbers take the precision of the particles' positions.
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +12,7 @@ from jax.typing import ArrayLike
 
 from foundation import check
 from jaxmpm.laws import declared, with_parameters
+from jaxmpm.protocols import Material
 from jaxmpm.setup._initial_stress import at_rest
 from jaxmpm.setup._law import check_scene, check_shape, wave_speed
 from jaxmpm.setup._scene import unstressed
@@ -148,7 +148,7 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
     return varied, replace(state, stress=at_rest(varied).stress)
 
 
-def _material(material: Any, given: Mapping[str, Array]) -> Any:
+def _material(material: Material, given: Mapping[str, Array]) -> Material:
     own = {name: value for name, value in given.items() if name not in ENGINEERING}
     if "young" in given or "poisson" in given:
         bulk, shear = material.bulk, material.shear

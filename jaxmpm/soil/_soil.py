@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import TypeVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -28,6 +28,8 @@ from jaxmpm.laws import (
     Softening,
 )
 from jaxmpm.soil._limits import LIMITS
+
+Number = TypeVar("Number", float, Array)
 
 STANDARD_GRAVITY = 9.81
 """Acceleration (m/s2) that converts a unit weight to a density, whatever the gravity of a scene."""
@@ -247,7 +249,7 @@ def _cutoff(soil: Soil | FrictionalSoil, number: Callable[[ArrayLike], Array]) -
     return None if soil.tension_cutoff is None else number(soil.tension_cutoff)
 
 
-def moduli(young: Any, poisson: Any) -> tuple[Any, Any]:
+def moduli(young: Number, poisson: Number) -> tuple[Number, Number]:
     """Bulk and shear modulus from Young's modulus and Poisson's ratio.
 
     Args:

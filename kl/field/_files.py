@@ -21,6 +21,7 @@ from jax import Array
 from foundation import files, hdf5
 from foundation.check import require
 from kl.axis import (
+    AxisModes,
     CellModes,
     ClosedForm,
     Constant,
@@ -150,7 +151,7 @@ def _read(file: hdf5.Contents) -> Expansion:
     )
 
 
-def _read_modes(file: hdf5.Contents, axis: str, origin: float, extent: float) -> tuple[Any, int]:
+def _read_modes(file: hdf5.Contents, axis: str, origin: float, extent: float) -> tuple[AxisModes, int]:
     """The modes of an axis and their number."""
     form = _FORMS[str(file.scalars(axis)["form"])]
     arrays = {}
