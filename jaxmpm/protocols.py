@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Protocol, Self, TypeAlias
+from typing import Any, Protocol, Self, TypeAlias
 
 from jax import Array
 
@@ -46,9 +46,12 @@ class Material(Protocol):
     The protocol names all members that the package uses; `Law` is a base class with what most laws share.
     """
 
-    PARAMETERS: ClassVar[Mapping[str, Limit]]
-    """Limits of the parameters by name: a `Limit`, or a `Parameter` if strength reduction, a campaign or the thickness
-    of shear bands affect it; parameters that are not named may have any finite value."""
+    @property
+    def PARAMETERS(self) -> Mapping[str, Limit]:
+        """Class variable with limits of the parameters by name; parameters that are not named may have any finite value.
+
+        A `Limit`, or a `Parameter` if strength reduction, a campaign or the thickness of shear bands affect it.
+        """
 
     @property
     def FRICTIONAL(self) -> bool:

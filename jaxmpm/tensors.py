@@ -284,7 +284,7 @@ def with_mean(tensor: Tensor, value: Component) -> Tensor:
     return (xx + change, yy + change, zz + change, xy, yz, xz)
 
 
-def second_invariant(deviatoric: Tensor) -> Component:
+def second_invariant(deviatoric: Sequence[Component]) -> Component:
     """Second invariant J2 = s:s / 2 of a deviator.
 
     Args:

@@ -81,7 +81,7 @@ def solve(
     state: State,
     *,
     t_end: float,
-    snapshots: Sequence[float] = (),
+    snapshots: Sequence[float] | np.ndarray = (),
     settle: Settle | None = None,
     stop_at: float | None = None,
     least_volume: float | None = None,

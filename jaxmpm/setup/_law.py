@@ -26,7 +26,7 @@ from jaxmpm.laws import (
 from jaxmpm.protocols import Material
 from jaxmpm.types import Scene
 
-MEMBERS = [name for name in vars(Material) if not name.startswith("_")] + ["PARAMETERS"]
+MEMBERS = [name for name in vars(Material) if not name.startswith("_")]
 """Members of the protocol `Material`."""
 
 
