@@ -48,7 +48,7 @@ class Material(Protocol):
 
     @property
     def PARAMETERS(self) -> Mapping[str, Limit]:
-        """Class variable with limits of the parameters by name; parameters that are not named may have any finite value.
+        """Class variable: limits of the parameters by name; parameters that are not named may have any finite value.
 
         A `Limit`, or a `Parameter` if strength reduction, a campaign or the thickness of shear bands affect it.
         """
