@@ -1,13 +1,12 @@
 """`python -m benchmarks.project.gallery`: draw every scene of benchmarks/scenes, tell its cost and write
 docs/gallery.md.
 
-A cost is what `python -m cooperative check` says of the scene, of all campaigns of a sweep together. Results stand here
-once the campaign has been run. `--draw NAME ...` draws some pictures anew and leaves the page as it is.
+A cost is that of `python -m cooperative check`, of all campaigns of a sweep together. Results are written here once the
+campaign has been run.
 """
 
 from __future__ import annotations
 
-import argparse
 import os
 import tempfile
 from pathlib import Path
@@ -25,6 +24,8 @@ from cooperative.scene import Campaign, begin, parse, read_scene
 from cooperative.sweep import variants
 from foundation.files import write_aside
 
+TRIAL = 10.0
+"""Seconds of each trial behind a cost."""
 SCENES = ROOT / "benchmarks" / "scenes"
 PAGE = ROOT / "docs" / "gallery.md"
 FIGURES = ROOT / "docs" / "gallery"
@@ -145,27 +146,21 @@ def row(name: str, cost_text: str) -> str:
     return f"| {link}: {about(name)} | {shown} | {cost_text} | {RESULTS[name]} |"
 
 
-def draw(name: str) -> None:
+def draw(name: str, campaign: Campaign) -> None:
     """Write a scene's picture."""
-    FIGURES.mkdir(exist_ok=True)
-    plots.save(picture(campaigns(name)[0]), FIGURES / f"{name.replace('/', '-')}.png", dpi=80)
+    plots.save(picture(campaign), FIGURES / f"{name.replace('/', '-')}.png", dpi=80)
 
 
 def main() -> None:
     """Draw the pictures, try the costs, write the page."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.project.gallery", description=__doc__)
-    parser.add_argument("--draw", nargs="+", choices=list(RESULTS), metavar="NAME", help="draw these alone")
-    parser.add_argument("--seconds", type=float, default=10.0, help="of each trial (%(default)g)")
-    given = parser.parse_args()
-    for name in given.draw or RESULTS:
-        draw(name)
-    if given.draw:
-        return
     lines = [HEAD]
     for group, title in GROUPS.items():
         lines += [f"## {title}\n", "| scene | sample 0 | most that it can cost | result |", "|---|---|---|---|"]
-        mine = [name for name in RESULTS if os.path.dirname(name) == group]
-        lines += [*(row(name, cost(campaigns(name), given.seconds)) for name in mine), ""]
+        for name in (name for name in RESULTS if os.path.dirname(name) == group):
+            parts = campaigns(name)
+            draw(name, parts[0])
+            lines.append(row(name, cost(parts, TRIAL)))
+        lines.append("")
     write_aside(PAGE, "\n".join(lines).encode())
     print(PAGE)
 

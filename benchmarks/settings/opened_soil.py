@@ -1,7 +1,7 @@
 """What a cutoff that remembers the gap it has opened (`gap_memory`) does to classes, slides and soil thrown out.
 
-`python -m benchmarks.settings.opened_soil [CASE ...]` runs what benchmarks/data/opened_soil.csv lacks, one run after
-the other; `python -m benchmarks opened_soil` tells what the file holds. Every run with memory stands beside the same
+`python -m benchmarks.settings.opened_soil` runs what benchmarks/data/opened_soil.csv lacks, one run after the other;
+`python -m benchmarks opened_soil` summarises what the file holds. Every run with memory stands beside the same
 one without: of the section both are there, of the slope in 3D the runs without are the study's, the four that left the
 grid among them. `closed` is the volume that had opened at the end of some quarter of a second and was closed again at
 the end of the run (m3, of a section m2): where there is less than `FEW` of the volume that slides, nothing counts as
@@ -9,9 +9,6 @@ closed."""
 
 from __future__ import annotations
 
-import argparse
-import sys
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -117,22 +114,18 @@ def read(path: Path) -> dict[tuple[str, bool], dict[int, Row]]:
     return answer
 
 
-def carry_on(cases: Mapping[str, Case], path: Path, minutes: float = float("inf")) -> None:
-    """Run what the file lacks of the cases; no run begins after `minutes`."""
-    end, done = time.monotonic() + 60 * minutes, read(path)
-    with appending(path, COLUMNS) as put:
-        for name, case in cases.items():
+def main() -> None:
+    """Run what the file lacks, one run after the other."""
+    done = read(DATA)
+    with appending(DATA, COLUMNS) as put:
+        for name, case in CASES.items():
             ways = (True, False) if case.study is None else (True,)
             left = [(n, way) for n in case.numbers() for way in ways if n not in done.get((name, way), {})]
             models = cache(partial(_model, case))
             for sample, memory in left:
-                if time.monotonic() > end:
-                    return
                 answer, closed = run_watched(models(memory), sample)
                 measured = (_cell(answer.row.get(each)) for each in (*MEASURES, "mode"))
-                row = (name, int(memory), sample, answer.status, answer.steps, *measured, closed)
-                put(row)
-                print(time.strftime("%H:%M:%S"), *row, flush=True)
+                put((name, int(memory), sample, answer.status, answer.steps, *measured, closed))
 
 
 def _model(case: Case, memory: bool) -> GridModel:
@@ -239,18 +232,6 @@ def run(quick: bool) -> Report:
         },
         rows,
     )
-
-
-def main() -> None:
-    """Parse the command line and run what is missing."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.settings.opened_soil", description=__doc__)
-    parser.add_argument("cases", nargs="*", metavar="CASE", help=f"some of {'; '.join(CASES)}; all if none is named")
-    parser.add_argument("--data", type=Path, default=DATA, help="where the rows go (benchmarks/data/opened_soil.csv)")
-    parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no run after as many")
-    arguments = parser.parse_args()
-    if unknown := [name for name in arguments.cases if name not in CASES]:
-        sys.exit(f"case {unknown[0]!r}: give some of {'; '.join(CASES)}")
-    carry_on({name: CASES[name] for name in arguments.cases or CASES}, arguments.data, arguments.minutes)
 
 
 if __name__ == "__main__":
