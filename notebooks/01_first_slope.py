@@ -48,7 +48,7 @@ style()
 shape = mpm.Slope()
 soil = mpm.Soil(strength=42e3, softening_modulus=85e3)
 scene, state = mpm.slope(shape, soil, mpm.Discretisation(cell=cell, spacing=(cell / 2, cell / 2)))
-half_size = scene.kernel.half_size
+half_size = (cell / 4, cell / 4)
 print(
     f"{scene.particles.mass.size} particles, {scene.grid.nodes} nodes, time step {float(scene.time_step) * 1e3:.2f} ms"
 )

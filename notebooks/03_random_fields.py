@@ -63,8 +63,8 @@ plt.show()
 # soil looks like; kinds with a kink at lag 0 (exponential) are rough, those without are smooth.
 
 # %%
-box = {"origin": (0.0, 0.0), "extent": (96.0, 16.0)}
-layered = kl.expand((kl.SquaredExponential(60.0), kl.SquaredExponential(2.0)), **box)  # 99.9 % of the variance
+box = (0.0, 0.0), (96.0, 16.0)  # origin and extent, m
+layered = kl.expand((kl.SquaredExponential(60.0), kl.SquaredExponential(2.0)), *box)  # 99.9 % of the variance
 others = {
     "squared exponential, 8 m and 8 m": ((kl.SquaredExponential(8.0), kl.SquaredExponential(8.0)), 0.999),
     "Matern 3/2, 60 m and 2 m": ((kl.Matern32(60.0), kl.Matern32(2.0)), 0.99),
@@ -72,7 +72,7 @@ others = {
 }
 kinds = {"squared exponential, 60 m and 2 m": layered}
 if not SMALL:
-    kinds |= {name: kl.expand(kind, **box, energy=energy) for name, (kind, energy) in others.items()}
+    kinds |= {name: kl.expand(kind, *box, energy=energy) for name, (kind, energy) in others.items()}
 lattice = (np.arange(0.5, 96.0), np.arange(0.25, 16.0, 0.5))  # m
 
 fig, axes = plt.subplots(len(kinds), 1, figsize=(9, 1.7 * len(kinds)), sharex=True, sharey=True, squeeze=False)
@@ -131,7 +131,7 @@ lost_at_worst = []
 with_ends = (np.linspace(0.0, 96.0, 97), np.linspace(0.0, 16.0, 33))  # m
 fig, axes = plt.subplots(2, 1, figsize=(9, 3.7), sharex=True)
 for ax, energy in zip(axes, (0.95, 0.999), strict=True):
-    expansion = kl.expand(layered.covariance, **box, energy=energy)
+    expansion = kl.expand(layered.covariance, *box, energy=energy)
     variance = np.asarray(kl.field.variance_on_lattice(expansion, with_ends))
     lost_at_worst.append(float(1 - variance.min()))
     image = ax.pcolormesh(*with_ends, variance.T, vmin=0.7, vmax=1.0, rasterized=True)
@@ -240,7 +240,7 @@ print(
 # `Bedding` turns the axes of the correlation; `with_trend` gives the field its own mean and deviation at every point.
 
 # %%
-dipping = kl.expand(layered.covariance, **box, bedding=kl.Bedding(dip=15.0))
+dipping = kl.expand(layered.covariance, *box, bedding=kl.Bedding(dip=15.0))
 x, z = particles(0.5)
 scores = kl.field_at(dipping, kl.monte_carlo(jax.random.key(6), 1, dipping.modes)[0], np.stack([x, z]))
 mean = kl.linear_with_depth(mpm.Slope().heights(x) - z, 25e3, 1.5e3)  # 25 kPa at the surface, 1.5 kPa more per metre

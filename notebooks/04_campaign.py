@@ -185,7 +185,7 @@ fig, axes = plt.subplots(len(farthest), 1, figsize=(9, 1.8 * len(farthest)), sha
 for ax, (mode, number) in zip(axes[:, 0], farthest.items(), strict=True):
     sample = cooperative.read_sample(store, "refined", number)
     boxes = draw_section(
-        ax, model.particles.position + sample.fields["displacement"], model.kernel.half_size,
+        ax, model.particles.position + sample.fields["displacement"], np.asarray(campaign.refined.spacing) / 2,
         sample.fields["plastic_strain"], limits=(0.0, 2.0),
         title=f"{mode}, sample {number}: moved up to {sample.row['displacement']:.1f} m",
     )  # fmt: skip

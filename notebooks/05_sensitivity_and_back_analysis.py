@@ -82,7 +82,7 @@ print(f"{steps} steps: d log u / d log S = {derivative:.2f} by reverse mode, {di
 # %%
 value, by_particle = mpm.strength_sensitivity(scene, state, steps, objectives.log_displacement)
 density = np.asarray(by_particle / scene.particles.volume) * 1e3
-position, half_size = np.asarray(scene.particles.position), scene.kernel.half_size
+position, half_size = np.asarray(scene.particles.position), model.half_size
 final = mpm.replay(scene, state, steps)[0]
 
 fig, (above, below) = plt.subplots(2, 1, figsize=(9, 3.7), sharex=True)

@@ -43,7 +43,7 @@ campaign = replace(campaign, random={"strength": replace(campaign.random["streng
 soil = runs.random_soil(campaign)
 model = runs.build(campaign, "rough", soil)
 limit = campaign.run.failure_displacement
-position, half_size = np.asarray(model.scene.particles.position), model.scene.kernel.half_size
+position, half_size = np.asarray(model.scene.particles.position), model.half_size
 
 
 def fails(xi: np.ndarray) -> np.ndarray:

@@ -248,7 +248,11 @@ class SoftGrain:
         return cell * np.sqrt(5 / 12)  # variances of both hats, 1/6 and 1/24, to the grid and back
 
 
-kernels = {"GIMP": mpm.GIMP, "your own": SoftGrain, "quadratic B-splines": mpm.QuadraticBSpline}
+kernels: dict[str, type[mpm.Kernel]] = {
+    "GIMP": mpm.GIMP,
+    "your own": SoftGrain,
+    "quadratic B-splines": mpm.QuadraticBSpline,
+}
 by_kernel = {name: amplitude((length,), 0.5, kernel) for name, kernel in kernels.items()}
 kernel_errors = {name: float(np.sqrt(np.mean((wave - exact) ** 2)) / tip) for name, wave in by_kernel.items()}
 
