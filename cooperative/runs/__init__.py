@@ -2,9 +2,8 @@
 
 from cooperative.runs._bars import Bar, advance, bars
 from cooperative.runs._built import build, keep_initial
-from cooperative.runs._columns import COLUMNS, beyond_toe
 from cooperative.runs._compiled import keep_compiled, machine, memory_mappings, release_programs
-from cooperative.runs._executors import Workers, cores_to_use, dask_executor, process_pool, run_through
+from cooperative.runs._executors import Packed, Workers, dask_executor, packed, run_through
 from cooperative.runs._ground import (
     Drawn,
     HazardPlan,
@@ -21,10 +20,10 @@ from cooperative.runs._ground import (
     soil_of,
 )
 from cooperative.runs._model import GridModel
-from cooperative.runs._packed import Packed, packed
+from cooperative.runs._processes import cores_to_use, process_pool
 from cooperative.runs._random_soil import RandomSoil, coefficients_of, phases_of, random_soil, samples_of, sampling_of
 from cooperative.runs._restart import Frames
-from cooperative.runs._samples import finished, run_samples
+from cooperative.runs._samples import COLUMNS, beyond_toe, finished, run_samples
 from cooperative.runs._size import Cost, GridSize, check_coefficients, check_size, cost_of, grid_size
 from cooperative.runs._stopping import Stop, Stopped, heeding
 

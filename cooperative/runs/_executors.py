@@ -4,11 +4,16 @@ A task is a campaign's checksum, a grid, a sample's number and its coefficients.
 campaign returns None, and the task goes out again with the campaign itself: once per worker, whatever executor it
 belongs to. The worker builds each grid once and sends back the finished sample. Only the controller writes samples; a
 worker that sees the campaign's folder keeps the restart point of its long run there.
+
+A campaign is packed by cloudpickle, so that classes of a script or a notebook's cell go with it. Only what the
+controller of a campaign has sent is unpickled, never what a folder holds.
 """
 
 from __future__ import annotations
 
-import os
+import hashlib
+import io
+import pickle
 import sys
 import warnings
 from collections import Counter, deque
@@ -19,16 +24,17 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import cloudpickle
 import numpy as np
 
 from cooperative.runs._built import build
 from cooperative.runs._model import GridModel
-from cooperative.runs._packed import Packed, unpacked
-from cooperative.runs._processes import ATTEMPTS, Processes, WorkerLost, stop_wanted
+from cooperative.runs._processes import ATTEMPTS, WorkerLost, stop_wanted
 from cooperative.runs._random_soil import random_soil
 from cooperative.runs._samples import run_samples
 from cooperative.scene import Campaign
 from cooperative.store import Sample
+from foundation.pytrees import PYTREES, pytree
 from foundation.text import short, shown
 
 PATIENCE = 10
@@ -39,31 +45,6 @@ LOST = "WORKER_LOST"
 
 LOOK = 0.2
 """Seconds between two looks at whether a stop was asked for, while samples run elsewhere."""
-
-
-def process_pool(workers: int) -> Executor:
-    """Worker processes, each bound to its own share of the cores, so that they do not fight for them; see `Processes`.
-    ValueError for fewer than one."""
-    if workers < 1:
-        raise ValueError(f"workers = {workers}: give 1 or more")
-    return Processes(_shares(workers))
-
-
-def cores_to_use() -> list[int]:
-    """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return sorted(os.sched_getaffinity(0))
-    return list(range(os.cpu_count() or 1))
-
-
-def _shares(workers: int) -> list[list[int]]:
-    """The cores of each worker; no cores where the system cannot bind a process to them."""
-    if not hasattr(os, "sched_setaffinity"):
-        return [[]] * workers
-    cores = cores_to_use()
-    share = max(1, len(cores) // workers)
-    firsts = (worker * share % len(cores) for worker in range(workers))
-    return [cores[first : first + share] for first in firsts]
 
 
 def _unwanted() -> bool:
@@ -83,6 +64,54 @@ def _dropped_by_dask() -> bool:
         return False
     task = worker.state.tasks.get(key)
     return task is None or task.state == "cancelled"
+
+
+@dataclass(frozen=True)
+class Packed:
+    """A campaign in a task. key: checksum of its bytes, by which a worker knows it. content: these bytes, None where
+    the worker is to know it already."""
+
+    key: str
+    content: bytes | None = None
+
+
+class _Pickler(cloudpickle.Pickler):
+    """Collects the pytrees whose classes go along: where these are made again, they have to be registered again."""
+
+    def __init__(self, file: io.BytesIO) -> None:
+        super().__init__(file)
+        self.pytrees: list[type] = []
+
+    def reducer_override(self, obj: Any) -> Any:
+        reduced = super().reducer_override(obj)
+        if reduced is not NotImplemented and isinstance(obj, type) and obj in PYTREES:
+            self.pytrees.append(obj)
+        return reduced
+
+
+def packed(campaign: Campaign) -> Packed:
+    """A campaign for its workers. Raises ValueError for one that holds what cannot be sent to another process."""
+    file = io.BytesIO()
+    pickler = _Pickler(file)
+    try:
+        # The list is pickled last, when it is complete.
+        pickler.dump((campaign, pickler.pytrees))
+    except (pickle.PicklingError, TypeError, AttributeError, RecursionError, ValueError) as error:
+        raise ValueError(
+            f"the campaign cannot be sent to a worker ({error}): let its ground, soil and estimator hold numbers, "
+            "texts, arrays and dataclasses of these, no open file, lock or generator"
+        ) from error
+    content = file.getvalue()
+    return Packed(hashlib.sha256(content).hexdigest(), content)
+
+
+def unpacked(content: bytes) -> Campaign:
+    """The campaign that a controller has sent."""
+    campaign, pytrees = pickle.loads(content)
+    for each in pytrees:
+        if each not in PYTREES:
+            pytree(each)
+    return campaign
 
 
 def run_sample(

@@ -22,10 +22,10 @@ import numpy as np
 from pydantic import ConfigDict, TypeAdapter, with_config
 
 from cooperative.measure import ColumnPlan
-from cooperative.runs._columns import COLUMNS
 from cooperative.runs._model import GridModel
 from cooperative.runs._random_soil import samples_of
-from cooperative.store import Record, Rows, Store, reader
+from cooperative.runs._samples import COLUMNS
+from cooperative.store import Record, Rows, Store, read_rows
 from foundation import files, hdf5
 from jaxmpm import Face
 from jaxmpm import ground as shapes
@@ -236,7 +236,7 @@ def rows_reader(
         ground: of the campaign; then files that hold another number of coefficients or of particles are damaged too.
         look: called before each file.
     """
-    return reader(store, partial(foreign, samples, ground), look)
+    return partial(read_rows, store, foreign=partial(foreign, samples, ground), look=look)
 
 
 def foreign(samples: int | None, ground: StoredGround | None, grid: str, sample: Record) -> str | None:

@@ -193,6 +193,31 @@ class Processes(Executor):
                 future.set_exception(error)
 
 
+def process_pool(workers: int) -> Executor:
+    """Worker processes, each bound to its own share of the cores, so that they do not fight for them; see `Processes`.
+    ValueError for fewer than one."""
+    if workers < 1:
+        raise ValueError(f"workers = {workers}: give 1 or more")
+    return Processes(_shares(workers))
+
+
+def cores_to_use() -> list[int]:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return sorted(os.sched_getaffinity(0))
+    return list(range(os.cpu_count() or 1))
+
+
+def _shares(workers: int) -> list[list[int]]:
+    """The cores of each worker; no cores where the system cannot bind a process to them."""
+    if not hasattr(os, "sched_setaffinity"):
+        return [[]] * workers
+    cores = cores_to_use()
+    share = max(1, len(cores) // workers)
+    firsts = (worker * share % len(cores) for worker in range(workers))
+    return [cores[first : first + share] for first in firsts]
+
+
 _stop_wanted = threading.Event()
 
 

@@ -165,17 +165,6 @@ def _column(values: list[Scalar | None]) -> np.ndarray:
     return np.array([np.nan if value is None else value for value in values])
 
 
-def reader(
-    store: Store, foreign: Callable[[str, Record], str | None], look: Callable[[], None] = lambda: None
-) -> Callable[[str], Rows]:
-    """Reads the rows of a grid, with what is foreign to it; see `read_rows`."""
-
-    def read(grid: str) -> Rows:
-        return read_rows(store, grid, foreign=foreign, look=look)
-
-    return read
-
-
 def read_sample(store: Store, grid: str, number: int) -> Sample:
     """Read one sample and verify it, a refined one to the end of its slide where it has one.
 
