@@ -16,7 +16,7 @@ import lazy_loader
 
 from foundation import __version__
 
-MOVED = {
+RELOCATED = {
     "estimate": "AuditPlan Chances Correlation Fit Fits Screened Severity Slides SubsetPlan after_more_runs "
     "all_samples chance_of correlation exceedance fit_distributions mean_of next_audit next_refined sample_weights "
     "severity_ranking shares stopping_rank",
@@ -33,7 +33,7 @@ __all__ = [*_offered, "__version__"]
 
 
 def __getattr__(name: str) -> Any:
-    room = next((room for room, names in MOVED.items() if name in names.split()), None)
+    room = next((room for room, names in RELOCATED.items() if name in names.split()), None)
     if room is None:
         return _public(name)
     warnings.warn(f"cooperative.{name} is cooperative.{room}.{name}", DeprecationWarning, stacklevel=2)

@@ -16,7 +16,16 @@ from cooperative.folder import SLIDES
 from cooperative.reporting import _exports as exports
 from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import draw, progress_of, report, watched, words
-from cooperative.runs import Cost, Stopped, check_size, cores_to_use, cost_of, dask_executor, heeding, keep_compiled
+from cooperative.runs import (
+    Cost,
+    Stopped,
+    check_size,
+    cores_to_use,
+    cost_of,
+    dask_executor,
+    keep_compiled,
+    stop_by_signals,
+)
 from cooperative.scene import Campaign, begin, examples, parse, starters, write_example
 from cooperative.store import GRIDS, Source, read_store
 from foundation.text import printable
@@ -43,7 +52,7 @@ def resume(given: argparse.Namespace) -> None:
 
 
 def _run(scene: Source | Path, folder: Path, given: argparse.Namespace) -> None:
-    with heeding(ends_process=True):
+    with stop_by_signals(ends_process=True):
         executor = None if given.dask is None else dask_executor(given.dask)
         campaign.run(
             scene, folder, workers=given.workers, executor=executor, refined_runs=given.refined_runs, progress=True,
@@ -82,7 +91,7 @@ def export(given: argparse.Namespace) -> None:
 
 def sweep_over(given: argparse.Namespace) -> None:
     """Run a campaign for each value of each parameter in the scene's [sweep], or go on where it was."""
-    with heeding(ends_process=True):
+    with stop_by_signals(ends_process=True):
         sweep.run(given.scene, given.out, workers=given.workers, progress=True)
     print(f"{given.out / 'sweep.json'}, figures in {given.out / 'figures'}")
 
@@ -183,8 +192,9 @@ EXAMPLES = {
 """Of each command: arguments, and what it then does."""
 
 EXIT_CODES = """
-exit codes: 0 done; 2 a scene, folder or argument that cannot be used, said in one line, or wrong answers in doctor's
-self-check; 130 stopped by Ctrl-C, 143 by SIGTERM. Then the same run, resume or sweep goes on from what is finished.
+exit codes: 0 done; 2 a scene, folder or argument that cannot be used (one line on stderr names it), or wrong answers in
+doctor's self-check; 130 stopped by Ctrl-C, 143 by SIGTERM. Then the same run, resume or sweep goes on from what is
+finished.
 """
 
 TAKES = {"scene": "scene in TOML", "folder": "folder of the campaign"}

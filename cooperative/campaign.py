@@ -66,7 +66,7 @@ def run(
         raise ValueError(f"workers = {workers}: give 1 or more")
     runs.packed(campaign)  # nothing is written for one that cannot be sent
     runs.check_size(campaign, workers if executor is None else 1)
-    with runs.heeding() as stop:
+    with runs.stop_by_signals() as stop:
         with stop.at_once():
             models = _models(unmeasured, folder)
         alone = executor is None and workers == 1

@@ -189,7 +189,7 @@ def risk_of(campaign: Campaign, estimate: Estimate, counting: Slid, cut: CutOff,
     # A slide that broke off has no columns.
     slid = counting.where(np.isfinite(counting["area_columns"]))
     if not slid.weight.size and unknown:
-        return Risk(dict.fromkeys(place.name for place in campaign.hazard.places), None)
+        return Risk(dict.fromkeys(element.name for element in campaign.hazard.places), None)
     weight, elements, at_least = slid.weight, {}, bool(cut.at_t_end)
     lost, bound = np.zeros(weight.size), 0.0
     for exposed in campaign.hazard.places:

@@ -48,9 +48,9 @@ class Results:
         next farthest; where nothing failed the one that moved farthest."""
         grid, rows = ("refined", self.refined) if self.refined.numbers else ("rough", self.rough)
         failed = self.slid if grid == "refined" else np.zeros(len(rows.numbers), bool)
-        moved = rows.columns["displacement"]
-        modes = rows.columns.get("mode", np.full(moved.size, ""))
-        order = np.argsort(-moved, kind="stable").tolist()
+        displacement = rows.columns["displacement"]
+        modes = rows.columns.get("mode", np.full(displacement.size, ""))
+        order = np.argsort(-displacement, kind="stable").tolist()
         if not failed.any():
             return grid, [rows.numbers[order[0]]]
         falls = [at for at in order if failed[at]]

@@ -173,8 +173,8 @@ def _as_far_as_known(rows: Rows, numbers: list[int]) -> np.ndarray:
     the least of them moved farthest: they are all alike.
     """
     at = np.isin(rows.numbers, numbers)
-    moved, cut = rows.columns["displacement"][at], (~rows.ended | rows.columns["broke_off"].astype(bool))[at]
-    return np.minimum(moved, moved[cut].min(initial=np.inf))
+    displacement, cut = rows.columns["displacement"][at], (~rows.ended | rows.columns["broke_off"].astype(bool))[at]
+    return np.minimum(displacement, displacement[cut].min(initial=np.inf))
 
 
 def notes_of(

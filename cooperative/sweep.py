@@ -29,7 +29,7 @@ from cooperative.campaign import run as run_campaign
 from cooperative.estimate import Published, Sampling, rank_samples, stopping_rank
 from cooperative.measure import SEVERITY
 from cooperative.reporting import panels, save
-from cooperative.runs import check_size, heeding, phases_of, release_programs, rows_reader, samples_of
+from cooperative.runs import check_size, phases_of, release_programs, rows_reader, samples_of, stop_by_signals
 from cooperative.scene import parse, settled, source_of, stored_measured, to_toml
 from cooperative.scene import tables as known
 from cooperative.store import CAMPAIGN, GRIDS, Rows, Source, read_store, stored_source, write_aside
@@ -73,7 +73,7 @@ def run(scene: Source | str | Path, folder: Path, *, workers: int = 1, progress:
     for part in parts:
         check_size(parse(part.source), workers)
     _claim(folder, source)
-    with heeding():
+    with stop_by_signals():
         return _ran(parts, folder, list(_sweep(source.tables)), workers=workers, progress=progress)
 
 
@@ -92,13 +92,13 @@ def _ran(parts: list[Variant], folder: Path, names: list[str], *, workers: int, 
             answer = _ranked(where, int(value)) if parameter == "k_t" else summary
             points[parameter].append({"value": value, "campaign": part.name, **_point(answer)})
     parameters = {parameter: sorted(rows, key=lambda row: row["value"]) for parameter, rows in points.items()}
-    found = {"name": name, "parameters": parameters}
-    write_aside(folder / "sweep.json", json.dumps(found, indent=1).encode())
+    content = {"name": name, "parameters": parameters}
+    write_aside(folder / "sweep.json", json.dumps(content, indent=1).encode())
     target = folder / "figures"
     target.mkdir(exist_ok=True)
     save(probabilities(parameters), target / "probability.png")
     save(mode_ratios(parameters), target / "modes.png")
-    return found
+    return content
 
 
 def variants(scene: Source | str | Path) -> list[Variant]:
@@ -124,19 +124,19 @@ def variants(scene: Source | str | Path) -> list[Variant]:
     if unknown:
         raise ValueError(f"[sweep] {unknown[0]} cannot be swept in this scene: give {', '.join((*base, 'k_t'))}")
     points = [(name, value) for name, values in sweep.items() if name in base for value in values]
-    found = [variant("base", *(each for each in points if each[1] == base[each[0]]))]
+    campaigns = [variant("base", *(each for each in points if each[1] == base[each[0]]))]
     for parameter, value in points:
         if value != base[parameter]:
             changed = {**base, parameter: value}
             length = [changed[axis] for axis in _axes(dimension)]
             table = {**base_scene["strength"], "cov": changed["cov"], "length": length}
-            found.append(variant(f"{parameter}-{value:g}", (parameter, value), strength=table))
+            campaigns.append(variant(f"{parameter}-{value:g}", (parameter, value), strength=table))
     if "k_t" in sweep:
         # All values of k_t can be told from the runs that the largest asks for.
         plan = {k: v for k, v in base_scene["campaign"].items() if k not in ("refined_runs", "target_cov")}
         plan |= {"estimator": "published", "k_t": int(max(sweep["k_t"]))}
-        found.append(variant("ranked", *(("k_t", value) for value in sweep["k_t"]), campaign=plan))
-    return found
+        campaigns.append(variant("ranked", *(("k_t", value) for value in sweep["k_t"]), campaign=plan))
+    return campaigns
 
 
 def probabilities(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
@@ -155,11 +155,11 @@ def mode_ratios(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
     handles: dict[str, Artist] = {}
     for ax, (name, rows) in zip(axes, parameters.items(), strict=True):
         with_failures = [row for row in rows if row["modes"]]
-        for place, (mode, (colour, marker)) in enumerate(STYLES.items()):
+        for number, (mode, (colour, marker)) in enumerate(STYLES.items()):
             parts = [row["modes"][mode] for row in with_failures]
             if any(part["count"] for part in parts):
                 ratio, limits = [part["ratio"] for part in parts], [part["interval"] for part in parts]
-                _errorbar(ax, with_failures, ratio, limits, colour, marker, mode, shift=place - 1.5)
+                _errorbar(ax, with_failures, ratio, limits, colour, marker, mode, shift=number - 1.5)
         ax.set(xlabel=LABELS[name], ylabel="share of the failures [-]", ylim=(-0.02, 1.02))
         handles |= {label: handle for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
     if handles:
@@ -221,9 +221,9 @@ def _with_factors(part: Variant, folder: Path) -> Source:
     campaign = parse(part.source)
     if part.name == "base" or not campaign.plan.calibrate or campaign.measured.calibration is not None:
         return part.source
-    found = stored_measured(folder / "campaigns" / "base").calibration
-    assert found is not None
-    return Source(to_toml({**part.source.tables, "calibration": asdict(found)}))
+    measured = stored_measured(folder / "campaigns" / "base").calibration
+    assert measured is not None
+    return Source(to_toml({**part.source.tables, "calibration": asdict(measured)}))
 
 
 def _ranked(folder: Path, k_t: int) -> Summary:
@@ -233,8 +233,8 @@ def _ranked(folder: Path, k_t: int) -> Summary:
     rough, refined = map(rows_reader(store, samples_of(campaign)), GRIDS)
     order = rank_samples(rough.columns["displacement"], rough.columns["broke_off"].astype(bool)).order
     ran = order[: stopping_rank(order, phases_of(campaign, rough, refined).answers, k_t)]
-    kept_rows = np.isin(refined.columns["sample"], ran)
-    return summarise(campaign, rough, Rows({name: c[kept_rows] for name, c in refined.columns.items()}, ()))
+    ranked_rows = np.isin(refined.columns["sample"], ran)
+    return summarise(campaign, rough, Rows({name: c[ranked_rows] for name, c in refined.columns.items()}, ()))
 
 
 def _point(summary: Summary) -> dict[str, Any]:

@@ -28,7 +28,7 @@ import numpy as np
 from benchmarks.measure import ROOT, Report, code_digest
 from cooperative import campaign
 from cooperative.reporting import progress_of
-from cooperative.runs import Stopped, cores_to_use, heeding
+from cooperative.runs import Stopped, cores_to_use, stop_by_signals
 from cooperative.scene import to_toml
 from cooperative.store import GRIDS, SLIDES, Store, read_rows, read_store
 from foundation import files
@@ -71,7 +71,7 @@ def run(quick: bool) -> Report:
     folder = ROOT / "out" / "campaign" / code_digest(*texts.values())
     result: dict[str, dict[str, Any]] = {}
     try:
-        with heeding():
+        with stop_by_signals():
             for name, stage in STAGES.items():
                 result[name] = measured(folder, name, stage, texts[name], workers=cores)
     except Stopped as stopped:

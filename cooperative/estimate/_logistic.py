@@ -26,8 +26,8 @@ def fit_logistic(score: np.ndarray, failed: np.ndarray, centre: float) -> tuple[
         step = np.linalg.solve((features * (p * (1 - p))) @ features.T + np.diag(precision), gradient)
         step *= min(1.0, 2.0 / max(float(np.abs(step).max()), 1e-300))
         new = np.array([beta[0] + step[0], max(beta[1] + step[1], 0.3)])
-        moved, beta = np.abs(new - beta).max(), new
-        if moved < 1e-8:
+        change, beta = np.abs(new - beta).max(), new
+        if change < 1e-8:
             break
     return float(beta[0]), float(beta[1])
 

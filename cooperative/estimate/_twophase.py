@@ -220,11 +220,11 @@ def _wave_share(
     """
     size, drawn = wave.ranks.size, so_far.share.size
     if plan.target_cov is None:
-        return place_share(drawn, size)
+        return share_by_order(drawn, size)
     needed = 0.0
     if drawn and size < left:
         # The estimate with shares by order is steadier while shares are few.
-        so_far = replace(so_far, share=place_share(0, drawn))
+        so_far = replace(so_far, share=share_by_order(0, drawn))
         estimate, beyond = _estimate(population, so_far, plan), _audit(so_far).beyond
         expected = float(so_far.weight @ np.where(np.isnan(so_far.outcome), so_far.model, so_far.outcome))
         variance = draw_variance(wave, wave.model, so_far.weight)
@@ -233,7 +233,7 @@ def _wave_share(
     return target_share(needed, rest, drawn=drawn, size=size, left=left)
 
 
-def place_share(drawn: int, size: int) -> np.ndarray:
+def share_by_order(drawn: int, size: int) -> np.ndarray:
     """Share of draws (size,), in proportion, that follow `drawn` others.
 
     Later draws rest on a better model and on more known outcomes.
@@ -255,7 +255,7 @@ def target_share(needed: float, rest: float, *, drawn: int, size: int, left: int
             is shared out as without one. Draws that can carry all that is left are the last, and share it evenly; so
             are the last that the budget allows.
     """
-    order = place_share(drawn, left)
+    order = share_by_order(drawn, left)
     share = np.maximum(rest * order[:size] / order.sum(), needed)
     enough = int(np.searchsorted(np.cumsum(share), rest)) + 1
     if enough <= size or size == left:

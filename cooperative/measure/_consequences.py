@@ -119,9 +119,9 @@ def consequences(
     if isinstance(geometry, OpenGround) and geometry.track is not None and len(position) != 3:
         raise ValueError("a track is a line in plan, for ground in 3D: leave it out in a section")
 
-    moved = np.linalg.norm(displacement, axis=0)
-    sliding = moved >= failure_displacement
-    largest, exceeding = float(moved.max()), exceeded(moved, volume, least_volume)
+    magnitude = np.linalg.norm(displacement, axis=0)
+    sliding = magnitude >= failure_displacement
+    largest, exceeding = float(magnitude.max()), exceeded(magnitude, volume, least_volume)
     if not sliding.any():
         return Consequences(exceeding, 0.0, 0.0, 0.0, 0.0, largest, 0.0)
 
@@ -139,7 +139,7 @@ def consequences(
     else:
         area = _covered(now[:, mass], half)
     return Consequences(
-        displacement=float(moved[sliding][mass].max()) if least_volume is None else exceeding,
+        displacement=float(magnitude[sliding][mass].max()) if least_volume is None else exceeding,
         depth=float(depth),
         runout=float(beyond[mass].max()),
         volume=float(volume[sliding].sum()),
@@ -149,21 +149,21 @@ def consequences(
     )
 
 
-def exceeded(moved: np.ndarray, volume: np.ndarray, least_volume: float | None) -> float:
+def exceeded(displacement: np.ndarray, volume: np.ndarray, least_volume: float | None) -> float:
     """Largest displacement that so much of the soil has reached, as `jaxmpm.diagnostics.exceeded_displacement`.
 
     As `jaxmpm.diagnostics.exceeded_displacement`, bit for bit.
 
     Args:
-        moved: displacement of each particle (N,) m.
+        displacement: of each particle (N,) m.
         volume: of each particle (N,).
         least_volume: of soil; None for a single particle.
     """
     if least_volume is None:
-        return float(moved.max())
-    order = np.argsort(-moved, kind="stable")
+        return float(displacement.max())
+    order = np.argsort(-displacement, kind="stable")
     last = np.searchsorted(np.cumsum(volume[order], dtype=float), least_volume - volume.min() / 2)
-    return float(moved[order][min(last, moved.size - 1)])
+    return float(displacement[order][min(last, displacement.size - 1)])
 
 
 def walls_reached(

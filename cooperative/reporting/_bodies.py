@@ -48,12 +48,12 @@ class Moving:
 
     Args:
         corners: (T, n, 3) m at the T times (s) of those of the skin's faces (m, 4).
-        moved: how far each corner has moved (T, n) m.
+        magnitude: displacement of each corner (T, n) m.
     """
 
     faces: np.ndarray
     corners: np.ndarray
-    moved: np.ndarray
+    magnitude: np.ndarray
     times: Sequence[float]
 
 
@@ -104,7 +104,7 @@ def moving(position: np.ndarray, displacement: np.ndarray, times: Sequence[float
 
 def picture(body: Moving) -> Figure:
     """The body at its last time, seen from above the toe, coloured by how far its soil has moved."""
-    corners, far = body.corners[-1], body.moved[-1]
+    corners, far = body.corners[-1], body.magnitude[-1]
     norm = Normalize(0.0, max(float(far.max()), 1e-6))
     figure = Figure(figsize=(8.0, 4.6), layout="constrained")
     ax: Any = figure.add_subplot(projection="3d")

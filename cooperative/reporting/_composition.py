@@ -109,7 +109,7 @@ def _mapped(maps: Maps, level: float) -> str:
 def _numbers(results: Results) -> Iterator[Drawn]:
     """Figures of the other numbers, those that there are data for."""
     summary, labels, cut = results.summary, sentences.labels(results), sentences.cut_off(results.summary)
-    modes, moved = sentences.occurring(summary), _moved(results)
+    modes, displacements = sentences.occurring(summary), _displacements(results)
     columns, limit = results.refined.columns, summary.failure_displacement
     decided = "DECIDED" in columns.get("status", ())
     stopped = " Runs that ended once they had failed are drawn with the displacement they had then." if decided else ""
@@ -117,8 +117,8 @@ def _numbers(results: Results) -> Iterator[Drawn]:
         "ranked",
         "Largest displacement of every sample by its rank on the rough grid, with the refined runs. Refined failures "
         f"should become rare down the ranks.{stopped}",
-        charts.ranked_displacements(moved, failure_displacement=limit),
-        partial(interactive.ranked, moved, limit),
+        charts.ranked_displacements(displacements, failure_displacement=limit),
+        partial(interactive.ranked, displacements, limit),
     )
     if len(summary.convergence.refined_runs) > 1:
         yield Drawn(
@@ -126,13 +126,13 @@ def _numbers(results: Results) -> Iterator[Drawn]:
             "Probability of failure and its interval as refined runs came in.",
             charts.convergence(summary.convergence, summary.estimator, level=summary.level),
         )
-    ended = np.isfinite(moved["rough"]) & np.isfinite(moved["refined"])
+    ended = np.isfinite(displacements["rough"]) & np.isfinite(displacements["refined"])
     if ended.any():
         yield Drawn(
             "grids",
             f"Samples that ran on both grids. {sentences.agreement(summary)}{stopped}",
-            charts.grids(moved["rough"][ended], moved["refined"][ended], failure_displacement=limit),
-            partial(interactive.grids, moved, limit),
+            charts.grids(displacements["rough"][ended], displacements["refined"][ended], failure_displacement=limit),
+            partial(interactive.grids, displacements, limit),
         )
     if len(modes) > 1:
         yield Drawn("modes", "Failure modes by their weighted share.", charts.mode_shares(modes))
@@ -154,7 +154,7 @@ def _numbers(results: Results) -> Iterator[Drawn]:
             )
 
 
-def _moved(results: Results) -> dict[str, np.ndarray]:
+def _displacements(results: Results) -> dict[str, np.ndarray]:
     """Number of every sample and its largest displacement on the rough and the refined grid (N,) m, nan for none."""
     rough, refined = results.rough, results.refined
     second = np.full(len(rough.numbers), np.nan)
@@ -262,9 +262,9 @@ def drawn_change(ground: runs.StoredGround, grid: str, sample: Sample) -> Drawn:
     """One sample's section before and after, by the stored plastic strain."""
     plane = _plane(ground, grid, sample)
     section, half = plots.section_of(ground.grids[grid], plane)
-    moved, strain = sample.fields["displacement"][[0, -1]][:, plane], sample.fields["plastic_strain"][plane]
+    displacement, strain = sample.fields["displacement"][[0, -1]][:, plane], sample.fields["plastic_strain"][plane]
     caption = f"Sample {sample.number} before and after its slide, by plastic strain."
-    return Drawn("slope", caption, plots.before_and_after(section, moved, strain, half))
+    return Drawn("slope", caption, plots.before_and_after(section, displacement, strain, half))
 
 
 def drawn_slide(
@@ -303,7 +303,7 @@ def _word(name: str) -> str:
 
 def _plane(ground: runs.StoredGround, grid: str, sample: Sample) -> np.ndarray:
     """Particles (N,) of the section to draw: all of them in 2D, in 3D the slice that moved farthest."""
-    of, moved = ground.grids[grid], sample.fields.get("displacement")
-    if ground.dimension == 3 and moved is not None and moved.shape == of.position.shape:
-        return plots.plane_at(of, float(of.position[1, np.argmax(np.linalg.norm(moved, axis=0))]))
+    of, displacement = ground.grids[grid], sample.fields.get("displacement")
+    if ground.dimension == 3 and displacement is not None and displacement.shape == of.position.shape:
+        return plots.plane_at(of, float(of.position[1, np.argmax(np.linalg.norm(displacement, axis=0))]))
     return plots.plane_at(of, ground.middle)

@@ -151,25 +151,26 @@ def plan_maps(maps: Maps, *, toe: float | None) -> Figure:
     return figure.update_layout(height=high * -(-len(shown) // ACROSS))
 
 
-def ranked(moved: Mapping[str, np.ndarray], failure_displacement: float) -> Figure:
+def ranked(displacements: Mapping[str, np.ndarray], failure_displacement: float) -> Figure:
     """Largest displacement of every sample by its rank on the rough grid.
 
     Args:
-        moved: number of each "sample" (N,), and how far it did on each grid (N,) m, nan where it has none.
+        displacements: number of each "sample" (N,), and its largest displacement on each grid (N,) m, nan where it has
+            none.
         failure_displacement: drawn as a line (m).
     """
-    figure, rank = _tiled([""], 1), ranks(moved["rough"])
+    figure, rank = _tiled([""], 1), ranks(displacements["rough"])
     for grid, colour, symbol in (("rough", ROUGH, "circle"), ("refined", REFINED, "triangle-up-open")):
-        _points(figure, rank, moved[grid], moved["sample"], f"{grid} grid", colour, symbol)
+        _points(figure, rank, displacements[grid], displacements["sample"], f"{grid} grid", colour, symbol)
     figure.add_hline(failure_displacement, line=LIMIT).update_layout(legend={"orientation": "h", "y": 1.1})
     _label(figure, "rank on the rough grid [-]", "largest displacement $R_d$ [m]", {})
     return figure.update_yaxes(type="log")
 
 
-def grids(moved: Mapping[str, np.ndarray], failure_displacement: float) -> Figure:
+def grids(displacements: Mapping[str, np.ndarray], failure_displacement: float) -> Figure:
     """Refined against rough displacement of every sample, as `ranked` takes them."""
     figure = _tiled([""], 1)
-    _points(figure, moved["rough"], moved["refined"], moved["sample"], "", ROUGH, "circle-open")
+    _points(figure, displacements["rough"], displacements["refined"], displacements["sample"], "", ROUGH, "circle-open")
     figure.add_hline(failure_displacement, line=LIMIT).add_vline(failure_displacement, line=LIMIT)
     _label(figure, "$R_d$ on the rough grid [m]", "$R_d$ on the refined grid [m]", {})
     return figure.update_xaxes(type="log").update_yaxes(type="log")
@@ -285,13 +286,13 @@ def turning(body: Moving) -> Figure:
     scale = {"title": {"text": "displacement [m]"}}
     look: dict[str, Any] = {
         "cmin": 0.0,
-        "cmax": max(float(body.moved.max()), 1e-6),
+        "cmax": max(float(body.magnitude.max()), 1e-6),
         "colorscale": "Viridis",
         "colorbar": scale,
     }
     meshes = [
-        mesh(corners, body.faces, of_corners=moved, hovertemplate="%{intensity:.3g} m<extra></extra>", **look)
-        for corners, moved in zip(body.corners, body.moved, strict=True)
+        mesh(corners, body.faces, of_corners=magnitude, hovertemplate="%{intensity:.3g} m<extra></extra>", **look)
+        for corners, magnitude in zip(body.corners, body.magnitude, strict=True)
     ]
     names = [f"t = {time:.3g} s" for time in body.times]
     how = {"mode": "immediate", "frame": {"duration": 0, "redraw": True}}

@@ -112,10 +112,10 @@ def before_and_after(
     """
     figure, axes = section_panels(position, 2)
     norm = Normalize(0.0, max(float(np.quantile(plastic_strain, 0.99)), 1e-3))
-    moved = float(np.linalg.norm(displacement, axis=0).max())
+    magnitude = float(np.linalg.norm(displacement, axis=0).max())
     for ax, step, title in (
         (axes[0], np.zeros_like(position), "before, in the colours of the end"),
-        (axes[1], displacement, f"after, largest displacement {moved:.3g} m"),
+        (axes[1], displacement, f"after, largest displacement {magnitude:.3g} m"),
     ):
         boxes = draw_particles(ax, position, half_size, plastic_strain, "viridis", norm, displacement=step)
         ax.set_title(title, loc="left")
@@ -135,15 +135,15 @@ def slide(section: Section, name: str, field: np.ndarray, displacement: np.ndarr
         times: of the displacements (s).
     """
     position, half = section
-    moved = np.linalg.norm(displacement, axis=1)
+    magnitude = np.linalg.norm(displacement, axis=1)
     figure, axes = section_panels(position, len(times) + 1)
     drawn = quantity(name)
     norm = Normalize(float(np.nanmin(field)) / drawn.size, float(np.nanmax(field)) / drawn.size)
     boxes = draw_particles(axes[0], position, half, field / drawn.size, "cividis", norm)
     axes[0].set_title(f"{'strength' if name == 'strength' else drawn.word} before", loc="left")
     figure.colorbar(boxes, ax=axes[0], label=f"{drawn.symbol} [{drawn.unit}]", aspect=8)
-    norm = Normalize(0.0, max(float(moved.max()), 1e-6))
-    for ax, time, step, far in zip(axes[1:], times, displacement, moved, strict=True):
+    norm = Normalize(0.0, max(float(magnitude.max()), 1e-6))
+    for ax, time, step, far in zip(axes[1:], times, displacement, magnitude, strict=True):
         boxes = draw_particles(ax, position, half, far, "viridis", norm, displacement=step)
         ax.set_title(f"t = {time:.3g} s, moved up to {far.max():.3g} m", loc="left")
     figure.colorbar(boxes, ax=axes[1:], label="displacement [m]", aspect=8 * len(times))
@@ -163,11 +163,11 @@ def plan(
         half_size: half the particle spacing (3,) m.
         toe: x of the toe (m), drawn as a line where there is one.
     """
-    moved = np.linalg.norm(displacement, axis=1)
-    norm = Normalize(0.0, max(float(moved.max()), 1e-6))
+    magnitude = np.linalg.norm(displacement, axis=1)
+    norm = Normalize(0.0, max(float(magnitude.max()), 1e-6))
     length, width = np.ptp(position[0]), np.ptp(position[1])
     figure, axes = panels(1, len(times), size=(11.0 / len(times), 11.0 / len(times) * width / length + 1.0))
-    for ax, time, step, far in zip(axes, times, displacement, moved, strict=True):
+    for ax, time, step, far in zip(axes, times, displacement, magnitude, strict=True):
         now = position + step
         # Drawn from below upwards, so that the topmost soil is seen.
         upwards = np.argsort(now[2], kind="stable")
@@ -243,7 +243,7 @@ def draw_particles(
         vertical: label of the vertical axis.
     """
     step = np.zeros_like(position) if displacement is None else displacement
-    corners, shown = moved_boxes(position, step, half), values
+    corners, shown = displaced_boxes(position, step, half), values
     if step.any():
         between = soil_between(position + step, half)
         # Triangles with their last corner twice, so that one array holds them and the boxes.
@@ -264,7 +264,7 @@ def draw_particles(
     return boxes
 
 
-def moved_boxes(position: np.ndarray, displacement: np.ndarray, half: np.ndarray) -> np.ndarray:
+def displaced_boxes(position: np.ndarray, displacement: np.ndarray, half: np.ndarray) -> np.ndarray:
     """Corners (N, 4, 2) of the boxes of particles that moved from a lattice.
 
     A corner goes with the mean displacement of the particles that met there, so that soil which stretches has no cracks

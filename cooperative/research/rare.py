@@ -165,10 +165,11 @@ def importance_sampling(
 ) -> Estimate:
     """Probability of failure from samples around `centre` (M,), weighted back to the standard normal.
 
+    The normal density is shifted, not stretched: with tens of coefficients a stretched one has weights of unbounded
+    variance. The interval is that of the mean of the weights.
+
     Args:
-        fails: coefficients (samples, M) -> whether each fails. The normal density is moved, not stretched: with tens of
-            coefficients a stretched one has weights of unbounded variance. The interval is that of the mean of the
-            weights.
+        fails: coefficients (samples, M) -> whether each fails.
         centre: design point (M,).
         samples: number of samples.
         seed: of the samples.
@@ -180,8 +181,8 @@ def importance_sampling(
     if samples < 2:
         raise ValueError(f"samples = {samples}: give 2 or more")
     centre = np.asarray(centre, float)
-    moved = centre + np.random.default_rng(seed).standard_normal((samples, centre.size))
-    weights = np.exp(centre @ centre / 2 - moved @ centre) * np.asarray(fails(moved), float)
+    shifted = centre + np.random.default_rng(seed).standard_normal((samples, centre.size))
+    weights = np.exp(centre @ centre / 2 - shifted @ centre) * np.asarray(fails(shifted), float)
     return with_variance(
         "importance sampling",
         float(weights.mean()),

@@ -25,7 +25,7 @@ from cooperative.runs._random_soil import RandomSoil, coefficients_of, phases_of
 from cooperative.runs._restart import Frames
 from cooperative.runs._samples import COLUMNS, beyond_toe, finished, run_samples
 from cooperative.runs._size import Cost, GridSize, check_coefficients, check_size, cost_of, grid_size
-from cooperative.runs._stopping import Stop, Stopped, heeding
+from cooperative.runs._stopping import Stop, Stopped, stop_by_signals
 
 __all__ = [
     "COLUMNS",
@@ -58,7 +58,6 @@ __all__ = [
     "foreign",
     "grid_size",
     "ground_of",
-    "heeding",
     "keep_compiled",
     "keep_drawn",
     "keep_ground",
@@ -78,4 +77,5 @@ __all__ = [
     "samples_of",
     "sampling_of",
     "soil_of",
+    "stop_by_signals",
 ]

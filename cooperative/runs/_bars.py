@@ -19,7 +19,7 @@ LOG = "progress.log"
 EVERY = 60.0
 """Seconds from one line to the next of the same bar."""
 
-TOLD = "{desc} {n_fmt}/{total_fmt}%s {elapsed}, {remaining} left{postfix}"
+LAYOUT = "{desc} {n_fmt}/{total_fmt}%s {elapsed}, {remaining} left{postfix}"
 
 Bar = Callable[..., tqdm]
 """Begins a bar: `bar(title, total, done)`, which goes on from `done` samples and tells the time left."""
@@ -32,7 +32,7 @@ def bars(folder: Path, wanted: bool) -> Iterator[Bar]:
     if not wanted or (sys.stderr is not None and sys.stderr.isatty()):
 
         def drawn(title: str, total: int | None, done: int) -> tqdm:
-            shape = TOLD % " |{bar:20}|"
+            shape = LAYOUT % " |{bar:20}|"
             return tqdm(desc=title, total=total, initial=done, disable=not wanted, dynamic_ncols=True, bar_format=shape)
 
         yield drawn
@@ -41,7 +41,7 @@ def bars(folder: Path, wanted: bool) -> Iterator[Bar]:
 
         def written(title: str, total: int | None, done: int) -> tqdm:
             return tqdm(
-                desc=title, total=total, initial=done, file=_Lines(log), bar_format=TOLD % ",",
+                desc=title, total=total, initial=done, file=_Lines(log), bar_format=LAYOUT % ",",
                 miniters=1, mininterval=EVERY, maxinterval=EVERY,
             )  # fmt: skip
 
@@ -84,10 +84,10 @@ class _Lines:
         self.log, self.last = log, ""
 
     def write(self, text: str) -> None:
-        said = text.strip()
-        if said and said != self.last:
-            self.log.info(said)
-            self.last = said
+        line = text.strip()
+        if line and line != self.last:
+            self.log.info(line)
+            self.last = line
 
     def flush(self) -> None:
         """Handlers write at once."""

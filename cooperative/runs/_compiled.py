@@ -36,7 +36,7 @@ _jaxs_entries = getattr(jax_cache, "get_file_cache", None)
 def keep_compiled(parent: Path | None = None) -> Path | None:
     """Have JAX keep what it compiles, for this process and those that it starts; gives the folder.
 
-    parent: of that folder; None takes the user's cache folder. JAX's own variables are heeded:
+    parent: of that folder; None takes the user's cache folder. JAX's own variables apply:
     JAX_COMPILATION_CACHE_DIR names another folder, JAX_ENABLE_COMPILATION_CACHE=0 keeps nothing (None). A damaged entry
     is compiled and written anew; where JAX_COMPILATION_CACHE_MAX_SIZE bounds the folder, JAX alone writes and reads it.
     """
@@ -60,15 +60,15 @@ def machine() -> str:
     JAX names what it keeps by program, flags and version, but on CPU by neither the processor's instructions nor what a
     library called from the program is; code built for one machine may be illegal on another.
     """
-    told = hashlib.sha256(f"{platform.machine()} {platform.processor()}".encode())
+    digest = hashlib.sha256(f"{platform.machine()} {platform.processor()}".encode())
     processor = Path("/proc/cpuinfo")
     if processor.exists():
         lines = processor.read_bytes().splitlines()
-        told.update(b"".join(sorted({x for x in lines if x.startswith((b"model name", b"flags", b"Features"))})))
+        digest.update(b"".join(sorted({x for x in lines if x.startswith((b"model name", b"flags", b"Features"))})))
     library = native_library()
     if library is not None:
-        told.update(library.read_bytes())
-    return told.hexdigest()[:16]
+        digest.update(library.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def _entries(folder: str) -> Any:

@@ -309,7 +309,7 @@ def keep_drawn(folder: Path, drawn: Drawn) -> None:
 def read_drawn(folder: Path, wanted: Iterable[tuple[str, int]]) -> Drawn:
     """The random soil in `drawn.h5` of these samples, by grid and number; those that it lacks are left out, all of them
     where it cannot be trusted."""
-    found: dict[tuple[str, int], SampleSoil] = {}
+    soils: dict[tuple[str, int], SampleSoil] = {}
     try:
         with hdf5.read_sealed(folder / "drawn.h5", *DRAWN) as file:
             there = file.names("/")
@@ -317,7 +317,7 @@ def read_drawn(folder: Path, wanted: Iterable[tuple[str, int]]) -> Drawn:
                 if (group := f"{grid}_{number}") in there:
                     values = {name: file.array(group, name, dimensions=1, kinds="f") for name in file.names(group)}
                     step = float(file.scalars(group)["time_step"])
-                    found[grid, number] = SampleSoil({name: each.astype(float) for name, each in values.items()}, step)
+                    soils[grid, number] = SampleSoil({name: each.astype(float) for name, each in values.items()}, step)
     except (FileNotFoundError, files.DamagedFile):
         return {}
-    return found
+    return soils

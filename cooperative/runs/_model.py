@@ -75,7 +75,7 @@ class GridModel:
 
     @property
     def walls(self) -> tuple[tuple[int, int, float], ...]:
-        """Axis, side (-1 low, 1 high) and place (m) of every wall but the base."""
+        """Axis, side (-1 low, 1 high) and position (m) of every wall but the base."""
         grid = self.scene.grid
         upright = len(grid.shape) - 1
         return tuple(
@@ -178,10 +178,10 @@ class GridModel:
         hazard = self.campaign.hazard
         if hazard is None or self.grid != "refined":
             return self
-        for place in hazard.places:
-            place.columns(self.columns)
-        moved = self.campaign.run.failure_displacement
-        return replace(self, state=with_columns(self.scene, self.state, moved=moved, every=hazard.every))
+        for element in hazard.places:
+            element.columns(self.columns)
+        state = with_columns(self.scene, self.state, moved=self.campaign.run.failure_displacement, every=hazard.every)
+        return replace(self, state=state)
 
     def with_measured(self, campaign: Campaign) -> GridModel:
         """The same grid once its campaign is measured: a rough one with the strength of its calibration, unless it has
@@ -238,18 +238,21 @@ class GridModel:
     def _in_law(self, drawn: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
         """The numbers (N,) of the law in which samples differ, of what is drawn of the random soil, with strength
         reduced where the grids are calibrated, by engineer's name. Soil reaches particles here, and nowhere else."""
-        found = {name: self._of_engineers(name, value) for name, value in drawn.items() if name != RATIO}
+        numbers = {name: self._of_engineers(name, value) for name, value in drawn.items() if name != RATIO}
         if self.stress is not None:
-            found["strength"] = self._of_engineers("strength", self._by_stress(drawn.get(RATIO), found.get("strength")))
+            numbers["strength"] = self._of_engineers(
+                "strength", self._by_stress(drawn.get(RATIO), numbers.get("strength"))
+            )
         if self.strength_factor == 1:
-            return found
+            return numbers
         law: Any = self.scene.material
         known = {name: each.path for name, each in declared(law).items()}
-        full: Any = with_parameters(law, {known[name]: value for name, value in found.items() if name in known})
+        full: Any = with_parameters(law, {known[name]: value for name, value in numbers.items() if name in known})
         reduced = declared(jaxmpm.laws.reduce_strength(full, jnp.asarray(1 / self.strength_factor, law.bulk.dtype)))
         count = self.scene.particles.mass.shape
         return {
-            name: jnp.broadcast_to(reduced[name].value, count) if name in known else found[name] for name in self.names
+            name: jnp.broadcast_to(reduced[name].value, count) if name in known else numbers[name]
+            for name in self.names
         }
 
     def _by_stress(self, ratio: jax.Array | None, strength: jax.Array | None) -> jax.Array:

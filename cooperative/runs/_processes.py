@@ -158,8 +158,8 @@ class Processes(Executor):
             worker.begun = True
         else:
             (future, _), worker.task = worker.task, None
-            well, found = outcome
-            (future.set_result if well else future.set_exception)(found)
+            well, result = outcome
+            (future.set_result if well else future.set_exception)(result)
 
     def _lost(self, worker: _Worker) -> None:
         worker.process.kill()

@@ -32,7 +32,7 @@ REMEDY = "delete the folder's measured.json, or its field_modes.json, whose samp
 class Group:
     """Parameters of one expansion. names: theirs. box: that is expanded on. root: (P, P), what makes their P fields
     correlated, None for one. conditioning: of all their coefficients, None without borehole values. layer: number of
-    the one at which their fields stop, None where they go through all. place: (P M,) which of a sample's coefficients
+    the one at which their fields stop, None where they go through all. indices: (P M,) which of a sample's coefficients
     these are, None for all of them in their order."""
 
     names: tuple[str, ...]
@@ -41,11 +41,11 @@ class Group:
     root: np.ndarray | None
     conditioning: kl.field.Conditioning | None
     layer: int | None = None
-    place: np.ndarray | None = None
+    indices: np.ndarray | None = None
 
     def coefficients(self, sample: jax.Array | np.ndarray) -> dict[str, jax.Array | np.ndarray]:
         """The coefficients (M,) of each parameter's field, of the sample's (modes,)."""
-        own = sample if self.place is None else jnp.asarray(sample)[self.place]
+        own = sample if self.indices is None else jnp.asarray(sample)[self.indices]
         if self.conditioning is not None:
             own = kl.conditioned(self.conditioning, own)
         if self.root is None:
@@ -162,13 +162,13 @@ def _members(part: Part, correlated: CrossCorrelation | None) -> list[tuple[str,
 
 
 def _placed(groups: list[Group]) -> list[Group]:
-    """The groups with their places among a sample's coefficients, of which those of most variance come first: a design
+    """The groups with their indices among a sample's coefficients, of which those of most variance come first: a design
     that spreads its first dimensions best serves all groups alike."""
     shares = [np.tile(np.asarray(group.expansion.fractions, float), len(group.names)) for group in groups]
     rank = np.argsort(np.argsort(-np.concatenate(shares), kind="stable"), kind="stable")
     ends = np.cumsum([0, *(share.size for share in shares)])
     return [
-        replace(group, place=rank[start:end]) for group, start, end in zip(groups, ends[:-1], ends[1:], strict=True)
+        replace(group, indices=rank[start:end]) for group, start, end in zip(groups, ends[:-1], ends[1:], strict=True)
     ]
 
 

@@ -108,15 +108,15 @@ class _Lane:
 class _UnderWay:
     """What the runs under way leave behind between chunks of steps: their past for the modes, frames, restart points.
 
-    folder: of the campaign, None without restart points. kept_as: the grid of its samples, or SLIDES. lanes: by number.
-    started: when the last run ended. stopping: whether a stop was seen after the last chunk. busy: lanes of that chunk
-    not shown yet. ended: whether a run ended with it.
+    folder: of the campaign, None without restart points. stored_as: the grid of its samples, or SLIDES. lanes: by
+    number. started: when the last run ended. stopping: whether a stop was seen after the last chunk. busy: lanes of
+    that chunk not shown yet. ended: whether a run ended with it.
     """
 
-    def __init__(self, model: GridModel, folder: Path | None, stop: Asked, kept_as: str) -> None:
+    def __init__(self, model: GridModel, folder: Path | None, stop: Asked, stored_as: str) -> None:
         source = None if folder is None else stored_source(folder)
         self.digest, self.folder = ("", None) if source is None else (source.digest, folder)
-        self.model, self.stop, self.kept_as = model, stop, kept_as
+        self.model, self.stop, self.stored_as = model, stop, stored_as
         plan, volume = model.campaign.plan, np.asarray(model.scene.particles.volume)
         self.at_rest = Motion.start(volume, model.campaign.run.failure_displacement)
         self.remembers = self.folder is not None or model.grid in (*plan.modes, *plan.fields)
@@ -132,8 +132,8 @@ class _UnderWay:
         """Where a sample goes on from."""
         point = None
         if self.folder is not None:
-            place = self.folder, self.kept_as, number, self.digest
-            point = read_restart(*place, like=self.model.state, start=self.at_rest)
+            of = self.folder, self.stored_as, number, self.digest
+            point = read_restart(*of, like=self.model.state, start=self.at_rest)
         past = (self.at_rest, Frames(), 0.0) if point is None else (point.motion, point.frames, point.seconds)
         self.lanes[number] = _Lane(*past, time.perf_counter())
         return None if point is None else point.midway
@@ -151,10 +151,10 @@ class _UnderWay:
         # A refined run that has failed may be asked to slide on from here.
         failed = self.model.slides_on and bool(midway.state.status == Status.DECIDED)
         if seconds > lane.motion.times[-1]:  # a lane with a number that none may have takes no step
-            moved = np.asarray(_moved(midway.state.displacement))
-            lane.motion = lane.motion.after(seconds, moved)
-            kept = self.model.grid in plan.fields and (running or failed)
-            if kept and lane.frames.due(float(moved.max()), lane.motion.failure_displacement):
+            magnitude = np.asarray(_magnitude(midway.state.displacement))
+            lane.motion = lane.motion.after(seconds, magnitude)
+            stored = self.model.grid in plan.fields and (running or failed)
+            if stored and lane.frames.due(float(magnitude.max()), lane.motion.failure_displacement):
                 lane.frames = lane.frames.after(seconds, midway.state.displacement)
         now = time.perf_counter()
         due = self.stopping or now - lane.written > plan.restart_every
@@ -162,7 +162,7 @@ class _UnderWay:
             state = replace(midway.state, status=jnp.asarray(int(Status.RUNNING), jnp.int32))
             taken = lane.before + now - self.started
             point = RestartPoint(replace(midway, state=state), lane.motion, lane.frames, taken)
-            write_restart(self.folder, SLIDES if failed else self.kept_as, number, self.digest, point)
+            write_restart(self.folder, SLIDES if failed else self.stored_as, number, self.digest, point)
             lane.written = now
         self.busy -= 1
         self.ended = self.ended or not running
@@ -171,7 +171,7 @@ class _UnderWay:
 
 
 @jax.jit
-def _moved(displacement: jax.Array) -> jax.Array:
+def _magnitude(displacement: jax.Array) -> jax.Array:
     return jnp.linalg.norm(displacement, axis=0)
 
 
@@ -216,7 +216,7 @@ def finished(
         row = {**measured.as_row(), "broke_off": False, "walls": walls}
         if measured.displacement > limit:
             fields |= {} if frames is None else frames.as_fields()
-            fields |= (columns := kept_columns(model, result))
+            fields |= (columns := column_fields(model, result))
             row |= column_row(model, columns)
         if motion is not None and isinstance(geometry, Face):
             rules = ModeRules(failure_displacement=limit)
@@ -245,7 +245,7 @@ def mode_row(mode: FailureMode) -> dict[str, Scalar]:
     return row | dict(zip(("onset", "onset_second"), mode.released, strict=False))
 
 
-def kept_columns(model: GridModel, result: Result) -> dict[str, np.ndarray]:
+def column_fields(model: GridModel, result: Result) -> dict[str, np.ndarray]:
     """What the end of a slide tells of the columns; nothing where nobody asked."""
     state, columns = result.state, result.state.columns
     if columns is None:
@@ -257,21 +257,21 @@ def kept_columns(model: GridModel, result: Result) -> dict[str, np.ndarray]:
     came = (deposit >= columns.least) & ~np.isfinite(arrival)
     arrival = np.where(came, float(state.step) * float(result.time_step), arrival)
     arrival = np.where(np.isfinite(arrival), arrival, np.nan)
-    found = deposit, np.maximum(thickness, deposit), np.asarray(columns.speed), arrival
-    return {name: values.astype(np.float32) for name, values in zip(COLUMNS, found, strict=True)}
+    values = deposit, np.maximum(thickness, deposit), np.asarray(columns.speed), arrival
+    return {name: each.astype(np.float32) for name, each in zip(COLUMNS, values, strict=True)}
 
 
 def column_row(model: GridModel, columns: dict[str, np.ndarray]) -> dict[str, Scalar]:
     """What the columns of a slide, where it has them, tell in numbers: `area_columns`, the plan area (m2, in a section
-    m) of the columns beyond the toe in which soil lies at the end, and what came over each exposed place."""
-    kept, hazard = model.state.columns, model.campaign.hazard
-    if not columns or kept is None or hazard is None:
+    m) of the columns beyond the toe in which soil lies at the end, and what came over each exposed element."""
+    passed, hazard = model.state.columns, model.campaign.hazard
+    if not columns or passed is None or hazard is None:
         return {}
     plan = model.columns
-    covered, face = columns["column_deposit"] >= kept.least, model.campaign.site.shape.face
+    covered, face = columns["column_deposit"] >= passed.least, model.campaign.site.shape.face
     row: dict[str, Scalar] = {"area_columns": float(covered[beyond_toe(face, plan)].sum()) * plan.area}
-    for place in hazard.places:
-        row |= place_row(place, plan, columns)
+    for element in hazard.places:
+        row |= element_row(element, plan, columns)
     return row
 
 
@@ -281,14 +281,13 @@ def beyond_toe(face: Face | None, plan: ColumnPlan) -> slice:
     return slice(0 if face is None else int(np.searchsorted(plan.edges(0), face.toe_x - 1e-6)), None)
 
 
-def place_row(place: Place, plan: ColumnPlan, columns: dict[str, np.ndarray]) -> dict[str, Scalar]:
-    """What came over a place: largest thickness (m) and speed (m/s) of its columns, and when it was reached (s), if it
-    was."""
-    mine = place.columns(plan)
+def element_row(element: Place, plan: ColumnPlan, columns: dict[str, np.ndarray]) -> dict[str, Scalar]:
+    """Largest thickness (m) and speed (m/s) at an element at risk, and when soil arrived there (s), if it did."""
+    mine = element.columns(plan)
     _, thickness, speed, arrival = (columns[name][mine] for name in COLUMNS)
     row: dict[str, Scalar] = {
-        f"thickness_at_{place.key}": float(thickness.max()),
-        f"speed_at_{place.key}": float(speed.max()),
+        f"thickness_at_{element.key}": float(thickness.max()),
+        f"speed_at_{element.key}": float(speed.max()),
     }
     reached = arrival[np.isfinite(arrival)]
-    return row | ({f"arrival_at_{place.key}": float(reached.min())} if reached.size else {})
+    return row | ({f"arrival_at_{element.key}": float(reached.min())} if reached.size else {})

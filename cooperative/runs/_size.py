@@ -174,14 +174,14 @@ def check_coefficients(campaign: Campaign, modes: int) -> None:
     runs = campaign.estimator.rough_runs(sampling_of(campaign))
     # The design, a copy while it is made, and the controller's own.
     needed = 12.0 * runs * modes + PROCESS
-    said = f"{runs} samples of {modes} coefficients"
-    _refuse_beyond_memory(needed, said, "give fewer samples, longer correlation lengths or less energy")
+    what = f"{runs} samples of {modes} coefficients"
+    _refuse_beyond_memory(needed, what, "give fewer samples, longer correlation lengths or less energy")
 
 
-def _refuse_beyond_memory(needed: float, said: str, remedy: str) -> None:
+def _refuse_beyond_memory(needed: float, what: str, remedy: str) -> None:
     limit = memory_limit()
     if not needed <= limit:
-        raise ValueError(f"{said} take some {needed / 1e9:.3g} GB, this machine lends {limit / 1e9:.3g} GB: {remedy}")
+        raise ValueError(f"{what} take some {needed / 1e9:.3g} GB, this machine lends {limit / 1e9:.3g} GB: {remedy}")
 
 
 def memory_limit() -> float:

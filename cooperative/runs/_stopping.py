@@ -75,11 +75,11 @@ class Stop:
             self.nothing_to_save = False
 
 
-_heeding: Stop | None = None
+_current: Stop | None = None
 
 
 @contextmanager
-def heeding(*, ends_process: bool = False) -> Iterator[Stop]:
+def stop_by_signals(*, ends_process: bool = False) -> Iterator[Stop]:
     """Have SIGINT and SIGTERM ask for a stop, instead of interrupting whatever runs; gives what to look at.
 
     A second signal ends at once. ends_process: it ends the process even inside a compiled program, and so does a first
@@ -87,9 +87,9 @@ def heeding(*, ends_process: bool = False) -> Iterator[Stop]:
     where it falls. Within another one, or outside the main thread, nothing changes. Signals that the process was
     started to ignore stay ignored. Raises `Stopped` at the end if a signal came after the last look.
     """
-    global _heeding
-    if _heeding is not None or threading.current_thread() is not threading.main_thread():
-        yield _heeding or Stop()
+    global _current
+    if _current is not None or threading.current_thread() is not threading.main_thread():
+        yield _current or Stop()
         return
     stop, seen = Stop(), 0
 
@@ -109,13 +109,13 @@ def heeding(*, ends_process: bool = False) -> Iterator[Stop]:
     wakeup = signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
     for number in taken:
         signal.signal(number, handle)
-    _heeding = stop
+    _current = stop
     try:
         yield stop
     except Stopped as stopped:
         raise Stopped(stop.number or stopped.number) from None
     finally:
-        _heeding = None
+        _current = None
         for number in taken:
             signal.signal(number, before[number])
         signal.set_wakeup_fd(wakeup)

@@ -45,8 +45,8 @@ class Run:
         failure: what is failure, a displacement that is given or that at the limit load of the median soil.
         failure_displacement: from which soil counts as sliding (m).
         least_volume: of soil that moves so far where a slope fails (m3, in a section m2), None for any particle.
-        settle: when a lane has settled, None for never; unless given, a slide, which is what moved that far, once its
-            deposit rests.
+        settle: when a lane has settled, None for never; unless given, a slide, which exceeds the failure displacement,
+            once its deposit rests.
     """
 
     gravity: float = 9.81
@@ -79,7 +79,7 @@ class Plan:
         screening_stop: displacement (m) at which a rough run is decided and ends, None runs it to its end.
         calibrate: measure the factors of safety of both grids first, and bring the rough strength down (or up) by them.
         restart_every: seconds of wall time after which a refined run writes a restart point, and again after as many.
-        fields: grids whose final displacement and plastic strain are kept, and two frames of a failure.
+        fields: grids whose final displacement and plastic strain are stored, and two frames of a failure.
         modes: grids whose failures get a mode, on ground that has a toe.
         slides: how many failures slide on to their end, drawn along the ranks among all samples; the other refined runs
             end once they have failed, which is all that the probability asks. None lets all failures of the audit
@@ -148,7 +148,7 @@ class Campaign:
         run: how each sample runs.
         estimator: which refined runs there are and what is made of them: one of `cooperative`, or a frozen dataclass
             with the methods of `cooperative.Estimator`.
-        hazard: what is kept of slides for maps and elements at risk, None for neither.
+        hazard: what is stored of slides for maps and elements at risk, None for neither.
         name: of the campaign, one line.
         measured: terms, factors of safety and limit load that are known; a folder adds what it has measured.
         raised: refined runs that the campaign's folder allows beyond the estimator's.
@@ -309,9 +309,9 @@ def _check_boreholes(campaign: Campaign) -> None:
     for number, name, varies in through:
         if varies.boreholes is None or not any(name in each.own for each in layers):
             continue
-        places = np.array([row[:-1] for row in varies.boreholes]).T
-        found = campaign.site.layer_of(places, campaign.grids["refined"])
-        for row, layer in zip(varies.boreholes, [] if found is None else found, strict=True):
+        positions = np.array([row[:-1] for row in varies.boreholes]).T
+        at = campaign.site.layer_of(positions, campaign.grids["refined"])
+        for row, layer in zip(varies.boreholes, [] if at is None else at, strict=True):
             if (int(layer) if name in layers[layer].own else None) != number:
                 raise ValueError(
                     f"a borehole value of {name} at {list(row[:-1])} m lies in {layers[layer].name}, to whose field it "

@@ -36,8 +36,8 @@ class RandomField:
     ground, which follows the face of a cut, at the top of the "layer", or at an elevation (m), above which soil has no
     trend. bedding: of inclined strata; lengths are
     then down the dip, along strike and across. nataf: whether the parameter, not the Gaussian field behind it, has the
-    correlation along each axis. boreholes: measured values, each a place (m) and the value there; borehole_error: their
-    deviation, in standard deviations of the field.
+    correlation along each axis. boreholes: measured values, each a position (m) and the value there; borehole_error:
+    their deviation, in standard deviations of the field.
     """
 
     mean: float
@@ -118,33 +118,33 @@ class CrossCorrelation:
             raise ValueError(f"cross_correlation: {error}") from error
 
 
-def check_cross_correlation(found: CrossCorrelation, random: Mapping[str, RandomField]) -> None:
+def check_cross_correlation(correlation: CrossCorrelation, random: Mapping[str, RandomField]) -> None:
     """Raise ValueError for parameters that do not vary, or not alike, and for a matrix that is no correlation."""
-    for name in found.parameters:
+    for name in correlation.parameters:
         if name not in random:
             raise ValueError(
                 f"cross_correlation: parameters hold {shown(name)}, which is no parameter that varies: give some of "
                 f"{', '.join(random)}"
             )
-    if len(set(found.parameters)) != len(found.parameters) or len(found.parameters) < 2:
-        raise ValueError(f"cross_correlation: parameters = {list(found.parameters)}: give two or more, each once")
-    if {len(row) for row in found.matrix} | {len(found.matrix)} != {len(found.parameters)}:
+    if len(set(correlation.parameters)) != len(correlation.parameters) or len(correlation.parameters) < 2:
+        raise ValueError(f"cross_correlation: parameters = {list(correlation.parameters)}: give two or more, each once")
+    if {len(row) for row in correlation.matrix} | {len(correlation.matrix)} != {len(correlation.parameters)}:
         raise ValueError(
-            f"cross_correlation: matrix has {len(found.matrix)} rows of {len(found.matrix[0])} numbers for "
-            f"{len(found.parameters)} parameters: give a row and a column for each"
+            f"cross_correlation: matrix has {len(correlation.matrix)} rows of {len(correlation.matrix[0])} numbers for "
+            f"{len(correlation.parameters)} parameters: give a row and a column for each"
         )
-    first, *others = (random[name] for name in found.parameters)
-    for name, other in zip(found.parameters[1:], others, strict=True):
+    first, *others = (random[name] for name in correlation.parameters)
+    for name, other in zip(correlation.parameters[1:], others, strict=True):
         if _shape(other) != _shape(first):
             raise ValueError(
                 f"cross_correlation: {name} has not the length, correlation, bedding, energy and nataf of "
-                f"{found.parameters[0]}: fields that correlate need the same"
+                f"{correlation.parameters[0]}: fields that correlate need the same"
             )
-    found.gaussian_root(random)
+    correlation.gaussian_root(random)
 
 
 def _shape(field: RandomField) -> Any:
     """What fields that correlate have in common: their expansion."""
-    told = (field.correlation, field.length, field.bedding, field.energy, field.nataf)
+    shared = (field.correlation, field.length, field.bedding, field.energy, field.nataf)
     bounds = (None if end is None else end / field.mean for end in (field.lower, field.upper))
-    return (*told, field.marginal, field.cov, *bounds) if field.nataf else told
+    return (*shared, field.marginal, field.cov, *bounds) if field.nataf else shared

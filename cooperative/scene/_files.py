@@ -41,15 +41,15 @@ class Files:
 
     def table(self, terrain: tables.Terrain | None) -> dict[str, Any]:
         """The table `files`: of a raster the part between the walls of [terrain], at its step."""
-        found = dict(self.known)
+        content = dict(self.known)
         for name, raster in self.known.items():
             if isinstance(raster, Raster):
                 if terrain is not None:
                     x, y = raster.ends
                     raster = raster.cropped(terrain.x or x, terrain.y or y)
                     raster = raster if terrain.step is None else raster.resampled(terrain.step)
-                found[name] = packed(name, raster)
-        return found
+                content[name] = packed(name, raster)
+        return content
 
     def points(self, name: str) -> Any:
         """Points of a file, in a drawing of one of its layers: "section.dxf#GROUND". ValueError, for the end of a
@@ -58,19 +58,19 @@ class Files:
             drawing = re.fullmatch(r"(.+?\.dxf)#(.+)", name, re.IGNORECASE)
             path, *layer = (name,) if drawing is None else drawing.groups()
             self.known[name] = _read(read_line, self.folder / path, *layer)
-        found = self.known.get(name)
-        if not isinstance(found, list):
+        points = self.known.get(name)
+        if not isinstance(points, list):
             raise ValueError(f" = {shown(name)} is no file that was read with the scene: give points [[x, z], ...]")
-        return found
+        return points
 
     def raster(self, name: str) -> Raster:
         """Heights of a file, likewise."""
         if self.folder is not None and name not in self.known:
             self.known[name] = _read(read_raster, self.folder / name)
-        found = self.known.get(name)
-        if not isinstance(found, Raster):
+        raster = self.known.get(name)
+        if not isinstance(raster, Raster):
             raise ValueError(f" = {shown(name)} is no file that was read with the scene: run the scene's own file")
-        return found
+        return raster
 
 
 def _read(reader: Callable[..., Any], *where: Any) -> Any:
@@ -132,9 +132,9 @@ def unpacked(name: str, table: Any) -> Raster:
         if len(data) != 4 * nx * ny:
             raise ValueError(f"{len(data)} bytes for {nx} times {ny} heights")
         heights = np.frombuffer(data, "<f4").astype(float).reshape(nx, ny)
-        found = Raster(heights, (float(x), float(y)), float(step), projection)
+        raster = Raster(heights, (float(x), float(y)), float(step), projection)
     except (AttributeError, TypeError, KeyError, ValueError, OverflowError, zlib.error, binascii.Error) as error:
         where = f"files {shown(name)}: its table in [files] is damaged"
         raise ValueError(f"{where} ({shown(str(error))}): run the scene's file") from error
-    found.check(f"files {shown(name)}")
-    return found
+    raster.check(f"files {shown(name)}")
+    return raster

@@ -64,32 +64,32 @@ def measure(campaign: Campaign, folder: Path, terms: Sequence[int], grids: Mappi
         OSError: the disk refuses.
     """
 
-    def kept(**found: Any) -> Campaign:
-        ready = replace(campaign, measured=replace(campaign.measured, **found))
+    def stored(**results: Any) -> Campaign:
+        ready = replace(campaign, measured=replace(campaign.measured, **results))
         there = {name: value for name, value in asdict(ready.measured).items() if value is not None}
         write_aside(folder / NAME, json.dumps(there).encode())
         return ready
 
     if campaign.measured.terms is None:
-        campaign = kept(terms=tuple(terms))
+        campaign = stored(terms=tuple(terms))
     if campaign.run.failure == "limit load" and campaign.measured.limit_load is None:
-        campaign = kept(limit_load=measure_limit_load(campaign, grids["refined"]))
+        campaign = stored(limit_load=measure_limit_load(campaign, grids["refined"]))
     if campaign.plan.calibrate and campaign.measured.calibration is None:
-        campaign = kept(calibration=factors_of_safety(campaign, grids))
+        campaign = stored(calibration=factors_of_safety(campaign, grids))
     return campaign
 
 
 def factors_of_safety(campaign: Campaign, grids: Mapping[str, Grid]) -> Calibration:
     """Factors of safety of the slope of median soil. Raises ValueError where one lies outside 0.5 to 3."""
     run = campaign.run
-    found = {
+    factors = {
         grid: factor_of_safety(
             *model.median, failure_displacement=run.failure_displacement, t_end=run.t_end, batch=_factors_at_once(),
             settle=run.settle, least_volume=run.least_volume,
         ).stable
         for grid, model in grids.items()
     }  # fmt: skip
-    return Calibration(**found)
+    return Calibration(**factors)
 
 
 def measure_limit_load(campaign: Campaign, refined: Grid) -> LimitLoad:
@@ -99,15 +99,15 @@ def measure_limit_load(campaign: Campaign, refined: Grid) -> LimitLoad:
     t_end, volume = campaign.run.t_end, campaign.run.least_volume
     if volume is None:
         volume = float(f"{SHARE * campaign.site.height**campaign.dimension:.3g}")
-    found = factor_of_safety(
+    result = factor_of_safety(
         scene, state, criterion="limit load", t_end=t_end, batch=_factors_at_once(), least_volume=volume
     )
-    assert found.kink is not None
+    assert result.kink is not None
     below, above = (
         _displacement(reduced(scene, factor), state, t_end, volume)
-        for factor in (found.kink * (1 - BESIDE), found.kink * (1 + BESIDE))
+        for factor in (result.kink * (1 - BESIDE), result.kink * (1 + BESIDE))
     )
-    return LimitLoad(found.kink, float(f"{math.sqrt(below * above):.3g}"), volume)
+    return LimitLoad(result.kink, float(f"{math.sqrt(below * above):.3g}"), volume)
 
 
 def _displacement(scene: Scene, state: State, t_end: float, volume: float) -> float:

@@ -76,7 +76,7 @@ def markdown() -> str:
 
 
 def _unit(schema: tables.Schema) -> str:
-    return str(schema.get("units") or tables.found_in(schema, "unit"))
+    return str(schema.get("units") or tables.first_entry(schema, "unit"))
 
 
 def _allowed(table: type[tables.Table], name: str, schema: tables.Schema) -> str:

@@ -59,7 +59,7 @@ class Site:
     def built(self, soil: AnySoil, numerics: Discretisation, gravity: float, *, at_rest: bool) -> tuple[Scene, State]:
         """Scene and initial state on a grid; ValueError where ground, soil and grid do not fit together."""
         # What is unusual was asked about when the scene was read.
-        layers = [replace(each, soil=_as_meant(each.soil)) for each in self.soils(soil)]
+        layers = [replace(each, soil=_without_warnings(each.soil)) for each in self.soils(soil)]
         loads: dict[str, Any] = {
             "gravity": gravity,
             "at_rest": at_rest,
@@ -95,9 +95,9 @@ class Site:
         """How the strength of each layer, or of the campaign's own soil, goes with the stress at rest, None for one
         where it does not; None where it does in none."""
         soils: list[Any] = [each.layer.soil for each in self.layers] or [soil]
-        found = [None if getattr(each, "strength_ratio", None) is None
+        ratios = [None if getattr(each, "strength_ratio", None) is None
                  else StrengthByStress(each.strength_ratio, each.strength_minimum) for each in soils]  # fmt: skip
-        return found if any(found) else None
+        return ratios if any(ratios) else None
 
     def layer_of(self, position: np.ndarray, numerics: Discretisation) -> np.ndarray | None:
         """Number of the layer (N,) in which each point (d, N) m lies, None where there are none."""
@@ -162,7 +162,7 @@ class Site:
         return np.maximum(top - at[-1], 0.0)
 
 
-def _as_meant(soil: Any) -> AnySoil:
+def _without_warnings(soil: Any) -> AnySoil:
     """The soil, of whose numbers builders need not warn."""
     return replace(soil, unusual=True) if hasattr(soil, "unusual") else soil
 

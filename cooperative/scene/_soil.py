@@ -42,19 +42,19 @@ OF_CLAY, OF_FRICTION = (
 )
 """Keys of the soil that only undrained clay, or only soil with friction, has a use for."""
 
-Place = Callable[[str], str]
+Label = Callable[[str], str]
 """Gives the name of a parameter as messages have it: with the table of the scene in which it stands."""
 
 
-def _in_scene(soil: tables.Soil, strength: tables.Varying | None) -> Place:
+def _in_scene(soil: tables.Soil, strength: tables.Varying | None) -> Label:
     """Names of the parameters that stand in `[soil]`, or `[strength]`."""
 
-    def place(name: str) -> str:
+    def label(name: str) -> str:
         if name == "strength" and strength is not None:
             return "[strength]"
         return f"[soil.{name}]" if isinstance(getattr(soil, name), tables.Varying) else f"[soil] {name}"
 
-    return place
+    return label
 
 
 def soils_of(
@@ -88,31 +88,31 @@ def soils_of(
 
 
 def _soil_of(
-    table: tables.Soil, place: Place, *, height: float, span: Span
+    table: tables.Soil, label: Label, *, height: float, span: Span
 ) -> tuple[Soil | FrictionalSoil, Mapping[str, RandomField]]:
     """The soil with the means of what varies, and the fields by parameter.
 
-    table: `[soil]`, with the strength of `[strength]`. place: names its parameters. height: of the slope (m). span: of
+    table: `[soil]`, with the strength of `[strength]`. label: names its parameters. height: of the slope (m). span: of
     the ground. Raises ValueError for parameters that no soil has, that do not go together or whose numbers betray
     another unit, and for fields whose values leave their limits.
     """
     values, random, unusual = dict(table), {}, table.unusual
-    _check_kind(values, table.model_fields_set, place)
+    _check_kind(values, table.model_fields_set, label)
     for name, value in table:
         if isinstance(value, tables.Varying):
             random[name] = _field(value)
-            _check_field(place(name), name, random[name], span, unusual)
+            _check_field(label(name), name, random[name], span, unusual)
             values[name] = value.mean
         elif name in LIMITS and isinstance(value, float) and not unusual:
-            _ask(place(name), name, value)
+            _ask(label(name), name, value)
     for name, others in SOFTENED_BY.items():
         if name in random and all(values[other] is None for other in others):
             raise ValueError(
-                f"{place(name)} varies, but the soil does not soften: add {' or '.join(others)} to [soil], or leave "
+                f"{label(name)} varies, but the soil does not soften: add {' or '.join(others)} to [soil], or leave "
                 "it out"
             )
-    _check_saturated(values, random, place)
-    _check_friction(values, random, span, place)
+    _check_saturated(values, random, label)
+    _check_friction(values, random, span, label)
     return _built(values, height), MappingProxyType({name: random[name] for name in LIMITS if name in random})
 
 
@@ -154,7 +154,7 @@ def _soil_of_layer(
     if layer.rock:
         return _rock(soil, height), {}, ()
     above = _in_scene(soil if scene.soil is None else scene.soil, scene.strength)
-    found, varying = _soil_of(soil, lambda name: name if name in own else above(name), height=height, span=span)
+    own_soil, varying = _soil_of(soil, lambda name: name if name in own else above(name), height=height, span=span)
     for name, field in varying.items():
         if name not in random:
             if "length" not in _of_its_own(layer, name):
@@ -171,7 +171,7 @@ def _soil_of_layer(
                 f"{name} has nataf or boreholes in [soil], which are of one distribution throughout: leave them out, "
                 "or give this layer no distribution of its own, or a field of its own by its length"
             )
-    return found, varying, tuple(name for name in varying if "length" in _of_its_own(layer, name))
+    return own_soil, varying, tuple(name for name in varying if "length" in _of_its_own(layer, name))
 
 
 UNDRAINED, FRICTIONAL = "undrained", "frictional"
@@ -225,18 +225,18 @@ def _rock(table: tables.Soil, height: float) -> Soil | FrictionalSoil:
     return _built(values, height)
 
 
-def _check_kind(values: Mapping[str, Any], given: Collection[str], place: Place) -> None:
+def _check_kind(values: Mapping[str, Any], given: Collection[str], label: Label) -> None:
     """Clay has a strength, other soil cohesion and friction; ValueError for what has no say."""
     frictional = [name for name in ("cohesion", "friction") if values[name] is not None]
     undrained = [name for name in ("strength", "strength_ratio") if values[name] is not None]
     if frictional and undrained:
         raise ValueError(
-            f"{place(frictional[0])} is given beside a {undrained[0]}: undrained soil has a strength, other soil "
+            f"{label(frictional[0])} is given beside a {undrained[0]}: undrained soil has a strength, other soil "
             "cohesion and friction; leave one of them out"
         )
     if len(undrained) == 2:
         raise ValueError(
-            f"{place('strength_ratio')} is given beside a strength, in whose place it is: leave one of them out"
+            f"{label('strength_ratio')} is given beside a strength, in whose place it is: leave one of them out"
         )
     if ("strength_ratio" in undrained) != (values["strength_minimum"] is not None):
         lacking, beside = ("minimum", "ratio") if undrained == ["strength_ratio"] else ("ratio", "minimum")
@@ -255,7 +255,7 @@ def _check_kind(values: Mapping[str, Any], given: Collection[str], place: Place)
     for name in OF_CLAY if frictional else OF_FRICTION:
         if name in given:
             kind = "soil with cohesion and friction" if frictional else "undrained soil"
-            raise ValueError(f"{place(name)} has no say in {kind}: leave it out")
+            raise ValueError(f"{label(name)} has no say in {kind}: leave it out")
 
 
 def _field(table: tables.Varying) -> RandomField:
@@ -286,7 +286,7 @@ def _check_field(where: str, name: str, field: RandomField, span: Span, unusual:
     for row in field.boreholes or ():
         if len(row) != len(field.length) + 1:
             raise ValueError(
-                f"{where} boreholes hold {list(row)}: give {len(field.length) + 1} numbers, the place and the value"
+                f"{where} boreholes hold {list(row)}: give {len(field.length) + 1} numbers, the position and the value"
             )
 
 
@@ -322,24 +322,24 @@ def _ask(where: str, name: str, value: float, plausible: Plausible | None = None
         raise ValueError(f"{where} = {slip} If it is meant as it is, say unusual = true in [soil]")
 
 
-def _check_saturated(values: Mapping[str, Any], random: Mapping[str, RandomField], place: Place) -> None:
+def _check_saturated(values: Mapping[str, Any], random: Mapping[str, RandomField], label: Label) -> None:
     """Water in its pores does not make soil lighter."""
     saturated, weight = values["saturated_unit_weight"], values["unit_weight"]
     if saturated is None:
         return
     if "unit_weight" in random:
         raise ValueError(
-            f"{place('saturated_unit_weight')} = {saturated:g} N/m3 beside a unit_weight that varies, which is that of "
+            f"{label('saturated_unit_weight')} = {saturated:g} N/m3 beside a unit_weight that varies, which is that of "
             "all soil, wet or dry: give unit_weight as a number, or leave saturated_unit_weight out"
         )
     if saturated < weight and not values["unusual"]:
         raise ValueError(
-            f"{place('saturated_unit_weight')} = {saturated:g} N/m3 is below unit_weight = {weight:g} N/m3, that of "
+            f"{label('saturated_unit_weight')} = {saturated:g} N/m3 is below unit_weight = {weight:g} N/m3, that of "
             "soil above the water: give at least that. If it is meant as it is, say unusual = true in [soil]"
         )
 
 
-def _check_friction(values: Mapping[str, Any], random: Mapping[str, RandomField], span: Span, place: Place) -> None:
+def _check_friction(values: Mapping[str, Any], random: Mapping[str, RandomField], span: Span, label: Label) -> None:
     """Soil that dilates by more than its friction would gain work by sliding; none gains strength by softening."""
     if values["friction"] is None:
         return
@@ -352,13 +352,13 @@ def _check_friction(values: Mapping[str, Any], random: Mapping[str, RandomField]
         if residual > least:
             goes = "reaches" if f"residual_{name}" in random else "="
             raise ValueError(
-                f"{place(f'residual_{name}')} {goes} {residual:.4g} {LIMITS[name].unit}, but {name} comes down to "
+                f"{label(f'residual_{name}')} {goes} {residual:.4g} {LIMITS[name].unit}, but {name} comes down to "
                 f"{least:.3g}: give a residual of at most that"
             )
     friction, dilation = ends("friction"), ends("dilation")
     if dilation[1] > friction[0]:
         raise ValueError(
-            f"{place('dilation')} reaches {dilation[1]:.3g} degrees, friction comes down to {friction[0]:.3g}: give a "
+            f"{label('dilation')} reaches {dilation[1]:.3g} degrees, friction comes down to {friction[0]:.3g}: give a "
             "dilation of at most the friction"
         )
 
@@ -366,9 +366,9 @@ def _check_friction(values: Mapping[str, Any], random: Mapping[str, RandomField]
 def _built(values: Mapping[str, Any], height: float) -> Soil | FrictionalSoil:
     """Softening refers to a band of known thickness, unless the scene has it follow the cell."""
     frictional = values["cohesion"] is not None
-    kept = {name: value for name, value in values.items() if name not in (OF_CLAY if frictional else OF_FRICTION)}
-    length = kept.pop("softening_length")
-    soil: Soil | FrictionalSoil = (FrictionalSoil if frictional else Soil)(**kept)
+    arguments = {name: value for name, value in values.items() if name not in (OF_CLAY if frictional else OF_FRICTION)}
+    length = arguments.pop("softening_length")
+    soil: Soil | FrictionalSoil = (FrictionalSoil if frictional else Soil)(**arguments)
     if length is None and height > 0 and soil.softens:
         length = BAND * height
     return replace(soil, softening_length=None if length == "cell" else length)

@@ -215,16 +215,16 @@ def _ask_of_water(where: str, water: float | Sequence[Sequence[float]] | Raster,
     if not heights.size:
         return
     low, high, top = float(heights.min()), float(heights.max()), base + height
-    meant = "If it is meant as it is, say unusual = true in [soil]"
+    remedy = "If it is meant as it is, say unusual = true in [soil]"
     if low - top > DEEPEST_POOL * height:
         raise ValueError(
             f"{where} stands {low - top:g} m above the ground's highest point at {top:g} m, more than {DEEPEST_POOL:g} "
-            f"times its height of {height:g} m: were cm or mm meant, or heights from another zero? {meant}"
+            f"times its height of {height:g} m: were cm or mm meant, or heights from another zero? {remedy}"
         )
     if high < base:
         raise ValueError(
             f"{where} lies below the base at {base:g} m everywhere, at {high:g} m and lower, and wets nothing: leave "
-            f"[water] out, or give heights from the same zero as those of the ground. {meant}"
+            f"[water] out, or give heights from the same zero as those of the ground. {remedy}"
         )
 
 
@@ -234,18 +234,18 @@ def _hazard(scene: tables.Scene) -> Hazard | None:
     if scene.hazard is None and scene.exposed is None:
         return None
     asked = scene.hazard or tables.Hazard()
-    places = tuple(Place(each.name, each.corners, each.value, each.curve) for each in scene.exposed or ())
-    keys = [place.key for place in places]
-    for place in places:
-        if not place.key or keys.count(place.key) > 1:
+    elements = tuple(Place(each.name, each.corners, each.value, each.curve) for each in scene.exposed or ())
+    keys = [element.key for element in elements]
+    for element in elements:
+        if not element.key or keys.count(element.key) > 1:
             raise ValueError(
-                f"[[exposed]] name = {place.name!r} is there {keys.count(place.key)} times as {place.key!r}: give each "
-                "its own, with letters or digits"
+                f"[[exposed]] name = {element.name!r} is there {keys.count(element.key)} times as {element.key!r}: "
+                "give each its own, with letters or digits"
             )
     thickness, speed = (
         tuple(sorted({level for of, level in asked.thresholds if of == kind})) for kind in ("thickness", "speed")
     )
-    return Hazard(thickness, speed, asked.every, places)
+    return Hazard(thickness, speed, asked.every, elements)
 
 
 def _plan(table: tables.Campaign, *, has_modes: bool) -> Plan:
@@ -309,14 +309,14 @@ def _grid(table: tables.Grid, site: Site, soil: AnySoil) -> Discretisation:
 
 def _given(scene: tables.Scene, estimator: Estimator | None) -> str | None:
     """How an estimator describes itself that the scene does not name; None where the scene names its own."""
-    kept = None if scene.estimator is None else scene.estimator.given
+    stored = None if scene.estimator is None else scene.estimator.given
     if estimator is None:
-        return kept
+        return stored
     if not is_dataclass(estimator) or isinstance(estimator, type):
         raise ValueError(f"estimator = {estimator!r}: give an object of a frozen dataclass, whose fields tell it apart")
-    if kept is not None and kept != repr(estimator):
+    if stored is not None and stored != repr(estimator):
         raise ValueError(
-            f"the campaign's estimator is {short(kept, 400)}, not {estimator!r}: give that one, or another folder"
+            f"the campaign's estimator is {short(stored, 400)}, not {estimator!r}: give that one, or another folder"
         )
     # A k_t is let be, since every scene used to have one.
     named = [key for key in ("estimator", *SETTINGS) if key in scene.campaign.model_fields_set and key != "k_t"]

@@ -183,10 +183,10 @@ def source_checksum(own: type | FunctionType) -> str:
 
     What was defined where there is no source, by `exec` for one, has the checksum of its compiled code.
     """
-    told = hashlib.sha256()
+    digest = hashlib.sha256()
     for each in _used_by(own, {}):
-        told.update(_source(each).encode())
-    return told.hexdigest()[:16]
+        digest.update(_source(each).encode())
+    return digest.hexdigest()[:16]
 
 
 def _used_by(own: Any, seen: dict[int, Any]) -> Iterator[Any]:

@@ -11,9 +11,9 @@ def test_it_offers_what_a_script_needs_and_no_more():
     assert len(cooperative.__all__) <= 55
 
 
-@pytest.mark.parametrize("room", cooperative.MOVED)
+@pytest.mark.parametrize("room", cooperative.RELOCATED)
 def test_a_name_that_moved_is_that_of_its_room_and_warns(room):
-    for name in cooperative.MOVED[room].split():
+    for name in cooperative.RELOCATED[room].split():
         with pytest.warns(DeprecationWarning, match=f"cooperative.{name} is cooperative.{room}.{name}"):
             moved = getattr(cooperative, name)
         assert moved is getattr(import_module(f"cooperative.{room}"), name)

@@ -4,7 +4,7 @@ from cooperative.scene.tables._campaign import Campaign, Grid, Run, Sweep
 from cooperative.scene.tables._ground import Ground, Terrain
 from cooperative.scene.tables._hazard import Hazard
 from cooperative.scene.tables._key import EXTRAS, Table
-from cooperative.scene.tables._reading import Schema, found_in, parts, read, schema_of, table_in, wanted
+from cooperative.scene.tables._reading import Schema, first_entry, parts, read, schema_of, table_in, wanted
 from cooperative.scene.tables._scene import STORED, Scene
 from cooperative.scene.tables._soil import OF_A_FIELD, Layer, Soil, Varying
 from cooperative.scene.tables._stored import MOST_RUNS, Budget, Calibration, FieldModes, LimitLoad, Measured
@@ -32,7 +32,7 @@ __all__ = [
     "Table",
     "Terrain",
     "Varying",
-    "found_in",
+    "first_entry",
     "parts",
     "read",
     "schema_of",

@@ -43,13 +43,13 @@ def read(table: type[T], values: Any, where: str = "", *, files: Any = None) -> 
         return TypeAdapter(table).validate_python(values, context=files)
     except ValidationError as error:
         errors = error.errors(include_url=False)
-    found = _faults(table, values, where, errors)
-    more = f"; and {len(found) - MOST} more" if len(found) > MOST else ""
-    raise ValueError("; ".join(found[:MOST]) + more)
+    faults = _faults(table, values, where, errors)
+    more = f"; and {len(faults) - MOST} more" if len(faults) > MOST else ""
+    raise ValueError("; ".join(faults[:MOST]) + more)
 
 
 @dataclass(frozen=True)
-class _Place:
+class _Entry:
     """Where a fault lies. path: tables around, as messages name them. key: in words, the last of them or a key. field:
     name of the key in its `owner`. value: what stands there. inner: the table that it may be."""
 
@@ -76,23 +76,23 @@ class _Place:
         return f"[{'.'.join(self.path)}] {self.key}" if self.path else self.key
 
 
-def _placed(table: type[Any], values: Any, where: str, location: Iterable[int | str]) -> _Place:
+def _entry_at(table: type[Any], values: Any, where: str, location: Iterable[int | str]) -> _Entry:
     """Where pydantic's location leads: through tables, and into the list of those of which there are several."""
-    place = _Place((), where, values, table)
+    entry = _Entry((), where, values, table)
     for part in location:
-        inner, value = place.inner, place.value
+        inner, value = entry.inner, entry.value
         if isinstance(part, int):
             if inner is None:
                 break  # an element of a list, which a message shows whole
             value = value[part]
             name = value.get("name") if isinstance(value, dict) else None
-            label = f"{place.field} {shown(name) if isinstance(name, str) else part + 1}"
-            place = _Place(place.path, label, value, inner, place.owner, place.field)
+            label = f"{entry.field} {shown(name) if isinstance(name, str) else part + 1}"
+            entry = _Entry(entry.path, label, value, inner, entry.owner, entry.field)
         elif inner is not None and part in inner.__pydantic_fields__:
-            path = (*place.path, place.key) if place.key else ()
-            place = _Place(path, part, value.get(part), table_in(inner.__pydantic_fields__[part]), inner, part)
+            path = (*entry.path, entry.key) if entry.key else ()
+            entry = _Entry(path, part, value.get(part), table_in(inner.__pydantic_fields__[part]), inner, part)
         # What is left tells which of the types of a union it is.
-    return place
+    return entry
 
 
 def _faults(table: type[Any], values: Any, where: str, errors: Iterable[Any]) -> list[str]:
@@ -103,55 +103,57 @@ def _faults(table: type[Any], values: Any, where: str, errors: Iterable[Any]) ->
     for error in errors:
         kind, location = error["type"], error["loc"]
         if kind in UNKNOWN:
-            place = _placed(table, values, where, location[:-1])
+            entry = _entry_at(table, values, where, location[:-1])
             unknown.append(
-                f"{place.section} has an unknown key {shown(location[-1])}{_meant(location[-1], place.inner)}"
+                f"{entry.section} has an unknown key {shown(location[-1])}{_suggestion(location[-1], entry.inner)}"
             )
         elif kind == "missing" and isinstance(location[-1], str):
-            place = _placed(table, values, where, location[:-1])
-            name = location[-1] if place.whole else f"[{location[-1]}]"
-            lacking.setdefault(place.section, []).append(name)
+            entry = _entry_at(table, values, where, location[:-1])
+            name = location[-1] if entry.whole else f"[{location[-1]}]"
+            lacking.setdefault(entry.section, []).append(name)
         else:
-            place = _placed(table, values, where, location)
-            if (*place.path, place.key) not in wrong:  # the first of the types that it may have
-                wrong[*place.path, place.key] = _wrong(place, error)
+            entry = _entry_at(table, values, where, location)
+            if (*entry.path, entry.key) not in wrong:  # the first of the types that it may have
+                wrong[*entry.path, entry.key] = _wrong(entry, error)
     if any(each.startswith("the scene") for each in unknown):
         lacking.pop("the scene", None)  # a table that lacks may be there under a name that is not known
     lacks = [f"{section} lacks {', '.join(names)}: add it" for section, names in lacking.items()]
     return [*unknown, *lacks, *wrong.values()]
 
 
-def _wrong(place: _Place, error: Mapping[str, Any]) -> str:
+def _wrong(entry: _Entry, error: Mapping[str, Any]) -> str:
     """What is wrong with a value, what it may be, in words."""
-    kind, value = error["type"], place.value
+    kind, value = error["type"], entry.value
     if kind == "value_error":
-        return f"{place}{error['ctx']['error']}"
+        return f"{entry}{error['ctx']['error']}"
     if kind in NO_TABLE:
-        return f"{place.whole} = {shown(value)} is {_kind(value)}: make it a table, {place.section}"
-    if place.inner is not None and kind == "list_type":
-        return f"[{place.key}] is {_kind(value)}: write [[{place.key}]], once for each"
-    if place.inner is not None and kind == "too_long":
+        return f"{entry.whole} = {shown(value)} is {_kind(value)}: make it a table, {entry.section}"
+    if entry.inner is not None and kind == "list_type":
+        return f"[{entry.key}] is {_kind(value)}: write [[{entry.key}]], once for each"
+    if entry.inner is not None and kind == "too_long":
         most = error["ctx"]["max_length"]
-        return f"the scene has {len(value)} tables [[{place.key}]], the limit is {most}: give fewer"
-    assert place.owner is not None
-    schema = schema_of(place.owner)["properties"][place.field]
+        return f"the scene has {len(value)} tables [[{entry.key}]], the limit is {most}: give fewer"
+    assert entry.owner is not None
+    schema = schema_of(entry.owner)["properties"][entry.field]
     if kind == "single" or (kind in RANGE and not math.isfinite(error["input"])):
-        return f"{place} = {shown(value)}: give finite values, in single precision (1e-30 to 1e30)"
+        return f"{entry} = {shown(value)}: give finite values, in single precision (1e-30 to 1e30)"
     if kind in RANGE:
         number = f"{value:g}" if isinstance(value, int | float) else shown(value)
         allowed = wanted(schema["oneOf"][0] if "oneOf" in schema else schema)  # of a number, or a table, the number
-        return f"{place} = {number} {found_in(schema, 'unit')}".rstrip() + f": give {allowed}{schema.get('remedy', '')}"
+        return (
+            f"{entry} = {number} {first_entry(schema, 'unit')}".rstrip() + f": give {allowed}{schema.get('remedy', '')}"
+        )
     if kind in CHOICE:
-        return f"{place} = {shown(value)}: give {wanted(schema)}{_nearest(value, found_in(schema, 'enum', []))}"
+        return f"{entry} = {shown(value)}: give {wanted(schema)}{_nearest(value, first_entry(schema, 'enum', []))}"
     itself = f" is {_kind(value)}" if error["input"] is value and kind.endswith("_type") else ""
-    return f"{place} = {shown(value)}{itself}: give {wanted(schema, ends=False)}"
+    return f"{entry} = {shown(value)}{itself}: give {wanted(schema, ends=False)}"
 
 
 def _kind(value: object) -> str:
     return KINDS.get(type(value), f"a {type(value).__name__}")
 
 
-def _meant(key: str, table: type[Any] | None) -> str:
+def _suggestion(key: str, table: type[Any] | None) -> str:
     """What an unknown key may have meant, in words: one that the table knows by another word, one of another table, the
     nearest one, or else all that are known."""
     assert table is not None
@@ -166,13 +168,13 @@ def _meant(key: str, table: type[Any] | None) -> str:
 
 def _synonyms(table: type[Any], key: str) -> list[str]:
     """Keys of a table that are also called so, each in words."""
-    found = []
+    keys = []
     for name, field in table.__pydantic_fields__.items():
         extra = field.json_schema_extra
         words = str(extra.get("synonyms", "")).split() if isinstance(extra, dict) else []
         meanings = [word.partition("=")[2] for word in words if word.partition("=")[0] == key.lower()]
-        found += [f"{name} ({meaning})" if meaning else repr(name) for meaning in meanings]
-    return found
+        keys += [f"{name} ({meaning})" if meaning else repr(name) for meaning in meanings]
+    return keys
 
 
 def _nearest(word: object, known: Iterable[str]) -> str:
@@ -224,14 +226,14 @@ def _is_table(kind: Any) -> bool:
     return isinstance(kind, type) and get_origin(kind) is None and hasattr(kind, "__pydantic_fields__")
 
 
-def found_in(schema: Any, name: str, otherwise: Any = "") -> Any:
+def first_entry(schema: Any, name: str, otherwise: Any = "") -> Any:
     """The first entry of that name in a key's schema or in one within it."""
     if isinstance(schema, dict):
         if name in schema:
             return schema[name]
         schema = list(schema.values())
     return (
-        next(filter(None, (found_in(each, name) for each in schema)), otherwise)
+        next(filter(None, (first_entry(each, name) for each in schema)), otherwise)
         if isinstance(schema, list)
         else otherwise
     )

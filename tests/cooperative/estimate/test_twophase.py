@@ -32,7 +32,7 @@ from cooperative.estimate._audit import (
     unseen,
 )
 from cooperative.estimate._logistic import fit_logistic, normal_scores, predict_logistic
-from cooperative.estimate._twophase import place_share, target_share
+from cooperative.estimate._twophase import share_by_order, target_share
 
 
 def pair(count, pf, correlation, seed):
@@ -109,7 +109,7 @@ def test_the_ordered_estimate_is_exactly_unbiased(outcome):
             known[rank] = True
         groups = np.array([0, 1, 1, 2])
         result = audit_total(
-            waves, outcome, np.zeros(0, int), weight=weight, model=first_model, share=place_share(0, 2), group=groups
+            waves, outcome, np.zeros(0, int), weight=weight, model=first_model, share=share_by_order(0, 2), group=groups
         )
         by_group += probability * result.by_group
         assert result.by_group.sum() == pytest.approx(result.total)
@@ -199,7 +199,7 @@ def test_shares_add_up_to_one_whatever_the_target_needs(needed, budget, size, ea
             break
     assert np.concatenate(shares).sum() == pytest.approx(1.0)
     if not early:
-        np.testing.assert_allclose(np.concatenate(shares), place_share(0, budget) / place_share(0, budget).sum())
+        np.testing.assert_allclose(np.concatenate(shares), share_by_order(0, budget) / share_by_order(0, budget).sum())
 
 
 @pytest.mark.parametrize("failing", [{1, 3}, {5}])
@@ -218,7 +218,9 @@ def test_an_audit_that_ends_by_its_target_is_exactly_unbiased(failing, monkeypat
         return draw
 
     # It is so whatever the model and the shares of the first wave.
-    monkeypatch.setattr(two_phase_module, "place_share", lambda drawn, size: 1 / np.arange(drawn + 1, drawn + size + 1))
+    monkeypatch.setattr(
+        two_phase_module, "share_by_order", lambda drawn, size: 1 / np.arange(drawn + 1, drawn + size + 1)
+    )
     monkeypatch.setattr(two_phase_module, "fit_logistic", lambda score, failed, centre: (failed.sum() - 1.0, 2.0))
     ways = {}
     for order in itertools.permutations(range(count)):

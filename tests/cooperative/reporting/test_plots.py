@@ -171,9 +171,9 @@ def area(boxes):
 
 def test_soil_that_stretches_is_drawn_without_cracks():
     position, half = lattice()
-    still = plots.moved_boxes(position, np.zeros_like(position), half)
+    still = plots.displaced_boxes(position, np.zeros_like(position), half)
     assert area(still) == pytest.approx(np.full(24, 0.25))
-    stretched = plots.moved_boxes(position, np.stack([0.8 * position[0], 0 * position[0]]), half)
+    stretched = plots.displaced_boxes(position, np.stack([0.8 * position[0], 0 * position[0]]), half)
     # Neighbours share their corners: those of each box are corners of the boxes beside it, and all of it is covered.
     corners = {tuple(corner) for box in stretched.round(9) for corner in box}
     assert len(corners) == 7 * 5
@@ -193,11 +193,11 @@ def test_gaps_narrower_than_soil_are_filled_and_wider_ones_are_not():
 def test_soil_that_tears_is_drawn_torn():
     position, half = lattice()
     apart = np.where(position[0] > 1.5, 5.0, 0.0)
-    torn = plots.moved_boxes(position, np.stack([apart, 0 * apart]), half)
+    torn = plots.displaced_boxes(position, np.stack([apart, 0 * apart]), half)
     assert area(torn) == pytest.approx(np.full(24, 0.25))
     assert torn[..., 0].max() == pytest.approx(8.0)
     # Two particles at one place are no lattice: their boxes go with them.
-    twice = plots.moved_boxes(np.tile(position, 2), np.zeros((2, 48)), half)
+    twice = plots.displaced_boxes(np.tile(position, 2), np.zeros((2, 48)), half)
     assert area(twice) == pytest.approx(np.full(48, 0.25))
 
 

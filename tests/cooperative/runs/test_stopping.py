@@ -16,7 +16,7 @@ from benchmarks.robustness import invented
 from benchmarks.robustness.invented import SCENE
 from cooperative import campaign
 from cooperative.__main__ import main
-from cooperative.runs import Stopped, heeding, process_pool
+from cooperative.runs import Stopped, process_pool, stop_by_signals
 from cooperative.runs import _processes as processes
 from cooperative.store import read_rows, read_store
 from tests import ROOT
@@ -39,7 +39,7 @@ def see_one_die(stop):
 
 
 def test_a_signal_within_a_destructor_is_not_lost():
-    with pytest.raises(Stopped, match="SIGINT"), heeding() as stop:
+    with pytest.raises(Stopped, match="SIGINT"), stop_by_signals() as stop:
         see_one_die(stop)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
@@ -47,7 +47,7 @@ def test_a_signal_within_a_destructor_is_not_lost():
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_that_nobody_looked_at_stops_in_the_end(number, code):
     before = signal.getsignal(number)
-    with pytest.raises(Stopped, match="the same command goes on from there") as stopped, heeding():
+    with pytest.raises(Stopped, match="the same command goes on from there") as stopped, stop_by_signals():
         os.kill(os.getpid(), number)
     assert stopped.value.exit_code == code
     assert signal.getsignal(number) is before
@@ -65,23 +65,23 @@ def falls(number):
 
 def test_a_second_signal_ends_where_it_falls_and_the_first_where_nothing_would_be_lost():
     seen = []
-    with pytest.raises(Stopped), heeding():
+    with pytest.raises(Stopped), stop_by_signals():
         seen += [falls(signal.SIGINT), falls(signal.SIGINT)]
-    with pytest.raises(Stopped), heeding() as stop, stop.at_once():
+    with pytest.raises(Stopped), stop_by_signals() as stop, stop.at_once():
         seen += [falls(signal.SIGTERM)]
     assert seen == [False, True, True]
 
 
 def test_within_another_one_and_in_other_threads_nothing_changes():
-    with heeding() as outer:
+    with stop_by_signals() as outer:
         handler = signal.getsignal(signal.SIGTERM)
-        with heeding() as inner:
+        with stop_by_signals() as inner:
             assert inner is outer
         assert signal.getsignal(signal.SIGTERM) is handler
     found = []
 
     def elsewhere():
-        with heeding() as stop:
+        with stop_by_signals() as stop:
             found.append(stop.asked())
 
     thread = threading.Thread(target=elsewhere)
@@ -98,8 +98,8 @@ def controller(script, **options):
 
 LONG = """
     import hashlib
-    from cooperative.runs import heeding
-    with heeding(ends_process=True):
+    from cooperative.runs import stop_by_signals
+    with stop_by_signals(ends_process=True):
         print("begun", flush=True)
         hashlib.pbkdf2_hmac("sha256", b"", b"", 2_000_000_000)
 """

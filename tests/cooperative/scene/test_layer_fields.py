@@ -31,10 +31,10 @@ def test_coefficients_of_one_layer_move_nothing_in_another():
     xi = draws(model, 1)[0]
     before = np.asarray(model.strength(xi))
     assert [group.layer for group in model.soil.groups] == [None, 0, 2]
-    assert sorted(np.concatenate([group.place for group in model.soil.groups])) == list(range(model.soil.modes))
+    assert sorted(np.concatenate([group.indices for group in model.soil.groups])) == list(range(model.soil.modes))
     for group, layer in zip(model.soil.groups, (1, 0, 2), strict=True):
         other = xi.copy()
-        other[group.place] += 1
+        other[group.indices] += 1
         changes = np.asarray(model.strength(other)) != before
         assert np.array_equal(np.unique(model.layer[changes]), [layer])
         assert changes[model.layer == layer].mean() > 0.9
@@ -49,7 +49,7 @@ def test_a_layers_field_is_that_of_its_own_statistics_on_its_own_box():
     assert group.expansion.modes == expansion.modes
     xi = draws(model, 1)[0]
     mine = model.layer == 0
-    alone = kl.field_at(expansion, xi[group.place], model.scene.particles.position[:, mine])
+    alone = kl.field_at(expansion, xi[group.indices], model.scene.particles.position[:, mine])
     expected = kl.Lognormal(40e3, 0.1).transform(alone)
     assert np.allclose(np.asarray(model.strength(xi))[mine], expected, rtol=1e-4)
     assert np.allclose(model.soil.groups[2].box, ((0, 0), (32, 1)))
@@ -151,7 +151,7 @@ def test_terrain_has_such_layers():
     assert np.allclose(own.box, ((0, 0, 5), (16, 8, 5)))
     xi = draws(model, 1)[0]
     other = xi.copy()
-    other[own.place] += 1
+    other[own.indices] += 1
     changes = np.asarray(model.strength(other)) != np.asarray(model.strength(xi))
     assert np.array_equal(np.unique(model.layer[changes]), [0])
 

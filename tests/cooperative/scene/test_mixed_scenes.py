@@ -58,7 +58,7 @@ def test_each_layer_has_its_own_law_and_its_own_fields(text, laws):
         assert np.array_equal(np.isfinite(before[name]), model.layer == layer)
         [group] = model.soil.groups_of(name).values()
         other = xi.copy()
-        other[group.place] += 1
+        other[group.indices] += 1
         after = model.parameters(other)
         for each, values in after.items():
             changes = np.asarray(values)[np.isfinite(before[each])] != before[each][np.isfinite(before[each])]

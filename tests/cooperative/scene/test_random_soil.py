@@ -141,14 +141,14 @@ def test_soil_with_friction_has_the_law_and_the_cure_of_such_soil():
 def test_fields_that_no_table_correlates_have_coefficients_of_their_own():
     model = model_of(SAND)
     first, second = model.soil.groups
-    assert sorted([*first.place, *second.place]) == list(range(model.soil.modes))
+    assert sorted([*first.indices, *second.indices]) == list(range(model.soil.modes))
     shares = np.empty(model.soil.modes)
     for group in (first, second):
-        shares[group.place] = group.expansion.fractions
+        shares[group.indices] = group.expansion.fractions
     assert (np.diff(shares) <= 0).all()
     xi = drawn(model, 1)[0]
     other = xi.copy()
-    other[second.place] += 1
+    other[second.indices] += 1
     one, two = (model.parameters(each) for each in (xi, other))
     assert np.array_equal(one["cohesion"], two["cohesion"])
     assert not np.allclose(one["friction"], two["friction"])
@@ -285,8 +285,8 @@ def test_softening_that_leaves_its_limits_ends_its_sample_alone():
         if "residual_ratio" in group.names:  # some 6 deviations: more than the whole strength is left
             sets = group.coefficients(coefficients[0])
             assert set(sets) == {"strength", "residual_ratio"}
-            coefficients[0, group.place] = 0
-            coefficients[0, group.place[-group.expansion.modes :][0]] = 40.0
+            coefficients[0, group.indices] = 0
+            coefficients[0, group.indices[-group.expansion.modes :][0]] = 40.0
     assert float(model.parameters(coefficients[0])["residual_ratio"].max()) > 1
     rows = {sample.number: sample for sample in runs.run_samples(model, coefficients, [0, 1], width=2)}
     assert (rows[0].status, rows[0].steps) == ("BAD_PARAMETER", 0)
