@@ -1,4 +1,7 @@
-"""`jaxmpm`, or `python -m cooperative`. The commands stand in `cooperative._commands`."""
+"""`jaxmpm`, or `python -m cooperative`.
+
+The commands stand in `cooperative._commands`.
+"""
 
 import io
 import os
@@ -7,8 +10,11 @@ import sys
 
 
 def _open_streams() -> None:
-    """Open each standard stream that is closed to nowhere, so that no file opened later takes its number and with it
-    what libraries print; a letter that an output's encoding lacks is printed as its escape."""
+    """Open each standard stream that is closed to nowhere.
+
+    No file opened later then takes its number and with it what libraries print. A letter that an output's encoding
+    lacks is printed as its escape.
+    """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             number = os.open(os.devnull, os.O_RDWR)
@@ -20,8 +26,13 @@ def _open_streams() -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a command. Ctrl-C ends the process without a word while its libraries load, which takes seconds: nothing has
-    begun."""
+    """Run a command.
+
+    Ctrl-C ends the process without a word while its libraries load, which takes seconds: nothing has begun.
+
+    Returns:
+        The exit code.
+    """
     _open_streams()
     # XLA writes to stderr about the tuning of programs that it reads from its cache.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")

@@ -303,7 +303,11 @@ def _warning_in_lines() -> Iterator[None]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command; errors of the user's making are one line on stderr and exit code 2."""
+    """Run the command; errors of the user's making are one line on stderr and exit code 2.
+
+    Returns:
+        The exit code.
+    """
     given = parser().parse_args(arguments)
     try:
         with _warning_in_lines():

@@ -45,19 +45,31 @@ def run(
     on_phase: Callable[[str], None] = lambda phase: None,
     verify: bool = False,
 ) -> Summary:
-    """Run the campaign of a scene in its folder, or go on where it was; returns the summary.
+    """Run the campaign of a scene in its folder, or go on where it was.
 
-    scene: a campaign, or its scene in TOML as text or file. workers: 1 runs in this process, more in as many processes,
-    each bound to its share of the cores. executor: makes another `concurrent.futures.Executor` (Dask's, for a cluster)
-    that takes `workers` samples at a time. The answer
-    depends on neither. progress: show bars on a terminal; where there is none, lines on stderr and in the folder's
-    progress.log. refined_runs: allow so many, which is more than the scene does; the folder keeps that.
-    estimator: a frozen dataclass with the methods of `cooperative.Estimator`, in place of one that the scene names. The
-    folder remembers it in words: whoever goes on with it, reports it or asks for its progress has to give the same one.
-    on_phase: told that "screening", "audit", "slides" and "summary" begin; it may raise, and the campaign ends there.
-    verify: read and verify every sample's file anew, those too that have not changed since they were verified.
-    Ctrl-C and SIGTERM end it between two chunks of steps, with `runs.Stopped`; the same call goes on from there.
-    Raises ValueError for a scene, a size or a folder that will not do, before anything is run or written.
+    Ctrl-C and SIGTERM end it between two chunks of steps, with `runs.Stopped`; the same call goes on from there. The
+    answer depends on neither `workers` nor `executor`.
+
+    Args:
+        scene: a campaign, or its scene in TOML as text or file.
+        folder: of the campaign.
+        workers: 1 runs in this process, more in as many processes, each bound to its share of the cores.
+        executor: makes another `concurrent.futures.Executor` (Dask's, for a cluster) that takes `workers` samples at a
+            time.
+        refined_runs: allow so many, which is more than the scene does; the folder stores that.
+        progress: show bars on a terminal; where there is none, lines on stderr and in the folder's progress.log.
+        estimator: a frozen dataclass with the methods of `cooperative.Estimator`, in place of one that the scene names.
+            The folder stores it in words: whoever goes on with it, reports it or reads its progress has to give the
+            same one.
+        on_phase: called as "screening", "audit", "slides" and "summary" begin; it may raise, and the campaign ends
+            there.
+        verify: read and verify every sample's file anew, those too that have not changed since they were verified.
+
+    Returns:
+        The summary.
+
+    Raises:
+        ValueError: a scene, a size or a folder that will not do, before anything is run or written.
     """
     folder = Path(folder)
     campaign, source = in_folder(scene, folder, estimator, refined_runs)
@@ -86,8 +98,10 @@ def run(
 
 
 def _models(campaign: Campaign, folder: Path) -> dict[str, runs.GridModel]:
-    """Both grids of a campaign, at rest by what its folder keeps. Raises ValueError where slope, soil, field and grids
-    do not fit."""
+    """Both grids of a campaign, at rest by what its folder keeps.
+
+    Raises ValueError where slope, soil, field and grids do not fit.
+    """
     soil = runs.random_soil(campaign)
     runs.check_coefficients(campaign, soil.modes)
     return {grid: runs.build(campaign, grid, soil, folder=folder) for grid in GRIDS}
@@ -117,8 +131,10 @@ class _Runs:
     def samples(
         self, grid: str, numbers: Iterable[int], coefficients: np.ndarray, *, slides: bool = False
     ) -> Iterator[Sample]:
-        """Run these samples on one grid, or on from where they had failed to the end of their slides; yields each as it
-        ends. Raises `Stopped` when asked to stop."""
+        """Run these samples on one grid, or on from where they had failed to the end of their slides.
+
+        Yields each as it ends. Raises `Stopped` when asked to stop.
+        """
         plan = self.campaign.plan
         limit = plan.screening_stop if grid == "rough" else None
         if grid == "refined" and plan.slides is not None and not slides:
@@ -200,8 +216,10 @@ def _refine(
 
 
 def _drop_restart_points(runner: _Runs, store: Store, phases: Phases) -> None:
-    """Failures that wait for the draw of slides keep no more restart points than twice the slides to be drawn: all are
-    as likely to be drawn. One that is drawn without starts afresh."""
+    """Keep no more restart points of failures that wait for the draw than twice the slides to be drawn.
+
+    All are as likely to be drawn. One that is drawn without starts afresh.
+    """
     count = runner.campaign.plan.slides
     if not count:
         return
@@ -213,8 +231,10 @@ def _drop_restart_points(runner: _Runs, store: Store, phases: Phases) -> None:
 def _slide_on(
     runner: _Runs, store: Store, rows: Callable[[str], Rows], screened: Phases, coefficients: np.ndarray
 ) -> None:
-    """Let as many failures slide on to their end as are asked for, as far as they have not yet. A sample that is drawn
-    and has not run refined runs to its end; where it stands, the next is drawn."""
+    """Let as many failures slide on to their end as are asked for, as far as they have not yet.
+
+    A sample that is drawn and has not run refined runs to its end; where it stands, the next is drawn.
+    """
     plan = runner.campaign.plan
     if not plan.slides:
         return

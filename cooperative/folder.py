@@ -1,4 +1,7 @@
-"""What a campaign's folder holds, read once: ground, rows and summary. Its scene is read only where one is missing."""
+"""What a campaign's folder holds, read once: ground, rows and summary.
+
+Its scene is read only where one is missing.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,16 @@ MADE_FROM = ("measured.json", "budget.json")
 
 @dataclass(frozen=True)
 class Results:
-    """Results of a campaign. left_out: what is there and does not count, and why."""
+    """Results of a campaign.
+
+    Args:
+        store: the campaign's folder.
+        ground: of the campaign.
+        rough: rows of the rough grid.
+        refined: rows of the refined grid.
+        summary: of these rows.
+        left_out: what is there and does not count, and why.
+    """
 
     store: Store
     ground: runs.StoredGround
@@ -44,8 +56,11 @@ class Results:
     left_out: tuple[str, ...] = ()
 
     def drawn(self, most: int = SLIDES) -> tuple[str, list[int]]:
-        """Grid and numbers of the samples that a report draws: the farthest of each failure mode that occurs, then the
-        next farthest; where nothing failed the one that moved farthest."""
+        """Grid and numbers of the samples that a report draws.
+
+        These are the farthest of each failure mode that occurs, then the next farthest; where nothing failed, the one
+        with the largest displacement.
+        """
         grid, rows = ("refined", self.refined) if self.refined.numbers else ("rough", self.rough)
         failed = self.slid if grid == "refined" else np.zeros(len(rows.numbers), bool)
         displacement = rows.columns["displacement"]
@@ -102,8 +117,15 @@ def read_results(folder: str | Path, estimator: Estimator | None = None) -> Resu
 
 
 def known_summary(store: Store, rows: Mapping[str, Rows], estimator: Estimator | None = None) -> Summary | None:
-    """The summary of a campaign's rows; None before the first rough one, and where the folder keeps none and nobody but
-    a script's estimator, which is not given, knows what they stand for."""
+    """The summary of a campaign's rows; None before the first rough one.
+
+    It is None too where the folder stores none and only a script's estimator, which is not given, can weigh the rows.
+
+    Args:
+        store: the campaign's folder.
+        rows: of both grids.
+        estimator: of the script, where one gave it.
+    """
     rough, (refined, _) = rows["rough"], _paired(rows["refined"], rows["rough"])
     if not rough.numbers:
         return None
@@ -114,7 +136,15 @@ def known_summary(store: Store, rows: Mapping[str, Rows], estimator: Estimator |
 
 
 def write_results(results: Results, models: Mapping[str, runs.GridModel]) -> None:
-    """Write the summary of a campaign, and the random soil that a report draws. OSError where the disk refuses."""
+    """Write the summary of a campaign, and the random soil that a report draws.
+
+    Args:
+        results: of the campaign.
+        models: both grids by name.
+
+    Raises:
+        OSError: the disk refuses.
+    """
     store, fields = results.store, results.summary.as_json()
     fields[CHECKSUM] = _checksum(store, results.rough, results.refined, fields)
     files.write_aside(store.folder / SUMMARY, json.dumps(fields, indent=1).encode())
@@ -149,13 +179,21 @@ def _checksum(store: Store, rough: Rows, refined: Rows, fields: dict[str, Any]) 
 
 
 def models_of(campaign: Campaign) -> dict[str, runs.GridModel]:
-    """Both grids of a campaign, free of stress: to be looked at, not run."""
+    """Both grids of a campaign, free of stress: to be looked at, not run.
+
+    Args:
+        campaign: the campaign.
+    """
     soil = runs.random_soil(campaign)
     return {grid: runs.build(campaign, grid, soil, at_rest=False) for grid in GRIDS}
 
 
 def stored_ground(store: Store) -> runs.StoredGround | None:
-    """The ground that a folder keeps; a warning names a file that is damaged."""
+    """The ground that a folder keeps; a warning names a file that is damaged.
+
+    Args:
+        store: the campaign's folder.
+    """
     try:
         return runs.read_ground(store.folder)
     except files.DamagedFile as error:

@@ -1,4 +1,4 @@
-"""A parameter sweep: one folder of campaigns that share their coefficients, and P_f and modes against each parameter.
+"""A parameter sweep: campaigns that share their coefficients, and P_f and modes against each parameter.
 
 A sweep is a scene with a table `[sweep]`: lists of lx, ly, lz (correlation lengths, m), cov and k_t. One parameter is
 changed at a time, the others stay as the scene has them, as in Jiang, Li, Ma and Rezania (2024), Computers and
@@ -50,7 +50,13 @@ STYLES = dict(zip(SEVERITY, (("#D55E00", "o"), ("#CC79A7", "s"), ("#0072B2", "^"
 
 @dataclass(frozen=True)
 class Variant:
-    """One campaign of a sweep. name: its folder. source: its scene. points: the (parameter, value) it answers for."""
+    """One campaign of a sweep.
+
+    Args:
+        name: its folder.
+        source: its scene.
+        points: the (parameter, value) it answers for.
+    """
 
     name: str
     source: Source
@@ -58,12 +64,21 @@ class Variant:
 
 
 def run(scene: Source | str | Path, folder: Path, *, workers: int = 1, progress: bool = False) -> dict[str, Any]:
-    """Run all campaigns of a sweep (TOML text or its file) in its folder, or go on where it was.
+    """Run all campaigns of a sweep in its folder, or go on where it was.
 
-    Returns what `sweep.json` holds.
+    Ctrl-C and SIGTERM end it as they end `cooperative.campaign.run`.
 
-    workers, progress: as for `cooperative.campaign.run`, which Ctrl-C and SIGTERM end likewise. Raises ValueError for a
-    sweep that will not do, before anything is run, and for a folder of another sweep.
+    Args:
+        scene: TOML text, or its file.
+        folder: of the sweep.
+        workers: as for `cooperative.campaign.run`.
+        progress: as for `cooperative.campaign.run`.
+
+    Returns:
+        What `sweep.json` holds.
+
+    Raises:
+        ValueError: a sweep that will not do, before anything is run, or a folder of another sweep.
     """
     folder = Path(folder)
     source = settled(scene, folder, SWEEP)
@@ -102,7 +117,14 @@ def _ran(parts: list[Variant], folder: Path, names: list[str], *, workers: int, 
 
 
 def variants(scene: Source | str | Path) -> list[Variant]:
-    """The campaigns of a sweep. ValueError where the table `[sweep]` is missing or holds what cannot be swept."""
+    """The campaigns of a sweep.
+
+    Args:
+        scene: with a table `[sweep]`: TOML text, or its file.
+
+    Raises:
+        ValueError: the table `[sweep]` is missing or holds what cannot be swept.
+    """
     source = source_of(scene)
     sweep, base_scene = _sweep(source.tables), {name: each for name, each in source.tables.items() if name != "sweep"}
 
@@ -140,7 +162,11 @@ def variants(scene: Source | str | Path) -> list[Variant]:
 
 
 def probabilities(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
-    """P_f with its interval against each parameter, one panel each."""
+    """P_f with its interval against each parameter, one panel each.
+
+    Args:
+        parameters: points of `sweep.json` by parameter.
+    """
     figure, axes = _panels(parameters)
     for ax, (name, rows) in zip(axes, parameters.items(), strict=True):
         _errorbar(ax, rows, [row["probability"] for row in rows], [row["interval"] for row in rows], "#0072B2", "o", "")
@@ -150,7 +176,11 @@ def probabilities(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
 
 
 def mode_ratios(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
-    """Share of each mode among the failures, with its interval, against each parameter, one panel each."""
+    """Share of each mode among the failures, with its interval, against each parameter, one panel each.
+
+    Args:
+        parameters: points of `sweep.json` by parameter.
+    """
     figure, axes = _panels(parameters)
     handles: dict[str, Artist] = {}
     for ax, (name, rows) in zip(axes, parameters.items(), strict=True):

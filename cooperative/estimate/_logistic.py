@@ -10,11 +10,12 @@ from scipy.stats import norm
 def fit_logistic(score: np.ndarray, failed: np.ndarray, centre: float) -> tuple[float, float]:
     """Intercept a and slope b of P(failure) = 1 / (1 + exp(-(a + b (score - centre)))), b at least 0.3.
 
+    Maximum a posteriori with a ~ N(0, 3^2), b ~ N(4, 2^2): scores are normal, so that grids correlated by 0.8 to 0.98
+    have slopes of 2 to 9. Newton steps on a concave function.
+
     Args:
-        score: (n,), n may be 0. Maximum a posteriori with a ~ N(0, 3^2), b ~ N(4, 2^2): scores are normal, so that
-            grids correlated by 0.8 to 0.98 have slopes of 2 to 9. Newton steps on a concave function.
-        failed: (n,), n may be 0. Maximum a posteriori with a ~ N(0, 3^2), b ~ N(4, 2^2): scores are normal, so that
-            grids correlated by 0.8 to 0.98 have slopes of 2 to 9. Newton steps on a concave function.
+        score: normal scores (n,), n may be 0.
+        failed: 0 or 1 (n,).
         centre: score at which the model is centred.
     """
     features = np.stack([np.ones_like(score), score - centre])

@@ -75,9 +75,7 @@ class _Replay:
 def next_audit(population: Population, refined: Answers, plan: AuditPlan) -> list[int]:
     """Samples to run on the refined grid next, in the order drawn; all may run at once.
 
-    Empty when finished.
-
-    First the rough runs that broke off and the ranked prefix, then wave by wave.
+    Empty when finished. First the rough runs that broke off and the ranked prefix, then wave by wave.
 
     Args:
         population: samples of the first phase.
@@ -131,8 +129,7 @@ def sample_weights(population: Population, refined: Answers, plan: AuditPlan) ->
     total = audit_total(
         waves, known, replay.certain, weight=replay.weight, model=nothing, share=replay.share, group=np.arange(count)
     )
-    counted = np.flatnonzero(total.by_group > 0)
-    return {int(replay.order[rank]): float(total.by_group[rank]) for rank in counted}
+    return {int(replay.order[rank]): float(total.by_group[rank]) for rank in np.flatnonzero(total.by_group > 0)}
 
 
 def failures(population: Population, refined: Answers, plan: AuditPlan) -> Failures:
@@ -244,16 +241,15 @@ def share_by_order(drawn: int, size: int) -> np.ndarray:
 def target_share(needed: float, rest: float, *, drawn: int, size: int, left: int) -> np.ndarray:
     """Shares of the draws of a wave of `size` (at most size,), of a mean of which `rest` is left to give.
 
+    What the target does not need before the budget ends is shared out as without one. Draws that can carry all that is
+    left are the last, and share it evenly; so are the last that the budget allows.
+
     Args:
         needed: share of one draw by the target.
         rest: share that is left to give.
-        drawn: draws before, and those that the budget still allows. What the target does not need before the budget
-            ends is shared out as without one. Draws that can carry all that is left are the last, and share it evenly;
-            so are the last that the budget allows.
+        drawn: draws before.
         size: draws of the wave.
-        left: draws before, and those that the budget still allows. What the target does not need before the budget ends
-            is shared out as without one. Draws that can carry all that is left are the last, and share it evenly; so
-            are the last that the budget allows.
+        left: draws that the budget still allows.
     """
     order = share_by_order(drawn, left)
     share = np.maximum(rest * order[:size] / order.sum(), needed)

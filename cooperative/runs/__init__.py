@@ -3,21 +3,17 @@
 from cooperative.runs._bars import Bar, advance, bars
 from cooperative.runs._built import build, keep_initial
 from cooperative.runs._compiled import keep_compiled, machine, memory_mappings, release_programs
+from cooperative.runs._drawn import Drawn, SampleSoil, keep_drawn, read_drawn, soil_of
 from cooperative.runs._executors import Packed, Workers, dask_executor, packed, run_through
 from cooperative.runs._ground import (
-    Drawn,
     HazardPlan,
-    SampleSoil,
     StoredGrid,
     StoredGround,
     foreign,
     ground_of,
-    keep_drawn,
     keep_ground,
-    read_drawn,
     read_ground,
     rows_reader,
-    soil_of,
 )
 from cooperative.runs._model import GridModel
 from cooperative.runs._processes import cores_to_use, process_pool

@@ -1,5 +1,7 @@
-"""What a campaign says of itself while it runs: bars on a terminal; where there is none lines with the time, on stderr
-and in `progress.log` in its folder."""
+"""Progress of a campaign while it runs.
+
+Bars on a terminal; where there is none, lines with the time on stderr and in `progress.log` in its folder.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +29,15 @@ Bar = Callable[..., tqdm]
 
 @contextmanager
 def bars(folder: Path, wanted: bool) -> Iterator[Bar]:
-    """The bars of a campaign in `folder`; none that shows anything unless `wanted`. Raises OSError where the log cannot
-    be written."""
+    """The bars of a campaign; none that shows anything unless wanted.
+
+    Args:
+        folder: of the campaign.
+        wanted: whether they show.
+
+    Raises:
+        OSError: the log cannot be written.
+    """
     if not wanted or (sys.stderr is not None and sys.stderr.isatty()):
 
         def drawn(title: str, total: int | None, done: int) -> tqdm:
@@ -49,7 +58,12 @@ def bars(folder: Path, wanted: bool) -> Iterator[Bar]:
 
 
 def advance(bar: tqdm, known: Callable[[], str]) -> None:
-    """One more sample: how many there are per hour, and what is known by now."""
+    """One more sample: how many there are per hour, and what is known by now.
+
+    Args:
+        bar: of the samples.
+        known: gives what is known by now, in words.
+    """
     if not bar.disable:
         hourly = 3600 * (bar.n + 1 - bar.initial) / max(bar.format_dict["elapsed"], 1e-9)
         bar.set_postfix_str(f"{hourly:.3g} per hour, {known()}", refresh=False)

@@ -1,5 +1,6 @@
-"""A grid's model, built; its stress at rest is solved once per campaign, kept in its folder, and read by whoever builds
-the grid again.
+"""A grid's model, built.
+
+Its stress at rest is solved once per campaign, stored in its folder, and read by whoever builds the grid again.
 
     initial/rough.h5              stress of all particles at rest, and of which grid it is
     initial/refined.h5
@@ -38,10 +39,18 @@ SCHEMA = 1
 def build(
     campaign: Campaign, grid: str, soil: RandomSoil, *, at_rest: bool = True, folder: Path | None = None
 ) -> GridModel:
-    """Scene and initial state of one grid; ValueError where slope, soil, grid and exposed places do not fit together.
+    """Scene and initial state of one grid.
 
-    at_rest: False leaves the state free of stress, which is not solved for then: for who looks and does not run.
-    folder: of the campaign, whose initial stress is taken where it keeps one of this grid.
+    Args:
+        campaign: the campaign.
+        grid: "rough" or "refined".
+        soil: random soil of the campaign.
+        at_rest: False leaves the state free of stress, which is not solved for then: to look at a grid that does not
+            run.
+        folder: of the campaign, whose initial stress is taken where it stores one of this grid.
+
+    Raises:
+        ValueError: slope, soil, grid and elements at risk do not fit together.
     """
     scene, state = built(campaign, grid, at_rest=False)
     _refuse_unknown(campaign.random, scene)
@@ -54,8 +63,10 @@ def build(
 
 
 def _effective_stress(campaign: Campaign, scene: Scene) -> jax.Array | None:
-    """Vertical (N,) Pa, at rest, of the weight of soil with its means; None where no strength goes with it. The elastic
-    stress of a grid would not do: within a cell of the surface it is half of that, or less."""
+    """Vertical (N,) Pa, at rest, of the weight of soil with its means; None where no strength goes with it.
+
+    The elastic stress of a grid would not do: within a cell of the surface it is half of that, or less.
+    """
     if campaign.site.by_stress(campaign.soil) is None:
         return None
     borne = campaign.site.r_u or 0.0
@@ -80,8 +91,10 @@ def initial_path(folder: Path, grid: str) -> Path:
 
 
 def _read_initial(folder: Path, grid: str, scene: Scene, state: State) -> State | None:
-    """The state of this grid with the stress that the folder keeps, None where it keeps none that can be trusted; a
-    warning names a file that is damaged or of another grid."""
+    """The state of this grid with the stress that the folder stores.
+
+    None where it stores none that can be trusted; a warning names a file that is damaged or of another grid.
+    """
     path = initial_path(folder, grid)
     if not os.path.lexists(path):
         return None
@@ -93,8 +106,19 @@ def _read_initial(folder: Path, grid: str, scene: Scene, state: State) -> State 
 
 
 def keep_initial(folder: Path, grid: str, scene: Scene, state: State) -> None:
-    """Keep the stress of a grid at rest, unless the folder has it; what cannot be trusted is set aside. For the one
-    controller. OSError where the disk refuses."""
+    """Keep the stress of a grid at rest, unless the folder has it; what cannot be trusted is set aside.
+
+    For the one controller.
+
+    Args:
+        folder: of the campaign.
+        grid: "rough" or "refined".
+        scene: of the grid.
+        state: of the grid, at rest.
+
+    Raises:
+        OSError: the disk refuses.
+    """
     path = initial_path(folder, grid)
     files.claimed_folder(path.parent)
     if os.path.lexists(path):

@@ -1,5 +1,7 @@
-"""Compiled programs: stored between commands, so that the second run of a scene does not compile again, and released
-before a process has loaded too many."""
+"""Compiled programs, stored between commands.
+
+The second run of a scene does not compile again. Programs are released before a process has loaded too many.
+"""
 
 from __future__ import annotations
 
@@ -36,9 +38,10 @@ _jaxs_entries = getattr(jax_cache, "get_file_cache", None)
 def keep_compiled(parent: Path | None = None) -> Path | None:
     """Have JAX keep what it compiles, for this process and those that it starts; gives the folder.
 
-    parent: of that folder; None takes the user's cache folder. JAX's own variables apply:
-    JAX_COMPILATION_CACHE_DIR names another folder, JAX_ENABLE_COMPILATION_CACHE=0 keeps nothing (None). A damaged entry
-    is compiled and written anew; where JAX_COMPILATION_CACHE_MAX_SIZE bounds the folder, JAX alone writes and reads it.
+    Args:
+        parent: of that folder; None takes the user's cache folder. JAX's own variables apply: JAX_COMPILATION_CACHE_DIR
+            names another folder, JAX_ENABLE_COMPILATION_CACHE=0 keeps nothing (None). A damaged entry is compiled and
+            written anew; where JAX_COMPILATION_CACHE_MAX_SIZE bounds the folder, JAX alone writes and reads it.
     """
     if not jax.config.jax_enable_compilation_cache:  # type: ignore[attr-defined]
         return None
@@ -133,7 +136,8 @@ def memory_mappings() -> tuple[int, int] | None:
 def release_programs(most: int | None = None) -> bool:
     """Release all loaded programs where this process holds more than `most` memory mappings; whether it did.
 
-    most: None takes 60 per cent of those allowed. What is called again is read again from the stored programs.
+    Args:
+        most: None takes 60 per cent of those allowed. What is called again is read again from the stored programs.
     """
     mappings = memory_mappings()
     if mappings is None or mappings[0] <= (FULL * mappings[1] if most is None else most):

@@ -68,8 +68,12 @@ def _dropped_by_dask() -> bool:
 
 @dataclass(frozen=True)
 class Packed:
-    """A campaign in a task. key: checksum of its bytes, by which a worker knows it. content: these bytes, None where
-    the worker is to know it already."""
+    """A campaign in a task.
+
+    Args:
+        key: checksum of its bytes, by which a worker knows the campaign.
+        content: these bytes, None where the worker is to know it already.
+    """
 
     key: str
     content: bytes | None = None
@@ -90,7 +94,14 @@ class _Pickler(cloudpickle.Pickler):
 
 
 def packed(campaign: Campaign) -> Packed:
-    """A campaign for its workers. Raises ValueError for one that holds what cannot be sent to another process."""
+    """A campaign for its workers.
+
+    Args:
+        campaign: the campaign.
+
+    Raises:
+        ValueError: one that holds what cannot be sent to another process.
+    """
     file = io.BytesIO()
     pickler = _Pickler(file)
     try:
@@ -123,9 +134,20 @@ def run_sample(
     slides: bool = False,
     folder: Path | None = None,
 ) -> Sample | None:
-    """Run one sample of a campaign on one of its grids; what a worker does. slides: see `run_samples`. folder: of the
-    campaign, for the grid's initial stress and restart points of refined runs. Returns None where the campaign is not
-    known here and did not come along."""
+    """Run one sample of a campaign on one of its grids; what a worker does.
+
+    Args:
+        campaign: packed.
+        grid: "rough" or "refined".
+        number: of the sample.
+        coefficients: of the sample (terms,).
+        stop_at: displacement (m) at which the run ends, None for none.
+        slides: see `run_samples`.
+        folder: of the campaign, for the grid's initial stress and restart points of refined runs.
+
+    Returns:
+        None where the campaign is not known here and did not come along.
+    """
     if campaign.content is not None and campaign.key not in _campaigns:
         _campaigns.clear()
         _campaigns[campaign.key] = unpacked(campaign.content)
@@ -152,7 +174,10 @@ def _prepared(key: str, grid: str, folder: Path | None) -> GridModel:
 class Workers:
     """An executor that is made when first needed, kept from one stage to the next, and made anew when it breaks.
 
-    make: gives an executor. count: samples handed out to it at a time.
+    Args:
+        make: gives an executor.
+        count: samples handed out to it at a time.
+        executor: the one in use, None before the first.
     """
 
     make: Callable[[], Executor]
@@ -195,15 +220,24 @@ def run_through(
 ) -> Iterator[Sample]:
     """Run the samples with these numbers, rows of `coefficients`, through an executor; yields each as it ends.
 
-    campaign: with its content, which goes to each worker that asks for it.
-    folder: of the campaign, where workers find the initial stress and keep restart points; one that does not see it
-    solves for the stress, and keeps none.
-    look: called several times a second, may raise to stop.
-
     Numbers are drawn one by one as places become free. A sample whose worker was killed, or whose executor broke, may
     be the cause or not, so it runs again once the others have ended, alone. One that ends its worker three times while
     it runs alone is given back with status WORKER_LOST, so that it is reported, not tried for ever.
-    BrokenExecutor where three executors in turn do not take a task.
+
+    Args:
+        workers: that run them.
+        campaign: with its content, which goes to each worker that asks for it.
+        grid: "rough" or "refined".
+        numbers: of the samples.
+        coefficients: of all samples (n, terms).
+        stop_at: as for `run_sample`.
+        slides: as for `run_sample`.
+        folder: of the campaign, where workers find the initial stress and keep restart points; one that does not see it
+            solves for the stress, and keeps none.
+        look: called several times a second, may raise to stop.
+
+    Raises:
+        BrokenExecutor: three executors in turn do not take a task.
     """
     waiting = iter(numbers)
     suspects: deque[int] = deque()
@@ -272,9 +306,13 @@ def run_through(
 def dask_executor(client: Any) -> Callable[[], Executor]:
     """Makes the executor that runs samples on a Dask cluster, for `campaign.run(..., executor=...)`.
 
-    client: a `distributed.Client`, which stays open, or the address of a scheduler, "tcp://host:8786". Dask itself runs
-    the sample of a dead worker again, on another one. Needs the extra `dask`; raises ValueError where that is not
-    installed.
+    Dask itself runs the sample of a dead worker again, on another one.
+
+    Args:
+        client: a `distributed.Client`, which stays open, or the address of a scheduler, "tcp://host:8786".
+
+    Raises:
+        ValueError: the extra `dask` is not installed.
     """
     try:
         import distributed.cfexecutor

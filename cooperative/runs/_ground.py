@@ -1,17 +1,15 @@
 """The ground of a campaign as arrays in its folder, by which samples are read and drawn without building a grid.
 
-    ground.h5     written before the first run: outline, toe, lower boundaries of layers, walls, and the particles of
-                  both grids at the start
-    drawn.h5      written with the summary: the random soil of the samples that a report draws
-
-Both are sealed. A folder of an earlier version has neither; its scene gives what they hold (`ground_of`, `soil_of`).
+`ground.h5` is written before the first run, and sealed: outline, toe, lower boundaries of layers, walls, and the
+particles of both grids at the start. A folder of an earlier version has none; its scene gives what it holds
+(`ground_of`).
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import pairwise
@@ -30,8 +28,8 @@ from foundation import files, hdf5
 from jaxmpm import Face
 from jaxmpm import ground as shapes
 
-GROUND, DRAWN = ("cooperative ground", 3), ("cooperative random soil", 1)
-"""Kind and schema of both files."""
+GROUND = ("cooperative ground", 3)
+"""Kind and schema of the file."""
 OUTLINE, ARRAYS = ("surface", "bottoms"), ("position", "half_size", "layer")
 """Fields of the ground, and of a grid, that are data sets of `ground.h5`; all else is JSON there."""
 OF_PARTICLES = ("displacement", "plastic_strain")
@@ -67,7 +65,8 @@ class HazardPlan:
     Args:
         least: thickness from which on soil counts as there (m).
         every: time between two looks (s).
-        thickness, speed: thresholds of maps (m, m/s).
+        thickness: thresholds of maps (m).
+        speed: thresholds of maps (m/s).
     """
 
     least: float
@@ -147,21 +146,12 @@ class StoredGround:
 _STORED = TypeAdapter(StoredGround)
 
 
-@dataclass(frozen=True)
-class SampleSoil:
-    """The random soil of a sample on one grid. values: of each parameter at the particles (N,), in SI units and
-    degrees, nan in rock. time_step: (s)."""
-
-    values: Mapping[str, np.ndarray]
-    time_step: float
-
-
-Drawn = Mapping[tuple[str, int], SampleSoil]
-"""By grid and number of the sample."""
-
-
 def ground_of(models: Mapping[str, GridModel]) -> StoredGround:
-    """The ground of a campaign's grids."""
+    """The ground of a campaign's grids.
+
+    Args:
+        models: both grids by name.
+    """
     refined = models["refined"]
     campaign, shape = refined.campaign, refined.campaign.site.shape
     layers = [each.layer for each in campaign.site.layers]
@@ -216,15 +206,6 @@ def _numerics(model: GridModel) -> str:
     return f"{words}, softening " + ("per cell" if thickness is None else f"of a band {thickness:g} m thick")
 
 
-def soil_of(model: GridModel, coefficients: np.ndarray) -> SampleSoil:
-    """The random soil of a sample with these coefficients (terms,) on a grid."""
-    values = {name: np.asarray(value, float) for name, value in model.parameters(coefficients).items()}
-    if model.layer is not None:
-        rock = np.array([each.rock for each in model.campaign.site.layers])[model.layer]
-        values = {name: np.where(rock, np.nan, value) for name, value in values.items()}
-    return SampleSoil(values, model.time_step(coefficients))
-
-
 def rows_reader(
     store: Store, samples: int | None, ground: StoredGround | None = None, look: Callable[[], None] = lambda: None
 ) -> Callable[[str], Rows]:
@@ -240,7 +221,14 @@ def rows_reader(
 
 
 def foreign(samples: int | None, ground: StoredGround | None, grid: str, sample: Record) -> str | None:
-    """What a sample holds that a campaign of so many samples, or a grid, does not have; None if nothing."""
+    """What a sample holds that a campaign of so many samples, or a grid, does not have; None if nothing.
+
+    Args:
+        samples: of the first phase, None where unknown.
+        ground: of the campaign, None where unknown.
+        grid: "rough" or "refined".
+        sample: to be checked.
+    """
     if samples is not None and sample.number >= samples:
         return f"is of a sample that the scene, with {samples}, does not have"
     if ground is None:
@@ -259,8 +247,17 @@ def foreign(samples: int | None, ground: StoredGround | None, grid: str, sample:
 
 
 def keep_ground(folder: Path, models: Mapping[str, GridModel]) -> None:
-    """Write `ground.h5`, unless the folder has it; one that is damaged is set aside. For the one controller. OSError
-    where the disk refuses."""
+    """Write `ground.h5`, unless the folder has it; one that is damaged is set aside.
+
+    For the one controller.
+
+    Args:
+        folder: of the campaign.
+        models: both grids by name.
+
+    Raises:
+        OSError: the disk refuses.
+    """
     path = folder / "ground.h5"
     try:
         if read_ground(folder) is not None:
@@ -281,7 +278,14 @@ def keep_ground(folder: Path, models: Mapping[str, GridModel]) -> None:
 
 
 def read_ground(folder: Path) -> StoredGround | None:
-    """The ground in `ground.h5`, None where the folder has none. DamagedFile where it cannot be trusted."""
+    """The ground in `ground.h5`, None where the folder has none.
+
+    Args:
+        folder: of the campaign.
+
+    Raises:
+        DamagedFile: it cannot be trusted.
+    """
     path = folder / "ground.h5"
     if not os.path.lexists(path):
         return None
@@ -291,33 +295,3 @@ def read_ground(folder: Path) -> StoredGround | None:
         for name, grid in about["grids"].items():
             grid |= {of: file.array("/", f"{name}_{of}") for of in ARRAYS if f"{name}_{of}" in there}
         return _STORED.validate_python(about)
-
-
-def keep_drawn(folder: Path, drawn: Drawn) -> None:
-    """Write `drawn.h5`, the random soil of samples. OSError where the disk refuses."""
-
-    def fill(file: h5py.File) -> None:
-        for (grid, number), soil in drawn.items():
-            group = file.create_group(f"{grid}_{number}")
-            group.attrs["time_step"] = soil.time_step
-            for name, values in soil.values.items():
-                group[name] = values.astype(np.float32)
-
-    hdf5.write_sealed(folder / "drawn.h5", *DRAWN, fill)
-
-
-def read_drawn(folder: Path, wanted: Iterable[tuple[str, int]]) -> Drawn:
-    """The random soil in `drawn.h5` of these samples, by grid and number; those that it lacks are left out, all of them
-    where it cannot be trusted."""
-    soils: dict[tuple[str, int], SampleSoil] = {}
-    try:
-        with hdf5.read_sealed(folder / "drawn.h5", *DRAWN) as file:
-            there = file.names("/")
-            for grid, number in wanted:
-                if (group := f"{grid}_{number}") in there:
-                    values = {name: file.array(group, name, dimensions=1, kinds="f") for name in file.names(group)}
-                    step = float(file.scalars(group)["time_step"])
-                    soils[grid, number] = SampleSoil({name: each.astype(float) for name, each in values.items()}, step)
-    except (FileNotFoundError, files.DamagedFile):
-        return {}
-    return soils

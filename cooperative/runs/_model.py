@@ -28,11 +28,16 @@ RATIO = "strength_ratio"
 class GridModel:
     """One grid of a campaign, ready to run.
 
-    grid: "rough" or "refined" of the `campaign`. scene, state: what a sample's soil is put into, at rest; what is
-    random is there the same in a layer, and of no sample. soil: what is random. growth: see `growth_of_trends`.
-    strength_factor: on strength, where the grids are calibrated. layer: number of the layer that each particle is of
-    (N,), None where the ground has none. stress: effective and vertical (N,) Pa, at rest, None where no strength goes
-    with it.
+    Args:
+        grid: "rough" or "refined" of the `campaign`.
+        campaign: the campaign.
+        scene: what a sample's soil is put into, at rest; what is random is there the same in a layer, and of no sample.
+        state: what a sample's soil is put into, at rest; what is random is there the same in a layer, and of no sample.
+        soil: what is random.
+        growth: see `growth_of_trends`.
+        strength_factor: on strength, where the grids are calibrated.
+        layer: number of the layer that each particle is of (N,), None where the ground has none.
+        stress: effective and vertical (N,) Pa, at rest, None where no strength goes with it.
     """
 
     grid: str
@@ -102,8 +107,7 @@ class GridModel:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The parameters of the law that samples differ in: what is random, strength that goes with the stress at rest,
-        and what strength reduction then brings down with it."""
+        """The parameters of the law that samples differ in: random ones, and those that go with these."""
         by_stress = () if self.stress is None else ("strength",)
         random = tuple(dict.fromkeys(name for name in (*self.campaign.random, *by_stress) if name != RATIO))
         bound = (
@@ -134,23 +138,31 @@ class GridModel:
             )
 
     def parameters(self, coefficients: jax.Array | np.ndarray | None = None) -> dict[str, jax.Array]:
-        """The parameters at the particles in which samples differ, each (N,), by engineer's name: in SI units, angles
-        in degrees, softening that of a band as thick as `softening_length`; a strength ratio beside its strength.
+        """The parameters at the particles in which samples differ, each (N,), by engineer's name.
 
-        coefficients: (modes,) of a sample, None for the median soil. Raises ValueError for another number of them.
+        In SI units, angles in degrees, softening that of a band as thick as `softening_length`; a strength ratio beside
+        its strength.
+
+        Args:
+            coefficients: (modes,) of a sample, None for the median soil.
+
+        Raises:
+            ValueError: another number of them.
         """
         drawn = self._drawn(coefficients)
         law = {name: self._of_engineers(name, value, inverse=True) for name, value in self._in_law(drawn).items()}
         return law | {name: drawn[name] for name in (RATIO,) if name in drawn}
 
     def varied(self, coefficients: jax.Array | np.ndarray | None = None) -> dict[str, jax.Array]:
-        """The same as `jaxmpm.solve_each` and `with_soil` take them: by path in the law and in its numbers, angles in
-        radians, softening that of the grid's bands."""
+        """The same as `solve_each` takes them: by path, angles in radians, softening that of the grid's bands."""
         return {self.paths[name]: value for name, value in self._in_law(self._drawn(coefficients)).items()}
 
     def of_sample(self, coefficients: jax.Array | np.ndarray | None = None) -> tuple[Scene, State]:
-        """Scene and initial state of a sample, or of the median soil, with its own time step. Raises ValueError for
-        values that no soil has."""
+        """Scene and initial state of a sample, or of the median soil, with its own time step.
+
+        Raises:
+            ValueError: values that no soil has.
+        """
         return jaxmpm.with_soil(self.scene, self.state, **self.varied(coefficients))
 
     @property
@@ -166,15 +178,21 @@ class GridModel:
         return float(scene.time_step)
 
     def strength(self, coefficients: jax.Array | np.ndarray | None = None) -> jax.Array:
-        """Undrained strength at the particles (N,) Pa, for coefficients (modes,). Raises ValueError where that is not
-        what is random."""
+        """Undrained strength at the particles (N,) Pa, for coefficients (modes,).
+
+        Raises:
+            ValueError: that is not what is random.
+        """
         if "strength" not in self.names:
             raise ValueError(f"random are {', '.join(self.campaign.random)}, not the strength: let strength vary")
         return self.parameters(coefficients)["strength"]
 
     def looking(self) -> GridModel:
-        """The same grid, whose runs keep what passes over each column of cells where the scene wants that of it. Raises
-        ValueError for exposed places outside the ground."""
+        """The same grid, whose runs keep what passes over each column of cells where the scene wants that of it.
+
+        Raises:
+            ValueError: exposed places outside the ground.
+        """
         hazard = self.campaign.hazard
         if hazard is None or self.grid != "refined":
             return self
@@ -184,8 +202,13 @@ class GridModel:
         return replace(self, state=state)
 
     def with_measured(self, campaign: Campaign) -> GridModel:
-        """The same grid once its campaign is measured: a rough one with the strength of its calibration, unless it has
-        that already. Raises ValueError for exposed places outside the ground."""
+        """The same grid once its campaign is measured.
+
+        A rough one has the strength of its calibration.
+
+        Raises:
+            ValueError: elements at risk outside the ground.
+        """
         model, calibration = replace(self, campaign=campaign).looking(), campaign.measured.calibration
         factor = calibration.factor if calibration is not None and self.grid == "rough" else 1.0
         return model if factor == self.strength_factor else model.with_strength_factor(factor)
@@ -216,8 +239,7 @@ class GridModel:
         }
 
     def _points(self, random: RandomField) -> jax.Array:
-        """Where a field is taken for each particle (d, N) m: there, or at the centre of the cell that it starts in,
-        kept in the ground's box where that ends in it."""
+        """Points (d, N) m at which a field is taken: particles, or centres of their first cells in the ground's box."""
         position, grid, shape = self.scene.particles.position, self.scene.grid, self.campaign.site.shape
         if random.sampled_at == "particles":
             return position
@@ -236,8 +258,7 @@ class GridModel:
         }
 
     def _in_law(self, drawn: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
-        """The numbers (N,) of the law in which samples differ, of what is drawn of the random soil, with strength
-        reduced where the grids are calibrated, by engineer's name. Soil reaches particles here, and nowhere else."""
+        """Numbers (N,) of the law by engineer's name, reduced where calibrated: the one way from soil to particle."""
         numbers = {name: self._of_engineers(name, value) for name, value in drawn.items() if name != RATIO}
         if self.stress is not None:
             numbers["strength"] = self._of_engineers(
@@ -256,8 +277,7 @@ class GridModel:
         }
 
     def _by_stress(self, ratio: jax.Array | None, strength: jax.Array | None) -> jax.Array:
-        """Strength (N,) Pa: where it goes with the stress at rest, of a ratio (N,), None where that is not random; else
-        as given (N,) Pa, None where that is not random either."""
+        """Strength (N,) Pa, by a ratio (N,) to the stress at rest where it goes with that; None takes the means."""
         site, soil = self.campaign.site, self.campaign.soil
         by_stress, stress = site.by_stress(soil) or [], jnp.asarray(self.stress)
         layer = np.zeros(self.scene.particles.mass.size, int) if self.layer is None else self.layer
@@ -309,7 +329,10 @@ def _values(
     grown: tuple[jax.Array | None, ...],
     layer: np.ndarray | None,
 ) -> jax.Array:
-    """fields: expansions, their coefficients and points. which: number of the field of each layer."""
+    """fields: expansions, their coefficients and points.
+
+    which: number of the field of each layer.
+    """
     gaussian = [kl.field_at(*field) for field in fields]
     each = [
         marginal.transform(gaussian[number]) if growth is None else marginal.transform(gaussian[number]) * growth

@@ -1,8 +1,8 @@
 """Worker processes of this machine: one that is killed costs its own task, whatever it was at, and no other.
 
 A pool of `concurrent.futures` drops all its tasks when one of its processes dies, cannot tell whose it was, and hangs
-where the process died halfway through sending its result. Here every worker has a pipe of its own: what it was given
-is known, and a pipe that ends within a message tells of its death.
+where the process died halfway through sending its result. Here every worker has a pipe of its own: what it was given is
+known, and a pipe that ends within a message tells of its death.
 """
 
 from __future__ import annotations
@@ -38,8 +38,11 @@ Task = tuple[Future[Any], bytes]
 
 @dataclass(eq=False)
 class _Worker:
-    """A process. pipe: to it. cores: that it is bound to. started: whether it takes tasks. task: that it was given.
-    begun: whether it has received that."""
+    """A process.
+
+    pipe: to it. cores: that it is bound to. started: whether it takes tasks. task: that it was given. begun: whether it
+    has received that.
+    """
 
     process: Any
     pipe: connection.Connection
@@ -53,8 +56,8 @@ class Processes(Executor):
     """Worker processes, one for each share of the cores, begun when there are tasks for them.
 
     A task whose worker dies raises `WorkerLost`; another worker takes the place of the dead one. Workers end when this
-    process does, however it ends, and come to an end at the next look (`stop_wanted`) once the pool is shut down.
-    ValueError comes out of every task where workers cannot be started.
+    process does, however it ends, and come to an end at the next look (`stop_wanted`) once the pool is shut down. Every
+    task raises ValueError where workers cannot be started.
     """
 
     def __init__(self, shares: Sequence[list[int]]) -> None:
@@ -194,8 +197,14 @@ class Processes(Executor):
 
 
 def process_pool(workers: int) -> Executor:
-    """Worker processes, each bound to its own share of the cores, so that they do not fight for them; see `Processes`.
-    ValueError for fewer than one."""
+    """Worker processes, each bound to its own share of the cores, see `Processes`.
+
+    Args:
+        workers: how many.
+
+    Raises:
+        ValueError: fewer than one.
+    """
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
     return Processes(_shares(workers))
@@ -265,9 +274,9 @@ def _outcome(task: bytes) -> bytes:
 
 
 def _watch(ending: connection.Connection) -> None:
-    """Stop the run when the controller says so, and end the process, even inside a compiled program, once it is gone.
+    """Stop the run when the controller wants that, and end the process once the controller is gone.
 
-    A controller that dies closes its pipe too, whatever it died of.
+    It ends even inside a compiled program. A controller that dies closes its pipe too, whatever it died of.
     """
     parent = multiprocessing.parent_process()
     if parent is None:

@@ -1,8 +1,9 @@
-"""The random parameters of a scene's soil, their expansions, and which of a sample's coefficients are whose; samples as
-the campaign's estimator draws and sees them.
+"""The random parameters of a scene's soil, their expansions, and which coefficients are whose.
 
-Parameters that correlate share an expansion and are made from independent fields of it; their borehole values
-condition all of them together, since a value of one tells of the others.
+Samples are here as the campaign's estimator draws and sees them.
+
+Parameters that correlate share an expansion and are made from independent fields of it; their borehole values condition
+all of them together, since a value of one tells of the others.
 """
 
 from __future__ import annotations
@@ -30,10 +31,17 @@ REMEDY = "delete the folder's measured.json, or its field_modes.json, whose samp
 
 @dataclass(frozen=True)
 class Group:
-    """Parameters of one expansion. names: theirs. box: that is expanded on. root: (P, P), what makes their P fields
-    correlated, None for one. conditioning: of all their coefficients, None without borehole values. layer: number of
-    the one at which their fields stop, None where they go through all. indices: (P M,) which of a sample's coefficients
-    these are, None for all of them in their order."""
+    """Parameters of one expansion.
+
+    Args:
+        names: theirs.
+        expansion: of its fields.
+        box: that is expanded on.
+        root: (P, P), what makes their P fields correlated, None for one.
+        conditioning: of all their coefficients, None without borehole values.
+        layer: number of the one at which their fields stop, None where they go through all.
+        indices: (P M,) which of a sample's coefficients these are, None for all of them in their order.
+    """
 
     names: tuple[str, ...]
     expansion: kl.Expansion
@@ -54,15 +62,22 @@ class Group:
         return dict(zip(self.names, jnp.asarray(self.root, fields.dtype) @ fields, strict=True))
 
     def inside(self, points: jax.Array) -> jax.Array:
-        """The points (d, N) m, those beyond the box moved to its faces: the middle of a particle's box that the surface
-        cuts may lie above the ground's highest point, and points of other layers beyond a layer's own box."""
+        """The points (d, N) m, those beyond the box shifted to its faces.
+
+        The middle of a particle's box that the surface cuts may lie above the ground's highest point, and points of
+        other layers beyond a layer's own box.
+        """
         corner, extent = (jnp.asarray(each, points.dtype)[:, None] for each in self.box)
         return jnp.clip(points, corner, corner + extent)
 
 
 @dataclass(frozen=True)
 class RandomSoil:
-    """All that is random in a campaign's soil: the same for every grid."""
+    """All that is random in a campaign's soil: the same for every grid.
+
+    Args:
+        groups: of parameters that share an expansion.
+    """
 
     groups: tuple[Group, ...]
 
@@ -84,10 +99,12 @@ class RandomSoil:
     def coefficients(
         self, sample: jax.Array | np.ndarray, layer: int | None = None
     ) -> dict[str, jax.Array | np.ndarray]:
-        """The coefficients (M,) of each parameter's field, of a sample's (modes,): of the fields that go through all
-        layers, or that stop at one.
+        """The coefficients (M,) of each parameter's field, of a sample's (modes,).
 
-        Raises ValueError for another number of them.
+        Of the fields that go through all layers, or that stop at one.
+
+        Raises:
+            ValueError: another number of them.
         """
         if np.shape(sample) != (self.modes,):
             raise ValueError(f"coefficients of shape {np.shape(sample)}: give ({self.modes},), one for each mode")
@@ -100,9 +117,16 @@ class RandomSoil:
 
 
 def random_soil(campaign: Campaign) -> RandomSoil:
-    """What is random in the campaign's soil: fields over the whole box of the ground, and over the box of a layer at
-    which they stop. Raises ValueError for fields that cannot be expanded, or borehole values that lie outside or
-    contradict each other."""
+    """What is random in the campaign's soil.
+
+    Fields over the whole box of the ground, and over the box of a layer at which they stop.
+
+    Args:
+        campaign: the campaign.
+
+    Raises:
+        ValueError: fields that cannot be expanded, or borehole values that lie outside or contradict each other.
+    """
     site, correlated = campaign.site, campaign.cross_correlation
     through = {name for name in campaign.random if site.spans(name)}
     if correlated is not None and not through.isdisjoint(correlated.parameters):
@@ -162,8 +186,10 @@ def _members(part: Part, correlated: CrossCorrelation | None) -> list[tuple[str,
 
 
 def _placed(groups: list[Group]) -> list[Group]:
-    """The groups with their indices among a sample's coefficients, of which those of most variance come first: a design
-    that spreads its first dimensions best serves all groups alike."""
+    """The groups with their indices among a sample's coefficients, those of most variance first.
+
+    A design that spreads its first dimensions best serves all groups alike.
+    """
     shares = [np.tile(np.asarray(group.expansion.fractions, float), len(group.names)) for group in groups]
     rank = np.argsort(np.argsort(-np.concatenate(shares), kind="stable"), kind="stable")
     ends = np.cumsum([0, *(share.size for share in shares)])
@@ -231,13 +257,22 @@ def _conditioning(
 
 
 def coefficients_of(campaign: Campaign, soil: RandomSoil) -> np.ndarray:
-    """Coefficients of the scene's samples (samples, modes), by the design that it asks for."""
+    """Coefficients of the scene's samples (samples, modes), by the design that it asks for.
+
+    Args:
+        campaign: the campaign.
+        soil: its random soil.
+    """
     plan = campaign.plan
     return np.asarray(plan.coefficients(jax.random.key(plan.seed), plan.samples, soil.modes))
 
 
 def sampling_of(campaign: Campaign) -> Sampling:
-    """The first phase as the campaign's estimator sees it; random fields are expanded when first asked for."""
+    """The first phase as the campaign's estimator sees it; random fields are expanded when first asked for.
+
+    Args:
+        campaign: the campaign.
+    """
     return Sampling(
         campaign.plan.samples,
         campaign.run.failure_displacement,
@@ -248,12 +283,22 @@ def sampling_of(campaign: Campaign) -> Sampling:
 
 
 def samples_of(campaign: Campaign) -> int | None:
-    """Samples of the first phase; None where the estimator of a script, which alone knows, is not here."""
+    """Samples of the first phase; None where the estimator of a script, which alone knows, is not here.
+
+    Args:
+        campaign: the campaign.
+    """
     if isinstance(campaign.estimator, Given):
         return None
     return campaign.estimator.rough_runs(sampling_of(campaign))
 
 
 def phases_of(campaign: Campaign, rough: Rows, refined: Rows) -> Phases:
-    """What the rows of both grids tell the campaign's estimator."""
+    """Both phases by the rows of both grids, for the campaign's estimator.
+
+    Args:
+        campaign: the campaign.
+        rough: rows of the rough grid.
+        refined: rows of the refined grid.
+    """
     return Phases.known(campaign.estimator, sampling_of(campaign), rough.results, refined.results)

@@ -1,5 +1,7 @@
-"""What a run leaves while it is under way: frames, by which a slide is drawn without being run again; restart points,
-from which a run that was killed goes on, bit for bit.
+"""What a run leaves while it is under way: frames and restart points.
+
+A slide is drawn by its frames without being run again. A run that was killed goes on from its restart point, bit for
+bit.
 
 A restart point holds the state, what the settle watch remembers, what the modes need of the past and the frames so far.
 It lies in the campaign's folder, which a worker must see; where it does not, its runs start afresh.
@@ -29,13 +31,21 @@ PASSED = (1.0, 5.0)
 
 @dataclass(frozen=True)
 class Frames:
-    """A run at some of its times. times: of T moments, ascending (s). displacement: at each of them (d, N) m."""
+    """A run at some of its times.
+
+    Args:
+        times: of T moments, ascending (s).
+        displacement: at each of them (d, N) m.
+    """
 
     times: tuple[float, ...] = ()
     displacement: tuple[np.ndarray, ...] = ()
 
     def due(self, farthest: float, failure_displacement: float) -> bool:
-        """Whether soil that has moved so far (m) asks for the next frame. At most one is taken at a time."""
+        """Whether soil that has moved so far (m) asks for the next frame.
+
+        At most one is taken at a time.
+        """
         return len(self.times) < len(PASSED) and farthest > PASSED[len(self.times)] * failure_displacement
 
     def after(self, time: float, displacement: ArrayLike) -> Self:
@@ -58,7 +68,14 @@ class Frames:
 
 @dataclass(frozen=True)
 class RestartPoint:
-    """A run under way. seconds: of wall time that it has taken so far."""
+    """A run under way.
+
+    Args:
+        midway: state, and what the settle watch remembers.
+        motion: past of the run, for its mode.
+        frames: so far.
+        seconds: of wall time that it has taken so far.
+    """
 
     midway: Midway
     motion: Motion
@@ -67,8 +84,18 @@ class RestartPoint:
 
 
 def write_restart(folder: Path, grid: str, number: int, digest: str, point: RestartPoint) -> None:
-    """Write the restart point of a sample, in place of its last one. digest: of the scene. OSError if the disk
-    refuses; the last one then stays."""
+    """Write the restart point of a sample in place of its last one, which stays if the disk refuses.
+
+    Args:
+        folder: of the campaign.
+        grid: or SLIDES.
+        number: of the sample.
+        digest: of the scene.
+        point: the run under way.
+
+    Raises:
+        OSError: the disk refuses.
+    """
     path = restart_path(folder, grid, number)
     files.claimed_folder(path.parent)
     motion = point.motion
@@ -94,8 +121,15 @@ def read_restart(
 ) -> RestartPoint | None:
     """The restart point of a sample, or None where there is none: the run starts afresh.
 
-    like: a state of that grid. start: the motion of a run that has not begun. One that is damaged, or of another scene
-    or sample, is named in a warning and renamed to `*.damaged`.
+    One that is damaged, or of another scene or sample, is named in a warning and renamed to `*.damaged`.
+
+    Args:
+        folder: of the campaign.
+        grid: or SLIDES.
+        number: of the sample.
+        digest: of the scene.
+        like: a state of that grid.
+        start: the motion of a run that has not begun.
     """
     path = restart_path(folder, grid, number)
     if not os.path.lexists(path):
@@ -115,8 +149,11 @@ def read_restart(
 
 
 def _restored(path: Path, state: State, about: dict[str, Any], start: Motion) -> RestartPoint:
-    """The run as it was. Raises DamagedFile, or what reading the wrong type raises, where a part of it is missing or of
-    another type or shape."""
+    """The run as it was.
+
+    Raises DamagedFile, or what reading the wrong type raises, where a part of it is missing or of another type or
+    shape.
+    """
     for name in ("moved", "onset", "seen"):
         if np.shape(about[name]) != start.volume.shape:
             raise files.DamagedFile(f"{path} holds {name} of shape {np.shape(about[name])}")

@@ -50,14 +50,27 @@ def run_samples(
     stop: Asked = lambda: False,
     slides: bool = False,
 ) -> Iterator[Sample]:
-    """Run the samples with these numbers, whose coefficients are (modes,) each, and yield each as it ends, `seconds`
-    after the one before.
+    """Run the samples with these numbers, and yield each as it ends.
 
-    width: lanes at a time; None takes 1 on CPU, where lanes run in turn, and 64 elsewhere. restart_in: folder of the
-    campaign, where runs longer than `restart_every` write restart points and go on from those that are there; None, or
-    a folder that is not there, is for runs without. stop: asked after every chunk of steps; once it says so no further
-    sample begins, those under way write restart points, and `Stopped` is raised. slides: go on from where refined runs
-    had failed, see `Plan.slides`; a run that has left no restart point there starts afresh.
+    Args:
+        model: the grid.
+        coefficients: (modes,) of each number.
+        numbers: of the samples.
+        width: lanes at a time; None takes 1 on CPU, where lanes run in turn, and 64 elsewhere.
+        stop_at: displacement (m) at which a run ends, None for none.
+        on_chunk: called after every chunk of steps.
+        restart_in: folder of the campaign, where runs longer than `restart_every` write restart points and go on from
+            those that are there; None, or a folder that is not there, is for runs without.
+        stop: called after every chunk of steps; once it is true no further sample begins, and those under way write
+            restart points.
+        slides: go on from where refined runs had failed, see `Plan.slides`; a run without a restart point starts
+            afresh.
+
+    Yields:
+        Each sample, its `seconds` those after the one before.
+
+    Raises:
+        Stopped: once `stop` was true.
     """
     if width is None:
         width = 1 if jax.default_backend() == "cpu" else 64
@@ -96,8 +109,11 @@ def run_samples(
 
 @dataclass
 class _Lane:
-    """A run under way. motion: its past for the modes. before: seconds that it had taken when this process took it up.
-    written: when its last restart point was written."""
+    """A run under way.
+
+    motion: its past for the modes. before: seconds that it had taken when this process took it up. written: when its
+    last restart point was written.
+    """
 
     motion: Motion
     frames: Frames
@@ -106,7 +122,7 @@ class _Lane:
 
 
 class _UnderWay:
-    """What the runs under way leave behind between chunks of steps: their past for the modes, frames, restart points.
+    """The runs under way between chunks of steps: their past for the modes, frames, restart points.
 
     folder: of the campaign, None without restart points. stored_as: the grid of its samples, or SLIDES. lanes: by
     number. started: when the last run ended. stopping: whether a stop was seen after the last chunk. busy: lanes of
@@ -145,7 +161,10 @@ class _UnderWay:
         self.stopping, self.busy, self.ended = self.stop(), busy, False
 
     def remember(self, number: int, seconds: float, midway: Midway) -> None:
-        """One lane after a chunk. Raises `Stopped` after the last one, if none waits to be given out."""
+        """One lane after a chunk.
+
+        Raises `Stopped` after the last one, if none waits to be given out.
+        """
         lane, plan = self.lanes[number], self.model.campaign.plan
         running = bool(midway.state.status == Status.RUNNING)
         # A refined run that has failed may be asked to slide on from here.
@@ -184,8 +203,20 @@ def finished(
     motion: Motion | None = None,
     frames: Frames | None = None,
 ) -> Sample:
-    """The record of a run; its mode too, where its past was remembered, and its frames if it failed. A run that broke
-    off, or a refined one that ended once it had failed, has no consequences, only the displacement it had reached."""
+    """The record of a run; its mode too, where its past was remembered, and its frames if it failed.
+
+    A run that broke off, or a refined one that ended once it had failed, has no consequences, only the displacement it
+    had reached.
+
+    Args:
+        model: the grid.
+        number: of the sample.
+        coefficients: of the sample (terms,).
+        result: of the run.
+        seconds: of wall time.
+        motion: its past, None where not remembered.
+        frames: of the run.
+    """
     scene, campaign = model.scene, model.campaign
     displacement = np.asarray(result.state.displacement)
     history = result.state.history
@@ -237,8 +268,11 @@ def finished(
 
 
 def mode_row(mode: FailureMode) -> dict[str, Scalar]:
-    """A mode's scalars: its name, how many masses slide, depth of the shallowest and deepest (m), and when the first
-    and, if progressive, the second began to let go (s). What a mode does not have is left out."""
+    """A mode's scalars; what a mode does not have is left out.
+
+    Its name, how many masses slide, depth of the shallowest and deepest (m), and when the first and, if progressive,
+    the second began to let go (s).
+    """
     row: dict[str, Scalar] = {"mode": mode.name, "masses": len(mode.masses)}
     if mode.masses:
         row |= {"depth_shallowest": min(mode.masses), "depth_deepest": max(mode.masses)}
@@ -246,7 +280,7 @@ def mode_row(mode: FailureMode) -> dict[str, Scalar]:
 
 
 def column_fields(model: GridModel, result: Result) -> dict[str, np.ndarray]:
-    """What the end of a slide tells of the columns; nothing where nobody asked."""
+    """Fields of the columns at the end of a slide; none where the scene has no maps."""
     state, columns = result.state, result.state.columns
     if columns is None:
         return {}
@@ -262,8 +296,11 @@ def column_fields(model: GridModel, result: Result) -> dict[str, np.ndarray]:
 
 
 def column_row(model: GridModel, columns: dict[str, np.ndarray]) -> dict[str, Scalar]:
-    """What the columns of a slide, where it has them, tell in numbers: `area_columns`, the plan area (m2, in a section
-    m) of the columns beyond the toe in which soil lies at the end, and what came over each exposed element."""
+    """Scalars of the columns of a slide, where it has them.
+
+    `area_columns` is the plan area (m2, in a section m) of the columns beyond the toe in which soil lies at the end;
+    the others are those of each element at risk.
+    """
     passed, hazard = model.state.columns, model.campaign.hazard
     if not columns or passed is None or hazard is None:
         return {}
@@ -276,8 +313,14 @@ def column_row(model: GridModel, columns: dict[str, np.ndarray]) -> dict[str, Sc
 
 
 def beyond_toe(face: Face | None, plan: ColumnPlan) -> slice:
-    """The columns, along x, that lie beyond the toe; that which holds the toe is none of them. All of ground that has
-    no toe."""
+    """The columns, along x, that lie beyond the toe; that which holds the toe is none of them.
+
+    All of ground that has no toe.
+
+    Args:
+        face: of the slope, None for ground without a toe.
+        plan: of the columns.
+    """
     return slice(0 if face is None else int(np.searchsorted(plan.edges(0), face.toe_x - 1e-6)), None)
 
 

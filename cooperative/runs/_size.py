@@ -1,5 +1,7 @@
-"""How large a campaign is, told from its scene before any grid is built: particles, steps, memory; and what it will
-cost on this machine, told from a trial of some seconds."""
+"""How large a campaign is, by its scene alone: particles, steps, memory.
+
+Its cost on this machine comes from a trial of some seconds.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,15 @@ PROCESS = 5e8
 
 @dataclass(frozen=True)
 class GridSize:
-    """One grid: particles, nodes, points of the box around the slope; steps of a run, filters of averaging in each."""
+    """One grid.
+
+    Args:
+        particles: in all.
+        nodes: in all.
+        points: of the box around the slope.
+        steps: of a run.
+        passes: filters of averaging in each step.
+    """
 
     particles: float
     nodes: float
@@ -65,7 +75,15 @@ class GridSize:
 
 
 def grid_size(campaign: Campaign, grid: str) -> GridSize:
-    """Size of one grid. Raises ValueError where slope, soil and grid do not fit together."""
+    """Size of one grid.
+
+    Args:
+        campaign: the campaign.
+        grid: "rough" or "refined".
+
+    Raises:
+        ValueError: slope, soil and grid do not fit together.
+    """
     site, numerics, gravity = campaign.site, campaign.grids[grid], campaign.run.gravity
     shape = site.shape
     cells, speed = ground.cells(shape, numerics), math.sqrt(gravity * shape.extent[-1])
@@ -126,10 +144,15 @@ def _refused_at_the_ends(alone: Callable[[AnySoil], Scene], soil: AnySoil) -> No
 
 
 def check_size(campaign: Campaign, workers: int = 1) -> None:
-    """Raise ValueError for slope, soil and grids that do not fit together, and for a campaign that would not end or not
-    fit into the memory of this machine.
+    """Raise ValueError for a campaign that cannot run here, before anything larger than a particle is built.
 
-    workers: processes that hold both grids each. Nothing larger than a particle is built for it.
+    Args:
+        campaign: the campaign.
+        workers: processes that hold both grids each.
+
+    Raises:
+        ValueError: slope, soil and grids that do not fit together, and for a campaign that would not end or not fit
+            into the memory of this machine.
     """
     plan, runs = campaign.plan, campaign.estimator.rough_runs(sampling_of(campaign))
     if runs > MOST_RUNS:
@@ -170,7 +193,12 @@ def check_size(campaign: Campaign, workers: int = 1) -> None:
 
 
 def check_coefficients(campaign: Campaign, modes: int) -> None:
-    """Raise ValueError for more coefficients than this machine's memory holds."""
+    """Raise ValueError for more coefficients than this machine's memory holds.
+
+    Args:
+        campaign: the campaign.
+        modes: coefficients of a sample.
+    """
     runs = campaign.estimator.rough_runs(sampling_of(campaign))
     # The design, a copy while it is made, and the controller's own.
     needed = 12.0 * runs * modes + PROCESS
@@ -206,8 +234,13 @@ def _limits() -> Iterator[float]:
 
 @dataclass(frozen=True)
 class Cost:
-    """sizes: of both grids, by name. runs: how many there are of each, at most on the refined grid. step: seconds of
-    one step of a run on each."""
+    """What a campaign takes on this machine.
+
+    Args:
+        sizes: of both grids, by name.
+        runs: how many there are of each, at most on the refined grid.
+        step: seconds of one step of a run on each.
+    """
 
     sizes: Mapping[str, GridSize]
     runs: Mapping[str, int]
@@ -224,8 +257,15 @@ class Cost:
 
 
 def cost_of(campaign: Campaign, seconds: float = 10.0) -> Cost:
-    """Try a run of each grid for half of `seconds`, compiling not counted. Raises ValueError where ground, soil and
-    grids do not fit together."""
+    """Try a run of each grid for half of `seconds`, compiling not counted.
+
+    Args:
+        campaign: the campaign.
+        seconds: of the trial.
+
+    Raises:
+        ValueError: ground, soil and grids do not fit together.
+    """
     rough, soil = campaign.estimator.rough_runs(sampling_of(campaign)), random_soil(campaign)
     budget = campaign.estimator.budget(rough)
     models = {grid: build(campaign, grid, soil, at_rest=False) for grid in GRIDS}

@@ -49,7 +49,10 @@ class Stopped(KeyboardInterrupt):
 
 
 class Stop:
-    """Whether a stop was asked for. number: of the signal, None while there was none."""
+    """Whether a stop was asked for.
+
+    number: of the signal, None while there was none.
+    """
 
     def __init__(self) -> None:
         self.number: int | None = None
@@ -82,10 +85,16 @@ _current: Stop | None = None
 def stop_by_signals(*, ends_process: bool = False) -> Iterator[Stop]:
     """Have SIGINT and SIGTERM ask for a stop, instead of interrupting whatever runs; gives what to look at.
 
-    A second signal ends at once. ends_process: it ends the process even inside a compiled program, and so does a first
-    one that nobody looks at for `PATIENCE` seconds; otherwise, for scripts and notebooks, the second raises `Stopped`
-    where it falls. Within another one, or outside the main thread, nothing changes. Signals that the process was
-    started to ignore stay ignored. Raises `Stopped` at the end if a signal came after the last look.
+    A second signal ends at once. Within another one, or outside the main thread, nothing changes. Signals that the
+    process was started to ignore stay ignored.
+
+    Args:
+        ends_process: the second signal ends the process even inside a compiled program, and so does a first one that
+            nobody looks at for `PATIENCE` seconds; otherwise, for scripts and notebooks, the second raises `Stopped`
+            where it falls.
+
+    Raises:
+        Stopped: at the end if a signal came after the last look.
     """
     global _current
     if _current is not None or threading.current_thread() is not threading.main_thread():

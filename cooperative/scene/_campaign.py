@@ -1,4 +1,7 @@
-"""The value of a campaign: what slides where, how each sample runs, what the campaign does. Nothing in it changes."""
+"""The value of a campaign: what slides where, how each sample runs, what the campaign does.
+
+Nothing in it changes.
+"""
 
 from __future__ import annotations
 
@@ -101,8 +104,14 @@ class Plan:
 
 @dataclass(frozen=True)
 class Hazard:
-    """What is kept of each refined slide for maps. thickness, speed: thresholds (m, m/s) whose exceedance is mapped.
-    every: steps from one look at the columns of cells to the next. places: that are exposed."""
+    """What is stored of each refined slide for maps.
+
+    Args:
+        thickness: thresholds (m) whose exceedance is mapped.
+        speed: thresholds (m/s) whose exceedance is mapped.
+        every: steps from one look at the columns of cells to the next.
+        places: elements at risk.
+    """
 
     thickness: tuple[float, ...]
     speed: tuple[float, ...]

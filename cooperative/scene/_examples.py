@@ -20,7 +20,10 @@ NAMED = f"#:schema ./{SCHEMA.name}\n"
 
 
 def examples() -> dict[str, Path]:
-    """Files of the example scenes by name. An installed package holds them; a checkout has them under benchmarks."""
+    """Files of the example scenes by name.
+
+    An installed package holds them; a checkout has them under benchmarks.
+    """
     package = Path(cooperative.__file__).parent
     folder = next((f for f in (package / "scenes", package.parent / "benchmarks" / "scenes") if f.is_dir()), package)
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
@@ -33,8 +36,20 @@ def starters() -> dict[str, Path]:
 
 
 def begin(kind: str, path: Path) -> list[Path]:
-    """Write the commented scene of a kind of ground, with a terrain model beside it where it needs one, and the schema
-    for editors; the files written. Raises ValueError for another kind, and where a file exists already."""
+    """Write the commented scene of a kind of ground, and the schema for editors beside it.
+
+    A terrain model is written beside it where it needs one.
+
+    Args:
+        kind: of ground.
+        path: of the scene.
+
+    Returns:
+        The files written.
+
+    Raises:
+        ValueError: another kind, and where a file exists already.
+    """
     known = starters()
     if kind not in known:
         raise ValueError(f"kind = {shown(kind)}: give one of {', '.join(known)}")
@@ -43,8 +58,18 @@ def begin(kind: str, path: Path) -> list[Path]:
 
 
 def write_example(name: str, path: Path) -> list[Path]:
-    """Write the example scene `name`, and the schema for editors beside it; the files written. Raises ValueError for a
-    name that no example has, and where the file exists already."""
+    """Write an example scene, and the schema for editors beside it.
+
+    Args:
+        name: of the example.
+        path: of the scene.
+
+    Returns:
+        The files written.
+
+    Raises:
+        ValueError: a name that no example has, and where the file exists already.
+    """
     return _write({path: NAMED + example(name)})
 
 
@@ -78,7 +103,14 @@ def _hillside() -> str:
 
 
 def example(name: str) -> str:
-    """The TOML of the example scene `name`. Raises ValueError for a name that no example has."""
+    """The TOML of the example scene `name`.
+
+    Args:
+        name: of the example.
+
+    Raises:
+        ValueError: a name that no example has.
+    """
     known = examples()
     if name not in known:
         raise ValueError(f"no example scene is called {shown(name)}: give one of {', '.join(known)}")

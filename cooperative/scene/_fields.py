@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import kl
+from foundation.check import Limit
 from foundation.text import shown
 from jaxmpm.soil import soil_limits
 
@@ -26,18 +27,26 @@ Span = tuple[float, float]
 
 @dataclass(frozen=True)
 class RandomField:
-    """A parameter of the soil that varies: mean, cov, and per axis a correlation length (m; inf: constant along it).
+    """A parameter of the soil that varies, in the parameter's unit, angles in degrees.
 
-    In the parameter's unit, angles in degrees. marginal, correlation: classes of `kl`. energy: share of the variance
-    that the expansion holds. sampled_at: "particles", or "cells" for one value per cell of the
-    background grid, that at its centre: then the grid of the field is the background grid, and all particles that
-    start in a cell are alike. lower, upper: bounds of marginals that have some. trend: what mean and deviation, in
-    proportion, grow by per metre of depth, from `mean` at depth 0. trend_from: where that is, at the "surface" of the
-    ground, which follows the face of a cut, at the top of the "layer", or at an elevation (m), above which soil has no
-    trend. bedding: of inclined strata; lengths are
-    then down the dip, along strike and across. nataf: whether the parameter, not the Gaussian field behind it, has the
-    correlation along each axis. boreholes: measured values, each a position (m) and the value there; borehole_error:
-    their deviation, in standard deviations of the field.
+    Args:
+        mean: of the parameter, at depth 0 where it has a trend.
+        cov: coefficient of variation.
+        length: correlation length along each axis (m); inf is constant along it.
+        marginal: class of `kl`.
+        correlation: class of `kl`.
+        energy: share of the variance that the expansion holds.
+        sampled_at: "particles", or "cells" for one value per cell of the background grid, that at its centre: the grid
+            of the field is then the background grid, and all particles that start in a cell are alike.
+        lower: bound of a marginal that has one.
+        upper: bound of a marginal that has one.
+        trend: what mean and deviation, in proportion, grow by per metre of depth.
+        bedding: of inclined strata; lengths are then down the dip, along strike and across.
+        nataf: whether the parameter, not the Gaussian field behind it, has the correlation along each axis.
+        boreholes: measured values, each a position (m) and the value there.
+        borehole_error: deviation of these, in standard deviations of the field.
+        trend_from: where depth is 0: at the "surface" of the ground, which follows the face of a cut, at the top of the
+            "layer", or at an elevation (m), above which soil has no trend.
     """
 
     mean: float
@@ -88,6 +97,45 @@ class RandomField:
         ends = [float(value) for value in np.outer(at[[0, 2]], [1.0, self.grown(self.deepest(span))]).ravel()]
         return min(ends), max(ends)
 
+    def check(self, where: str, limit: Limit, span: Span) -> None:
+        """Check that values stay within the limits of the parameter.
+
+        Args:
+            where: name of the parameter, for messages.
+            limit: of the parameter.
+            span: of the ground.
+
+        Raises:
+            ValueError: values beyond the limit, a trend that the ground does not have, or boreholes of other axes.
+        """
+        kl.marginal.check_marginal(self.distribution)
+        depth = self.deepest(span)
+        if self.trend is None and self.trend_from != "surface":
+            raise ValueError(f"{where} trend_from = {self.trend_from!r} without a trend: add trend, or leave it out")
+        if self.trend_from != "surface" and depth <= 0:
+            raise ValueError(
+                f"{where} trend_from = {self.trend_from:g} m is not above the base of the ground at {span[0]:g} m: "
+                "give an elevation within the ground or above it"
+            )
+        if self.grown(depth) <= 0:
+            raise ValueError(
+                f"{where} trend = {self.trend:g} per metre brings the mean of {self.mean:g} to "
+                f"{self.mean * self.grown(depth):.3g} at a depth of {depth:g} m: give a smaller one"
+            )
+        for value in self.extremes(span):
+            if not limit.holds(value):
+                number = f"{value:.3g} {limit.unit}".rstrip()
+                raise ValueError(
+                    f"{where} has values of {number}, {TAIL:g} deviations from the middle: give {limit} by a smaller "
+                    "cov, or marginal = 'truncated normal' with lower and upper"
+                )
+        for row in self.boreholes or ():
+            if len(row) != len(self.length) + 1:
+                raise ValueError(
+                    f"{where} boreholes hold {list(row)}: give {len(self.length) + 1} numbers, the position and the "
+                    "value"
+                )
+
 
 class StrengthByStress(NamedTuple):
     """Undrained strength as a ratio of the effective vertical stress at rest, of `minimum` (Pa) at least."""
@@ -98,16 +146,24 @@ class StrengthByStress(NamedTuple):
 
 @dataclass(frozen=True)
 class CrossCorrelation:
-    """Parameters that vary together. matrix: their correlation, row by row. nataf: whether it is that of the parameters
-    themselves, else that of the Gaussian fields behind them."""
+    """Parameters that vary together.
+
+    Args:
+        parameters: their names.
+        matrix: their correlation, row by row.
+        nataf: whether it is that of the parameters themselves, else that of the Gaussian fields behind them.
+    """
 
     parameters: tuple[str, ...]
     matrix: tuple[tuple[float, ...], ...]
     nataf: bool = False
 
     def gaussian_root(self, random: Mapping[str, RandomField]) -> np.ndarray:
-        """What independent Gaussian fields (P,) are multiplied by, to be correlated (P, P). Raises ValueError for a
-        matrix that is no correlation, or that the marginals cannot have."""
+        """What independent Gaussian fields (P,) are multiplied by, to be correlated (P, P).
+
+        Raises:
+            ValueError: a matrix that is no correlation, or that the marginals cannot have.
+        """
         try:
             if not self.nataf:
                 return kl.soil.correlation_root(self.matrix)

@@ -1,5 +1,7 @@
-"""A scene read from its file, with the files that it names: what these hold stands in the table `files` beside its
-text, so that both stand alone. Nothing in it is executed."""
+"""A scene read from its file, with the files that it names.
+
+Their content stands in the table `files` beside the scene's text, so that both stand alone. Nothing in it is executed.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ MOST_HEIGHTS = 150_000
 class Files:
     """What the files hold that a scene names.
 
-    known: points and rasters by name. folder: where those lie that are not known yet, None where there are no more.
+    Args:
+        known: points and rasters by name.
+        folder: where those lie that are not known yet, None where there are no more.
     """
 
     known: dict[str, Any]
@@ -35,7 +39,11 @@ class Files:
 
     @classmethod
     def of(cls, table: Any) -> Files:
-        """Those in the table `files`. ValueError for one that is damaged."""
+        """Those in the table `files`.
+
+        Raises:
+            ValueError: one that is damaged.
+        """
         known = table if isinstance(table, dict) else {}
         return cls({name: unpacked(name, each) if isinstance(each, dict) else each for name, each in known.items()})
 
@@ -52,8 +60,11 @@ class Files:
         return content
 
     def points(self, name: str) -> Any:
-        """Points of a file, in a drawing of one of its layers: "section.dxf#GROUND". ValueError, for the end of a
-        message, where it has none."""
+        """Points of a file, in a drawing of one of its layers: "section.dxf#GROUND".
+
+        Raises:
+            ValueError: it has none; the text is the end of a message.
+        """
         if self.folder is not None and name not in self.known:
             drawing = re.fullmatch(r"(.+?\.dxf)#(.+)", name, re.IGNORECASE)
             path, *layer = (name,) if drawing is None else drawing.groups()
@@ -81,7 +92,11 @@ def _read(reader: Callable[..., Any], *where: Any) -> Any:
 
 
 def to_toml(scene: dict[str, Any]) -> str:
-    """TOML of texts, numbers, true and false, lists, and tables of these."""
+    """TOML of texts, numbers, true and false, lists, and tables of these.
+
+    Args:
+        scene: its tables.
+    """
     plain = [f"{_key(name)} = {toml_value(value)}" for name, value in scene.items() if not isinstance(value, dict)]
     for name, table in scene.items():
         if isinstance(table, dict):
@@ -104,7 +119,15 @@ def toml_value(value: Any) -> str:
 
 
 def packed(name: str, raster: Raster) -> dict[str, Any]:
-    """A raster as a table of a scene: its heights in single precision, compressed. ValueError for too many."""
+    """A raster as a table of a scene: its heights in single precision, compressed.
+
+    Args:
+        name: of the file.
+        raster: its heights.
+
+    Raises:
+        ValueError: too many.
+    """
     nx, ny = raster.heights.shape
     if nx * ny > MOST_HEIGHTS:
         raise ValueError(
@@ -119,7 +142,11 @@ def packed(name: str, raster: Raster) -> dict[str, Any]:
 
 
 def unpacked(name: str, table: Any) -> Raster:
-    """The raster in a table of a scene. ValueError for one that holds something else, or less than it says."""
+    """The raster in a table of a scene.
+
+    Raises:
+        ValueError: one that holds something else, or less than it says.
+    """
     try:
         (nx, ny), (x, y), step = table["shape"], table["corner"], table["step"]
         projection = table.get("projection")

@@ -80,7 +80,15 @@ def measure(campaign: Campaign, folder: Path, terms: Sequence[int], grids: Mappi
 
 
 def factors_of_safety(campaign: Campaign, grids: Mapping[str, Grid]) -> Calibration:
-    """Factors of safety of the slope of median soil. Raises ValueError where one lies outside 0.5 to 3."""
+    """Factors of safety of the slope of median soil.
+
+    Args:
+        campaign: the campaign.
+        grids: both grids by name.
+
+    Raises:
+        ValueError: one lies outside 0.5 to 3.
+    """
     run = campaign.run
     factors = {
         grid: factor_of_safety(
@@ -93,8 +101,15 @@ def factors_of_safety(campaign: Campaign, grids: Mapping[str, Grid]) -> Calibrat
 
 
 def measure_limit_load(campaign: Campaign, refined: Grid) -> LimitLoad:
-    """The limit load of the slope of median soil, by strength reduction. Raises ValueError where its displacement shows
-    none between factors of 0.5 and 3."""
+    """The limit load of the slope of median soil, by strength reduction.
+
+    Args:
+        campaign: the campaign.
+        refined: the refined grid.
+
+    Raises:
+        ValueError: its displacement shows none between factors of 0.5 and 3.
+    """
     scene, state = refined.median
     t_end, volume = campaign.run.t_end, campaign.run.least_volume
     if volume is None:
@@ -117,6 +132,8 @@ def _displacement(scene: Scene, state: State, t_end: float, volume: float) -> fl
 
 
 def _factors_at_once() -> int:
-    """Reduction factors that a measurement tries at once: on CPU lanes run in turn, and bisection takes the fewest;
-    elsewhere a batch costs as much time as one."""
+    """Reduction factors that a measurement tries at once.
+
+    On CPU lanes run in turn, and bisection takes the fewest; elsewhere a batch costs as much time as one.
+    """
     return 2 if jax.default_backend() == "cpu" else 8

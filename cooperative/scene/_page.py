@@ -1,5 +1,7 @@
-"""docs/scenes.md, and the JSON schema that goes along for editors, from the tables that read a scene
-(`python -m cooperative.scene`)."""
+"""docs/scenes.md and the JSON schema for editors, from the tables that read a scene.
+
+`python -m cooperative.scene` writes both.
+"""
 
 from __future__ import annotations
 

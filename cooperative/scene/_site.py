@@ -1,5 +1,4 @@
-"""Where a campaign's samples slide: the shape of the ground, its layers, its water, and the random field of each
-layer's strength."""
+"""Where a campaign's samples slide: the ground, its layers, its water, and the random fields of layers."""
 
 from __future__ import annotations
 
@@ -20,9 +19,16 @@ from jaxmpm.soil import AnySoil
 
 @dataclass(frozen=True)
 class SiteLayer:
-    """A layer of a campaign's ground: its name, its soil with the means of what varies and its lower boundary. random:
-    what varies in it, by parameter. rock: whether it is rock, whose strength no load of a slope reaches. own:
-    parameters whose field stops at the layer, independent of all others; those of the rest go through all layers."""
+    """A layer of a campaign's ground: its name, its soil with the means of what varies and its lower boundary.
+
+    Args:
+        name: of the layer.
+        layer: its soil with the means of what varies, and its lower boundary.
+        random: what varies in it, by parameter.
+        rock: whether it is rock, whose strength no load of a slope reaches.
+        own: parameters whose field stops at the layer, independent of all others; those of the rest go through all
+            layers.
+    """
 
     name: str
     layer: Layer
@@ -38,10 +44,17 @@ class SiteLayer:
 
 @dataclass(frozen=True)
 class Site:
-    """The ground of a campaign. shape: of the ground. ends: what holds its ends, None as its shape has it. layers: from
-    the top down; none where all is of the campaign's own soil. water: its level or table, r_u: pore pressure instead,
-    see `jaxmpm.section` and `jaxmpm.terrain`. track: along which run-out is measured, None for along the slide. origin:
-    where x = 0 and y = 0 lie in the projection of a terrain's surface (m)."""
+    """The ground of a campaign.
+
+    Args:
+        shape: of the ground.
+        ends: what holds its ends, None as its shape has it.
+        layers: from the top down; none where all is of the campaign's own soil.
+        water: its level or table, see `jaxmpm.section` and `jaxmpm.terrain`.
+        r_u: ratio of the pore pressure to the overburden, in place of water.
+        track: along which run-out is measured, None for along the slide.
+        origin: where x = 0 and y = 0 lie in the projection of a terrain's surface (m).
+    """
 
     shape: Ground
     ends: str | None = None
@@ -87,13 +100,17 @@ class Site:
         return getattr(self.shape, "fixed_edge", None)
 
     def soils(self, soil: AnySoil) -> list[Layer]:
-        """Its layers for the solver; one of the campaign's own soil where it has none. Soil whose strength goes with
-        the stress at rest has its least strength there."""
+        """Its layers for the solver; one of the campaign's own soil where it has none.
+
+        Soil whose strength goes with the stress at rest has its least strength there.
+        """
         return [replace(each, soil=_at_least_strength(each.soil)) for each in self._bare or [Layer(soil)]]
 
     def by_stress(self, soil: Any) -> list[StrengthByStress | None] | None:
-        """How the strength of each layer, or of the campaign's own soil, goes with the stress at rest, None for one
-        where it does not; None where it does in none."""
+        """How the strength of each layer, or of the campaign's own soil, goes with the stress at rest.
+
+        None stands for a layer where it does not; the whole is None where it does in none.
+        """
         soils: list[Any] = [each.layer.soil for each in self.layers] or [soil]
         ratios = [None if getattr(each, "strength_ratio", None) is None
                  else StrengthByStress(each.strength_ratio, each.strength_minimum) for each in soils]  # fmt: skip
@@ -109,8 +126,11 @@ class Site:
         return ground.thicknesses(self.shape, self._bare) if self.layers else []
 
     def values_of(self, parameter: str, field: RandomField) -> tuple[RandomField | float, ...]:
-        """What a parameter that varies is in each layer: a field, or the number of one in which it does not vary; the
-        mean of the field in a layer whose kind of soil has no such parameter."""
+        """What a parameter that varies is in each layer.
+
+        A field, or the number of a layer in which it does not vary; the mean of the field in a layer whose kind of soil
+        has no such parameter.
+        """
 
         def number(soil: AnySoil) -> float:
             value = getattr(soil, parameter, None)
@@ -132,8 +152,10 @@ class Site:
         return MappingProxyType({name: every[name] for name in LIMITS if name in every})
 
     def spans(self, parameter: str) -> bool:
-        """Whether a parameter that varies has a field that goes through layers: not where every layer in which it
-        varies has its own."""
+        """Whether a parameter that varies has a field that goes through layers.
+
+        It has none where every layer in which it varies has its own.
+        """
         stops = [parameter in each.own for each in self.layers if parameter in each.random]
         return not stops or not all(stops)
 
@@ -152,7 +174,11 @@ class Site:
     ) -> np.ndarray:
         """Depth (N,) m of points (d, N) m as the trend of a field counts it, in a layer of this number; 0 above.
 
-        numerics: of the grid on which the layers lie.
+        Args:
+            points: (d, N) m.
+            field: whose trend counts.
+            layer: its number.
+            numerics: of the grid on which the layers lie.
         """
         at, top = np.asarray(points, float), np.asarray(field.trend_from)
         if field.trend_from == "layer" and numerics is not None:

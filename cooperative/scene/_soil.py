@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import kl
 from cooperative.scene import tables
-from cooperative.scene._fields import LIMITS, TAIL, RandomField, Span
+from cooperative.scene._fields import LIMITS, RandomField, Span
 from cooperative.scene._site import SiteLayer
 from foundation.text import shown
 from jaxmpm import FrictionalSoil, Layer, Soil
@@ -60,10 +60,18 @@ def _in_scene(soil: tables.Soil, strength: tables.Varying | None) -> Label:
 def soils_of(
     scene: tables.Scene, *, height: float, span: Span
 ) -> tuple[Soil | FrictionalSoil | None, Mapping[str, RandomField], tuple[SiteLayer, ...]]:
-    """The soil of `[soil]` and `[strength]` with what varies in it, none where they leave its strength to the layers,
-    and the layers that a scene draws; what one does not give of its soil is that of the whole scene.
+    """The soil of a scene with what varies in it, and the layers that the scene draws.
 
-    height: of the slope (m). span: of the ground. Raises ValueError for soil and layers that will not do.
+    The soil is that of `[soil]` and `[strength]`, None where they leave its strength to the layers. What a layer does
+    not give of its soil is that of the whole scene.
+
+    Args:
+        scene: its tables.
+        height: of the slope (m).
+        span: elevations of the ground (m).
+
+    Raises:
+        ValueError: soil and layers that will not do.
     """
     if not scene.unusual:
         _ask("[run] gravity", "gravity", scene.run.gravity)
@@ -101,7 +109,9 @@ def _soil_of(
     for name, value in table:
         if isinstance(value, tables.Varying):
             random[name] = _field(value)
-            _check_field(label(name), name, random[name], span, unusual)
+            if not unusual:
+                _ask_of_field(label(name), name, random[name])
+            random[name].check(label(name), LIMITS[name], span)
             values[name] = value.mean
         elif name in LIMITS and isinstance(value, float) and not unusual:
             _ask(label(name), name, value)
@@ -119,11 +129,10 @@ def _soil_of(
 def _soil_of_layer(
     scene: tables.Scene, layer: tables.Layer, random: Mapping[str, RandomField], *, height: float, span: Span
 ) -> tuple[Soil | FrictionalSoil, Mapping[str, RandomField], tuple[str, ...]]:
-    """A layer's soil, the fields of what varies in it, and the parameters whose field stops at it: its own table over
-    those of the scene.
+    """A layer's soil, the fields of what varies in it, and the parameters whose field stops at it.
 
-    random: what varies in the soil of the whole scene. height, span: as for `_soil_of`. Raises ValueError as it does,
-    and for what a layer cannot have.
+    Its own table stands over those of the scene. random: what varies in the soil of the whole scene. height, span: as
+    for `_soil_of`. Raises ValueError as it does, and for what a layer cannot have.
     """
     own = {key: value for key, value in _given(layer).items() if key in tables.Soil.model_fields}
     whole = _of_scene(scene)
@@ -215,8 +224,7 @@ def _of_its_own(layer: tables.Layer, parameter: str) -> list[str]:
 
 
 def _rock(table: tables.Soil, height: float) -> Soil | FrictionalSoil:
-    """A soil like that of the table, which does not yield: its strength is its Young's modulus, which no load of a
-    slope can reach; elastic where the table has none. What varies is at its mean. height: of the slope (m)."""
+    """Soil like that of the table at its means that does not yield: its strength is its Young's modulus."""
     values = {name: value.mean if isinstance(value, tables.Varying) else value for name, value in table}
     kind = _kind([name for name, value in values.items() if value is not None])
     values |= {"unusual": True, "strength_ratio": None, "strength_minimum": None}
@@ -261,46 +269,6 @@ def _check_kind(values: Mapping[str, Any], given: Collection[str], label: Label)
 def _field(table: tables.Varying) -> RandomField:
     bedding = None if table.bedding is None else kl.Bedding(**dict(table.bedding))
     return RandomField(**{**dict(table), "bedding": bedding})
-
-
-def _check_field(where: str, name: str, field: RandomField, span: Span, unusual: bool) -> None:
-    """Whether the values of a field stay within the limits of its parameter."""
-    if not unusual:
-        _ask_of_field(where, name, field)
-    kl.marginal.check_marginal(field.distribution)
-    _check_trend(where, field, span)
-    depth = field.deepest(span)
-    if field.grown(depth) <= 0:
-        raise ValueError(
-            f"{where} trend = {field.trend:g} per metre brings the mean of {field.mean:g} to "
-            f"{field.mean * field.grown(depth):.3g} at a depth of {depth:g} m: give a smaller one"
-        )
-    limit = LIMITS[name]
-    for value in field.extremes(span):
-        if not limit.holds(value):
-            number = f"{value:.3g} {limit.unit}".rstrip()
-            raise ValueError(
-                f"{where} has values of {number}, {TAIL:g} deviations from the middle: give {limit} by a "
-                "smaller cov, or marginal = 'truncated normal' with lower and upper"
-            )
-    for row in field.boreholes or ():
-        if len(row) != len(field.length) + 1:
-            raise ValueError(
-                f"{where} boreholes hold {list(row)}: give {len(field.length) + 1} numbers, the position and the value"
-            )
-
-
-def _check_trend(where: str, field: RandomField, span: Span) -> None:
-    """Whether the depth that a trend counts is one that the ground has."""
-    if field.trend_from == "surface":
-        return
-    if field.trend is None:
-        raise ValueError(f"{where} trend_from = {field.trend_from!r} without a trend: add trend, or leave it out")
-    if field.deepest(span) <= 0:
-        raise ValueError(
-            f"{where} trend_from = {field.trend_from:g} m is not above the base of the ground at {span[0]:g} m: give "
-            "an elevation within the ground or above it"
-        )
 
 
 def _ask_of_field(where: str, name: str, field: RandomField) -> None:

@@ -1,5 +1,8 @@
-"""The campaign that a folder holds: its scene, the defaults of the time when it began, what was measured since, and the
-refined runs that were allowed since, for a target that moves or rough runs that broke off."""
+"""The campaign that a folder holds.
+
+Its scene, the defaults of the time when it began, what was measured since, and the refined runs that were allowed
+since, for a target that changes or rough runs that broke off.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +36,9 @@ EARLIER: dict[str, tuple[str, str, type[Any]]] = {
 def campaign_of(store: Store, estimator: Estimator | None = None) -> Campaign:
     """The scene of a campaign's folder, with what it has measured and the refined runs that were allowed since.
 
-    estimator: that of the script, where one gave it.
+    Args:
+        store: the campaign's folder.
+        estimator: that of the script, where one gave it.
     """
     return _grown(read(store.source, estimator), store.folder, None)
 
@@ -56,8 +61,9 @@ def read(scene: Campaign | Source | str | Path, estimator: Estimator | None = No
 def in_folder(
     scene: Campaign | Source | str | Path, folder: Path, estimator: Estimator | None, refined_runs: int | None
 ) -> tuple[Campaign, Source]:
-    """A campaign that begins in a folder or goes on there, with what that has measured and allows; and what it was made
-    from.
+    """A campaign that begins in a folder or goes on there, and what it was made from.
+
+    The campaign has what its folder has measured and allows.
 
     Args:
         scene: as for `read`.
@@ -100,7 +106,7 @@ def settled(scene: Source | str | Path, folder: Path, name: str = SCENE) -> Sour
 
 
 def _grown(campaign: Campaign, folder: Path, refined_runs: int | None) -> Campaign:
-    """The campaign with what its folder has measured and the refined runs that it allows, or is to allow from now on.
+    """The campaign with what its folder has measured and the refined runs that it is to allow.
 
     Raises ValueError for no more than is allowed already, or an estimator without such a setting.
     """
@@ -118,7 +124,10 @@ def _grown(campaign: Campaign, folder: Path, refined_runs: int | None) -> Campai
 
 
 def _more(campaign: Campaign, stored: tables.Budget | None, refined_runs: int) -> tables.Budget:
-    """So many refined runs allowed. stored: those that the folder allows already."""
+    """So many refined runs allowed.
+
+    stored: those that the folder allows already.
+    """
     first = Sampling(campaign.plan.samples, campaign.run.failure_displacement, campaign.plan.screening_stop)
     scene = campaign.estimator.budget(campaign.estimator.rough_runs(first))
     if scene is None:
@@ -135,7 +144,15 @@ def _more(campaign: Campaign, stored: tables.Budget | None, refined_runs: int) -
 
 
 def write_budget(folder: Path, budget: tables.Budget) -> None:
-    """Keep the refined runs allowed in a campaign's folder. OSError where the disk refuses."""
+    """Keep the refined runs allowed in a campaign's folder.
+
+    Args:
+        folder: of the campaign.
+        budget: refined runs allowed.
+
+    Raises:
+        OSError: the disk refuses.
+    """
     if stored_budget(folder) != budget:
         write_aside(folder / BUDGET, json.dumps(asdict(budget)).encode())
 
@@ -143,7 +160,11 @@ def write_budget(folder: Path, budget: tables.Budget) -> None:
 def stored_budget(folder: Path) -> tables.Budget | None:
     """The refined runs that a campaign's folder allows beyond its scene, None where it does not.
 
-    Raises ValueError for a file that holds something else.
+    Args:
+        folder: of the campaign.
+
+    Raises:
+        ValueError: a file that holds something else.
     """
     remedy = "delete it, and say --refined-runs again"
     budget: tables.Budget | None = _content(folder / BUDGET, tables.Budget, "numbers of refined runs", remedy)
@@ -174,6 +195,10 @@ def stored_measured(folder: Path, wanted: Collection[str] = tuple(EARLIER)) -> t
 def with_measured(campaign: Campaign, folder: Path) -> Campaign:
     """The campaign with what its folder has measured; what it gives itself comes first.
 
+    Args:
+        campaign: the campaign.
+        folder: of the campaign.
+
     Raises:
         ValueError: a file is damaged, or the failure displacement does not go with the rest of the campaign.
     """
@@ -189,7 +214,10 @@ def with_measured(campaign: Campaign, folder: Path) -> Campaign:
 
 
 def _content(path: Path, table: type[Any], what: str, remedy: str) -> Any:
-    """What a file holds, None where there is none. Raises ValueError where it is damaged."""
+    """What a file holds, None where there is none.
+
+    Raises ValueError where it is damaged.
+    """
     if not os.path.lexists(path):
         return None
     try:

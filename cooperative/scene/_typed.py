@@ -31,11 +31,16 @@ DEEPEST_POOL = 10.0
 def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Campaign:
     """Read and check a scene.
 
-    asked: the scene's text, its file, or both with what a folder keeps beside it.
-    estimator: takes the place of the one that the scene names. The campaign's source has it in words, so that a folder
-    knows which estimator it belongs to.
-    Raises ValueError for TOML that does not parse, unknown keys (naming the nearest one), missing keys, wrong
-    types and values out of range. What depends on the geometry is checked when the grids are built.
+    What depends on the geometry is checked when the grids are built.
+
+    Args:
+        asked: the scene's text, its file, or both with what a folder keeps beside it.
+        estimator: takes the place of the one that the scene names. The campaign's source has it in words, so that a
+            folder knows which estimator it belongs to.
+
+    Raises:
+        ValueError: TOML that does not parse, unknown keys (naming the nearest one), missing keys, wrong types and
+            values out of range.
     """
     source = source_of(asked)
     scene = tables.read(tables.Scene, source.tables, files=Files.of(source.tables.get("files")))
@@ -92,8 +97,14 @@ def source_of(scene: Source | str | Path) -> Source:
 
 
 def read_scene(path: Path) -> Source:
-    """A scene's file, with the points and heights of the files that it names. Raises ValueError, naming the file, where
-    one is missing or no text, and for what no scene has."""
+    """A scene's file, with the points and heights of the files that it names.
+
+    Args:
+        path: of the scene.
+
+    Raises:
+        ValueError: a file is missing or no text, the message names it; or the file holds what no scene has.
+    """
     if not path.exists():
         raise ValueError(f"there is no scene {path}: give the path of a scene in TOML")
     if not path.is_file():
@@ -115,8 +126,16 @@ def read_scene(path: Path) -> Source:
 
 
 def built(campaign: Campaign, grid: str, *, at_rest: bool = True) -> tuple[Scene, State]:
-    """Scene and initial state of one grid, free of stress if not `at_rest`; ValueError where slope, soil and grid do
-    not fit together."""
+    """Scene and initial state of one grid, free of stress if not `at_rest`.
+
+    Args:
+        campaign: the campaign.
+        grid: "rough" or "refined".
+        at_rest: whether the stress at rest is solved for.
+
+    Raises:
+        ValueError: slope, soil and grid do not fit together.
+    """
     return campaign.site.built(campaign.soil, campaign.grids[grid], campaign.run.gravity, at_rest=at_rest)
 
 
@@ -135,7 +154,7 @@ def _as_begun(scene: tables.Scene, begun: bool) -> tables.Scene:
 
 
 def _site(scene: tables.Scene) -> Site:
-    """The ground of a scene, without its layers. Raises ValueError for values and lines that will not do."""
+    """The ground of a scene, without its layers; ValueError for values and lines that will not do."""
     if scene.slope is not None:
         values = dict(scene.slope)
         ends = values.pop("y_ends")
@@ -229,8 +248,7 @@ def _ask_of_water(where: str, water: float | Sequence[Sequence[float]] | Raster,
 
 
 def _hazard(scene: tables.Scene) -> Hazard | None:
-    """What is kept of slides; None where the scene asks for neither maps nor exposed places. Raises ValueError for
-    places whose corners make no shape or whose names are not their own."""
+    """What is stored of slides; None where the scene has neither maps nor elements at risk."""
     if scene.hazard is None and scene.exposed is None:
         return None
     asked = scene.hazard or tables.Hazard()
@@ -249,7 +267,7 @@ def _hazard(scene: tables.Scene) -> Hazard | None:
 
 
 def _plan(table: tables.Campaign, *, has_modes: bool) -> Plan:
-    """What the campaign does. Slides have modes where they come to their end, on a slope with a toe."""
+    """What the campaign does; slides have modes where they come to their end, on a slope with a toe."""
     asked = "modes" in table.model_fields_set
     modes = f"modes = {'both' if 'rough' in table.modes else 'refined'!r}"
     if asked and table.slides == 0:
@@ -298,7 +316,7 @@ def _run(table: tables.Run) -> Run:
 
 
 def _grid(table: tables.Grid, site: Site, soil: AnySoil) -> Discretisation:
-    """Answers do not follow the cell, unless the scene says so. F-bar is none for ground with a frictional layer."""
+    """Answers do not follow the cell, unless the scene says so; no F-bar for ground with a frictional layer."""
     values = {key: value for key, value in table if value is not None}
     if table.internal_length == "none":
         values["internal_length"] = None

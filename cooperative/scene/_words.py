@@ -63,15 +63,21 @@ OF_THE_FOLDER = ("measured", "raised", "source")
 
 
 def source_of_value(campaign: Campaign) -> Source:
-    """What a campaign that was written in Python is made from: its fields in words. Raises ValueError for what has no
-    words."""
+    """What a campaign that was written in Python is made from: its fields in words.
+
+    Raises:
+        ValueError: what has no words.
+    """
     names = [each.name for each in dataclasses.fields(campaign) if each.name not in OF_THE_FOLDER]
     return Source(None, {"campaign": {name: in_words(getattr(campaign, name), name) for name in names}})
 
 
 def campaign_of_words(source: Source) -> Campaign:
-    """The campaign that was written in Python, with `Given` for what its script has to give again. Raises ValueError
-    for words that are not of a campaign."""
+    """The campaign that was written in Python, with `Given` for what its script has to give again.
+
+    Raises:
+        ValueError: words that are not of a campaign.
+    """
     try:
         fields = {name: of_words(words, name) for name, words in source.beside["campaign"].items()}
         return Campaign(**fields)
@@ -82,7 +88,12 @@ def campaign_of_words(source: Source) -> Campaign:
 def in_python(scene: Campaign | Source, estimator: Estimator | None) -> Campaign:
     """A campaign that was written in Python, of a script or of a folder, made from its words.
 
-    estimator: that of the script, where one gave it. Raises ValueError for one that is not the campaign's.
+    Args:
+        scene: a campaign, or what a folder stores of one.
+        estimator: that of the script, where one gave it.
+
+    Raises:
+        ValueError: one that is not the campaign's.
     """
     if isinstance(scene, Campaign):
         campaign, source = scene, source_of_value(scene)
@@ -217,8 +228,11 @@ def _functions(own: type) -> Iterator[tuple[str, FunctionType]]:
 
 
 def _source(own: type | FunctionType) -> str:
-    """Source of a function; of a class its name, its plain attributes and the source of its methods. Python finds the
-    source of a whole class by its module's file, which a notebook does not have; that of a function in the cell."""
+    """Source of a function; of a class its name, its plain attributes and the source of its methods.
+
+    Python finds the source of a whole class by its module's file, which a notebook does not have; that of a function in
+    the cell.
+    """
     if isinstance(own, type):
         functions = dict(_functions(own))
         plain = (f"{name} = {each!r}" for name, each in vars(own).items() if name[:2] != "__" and name not in functions)

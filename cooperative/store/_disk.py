@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cooperative.store._opened import package_versions
-from cooperative.store._samples import GRIDS, SLIDES, Record, Rows, Sample, Store
+from cooperative.store._samples import GRIDS, SLIDES, Record, Rows, Sample, Store, rows_of
 from foundation import files, hdf5
 from foundation.files import DamagedFile, set_aside
 from foundation.hdf5 import Scalar
@@ -48,7 +48,16 @@ ROW = {"displacement": NUMBER, "broke_off": FLAG, **MEASURED, "mode": TEXT, "mas
 
 
 def sample_path(store: Store, grid: str, number: int) -> Path:
-    """File of one sample. ValueError for an unknown grid or a negative number."""
+    """File of one sample.
+
+    Args:
+        store: the campaign's folder.
+        grid: "rough" or "refined".
+        number: of the sample.
+
+    Raises:
+        ValueError: an unknown grid or a negative number.
+    """
     if grid not in (*GRIDS, SLIDES):
         raise ValueError(f"grid {shown(grid)} is unknown: give one of {', '.join(GRIDS)}")
     if number < 0:
@@ -57,15 +66,27 @@ def sample_path(store: Store, grid: str, number: int) -> Path:
 
 
 def restart_path(folder: str | Path, grid: str, number: int) -> Path:
-    """Restart point of one sample, in the campaign's folder."""
+    """Restart point of one sample, in the campaign's folder.
+
+    Args:
+        folder: of the campaign.
+        grid: "rough" or "refined".
+        number: of the sample.
+    """
     return Path(folder) / "restart" / f"{grid}-{number:06d}.h5"
 
 
 def write_sample(store: Store, grid: str, sample: Sample) -> Path:
     """Write one finished sample, whole or not at all, and its line in the index; its restart point is removed.
 
-    Raises ValueError for a store opened for reading or a sample that is there already, OSError (with the
-    errno of the system, for example ENOSPC) when the disk refuses; no half file is left then.
+    Args:
+        store: the campaign's folder.
+        grid: "rough" or "refined".
+        sample: to be written.
+
+    Raises:
+        ValueError: a store opened for reading, or a sample that is there already.
+        OSError: the disk refuses, with the errno of the system, for example ENOSPC; no half file is left then.
     """
     path = sample_path(store, grid, sample.number)
     if store.lock is None:
@@ -79,7 +100,14 @@ def write_sample(store: Store, grid: str, sample: Sample) -> Path:
 
 
 def fill_sample(group: h5py.Group, store: Store, grid: str, sample: Sample) -> None:
-    """Write a sample into an empty group, as its own file has it."""
+    """Write a sample into an empty group, as its own file has it.
+
+    Args:
+        group: empty.
+        store: the campaign's folder.
+        grid: "rough" or "refined".
+        sample: to be written.
+    """
     group.attrs.update(
         schema=SCHEMA,
         scene=store.digest,
@@ -106,14 +134,18 @@ def read_rows(
     foreign: Callable[[str, Record], str | None] = lambda grid, record: None,
     look: Callable[[], None] = lambda: None,
 ) -> Rows:
-    """Read every finished sample of one grid, and verify those that are not in the index; rows ascend by sample number.
+    """Read every finished sample of one grid, and verify those that are not in the index.
 
-    foreign: what a whole sample of a grid holds that the scene does not have; then it is damaged. None if nothing.
-    look: called before each file, may raise to stop.
-    A refined run that went on to the end of its slide has the row of that end.
-    Columns: sample, status, steps, seconds, then the scalars of the rows. A scalar that some rows lack is
-    nan there ("" for text). Files that cannot be trusted are named in `damaged`; the controller (who holds
-    the lock) also renames them to `*.damaged`, so that their samples are run again.
+    Columns: sample, status, steps, seconds, then the scalars of the rows. A scalar that some rows lack is nan there (""
+    for text). Rows ascend by sample number. A refined run that went on to the end of its slide has the row of that end.
+    Files that cannot be trusted are named in `damaged`; the controller (who holds the lock) also renames them to
+    `*.damaged`, so that their samples are run again.
+
+    Args:
+        store: the campaign's folder.
+        grid: "rough" or "refined".
+        foreign: what a whole sample of a grid holds that the scene does not have; then it is damaged. None if nothing.
+        look: called before each file, may raise to stop.
     """
     records: dict[int, Record] = {}
     damaged: list[str] = []
@@ -145,30 +177,17 @@ def read_rows(
     return rows_of(list(records.values()), tuple(damaged))
 
 
-def rows_of(samples: list[Record], damaged: tuple[str, ...] = ()) -> Rows:
-    """The table of these samples."""
-    samples = sorted(samples, key=lambda sample: sample.number)
-    columns = {
-        "sample": np.array([sample.number for sample in samples], dtype=int),
-        "status": np.array([sample.status for sample in samples], dtype=str),
-        "steps": np.array([sample.steps for sample in samples], dtype=int),
-        "seconds": np.array([sample.seconds for sample in samples], dtype=float),
-    }
-    for name in sorted({name for sample in samples for name in sample.row} - columns.keys()):
-        columns[name] = _column([sample.row.get(name) for sample in samples])
-    return Rows(columns, damaged)
-
-
-def _column(values: list[Scalar | None]) -> np.ndarray:
-    if any(isinstance(value, str) for value in values):
-        return np.array(["" if value is None else str(value) for value in values])
-    return np.array([np.nan if value is None else value for value in values])
-
-
 def read_sample(store: Store, grid: str, number: int) -> Sample:
     """Read one sample and verify it, a refined one to the end of its slide where it has one.
 
-    DamagedFile if it cannot be trusted, FileNotFoundError if not there.
+    Args:
+        store: the campaign's folder.
+        grid: "rough" or "refined".
+        number: of the sample.
+
+    Raises:
+        DamagedFile: it cannot be trusted.
+        FileNotFoundError: it is not there.
     """
     if grid == "refined" and sample_path(store, SLIDES, number).exists():
         grid = SLIDES
@@ -179,7 +198,7 @@ def read_sample(store: Store, grid: str, number: int) -> Sample:
 
 
 def read_file(store: Store, grid: str, path: Path) -> Sample:
-    """The sample in one file of this grid. DamagedFile if it cannot be trusted."""
+    """The sample in one file of this grid; DamagedFile if it cannot be trusted."""
     with hdf5.read_sealed(path, KIND, SCHEMA) as file:
         attributes, row = file.scalars("/"), file.scalars("row")
         _check_types(path, attributes, ATTRIBUTES, required=ATTRIBUTES)
@@ -208,8 +227,7 @@ def read_file(store: Store, grid: str, path: Path) -> Sample:
 
 
 def record_of(path: Path, grid: str, entry: Mapping[str, Any]) -> Record:
-    """The record of a sample in an index's entry. Raises DamagedFile, or what reading the wrong type raises, if it is
-    none."""
+    """The record of a sample in an index's entry; DamagedFile, or what a wrong type raises, if it is none."""
     row, shapes = entry["row"], {name: tuple(map(int, shape)) for name, shape in entry["shapes"].items()}
     _check_types(path, entry, ATTRIBUTES, required=("sample", "status", "steps", "seconds"))
     _check_row(path, grid, entry["status"], row)
@@ -232,7 +250,15 @@ def _check_row(path: Path, grid: str, status: str, row: Mapping[str, Scalar]) ->
 
 
 def check_frames(path: Path, fields: Mapping[str, ArrayLike], shape: tuple[int, ...]) -> None:
-    """DamagedFile for frames that are not (T, *shape), or whose times (T,) do not ascend. None at all will do."""
+    """DamagedFile for frames that are not (T, *shape), or whose times (T,) do not ascend.
+
+    None at all will do.
+
+    Args:
+        path: of the file.
+        fields: with or without frames.
+        shape: of a displacement.
+    """
     if "frames" not in fields and "frame_times" not in fields:
         return
     frames, times = (np.asarray(fields.get(name)) for name in ("frames", "frame_times"))
@@ -256,7 +282,7 @@ def _check_types(
 
 
 def stamp_of(path: Path) -> Stamp | None:
-    """The stamp of a regular file, None for a link or anything else. OSError where there is nothing."""
+    """The stamp of a regular file, None for a link or anything else; OSError where there is nothing."""
     about = os.lstat(path)
     return (about.st_size, about.st_mtime_ns, about.st_ctime_ns) if stat.S_ISREG(about.st_mode) else None
 
@@ -290,7 +316,7 @@ def _read_index(store: Store, grid: str, stamps: Mapping[str, Stamp | None]) -> 
 
 
 def _add_to_index(store: Store, grid: str, stamp: Stamp | None, record: Record) -> None:
-    """Add a line for a verified file. OSError where the disk refuses; the file is then verified again another time."""
+    """Add a line for a verified file; where the disk refuses (OSError) the file is verified again another time."""
     entry = {"sample": record.number, "stamp": stamp, "status": record.status, "steps": record.steps,
             "seconds": record.seconds, "row": dict(record.row), "shapes": record.shapes}  # fmt: skip
     text = json.dumps(entry, default=np.generic.item)
@@ -311,8 +337,7 @@ def checked_line(store: Store, grid: str, text: bytes) -> bytes:
 
 
 def _parsed(store: Store, grid: str, line: bytes) -> tuple[Stamp, Record]:
-    """The stamp and record of a line. Raises ValueError, or what reading the wrong type raises, for a line that is
-    damaged or of another scene."""
+    """The stamp and record of a line; ValueError, or what a wrong type raises, for a damaged or foreign one."""
     text = line.partition(b" ")[2].removesuffix(b"\n")
     if line != checked_line(store, grid, text):
         raise ValueError("it does not match its checksum")

@@ -1,5 +1,8 @@
-"""A campaign's folder, opened to write or to read: one controller at a time, by a lock that the system frees when its
-process ends; and what the folder says of itself, for whoever finds it in five years."""
+"""A campaign's folder, opened to write or to read.
+
+One controller has it at a time, by a lock that the system frees when its process ends. A README describes the folder to
+whoever opens it in five years.
+"""
 
 from __future__ import annotations
 
@@ -27,11 +30,14 @@ README = "README.txt"
 def open_store(folder: str | Path, source: Source | str, *, verify: bool = False) -> Store:
     """Open the campaign folder for the one controller, made if it is not there.
 
-    source: what the campaign is made from, or a scene's text alone. verify: have every sample's file read and verified
-    anew, those too that have not changed since they were verified.
+    Args:
+        folder: of the campaign.
+        source: what the campaign is made from, or a scene's text alone.
+        verify: read and verify every sample's file anew, those too that have not changed since they were verified.
 
-    Raises ValueError when the folder cannot be written, holds something else or a campaign of another scene
-    (naming what differs), or is held by another controller.
+    Raises:
+        ValueError: the folder cannot be written, holds something else or a campaign of another scene (naming what
+            differs), or is held by another controller.
     """
     folder, source = Path(folder), Source(source) if isinstance(source, str) else source
     source.digest  # noqa: B018, no folder is made for a text that is no scene
@@ -70,7 +76,14 @@ def open_store(folder: str | Path, source: Source | str, *, verify: bool = False
 
 
 def read_store(folder: str | Path) -> Store:
-    """Open a campaign folder for reading, whether or not a controller holds it. ValueError if it is none."""
+    """Open a campaign folder for reading, whether or not a controller holds it.
+
+    Args:
+        folder: of the campaign.
+
+    Raises:
+        ValueError: the folder holds no campaign.
+    """
     source = stored_source(Path(folder))
     if source is None:
         raise ValueError(f"folder {folder} has no scene.toml: give the folder of a campaign")
@@ -105,8 +118,10 @@ def _taken_lock(folder: Path) -> int:
 
 
 def _hold(descriptor: int) -> None:
-    """Lock a file until it is closed, which the system does when the process ends. BlockingIOError, or on Windows
-    PermissionError, where another holds it."""
+    """Lock a file until it is closed, which the system does when the process ends.
+
+    BlockingIOError, or on Windows PermissionError, where another holds it.
+    """
     if sys.platform == "win32":
         import msvcrt
 
@@ -121,7 +136,14 @@ def _hold(descriptor: int) -> None:
 
 
 def lock_holder(folder: Path) -> str:
-    """What the lock says of who took it last: "process 123 on host". DamagedFile or OSError where it says nothing."""
+    """The process that took the lock last, in words: "process 123 on host".
+
+    Args:
+        folder: of the campaign.
+
+    Raises:
+        DamagedFile: the lock holds no text.
+    """
     return short(files.read_plain(folder / ".lock", MOST_TEXT).decode(errors="replace").strip(), 200)
 
 

@@ -20,8 +20,13 @@ SLIDES = "slides"
 
 @dataclass(frozen=True)
 class Store:
-    """An open campaign `folder`. source: what the campaign was made from. lock: the file descriptor that holds the
-    folder, None when opened for reading."""
+    """An open campaign `folder`.
+
+    Args:
+        folder: of the campaign.
+        source: what the campaign was made from.
+        lock: the file descriptor that holds the folder, None when opened for reading.
+    """
 
     folder: Path
     source: Source
@@ -46,7 +51,16 @@ class Store:
 
 @dataclass(frozen=True)
 class Record:
-    """A finished sample without its arrays, see `Sample`. shapes: of "coefficients" and of each "fields/NAME"."""
+    """A finished sample without its arrays, see `Sample`.
+
+    Args:
+        number: of the sample.
+        status: how the run ended.
+        steps: time steps.
+        seconds: of wall time.
+        row: scalars by name.
+        shapes: of "coefficients" and of each "fields/NAME".
+    """
 
     number: int
     status: str
@@ -60,11 +74,18 @@ class Record:
 class Sample:
     """One finished sample on one grid.
 
-    number: sample number. status: how the run ended. steps, seconds: time steps and wall seconds spent.
-    coefficients: KL coefficients (modes,). row: the scalars that estimators and tables read.
-    fields: named arrays: final displacement (d, N) m, plastic_strain (N,), of a failure also frames (T, d, N) m at its
-    frame_times (T,) s, and others. dtype, device: of the computation.
-    versions: of the packages that made it; those installed where it is empty.
+    Args:
+        number: sample number.
+        status: how the run ended.
+        steps: time steps.
+        seconds: of wall time.
+        coefficients: KL coefficients (modes,).
+        row: the scalars that estimators and tables read.
+        fields: named arrays: final displacement (d, N) m, plastic_strain (N,), of a failure also frames (T, d, N) m at
+            its frame_times (T,) s, and others.
+        dtype: of the computation.
+        device: of the computation.
+        versions: of the packages that made it; those installed where it is empty.
     """
 
     number: int
@@ -93,7 +114,12 @@ class Sample:
 
 @dataclass(frozen=True)
 class Rows:
-    """The table of one grid. columns: equally long, by name. damaged: the files that could not be trusted."""
+    """The table of one grid.
+
+    Args:
+        columns: equally long, by name.
+        damaged: the files that could not be trusted.
+    """
 
     columns: dict[str, np.ndarray]
     damaged: tuple[str, ...]
@@ -113,3 +139,23 @@ class Rows:
         """Sample -> its largest displacement (m), and whether the run broke off."""
         columns = (self.columns.get(name, np.zeros(0)) for name in ("displacement", "broke_off"))
         return {n: (float(u), bool(b)) for n, u, b in zip(self.numbers, *columns, strict=True)}
+
+
+def rows_of(samples: list[Record], damaged: tuple[str, ...] = ()) -> Rows:
+    """The table of these samples."""
+    samples = sorted(samples, key=lambda sample: sample.number)
+    columns = {
+        "sample": np.array([sample.number for sample in samples], dtype=int),
+        "status": np.array([sample.status for sample in samples], dtype=str),
+        "steps": np.array([sample.steps for sample in samples], dtype=int),
+        "seconds": np.array([sample.seconds for sample in samples], dtype=float),
+    }
+    for name in sorted({name for sample in samples for name in sample.row} - columns.keys()):
+        columns[name] = _column([sample.row.get(name) for sample in samples])
+    return Rows(columns, damaged)
+
+
+def _column(values: list[Scalar | None]) -> np.ndarray:
+    if any(isinstance(value, str) for value in values):
+        return np.array(["" if value is None else str(value) for value in values])
+    return np.array([np.nan if value is None else value for value in values])

@@ -46,7 +46,11 @@ class Source:
 
     @cached_property
     def tables(self) -> dict[str, Any]:
-        """The tables of the text and those beside it. Raises ValueError for text that is no TOML."""
+        """The tables of the text and those beside it.
+
+        Raises:
+            ValueError: text that is no TOML.
+        """
         return {**_tables_of(self.text or ""), **self.beside}
 
     @cached_property
@@ -65,7 +69,11 @@ class Source:
         return Source(self.text, {**self.beside, **missing}, begun=True)
 
     def write(self, folder: Path, scene: str = SCENE) -> None:
-        """Begin the folder of a campaign, or of a sweep, with it. OSError where the disk refuses."""
+        """Begin the folder of a campaign, or of a sweep, with it.
+
+        Raises:
+            OSError: the disk refuses.
+        """
         # First, so that no scene is ever without what goes with it; alone it is no campaign yet.
         write_aside(folder / CAMPAIGN, json.dumps(dict(self.beside)).encode())
         if self.text is not None:
@@ -73,7 +81,10 @@ class Source:
 
 
 def _tables_of(text: str) -> dict[str, Any]:
-    """The tables of a scene. Raises ValueError for text that is no TOML."""
+    """The tables of a scene.
+
+    Raises ValueError for text that is no TOML.
+    """
     if text.startswith("\ufeff"):
         raise ValueError("the scene begins with a byte order mark (U+FEFF): read its file with encoding = 'utf-8-sig'")
     try:
@@ -85,7 +96,11 @@ def _tables_of(text: str) -> dict[str, Any]:
 
 
 def scene_digest(scene_text: str) -> str:
-    """SHA-256 of what a scene's text says: comments, spacing and the order of keys do not count."""
+    """SHA-256 of what a scene's text says: comments, spacing and the order of keys do not count.
+
+    Args:
+        scene_text: in TOML.
+    """
     return Source(scene_text).digest
 
 
@@ -128,8 +143,15 @@ def _beside(path: Path) -> dict[str, Any]:
 
 
 def refuse_another(folder: Path, source: Source) -> Source | None:
-    """What the campaign in a folder was made from, None where none has begun there. Raises ValueError, naming what
-    differs, for a folder of another campaign."""
+    """What the campaign in a folder was made from, None where none has begun there.
+
+    Args:
+        folder: of the campaign.
+        source: what the campaign was made from.
+
+    Raises:
+        ValueError: the folder is of another campaign; the message names what differs.
+    """
     there = stored_source(folder)
     if there is not None and (differ := differences(there, source)):
         raise ValueError(

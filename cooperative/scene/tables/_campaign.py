@@ -182,9 +182,12 @@ Different = Annotated[Several[T], AfterValidator(_different), Field(json_schema_
 
 
 class Sweep(Table):
-    """Values of parameters. Each is changed alone, with the others as the scene has them. The scene is then many
-    campaigns, and `jaxmpm sweep` runs them. It needs a table `[strength]`, `coefficients = "latin hypercube"` and
-    an estimator other than `"subset"`. One key at least."""
+    """Values of parameters.
+
+    Each is changed alone, with the others as the scene has them. The scene is then many campaigns, and `jaxmpm sweep`
+    runs them. It needs a table `[strength]`, `coefficients = "latin hypercube"` and an estimator other than `"subset"`.
+    One key at least.
+    """
 
     lx: Different[Length] | None = key(
         "Correlation lengths of the strength along x.", [10, 30, 60, 120], None, otherwise="not varied"

@@ -15,7 +15,10 @@ _WALLS = "two numbers, the lower one first"
 
 
 class Slope(Table):
-    """A simple slope. Lengths are multiples of the spacing of both grids."""
+    """A simple slope.
+
+    Lengths are multiples of the spacing of both grids.
+    """
 
     crest: Length = key("Length of the level ground above.", 20.0)
     height: Length = key("Height of the slope.", 12.0)
@@ -37,10 +40,12 @@ class Interface(Table):
 
 
 class Ground(Table):
-    """Ground that you draw, a section in plane strain, in place of `[slope]`. A line is a list of points with rising x,
-    `[[x, z], ...]`, or the name of a file beside the scene. The file is a CSV of points, or a DXF drawing in metres
-    (extra `sections`). A drawing has one polyline, or one in the layer named after `#`, as in `"section.dxf#GROUND"`.
-    The distance of the walls is a multiple of both cells."""
+    """Ground that you draw, a section in plane strain, in place of `[slope]`.
+
+    A line is a list of points with rising x, `[[x, z], ...]`, or the name of a file beside the scene. The file is a CSV
+    of points, or a DXF drawing in metres (extra `sections`). A drawing has one polyline, or one in the layer named
+    after `#`, as in `"section.dxf#GROUND"`. The distance of the walls is a multiple of both cells.
+    """
 
     surface: Line = key(
         "The surface, from wall to wall.", [[0, 12], [20, 12], [44, 0], [92, 0]], units="m",
@@ -77,9 +82,11 @@ class Ground(Table):
 
 
 class Terrain(Table):
-    """Ground under a terrain model, in place of `[slope]`. Rasters are ESRI ASCII grids or GeoTIFFs in metres (extra
-    `terrain`) beside the scene. A particle at the surface has the volume and mass of that part of its box which lies
-    below the surface."""
+    """Ground under a terrain model, in place of `[slope]`.
+
+    Rasters are ESRI ASCII grids or GeoTIFFs in metres (extra `terrain`) beside the scene. A particle at the surface has
+    the volume and mass of that part of its box which lies below the surface.
+    """
 
     surface: Raster = key("File of the heights of the ground.", "terrain.asc", units="m")
     base: Metres = key("Height of the rigid base.", 80.0)
@@ -129,9 +136,11 @@ class Terrain(Table):
 
 
 class Water(Table):
-    """Water in drawn ground (`[ground]`) or a terrain, and above it: one of these keys. Where `level` or `table` lies
-    above the ground there is a pool, whose surface is level and whose pressure acts on the ground. A simple `[slope]`
-    takes no water: draw it."""
+    """Water in drawn ground (`[ground]`) or a terrain, and above it: one of these keys.
+
+    Where `level` or `table` lies above the ground there is a pool, whose surface is level and whose pressure acts on
+    the ground. A simple `[slope]` takes no water: draw it.
+    """
 
     level: Metres | None = key("Height of the water, in the ground and above it (a pool).", 3.0, None)
     table: Line | None = key(

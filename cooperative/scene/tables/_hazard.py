@@ -30,8 +30,11 @@ Quantity = Annotated[
 
 
 class Hazard(Table):
-    """Hazard maps. With this table, or `[[exposed]]`, each refined slide stores the largest thickness, the largest
-    speed and the arrival of the soil in each column of cells. Both keys may be left out."""
+    """Hazard maps.
+
+    With this table, or `[[exposed]]`, each refined slide stores the largest thickness, the largest speed and the
+    arrival of the soil in each column of cells. Both keys may be left out.
+    """
 
     thresholds: Annotated[tuple[Threshold, ...], Strict(False)] = key(
         "Thicknesses of the deposit (m, cm) and speeds (m/s, km/h) to map.",
@@ -97,7 +100,11 @@ class Exposed(Table):
 
     @property
     def curve(self) -> Vulnerability | None:
-        """Of the vulnerability. ValueError, for the end of a message, for one that falls or leaves [0, 1]."""
+        """Of the vulnerability.
+
+        Raises:
+            ValueError: the end of a message, for one that falls or leaves [0, 1].
+        """
         if self.vulnerability is None:
             return None
         kinds = {of for (of, _), _ in self.vulnerability}

@@ -50,7 +50,10 @@ def key(
 
 
 class Table(BaseModel):
-    """A table of a scene: its fields are its keys, and no others are known. Texts are no numbers, nor are booleans."""
+    """A table of a scene: its fields are its keys, and no others are known.
+
+    Texts are no numbers, nor are booleans.
+    """
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, validate_default=True)
 
@@ -88,7 +91,12 @@ def _single_or_infinite(value: float) -> float:
 
 @dataclass(frozen=True)
 class Within(GroupedMetadata):
-    """Of a type: a number in single precision within a limit, in the limit's unit. infinite: whether inf is one."""
+    """Of a type: a number in single precision within a limit, in the limit's unit.
+
+    Args:
+        limit: of the number.
+        infinite: whether inf is one.
+    """
 
     limit: Limit = Limit()
     infinite: bool = False
@@ -141,7 +149,11 @@ OrTable = Annotated[
 
 
 def as_points(value: Any) -> tuple[tuple[float, float], ...]:
-    """The points of a line as tuples. ValueError, for the end of a message, for what is no line."""
+    """The points of a line as tuples.
+
+    Raises:
+        ValueError: the value is no line; the text is the end of a message.
+    """
     if not isinstance(value, list) or len(value) < 2:
         raise ValueError(f" = {shown(value)}: give points [[x, z], ...], two or more, or the name of a file")
     for number, point in enumerate(value, 1):

@@ -35,9 +35,15 @@ T = TypeVar("T")
 def read(table: type[T], values: Any, where: str = "", *, files: Any = None) -> T:
     """A table from its values, as TOML or JSON has them.
 
-    where: its name for messages; none for a whole scene. files: what the files hold that it names, as `Line` and
-    `Raster` ask for it; None leaves their names. Raises ValueError that names every key that is not known, with
-    the nearest one that is, every one that lacks, and every value that a key cannot have.
+    Args:
+        table: model of the table.
+        values: as TOML or JSON has them.
+        where: its name for messages; none for a whole scene.
+        files: what the files hold that it names, as `Line` and `Raster` ask for it; None leaves their names.
+
+    Raises:
+        ValueError: that names every key that is not known, with the nearest one that is, every one that lacks, and
+            every value that a key cannot have.
     """
     try:
         return TypeAdapter(table).validate_python(values, context=files)
@@ -50,8 +56,11 @@ def read(table: type[T], values: Any, where: str = "", *, files: Any = None) -> 
 
 @dataclass(frozen=True)
 class _Entry:
-    """Where a fault lies. path: tables around, as messages name them. key: in words, the last of them or a key. field:
-    name of the key in its `owner`. value: what stands there. inner: the table that it may be."""
+    """Where a fault lies.
+
+    path: tables around, as messages name them. key: in words, the last of them or a key. field: name of the key in its
+    `owner`. value: what stands there. inner: the table that it may be.
+    """
 
     path: tuple[str, ...]
     key: str
@@ -154,8 +163,10 @@ def _kind(value: object) -> str:
 
 
 def _suggestion(key: str, table: type[Any] | None) -> str:
-    """What an unknown key may have meant, in words: one that the table knows by another word, one of another table, the
-    nearest one, or else all that are known."""
+    """What an unknown key may stand for, in words.
+
+    One that the table knows by another word, one of another table, the nearest one, or else all that are known.
+    """
     assert table is not None
     if here := _synonyms(table, key):
         return f" (did you mean {' or '.join(here)}?)"
@@ -183,7 +194,10 @@ def _nearest(word: object, known: Iterable[str]) -> str:
 
 
 class _Toml(GenerateJsonSchema):
-    """TOML has no null: what may be None may be left out. A key needs no title beside its name."""
+    """TOML has no null: what may be None may be left out.
+
+    A key needs no title beside its name.
+    """
 
     def field_title_should_be_set(self, schema: Any) -> bool:
         return False
@@ -240,7 +254,12 @@ def first_entry(schema: Any, name: str, otherwise: Any = "") -> Any:
 
 
 def wanted(schema: Schema, *, ends: bool = True) -> str:
-    """What a key may hold, in words. ends: with the range of a number."""
+    """What a key may hold, in words.
+
+    Args:
+        schema: of the key.
+        ends: with the range of a number.
+    """
     if "allowed" in schema:
         return str(schema["allowed"])
     if others := schema.get("oneOf", schema.get("anyOf")):

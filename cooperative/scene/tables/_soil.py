@@ -73,8 +73,11 @@ class Bedding(Table):
 
 
 class Varying(Table):
-    """The random field of undrained shear strength, in short for `[soil.strength]`. Every parameter that varies has
-    these keys, in its own unit. Values within 4 standard deviations must be physically possible."""
+    """The random field of undrained shear strength, in short for `[soil.strength]`.
+
+    Every parameter that varies has these keys, in its own unit. Values within 4 standard deviations must be physically
+    possible.
+    """
 
     mean: AboveZero = key(
         "Mean; with a trend, the mean at depth 0, see `trend_from`.", 42e3, units="Pa",
@@ -154,7 +157,7 @@ class Varying(Table):
 
 
 class _Soil(Table, Generic[F]):
-    """Keys of the soil. F: the table of a parameter that varies."""
+    """Keys of the soil, with tables F of the parameters that vary."""
 
     unit_weight: OrTable[Annotated[float, _of("unit_weight")], F] = key(
         "Weight of the soil, including its water.", 20e3, synonyms="gamma density rho weight"
@@ -256,14 +259,18 @@ class _Soil(Table, Generic[F]):
 
 
 class Soil(_Soil[Varying]):
-    """The soil: undrained, with a strength that does not depend on pressure, or with cohesion and friction. A parameter
-    that varies is a table in place of a number, such as `[soil.cohesion]`, with the keys of `[strength]`. Units are
-    Pa, N/m3 and degrees: a number that looks like kPa or kN/m3 is refused, see `unusual`."""
+    """The soil: undrained, with a strength that does not depend on pressure, or with cohesion and friction.
+
+    A parameter that varies is a table in place of a number, such as `[soil.cohesion]`, with the keys of `[strength]`.
+    Units are Pa, N/m3 and degrees: a number that looks like kPa or kN/m3 is refused, see `unusual`.
+    """
 
 
 class CrossCorrelation(Table):
-    """Parameters that vary together; those that no such table names vary independently. They need the same `length`,
-    `correlation`, `bedding`, `energy` and `nataf`."""
+    """Parameters that vary together; those that no such table names vary independently.
+
+    They need the same `length`, `correlation`, `bedding`, `energy` and `nataf`.
+    """
 
     parameters: Several[str] = key(
         "Names of the parameters.", ["cohesion", "friction"], allowed="names of two or more that vary, each once"
@@ -280,7 +287,10 @@ OF_A_FIELD = ("length", "correlation", "energy", "bedding", "nataf", "boreholes"
 
 
 def _optional(keys: Mapping[str, FieldInfo], otherwise: str) -> dict[str, Any]:
-    """The same keys, none of them required. otherwise: what holds where one is not given."""
+    """The same keys, none of them required.
+
+    otherwise: what holds where one is not given.
+    """
     return {
         name: (
             Annotated[field.annotation, "optional", *field.metadata] | None,
@@ -308,15 +318,17 @@ _SoilOfLayer: Any = create_model(
 
 
 class Layer(_SoilOfLayer):
-    """Layers of the drawn ground, one `[[layer]]` each, from the top down. The last has no lower boundary. Each may
-    have any key of `[soil]`. A parameter that varies is a table, such as `[layer.strength]`, with `mean`, `cov`,
-    `marginal`, `lower`, `upper`, `trend` and `trend_from`. Keys that a layer leaves out take their values from `[soil]`
-    and `[strength]`. A random field passes through all layers. If a layer gives a `length`, its field stops at its
-    boundaries and is independent of all others; `correlation`, `energy` and `bedding` may then be its own too. Layers
-    may be of different kinds, such as sand with cohesion and friction over clay with a strength over rock. A layer of
-    the other kind than `[soil]` takes only `unit_weight`, `young`, `poisson` and other keys of both kinds from it. Rock
-    needs these three alone. `[soil]` may be left out if every layer gives all of its soil. [A whole
-    example](random-fields.md#in-a-scene) has fill, clay and rock."""
+    """Layers of the drawn ground, one `[[layer]]` each, from the top down.
+
+    The last has no lower boundary. Each may have any key of `[soil]`. A parameter that varies is a table, such as
+    `[layer.strength]`, with `mean`, `cov`, `marginal`, `lower`, `upper`, `trend` and `trend_from`. Keys that a layer
+    leaves out take their values from `[soil]` and `[strength]`. A random field passes through all layers. If a layer
+    gives a `length`, its field stops at its boundaries and is independent of all others; `correlation`, `energy` and
+    `bedding` may then be its own too. Layers may be of different kinds, such as sand with cohesion and friction over
+    clay with a strength over rock. A layer of the other kind than `[soil]` takes only `unit_weight`, `young`, `poisson`
+    and other keys of both kinds from it. Rock needs these three alone. `[soil]` may be left out if every layer gives
+    all of its soil. [A whole example](random-fields.md#in-a-scene) has fill, clay and rock.
+    """
 
     name: str | None = key("What it is called.", "soft clay", None, otherwise="`layer` and its number")
     bottom: Line | None = key(

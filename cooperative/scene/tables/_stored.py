@@ -36,8 +36,10 @@ class Calibration:
 
 @dataclass(frozen=True, config=CONFIG)
 class LimitLoad:
-    """The limit load of the slope of median soil, on the refined grid. volume: None in folders of before, where any
-    particle counted."""
+    """The limit load of the slope of median soil, on the refined grid.
+
+    volume: None in folders of before, where any particle counted.
+    """
 
     factor: AboveZero = key("Factor of safety.", 1.2)
     displacement: Length = key("Displacement that goes with it.", 0.3)
@@ -51,8 +53,10 @@ Terms = Several[Annotated[int, Strict(), Ge(1)]]
 class Measured:
     """What a campaign measures before its first run, None where it is not known.
 
-    terms: number of terms of each expansion of the random soil, in the order of `runs.RandomSoil.groups`. calibration:
-    factors of safety of both grids. limit_load: where failure counts from it.
+    Args:
+        terms: number of terms of each expansion of the random soil, in the order of `runs.RandomSoil.groups`.
+        calibration: factors of safety of both grids.
+        limit_load: where failure counts from it.
     """
 
     terms: Terms | None = None
@@ -67,7 +71,12 @@ Runs = Annotated[int, Strict(), Interval(ge=1, le=MOST_RUNS)]
 
 @dataclass(frozen=True, config=CONFIG)
 class Budget:
-    """Refined runs that a campaign's folder allows, and those that its scene did."""
+    """Refined runs that a campaign's folder allows, and those that its scene did.
+
+    Args:
+        refined_runs: allowed.
+        scene: allowed by the scene.
+    """
 
     refined_runs: Runs
     scene: Runs
@@ -80,8 +89,10 @@ class FieldModes(Table):
 
 
 class Defaults(Table):
-    """Defaults of both grids and of the soil that were others once, as they were at the campaign's start. A key that it
-    lacks is younger than the campaign."""
+    """Defaults of both grids and of the soil that were others once, as they were at the campaign's start.
+
+    A key that it lacks is younger than the campaign.
+    """
 
     cfl: AboveZero = key("Of both grids.", 0.5)
     gap_memory: bool = key("Of the soil.", False, False)

@@ -1,0 +1,95 @@
+"""The random soil of the samples that a report draws, in `drawn.h5` of a campaign's folder.
+
+The file is written with the summary, and sealed. A folder of an earlier version has none; its scene gives what it holds
+(`soil_of`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from cooperative.runs._model import GridModel
+from foundation import files, hdf5
+
+DRAWN = ("cooperative random soil", 1)
+"""Kind and schema of the file."""
+
+
+@dataclass(frozen=True)
+class SampleSoil:
+    """The random soil of a sample on one grid.
+
+    Args:
+        values: of each parameter at the particles (N,), in SI units and degrees, nan in rock.
+        time_step: (s).
+    """
+
+    values: Mapping[str, np.ndarray]
+    time_step: float
+
+
+Drawn = Mapping[tuple[str, int], SampleSoil]
+"""By grid and number of the sample."""
+
+
+def soil_of(model: GridModel, coefficients: np.ndarray) -> SampleSoil:
+    """The random soil of a sample on a grid.
+
+    Args:
+        model: the grid.
+        coefficients: of the sample (terms,).
+    """
+    values = {name: np.asarray(value, float) for name, value in model.parameters(coefficients).items()}
+    if model.layer is not None:
+        rock = np.array([each.rock for each in model.campaign.site.layers])[model.layer]
+        values = {name: np.where(rock, np.nan, value) for name, value in values.items()}
+    return SampleSoil(values, model.time_step(coefficients))
+
+
+def keep_drawn(folder: Path, drawn: Drawn) -> None:
+    """Write `drawn.h5`, the random soil of samples.
+
+    Args:
+        folder: of the campaign.
+        drawn: random soil by grid and sample.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+
+    def fill(file: h5py.File) -> None:
+        for (grid, number), soil in drawn.items():
+            group = file.create_group(f"{grid}_{number}")
+            group.attrs["time_step"] = soil.time_step
+            for name, values in soil.values.items():
+                group[name] = values.astype(np.float32)
+
+    hdf5.write_sealed(folder / "drawn.h5", *DRAWN, fill)
+
+
+def read_drawn(folder: Path, wanted: Iterable[tuple[str, int]]) -> Drawn:
+    """The random soil in `drawn.h5` of these samples, by grid and number.
+
+    Those that it lacks are left out, all of them where it cannot be trusted.
+
+    Args:
+        folder: of the campaign.
+        wanted: grid and number of each sample.
+    """
+    soils: dict[tuple[str, int], SampleSoil] = {}
+    try:
+        with hdf5.read_sealed(folder / "drawn.h5", *DRAWN) as file:
+            there = file.names("/")
+            for grid, number in wanted:
+                if (group := f"{grid}_{number}") in there:
+                    values = {name: file.array(group, name, dimensions=1, kinds="f") for name in file.names(group)}
+                    step = float(file.scalars(group)["time_step"])
+                    soils[grid, number] = SampleSoil({name: each.astype(float) for name, each in values.items()}, step)
+    except (FileNotFoundError, files.DamagedFile):
+        return {}
+    return soils
