@@ -192,9 +192,8 @@ EXAMPLES = {
 """Of each command: arguments, and what it then does."""
 
 EXIT_CODES = """
-exit codes: 0 done; 2 a scene, folder or argument that cannot be used (one line on stderr names it), or wrong answers in
-doctor's self-check; 130 stopped by Ctrl-C, 143 by SIGTERM. Then the same run, resume or sweep goes on from what is
-finished.
+exit codes: 0 done; 2 a scene, folder or argument that cannot be used, named in one line, or wrong answers in doctor's
+self-check; 130 stopped by Ctrl-C, 143 by SIGTERM. Then the same run, resume or sweep goes on from what is finished.
 """
 
 TAKES = {"scene": "scene in TOML", "folder": "folder of the campaign"}

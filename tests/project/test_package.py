@@ -145,7 +145,7 @@ def test_help_has_examples_and_exit_codes(capsys):
     for name, (arguments, what) in EXAMPLES.items():
         assert f"jaxmpm {name} {arguments}".strip() + f" {what}" in said
     assert "exit codes: 0" in said
-    assert "said in one line, or wrong answers in doctor's self-check; 130" in said
+    assert "named in one line, or wrong answers in doctor's self-check; 130" in said
 
 
 def test_every_command_has_an_example_which_it_takes():
