@@ -34,6 +34,7 @@ class _Products:
         return len(self.last) - np.searchsorted(self.ascending, limits, side="left")
 
     def energy(self, depths: HostIndex) -> float:
+        """Sum of the products of the modes down to `depths`."""
         return float(self.pairs @ self.held[depths])
 
     def triples(self, depths: HostIndex) -> tuple[HostIndex, HostArray]:
