@@ -187,6 +187,7 @@ def test_calibration_is_measured_once_and_lowers_the_rough_strength(tmp_path):
 
 def test_known_factors_of_safety_are_taken_from_the_scene(tmp_path):
     text = changed('fields = "both"', "calibrate = true\n[calibration]\nrough = 1.2\nrefined = 1.1")
+    text = text.replace("t_end = 4.0", "t_end = 0.3")
     factors = run(text, tmp_path / "out").as_json()["calibration"]
     assert factors == {"rough": 1.2, "refined": 1.1, "factor": pytest.approx(1.1 / 1.2)}
     assert json.loads((tmp_path / "out" / "measured.json").read_text())["calibration"] == {"rough": 1.2, "refined": 1.1}
@@ -198,8 +199,8 @@ def test_a_damaged_calibration_is_named(tmp_path):
         stored_measured(tmp_path)
 
 
-def test_summary_tells_modes_fits_severity_and_what_more_runs_would_buy(tmp_path):
-    summary = run(TINY, tmp_path / "out")
+def test_summary_tells_modes_fits_severity_and_what_more_runs_would_buy(tiny_campaign):
+    folder, summary = tiny_campaign
     modes = summary.modes
     assert sum(part.count for part in modes.values()) == summary.failures_refined
     assert sum(part.ratio for part in modes.values()) == pytest.approx(1.0)
@@ -214,13 +215,12 @@ def test_summary_tells_modes_fits_severity_and_what_more_runs_would_buy(tmp_path
     assert summary.after_more_runs.runs == summary.after_more_runs.samples_left == left
     assert -1 <= summary.grids.spearman <= 1
     assert summary.convergence.probability[-1] == summary.probability_of_failure
-    assert "NaN" not in (tmp_path / "out" / "summary.json").read_text()
-    assert Summary.from_json((tmp_path / "out" / "summary.json").read_text()) == summary
+    assert "NaN" not in (folder / "summary.json").read_text()
+    assert Summary.from_json((folder / "summary.json").read_text()) == summary
 
 
-def test_rows_written_before_modes_were_kept_still_read(tmp_path):
-    run(TINY, tmp_path / "out")
-    campaign, store = parse(TINY), read_store(tmp_path / "out")
+def test_rows_written_before_modes_were_kept_still_read(tiny_campaign):
+    campaign, store = parse(TINY), read_store(tiny_campaign[0])
     rough, refined = read_rows(store, "rough"), read_rows(store, "refined")
     new = ("mode", "masses", "depth_shallowest", "depth_deepest", "onset", "onset_second")
     old = Rows({name: column for name, column in refined.columns.items() if name not in new}, ())

@@ -49,7 +49,9 @@ def test_a_section_lies_where_it_is_drawn():
 
 
 def test_walls_leave_out_what_is_drawn_beyond_them():
-    cut, whole = (mpm.section(mpm.Section(FLAT.surface, walls=walls), CLAY, HALVES)[0] for walls in ((4, 18), None))
+    cut, whole = (
+        mpm.section(mpm.Section(FLAT.surface, walls=walls), CLAY, HALVES, at_rest=False)[0] for walls in ((4, 18), None)
+    )
     x, _ = np.asarray(whole.particles.position)
     assert cut.particles.mass.size == np.count_nonzero((x > 4) & (x < 18))
 
@@ -87,7 +89,7 @@ LAYERS = [
 
 
 def test_particles_are_of_the_layer_in_which_they_lie():
-    scene, _ = mpm.section(FLAT, LAYERS, HALVES)
+    scene, _ = mpm.section(FLAT, LAYERS, HALVES, at_rest=False)
     x, z = np.asarray(scene.particles.position)
     expected = np.where(z >= 4.5, 0, np.where(z >= 1 + x / 20, 1, 2))
     assert np.allclose(scene.material.cohesion, np.array([0.0, 5e3, 7e3])[expected])

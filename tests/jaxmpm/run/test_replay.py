@@ -240,9 +240,9 @@ def test_run_out_is_of_soil_that_moved():
 def test_gradients_of_run_out_agree_with_differences():
     scene, state = slide(1.6)
     measured = partial(objectives.runout, scene, toe=SLOPE.toe_x, moved=0.2)
-    reached = scaled(scene, state, 250, measured)
+    reached = jax.jit(scaled(scene, state, 250, measured))
     assert float(reached(1.0)) > 0.0
-    gradient = float(jax.grad(reached)(1.0))
+    gradient = float(jax.jit(jax.grad(reached))(1.0))
     assert gradient < -0.1  # stronger soil runs out less
     assert gradient == pytest.approx(central(reached, 1.0, 1e-6), rel=1e-4)
 

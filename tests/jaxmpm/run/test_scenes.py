@@ -19,12 +19,13 @@ SMALL = mpm.Slope(crest=6, height=4, run_per_rise=1.0, toe=8, foundation=2)
 
 
 def test_section_of_the_published_slope_has_888_square_metres():
-    scene, _ = mpm.slope(mpm.Slope(), PAPER_SOIL, SECTION)
+    scene, _ = mpm.slope(mpm.Slope(), PAPER_SOIL, SECTION, at_rest=False)
     assert np.isclose(float(jnp.sum(scene.particles.volume)), 888.0)
 
 
 def test_rough_published_slope_has_42624_particles():
-    scene, _ = mpm.slope(mpm.Slope(width=96.0), PAPER_SOIL, mpm.Discretisation(2.0, (1.0, 2.0, 1.0)))
+    numerics = mpm.Discretisation(2.0, (1.0, 2.0, 1.0))
+    scene, _ = mpm.slope(mpm.Slope(width=96.0), PAPER_SOIL, numerics, at_rest=False)
     assert scene.particles.mass.size == 42_624
     assert np.isclose(float(jnp.sum(scene.particles.volume)), 85_248.0)
 
@@ -39,7 +40,7 @@ def test_rough_published_slope_has_42624_particles():
 def test_any_slope_fills_its_section_and_stays_below_its_surface(crest, height, ratio, toe):
     # An even length makes whole cells of 1 m; particles of half a metre.
     shape = mpm.Slope(crest=crest, height=2 * height, run_per_rise=ratio, toe=toe, foundation=2)
-    scene, _ = mpm.slope(shape, mpm.Soil(), mpm.Discretisation(1.0, (0.5, 0.5)))
+    scene, _ = mpm.slope(shape, mpm.Soil(), mpm.Discretisation(1.0, (0.5, 0.5)), at_rest=False)
     x, z = np.asarray(scene.particles.position)
     assert np.all(z < shape.heights(x))
     area = shape.length * 2 + 2 * height * crest + ratio * (2 * height) ** 2 / 2

@@ -17,8 +17,8 @@ FORGETS = replace(SOIL, gap_memory=False)
 NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5))
 
 
-def section(soil=SOIL, **numerics):
-    return mpm.slope(SHAPE, soil, replace(NUMERICS, **numerics))
+def section(soil=SOIL, at_rest=False, **numerics):
+    return mpm.slope(SHAPE, soil, replace(NUMERICS, **numerics), at_rest=at_rest)
 
 
 def program(scene, state):
@@ -131,7 +131,9 @@ def test_rate_effect_and_body_force_leave_no_operation_behind():
 def test_water_is_absent_from_arguments_and_program_unless_given():
     sand = mpm.FrictionalSoil(5e3, 30.0, criterion=mpm.laws.DruckerPrager)
     drawn = mpm.Section([(0, 6), (6, 6), (10, 2), (18, 2)])
-    dry, table, carried = (mpm.section(drawn, sand, NUMERICS, **water) for water in ({}, {"water": 3.0}, {"r_u": 0.2}))
+    dry, table, carried = (
+        mpm.section(drawn, sand, NUMERICS, at_rest=False, **water) for water in ({}, {"water": 3.0}, {"r_u": 0.2})
+    )
     assert dry[0].water is None
     assert dry[0].pore_pressure is None
     leaves = [len(jax.tree.leaves(each)) for each in (dry, table, carried)]
@@ -152,16 +154,20 @@ def test_finite_strains_leave_no_operation_and_no_array_behind():
         assert count(program(*asked), operation) > 0
 
 
-def longest_loop(scene, state):
-    """Operations of the longest loop in what updates the stress on CPUs: the largest computation that XLA fuses."""
+def stress_update(scene, state):
+    """The compiled program that updates the stress."""
 
     def updated(scene, state, gradient):
         maps = equations.Maps(scene, equations.grid_position(scene, state))
         return equations.update_stress(scene, state, gradient, scene.time_step, maps)
 
     gradient = jnp.zeros((scene.grid.dimension,) * 2 + scene.particles.mass.shape)
-    text = jax.jit(updated).lower(scene, state, gradient).compile().as_text()
-    fused = re.findall(r"^%fused[^\n]*{\n(.*?)^}", text, re.DOTALL | re.MULTILINE)
+    return jax.jit(updated).lower(scene, state, gradient).compile()
+
+
+def longest_loop(program):
+    """Operations of the longest loop of a program for CPUs: the largest computation that XLA fuses."""
+    fused = re.findall(r"^%fused[^\n]*{\n(.*?)^}", program.as_text(), re.DOTALL | re.MULTILINE)
     assert fused  # else the text is of another form
     return max(part.count(" = ") for part in fused)
 
@@ -172,7 +178,8 @@ def test_finite_strains_do_not_join_the_components_of_a_costly_law_in_one_loop()
     sand = mpm.FrictionalSoil(5e3, 30.0, criterion=mpm.laws.MohrCoulomb, tension_cutoff=None)
     numerics = mpm.Discretisation(1.0, (0.5,) * 3)
     plain, stretched = (
-        longest_loop(*mpm.column(4.0, sand, replace(numerics, finite_strain=finite))) for finite in (False, True)
+        longest_loop(stress_update(*mpm.column(4.0, sand, replace(numerics, finite_strain=finite), at_rest=False)))
+        for finite in (False, True)
     )
     assert stretched <= plain
 
@@ -194,26 +201,21 @@ def test_zones_are_absent_unless_layers_are_of_different_kinds():
 @pytest.mark.parametrize("finite", [False, True])
 def test_a_zone_costs_its_own_particles_only(finite):
     sand = mpm.FrictionalSoil(5e3, 30.0, criterion=mpm.laws.MohrCoulomb, tension_cutoff=0.0)
-
-    def flops(scene, state):
-        compiled = jax.jit(mpm.step).lower(replace(scene, engine=mpm.Engine.XLA), state, scene.time_step).compile()
-        return compiled.cost_analysis()["flops"]
-
-    both = in_layers(sand, SOIL, finite_strain=finite, cell_average=False)
-    alone = [
-        mpm.section(mpm.Section([(0, 4), (6, 4)]), soil, replace(NUMERICS, finite_strain=finite, cell_average=False))
-        for soil in (sand, SOIL)
-    ]
-    dear, cheap = (flops(*each) for each in alone)
-    assert cheap < flops(*both) < 0.5 * (dear + cheap) * 1.1
-    assert longest_loop(*both) < 1.1 * longest_loop(*alone[0])
+    choices = {"finite_strain": finite, "cell_average": False}
+    drawn, numerics = mpm.Section([(0, 4), (6, 4)]), replace(NUMERICS, **choices)
+    alone = [mpm.section(drawn, soil, numerics, at_rest=False) for soil in (sand, SOIL)]
+    dear, cheap, both = (stress_update(*each) for each in (*alone, in_layers(sand, SOIL, **choices)))
+    flops = [program.cost_analysis()["flops"] for program in (cheap, both, dear)]
+    assert flops[0] < flops[1] < 0.5 * (flops[0] + flops[2]) * 1.1
+    assert longest_loop(both) < 1.1 * longest_loop(dear)
 
 
 def test_motion_of_the_base_and_tied_sides_are_absent_unless_asked_for():
     drawn, sand = mpm.Section([(0, 4), (6, 4)]), replace(SOIL, strength=None)
     motion = mpm.BaseMotion(jnp.ones((2, 5)), jnp.asarray(0.1))
     still, shaken, tied = (
-        mpm.section(drawn, sand, NUMERICS, **given) for given in ({}, {"motion": motion}, {"ends": "tied"})
+        mpm.section(drawn, sand, NUMERICS, at_rest=False, **given)
+        for given in ({}, {"motion": motion}, {"ends": "tied"})
     )
     assert (still[0].motion, still[0].tied) == (None, None)
     leaves = [len(jax.tree.leaves(each)) for each in (still, shaken, tied)]
@@ -227,7 +229,8 @@ def test_motion_of_the_base_and_tied_sides_are_absent_unless_asked_for():
 def test_a_free_field_is_absent_unless_asked_for():
     drawn = mpm.Section([(0, 4), (6, 4)])
     walled, open_ = (
-        mpm.section(drawn, replace(SOIL, strength=None), NUMERICS, ends=ends) for ends in ("roller", "free field")
+        mpm.section(drawn, replace(SOIL, strength=None), NUMERICS, ends=ends, at_rest=False)
+        for ends in ("roller", "free field")
     )
     assert (walled[0].free_field, walled[1].free_field) == (None, None)
     text = program(*walled)
@@ -267,7 +270,7 @@ def test_columns_leave_nothing_in_state_or_program_unless_asked_for():
 
 def test_section_carries_no_out_of_plane_shear():
     for d, components in ((1, 3), (2, 4), (3, 6)):
-        _, state = mpm.column(4.0, SOIL, mpm.Discretisation(1.0, (0.5,) * d))
+        _, state = mpm.column(4.0, SOIL, mpm.Discretisation(1.0, (0.5,) * d), at_rest=False)
         assert state.stress.shape[0] == components
 
 
@@ -286,13 +289,14 @@ def test_walls_cost_no_memory():
 
 
 def test_grid_spans_what_particles_can_reach():
-    scene, _ = mpm.slope(mpm.Slope(width=96.0), mpm.Soil(), mpm.Discretisation(2.0, (1.0, 2.0, 1.0)))
+    numerics = mpm.Discretisation(2.0, (1.0, 2.0, 1.0))
+    scene, _ = mpm.slope(mpm.Slope(width=96.0), mpm.Soil(), numerics, at_rest=False)
     # 96 m of cells, one beyond each wall; above the crest one cell and the stencil's reach.
     assert scene.grid.shape == (51, 51, 12)
 
 
 def test_second_sample_compiles_nothing(caplog):
-    scene, state = section()
+    scene, state = section(at_rest=True)
     strengths = [jnp.full_like(scene.particles.mass, 9e3 + 100 * i) for i in range(3)]
     run = mpm.solve_each(scene, state, {"strength": strengths}, width=1, t_end=0.2)
     next(run)
@@ -305,7 +309,7 @@ def test_second_sample_compiles_nothing(caplog):
 
 
 def test_many_samples_end_the_same_whatever_the_width():
-    scene, state = section()
+    scene, state = section(at_rest=True)
     found = []
     for width in (1, 3):
         varied = {"strength": (9e3 * (0.5 + 0.25 * i) for i in range(5))}

@@ -47,10 +47,13 @@ def test_the_average_is_a_projection_and_symmetric_in_its_weights(x64):
 
 
 def test_soil_with_friction_has_it_unless_told_and_clay_does_not():
-    assert sand_slope()[0].cell_average
-    assert not sand_slope(cell_average=False)[0].cell_average
-    assert not mpm.slope(SHAPE, mpm.Soil(strength=2e4), NUMERICS)[0].cell_average
-    assert not mpm.column(4.0, SAND, mpm.Discretisation(1.0, (0.5,)))[0].cell_average
+    def averages(soil, **choices):
+        return mpm.slope(SHAPE, soil, replace(NUMERICS, **choices), at_rest=False)[0].cell_average
+
+    assert averages(SAND)
+    assert not averages(SAND, cell_average=False)
+    assert not averages(mpm.Soil(strength=2e4))
+    assert not mpm.column(4.0, SAND, mpm.Discretisation(1.0, (0.5,)), at_rest=False)[0].cell_average
     assert not mpm.cell_independent(replace(NUMERICS, cell_average=True), mpm.Soil(strength=2e4)).fbar
     with pytest.raises(ValueError, match="fbar = True with cell_average = True"):
         mpm.slope(SHAPE, mpm.Soil(strength=2e4), replace(NUMERICS, fbar=True, cell_average=True))

@@ -40,23 +40,6 @@ def bar_error(cells, periods=1.0, **choices):
     )
 
 
-@pytest.mark.usefixtures("x64")
-@pytest.mark.parametrize(
-    "scheme", [pytest.param(s, marks=pytest.mark.slow if s is mpm.Scheme.USF else ()) for s in SCHEMES]
-)
-def test_axial_bar_against_theory_falls_with_refinement(scheme):
-    errors = [bar_error(cells, scheme=scheme)[0] for cells in (12, 25, 50)]
-    assert errors[2] < 0.02
-    assert errors[0] > errors[1] > errors[2]
-
-
-@pytest.mark.usefixtures("x64")
-@pytest.mark.parametrize("scheme", [mpm.Scheme.MUSL, mpm.Scheme.USF])
-def test_undamped_elastic_bar_keeps_its_energy_over_ten_periods(scheme):
-    _, energy, start = bar_error(50, periods=10.0, scheme=scheme)
-    assert np.all(np.abs(energy / start - 1) < 0.01)
-
-
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_free_block_keeps_its_momentum_and_moves_as_one(scheme):
     numerics = mpm.Discretisation(0.5, (0.25, 0.25, 0.25), scheme=scheme)

@@ -22,6 +22,18 @@ ELASTIC = mpm.Soil(young=YOUNG, poisson=POISSON)
 CLAY = replace(ELASTIC, strength=STRENGTH, softening_modulus=SOFTENING, residual_ratio=RATIO, tension_cutoff=None)
 
 
+@jax.jit
+def led(scene, state, rate, steps):
+    """The state after one second in which the particles move by a velocity gradient about the middle of their cell."""
+
+    def one(_, state):
+        x = scene.particles.position + state.displacement - 4.5
+        field = jnp.broadcast_to(rate[..., None], (*rate.shape, x.shape[1]))
+        return mpm.step(scene, replace(state, velocity=rate @ x, affine=field), 1 / steps)
+
+    return jax.lax.fori_loop(0, steps, one, state)
+
+
 def after(soil, gradient, steps):
     """Stress (s, N) and history after one second at a constant velocity gradient (1/s)."""
     d = len(gradient)
@@ -35,14 +47,7 @@ def after(soil, gradient, steps):
         corner=(4.0,) * d,
         speed=1.0,
     )
-    rate, centre = jnp.asarray(gradient), 4.5
-
-    def one(_, state):
-        x = scene.particles.position + state.displacement - centre
-        field = jnp.broadcast_to(rate[..., None], (d, d, x.shape[1]))
-        return mpm.step(scene, replace(state, velocity=rate @ x, affine=field), jnp.asarray(1 / steps))
-
-    state = jax.lax.fori_loop(0, steps, one, state)
+    state = led(scene, state, jnp.asarray(gradient), steps)
     volume = np.trace(gradient)
     np.testing.assert_allclose(state.volume_ratio, np.exp(volume), rtol=volume**2 / steps + 1e-9)
     return np.asarray(state.stress), state.history

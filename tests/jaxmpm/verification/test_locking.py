@@ -35,7 +35,6 @@ STRIP = 8.0  # of the load, m
 DOMAIN_HEIGHT = 64.0  # of whole cells, m
 YOUNG, FORCE = 1e7, 1e3  # Pa, N/m: deflections of 1e-3 m, so that the geometry stays as it is
 SOIL = mpm.Soil(young=YOUNG)
-POISSON = [0.3, 0.49, 0.499]
 CELLS = [8.0, 4.0, 2.0, 1.0]
 
 
@@ -134,7 +133,7 @@ def error(cell, poisson, fbar):
     return deflection(*membrane(cell, poisson, fbar)) / reference(poisson) - 1
 
 
-@pytest.mark.parametrize("poisson", [pytest.param(POISSON[0], marks=pytest.mark.slow), *POISSON[1:]])
+@pytest.mark.parametrize("poisson", [pytest.param(0.3, marks=pytest.mark.slow), 0.499])
 def test_fbar_converges_as_fast_as_the_corner_lets_any_method(x64, poisson):
     errors = np.abs([error(cell, poisson, True) for cell in CELLS])
     assert np.all(np.log2(errors[:-1] / errors[1:]) > singular_order(poisson))
