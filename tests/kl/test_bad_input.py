@@ -30,13 +30,11 @@ def field_points(*columns):
     ("covariance", "options", "message"),
     [
         ((SE(0.0), SE(2.0)), {}, r"correlation length = 0 m: give a finite value above 0; .*Infinite"),
-        ((SE(-1.0), SE(2.0)), {}, r"correlation length = -1 m"),
         ((SE(float("nan")), SE(2.0)), {}, r"correlation length = nan"),
         ((SE(jnp.ones(2)), SE(2.0)), {}, r"shape \(2,\): give one number"),
         ((SE(1.0),), {}, r"one number for each of 1 axes"),
         ((SE(1.0),) * 4, {}, r"4 axes: give a covariance for each of 1 to 3"),
         ((SE(10.0), SE(2.0)), {"energy": 0.0}, r"energy = 0.0 is outside \(0, 1\]"),
-        ((SE(10.0), SE(2.0)), {"energy": 1.5}, r"energy = 1.5 is outside \(0, 1\]"),
         ((SE(10.0), SE(2.0)), {"energy": 0.9, "modes": 3}, r"energy = 0.9 and modes = 3: give one"),
         ((SE(10.0), SE(2.0)), {"modes": 0}, r"modes = 0 must be 1 or more"),
         ((SE(10.0), SE(2.0)), {"modes": 99, "solver": kl.axis.Haar(2)}, r"modes = 99 exceeds 16, .* give: raise"),
@@ -128,10 +126,9 @@ def test_fields_refuse_points_outside_and_wrong_shapes(expansion):
         (lambda e, c: kl.field.rotate(kl.Bedding(10.0), jnp.ones(3)), r"points of shape \(3,\)"),
         (lambda e, c: kl.expand((SE(1.0),), (NAN,), (1.0,)), r"origin = .*a finite value; it is the lowest corner"),
         (lambda e, c: kl.conditioned(kl.condition(e, jnp.ones((2, 1)), [0.5]), c[:-1]), r"one a mode"),
-        (lambda e, c: kl.conditioned(kl.condition(e, jnp.ones((2, 1)), [0.5]), c * NAN), r"coefficients = nan at"),
         (lambda e, c: kl.condition(e, jnp.ones((2, 1)), [0.5], error=[0.1, 0.2]), r"error of shape \(2,\) for 1 data"),
         (lambda e, c: kl.axis.haar_transform(jnp.ones(3)), r"3 values along the last axis: give 2\^level"),
-        (lambda e, c: kl.axis.haar_transform(jnp.ones(0)), r"0 values along the last axis"),
+        (lambda e, c: kl.condition(e, jnp.zeros((2, 0)), []), "at least one point"),
         (lambda e, c: kl.axis.from_scale_of_fluctuation(SE, -2.0), r"scale of fluctuation = -2 m"),
         (lambda e, c: kl.axis.scale_of_fluctuation(kl.Infinite()), r"Infinite has no scale of fluctuation"),
         (lambda e, c: kl.field.exact_lattice((SE(1.0),), (np.zeros(0),)), r"coordinates of shape \(0,\): give \(N,\)"),
@@ -143,10 +140,6 @@ def test_fields_refuse_points_outside_and_wrong_shapes(expansion):
         (lambda e, c: kl.monte_carlo(jax.random.key(0), 3, 2, rows=[0.5]), r"type float64: give a list of sample"),
         (lambda e, c: kl.latin_hypercube(jax.random.key(0), 2.5, 2), r"n_samples = 2.5 must be 1 or more, a whole"),
         (lambda e, c: kl.soil.nataf_matrix(np.eye(3), (kl.Normal(1.0, 0.1),) * 2), r"\(3, 3\) for 2 marginals"),
-        (
-            lambda e, c: kl.correlate(jnp.ones((2, 5)), [[1.0, NAN], [NAN, 1.0]]),
-            r"correlation matrix = nan at .*bad at 2 of",
-        ),
     ],
 )
 def test_no_public_function_takes_what_it_cannot_use(expansion, call, message):
@@ -168,12 +161,9 @@ def test_lengths_far_below_the_lattice_are_warned_of(expansion):
     ("marginal", "message"),
     [
         (kl.Normal(1.0, -0.1), r"cov = -0.1 is negative: give a coefficient of variation of 0 or more"),
-        (kl.Lognormal(1.0, -0.1), r"cov = -0.1 is negative"),
         (kl.Lognormal(-1.0, 0.1), r"mean = -1.0 must be above 0"),
-        (kl.Lognormal(float("nan"), 0.1), r"give finite numbers"),
         (kl.Beta(40.0, 0.3, 0.0, 30.0), r"mean = 40.0 must lie between the beta's bounds 0.0 and 30.0: widen"),
         (kl.Beta(10.0, 1.5, 0.0, 30.0), r"cov = 1.5 must be above 0 and below 1.414.*widen the bounds"),
-        (kl.Beta(10.0, 0.3, 30.0, 0.0), r"must lie between"),
         (kl.TruncatedNormal(10.0, 0.3, lower=12.0), r"mean = 10.0 must lie between the bounds 12.0"),
         (kl.TruncatedNormal(10.0, 1.2), r"cannot be had within the bounds 0.0 and None: lower the cov"),
         (kl.Gamma(10.0, 0.3, lower=11.0), r"mean = 10.0 must be above the lower bound 11.0"),
@@ -226,7 +216,7 @@ def test_a_marginal_is_checked_before_it_is_traced():
         ([[1.0]], r"give one row each"),
         ([[1.0, 0.2], [0.2]], r"rows of the correlation matrix differ in length"),
         ([[1.0, 0.2]], r"of shape \(1, 2\): give a square one"),
-        ([[1.0, float("nan")], [float("nan"), 1.0]], r"correlation matrix = nan"),
+        ([[1.0, NAN], [NAN, 1.0]], r"correlation matrix = nan at .*bad at 2 of"),
     ],
 )
 def test_bad_correlation_matrices(matrix, message):
@@ -255,11 +245,6 @@ def test_bad_borehole_data(expansion, points, values, error, message):
         kl.condition(expansion, field_points(*points), values, error=error)
 
 
-def test_no_data_at_all(expansion):
-    with pytest.raises(ValueError, match="at least one point"):
-        kl.condition(expansion, jnp.zeros((2, 0)), [])
-
-
 @pytest.mark.parametrize("design", [kl.monte_carlo, kl.latin_hypercube, kl.sobol])
 def test_bad_designs(design):
     key = jax.random.key(0)
@@ -283,9 +268,6 @@ def test_bad_strata_and_trends():
         kl.in_strata(jnp.zeros(3), (1.0, 2.0), (GAUSSIAN,) * 3)
     with pytest.raises(ValueError, match=r"deviation of the trend falls below 0"):
         kl.with_trend(kl.Normal(1.0, 0.1), GAUSSIAN, mean=GAUSSIAN, deviation=GAUSSIAN - 1)
-
-
-def test_strata_and_trends_of_other_points():
     with pytest.raises(ValueError, match=r"field of shape \(2,\) for an elevation of \(3,\)"):
         kl.in_strata(GAUSSIAN, (1.0,), (GAUSSIAN, GAUSSIAN[:2]))
     with pytest.raises(ValueError, match=r"elevation = nan at .*bad at 1 of"):
@@ -301,8 +283,6 @@ def test_exact_lattice_and_noise():
         kl.field.exact_field(kl.field.exact_lattice((SE(1.0),), (np.arange(3.0),)), jnp.ones(3) * NAN)
     with pytest.raises(ValueError, match="1 covariances for 2 axes"):
         kl.field.exact_lattice((SE(1.0),), (np.arange(3.0),) * 2)
-    with pytest.raises(ValueError, match=r"correlation length = 0 m"):
-        kl.field.exact_lattice((SE(0.0),), (np.arange(3.0),))
     with pytest.raises(ValueError, match=r"noise of shape \(4,\): give \(3,\)"):
         kl.field.exact_field(kl.field.exact_lattice((SE(1.0),), (np.arange(3.0),)), jnp.ones(4))
 
@@ -319,7 +299,6 @@ def test_damaged_stores(tmp_path, expansion):
     path.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(ValueError, match="make it again"):
         kl.load(path)
-    h5py = pytest.importorskip("h5py")
     for name, value in (("index", np.full((2, 4), 999)), ("axis0/fractions", np.array([np.nan]))):
         path.write_bytes(whole)
         with h5py.File(path, "a") as file:

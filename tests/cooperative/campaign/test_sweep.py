@@ -14,7 +14,7 @@ from cooperative.store import read_rows, read_store
 from cooperative.summary import summarise
 from tests import ROOT
 from tests.cooperative.campaign.test_campaign import TINY
-from tests.cooperative.effects.test_summary import five_slides
+from tests.cooperative.effects.test_summary_of_slides import five_slides
 
 TABLE = "[sweep]\nlx = [10, 20.0]\ncov = [0.2, 0.4]\nk_t = [1, 2]\n"
 SWEEP = TINY.replace('fields = "both"', 'fields = "none"') + TABLE

@@ -1,23 +1,16 @@
 """The report: one page that needs nothing else, with every figure drawn, and the same numbers as the summary."""
 
 import csv
-import errno
-import os
 import re
 import shutil
-import sys
-from dataclasses import is_dataclass, replace
+from dataclasses import replace
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
-import h5py
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
-from benchmarks.statistics.hazard_populations import SOLID
-from cooperative import folder as folders
-from cooperative import run, runs
+from cooperative import runs
 from cooperative.__main__ import main
 from cooperative.folder import models_of, read_results
 from cooperative.hazard import hazard_maps
@@ -25,9 +18,7 @@ from cooperative.reporting import _bodies as bodies
 from cooperative.reporting import _composition as composition
 from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import _page as html
-from cooperative.reporting import _plots as plots
 from cooperative.reporting import report, write_table
-from cooperative.reporting._exports import export, export_sample
 from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, sample_path, write_sample
 from cooperative.summary import Summary
@@ -67,15 +58,6 @@ class Page(HTMLParser):
     def handle_data(self, data):
         if self.open[-1:] not in (["style"], ["script"]):
             self.text.append(data)
-
-
-@pytest.fixture(scope="module")
-def done(tmp_path_factory):
-    """A finished campaign: its folder and summary."""
-    folder = tmp_path_factory.mktemp("campaign") / "tiny"
-    summary = run(SCENE, folder)
-    report(folder)
-    return folder, summary
 
 
 @pytest.fixture(params=["with the extra", "without"])
@@ -282,35 +264,6 @@ def test_a_sample_run_again_ends_where_it_ended(done):
     assert (far >= np.array([0.1, 0.3, 0.6, 1.0]) * sample.row["displacement"] * (1 - 1e-6)).all()
 
 
-def test_the_report_and_the_export_solve_nothing(tmp_path, done, monkeypatch):
-    folder = copied(done, tmp_path / "c")
-    shutil.rmtree(folder / "figures")
-    solvers = {"solve", "solve_each", "advance", "advance_lanes", "elastic_equilibrium"}
-    places = [
-        (module, name)
-        for label, module in list(sys.modules.items())
-        for name in solvers & vars(module).keys()
-        if label.split(".")[0] in ("jaxmpm", "cooperative")
-    ]
-    assert {name for _, name in places} == solvers
-
-    def refused(*_, **__):
-        raise AssertionError("the solver was asked")
-
-    for module, name in places:
-        monkeypatch.setattr(module, name, refused)
-    monkeypatch.setattr(plots, "save", lambda figure, path: path.write_bytes(b""))
-    (folder / "report.html").unlink()
-    report(folder)
-    assert (folder / "report.html").read_bytes() == (done[0] / "report.html").read_bytes()
-    assert {path.name for path in (folder / "figures").iterdir()} == {
-        path.name for path in (done[0] / "figures").iterdir()
-    }
-    assert list(export(folder))
-    with pytest.raises(AssertionError, match="the solver was asked"):
-        report(folder, again=True)
-
-
 def test_slides_are_drawn_from_their_frames_and_without_them_from_their_end(done):
     folder, _ = done
     store = read_store(folder)
@@ -377,201 +330,3 @@ def copied(done, folder):
     """A campaign's folder copied from a finished one."""
     shutil.copytree(done[0], folder)
     return folder
-
-
-@pytest.mark.usefixtures("unrendered")
-@pytest.mark.parametrize("what", ["deleted", "damaged", pytest.param("surplus", marks=pytest.mark.slow)])
-def test_a_rough_file_that_lacks_or_is_too_many_does_not_stop_the_report(tmp_path, done, what, capsys):
-    folder = copied(done, tmp_path / "c")
-    store = read_store(folder)
-    number = read_rows(store, "refined").numbers[0]
-    path = sample_path(store, "rough", number)
-    if what == "deleted":
-        path.unlink()
-    elif what == "damaged":
-        path.write_bytes(path.read_bytes()[:-1])
-    else:
-        sample = replace(read_sample(store, "rough", number), number=14)
-        with open_store(folder, SCENE) as held:
-            write_sample(held, "rough", sample)
-    assert main(["report", str(folder), "--slides", "0"]) == 0
-    said = capsys.readouterr().out
-    assert f"{14 - (what != 'surplus')} samples" in said
-    text = " ".join(Page((folder / "report.html").read_text()).text)
-    assert ("000014.h5 is of a sample that the scene, with 14, does not have" in text) == (what == "surplus")
-
-
-def of_another_field(sample):
-    return replace(sample, coefficients=sample.coefficients[:3])
-
-
-def of_other_particles(sample):
-    return replace(sample, fields=sample.fields | {"displacement": sample.fields["displacement"][:, :7]})
-
-
-@pytest.mark.usefixtures("unrendered")
-@pytest.mark.parametrize(
-    ("spoilt", "why"),
-    [(of_another_field, r"holds 3 coefficients of a field that has \d+"),
-     (of_other_particles, r"holds displacement of shape \(2, 7\) for particles of shape \(2, \d+\)")],
-)  # fmt: skip
-def test_a_sample_whose_arrays_are_not_the_scenes_is_left_out_and_named(tmp_path, done, spoilt, why, capsys):
-    folder = copied(done, tmp_path / "c")
-    store = read_store(folder)
-    columns = read_rows(store, "refined").columns
-    number = int(columns["sample"][np.argmax(columns["displacement"])])
-    whole = read_sample(store, "refined", number)
-    sample = spoilt(replace(whole, fields={"displacement": whole.fields["displacement"]}))
-    for grid in ("refined", "slides"):
-        sample_path(store, grid, number).unlink(missing_ok=True)
-    with open_store(folder, SCENE) as held:
-        write_sample(held, "refined", sample)
-    assert main(["report", str(folder), "--slides", "1"]) == 0
-    capsys.readouterr()
-    text = " ".join(Page((folder / "report.html").read_text()).text)
-    assert re.search(rf"{number:06d}\.h5 {why}", text)
-    assert main(["export", str(folder), "--sample", str(number)]) == 2
-    assert re.search(why, capsys.readouterr().err)
-
-
-@pytest.mark.usefixtures("unrendered")
-def test_the_report_reads_the_summary_and_makes_it_anew_only_from_other_rows(tmp_path, done, monkeypatch):
-    folder = copied(done, tmp_path / "c")
-    asked = []
-    made = folders.summarise
-    monkeypatch.setattr(folders, "summarise", lambda *given: asked.append(given) or made(*given))
-    said = report(folder, slides=0)
-    assert asked == []
-    kept = (folder / "summary.json").read_text()
-    wrong = kept.replace('"failures_refined": ', '"failures_refined": 9')
-    for content in (wrong, "[" * 100_000, "7", kept[:-9]):
-        (folder / "summary.json").write_text(content)
-        assert report(folder, slides=0) == said
-    assert len(asked) == 4
-    (folder / "summary.json").unlink()
-    os.mkfifo(folder / "summary.json")
-    assert report(folder, slides=0) == said
-
-
-def alike(one, other):
-    """Whether two stored values hold the same numbers."""
-    if is_dataclass(one):
-        return type(one) is type(other) and alike(vars(one), vars(other))
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(alike(one[key], other[key]) for key in one)
-    return np.array_equal(one, other, equal_nan=True) if isinstance(one, np.ndarray) else one == other
-
-
-@pytest.mark.usefixtures("unrendered")
-def test_a_whole_folder_is_reported_without_its_scene_and_its_grids(tmp_path, done, monkeypatch):
-    folder = copied(done, tmp_path / "c")
-    words = report(folder)
-    page = (folder / "report.html").read_text()
-
-    def refused(*_, **__):
-        raise AssertionError("the scene was read, or a grid built")
-
-    monkeypatch.setattr(folders, "campaign_of", refused)
-    monkeypatch.setattr("cooperative.reporting._composition.campaign_of", refused)
-    monkeypatch.setattr(runs, "build", refused)
-    assert report(folder) == words
-    assert (folder / "report.html").read_text() == page
-    assert hazard_maps(folder).slides > 0
-    # What is not kept comes from the scene.
-    (folder / "ground.h5").unlink()
-    with pytest.raises(AssertionError, match="the scene was read"):
-        report(folder)
-
-
-def arrays(path):
-    """All arrays of an HDF5 file by name."""
-    found = {}
-    with h5py.File(path) as file:
-        file.visititems(lambda name, each: found.update({name: each[()]}) if isinstance(each, h5py.Dataset) else None)
-    return found
-
-
-def test_a_whole_folder_is_exported_without_its_scene_and_its_grids(tmp_path, done, monkeypatch):
-    folder = copied(done, tmp_path / "c")
-    drawn = [(grid, number) for grid, number in read_results(folder).soils() if grid == "refined"]
-    kinds = ["table", "hdf5", "maps"]
-    whole = {path: path.read_bytes() for path in export(folder, kinds) if path.suffix != ".h5"}
-    series = {number: arrays(export_sample(folder, number)) for _, number in drawn}
-
-    def refused(*_, **__):
-        raise AssertionError("the scene was read, or a grid built")
-
-    for module in ("folder", "reporting._exports", "reporting._tables"):
-        monkeypatch.setattr(f"cooperative.{module}.campaign_of", refused)
-    monkeypatch.setattr(runs, "build", refused)
-    monkeypatch.setattr("cooperative.reporting._exports.build", refused)
-    assert {path: path.read_bytes() for path in export(folder, kinds) if path.suffix != ".h5"} == whole
-    assert "weight" in (folder / "table.csv").read_text().splitlines()[0].split(",")
-    # The random soil of a sample that a report draws is in the folder, too.
-    assert all(alike(arrays(export_sample(folder, number)), series[number]) for _, number in drawn)
-    (other,) = [number for number in read_results(folder).refined.numbers if ("refined", number) not in drawn][:1]
-    with pytest.raises(AssertionError, match="the scene was read"):
-        export_sample(folder, other)
-
-
-@pytest.mark.usefixtures("unrendered")
-@pytest.mark.parametrize("name", ["ground.h5", "drawn.h5"])
-@pytest.mark.parametrize("how", ["deleted", "damaged"])
-@pytest.mark.filterwarnings("ignore:.*ground.h5.*the ground is built again")
-def test_without_what_a_folder_keeps_of_its_ground_the_report_is_the_same(tmp_path, done, name, how):
-    folder = copied(done, tmp_path / "c")
-    words = report(folder)
-    page = (folder / "report.html").read_text()
-    if how == "deleted":
-        (folder / name).unlink()
-    else:
-        (folder / name).write_bytes((folder / name).read_bytes()[:-1])
-    assert report(folder) == words
-    assert (folder / "report.html").read_text() == page
-
-
-@pytest.mark.parametrize("solid", [False, True])
-def test_the_ground_that_a_folder_keeps_is_that_of_the_grids(tmp_path, solid):
-    text = SOLID if solid else SCENE
-    models = models_of(parse(text))
-    runs.keep_ground(tmp_path, models)
-    kept = runs.read_ground(tmp_path)
-    assert alike(kept, runs.ground_of(models))
-    rough = kept.grids["rough"]
-    assert np.array_equal(rough.position, models["rough"].scene.particles.position)
-    heights = parse(text).site.shape.heights(*kept.surface[:-1].reshape(kept.dimension - 1, -1))
-    assert np.array_equal(kept.surface[-1].ravel(), heights)
-    # Written once, and again where it is damaged.
-    stamp = (tmp_path / "ground.h5").stat().st_mtime_ns
-    runs.keep_ground(tmp_path, models)
-    assert (tmp_path / "ground.h5").stat().st_mtime_ns == stamp
-    (tmp_path / "ground.h5").write_bytes(b"cooperative ground")
-    runs.keep_ground(tmp_path, models)
-    assert alike(runs.read_ground(tmp_path), kept)
-    assert (tmp_path / "ground.h5.damaged").exists()
-
-
-def test_a_figure_that_cannot_be_written_is_named_and_leaves_the_old_one(tmp_path, done, monkeypatch):
-    folder = copied(done, tmp_path / "c")
-    before = (folder / "figures" / "ranked.png").read_bytes()
-
-    def full(self, path, **_):
-        with open(path, "wb") as file:
-            file.write(b"half")
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(Figure, "savefig", full)
-    with pytest.raises(OSError, match=r"ranked\.png \(No space left on device\): make room"):
-        plots.save(Figure(), folder / "figures" / "ranked.png")
-    assert (folder / "figures" / "ranked.png").read_bytes() == before
-    assert not list((folder / "figures").glob(".*"))
-
-
-def test_figures_are_not_written_through_a_link(tmp_path, done):
-    folder = copied(done, tmp_path / "c")
-    shutil.rmtree(folder / "figures")
-    (tmp_path / "elsewhere").mkdir()
-    (folder / "figures").symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(ValueError, match="figures is a link or a file, not a folder"):
-        report(folder, slides=0)
-    assert not list((tmp_path / "elsewhere").iterdir())

@@ -1,8 +1,5 @@
 """Scenes whose soil varies in several parameters: fields, what correlates, what boreholes tell, what is refused."""
 
-from pathlib import Path
-
-import h5py
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,13 +7,9 @@ import pytest
 
 import kl
 from benchmarks.robustness.invented import LAYERED, TINY
-from cooperative import run, runs
-from cooperative.reporting import report
-from cooperative.reporting._exports import export, run_again
+from cooperative import runs
 from cooperative.research.rare import slide_limit_state
-from cooperative.runs._executors import run_sample
-from cooperative.scene import campaign_of, parse
-from cooperative.store import read_rows, read_sample, read_store, restart_path
+from cooperative.scene import parse
 from cooperative.sweep import variants
 from jaxmpm import FrictionalSoil
 from jaxmpm.laws import DruckerPrager, MohrCoulomb
@@ -320,222 +313,8 @@ def test_weaker_grids_divide_cohesion_and_the_tangent_of_friction():
     np.testing.assert_allclose(after["softening.strain"], before["softening.strain"], rtol=1e-6)
 
 
-@pytest.fixture(scope="module")
-def done(tmp_path_factory):
-    """A campaign of all that may vary, which has run."""
-    text = changed(ALL, ("t_end = 4.0", "t_end = 1.5"), ("samples = 6", "samples = 3"), ("k_t = 2", "k_t = 1"))
-    text = changed(text, ("cell = 1.0\nspacing = [0.5, 0.5]", "cell = 2.0\nspacing = [1.0, 1.0]"))
-    folder = tmp_path_factory.mktemp("soil") / "out"
-    return text, folder, run(text, folder)
-
-
-@pytest.mark.usefixtures("unrendered")
-def test_a_campaign_of_many_random_parameters_runs_and_is_reported(done):
-    text, folder, summary = done
-    assert summary.broke_off == {"rough": {}, "refined": {}}
-    assert run(text, folder) == summary
-    moved = read_rows(read_store(folder), "rough").columns["displacement"]
-    assert np.unique(moved).size == 3
-    assert (moved > 0).all()
-    page = report(folder)
-    for name in ("field", "field-friction", "field-young", "field-unit_weight", "field-softening_strain"):
-        assert (Path(folder) / "figures" / f"{name}.png").is_file()
-    assert page
-
-
-def test_a_sample_of_such_a_campaign_is_made_again_from_its_coefficients(done):
-    text, folder, _ = done
-    campaign = parse(text)
-    model = runs.build(campaign, "rough", runs.random_soil(campaign), folder=folder)
-    kept = read_sample(read_store(folder), "rough", 1)
-    again = run_again(model, kept, np.array([0.0, kept.steps * model.time_step(kept.coefficients)]))
-    np.testing.assert_allclose(again.state.displacement, kept.fields["displacement"], atol=2e-4)
-
-
-def test_a_worker_makes_the_same_sample(done):
-    text, folder, _ = done
-    kept = read_sample(read_store(folder), "rough", 2)
-    again = run_sample(runs.packed(parse(text)), "rough", 2, kept.coefficients, None, folder=folder)
-    assert dict(again.row) == dict(kept.row)
-
-
-def test_a_run_that_was_stopped_goes_on_bit_for_bit(done):
-    text, folder, _ = done
-    campaign = parse(text)
-    model = runs.build(campaign, "refined", runs.random_soil(campaign), folder=folder)
-    number = read_rows(read_store(folder), "refined").numbers[0]
-    kept = read_sample(read_store(folder), "refined", number)
-    looks = iter([False, False, True])
-    with pytest.raises(runs.Stopped):
-        list(run_samples(model, kept, folder, lambda: next(looks, True)))
-    assert restart_path(folder, "refined", number).is_file()
-    (again,) = run_samples(model, kept, folder, lambda: False)
-    assert np.array_equal(again.fields["displacement"], kept.fields["displacement"])
-    assert dict(again.row) == dict(kept.row)
-
-
-def run_samples(model, sample, folder, stop):
-    return runs.run_samples(
-        model, {sample.number: sample.coefficients}, [sample.number], width=1, restart_in=folder, stop=stop
-    )
-
-
-def test_such_a_campaign_is_exported_with_its_parameters(done):
-    folder = done[1]
-    files = [str(path) for path in export(folder)]
-    series = next(file for file in files if file.endswith("rough-000001.vtkhdf"))
-    with h5py.File(series) as file:
-        found = file["VTKHDF/PointData"]
-        model = model_of(done[0])
-        expected = model.parameters(read_sample(read_store(folder), "rough", 1).coefficients)
-        for name, values in expected.items():
-            count = values.shape[0]
-            np.testing.assert_allclose(found[name][:count], values, rtol=1e-5)
-
-
 def test_what_knows_undrained_strength_alone_says_so():
     with pytest.raises(ValueError, match="a sweep varies the field of undrained strength"):
         variants(SAND + "[sweep]\ncov = [0.2, 0.4]\n")
     with pytest.raises(ValueError, match=r"random are cohesion, friction, young, unit_weight, .* and with stiffness"):
         slide_limit_state(model_of(ALL), seconds=1.0, displacement=0.5)
-
-
-def test_a_friction_that_is_no_number_ends_its_sample_alone(done, monkeypatch):
-    text, folder, _ = done
-    campaign, varied = parse(text), runs.GridModel.varied
-    model = runs.build(campaign, "rough", runs.random_soil(campaign), folder=folder)
-    coefficients = runs.coefficients_of(campaign, model.soil)
-
-    def spoiling(model, xi):
-        found = varied(model, xi)
-        bad = {**found, "friction": found["friction"].at[3].set(jnp.nan)}
-        return bad if np.array_equal(xi, coefficients[0]) else found
-
-    monkeypatch.setattr(runs.GridModel, "varied", spoiling)
-    rows = {sample.number: sample for sample in runs.run_samples(model, coefficients, [0, 1], width=1)}
-    assert (rows[0].status, rows[0].steps, rows[0].row["broke_off"]) == ("BAD_PARAMETER", 0, True)
-    assert dict(rows[1].row) == dict(read_sample(read_store(folder), "rough", 1).row)
-
-
-def bounded(lower, upper):
-    return f'cov = 0.4\nmarginal = "truncated normal"\nlower = {lower}\nupper = {upper}'
-
-
-REFUSED = [
-    (TINY, ("mean = 30e3", "mean = 30.0"), r"mean = 30 Pa, below 1000 Pa: were kPa meant\?.* unusual = true in"),
-    (TINY, ("unit_weight = 20e3", "unit_weight = 18.0"), r"unit_weight = 18 N/m3, below 3000 N/m3: were kN/m3 .*meant"),
-    (TINY, ("young = 2e7", "young = 20.0"), r"young = 20 Pa, below 200000 Pa: were kPa or MPa meant\?"),
-    (TINY, ("softening_modulus = 85e3", "softening_modulus = 85.0"), r"modulus = 85 Pa, below 500 Pa: were kPa meant"),
-    (SAND, ("mean = 5e3", "mean = 3.0"), r"\[soil.cohesion\] mean = 3 Pa, below 100 Pa: were kPa meant\?"),
-    (SAND, ("mean = 22.0", "mean = 0.35"), r"\[soil.friction\] mean = 0.35 degrees, below 1.6 .* degrees meant"),
-    (TINY, ("cov = 0.4", "cov = 0.4\nboreholes = [[1.0, 1.0, 35.0]]"), r"value = 35 Pa, below 1000 Pa: were kPa meant"),
-    (TINY, ("young = 2e7", "young = 1e5"), r"young = 100000 Pa, below 200000 Pa: were kPa or MPa meant"),
-    (TINY, ("unit_weight = 20e3", "unit_weight = 18e6"), r"= 1.8e\+07 N/m3, above 40000 N/m3: was a factor of 1000"),
-    (TINY, ("unit_weight = 20e3", "unit_weight = 1800.0"), r"= 1800 N/m3, below .* or kg/m3 \(9.81 N/m3\) meant"),
-    (TINY, ("mean = 30e3", "mean = 30e6"), r"\[strength\] mean = 3e\+07 Pa, above 5e\+06 Pa: was a factor of 1000 put"),
-    (SAND, ("mean = 5e3", "mean = 5e7"), r"\[soil.cohesion\] mean = 5e\+07 Pa, above 5e\+06 Pa: was a factor of 1000"),
-    (TINY, ("cov = 0.4", "cov = 0.4\ntrend = 1.2"), r"trend = 1.2 Pa per metre, below 50 Pa per metre: were kPa"),
-    (TINY, ("cov = 0.4", "cov = 0.4\ntrend = -1.2"), r"\[strength\] -trend = 1.2 Pa per metre, below 50 Pa per metre"),
-    (TINY, ("cov = 0.4", bounded("10.0", "60e3")), r"\[strength\] lower = 10 Pa, below 1000 Pa: were kPa meant"),
-    (TINY, ("cov = 0.4", bounded("10e3", "60.0")), r"\[strength\] upper = 60 Pa, below 1000 Pa: were kPa meant"),
-    (SAND, ("upper = 50.0", "upper = 0.9"), r"\[soil.friction\] upper = 0.9 degrees, below 1.6 degrees"),
-    (TINY, ("cov = 0.4", "cov = 30.0"), r"\[strength\] cov = 30, above 3: it is a share, 1 for 100 per cent; were per"),
-    (TINY, ("softening_modulus = 85e3", "strain_95 = 200.0"), r"strain_95 = 200, above 5: .* were per cent meant"),
-    (SOFT, ("mean = 0.2", "mean = 20.0"), r"\[soil.softening_strain\] mean = 20, above 5: .* per cent meant"),
-    (TINY, ("[run]", "[run]\ngravity = 981.0"), r"\[run\] gravity = 981 m/s2, above 30 m/s2: were cm/s2 meant"),
-    (
-        SAND,
-        ("poisson = 0.3", "poisson = 0.3\nresidual_friction = 70.0"),
-        r"residual_friction = 70 degrees: give a value",
-    ),
-    (SAND, ("poisson = 0.3", "poisson = 0.3\ndilation = 10.0"), r"dilation reaches 10 degrees, friction comes down to"),
-    (
-        SAND,
-        ('marginal = "truncated normal"\nlower = 5.0\nupper = 50.0', 'marginal = "normal"\nupper = 50.0'),
-        r"Normal has",
-    ),
-    (
-        SAND,
-        ('cov = 0.2\nmarginal = "truncated normal"\nlower = 5.0\nupper = 50.0', "cov = 0.4"),
-        r"values of .* degrees",
-    ),
-    (
-        SAND,
-        ("poisson = 0.3", "poisson = 0.3\nsoftening_strain = 0.2\nresidual_friction = 12.0"),
-        r"residual_friction = 12 degrees, but friction comes down to 5\.49: give a residual of at most",
-    ),
-    (
-        SOFT,
-        ("mean = 4.0", "mean = 6.0"),
-        r"\[soil.residual_friction\] reaches 7\.3.* degrees, but friction comes down to 5\.49",
-    ),
-    (
-        CRACKED,
-        ("[soil.softening_modulus]\nmean = 85e3\ncov = 0.4\nlength = [20.0, 4.0]", ""),
-        r"\[soil.residual_ratio\] varies, but the soil does not soften: add softening_modulus or strain_95 to \[soil\]",
-    ),
-    (SOFT, (LEFT[LEFT.index("[soil.softening_strain") :], ""), r"does not soften: add softening_strain to \[soil\]"),
-    (
-        CRACKED,
-        ("mean = 0.5\ncov = 0.1", "mean = 0.5\ncov = 0.3"),
-        r"\[soil.residual_ratio\] has values of 1\.55, 4 dev.*: give a value from 0 to 1",
-    ),
-    (CRACKED, ("mean = 85e3", "mean = 85.0"), r"\[soil.softening_modulus\] mean = 85 Pa, below 500 Pa: were kPa meant"),
-    (CRACKED, ("mean = 85e3", "mean = nan"), r"\[soil.softening_modulus\] mean = nan: give finite values"),
-    (TINY, ("young = 2e7", "young = 2e7\ncohesion = 5e3"), r"\[soil\] cohesion is given beside a strength"),
-    (TINY, ("young = 2e7", "young = 2e7\nstrength = 30e3"), r"both \[strength\] and \[soil\] strength are given"),
-    (TINY, ("young = 2e7", "young = 2e7\ncriterion = 'mohr-coulomb'"), r"criterion has no say in undrained soil"),
-    (SAND, ("young = 2e7", "young = 2e7\ngap_memory = true"), r"gap_memory has no say in soil without tension_cutoff"),
-    (SAND, ("young = 2e7", "young = 2e7\nresidual_ratio = 0.5"), r"residual_ratio has no say in soil with cohesion"),
-    (TINY, ("cov = 0.4", "cov = 0.4\ntrend = -5e3"), r"trend = -5000 per metre brings the mean of 30000 to -2e\+04"),
-    (
-        TINY,
-        ("cov = 0.4", "cov = 0.4\nbedding = { dip = 95.0 }"),
-        r"\[strength.bedding\] dip = 95 degrees: give a value from 0 to 90",
-    ),
-    (TINY, ("cov = 0.4", "cov = 0.4\nbedding = { slope = 5.0 }"), r"\[strength.bedding\] has an unknown key 'slope'"),
-    (TINY, ("cov = 0.4", "cov = 0.4\nboreholes = [[1.0, 35e3]]"), r"boreholes hold \[1.0, 35000.0\]: give 3 numbers"),
-    (TINY, ("length = [20.0, 4.0]", "length = [nan, 4.0]"), r"\[strength\] length = \[nan, 4.0\]: give finite values"),
-    (SAND, ("[rough]", CORRELATED.replace('"friction"]', '"young"]') + "[rough]"), r"'young', which is no parameter"),
-    (SAND, ("[rough]", CORRELATED.replace("[-0.5, 1.0]", "[0.5, 1.0]") + "[rough]"), r"is not symmetric"),
-    (SAND, ("[rough]", CORRELATED.replace("0.5", "1.5") + "[rough]"), r"not positive definite"),
-    (SAND, ("[rough]", CORRELATED.replace("[1.0, -0.5]", "[2.0, -0.5]") + "[rough]"), r"diagonal .* must be 1"),
-    (SAND, ("[rough]", CORRELATED.replace("-0.5", "nan") + "[rough]"), r"matrix = .* give finite values"),
-    (SAND, ("[rough]", CORRELATED.replace("[[1.0, -0.5], ", "[") + "[rough]"), r"matrix has 1 rows of 2 numbers for 2"),
-    (SAND + CORRELATED, ("length = [20.0, 4.0]", "length = [20.0, 5.0]"), r"friction has not the length, correlation"),
-]
-
-
-@pytest.mark.parametrize(("text", "change", "message"), REFUSED, ids=[str(c[1])[:40] for _, c, _ in REFUSED])
-def test_slips_and_fields_that_no_soil_has_are_refused(text, change, message):
-    with pytest.raises(ValueError, match=message) as refused:
-        parse(changed(text, change))
-    assert "\n" not in str(refused.value)
-    assert len(str(refused.value)) < 500
-
-
-def test_a_scene_may_mean_what_looks_like_a_slip():
-    odd = changed(TINY, ("mean = 30e3", "mean = 30.0"), ("unit_weight = 20e3", "unit_weight = 18.0\nunusual = true"))
-    assert parse(odd).soil.unit_weight == 18.0
-    spun = changed(TINY, ("[run]", "[run]\ngravity = 490.5"), ("young = 2e7", "young = 1e5\nunusual = true"))
-    assert parse(spun).run.gravity == 490.5
-
-
-def test_a_campaign_under_way_is_not_asked_about_its_numbers(tmp_path):
-    odd = changed(TINY, ("young = 2e7", "young = 1e5"), ("[run]", "[run]\ngravity = 490.5"))
-    with pytest.raises(ValueError, match=r"\[run\] gravity = 490.5 m/s2, above 30 m/s2"):
-        run(odd, tmp_path / "new")
-    assert not (tmp_path / "new").exists()
-    (tmp_path / "scene.toml").write_text(odd)
-    assert campaign_of(read_store(tmp_path)).soil.young == 1e5
-    with pytest.raises(ValueError, match="workers = 0"):
-        run(odd, tmp_path, workers=0)
-
-
-def test_boreholes_that_cannot_be_are_refused():
-    outside = changed(TINY, ("cov = 0.4", "cov = 0.4\nboreholes = [[99.0, 1.0, 35e3]]"))
-    with pytest.raises(ValueError, match=r"random strength: points reach from 99\.0"):
-        runs.random_soil(parse(outside))
-    bounded = changed(TINY, ("cov = 0.4", 'cov = 0.2\nmarginal = "uniform"\nboreholes = [[4.0, 1.0, 95e3]]'))
-    with pytest.raises(ValueError, match=r"value 95000 at \[4.0, 1.0\] m cannot occur in Uniform"):
-        runs.random_soil(parse(bounded))
