@@ -38,16 +38,15 @@ PUBLIC = [
 ]
 
 
-@pytest.mark.parametrize(("package", "name"), PUBLIC, ids=[f"{p.__name__}.{n}" for p, n in PUBLIC])
-def test_public_names_are_documented(package, name):
-    thing = getattr(package, name)
-    text = inspect.getdoc(thing) or ""
-    # A dataclass without a docstring is given its signature as one.
-    assert text
-    assert not text.startswith(f"{name}(")
-    if dataclasses.is_dataclass(thing):
-        fields = [f.name for f in dataclasses.fields(thing)]
-        assert not [f for f in fields if not re.search(rf"\b{f}\b", text)]
+def test_public_names_are_documented():
+    for package, name in PUBLIC:
+        thing = getattr(package, name)
+        text = inspect.getdoc(thing) or ""
+        # A dataclass without a docstring is given its signature as one.
+        assert text, name
+        assert not text.startswith(f"{name}(")
+        fields = [each.name for each in dataclasses.fields(thing)] if dataclasses.is_dataclass(thing) else []
+        assert not [each for each in fields if not re.search(rf"\b{each}\b", text)], name
 
 
 def named(text: str) -> list[str]:
@@ -87,12 +86,9 @@ def members(thing: type) -> set[str]:
         return known
 
 
-DESCRIBED = described()
-
-
-@pytest.mark.parametrize(("name", "text", "known"), DESCRIBED, ids=[name for name, *_ in DESCRIBED])
-def test_documented_names_exist(name, text, known):
-    assert not set(named(text)) - known
+def test_documented_names_exist():
+    unknown = {name: set(named(text)) - known for name, text, known in described()}
+    assert {name: left for name, left in unknown.items() if left} == {}
 
 
 # Modules whose functions a script calls by the module's name.
@@ -143,22 +139,21 @@ def expected(thing) -> list[str]:
     return list(inspect.signature(thing).parameters)
 
 
-@pytest.mark.parametrize(("name", "thing"), CALLED, ids=[name for name, _ in CALLED])
-def test_each_argument_has_a_line_in_order(name, thing):
-    if isinstance(thing, type) and issubclass(thing, enum.Enum | Exception):
-        return
-    assert arguments(inspect.getdoc(thing) or "") == expected(thing)
+def test_each_argument_has_a_line_in_order():
+    for name, thing in CALLED:
+        if not (isinstance(thing, type) and issubclass(thing, enum.Enum | Exception)):
+            assert arguments(inspect.getdoc(thing) or "") == expected(thing), name
 
 
-@pytest.mark.parametrize(("name", "thing"), CALLED, ids=[name for name, _ in CALLED])
-def test_public_methods_are_documented(name, thing):
-    if not isinstance(thing, type):
-        return
-    own = {key: getattr(value, "__func__", value) for key, value in vars(thing).items() if not key.startswith("_")}
-    methods = {key: value for key, value in own.items() if inspect.isfunction(value) or isinstance(value, property)}
-    assert not [key for key, method in methods.items() if not method.__doc__]
-    lists = {key: method for key, method in methods.items() if "\nArgs:\n" in inspect.cleandoc(method.__doc__)}
-    assert not [key for key, method in lists.items() if arguments(inspect.getdoc(method)) != expected(method)[1:]]
+def test_public_methods_are_documented():
+    for name, thing in CALLED:
+        members = vars(thing).items() if isinstance(thing, type) else ()
+        own = {key: getattr(value, "__func__", value) for key, value in members if not key.startswith("_")}
+        methods = {key: value for key, value in own.items() if inspect.isfunction(value) or isinstance(value, property)}
+        assert not [key for key, method in methods.items() if not method.__doc__], name
+        lists = {key: method for key, method in methods.items() if "\nArgs:\n" in inspect.cleandoc(method.__doc__)}
+        wrong = [key for key, method in lists.items() if arguments(inspect.getdoc(method)) != expected(method)[1:]]
+        assert not wrong, name
 
 
 def test_a_missing_and_a_misplaced_line_are_seen():
@@ -185,12 +180,11 @@ def foreign(text: str) -> list[str]:
     return [match for pattern in FOREIGN.values() for match in re.findall(pattern, text)]
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_shapes_are_tuples_and_units_are_not_in_brackets(path):
-    tree = ast.parse(path.read_text())
-    kinds = ast.Module | ast.ClassDef | ast.FunctionDef
-    texts = [(ast.get_docstring(node) or "") for node in ast.walk(tree) if isinstance(node, kinds)]
-    assert not [found for text in texts for found in foreign(text)]
+def test_shapes_are_tuples_and_units_are_not_in_brackets():
+    for path in MODULES:
+        kinds = ast.Module | ast.ClassDef | ast.FunctionDef
+        nodes = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, kinds)]
+        assert not [found for node in nodes for found in foreign(ast.get_docstring(node) or "")], path
 
 
 @pytest.mark.parametrize(

@@ -134,17 +134,17 @@ def module_of(path: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_names_in_docstrings_and_comments_exist(path):
-    unknown = {n for text, near in documented(path) for n in names(text) if not resolves(n, module_of(path), near)}
-    assert not unknown
-    assert not [file for text, _ in documented(path) for file in FILE.findall(text) if not (ROOT / file).exists()]
+def test_names_in_docstrings_and_comments_exist():
+    for path in MODULES:
+        texts = documented(path)
+        assert not {n for text, near in texts for n in names(text) if not resolves(n, module_of(path), near)}, path
+        assert not [file for text, _ in texts for file in FILE.findall(text) if not (ROOT / file).exists()], path
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "docs").glob("*.md")), ids=lambda path: path.name)
-def test_dotted_names_of_the_packages_in_docs_exist(path):
-    mentioned = [name for name in names(path.read_text()) if name.partition(".")[0] in PACKAGES]
-    assert not [name for name in mentioned if not importable(name)]
+def test_dotted_names_of_the_packages_in_docs_exist():
+    for path in sorted((ROOT / "docs").glob("*.md")):
+        mentioned = [name for name in names(path.read_text()) if name.partition(".")[0] in PACKAGES]
+        assert not [name for name in mentioned if not importable(name)], path
 
 
 @pytest.mark.parametrize(
