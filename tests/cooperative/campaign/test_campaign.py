@@ -8,7 +8,6 @@ import sys
 import time
 from dataclasses import replace
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -241,27 +240,20 @@ BAD_SCENES = [
     (("cov = 0.4", "cov = -0.1"), r"cov = -0.1: give a finite value of 0 or more"),
     (("cov = 0.4", "cov = '0.4'"), r"cov = '0.4' is text: give a number"),
     (("cov = 0.4", "cov = 1e30"), r"cov = 1e\+30, above 3: it is a share, .*were per cent meant\?"),
-    (("mean = 30e3", "mean = true"), r"mean = True is true or false: give a number"),
-    (("samples = 6", "samples = 0"), r"samples = 0: give a whole number of 1 or more"),
     (("samples = 6", "samples = 6.5"), r"samples = 6.5 is a number: give a whole number"),
     (("samples = 6\n", ""), r"\[campaign\] lacks samples"),
-    (("k_t = 2", "k_t = 0"), r"k_t = 0: give a whole number of 1 or more"),
     (
         ("length = [20.0, 4.0]", "length = [20.0, 0.0]"),
         r"length = \[20.0, 0.0\] m: give a list of numbers, one per axis, each a value above 0, or inf",
     ),
     (("length = [20.0, 4.0]", "length = [20.0]"), r"length of strength has 1 values: give 2"),
     (("length = [20.0, 4.0]", "length = [20.0, 4.0]\nenergy = 0.0"), r"energy = 0: give a value above 0, up to 1"),
-    (("length = [20.0, 4.0]", "length = [20.0, 4.0]\nenergy = 1.5"), r"energy = 1.5"),
     (("cov = 0.4", "cov = 0.4\nmarginal = 'gaussian'"), r"marginal = 'gaussian': give one of 'lognormal'"),
     (('estimator = "published"', "estimator = 'twophase'"), r"estimator = 'twophase': .*did you mean 'two-phase'"),
     (('estimator = "published"\n', ""), r"samples = 6: give 10 or more for the audit"),
     (('estimator = "published"', "refined_runs = 3"), r"refined_runs = 3: give a whole number of 10 or more"),
     (('fields = "both"', 'modes = "both"\nscreening_stop = 2.0'), r"screening_stop = 2 m ends rough runs before"),
-    (("t_end = 4.0", "t_end = -4.0"), r"t_end = -4 s: give a finite value above 0"),
     (("poisson = 0.3", "poisson = 0.5"), r"poisson = 0.5"),
-    (("young = 2e7", "young = 0"), r"young = 0 Pa"),
-    (("height = 8.0", "height = -8.0"), r"height = -8 m"),
     (("spacing = [1.0, 1.0]", "spacing = [0.6, 1.0]"), r"no whole multiple of the spacing along x"),
     (("spacing = [0.5, 0.5]", "spacing = [2.0, 2.0]"), r"leaves gaps in cells of 1 m"),
     (("[run]", "[run"), r"not valid TOML"),
@@ -324,9 +316,3 @@ def test_paper_scene_holds_the_published_numbers():
     for grid in ("rough", "refined"):
         assert campaign.grids[grid].cell == slope[grid]["cell_m"]
         assert list(campaign.grids[grid].spacing) == slope[grid]["spacing_xyz_m"]
-
-
-def test_lanes_do_not_change_a_sample():
-    rows = rough_rows(TINY, samples=4, widths=(1, 3))
-    assert rows[0] == rows[1]
-    assert jax.tree.structure(rows[0]) == jax.tree.structure(rows[1])

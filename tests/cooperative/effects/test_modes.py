@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cooperative.measure import SEVERITY, ModeRules, Motion, failure_mode
-from cooperative.measure._modes import name_mode
+from cooperative.measure import ModeRules, Motion, failure_mode
 from jaxmpm import Face
 
 SLOPE = Face(toe_x=54.0, toe_z=4.0, height=12.0)
@@ -144,22 +143,6 @@ def test_a_section_is_one_slice():
     )
     assert section.name == "deep"
     assert section.depth.shape == (1,)
-
-
-@pytest.mark.parametrize(
-    ("masses", "progressive", "name"),
-    [
-        ((9.0,), False, "shallow"),
-        ((12.0,), False, "shallow"),
-        ((12.1,), False, "deep"),
-        ((9.0, 13.0), False, "compound"),
-        ((9.0, 13.0), True, "progressive"),
-        ((9.0,), True, "progressive"),
-    ],
-)
-def test_precedence(masses, progressive, name):
-    assert name_mode(masses, 12.0, progressive) == name
-    assert name in SEVERITY
 
 
 bowls = st.builds(

@@ -1,7 +1,5 @@
 """Failures where the ranking does not look for them: intervals still hold the truth, and what misleads is named."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,11 +12,8 @@ from cooperative.estimate import (
     two_phase,
     wilson_interval,
 )
-from cooperative.estimate import _audit as audit_module
 from cooperative.estimate._audit import (
     draw_wave,
-    even_share,
-    surprise,
     unseen,
 )
 from tests.cooperative.estimate.test_twophase import answers, pair
@@ -114,25 +109,6 @@ def test_no_draw_meets_what_is_hidden_more_rarely_than_the_limit_says(seed, leve
     assert chance <= (1 - level) ** (weight[hiding].sum() / limit) * (1 + 1e-9) or limit == pytest.approx(
         weight[below].sum()
     )
-
-
-def test_draws_are_even_until_the_ranks_have_proved_themselves():
-    plan, outcome = AuditPlan(runs=100, proving=16, floor=0.05), np.zeros(400)
-    assert even_share(plan, [], outcome) == 1.0
-
-    def wave(ranks):
-        return audit_module.Wave(np.asarray(ranks), np.ones(len(ranks)), np.ones(400), np.full(400, 0.001))
-
-    assert even_share(plan, [wave(range(16))], outcome) == 0.5
-    assert even_share(plan, [wave(range(48))], outcome) == 0.25
-    assert even_share(plan, [wave(range(400))], outcome) == 0.05
-    outcome[300] = 1.0
-    assert surprise([wave(range(400))], outcome) == audit_module.Surprise(400, 1, pytest.approx(0.4))
-    assert even_share(plan, [wave(range(400))], outcome) == 0.05
-    # One failure among 48 draws where 0.048 were to be expected, and there is no trust.
-    outcome[30] = 1.0
-    assert even_share(plan, [wave(range(48))], outcome) == 0.5
-    assert even_share(replace(plan, proving=0), [wave(range(48))], outcome) == 0.05
 
 
 def test_ranks_that_mislead_are_said_loudly():

@@ -120,10 +120,10 @@ def test_the_report_reads_the_summary_and_makes_it_anew_only_from_other_rows(tmp
     assert asked == []
     kept = (folder / "summary.json").read_text()
     wrong = kept.replace('"failures_refined": ', '"failures_refined": 9')
-    for content in (wrong, "[" * 100_000, "7", kept[:-9]):
+    for content in (wrong, "[" * 100_000):
         (folder / "summary.json").write_text(content)
         assert report(folder, slides=0) == said
-    assert len(asked) == 4
+    assert len(asked) == 2
     (folder / "summary.json").unlink()
     os.mkfifo(folder / "summary.json")
     assert report(folder, slides=0) == said
@@ -191,8 +191,7 @@ def test_a_whole_folder_is_exported_without_its_scene_and_its_grids(tmp_path, do
 
 
 @pytest.mark.usefixtures("unrendered")
-@pytest.mark.parametrize("name", ["ground.h5", "drawn.h5"])
-@pytest.mark.parametrize("how", ["deleted", "damaged"])
+@pytest.mark.parametrize(("name", "how"), [("ground.h5", "damaged"), ("drawn.h5", "deleted")])
 @pytest.mark.filterwarnings("ignore:.*ground.h5.*the ground is built again")
 def test_without_what_a_folder_keeps_of_its_ground_the_report_is_the_same(tmp_path, done, name, how):
     folder = copied(done, tmp_path / "c")

@@ -9,6 +9,7 @@ from scipy import stats
 from cooperative import runs
 from cooperative.scene import measure, measure_limit_load, parse
 from cooperative.store import GRIDS
+from tests.scenes import tables
 
 FILL_ABOVE = 7.0
 SCENE = f"""
@@ -35,20 +36,7 @@ mean = 25.0
 cov = 0.2
 length = [20.0, 4.0]
 bedding = {{ dip = 20.0 }}
-[rough]
-cell = 2.0
-spacing = [1.0, 1.0]
-[refined]
-cell = 1.0
-spacing = [0.5, 0.5]
-[run]
-t_end = 4.0
-failure = "limit load"
-[campaign]
-samples = 10
-seed = 3
-refined_runs = 10
-calibrate = true
+{tables(run='failure = "limit load"')}calibrate = true
 """
 
 
@@ -96,7 +84,7 @@ def test_both_are_of_the_soil_that_the_scene_has_at_the_median(tmp_path, monkeyp
         np.testing.assert_allclose(scene.material.friction, friction, rtol=1e-3)
 
 
-CUT = """
+CUT = f"""
 [ground]
 surface = [[0.0, 22.0], [20.0, 22.0], [48.0, 8.0], [68.0, 8.0]]
 [soil]
@@ -108,20 +96,7 @@ mean = 30e3
 cov = 0.2
 trend = 1.6e3
 length = [20.0, 2.0]
-[rough]
-cell = 4.0
-spacing = [2.0, 2.0]
-[refined]
-cell = 2.0
-spacing = [1.0, 1.0]
-fbar = true
-[run]
-failure = "limit load"
-[campaign]
-samples = 10
-seed = 1
-refined_runs = 10
-"""
+{tables(4.0, 'failure = "limit load"')}"""
 
 
 def factor_of_circles(surface, base, weight, strength):

@@ -9,9 +9,10 @@ import jaxmpm as mpm
 import kl
 from cooperative import runs
 from cooperative.scene import RandomField, parse
+from tests.scenes import tables
 
 WATER = 9810.0
-LEVEL = """
+LEVEL = f"""
 [ground]
 surface = [[0.0, 12.0], [24.0, 12.0]]
 ends = "roller"
@@ -24,19 +25,7 @@ poisson = 0.3
 strength_ratio = 0.25
 strength_minimum = 6e3
 SOIL
-[rough]
-cell = 2.0
-spacing = [1.0, 1.0]
-[refined]
-cell = 1.0
-spacing = [0.5, 0.5]
-[run]
-t_end = 4.0
-[campaign]
-samples = 10
-seed = 3
-refined_runs = 10
-"""
+{tables()}"""
 VARIES = "{ mean = 0.25, cov = 0.2, length = [20.0, 3.0] }"
 STIFFNESS = "softening_modulus = { mean = 20e3, cov = 0.2, length = [20.0, 3.0] }\nresidual_ratio = 0.5"
 CONSTANT = LEVEL.replace("SOIL", STIFFNESS)
@@ -52,7 +41,6 @@ def drawn(model):
     return np.random.default_rng(5).standard_normal(model.soil.modes).astype(np.float32)
 
 
-@pytest.mark.parametrize("grid", ["rough", "refined"])
 @pytest.mark.parametrize(
     ("water", "pressure"),
     [
@@ -64,8 +52,8 @@ def drawn(model):
         ("r_u = 0.4", lambda z: 0.4 * 18e3 * (12 - z)),
     ],
 )
-def test_under_level_ground_strength_is_the_ratio_of_weight_less_water(water, pressure, grid):
-    model = model_of(CONSTANT, water, grid)
+def test_under_level_ground_strength_is_the_ratio_of_weight_less_water(water, pressure):
+    model = model_of(CONSTANT, water)
     z = np.asarray(model.scene.particles.position, float)[1]
     expected = np.maximum(0.25 * (18e3 * (12 - z) - pressure(z)), 6e3)
     np.testing.assert_allclose(model.strength(), expected, rtol=1e-6)

@@ -8,8 +8,9 @@ import pytest
 from cooperative import runs
 from cooperative.scene import parse
 from jaxmpm import factor_of_safety
+from tests.scenes import tables
 
-SCENE = """
+SCENE = f"""
 [ground]
 surface = [[0.0, 10.0], [8.0, 10.0], [16.0, 2.0], [32.0, 2.0]]
 [[layer]]
@@ -17,7 +18,7 @@ name = "crust"
 bottom = [[0.0, 7.0], [8.0, 6.0], [12.0, 6.0]]
 [[layer]]
 name = "clay"
-strength = { mean = 20e3, cov = 0.0 }
+strength = {{ mean = 20e3, cov = 0.0 }}
 [soil]
 unit_weight = 20e3
 young = 2e7
@@ -28,19 +29,7 @@ cov = 0.0
 length = [20.0, 4.0]
 trend = 1.5e3
 TREND_FROM
-[rough]
-cell = 2.0
-spacing = [1.0, 1.0]
-[refined]
-cell = 1.0
-spacing = [0.5, 0.5]
-[run]
-t_end = 4.0
-[campaign]
-samples = 10
-seed = 3
-refined_runs = 10
-"""
+{tables()}"""
 RESOLVED = 2.0
 """Gain of strength (Pa) over more than a thousandth of a particle, to which a layer's top is known."""
 PLAIN = SCENE[: SCENE.index("[[layer]]")] + SCENE[SCENE.index("[soil]") :]
@@ -60,7 +49,6 @@ def bottom_of_crust(x):
     return np.minimum(surface(x), np.interp(x, [0, 8, 12], [7, 6, 6]))
 
 
-@pytest.mark.parametrize("grid", ["rough", "refined"])
 @pytest.mark.parametrize(
     ("trend_from", "crust", "clay"),
     [
@@ -71,8 +59,8 @@ def bottom_of_crust(x):
         ("trend_from = 6.5", lambda x: 6.5, lambda x: 6.5),
     ],
 )
-def test_strength_grows_from_where_the_scene_counts_its_trend(trend_from, crust, clay, grid):
-    (x, z), strength, layer = strength_of(SCENE, trend_from, grid)
+def test_strength_grows_from_where_the_scene_counts_its_trend(trend_from, crust, clay):
+    (x, z), strength, layer = strength_of(SCENE, trend_from)
     assert 0.1 < layer.mean() < 0.9
     mean, top = np.where(layer == 0, 40e3, 20e3), np.where(layer == 0, crust(x), clay(x))
     np.testing.assert_allclose(strength, mean * (1 + 1.5e3 / mean * np.maximum(top - z, 0)), rtol=1e-5, atol=RESOLVED)
@@ -121,7 +109,7 @@ def test_what_no_trend_is_counted_from_is_refused(scene, trend_from, message):
         strength_of(scene.replace("cov = 0.0\nlength", "cov = 0.1\nlength"), trend_from)
 
 
-CUT = """
+CUT = f"""
 [ground]
 surface = [[0.0, 24.0], [24.0, 24.0], [38.0, 10.0], [64.0, 10.0]]
 [soil]
@@ -134,19 +122,7 @@ cov = 0.2
 length = [40.0, 4.0]
 trend = 1.6e3
 TREND_FROM
-[rough]
-cell = 4.0
-spacing = [2.0, 2.0]
-[refined]
-cell = 2.0
-spacing = [1.0, 1.0]
-[run]
-t_end = 10.0
-[campaign]
-samples = 10
-seed = 3
-refined_runs = 10
-"""
+{tables(4.0, "t_end = 10.0")}"""
 
 
 def before_the_cut(x):

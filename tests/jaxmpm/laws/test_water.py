@@ -246,9 +246,8 @@ def test_pools_that_are_level_and_tables_in_the_ground_are_built_as_drawn(water)
 
 
 @pytest.mark.usefixtures("x64")
-@pytest.mark.parametrize("built", [section_with_a_table, terrain_with_a_surface])
-def test_lanes_share_the_water_on_both_engines(built):
-    scene, state = built(SAND)
+def test_lanes_share_the_water_on_both_engines():
+    scene, state = terrain_with_a_surface(SAND)
     varied, axes = mpm.run.lanes(scene, cohesion=jnp.array([1e3, 5e3]))
     together = mpm.solve(varied, mpm.run.repeat(state, 2), t_end=0.2, axes=axes).state.displacement
     for engine in (None, mpm.Engine.XLA):

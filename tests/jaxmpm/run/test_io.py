@@ -28,9 +28,8 @@ def assert_same_bits(first, second):
         assert np.asarray(a).tobytes() == np.asarray(b).tobytes()
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_a_run_goes_on_from_its_restart_point_bit_for_bit(dimension, tmp_path):
-    scene, start = scene_of(dimension)
+def test_a_run_goes_on_from_its_restart_point_bit_for_bit(tmp_path):
+    scene, start = scene_of()
     half = mpm.advance(scene, start, 60)
     mpm.save_state(tmp_path / "restart.h5", half, about={"watch": np.array([0.25, 1.5]), "number": 7, "grid": "rough"})
     again, about = mpm.load_state(tmp_path / "restart.h5", start)
@@ -50,8 +49,8 @@ def test_values_that_are_not_finite_and_histories_of_several_leaves_are_kept(tmp
 
 
 def test_float64_stays_float64(tmp_path, x64):
-    scene, start = mpm.slope(SLOPE, SOIL, replace(COARSE[2], dtype="float64"))
-    mpm.save_state(tmp_path / "double.h5", mpm.advance(scene, start, 5))
+    _, start = mpm.slope(SLOPE, SOIL, replace(COARSE[2], dtype="float64"), at_rest=False)
+    mpm.save_state(tmp_path / "double.h5", start)
     assert mpm.load_state(tmp_path / "double.h5", start)[0].stress.dtype == jnp.float64
 
 

@@ -22,11 +22,6 @@ PATHS = {
 }
 
 
-@pytest.mark.parametrize(("moved", "on"), PATHS.values(), ids=PATHS)
-def test_a_lane_moves_on_when_it_speeds_up(moved, on):
-    assert speeds_up(moved[:, None], first=8).tolist() == [on]
-
-
 def test_lanes_are_judged_apart():
     moved = np.stack([path for path, _ in PATHS.values()], axis=1)
     assert speeds_up(moved, first=8).tolist() == [on for _, on in PATHS.values()]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from jaxmpm.run._batch import Batch, Midway, Sample
+from jaxmpm.run._batch import Batch, Sample
 from jaxmpm.setup import vary
 
 SHAPE = mpm.Slope(crest=4, height=2, run_per_rise=1.0, toe=4, foundation=2)
@@ -116,22 +116,6 @@ def test_only_what_samples_differ_in_has_lanes():
     batch = Batch.of(scene, samples, t_end=1.0, every=0.25)
     lanes = [path for path, axis in jax.tree_util.tree_leaves_with_path(batch.axes) if axis == 0]
     assert [jax.tree_util.keystr(path) for path in lanes] == [".material.strength"]
-
-
-def test_refill_and_shrink_give_new_batches():
-    scene, state = built()
-    samples = [Sample(i, *vary(scene, state, {"strength": 9e3 + i}), None) for i in range(5)]
-    batch = Batch.of(scene, samples[:4], t_end=1.0, every=0.25)
-    later = replace(samples[4], resume=lambda number: Midway(state, quiet=0.5, reference=0.1 * number))
-    filled = batch.refill(2, later)
-    assert (batch.numbers, filled.numbers) == ((0, 1, 2, 3), (0, 1, 4, 3))
-    assert filled.scene.material.strength.tolist() == [9000.0, 9001.0, 9004.0, 9003.0]
-    assert (filled.midway(2).quiet, filled.midway(2).reference) == (0.5, 0.4)
-    assert filled.shrink() is filled
-    small = filled.refill(0, None).refill(3, None).shrink()
-    assert small.numbers == (1, 4)
-    assert small.scene.material.strength.tolist() == [9001.0, 9004.0]
-    assert small.state.displacement.shape[0] == small.watch.quiet.size == small.chunk.size == 2
 
 
 def test_a_batch_shrinks_to_powers_of_two_so_that_ends_share_programs():

@@ -37,7 +37,7 @@ def central(function, x, h):
 
 
 @pytest.mark.usefixtures("x64")
-@pytest.mark.parametrize("memory_in_states", [10_000, 60, 24])
+@pytest.mark.parametrize("memory_in_states", [10_000, 24])
 def test_replay_is_the_run_that_was_whatever_the_checkpoints(memory_in_states):
     scene, state = slide()
     result = mpm.solve(scene, state, t_end=0.4)

@@ -139,12 +139,3 @@ def test_gradients_are_those_of_differences_and_engines_and_lanes_agree(criterio
 
     at = weak.material.cohesion, weak.material.friction
     check_run(slid, weak, at, (1e-3, 1e-7), tolerance=1e-4)
-
-
-@pytest.mark.usefixtures("x64")
-def test_lanes_are_what_each_would_be_alone():
-    scene, state = sand_slope()
-    varied, axes = mpm.run.lanes(scene, cohesion=jnp.array([2e3, 3e3]))
-    together = mpm.solve(varied, mpm.run.repeat(state, 2), t_end=0.5, axes=axes).state.displacement
-    alone = mpm.solve(scene, state, t_end=0.5).state.displacement
-    assert np.allclose(together[1], alone, rtol=1e-12, atol=1e-15)
