@@ -10,7 +10,6 @@ Names are loaded when first asked for: those listed in `__init__.pyi`.
 
 import warnings
 from importlib import import_module
-from typing import Any
 
 import lazy_loader
 
@@ -32,7 +31,7 @@ _public, __dir__, _offered = lazy_loader.attach_stub(__name__, __file__)
 __all__ = [*_offered, "__version__"]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     room = next((room for room, names in RELOCATED.items() if name in names.split()), None)
     if room is None:
         return _public(name)

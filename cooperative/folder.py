@@ -11,7 +11,6 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -166,7 +165,7 @@ def _stored(store: Store, rough: Rows, refined: Rows) -> Summary | None:
     return None
 
 
-def _checksum(store: Store, rough: Rows, refined: Rows, fields: dict[str, Any]) -> str:
+def _checksum(store: Store, rough: Rows, refined: Rows, fields: dict[str, object]) -> str:
     """SHA-256 of the fields of a summary and of all that it was made from."""
     digest = hashlib.sha256("\0".join((str(CONTENT), store.digest, json.dumps(fields, sort_keys=True))).encode())
     for name in MADE_FROM:

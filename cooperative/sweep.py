@@ -17,7 +17,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -48,6 +48,38 @@ LABELS = {
 STYLES = dict(zip(SEVERITY, (("#D55E00", "o"), ("#CC79A7", "s"), ("#0072B2", "^"), ("#009E73", "v")), strict=True))
 
 
+class Point(TypedDict):
+    """A value of a parameter in `sweep.json`: its campaign, and fields of the summary."""
+
+    value: float
+    campaign: str
+    probability: float
+    interval: list[float]
+    level: float
+    estimator: str
+    refined_runs: int
+    samples: int
+    failures_refined: int
+    modes: dict[str, ModePart] | None
+    finished: str | None
+
+
+class ModePart(TypedDict):
+    """A failure mode of a point."""
+
+    count: int
+    ratio: float
+    interval: list[float]
+    probability: float
+
+
+class Content(TypedDict):
+    """What `sweep.json` holds."""
+
+    name: str
+    parameters: dict[str, list[Point]]
+
+
 @dataclass(frozen=True)
 class Variant:
     """One campaign of a sweep.
@@ -63,7 +95,7 @@ class Variant:
     points: tuple[tuple[str, float], ...]
 
 
-def run(scene: Source | str | Path, folder: Path, *, workers: int = 1, progress: bool = False) -> dict[str, Any]:
+def run(scene: Source | str | Path, folder: Path, *, workers: int = 1, progress: bool = False) -> Content:
     """Run all campaigns of a sweep in its folder, or go on where it was.
 
     Ctrl-C and SIGTERM end it as they end `cooperative.campaign.run`.
@@ -92,9 +124,9 @@ def run(scene: Source | str | Path, folder: Path, *, workers: int = 1, progress:
         return _ran(parts, folder, list(_sweep(source.tables)), workers=workers, progress=progress)
 
 
-def _ran(parts: list[Variant], folder: Path, names: list[str], *, workers: int, progress: bool) -> dict[str, Any]:
+def _ran(parts: list[Variant], folder: Path, names: list[str], *, workers: int, progress: bool) -> Content:
     """All campaigns in turn, and what `sweep.json` and the figures tell of them."""
-    points: dict[str, list[dict[str, Any]]] = {name: [] for name in names}
+    points: dict[str, list[Point]] = {name: [] for name in names}
     name = "sweep"
     for part in parts:
         where = folder / "campaigns" / part.name
@@ -105,9 +137,9 @@ def _ran(parts: list[Variant], folder: Path, names: list[str], *, workers: int, 
         name = summary.name
         for parameter, value in part.points:
             answer = _ranked(where, int(value)) if parameter == "k_t" else summary
-            points[parameter].append({"value": value, "campaign": part.name, **_point(answer)})
+            points[parameter].append(_point(value, part.name, answer))
     parameters = {parameter: sorted(rows, key=lambda row: row["value"]) for parameter, rows in points.items()}
-    content = {"name": name, "parameters": parameters}
+    content: Content = {"name": name, "parameters": parameters}
     write_aside(folder / "sweep.json", json.dumps(content, indent=1).encode())
     target = folder / "figures"
     target.mkdir(exist_ok=True)
@@ -128,7 +160,7 @@ def variants(scene: Source | str | Path) -> list[Variant]:
     source = source_of(scene)
     sweep, base_scene = _sweep(source.tables), {name: each for name, each in source.tables.items() if name != "sweep"}
 
-    def variant(name: str, *points: tuple[str, float], **changed: Any) -> Variant:
+    def variant(name: str, *points: tuple[str, float], **changed: object) -> Variant:
         return Variant(name, Source(to_toml({**base_scene, **changed}), begun=source.begun), points)
 
     campaign = parse(variant("base").source)
@@ -161,7 +193,7 @@ def variants(scene: Source | str | Path) -> list[Variant]:
     return campaigns
 
 
-def probabilities(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
+def probabilities(parameters: dict[str, list[Point]]) -> Figure:
     """P_f with its interval against each parameter, one panel each.
 
     Args:
@@ -175,7 +207,7 @@ def probabilities(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
     return figure
 
 
-def mode_ratios(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
+def mode_ratios(parameters: dict[str, list[Point]]) -> Figure:
     """Share of each mode among the failures, with its interval, against each parameter, one panel each.
 
     Args:
@@ -184,12 +216,13 @@ def mode_ratios(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
     figure, axes = _panels(parameters)
     handles: dict[str, Artist] = {}
     for ax, (name, rows) in zip(axes, parameters.items(), strict=True):
-        with_failures = [row for row in rows if row["modes"]]
+        with_failures = [(row, modes) for row in rows if (modes := row["modes"])]
         for number, (mode, (colour, marker)) in enumerate(STYLES.items()):
-            parts = [row["modes"][mode] for row in with_failures]
+            parts = [modes[mode] for _, modes in with_failures]
             if any(part["count"] for part in parts):
                 ratio, limits = [part["ratio"] for part in parts], [part["interval"] for part in parts]
-                _errorbar(ax, with_failures, ratio, limits, colour, marker, mode, shift=number - 1.5)
+                drawn = [row for row, _ in with_failures]
+                _errorbar(ax, drawn, ratio, limits, colour, marker, mode, shift=number - 1.5)
         ax.set(xlabel=LABELS[name], ylabel="share of the failures [-]", ylim=(-0.02, 1.02))
         handles |= {label: handle for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
     if handles:
@@ -198,7 +231,7 @@ def mode_ratios(parameters: dict[str, list[dict[str, Any]]]) -> Figure:
     return figure
 
 
-def _panels(parameters: dict[str, list[dict[str, Any]]]) -> tuple[Figure, list[Axes]]:
+def _panels(parameters: dict[str, list[Point]]) -> tuple[Figure, list[Axes]]:
     """A panel for each parameter, at most three beside each other, so that a page's width leaves them legible."""
     rows = -(-len(parameters) // 3)
     columns = -(-len(parameters) // rows)
@@ -209,7 +242,7 @@ def _panels(parameters: dict[str, list[dict[str, Any]]]) -> tuple[Figure, list[A
 
 
 def _errorbar(
-    ax: Axes, rows: list[dict[str, Any]], middle: list[float], limits: list[list[float]], colour: str, marker: str,
+    ax: Axes, rows: list[Point], middle: list[float], limits: list[list[float]], colour: str, marker: str,
     label: str, *, shift: float = 0.0,
 ) -> None:  # fmt: skip
     """A line with intervals, moved a little sideways so that intervals do not lie on each other."""
@@ -225,7 +258,7 @@ def _axes(dimension: int) -> tuple[str, ...]:
     return LENGTHS if dimension == 3 else ("lx", "lz")
 
 
-def _sweep(tables: Mapping[str, Any]) -> dict[str, list[float]]:
+def _sweep(tables: Mapping[str, object]) -> dict[str, list[float]]:
     """The table `[sweep]`, checked as far as it can be without the scene."""
     table = tables.get("sweep")
     if not isinstance(table, dict) or not table:
@@ -267,8 +300,19 @@ def _ranked(folder: Path, k_t: int) -> Summary:
     return summarise(campaign, rough, Rows({name: c[ranked_rows] for name, c in refined.columns.items()}, ()))
 
 
-def _point(summary: Summary) -> dict[str, Any]:
+def _point(value: float, campaign: str, summary: Summary) -> Point:
     """What `sweep.json` has of one campaign."""
-    names = ("interval", "level", "estimator", "refined_runs", "samples", "failures_refined", "modes", "finished")
     fields = summary.as_json()
-    return {"probability": summary.probability_of_failure, **{name: fields[name] for name in names}}
+    return {
+        "value": value,
+        "campaign": campaign,
+        "probability": summary.probability_of_failure,
+        "interval": fields["interval"],
+        "level": summary.level,
+        "estimator": summary.estimator,
+        "refined_runs": summary.refined_runs,
+        "samples": summary.samples,
+        "failures_refined": summary.failures_refined,
+        "modes": fields["modes"],
+        "finished": summary.finished,
+    }

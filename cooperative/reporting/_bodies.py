@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import matplotlib
 import numpy as np
@@ -107,7 +106,7 @@ def picture(body: Moving) -> Figure:
     corners, far = body.corners[-1], body.magnitude[-1]
     norm = Normalize(0.0, max(float(far.max()), 1e-6))
     figure = Figure(figsize=(8.0, 4.6), layout="constrained")
-    ax: Any = figure.add_subplot(projection="3d")
+    ax = figure.add_subplot(projection="3d")
     colours = matplotlib.colormaps["viridis"](norm(far[body.faces].mean(axis=1)))
     ax.add_collection3d(
         Poly3DCollection(corners[body.faces], facecolors=colours, shade=True, lw=0, antialiased=False, rasterized=True)

@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize, to_hex
 from matplotlib.figure import Figure
@@ -28,6 +29,9 @@ from cooperative.scene import Campaign
 from cooperative.store import write_aside
 from jaxmpm import Raster
 from jaxmpm.laws import WaterSurface, WaterTable
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Mesh3d, Scatter3d
 
 LAYERS = matplotlib.colormaps["Set2"]
 WATER, ROCK = "#1f77b4", "#969696"
@@ -99,7 +103,7 @@ def solid(models: dict[str, GridModel], values: Values) -> str:
     return page.document(campaign.name, [*parts, page.paragraph(text)])
 
 
-def _layered(model: GridModel) -> list[Any]:
+def _layered(model: GridModel) -> list[Mesh3d]:
     """The ground by its layers, and the water above it."""
     body = skin(np.asarray(model.scene.particles.position, float), 2 * model.half_size)
     number = np.zeros(len(body.of), int) if model.layer is None else model.layer[body.of]
@@ -118,7 +122,7 @@ def _layered(model: GridModel) -> list[Any]:
 
 def _pool(model: GridModel) -> np.ndarray:
     """Squares (n, 4, 3) m of the water table, where it stands above the ground."""
-    shape: Any = model.campaign.site.shape
+    shape = model.campaign.site.shape
     low, extent, cell = shape.corner[:2], shape.extent[:2], model.scene.grid.cell
     edges = [start + np.linspace(0, size, round(size / cell) + 1) for start, size in zip(low, extent, strict=True)]
     x, y = np.meshgrid(*edges, indexing="ij")
@@ -131,10 +135,10 @@ def _pool(model: GridModel) -> np.ndarray:
     return squares[middle[..., 2] > shape.heights(middle[..., 0], middle[..., 1])]
 
 
-def _outlines(model: GridModel) -> Iterator[Any]:
+def _outlines(model: GridModel) -> Iterator[Scatter3d]:
     """The base, the walls and the elements at risk, these on the surface of the ground."""
     campaign = model.campaign
-    shape: Any = campaign.site.shape
+    shape = campaign.site.shape
     low, high = np.array(shape.corner), np.array(shape.corner) + shape.extent
     (x0, y0, z0), (x1, y1, z1) = low, high
     ring = [(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)]
@@ -235,7 +239,7 @@ def _layers(ax: Axes, model: GridModel, plane: np.ndarray, section: plots.Sectio
     number = np.zeros(position.shape[1]) if model.layer is None else model.layer[plane].astype(float)
     norm = Normalize(-0.5, LAYERS.N - 0.5)
     plots.draw_particles(ax, position, half, number % LAYERS.N, "Set2", norm)
-    handles: list[Any] = [Patch(color=LAYERS(k % LAYERS.N), label=name) for k, name in enumerate(_names(campaign))]
+    handles: list[Artist] = [Patch(color=LAYERS(k % LAYERS.N), label=name) for k, name in enumerate(_names(campaign))]
     corner, extent = campaign.site.shape.corner, campaign.site.shape.extent
     ends = corner[0], corner[0] + extent[0]
     x = np.linspace(*ends, 200)
@@ -247,7 +251,7 @@ def _layers(ax: Axes, model: GridModel, plane: np.ndarray, section: plots.Sectio
         ax.axvline(end, color="k", lw=1.5, ls="--" if held == "roller" else "-")
     ax.axhline(corner[-1], color="k", lw=2)
     if campaign.dimension == 2:
-        shape: Any = campaign.site.shape
+        shape = campaign.site.shape
         for element in _exposed(campaign):
             x = np.linspace(min(element.corners)[0], max(element.corners)[0], 100)
             ax.plot(x, shape.heights(x), color=EXPOSED, lw=4, marker="v", markevery=[50])
@@ -259,7 +263,7 @@ def _layers(ax: Axes, model: GridModel, plane: np.ndarray, section: plots.Sectio
 
 def _map(figure: Figure, ax: Axes, model: GridModel, middle: float) -> None:
     """Heights of the ground from above with the elements at risk, and where the section lies."""
-    shape: Any = model.campaign.site.shape
+    shape = model.campaign.site.shape
     (x0, y0), (length, width) = shape.corner[:2], shape.extent[:2]
     x, y = (start + np.linspace(0, size, 200) for start, size in ((x0, length), (y0, width)))
     at = np.meshgrid(x, y, indexing="ij")

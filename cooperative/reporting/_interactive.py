@@ -20,7 +20,7 @@ from cooperative.reporting._bodies import Moving
 from cooperative.reporting._charts import GREY, REFINED, ROUGH, SERIES, mapped, ranks
 
 if TYPE_CHECKING:
-    from plotly.graph_objects import Figure, Mesh3d
+    from plotly.graph_objects import Figure, Mesh3d, Scatter3d
 
 
 Stairs = Mapping[str, tuple[np.ndarray, ...]]
@@ -187,7 +187,7 @@ def _points(
     )  # fmt: skip
 
 
-def _tiled(titles: Sequence[str], columns: int, **how: Any) -> Figure:
+def _tiled(titles: Sequence[str], columns: int, **how: str) -> Figure:
     """A figure with a panel for each title, so many beside each other."""
     from plotly.subplots import make_subplots
 
@@ -244,7 +244,7 @@ def mesh(
     return Mesh3d(x=x, y=y, z=z, i=i, j=j, k=k, flatshading=True, lighting=light, **look)
 
 
-def scene(meshes: Sequence[Any], **how: Any) -> Figure:
+def scene(meshes: Sequence[Mesh3d | Scatter3d], **how: object) -> Figure:
     """Bodies and lines that turn together, in true scale."""
     from plotly.graph_objects import Figure
 
@@ -255,7 +255,7 @@ def scene(meshes: Sequence[Any], **how: Any) -> Figure:
     return Figure(meshes, layout=layout | how)
 
 
-def line(points: np.ndarray, name: str, colour: str = "#333333", *, dashed: bool = False) -> Any:
+def line(points: np.ndarray, name: str, colour: str = "#333333", *, dashed: bool = False) -> Scatter3d:
     """A named line (m, 3) m, one point makes a mark."""
     from plotly.graph_objects import Scatter3d
 
@@ -265,7 +265,7 @@ def line(points: np.ndarray, name: str, colour: str = "#333333", *, dashed: bool
     return Scatter3d(x=x, y=y, z=z, mode=mode, line=look, marker={"color": colour, "size": 5}, name=name)
 
 
-def chosen(bodies: Mapping[str, Sequence[Any]], beside: Sequence[Any]) -> Figure:
+def chosen(bodies: Mapping[str, Sequence[Mesh3d]], beside: Sequence[Scatter3d]) -> Figure:
     """Bodies of which the reader chooses one, the first at the beginning, and what stands beside each."""
     of = [name for name, body in bodies.items() for _ in body]
     meshes = [each.update(visible=name == of[0]) for name, body in bodies.items() for each in body]

@@ -154,7 +154,7 @@ YOUNGER = ("wall_cohesion", "wall_pressure")
 def _structure(scene: Scene) -> str:
     """The text of a scene's structure, without the younger parts that it does not have: then it is as it was before."""
 
-    def text(part: Any) -> str:
+    def text(part: object) -> str:
         return str(part).removeprefix("PyTreeDef(").removesuffix(")")
 
     structure: Any = jax.tree.structure(scene)

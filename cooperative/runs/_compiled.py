@@ -11,7 +11,6 @@ import os
 import platform
 import threading
 from pathlib import Path
-from typing import Any
 
 import jax
 import platformdirs
@@ -74,7 +73,7 @@ def machine() -> str:
     return digest.hexdigest()[:16]
 
 
-def _entries(folder: str) -> Any:
+def _entries(folder: str) -> object:
     """The entries of a folder, and its name, as JAX asks for them: ours, or JAX's own for what ours do not do."""
     bounded = getattr(jax.config, "jax_compilation_cache_max_size", -1) != -1
     compared = getattr(jax.config, "jax_compilation_cache_check_contents", False)

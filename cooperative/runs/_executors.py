@@ -22,14 +22,13 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import cloudpickle
 import numpy as np
 
 from cooperative.runs._built import build
 from cooperative.runs._model import GridModel
-from cooperative.runs._processes import ATTEMPTS, WorkerLost, stop_wanted
+from cooperative.runs._processes import ATTEMPTS, P, T, WorkerLost, stop_wanted
 from cooperative.runs._random_soil import random_soil
 from cooperative.runs._samples import run_samples
 from cooperative.scene import Campaign
@@ -86,7 +85,7 @@ class _Pickler(cloudpickle.Pickler):
         super().__init__(file)
         self.pytrees: list[type] = []
 
-    def reducer_override(self, obj: Any) -> Any:
+    def reducer_override(self, obj: object) -> object:
         reduced = super().reducer_override(obj)
         if reduced is not NotImplemented and isinstance(obj, type) and obj in PYTREES:
             self.pytrees.append(obj)
@@ -190,10 +189,10 @@ class Workers:
             self.executor = self.make()
         return self
 
-    def submit(self, *task: Any) -> Future[Sample | None]:
-        """Hand out one sample, as `run_sample` takes it."""
+    def submit(self, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Submit a task to the executor, which is made if there is none."""
         executor = self.executor = self.executor or self.make()
-        return executor.submit(run_sample, *task)
+        return executor.submit(function, *args, **kwargs)
 
     def close(self) -> None:
         """Let the executor go: tasks not started are dropped, and those under way end soon, with restart points."""
@@ -250,7 +249,7 @@ def run_through(
     def submit(number: int, packed: Packed = known) -> None:
         nonlocal broken, refused
         try:
-            future = workers.submit(packed, grid, number, coefficients[number], stop_at, slides, folder)
+            future = workers.submit(run_sample, packed, grid, number, coefficients[number], stop_at, slides, folder)
             refused = 0
         except BrokenExecutor as error:
             broken, refused = True, refused + 1
@@ -303,7 +302,7 @@ def run_through(
             broken = False
 
 
-def dask_executor(client: Any) -> Callable[[], Executor]:
+def dask_executor(client: object) -> Callable[[], Executor]:
     """Makes the executor that runs samples on a Dask cluster, for `campaign.run(..., executor=...)`.
 
     Dask itself runs the sample of a dead worker again, on another one.

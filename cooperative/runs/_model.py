@@ -19,6 +19,7 @@ from cooperative.scene import Campaign, RandomField
 from jaxmpm import Face, Scene, State, with_columns
 from jaxmpm.laws import Zoned, declared, with_parameters
 from jaxmpm.run import column_shape
+from kl.marginal import Marginal
 
 RATIO = "strength_ratio"
 """What strength goes with the stress by: a parameter of soil, of which its law knows the strength alone."""
@@ -325,7 +326,7 @@ class GridModel:
 def _values(
     fields: tuple[tuple[kl.Expansion, jax.Array | np.ndarray, jax.Array], ...],
     which: tuple[int, ...],
-    marginals: tuple[Any, ...],
+    marginals: tuple[Marginal, ...],
     grown: tuple[jax.Array | None, ...],
     layer: np.ndarray | None,
 ) -> jax.Array:

@@ -20,7 +20,8 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from multiprocessing import connection
-from typing import Any
+from multiprocessing.context import SpawnProcess
+from typing import Any, ParamSpec, TypeVar
 
 from cooperative.runs._compiled import VARIABLE, keep_compiled
 
@@ -31,6 +32,9 @@ ATTEMPTS = 3
 class WorkerLost(RuntimeError):
     """The worker of a task ended before the task did; other tasks go on."""
 
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 Task = tuple[Future[Any], bytes]
 """What is asked for, packed, and where its result goes."""
@@ -44,7 +48,7 @@ class _Worker:
     has received that.
     """
 
-    process: Any
+    process: SpawnProcess
     pipe: connection.Connection
     cores: list[int]
     started: bool = False
@@ -72,8 +76,8 @@ class Processes(Executor):
         self.thread.start()
         atexit.register(self.shutdown, wait=False, cancel_futures=True)
 
-    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        future: Future[Any] = Future()
+    def submit(self, function: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        future: Future[T] = Future()
         task = pickle.dumps((function, args, kwargs))
         with self.lock:
             if self.closing:

@@ -9,7 +9,7 @@ import copyreg
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, NoReturn, TypeVar
 
 import numpy as np
 from jax import Array
@@ -25,11 +25,13 @@ from cooperative.scene.tables import Budget, LimitLoad, Measured
 from cooperative.store import Source
 from jaxmpm import Discretisation, Settle, ground
 
+V = TypeVar("V")
+
 AT_REST = Settle(slides=1.0)
 """Stands for a slide's rest, from the failure displacement on."""
 
 
-def _read_only(values: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+def _read_only(values: dict[str, V]) -> MappingProxyType[str, V]:
     return MappingProxyType(values)
 
 
@@ -134,7 +136,7 @@ class Given:
     what: str
     words: str
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> NoReturn:
         if name.startswith("__"):
             raise AttributeError(name)
         remedy = f"give it, {self.what}=..." if self.what == "estimator" else "run that script in this folder"

@@ -14,6 +14,8 @@ import kl
 from foundation.check import Limit
 from foundation.text import shown
 from jaxmpm.soil import soil_limits
+from kl.axis import Covariance
+from kl.marginal import Marginal
 
 TAIL = 4.0
 """Deviations from the middle of a field up to which its values must be within their limits: beyond lie 3 points in
@@ -66,13 +68,13 @@ class RandomField:
     trend_from: Literal["surface", "layer"] | float = "surface"
 
     @property
-    def distribution(self) -> Any:
+    def distribution(self) -> Marginal:
         """The marginal, of the parameter at depth 0 where it has a trend."""
         bounds = {"lower": self.lower, "upper": self.upper}
         return self.marginal(self.mean, self.cov, **{end: at for end, at in bounds.items() if at is not None})
 
     @property
-    def covariance(self) -> tuple[Any, ...]:
+    def covariance(self) -> tuple[Covariance, ...]:
         """The correlation functions of the Gaussian field, one per axis."""
         plain = tuple(kl.Infinite() if length == math.inf else self.correlation(length) for length in self.length)
         if not self.nataf:
@@ -199,7 +201,7 @@ def check_cross_correlation(correlation: CrossCorrelation, random: Mapping[str, 
     correlation.gaussian_root(random)
 
 
-def _shape(field: RandomField) -> Any:
+def _shape(field: RandomField) -> tuple[object, ...]:
     """What fields that correlate have in common: their expansion."""
     shared = (field.correlation, field.length, field.bedding, field.energy, field.nataf)
     bounds = (None if end is None else end / field.mean for end in (field.lower, field.upper))

@@ -10,7 +10,7 @@ import binascii
 import json
 import re
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,11 +34,11 @@ class Files:
         folder: where those lie that are not known yet, None where there are no more.
     """
 
-    known: dict[str, Any]
+    known: dict[str, object]
     folder: Path | None = None
 
     @classmethod
-    def of(cls, table: Any) -> Files:
+    def of(cls, table: object) -> Files:
         """Those in the table `files`.
 
         Raises:
@@ -47,7 +47,7 @@ class Files:
         known = table if isinstance(table, dict) else {}
         return cls({name: unpacked(name, each) if isinstance(each, dict) else each for name, each in known.items()})
 
-    def table(self, terrain: tables.Terrain | None) -> dict[str, Any]:
+    def table(self, terrain: tables.Terrain | None) -> dict[str, object]:
         """The table `files`: of a raster the part between the walls of [terrain], at its step."""
         content = dict(self.known)
         for name, raster in self.known.items():
@@ -59,7 +59,7 @@ class Files:
                 content[name] = packed(name, raster)
         return content
 
-    def points(self, name: str) -> Any:
+    def points(self, name: str) -> list[object]:
         """Points of a file, in a drawing of one of its layers: "section.dxf#GROUND".
 
         Raises:
@@ -84,14 +84,14 @@ class Files:
         return raster
 
 
-def _read(reader: Callable[..., Any], *where: Any) -> Any:
+def _read(reader: Callable[..., object], *where: object) -> object:
     try:
         return reader(*where)
     except ValueError as error:
         raise ValueError(f": {error}") from error
 
 
-def to_toml(scene: dict[str, Any]) -> str:
+def to_toml(scene: Mapping[str, object]) -> str:
     """TOML of texts, numbers, true and false, lists, and tables of these.
 
     Args:
@@ -109,7 +109,7 @@ def _key(name: str) -> str:
     return name if name.isidentifier() and name.isascii() else json.dumps(name)
 
 
-def toml_value(value: Any) -> str:
+def toml_value(value: object) -> str:
     """A value as TOML writes it."""
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{_key(key)} = {toml_value(each)}" for key, each in value.items()) + " }"
@@ -118,7 +118,7 @@ def toml_value(value: Any) -> str:
     return str(value) if isinstance(value, float) else json.dumps(value)
 
 
-def packed(name: str, raster: Raster) -> dict[str, Any]:
+def packed(name: str, raster: Raster) -> dict[str, object]:
     """A raster as a table of a scene: its heights in single precision, compressed.
 
     Args:
@@ -135,7 +135,7 @@ def packed(name: str, raster: Raster) -> dict[str, Any]:
             "that lie closer, or a longer step in [terrain]"
         )
     data = zlib.compress(np.asarray(raster.heights, "<f4").tobytes(), 9)
-    table: dict[str, Any] = {"corner": list(raster.corner), "step": raster.step, "shape": [nx, ny]}
+    table: dict[str, object] = {"corner": list(raster.corner), "step": raster.step, "shape": [nx, ny]}
     if raster.projection is not None:
         table["projection"] = raster.projection
     return table | {"heights": base64.b64encode(data).decode()}

@@ -20,12 +20,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import jax
 
 from cooperative.scene._campaign import Campaign
-from cooperative.scene.tables import Calibration, LimitLoad
+from cooperative.scene.tables import Calibration, LimitLoad, Measured
 from cooperative.store import write_aside
 from jaxmpm import Scene, Settle, State, diagnostics, factor_of_safety, reduced, solve
 
@@ -64,18 +64,18 @@ def measure(campaign: Campaign, folder: Path, terms: Sequence[int], grids: Mappi
         OSError: the disk refuses.
     """
 
-    def stored(**results: Any) -> Campaign:
-        ready = replace(campaign, measured=replace(campaign.measured, **results))
-        there = {name: value for name, value in asdict(ready.measured).items() if value is not None}
-        write_aside(folder / NAME, json.dumps(there).encode())
-        return ready
+    def stored(measured: Measured) -> Campaign:
+        known = {name: value for name, value in asdict(measured).items() if value is not None}
+        write_aside(folder / NAME, json.dumps(known).encode())
+        return replace(campaign, measured=measured)
 
     if campaign.measured.terms is None:
-        campaign = stored(terms=tuple(terms))
+        campaign = stored(replace(campaign.measured, terms=tuple(terms)))
     if campaign.run.failure == "limit load" and campaign.measured.limit_load is None:
-        campaign = stored(limit_load=measure_limit_load(campaign, grids["refined"]))
+        limit_load = measure_limit_load(campaign, grids["refined"])
+        campaign = stored(replace(campaign.measured, limit_load=limit_load))
     if campaign.plan.calibrate and campaign.measured.calibration is None:
-        campaign = stored(calibration=factors_of_safety(campaign, grids))
+        campaign = stored(replace(campaign.measured, calibration=factors_of_safety(campaign, grids)))
     return campaign
 
 

@@ -27,7 +27,7 @@ SEVERAL = tuple(
 """Tables of which there may be several: `[[layer]]`."""
 
 
-def json_schema() -> dict[str, Any]:
+def json_schema() -> dict[str, object]:
     """JSON schema (draft 2020-12) of a scene, in which a description gives unit and default in words too."""
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
     return head | _plain(tables.schema_of(tables.Scene))

@@ -73,16 +73,12 @@ class Site:
         """Scene and initial state on a grid; ValueError where ground, soil and grid do not fit together."""
         # What is unusual was asked about when the scene was read.
         layers = [replace(each, soil=_without_warnings(each.soil)) for each in self.soils(soil)]
-        loads: dict[str, Any] = {
-            "gravity": gravity,
-            "at_rest": at_rest,
-            "ends": self.ends,
-            "water": self.water,
-            "r_u": self.r_u,
-        }
-        if self.by_stress(soil) and all(getattr(each.soil, "friction", None) is None for each in layers):
-            del loads["r_u"]  # it determines the strength, and is no load on soil in total stress
-        return ground.build_ground(self.shape, layers, numerics, **loads)
+        frictional = any(getattr(each.soil, "friction", None) is not None for each in layers)
+        return ground.build_ground(
+            self.shape, layers, numerics, gravity=gravity, at_rest=at_rest, ends=self.ends, water=self.water,
+            # Without friction it determines the strength, and is no load on soil in total stress.
+            r_u=self.r_u if frictional or not self.by_stress(soil) else None,
+        )  # fmt: skip
 
     @property
     def _bare(self) -> list[Layer]:
@@ -106,14 +102,14 @@ class Site:
         """
         return [replace(each, soil=_at_least_strength(each.soil)) for each in self._bare or [Layer(soil)]]
 
-    def by_stress(self, soil: Any) -> list[StrengthByStress | None] | None:
+    def by_stress(self, soil: AnySoil | None) -> list[StrengthByStress | None] | None:
         """How the strength of each layer, or of the campaign's own soil, goes with the stress at rest.
 
         None stands for a layer where it does not; the whole is None where it does in none.
         """
-        soils: list[Any] = [each.layer.soil for each in self.layers] or [soil]
-        ratios = [None if getattr(each, "strength_ratio", None) is None
-                 else StrengthByStress(each.strength_ratio, each.strength_minimum) for each in soils]  # fmt: skip
+        soils: list[AnySoil | None] = [each.layer.soil for each in self.layers] or [soil]
+        given = [(getattr(each, "strength_ratio", None), getattr(each, "strength_minimum", 0.0)) for each in soils]
+        ratios = [None if ratio is None else StrengthByStress(ratio, minimum) for ratio, minimum in given]
         return ratios if any(ratios) else None
 
     def layer_of(self, position: np.ndarray, numerics: Discretisation) -> np.ndarray | None:

@@ -204,14 +204,14 @@ def _check_complete(given: Collection[str]) -> None:
         raise ValueError(f"it lacks {min(lacking)}, which goes with {min(pair - lacking)}: add it")
 
 
-def _of_scene(scene: tables.Scene) -> dict[str, Any]:
+def _of_scene(scene: tables.Scene) -> dict[str, object]:
     """What a scene gives of its soil, in `[soil]` and `[strength]`."""
     return ({} if scene.soil is None else _given(scene.soil)) | (
         {} if scene.strength is None else {"strength": scene.strength}
     )
 
 
-def _given(table: tables.Table) -> dict[str, Any]:
+def _given(table: tables.Table) -> dict[str, object]:
     """What a scene gives of a table."""
     return {name: getattr(table, name) for name in table.model_fields_set}
 
@@ -233,7 +233,7 @@ def _rock(table: tables.Soil, height: float) -> Soil | FrictionalSoil:
     return _built(values, height)
 
 
-def _check_kind(values: Mapping[str, Any], given: Collection[str], label: Label) -> None:
+def _check_kind(values: Mapping[str, object], given: Collection[str], label: Label) -> None:
     """Clay has a strength, other soil cohesion and friction; ValueError for what has no say."""
     frictional = [name for name in ("cohesion", "friction") if values[name] is not None]
     undrained = [name for name in ("strength", "strength_ratio") if values[name] is not None]

@@ -11,7 +11,7 @@ import os
 from collections.abc import Collection
 from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 from cooperative.estimate import Estimator, Sampling
 from cooperative.scene import tables
@@ -24,6 +24,7 @@ from foundation import files
 from foundation.text import shown
 
 BUDGET = "budget.json"
+T = TypeVar("T")
 
 EARLIER: dict[str, tuple[str, str, type[Any]]] = {
     "terms": ("field_modes", "numbers of terms", tables.FieldModes),
@@ -167,8 +168,7 @@ def stored_budget(folder: Path) -> tables.Budget | None:
         ValueError: a file that holds something else.
     """
     remedy = "delete it, and say --refined-runs again"
-    budget: tables.Budget | None = _content(folder / BUDGET, tables.Budget, "numbers of refined runs", remedy)
-    return budget
+    return _content(folder / BUDGET, tables.Budget, "numbers of refined runs", remedy)
 
 
 def stored_measured(folder: Path, wanted: Collection[str] = tuple(EARLIER)) -> tables.Measured:
@@ -182,13 +182,13 @@ def stored_measured(folder: Path, wanted: Collection[str] = tuple(EARLIER)) -> t
         ValueError: a file is damaged.
     """
     remedy = "delete it to measure it again"
-    measured: tables.Measured | None = _content(folder / NAME, tables.Measured, "numbers that were measured", remedy)
+    measured = _content(folder / NAME, tables.Measured, "numbers that were measured", remedy)
     if measured is not None:
         return measured
     earlier = {name: _content(folder / f"{table}.json", model, what, remedy)
                for name, (table, what, model) in EARLIER.items() if name in wanted}  # fmt: skip
-    if earlier.get("terms") is not None:
-        earlier["terms"] = earlier["terms"].counts
+    if isinstance(terms := earlier.get("terms"), tables.FieldModes):
+        earlier["terms"] = terms.counts
     return tables.Measured(**earlier)
 
 
@@ -213,7 +213,7 @@ def with_measured(campaign: Campaign, folder: Path) -> Campaign:
     return replace(campaign, measured=replace(campaign.measured, **known)) if known else campaign
 
 
-def _content(path: Path, table: type[Any], what: str, remedy: str) -> Any:
+def _content(path: Path, table: type[T], what: str, remedy: str) -> T | None:
     """What a file holds, None where there is none.
 
     Raises ValueError where it is damaged.

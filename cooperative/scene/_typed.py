@@ -141,7 +141,7 @@ def built(campaign: Campaign, grid: str, *, at_rest: bool = True) -> tuple[Scene
 
 def _as_begun(scene: tables.Scene, begun: bool) -> tables.Scene:
     """What the scene leaves out is what it was when its campaign began, and what was accepted then stays so."""
-    changes: dict[str, dict[str, Any]] = {"rough": {}, "refined": {}}
+    changes: dict[str, dict[str, object]] = {"rough": {}, "refined": {}}
     if scene.soil is not None:
         changes["soil"] = {"unusual": True} if begun else {}
     if scene.defaults is not None:

@@ -46,7 +46,7 @@ _ADDRESS = re.compile(" at 0x[0-9a-f]+")
 
 
 @cache
-def _offered() -> dict[str, Any]:
+def _offered() -> dict[str, type | FunctionType]:
     """Classes and functions of the packages that a campaign may hold, by name."""
     offered = {
         f"{module.__name__.partition('.')[0]}.{name}": getattr(module, name)
@@ -107,7 +107,7 @@ def in_python(scene: Campaign | Source, estimator: Estimator | None) -> Campaign
     return dataclasses.replace(campaign).made_from(source)
 
 
-def in_words(value: Any, where: str = "campaign") -> Any:
+def in_words(value: object, where: str = "campaign") -> object:
     """A value of a campaign as JSON has it.
 
     Args:
@@ -152,7 +152,7 @@ def in_words(value: Any, where: str = "campaign") -> Any:
             f"source of {type(value).__name__}": source_checksum(type(value))}  # fmt: skip
 
 
-def of_words(words: Any, what: str) -> Any:
+def of_words(words: object, what: str) -> Any:
     """The value that stands in such words; `Given` for an object of the user's own.
 
     Args:
@@ -186,7 +186,7 @@ def of_words(words: Any, what: str) -> Any:
         return offered[words["member"]]
     if not dataclasses.is_dataclass(offered):
         raise ValueError(f"{what} holds {short(str(named), 200)}, which holds nothing")
-    return offered(**{name: of_words(each, what) for name, each in words.items() if name != "class"})  # type: ignore[operator]
+    return offered(**{name: of_words(each, what) for name, each in words.items() if name != "class"})
 
 
 def source_checksum(own: type | FunctionType) -> str:
@@ -200,7 +200,7 @@ def source_checksum(own: type | FunctionType) -> str:
     return digest.hexdigest()[:16]
 
 
-def _used_by(own: Any, seen: dict[int, Any]) -> Iterator[Any]:
+def _used_by(own: object, seen: dict[int, object]) -> Iterator[type | FunctionType]:
     """A class or function, and those of the user's own that it names."""
     if id(own) in seen or not isinstance(own, type | FunctionType) or own.__module__.split(".")[0] in PACKAGES:
         return

@@ -129,7 +129,7 @@ def stored_source(folder: Path, scene: str = SCENE) -> Source | None:
     return Source(text, beside if "defaults" in tables else beside | tomllib.loads(FIRST_DEFAULTS), begun=True)
 
 
-def _beside(path: Path) -> dict[str, Any]:
+def _beside(path: Path) -> dict[str, object]:
     """The tables beside a scene's text; none where there is no such file."""
     if not os.path.lexists(path):
         return {}
@@ -175,7 +175,7 @@ def differences(there: Source, asked: Source, most: int = 5) -> list[str]:
     return lines if len(lines) <= most else [*lines[:most], f"and {len(lines) - most} more"]
 
 
-def _flat(tables: Mapping[str, Any]) -> dict[str, str]:
+def _flat(tables: Mapping[str, object]) -> dict[str, str]:
     """Dotted key -> value as text; 1 and 1.0 are the same value, and the first defaults need not be there."""
 
     def walk(prefix: str, node: object) -> dict[str, str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from annotated_types import Ge
 from pydantic import AfterValidator, Field
@@ -120,7 +120,7 @@ class Campaign(Table):
         "Number of random slopes.", 200, synonyms="n count number runs realisations realizations"
     )
     seed: Annotated[int, Ge(0)] = key("Number from which all randomness follows.", 1, 0)
-    coefficients: Annotated[Callable[..., Any], one_of(COEFFICIENTS)] = key(
+    coefficients: Annotated[Callable[..., object], one_of(COEFFICIENTS)] = key(
         "How coefficients of the field are drawn.", "latin hypercube", "latin hypercube"
     )
     k_t: Annotated[int, Ge(1)] | None = key(

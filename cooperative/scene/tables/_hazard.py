@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 from annotated_types import Ge, MaxLen, MinLen
 from pydantic import AfterValidator, PlainValidator, Strict
@@ -15,7 +15,7 @@ from foundation.text import shown
 LONGEST_NAME = 60
 
 
-def _threshold(value: Any) -> tuple[Intensity, float]:
+def _threshold(value: object) -> tuple[Intensity, float]:
     of, level = quantity("", value)
     if not level > 0:
         raise ValueError(f" = {value!r}: give more than 0, what is reached is told anyway")

@@ -19,6 +19,7 @@ from pydantic import (
     ValidationInfo,
 )
 from pydantic import field_validator as validates
+from pydantic.config import JsonDict
 from pydantic_core import PydanticCustomError
 
 from foundation.check import Limit, above_zero, from_zero
@@ -29,7 +30,7 @@ EXTRAS = ("unit", "units", "otherwise", "allowed", "remedy", "synonyms", "per", 
 
 
 def key(
-    meaning: str, example: Any, default: Any = ..., *, otherwise: str = "", allowed: str = "", remedy: str = "",
+    meaning: str, example: object, default: object = ..., *, otherwise: str = "", allowed: str = "", remedy: str = "",
     synonyms: str = "", units: str = "",
 ) -> Any:  # fmt: skip
     """A key of a table.
@@ -45,7 +46,7 @@ def key(
         units: what it is measured in, where its type has no unit.
     """
     extras = {"otherwise": otherwise, "allowed": allowed, "remedy": remedy, "synonyms": synonyms, "units": units}
-    extra: Any = {name: words for name, words in extras.items() if words}
+    extra: JsonDict = {name: words for name, words in extras.items() if words}
     return Field(default, description=meaning, examples=[example], json_schema_extra=extra)
 
 
@@ -59,7 +60,7 @@ class Table(BaseModel):
 
     @validates("*", mode="before")
     @classmethod
-    def _in_64_bits(cls, value: Any) -> Any:
+    def _in_64_bits(cls, value: object) -> object:
         if any(isinstance(each, int) and not -(2**63) <= each < 2**63 for each in leaves(value)):
             raise ValueError(" is a whole number beyond 64 bits: give a smaller one")
         return value
@@ -101,19 +102,19 @@ class Within(GroupedMetadata):
     limit: Limit = Limit()
     infinite: bool = False
 
-    def __iter__(self) -> Iterator[Any]:
+    def __iter__(self) -> Iterator[object]:
         limit = self.limit
         yield Strict()
         yield Interval(gt=limit.above, ge=limit.least, lt=limit.below, le=limit.most)
         yield AfterValidator(_single_or_infinite if self.infinite else _single)
-        extra: Any = {"unit": limit.unit} if limit.unit else {}
+        extra: JsonDict = {"unit": limit.unit} if limit.unit else {}
         yield Field(json_schema_extra=extra | ({"infinite": True} if self.infinite else {}))
 
 
-def one_of(choices: Mapping[str, Any]) -> PlainValidator:
+def one_of(choices: Mapping[str, object]) -> PlainValidator:
     """Of a type: a text that names one of the choices, for which the value then stands; or what it stands for."""
 
-    def chosen(value: Any) -> Any:
+    def chosen(value: object) -> object:
         if value in choices.values():
             return value
         if not isinstance(value, str) or value not in choices:
@@ -148,7 +149,7 @@ OrTable = Annotated[
 """A number, or a table that says how it varies."""
 
 
-def as_points(value: Any) -> tuple[tuple[float, float], ...]:
+def as_points(value: object) -> tuple[tuple[float, float], ...]:
     """The points of a line as tuples.
 
     Raises:
@@ -168,7 +169,7 @@ def _is_finite(value: object) -> bool:
     )
 
 
-def _points(value: Any, info: ValidationInfo) -> Any:
+def _points(value: object, info: ValidationInfo) -> object:
     if not isinstance(value, str):
         return as_points(value)
     return value if info.context is None else as_points(info.context.points(value))

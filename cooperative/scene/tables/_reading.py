@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, TypeVar, get_args, get_origin
 
 from pydantic import TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
-from pydantic.json_schema import GenerateJsonSchema
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core import ErrorDetails
+from pydantic_core.core_schema import NullableSchema, WithDefaultSchema
 
 from cooperative.scene.tables._scene import Scene
 from foundation.check import Limit
 from foundation.text import shown
 
-Schema = Mapping[str, Any]
+Schema = JsonSchemaValue
 
 MOST = 8
 """Faults that a message names; it counts the others."""
@@ -32,7 +34,7 @@ KINDS = {str: "text", bool: "true or false", int: "a whole number", float: "a nu
 T = TypeVar("T")
 
 
-def read(table: type[T], values: Any, where: str = "", *, files: Any = None) -> T:
+def read(table: type[T], values: object, where: str = "", *, files: object = None) -> T:
     """A table from its values, as TOML or JSON has them.
 
     Args:
@@ -85,7 +87,7 @@ class _Entry:
         return f"[{'.'.join(self.path)}] {self.key}" if self.path else self.key
 
 
-def _entry_at(table: type[Any], values: Any, where: str, location: Iterable[int | str]) -> _Entry:
+def _entry_at(table: type[Any], values: object, where: str, location: Iterable[int | str]) -> _Entry:
     """Where pydantic's location leads: through tables, and into the list of those of which there are several."""
     entry = _Entry((), where, values, table)
     for part in location:
@@ -104,7 +106,7 @@ def _entry_at(table: type[Any], values: Any, where: str, location: Iterable[int 
     return entry
 
 
-def _faults(table: type[Any], values: Any, where: str, errors: Iterable[Any]) -> list[str]:
+def _faults(table: type[Any], values: object, where: str, errors: Iterable[ErrorDetails]) -> list[str]:
     """What is wrong with the values of a table, in words: keys that are not known, keys that lack, and values."""
     unknown: list[str] = []
     lacking: dict[str, list[str]] = {}
@@ -114,7 +116,7 @@ def _faults(table: type[Any], values: Any, where: str, errors: Iterable[Any]) ->
         if kind in UNKNOWN:
             entry = _entry_at(table, values, where, location[:-1])
             unknown.append(
-                f"{entry.section} has an unknown key {shown(location[-1])}{_suggestion(location[-1], entry.inner)}"
+                f"{entry.section} has an unknown key {shown(location[-1])}{_suggestion(str(location[-1]), entry.inner)}"
             )
         elif kind == "missing" and isinstance(location[-1], str):
             entry = _entry_at(table, values, where, location[:-1])
@@ -130,7 +132,7 @@ def _faults(table: type[Any], values: Any, where: str, errors: Iterable[Any]) ->
     return [*unknown, *lacks, *wrong.values()]
 
 
-def _wrong(entry: _Entry, error: Mapping[str, Any]) -> str:
+def _wrong(entry: _Entry, error: ErrorDetails) -> str:
     """What is wrong with a value, what it may be, in words."""
     kind, value = error["type"], entry.value
     if kind == "value_error":
@@ -199,13 +201,13 @@ class _Toml(GenerateJsonSchema):
     A key needs no title beside its name.
     """
 
-    def field_title_should_be_set(self, schema: Any) -> bool:
+    def field_title_should_be_set(self, schema: object) -> bool:
         return False
 
-    def nullable_schema(self, schema: Any) -> Any:
+    def nullable_schema(self, schema: NullableSchema) -> JsonSchemaValue:
         return self.generate_inner(schema["schema"])
 
-    def default_schema(self, schema: Any) -> Any:
+    def default_schema(self, schema: WithDefaultSchema) -> JsonSchemaValue:
         return (
             super().default_schema(schema)
             if schema.get("default") is not None
@@ -214,15 +216,15 @@ class _Toml(GenerateJsonSchema):
 
 
 @cache
-def schema_of(table: Any) -> dict[str, Any]:
+def schema_of(table: type) -> JsonSchemaValue:
     """JSON schema (draft 2020-12) of a table."""
     return TypeAdapter(table).json_schema(schema_generator=_Toml)
 
 
-def parts(field: FieldInfo) -> Iterator[Any]:
+def parts(field: FieldInfo) -> Iterator[object]:
     """All that the type of a key is made of."""
 
-    def inside(annotation: Any) -> Iterator[Any]:
+    def inside(annotation: object) -> Iterator[object]:
         yield annotation
         for each in get_args(annotation):
             yield from inside(each)
@@ -236,7 +238,7 @@ def table_in(field: FieldInfo) -> Any:
     return next((each for each in parts(field) if _is_table(each)), None)
 
 
-def _is_table(kind: Any) -> bool:
+def _is_table(kind: object) -> bool:
     return isinstance(kind, type) and get_origin(kind) is None and hasattr(kind, "__pydantic_fields__")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 from annotated_types import MaxLen
 from pydantic import AfterValidator, ConfigDict, Field
@@ -58,7 +58,7 @@ class Scene(Table):
     estimator: GivenEstimator | None = None
     field_modes: FieldModes | None = None
     limit_load: LimitLoad | None = None
-    files: dict[str, Any] = Field(
+    files: dict[str, object] = Field(
         default_factory=dict,
         description="What the files hold that the scene names.",
         json_schema_extra={"additionalProperties": True},  # versions of pydantic differ in whether they write that

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Generic, Literal, Self, cast
 
 from pydantic import Field, create_model
 from pydantic import model_validator as validates
+from pydantic.config import JsonDict
 from pydantic.fields import FieldInfo
 
 import kl
@@ -298,7 +299,7 @@ def _optional(keys: Mapping[str, FieldInfo], otherwise: str) -> dict[str, Any]:
                 None,
                 description=field.description,
                 examples=field.examples,
-                json_schema_extra=cast(dict[str, Any], field.json_schema_extra) | {"otherwise": otherwise},
+                json_schema_extra=cast(JsonDict, field.json_schema_extra) | {"otherwise": otherwise},
             ),
         )
         for name, field in keys.items()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from annotated_types import Ge, Interval
 from pydantic import ConfigDict, Strict, computed_field
@@ -23,7 +23,7 @@ class Calibration:
 
     @validates(mode="before")
     @classmethod
-    def _without_factor(cls, given: Any) -> Any:
+    def _without_factor(cls, given: object) -> object:
         """A summary has the factor beside them."""
         return {name: each for name, each in given.items() if name != "factor"} if isinstance(given, dict) else given
 
