@@ -6,13 +6,12 @@ from collections import Counter
 
 import numpy as np
 
-from cooperative.effects import effects_of
-from cooperative.estimate import Correlation, Phases, Slides, after_more_runs, correlation
+from cooperative.estimate import Correlation, CutOff, Phases, Slides, after_more_runs, correlation, effects_of
 from cooperative.measure import EDGE
 from cooperative.runs import phases_of
 from cooperative.scene import Campaign
 from cooperative.store import Rows
-from cooperative.values import Convergence, CutOff, MoreRuns, OtherEstimate, StandsFor, Summary
+from cooperative.values import Convergence, MoreRuns, OtherEstimate, StandsFor, Summary
 
 __all__ = ["Summary", "slides_of", "summarise", "summary_of", "walls_reached"]
 
@@ -48,7 +47,15 @@ def summary_of(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -
         refined: rows of the refined grid.
     """
     estimate, path, slides = phases.estimate, phases.path, slides_of(campaign, phases, refined)
-    effects, tables = effects_of(campaign, estimate, refined, slides), {"rough": rough, "refined": refined}
+    tables, hazard = {"rough": rough, "refined": refined}, campaign.hazard
+    effects = effects_of(
+        estimate,
+        refined,
+        slides,
+        t_end=campaign.run.last("refined"),
+        deepest=campaign.site.shape.extent[-1],
+        places=() if hazard is None else hazard.places,
+    )
     limit = campaign.run.failure_displacement
     return Summary(
         name=campaign.name,

@@ -10,161 +10,18 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
-from cooperative.estimate import Correlation, Estimate, Exceedance, Fits, Severity
+from cooperative.estimate import (
+    Correlation,
+    CutOff,
+    Estimate,
+    Exceedance,
+    Fits,
+    ModeShare,
+    Risk,
+    Severity,
+    Spread,
+)
 from cooperative.scene import Budget, Calibration, LimitLoad
-
-
-@dataclass(frozen=True)
-class ModeShare:
-    """A failure mode.
-
-    Args:
-        count: refined runs that failed so.
-        ratio: weighted share of the failures.
-        interval: confidence limits of the share.
-        probability: that a sample fails so.
-    """
-
-    count: int
-    ratio: float
-    interval: tuple[float, float]
-    probability: float
-
-
-@dataclass(frozen=True)
-class CutOff:
-    """Slides that ended before they came to rest.
-
-    Args:
-        of: slides that count.
-        at_t_end: those that moved still when they ended.
-        broke_off: those that ended for numerical reasons.
-        t_end: up to when slides may go on (s).
-    """
-
-    of: int
-    at_t_end: int
-    broke_off: int
-    t_end: float
-
-
-@dataclass(frozen=True)
-class Spread:
-    """A consequence over the slides.
-
-    Args:
-        mean: weighted.
-        interval: its confidence limits, None for too few slides.
-        smallest: of all slides.
-        largest: of all slides.
-        at_least: whether the slides would have gone on.
-    """
-
-    mean: float
-    interval: tuple[float, float] | None
-    smallest: float
-    largest: float
-    at_least: bool
-
-
-@dataclass(frozen=True)
-class Reached:
-    """Probability that a slide reaches an element at risk.
-
-    Args:
-        probability: over all samples.
-        interval: its confidence limits.
-        at_least: as in `Spread`.
-    """
-
-    probability: float
-    interval: tuple[float, float]
-    at_least: bool
-
-
-@dataclass(frozen=True)
-class ElementLoss:
-    """Expected loss at one element at risk.
-
-    Args:
-        value: what it is worth.
-        expected: over all samples.
-        interval: its confidence limits.
-        at_least: as in `Spread`.
-    """
-
-    value: float
-    expected: float
-    interval: tuple[float, float]
-    at_least: bool
-
-
-@dataclass(frozen=True)
-class SampleLoss:
-    """A sample that is part of the loss.
-
-    Args:
-        sample: its number.
-        loss: if it fails.
-        share: of the expected loss.
-    """
-
-    sample: int
-    loss: float
-    share: float
-
-
-@dataclass(frozen=True)
-class Loss:
-    """Expected loss at all elements at risk together.
-
-    Args:
-        expected: over all samples.
-        interval: its confidence limits.
-        at_least: as in `Spread`.
-        exceedance: probability of losing more.
-        modes: share of the loss by failure mode.
-        samples: those with the largest shares.
-    """
-
-    expected: float
-    interval: tuple[float, float]
-    at_least: bool
-    exceedance: Exceedance
-    modes: Mapping[str, float]
-    samples: tuple[SampleLoss, ...]
-
-
-@dataclass(frozen=True)
-class Element:
-    """Effects on one element at risk.
-
-    Args:
-        reached: probability that a slide arrives.
-        thickness: largest of the slides that arrive (m), None where none does.
-        speed: largest of the slides that arrive (m/s), None where none does.
-        arrival: of the slides that arrive (s), None where none does.
-        loss: None where the scene gives no value.
-    """
-
-    reached: Reached
-    thickness: Spread | None
-    speed: Spread | None
-    arrival: Spread | None
-    loss: ElementLoss | None
-
-
-@dataclass(frozen=True)
-class Risk:
-    """Risk of the elements at risk.
-
-    Args:
-        places: effects by name of the element, None each while nothing is known of them.
-        loss: of all together, None where no element has a value.
-    """
-
-    places: Mapping[str, Element | None]
-    loss: Loss | None
 
 
 @dataclass(frozen=True)

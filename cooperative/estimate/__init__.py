@@ -2,6 +2,8 @@
 
 from cooperative.estimate._audit import AuditPlan
 from cooperative.estimate._audited import ESTIMATORS, SETTINGS, Subset, TwoPhase, named_estimator
+from cooperative.estimate._effect_values import CutOff, Effects, Element, ModeShare, Risk, Spread
+from cooperative.estimate._effects import effects_of
 from cooperative.estimate._estimates import Estimate, after_more_runs, effective_size, wilson_interval, with_variance
 from cooperative.estimate._fits import CANDIDATES, ENOUGH, Fit, Fits, Severity, fit_distributions, severity_ranking
 from cooperative.estimate._formulas import control_variate, monte_carlo, published
@@ -24,21 +26,27 @@ __all__ = [
     "Chances",
     "ControlVariate",
     "Correlation",
+    "CutOff",
+    "Effects",
+    "Element",
     "Estimate",
     "Estimator",
     "Exceedance",
     "Failures",
     "Fit",
     "Fits",
+    "ModeShare",
     "MonteCarlo",
     "Phases",
     "Population",
     "Published",
+    "Risk",
     "Sampling",
     "SceneSamples",
     "Screened",
     "Severity",
     "Slides",
+    "Spread",
     "Subset",
     "SubsetPlan",
     "TwoPhase",
@@ -48,6 +56,7 @@ __all__ = [
     "control_variate",
     "correlation",
     "effective_size",
+    "effects_of",
     "exceedance",
     "fit_distributions",
     "mean_interval",

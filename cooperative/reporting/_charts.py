@@ -12,9 +12,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cooperative.estimate import Chances, Exceedance, Fits, Severity
+from cooperative.estimate import Chances, Exceedance, Fits, ModeShare, Severity
 from cooperative.hazard import ARRIVAL, REACHED, THICKNESS, Maps
-from cooperative.values import Convergence, ModeShare
+from cooperative.values import Convergence
 
 ROUGH, REFINED, FAILED, GREY = "#0072B2", "#D55E00", "#CC79A7", "#5A5A5A"
 SERIES = (ROUGH, REFINED, FAILED, "#009E73", "#56B4E9", GREY)

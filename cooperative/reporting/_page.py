@@ -6,14 +6,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from pathlib import Path
 
-from cooperative.estimate import ENOUGH, NOT_ASKED, after_more_runs
+from cooperative.estimate import ENOUGH, NOT_ASKED, Risk, after_more_runs
 from cooperative.folder import Results
 from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import _sentences as sentences
 from cooperative.reporting._interactive import Drawn
 from cooperative.reporting._sentences import Cell, number
 from cooperative.store import GRIDS, read_sample
-from cooperative.values import OtherEstimate, Risk, Summary
+from cooperative.values import OtherEstimate, Summary
 from foundation.text import duration, short
 
 STYLE = Path(__file__).with_name("_page.css").read_text(encoding="utf-8")

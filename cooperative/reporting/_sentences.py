@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from cooperative.estimate import Fits
+from cooperative.estimate import Element, Fits, ModeShare, Spread
 from cooperative.folder import Results
-from cooperative.values import Element, ModeShare, Spread, Summary
+from cooperative.values import Summary
 from foundation.text import printable
 
 Cell = str | float | int | None

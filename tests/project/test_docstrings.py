@@ -10,7 +10,6 @@ import pytest
 
 import cooperative
 import cooperative.doctor
-import cooperative.effects
 import cooperative.estimate
 import cooperative.hazard
 import cooperative.measure
@@ -95,7 +94,7 @@ def test_documented_names_exist():
 BY_MODULE = (
     *(jaxmpm.diagnostics, jaxmpm.objectives, jaxmpm.tensors, kl.plots),
     *(foundation.check, foundation.deprecated, foundation.files, foundation.hdf5, foundation.pytrees, foundation.text),
-    *(cooperative.doctor, cooperative.effects, cooperative.hazard, cooperative.summary, cooperative.values),
+    *(cooperative.doctor, cooperative.hazard, cooperative.summary, cooperative.values),
     *(cooperative.research.back_analysis, cooperative.research.rare),
 )
 LISTED = [

@@ -18,8 +18,7 @@ ROOMS = {
     ),
     "kl": "types axis marginal sampling field soil plots",
     "cooperative": (
-        "store measure estimate scene runs values effects summary folder hazard campaign reporting sweep "
-        "research doctor"
+        "store measure estimate scene runs values summary folder hazard campaign reporting sweep research doctor"
     ),
 }
 ENTRANCES = {"cooperative": {"__main__", "_commands"}}

@@ -9,14 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cooperative.estimate import named_estimator
+from cooperative.estimate import Risk, named_estimator
 from cooperative.reporting import _page
 from cooperative.reporting import _sentences as words
 from cooperative.runs import phases_of
 from cooperative.scene import Budget, Calibration, LimitLoad, parse
 from cooperative.store import Rows
 from cooperative.summary import Summary, summarise, walls_reached
-from cooperative.values import Risk
 from tests.cooperative.campaign.test_campaign import TINY
 from tests.cooperative.effects.test_places import HAZARD
 from tests.cooperative.estimate.test_twophase import pair

@@ -5,30 +5,14 @@ A slide that ended before it came to rest would have gone on, so all of this is 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from cooperative.estimate import (
-    Estimate,
-    Exceedance,
-    Fits,
-    Severity,
-    Slides,
-    chance_of,
-    exceedance,
-    fit_distributions,
-    mean_interval,
-    mean_of,
-    severity_ranking,
-    shares,
-)
-from cooperative.measure import SEVERITY
-from cooperative.scene import Campaign
-from cooperative.store import Rows
-from cooperative.values import (
+from cooperative.estimate._effect_values import (
     CutOff,
+    Effects,
     Element,
     ElementLoss,
     Loss,
@@ -38,35 +22,18 @@ from cooperative.values import (
     SampleLoss,
     Spread,
 )
+from cooperative.estimate._estimates import Estimate
+from cooperative.estimate._fits import fit_distributions, severity_ranking
+from cooperative.estimate._means import chance_of, exceedance, mean_interval, mean_of, shares
+from cooperative.estimate._phases import Slides
+from cooperative.measure import SEVERITY, Place
+from cooperative.store import Rows
 
 MEASURES = ("displacement", "depth", "runout", "volume", "area")
 CURVES = ("runout", "volume", "depth")
 """Consequences with a curve of their probability of being exceeded."""
 MOST_LOSS = 5
 """Samples named that make most of the expected loss."""
-
-
-@dataclass(frozen=True)
-class Effects:
-    """What the slides do; each field as in `cooperative.Summary`.
-
-    Args:
-        cut_off: slides that had not come to rest.
-        modes: by name, None where the rows have none.
-        consequences_of_failures: by name, None where no slide has it.
-        exceedance: curves by consequence.
-        risk: of the elements at risk, None without any.
-        fits: by group and consequence.
-        severity: modes by the median of each consequence.
-    """
-
-    cut_off: CutOff
-    modes: Mapping[str, ModeShare] | None
-    consequences_of_failures: Mapping[str, Spread | None]
-    exceedance: Mapping[str, Exceedance]
-    risk: Risk | None
-    fits: Mapping[str, Mapping[str, Fits]]
-    severity: Mapping[str, tuple[Severity, ...]]
 
 
 @dataclass(frozen=True)
@@ -95,14 +62,18 @@ class Slid:
         return Slid({name: each[mine] for name, each in self.columns.items()}, self.weight[mine])
 
 
-def effects_of(campaign: Campaign, estimate: Estimate, refined: Rows, slides: Slides) -> Effects:
+def effects_of(
+    estimate: Estimate, refined: Rows, slides: Slides, *, t_end: float, deepest: float, places: Sequence[Place]
+) -> Effects:
     """What the refined runs that slid on to their end do, each weighed by what it stands for.
 
     Args:
-        campaign: whose runs these are.
         estimate: of the probability of failure.
         refined: rows of the refined grid.
         slides: which failures slid, and what each stands for.
+        t_end: up to when slides go on (s).
+        deepest: height of the ground (m); no soil lies deeper.
+        places: elements at risk.
     """
     slid = Slid(refined.columns, slides.weight).where(slides.slid)
     counting = slid.where(slid.weight > 0)
@@ -111,7 +82,7 @@ def effects_of(campaign: Campaign, estimate: Estimate, refined: Rows, slides: Sl
         of=broke_off.size,
         at_t_end=int(np.sum((counting["status"] == "FINISHED") & ~broke_off)),
         broke_off=int(broke_off.sum()),
-        t_end=campaign.run.last("refined"),
+        t_end=t_end,
     )
     whole = counting.where(~broke_off)
     by_mode = {mode: whole.where(whole["mode"] == mode) for mode in SEVERITY if mode in whole["mode"]}
@@ -119,13 +90,13 @@ def effects_of(campaign: Campaign, estimate: Estimate, refined: Rows, slides: Sl
     return Effects(
         cut_off=cut,
         modes=_modes(estimate, counting),
-        consequences_of_failures=_means(campaign, estimate.level, slid, cut),
+        consequences_of_failures=_means(deepest, estimate.level, slid, cut),
         exceedance={
             name: exceedance(estimate, known.weight, known[name])
             for name in CURVES
             if (known := counting.where(np.isfinite(counting[name]))).weight.size
         },
-        risk=risk_of(campaign, estimate, counting, cut, unknown=bool(unknown)),
+        risk=risk_of(places, estimate, counting, cut, unknown=bool(unknown)),
         fits={
             group: {name: fit_distributions(mine[name], mine.weight) for name in MEASURES if mine.weight.size}
             for group, mine in ({"all": whole} | by_mode).items()
@@ -155,13 +126,12 @@ def _modes(estimate: Estimate, counting: Slid) -> dict[str, ModeShare] | None:
     }
 
 
-def _means(campaign: Campaign, level: float, slid: Slid, cut: CutOff) -> dict[str, Spread | None]:
+def _means(deepest: float, level: float, slid: Slid, cut: CutOff) -> dict[str, Spread | None]:
     """Weighted mean of each consequence with its interval, smallest and largest.
 
     None where no slide has the consequence, and nothing without a slide.
     """
-    # No soil lies deeper than the ground.
-    most = {"depth": campaign.site.shape.extent[-1]}
+    most = {"depth": deepest}
     return {
         name: spread_of(
             slid[name], slid.weight, level,
@@ -172,27 +142,27 @@ def _means(campaign: Campaign, level: float, slid: Slid, cut: CutOff) -> dict[st
     }  # fmt: skip
 
 
-def risk_of(campaign: Campaign, estimate: Estimate, counting: Slid, cut: CutOff, *, unknown: bool) -> Risk | None:
+def risk_of(places: Sequence[Place], estimate: Estimate, counting: Slid, cut: CutOff, *, unknown: bool) -> Risk | None:
     """What comes over the elements at risk, and what is lost there; None where there are none.
 
     Nothing is known of an element where no slide has columns.
 
     Args:
-        campaign: whose elements these are.
+        places: elements at risk.
         estimate: of the probability of failure.
         counting: slides that count.
         cut: slides that had not come to rest.
         unknown: whether no run counts, or some failed and may slide yet.
     """
-    if campaign.hazard is None or not campaign.hazard.places:
+    if not places:
         return None
     # A slide that broke off has no columns.
     slid = counting.where(np.isfinite(counting["area_columns"]))
     if not slid.weight.size and unknown:
-        return Risk(dict.fromkeys(element.name for element in campaign.hazard.places), None)
+        return Risk(dict.fromkeys(element.name for element in places), None)
     weight, elements, at_least = slid.weight, {}, bool(cut.at_t_end)
     lost, bound = np.zeros(weight.size), 0.0
-    for exposed in campaign.hazard.places:
+    for exposed in places:
         came = {what: slid[f"{what}_at_{exposed.key}"] for what in ("thickness", "speed", "arrival")}
         reached = np.isfinite(came["arrival"])
         chance = chance_of(estimate, weight, reached[:, None])
