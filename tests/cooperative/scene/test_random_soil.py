@@ -34,42 +34,20 @@ CORRELATED = """
 parameters = ["cohesion", "friction"]
 matrix = [[1.0, -0.5], [-0.5, 1.0]]
 """
-STIFF = """
-[soil.young]
-mean = 2e7
-cov = 0.5
-length = [10.0, 10.0]
-[soil.unit_weight]
-mean = 20e3
-cov = 0.05
-length = [10.0, 10.0]
-"""
-LEFT = """
-[soil.residual_cohesion]
-mean = 400.0
-cov = 0.3
-length = [10.0, 10.0]
-[soil.residual_friction]
-mean = 4.0
-cov = 0.05
-length = [10.0, 10.0]
-[soil.softening_strain]
-mean = 0.2
-cov = 0.3
-length = [10.0, 10.0]
-"""
+
+
+def random(name, mean, cov, length="[10.0, 10.0]"):
+    """The table of a parameter that varies."""
+    return f"[soil.{name}]\nmean = {mean}\ncov = {cov}\nlength = {length}\n"
+
+
+STIFF = random("young", "2e7", 0.5) + random("unit_weight", "20e3", 0.05)
+LEFT = random("residual_cohesion", 400.0, 0.3) + random("residual_friction", 4.0, 0.05)
+LEFT += random("softening_strain", 0.2, 0.3)
 SOFT = SAND + LEFT
 ALL = SAND.replace("unit_weight = 20e3\nyoung = 2e7\n", "") + STIFF + LEFT + CORRELATED
-BRITTLE = """
-[soil.softening_modulus]
-mean = 85e3
-cov = 0.4
-length = [20.0, 4.0]
-[soil.residual_ratio]
-mean = 0.5
-cov = 0.1
-length = [20.0, 4.0]
-[cross_correlation]
+BRITTLE = random("softening_modulus", "85e3", 0.4, "[20.0, 4.0]") + random("residual_ratio", 0.5, 0.1, "[20.0, 4.0]")
+BRITTLE += """[cross_correlation]
 parameters = ["strength", "residual_ratio"]
 matrix = [[1.0, 0.6], [0.6, 1.0]]
 """
