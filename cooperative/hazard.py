@@ -89,7 +89,7 @@ def maps_of(results: Results) -> Maps | None:
     if not samples:
         return None
     plan = results.ground.grids["refined"].columns
-    where, beyond = plan.ground, runs.beyond_toe(results.ground.face, plan)
+    where, beyond = plan.ground, plan.beyond(results.ground.face)
     fields = {name: np.stack([sample.fields[name] for sample in samples])[:, *where] for name in runs.COLUMNS}
     first = int(np.searchsorted(plan.edges(0)[where[0]], plan.edges(0)[beyond.start]))
     until = summary.cut_off.t_end

@@ -160,7 +160,7 @@ def make(name: str) -> None:
     columns = refined.state.columns
     assert columns is not None
     stored: dict[str, Any] = {"rough": pairs[0], "refined": pairs[1], "least": columns.least, "cell_area": plan.area}
-    stored |= {"beyond": runs.beyond_toe(refined.campaign.site.shape.face, plan).start}
+    stored |= {"beyond": plan.beyond(refined.campaign.site.shape.face).start}
     stored |= {key: np.array([float(slide.row[key]) for slide in slides]) for key in NUMBERS}
     stored |= {key: np.stack([slide.fields[key] for slide in slides]).astype(np.float16) for key in runs.COLUMNS}
     np.savez_compressed(path_of(name), **stored)

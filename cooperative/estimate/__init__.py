@@ -4,10 +4,18 @@ from cooperative.estimate._audit import AuditPlan
 from cooperative.estimate._audited import ESTIMATORS, SETTINGS, Subset, TwoPhase, named_estimator
 from cooperative.estimate._effect_values import CutOff, Effects, Element, ModeShare, Risk, Spread
 from cooperative.estimate._effects import effects_of
-from cooperative.estimate._estimates import Estimate, after_more_runs, effective_size, wilson_interval, with_variance
+from cooperative.estimate._estimates import (
+    Estimate,
+    after_more_runs,
+    effective_size,
+    mean_interval,
+    shares,
+    wilson_interval,
+    with_variance,
+)
 from cooperative.estimate._fits import CANDIDATES, ENOUGH, Fit, Fits, Severity, fit_distributions, severity_ranking
 from cooperative.estimate._formulas import control_variate, monte_carlo, published
-from cooperative.estimate._means import Chances, Exceedance, chance_of, exceedance, mean_interval, mean_of, shares
+from cooperative.estimate._means import Chances, Exceedance, chance_of, exceedance, mean_of
 from cooperative.estimate._phases import NOT_ASKED, Phases, Slides, slide_order, zone_weights
 from cooperative.estimate._plain import ControlVariate, MonteCarlo, Published, SceneSamples
 from cooperative.estimate._protocol import Answers, Estimator, Failures, Population, Sampling, Screened, all_samples

@@ -22,9 +22,9 @@ from cooperative.estimate._effect_values import (
     SampleLoss,
     Spread,
 )
-from cooperative.estimate._estimates import Estimate
+from cooperative.estimate._estimates import Estimate, mean_interval, shares
 from cooperative.estimate._fits import fit_distributions, severity_ranking
-from cooperative.estimate._means import chance_of, exceedance, mean_interval, mean_of, shares
+from cooperative.estimate._means import chance_of, exceedance, mean_of
 from cooperative.estimate._phases import Slides
 from cooperative.measure import SEVERITY, Place
 from cooperative.store import Rows

@@ -1,4 +1,4 @@
-"""An estimate of a probability of failure, its interval, and what more runs would bring."""
+"""An estimate of a probability of failure, what more runs would bring, and intervals of weighted samples."""
 
 from __future__ import annotations
 
@@ -7,6 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
+
+FEWEST = 5
+"""Effective number of samples from which on a mean has an interval: fewer show too little of their scatter."""
+LEAST_FREEDOM = 3.0
+"""Least degrees of freedom of a variance of `FEWEST` or more samples. With 1 or 2 the upper limits of made-up campaigns
+reached 15,000 and 46 times the truth; with 3 they reach 21 times, and hold it as often to within 1 %."""
+MOST_LEVERAGE = 0.05
+"""Least of one minus the share of a sample: the residual of one that weighs nearly all is not taken for more."""
 
 
 @dataclass(frozen=True)
@@ -185,3 +193,75 @@ def effective_size(weight: np.ndarray) -> float:
     """
     weight = np.asarray(weight, dtype=float)
     return float(weight.sum() ** 2 / (weight @ weight)) if weight.size else 0.0
+
+
+def too_few(weight: np.ndarray) -> bool:
+    """Whether samples with these weights (n,) are too few for the interval of a mean."""
+    return effective_size(weight) < FEWEST * (1 - 1e-9)
+
+
+@dataclass(frozen=True)
+class Share:
+    """A part of a whole.
+
+    Args:
+        count: samples in it.
+        share: weighted.
+        interval: confidence limits.
+    """
+
+    count: int
+    share: float
+    interval: tuple[float, float]
+
+
+def shares(group: np.ndarray, weight: np.ndarray, names: tuple[str, ...], *, level: float = 0.95) -> dict[str, Share]:
+    """Share of each named group among samples (n,), n at least 1, with the Wilson interval of their effective size.
+
+    Args:
+        group: of each sample (n,).
+        weight: of each sample (n,).
+        names: of the groups.
+        level: confidence level of the interval.
+    """
+    size, total = effective_size(weight), float(np.sum(weight))
+    parts = {}
+    for name in names:
+        mine = np.asarray(group) == name
+        share = min(float(np.sum(weight[mine])) / total, 1.0)
+        parts[name] = Share(int(mine.sum()), share, wilson_interval(share * size, size, level))
+    return parts
+
+
+def mean_interval(values: np.ndarray, weight: np.ndarray, *, level: float = 0.95) -> tuple[float, float] | None:
+    """Confidence limits of the weighted mean of positive values.
+
+    The mean is a ratio of two totals, each of samples drawn with unequal chances, which the weights undo. Its variance
+    is that of the linearised ratio for draws with replacement, the sum of the squared residuals times their shares of
+    the weight: without a finite population's correction it holds both phases of draws and the sampling of the
+    population itself (Sarndal, Swensson and Wretman 1992, Model Assisted Survey Sampling, Sections 2.9, 5.6 and 9.3).
+    Residuals are over one less their share, since a heavy sample draws the mean to itself (MacKinnon and White 1985,
+    Journal of Econometrics 29, 305-325, DOI 10.1016/0304-4076(85)90158-7). Student's t has the degrees of freedom that
+    the variance tells (Satterthwaite 1946, DOI 10.2307/3002019), at least `LEAST_FREEDOM`. On the logarithm: a mean
+    that is too low for want of its longest slides has a variance that is too low as well.
+
+    Args:
+        values: (n,), 0 or more.
+        weight: (n,), above 0.
+        level: confidence level of the interval.
+
+    Returns:
+        The limits, None for effectively fewer values than `FEWEST`, and where all are 0.
+    """
+    values, weight = np.asarray(values, float), np.asarray(weight, float)
+    share = weight / weight.sum()
+    mean = float(share @ values)
+    if too_few(weight) or not mean > 0:
+        return None
+    parts = (share * (values - mean) / np.maximum(1 - share, MOST_LEVERAGE)) ** 2
+    variance = float(parts.sum())
+    if variance == 0:
+        return mean, mean
+    freedom = max(variance**2 / float(parts @ parts) - 1, LEAST_FREEDOM)
+    half = float(student.ppf(0.5 + level / 2, freedom)) * np.sqrt(variance) / mean
+    return mean * float(np.exp(-half)), mean * float(np.exp(half))

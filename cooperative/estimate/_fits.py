@@ -14,8 +14,7 @@ from scipy import optimize, stats
 from scipy.stats import rv_continuous
 from scipy.stats.distributions import rv_frozen
 
-from cooperative.estimate._estimates import effective_size
-from cooperative.estimate._means import FEWEST
+from cooperative.estimate._estimates import FEWEST, effective_size
 
 # Fewer samples than this tell six two-parameter distributions apart no better than chance would.
 ENOUGH = 30

@@ -10,6 +10,8 @@ from typing import Literal
 import numpy as np
 import shapely
 
+from jaxmpm import Face
+
 Intensity = Literal["thickness", "speed"]
 UNITS: dict[str, tuple[Intensity, float]] = {
     "m": ("thickness", 1.0),
@@ -47,6 +49,14 @@ class ColumnPlan:
     def edges(self, axis: int) -> np.ndarray:
         """Edges of the columns along an axis, one more than columns (m)."""
         return self.origin[axis] + self.cell * np.arange(self.shape[axis] + 1)
+
+    def beyond(self, face: Face | None) -> slice:
+        """The columns, along x, that lie beyond the one that holds the toe.
+
+        Args:
+            face: of the slope, None for ground without a toe, all of whose columns count.
+        """
+        return slice(0 if face is None else int(np.searchsorted(self.edges(0), face.toe_x - 1e-6)), None)
 
     @property
     def ground(self) -> tuple[slice, ...]:

@@ -51,7 +51,9 @@ def report(folder: str | Path, *, slides: int = SLIDES, again: bool = False, est
     if slides < 0:
         raise ValueError(f"slides = {slides}: give 0 or more")
     results = read_results(folder, estimator)
-    figures = [*_hazards(results, maps_of(results)), *_numbers(results), *_slopes(results, slides, again, estimator)]
+    labels, cut = sentences.labels(results), sentences.cut_off(results.summary)
+    figures = [*_hazards(results, maps_of(results), labels, cut), *_numbers(results, labels, cut)]
+    figures += _slopes(results, slides, again, estimator)
     target = own_folder(results.store.folder / "figures")
     for drawn in figures:
         plots.lay_out(drawn.figure)
@@ -60,9 +62,9 @@ def report(folder: str | Path, *, slides: int = SLIDES, again: bool = False, est
     return sentences.words(results)
 
 
-def _hazards(results: Results, maps: Maps | None) -> Iterator[Drawn]:
+def _hazards(results: Results, maps: Maps | None, labels: Mapping[str, str], cut: str) -> Iterator[Drawn]:
     """Figures of how likely a slide does how much."""
-    summary, labels, cut = results.summary, sentences.labels(results), sentences.cut_off(results.summary)
+    summary = results.summary
     # A curve of one step, as of slides that are all as deep as the ground, shows no more than P_f.
     curves = {name: each for name, each in summary.exceedance.items() if len({*each.probability[:-1]}) > 1}
     if curves:
@@ -106,9 +108,9 @@ def _mapped(maps: Maps, level: float) -> str:
     )
 
 
-def _numbers(results: Results) -> Iterator[Drawn]:
+def _numbers(results: Results, labels: Mapping[str, str], cut: str) -> Iterator[Drawn]:
     """Figures of the other numbers, those that there are data for."""
-    summary, labels, cut = results.summary, sentences.labels(results), sentences.cut_off(results.summary)
+    summary = results.summary
     modes, displacements = sentences.occurring(summary), _displacements(results)
     columns, limit = results.refined.columns, summary.failure_displacement
     decided = "DECIDED" in columns.get("status", ())

@@ -306,22 +306,10 @@ def column_row(model: GridModel, columns: dict[str, np.ndarray]) -> dict[str, Sc
         return {}
     plan = model.columns
     covered, face = columns["column_deposit"] >= passed.least, model.campaign.site.shape.face
-    row: dict[str, Scalar] = {"area_columns": float(covered[beyond_toe(face, plan)].sum()) * plan.area}
+    row: dict[str, Scalar] = {"area_columns": float(covered[plan.beyond(face)].sum()) * plan.area}
     for element in hazard.places:
         row |= element_row(element, plan, columns)
     return row
-
-
-def beyond_toe(face: Face | None, plan: ColumnPlan) -> slice:
-    """The columns, along x, that lie beyond the toe; that which holds the toe is none of them.
-
-    All of ground that has no toe.
-
-    Args:
-        face: of the slope, None for ground without a toe.
-        plan: of the columns.
-    """
-    return slice(0 if face is None else int(np.searchsorted(plan.edges(0), face.toe_x - 1e-6)), None)
 
 
 def element_row(element: Place, plan: ColumnPlan, columns: dict[str, np.ndarray]) -> dict[str, Scalar]:
