@@ -11,21 +11,11 @@ from pathlib import Path
 
 import jax
 
-from cooperative import __version__, campaign, doctor, sweep
+from cooperative import __version__, campaign, doctor, runs, sweep
 from cooperative.folder import SLIDES
 from cooperative.reporting import _exports as exports
 from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import draw, progress_of, report, watched, words
-from cooperative.runs import (
-    Cost,
-    Stopped,
-    check_size,
-    cores_to_use,
-    cost_of,
-    dask_executor,
-    keep_compiled,
-    stop_by_signals,
-)
 from cooperative.scene import Campaign, begin, examples, parse, starters, write_example
 from cooperative.store import GRIDS, Source, read_store
 from foundation.text import printable
@@ -38,7 +28,7 @@ Command = Callable[[argparse.Namespace], None]
 
 def default_workers() -> int:
     """One process per core on CPU; on other devices one process for all lanes."""
-    return len(cores_to_use()) if jax.default_backend() == "cpu" else 1
+    return len(runs.cores_to_use()) if jax.default_backend() == "cpu" else 1
 
 
 def run(given: argparse.Namespace) -> None:
@@ -52,8 +42,8 @@ def resume(given: argparse.Namespace) -> None:
 
 
 def _run(scene: Source | Path, folder: Path, given: argparse.Namespace) -> None:
-    with stop_by_signals(ends_process=True):
-        executor = None if given.dask is None else dask_executor(given.dask)
+    with runs.stop_by_signals(ends_process=True):
+        executor = None if given.dask is None else runs.dask_executor(given.dask)
         campaign.run(
             scene, folder, workers=given.workers, executor=executor, refined_runs=given.refined_runs, progress=True,
             verify=given.verify,
@@ -91,7 +81,7 @@ def export(given: argparse.Namespace) -> None:
 
 def sweep_over(given: argparse.Namespace) -> None:
     """Run a campaign for each value of each parameter in the scene's [sweep], or go on where it was."""
-    with stop_by_signals(ends_process=True):
+    with runs.stop_by_signals(ends_process=True):
         sweep.run(given.scene, given.out, workers=given.workers, progress=True)
     print(f"{given.out / 'sweep.json'}, figures in {given.out / 'figures'}")
 
@@ -107,11 +97,11 @@ def check(given: argparse.Namespace) -> None:
     if not given.seconds > 0:
         raise ValueError(f"--seconds {given.seconds:g}: give more than 0")
     scene = parse(given.scene)
-    check_size(scene)
-    print("\n".join(map(printable, _cost(scene, cost_of(scene, given.seconds)))))
+    runs.check_size(scene)
+    print("\n".join(map(printable, _cost(scene, runs.cost_of(scene, given.seconds)))))
 
 
-def _cost(scene: Campaign, cost: Cost) -> Iterator[str]:
+def _cost(scene: Campaign, cost: runs.Cost) -> Iterator[str]:
     """A campaign's cost in words."""
     unit = "m3" if scene.dimension == 3 else "m2"
     yield scene.name
@@ -310,7 +300,7 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser().parse_args(arguments)
     try:
         with _warning_in_lines():
-            keep_compiled()
+            runs.keep_compiled()
             given.does(given)
     except (ValueError, OSError) as error:
         # The text of an OSError of our own stands alone; that of the system's needs the file's name beside it.
@@ -318,7 +308,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"error: {printable(str(own or error))}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as interrupt:
-        stopped = interrupt if isinstance(interrupt, Stopped) else Stopped()
+        stopped = interrupt if isinstance(interrupt, runs.Stopped) else runs.Stopped()
         # Whoever looks, draws or exports leaves nothing that the same command could go on with.
         print(f"\n{stopped if given.does in (run, resume, sweep_over) else stopped.by}", file=sys.stderr)
         return stopped.exit_code

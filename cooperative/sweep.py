@@ -17,7 +17,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TypedDict
+from typing import TypedDict, cast
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -302,17 +302,7 @@ def _ranked(folder: Path, k_t: int) -> Summary:
 
 def _point(value: float, campaign: str, summary: Summary) -> Point:
     """What `sweep.json` has of one campaign."""
+    names = ("interval", "level", "estimator", "refined_runs", "samples", "failures_refined", "modes", "finished")
     fields = summary.as_json()
-    return {
-        "value": value,
-        "campaign": campaign,
-        "probability": summary.probability_of_failure,
-        "interval": fields["interval"],
-        "level": summary.level,
-        "estimator": summary.estimator,
-        "refined_runs": summary.refined_runs,
-        "samples": summary.samples,
-        "failures_refined": summary.failures_refined,
-        "modes": fields["modes"],
-        "finished": summary.finished,
-    }
+    point = {"value": value, "campaign": campaign, "probability": summary.probability_of_failure}
+    return cast(Point, point | {name: fields[name] for name in names})

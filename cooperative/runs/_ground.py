@@ -81,7 +81,8 @@ class StoredGround:
     """What samples of a campaign are read and drawn by.
 
     Args:
-        corner, extent: lowest corner and edges (d,) m of the box that holds the ground.
+        corner: lowest corner (d,) m of the box that holds the ground.
+        extent: edges (d,) m of that box.
         surface: points of its outline (d, n) m, in 3D (d, n, n) m.
         face: of its slope, None for ground without a toe.
         line: whether the scene draws the line along which run-out is measured.

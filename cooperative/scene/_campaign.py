@@ -152,7 +152,8 @@ class Campaign:
             `jaxmpm.Ground`, or a `Site` with layers and water.
         soil: what slides, with the means of what varies, where a layer does not have its own: a `jaxmpm.Soil`,
             `FrictionalSoil`, or a frozen dataclass of one's own that meets `jaxmpm.soil.AnySoil`.
-        rough, refined: discretisation of both grids; single precision unless it has a `dtype`.
+        rough: discretisation of the rough grid; single precision unless it has a `dtype`.
+        refined: discretisation of the refined grid, likewise.
         plan: samples, seed, and what the campaign does.
         random: what varies, by parameter of the soil.
         cross_correlation: of what varies, None without.

@@ -16,6 +16,8 @@ import cooperative.measure
 import cooperative.reporting
 import cooperative.research.back_analysis
 import cooperative.research.rare
+import cooperative.runs
+import cooperative.store
 import cooperative.summary
 import cooperative.values
 import foundation.check
@@ -103,7 +105,7 @@ LISTED = [
 ROOMS = (
     *(jaxmpm.ground, jaxmpm.laws, jaxmpm.run, jaxmpm.setup, jaxmpm.soil, jaxmpm.transfer),
     *(kl.axis, kl.field, kl.marginal),
-    *(cooperative.estimate, cooperative.measure, cooperative.reporting),
+    *(cooperative.estimate, cooperative.measure, cooperative.reporting, cooperative.runs, cooperative.store),
 )
 LISTED += [
     (f"{room.__name__}.{name}", getattr(room, name))

@@ -310,7 +310,7 @@ def test_bodies_go_with_their_soil():
     still, shifted, stretched = body.corners
     np.testing.assert_allclose(still.min(axis=0), -0.5)
     np.testing.assert_allclose(shifted, still + 2.0)
-    np.testing.assert_allclose(body.moved[1], 2.0 * np.sqrt(3))
+    np.testing.assert_allclose(body.magnitude[1], 2.0 * np.sqrt(3))
     # Faces share their corners: the skin has no cracks.
     assert len(np.unique(still, axis=0)) == len(still) == len(np.unique(body.faces))
     inner = (still[:, 0] > 0) & (still[:, 0] < 5)
