@@ -245,11 +245,11 @@ def test_water_does_not_enter_the_strength_of_undrained_layers():
 def test_a_free_field_and_a_restart_know_every_zone(tmp_path):
     drawn, motion = mpm.Section([(0, 6), (8, 6)]), mpm.BaseMotion(jnp.ones((2, 50)), jnp.asarray(0.01))
     layers = [mpm.Layer(CONE, [(0, 3), (8, 3)]), mpm.Layer(CLAY)]
-    scene, state = mpm.section(drawn, layers, NUMERICS, ends="free field", motion=motion)
+    scene, state = mpm.section(drawn, layers, NUMERICS, ends="free field", motion=motion, at_rest=False)
     assert [column.material.counts for column in (scene.free_field.low, scene.free_field.high)] == [(12, 12)] * 2
     moved = mpm.advance(scene, state, 20)
     assert float(jnp.max(abs(moved.displacement))) > 0
-    alone, start = layered(LOST, CLAY)
+    alone, start = layered(LOST, CLAY, at_rest=False)
     first = mpm.advance(alone, start, 10)
     mpm.save_state(tmp_path / "state.h5", first)
     again, _ = mpm.load_state(tmp_path / "state.h5", start)

@@ -77,6 +77,7 @@ def test_columns_of_a_solid_lie_in_plan():
         mpm.Slope(crest=2.0, height=2.0, run_per_rise=1.0, toe=2.0, foundation=1.0, width=3.0),
         SOIL,
         mpm.Discretisation(1.0, (0.5, 0.5, 0.5)),
+        at_rest=False,
     )
     assert mpm.run.column_shape(scene) == tuple(n - 1 for n in scene.grid.shape[:2])
     assert mpm.with_columns(scene, state).columns.arrival.shape == mpm.run.column_shape(scene)
