@@ -125,7 +125,7 @@ def run(scene: Source | str | Path, folder: Path, *, workers: int = 1, progress:
 
 
 def _ran(parts: list[Variant], folder: Path, names: list[str], *, workers: int, progress: bool) -> Content:
-    """All campaigns in turn, and what `sweep.json` and the figures tell of them."""
+    """All campaigns in turn, and their `sweep.json` and figures."""
     points: dict[str, list[Point]] = {name: [] for name in names}
     name = "sweep"
     for part in parts:
@@ -186,7 +186,7 @@ def variants(scene: Source | str | Path) -> list[Variant]:
             table = {**base_scene["strength"], "cov": changed["cov"], "length": length}
             campaigns.append(variant(f"{parameter}-{value:g}", (parameter, value), strength=table))
     if "k_t" in sweep:
-        # All values of k_t can be told from the runs that the largest asks for.
+        # All values of k_t follow from the runs that the largest asks for.
         plan = {k: v for k, v in base_scene["campaign"].items() if k not in ("refined_runs", "target_cov")}
         plan |= {"estimator": "published", "k_t": int(max(sweep["k_t"]))}
         campaigns.append(variant("ranked", *(("k_t", value) for value in sweep["k_t"]), campaign=plan))

@@ -171,7 +171,7 @@ def _prepared(key: str, grid: str, folder: Path | None) -> GridModel:
 
 @dataclass
 class Workers:
-    """An executor that is made when first needed, kept from one stage to the next, and made anew when it breaks.
+    """An executor that is made when first needed, used from one stage to the next, and made anew when it breaks.
 
     Args:
         make: gives an executor.

@@ -98,7 +98,7 @@ class Processes(Executor):
             self.thread.join()
 
     def _serve(self) -> None:
-        """What the pool's thread does: begins workers, hands out tasks, and takes in what comes of them."""
+        """What the pool's thread does: begins workers, gives them tasks, and receives their results."""
         if hasattr(signal, "pthread_sigmask"):
             # Inherited by the workers: a terminal sends Ctrl-C to all processes, and their controller tells them.
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -257,7 +257,7 @@ def _begin(ending: connection.Connection, cores: list[int]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if VARIABLE in os.environ:
         keep_compiled()
-    # That transfers run on XLA was said by the controller.
+    # The controller has warned of transfers that run on XLA.
     warnings.filterwarnings("ignore", message=".* was not built: particle-grid transfers run on XLA")
     if cores:
         os.sched_setaffinity(0, cores)

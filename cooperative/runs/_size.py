@@ -37,7 +37,7 @@ MOST_WORK = 1e13
 MOST_RUNS = 10**7
 """Of samples on the rough grid, each of which is a file."""
 
-# Bytes, estimated and meant to be too many: per particle and per node while a grid is built and brought to rest, per
+# Bytes, estimated upwards: per particle and per node while a grid is built and brought to rest, per
 # point of the box that particles are chosen from, and per particle of each further lane. With PROCESS they give 0.54
 # and 1.09 GB for the published slope's two grids in 3D; at its peak a process takes 0.50 and 0.90 (docs/clusters.md).
 PER_PARTICLE, PER_NODE, PER_POINT, PER_LANE = 600, 200, 120, 150

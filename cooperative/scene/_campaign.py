@@ -73,7 +73,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Plan:
-    """What the campaign does: samples and their coefficients, lanes of the screening, what is kept.
+    """What the campaign does: samples and their coefficients, lanes of the screening, what is stored.
 
     Args:
         samples: of the first phase.

@@ -1,6 +1,6 @@
-"""A campaign in words, as its folder keeps one that was written in Python, and back again.
+"""A campaign in words, as its folder stores one that was written in Python, and back again.
 
-What the packages offer is found again by its name. A law, a soil or a ground of the user's own is kept as its class,
+What the packages offer is found again by its name. A law, a soil or a ground of the user's own is stored as its class,
 its fields and a checksum of its source, which tell it from another; the script has to give it again. Nothing is
 executed.
 """

@@ -111,7 +111,7 @@ def stored_source(folder: Path, scene: str = SCENE) -> Source | None:
         folder: of the campaign, or of a sweep.
         scene: name of the file with the scene.
 
-    A scene without `defaults` was begun before these were kept, and gets those of that time.
+    A scene without `defaults` was begun before these were stored, and gets those of that time.
 
     Raises:
         ValueError: a file is no regular file, no text, no TOML or no JSON.

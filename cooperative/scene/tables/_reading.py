@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, TypeVar, get_args, get_origin
+from typing import Any, ClassVar, Protocol, TypeVar, cast, get_args, get_origin
 
 from pydantic import TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
@@ -51,9 +51,15 @@ def read(table: type[T], values: object, where: str = "", *, files: object = Non
         return TypeAdapter(table).validate_python(values, context=files)
     except ValidationError as error:
         errors = error.errors(include_url=False)
-    faults = _faults(table, values, where, errors)
+    faults = _faults(cast(type[Keyed], table), values, where, errors)
     more = f"; and {len(faults) - MOST} more" if len(faults) > MOST else ""
     raise ValueError("; ".join(faults[:MOST]) + more)
+
+
+class Keyed(Protocol):
+    """A model or a dataclass of pydantic."""
+
+    __pydantic_fields__: ClassVar[dict[str, FieldInfo]]
 
 
 @dataclass(frozen=True)
@@ -67,8 +73,8 @@ class _Entry:
     path: tuple[str, ...]
     key: str
     value: Any
-    inner: type[Any] | None
-    owner: Any = None
+    inner: type[Keyed] | None
+    owner: type[Keyed] | None = None
     field: str = ""
 
     @property
@@ -87,7 +93,7 @@ class _Entry:
         return f"[{'.'.join(self.path)}] {self.key}" if self.path else self.key
 
 
-def _entry_at(table: type[Any], values: object, where: str, location: Iterable[int | str]) -> _Entry:
+def _entry_at(table: type[Keyed], values: object, where: str, location: Iterable[int | str]) -> _Entry:
     """Where pydantic's location leads: through tables, and into the list of those of which there are several."""
     entry = _Entry((), where, values, table)
     for part in location:
@@ -106,7 +112,7 @@ def _entry_at(table: type[Any], values: object, where: str, location: Iterable[i
     return entry
 
 
-def _faults(table: type[Any], values: object, where: str, errors: Iterable[ErrorDetails]) -> list[str]:
+def _faults(table: type[Keyed], values: object, where: str, errors: Iterable[ErrorDetails]) -> list[str]:
     """What is wrong with the values of a table, in words: keys that are not known, keys that lack, and values."""
     unknown: list[str] = []
     lacking: dict[str, list[str]] = {}
@@ -164,7 +170,7 @@ def _kind(value: object) -> str:
     return KINDS.get(type(value), f"a {type(value).__name__}")
 
 
-def _suggestion(key: str, table: type[Any] | None) -> str:
+def _suggestion(key: str, table: type[Keyed] | None) -> str:
     """What an unknown key may stand for, in words.
 
     One that the table knows by another word, one of another table, the nearest one, or else all that are known.
@@ -179,7 +185,7 @@ def _suggestion(key: str, table: type[Any] | None) -> str:
     return _nearest(key, table.__pydantic_fields__) or f"; it knows {', '.join(table.__pydantic_fields__)}"
 
 
-def _synonyms(table: type[Any], key: str) -> list[str]:
+def _synonyms(table: type[Keyed], key: str) -> list[str]:
     """Keys of a table that are also called so, each in words."""
     keys = []
     for name, field in table.__pydantic_fields__.items():

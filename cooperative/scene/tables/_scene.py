@@ -84,7 +84,7 @@ class Scene(Table):
 
     @property
     def unusual(self) -> bool:
-        """Whether `[soil]` has its numbers meant as they are."""
+        """Whether `[soil]` has unusual numbers on purpose."""
         return self.soil is not None and self.soil.unusual
 
     @validates(mode="after")
