@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -194,7 +193,7 @@ class Summary:
             freedom=np.inf if self.freedom is None else self.freedom,
         )
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, object]:
         """Its fields as JSON has them, which `from_json` reads: a number that is not finite is null."""
         return json.loads(_SUMMARY.dump_json(self))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple, TypeVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +16,8 @@ from foundation.text import shown
 from jaxmpm.soil import soil_limits
 from kl.axis import Covariance
 from kl.marginal import Marginal
+
+D = TypeVar("D", float, np.ndarray)
 
 TAIL = 4.0
 """Deviations from the middle of a field up to which its values must be within their limits: beyond lie 3 points in
@@ -89,7 +91,7 @@ class RandomField:
         base, top = span
         return (top if isinstance(self.trend_from, str) else self.trend_from) - base
 
-    def grown(self, depth: Any) -> Any:
+    def grown(self, depth: D) -> D | float:
         """Mean at a depth (m) over that at depth 0."""
         return 1.0 if self.trend is None else 1.0 + self.trend / self.mean * depth
 
