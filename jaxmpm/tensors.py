@@ -307,8 +307,8 @@ def safe_sqrt(x: Array) -> Array:
     Returns:
         Array of the same shape.
     """
-    positive = x > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)
+    # The root comes last: XLA computes a root once, but would recompute what a selection by x needs for every use.
+    return jnp.sqrt(jnp.maximum(x, 0))
 
 
 @safe_sqrt.defjvp

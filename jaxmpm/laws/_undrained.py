@@ -21,7 +21,7 @@ from jaxmpm.laws._base import Law
 from jaxmpm.laws._parameter import Parameter
 from jaxmpm.laws._softening import ExponentialSoftening, RateEffect, Softening
 from jaxmpm.protocols import Component, Tensor
-from jaxmpm.tensors import absent, by_component, deviator, mean, safe_sqrt, second_invariant
+from jaxmpm.tensors import absent, by_component, deviator, mean, row_by_row, safe_sqrt, second_invariant
 
 
 def elastic_increment(bulk: Array, shear: Array, strain_increment: Tensor) -> Tensor:
@@ -159,7 +159,8 @@ class J2(Law):
         Raises:
             ValueError: If there is a rate effect and no dt.
         """
-        trial = add(stress, elastic_increment(self.bulk, self.shear, strain_increment))
+        # Stored first: XLA on CPU would compute it anew for every use.
+        trial = row_by_row(add(stress, elastic_increment(self.bulk, self.shear, strain_increment)))
         t = safe_sqrt(second_invariant(deviator(trial)))
         rate: Component = 1.0
         if self.rate is not None:

@@ -10,6 +10,7 @@ import pytest
 
 import jaxmpm as mpm
 from jaxmpm import equations
+from jaxmpm.tensors import safe_sqrt
 
 SHAPE = mpm.Slope(crest=6, height=4, run_per_rise=1.0, toe=8, foundation=2)
 SOIL = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3)
@@ -101,11 +102,11 @@ def test_averages_over_neighbours_map_nothing_unless_asked_for(choice, more):
 
 
 def test_averages_over_cells_gather_nothing_unless_asked_for():
-    # Of the strain; of soil without friction also of the stress that acts.
+    # Of the strain; of soil without friction also of the stress that acts. Each adds up values and weights.
     sand = mpm.FrictionalSoil(5e3, 30.0, criterion=mpm.laws.DruckerPrager)
     for soil, more in ((SOIL, 2), (sand, 1)):
         plain, asked = section(soil, cell_average=False), section(soil, cell_average=True)
-        assert scatters(*asked) == scatters(*plain) + more
+        assert scatters(*asked) == scatters(*plain) + 2 * more
         assert len(jax.tree.leaves(asked)) == len(jax.tree.leaves(plain))
     assert not section()[0].cell_average
 
@@ -319,3 +320,11 @@ def test_many_samples_end_the_same_whatever_the_width():
         assert (found[0][number] == found[1][number]).all()
     with pytest.raises(ValueError, match="width = 0: give a whole number of 1 or more"):
         next(mpm.solve_each(scene, state, {"strength": []}, width=0, t_end=1.0))
+
+
+def test_a_root_is_computed_once_for_all_its_uses():
+    # XLA duplicates a selection into every use with all that its condition needs, a root never.
+    operations = jax.make_jaxpr(safe_sqrt.__wrapped__)(jnp.ones(3)).eqns
+    assert operations[-1].primitive.name == "sqrt"
+    assert float(jax.grad(safe_sqrt)(0.0)) == 0
+    assert float(safe_sqrt(jnp.asarray(-1e-30))) == 0
