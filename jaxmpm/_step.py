@@ -123,7 +123,7 @@ def grid_to_particles(
 def mapped_again(scene: Scene, state: State, nodal: Nodal, motion: GridMotion, maps: Maps) -> Array:
     """Velocity (nodes, d) m/s from the particles' new momentum and the nodal masses before."""
     moving = maps.momentum(maps.to_all_nodes(momentum(scene, state, maps.position), None))
-    velocity = nodal_velocity(scene, nodal._replace(momentum=moving))
+    velocity = nodal_velocity(nodal._replace(momentum=moving))
     if scene.wall_friction is None:
         return velocity
     return along_walls(scene.walls, scene.grid, velocity, motion.velocity)
@@ -134,7 +134,7 @@ def straining_velocity(scene: Scene, state: State, nodal: Nodal, dt: Array, maps
 
     It is that of the nodes; at walls with friction it is that to which the current stress would move them.
     """
-    velocity = nodal_velocity(scene, nodal)
+    velocity = nodal_velocity(nodal)
     if scene.wall_friction is None:
         return velocity
     motion = move_grid(scene, pushed(scene, state, nodal, maps), state.step * dt, dt)

@@ -87,19 +87,20 @@ def around(tied: tuple[int, int], grid: Grid, position: Array) -> Array:
     return position.at[0].set(low + jnp.mod(position[0] - low, high - low))
 
 
-def hold(scene: Scene, nodal: Array) -> Array:
-    """Set components of nodal vectors to 0 that walls constrain, and all beyond a cut.
+def hold(scene: Scene, nodal: Array, value: float = 0.0) -> Array:
+    """Set components of nodal vectors that walls constrain, and all beyond a cut.
 
     Args:
         scene: with its walls and cut.
-        nodal: velocities or accelerations (nodes, d).
+        nodal: velocities, or another quantity by component (nodes, d).
+        value: to set.
 
     Returns:
         (nodes, d).
     """
     walls, grid = scene.walls, scene.grid
     if scene.cut is not None:
-        nodal = jnp.where(scene.cut[:, None], 0, nodal)
+        nodal = jnp.where(scene.cut[:, None], value, nodal)
     if all(wall.hold == "friction" for wall in walls):
         return nodal
     shape = (*grid.shape, grid.dimension)
@@ -110,7 +111,7 @@ def hold(scene: Scene, nodal: Array) -> Array:
         held = _beyond(wall, shape)
         if wall.hold == "roller":
             held &= jax.lax.broadcasted_iota(jnp.int32, shape, grid.dimension) == wall.axis
-        field = jnp.where(held, 0, field)
+        field = jnp.where(held, value, field)
     return field.reshape(nodal.shape)
 
 

@@ -104,4 +104,4 @@ def grid_position(scene: Scene, state: State) -> Array:
 def reciprocal(scene: Scene, mass: Array) -> Array:
     """1 / mass at nodes with mass, else 0."""
     carries = mass > MASS_FLOOR * jnp.mean(scene.particles.mass)
-    return jnp.where(carries, 1 / jnp.where(carries, mass, 1), 0)
+    return 1 / jnp.where(carries, mass, jnp.inf)

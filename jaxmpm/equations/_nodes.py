@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -38,7 +39,7 @@ class Nodal(NamedTuple):
         mass: (nodes, d) kg, equal along all axes.
         momentum: (nodes, d) kg m/s.
         force: (nodes, d) N; None before there is one.
-        per_mass: (nodes, d) 1 / mass (1/kg), 0 at nodes without mass.
+        per_mass: (nodes, d) 1 / mass (1/kg), 0 at nodes without mass and for components that walls hold.
         area: (nodes,) area of soil on a wall (m2), at nodes that lie on one; None if no wall needs it.
         beyond: action of the free field; None without.
     """
@@ -87,7 +88,7 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
         mass=mass,
         momentum=maps.momentum(moving),
         force=maps.fold(sum(forces[1:], forces[0])) if forces else None,
-        per_mass=reciprocal(scene, mass),
+        per_mass=reciprocal(scene, hold(scene, mass, math.inf)),
         area=area,
     )
 
@@ -117,13 +118,12 @@ def pushed(scene: Scene, state: State, nodal: Nodal, maps: Maps) -> Nodal:
 def move_grid(scene: Scene, nodal: Nodal, time: Array, dt: Array) -> GridMotion:
     """Motion of the nodes by forces, gravity and damping, with walls applied."""
     assert nodal.force is not None
-    before = nodal_velocity(scene, nodal)
+    before = nodal_velocity(nodal)
     acceleration = nodal.per_mass * (nodal.force + nodal.mass * felt_gravity(scene, time))
     if scene.damping is not None:
         acceleration = acceleration - scene.damping * before
     if nodal.beyond is not None:
         acceleration = led(scene, nodal, before, acceleration, dt)
-    acceleration = hold(scene, acceleration)
     velocity = before + dt * acceleration
     if scene.wall_friction is None:
         return GridMotion(velocity, acceleration)
@@ -154,7 +154,7 @@ def braked(scene: Scene, nodal: Nodal, dt: Array) -> Callable[[Array], Array]:
     assert friction is not None
     if nodal.area is None:
         return lambda push: friction * push
-    rate = dt * nodal.area * nodal.per_mass[:, 0]
+    rate = dt * nodal.area * reciprocal(scene, nodal.mass[:, 0])
     water = 0.0 if scene.wall_pressure is None else rate * scene.wall_pressure
     cohesion = 0.0 if scene.wall_cohesion is None else rate * scene.wall_cohesion
     return lambda push: jnp.where(push > 0, friction * jnp.maximum(push - water, 0) + cohesion, 0)
@@ -186,6 +186,6 @@ def led(scene: Scene, nodal: Nodal, before: Array, acceleration: Array, dt: Arra
     return field.reshape(acceleration.shape)
 
 
-def nodal_velocity(scene: Scene, nodal: Nodal) -> Array:
+def nodal_velocity(nodal: Nodal) -> Array:
     """Velocity (nodes, d) m/s of the nodes, with walls applied."""
-    return hold(scene, nodal.per_mass * nodal.momentum)
+    return nodal.per_mass * nodal.momentum
