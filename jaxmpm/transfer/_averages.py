@@ -60,11 +60,12 @@ def within_cells(grid: Grid, position: Array, values: Array, weights: Array, apa
         cell = cell * nodes + jnp.clip(cells[axis], 0, nodes - 1)
     groups = 1 if apart is None else 2
     cell = cell if apart is None else cell + grid.nodes * apart
-    sums = (
-        jnp.zeros((groups * grid.nodes, 2), values.dtype).at[cell].add(jnp.stack([weights, weights * values], axis=-1))
-    )
-    weight, weighted = jnp.moveaxis(sums[cell], -1, 0)
-    return weighted / weight
+
+    def over_cell(values: Array) -> Array:
+        # One channel at a time: XLA on CPU adds two in one scatter three times as slowly.
+        return jnp.zeros(groups * grid.nodes, values.dtype).at[cell].add(values)[cell]
+
+    return over_cell(weights * values) / over_cell(weights)
 
 
 def band_thickness(length: float) -> float:
