@@ -10,7 +10,6 @@ import math
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import TypeAlias, TypeVar
 
 import jax
@@ -25,7 +24,7 @@ Values: TypeAlias = ArrayLike | Sequence[float]
 Elements = TypeVar("Elements", Array, np.ndarray, float)
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Limit:
     """The values that a parameter may have, all of them finite.
 
