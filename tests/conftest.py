@@ -1,4 +1,4 @@
-"""Fixtures and settings that all tests share: how programs are compiled and kept, and no process left behind.
+"""Fixtures and settings that all tests share: how programs are compiled and stored, and no process left behind.
 
 Most of the suite's time went into compiling programs that then run for milliseconds. So the session, and every
 process that it starts, compiles them without optimisation and with XLA's older code generator, which is three to
@@ -103,9 +103,9 @@ def unrendered(monkeypatch: pytest.MonkeyPatch) -> None:
 def left_behind(session: str, seconds: float = 10.0) -> list[str]:
     """Processes of a session that still run after so many seconds: their commands, and the tests that began them."""
     until = time.monotonic() + seconds
-    while (found := list(_running(session))) and time.monotonic() < until:
+    while (running := list(_running(session))) and time.monotonic() < until:
         time.sleep(0.1)
-    return found
+    return running
 
 
 def _running(session: str) -> Iterator[str]:
@@ -138,8 +138,8 @@ def pytest_runtest_teardown() -> None:
 @pytest.hookimpl(trylast=True)
 def pytest_sessionfinish(session: pytest.Session) -> None:
     """Fail the session if a process that it started outlives it."""
-    if STARTED and (found := left_behind(os.environ[SESSION])):
+    if STARTED and (lines := left_behind(os.environ[SESSION])):
         reporter = session.config.pluginmanager.get_plugin("terminalreporter")
-        for line in found:
+        for line in lines:
             reporter.write_line(f"left behind: {line[:400]}", red=True)
         session.exitstatus = pytest.ExitCode.TESTS_FAILED

@@ -16,8 +16,8 @@ def check_run(run: Callable[..., jax.Array], scene: mpm.Scene, at: Sequence, ste
     value, slopes = jax.jit(jax.value_and_grad(run, argnums=numbers))(scene, *at)
     changes = np.diag(np.asarray(steps, float))
     lanes = (at + np.concatenate([np.zeros((1, len(at))), changes, -changes])).T
-    here, *moved = np.asarray(jax.jit(jax.vmap(run, in_axes=(None, *[0] * len(at))))(scene, *lanes))
-    ahead, behind = np.split(np.asarray(moved), 2)
+    here, *varied = np.asarray(jax.jit(jax.vmap(run, in_axes=(None, *[0] * len(at))))(scene, *lanes))
+    ahead, behind = np.split(np.asarray(varied), 2)
     assert np.all(ahead != behind)
     np.testing.assert_allclose(slopes, (ahead - behind) / (2 * np.asarray(steps)), rtol=tolerance)
     np.testing.assert_allclose(here, value, rtol=1e-12)

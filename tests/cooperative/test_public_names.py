@@ -12,11 +12,11 @@ def test_it_offers_what_a_script_needs_and_no_more():
 
 
 @pytest.mark.parametrize("room", cooperative.RELOCATED)
-def test_a_name_that_moved_is_that_of_its_room_and_warns(room):
+def test_a_relocated_name_is_that_of_its_room_and_warns(room):
     for name in cooperative.RELOCATED[room].split():
         with pytest.warns(DeprecationWarning, match=f"cooperative.{name} is cooperative.{room}.{name}"):
-            moved = getattr(cooperative, name)
-        assert moved is getattr(import_module(f"cooperative.{room}"), name)
+            relocated = getattr(cooperative, name)
+        assert relocated is getattr(import_module(f"cooperative.{room}"), name)
 
 
 def test_a_name_that_never_was_is_refused():

@@ -8,7 +8,7 @@ import kl
 
 
 @pytest.mark.parametrize(("package", "name"), [(p, name) for p in (mpm, kl) for name in p._RENAMED])
-def test_a_name_that_has_moved_is_the_same_object(package, name):
+def test_a_renamed_name_is_the_same_object(package, name):
     with pytest.warns(DeprecationWarning, match=f"{package.__name__}.{name} will leave the next version, use "):
         assert getattr(package, name) is not None
     assert name not in package.__all__

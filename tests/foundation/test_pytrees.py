@@ -25,9 +25,9 @@ def structures(modules):
     "modules", [(jaxmpm, jaxmpm.laws, jaxmpm.run, jaxmpm.types), (kl, kl.axis, kl.marginal)], ids=["jaxmpm", "kl"]
 )
 def test_no_two_classes_have_one_structure(modules):
-    found = structures(modules)
-    assert len(found) > 5
-    alike = [(a, b) for (a, x), (b, y) in itertools.combinations(found.items(), 2) if x == y]
+    trees = structures(modules)
+    assert len(trees) > 5
+    alike = [(a, b) for (a, x), (b, y) in itertools.combinations(trees.items(), 2) if x == y]
     assert alike == []
 
 

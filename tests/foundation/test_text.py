@@ -35,7 +35,7 @@ def test_texts_keep_what_can_be_printed_and_nothing_else(text):
     assert len(short(text, 10)) <= 10
 
 
-def test_values_too_long_to_be_written_are_said_to_be():
+def test_values_too_long_to_be_written_are_named():
     assert shown(16**100_000) == "a int too long to be written"
 
 
@@ -54,17 +54,17 @@ def test_values_too_long_to_be_written_are_said_to_be():
     ],
 )
 def test_refusals_show_the_beginning_of_what_is_too_long(refused):
-    with pytest.raises(ValueError, match=r"give|did you mean|unknown") as said:
+    with pytest.raises(ValueError, match=r"give|did you mean|unknown") as raised:
         refused()
-    assert len(str(said.value)) < 600
-    assert str(said.value).isprintable()
+    assert len(str(raised.value)) < 600
+    assert str(raised.value).isprintable()
 
 
 def test_a_folder_of_another_scene_is_refused_in_a_short_line(tmp_path):
     open_store(tmp_path, f"name = '{'a' * 5000}'\n").close()
-    with pytest.raises(ValueError, match=r"name is 'aaa.* there and 'bbb.* now") as said:
+    with pytest.raises(ValueError, match=r"name is 'aaa.* there and 'bbb.* now") as raised:
         open_store(tmp_path, f"name = '{'b' * 5000}'\n")
-    assert len(str(said.value)) < 600
+    assert len(str(raised.value)) < 600
 
 
 def test_names_of_files_that_a_terminal_would_obey_are_masked(tmp_path, capsys):
@@ -72,9 +72,9 @@ def test_names_of_files_that_a_terminal_would_obey_are_masked(tmp_path, capsys):
     folder = tmp_path / "c" / "samples" / "rough"
     (folder / "\x1b[2J\n  probability of failure so far  0.h5").write_bytes(b"")
     assert main(["status", str(tmp_path / "c")]) == 0
-    said = capsys.readouterr().out
-    assert all(line.isprintable() for line in said.splitlines())
-    assert not any(line.startswith("  probability of failure") for line in said.splitlines())
+    printed = capsys.readouterr().out
+    assert all(line.isprintable() for line in printed.splitlines())
+    assert not any(line.startswith("  probability of failure") for line in printed.splitlines())
     with open_store(tmp_path / "c", TINY) as store, pytest.warns(UserWarning, match="set aside") as warned:
         assert np.size(read_rows(store, "rough").numbers) == 0
     assert str(warned[0].message).isprintable()
@@ -82,9 +82,9 @@ def test_names_of_files_that_a_terminal_would_obey_are_masked(tmp_path, capsys):
 
 def test_errors_are_masked_too(tmp_path, capsys):
     assert main(["status", str(tmp_path / "\x1b[31mred\nerror: all is well")]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert said.rstrip("\n").isprintable()
+    printed = capsys.readouterr().err
+    assert printed.count("\n") == 1
+    assert printed.rstrip("\n").isprintable()
 
 
 def test_a_warning_of_a_command_is_one_line(tmp_path, monkeypatch, capsys):

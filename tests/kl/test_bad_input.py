@@ -342,7 +342,7 @@ def test_what_is_no_file_is_refused_as_an_expansion_and_hangs_nothing(tmp_path):
 
 
 def assert_refused(path, how):
-    with pytest.raises((ValueError, OSError)) as said:
+    with pytest.raises((ValueError, OSError)) as refused:
         kl.load(path)
-    assert str(said.value).isprintable(), how
-    assert len(str(said.value)) < 500 + len(str(path)), how
+    assert str(refused.value).isprintable(), how
+    assert len(str(refused.value)) < 500 + len(str(path)), how

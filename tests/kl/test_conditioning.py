@@ -37,7 +37,7 @@ def test_mean_and_variance_are_those_of_simple_kriging(x64, error):
     np.testing.assert_allclose(kl.field.kriging_variance(conditioning, expansion, at), variance, atol=3e-3)
 
 
-def test_every_realisation_honours_exact_data(x64):
+def test_every_sample_honours_exact_data(x64):
     expansion = kl.expand(COVARIANCE, *BOX, energy=0.9999)
     points, values = boreholes(4)
     conditioning = kl.condition(expansion, points, values)

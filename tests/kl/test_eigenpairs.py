@@ -191,7 +191,7 @@ def test_closed_form_derivative_by_length(x64):
     np.testing.assert_allclose(jax.grad(value)(1.0), numerical, rtol=1e-8)
 
 
-def test_one_program_serves_boxes_of_any_place_and_size():
+def test_one_program_serves_boxes_of_any_position_and_size():
     def compiled(origin, extent):
         modes = axis_modes(kl.SquaredExponential(extent / 4), kl.axis.Nystrom(23), origin, extent)
         return modes, _fredholm._all_from_zero._cache_size()

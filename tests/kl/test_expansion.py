@@ -151,8 +151,8 @@ def test_gradients_against_central_differences(x64):
     derivatives = jax.grad(loss, argnums=tuple(range(5)))(*arguments)
     for number, derivative in enumerate(derivatives):
         direction = jax.random.normal(jax.random.key(number), derivative.shape) * 1e-5
-        moved = [[*arguments[:number], arguments[number] + s * direction, *arguments[number + 1 :]] for s in (1, -1)]
-        change = loss(*moved[0]) - loss(*moved[1])
+        shifted = [[*arguments[:number], arguments[number] + s * direction, *arguments[number + 1 :]] for s in (1, -1)]
+        change = loss(*shifted[0]) - loss(*shifted[1])
         np.testing.assert_allclose(2 * jnp.vdot(derivative, direction), change, rtol=2e-5)
 
 

@@ -1,4 +1,4 @@
-"""Statistics of 20,000 realisations within sampling error.
+"""Statistics of 20,000 samples within sampling error.
 
 Each test compares independent quantities with bands at a two-sided level of 1e-4 after Bonferroni's correction for
 the number of quantities, so a correct program fails one of these five tests for one key in 2,000; keys are fixed.

@@ -53,24 +53,24 @@ def test_public_names_are_documented():
 def named(text: str) -> list[str]:
     """What a docstring's list of arguments names: words at the start of a sentence, before a colon."""
     lists = re.findall(r"(?:^|\.\s+|\n\s*)((?:[a-z_0-9]+, )*[a-z_0-9]+): ", text)
-    return [name for found in lists for name in found.split(", ")]
+    return [name for each in lists for name in each.split(", ")]
 
 
 def described() -> list[tuple[str, str, set[str]]]:
     """Public functions, classes and their public methods: name, docstring, and the names that it may list."""
-    found = []
+    entries = []
     for package, name in PUBLIC:
         thing = getattr(package, name)
         if not inspect.isfunction(thing) and not inspect.isclass(thing):
             continue
         own = parameters(thing) if inspect.isfunction(thing) else members(thing)
-        found.append((f"{package.__name__}.{name}", inspect.getdoc(thing) or "", own))
+        entries.append((f"{package.__name__}.{name}", inspect.getdoc(thing) or "", own))
         for method, function in vars(thing).items() if inspect.isclass(thing) else ():
             function = getattr(function, "__func__", function)
             if inspect.isfunction(function) and not method.startswith("_"):
                 text = inspect.cleandoc(function.__doc__ or "")
-                found.append((f"{package.__name__}.{name}.{method}", text, parameters(function)))
-    return found
+                entries.append((f"{package.__name__}.{name}.{method}", text, parameters(function)))
+    return entries
 
 
 def parameters(function) -> set[str]:
@@ -185,7 +185,7 @@ def test_shapes_are_tuples_and_units_are_not_in_brackets():
     for path in MODULES:
         kinds = ast.Module | ast.ClassDef | ast.FunctionDef
         nodes = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, kinds)]
-        assert not [found for node in nodes for found in foreign(ast.get_docstring(node) or "")], path
+        assert not [each for node in nodes for each in foreign(ast.get_docstring(node) or "")], path
 
 
 @pytest.mark.parametrize(

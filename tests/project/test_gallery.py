@@ -10,7 +10,7 @@ from benchmarks.project import gallery
 PAGE = gallery.PAGE.read_text()
 
 
-def test_every_scene_has_its_place():
+def test_every_scene_has_a_row():
     assert sorted(gallery.RESULTS) == gallery.names()
     assert PAGE.startswith(gallery.HEAD)
     assert len(re.findall(r"^\| \[`", PAGE, re.M)) == len(gallery.RESULTS)
@@ -18,11 +18,11 @@ def test_every_scene_has_its_place():
 
 @pytest.mark.parametrize("name", gallery.RESULTS)
 def test_a_scene_is_shown_with_its_cost_and_its_result(name):
-    told = "THE COST"
-    before, after = map(re.escape, gallery.row(name, told).split(told))
-    (found,) = re.findall(f"^{before}(.*){after}$", PAGE, re.M)
+    mark = "THE COST"
+    before, after = map(re.escape, gallery.row(name, mark).split(mark))
+    (text,) = re.findall(f"^{before}(.*){after}$", PAGE, re.M)
     cost = r"[\d,]+ rough and at most [\d,]+ refined runs of [\d,]+ and [\d,]+ particles: [\d,.]+ (minutes|hours)"
-    assert re.fullmatch(cost, found)
+    assert re.fullmatch(cost, text)
     shown = image.imread(gallery.FIGURES / f"{name.replace('/', '-')}.png")
     assert shown.shape[1] == 384
     assert shown[..., :3].std() > 0.1

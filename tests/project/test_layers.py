@@ -55,8 +55,8 @@ MODULES = [path for package in ROOMS for path in modules(package)]
 
 @pytest.mark.parametrize("package", ROOMS)
 def test_every_module_stands_in_a_room(package):
-    found = {room_of(path) for path in modules(package)} - {"__init__"} - ENTRANCES.get(package, set())
-    assert found == set(ROOMS[package].split())
+    rooms = {room_of(path) for path in modules(package)} - {"__init__"} - ENTRANCES.get(package, set())
+    assert rooms == set(ROOMS[package].split())
 
 
 IMPORTS = [(path, path.relative_to(ROOT).parts[0], module) for path in MODULES for module in imported(path)]
@@ -110,25 +110,25 @@ def code(path: Path) -> list[str]:
     for node in ast.walk(tree):
         if isinstance(body := getattr(node, "body", None), list):
             left_out = ast.Import | ast.ImportFrom
-            kept = [each for each in body if not isinstance(each, left_out) and not said(each)]
-            node.body = kept or [ast.Pass()]
+            rest = [each for each in body if not isinstance(each, left_out) and not is_text(each)]
+            node.body = rest or [ast.Pass()]
     return [line.strip() for line in ast.unparse(tree).splitlines() if line.strip()]
 
 
-def said(node: ast.AST) -> bool:
+def is_text(node: ast.AST) -> bool:
     """Whether a statement is a text for people."""
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 
 def repeated(paths: dict[str, list[Path]], lines: int) -> dict[str, set[str]]:
     """Passages of so many lines that stand in more than one room: passage -> rooms."""
-    found = defaultdict(set)
+    passages = defaultdict(set)
     for room, files in paths.items():
         for path in files:
             spelt = code(path)
             for first in range(len(spelt) - lines + 1):
-                found["\n".join(spelt[first : first + lines])].add(room)
-    return {passage: rooms for passage, rooms in found.items() if len(rooms) > 1}
+                passages["\n".join(spelt[first : first + lines])].add(room)
+    return {passage: rooms for passage, rooms in passages.items() if len(rooms) > 1}
 
 
 def test_no_room_repeats_six_lines_of_another():

@@ -33,12 +33,12 @@ FILE = re.compile(r"\b(?:benchmarks|cooperative|docs|foundation|jaxmpm|kl|tests)
 
 def names(text: str) -> list[str]:
     """Dotted names in backticks: `name`, `module.name`, and what is called in `name(...)`."""
-    found = []
+    dotted = []
     for span in SPAN.findall(text):
         match = NAME.match(span)
         if match and span[match.end() :][:1] in ("", "(") and (span[match.end() :] + ")")[-1] == ")":
-            found.append(match.group())
-    return found
+            dotted.append(match.group())
+    return dotted
 
 
 def documented(path: Path) -> list[tuple[str, set[str]]]:

@@ -46,7 +46,7 @@ BOUNDS = {
         "modes": (40, 56),
         "lost_at_worst_of_95": (0.15, 0.4),  # in the corners
         "lost_at_worst_of_999": (0.001, 0.05),
-        "correlation_error": (0.0, 0.15),  # three standard errors of 400 realisations
+        "correlation_error": (0.0, 0.15),  # three standard errors of 400 samples
         "mean_error": (0.0, 0.02),
         "cov_error": (0.0, 0.02),
         "same_field": (0.0, 1e-5),

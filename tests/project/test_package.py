@@ -87,13 +87,13 @@ def test_examples_are_the_scenes_that_ship(tmp_path, monkeypatch, capsys):
 def test_doctor_tells_what_it_runs_on_and_that_it_is_well(monkeypatch, capsys):
     monkeypatch.setattr(doctor, "_SECONDS", 0.01)
     assert main(["doctor"]) == 0
-    said = capsys.readouterr().out
+    printed = capsys.readouterr().out
     for name in ("jaxmpm", "jax", "transfers on CPU", "C++ compiler", "cores", "device", "column at rest", "a step"):
-        assert re.search(rf"^{re.escape(name)}: +\S", said, re.M)
+        assert re.search(rf"^{re.escape(name)}: +\S", printed, re.M)
     held, allowed = memory_mappings()
-    assert re.search(rf"^memory mappings: +[\d,]+ of the {allowed:,} that a process may hold", said, re.M)
+    assert re.search(rf"^memory mappings: +[\d,]+ of the {allowed:,} that a process may hold", printed, re.M)
     assert 0 < held < allowed
-    assert said.endswith("well\n")
+    assert printed.endswith("well\n")
 
 
 def test_nothing_is_released_where_the_system_gives_no_number_of_mappings(monkeypatch, tmp_path):
@@ -120,10 +120,10 @@ def test_doctor_finds_wrong_answers(errors, monkeypatch, capsys):
 def test_a_shell_completes_commands_and_files(capsys):
     shtab = pytest.importorskip("shtab")
     assert main(["completion", "bash"]) == 0
-    said = capsys.readouterr().out
-    assert "--refined-runs" in said
-    assert "completion" in said
-    assert shtab.FILE["bash"] in said
+    printed = capsys.readouterr().out
+    assert "--refined-runs" in printed
+    assert "completion" in printed
+    assert shtab.FILE["bash"] in printed
 
 
 def test_completion_says_what_it_needs(monkeypatch, capsys):
@@ -132,7 +132,7 @@ def test_completion_says_what_it_needs(monkeypatch, capsys):
     assert "pip install shtab" in capsys.readouterr().err
 
 
-def told(capsys, *arguments):
+def help_of(capsys, *arguments):
     """What a command says when it is asked for help, its lines joined."""
     with pytest.raises(SystemExit) as ended:
         main([*arguments, "--help"])
@@ -141,11 +141,11 @@ def told(capsys, *arguments):
 
 
 def test_help_has_examples_and_exit_codes(capsys):
-    said = told(capsys)
+    printed = help_of(capsys)
     for name, (arguments, what) in EXAMPLES.items():
-        assert f"jaxmpm {name} {arguments}".strip() + f" {what}" in said
-    assert "exit codes: 0" in said
-    assert "named in one line, or wrong answers in doctor's self-check; 130" in said
+        assert f"jaxmpm {name} {arguments}".strip() + f" {what}" in printed
+    assert "exit codes: 0" in printed
+    assert "named in one line, or wrong answers in doctor's self-check; 130" in printed
 
 
 def test_every_command_has_an_example_which_it_takes():
@@ -155,6 +155,6 @@ def test_every_command_has_an_example_which_it_takes():
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_help_of_a_command_ends_with_its_example(name, capsys):
-    typed = shlex.split(told(capsys, name).rpartition("example: ")[2])
+    typed = shlex.split(help_of(capsys, name).rpartition("example: ")[2])
     assert typed[:2] == ["jaxmpm", name]
     assert parser().parse_args(typed[1:]).does.__doc__

@@ -37,14 +37,14 @@ def run(file, **environment):
 @pytest.mark.slow
 def test_programs_from_the_cache_give_the_same_bits(tmp_path):
     fresh, none = run(tmp_path / "fresh.npy", JAX_COMPILATION_CACHE_DIR=str(tmp_path / "cache"))
-    kept, hits = run(tmp_path / "kept.npy", JAX_COMPILATION_CACHE_DIR=str(tmp_path / "cache"))
+    cached, hits = run(tmp_path / "cached.npy", JAX_COMPILATION_CACHE_DIR=str(tmp_path / "cache"))
     assert none == 0
     assert hits > 10
-    assert fresh.tobytes() == kept.tobytes()
+    assert fresh.tobytes() == cached.tobytes()
     assert np.ptp(fresh) > 1e-3
 
 
-def test_flags_that_jaxlib_does_not_know_are_told_from_those_it_knows():
+def test_flags_that_jaxlib_does_not_know_are_recognised():
     assert known("--xla_backend_optimization_level=0")
     assert not known("--xla_no_such_flag=0")
 
@@ -61,8 +61,8 @@ def test_programs_are_released_between_tests_but_not_looked_at_after_each(monkey
 def test_a_process_left_behind_is_named():
     session = "of this test"
     with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE, env={SESSION: session}) as left:
-        (found,) = left_behind(session, seconds=0.2)
-        assert f"process {left.pid}" in found
-        assert "input()" in found
+        (line,) = left_behind(session, seconds=0.2)
+        assert f"process {left.pid}" in line
+        assert "input()" in line
         left.communicate(b"\n")
     assert left_behind(session, seconds=5.0) == []

@@ -20,14 +20,14 @@ WALKS = "docs/walks.md"
 def commands(page: str) -> list[list[str]]:
     """Arguments of each command of this package in the blocks of a page."""
     text = "".join(block for language in ("sh", "text", "bash") for block in docs.blocks(page, language))
-    found = re.findall(r"^(?:\$ )?(?:jaxmpm|\S*python -m cooperative) (.*)$", text, re.M)
-    return [shlex.split(line, comments=True) for line in found]
+    lines = re.findall(r"^(?:\$ )?(?:jaxmpm|\S*python -m cooperative) (.*)$", text, re.M)
+    return [shlex.split(line, comments=True) for line in lines]
 
 
 NAMED = sorted({(page, *each) for page in PAGES for each in commands(page)})
 
 
-def test_commands_of_the_pages_are_found():
+def test_pages_have_commands():
     assert len(NAMED) > 15
 
 
@@ -41,12 +41,12 @@ def test_scene_of_the_walk_is_sound():
     (text,) = docs.blocks(WALKS, "toml")
     campaign = parse(text)
     assert [layer.name for layer in campaign.site.layers] == ["crust", "clay", "rock"]
-    assert [place.name for place in campaign.hazard.places] == ["road"]
+    assert [element.name for element in campaign.hazard.places] == ["road"]
 
 
 @pytest.fixture
 def walked(tmp_path, monkeypatch):
-    """A folder with the walk's scene, made small, and this package to be found."""
+    """A folder with the walk's scene, made small, and this package on its path."""
     (text,) = docs.blocks(WALKS, "toml")
     small = text.replace("samples = 40", "samples = 10\nrefined_runs = 10")
     small = small.replace("[rough]", "[run]\nt_end = 2.0\n[rough]")
@@ -80,10 +80,10 @@ def test_engineer_comes_to_a_report_and_a_table(walked):
         if "bank" in line and "tail" not in line
     ]
     lines = [line for line in lines if "--refined-runs" not in line]
-    said = subprocess.run(
+    result = subprocess.run(
         ["bash", "-ec", "\n".join([HERE, *lines])], cwd=walked, capture_output=True, text=True, check=True
     )
-    assert "probability of failure" in said.stdout
+    assert "probability of failure" in result.stdout
     assert "road" in (walked / "out" / "bank" / "report.html").read_text()
     assert (walked / "out" / "bank" / "table.csv").exists()
 
@@ -95,8 +95,8 @@ def test_job_of_the_cluster_runs_the_campaign_and_leaves_its_log(walked):
     # One machine has no srun; what runs in the background ends with the job.
     begin = HERE + "srun() { \"$@\"; }\nhostname() { echo 127.0.0.1; }\ntrap 'kill $(jobs -p)' EXIT\n"
     script = begin + script.replace("8786", str(free_port())).replace("--workers 8", "--workers 1")
-    said = subprocess.run(["bash", "-c", script], cwd=walked, capture_output=True, text=True, timeout=500)
-    assert "probability of failure" in said.stdout, said.stderr
+    result = subprocess.run(["bash", "-c", script], cwd=walked, capture_output=True, text=True, timeout=500)
+    assert "probability of failure" in result.stdout, result.stderr
     folder = walked / "out" / "bank"
     assert len(list((read_store(folder).folder / "samples" / "rough").glob("*.h5"))) == 10
     assert (folder / "progress.log").read_text().endswith("done\n")

@@ -26,17 +26,17 @@ def quick(monkeypatch):
 def test_a_folder_that_allows_more_ends_as_one_that_allowed_it_from_the_start(tmp_path):
     first = campaign.run(SCENE, tmp_path / "more")
     assert (first.refined_runs, first.refined_runs_allowed) == (15, None)
-    found = campaign.run(SCENE, tmp_path / "more", refined_runs=30)
-    assert found.refined_runs == 30
-    assert found.refined_runs_allowed == Budget(refined_runs=30, scene=15)
-    assert "the folder allows 30 refined runs, the scene 15" in found.notes
+    summary = campaign.run(SCENE, tmp_path / "more", refined_runs=30)
+    assert summary.refined_runs == 30
+    assert summary.refined_runs_allowed == Budget(refined_runs=30, scene=15)
+    assert "the folder allows 30 refined runs, the scene 15" in summary.notes
     whole = campaign.run(SCENE.replace("refined_runs = 15", "refined_runs = 30"), tmp_path / "whole")
     own = ("seconds", "notes", "refined_runs_allowed", "checksum")
-    assert {k: v for k, v in vars(found).items() if k not in own} == {
+    assert {k: v for k, v in vars(summary).items() if k not in own} == {
         k: v for k, v in vars(whole).items() if k not in own
     }
-    # It is kept: who goes on, reports or looks need not say it again.
-    assert campaign.run(SCENE, tmp_path / "more") == found
+    # It is stored: who goes on, reports or looks need not give it again.
+    assert campaign.run(SCENE, tmp_path / "more") == summary
     assert campaign_of(read_store(tmp_path / "more")).estimator.budget(50) == 30
 
 
@@ -45,10 +45,10 @@ def test_a_campaign_whose_rough_runs_broke_off_has_a_way_out(tmp_path, capsys, m
     rough = [(number, -1.0 if number < 15 else 0.1 + 0.01 * number) for number in range(50)]
     folder = invented_campaign(tmp_path / "stuck", SCENE, rough, [])
     assert main(["resume", str(folder), "--workers", "1"]) == 2
-    said = capsys.readouterr().err
+    printed = capsys.readouterr().err
     assert (
         "15 rough runs broke off and want a refined run each, of 15 runs in all: give more runs (--refined-runs)"
-        in said
+        in printed
     )
     # Its figures would need real grids.
     monkeypatch.setattr(command, "report", lambda folder: "told")

@@ -82,11 +82,11 @@ def test_a_sample_can_be_made_again_from_its_number(done):
     soil = runs.random_soil(campaign)
     model = runs.build(campaign, "rough", soil)
     coefficients = runs.coefficients_of(campaign, soil)
-    kept = read_sample(read_store(done[0]), "rough", 4)
+    stored = read_sample(read_store(done[0]), "rough", 4)
     again = next(iter(runs.run_samples(model, coefficients, [4], width=1)))
-    assert np.array_equal(kept.coefficients, coefficients[4])
-    assert np.array_equal(kept.fields["displacement"], again.fields["displacement"])
-    assert dict(kept.row) == dict(again.row)
+    assert np.array_equal(stored.coefficients, coefficients[4])
+    assert np.array_equal(stored.fields["displacement"], again.fields["displacement"])
+    assert dict(stored.row) == dict(again.row)
 
 
 def test_refined_failures_get_a_mode_and_its_onset(done):
@@ -156,8 +156,8 @@ def test_both_grids_see_the_same_field(done):
 def test_report_draws_its_figures_and_says_the_probability(done, capsys):
     folder, summary = done
     assert main(["report", str(folder)]) == 0
-    said = capsys.readouterr().out
-    assert f"{summary.probability_of_failure:.3f}" in said
+    printed = capsys.readouterr().out
+    assert f"{summary.probability_of_failure:.3f}" in printed
     for name in ("ranked", "field", "slope", "exceedance"):
         assert (folder / "figures" / f"{name}.png").stat().st_size > 5000
 
@@ -183,7 +183,7 @@ def test_killed_campaign_goes_on_and_ends_the_same(done, tmp_path):
         assert getattr(resumed, key) == getattr(summary, key)
 
 
-def test_broken_off_runs_are_kept_counted_and_reported(tmp_path):
+def test_broken_off_runs_are_stored_counted_and_reported(tmp_path):
     campaign = parse(TINY)
     soil = runs.random_soil(campaign)
     model = runs.build(campaign, "rough", soil)
@@ -206,16 +206,16 @@ def test_samples_with_a_strength_that_none_may_have_break_off_and_are_reported(t
     varied = runs.GridModel.varied
 
     def spoiling(model, coefficients):
-        found = varied(model, coefficients)
+        parameters = varied(model, coefficients)
         bad = jnp.nan if model.grid == "rough" else 0.0
-        other = {"strength": found["strength"].at[3].set(bad)}
-        return other if np.array_equal(coefficients, xi[model.grid]) else found
+        other = {"strength": parameters["strength"].at[3].set(bad)}
+        return other if np.array_equal(coefficients, xi[model.grid]) else parameters
 
     monkeypatch.setattr(runs.GridModel, "varied", spoiling)
     folder = tmp_path / "bad"
-    told = run(TINY, folder)
-    assert told.broke_off == {grid: {n: "BAD_PARAMETER at step 0"} for grid, n in spoilt.items()}
-    assert [told.status[grid]["BAD_PARAMETER"] for grid in spoilt] == [1, 1]
+    summary = run(TINY, folder)
+    assert summary.broke_off == {grid: {n: "BAD_PARAMETER at step 0"} for grid, n in spoilt.items()}
+    assert [summary.status[grid]["BAD_PARAMETER"] for grid in spoilt] == [1, 1]
     store = read_store(folder)
     for grid, number in spoilt.items():
         rows = read_rows(store, grid)
@@ -279,9 +279,9 @@ def test_errors_are_one_line_for_people(tmp_path, capsys):
     scene = tmp_path / "bad.toml"
     scene.write_text(changed("cov = 0.4", "cov = -1"))
     assert main(["run", str(scene), "--out", str(tmp_path / "out")]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("error: [strength] cov = -1")
-    assert said.count("\n") == 1
+    printed = capsys.readouterr().err
+    assert printed.startswith("error: [strength] cov = -1")
+    assert printed.count("\n") == 1
     assert main(["report", str(tmp_path / "nothing")]) == 2
     assert main(["run", str(tmp_path / "none.toml"), "--out", str(tmp_path / "out")]) == 2
 

@@ -1,4 +1,4 @@
-"""Campaigns whose failure is the limit load: the displacement that it gives, kept, told and used everywhere."""
+"""Campaigns whose failure is the limit load: the displacement that it gives, stored, reported and used everywhere."""
 
 import json
 from types import SimpleNamespace
@@ -26,28 +26,29 @@ def done(tmp_path_factory):
 
 def test_samples_fail_from_the_displacement_at_the_limit_load(done):
     folder, summary = done
-    found = summary.limit_load
-    assert 0.5 < found.factor < 3.0
-    assert 0.01 < found.displacement < 1.0
-    moved = read_rows(read_store(folder), "refined").columns["displacement"]
-    assert summary.failures_refined == (moved > found.displacement).sum()
-    assert found.volume == 0.05 * 8.0**2
+    limit_load = summary.limit_load
+    assert 0.5 < limit_load.factor < 3.0
+    assert 0.01 < limit_load.displacement < 1.0
+    displacement = read_rows(read_store(folder), "refined").columns["displacement"]
+    assert summary.failures_refined == (displacement > limit_load.displacement).sum()
+    assert limit_load.volume == 0.05 * 8.0**2
     rule = (
-        f"a slope fails when 3.2 m2 moves {found.displacement:g} m, the displacement of median soil at its limit load"
+        f"a slope fails when 3.2 m2 moves {limit_load.displacement:g} m, "
+        "the displacement of median soil at its limit load"
     )
     assert any(rule in note for note in summary.notes)
 
 
 def test_the_two_factors_of_the_slope_of_median_soil_agree(done):
-    campaign, found = parse(PLASTIC), done[1].limit_load
+    campaign, limit_load = parse(PLASTIC), done[1].limit_load
     scene, state = runs.build(campaign, "refined", runs.random_soil(campaign)).median
     for share, fails in ((0.98, False), (1.02, True)):
-        result = mpm.solve(mpm.reduced(scene, share * found.factor), state, t_end=4.0, settle=mpm.Settle())
-        moved = mpm.diagnostics.exceeded_displacement(scene, result.state, found.volume)
-        assert (float(moved) > found.displacement) == fails
+        result = mpm.solve(mpm.reduced(scene, share * limit_load.factor), state, t_end=4.0, settle=mpm.Settle())
+        displacement = mpm.diagnostics.exceeded_displacement(scene, result.state, limit_load.volume)
+        assert (float(displacement) > limit_load.displacement) == fails
 
 
-def test_it_is_measured_once_and_kept(done):
+def test_it_is_measured_once_and_stored(done):
     folder, summary = done
     stamp = (folder / "measured.json").stat().st_mtime_ns
     assert run(PLASTIC, folder) == summary
@@ -69,13 +70,13 @@ def test_a_campaign_killed_before_its_first_sample_measures_nothing_again(tmp_pa
     def kill(phase, *_):
         raise Killed(phase)
 
-    def found(value):
+    def known_value(value):
         return lambda *_: value
 
     text = PLASTIC.replace("[campaign]\n", "[campaign]\ncalibrate = true\n").replace("t_end = 4.0", "t_end = 0.2")
     known = {"measure_limit_load": LimitLoad(1.2, 0.3, 7.5), "factors_of_safety": Calibration(1.2, 1.1)}
     for name, value in known.items():
-        monkeypatch.setattr(f"cooperative.scene._measured.{name}", found(value))
+        monkeypatch.setattr(f"cooperative.scene._measured.{name}", known_value(value))
     with pytest.raises(Killed, match="screening"):
         run(text, tmp_path, on_phase=kill)
     monkeypatch.undo()
@@ -129,11 +130,11 @@ def test_what_does_not_go_with_it_is_refused():
     other = PLASTIC.replace("t_end = 4.0", "t_end = 4.0\nleast_volume = 7.5") + table + "volume = 3.0\n"
     with pytest.raises(ValueError, match=r"least_volume = 7\.5 and \[limit_load\] volume = 3\.0 differ"):
         parse(other)
-    for volume, said in (
+    for volume, message in (
         (0.0, r"\[run\] least_volume = 0: give a finite value above 0"),
         (1e4, "least_volume = 10000 m2: give more than 0 and less than .* 160"),
     ):
-        with pytest.raises(ValueError, match=said):
+        with pytest.raises(ValueError, match=message):
             parse(TINY.replace("t_end = 4.0", f"t_end = 4.0\nleast_volume = {volume}"))
     early = PLASTIC.replace("k_t = 2", "k_t = 2\nscreening_stop = 0.2")
     assert parse(early).plan.screening_stop == 0.2

@@ -85,9 +85,9 @@ def test_damaged_samples_are_named_and_redone(undisturbed, tmp_path):
     foreign.write_bytes(sample_path(store, "rough", 12).read_bytes())
     with pytest.warns(UserWarning, match="run again") as warned:
         again = campaign.run(SCENE, folder)
-    said = " ".join(str(warning.message) for warning in warned)
+    messages = " ".join(str(warning.message) for warning in warned)
     for path in (flipped, short, foreign):
-        assert path.name in said
+        assert path.name in messages
         assert path.with_name(path.name + ".damaged").exists()
     assert without_times(again) == without_times(undisturbed[1])
     assert_same_folders(folder, undisturbed[0])
@@ -130,8 +130,8 @@ def test_a_full_disk_stops_with_a_message_and_room_lets_it_go_on(after, undistur
     with monkeypatch.context() as patched:
         patched.setattr(os, "replace", replace)
         assert main(["run", str(scene), "--out", str(folder), "--workers", "1"]) == 2
-    said = capsys.readouterr().err.splitlines()[-1]
-    assert said.startswith(f"error: cannot write {written[-1]} (No space left on device): make room and start")
+    printed = capsys.readouterr().err.splitlines()[-1]
+    assert printed.startswith(f"error: cannot write {written[-1]} (No space left on device): make room and start")
     store = read_store(folder)
     assert not list(folder.rglob("*.part"))
     assert len(read_rows(store, "rough").numbers) + len(read_rows(store, "refined").numbers) == after

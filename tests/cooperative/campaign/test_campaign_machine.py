@@ -89,8 +89,8 @@ class Folder(RuleBasedStateMachine):
         with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
             campaign.run(SCENE if command == "run" else read_store(self.folder).source, self.folder)
-        said = " ".join(str(warning.message) for warning in warned)
-        assert all(str(path) in said for path in damaged)
+        messages = " ".join(str(warning.message) for warning in warned)
+        assert all(str(path) in messages for path in damaged)
         assert [line for line in lives.differences(self.folder, self.undisturbed) if "aside" not in line] == []
 
     @rule(writes=st.integers(0, 40), after=st.booleans())
@@ -148,14 +148,14 @@ class Folder(RuleBasedStateMachine):
     @rule(command=st.sampled_from(["report", "status", "export"]))
     def is_looked_at(self, command):
         """Whoever looks gets an answer, or a reason in one line; never a traceback."""
-        said = io.StringIO()
-        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
+        printed = io.StringIO()
+        with contextlib.redirect_stderr(printed), contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             status = main([command, str(self.folder)])
         assert status in (0, 2)
         if status == 2:
-            assert said.getvalue().startswith("error: ")
-            assert len(said.getvalue().splitlines()) == 1
+            assert printed.getvalue().startswith("error: ")
+            assert len(printed.getvalue().splitlines()) == 1
 
     def teardown(self):
         self.runs_to_the_end("run")
@@ -191,10 +191,10 @@ def test_a_report_names_the_refined_runs_that_it_cannot_rank(tmp_path, capsys):
     (tmp_path / "samples" / "rough" / first.name).unlink()
     (tmp_path / "samples" / "rough" / second.name).write_bytes(b"nothing")
     assert main(["report", str(tmp_path)]) == 0
-    said = capsys.readouterr().out
-    assert f"refined run {int(first.stem)} has no rough run beside it: resume" in said
-    assert f"refined run {int(second.stem)} has no rough run beside it: resume" in said
-    assert f"{second.name} is not a cooperative sample file: will be run again" in said
+    printed = capsys.readouterr().out
+    assert f"refined run {int(first.stem)} has no rough run beside it: resume" in printed
+    assert f"refined run {int(second.stem)} has no rough run beside it: resume" in printed
+    assert f"{second.name} is not a cooperative sample file: will be run again" in printed
     with pytest.warns(UserWarning, match="set aside"):
         campaign.run(SCENE, tmp_path)
     assert main(["report", str(tmp_path)]) == 0

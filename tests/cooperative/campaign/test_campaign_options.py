@@ -70,22 +70,22 @@ def test_answers_of_a_scene_do_not_follow_the_cell_unless_it_says_so(tmp_path):
     assert published.soil.softening_length is None
     assert {(grid.fbar, grid.internal_length) for grid in published.grids.values()} == {(False, None)}
     assert parse(changed("softening_modulus = 85e3\n", "")).soil.softening_length is None
-    moved = []
+    displacements = []
     for name, text in (("default", TINY), ("published", AS_PUBLISHED)):
         run(text.replace("samples = 6", "samples = 3"), tmp_path / name)
-        moved.append(read_rows(read_store(tmp_path / name), "rough").columns["displacement"])
-    assert np.all(np.abs(moved[0] / moved[1] - 1) > 1e-3)
+        displacements.append(read_rows(read_store(tmp_path / name), "rough").columns["displacement"])
+    assert np.all(np.abs(displacements[0] / displacements[1] - 1) > 1e-3)
 
 
 @pytest.mark.parametrize(("cell", "toe"), [(2.0, 16.0), (3.0, 17.0)])
 def test_strength_is_the_fields_at_each_particle_or_at_the_centre_of_its_cell(cell, toe):
     text = changed("toe = 16.0", f"toe = {toe}").replace("cell = 2.0", f"cell = {cell}")
-    said = "length = [20.0, 4.0]"
-    per_particle, per_cell = (parse(text.replace(said, f"{said}\n{line}")) for line in ("", 'sampled_at = "cells"'))
+    length = "length = [20.0, 4.0]"
+    per_particle, per_cell = (parse(text.replace(length, f"{length}\n{line}")) for line in ("", 'sampled_at = "cells"'))
     with pytest.raises(
         ValueError, match=r"sampled_at = 'cell': give one of 'particles', 'cells' \(did you mean 'cells'"
     ):
-        parse(text.replace(said, f'{said}\nsampled_at = "cell"'))
+        parse(text.replace(length, f'{length}\nsampled_at = "cell"'))
     soil = runs.random_soil(per_particle)
     xi = np.random.default_rng(1).standard_normal(soil.modes)
     models = [runs.build(campaign, "rough", soil) for campaign in (per_particle, per_cell)]
@@ -104,8 +104,8 @@ def test_strength_is_the_fields_at_each_particle_or_at_the_centre_of_its_cell(ce
 
 
 def test_a_scene_can_choose_how_its_answers_follow_the_cell():
-    said = 'spacing = [0.5, 0.5]\nfbar = false\ninternal_length = "none"'
-    campaign = parse(changed("spacing = [0.5, 0.5]", said))
+    choices = 'spacing = [0.5, 0.5]\nfbar = false\ninternal_length = "none"'
+    campaign = parse(changed("spacing = [0.5, 0.5]", choices))
     assert not campaign.grids["refined"].fbar
     assert campaign.grids["refined"].internal_length is None
     assert campaign.grids["rough"].fbar
@@ -162,27 +162,27 @@ def test_calibration_is_measured_once_and_lowers_the_rough_strength(tmp_path):
     text = changed('estimator = "published"', 'estimator = "published"\ncalibrate = true')
     text = text.replace("mean = 30e3", f"mean = {30e3 * np.sqrt(1 + 0.4**2)}")
     summary = run(text, tmp_path / "out")
-    found = summary.calibration
-    assert found.factor == pytest.approx(found.refined / found.rough)
-    assert 0.5 < found.factor < 1
+    calibration = summary.calibration
+    assert calibration.factor == pytest.approx(calibration.refined / calibration.rough)
+    assert 0.5 < calibration.factor < 1
     stamp = (tmp_path / "out" / "measured.json").stat().st_mtime_ns
     assert run(text, tmp_path / "out") == summary
     assert (tmp_path / "out" / "measured.json").stat().st_mtime_ns == stamp
-    # The same samples as without, moved farther.
+    # The same samples as without; they slide farther.
     campaign = with_measured(parse(text), tmp_path / "out")
-    assert campaign.measured.calibration.factor == found.factor
+    assert campaign.measured.calibration.factor == calibration.factor
     soil = runs.random_soil(campaign)
     coefficients = runs.coefficients_of(campaign, soil)
     plain, weaker = (runs.build(c, "rough", soil) for c in (parse(text), campaign))
     np.testing.assert_allclose(
-        weaker.strength(coefficients[0]), found.factor * plain.strength(coefficients[0]), rtol=1e-5
+        weaker.strength(coefficients[0]), calibration.factor * plain.strength(coefficients[0]), rtol=1e-5
     )
     assert runs.build(campaign, "refined", soil).strength_factor == 1.0
-    moved = read_rows(read_store(tmp_path / "out"), "rough").columns["displacement"]
+    displacement = read_rows(read_store(tmp_path / "out"), "rough").columns["displacement"]
     # The least one hardly yields: how far it swings back hides how far it slid.
-    farthest = int(np.argmax(moved))
+    farthest = int(np.argmax(displacement))
     without = next(iter(runs.run_samples(plain, coefficients, [farthest])))
-    assert moved[farthest] > without.row["displacement"]
+    assert displacement[farthest] > without.row["displacement"]
 
 
 def test_known_factors_of_safety_are_taken_from_the_scene(tmp_path):
@@ -204,7 +204,7 @@ def test_summary_tells_modes_fits_severity_and_what_more_runs_would_buy(tiny_cam
     occurring = {mode for mode, part in modes.items() if part.count}
     assert summary.fits.keys() == {"all", *occurring}
     assert "too few" in summary.fits["all"]["displacement"].notes[0]
-    assert {place.group for place in summary.severity["volume"]} == occurring
+    assert {rank.group for rank in summary.severity["volume"]} == occurring
     left = 6 - summary.refined_runs
     assert summary.after_more_runs.runs == summary.after_more_runs.samples_left == left
     assert -1 <= summary.grids.spearman <= 1
@@ -213,7 +213,7 @@ def test_summary_tells_modes_fits_severity_and_what_more_runs_would_buy(tiny_cam
     assert Summary.from_json((folder / "summary.json").read_text()) == summary
 
 
-def test_rows_written_before_modes_were_kept_still_read(tiny_campaign):
+def test_rows_written_before_modes_were_stored_still_read(tiny_campaign):
     campaign, store = parse(TINY), read_store(tiny_campaign[0])
     rough, refined = read_rows(store, "rough"), read_rows(store, "refined")
     new = ("mode", "masses", "depth_shallowest", "depth_deepest", "onset", "onset_second")
@@ -251,13 +251,13 @@ def test_options_that_do_not_go_together_are_refused(lines, message):
      '{"rough": NaN, "refined": 1.1}', '{"rough": 0, "refined": 1.1}', '{"rough": -1, "refined": -1}',
      '{"rough": 1.2, "refined": 1.1, "other": 1}', "[" * 100_000, "\x00"],
 )  # fmt: skip
-def test_kept_factors_of_safety_are_checked_like_a_scenes(tmp_path, content):
+def test_stored_factors_of_safety_are_checked_like_a_scenes(tmp_path, content):
     (tmp_path / "calibration.json").write_text(content)
     with pytest.raises(ValueError, match=r"calibration\.json holds no two factors of safety .*delete it"):
         stored_measured(tmp_path)
 
 
-def test_kept_factors_of_safety_are_read_from_a_file_alone(tmp_path):
+def test_stored_factors_of_safety_are_read_from_a_file_alone(tmp_path):
     os.mkfifo(tmp_path / "calibration.json")
     with pytest.raises(ValueError, match="no regular file"):
         stored_measured(tmp_path)

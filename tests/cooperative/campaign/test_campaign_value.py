@@ -1,4 +1,4 @@
-"""Campaigns written in Python: the same as a scene's, kept in words, gone on with by the same law only."""
+"""Campaigns written in Python: the same as a scene's, stored as text, gone on with by the same law only."""
 
 import json
 import linecache
@@ -37,7 +37,7 @@ from cooperative import (
 from cooperative.folder import read_results
 from cooperative.scene import Given, _words, campaign_of, parse
 from cooperative.scene._words import campaign_of_words, source_checksum, source_of_value
-from tests.cooperative.effects.test_places import HAZARD
+from tests.cooperative.effects.test_exposed import HAZARD
 from tests.cooperative.scene.test_random_soil import CORRELATED, SAND
 
 SLOPE = mpm.Slope(crest=8.0, height=8.0, run_per_rise=1.0, toe=16.0, foundation=2.0)
@@ -190,7 +190,7 @@ class Logged(mpm.Soil):
     log: Any = None
 
 
-def test_a_campaign_that_cannot_be_kept_is_refused_before_anything_is_written(tmp_path):
+def test_a_campaign_that_cannot_be_stored_is_refused_before_anything_is_written(tmp_path):
     with open(tmp_path / "log", "w") as file:
         soil = Logged(strength=30e3, log=file)
         with pytest.raises(ValueError, match=r"soil\.log is <_io\.TextIOWrapper .*which has no words"):

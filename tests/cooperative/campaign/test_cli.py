@@ -57,18 +57,18 @@ def done(tiny_campaign):
 
 def test_status_while_screening(tmp_path, capsys):
     folder = invented_campaign(tmp_path / "c", TWO_PHASE, [(n, 2.0 if n < 2 else 0.1) for n in range(8)], [])
-    found = progress.progress_of(folder)
-    rough, refined = found.grids
+    status = progress.progress_of(folder)
+    rough, refined = status.grids
     assert (rough.done, rough.planned, refined.done, refined.planned) == (8, 20, 0, 10)
     assert rough.hourly == pytest.approx(1800)
     assert rough.seconds_left == pytest.approx(24)
     # Four particles for one, and half the step: eight times a rough run each.
     assert refined.seconds_left == pytest.approx(10 * 8 * 2)
-    assert found.estimate.probability == 2 / 8
+    assert status.estimate.probability == 2 / 8
     assert main(["status", str(folder)]) == 0
-    said = capsys.readouterr().out
-    assert "8 of 20 samples, 1.8e+03 per hour, 24 s left" in said
-    assert "rough grid alone" in said
+    printed = capsys.readouterr().out
+    assert "8 of 20 samples, 1.8e+03 per hour, 24 s left" in printed
+    assert "rough grid alone" in printed
 
 
 @pytest.mark.parametrize("scene", [TWO_PHASE, PUBLISHED], ids=["two-phase", "published"])
@@ -77,13 +77,13 @@ def test_a_report_while_screening_says_so_and_gives_the_share_on_the_rough_grid(
     rough = [(n, -0.5 if n < 3 else 2.0 if n < 5 else 0.1) for n in range(8)]
     folder = invented_campaign(tmp_path / "c", scene, rough, [])
     campaign, store = parse(scene), read_store(folder)
-    found = summarise(campaign, read_rows(store, "rough"), read_rows(store, "refined"))
-    assert found.probability_of_failure == 2 / 5
-    assert found.interval == wilson_interval(2, 5)
-    assert found.estimator == "rough grid alone"
-    assert found.finished is None
-    assert found.notes[0].startswith("screening is not complete")
-    assert "3 rough runs gave no answer" in found.notes[1]
+    summary = summarise(campaign, read_rows(store, "rough"), read_rows(store, "refined"))
+    assert summary.probability_of_failure == 2 / 5
+    assert summary.interval == wilson_interval(2, 5)
+    assert summary.estimator == "rough grid alone"
+    assert summary.finished is None
+    assert summary.notes[0].startswith("screening is not complete")
+    assert "3 rough runs gave no answer" in summary.notes[1]
     assert progress.progress_of(folder).estimate.probability == 2 / 5
 
 
@@ -95,9 +95,9 @@ def test_status_of_refined_runs(tmp_path):
     assert (refined.done, refined.planned, refined.at_least) == (3, 4, True)
     assert refined.hourly == pytest.approx(360)
     assert refined.seconds_left == pytest.approx(10)
-    found = progress.progress_of(folder).estimate
-    assert found.probability == 2 / 20
-    assert found.method == "published n/N"
+    estimate = progress.progress_of(folder).estimate
+    assert estimate.probability == 2 / 20
+    assert estimate.method == "published n/N"
 
 
 def test_status_counts_what_broke_off_and_names_what_is_damaged(tmp_path, capsys):
@@ -105,9 +105,9 @@ def test_status_counts_what_broke_off_and_names_what_is_damaged(tmp_path, capsys
     path = sample_path(read_store(folder), "rough", 2)
     path.write_bytes(path.read_bytes()[:-1])
     assert main(["status", str(folder)]) == 0
-    said = capsys.readouterr().out
-    assert "1 broke off" in said
-    assert "000002.h5 does not match its checksum" in said
+    printed = capsys.readouterr().out
+    assert "1 broke off" in printed
+    assert "000002.h5 does not match its checksum" in printed
     assert path.exists()
 
 
@@ -132,9 +132,9 @@ def test_status_is_watched_until_the_campaign_ends(tmp_path, monkeypatch, capsys
     monkeypatch.setattr(progress.time, "sleep", sleep)
     assert main(["status", str(folder), "--watch", "0.5"]) == 0
     assert slept == [0.5, 0.5]
-    said = capsys.readouterr().out
-    assert said.count("1 of 20 samples") == 3
-    assert said.rstrip().count("has ended") == 1
+    printed = capsys.readouterr().out
+    assert printed.count("1 of 20 samples") == 3
+    assert printed.rstrip().count("has ended") == 1
     assert main(["status", str(folder), "--watch", "-1"]) == 2
     assert "--watch -1: give the seconds between two looks" in capsys.readouterr().err
 
@@ -157,9 +157,9 @@ def test_a_pause_is_no_pace():
     assert np.isnan(progress.seconds_per_sample([1.0], [1.0]))
 
 
-@pytest.mark.parametrize(("seconds", "said"), [(45, "45 s"), (720, "12 min"), (12_600, "3.5 h"), (260_000, "3 days")])
-def test_durations_are_said_as_people_say_them(seconds, said):
-    assert duration(seconds) == said
+@pytest.mark.parametrize(("seconds", "text"), [(45, "45 s"), (720, "12 min"), (12_600, "3.5 h"), (260_000, "3 days")])
+def test_durations_are_written_as_people_write_them(seconds, text):
+    assert duration(seconds) == text
 
 
 @pytest.mark.slow
@@ -191,24 +191,24 @@ def test_export_writes_the_table_the_file_and_the_series(done, capsys):
     np.testing.assert_array_equal(steps[1][1]["displacement"][:, [0, 2]].T, sample.fields["displacement"])
     np.testing.assert_array_equal(steps[1][1]["plastic_strain"], sample.fields["plastic_strain"])
     assert steps[1][1]["strength"].std() > 0
-    told = (folder / "README.txt").read_text()
-    assert [path.name for path in folder.iterdir() if path.name not in told] == []
+    text = (folder / "README.txt").read_text()
+    assert [path.name for path in folder.iterdir() if path.name not in text] == []
 
 
 def test_export_runs_a_sample_again_for_its_moments(done, capsys):
     folder, _ = done
     assert main(["export", str(folder), "--sample", "2", "--grid", "rough", "--frames", "3"]) == 0
     path = capsys.readouterr().out.strip()
-    kept = read_sample(read_store(folder), "rough", 2)
+    stored = read_sample(read_store(folder), "rough", 2)
     model = runs.build(parse(TINY), "rough", runs.random_soil(parse(TINY)))
     times, steps = vtk_steps(path)
-    np.testing.assert_allclose(times, np.linspace(0, kept.steps * float(model.scene.time_step), 3))
+    np.testing.assert_allclose(times, np.linspace(0, stored.steps * float(model.scene.time_step), 3))
     # The same run, bit for bit.
-    np.testing.assert_array_equal(steps[-1][1]["displacement"][:, [0, 2]].T, kept.fields["displacement"])
+    np.testing.assert_array_equal(steps[-1][1]["displacement"][:, [0, 2]].T, stored.fields["displacement"])
     assert {"velocity", "stress"} <= steps[0][1].keys()
 
 
-def test_fields_that_were_not_kept_are_said_to_be(done, tmp_path, capsys):
+def test_fields_that_were_not_stored_are_named(done, tmp_path, capsys):
     with open_store(tmp_path / "bare", TINY) as store:
         write_sample(store, "rough", replace(read_sample(read_store(done[0]), "rough", 1), fields={}))
     assert len(list(exports.export(tmp_path / "bare"))) == 2
@@ -231,12 +231,12 @@ def test_fields_that_were_not_kept_are_said_to_be(done, tmp_path, capsys):
 )
 def test_errors_are_one_line_and_exit_code_2(arguments, message, done, tmp_path, capsys):
     open_store(tmp_path / "empty", TINY).close()
-    places = {"nothing": tmp_path / "nothing", "empty": tmp_path / "empty", "done": done[0]}
-    assert main([argument.format(**places) for argument in arguments]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("error: ")
-    assert message in said
-    assert said.count("\n") == 1
+    folders = {"nothing": tmp_path / "nothing", "empty": tmp_path / "empty", "done": done[0]}
+    assert main([argument.format(**folders) for argument in arguments]) == 2
+    printed = capsys.readouterr().err
+    assert printed.startswith("error: ")
+    assert message in printed
+    assert printed.count("\n") == 1
 
 
 def test_sweep_runs_its_campaigns(tmp_path, capsys, monkeypatch):

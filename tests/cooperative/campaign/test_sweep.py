@@ -27,15 +27,15 @@ def swept(tmp_path_factory):
 
 
 def test_one_parameter_is_changed_at_a_time_and_the_scene_itself_runs_once():
-    found = {part.name: part for part in sweep.variants(SWEEP)}
-    assert list(found) == ["base", "lx-10", "cov-0.2", "ranked"]
-    assert found["base"].points == (("lx", 20.0), ("cov", 0.4))
-    base, longer = parse(found["base"].source), parse(found["lx-10"].source)
+    variants = {part.name: part for part in sweep.variants(SWEEP)}
+    assert list(variants) == ["base", "lx-10", "cov-0.2", "ranked"]
+    assert variants["base"].points == (("lx", 20.0), ("cov", 0.4))
+    base, longer = parse(variants["base"].source), parse(variants["lx-10"].source)
     assert base.random["strength"].length == (20.0, 4.0)
     assert longer.random["strength"].length == (10.0, 4.0)
     assert longer.random["strength"].cov == base.random["strength"].cov
-    assert parse(found["cov-0.2"].source).random["strength"].cov == 0.2
-    assert parse(found["ranked"].source).estimator.k_t == 2
+    assert parse(variants["cov-0.2"].source).random["strength"].cov == 0.2
+    assert parse(variants["ranked"].source).estimator.k_t == 2
 
 
 def test_campaigns_share_their_coefficients():
@@ -61,23 +61,23 @@ def test_programs_are_released_after_each_campaign_of_a_sweep(tmp_path, monkeypa
 
 @pytest.mark.slow
 def test_a_sweep_answers_for_every_value(swept):
-    folder, found = swept
-    assert json.loads((folder / "sweep.json").read_text()) == found
-    assert {name: [row["value"] for row in rows] for name, rows in found["parameters"].items()} == {
+    folder, result = swept
+    assert json.loads((folder / "sweep.json").read_text()) == result
+    assert {name: [row["value"] for row in rows] for name, rows in result["parameters"].items()} == {
         "lx": [10, 20.0],
         "cov": [0.2, 0.4],
         "k_t": [1, 2],
     }
-    for rows in found["parameters"].values():
+    for rows in result["parameters"].values():
         for row in rows:
             assert row["interval"][0] <= row["probability"] <= row["interval"][1]
             if row["modes"]:
                 assert sum(part["ratio"] for part in row["modes"].values()) == pytest.approx(1.0)
     # Both come from the runs of the base campaign or the same samples.
-    base = found["parameters"]["lx"][1]
-    assert found["parameters"]["cov"][1]["probability"] == base["probability"]
-    assert found["parameters"]["k_t"][1]["probability"] == base["probability"]
-    fewer, more = found["parameters"]["k_t"]
+    base = result["parameters"]["lx"][1]
+    assert result["parameters"]["cov"][1]["probability"] == base["probability"]
+    assert result["parameters"]["k_t"][1]["probability"] == base["probability"]
+    fewer, more = result["parameters"]["k_t"]
     assert fewer["refined_runs"] <= more["refined_runs"]
     assert fewer["probability"] <= more["probability"]
     for name in ("probability", "modes"):
@@ -86,11 +86,11 @@ def test_a_sweep_answers_for_every_value(swept):
 
 @pytest.mark.slow
 def test_a_sweep_goes_on_where_it_was(swept):
-    folder, found = swept
+    folder, result = swept
     files = sorted(folder.glob("campaigns/*/samples/*/*.h5"))
     stamps = [path.stat().st_mtime_ns for path in files]
     files[3].unlink()
-    assert sweep.run(SWEEP, folder) == found
+    assert sweep.run(SWEEP, folder) == result
     changed = [path for path, stamp in zip(files, stamps, strict=True) if path.stat().st_mtime_ns != stamp]
     assert changed == [files[3]]
     assert len(read_rows(read_store(folder / "campaigns" / "base"), "rough").numbers) == 6

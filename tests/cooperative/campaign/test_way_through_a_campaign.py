@@ -32,12 +32,12 @@ def room_of_file(name):
 
 def callers(frame):
     """Functions under way in the package, the innermost first; none while a context is left."""
-    found, leaves = [], frame.f_code.co_name == "__exit__"
+    codes, leaves = [], frame.f_code.co_name == "__exit__"
     while frame := frame.f_back:
-        leaves |= not found and frame.f_code.co_name == "__exit__"
+        leaves |= not codes and frame.f_code.co_name == "__exit__"
         if room_of(frame.f_code) is not None:
-            found.append(frame.f_code)
-    return [] if leaves else found
+            codes.append(frame.f_code)
+    return [] if leaves else codes
 
 
 def trace(does):

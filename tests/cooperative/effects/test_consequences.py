@@ -42,8 +42,8 @@ def test_a_block_in_3d_by_hand():
 
 def test_the_same_block_in_a_section_is_per_width():
     position, displacement, volume, half = slide_3d((1.0, 2.0, 1.0))
-    kept = np.isclose(position[1], 31.0)
-    section = (position[[0, 2]][:, kept], displacement[[0, 2]][:, kept], volume[kept] / 2.0, SLOPE)
+    inside = np.isclose(position[1], 31.0)
+    section = (position[[0, 2]][:, inside], displacement[[0, 2]][:, inside], volume[inside] / 2.0, SLOPE)
     got = consequences(*section, half_size=half[[0, 2]])
     assert (got.volume, got.area, got.runout) == pytest.approx((80.0, 12.0, 12.0))
     whole = consequences(position, displacement, volume, SLOPE, half_size=half)
@@ -68,9 +68,9 @@ def test_a_slide_that_stops_on_the_slope_has_no_runout():
 def test_a_standing_slope_has_only_its_displacement():
     position, volume, half = block((40.0, 10.0), (45.0, 12.0), (1.0, 1.0))
     got = consequences(position, np.full(position.shape, 0.1), volume, SLOPE, half_size=half)
-    moved = np.hypot(0.1, 0.1)
+    length = np.hypot(0.1, 0.1)
     nothing = dict.fromkeys(("depth", "runout", "volume", "area", "runout_any"), 0.0)
-    assert got.as_row() == pytest.approx({"displacement": moved, "displacement_any": moved, **nothing})
+    assert got.as_row() == pytest.approx({"displacement": length, "displacement_any": length, **nothing})
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -186,12 +186,12 @@ def test_on_open_ground_nothing_needs_a_toe():
     # A layer 2 m thick and 6 m long on ground that falls by 1 in 4 moves 10 m along x; a row below it stays.
     x, z = (each.ravel() for each in np.meshgrid(np.arange(0.5, 6), np.arange(-2.5, 0)))
     position = np.stack([x, z - x / 4])
-    moved = np.where(z > -2, 10.0, 0.2)
-    found = consequences(
-        position, np.stack([moved, -moved / 4]), np.ones(x.size), OpenGround(-x / 4), half_size=np.full(2, 0.5)
+    along_x = np.where(z > -2, 10.0, 0.2)
+    got = consequences(
+        position, np.stack([along_x, -along_x / 4]), np.ones(x.size), OpenGround(-x / 4), half_size=np.full(2, 0.5)
     )
-    assert found.displacement == pytest.approx(10 * np.hypot(1, 0.25))
-    assert (found.depth, found.runout, found.area, found.volume) == pytest.approx((2.0, 16.0, 16.0, 12.0))
+    assert got.displacement == pytest.approx(10 * np.hypot(1, 0.25))
+    assert (got.depth, got.runout, got.area, got.volume) == pytest.approx((2.0, 16.0, 16.0, 12.0))
 
 
 def test_on_open_ground_the_run_out_follows_the_slide():
@@ -201,8 +201,8 @@ def test_on_open_ground_the_run_out_follows_the_slide():
         across = (-along[1], along[0])
         position = np.stack([along[0] * x + across[0] * y, along[1] * x + across[1] * y, z])
         displacement = np.stack([6.0 * along[0] + 0 * x, 6.0 * along[1] + 0 * x, 0 * x])
-        found = consequences(position, displacement, np.ones(x.size), OpenGround(0 * x), half_size=np.full(3, 0.5))
-        assert (found.runout, found.depth, found.area) == pytest.approx((14.0, 1.0, 32.0))
+        got = consequences(position, displacement, np.ones(x.size), OpenGround(0 * x), half_size=np.full(3, 0.5))
+        assert (got.runout, got.depth, got.area) == pytest.approx((14.0, 1.0, 32.0))
 
 
 @pytest.mark.parametrize("backwards", [False, True])
@@ -213,11 +213,11 @@ def test_the_run_out_follows_the_line_that_is_drawn(backwards):
     position = np.stack([x + 3, y, 0 * x])
     turned = np.stack([20 + (1 - y), 8 + x, 0 * x])
     ground = OpenGround(0 * x, Track(tuple(line[::-1] if backwards else line)))
-    found = consequences(position, turned - position, np.ones(x.size), ground, half_size=np.full(3, 0.5))
+    got = consequences(position, turned - position, np.ones(x.size), ground, half_size=np.full(3, 0.5))
     # From x = 3 m to the corner, and from there to y = 12 m.
-    assert found.runout == pytest.approx(17.0 + 11.0)
+    assert got.runout == pytest.approx(17.0 + 11.0)
     straight = consequences(position, turned - position, np.ones(x.size), OpenGround(0 * x), half_size=np.full(3, 0.5))
-    assert straight.runout < found.runout - 3
+    assert straight.runout < got.runout - 3
 
 
 def test_a_line_goes_on_beyond_its_ends():
@@ -248,9 +248,9 @@ def test_walls_that_a_slide_reached_or_left_are_named():
     walls = ((0, -1, 0.0), (0, 1, 20.0))
 
     def reached(first, last, by):
-        moved = np.where((np.arange(10) >= first) & (np.arange(10) <= last), by, 0.0)
+        along_x = np.where((np.arange(10) >= first) & (np.arange(10) <= last), by, 0.0)
         return walls_reached(
-            position, np.stack([moved, 0 * moved]), np.ones(10), walls,
+            position, np.stack([along_x, 0 * along_x]), np.ones(10), walls,
             half_size=np.full(2, 0.5), failure_displacement=1.0, within=1.0,
         )  # fmt: skip
 

@@ -19,12 +19,12 @@ TRUTHS = {
 
 
 @pytest.mark.parametrize("name", TRUTHS)
-def test_the_true_family_is_found_in_many_samples(name):
+def test_the_true_family_is_the_best_for_many_samples(name):
     values = TRUTHS[name].rvs(4000, random_state=3)
-    found = fit_distributions(values)
-    assert found.best_aic == found.best_bic == name
+    result = fit_distributions(values)
+    assert result.best_aic == result.best_bic == name
     at = np.quantile(values, [0.1, 0.5, 0.9])
-    np.testing.assert_allclose(found.fits[0].frozen.cdf(at), TRUTHS[name].cdf(at), atol=0.03)
+    np.testing.assert_allclose(result.fits[0].frozen.cdf(at), TRUTHS[name].cdf(at), atol=0.03)
 
 
 def test_normal_lognormal_and_gamma_fits_meet_their_closed_forms():
@@ -48,9 +48,9 @@ def test_no_nearby_parameters_are_more_likely(name):
     family, free = CANDIDATES[name].family, [at for at, value in enumerate(fit.parameters) if value != 0]
     for at in free:
         for factor in (0.99, 1.01):
-            moved = list(fit.parameters)
-            moved[at] *= factor
-            assert family.logpdf(values, *moved).sum() < fit.log_likelihood + 1e-6
+            changed = list(fit.parameters)
+            changed[at] *= factor
+            assert family.logpdf(values, *changed).sum() < fit.log_likelihood + 1e-6
 
 
 @given(st.floats(1e-3, 1e6))
@@ -61,7 +61,7 @@ def test_the_choice_does_not_depend_on_the_unit(factor):
     assert here.fits[0].aic - here.fits[1].aic == pytest.approx(there.fits[0].aic - there.fits[1].aic, abs=1e-3)
 
 
-def test_too_few_and_not_positive_are_said():
+def test_too_few_and_not_positive_are_noted():
     few = fit_distributions(np.array([1.0, 2.0, 4.0]))
     assert few.best_aic is not None
     assert "3 samples are too few" in few.notes[0]
@@ -135,7 +135,7 @@ def test_weights_that_do_not_fit_are_named():
 def test_weighted_severity_is_that_of_what_the_values_stand_for():
     groups = {"a": np.array([1.0, 9.0]), "b": np.array([5.0, 5.0])}
     plain = severity_ranking(groups, statistic=np.mean)
-    assert {place.group: place.middle for place in plain} == {"a": 5.0, "b": 5.0}
+    assert {rank.group: rank.middle for rank in plain} == {"a": 5.0, "b": 5.0}
     weighted = severity_ranking(groups, statistic=np.mean, weights={"a": np.array([1.0, 9.0]), "b": np.ones(2)})
     assert weighted[0].group == "a"
     assert weighted[0].middle == pytest.approx(8.2, abs=0.1)

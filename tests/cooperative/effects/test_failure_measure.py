@@ -22,7 +22,7 @@ def slope():
     return mpm.slope(SHAPE, SOIL, COARSE)
 
 
-def moved(state, displacement):
+def displaced(state, displacement):
     """The state with this length of displacement (N,) along z."""
     upwards = jnp.zeros_like(state.displacement).at[-1].set(jnp.asarray(displacement, jnp.float32))
     return replace(state, displacement=upwards)
@@ -39,12 +39,12 @@ def test_it_is_the_largest_displacement_that_so_much_soil_has(slope):
     volume = rng.uniform(0.05, 0.25, scene.particles.mass.size).astype(np.float32)
     scene = replace(scene, particles=replace(scene.particles, volume=jnp.asarray(volume)))
     displacement = rng.lognormal(-3, 1, volume.size).astype(np.float32)
-    state = moved(state, displacement)
+    state = displaced(state, displacement)
     for least in (0.3, 2.0, 9.0):
-        found = float(diagnostics.exceeded_displacement(scene, state, least))
+        measured = float(diagnostics.exceeded_displacement(scene, state, least))
         # Half the smallest particle is left to rounding.
-        assert found == brute(displacement, volume.astype(float), least - volume.min() / 2)
-        assert found == exceeded(displacement, volume, least)
+        assert measured == brute(displacement, volume.astype(float), least - volume.min() / 2)
+        assert measured == exceeded(displacement, volume, least)
     assert float(diagnostics.exceeded_displacement(scene, state, 1e-3)) == displacement.max()
     assert float(diagnostics.exceeded_displacement(scene, state, 1e6)) == displacement.min()
     with pytest.raises(ValueError, match="volume = 0: give a finite value above 0"):
@@ -55,13 +55,13 @@ def test_soil_that_stands_finer_particles_and_single_grains_leave_it(slope):
     scene, state = slope
     own, count = scene.particles, scene.particles.mass.size
     displacement = np.random.default_rng(1).lognormal(-3, 1, count).astype(np.float32)
-    known = float(diagnostics.exceeded_displacement(scene, moved(state, displacement), 2.0))
+    known = float(diagnostics.exceeded_displacement(scene, displaced(state, displacement), 2.0))
 
     def measured(volume, displacement):
         particles = replace(own, position=jnp.zeros((2, len(volume))), volume=jnp.asarray(volume, jnp.float32))
         still = replace(state, displacement=jnp.zeros((2, len(volume))))
         of = replace(scene, particles=particles)
-        return float(diagnostics.exceeded_displacement(of, moved(still, displacement), 2.0))
+        return float(diagnostics.exceeded_displacement(of, displaced(still, displacement), 2.0))
 
     volume = np.asarray(own.volume)
     assert measured(np.tile(volume, 2), np.r_[displacement, np.zeros(count)]) == known
@@ -76,8 +76,8 @@ def test_a_run_ends_once_so_much_soil_has_passed_the_limit(slope):
     grains = np.zeros(scene.particles.mass.size)
     grains[np.argsort(-np.asarray(scene.particles.position[-1]))[:2]] = LIMIT * 1.5
     choices = {"t_end": 0.5, "stop_at": LIMIT}
-    assert mpm.solve(scene, moved(state, grains), **choices).status == mpm.Status.DECIDED
-    assert mpm.solve(scene, moved(state, grains), **choices, least_volume=LEAST).status == mpm.Status.FINISHED
+    assert mpm.solve(scene, displaced(state, grains), **choices).status == mpm.Status.DECIDED
+    assert mpm.solve(scene, displaced(state, grains), **choices, least_volume=LEAST).status == mpm.Status.FINISHED
     with pytest.raises(ValueError, match="least_volume = -1: give a finite value above 0"):
         mpm.solve(scene, state, **choices, least_volume=-1.0)
 
@@ -119,14 +119,14 @@ def slid(scene, state, factor=1.6):
 @pytest.fixture(scope="module")
 def depths():
     """The same weak slope on 2 and on 8 m of soil twenty times as strong."""
-    found = {}
+    slopes = {}
     for base in (-2.0, -8.0):
         shape = mpm.Section([(0, 4), (6, 4), (10, 0), (20, 0)], base=base)
         # Stiff, so that the time in which all of it rings is short beside that of a slide.
         soil = replace(SOIL, young=5e7)
         layers = [mpm.Layer(soil, [(0, 0), (20, 0)]), mpm.Layer(replace(soil, strength=400e3))]
-        found[base] = mpm.section(shape, layers, replace(COARSE, fbar=True))
-    return found
+        slopes[base] = mpm.section(shape, layers, replace(COARSE, fbar=True))
+    return slopes
 
 
 def test_the_depth_of_the_foundation_changes_no_class(depths):
@@ -145,14 +145,14 @@ def test_the_depth_of_the_foundation_changes_no_factor_of_safety(depths):
 
 @pytest.mark.slow
 def test_the_length_of_the_slope_changes_no_class():
-    found = []
+    results = []
     for width in (16.0, 32.0):
         shape = replace(SHAPE, width=width)
         scene, state = mpm.slope(shape, SOIL, mpm.Discretisation(1.0, (0.5, 0.5, 0.5)), y_ends="roller")
         y = scene.particles.position[1]
         weak = jnp.where((y > 4) & (y < 12), 10e3, 400e3)
-        found.append(slid(mpm.with_soil(scene, state, strength=weak)[0], state, 1.0))
-    (short, mean), (long, mean_long) = found
+        results.append(slid(mpm.with_soil(scene, state, strength=weak)[0], state, 1.0))
+    (short, mean), (long, mean_long) = results
     assert short > LIMIT
     assert abs(long / short - 1) < 0.03
     assert mean > 1.5 * mean_long

@@ -27,27 +27,27 @@ PLAIN = monte_carlo(FAILS)
 
 
 def test_what_every_slide_did_is_as_likely_as_a_failure_at_most():
-    found = chance_of(PLAIN, np.ones(10), np.ones((10, 2), bool))
-    assert found.value == pytest.approx([PLAIN.probability] * 2)
+    result = chance_of(PLAIN, np.ones(10), np.ones((10, 2), bool))
+    assert result.value == pytest.approx([PLAIN.probability] * 2)
     # The next one may not do it: the lower limit lies below that of P_f, by less than ten out of ten leave open.
     seen = wilson_interval(10, 10)[0]
-    assert PLAIN.interval[0] * seen < found.low[0] < PLAIN.interval[0]
-    assert found.high[0] == pytest.approx(PLAIN.interval[1])
-    assert found.count.tolist() == [10, 10]
+    assert PLAIN.interval[0] * seen < result.low[0] < PLAIN.interval[0]
+    assert result.high[0] == pytest.approx(PLAIN.interval[1])
+    assert result.count.tolist() == [10, 10]
 
 
 def test_of_plain_monte_carlo_it_is_the_binomial_interval():
     # 2000 of 8000 samples fail and 500 of these do it: the product of two shares scatters as one count would.
     many = monte_carlo(np.arange(8000) % 4 == 0)
-    found = chance_of(many, np.ones(2000), np.arange(2000)[:, None] < 500)
-    assert found.value == pytest.approx(500 / 8000)
-    assert (found.low[0], found.high[0]) == pytest.approx(wilson_interval(500, 8000), rel=5e-3)
+    result = chance_of(many, np.ones(2000), np.arange(2000)[:, None] < 500)
+    assert result.value == pytest.approx(500 / 8000)
+    assert (result.low[0], result.high[0]) == pytest.approx(wilson_interval(500, 8000), rel=5e-3)
 
 
 def test_what_no_slide_did_may_still_happen():
-    found = chance_of(PLAIN, np.ones(10), np.zeros((10, 1), bool))
-    assert (found.value[0], found.low[0]) == (0.0, 0.0)
-    assert wilson_interval(0, 40)[1] <= found.high[0] < PLAIN.interval[1]
+    result = chance_of(PLAIN, np.ones(10), np.zeros((10, 1), bool))
+    assert (result.value[0], result.low[0]) == (0.0, 0.0)
+    assert wilson_interval(0, 40)[1] <= result.high[0] < PLAIN.interval[1]
     nothing = chance_of(monte_carlo(np.zeros(40, bool)), np.zeros(0), np.zeros((0, 3), bool))
     assert nothing.value.tolist() == [0.0] * 3
     assert nothing.high == pytest.approx([wilson_interval(0, 40)[1]] * 3)
@@ -56,9 +56,9 @@ def test_what_no_slide_did_may_still_happen():
 def test_what_no_slide_did_may_be_done_by_such_as_the_heaviest():
     # Slides that are seldom drawn weigh most; what only such slides do is missed more easily than their number tells.
     weight = np.array([10.0, *[1.0] * 9])
-    found = chance_of(PLAIN, weight, np.zeros((10, 1), bool))
+    result = chance_of(PLAIN, weight, np.zeros((10, 1), bool))
     heaviest = PLAIN.probability * 10 / 19
-    assert found.high[0] == pytest.approx(min(wilson_interval(0, 1 / heaviest)[1], PLAIN.interval[1]))
+    assert result.high[0] == pytest.approx(min(wilson_interval(0, 1 / heaviest)[1], PLAIN.interval[1]))
     # One light slide that did it may be followed by a heavy one.
     one = chance_of(PLAIN, weight, np.eye(10, dtype=bool))
     light = chance_of(PLAIN, np.ones(10), np.eye(10, dtype=bool))
@@ -68,7 +68,7 @@ def test_what_no_slide_did_may_be_done_by_such_as_the_heaviest():
 def test_the_allowance_for_what_no_run_has_met_is_that_of_the_failures_alone():
     wide = replace(PLAIN, interval=(PLAIN.interval[0], 0.9), sampling_interval=PLAIN.interval, unseen=0.6)
     values = np.arange(1.0, 11.0)
-    plain, allowed = (exceedance(found, np.ones(10), values) for found in (PLAIN, wide))
+    plain, allowed = (exceedance(each, np.ones(10), values) for each in (PLAIN, wide))
     np.testing.assert_array_equal(plain.high, allowed.high)
     assert chance_of(wide, np.zeros(0), np.zeros((0, 1), bool)).high[0] == 0.9
 
@@ -76,10 +76,10 @@ def test_the_allowance_for_what_no_run_has_met_is_that_of_the_failures_alone():
 def test_a_variance_of_one_freedom_makes_no_mean_without_end():
     thickness = np.linspace(1.0, 3.0, 12)[:, None]
     rough = replace(PLAIN, cov=0.5, freedom=1.0)
-    found, plain = (mean_of(each, np.ones(12), thickness) for each in (rough, PLAIN))
-    assert plain.low[0] < found.value[0] == plain.value[0] < plain.high[0] < found.high[0]
+    result, plain = (mean_of(each, np.ones(12), thickness) for each in (rough, PLAIN))
+    assert plain.low[0] < result.value[0] == plain.value[0] < plain.high[0] < result.high[0]
     # Student's t of one would give 13 / 0.5 deviations, 600 times the mean.
-    assert found.high[0] < 10 * found.value[0]
+    assert result.high[0] < 10 * result.value[0]
     # Four slides have no interval, and may bring more than they show.
     few = mean_of(PLAIN, np.ones(4), thickness[:4])
     assert (few.low[0], np.isnan(few.high[0])) == (0.0, True)
@@ -91,10 +91,10 @@ def test_before_the_first_wave_an_expected_value_has_no_upper_limit():
     begun = TwoPhase(refined_runs=60).estimate(Population(rough), {0: True, 1: False})
     assert (begun.interval, begun.cov) == ((0.0, 1.0), np.inf)
     assert begun.probability > 0
-    found = mean_of(begun, np.ones(12), np.stack([np.linspace(1.0, 3.0, 12), np.zeros(12)], axis=1))
-    assert found.value == pytest.approx([2.0 * begun.probability, 0.0])
-    assert found.low.tolist() == [0.0, 0.0]
-    assert np.isnan(found.high).all()
+    result = mean_of(begun, np.ones(12), np.stack([np.linspace(1.0, 3.0, 12), np.zeros(12)], axis=1))
+    assert result.value == pytest.approx([2.0 * begun.probability, 0.0])
+    assert result.low.tolist() == [0.0, 0.0]
+    assert np.isnan(result.high).all()
 
 
 weights = st.lists(st.floats(0.01, 1.0), min_size=3, max_size=20).map(np.array)
@@ -158,8 +158,8 @@ def covered(estimator, slides, repeats):
         phases, numbers, drawn = means.slid(audit, fails[at], slides, seed)
         mine = drawn.slid & (drawn.weight > 0)
         which = at[np.array(numbers)[mine]]
-        found = chance_of(phases.estimate, drawn.weight[mine], does[which])
-        held += (found.low <= does.mean(axis=0)) & (does.mean(axis=0) <= found.high)
+        result = chance_of(phases.estimate, drawn.weight[mine], does[which])
+        held += (result.low <= does.mean(axis=0)) & (does.mean(axis=0) <= result.high)
         total = mean_of(phases.estimate, drawn.weight[mine], refined[which])
         mean += total.low <= (fails * refined).mean() <= total.high
     return held / repeats, mean / repeats

@@ -40,19 +40,19 @@ def slide(masses, spacing=(2.0, 2.0, 1.0), fine=1):
     """Particles of the slope, how they end and how they got there. `fine` splits each particle along every axis, its
     parts moving with it."""
     position = lattice(spacing)
-    moved = np.zeros((TIMES.size, position.shape[1]))
+    travelled = np.zeros((TIMES.size, position.shape[1]))
     for mass in masses:
         across = 1 - ((position[1] - mass.y) / mass.half_width) ** 2
         depth = mass.depth * np.sqrt(np.maximum(across, 0.0))
         inside = (position[2] > 16.0 - depth) & (mass.x[0] < position[0]) & (position[0] < mass.x[1])
         part = np.clip((TIMES - mass.start) / mass.lasts, 0.0, 1.0)
         path = mass.distance * part**2 * (3 - 2 * part)
-        moved[:, inside] = np.maximum(moved[:, inside], path[:, None])
+        travelled[:, inside] = np.maximum(travelled[:, inside], path[:, None])
     spacing = np.asarray(spacing)
     offsets = (np.arange(fine) + 0.5) / fine - 0.5
     shifts = np.stack([g.ravel() for g in np.meshgrid(offsets, offsets, offsets, indexing="ij")]) * spacing[:, None]
     position = (position[:, :, None] + shifts[:, None, :]).reshape(3, -1)
-    history = np.repeat(moved, fine**3, axis=1)
+    history = np.repeat(travelled, fine**3, axis=1)
     displacement = np.zeros_like(position)
     displacement[0] = history[-1]
     volume = np.full(position.shape[1], np.prod(spacing) / fine**3)
@@ -61,14 +61,14 @@ def slide(masses, spacing=(2.0, 2.0, 1.0), fine=1):
 
 def motion_of(history, volume, times=TIMES):
     motion = Motion.start(volume, 1.0)
-    for time, moved in zip(times[1:], history[1:], strict=True):
-        motion = motion.after(float(time), moved)
+    for time, displacement in zip(times[1:], history[1:], strict=True):
+        motion = motion.after(float(time), displacement)
     return motion
 
 
 def mode_of(masses, history=True, **kwargs):
-    position, displacement, volume, half, moved = slide(masses, **kwargs)
-    past = {"motion": motion_of(moved, volume)} if history else {}
+    position, displacement, volume, half, travelled = slide(masses, **kwargs)
+    past = {"motion": motion_of(travelled, volume)} if history else {}
     return failure_mode(position, displacement, volume, SLOPE, half_size=half, **past)
 
 
@@ -95,9 +95,9 @@ KNOWN = {
 
 @pytest.mark.parametrize("name", KNOWN)
 def test_made_up_slides_get_their_name(name):
-    found = mode_of(KNOWN[name])
-    assert found.name == name.split(",")[0]
-    assert found.depth.size == 48
+    mode = mode_of(KNOWN[name])
+    assert mode.name == name.split(",")[0]
+    assert mode.depth.size == 48
 
 
 def test_a_second_release_while_the_first_still_runs_is_not_progressive():
@@ -116,30 +116,30 @@ def test_a_second_release_while_the_first_still_runs_is_not_progressive():
 
 
 def test_without_history_the_answer_says_what_it_lacks():
-    found = mode_of(KNOWN["progressive"], history=False)
-    assert found.name == "compound"
-    assert "progressive failure cannot be recognised" in found.notes[0]
+    mode = mode_of(KNOWN["progressive"], history=False)
+    assert mode.name == "compound"
+    assert "progressive failure cannot be recognised" in mode.notes[0]
 
 
 def test_masses_and_depths_are_reported():
-    found = mode_of([SHALLOW, DEEP])
-    assert len(found.masses) == 2
-    assert found.masses[0] == pytest.approx(9.0, abs=1.01)
-    assert found.masses[1] == pytest.approx(14.5, abs=1.01)
-    assert found.depth[0] == 0.0
-    assert found.depth.max() == max(found.masses)
+    mode = mode_of([SHALLOW, DEEP])
+    assert len(mode.masses) == 2
+    assert mode.masses[0] == pytest.approx(9.0, abs=1.01)
+    assert mode.masses[1] == pytest.approx(14.5, abs=1.01)
+    assert mode.depth[0] == 0.0
+    assert mode.depth.max() == max(mode.masses)
 
 
 def test_a_section_is_one_slice():
     position, displacement, volume, half, history = slide([DEEP])
-    kept = np.isclose(position[1], 65.0)
+    inside = np.isclose(position[1], 65.0)
     section = failure_mode(
-        position[[0, 2]][:, kept],
-        displacement[[0, 2]][:, kept],
-        volume[kept],
+        position[[0, 2]][:, inside],
+        displacement[[0, 2]][:, inside],
+        volume[inside],
         SLOPE,
         half_size=half[[0, 2]],
-        motion=motion_of(history[:, kept], volume[kept]),
+        motion=motion_of(history[:, inside], volume[inside]),
     )
     assert section.name == "deep"
     assert section.depth.shape == (1,)
@@ -164,10 +164,10 @@ def test_moving_mirroring_and_finer_sampling_leave_the_class_alone(masses, shift
         position, displacement = position * [[1], [-1], [1]], displacement * [[1], [-1], [1]]
     position = position + np.array([[shift], [2 * shift], [0.0]])
     geometry = replace(SLOPE, toe_x=SLOPE.toe_x + shift)
-    found = failure_mode(position, displacement, volume, geometry, half_size=half, motion=motion_of(history, volume))
-    assert found.name == known.name
-    assert sorted(found.masses) == pytest.approx(sorted(known.masses))
-    assert found.released == pytest.approx(known.released)
+    mode = failure_mode(position, displacement, volume, geometry, half_size=half, motion=motion_of(history, volume))
+    assert mode.name == known.name
+    assert sorted(mode.masses) == pytest.approx(sorted(known.masses))
+    assert mode.released == pytest.approx(known.released)
 
 
 @settings(max_examples=8, deadline=None)

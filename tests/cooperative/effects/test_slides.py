@@ -128,17 +128,17 @@ def test_slides_of_a_known_population_stand_for_all_of_its_failures():
     rough, refined, mode = known_population()
     fails = refined > 1.0
     truth, share = refined[fails].mean(), float((mode[fails] == "deep").mean())
-    found, former, covered, repeats = [], [], [], 100
+    errors, former, covered, repeats = [], [], [], 100
     for seed in range(repeats):
         audit = means.audited(TwoPhase(refined_runs=60, seed=seed), rough, fails)
         _, numbers, slides = means.slid(audit, fails, 15, seed)
         slid, weight = np.array(numbers)[slides.slid], slides.weight[slides.slid]
-        found.append(weight @ refined[slid] / weight.sum() / truth - 1)
+        errors.append(weight @ refined[slid] / weight.sum() / truth - 1)
         former.append(means._former_mean(audit, refined, 15, np.random.default_rng(seed)) / truth - 1)
         low, high = shares(mode[slid], weight, ("deep",))["deep"].interval
         covered.append(low <= share <= high)
-    assert abs(np.mean(found)) < 0.02
-    assert np.std(found) < 0.8 * np.std(former)
+    assert abs(np.mean(errors)) < 0.02
+    assert np.std(errors) < 0.8 * np.std(former)
     assert np.mean(covered) >= 0.9
 
 
@@ -217,13 +217,13 @@ def test_slides_that_lost_their_restart_point_start_afresh(all_slides, tmp_path,
         patched.setattr(campaign, "_slide_on", interrupted)
         with pytest.raises(Killed):
             campaign.run(asked(2), tmp_path)
-    kept = list((tmp_path / "restart").glob("slides-*.h5"))
-    assert len(kept) >= 2
+    files = list((tmp_path / "restart").glob("slides-*.h5"))
+    assert len(files) >= 2
     status = progress_of(tmp_path)
     assert (status.grids[2].grid, status.grids[2].done, status.grids[2].planned) == (SLIDES, 0, 2)
     assert not status.grids[2].at_least
     assert "  slides         0 of 2 samples" in words(status)
-    for path in kept[1:]:
+    for path in files[1:]:
         path.unlink()
     again = campaign.run(asked(2), tmp_path)
     assert again.slides == 2
@@ -242,14 +242,14 @@ def test_restart_points_that_wait_for_the_draw_are_no_more_than_twice_the_slides
     phases = SimpleNamespace(answers={**dict.fromkeys(range(6), True), 6: False})
     store = SimpleNamespace(folder=tmp_path)
 
-    def kept(slides):
-        hands = SimpleNamespace(campaign=SimpleNamespace(plan=SimpleNamespace(slides=slides)))
-        campaign._drop_restart_points(hands, store, phases)
+    def left(slides):
+        controller = SimpleNamespace(campaign=SimpleNamespace(plan=SimpleNamespace(slides=slides)))
+        campaign._drop_restart_points(controller, store, phases)
         return [number for number in range(6) if restart_path(tmp_path, SLIDES, number).exists()]
 
-    assert kept(None) == kept(0) == kept(3) == [0, 1, 2, 3, 4]
-    assert kept(2) == [0, 1, 2, 3]
-    assert kept(1) == [0, 1]
+    assert left(None) == left(0) == left(3) == [0, 1, 2, 3, 4]
+    assert left(2) == [0, 1, 2, 3]
+    assert left(1) == [0, 1]
 
 
 @pytest.mark.usefixtures("unrendered")
@@ -270,7 +270,7 @@ def test_a_class_is_all_that_an_audit_without_slides_asks(all_slides, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("said", "match"),
+    ("text", "match"),
     [
         ('slides = 0\nmodes = "refined"', "slides = 0 ends every refined run.*modes = 'refined'"),
         ("slides = -1", "slides = -1: give a whole number of 0 or more"),
@@ -279,8 +279,8 @@ def test_a_class_is_all_that_an_audit_without_slides_asks(all_slides, tmp_path):
         ("slides = 0\n[run]\nslides_t_end = 9.0", "slides_t_end = 9 s has no effect beside slides = 0"),
     ],
 )
-def test_bad_slides_are_named(said, match):
-    plan, _, run = said.partition("[run]")
+def test_bad_slides_are_named(text, match):
+    plan, _, run = text.partition("[run]")
     with pytest.raises(ValueError, match=match):
         parse(SCENE.replace("[run]", f"[run]{run}") + plan)
 

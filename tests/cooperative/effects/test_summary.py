@@ -17,7 +17,7 @@ from cooperative.scene import Budget, Calibration, LimitLoad, parse
 from cooperative.store import Rows
 from cooperative.summary import Summary, summarise, walls_reached
 from tests.cooperative.campaign.test_campaign import TINY
-from tests.cooperative.effects.test_places import HAZARD
+from tests.cooperative.effects.test_exposed import HAZARD
 from tests.cooperative.estimate.test_twophase import pair
 
 BASE = parse(TINY)
@@ -48,7 +48,7 @@ def made_up(count, pf, seed):
     """Rough rows, and a refined grid that can be asked for any samples. The worse a sample, the likelier it is deep."""
     displacement, failed = pair(count, pf, 0.95, seed)
     generator = np.random.default_rng(seed + 1)
-    moved = np.where(failed, 5 + 10 * generator.random(count), 0.05 * displacement / displacement.max())
+    refined_displacement = np.where(failed, 5 + 10 * generator.random(count), 0.05 * displacement / displacement.max())
     deep = generator.random(count) < np.clip(0.4 + 0.5 * np.log(displacement), 0.1, 0.95)
     mode = np.where(failed, np.where(deep, "deep", "shallow"), "none")
     size = np.where(deep, 500.0, 200.0) * np.exp(0.3 * generator.standard_normal(count))
@@ -56,7 +56,7 @@ def made_up(count, pf, seed):
     def refined(numbers):
         at = np.asarray(sorted(numbers), int)
         own = {name: np.where(failed[at], size[at], 0.0) for name in ("depth", "runout", "volume", "area")}
-        return rows(at, moved[at], mode=mode[at], **own)
+        return rows(at, refined_displacement[at], mode=mode[at], **own)
 
     return rows(np.arange(count), displacement), refined, failed, mode, size
 
@@ -73,13 +73,13 @@ def test_ratios_means_and_fits_are_those_of_the_population_not_of_the_runs():
     ratio, mean, plain, covered = [], [], [], 0
     for seed in range(14):
         rough, refined, failed, mode, size = made_up(500, 0.25, seed)
-        found = play(campaign_with(samples=500, refined_runs=100), rough, refined)
+        summary = play(campaign_with(samples=500, refined_runs=100), rough, refined)
         truth = np.mean(mode[failed] == "deep")
-        deep = found.modes["deep"]
+        deep = summary.modes["deep"]
         ratio.append(deep.ratio - truth)
         covered += deep.interval[0] <= truth <= deep.interval[1]
-        mean.append(found.consequences_of_failures["volume"].mean / size[failed].mean() - 1)
-        plain.append(deep.count / found.failures_refined - truth)
+        mean.append(summary.consequences_of_failures["volume"].mean / size[failed].mean() - 1)
+        plain.append(deep.count / summary.failures_refined - truth)
     assert abs(np.mean(ratio)) < 4 * np.std(ratio) / np.sqrt(14)
     assert abs(np.mean(mean)) < 4 * np.std(mean) / np.sqrt(14)
     # Counting the runs alone would be off: the audit looks where failure is in doubt, and there fewer are deep.
@@ -89,18 +89,18 @@ def test_ratios_means_and_fits_are_those_of_the_population_not_of_the_runs():
 
 def test_fits_find_the_family_and_severity_the_larger_mode():
     rough, refined, *_ = made_up(3000, 0.25, 0)
-    found = summarise(campaign_with(samples=3000, estimator="monte carlo"), rough, refined(range(3000)))
-    assert found.fits["deep"]["volume"].best_aic == "lognormal"
-    assert [place.group for place in found.severity["volume"]] == ["deep", "shallow"]
-    assert found.severity["volume"][0].rank_interval == (1, 1)
-    assert found.grids.spearman > 0.5
-    assert found.modes["deep"].probability + found.modes["shallow"].probability == pytest.approx(
-        found.probability_of_failure
+    summary = summarise(campaign_with(samples=3000, estimator="monte carlo"), rough, refined(range(3000)))
+    assert summary.fits["deep"]["volume"].best_aic == "lognormal"
+    assert [rank.group for rank in summary.severity["volume"]] == ["deep", "shallow"]
+    assert summary.severity["volume"][0].rank_interval == (1, 1)
+    assert summary.grids.spearman > 0.5
+    assert summary.modes["deep"].probability + summary.modes["shallow"].probability == pytest.approx(
+        summary.probability_of_failure
     )
 
 
 @pytest.mark.parametrize(
-    ("plan", "said"),
+    ("plan", "reason"),
     [
         ({"refined_runs": 60}, "the refined runs allowed are spent"),
         ({"target_cov": 0.14}, "the coefficient of variation is at most 0.14"),
@@ -111,17 +111,17 @@ def test_fits_find_the_family_and_severity_the_larger_mode():
         ({"estimator": "control variate", "refined_runs": 40}, "the refined runs allowed are spent"),
     ],
 )
-def test_the_campaign_says_why_it_ended(plan, said):
+def test_the_campaign_says_why_it_ended(plan, reason):
     rough, refined, failed, *_ = made_up(600, 0.25, 3)
     campaign = campaign_with(samples=600, **plan)
-    found = play(campaign, rough, refined)
-    assert said in found.finished
-    if "target_cov" in plan and "out of reach" not in said:
-        assert found.coefficient_of_variation <= plan["target_cov"]
+    summary = play(campaign, rough, refined)
+    assert reason in summary.finished
+    if "target_cov" in plan and "out of reach" not in reason:
+        assert summary.coefficient_of_variation <= plan["target_cov"]
     if plan.get("estimator") != "published":
-        assert found.interval[0] <= failed.mean() <= found.interval[1]
-    if found.refined_runs < 600 and plan.get("estimator") != "published":
-        assert found.after_more_runs.coefficient_of_variation < found.coefficient_of_variation
+        assert summary.interval[0] <= failed.mean() <= summary.interval[1]
+    if summary.refined_runs < 600 and plan.get("estimator") != "published":
+        assert summary.after_more_runs.coefficient_of_variation < summary.coefficient_of_variation
     assert summarise(campaign, rough, refined([0])).finished is None
 
 
@@ -134,26 +134,26 @@ def test_a_run_that_broke_off_has_no_part_in_modes_and_fits():
     table.columns["mode"] = table.columns["mode"].copy()
     table.columns["mode"][lost] = ""
     table.columns["broke_off"][lost] = 1.0
-    found = summarise(campaign_with(samples=60, estimator="monte carlo"), rough, table)
-    assert found.failures_refined == failed.sum()
-    assert sum(part.count for part in found.modes.values()) == failed.sum() - 1
+    summary = summarise(campaign_with(samples=60, estimator="monte carlo"), rough, table)
+    assert summary.failures_refined == failed.sum()
+    assert sum(part.count for part in summary.modes.values()) == failed.sum() - 1
     # Every sample has run: there are no more to buy.
-    assert found.after_more_runs.samples_left == 0
-    assert "only more samples would bring" in words.more(found)
-    assert found.fits["all"]["volume"].samples == failed.sum() - 1
+    assert summary.after_more_runs.samples_left == 0
+    assert "only more samples would bring" in words.more(summary)
+    assert summary.fits["all"]["volume"].samples == failed.sum() - 1
 
 
-def test_of_exposed_places_nothing_is_said_before_a_slide_counts():
+def test_of_elements_at_risk_nothing_is_known_before_a_slide_counts():
     rough, refined, failed, *_ = made_up(60, 0.4, 1)
     campaign = campaign_with(samples=60, estimator="monte carlo")
     campaign = replace(campaign, hazard=parse(TINY + HAZARD).hazard, plan=replace(campaign.plan, slides=2))
     fails = refined(np.flatnonzero(failed)[:3])
     fails.columns["status"][:] = "DECIDED"
     for runs in (refined([]), fails):
-        found = summarise(campaign, rough, runs)
-        assert found.risk == Risk({"road": None, "house": None}, None)
-        (said,) = _page.risks(found, found.risk)
-        assert "How likely a slide reaches road, house is not known" in said
+        summary = summarise(campaign, rough, runs)
+        assert summary.risk == Risk({"road": None, "house": None}, None)
+        (text,) = _page.risks(summary, summary.risk)
+        assert "How likely a slide reaches road, house is not known" in text
     # Where many runs ended and none failed, that is known.
     stands = refined(range(60))
     stands.columns["displacement"][:] = 0.05
@@ -203,22 +203,22 @@ def test_walls_are_named_with_how_many_runs_reached_them():
 def test_a_rough_sample_that_is_to_be_redone_is_no_obstacle():
     rough, refined, *_ = made_up(60, 0.4, 1)
     fewer = Rows({name: np.delete(column, 7) for name, column in rough.columns.items()}, ("000007.h5 is damaged",))
-    found = summarise(campaign_with(samples=60, estimator="monte carlo"), fewer, refined(range(60)))
-    assert found.grids.samples <= 59
-    assert found.refined_runs == 60
+    summary = summarise(campaign_with(samples=60, estimator="monte carlo"), fewer, refined(range(60)))
+    assert summary.grids.samples <= 59
+    assert summary.refined_runs == 60
 
 
 def test_summary_and_words_tell_sampling_from_what_was_not_seen():
     rough, refined, *_ = made_up(600, 0.25, 3)
-    found = play(campaign_with(samples=600, refined_runs=60), rough, refined)
-    low, high = found.sampling_interval
-    assert found.interval[0] == low
-    assert found.interval[1] > high > found.probability_of_failure
-    assert 0 < found.unseen < 0.5
-    said = words.unseen(found)
-    assert f"{low:.3g} to {high:.3g}" in said
-    assert f"{found.coefficient_of_variation:.1%}" in said
-    assert f"up to {found.unseen:.2g} of all samples" in said
+    summary = play(campaign_with(samples=600, refined_runs=60), rough, refined)
+    low, high = summary.sampling_interval
+    assert summary.interval[0] == low
+    assert summary.interval[1] > high > summary.probability_of_failure
+    assert 0 < summary.unseen < 0.5
+    text = words.unseen(summary)
+    assert f"{low:.3g} to {high:.3g}" in text
+    assert f"{summary.coefficient_of_variation:.1%}" in text
+    assert f"up to {summary.unseen:.2g} of all samples" in text
     plain = summarise(campaign_with(samples=600, estimator="monte carlo"), rough, refined(range(600)))
     assert (plain.unseen, plain.sampling_interval, words.unseen(plain)) == (0.0, None, "")
 
@@ -234,32 +234,32 @@ def test_summary_says_where_the_ranks_mislead():
             at, np.where(failed[at], 5.0, 0.1), **{n: np.zeros(at.size) for n in ("depth", "runout", "volume", "area")}
         )
 
-    found = play(campaign_with(samples=600, refined_runs=60), upside_down, refined)
-    assert any(note.startswith("THE RANKS MISLEAD") for note in found.notes)
-    assert found.interval[0] <= failed.mean() <= found.interval[1]
+    summary = play(campaign_with(samples=600, refined_runs=60), upside_down, refined)
+    assert any(note.startswith("THE RANKS MISLEAD") for note in summary.notes)
+    assert summary.interval[0] <= failed.mean() <= summary.interval[1]
 
 
 def test_refined_runs_that_all_broke_off_beyond_the_limit_have_a_summary():
     rough, *_ = made_up(40, 0.3, seed=3)
     numbers = np.arange(12)
     refined = rows(numbers, np.full(12, 3.0), broke_off=np.ones(12), status=np.full(12, "NOT_FINITE"))
-    found = summarise(campaign_with(samples=40), rough, refined)
-    assert found.failures_refined == 12
-    assert found.consequences_of_failures["depth"] is None
-    assert found.consequences_of_failures["displacement"].largest == 3.0
-    assert found.fits == {"all": {}}
+    summary = summarise(campaign_with(samples=40), rough, refined)
+    assert summary.failures_refined == 12
+    assert summary.consequences_of_failures["depth"] is None
+    assert summary.consequences_of_failures["displacement"].largest == 3.0
+    assert summary.fits == {"all": {}}
 
 
 def test_more_runs_are_no_more_than_are_left_and_all_samples_are_the_limit():
     rough, refined, failed, *_ = made_up(80, 0.4, 3)
-    found = play(campaign_with(samples=80, refined_runs=60), rough, refined)
-    more = found.after_more_runs
+    summary = play(campaign_with(samples=80, refined_runs=60), rough, refined)
+    more = summary.after_more_runs
     assert (more.runs, more.samples_left) == (20, 20)
     # All refined, only the sampling of the 80 is left.
-    share = found.probability_of_failure
+    share = summary.probability_of_failure
     assert more.coefficient_of_variation == more.all_samples == pytest.approx(np.sqrt((1 - share) / share / 80))
-    assert "Another 20 refined runs" in words.more(found)
-    assert "only more samples help" in words.more(found)
+    assert "Another 20 refined runs" in words.more(summary)
+    assert "only more samples help" in words.more(summary)
     whole = play(campaign_with(samples=80, refined_runs=80), rough, refined)
     share = whole.probability_of_failure
     assert whole.coefficient_of_variation == pytest.approx(np.sqrt((1 - share) / share / 80))

@@ -13,7 +13,7 @@ from cooperative.scene import parse
 from cooperative.summary import slides_of, summarise
 from cooperative.values import CutOff
 from tests.cooperative.campaign.test_campaign import TINY
-from tests.cooperative.effects.test_places import HAZARD
+from tests.cooperative.effects.test_exposed import HAZARD
 from tests.cooperative.effects.test_summary import campaign_with, rows
 
 
@@ -24,11 +24,11 @@ def drawn_classes(slides):
     rough = np.sort(np.exp(generator.normal(-1.5, 1.0, 200)))[::-1]
     fails, missed = np.zeros(200, bool), generator.choice(np.flatnonzero(rough < 1.0)[:60], 11, replace=False)
     fails[rough > 1.0] = fails[missed] = True
-    moved = np.where(fails, 1.0 + 0.01 * generator.random(200), rough.clip(max=0.9))
+    displacement = np.where(fails, 1.0 + 0.01 * generator.random(200), rough.clip(max=0.9))
     campaign = campaign_with(samples=200, estimator="monte carlo")
     campaign = replace(campaign, plan=replace(campaign.plan, slides=slides))
     own = {name: np.where(fails, np.nan, 0.0) for name in ("depth", "runout", "volume", "area")}
-    table = rows(np.arange(200), moved, mode=np.full(200, "", "<U8"), **own)
+    table = rows(np.arange(200), displacement, mode=np.full(200, "", "<U8"), **own)
     table.columns["status"] = np.where(fails, "DECIDED", "SETTLED")
     before = rows(np.arange(200), rough)
     wanted = slides_of(campaign, phases_of(campaign, before, table), table).wanted
@@ -44,12 +44,13 @@ def drawn_classes(slides):
 @pytest.mark.parametrize("slides", [0, 3, None])
 def test_grids_agree_as_all_classes_do_whichever_failures_slide_on(slides):
     campaign, rough, refined = drawn_classes(slides)
-    found = summarise(campaign, rough, refined).grids
-    assert (found.samples, found.same_class) == (200, pytest.approx(0.945))
+    grids = summarise(campaign, rough, refined).grids
+    assert (grids.samples, grids.same_class) == (200, pytest.approx(0.945))
     # Where some failures' ways are unknown all are, and the ranks are those of displacements up to the limit.
-    moved = refined.columns["displacement"]
-    known = moved if slides is None else np.minimum(moved, moved[refined.columns["status"] == "DECIDED"].min())
-    assert found.spearman == pytest.approx(spearmanr(rough.columns["displacement"], known).statistic)
+    displacement = refined.columns["displacement"]
+    decided = refined.columns["status"] == "DECIDED"
+    known = displacement if slides is None else np.minimum(displacement, displacement[decided].min())
+    assert grids.spearman == pytest.approx(spearmanr(rough.columns["displacement"], known).statistic)
 
 
 def test_runs_that_broke_off_have_the_class_that_they_tell():
@@ -57,20 +58,20 @@ def test_runs_that_broke_off_have_the_class_that_they_tell():
     lost = np.flatnonzero(refined.columns["displacement"] > 1)[[0, 1, 5]]
     lost = np.append(lost, np.flatnonzero(refined.columns["displacement"] < 1)[:2])
     refined.columns["broke_off"][lost], refined.columns["status"][lost] = 1.0, "NOT_FINITE"
-    found = summarise(campaign, rough, refined).grids
+    grids = summarise(campaign, rough, refined).grids
     # Those that stood until they broke off have no class.
-    assert found.samples == 198
+    assert grids.samples == 198
     rough.columns["broke_off"][[0, 199]] = 1.0
     assert summarise(campaign, rough, refined).grids.samples == 197
 
 
 def test_a_campaign_without_slides_says_that_no_consequence_was_asked_for():
     campaign, rough, refined = drawn_classes(0)
-    found = summarise(campaign, rough, refined)
-    assert found.notes[0].startswith("the scene asks for no slides (slides = 0): the 30 refined failures ended")
-    assert (found.slides, found.slides_drawn, found.failures_refined) == (0, 0, 30)
-    assert _page.without_slides(found).startswith("No consequence was asked for")
-    assert "of 200 samples. Failures that ended once their class was known share one rank." in words.agreement(found)
+    summary = summarise(campaign, rough, refined)
+    assert summary.notes[0].startswith("the scene asks for no slides (slides = 0): the 30 refined failures ended")
+    assert (summary.slides, summary.slides_drawn, summary.failures_refined) == (0, 0, 30)
+    assert _page.without_slides(summary).startswith("No consequence was asked for")
+    assert "of 200 samples. Failures that ended once their class was known share one rank." in words.agreement(summary)
     three = summarise(*drawn_classes(3))
     assert three.notes[0].startswith("3 of 30 refined failures slid on")
     assert (three.slides_drawn, _page.without_slides(three)) == (3, "")
@@ -82,21 +83,21 @@ def test_a_campaign_without_slides_says_that_no_consequence_was_asked_for():
 
 def five_slides(status="SETTLED", *, slid=5, reached=2):
     """20 samples that all ran refined, of which some slid; `reached` of these came over the road, worth 1000, and none
-    over the house. The campaign with both places, rough and refined rows."""
+    over the house. The campaign with both elements at risk, rough and refined rows."""
     base = parse(TINY + HAZARD)
     campaign = campaign_with(samples=20, estimator="monte carlo")
     campaign = replace(campaign, hazard=base.hazard, run=replace(base.run, t_end=20.0))
     number = np.arange(20)
-    moved, came = np.where(number < slid, 5.0 + number, 0.1), number < reached
-    fails = moved > 1
-    own = {name: np.where(fails, 0.5 * moved, 0.0) for name in ("depth", "runout", "volume", "area")}
+    displacement, came = np.where(number < slid, 5.0 + number, 0.1), number < reached
+    fails = displacement > 1
+    own = {name: np.where(fails, 0.5 * displacement, 0.0) for name in ("depth", "runout", "volume", "area")}
     for name, value in (("thickness", 2.0), ("speed", 3.0), ("arrival", 15.0)):
         own[f"{name}_at_road"] = np.where(came, value + 4.0 * (number % 2), np.nan)
         own[f"{name}_at_house"] = np.full(20, np.nan)
     own["area_columns"] = np.where(fails, 1.0, np.nan)
-    table = rows(number, moved, mode=np.where(fails, "deep", "none"), **own)
+    table = rows(number, displacement, mode=np.where(fails, "deep", "none"), **own)
     table.columns["status"] = np.where(fails, status, "SETTLED").astype("<U10")
-    return campaign, rows(number, moved), table
+    return campaign, rows(number, displacement), table
 
 
 def test_four_slides_have_a_range_and_no_interval_and_five_have_one():
@@ -115,39 +116,39 @@ def test_no_mean_lies_beyond_the_time_of_the_runs_or_below_the_ground():
     number, deep = np.arange(20), campaign.site.shape.extent[-1]
     refined.columns["arrival_at_road"] = np.where(number < 12, np.where(number < 5, 0.1, 19.9), np.nan)
     refined.columns["depth"] = np.where(number < 12, np.where(number < 2, 0.1 * deep, deep), 0.0)
-    found = summarise(campaign, rough, refined)
-    arrival = found.risk.places["road"].arrival
+    summary = summarise(campaign, rough, refined)
+    arrival = summary.risk.places["road"].arrival
     assert arrival.mean < arrival.interval[1] == 20.0
-    depth = found.consequences_of_failures["depth"]
+    depth = summary.consequences_of_failures["depth"]
     assert depth.mean < depth.interval[1] == deep
 
 
 @pytest.mark.parametrize(("slid", "reached"), [(0, 0), (3, 0), (3, 2), (8, 0), (8, 3)])
 def test_an_expected_loss_is_at_most_value_times_the_upper_probability(slid, reached):
-    found = summarise(*five_slides(slid=slid, reached=reached))
-    road, house = (found.risk.places[name] for name in ("road", "house"))
+    summary = summarise(*five_slides(slid=slid, reached=reached))
+    road, house = (summary.risk.places[name] for name in ("road", "house"))
     low, high = road.loss.interval
     assert 0 <= low <= road.loss.expected <= high <= 1000 * road.reached.interval[1]
-    assert found.risk.loss.interval == (low, high)
+    assert summary.risk.loss.interval == (low, high)
     if slid < 5 or not reached:
         assert (low, high) == (0, pytest.approx(1000 * road.reached.interval[1]))
     assert high > 0
     assert house.loss is None
-    text = " ".join(_page.risks(found, found.risk))
+    text = " ".join(_page.risks(summary, summary.risk))
     assert ("not within 20 s" in text, "at most" in text) == (True, True)
 
 
 def test_slides_that_had_not_come_to_rest_are_counted_and_all_they_do_is_at_least_that():
     campaign, rough, refined = five_slides("FINISHED")
     refined.columns["status"][0] = "SETTLED"
-    found = summarise(campaign, rough, refined)
-    assert found.cut_off == CutOff(of=5, at_t_end=4, broke_off=0, t_end=20.0)
-    assert "4 of 5 slides had not come to rest when they ended at 20 s" in " ".join(found.notes)
-    assert all(each.at_least for each in found.consequences_of_failures.values())
-    text = " ".join(_page.risks(found, found.risk))
+    summary = summarise(campaign, rough, refined)
+    assert summary.cut_off == CutOff(of=5, at_t_end=4, broke_off=0, t_end=20.0)
+    assert "4 of 5 slides had not come to rest when they ended at 20 s" in " ".join(summary.notes)
+    assert all(each.at_least for each in summary.consequences_of_failures.values())
+    text = " ".join(_page.risks(summary, summary.risk))
     assert "at least 0.1" in text
     assert "interval of what 20 s show" in text
-    assert "4 of 5 slides had not come to rest" in words.cut_off(found)
+    assert "4 of 5 slides had not come to rest" in words.cut_off(summary)
     settled = summarise(*five_slides())
     assert settled.cut_off.at_t_end == 0
     assert not any(each.at_least for each in settled.consequences_of_failures.values())
@@ -157,19 +158,19 @@ def test_slides_that_had_not_come_to_rest_are_counted_and_all_they_do_is_at_leas
     assert any("not looked at for rest" in note for note in summarise(campaign, rough, refined).notes)
 
 
-def test_a_slide_that_broke_off_moved_at_least_so_far_and_has_no_other_part():
+def test_a_slide_that_broke_off_went_at_least_so_far_and_has_no_other_part():
     campaign, rough, refined = five_slides()
     refined.columns["status"][1], refined.columns["broke_off"][1] = "NOT_FINITE", 1.0
     for name in ("depth", "runout", "volume", "area", "area_columns"):
         refined.columns[name][1] = np.nan
-    found = summarise(campaign, rough, refined)
-    assert (found.cut_off.broke_off, found.cut_off.at_t_end) == (1, 0)
-    assert any(note.startswith("1 of 5 slides broke off") for note in found.notes)
-    spreads = found.consequences_of_failures
+    summary = summarise(campaign, rough, refined)
+    assert (summary.cut_off.broke_off, summary.cut_off.at_t_end) == (1, 0)
+    assert any(note.startswith("1 of 5 slides broke off") for note in summary.notes)
+    spreads = summary.consequences_of_failures
     assert [spreads[name].at_least for name in ("displacement", "runout")] == [True, False]
 
 
-def test_runs_that_still_moved_when_their_class_was_taken_are_named():
+def test_runs_that_had_not_settled_when_their_class_was_taken_are_named():
     campaign, rough, refined = five_slides()
     refined.columns["status"][7:9], refined.columns["displacement"][8] = "FINISHED", 0.7
     (note,) = summarise(campaign, rough, refined).notes

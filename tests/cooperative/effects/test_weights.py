@@ -20,28 +20,28 @@ def test_weights_give_the_printed_probability_of_failure(estimator):
     phases = Phases(estimator, 1.0, population=Population(rough))
     while wanted := phases.next_runs(8, ()):
         phases = phases.refined({n: (refined[n], False) for n in {*phases.answers, *wanted}})
-    found = phases.weights
-    assert sum(found.values()) == pytest.approx(1.0, abs=1e-12)
-    failed = [n for n in found if phases.answers[n]]
-    assert sum(found[n] for n in failed) == pytest.approx(phases.estimate.probability, abs=1e-12)
+    weights = phases.weights
+    assert sum(weights.values()) == pytest.approx(1.0, abs=1e-12)
+    failed = [n for n in weights if phases.answers[n]]
+    assert sum(weights[n] for n in failed) == pytest.approx(phases.estimate.probability, abs=1e-12)
     # Among the failures they are in proportion to those of the draws.
     drawn = estimator.weights(phases.population, phases.answers)
-    factors = [found[n] / drawn[n] for n in failed]
+    factors = [weights[n] / drawn[n] for n in failed]
     assert factors == pytest.approx([factors[0]] * len(factors))
 
 
 def test_a_run_without_an_answer_stands_for_nothing():
     phases = Phases(MonteCarlo(), 1.0, population=Population(np.arange(4.0)))
-    found = phases.refined({0: (0.1, False), 1: (0.2, True), 2: (2.0, True), 3: (0.3, False)})
-    assert found.answers == {0: False, 1: None, 2: True, 3: False}
-    assert found.weights == pytest.approx({0: 1 / 3, 1: 0.0, 2: 1 / 3, 3: 1 / 3})
+    after = phases.refined({0: (0.1, False), 1: (0.2, True), 2: (2.0, True), 3: (0.3, False)})
+    assert after.answers == {0: False, 1: None, 2: True, 3: False}
+    assert after.weights == pytest.approx({0: 1 / 3, 1: 0.0, 2: 1 / 3, 3: 1 / 3})
 
 
 def test_estimators_without_a_model_draw_their_slides_from_their_failures_alone():
-    moved = np.random.default_rng(2).permutation(np.linspace(0.1, 3.0, 50))
-    phases = Phases(MonteCarlo(refined_runs=30), 1.0, population=Population(moved))
-    phases = phases.refined({n: (moved[n], False) for n in range(30)})
-    numbers, failed = list(range(30)), moved[:30] > 1.0
+    displacement = np.random.default_rng(2).permutation(np.linspace(0.1, 3.0, 50))
+    phases = Phases(MonteCarlo(refined_runs=30), 1.0, population=Population(displacement))
+    phases = phases.refined({n: (displacement[n], False) for n in range(30)})
+    numbers, failed = list(range(30)), displacement[:30] > 1.0
     slides = Slides.of(phases, numbers, ~failed, 6, 1)
     assert len(slides.wanted) == 6
     assert all(failed[n] for n in slides.wanted)

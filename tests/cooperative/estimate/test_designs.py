@@ -22,14 +22,14 @@ from tests.cooperative.estimate.test_twophase import pair
 WITH_TARGETS = (TwoPhase, ControlVariate, MonteCarlo)
 
 
-def play(estimator, displacement, failed, places=1, seed=0):
+def play(estimator, displacement, failed, lanes=1, seed=0):
     """Run a campaign whose refined grid answers at once, or after others; returns its answers in the order given."""
     population, answers = Population(displacement), {}
     under_way: list[int] = []
     generator = np.random.default_rng(seed)
     while True:
-        asked = estimator.wanted(population, answers, places, under_way)
-        under_way += [number for number in asked if number not in under_way][: max(places - len(under_way), 0)]
+        asked = estimator.wanted(population, answers, lanes, under_way)
+        under_way += [number for number in asked if number not in under_way][: max(lanes - len(under_way), 0)]
         if not under_way:
             return population, answers
         number = under_way.pop(int(generator.integers(len(under_way))))
@@ -43,7 +43,7 @@ def test_runs_at_once_and_their_order_change_nothing(estimator):
     displacement, failed = pair(200, 0.25, 0.9, 3)
     population, alone = play(estimator, displacement, failed)
     for seed in range(3):
-        _, together = play(estimator, displacement, failed, places=7, seed=seed)
+        _, together = play(estimator, displacement, failed, lanes=7, seed=seed)
         assert together == alone
     assert estimator.estimate(population, alone) == estimator.path(population, alone)[-1]
 
@@ -52,10 +52,10 @@ def test_runs_at_once_and_their_order_change_nothing(estimator):
 def test_a_target_alone_stops_the_campaign_when_met(kind):
     estimator = kind(target_cov=0.15)
     population, answers = play(estimator, *pair(1500, 0.25, 0.95, 5))
-    found = estimator.estimate(population, answers)
-    assert found.cov < 0.2
+    reached = estimator.estimate(population, answers)
+    assert reached.cov < 0.2
     assert len(answers) < 1500
-    assert "a coefficient of variation of 0.15" in estimator.why_finished(population, answers) or found.cov <= 0.15
+    assert "a coefficient of variation of 0.15" in estimator.why_finished(population, answers) or reached.cov <= 0.15
     before = estimator.path(population, answers)[:-1]
     assert all(estimate.cov > 0.15 for estimate in before[2:])
 
@@ -105,7 +105,7 @@ def test_a_scene_names_estimators_and_gives_them_what_they_take():
 
 def test_monte_carlo_of_all_samples_is_the_plain_share():
     displacement, failed = pair(120, 0.25, 0.9, 0)
-    population, answers = play(MonteCarlo(), displacement, failed, places=3)
+    population, answers = play(MonteCarlo(), displacement, failed, lanes=3)
     whole = monte_carlo(failed, samples=120)
     assert MonteCarlo().estimate(population, answers) == whole
     # More runs of these samples would buy nothing.
@@ -117,12 +117,12 @@ def test_monte_carlo_of_all_samples_is_the_plain_share():
 
 
 @pytest.mark.parametrize("estimator", [ControlVariate(), MonteCarlo()])
-def test_runs_without_answer_are_said(estimator):
+def test_runs_without_answer_are_noted(estimator):
     displacement, failed = pair(100, 0.25, 0.9, 0)
     answers = dict(enumerate(failed[:40].tolist())) | {7: None}
-    found = estimator.estimate(Population(displacement), answers)
-    assert found.refined_runs == 39
-    assert "1 refined runs gave no answer" in found.notes[0]
+    estimate = estimator.estimate(Population(displacement), answers)
+    assert estimate.refined_runs == 39
+    assert "1 refined runs gave no answer" in estimate.notes[0]
     nothing = estimator.estimate(Population(displacement), {})
     assert nothing.interval == (0.0, 1.0)
 
@@ -135,19 +135,19 @@ def test_subset_simulation_asked_step_by_step_is_the_same():
         return xi[:, 0] + 0.1 * xi[:, 1]
 
     sampling = Sampling(160, 1.0, modes=lambda: 3)
-    found = subset_simulation(rough, 3, estimator.plan(sampling))
+    subset = subset_simulation(rough, 3, estimator.plan(sampling))
     every = np.concatenate(asked)
-    assert len(every) == estimator.rough_runs(sampling) == found.rough_runs
-    np.testing.assert_array_equal(every[found.number], found.coefficients)
-    assert np.unique(found.number).size == found.number.size
+    assert len(every) == estimator.rough_runs(sampling) == subset.rough_runs
+    np.testing.assert_array_equal(every[subset.number], subset.coefficients)
+    assert np.unique(subset.number).size == subset.number.size
     known: dict[int, tuple[float, bool]] = {}
     while len(xi := estimator.coefficients(sampling, known)) > len(known):
         assert estimator.population(sampling, known) is None
         known |= {n: (float(xi[n, 0] + 0.1 * xi[n, 1]), False) for n in range(len(known), len(xi))}
     np.testing.assert_array_equal(xi, every)
     population = estimator.population(sampling, known)
-    np.testing.assert_array_equal(population.numbers, found.number)
-    np.testing.assert_array_equal(population.weight, found.weight)
+    np.testing.assert_array_equal(population.numbers, subset.number)
+    np.testing.assert_array_equal(population.weight, subset.weight)
     # A result that was lost is asked for again, and nothing after it that might depend on it.
     lost = {number: result for number, result in known.items() if number != 30}
     again = estimator.coefficients(sampling, lost)

@@ -38,11 +38,11 @@ def coverage(link, pf, runs, repeats):
     whole, alone, errors = 0, 0, []
     for seed in range(repeats):
         displacement, failed = hidden(link, 750, pf, seed)
-        found = two_phase(Population(displacement), answers(failed), AuditPlan(runs=runs, seed=seed))
+        estimate = two_phase(Population(displacement), answers(failed), AuditPlan(runs=runs, seed=seed))
         truth = 0.7 * pf + 0.3 * pf * (1 - 0.7 * pf) if link == "some at the bottom" else pf
-        whole += found.interval[0] <= truth <= found.interval[1]
-        alone += found.sampling_interval[0] <= truth <= found.sampling_interval[1]
-        errors.append(found.probability - failed.mean())
+        whole += estimate.interval[0] <= truth <= estimate.interval[1]
+        alone += estimate.sampling_interval[0] <= truth <= estimate.sampling_interval[1]
+        errors.append(estimate.probability - failed.mean())
     return whole / repeats, alone / repeats, np.array(errors)
 
 
@@ -65,16 +65,16 @@ def test_the_interval_holds_wherever_failures_hide(link, pf, runs):
 
 def test_the_allowance_widens_upwards_only_and_leaves_the_rest_alone():
     displacement, failed = pair(750, 0.244, 0.95, 0)
-    found = two_phase(Population(displacement), answers(failed), AuditPlan(runs=60))
-    (low, high), (alone_low, alone_high) = found.interval, found.sampling_interval
+    estimate = two_phase(Population(displacement), answers(failed), AuditPlan(runs=60))
+    (low, high), (alone_low, alone_high) = estimate.interval, estimate.sampling_interval
     assert low == alone_low
-    assert high - found.probability == pytest.approx(np.hypot(alone_high - found.probability, found.unseen))
+    assert high - estimate.probability == pytest.approx(np.hypot(alone_high - estimate.probability, estimate.unseen))
     # A target goes by the sampling, which the allowance is far from meeting.
     target = two_phase(Population(displacement), answers(failed), AuditPlan(runs=700, target_cov=0.12))
     assert target.cov == pytest.approx(0.12, abs=0.02)
     assert target.refined_runs < 150
     assert target.interval[1] > target.sampling_interval[1]
-    # Who trusts the ranks from the start is told what that leaves out.
+    # Notes name what trust in the ranks from the start leaves out.
     trusting = two_phase(Population(displacement), answers(failed), AuditPlan(runs=60, proving=0))
     assert (trusting.unseen, trusting.sampling_interval) == (0.0, None)
     assert "has no allowance" in trusting.notes[0]
@@ -111,22 +111,22 @@ def test_no_draw_meets_what_is_hidden_more_rarely_than_the_limit_says(seed, leve
     )
 
 
-def test_ranks_that_mislead_are_said_loudly():
+def test_ranks_that_mislead_are_noted_loudly():
     displacement, failed = hidden("against", 750, 0.244, 0)
-    found = two_phase(Population(displacement), answers(failed), AuditPlan(runs=60))
-    assert any(note.startswith("THE RANKS MISLEAD") for note in found.notes)
+    estimate = two_phase(Population(displacement), answers(failed), AuditPlan(runs=60))
+    assert any(note.startswith("THE RANKS MISLEAD") for note in estimate.notes)
     good = [
         two_phase(Population(d), answers(f), AuditPlan(runs=60)) for d, f in (pair(750, 0.244, 0.98, s) for s in (1, 2))
     ]
-    assert not any("MISLEAD" in note for found in good for note in found.notes)
+    assert not any("MISLEAD" in note for estimate in good for note in estimate.notes)
 
 
 def test_soil_that_fails_throughout_does_not_speak_against_the_ranks():
     displacement, _ = pair(100, 0.244, 0.95, 1)
     fails = np.ones(100, bool)
-    found = two_phase(Population(displacement), answers(fails), AuditPlan(runs=20))
-    assert not any("MISLEAD" in note for note in found.notes)
+    estimate = two_phase(Population(displacement), answers(fails), AuditPlan(runs=20))
+    assert not any("MISLEAD" in note for note in estimate.notes)
     # One that stands at the top of the ranking, and the failures below it are a surprise.
     fails[np.argmax(displacement)] = False
-    found = two_phase(Population(displacement), answers(fails), AuditPlan(runs=20, k_t=1))
-    assert any(note.startswith("THE RANKS MISLEAD") for note in found.notes)
+    estimate = two_phase(Population(displacement), answers(fails), AuditPlan(runs=20, k_t=1))
+    assert any(note.startswith("THE RANKS MISLEAD") for note in estimate.notes)

@@ -14,11 +14,11 @@ positive = st.lists(st.tuples(st.floats(0.1, 50.0), st.floats(0.01, 1.0)), min_s
 @given(positive, st.floats(0.01, 100.0), st.floats(0.01, 100.0))
 def test_units_and_the_sum_of_the_weights_do_not_matter(rows, unit, total):
     values, weight = rows.T
-    found = mean_interval(values, weight)
-    assert (found is None) == (weight.sum() ** 2 / (weight @ weight) < 5 - 1e-8)
-    if found is None:
+    interval = mean_interval(values, weight)
+    assert (interval is None) == (weight.sum() ** 2 / (weight @ weight) < 5 - 1e-8)
+    if interval is None:
         return
-    low, high = found
+    low, high = interval
     assert low <= weight @ values / weight.sum() * (1 + 1e-9)
     assert high >= weight @ values / weight.sum() * (1 - 1e-9)
     scaled = mean_interval(unit * values, total * weight)
@@ -52,10 +52,10 @@ def test_one_slide_far_beyond_the_others_does_not_make_an_interval_without_end()
 
 def test_intervals_hold_the_truth_of_campaigns_that_draw_their_slides_twice():
     case = means.Means(0.05, 120, 15)
-    found = means.summarise(case, means.repeat(case, 0, 60))
-    assert found["without_interval"] == 0
-    assert abs(found["bias"]) < 0.05
-    assert 0.9 <= found["coverage"] <= 1.0
+    result = means.summarise(case, means.repeat(case, 0, 60))
+    assert result["without_interval"] == 0
+    assert abs(result["bias"]) < 0.05
+    assert 0.9 <= result["coverage"] <= 1.0
 
 
 def test_the_truth_of_the_made_up_campaigns_is_that_of_many_samples():

@@ -57,10 +57,10 @@ def test_control_variate_is_unbiased_and_beats_monte_carlo():
     errors, plain, covered = [], [], 0
     for seed in range(300):
         displacement, failed = pair(1000, 0.244, 0.95, seed)
-        found = control_variate(displacement, answers(failed[:80]))
-        errors.append(found.probability - 0.244)
+        estimate = control_variate(displacement, answers(failed[:80]))
+        errors.append(estimate.probability - 0.244)
         plain.append(failed[:80].mean() - 0.244)
-        covered += found.interval[0] <= 0.244 <= found.interval[1]
+        covered += estimate.interval[0] <= 0.244 <= estimate.interval[1]
     assert abs(np.mean(errors)) < 4 * np.std(errors) / np.sqrt(300)
     assert np.std(errors) < 0.75 * np.std(plain)
     assert 0.9 < covered / 300 < 0.985

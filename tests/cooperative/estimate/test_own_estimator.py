@@ -44,9 +44,9 @@ class EveryKth:
         order = rank_samples(population.rough_displacement, population.broke_off).order
         return order[self.k // 2 :: self.k].tolist()
 
-    def wanted(self, population, answers, places, under_way):
+    def wanted(self, population, answers, lanes, under_way):
         missing = [s for s in self.chosen(population) if s not in answers and s not in under_way]
-        return missing[: max(places - len(under_way), 0)]
+        return missing[: max(lanes - len(under_way), 0)]
 
     def estimate(self, population, answers):
         known = [bool(answers[s]) for s in self.chosen(population) if s in answers]

@@ -22,11 +22,11 @@ from tests.cooperative.estimate.test_twophase import answers, pair
 
 def test_equal_weights_give_the_plain_share_and_wilsons_interval():
     group = np.array(["deep"] * 6 + ["shallow"] * 4)
-    found = shares(group, np.full(10, 0.3), ("deep", "shallow", "compound"))
-    assert (found["deep"].count, found["compound"].count) == (6, 0)
-    assert found["deep"].share == pytest.approx(0.6)
-    assert found["deep"].interval == pytest.approx(wilson_interval(6, 10))
-    assert found["compound"].interval == pytest.approx(wilson_interval(0, 10))
+    result = shares(group, np.full(10, 0.3), ("deep", "shallow", "compound"))
+    assert (result["deep"].count, result["compound"].count) == (6, 0)
+    assert result["deep"].share == pytest.approx(0.6)
+    assert result["deep"].interval == pytest.approx(wilson_interval(6, 10))
+    assert result["compound"].interval == pytest.approx(wilson_interval(0, 10))
 
 
 @given(st.lists(st.floats(0.01, 10), min_size=1, max_size=30))
@@ -40,12 +40,12 @@ def test_correlation_agrees_with_scipy_for_equal_weights():
     generator = np.random.default_rng(0)
     rough = np.exp(generator.standard_normal(60))
     refined = rough * np.exp(0.3 * generator.standard_normal(60))
-    found = correlation(rough, refined, np.full(60, 0.2), failure_displacement=1.0)
-    assert found.spearman == pytest.approx(spearmanr(rough, refined).statistic)
-    assert found.pearson_log == pytest.approx(pearsonr(np.log(rough), np.log(refined)).statistic)
-    assert found.phi == pytest.approx(np.corrcoef(rough > 1, refined > 1)[0, 1])
-    assert found.same_class == pytest.approx(np.mean((rough > 1) == (refined > 1)))
-    assert found.interval[0] < found.spearman < found.interval[1]
+    result = correlation(rough, refined, np.full(60, 0.2), failure_displacement=1.0)
+    assert result.spearman == pytest.approx(spearmanr(rough, refined).statistic)
+    assert result.pearson_log == pytest.approx(pearsonr(np.log(rough), np.log(refined)).statistic)
+    assert result.phi == pytest.approx(np.corrcoef(rough > 1, refined > 1)[0, 1])
+    assert result.same_class == pytest.approx(np.mean((rough > 1) == (refined > 1)))
+    assert result.interval[0] < result.spearman < result.interval[1]
 
 
 def test_a_weight_counts_as_so_many_samples():
@@ -99,6 +99,6 @@ def test_the_path_ends_with_the_estimate():
 @pytest.mark.parametrize("count", [4, 20, 100_000])
 def test_a_perfect_rank_correlation_lies_in_its_own_interval(sign, count):
     rough = np.arange(1.0, count + 1)
-    found = correlation(rough, 10 + sign * rough / count, np.ones(count), failure_displacement=10.5)
-    assert found.spearman == pytest.approx(sign)
-    assert found.interval[0] <= found.spearman <= found.interval[1]
+    result = correlation(rough, 10 + sign * rough / count, np.ones(count), failure_displacement=10.5)
+    assert result.spearman == pytest.approx(sign)
+    assert result.interval[0] <= result.spearman <= result.interval[1]

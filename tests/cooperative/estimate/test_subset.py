@@ -18,12 +18,12 @@ def test_subset_simulation_finds_a_rare_probability():
     # P(X > 3.09) = 1e-3 for one standard normal, from a few thousand samples.
     shares, weights = [], []
     for seed in range(12):
-        found = subset_simulation(lambda xi: xi[:, 0], 3, SubsetPlan(per_level=200, levels=3, replicates=8, seed=seed))
-        shares.append(found.weight[found.rough_displacement > norm.isf(1e-3)].sum())
-        weights.append(found.weight.sum())
-        assert found.rough_displacement.size == found.weight.size == found.replicate.size
-        assert found.rough_runs == 8 * (200 + 3 * 180)
-        np.testing.assert_array_equal(found.coefficients[:, 0], found.rough_displacement)
+        result = subset_simulation(lambda xi: xi[:, 0], 3, SubsetPlan(per_level=200, levels=3, replicates=8, seed=seed))
+        shares.append(result.weight[result.rough_displacement > norm.isf(1e-3)].sum())
+        weights.append(result.weight.sum())
+        assert result.rough_displacement.size == result.weight.size == result.replicate.size
+        assert result.rough_runs == 8 * (200 + 3 * 180)
+        np.testing.assert_array_equal(result.coefficients[:, 0], result.rough_displacement)
     np.testing.assert_allclose(weights, 1.0)
     assert np.mean(shares) == pytest.approx(1e-3, rel=0.15)
 
@@ -31,11 +31,11 @@ def test_subset_simulation_finds_a_rare_probability():
 def test_subset_simulation_feeds_the_audit():
     pf, off, covered = 1e-3, [], 0
     for seed in range(40):
-        found = subset_simulation(
+        result = subset_simulation(
             lambda xi: np.exp(xi[:, 0] - norm.isf(5e-4)), 3, SubsetPlan(per_level=500, levels=3, seed=seed)
         )
-        failed = 0.95 * found.coefficients[:, 0] + np.sqrt(1 - 0.95**2) * found.coefficients[:, 1] > norm.isf(pf)
-        population = Population(found.rough_displacement, weight=found.weight, replicate=found.replicate)
+        failed = 0.95 * result.coefficients[:, 0] + np.sqrt(1 - 0.95**2) * result.coefficients[:, 1] > norm.isf(pf)
+        population = Population(result.rough_displacement, weight=result.weight, replicate=result.replicate)
         answer = two_phase(population, answers(failed), AuditPlan(runs=200, seed=seed, growth=0.5, proving=0))
         off.append(answer.probability / pf - 1)
         covered += answer.interval[0] <= pf <= answer.interval[1]
@@ -48,9 +48,9 @@ def test_subset_simulation_takes_runs_that_broke_off_for_the_largest():
     def rough(xi):
         return np.where(xi[:, 0] > 3, np.nan, xi[:, 0])
 
-    found = subset_simulation(rough, 2, SubsetPlan(per_level=100, levels=3, replicates=2))
-    assert np.isinf(found.rough_displacement).any()
-    assert found.weight.sum() == pytest.approx(1.0)
+    result = subset_simulation(rough, 2, SubsetPlan(per_level=100, levels=3, replicates=2))
+    assert np.isinf(result.rough_displacement).any()
+    assert result.weight.sum() == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(

@@ -107,17 +107,17 @@ def test_the_ordered_estimate_is_exactly_unbiased(outcome):
 
 def test_all_samples_known_gives_the_exact_share():
     displacement, failed = pair(40, 0.3, 0.9, 0)
-    found = two_phase(Population(displacement), answers(failed), AuditPlan(runs=40))
-    assert found.probability == pytest.approx(failed.mean())
-    assert found.audit_variance == 0.0
-    assert found.interval == pytest.approx(wilson_interval(int(failed.sum()), 40))
+    estimate = two_phase(Population(displacement), answers(failed), AuditPlan(runs=40))
+    assert estimate.probability == pytest.approx(failed.mean())
+    assert estimate.audit_variance == 0.0
+    assert estimate.interval == pytest.approx(wilson_interval(int(failed.sum()), 40))
 
 
 @pytest.mark.parametrize("outcome", [False, True])
 def test_few_samples_that_all_end_alike_leave_the_probability_open(outcome):
     displacement, _ = pair(10, 0.3, 0.9, 0)
-    found = two_phase(Population(displacement), dict.fromkeys(range(10), outcome), AuditPlan(runs=10))
-    assert found.sampling_interval == pytest.approx(wilson_interval(10 * outcome, 10))
+    estimate = two_phase(Population(displacement), dict.fromkeys(range(10), outcome), AuditPlan(runs=10))
+    assert estimate.sampling_interval == pytest.approx(wilson_interval(10 * outcome, 10))
 
 
 @settings(max_examples=25, deadline=None)
@@ -219,17 +219,17 @@ def test_an_audit_that_ends_by_its_target_is_exactly_unbiased(failing, monkeypat
     assert {len(order) for order in ways} == {4, 5}
 
 
-def test_runs_without_answer_are_said_and_do_not_break():
+def test_runs_without_answer_are_noted_and_do_not_break():
     displacement, failed = pair(300, 0.2, 0.95, 2)
     plan = AuditPlan(runs=50)
     results: dict[int, bool | None] = dict(answers(failed))
     results[next_audit(Population(displacement), {}, plan)[0]] = None
-    found = two_phase(Population(displacement), results, plan)
-    assert "1 refined runs gave no answer" in found.notes[0]
-    assert 0 < found.probability < 1
+    estimate = two_phase(Population(displacement), results, plan)
+    assert "1 refined runs gave no answer" in estimate.notes[0]
+    assert 0 < estimate.probability < 1
 
 
-def test_nothing_known_and_no_failure_found_are_said():
+def test_nothing_known_and_no_refined_failure_are_noted():
     displacement, _ = pair(500, 0.2, 0.95, 2)
     start = two_phase(Population(displacement), {}, AuditPlan(runs=50))
     assert start.interval == (0.0, 1.0)
@@ -271,9 +271,9 @@ def test_bias_and_coverage_by_simulation(correlation, k_t):
     errors, covered = [], 0
     for seed in range(repeats):
         displacement, failed = pair(count, pf, correlation, seed)
-        found = two_phase(Population(displacement), answers(failed), AuditPlan(runs=60, seed=seed, k_t=k_t))
-        errors.append(found.probability - failed.mean())
-        low, high = found.sampling_interval
+        estimate = two_phase(Population(displacement), answers(failed), AuditPlan(runs=60, seed=seed, k_t=k_t))
+        errors.append(estimate.probability - failed.mean())
+        low, high = estimate.sampling_interval
         covered += low <= pf <= high
     assert abs(np.mean(errors)) < 4 * np.std(errors) / np.sqrt(repeats)
     assert np.std(errors) < 0.08
@@ -285,6 +285,6 @@ def test_a_rough_grid_that_says_nothing_still_gives_an_unbiased_answer():
     errors = []
     for seed in range(300):
         displacement, failed = pair(300, 0.2, 0.0, seed)
-        found = two_phase(Population(displacement), answers(failed), AuditPlan(runs=60, seed=seed))
-        errors.append(found.probability - failed.mean())
+        estimate = two_phase(Population(displacement), answers(failed), AuditPlan(runs=60, seed=seed))
+        errors.append(estimate.probability - failed.mean())
     assert abs(np.mean(errors)) < 4 * np.std(errors) / np.sqrt(300)

@@ -29,11 +29,11 @@ def test_without_a_terminal_lines_tell_it_on_stderr_and_in_the_folder(tmp_path, 
     invented.invent(put=monkeypatch.setattr)
     run(AUDITED, tmp_path / "told", progress=True)
     log = (tmp_path / "told" / "progress.log").read_text().splitlines()
-    said = [LINE.fullmatch(line)[1] for line in log]
-    assert said[0] == f"begun by process {os.getpid()} on {socket.gethostname()}"
-    assert said[-1] == "done"
-    assert re.fullmatch(r"refined grid 10/10, .* left, [\d.e+]+ per hour, P_f [\d.]+ \([\d.]+ to [\d.]+\)", said[-2])
-    assert len(said) < 8  # a line a minute for each grid, not one a sample
+    events = [LINE.fullmatch(line)[1] for line in log]
+    assert events[0] == f"begun by process {os.getpid()} on {socket.gethostname()}"
+    assert events[-1] == "done"
+    assert re.fullmatch(r"refined grid 10/10, .* left, [\d.e+]+ per hour, P_f [\d.]+ \([\d.]+ to [\d.]+\)", events[-2])
+    assert len(events) < 8  # a line a minute for each grid, not one a sample
     assert capsys.readouterr().err.splitlines() == log[1:-1]
 
 

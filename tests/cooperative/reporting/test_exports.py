@@ -88,10 +88,10 @@ def site():
 
 def test_ascii_grids_hold_the_maps_where_they_lie(tmp_path, site, maps):
     written = {path.name: path for path in map_files.write_ascii(tmp_path, site, maps)}
-    found = mpm.read_raster(written["reached.asc"])
-    np.testing.assert_allclose(found.heights, maps.maps["reached"].value, rtol=1e-8)
-    assert found.corner == (maps.edges[0][0] + 0.5 + ORIGIN[0], maps.edges[1][0] + 0.5 + ORIGIN[1])
-    assert (found.step, found.projection) == (1.0, UTM)
+    raster = mpm.read_raster(written["reached.asc"])
+    np.testing.assert_allclose(raster.heights, maps.maps["reached"].value, rtol=1e-8)
+    assert raster.corner == (maps.edges[0][0] + 0.5 + ORIGIN[0], maps.edges[1][0] + 0.5 + ORIGIN[1])
+    assert (raster.step, raster.projection) == (1.0, UTM)
     arrival = mpm.read_raster(written["arrival.asc"]).heights
     assert np.array_equal(np.isnan(arrival), np.isnan(maps.maps["arrival"].value))
     assert np.isnan(arrival).any()
@@ -242,14 +242,14 @@ def test_maps_of_slides_that_had_not_come_to_rest_say_at_least(tmp_path, plain, 
     assert not list(map_files.write_notice(tmp_path, maps))
     moving = replace(maps, moving=3, until=20.0)
     (notice,) = map_files.write_notice(tmp_path, moving)
-    said = "3 of 4 slides had not come to rest when they ended at 20 s, so the maps give least values."
-    assert (notice.name, notice.read_text()) == ("AT_LEAST.txt", f"{said}\n")
+    text = "3 of 4 slides had not come to rest when they ended at 20 s, so the maps give least values."
+    assert (notice.name, notice.read_text()) == ("AT_LEAST.txt", f"{text}\n")
     written = {path.name: path for path in map_files.write_contours(tmp_path, parse(scene_of(None)).site, moving)}
-    assert json.loads(written["reached.geojson"].read_text())["at_least"] == said
+    assert json.loads(written["reached.geojson"].read_text())["at_least"] == text
     with open_store(tmp_path / "moving", (plain / "scene.toml").read_text()) as store:
         for grid in ("rough", "refined"):
             for number in range(10):
                 sample = read_sample(read_store(plain), grid, number)
                 write_sample(store, grid, replace(sample, status="FINISHED" if number in (1, 2) else sample.status))
-    found = hazard.hazard_maps(tmp_path / "moving")
-    assert (found.moving, found.slides, found.until) == (2, 4, parse(scene_of(None)).run.t_end)
+    result = hazard.hazard_maps(tmp_path / "moving")
+    assert (result.moving, result.slides, result.until) == (2, 4, parse(scene_of(None)).run.t_end)

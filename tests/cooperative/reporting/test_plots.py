@@ -30,11 +30,11 @@ CURVE = Exceedance((0.0, 5.0, 9.0), (0.3, 0.1, 0.0), (0.2, 0.04, 0.0), (0.4, 0.2
 def maps(*shape):
     """Maps over columns of 4 m, made up."""
     value = np.linspace(0.5, 0.0, int(np.prod(shape))).reshape(shape)
-    found = Chances(value, value / 2, 0.5 + value / 2, np.ones(shape, int))
+    chances = Chances(value, value / 2, 0.5 + value / 2, np.ones(shape, int))
     units = {"reached": "-", "faster than 1 m/s": "-", "expected thickness": "m", "arrival": "s"}
     plan = ColumnPlan((0.0,) * len(shape), 4.0, shape, tuple((0.0, 4.0 * count) for count in shape))
     edges = tuple(plan.edges(axis) for axis in range(len(shape)))
-    return Maps(plan, edges, dict.fromkeys(units, found), units, slice(4, None), 9, 0.4, 0.07, 0.5)
+    return Maps(plan, edges, dict.fromkeys(units, chances), units, slice(4, None), 9, 0.4, 0.07, 0.5)
 
 
 FIGURES = {
@@ -92,10 +92,10 @@ def test_a_figure_on_the_page_is_an_element_of_its_own(name):
 
 def test_maps_and_curves_that_answer_are_those_that_are_drawn():
     pytest.importorskip("plotly", reason="the extra interactive is not installed")
-    found = maps(8, 6)
-    shown = interactive.plan_maps(found, toe=16.0)
-    assert len(shown.data) == len(charts.plan_maps(found, toe=None).axes) // 2
-    np.testing.assert_allclose(shown.data[0].z.T, found.maps["reached"].value)
+    made = maps(8, 6)
+    shown = interactive.plan_maps(made, toe=16.0)
+    assert len(shown.data) == len(charts.plan_maps(made, toe=None).axes) // 2
+    np.testing.assert_allclose(shown.data[0].z.T, made.maps["reached"].value)
     np.testing.assert_allclose(shown.data[0].x, np.arange(8) * 4.0 + 2)
     assert shown.data[1].zmax == shown.data[0].zmax == 1.0 - 0.25
     along = interactive.profile(maps(8), toe=16.0)
@@ -196,7 +196,7 @@ def test_soil_that_tears_is_drawn_torn():
     torn = plots.displaced_boxes(position, np.stack([apart, 0 * apart]), half)
     assert area(torn) == pytest.approx(np.full(24, 0.25))
     assert torn[..., 0].max() == pytest.approx(8.0)
-    # Two particles at one place are no lattice: their boxes go with them.
+    # Two particles at one position are no lattice: their boxes go with them.
     twice = plots.displaced_boxes(np.tile(position, 2), np.zeros((2, 48)), half)
     assert area(twice) == pytest.approx(np.full(48, 0.25))
 

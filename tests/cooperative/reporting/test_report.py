@@ -23,7 +23,7 @@ from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, sample_path, write_sample
 from cooperative.summary import Summary
 from tests.cooperative.campaign.test_campaign import TINY
-from tests.cooperative.effects.test_places import HAZARD
+from tests.cooperative.effects.test_exposed import HAZARD
 
 SCENE = TINY.replace("samples = 6", "samples = 14").replace('estimator = "published"', "refined_runs = 10") + HAZARD
 
@@ -122,12 +122,12 @@ def test_figures_that_answer_hold_the_numbers_of_the_summary(done):
     assert (shown.x.tolist(), shown.y.tolist()) == ([*curve.thresholds], [*curve.probability])
     assert [each.y.tolist() for each in band] == [[*curve.low], [*curve.high]]
     assert shown.customdata.tolist() == [list(limits) for limits in zip(curve.low, curve.high, strict=True)]
-    moved = {
+    displacements = {
         "sample": np.array([4, 7, 9]),
         "rough": np.array([0.1, np.nan, 2.0]),
         "refined": np.array([np.nan, 3.0, 4]),
     }
-    rough, refined = interactive.ranked(moved, 1.0).data
+    rough, refined = interactive.ranked(displacements, 1.0).data
     assert rough.x.tolist() == refined.x.tolist() == [3, 1, 2]
     assert rough.customdata.tolist() == [4, 7, 9]
 
@@ -167,19 +167,19 @@ def test_the_table_tells_what_each_refined_run_stands_for(done):
 
 def test_maps_add_up_to_what_the_slides_cover(done):
     folder, summary = done
-    found = hazard_maps(folder)
-    reached, covered = found.maps["reached"], found.maps["covered at the end"]
+    maps = hazard_maps(folder)
+    reached, covered = maps.maps["reached"], maps.maps["covered at the end"]
     assert (reached.value + 1e-12 >= covered.value).all()
     assert reached.value.max() == pytest.approx(summary.probability_of_failure)
     assert (reached.high <= summary.interval[1] + 1e-12).all()
     with open(write_table(read_store(folder)), newline="") as file:
         slides = [line for line in csv.DictReader(file) if line["failed"] == "1.0"]
     expected = sum(float(line["slide_weight"]) * float(line["area_columns"]) for line in slides)
-    assert float(covered.value[found.beyond].sum()) * found.plan.area == pytest.approx(expected, rel=1e-9)
+    assert float(covered.value[maps.beyond].sum()) * maps.plan.area == pytest.approx(expected, rel=1e-9)
     # Edges of particles lead the columns by less than one.
     for line in slides:
-        assert abs(float(line["area_columns"]) - float(line["area"])) < 1.5 * found.plan.cell
-    thickness = found.maps["expected thickness"].value.sum() * found.plan.area
+        assert abs(float(line["area_columns"]) - float(line["area"])) < 1.5 * maps.plan.cell
+    thickness = maps.maps["expected thickness"].value.sum() * maps.plan.area
     volume = sum(float(line["slide_weight"]) * float(line["volume"]) for line in slides)
     assert thickness == pytest.approx(volume, rel=1e-5)
 
@@ -293,12 +293,12 @@ def test_no_slides_and_bad_numbers_of_slides(done, capsys):
 
 
 @pytest.mark.parametrize(
-    ("chance", "said"),
+    ("chance", "text"),
     [(0.0, ""), (1.0, ""), (0.4, ": 40 in 100 such slopes"), (0.1, ": 10 in 100 such slopes"),
      (0.05, ": one in 20 such slopes"), (0.0012, ": one in 830 such slopes"), (1e-6, ": one in 1000000 such slopes")],
 )  # fmt: skip
-def test_probabilities_are_counted_in_slopes(chance, said):
-    assert html.in_slopes(chance) == said
+def test_probabilities_are_counted_in_slopes(chance, text):
+    assert html.in_slopes(chance) == text
 
 
 def test_bodies_go_with_their_soil():

@@ -30,30 +30,30 @@ CONTRASTS = """() => {
     }
     return "rgb(255, 255, 255)";
   };
-  const said = new Map();
+  const contrasts = new Map();
   for (const element of document.querySelectorAll("body *")) {
     if (["SCRIPT", "NOSCRIPT", "STYLE"].includes(element.tagName) || element.closest("figure > div, svg")) continue;
     if (![...element.childNodes].some((node) => node.nodeType === 3 && node.data.trim())) continue;
     const ink = getComputedStyle(element).color;
     const [a, b] = [light(ink), light(behind(element))].sort((x, y) => y - x);
     const name = `${element.tagName}.${element.getAttribute("class")}: ${element.textContent.slice(0, 20)}`;
-    said.set(name, (a + 0.05) / (b + 0.05));
+    contrasts.set(name, (a + 0.05) / (b + 0.05));
   }
-  return Object.fromEntries(said);
+  return Object.fromEntries(contrasts);
 }"""
 
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory):
-    """Reports of a section with exposed places and of a slope in 3D with maps."""
-    found = {}
+    """Reports of a section with elements at risk and of a slope in 3D with maps."""
+    reports = {}
     solid = SOLID.replace("samples = 300", "samples = 12\nrefined_runs = 10").replace("t_end = 6.0", "t_end = 3.0")
     for name, text in (("section", SCENE), ("solid", solid)):
         folder = tmp_path_factory.mktemp("campaign") / name
         run(text, folder)
         report(folder, slides=1)
-        found[name] = folder / "report.html"
-    return found
+        reports[name] = folder / "report.html"
+    return reports
 
 
 @pytest.fixture(scope="module")
@@ -63,8 +63,8 @@ def browser():
         try:
             opened = driver.chromium.launch(executable_path=path, args=["--no-sandbox"])
         except playwright.Error as error:
-            said = error.message.splitlines()[0]
-            pytest.skip(f"no Chromium here ({said}): playwright install chromium, or a system one")
+            reason = error.message.splitlines()[0]
+            pytest.skip(f"no Chromium here ({reason}): playwright install chromium, or a system one")
         yield opened
         opened.close()
 
@@ -100,7 +100,7 @@ def test_nothing_is_wider_than_the_page(opened, name, width):
     shown = opened(name, width)
     shown.wait_for_timeout(1000)
     assert shown.evaluate("document.documentElement.scrollWidth") <= width
-    # Figures are moved sideways on a phone.
+    # Figures scroll sideways on a phone.
     beyond = "[...document.querySelectorAll('body > *')].filter(e => e.getBoundingClientRect().right > innerWidth + 1)"
     assert shown.evaluate(f"{beyond}.map(e => e.outerHTML.slice(0, 80))") == []
 
@@ -110,9 +110,9 @@ def test_text_stands_out_in_light_and_dark(opened, name):
     grounds = set()
     for colours in ("light", "dark"):
         shown = opened(name, 1200, colours)
-        found = shown.evaluate(CONTRASTS)
-        assert len(found) > 50
-        assert {said: ratio for said, ratio in found.items() if ratio < 4.5} == {}
+        contrasts = shown.evaluate(CONTRASTS)
+        assert len(contrasts) > 50
+        assert {text: ratio for text, ratio in contrasts.items() if ratio < 4.5} == {}
         grounds.add(shown.evaluate("getComputedStyle(document.body).backgroundColor"))
     assert len(grounds) == 2
 

@@ -30,18 +30,18 @@ def test_the_report_and_the_export_solve_nothing(tmp_path, done, monkeypatch):
     folder = copied(done, tmp_path / "c")
     shutil.rmtree(folder / "figures")
     solvers = {"solve", "solve_each", "advance", "advance_lanes", "elastic_equilibrium"}
-    places = [
+    functions = [
         (module, name)
         for label, module in list(sys.modules.items())
         for name in solvers & vars(module).keys()
         if label.split(".")[0] in ("jaxmpm", "cooperative")
     ]
-    assert {name for _, name in places} == solvers
+    assert {name for _, name in functions} == solvers
 
     def refused(*_, **__):
         raise AssertionError("the solver was asked")
 
-    for module, name in places:
+    for module, name in functions:
         monkeypatch.setattr(module, name, refused)
     monkeypatch.setattr(plots, "save", lambda figure, path: path.write_bytes(b""))
     (folder / "report.html").unlink()
@@ -71,8 +71,8 @@ def test_a_rough_file_that_lacks_or_is_too_many_does_not_stop_the_report(tmp_pat
         with open_store(folder, SCENE) as held:
             write_sample(held, "rough", sample)
     assert main(["report", str(folder), "--slides", "0"]) == 0
-    said = capsys.readouterr().out
-    assert f"{14 - (what != 'surplus')} samples" in said
+    printed = capsys.readouterr().out
+    assert f"{14 - (what != 'surplus')} samples" in printed
     text = " ".join(Page((folder / "report.html").read_text()).text)
     assert ("000014.h5 is of a sample that the scene, with 14, does not have" in text) == (what == "surplus")
 
@@ -116,17 +116,17 @@ def test_the_report_reads_the_summary_and_makes_it_anew_only_from_other_rows(tmp
     asked = []
     made = folders.summarise
     monkeypatch.setattr(folders, "summarise", lambda *given: asked.append(given) or made(*given))
-    said = report(folder, slides=0)
+    printed = report(folder, slides=0)
     assert asked == []
-    kept = (folder / "summary.json").read_text()
-    wrong = kept.replace('"failures_refined": ', '"failures_refined": 9')
+    stored = (folder / "summary.json").read_text()
+    wrong = stored.replace('"failures_refined": ', '"failures_refined": 9')
     for content in (wrong, "[" * 100_000):
         (folder / "summary.json").write_text(content)
-        assert report(folder, slides=0) == said
+        assert report(folder, slides=0) == printed
     assert len(asked) == 2
     (folder / "summary.json").unlink()
     os.mkfifo(folder / "summary.json")
-    assert report(folder, slides=0) == said
+    assert report(folder, slides=0) == printed
 
 
 def alike(one, other):
@@ -153,7 +153,7 @@ def test_a_whole_folder_is_reported_without_its_scene_and_its_grids(tmp_path, do
     assert report(folder) == words
     assert (folder / "report.html").read_text() == page
     assert hazard_maps(folder).slides > 0
-    # What is not kept comes from the scene.
+    # What is not stored comes from the scene.
     (folder / "ground.h5").unlink()
     with pytest.raises(AssertionError, match="the scene was read"):
         report(folder)
@@ -161,10 +161,10 @@ def test_a_whole_folder_is_reported_without_its_scene_and_its_grids(tmp_path, do
 
 def arrays(path):
     """All arrays of an HDF5 file by name."""
-    found = {}
+    result = {}
     with h5py.File(path) as file:
-        file.visititems(lambda name, each: found.update({name: each[()]}) if isinstance(each, h5py.Dataset) else None)
-    return found
+        file.visititems(lambda name, each: result.update({name: each[()]}) if isinstance(each, h5py.Dataset) else None)
+    return result
 
 
 def test_a_whole_folder_is_exported_without_its_scene_and_its_grids(tmp_path, done, monkeypatch):
@@ -210,19 +210,19 @@ def test_the_ground_that_a_folder_keeps_is_that_of_the_grids(tmp_path, solid):
     text = SOLID if solid else SCENE
     models = models_of(parse(text))
     runs.keep_ground(tmp_path, models)
-    kept = runs.read_ground(tmp_path)
-    assert alike(kept, runs.ground_of(models))
-    rough = kept.grids["rough"]
+    stored = runs.read_ground(tmp_path)
+    assert alike(stored, runs.ground_of(models))
+    rough = stored.grids["rough"]
     assert np.array_equal(rough.position, models["rough"].scene.particles.position)
-    heights = parse(text).site.shape.heights(*kept.surface[:-1].reshape(kept.dimension - 1, -1))
-    assert np.array_equal(kept.surface[-1].ravel(), heights)
+    heights = parse(text).site.shape.heights(*stored.surface[:-1].reshape(stored.dimension - 1, -1))
+    assert np.array_equal(stored.surface[-1].ravel(), heights)
     # Written once, and again where it is damaged.
     stamp = (tmp_path / "ground.h5").stat().st_mtime_ns
     runs.keep_ground(tmp_path, models)
     assert (tmp_path / "ground.h5").stat().st_mtime_ns == stamp
     (tmp_path / "ground.h5").write_bytes(b"cooperative ground")
     runs.keep_ground(tmp_path, models)
-    assert alike(runs.read_ground(tmp_path), kept)
+    assert alike(runs.read_ground(tmp_path), stored)
     assert (tmp_path / "ground.h5.damaged").exists()
 
 

@@ -1,4 +1,4 @@
-"""Back-analysis and design points on a small slope: what made a slide is found again, as far as the data tell."""
+"""Back-analysis and design points on a small slope: what made a slide is recovered, as far as the data determine it."""
 
 from functools import partial
 
@@ -33,22 +33,22 @@ def noisy(model, truth, seed=0):
 def test_strength_and_field_behind_a_slide_are_recovered(model):
     truth = Parameters(jnp.float32(-0.5), jnp.float32(0.1), jnp.asarray([0.5, -0.4], jnp.float32))
     observed = noisy(model, truth)
-    found = recover(model, SURVEY, observed, NOISE, modes=2, iterations=25)
-    assert found.losses[-1] < 1e-2 * found.losses[0]
+    result = recover(model, SURVEY, observed, NOISE, modes=2, iterations=25)
+    assert result.losses[-1] < 1e-2 * result.losses[0]
     # Readings are explained to their noise, and parameters lie where the posterior says.
     readings = sum(leaf.size for leaf in jax.tree.leaves(observed))
-    assert min(found.losses) < 0.5 * readings * 1.6
-    for got, true, spread in zip(*map(jax.tree.leaves, (found.parameters, truth, found.deviation)), strict=True):
+    assert min(result.losses) < 0.5 * readings * 1.6
+    for got, true, spread in zip(*map(jax.tree.leaves, (result.parameters, truth, result.deviation)), strict=True):
         assert np.all(np.abs(np.asarray(got - true)) < 4 * np.asarray(spread) + 0.02)
     # The data tell more than was known before, most of all of the mean strength.
-    assert float(found.deviation.strength) < 0.5 * found.prior.strength
+    assert float(result.deviation.strength) < 0.5 * result.prior.strength
 
 
 @pytest.mark.slow
 def test_a_slope_that_stands_tells_little_of_its_softening(model):
     truth = Parameters(jnp.float32(0.5), jnp.float32(0.0), jnp.zeros(1, jnp.float32))
-    found = recover(model, SURVEY, noisy(model, truth), NOISE, modes=1, iterations=3)
-    assert float(found.deviation.softening) > 0.9 * found.prior.softening
+    result = recover(model, SURVEY, noisy(model, truth), NOISE, modes=1, iterations=3)
+    assert float(result.deviation.softening) > 0.9 * result.prior.softening
 
 
 def test_column_height_is_the_surface_before_it_moves(model):
@@ -85,10 +85,10 @@ def test_a_soil_without_a_modulus_of_softening_is_refused():
 def test_the_design_point_of_a_slope_fails_by_the_campaigns_own_count(model):
     # With half as much strength again the median field stands, and a failing one is some deviations away.
     stronger = runs.GridModel(**{**vars(model), "strength_factor": 1.5})
-    found = design_point(slide_limit_state(stronger, seconds=1.5, displacement=0.3), model.soil.modes)
-    assert found.converged
-    assert 0.5 < found.beta < 6
-    point = np.asarray(found.coefficients, np.float32)[None]
+    result = design_point(slide_limit_state(stronger, seconds=1.5, displacement=0.3), model.soil.modes)
+    assert result.converged
+    assert 0.5 < result.beta < 6
+    point = np.asarray(result.coefficients, np.float32)[None]
     (sample,) = runs.run_samples(stronger, 1.1 * point, [0])
     (median,) = runs.run_samples(stronger, 0 * point, [0])
     assert sample.row["displacement"] > 0.3 > 5 * median.row["displacement"]

@@ -16,10 +16,10 @@ def plane(beta, modes, seed=0):
 
 def test_design_point_of_a_plane_is_its_foot():
     normal, limit_state = plane(3.2, 30)
-    found = design_point(limit_state, 30)
-    assert found.converged
-    np.testing.assert_allclose(found.coefficients, 3.2 * normal, atol=1e-6)
-    assert found.probability == pytest.approx(stats.norm.sf(3.2), rel=1e-6)
+    result = design_point(limit_state, 30)
+    assert result.converged
+    np.testing.assert_allclose(result.coefficients, 3.2 * normal, atol=1e-6)
+    assert result.probability == pytest.approx(stats.norm.sf(3.2), rel=1e-6)
 
 
 def test_design_point_of_a_curved_limit_state():
@@ -29,9 +29,9 @@ def test_design_point_of_a_curved_limit_state():
         slope = np.array([0.2 * difference, -0.2 * difference]) - 1 / np.sqrt(2)
         return 3 + 0.1 * difference**2 - (x[0] + x[1]) / np.sqrt(2), slope
 
-    found = design_point(limit_state, 2, Search(tolerance=1e-4, steps=100))
-    assert found.converged
-    assert found.beta == pytest.approx(3.0, rel=1e-3)
+    result = design_point(limit_state, 2, Search(tolerance=1e-4, steps=100))
+    assert result.converged
+    assert result.beta == pytest.approx(3.0, rel=1e-3)
 
 
 @pytest.mark.parametrize("beta", [2.5, 3.5])
@@ -75,5 +75,5 @@ def test_one_sample_is_refused():
 
 def test_a_search_that_does_not_end_says_so():
     # The limit state never reaches 0.
-    found = design_point(lambda x: (1 + float(np.exp(-x[0])), np.array([-np.exp(-x[0]), 0.0])), 2, Search(steps=5))
-    assert not found.converged
+    result = design_point(lambda x: (1 + float(np.exp(-x[0])), np.array([-np.exp(-x[0]), 0.0])), 2, Search(steps=5))
+    assert not result.converged

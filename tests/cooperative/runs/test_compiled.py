@@ -1,4 +1,4 @@
-"""Compiled programs: found again by the next process and by no other machine's, whole whatever befalls their files, and
+"""Compiled programs: read again by the next process and by no other machine's, whole whatever befalls their files, and
 released before a process holds too many."""
 
 import hashlib
@@ -38,7 +38,7 @@ def entries(folder):
     return {path.name for path in Path(folder).glob("*-cache")}
 
 
-def test_what_is_compiled_is_found_again(tmp_path):
+def test_what_is_compiled_is_read_again(tmp_path):
     folder = run(tmp_path)
     assert folder == str(tmp_path / machine())
     there = entries(folder)

@@ -96,7 +96,7 @@ def test_a_sample_that_kills_dask_workers_is_given_up_and_the_others_go_on():
     assert got == {n: LOST if n == 3 else "FINISHED" for n in range(6)}
 
 
-def test_dask_that_is_not_installed_is_said_to_be(monkeypatch):
+def test_dask_that_is_not_installed_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ValueError, match=r"pip install distributed"):
         dask_executor("tcp://127.0.0.1:1")
@@ -107,16 +107,16 @@ def test_the_sample_of_a_killed_dask_worker_is_redone(dask):
     campaign = parse(TINY)
     coefficients = runs.coefficients_of(campaign, runs.random_soil(campaign))
     with local_cluster(dask, 2) as cluster, dask.Client(cluster) as client:
-        crew = Workers(dask_executor(client), 2)
+        workers = Workers(dask_executor(client), 2)
         before = client.run(os.getpid)
         got = {}
-        for done in run_through(crew, packed(campaign), "rough", range(6), coefficients):
+        for done in run_through(workers, packed(campaign), "rough", range(6), coefficients):
             got[done.number] = done.status
             if len(got) == 1:
                 os.kill(next(iter(before.values())), signal.SIGKILL)
         client.wait_for_workers(2, timeout=60)
         assert set(client.run(os.getpid).values()) != set(before.values())
-        crew.close()
+        workers.close()
     assert sorted(got) == list(range(6))
     assert LOST not in got.values()
 

@@ -56,7 +56,7 @@ def test_workers_do_not_repeat_that_transfers_run_on_xla(monkeypatch):
     before = signal.getsignal(signal.SIGINT)
     monkeypatch.setattr(native, "__path__", [])
     try:
-        with warnings.catch_warnings(record=True) as said:
+        with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
             assert not native.available.__wrapped__()
             processes._begin(listening, [])
@@ -64,7 +64,7 @@ def test_workers_do_not_repeat_that_transfers_run_on_xla(monkeypatch):
     finally:
         signal.signal(signal.SIGINT, before)
         telling.close()
-    assert ["was not built" in str(each.message) for each in said] == [True]
+    assert ["was not built" in str(each.message) for each in warned] == [True]
 
 
 def test_samples_of_a_killed_worker_are_redone():
@@ -113,8 +113,8 @@ class Crowded(Breaking):
 @pytest.mark.parametrize("deadly", [{0}, {3}, {5}, {0, 1, 4}, set(range(6))], ids=str)
 def test_healthy_samples_beside_deadly_ones_are_never_given_up(workers, deadly):
     held = []
-    crew = Workers(lambda: Crowded(deadly, held), workers)
-    got = {s.number: s.status for s in run_through(crew, NOTHING, "rough", range(6), XI)}
+    pool = Workers(lambda: Crowded(deadly, held), workers)
+    got = {s.number: s.status for s in run_through(pool, NOTHING, "rough", range(6), XI)}
     assert got == {number: LOST if number in deadly else "FINISHED" for number in range(6)}
     for number in deadly:
         assert held.count([number]) >= ATTEMPTS
@@ -278,13 +278,13 @@ def test_a_campaign_goes_once_to_a_worker_however_many_samples_it_runs(monkeypat
     monkeypatch.setattr(executors, "_campaigns", {})
     executors._prepared.cache_clear()
     first, second = parse(TINY), parse(TINY.replace("cov = 0.4", "cov = 0.3"))
-    crew = Workers(lambda: Counting(1), 1)
+    pool = Workers(lambda: Counting(1), 1)
     for campaign in (first, second, first):
-        got = list(run_through(crew, packed(campaign), "rough", range(6), XI))
+        got = list(run_through(pool, packed(campaign), "rough", range(6), XI))
         assert [each.number for each in got] == list(range(6))
         assert [model.random["strength"].cov for model in seen[-6:]] == [campaign.random["strength"].cov] * 6
-    assert crew.executor.sent == [0, 0, 0]
-    crew.close()
+    assert pool.executor.sent == [0, 0, 0]
+    pool.close()
     executors._prepared.cache_clear()
 
 
@@ -304,15 +304,15 @@ def test_a_killed_worker_process_is_replaced_and_its_sample_redone():
         pools.append(process_pool(1))
         return pools[-1]
 
-    crew = Workers(make, 1)
+    pool = Workers(make, 1)
     got = []
     campaign = parse(TINY)
     coefficients = runs.coefficients_of(campaign, runs.random_soil(campaign))
-    for done in run_through(crew, packed(campaign), "rough", range(3), coefficients):
+    for done in run_through(pool, packed(campaign), "rough", range(3), coefficients):
         got.append(done.number)
         if len(got) == 1:
             os.kill(pools[0].workers[0].process.pid, signal.SIGKILL)
-    crew.close()
+    pool.close()
     assert sorted(got) == [0, 1, 2]
     assert len(pools) == 1
 

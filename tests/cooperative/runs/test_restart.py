@@ -61,16 +61,16 @@ def folder(tmp_path):
 def undisturbed():
     """Refined runs of all samples without any restart point; first one that slides, then one that settles."""
     model, coefficients = model_of(OFTEN)
-    found = {s.number: s for s in runs.run_samples(model, coefficients, range(6), width=1)}
-    slides = next(n for n, s in found.items() if s.row["displacement"] > 1)
-    stands = next(n for n, s in found.items() if s.status == "SETTLED" and s.row["displacement"] < 1)
-    return model, coefficients, {n: found[n] for n in (slides, stands, *sorted(found.keys() - {slides, stands}))}
+    samples = {s.number: s for s in runs.run_samples(model, coefficients, range(6), width=1)}
+    slides = next(n for n, s in samples.items() if s.row["displacement"] > 1)
+    stands = next(n for n, s in samples.items() if s.status == "SETTLED" and s.row["displacement"] < 1)
+    return model, coefficients, {n: samples[n] for n in (slides, stands, *sorted(samples.keys() - {slides, stands}))}
 
 
 def test_failures_leave_frames_that_a_run_for_them_alone_gives_too(undisturbed):
-    model, _, found = undisturbed
+    model, _, samples = undisturbed
     limit = model.campaign.run.failure_displacement
-    for sample in found.values():
+    for sample in samples.values():
         far = sample.row["displacement"]
         assert ("frames" in sample.fields) == (far > limit)
         if far > limit:
@@ -87,19 +87,19 @@ def test_failures_leave_frames_that_a_run_for_them_alone_gives_too(undisturbed):
             assert (reached > np.array([1, 5])[: len(times)] * limit).all()
 
 
-def test_frames_are_kept_only_where_fields_are(undisturbed):
-    model, coefficients, found = undisturbed
-    number = next(iter(found))
+def test_frames_are_stored_only_where_fields_are(undisturbed):
+    model, coefficients, samples = undisturbed
+    number = next(iter(samples))
     bare = replace(model, campaign=replace(model.campaign, plan=replace(model.campaign.plan, fields=())))
     (sample,) = run_samples(bare, coefficients, [number], width=1)
     assert sample.fields.keys() == {"slice_depth"}
-    assert dict(sample.row) == dict(found[number].row)
+    assert dict(sample.row) == dict(samples[number].row)
 
 
 @pytest.mark.parametrize("which", [0, 1], ids=["slides", "settles"])
 def test_an_interrupted_run_ends_as_the_undisturbed_one(which, undisturbed, folder):
-    model, coefficients, found = undisturbed
-    number = list(found)[which]
+    model, coefficients, samples = undisturbed
+    number = list(samples)[which]
     whole, all_chunks = stop_after(10_000)
     list(runs.run_samples(model, coefficients, [number], width=1, on_chunk=whole))
     done = 0
@@ -116,19 +116,19 @@ def test_an_interrupted_run_ends_as_the_undisturbed_one(which, undisturbed, fold
     on_chunk, left = stop_after(10_000)
     (again,) = runs.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=folder)
     assert len(left) == len(all_chunks) - done
-    assert_same_sample(again, found[number])
+    assert_same_sample(again, samples[number])
 
 
 def test_lanes_go_on_from_restart_points_beside_fresh_ones(undisturbed, folder):
-    model, coefficients, found = undisturbed
-    first, second, *_ = found
+    model, coefficients, samples = undisturbed
+    first, second, *_ = samples
     on_chunk, _ = stop_after(3)
     with pytest.raises(Broken):
         list(runs.run_samples(model, coefficients, [second], width=1, on_chunk=on_chunk, restart_in=folder))
     for width in (1, 2):
         again = runs.run_samples(model, coefficients, [first, second], width=width, restart_in=folder)
         for sample in again:
-            assert_same_sample(sample, found[sample.number])
+            assert_same_sample(sample, samples[sample.number])
 
 
 def test_a_campaign_that_was_written_in_python_has_restart_points(tmp_path):
@@ -148,22 +148,22 @@ def test_short_runs_write_none(folder):
 
 
 def test_a_folder_that_a_worker_does_not_see_is_run_without(undisturbed, tmp_path):
-    model, coefficients, found = undisturbed
-    number = next(iter(found))
+    model, coefficients, samples = undisturbed
+    number = next(iter(samples))
     (alone,) = runs.run_samples(model, coefficients, [number], width=1, restart_in=tmp_path / "elsewhere")
-    assert_same_sample(alone, found[number])
+    assert_same_sample(alone, samples[number])
     assert list(tmp_path.iterdir()) == []
 
 
 def test_damaged_and_foreign_restart_points_are_named_and_the_run_starts_afresh(undisturbed, folder):
-    model, coefficients, found = undisturbed
-    number = next(iter(found))
+    model, coefficients, samples = undisturbed
+    number = next(iter(samples))
     on_chunk, _ = stop_after(3)
     with pytest.raises(Broken):
         list(runs.run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=folder))
     path = restart_path(folder, "refined", number)
     whole = path.read_bytes()
-    other = next(n for n in found if n != number)
+    other = next(n for n in samples if n != number)
     for content, at, reason in (
         (whole[:-7], number, "does not match its checksum"),
         (whole, other, "another scene or sample"),
@@ -173,13 +173,13 @@ def test_damaged_and_foreign_restart_points_are_named_and_the_run_starts_afresh(
         there.write_bytes(content)
         with pytest.warns(UserWarning, match=rf"{there.name} .*{reason}.*starts afresh"):
             (again,) = runs.run_samples(model, coefficients, [at], width=1, restart_in=folder)
-        assert_same_sample(again, found[at])
+        assert_same_sample(again, samples[at])
         assert there.with_name(there.name + ".damaged").read_bytes() == content
 
 
 def test_a_finished_sample_has_no_restart_point(undisturbed, tmp_path):
-    _, _, found = undisturbed
-    sample = next(iter(found.values()))
+    _, _, samples = undisturbed
+    sample = next(iter(samples.values()))
     with open_store(tmp_path / "c", OFTEN) as store:
         path = restart_path(store.folder, "refined", sample.number)
         path.parent.mkdir()
@@ -203,19 +203,19 @@ def test_a_campaign_killed_within_a_refined_run_ends_the_same(undisturbed, tmp_p
     assert len(left) == 1
     run(OFTEN, folder)
     assert not list(folder.glob("restart/*"))
-    _, coefficients, found = undisturbed
+    _, coefficients, samples = undisturbed
     store = read_store(folder)
     numbers = read_rows(store, "refined").numbers
     assert numbers
     for number in numbers:
         sample = read_sample(store, "refined", number)
-        assert_same_sample(sample, found[number])
+        assert_same_sample(sample, samples[number])
         assert np.array_equal(sample.coefficients, coefficients[number])
 
 
 def test_a_run_asked_to_stop_writes_its_restart_point_and_goes_on_from_it(undisturbed, folder):
-    _, coefficients, found = undisturbed
-    number = next(iter(found))
+    _, coefficients, samples = undisturbed
+    number = next(iter(samples))
     # Restart points are due after ten minutes: only the stop makes one.
     model, _ = model_of(TINY)
     asked = iter([False] * 4)
@@ -224,14 +224,14 @@ def test_a_run_asked_to_stop_writes_its_restart_point_and_goes_on_from_it(undist
     assert restart_path(folder, "refined", number).exists()
     on_chunk, left = stop_after(10_000)
     (again,) = run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk, restart_in=folder)
-    assert_same_sample(again, found[number])
+    assert_same_sample(again, samples[number])
     on_chunk, whole = stop_after(10_000)
     list(run_samples(model, coefficients, [number], width=1, on_chunk=on_chunk))
     assert 0 < len(left) < len(whole)
 
 
 def test_a_stop_begins_no_further_sample_and_loses_none_that_ended(undisturbed):
-    model, coefficients, found = undisturbed
+    model, coefficients, samples = undisturbed
     ended = []
     runs = run_samples(model, coefficients, iter(range(6)), width=2, stop=lambda: bool(ended))
     ended.append(next(runs))
@@ -239,4 +239,4 @@ def test_a_stop_begins_no_further_sample_and_loses_none_that_ended(undisturbed):
         ended += runs
     assert 1 <= len(ended) <= 2
     for sample in ended:
-        assert_same_sample(sample, found[sample.number])
+        assert_same_sample(sample, samples[sample.number])

@@ -78,16 +78,16 @@ def test_within_another_one_and_in_other_threads_nothing_changes():
         with stop_by_signals() as inner:
             assert inner is outer
         assert signal.getsignal(signal.SIGTERM) is handler
-    found = []
+    asked = []
 
     def elsewhere():
         with stop_by_signals() as stop:
-            found.append(stop.asked())
+            asked.append(stop.asked())
 
     thread = threading.Thread(target=elsewhere)
     thread.start()
     thread.join()
-    assert found == [False]
+    assert asked == [False]
 
 
 def controller(script, **options):
@@ -112,9 +112,9 @@ def test_the_second_signal_ends_a_command_even_within_a_long_call():
         time.sleep(0.5)
         assert process.poll() is None
         process.send_signal(signal.SIGTERM)
-        _, said = process.communicate(timeout=60)
+        _, printed = process.communicate(timeout=60)
     assert process.returncode == 143
-    assert said.strip().startswith("stopped by SIGTERM")
+    assert printed.strip().startswith("stopped by SIGTERM")
 
 
 @pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="looks at what is loaded by /proc")
@@ -162,14 +162,14 @@ def test_no_worker_outlives_its_controller(number):
     assert all(ended(worker) for worker in workers)
 
 
-def wait_until_told():
+def wait_for_stop():
     return processes._stop_wanted.wait(300)
 
 
 @pytest.mark.slow
-def test_workers_are_told_to_come_to_an_end():
+def test_a_pool_that_shuts_down_stops_its_workers():
     pool = process_pool(1)
-    task = pool.submit(wait_until_told)
+    task = pool.submit(wait_for_stop)
     while not task.running():
         time.sleep(0.01)
     pool.shutdown(cancel_futures=True)
@@ -199,9 +199,9 @@ def test_a_campaign_stops_by_signal_and_goes_on(number, code, after, quick, tmp_
         real = campaign.write_sample
         patched.setattr(campaign, "write_sample", write_sample)
         assert main(["run", str(scene), "--out", str(folder), "--workers", "1"]) == code
-    said = capsys.readouterr().err
-    assert f"stopped by {signal.Signals(number).name}; what is finished is kept" in said
-    assert "Traceback" not in said
+    printed = capsys.readouterr().err
+    assert f"stopped by {signal.Signals(number).name}; what is finished is kept" in printed
+    assert "Traceback" not in printed
     store = read_store(folder)
     assert sum(len(read_rows(store, grid).numbers) for grid in ("rough", "refined")) == len(written)
     assert after <= len(written) <= after + 1

@@ -105,13 +105,13 @@ KEYS = [(section, key) for section, table in TABLES.items() for key in table.mod
 
 @pytest.mark.parametrize(("section", "key"), KEYS, ids=[f"{section}-{key}" for section, key in KEYS])
 def test_every_wrong_value_of_every_key_is_fine_or_ends_in_one_line(section, key):
-    said = [refusal(with_value(section, key, value)) for value in wrong_values()]
-    assert all("\n" not in line and len(line) < 500 for line in said)
-    assert sum(map(bool, said)) >= 6
+    messages = [refusal(with_value(section, key, value)) for value in wrong_values()]
+    assert all("\n" not in line and len(line) < 500 for line in messages)
+    assert sum(map(bool, messages)) >= 6
 
 
 def refusal(text):
-    """What is said against a scene; nothing for one that will do."""
+    """Message that refuses a scene; empty for one that will do."""
     try:
         check_size(parse(text))
     except ValueError as error:
@@ -150,10 +150,10 @@ def test_files_that_are_no_scene_are_named(content, message, tmp_path, capsys):
         read_scene(path)
     for command in ("run", "sweep"):
         assert main([command, str(path), "--out", str(tmp_path / "out")]) == 2
-        said = capsys.readouterr().err
-        assert said.startswith("error: ")
-        assert str(path) in said
-        assert said.count("\n") == 1
+        printed = capsys.readouterr().err
+        assert printed.startswith("error: ")
+        assert str(path) in printed
+        assert printed.count("\n") == 1
     with pytest.raises(ValueError, match="is no file"):
         read_scene(tmp_path)
 
@@ -198,6 +198,6 @@ def test_a_scheduler_that_does_not_answer_is_named_before_the_folder_is_made(add
     scene = tmp_path / "scene.toml"
     scene.write_text(TINY)
     assert main(["run", str(scene), "--out", str(tmp_path / "out"), "--dask", address]) == 2
-    said = capsys.readouterr().err.splitlines()[-1]
-    assert said.startswith(f"error: no Dask scheduler answers at {address!r} (")
+    printed = capsys.readouterr().err.splitlines()[-1]
+    assert printed.startswith(f"error: no Dask scheduler answers at {address!r} (")
     assert not (tmp_path / "out").exists()

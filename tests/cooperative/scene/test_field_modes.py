@@ -51,7 +51,7 @@ def test_a_folder_keeps_the_count_of_the_machine_it_began_on(edge, done, tmp_pat
         run(text, folder)
 
 
-def test_workers_and_readers_take_the_kept_count(edge, tmp_path):
+def test_workers_and_readers_take_the_measured_count(edge, tmp_path):
     campaign = replace(parse(edge), measured=Measured((6,)))
     assert runs.random_soil(campaign).modes == 6
     (tmp_path / "measured.json").write_text('{"terms": [7]}')
@@ -69,13 +69,13 @@ def test_the_modes_are_those_of_the_field_but_for_the_last(edge):
 @pytest.mark.parametrize("text", [SAND, SAND + CORRELATED, SAND.replace(FIELDS, FIELDS + LEFT)])
 def test_each_group_takes_its_own(text):
     soil = runs.random_soil(parse(text))
-    kept = runs.random_soil(replace(parse(text), measured=Measured(soil.counts)))
-    assert kept.counts == soil.counts
-    assert [group.names for group in kept.groups] == [group.names for group in soil.groups]
+    measured = runs.random_soil(replace(parse(text), measured=Measured(soil.counts)))
+    assert measured.counts == soil.counts
+    assert [group.names for group in measured.groups] == [group.names for group in soil.groups]
 
 
 @pytest.mark.parametrize(
-    ("counts", "said"),
+    ("counts", "message"),
     [
         ([3], r"measured are 3 terms where energy = 0\.\d+ takes 7: delete the folder's measured\.json"),
         ([12], r"measured are 12 terms where energy = 0\.\d+ takes 7: delete"),
@@ -85,12 +85,12 @@ def test_each_group_takes_its_own(text):
         ([7.5], r"(counts|terms) = \[7\.5\]: give a list of whole numbers"),
     ],
 )
-def test_counts_that_are_not_of_this_field_are_refused(edge, done, tmp_path, counts, said):
-    with pytest.raises(ValueError, match=said):
+def test_counts_that_are_not_of_this_field_are_refused(edge, done, tmp_path, counts, message):
+    with pytest.raises(ValueError, match=message):
         runs.random_soil(parse(f"{edge}\n[field_modes]\ncounts = {counts}\n"))
     folder = tmp_path / "out"
     shutil.copytree(done, folder)
     (folder / "measured.json").write_text(json.dumps({"terms": counts}))
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=message):
         run(edge, folder)
     assert read_sample(read_store(folder), "rough", 0).coefficients.shape == (7,)

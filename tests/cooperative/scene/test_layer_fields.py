@@ -68,8 +68,8 @@ def test_statistics_at_points_are_those_of_each_layer_and_layers_are_independent
         assert np.median(of_layer.std(axis=0)) / mean == pytest.approx(cov, rel=0.06)
     x = np.asarray(model.scene.particles.position[0])
     fill, clay, till = (np.flatnonzero((model.layer == layer) & (x < 8))[0] for layer in range(3))
-    found = np.corrcoef(np.log(sets[:, [fill, clay, till]]).T)
-    assert np.abs(found[np.triu_indices(3, 1)]).max() < 0.06
+    correlation = np.corrcoef(np.log(sets[:, [fill, clay, till]]).T)
+    assert np.abs(correlation[np.triu_indices(3, 1)]).max() < 0.06
     # Within a layer neighbours are alike.
     beside = np.flatnonzero((model.layer == 0) & (x < 8))[1]
     assert np.corrcoef(np.log(sets[:, [fill, beside]]).T)[0, 1] > 0.5
@@ -86,13 +86,13 @@ def test_both_grids_see_the_same_field(sampled_at):
         assert all(
             np.array_equal(a, b) for a, b in zip(*(jax.tree.leaves(group.expansion) for group in groups), strict=True)
         )
-    found = [{}, {}]
-    for values, model in zip(found, (rough, refined), strict=True):
+    strengths = [{}, {}]
+    for values, model in zip(strengths, (rough, refined), strict=True):
         # Of the squares of a metre, each a particle of the rough grid and four of the refined one.
         square = np.floor(np.asarray(model.scene.particles.position)).astype(int)
         for key, value in zip(zip(*square, model.layer, strict=True), np.asarray(model.strength(xi)), strict=True):
             values.setdefault(tuple(map(int, key)), []).append(float(value))
-    coarse, fine = found
+    coarse, fine = strengths
     # A cell of the rough grid is larger than a layer is thick.
     assert sampled_at == "particles" or all(np.ptp(values) == 0 for values in fine.values())
     for layer in range(3 if sampled_at == "particles" else 0):

@@ -130,5 +130,5 @@ def test_a_cut_in_clay_that_grows_with_depth_has_the_factor_of_slip_circles():
 
     circles = factor_of_circles(surface, 0.0, 17e3, strength)
     model = runs.build(campaign, "refined", runs.random_soil(campaign))
-    found = measure_limit_load(campaign, model)
-    assert abs(found.factor / circles - 1) < 0.05, circles
+    measured = measure_limit_load(campaign, model)
+    assert abs(measured.factor / circles - 1) < 0.05, circles

@@ -143,9 +143,9 @@ def test_clay_under_fill_and_a_water_table_is_as_strong_as_its_effective_stress_
     vertical = 20e3 * (10 - top) + 18e3 * (top - z) - 9810 * np.maximum(4 - z, 0)
     scene, _ = model.of_sample()
     assert not np.isnan(np.asarray(scene.material.laws[1].strength)).any()
-    found = np.asarray(model.strength())
-    np.testing.assert_allclose(found[behind], 0.25 * vertical[behind], rtol=0.03)
-    assert np.isnan(found[model.layer == 0]).all()
+    strength = np.asarray(model.strength())
+    np.testing.assert_allclose(strength[behind], 0.25 * vertical[behind], rtol=0.03)
+    assert np.isnan(strength[model.layer == 0]).all()
 
 
 def test_a_slide_in_both_kinds_is_predicted_and_its_derivative_finite():

@@ -30,9 +30,9 @@ def test_a_campaign_of_many_random_parameters_runs_and_is_reported(done):
     text, folder, summary = done
     assert summary.broke_off == {"rough": {}, "refined": {}}
     assert run(text, folder) == summary
-    moved = read_rows(read_store(folder), "rough").columns["displacement"]
-    assert np.unique(moved).size == 3
-    assert (moved > 0).all()
+    displacement = read_rows(read_store(folder), "rough").columns["displacement"]
+    assert np.unique(displacement).size == 3
+    assert (displacement > 0).all()
     page = report(folder)
     for name in ("field", "field-friction", "field-young", "field-unit_weight", "field-softening_strain"):
         assert (Path(folder) / "figures" / f"{name}.png").is_file()
@@ -43,16 +43,16 @@ def test_a_sample_of_such_a_campaign_is_made_again_from_its_coefficients(done):
     text, folder, _ = done
     campaign = parse(text)
     model = runs.build(campaign, "rough", runs.random_soil(campaign), folder=folder)
-    kept = read_sample(read_store(folder), "rough", 1)
-    again = run_again(model, kept, np.array([0.0, kept.steps * model.time_step(kept.coefficients)]))
-    np.testing.assert_allclose(again.state.displacement, kept.fields["displacement"], atol=2e-4)
+    stored = read_sample(read_store(folder), "rough", 1)
+    again = run_again(model, stored, np.array([0.0, stored.steps * model.time_step(stored.coefficients)]))
+    np.testing.assert_allclose(again.state.displacement, stored.fields["displacement"], atol=2e-4)
 
 
 def test_a_worker_makes_the_same_sample(done):
     text, folder, _ = done
-    kept = read_sample(read_store(folder), "rough", 2)
-    again = run_sample(runs.packed(parse(text)), "rough", 2, kept.coefficients, None, folder=folder)
-    assert dict(again.row) == dict(kept.row)
+    stored = read_sample(read_store(folder), "rough", 2)
+    again = run_sample(runs.packed(parse(text)), "rough", 2, stored.coefficients, None, folder=folder)
+    assert dict(again.row) == dict(stored.row)
 
 
 def test_a_run_that_was_stopped_goes_on_bit_for_bit(done):
@@ -60,14 +60,14 @@ def test_a_run_that_was_stopped_goes_on_bit_for_bit(done):
     campaign = parse(text)
     model = runs.build(campaign, "refined", runs.random_soil(campaign), folder=folder)
     number = read_rows(read_store(folder), "refined").numbers[0]
-    kept = read_sample(read_store(folder), "refined", number)
+    stored = read_sample(read_store(folder), "refined", number)
     looks = iter([False, False, True])
     with pytest.raises(runs.Stopped):
-        list(run_samples(model, kept, folder, lambda: next(looks, True)))
+        list(run_samples(model, stored, folder, lambda: next(looks, True)))
     assert restart_path(folder, "refined", number).is_file()
-    (again,) = run_samples(model, kept, folder, lambda: False)
-    assert np.array_equal(again.fields["displacement"], kept.fields["displacement"])
-    assert dict(again.row) == dict(kept.row)
+    (again,) = run_samples(model, stored, folder, lambda: False)
+    assert np.array_equal(again.fields["displacement"], stored.fields["displacement"])
+    assert dict(again.row) == dict(stored.row)
 
 
 def run_samples(model, sample, folder, stop):
@@ -81,12 +81,12 @@ def test_such_a_campaign_is_exported_with_its_parameters(done):
     files = [str(path) for path in export(folder)]
     series = next(file for file in files if file.endswith("rough-000001.vtkhdf"))
     with h5py.File(series) as file:
-        found = file["VTKHDF/PointData"]
+        points = file["VTKHDF/PointData"]
         model = model_of(done[0])
         expected = model.parameters(read_sample(read_store(folder), "rough", 1).coefficients)
         for name, values in expected.items():
             count = values.shape[0]
-            np.testing.assert_allclose(found[name][:count], values, rtol=1e-5)
+            np.testing.assert_allclose(points[name][:count], values, rtol=1e-5)
 
 
 def test_a_friction_that_is_no_number_ends_its_sample_alone(done, monkeypatch):
@@ -96,9 +96,9 @@ def test_a_friction_that_is_no_number_ends_its_sample_alone(done, monkeypatch):
     coefficients = runs.coefficients_of(campaign, model.soil)
 
     def spoiling(model, xi):
-        found = varied(model, xi)
-        bad = {**found, "friction": found["friction"].at[3].set(jnp.nan)}
-        return bad if np.array_equal(xi, coefficients[0]) else found
+        parameters = varied(model, xi)
+        bad = {**parameters, "friction": parameters["friction"].at[3].set(jnp.nan)}
+        return bad if np.array_equal(xi, coefficients[0]) else parameters
 
     monkeypatch.setattr(runs.GridModel, "varied", spoiling)
     rows = {sample.number: sample for sample in runs.run_samples(model, coefficients, [0, 1], width=1)}

@@ -127,15 +127,15 @@ def test_fields_that_no_table_correlates_have_coefficients_of_their_own():
 
 @pytest.mark.parametrize("nataf", [False, True])
 def test_fields_correlate_as_asked(nataf):
-    said = CORRELATED + f"nataf = {str(nataf).lower()}\n"
-    strong = changed(said, ("matrix = [[1.0, -0.5], [-0.5, 1.0]]", "matrix = [[1.0, -0.6], [-0.6, 1.0]]"))
+    tables = CORRELATED + f"nataf = {str(nataf).lower()}\n"
+    strong = changed(tables, ("matrix = [[1.0, -0.5], [-0.5, 1.0]]", "matrix = [[1.0, -0.6], [-0.6, 1.0]]"))
     model = model_of(changed(SAND, ("cov = 0.3", "cov = 0.8")) + strong)
     (group,) = model.soil.groups
     modes = np.asarray(kl.field.mode_matrix(group.expansion, np.array([[7.0], [3.0]])))[0]
     sets = jax.vmap(model.soil.coefficients)(drawn(model, 20_000))
     score = {name: jnp.asarray(each @ modes / np.linalg.norm(modes)) for name, each in sets.items()}
-    found = [model.campaign.random[name].distribution.transform(each) for name, each in score.items()]
-    gaussian, own = np.corrcoef(*score.values())[0, 1], np.corrcoef(*found)[0, 1]
+    values = [model.campaign.random[name].distribution.transform(each) for name, each in score.items()]
+    gaussian, own = np.corrcoef(*score.values())[0, 1], np.corrcoef(*values)[0, 1]
     assert (own if nataf else gaussian) == pytest.approx(-0.6, abs=0.015)
     assert abs(own - gaussian) > 0.03
 
@@ -166,8 +166,8 @@ def test_a_trend_scales_the_field_with_depth_and_boreholes_know_it():
     assert depth.max() > 9
     expected = np.asarray(plain.strength(xi)) * (1 + depth * 2e3 / 30e3)
     np.testing.assert_allclose(grown.strength(xi), expected, rtol=1e-5)
-    place = position[:, np.argmax(depth)]
-    held = model_of(changed(trend, ("cov = 0.4", f"cov = 0.4\nboreholes = [[{place[0]}, {place[1]}, 70e3]]")))
+    deepest = position[:, np.argmax(depth)]
+    held = model_of(changed(trend, ("cov = 0.4", f"cov = 0.4\nboreholes = [[{deepest[0]}, {deepest[1]}, 70e3]]")))
     assert float(held.strength(xi)[np.argmax(depth)]) == pytest.approx(70e3, rel=2e-3)
 
 
@@ -207,10 +207,10 @@ def test_a_sample_of_stiffness_and_weight_has_its_own_start_and_step():
     assert model.names[:4] == ("cohesion", "friction", "young", "unit_weight")
     assert model.names[4:] == ("residual_cohesion", "residual_friction", "softening_strain")
     xi = drawn(model, 1)[0]
-    found = {name: np.asarray(each, float) for name, each in model.parameters(xi).items()}
+    parameters = {name: np.asarray(each, float) for name, each in model.parameters(xi).items()}
     scene, _ = model.of_sample(xi)
-    poisson, density = 0.3, found["unit_weight"] / 9.81
-    modulus = found["young"] * (1 - poisson) / ((1 + poisson) * (1 - 2 * poisson))
+    poisson, density = 0.3, parameters["unit_weight"] / 9.81
+    modulus = parameters["young"] * (1 - poisson) / ((1 + poisson) * (1 - 2 * poisson))
     fastest, mean = np.sqrt((modulus / density).max()), np.sqrt(2e7 * 0.7 / (1.3 * 0.4) / (20e3 / 9.81))
     assert float(scene.time_step) == pytest.approx(float(model.scene.time_step) * mean / fastest, rel=1e-4)
     assert model.time_step(xi) == float(scene.time_step)
@@ -225,13 +225,13 @@ def test_softening_varies_in_the_measure_and_the_bands_of_the_law():
         model = model_of(text)
         assert [group.names for group in model.soil.groups] == [("strength", "residual_ratio"), ("softening_modulus",)]
         xi, law = drawn(model, 1)[0], model.scene.material.softening
-        found, varied = model.parameters(xi), model.varied(xi)
+        parameters, varied = model.parameters(xi), model.varied(xi)
         assert set(varied) == {"strength", "softening.modulus", "softening.residual_ratio"}
         assert np.std(varied["softening.modulus"]) > 0.1 * np.mean(varied["softening.modulus"])
         np.testing.assert_allclose(
-            varied["softening.modulus"] / law.modulus, found["softening_modulus"] / 85e3, rtol=1e-5
+            varied["softening.modulus"] / law.modulus, parameters["softening_modulus"] / 85e3, rtol=1e-5
         )
-        assert np.array_equal(varied["softening.residual_ratio"], found["residual_ratio"])
+        assert np.array_equal(varied["softening.residual_ratio"], parameters["residual_ratio"])
         scene, _ = model.of_sample(xi)
         assert np.array_equal(scene.material.softening.modulus, varied["softening.modulus"])
     fill = np.asarray(model.layer) == 0

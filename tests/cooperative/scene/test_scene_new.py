@@ -65,14 +65,14 @@ def test_check_says_what_a_scene_costs(tmp_path, capsys):
     text = LAYERED.replace('name = "rock"', 'name = "gneiss"')
     (tmp_path / "mine.toml").write_text(text)
     assert main(["check", str(tmp_path / "mine.toml"), "--seconds", "0.1"]) == 0
-    said = capsys.readouterr().out
+    printed = capsys.readouterr().out
     campaign = parse(text)
     for grid in ("rough", "refined"):
         size = grid_size(campaign, grid)
-        assert f"{size.particles:,.0f} particles, {size.nodes:,.0f} nodes" in said
-        assert f"runs of {size.steps:,.0f} steps" in said
+        assert f"{size.particles:,.0f} particles, {size.nodes:,.0f} nodes" in printed
+        assert f"runs of {size.steps:,.0f} steps" in printed
     for name in ("fill", "clay", "gneiss, rock", "hours of one core", "GB for both grids"):
-        assert name in said
+        assert name in printed
     assert main(["check", str(tmp_path / "mine.toml"), "--seconds", "0"]) == 2
     assert "give more than 0" in capsys.readouterr().err
 
@@ -80,6 +80,6 @@ def test_check_says_what_a_scene_costs(tmp_path, capsys):
 def test_check_names_every_wrong_key_and_builds_nothing(tmp_path, capsys):
     (tmp_path / "mine.toml").write_text(LAYERED.replace("poisson", "nu").replace("cov = 0.4", "cof = 0.4"))
     assert main(["check", str(tmp_path / "mine.toml")]) == 2
-    said = capsys.readouterr().err
-    assert "(did you mean 'poisson'?)" in said
-    assert "(did you mean 'cov'?)" in said
+    printed = capsys.readouterr().err
+    assert "(did you mean 'poisson'?)" in printed
+    assert "(did you mean 'cov'?)" in printed

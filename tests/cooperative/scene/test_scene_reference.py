@@ -47,8 +47,8 @@ def in_toml(tables):
 def properties(section):
     """The schema of a table's keys."""
     whole = schema().schema
-    found = whole["properties"][section]
-    name = (found["items"] if section in SEVERAL else found)["$ref"].rpartition("/")[2]
+    entry = whole["properties"][section]
+    name = (entry["items"] if section in SEVERAL else entry)["$ref"].rpartition("/")[2]
     return whole["$defs"][name]["properties"]
 
 
@@ -89,13 +89,13 @@ def tiny_with(section, name, value):
 def outside(known):
     """Values just outside the range."""
     known = number(known)
-    found = [known[end] for end in ("exclusiveMinimum", "exclusiveMaximum") if end in known]
-    return found + [known[end] + step for end, step in (("minimum", -1), ("maximum", 1)) if end in known]
+    limits = [known[end] for end in ("exclusiveMinimum", "exclusiveMaximum") if end in known]
+    return limits + [known[end] + step for end, step in (("minimum", -1), ("maximum", 1)) if end in known]
 
 
 @cache
 def schema():
-    """The schema of a scene, itself found sound once."""
+    """The schema of a scene, itself checked once."""
     jsonschema.Draft202012Validator.check_schema(json_schema())
     return jsonschema.Draft202012Validator(json_schema())
 
@@ -107,8 +107,8 @@ def test_the_files_are_those_that_the_checks_make(tmp_path):
     page, editors = "docs/scenes.md", "cooperative/scene.schema.json"
     assert (ROOT / page).read_text() == (tmp_path / page).read_text(), "run python -m cooperative.scene"
     # Versions of pydantic write 0 and 0.0.
-    kept, made = (json.loads((folder / editors).read_text()) for folder in (ROOT, tmp_path))
-    assert kept == made, "run python -m cooperative.scene"
+    stored, made = (json.loads((folder / editors).read_text()) for folder in (ROOT, tmp_path))
+    assert stored == made, "run python -m cooperative.scene"
 
 
 def test_every_key_is_explained():
@@ -139,12 +139,13 @@ def test_defaults_in_words_stand_where_there_is_no_value():
 
 
 def test_defaults_in_words_are_those_of_the_code():
-    told = {name: known.get("otherwise", "") for name, known in schema_of(TABLES["campaign"])["properties"].items()}
+    defaults = {name: known.get("otherwise", "") for name, known in schema_of(TABLES["campaign"])["properties"].items()}
     plan = Subset().plan(Sampling(800, 1.0))
-    assert (told["levels"], told["replicates"]) == (f"`{plan.levels}`", f"`{plan.replicates}`")
+    assert (defaults["levels"], defaults["replicates"]) == (f"`{plan.levels}`", f"`{plan.replicates}`")
     assert [TwoPhase().budget(samples) for samples in (50, 1000)] == [20, 200]
     assert TwoPhase(target_cov=0.1).budget(1000) == MonteCarlo().budget(1000) == 1000
-    assert all(part in told["refined_runs"] for part in ("a fifth", "at least 20", "`target_cov`", '`"monte carlo"`'))
+    parts = ("a fifth", "at least 20", "`target_cov`", '`"monte carlo"`')
+    assert all(part in defaults["refined_runs"] for part in parts)
     plain = tomllib.loads(TINY)
     assert "softening_length" not in plain["soil"]
     campaign = parse(TINY)

@@ -89,19 +89,19 @@ def test_a_campaign_on_layers_is_stopped_and_goes_on(tmp_path, capsys):
     store = read_store(tmp_path / "out")
     assert (len(read_rows(store, "rough").numbers), read_rows(store, "refined").numbers) == (6, [])
     assert main(["resume", str(tmp_path / "out"), "--workers", "1"]) == 0
-    said = capsys.readouterr().out
+    printed = capsys.readouterr().out
     rows = read_rows(read_store(tmp_path / "out"), "refined").columns
     failed = rows["displacement"] > 1
     assert failed.sum() > 0
-    assert "m below the surface" in said
-    assert "m from its rear to its front" in said
-    assert "area" not in said
+    assert "m below the surface" in printed
+    assert "m from its rear to its front" in printed
+    assert "area" not in printed
     # The rock, from 9 m below the crest on, stays; what slides is at most as deep as it lies.
     assert rows["depth"][failed].max() <= 9.0
     assert "mode" not in rows
     # The slope of 8 m on so short a crest slides from its rear end.
-    assert "wall at x = 0 m" in said
-    assert report(tmp_path / "out") == said.strip("\n")
+    assert "wall at x = 0 m" in printed
+    assert report(tmp_path / "out") == printed.strip("\n")
 
 
 REFUSED = [
@@ -171,7 +171,7 @@ def test_every_wrong_key_is_named_at_once():
     text = text.replace("softening_modulus = 85e3", 'softening = "exponential"').replace("[run]", "[run]\nseed = 1")
     with pytest.raises(ValueError, match="unknown key") as refused:
         parse(text)
-    for said in (
+    for message in (
         "'nu' (did you mean 'poisson'?)",
         "'cof' (did you mean 'cov'?)",
         "'lx' (did you mean 'length'?)",
@@ -180,7 +180,7 @@ def test_every_wrong_key_is_named_at_once():
         "'seed' (did you mean 'seed' of [campaign]?)",
         "[soil] lacks poisson",
     ):
-        assert said in str(refused.value)
+        assert message in str(refused.value)
     with pytest.raises(ValueError, match=r"'slope_ratio' \(did you mean 'run_per_rise'\?\)"):
         parse(TINY.replace("run_per_rise", "slope_ratio"))
 
@@ -218,9 +218,9 @@ def test_ground_below_the_water_bears_its_saturated_weight_less_what_water_bears
     z = np.asarray(scene.particles.position[1])
     above, under = 18e3 * np.minimum(8 - z, 6), (20e3 - 9810) * np.clip(2 - z, 0, 2)
     expected = above + under + (21e3 - 9810) * np.maximum(-z, 0)
-    kept = (z > -3) & (z < 7) & (abs(z - 2) > 1) & (abs(z) > 1)
-    assert kept.sum() > 100
-    assert np.allclose(-np.asarray(state.stress[2])[kept], expected[kept], rtol=1e-2)
+    inside = (z > -3) & (z < 7) & (abs(z - 2) > 1) & (abs(z) > 1)
+    assert inside.sum() > 100
+    assert np.allclose(-np.asarray(state.stress[2])[inside], expected[inside], rtol=1e-2)
 
 
 SATURATED = "saturated_unit_weight = 20e3"

@@ -40,9 +40,9 @@ def test_a_layer_without_a_name_has_a_number():
 
 
 def test_more_than_eight_faults_are_counted():
-    said = refusal(TINY.replace("[slope]", "[slope]\n" + "\n".join(f"key_{n} = 1" for n in range(11))))
-    assert said.count("unknown key") == 8
-    assert said.endswith("; and 3 more")
+    message = refusal(TINY.replace("[slope]", "[slope]\n" + "\n".join(f"key_{n} = 1" for n in range(11))))
+    assert message.count("unknown key") == 8
+    assert message.endswith("; and 3 more")
 
 
 @pytest.mark.parametrize(

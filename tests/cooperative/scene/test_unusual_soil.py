@@ -1,4 +1,4 @@
-"""Numbers of a scene's soil that look like slips, and fields that no soil has: refused, unless they are meant."""
+"""Numbers of a scene's soil that look like slips, and fields that no soil has: refused, unless declared unusual."""
 
 import pytest
 

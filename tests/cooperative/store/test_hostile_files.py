@@ -39,9 +39,9 @@ def test_a_file_that_lies_is_set_aside_reads_nothing_elsewhere_and_hangs_nothing
         path = sample_path(store, "rough", 1)
         hand_made(baits)[name](path, whole)
         assert os.path.lexists(path)
-        with pytest.raises(DamagedFile, match=r"000001\.h5") as said:
+        with pytest.raises(DamagedFile, match=r"000001\.h5") as refused:
             read_sample(store, "rough", 1)
-        assert str(said.value).isprintable()
+        assert str(refused.value).isprintable()
         with pytest.warns(UserWarning, match="set aside, the sample is run again"):
             rows = read_rows(store, "rough")
         assert rows.numbers == []

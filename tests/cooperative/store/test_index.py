@@ -200,7 +200,7 @@ def test_what_an_index_cannot_see_is_noticed_when_the_file_is_read_and_when_aske
         assert read_rows(store, "rough").numbers == [0, 1, 3, 4]
 
 
-def test_a_stop_is_seen_before_each_file_and_what_was_verified_is_kept(tmp_path, monkeypatch):
+def test_a_stop_is_seen_before_each_file_and_what_was_verified_is_stored(tmp_path, monkeypatch):
     in_campaign(tmp_path)
     (tmp_path / "samples/rough.index").unlink()
     looks = []

@@ -72,17 +72,17 @@ def test_a_sample_comes_back_as_it_was_written(tmp_path):
 
 def test_a_folder_says_what_it_is_once(tmp_path):
     open_store(tmp_path / "new", 'name = "dam\\u001b[31m"\n' + SCENE).close()
-    told = tmp_path / "new" / "README.txt"
-    said = told.read_text()
-    assert said.startswith("dam?[31m\n")
-    assert f"numpy {np.__version__}" in said
-    assert "jaxmpm resume ." in said
-    told.write_text("my own notes")
+    path = tmp_path / "new" / "README.txt"
+    text = path.read_text()
+    assert text.startswith("dam?[31m\n")
+    assert f"numpy {np.__version__}" in text
+    assert "jaxmpm resume ." in text
+    path.write_text("my own notes")
     open_store(tmp_path / "new", 'name = "dam\\u001b[31m"\n' + SCENE).close()
-    assert told.read_text() == "my own notes"
+    assert path.read_text() == "my own notes"
 
 
-def test_a_folder_from_before_gets_the_text_and_a_link_in_its_place_is_left_alone(tmp_path):
+def test_a_folder_from_before_gets_the_text_and_a_link_of_that_name_is_left_alone(tmp_path):
     for name in ("old", "linked"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "scene.toml").write_text(SCENE)
@@ -253,14 +253,14 @@ def test_frames_that_do_not_fit_their_times_or_the_slope_are_damaged(tmp_path, f
             read_sample(store, "rough", 1)
 
 
-def test_every_set_aside_file_is_kept(tmp_path):
+def test_every_set_aside_file_stays(tmp_path):
     with open_store(tmp_path, SCENE) as store:
         for content in (b"first", b"second"):
             sample_path(store, "refined", 1).write_bytes(content)
             with pytest.warns(UserWarning, match=r"000001\.h5 is not a cooperative sample file"):
                 read_rows(store, "refined")
-        kept = sorted(path.read_bytes() for path in (tmp_path / "samples/refined").glob("*.damaged"))
-    assert kept == [b"first", b"second"]
+        aside = sorted(path.read_bytes() for path in (tmp_path / "samples/refined").glob("*.damaged"))
+    assert aside == [b"first", b"second"]
 
 
 def test_a_full_disk_says_so_and_leaves_no_half_file(tmp_path, monkeypatch):
@@ -322,7 +322,7 @@ WRITER = textwrap.dedent("""
 
 
 def killed_and_resumed(folder, kills: int, seed: int):
-    """The numbers that writers said were done before they were killed, the rows then found, and parts left behind."""
+    """The numbers that writers reported as done before they were killed, the rows then read, and parts left behind."""
     generator = random.Random(seed)
     promised: set[int] = set()
     for _ in range(kills):

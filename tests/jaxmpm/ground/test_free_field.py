@@ -47,8 +47,8 @@ def test_level_ground_between_free_fields_moves_as_ground_without_ends_on_both_e
     end, endless = (
         mpm.run.advance_lanes(scene, state, jnp.asarray(100), None) for scene, state in ((open_, start), (tied, once))
     )
-    found, wanted = by_column(open_, end.displacement), by_column(tied, endless.displacement)
-    assert np.abs(found - wanted).max() < 1e-4 * np.abs(wanted).max()
+    computed, wanted = by_column(open_, end.displacement), by_column(tied, endless.displacement)
+    assert np.abs(computed - wanted).max() < 1e-4 * np.abs(wanted).max()
     for own in end.free_field:
         assert np.allclose(np.unique(np.round(own.displacement[0], 12)), np.unique(np.round(wanted[0], 12)))
     other = mpm.run.advance_lanes(replace(open_, engine=mpm.Engine.XLA), again, jnp.asarray(100), None)

@@ -38,24 +38,24 @@ def written(path, heights=HEIGHTS, *, crs=UTM, transform=(5.0, 0, 300.0, 0, -5.0
 
 @pytest.mark.parametrize("dtype", ["float32", "float64", "int16"])
 def test_heights_lie_at_the_middles_of_squares_from_south_to_north(dtype, tmp_path):
-    found = mpm.read_raster(written(tmp_path / "dem.tif", dtype=dtype))
-    assert (found.corner, found.step) == ((302.5, 402.5), 5.0)
-    assert np.array_equal(found.heights, HEIGHTS[::-1].T)
+    raster = mpm.read_raster(written(tmp_path / "dem.tif", dtype=dtype))
+    assert (raster.corner, raster.step) == ((302.5, 402.5), 5.0)
+    assert np.array_equal(raster.heights, HEIGHTS[::-1].T)
 
 
 def test_no_data_is_a_hole(tmp_path):
     holed = HEIGHTS.copy()
     holed[0, 1], holed[3, 2] = -9999, np.inf
-    found = mpm.read_raster(written(tmp_path / "dem.tiff", holed))
-    assert np.argwhere(np.isnan(found.heights)).tolist() == [[1, 3], [2, 0]]
-    shape = mpm.Terrain(found, base=90.0)
+    raster = mpm.read_raster(written(tmp_path / "dem.tiff", holed))
+    assert np.argwhere(np.isnan(raster.heights)).tolist() == [[1, 3], [2, 0]]
+    shape = mpm.Terrain(raster, base=90.0)
     with pytest.raises(ValueError, match=r"2 holes between the walls, the first at \(307.5, 417.5\) m: fill them"):
         shape.check()
 
 
 def test_scale_and_offset_are_applied(tmp_path):
-    found = mpm.read_raster(written(tmp_path / "dem.tif", dtype="int16", scale=(0.1, 50.0), unit="metre"))
-    assert np.allclose(found.heights, HEIGHTS[::-1].T / 10 + 50)
+    raster = mpm.read_raster(written(tmp_path / "dem.tif", dtype="int16", scale=(0.1, 50.0), unit="metre"))
+    assert np.allclose(raster.heights, HEIGHTS[::-1].T / 10 + 50)
 
 
 def test_a_scene_carries_the_terrain_of_a_geotiff(tmp_path):
@@ -110,8 +110,8 @@ def test_files_that_hold_less_than_they_say_are_refused(tmp_path):
     generator = np.random.default_rng(2)
     for _ in range(60):
         bytes_ = bytearray(whole)
-        for place in generator.integers(0, 600, 4):
-            bytes_[place] = generator.integers(256)
+        for offset in generator.integers(0, 600, 4):
+            bytes_[offset] = generator.integers(256)
         (tmp_path / "any.tif").write_bytes(bytes_)
         with contextlib.suppress(ValueError):
             assert mpm.read_raster(tmp_path / "any.tif").heights.size <= 2 * heights.size

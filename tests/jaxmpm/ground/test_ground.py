@@ -76,7 +76,7 @@ def test_a_slope_drawn_as_a_section_has_the_same_particles(crest, height, toe, f
 def test_a_toe_is_counted_from_the_surface():
     assert mpm.Section(LINE).face is None
     assert mpm.Section(LINE, toe=54.0).face == mpm.Face(54.0, 4.0, 12.0)
-    # The crest is by default the highest ground before the toe; behind a hill it is another place.
+    # The crest is by default the highest ground before the toe; behind a hill it is elsewhere.
     hill = [(0, 25), (10, 25), (20, 16), (30, 16), (54, 4), (96, 4)]
     assert mpm.Section(hill, toe=54.0).face.height == 21.0
     assert mpm.Section(hill, toe=54.0, crest=30.0).face.height == 12.0

@@ -52,8 +52,8 @@ def test_a_block_on_a_plane_is_held_back_by_the_cohesion_under_it(friction, cohe
     scene = replace(scene, walls=scene.walls[2:3])
     held = friction * 9.81 * math.cos(tilt) + cohesion * 9.81 / (soil.unit_weight * height)
     result = mpm.solve(scene, mpm.at_rest(scene), t_end=1.0).raise_if_failed()
-    moved = float(jnp.mean(result.state.displacement[0]))
-    assert np.isclose(moved, 0.5 * (pull[0] - held), rtol=0.02)
+    displacement = float(jnp.mean(result.state.displacement[0]))
+    assert np.isclose(displacement, 0.5 * (pull[0] - held), rtol=0.02)
 
 
 def test_strength_reduction_divides_that_of_the_base_too():
@@ -65,14 +65,14 @@ def test_strength_reduction_divides_that_of_the_base_too():
 
 def test_soil_slides_over_a_strong_base_as_over_a_fixed_one():
     surface, soil = [(0, 6), (6, 6), (10, 2), (18, 2)], mpm.FrictionalSoil(3e3, 20.0, young=1e7)
-    moved = []
+    displacements = []
     for interface in (None, mpm.Interface(60.0, 1e6)):
         scene, state = mpm.section(mpm.Section(surface, interface=interface), soil, HALVES)
         final = mpm.solve(mpm.reduced(scene, 2.0), state, t_end=1.5).raise_if_failed().state
-        moved.append(float(mpm.diagnostics.mean_displacement(scene, final)))
-    assert moved[0] > 0.2
+        displacements.append(float(mpm.diagnostics.mean_displacement(scene, final)))
+    assert displacements[0] > 0.2
     # Nodes that stick take from particles what those bring; nodes that are fixed leave it to them.
-    assert np.isclose(*moved, rtol=0.05)
+    assert np.isclose(*displacements, rtol=0.05)
 
 
 def test_only_cohesion_and_water_map_the_area_of_soil_on_a_base():

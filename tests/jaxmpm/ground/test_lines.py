@@ -1,4 +1,4 @@
-"""Lines of sections in DXF drawings: the polyline that is meant, the units, and what is refused."""
+"""Lines of sections in DXF drawings: the polyline that is chosen, the units, and what is refused."""
 
 import sys
 
@@ -70,7 +70,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("lines", "how", "layer", "message"), REFUSED, ids=[message[:40] for *_, message in REFUSED])
-def test_drawings_in_which_no_one_line_is_meant_are_refused(lines, how, layer, message, tmp_path):
+def test_drawings_that_do_not_give_one_line_are_refused(lines, how, layer, message, tmp_path):
     path = drawing(tmp_path / "a.dxf", *lines, **how)
     with pytest.raises(ValueError, match=message):
         mpm.read_line(path, layer)

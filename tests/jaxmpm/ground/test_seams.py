@@ -36,7 +36,7 @@ KNOWN = {
     "two cells": ground(2.0),
     "hardly weaker": ground(0.5, mpm.FrictionalSoil(18e3, 19.0)),
     "stronger": ground(0.5, STRONG, WEAK),
-    "meant": ground(0.5, mpm.FrictionalSoil(0.0, 10.0, unusual=True)),
+    "declared": ground(0.5, mpm.FrictionalSoil(0.0, 10.0, unusual=True)),
 }
 
 
@@ -52,9 +52,9 @@ def test_weakness_is_that_under_the_weight_above():
     clay, sand = mpm.FrictionalSoil(30e3, 0.0), mpm.FrictionalSoil(0.0, 30.0)
     shape = mpm.Section([(0, 20), (32, 20)])
     layers = [mpm.Layer(sand, depth=1.0), mpm.Layer(clay, depth=10.0), mpm.Layer(sand, depth=11.0), mpm.Layer(clay)]
-    found = shape.thicknesses(layers)
-    assert [each.weak for each in found] == [True, True, False, True]
-    assert np.allclose([each.metres for each in found], [1, 9, 1, 9])
+    thicknesses = shape.thicknesses(layers)
+    assert [each.weak for each in thicknesses] == [True, True, False, True]
+    assert np.allclose([each.metres for each in thicknesses], [1, 9, 1, 9])
 
 
 def test_under_a_terrain_layers_are_measured_alike():
@@ -73,8 +73,8 @@ def test_a_scene_asks_about_a_seam_too_thin_for_its_refined_grid():
     with pytest.raises(ValueError, match=r"is 1 m thick, 1 cells of 1 m, .* cells of at most 0.5 m.* unusual = true"):
         parse(SEAM)
     finer = changed(SEAM, ("cell = 1.0\nspacing = [0.5, 0.5]", "cell = 0.5\nspacing = [0.25, 0.25]"))
-    meant = changed(SEAM, ("[soil]", "[soil]\nunusual = true"))
-    for text in (finer, meant):
+    declared = changed(SEAM, ("[soil]", "[soil]\nunusual = true"))
+    for text in (finer, declared):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             built(parse(text), "rough", at_rest=False)
@@ -85,8 +85,8 @@ def test_check_gives_the_cells_of_every_layer(tmp_path, capsys):
     path = tmp_path / "scene.toml"
     path.write_text(changed(SEAM, ("[soil]", "[soil]\nunusual = true")))
     assert main(["check", str(path), "--seconds", "0.1"]) == 0
-    told = capsys.readouterr().out
-    assert "1 m thick: 0.5 rough cells, 1 refined cells; a weak layer, too strong on the rough and the refined" in told
+    row = "1 m thick: 0.5 rough cells, 1 refined cells; a weak layer, too strong on the rough and the refined"
+    assert row in capsys.readouterr().out
 
 
 INTERFACE = changed(LAYERED, ("[ground]", "[ground]\ninterface = { friction = 12.0, cohesion = 3e3 }"))

@@ -43,9 +43,9 @@ def test_the_initial_stress_of_a_trapezoid_is_the_slopes_bit_for_bit():
 
 def test_a_section_lies_where_it_is_drawn():
     shifted = mpm.Section([(x + 30, z + 12) for x, z in FLAT.surface], base=12.0)
-    (here, at_rest), (there, moved) = (mpm.section(shape, CLAY, HALVES) for shape in (FLAT, shifted))
+    (here, at_rest), (there, elsewhere) = (mpm.section(shape, CLAY, HALVES) for shape in (FLAT, shifted))
     assert np.allclose(there.particles.position, here.particles.position + jnp.array([[30.0], [12.0]]))
-    assert np.allclose(moved.stress, at_rest.stress, rtol=1e-3, atol=30.0)
+    assert np.allclose(elsewhere.stress, at_rest.stress, rtol=1e-3, atol=30.0)
 
 
 def test_walls_leave_out_what_is_drawn_beyond_them():
@@ -115,10 +115,10 @@ def test_a_strong_layer_does_not_yield():
     layers = [mpm.Layer(drained(1e3, 20), [(0, 1), (20, 1)]), mpm.Layer(drained(1e9, 20))]
     scene, state = mpm.section(FLAT, layers, HALVES)
     final = mpm.solve(mpm.reduced(scene, 3.0), state, t_end=1.0).raise_if_failed().state
-    moved = np.asarray(mpm.diagnostics.displacement(final))
+    displacement = np.asarray(mpm.diagnostics.displacement(final))
     rock = np.asarray(scene.particles.position[1]) < 1
-    assert moved[~rock].max() > 0.5
-    assert moved[rock].max() < 1e-3
+    assert displacement[~rock].max() > 0.5
+    assert displacement[rock].max() < 1e-3
 
 
 @pytest.mark.parametrize("bottom", [[(0, 6), (20, 0)], [(0, 6), (9, 0), (20, 0)], [(0, 0), (14, 3), (20, 3)]], ids=str)
@@ -173,6 +173,6 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("shape", "soil", "message"), REFUSED.values(), ids=REFUSED)
-def test_what_no_lattice_can_hold_is_refused_with_its_place(shape, soil, message):
+def test_what_no_lattice_can_hold_is_refused_with_its_position(shape, soil, message):
     with pytest.raises(ValueError, match=message):
         mpm.section(shape, soil, HALVES)

@@ -97,9 +97,9 @@ def written(tmp_path, text, projection=None):
 
 
 def test_an_esri_grid_reads_from_north_to_south(tmp_path):
-    found = mpm.read_raster(written(tmp_path, HEADER + "1 2 3\n4 5 -9999\n"))
-    assert (found.corner, found.step) == ((12.5, 22.5), 5.0)
-    assert np.array_equal(found.heights, [[4, 1], [5, 2], [np.nan, 3]], equal_nan=True)
+    raster = mpm.read_raster(written(tmp_path, HEADER + "1 2 3\n4 5 -9999\n"))
+    assert (raster.corner, raster.step) == ((12.5, 22.5), 5.0)
+    assert np.array_equal(raster.heights, [[4, 1], [5, 2], [np.nan, 3]], equal_nan=True)
 
 
 BAD_FILES = [
@@ -165,7 +165,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("shape", "soil", "message"), REFUSED, ids=[message[:28] for *_, message in REFUSED])
-def test_terrain_that_will_not_do_is_refused_with_its_place(shape, soil, message):
+def test_terrain_that_will_not_do_is_refused_with_its_position(shape, soil, message):
     with pytest.raises(ValueError, match=message):
         mpm.terrain(shape, soil, on_cells(2.0), at_rest=False)
 
@@ -215,12 +215,12 @@ def test_a_campaign_on_terrain_is_stopped_and_goes_on(begun, tmp_path, capsys):
     with pytest.raises(KeyboardInterrupt):
         run(read_scene(begun), tmp_path / "out", on_phase=stop)
     assert main(["resume", str(tmp_path / "out"), "--workers", "1"]) == 0
-    said = capsys.readouterr().out
+    printed = capsys.readouterr().out
     rows = read_rows(read_store(tmp_path / "out"), "refined").columns
     failed = rows["displacement"] > 1
     assert failed.any()
     assert rows["depth"][failed].max() <= 8.0 + 2.0
-    assert "m² at its end" in said
+    assert "m² at its end" in printed
 
 
 def test_a_scene_says_the_water_in_its_terrain(tmp_path):

@@ -1,4 +1,4 @@
-"""Terrain cut to a polygon and to a depth: what is kept, what holds it, what a slide does there, what is refused."""
+"""Terrain cut to a polygon and to a depth: what is left, what holds it, what a slide does there, what is refused."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -80,11 +80,11 @@ def test_soil_stays_within_a_fixed_edge_and_leaves_a_free_one(rested):
     assert beyond["free"] > 0.1
 
 
-def test_a_slide_that_reaches_the_edge_is_told():
+def test_a_slide_that_reaches_the_edge_is_named():
     position = np.array([[2.5, 3.5, 4.5], [2.5, 2.5, 2.5], [1.0, 1.0, 1.0]])
 
-    def reached(moved):
-        displacement = np.array([moved, [0.0] * 3, [0.0] * 3])
+    def reached(along_x):
+        displacement = np.array([along_x, [0.0] * 3, [0.0] * 3])
         return walls_reached(
             position, displacement, np.ones(3), [], half_size=np.full(3, 0.5), failure_displacement=1.0, within=1.0,
             polygon=TRIANGLE,
@@ -122,10 +122,10 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("said", "message"), REFUSED, ids=[message[:30] for _, message in REFUSED])
-def test_cuts_that_cannot_be_are_refused(said, message):
+@pytest.mark.parametrize(("given", "message"), REFUSED, ids=[message[:30] for _, message in REFUSED])
+def test_cuts_that_cannot_be_are_refused(given, message):
     with pytest.raises(ValueError, match=message):
-        parse(TERRAIN.replace("base = 0.0\n", f"base = 0.0\n{said}\n"))
+        parse(TERRAIN.replace("base = 0.0\n", f"base = 0.0\n{given}\n"))
 
 
 def test_cuts_in_python_are_refused_likewise():
@@ -145,7 +145,7 @@ def test_what_slides_within_the_cuts_slides_as_in_the_whole():
     x, y = np.meshgrid(np.arange(0, 65, 4.0), np.arange(0, 49, 4.0), indexing="ij")
     plane = mpm.Raster(34.0 - 0.4 * x + 0 * y, (0.0, 0.0), 4.0)
     around = ((8.0, 6.0), (60.0, 8.0), (60.0, 40.0), (8.0, 42.0))
-    found = []
+    results = []
     for cuts in ({}, {"polygon": around, "depth": 8.0}):
         scene, state = mpm.terrain(mpm.Terrain(plane, 0.0, **cuts), CLAY, ONES)
         x, y, z = np.asarray(scene.particles.position, float)
@@ -156,8 +156,8 @@ def test_what_slides_within_the_cuts_slides_as_in_the_whole():
             np.asarray(scene.particles.position), np.asarray(final.displacement), np.asarray(scene.particles.volume),
             OpenGround(plane.at(x, y)), half_size=np.full(3, 0.5),
         )  # fmt: skip
-        found.append((measured, x.size))
-    (whole, particles), (cut, fewer) = found
+        results.append((measured, x.size))
+    (whole, particles), (cut, fewer) = results
     assert whole.displacement > 1.5
     assert fewer < 0.5 * particles
     assert (cut.runout, cut.volume, cut.displacement) == pytest.approx(

@@ -93,12 +93,12 @@ def test_stress_depends_on_the_deformation_alone_and_turns_with_the_body(seed):
 @pytest.mark.usefixtures("x64")
 def test_a_closed_cycle_does_no_work_but_on_hypoelastic_soil():
     corners = [(0.0, 0.0), (0.6, 0.0), (0.6, 0.4), (0.0, 0.4), (0.0, 0.0)]  # shear and stretch
-    places = [
+    deformations = [
         np.array([[1.0, s], [0.0, 1 + e]])
         for a, b in pairwise(corners)
         for s, e in np.linspace(a, b, 40, endpoint=False)
     ] + [np.eye(2)]
-    path = np.stack([after @ np.linalg.inv(before) for before, after in pairwise(places)])
+    path = np.stack([after @ np.linalg.inv(before) for before, after in pairwise(deformations)])
     left = {}
     for finite_strain in (True, False):
         scene, state = point(ELASTIC, 2, finite_strain=finite_strain)
@@ -150,14 +150,14 @@ CLAY = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3)
 
 @pytest.mark.usefixtures("x64")
 def test_in_small_strains_a_slope_moves_as_with_rates():
-    def moved(finite_strain, stiffer):
+    def displacement(finite_strain, stiffer):
         soil = replace(CLAY, young=5e6 * stiffer, strength=2e4)
         scene, state = mpm.slope(SHAPE, soil, replace(EIGHTS, finite_strain=finite_strain), at_rest=False)
         return mpm.advance(scene, state, jnp.asarray(60)).displacement
 
     apart = []
     for stiffer in (1.0, 100.0):
-        rates, logarithms = moved(False, stiffer), moved(True, stiffer)
+        rates, logarithms = displacement(False, stiffer), displacement(True, stiffer)
         apart.append(float(jnp.abs(logarithms - rates).max() / jnp.abs(rates).max()))
     # Over the displacement the difference is of the order of the strain, here two hundredths and a hundredth of that.
     assert apart[1] < apart[0] / 30
@@ -202,16 +202,16 @@ def test_gradients_are_those_of_differences_and_engines_and_lanes_agree(kind):
     soil, names, tolerance = SOILS[kind]
     scene, state = mpm.slope(SHAPE, soil, EIGHTS, at_rest=False)
 
-    def moved(scene, *factors):
+    def objective(scene, *factors):
         own = {name: getattr(scene.material, name) * factor for name, factor in zip(names, factors, strict=True)}
         varied = replace(scene, material=replace(scene.material, **own))
         return jnp.sum(mpm.advance(varied, state, 30).displacement[0] ** 2)
 
-    check_run(moved, scene, (1.0, 1.0), (1e-6, 1e-6), tolerance)
+    check_run(objective, scene, (1.0, 1.0), (1e-6, 1e-6), tolerance)
 
 
 @pytest.mark.usefixtures("x64")
-def test_the_energy_of_a_block_that_vibrates_by_a_tenth_is_kept():
+def test_the_energy_of_a_block_that_vibrates_by_a_tenth_is_conserved():
     def drift(finite_strain):
         soil = mpm.Soil(unit_weight=9810.0, young=1e6)
         numerics = replace(EIGHTS, finite_strain=finite_strain, cfl=0.1)

@@ -64,15 +64,15 @@ def test_under_level_ground_strength_is_the_ratio_of_weight_less_water(water, pr
 
 def test_a_random_ratio_multiplies_the_stress_of_the_means():
     model = model_of(RANDOM, at_rest=True)
-    found, median = model.parameters(drawn(model)), model.parameters()
-    assert np.std(found["strength_ratio"]) > 0.02
+    parameters, median = model.parameters(drawn(model)), model.parameters()
+    assert np.std(parameters["strength_ratio"]) > 0.02
     np.testing.assert_allclose(median["strength_ratio"], 0.25 / np.sqrt(1 + 0.2**2), rtol=1e-5)
-    for each in (found, median):
+    for each in (parameters, median):
         expected = np.maximum(each["strength_ratio"] * model.stress, 6e3)
         np.testing.assert_allclose(each["strength"], expected, rtol=1e-6)
     np.testing.assert_array_equal(model.median[0].material.strength, median["strength"])
     scene, state = model.of_sample(drawn(model))
-    np.testing.assert_array_equal(scene.material.strength, found["strength"])
+    np.testing.assert_array_equal(scene.material.strength, parameters["strength"])
     np.testing.assert_array_equal(state.stress, model.state.stress)
 
 

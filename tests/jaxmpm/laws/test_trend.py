@@ -161,8 +161,8 @@ def test_a_cut_stands_more_firmly_where_strength_is_that_of_the_ground_before_it
     for trend_from in ("", "trend_from = 24.0"):
         campaign = parse(CUT.replace("TREND_FROM", trend_from))
         scene, state = runs.build(campaign, "refined", runs.random_soil(campaign)).median
-        found = factor_of_safety(scene, state, t_end=10.0)
-        factors.append((found.stable + found.fails) / 2)
+        result = factor_of_safety(scene, state, t_end=10.0)
+        factors.append((result.stable + result.fails) / 2)
     # 0.985 and 1.135 on cells of 2 m, 0.943 and 1.062 by circles.
     np.testing.assert_allclose(factors, circles, rtol=0.08)
     assert factors[1] / factors[0] == pytest.approx(circles[1] / circles[0], rel=0.05)

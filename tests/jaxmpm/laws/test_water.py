@@ -39,14 +39,14 @@ def test_ground_under_water_bears_its_buoyant_weight_however_deep_the_pool(pool)
 def test_below_a_table_soil_is_saturated_and_buoyant_and_above_it_neither():
     z, pressure = vertical(LEVEL, replace(SAND, saturated_unit_weight=20e3), water=[(0, 4), (12, 4)])
     expected = 18e3 * np.minimum(8 - z, 4) + (20e3 - WATER) * np.maximum(4 - z, 0)
-    kept = inner(z, 4)
-    assert np.allclose(pressure[kept], expected[kept], rtol=1e-2)
+    interior = inner(z, 4)
+    assert np.allclose(pressure[interior], expected[interior], rtol=1e-2)
 
 
 def test_r_u_is_the_share_of_the_weight_that_water_bears():
     z, pressure = vertical(LEVEL, r_u=0.25)
-    kept = inner(z)
-    assert np.allclose(pressure[kept], 0.75 * 18e3 * (8 - z[kept]), rtol=5e-3)
+    interior = inner(z)
+    assert np.allclose(pressure[interior], 0.75 * 18e3 * (8 - z[interior]), rtol=5e-3)
 
 
 def test_a_pool_loads_the_face_so_that_a_slope_under_it_is_one_of_buoyant_soil():
@@ -85,11 +85,11 @@ def test_a_pool_at_half_height_bears_some_of_a_slope_of_clay():
 @pytest.mark.slow
 def test_a_table_in_the_ground_changes_no_factor_of_undrained_clay():
     # Total stress: its law sees no mean stress.
-    found = [
+    factors = [
         mpm.factor_of_safety(*mpm.section(HILL, replace(CLAY, strength=12e3), FBAR, **water), t_end=6.0).stable
         for water in ({}, {"water": [(0, 4), (8, 3.5), (14, 2), (20, 2)]})
     ]
-    assert found[0] == pytest.approx(found[1], abs=0.011)
+    assert factors[0] == pytest.approx(factors[1], abs=0.011)
 
 
 def table(*points, height=0.5):
@@ -99,14 +99,14 @@ def table(*points, height=0.5):
 
 def test_the_push_is_the_pressures_gradient(x64):
     water = table((0, 5), (4, 5.5), (9, 3), (12, 3))
-    place = jnp.asarray(np.random.default_rng(1).uniform([[-2], [0]], [[14], [8]], (2, 300)))
+    position = jnp.asarray(np.random.default_rng(1).uniform([[-2], [0]], [[14], [8]], (2, 300)))
 
     def pressure(x, z):
         return WATER * jnp.maximum(jnp.interp(x, water.x, water.z) - z, 0)
 
-    near = abs(jnp.interp(place[0], water.x, water.z) - place[1]) < 0.25
-    by_x, by_z = jax.vmap(jax.grad(pressure, argnums=(0, 1)))(*place)
-    assert np.allclose(water.push(place)[:, ~near], -jnp.stack([by_x, by_z])[:, ~near])
+    near = abs(jnp.interp(position[0], water.x, water.z) - position[1]) < 0.25
+    by_x, by_z = jax.vmap(jax.grad(pressure, argnums=(0, 1)))(*position)
+    assert np.allclose(water.push(position)[:, ~near], -jnp.stack([by_x, by_z])[:, ~near])
     # A particle cut by the table feels its share: in the middle, half.
     assert np.allclose(table((0, 5), (1, 5)).push(jnp.array([[0.5], [5.0]])), [[0.0], [WATER / 2]])
 
@@ -118,19 +118,20 @@ def hill_of_water(step=2.0):
 
 def test_the_push_below_a_surface_is_the_pressures_gradient(x64):
     raster = hill_of_water()
-    told = raster.heights, raster.corner, raster.step, WATER, 0.5
-    water = mpm.laws.WaterSurface(*(jnp.asarray(value, float) for value in told))
-    place = np.random.default_rng(1).uniform([[0.1], [0.1], [0]], [[7.9], [3.9], [9]], (3, 300))
-    table, tiny = raster.at(*place[:2]), 1e-6
+    arguments = raster.heights, raster.corner, raster.step, WATER, 0.5
+    water = mpm.laws.WaterSurface(*(jnp.asarray(value, float) for value in arguments))
+    position = np.random.default_rng(1).uniform([[0.1], [0.1], [0]], [[7.9], [3.9], [9]], (3, 300))
+    table, tiny = raster.at(*position[:2]), 1e-6
 
     def pressure(x, y, z):
         return WATER * np.maximum(raster.at(x, y) - z, 0)
 
     steps = tiny * np.eye(3)[:, :, None]
-    slopes = [(pressure(*(place + step)) - pressure(*(place - step))) / (2 * tiny) for step in steps]
-    far = (abs(table - place[2]) > 0.25) & (abs(place[:2] / 2 - np.round(place[:2] / 2)) > 1e-5).all(axis=0)
+    slopes = [(pressure(*(position + step)) - pressure(*(position - step))) / (2 * tiny) for step in steps]
+    far = (abs(table - position[2]) > 0.25) & (abs(position[:2] / 2 - np.round(position[:2] / 2)) > 1e-5).all(axis=0)
     beyond = np.array([[-3.0, 20.0], [2.0, 2.0], [1.0, 1.0]])
-    push = np.asarray(jax.jit(mpm.laws.WaterSurface.push)(water, jnp.asarray(np.concatenate([place, beyond], axis=1))))
+    everywhere = jnp.asarray(np.concatenate([position, beyond], axis=1))
+    push = np.asarray(jax.jit(mpm.laws.WaterSurface.push)(water, everywhere))
     assert np.allclose(push[:, :-2][:, far], -np.stack(slopes)[:, far], atol=1e-3)
     assert np.array_equal(push[0, -2:], [0, 0])
     assert np.all(push[2, -2:] == WATER)
@@ -149,8 +150,8 @@ def test_terrain_under_water_bears_its_buoyant_weight(water):
     scene, state = mpm.terrain(FLAT_TERRAIN, SAND, ONES, water=water)
     assert float(unbalanced_force(scene, state)) < 1e-3
     z = np.asarray(scene.particles.position[2])
-    kept = inner(z)
-    assert np.allclose(-np.asarray(state.stress[2])[kept], (18e3 - WATER) * (8 - z[kept]), rtol=1e-2)
+    interior = inner(z)
+    assert np.allclose(-np.asarray(state.stress[2])[interior], (18e3 - WATER) * (8 - z[interior]), rtol=1e-2)
 
 
 def test_r_u_and_saturated_weight_under_terrain():
@@ -182,12 +183,12 @@ def test_water_under_terrain_that_cannot_be_is_refused(water, message):
 
 
 def test_a_slope_stands_lower_with_water_in_it_and_higher_under_a_pool():
-    def moved(**water):
+    def displacement(**water):
         scene, state = mpm.section(HILL, SAND, HALVES, **water)
         end = mpm.solve(mpm.reduced(scene, 2.2), state, t_end=1.0).raise_if_failed().state
         return float(mpm.diagnostics.mean_displacement(scene, end))
 
-    dry, wet, seeping, drowned = (moved(**water) for water in ({}, {"r_u": 0.4}, {"water": 3.0}, {"water": 9.0}))
+    dry, wet, seeping, drowned = (displacement(**water) for water in ({}, {"r_u": 0.4}, {"water": 3.0}, {"water": 9.0}))
     assert wet > 1.3 * dry
     assert drowned < 0.5 * dry
     assert drowned < seeping < wet

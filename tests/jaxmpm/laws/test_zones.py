@@ -84,7 +84,7 @@ def test_each_zone_has_its_own_history_gap_and_return():
     history = jnp.asarray(rng.uniform(0, 0.05, count), jnp.float32)
     gap = jnp.asarray(rng.uniform(0, 1e-3, count), jnp.float32)
     dt = jnp.asarray(1e-3, jnp.float32)
-    found = update_with_gap(law, strain, stress, history, dt, gap=gap)
+    result = update_with_gap(law, strain, stress, history, dt, gap=gap)
     for part, own in law.zones:
         mine = [tuple(c if isinstance(c, float) else c[own] for c in each) for each in (strain, stress)]
         kind = type(part).__name__
@@ -94,9 +94,9 @@ def test_each_zone_has_its_own_history_gap_and_return():
             part, *mine, history[own] if softens else None, dt, gap=gap[own] if remembers else None
         )  # fmt: skip
         for k in (0, 1, 2, 5):
-            np.testing.assert_allclose(found[0][k][own], alone[0][k], rtol=1e-5, atol=1)
-        np.testing.assert_array_equal(found[1][own], alone[1] if softens else history[own])
-        np.testing.assert_array_equal(found[2][own], alone[2] if remembers else gap[own])
+            np.testing.assert_allclose(result[0][k][own], alone[0][k], rtol=1e-5, atol=1)
+        np.testing.assert_array_equal(result[1][own], alone[1] if softens else history[own])
+        np.testing.assert_array_equal(result[2][own], alone[2] if remembers else gap[own])
 
 
 def test_lanes_of_unlike_strength_move_as_each_alone():
@@ -108,9 +108,9 @@ def test_lanes_of_unlike_strength_move_as_each_alone():
     together = mpm.run.advance_lanes(varied, mpm.run.repeat(state, 2), jnp.asarray([40, 40]), axes)
     for lane in range(2):
         alone, start = mpm.with_soil(scene, state, strength=strengths[lane], cohesion=cohesions[lane])
-        moved = mpm.advance(alone, start, 40)
-        scale = float(jnp.max(abs(moved.displacement)))
-        np.testing.assert_allclose(together.displacement[lane], moved.displacement, atol=1e-4 * scale)
+        after = mpm.advance(alone, start, 40)
+        scale = float(jnp.max(abs(after.displacement)))
+        np.testing.assert_allclose(together.displacement[lane], after.displacement, atol=1e-4 * scale)
     batch = {"strength": list(strengths), "cohesion": list(cohesions)}
     ends = dict(mpm.solve_each(scene, state, batch, width=2, t_end=0.1))
     assert ends[0].state.displacement.max() != ends[1].state.displacement.max()
@@ -205,9 +205,10 @@ def test_clay_beside_fill_is_as_soil_with_friction_zero():
         mpm.advance(mpm.reduced(scene, 1.2), state, 120)
         for scene, state in (layered(CONE, soil, numerics=numerics) for soil in (clay, same))
     )
-    moved = placed(*(layered(CONE, clay)[0], one.displacement))
-    assert abs(moved).max() > 0.02
-    np.testing.assert_allclose(placed(layered(CONE, same)[0], other.displacement), moved, atol=1e-3 * abs(moved).max())
+    displacement = placed(*(layered(CONE, clay)[0], one.displacement))
+    largest = abs(displacement).max()
+    assert largest > 0.02
+    np.testing.assert_allclose(placed(layered(CONE, same)[0], other.displacement), displacement, atol=1e-3 * largest)
 
 
 def test_water_does_not_enter_the_strength_of_undrained_layers():
@@ -247,8 +248,8 @@ def test_a_free_field_and_a_restart_know_every_zone(tmp_path):
     layers = [mpm.Layer(CONE, [(0, 3), (8, 3)]), mpm.Layer(CLAY)]
     scene, state = mpm.section(drawn, layers, NUMERICS, ends="free field", motion=motion, at_rest=False)
     assert [column.material.counts for column in (scene.free_field.low, scene.free_field.high)] == [(12, 12)] * 2
-    moved = mpm.advance(scene, state, 20)
-    assert float(jnp.max(abs(moved.displacement))) > 0
+    after = mpm.advance(scene, state, 20)
+    assert float(jnp.max(abs(after.displacement))) > 0
     alone, start = layered(LOST, CLAY, at_rest=False)
     first = mpm.advance(alone, start, 10)
     mpm.save_state(tmp_path / "state.h5", first)
@@ -262,8 +263,8 @@ def test_a_free_field_and_a_restart_know_every_zone(tmp_path):
 def test_averaged_plastic_strain_goes_over_zones_that_soften():
     numerics = replace(NUMERICS, internal_length=1.5)
     scene, state = layered(LOST, CLAY, ROCK, numerics=numerics)
-    moved = mpm.advance(mpm.reduced(scene, 2.0), state, 100)
-    assert float(jnp.max(moved.history)) > 0
+    after = mpm.advance(mpm.reduced(scene, 2.0), state, 100)
+    assert float(jnp.max(after.history)) > 0
     with pytest.raises(ValueError, match=r"internal_length = 1.5 m, but the soil does not soften"):
         layered(FILL, ROCK, numerics=numerics)
 
@@ -287,9 +288,9 @@ def test_an_embankment_on_clay_fails_as_slip_circles_say():
     for below in (clay, same):
         layers = [mpm.Layer(fill, [(0, 6), (22, 6)]), mpm.Layer(below)]
         scene, state = mpm.section(bank, layers, mpm.Discretisation(1.0, (0.5, 0.5), cell_average=True))
-        found = mpm.factor_of_safety(
+        result = mpm.factor_of_safety(
             scene, state, criterion="limit load", bracket=(0.8, 2.4), resolution=0.02, batch=4, t_end=10.0
         )
-        kinks.append(found.kink)
+        kinks.append(result.kink)
     assert kinks[0] == pytest.approx(1.228, rel=0.06)
     assert kinks[0] == pytest.approx(kinks[1], rel=0.02)

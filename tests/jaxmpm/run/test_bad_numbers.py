@@ -77,9 +77,9 @@ def test_a_sample_with_a_bad_parameter_is_a_result_of_its_own(section):
     scene, state = section
     good = jnp.full_like(scene.particles.mass, 9e3)
     strengths = [good, good.at[3].set(NAN), good, good.at[0].set(0.0)]
-    found = dict(mpm.solve_each(scene, state, {"strength": strengths}, width=2, t_end=0.05))
-    assert [int(found[i].status) for i in range(4)] == [mpm.Status.FINISHED, BAD, mpm.Status.FINISHED, BAD]
-    assert np.array_equal(found[0].state.displacement, found[2].state.displacement)
+    results = dict(mpm.solve_each(scene, state, {"strength": strengths}, width=2, t_end=0.05))
+    assert [int(results[i].status) for i in range(4)] == [mpm.Status.FINISHED, BAD, mpm.Status.FINISHED, BAD]
+    assert np.array_equal(results[0].state.displacement, results[2].state.displacement)
     moduli = {"young": [5e6, NAN, -1.0], "poisson": [0.3, 0.3, 0.3]}
     stiff = dict(mpm.solve_each(scene, state, moduli, width=3, t_end=0.05))
     assert [int(stiff[i].status) for i in range(3)] == [mpm.Status.FINISHED, BAD, BAD]
@@ -108,8 +108,8 @@ def test_snap_back_in_one_lane_is_a_bad_parameter(section):
     scene, state = section
     brittle = replace(scene.material, softening=mpm.laws.ExponentialSoftening(jnp.asarray(0.5), jnp.asarray(0.01)))
     scene = replace(scene, material=brittle)  # steepest 150 S, the shear modulus 1.9 MPa
-    found = dict(mpm.solve_each(scene, state, {"strength": [9e3, 20e3]}, width=2, t_end=0.02))
-    assert [int(found[i].status) for i in (0, 1)] == [mpm.Status.FINISHED, BAD]
+    results = dict(mpm.solve_each(scene, state, {"strength": [9e3, 20e3]}, width=2, t_end=0.02))
+    assert [int(results[i].status) for i in (0, 1)] == [mpm.Status.FINISHED, BAD]
     with pytest.raises(ValueError, match="snaps back"):
         mpm.run.lanes(scene, strength=jnp.asarray([9e3, 20e3]))
 
@@ -118,8 +118,8 @@ def test_softening_is_held_to_its_limits_at_each_particle(section):
     scene, state = section
     good = jnp.full_like(scene.particles.mass, 0.5)
     ratios = [good, good.at[3].set(NAN), good.at[2].set(1.5)]
-    found = dict(mpm.solve_each(scene, state, {"softening.residual_ratio": ratios}, width=3, t_end=0.02))
-    assert [int(found[i].status) for i in range(3)] == [mpm.Status.FINISHED, BAD, BAD]
+    results = dict(mpm.solve_each(scene, state, {"softening.residual_ratio": ratios}, width=3, t_end=0.02))
+    assert [int(results[i].status) for i in range(3)] == [mpm.Status.FINISHED, BAD, BAD]
     with pytest.raises(ValueError, match=r"softening.residual_ratio = 1.5 at \[2\] .*: give a value from 0 to 1"):
         mpm.with_soil(scene, state, **{"softening.residual_ratio": ratios[2]})
     with pytest.raises(ValueError, match=r"softening.residual_ratio = nan at \[1, 3\]"):

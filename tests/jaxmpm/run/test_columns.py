@@ -19,11 +19,11 @@ def slope():
     return mpm.slope(shape, SOIL, NUMERICS)
 
 
-def binned(scene, state, moved):
-    """Thickness, speed and mass of the soil that has moved, by NumPy's histogram."""
+def binned(scene, state, threshold):
+    """Thickness, speed and mass of the soil that slid at least so far, by NumPy's histogram."""
     position = np.asarray(scene.particles.position + state.displacement, float)
     mass, volume = (np.asarray(a, float) for a in (scene.particles.mass, scene.particles.volume))
-    slides = np.linalg.norm(np.asarray(state.displacement, float), axis=0) >= moved
+    slides = np.linalg.norm(np.asarray(state.displacement, float), axis=0) >= threshold
     edges = scene.grid.origin[0] + scene.grid.cell * np.arange(scene.grid.shape[0])
 
     def total(values):
@@ -36,13 +36,13 @@ def binned(scene, state, moved):
 
 def test_it_keeps_what_every_look_shows(slope):
     scene, start = slope
-    every, moved = 10, 0.5
+    every, threshold = 10, 0.5
     dt, steps = float(scene.time_step), 400
-    looked = mpm.with_columns(scene, start, moved=moved, every=every)
+    looked = mpm.with_columns(scene, start, moved=threshold, every=every)
     columns = mpm.solve(scene, looked, t_end=steps * dt).state.columns
     times = [number * dt for number in range(every, steps + 1, every)]
     states = mpm.solve(scene, start, t_end=steps * dt, snapshots=times).snapshots
-    thickness, speed = (np.array(each) for each in zip(*(binned(scene, s, moved) for s in states), strict=True))
+    thickness, speed = (np.array(each) for each in zip(*(binned(scene, s, threshold) for s in states), strict=True))
     there = thickness >= columns.least
     assert 5 < there.any(axis=0).sum() < there.shape[1] - 4
     np.testing.assert_allclose(columns.thickness, thickness.max(axis=0), rtol=1e-5, atol=1e-6)
@@ -51,8 +51,8 @@ def test_it_keeps_what_every_look_shows(slope):
     np.testing.assert_allclose(columns.arrival, first, rtol=1e-5)
     # The layer that a grain makes is below the threshold, that of a layer of particles above.
     assert 0.25 < columns.least < 0.5
-    last = mpm.passing(scene, states[-1], moved)
-    slid = np.linalg.norm(np.asarray(states[-1].displacement), axis=0) >= moved
+    last = mpm.passing(scene, states[-1], threshold)
+    slid = np.linalg.norm(np.asarray(states[-1].displacement), axis=0) >= threshold
     volume = float(np.sum(np.asarray(scene.particles.volume)[slid]))
     assert float(jnp.sum(last.thickness)) * scene.grid.cell == pytest.approx(volume, rel=1e-5)
 
@@ -82,10 +82,10 @@ def test_columns_of_a_solid_lie_in_plan():
     assert mpm.run.column_shape(scene) == tuple(n - 1 for n in scene.grid.shape[:2])
     assert mpm.with_columns(scene, state).columns.arrival.shape == mpm.run.column_shape(scene)
     pushed = replace(state, displacement=state.displacement.at[1, 0].set(1.5))
-    found = mpm.passing(scene, pushed, 1.0).thickness
+    thickness = mpm.passing(scene, pushed, 1.0).thickness
     at = np.floor(np.asarray(scene.particles.position[:2, 0] + pushed.displacement[:2, 0]) - scene.grid.origin[:2])
-    assert np.argwhere(np.asarray(found)).tolist() == [at.astype(int).tolist()]
-    assert float(found.max()) == pytest.approx(0.125)
+    assert np.argwhere(np.asarray(thickness)).tolist() == [at.astype(int).tolist()]
+    assert float(thickness.max()) == pytest.approx(0.125)
 
 
 @pytest.mark.parametrize(

@@ -26,8 +26,8 @@ def shaking(seconds=1.0, interval=0.01):
 
 def test_motion_is_linear_between_samples_and_over_after_the_last(x64):
     motion = mpm.BaseMotion(jnp.asarray([[0.0, 2.0, -1.0], [1.0, 1.0, 5.0]]), jnp.asarray(0.5))
-    found = jnp.stack([motion.at(jnp.asarray(t)) for t in (0.0, 0.25, 0.5, 0.9, 1.0, 1.1)])
-    assert np.allclose(found, [[0, 1], [1, 1], [2, 1], [-0.4, 4.2], [-1, 5], [0, 0]])
+    values = jnp.stack([motion.at(jnp.asarray(t)) for t in (0.0, 0.25, 0.5, 0.9, 1.0, 1.1)])
+    assert np.allclose(values, [[0, 1], [1, 1], [2, 1], [-0.4, 4.2], [-1, 5], [0, 0]])
 
 
 @pytest.mark.usefixtures("x64")

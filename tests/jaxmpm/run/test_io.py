@@ -40,7 +40,7 @@ def test_a_run_goes_on_from_its_restart_point_bit_for_bit(tmp_path):
     assert (about["number"], about["grid"]) == (7, "rough")
 
 
-def test_values_that_are_not_finite_and_histories_of_several_leaves_are_kept(tmp_path):
+def test_values_that_are_not_finite_and_histories_of_several_leaves_are_stored(tmp_path):
     _, start = scene_of()
     history = {"strain": start.history + jnp.nan, "rate": start.history}
     odd = replace(start, history=history, affine=jnp.full((2, 2, start.velocity.shape[1]), -0.0))
@@ -78,10 +78,10 @@ def test_a_restart_point_that_lies_is_refused_in_one_line_and_reads_nothing_else
 
 
 def assert_refused(path, start, how):
-    with pytest.raises(ValueError, match=r"restart\.h5") as said:
+    with pytest.raises(ValueError, match=r"restart\.h5") as refused:
         mpm.load_state(path, start)
-    assert str(said.value).isprintable(), how
-    assert len(str(said.value)) < 500 + len(str(path)), how
+    assert str(refused.value).isprintable(), how
+    assert len(str(refused.value)) < 500 + len(str(path)), how
 
 
 def test_restart_points_of_another_scene_are_refused_by_name(tmp_path):
@@ -160,8 +160,8 @@ def test_vtk_reads_a_run_back(dimension, tmp_path):
 def test_velocities_that_cancel_at_the_nodes_are_not_written(tmp_path):
     # Particles of a block that stand half a cell apart, with velocities that alternate from one to the next.
     scene, start = mpm.block((4, 4), mpm.Soil(), mpm.Discretisation(1.0, (0.5, 0.5)), domain=(8, 8), corner=(2, 2))
-    place = np.floor(np.asarray(scene.particles.position) / 0.5).astype(int)
-    ringing = jnp.asarray((-1.0) ** place.sum(axis=0), start.velocity.dtype)
+    index = np.floor(np.asarray(scene.particles.position) / 0.5).astype(int)
+    ringing = jnp.asarray((-1.0) ** index.sum(axis=0), start.velocity.dtype)
     moving = replace(start, velocity=jnp.stack([0.3 + ringing, ringing]))
     mpm.write_vtkhdf(tmp_path / "block.vtkhdf", scene, [moving], [0.0])
     with h5py.File(tmp_path / "block.vtkhdf") as file:
@@ -169,7 +169,7 @@ def test_velocities_that_cancel_at_the_nodes_are_not_written(tmp_path):
     assert np.abs(moving.velocity[1]).min() == 1.0
     assert np.abs(velocity[:, 2]).max() < 0.35
     assert np.abs(velocity[:, 0] - 0.3).max() < 0.35
-    inside = ((place > place.min() + 1) & (place < place.max() - 1)).all(axis=0)
+    inside = ((index > index.min() + 1) & (index < index.max() - 1)).all(axis=0)
     assert np.abs(velocity[inside] - [0.3, 0, 0]).max() < 1e-5
 
 

@@ -23,25 +23,25 @@ PATHS = {
 
 
 def test_lanes_are_judged_apart():
-    moved = np.stack([path for path, _ in PATHS.values()], axis=1)
-    assert speeds_up(moved, first=8).tolist() == [on for _, on in PATHS.values()]
+    displacements = np.stack([path for path, _ in PATHS.values()], axis=1)
+    assert speeds_up(displacements, first=8).tolist() == [on for _, on in PATHS.values()]
 
 
 @pytest.mark.parametrize("turn", [1.1, 1.16, 1.2, 1.21])
 def test_the_kink_is_where_the_branches_meet(turn):
     # Time alone may say too much: the search starts at 1.2 and goes down to where the displacement turns.
-    found = find_kink(lambda factor: 0.004 * factor**3 + 3 * np.maximum(factor - turn, 0), 1.2)
-    assert abs(found.at / turn - 1) < 0.01
-    assert found.stands <= found.at <= found.moves
-    assert not found.jumps
-    assert found.sharpness > 100
+    kink = find_kink(lambda factor: 0.004 * factor**3 + 3 * np.maximum(factor - turn, 0), 1.2)
+    assert abs(kink.at / turn - 1) < 0.01
+    assert kink.stands <= kink.at <= kink.moves
+    assert not kink.jumps
+    assert kink.sharpness > 100
 
 
 def test_where_displacement_jumps_the_kink_is_at_the_jump():
-    found = find_kink(lambda factor: np.where(factor < 1.2, 0.004 * factor, 2 + 3 * (factor - 1.2)), 1.21)
-    assert found.jumps
-    assert found.stands < 1.2 < found.moves
-    assert found.sharpness > 1000
+    kink = find_kink(lambda factor: np.where(factor < 1.2, 0.004 * factor, 2 + 3 * (factor - 1.2)), 1.21)
+    assert kink.jumps
+    assert kink.stands < 1.2 < kink.moves
+    assert kink.sharpness > 1000
 
 
 def test_displacement_that_grows_evenly_has_no_kink():
@@ -51,11 +51,12 @@ def test_displacement_that_grows_evenly_has_no_kink():
 
 def test_displacement_that_falls_is_no_even_growth_and_is_named():
     # As a slope of sand with half its weight borne by water does: it moves at 0.80 and 0.82 and stands at 0.84.
-    over, moved = [0.76, 0.78, 0.80, 0.82, 0.84, 0.87, 0.95, 1.1], [0.04, 0.05, 0.69, 0.83, 0.12, 0.33, 0.72, 1.9]
+    over = [0.76, 0.78, 0.80, 0.82, 0.84, 0.87, 0.95, 1.1]
+    displacement = [0.04, 0.05, 0.69, 0.83, 0.12, 0.33, 0.72, 1.9]
     with pytest.raises(ValueError, match=r"no kink, .* share of PIC") as refused:
-        find_kink(lambda factor: np.interp(factor, over, moved), 0.9)
+        find_kink(lambda factor: np.interp(factor, over, displacement), 0.9)
     with pytest.warns(UserWarning, match=r"limit load at R = 0.8\d+ is in doubt") as warned:
-        find_kink(lambda factor: np.interp(factor, over, moved), 0.82)
+        find_kink(lambda factor: np.interp(factor, over, displacement), 0.82)
     for message in (str(refused.value), str(warned[0].message)):
         seen = re.search(r"it moves ([\d.]+) m at R = ([\d.]+) and ([\d.]+) m at R = ([\d.]+),", message)
         more, at, less, then = map(float, seen.groups())
@@ -68,10 +69,10 @@ def test_clay_that_does_not_soften_has_the_limit_load_of_slip_circles():
     # The published section: 1.142 to 1.147 by slip circles, 1.14 by finite differences.
     soil = mpm.Soil(strength=42e3)
     scene, state = mpm.slope(mpm.Slope(), soil, mpm.Discretisation(2.0, (1.0, 1.0), fbar=True))
-    found = mpm.factor_of_safety(scene, state, criterion="limit load", bracket=(1.0, 1.4), resolution=0.04, batch=3)
-    assert abs(found.kink / 1.144 - 1) < 0.04
-    assert found.stable <= found.kink <= found.fails
-    assert found.sharpness > 10
+    result = mpm.factor_of_safety(scene, state, criterion="limit load", bracket=(1.0, 1.4), resolution=0.04, batch=3)
+    assert abs(result.kink / 1.144 - 1) < 0.04
+    assert result.stable <= result.kink <= result.fails
+    assert result.sharpness > 10
 
 
 @pytest.mark.slow

@@ -47,7 +47,7 @@ def test_other_soil_is_the_scene_built_with_it(soil):
     assert 0.8 < float(varied.time_step) / min(float(other.time_step), float(scene.time_step)) < 1 + 1e-9
 
 
-def test_a_state_without_stress_stays_without_and_one_that_moved_is_refused():
+def test_a_state_without_stress_stays_without_and_a_displaced_one_is_refused():
     scene, state = mpm.column(2.0, CLAY, NUMERICS, at_rest=False)
     _, start = mpm.with_soil(scene, state, young=1e7)
     assert not np.any(start.stress)

@@ -132,9 +132,9 @@ def test_the_bytes_of_a_step_are_those_of_its_law_and_its_strains(soil, finite_s
         varied = replace(scene, material=replace(scene.material, bulk=scene.material.bulk * stiffer))
         return objectives.log_displacement(mpm.replay(varied, state, 8)[0])
 
-    told = mpm.checkpoints(scene, state, 8, 1e9).bytes
+    predicted = mpm.checkpoints(scene, state, 8, 1e9).bytes
     taken = jax.jit(jax.grad(reached)).lower(1.0).compile().memory_analysis().temp_size_in_bytes
-    assert 0.6 * told < taken <= told
+    assert 0.6 * predicted < taken <= predicted
 
 
 def test_bytes_too_few_for_any_checkpoints_are_refused():
@@ -153,11 +153,11 @@ def test_a_lane_that_broke_off_leaves_the_derivatives_of_its_neighbours_as_they_
     gradients = jax.jit(jax.vmap(jax.grad(reached, has_aux=True)))
     pushes = jnp.asarray([0.01, 0.02, 0.03])
     whole, status = gradients(pushes)
-    broken, told = gradients(pushes.at[1].set(jnp.nan))
+    broken, statuses = gradients(pushes.at[1].set(jnp.nan))
     assert np.isfinite(np.asarray(whole)).all()
     np.testing.assert_array_equal(np.asarray(whole)[[0, 2]], np.asarray(broken)[[0, 2]])
     assert status.tolist() == [mpm.Status.RUNNING] * 3
-    assert told.tolist() == [mpm.Status.RUNNING, mpm.Status.NOT_FINITE, mpm.Status.RUNNING]
+    assert statuses.tolist() == [mpm.Status.RUNNING, mpm.Status.NOT_FINITE, mpm.Status.RUNNING]
 
 
 def test_a_lane_stays_where_its_recorded_number_of_steps_ends():
@@ -213,25 +213,26 @@ def test_the_front_moves_with_the_mass():
     scene, state = slide()
     final = mpm.solve(scene, state, t_end=1.5).state
 
-    def moved(shift):
+    def front(shift):
         return objectives.front(scene, replace(final, displacement=final.displacement.at[0].add(shift)))
 
-    assert float(jax.grad(moved)(0.0)) == pytest.approx(1.0, rel=1e-6)
-    assert float(moved(0.7) - moved(0.0)) == pytest.approx(0.7, rel=1e-6)
+    assert float(jax.grad(front)(0.0)) == pytest.approx(1.0, rel=1e-6)
+    assert float(front(0.7) - front(0.0)) == pytest.approx(0.7, rel=1e-6)
 
 
 @pytest.mark.usefixtures("x64")
-def test_run_out_is_of_soil_that_moved():
+def test_run_out_is_of_soil_that_slid():
     scene, state = slide(1.6)
     final = mpm.solve(scene, state, t_end=2.5).state
-    moved, x = np.asarray(mpm.diagnostics.displacement(final)), np.asarray(mpm.diagnostics.position(scene, final))[0]
+    displacement = np.asarray(mpm.diagnostics.displacement(final))
+    x = np.asarray(mpm.diagnostics.position(scene, final))[0]
     toe = SLOPE.toe_x
-    hard = x[moved > 0.5].max() - toe
+    hard = x[displacement > 0.5].max() - toe
     soft = float(objectives.runout(scene, final, toe, moved=0.5, share=0.01, width=0.1))
     assert 0.5 < hard < 9
     assert hard - 1.0 < soft < hard
     assert abs(float(objectives.runout(scene, state, toe))) < 1e-9
-    # The front of all mass is the end of the ground, which never moved.
+    # The front of all mass is the end of the ground, which never moves.
     with pytest.warns(UserWarning, match="it is the ground ahead of the slide, use objectives.runout"):
         assert float(objectives.front(scene, final)) > SLOPE.length - 2
 

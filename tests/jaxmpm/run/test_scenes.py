@@ -191,10 +191,10 @@ def test_bad_runs_are_refused():
 def test_factor_of_safety_brackets_the_jump_and_refuses_a_wrong_bracket():
     shape = mpm.Slope(crest=10, height=6, run_per_rise=1.0, toe=14, foundation=2)
     scene, state = mpm.slope(shape, replace(PAPER_SOIL, strength=30e3), SECTION)
-    found = mpm.factor_of_safety(scene, state, bracket=(0.8, 2.4), resolution=0.05, batch=4, t_end=8.0)
-    tried = dict(found.tried)
-    assert np.isclose(found.fails - found.stable, 0.05)
-    assert tried[found.stable] <= 1.0 < tried[found.fails]
+    result = mpm.factor_of_safety(scene, state, bracket=(0.8, 2.4), resolution=0.05, batch=4, t_end=8.0)
+    tried = dict(result.tried)
+    assert np.isclose(result.fails - result.stable, 0.05)
+    assert tried[result.stable] <= 1.0 < tried[result.fails]
     with pytest.raises(ValueError, match=r"stands even at R = 0.9: widen the bracket"):
         mpm.factor_of_safety(scene, state, bracket=(0.8, 0.9), resolution=0.05, batch=2, t_end=8.0)
 
@@ -221,6 +221,6 @@ def test_a_slide_is_measured_by_its_own_mass():
     scene, state = mpm.slope(SMALL, PAPER_SOIL, mpm.Discretisation(1.0, (0.5, 0.5)))
     still = diagnostics.slide_displacement(scene, state, 1.0)
     share = jnp.arange(state.displacement.shape[1]) < state.displacement.shape[1] // 4
-    moved = replace(state, displacement=jnp.where(share, 3.0, 0.2) * jnp.asarray([[1.0], [0.0]]))
+    slid = replace(state, displacement=jnp.where(share, 3.0, 0.2) * jnp.asarray([[1.0], [0.0]]))
     mean = (3.0 * share.sum() + 0.2 * (~share).sum()) / share.sum()
-    assert (float(still), float(diagnostics.slide_displacement(scene, moved, 1.0))) == pytest.approx((0.0, float(mean)))
+    assert (float(still), float(diagnostics.slide_displacement(scene, slid, 1.0))) == pytest.approx((0.0, float(mean)))

@@ -37,8 +37,8 @@ def test_only_lanes_that_broke_off_stay_as_they_are(fallen, status):
     begun = jnp.asarray([status, mpm.Status.OUTSIDE_GRID, mpm.Status.RUNNING], jnp.int32)
     result = mpm.solve(varied, replace(states, status=begun), t_end=0.1, axes=axes)
     assert result.status.tolist() == [mpm.Status.FINISHED, mpm.Status.OUTSIDE_GRID, mpm.Status.FINISHED]
-    moved = np.abs(np.asarray(result.state.displacement)).max(axis=(1, 2))
-    assert moved[0] == moved[2] > moved[1] == 0
+    displacement = np.abs(np.asarray(result.state.displacement)).max(axis=(1, 2))
+    assert displacement[0] == displacement[2] > displacement[1] == 0
     # What ends a run ends the next one too, at its first look.
     settle = mpm.Settle(speed=10.0, drift=10.0, hold=0.0, every=0.02)
     settled = mpm.solve(scene, result_of(scene, state, settle).state, t_end=0.1, settle=settle)
@@ -91,10 +91,10 @@ def test_a_state_of_another_precision_is_refused(fallen):
 def test_derivatives_through_solve_are_refused_by_the_name_of_what_has_them(fallen):
     scene, state = fallen
 
-    def moved(velocity):
+    def displacement(velocity):
         return mpm.solve(scene, replace(state, velocity=velocity), t_end=0.1).state.displacement.sum()
 
-    for transformed in (jax.grad(moved), jax.jit(moved)):
+    for transformed in (jax.grad(displacement), jax.jit(displacement)):
         with pytest.raises(ValueError, match=r"replay\(scene, state, int\(result\.state\.step\)\)"):
             transformed(state.velocity)
 

@@ -85,9 +85,9 @@ def test_damping_and_pic_are_absent_unless_asked_for(name, value):
 
 
 def scatters(scene, state):
-    found = program(scene, state).count('"stablehlo.scatter"(')
-    assert found  # else the text is of another form, and every count below would be 0
-    return found
+    count = program(scene, state).count('"stablehlo.scatter"(')
+    assert count  # else the text is of another form, and every count below would be 0
+    return count
 
 
 @pytest.mark.parametrize(("choice", "more"), [({"fbar": True}, 2), ({"internal_length": 1.5}, 1)])
@@ -263,8 +263,8 @@ def test_columns_leave_nothing_in_state_or_program_unless_asked_for():
     plain, asked = run(state).as_text(), run(looked).as_text()
     assert plain.count('"stablehlo.case"(') == 0
     assert asked.count('"stablehlo.case"(') == 1
-    found = [text.count('"stablehlo.scatter"(') for text in (plain, asked)]
-    assert found[1] == found[0] + 1
+    counts = [text.count('"stablehlo.scatter"(') for text in (plain, asked)]
+    assert counts[1] == counts[0] + 1
     # The step itself is the same, whoever looks at what it made.
     assert program(scene, looked).count("stablehlo.") == program(scene, state).count("stablehlo.")
 
@@ -284,7 +284,7 @@ def test_single_mapping_schemes_map_once():
 def test_walls_cost_no_memory():
     scene, state = section()
     nodes = scene.grid.nodes
-    # Held components are found by index arithmetic: no constant of the grid's size is stored.
+    # Held components come from index arithmetic: no constant of the grid's size is stored.
     assert 'dense<"0x' not in program(scene, state)
     assert all(leaf.size != nodes for leaf in jax.tree.leaves(scene))
 
@@ -311,13 +311,14 @@ def test_second_sample_compiles_nothing(caplog):
 
 def test_many_samples_end_the_same_whatever_the_width():
     scene, state = section(at_rest=True)
-    found = []
+    results = []
     for width in (1, 3):
         varied = {"strength": (9e3 * (0.5 + 0.25 * i) for i in range(5))}
-        found.append({n: r.state.displacement for n, r in mpm.solve_each(scene, state, varied, width=width, t_end=0.4)})
-    assert sorted(found[0]) == list(range(5))
-    for number in found[0]:
-        assert (found[0][number] == found[1][number]).all()
+        each = mpm.solve_each(scene, state, varied, width=width, t_end=0.4)
+        results.append({number: result.state.displacement for number, result in each})
+    assert sorted(results[0]) == list(range(5))
+    for number in results[0]:
+        assert (results[0][number] == results[1][number]).all()
     with pytest.raises(ValueError, match="width = 0: give a whole number of 1 or more"):
         next(mpm.solve_each(scene, state, {"strength": []}, width=0, t_end=1.0))
 

@@ -33,20 +33,20 @@ def sand_slope(**choices):
 def test_the_average_is_a_projection_and_symmetric_in_its_weights(x64):
     rng = np.random.default_rng(3)
     grid = Grid((9, 8), 0.5, (-1.0, 2.0))
-    place = jnp.asarray(np.array([[-0.5], [2.5]]) + rng.uniform(size=(2, 200)) * np.array([[3.0], [2.5]]))
+    position = jnp.asarray(np.array([[-0.5], [2.5]]) + rng.uniform(size=(2, 200)) * np.array([[3.0], [2.5]]))
     weights = jnp.asarray(rng.uniform(0.5, 2.0, 200))
     one, other = (jnp.asarray(rng.normal(size=200)) for _ in range(2))
-    average = jax.jit(lambda values: within_cells(grid, place, values, weights))
+    average = jax.jit(lambda values: within_cells(grid, position, values, weights))
     assert np.allclose(average(average(one)), average(one))
     assert np.isclose(jnp.sum(weights * other * average(one)), jnp.sum(weights * one * average(other)))
-    cell = np.floor((np.asarray(place) - [[-1.0], [2.0]]) / 0.5)
+    cell = np.floor((np.asarray(position) - [[-1.0], [2.0]]) / 0.5)
     for chosen in np.unique(cell, axis=1).T[:5]:
         inside = np.all(cell == chosen[:, None], axis=0)
         expected = np.average(np.asarray(one)[inside], weights=np.asarray(weights)[inside])
         assert np.allclose(average(one)[inside], expected)
 
 
-def test_soil_with_friction_has_it_unless_told_and_clay_does_not():
+def test_soil_with_friction_has_it_by_default_and_clay_does_not():
     def averages(soil, **choices):
         return mpm.slope(SHAPE, soil, replace(NUMERICS, **choices), at_rest=False)[0].cell_average
 
@@ -116,13 +116,13 @@ def test_a_free_surface_keeps_its_strength():
 
 
 def test_it_lowers_what_locks():
-    def moved(choice):
+    def displacement(choice):
         scene, state = sand_slope(cell_average=choice)
         return float(
             mpm.diagnostics.mean_displacement(scene, mpm.solve(mpm.reduced(scene, 1.3), state, t_end=2.0).state)
         )
 
-    assert moved(None) > 1.3 * moved(False)
+    assert displacement(None) > 1.3 * displacement(False)
 
 
 @pytest.mark.usefixtures("x64")

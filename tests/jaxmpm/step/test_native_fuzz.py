@@ -45,7 +45,7 @@ def _build(folder: Path, sanitizers: str, sets: dict[str, list[str]]) -> Path:
 
 
 def _outcome(driver: Path, text: str) -> str:
-    """What the driver said: last, how many cases it got through, or what stopped it."""
+    """What the driver printed: last, how many cases it got through, or what stopped it."""
     done = subprocess.run([driver], input=text, capture_output=True, text=True)
     if done.returncode == 0:
         return done.stdout

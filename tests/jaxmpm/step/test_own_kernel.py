@@ -65,10 +65,10 @@ class CubicBSpline(Points):
 
 @pytest.mark.usefixtures("x64")
 @pytest.mark.parametrize("kernel", [Hat(), SoftGrain()])
-def test_own_functions_add_up_to_one_and_give_back_the_place(kernel):
+def test_own_functions_add_up_to_one_and_give_back_the_position(kernel):
     x = np.linspace(0.5, 1.5, 101)[:-1]  # in cells from the first of the three nodes that a particle touches
     r = x - np.arange(3.0)[:, None]
-    value, slope = (np.asarray(found) for found in kernel.shape(0, 0.5, jnp.asarray(r)))
+    value, slope = (np.asarray(each) for each in kernel.shape(0, 0.5, jnp.asarray(r)))
     np.testing.assert_allclose([value.sum(0), np.arange(3) @ value], [np.ones(100), x], atol=1e-14)
     np.testing.assert_allclose([slope.sum(0), np.arange(3) @ slope * 0.5], [np.zeros(100), np.ones(100)], atol=1e-13)
     h = 1e-6
@@ -107,11 +107,11 @@ def test_derivatives_go_through_own_functions():
     grid, position, carried, stress = data(2, 5)
     along = jnp.asarray(np.random.default_rng(1).normal(size=position.shape))
 
-    def told(step):
+    def total(step):
         return jnp.sum(p2g(grid, SoftGrain(), position + step * along, carried, stress) ** 2)
 
     step = 1e-5
-    np.testing.assert_allclose(jax.grad(told)(0.0), (told(step) - told(-step)) / (2 * step), rtol=1e-6)
+    np.testing.assert_allclose(jax.grad(total)(0.0), (total(step) - total(-step)) / (2 * step), rtol=1e-6)
 
 
 def test_functions_that_need_a_fourth_node_and_those_for_no_spacing_are_refused():

@@ -27,14 +27,14 @@ def bar_error(cells, periods=1.0, **choices):
     times = np.linspace(0, periods * 2 * np.pi / omega, round(16 * periods) + 1)[1:]
     result = mpm.solve(scene, state, t_end=times[-1], snapshots=times).raise_if_failed()
     start = float(diagnostics.momentum(scene, state)[0])
-    moved = np.array([float(diagnostics.momentum(scene, s)[0]) for s in result.snapshots])
+    momentum = np.array([float(diagnostics.momentum(scene, s)[0]) for s in result.snapshots])
     dt = float(scene.time_step)
     exact_times = np.array([int(s.step) * dt for s in result.snapshots])
     energy = [
         float(diagnostics.kinetic_energy(scene, s) + diagnostics.elastic_energy(scene, s)) for s in result.snapshots
     ]
     return (
-        np.max(np.abs(moved / start - np.cos(omega * exact_times))),
+        np.max(np.abs(momentum / start - np.cos(omega * exact_times))),
         np.array(energy),
         float(diagnostics.kinetic_energy(scene, state)),
     )

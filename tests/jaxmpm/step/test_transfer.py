@@ -25,7 +25,7 @@ from jaxmpm.types import Engine
 
 CELL = 1.3
 KERNELS = ("linear", "gimp", "bspline")
-FULL = {1: [[0]], 2: [[0, 2], [2, 1]], 3: [[0, 3, 5], [3, 1, 4], [5, 4, 2]]}  # places of stress components
+FULL = {1: [[0]], 2: [[0, 2], [2, 1]], 3: [[0, 3, 5], [3, 1, 4], [5, 4, 2]]}  # positions of stress components
 
 # As a whole: op by op the XLA engine compiles hundreds of small programs.
 p2g = jax.jit(transfer.p2g, static_argnames=("grid", "kernel", "engine"))
@@ -181,9 +181,9 @@ def test_engines_agree(x64, d, name, dtype, mapped, read):
         for values, gradients in read if n == 45 else read[-1:]:
             counts = {"values": count(values, d), "gradients": count(gradients, d)}
             nodal = jnp.asarray(rng.normal(size=(grid.nodes, max(counts.values()))), dtype)
-            found = g2p(grid, kernel, position, nodal, **counts, engine=Engine.NATIVE)
-            meant = g2p(grid, kernel, position, nodal, **counts, engine=Engine.XLA)
-            for a, b in zip(found, meant, strict=True):
+            computed = g2p(grid, kernel, position, nodal, **counts, engine=Engine.NATIVE)
+            expected = g2p(grid, kernel, position, nodal, **counts, engine=Engine.XLA)
+            for a, b in zip(computed, expected, strict=True):
                 assert (a is None) == (b is None)
                 if a is not None:
                     close(a, b)

@@ -36,8 +36,8 @@ def lag_and_loss(cells, *, particles=2, **choices):
 
     late = phase(snapshots[SAMPLES - 1]) - phase(snapshots[-1])
     energy = [float(diagnostics.kinetic_energy(scene, s) + diagnostics.elastic_energy(scene, s)) for s in snapshots]
-    kept = sum(energy[SAMPLES:]) / sum(energy[:SAMPLES])
-    return (late / (2 * np.pi) - PERIODS) / PERIODS, 1 - kept ** (1 / PERIODS)
+    remaining = sum(energy[SAMPLES:]) / sum(energy[:SAMPLES])
+    return (late / (2 * np.pi) - PERIODS) / PERIODS, 1 - remaining ** (1 / PERIODS)
 
 
 def measured(**choices):

@@ -1,4 +1,4 @@
-"""Collapse of a column of dry sand in the plane: statics, similarity, and the run-out found in experiments."""
+"""Collapse of a column of dry sand in the plane: statics, similarity, and the run-out measured in experiments."""
 
 import numpy as np
 import pytest
@@ -14,9 +14,9 @@ TALL = (1.9, 2.3)  # times a^(2/3), above a = 2.8
 
 def front(aspect, cells):
     """Run-out of the front over the width; what is left of the motion must be nothing to speak of."""
-    found = collapsed(aspect, cells)
-    assert found["speed_left"] < 0.01
-    return found["front"]
+    result = collapsed(aspect, cells)
+    assert result["speed_left"] < 0.01
+    return result["front"]
 
 
 @pytest.mark.slow

@@ -31,11 +31,11 @@ def settled(cells, **choices):
     z = np.asarray(scene.particles.position[0])
     vertical = -WEIGHT * (HEIGHT - z)
     lateral = POISSON / (1 - POISSON) * vertical
-    found = final.displacement[0], *final.stress[:2]
+    computed = final.displacement[0], *final.stress[:2]
     return [
         np.max(np.abs(np.asarray(ours) - exact)) / np.max(np.abs(scale))
         for ours, exact, scale in zip(
-            found, (settlement(z), vertical, lateral), (settlement(HEIGHT), WEIGHT * HEIGHT, lateral), strict=True
+            computed, (settlement(z), vertical, lateral), (settlement(HEIGHT), WEIGHT * HEIGHT, lateral), strict=True
         )
     ]
 

@@ -16,10 +16,10 @@ STRENGTH = WEIGHT * HEIGHT / 3.777
 def cut_factor(cell, *, fbar, poisson=0.3):
     soil = mpm.Soil(unit_weight=WEIGHT, young=2e7, poisson=poisson, strength=STRENGTH, tension_cutoff=None)
     scene, state = mpm.slope(CUT, soil, mpm.Discretisation(cell, (cell / 2,) * 2, fbar=fbar))
-    found = mpm.factor_of_safety(
+    result = mpm.factor_of_safety(
         scene, state, failure_displacement=0.1, bracket=(0.5, 2.5), resolution=0.02, t_end=3.0, batch=4
     )
-    return found.fails
+    return result.fails
 
 
 @pytest.mark.slow
@@ -137,7 +137,7 @@ def test_frictional_slope_has_the_factor_of_safety_of_its_infinite_slope_bound(c
     shape = mpm.Slope(crest=6.0, height=4.0, run_per_rise=2.0, toe=8.0, foundation=2.0)
     soil = mpm.FrictionalSoil(cohesion=1e3, friction=30.0, criterion=criterion, young=2e7)
     scene, state = mpm.slope(shape, soil, mpm.Discretisation(1.0, (0.5, 0.5)))
-    found = mpm.factor_of_safety(
+    result = mpm.factor_of_safety(
         scene, state, bracket=(0.6, 3.0), resolution=0.1, t_end=4.0, batch=4, failure_displacement=0.2
     )
-    assert np.tan(np.radians(30)) / 0.5 - 0.1 < found.fails < 2.2
+    assert np.tan(np.radians(30)) / 0.5 - 0.1 < result.fails < 2.2

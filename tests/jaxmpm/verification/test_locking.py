@@ -7,7 +7,7 @@ re-entrant held corner. Sources: Cook (1974), J. Struct. Div. 100(9), 1851-1863 
 10.1115/1.4010553 (lambda).
 
 The strip, torn apart between two deep notches, is the case in which Nagtegaal, Parks and Rice (1974),
-10.1016/0045-7825(74)90032-2, found no limit load with elements that lock. Sources of its load: Ewing and Hill (1967),
+10.1016/0045-7825(74)90032-2, got no limit load with elements that lock. Sources of its load: Ewing and Hill (1967),
 J. Mech. Phys. Solids 15, 115-124; Hill (1950), The Mathematical Theory of Plasticity, chapter IX (round roots).
 """
 
@@ -75,9 +75,9 @@ def membrane(cell, poisson, fbar):
         speed=1.0,
     )
     share = share_inside(np.asarray(scene.particles.position), spacing)
-    kept = np.flatnonzero(share)
-    particles, state = jax.tree.map(lambda leaf: leaf[..., kept] if leaf.ndim else leaf, (scene.particles, state))
-    particles = replace(particles, mass=particles.mass * share[kept], volume=particles.volume * share[kept])
+    inside = np.flatnonzero(share)
+    particles, state = jax.tree.map(lambda leaf: leaf[..., inside] if leaf.ndim else leaf, (scene.particles, state))
+    particles = replace(particles, mass=particles.mass * share[inside], volume=particles.volume * share[inside])
     return replace(scene, particles=particles, walls=(Wall(0, "low", 1, "fixed"),), body_force=pushed), state
 
 
@@ -171,8 +171,8 @@ def test_damped_steps_end_at_the_same_deflection(x64, fbar):
 def test_slope_with_fbar_starts_in_balance(x64, poisson):
     soil = mpm.Soil(poisson=poisson)
     scene, state = mpm.slope(mpm.Slope(), soil, mpm.Discretisation(1.0, (0.5, 0.5), fbar=True))
-    moved = mpm.step(scene, state, scene.time_step)
-    acceleration = jnp.linalg.norm(moved.velocity, axis=0) / scene.time_step
+    after = mpm.step(scene, state, scene.time_step)
+    acceleration = jnp.linalg.norm(after.velocity, axis=0) / scene.time_step
     assert float(jnp.max(acceleration)) < 1e-3 * 9.81
     assert float(unbalanced_force(scene, state)) < 1e-4
     assert float(mpm.diagnostics.unbalanced_force(scene, state)) < 1e-4
@@ -201,8 +201,8 @@ def notched_loads(cell, poisson, fbar):
             speed=1.0,
         )
         x, z = np.asarray(scene.particles.position)
-        kept = np.flatnonzero((x < LIGAMENT) | (np.abs(z - top / 2) > cell / 2))
-        particles, state = jax.tree.map(lambda leaf: leaf[..., kept] if leaf.ndim else leaf, (scene.particles, state))
+        inside = np.flatnonzero((x < LIGAMENT) | (np.abs(z - top / 2) > cell / 2))
+        particles, state = jax.tree.map(lambda leaf: leaf[..., inside] if leaf.ndim else leaf, (scene.particles, state))
         z = particles.position[1]
         grip = z > top
         scene = replace(

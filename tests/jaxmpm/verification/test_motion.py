@@ -170,7 +170,7 @@ def test_block_slides_on_a_plane_as_coulomb_says(scheme):
     slope, friction, height = np.radians(24), np.radians(15), 1.0
     gravity = (9.81 * np.sin(slope), -9.81 * np.cos(slope))
     numerics = mpm.Discretisation(0.5, (0.25, 0.25), scheme=scheme)
-    soil = mpm.Soil(unit_weight=19620.0, young=1e9)  # a rigid block is meant
+    soil = mpm.Soil(unit_weight=19620.0, young=1e9)  # stiff enough for a rigid block
     scene, state = mpm.block(
         (2.0, height),
         soil,
@@ -242,12 +242,12 @@ def test_vibration_of_a_block_that_friction_holds_makes_no_energy(scheme):
 def test_derivative_of_a_sliding_blocks_displacement_by_its_friction_is_that_of_coulombs_law():
     tilt, steps = np.radians(30), 400
 
-    def moved(friction):
+    def displacement(friction):
         scene, state = block(0.5, 1e9, tilt=tilt)
         final = mpm.advance(replace(scene, wall_friction=friction), state, steps)
         return jnp.mean(final.displacement[0])
 
     scene, _ = block(0.5, 1e9, tilt=tilt)
     exact = -GRAVITY * np.cos(tilt) * (steps * float(scene.time_step)) ** 2 / 2
-    _, derivative = jax.jvp(moved, (jnp.asarray(0.3),), (jnp.asarray(1.0),))
+    _, derivative = jax.jvp(displacement, (jnp.asarray(0.3),), (jnp.asarray(1.0),))
     assert abs(float(derivative) / exact - 1) < 0.02

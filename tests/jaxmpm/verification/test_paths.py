@@ -31,7 +31,7 @@ def uniaxial(axial, steps):
 
 
 def triaxial(axial, steps):
-    """The same under a constant lateral stress, the lateral strain found by Newton's method in every step."""
+    """The same under a constant lateral stress, the lateral strain by Newton's method in every step."""
 
     def one(carry, _):
         def updated(lateral):

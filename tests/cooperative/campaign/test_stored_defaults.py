@@ -37,8 +37,8 @@ def test_a_folder_keeps_the_default_that_it_was_begun_with(tmp_path):
     with open_store(tmp_path, source) as store:
         assert store.digest == scene_digest(TINY + "[defaults]\ncfl = 0.9\ngap_memory = true\n")
     assert (tmp_path / "scene.toml").read_text() == TINY
-    kept = (tmp_path / "campaign.json").read_text()
-    (tmp_path / "campaign.json").write_text(kept.replace("0.9", "0.7"))
+    stored = (tmp_path / "campaign.json").read_text()
+    (tmp_path / "campaign.json").write_text(stored.replace("0.9", "0.7"))
     assert settled(TINY, tmp_path).beside["defaults"]["cfl"] == 0.7
     assert settled(source, tmp_path) == source
     with pytest.raises(ValueError, match=r"defaults.cfl is 0.7 there and 0.9 now"):
@@ -75,14 +75,14 @@ def remembers(text):
 @pytest.mark.parametrize("scene", [TINY, LAYERED])
 def test_a_folder_that_is_older_than_a_default_goes_on_without_it(scene, tmp_path):
     # The version before had the time step of today, and a cutoff that forgets.
-    kept = scene + "\n[defaults]\ncfl = 0.9\n"
-    (tmp_path / "scene.toml").write_text(kept)
+    stored = scene + "\n[defaults]\ncfl = 0.9\n"
+    (tmp_path / "scene.toml").write_text(stored)
     assert remembers(scene) == {True}
-    assert remembers(settled(scene, tmp_path)) == remembers(kept) == {False}
+    assert remembers(settled(scene, tmp_path)) == remembers(stored) == {False}
     assert remembers(scene + FIRST_DEFAULTS) == {False}
     assert set(steps(settled(scene, tmp_path)).values()) == {0.9}
     with open_store(tmp_path, settled(scene, tmp_path)) as held:
-        assert held.digest == scene_digest(kept)
+        assert held.digest == scene_digest(stored)
     own = LAYERED.replace("tension_cutoff = 0.0", "tension_cutoff = 0.0\ngap_memory = true")
     assert remembers(own + "\n[defaults]\ncfl = 0.9\n") == {True}
 

@@ -41,7 +41,7 @@ def built(grid, folder):
 
 
 @pytest.fixture
-def kept(tmp_path):
+def stored(tmp_path):
     """A folder that has the stress of both grids."""
     for grid in GRIDS:
         model = built(grid, None)
@@ -70,9 +70,9 @@ def test_calibration_takes_the_grids_that_are_there(tmp_path, solved, monkeypatc
     assert len(solved) == 2
 
 
-def test_what_is_kept_is_what_was_solved(kept, solved):
+def test_what_is_stored_is_what_was_solved(stored, solved):
     for grid in GRIDS:
-        read, fresh = built(grid, kept), built(grid, None)
+        read, fresh = built(grid, stored), built(grid, None)
         assert np.asarray(read.state.stress).tobytes() == np.asarray(fresh.state.stress).tobytes()
     assert len(solved) == 2
 
@@ -103,7 +103,7 @@ def not_finite(path):
 
 
 @pytest.mark.parametrize(
-    ("spoil", "said"),
+    ("spoil", "message"),
     [
         (flipped, "rough.h5"),
         (of_another_grid, "another grid"),
@@ -113,26 +113,26 @@ def not_finite(path):
         (lambda path: (path.unlink(), path.symlink_to("/dev/zero")), "rough.h5"),
     ],
 )
-def test_what_cannot_be_trusted_is_named_set_aside_and_solved_again(kept, solved, spoil, said):
-    path = initial_path(kept, "rough")
+def test_what_cannot_be_trusted_is_named_set_aside_and_solved_again(stored, solved, spoil, message):
+    path = initial_path(stored, "rough")
     good = path.read_bytes()
     spoil(path)
     solved.clear()
-    with pytest.warns(UserWarning, match=f"{said}.*solved again"):
-        model = built("rough", kept)
+    with pytest.warns(UserWarning, match=f"{message}.*solved again"):
+        model = built("rough", stored)
     assert solved == [2.0]
-    keep_initial(kept, "rough", model.scene, model.state)
+    keep_initial(stored, "rough", model.scene, model.state)
     assert path.read_bytes() == good
     assert path.with_name("rough.h5.damaged").is_symlink() or path.with_name("rough.h5.damaged").exists()
 
 
-def test_a_folder_that_leads_elsewhere_is_not_followed(kept, tmp_path_factory):
+def test_a_folder_that_leads_elsewhere_is_not_followed(stored, tmp_path_factory):
     elsewhere = tmp_path_factory.mktemp("elsewhere") / "initial"
-    set_aside(kept / "initial").rename(elsewhere)
-    (kept / "initial").symlink_to(elsewhere)
+    set_aside(stored / "initial").rename(elsewhere)
+    (stored / "initial").symlink_to(elsewhere)
     with pytest.warns(UserWarning, match="leads out of the campaign's folder"):
-        model = built("rough", kept)
+        model = built("rough", stored)
     (elsewhere / "rough.h5").unlink()
-    keep_initial(kept, "rough", model.scene, model.state)
+    keep_initial(stored, "rough", model.scene, model.state)
     assert not (elsewhere / "rough.h5").exists()
-    assert not (kept / "initial").is_symlink()
+    assert not (stored / "initial").is_symlink()

@@ -1,4 +1,4 @@
-"""Exposed places and hazard in a scene: which columns they take, what they lose, and what is refused."""
+"""Elements at risk and hazard in a scene: which columns they take, what they lose, and what is refused."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ at = [22.5]
 """
 
 
-def test_a_scene_names_its_places_and_thresholds_in_their_units():
+def test_a_scene_names_its_elements_at_risk_and_thresholds_in_their_units():
     hazard = parse(TINY + HAZARD).hazard
     assert hazard.thickness == (0.5, 1.0)
     assert hazard.speed == pytest.approx((1.0,))
@@ -59,17 +59,17 @@ def test_a_polygon_takes_the_columns_that_points_in_it_lie_in(seed, count):
     pairs = list(zip(corners, np.roll(corners, -1, axis=0), strict=True))
     # Triangles with the middle that all turn left make a star; other corners may make a polygon that crosses itself.
     assume(all((one[0] - 3) * (other[1] - 2) > (one[1] - 2) * (other[0] - 3) for one, other in pairs))
-    found = Place("star", tuple(map(tuple, corners.tolist()))).columns(GROUND)
+    columns = Place("star", tuple(map(tuple, corners.tolist()))).columns(GROUND)
     inside = np.zeros(GROUND.shape, bool)
     for one, other in pairs:
         share = generator.dirichlet([1, 1, 1], size=60)
         points = share @ np.array([[3.0, 2.0], one, other])
         inside[tuple(np.floor(points - GROUND.origin).astype(int).T)] = True
-    assert not (inside & ~found).any()
+    assert not (inside & ~columns).any()
 
 
 @pytest.mark.parametrize(
-    ("place", "message"),
+    ("make", "message"),
     [
         (lambda: Place("x", ((12.5,),)).columns(SECTION), r"'x' has x = 12.5 m, outside the ground, .* 0 to 10 m"),
         (lambda: Place("x", ((3.0, 2.0),)).columns(SECTION), "given by 2 numbers, the ground has 1"),
@@ -83,9 +83,9 @@ def test_a_polygon_takes_the_columns_that_points_in_it_lie_in(seed, count):
         (lambda: Vulnerability("thickness", (1.0, 1.0), (0.0, 1.0)), "do not ascend"),
     ],
 )
-def test_places_and_curves_that_make_no_sense_are_refused(place, message):
+def test_elements_at_risk_and_curves_that_make_no_sense_are_refused(make, message):
     with pytest.raises(ValueError, match=message):
-        place()
+        make()
 
 
 BAD = [
@@ -109,13 +109,13 @@ BAD = [
 
 
 @pytest.mark.parametrize(("old", "new", "message"), BAD)
-def test_scenes_with_bad_places_are_refused(old, new, message):
+def test_scenes_with_bad_elements_at_risk_are_refused(old, new, message):
     assert old in HAZARD
     with pytest.raises(ValueError, match=message):
         parse(TINY + HAZARD.replace(old, new, 1))
 
 
-def test_a_place_outside_the_ground_is_refused_before_anything_runs():
+def test_an_element_at_risk_outside_the_ground_is_refused_before_anything_runs():
     campaign = parse(TINY + HAZARD.replace("[22.5]", "[99.0]"))
     with pytest.raises(
         ValueError, match=r"element at risk 'house' has x = 99 m, outside the ground, .* from 0 to 32 m"
