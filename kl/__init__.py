@@ -5,7 +5,7 @@ Figures are in `kl.plots`, which has to be imported by its name.
 
 from foundation import __version__
 from foundation.deprecated import renamed
-from kl import axis, field, marginal, soil
+from kl import axis, estimation, field, marginal, soil
 from kl.axis import (
     CosineExponential,
     Exponential,
@@ -59,6 +59,7 @@ __all__ = [
     "condition",
     "conditioned",
     "correlate",
+    "estimation",
     "expand",
     "field",
     "field_at",

@@ -248,7 +248,8 @@ class Scaled(Covariance, Protocol):
     def __init__(self, length: Parameter) -> None: ...
 
     @property
-    def length(self) -> Parameter: ...
+    def length(self) -> Parameter:
+        """Correlation length (m)."""
 
 
 _Family = TypeVar("_Family", bound=Scaled)

@@ -16,7 +16,7 @@ ROOMS = {
     "jaxmpm": (
         "grid protocols types tensors transfer laws boundary equations _step diagnostics soil setup ground run io"
     ),
-    "kl": "types axis marginal sampling field soil plots",
+    "kl": "types axis marginal sampling field estimation soil plots",
     "cooperative": (
         "store measure estimate scene runs values summary folder hazard campaign reporting sweep research doctor"
     ),

@@ -1,0 +1,289 @@
+"""Mean, trend, coefficient of variation and correlation lengths of a soil property, from values at points.
+
+The model is that of a scene: v = (mean + trend depth) X, with X of mean 1, a constant coefficient of variation and the
+given marginal, whose Gaussian field has the given family of correlation functions along each axis. The horizontal axes
+share one length. A nugget, a share of the variance that is independent from point to point, takes up what the
+instrument and scales below the spacing of the data add.
+
+The trend is made linear in its coefficients around a first estimate; lengths and nugget lie on a grid
+(`kl.estimation._likelihood`); intervals are quantiles of draws.
+
+Sources: DeGroot and Baecher (1993), doi:10.1061/(ASCE)0733-9410(1993)119:1(147), and Fenton (1999),
+doi:10.1061/(ASCE)1090-0241(1999)125:6(470) (trend and correlation of soil data); Ching, Wu and Phoon (2016),
+doi:10.1061/(ASCE)EM.1943-7889.0000969 (lengths that few data cannot give).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.distance import pdist
+
+from foundation import check
+from foundation.check import require
+from kl.axis import Exponential, Scaled
+from kl.estimation._likelihood import Cell, cells
+from kl.estimation._model import SAME_PLACE, Model
+from kl.marginal import Lognormal, Normal
+from kl.types import HostArray
+
+DRAWS = 4000
+"""From which intervals are taken."""
+FEWEST = 8
+"""Values from which anything is estimated."""
+_NUGGETS = np.array([0.0, 0.01, 0.04, 0.1, 0.2, 0.35, 0.55, 0.8])
+_PER_LENGTH = 14
+_WIDEST = 30.0
+"""Ratio of the ends of the interval of a length above which it is unknown."""
+
+
+class Interval(NamedTuple):
+    """An estimate with its 95 % interval.
+
+    Args:
+        value: median.
+        low: 2.5 % quantile.
+        high: 97.5 % quantile.
+        error: standard deviation.
+    """
+
+    value: float
+    low: float
+    high: float
+    error: float
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Draws of all parameters together, each (K,).
+
+    Args:
+        mean: at depth 0.
+        trend: of the mean, per metre of depth.
+        cov: coefficient of variation of the field.
+        nugget: share of the variance that the field does not hold.
+        lengths: (L, K) horizontal, if there is one, and vertical (m).
+        coefficients: (p, K) of the linear mean.
+        scale: deviation of field and nugget, of the linear model.
+    """
+
+    mean: HostArray
+    trend: HostArray
+    cov: HostArray
+    nugget: HostArray
+    lengths: HostArray
+    coefficients: HostArray
+    scale: HostArray
+
+
+@dataclass(frozen=True)
+class FieldFit:
+    """What values at points tell of a random field.
+
+    Args:
+        mean: at depth 0, in the property's unit.
+        trend: of the mean, per metre of depth; None without depths.
+        cov: coefficient of variation.
+        vertical: correlation length (m).
+        horizontal: correlation length (m), None where all values lie in one sounding.
+        nugget: share of the variance that is independent from point to point.
+        unknown: why a length is unknown, in words, by "horizontal" or "vertical"; its interval then only bounds it.
+        draws: of all of these together.
+        model: that was fitted.
+    """
+
+    mean: Interval
+    trend: Interval | None
+    cov: Interval
+    vertical: Interval
+    horizontal: Interval | None
+    nugget: Interval
+    unknown: dict[str, str]
+    draws: Draws
+    model: Model
+
+
+def fit_field(
+    points: HostArray,
+    values: HostArray,
+    *,
+    depth: HostArray | None = None,
+    marginal: type = Lognormal,
+    correlation: type[Scaled] = Exponential,
+    nugget: float | None = None,
+    seed: int = 0,
+) -> FieldFit:
+    """Estimate mean, trend, coefficient of variation, correlation lengths and nugget with 95 % intervals.
+
+    The time grows with the third power of the number of values: 100 take about a second, 400 about a minute.
+
+    Args:
+        points: (d, n) m, the last axis vertical; values at the same x and y are of one sounding.
+        values: (n,) in the property's unit, above 0 where lognormal.
+        depth: (n,) m, from which the trend counts; None for a mean that is the same at every depth.
+        marginal: `Lognormal` or `Normal`.
+        correlation: class such as `Exponential`, the family along every axis.
+        nugget: share of the variance if known, from 0 to below 1.
+        seed: of the draws from which intervals are taken.
+
+    Returns:
+        FieldFit.
+
+    Raises:
+        ValueError: fewer than 8 values, values that are not finite, not above 0 or all alike, or shapes that differ.
+    """
+    points, values = np.asarray(points, np.float64), np.asarray(values, np.float64)
+    depth = None if depth is None else np.asarray(depth, np.float64)
+    _check(points, values, depth, marginal)
+    model = _anchored(Model(points, depth, values, marginal, correlation))
+    places = _places(points)
+    grids = [_searched(places, 1 / 6, 10)] if places.shape[1] > 1 else []
+    grids.append(_searched(points[-1:], 1 / 2, 4))
+    edges = _NUGGETS if nugget is None else np.array([nugget])
+
+    def of(lengths: Sequence[float]) -> HostArray:
+        return model.between(points, points, lengths)
+
+    searched = grids
+    for _ in range(2):
+        found = cells(of, grids, edges, model.design(depth, values.size), model.linear(values, depth))
+        draws = _drawn(model, found, grids, edges, np.random.default_rng(seed))
+        grids = [_narrowed(grid, row) for grid, row in zip(grids, draws.lengths, strict=True)]
+    lengths = [_interval(row) for row in draws.lengths]
+    names = ["horizontal", "vertical"][-len(lengths) :]
+    reasons = [_reason(length, grid) for length, grid in zip(lengths, searched, strict=True)]
+    unknown = {name: reason for name, reason in zip(names, reasons, strict=True) if reason is not None}
+    if len(lengths) == 1:
+        unknown["horizontal"] = "all values lie in one sounding, which has no horizontal distances"
+    return FieldFit(
+        mean=_interval(draws.mean),
+        trend=None if depth is None else _interval(draws.trend),
+        cov=_interval(draws.cov),
+        vertical=lengths[-1],
+        horizontal=lengths[0] if len(lengths) > 1 else None,
+        nugget=_interval(draws.nugget),
+        unknown=unknown,
+        draws=draws,
+        model=model,
+    )
+
+
+def _check(points: HostArray, values: HostArray, depth: HostArray | None, marginal: type) -> None:
+    count = values.size
+    require(marginal in (Lognormal, Normal), f"marginal {marginal.__name__}: give Lognormal or Normal")
+    require(
+        values.ndim == 1
+        and points.ndim == 2
+        and points.shape[1] == count
+        and (depth is None or depth.shape == (count,)),
+        f"values of shape {values.shape} at points of {points.shape}: give (n,) and (d, n), and one depth for each",
+    )
+    require(count >= FEWEST, f"{count} values: give at least {FEWEST}, fewer tell nothing of how soil varies")
+    for name, array in (("values", values), ("points", points), ("depth", 0.0 if depth is None else depth)):
+        check.finite(name, array, remedy="leave gaps out")
+    if marginal is Lognormal:
+        require(values > 0, f"a value of {values.min():g}: a lognormal property is above 0, leave it out or use Normal")
+    require(
+        np.ptp(values) > 1e-9 * np.abs(values).max(), f"all values are {values[0]:g}: a constant is no random field"
+    )
+    require(np.ptp(points[-1]) > 0, "all values lie at one elevation: the vertical length needs several")
+    require(
+        depth is None or np.ptp(depth) > 0, "all values lie at one depth, which shows no trend: leave the depths out"
+    )
+
+
+def _anchored(model: Model) -> Model:
+    """The model with its first trend, by least squares of the values or, where lognormal, of their logarithms.
+
+    Each step makes the logarithm of the trend linear around the last.
+    """
+    if model.depth is None:
+        return model
+    low, high = min(0.0, float(model.depth.min())), float(model.depth.max())
+    model = replace(model, middle=float(model.depth.mean()))
+    # Where the mean comes to a tenth of that at the middle, at either end.
+    limits = -0.9 / (high - model.middle), 0.9 / (model.middle - low)
+    for _ in range(20):
+        design = model.design(model.depth, model.values.size)
+        first, second = np.linalg.lstsq(design, model.linear(model.values, model.depth), rcond=None)[0]
+        change = second if model.marginal is Lognormal else second / first - model.slope
+        model = replace(model, slope=float(np.clip(model.slope + change, *limits)))
+    return model
+
+
+def _places(points: HostArray) -> HostArray:
+    """Horizontal positions (d - 1, k) m of the soundings."""
+    upright = points[:-1]
+    kept: list[HostArray] = []
+    for place in np.unique(upright, axis=1).T if len(upright) else []:
+        if all(np.linalg.norm(place - other) > SAME_PLACE for other in kept):
+            kept.append(place)
+    return np.array(kept).reshape(len(kept), len(upright)).T
+
+
+def _searched(positions: HostArray, least: float, most: float) -> HostArray:
+    """Lengths (m) from a multiple of the least to one of the largest distance between positions (d, n) m."""
+    distinct = np.unique(positions, axis=1)
+    apart = np.diff(distinct[0]) if len(distinct) == 1 else pdist(distinct.T)
+    extent = np.ptp(distinct) if len(distinct) == 1 else apart.max()
+    return np.geomspace(least * apart[apart > 1e-6].min(), most * extent, _PER_LENGTH)
+
+
+def _narrowed(grid: HostArray, draws: HostArray) -> HostArray:
+    """The part of a grid of lengths (m) that has the draws (K,)."""
+    low, high = np.quantile(draws, [0.0005, 0.9995])
+    ratio = grid[1] / grid[0]
+    return np.geomspace(max(low / ratio**0.5, grid[0]), min(high * ratio**0.5, grid[-1]), _PER_LENGTH)
+
+
+def _drawn(
+    model: Model, found: list[Cell], grids: list[HostArray], edges: HostArray, random: np.random.Generator
+) -> Draws:
+    """Draws of all parameters; those whose mean falls to 0 within the data or at depth 0 are left out."""
+    weights = np.array([cell.weight for cell in found])
+    weights = np.exp(weights - weights.max())
+    chosen = [found[k] for k in random.choice(len(found), 2 * DRAWS, p=weights / weights.sum())]
+    columns = found[0].coefficients.size
+    free = model.values.size - columns
+    squares = np.array([cell.square for cell in chosen])
+    scale = np.sqrt(squares / random.chisquare(free, squares.size))
+    normal = random.standard_normal((columns, squares.size))
+    roots = np.array([cell.root for cell in chosen])
+    coefficients = np.array([cell.coefficients for cell in chosen]).T + scale * np.einsum("kij,jk->ik", roots, normal)
+    within = random.uniform(-0.5, 0.5, (len(grids), squares.size))
+    ratios = np.array([np.log(grid[1] / grid[0]) for grid in grids])
+    lengths = np.array([cell.lengths for cell in chosen]).T * np.exp(ratios[:, None] * within)
+    nugget = np.array([cell.nugget for cell in chosen])
+    if len(edges) > 1:
+        nugget = nugget + np.diff(edges)[np.searchsorted(edges, nugget) - 1] * random.uniform(-0.5, 0.5, nugget.size)
+    variance = (1 - nugget) * scale**2
+    lognormal = model.marginal is Lognormal
+    middle = np.exp(coefficients[0] + variance / 2) if lognormal else coefficients[0]
+    trend = np.zeros_like(middle)
+    if columns > 1:
+        # In logarithms the second coefficient is what the first trend lacks, over the mean.
+        trend = middle * (model.slope + coefficients[1]) if lognormal else coefficients[1]
+    mean = middle - trend * model.middle
+    ends = [mean] if model.depth is None else [mean, mean + trend * model.depth.min(), mean + trend * model.depth.max()]
+    kept = np.flatnonzero(np.min(ends, axis=0) > 0 if lognormal else np.isfinite(mean))[:DRAWS]
+    require(kept.size >= DRAWS / 20, "the trend is so uncertain that its mean falls to 0: leave the depths out")
+    cov = np.sqrt(np.expm1(variance)) if lognormal else np.sqrt(variance) / np.abs(middle)
+    return Draws(mean[kept], trend[kept], cov[kept], nugget[kept], lengths[:, kept], coefficients[:, kept], scale[kept])
+
+
+def _interval(draws: HostArray) -> Interval:
+    low, value, high = np.quantile(draws, [0.025, 0.5, 0.975])
+    return Interval(float(value), float(low), float(high), float(draws.std()))
+
+
+def _reason(interval: Interval, searched: HostArray) -> str | None:
+    """Why a length is unknown, None where it is known."""
+    if interval.high / interval.low <= _WIDEST and interval.low > searched[1]:
+        return None
+    return (
+        f"the data allow {interval.low:.2g} to {interval.high:.2g} m of the {searched[0]:.2g} to {searched[-1]:.2g} m "
+        "that their distances let one look for: they lie too far apart, too near or are too few"
+    )
