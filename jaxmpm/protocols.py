@@ -107,5 +107,9 @@ class Water(Protocol):
 class Motion(Protocol):
     """Motion of the base, a frozen pytree: `BaseMotion`, or a user's own."""
 
+    @property
+    def duration(self) -> Array:
+        """Time at which it ends (s)."""
+
     def at(self, time: Array) -> Array:
         """Acceleration (d,) m/s2 at a time (s)."""

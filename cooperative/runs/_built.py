@@ -25,7 +25,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxmpm
-from cooperative.runs._model import RATIO, GridModel
+from cooperative.runs._derived import RATIO, SATURATED
+from cooperative.runs._model import GridModel
 from cooperative.runs._random_soil import RandomSoil
 from cooperative.scene import Campaign, built
 from foundation import files, hdf5
@@ -52,9 +53,11 @@ def build(
     Raises:
         ValueError: slope, soil, grid and elements at risk do not fit together.
     """
-    scene, state = built(campaign, grid, at_rest=False)
+    # The forces that hold the ends of a free field belong to the scene, and to its stress at rest.
+    free_field = campaign.site.ends == "free field"
+    scene, state = built(campaign, grid, at_rest=at_rest and free_field)
     _refuse_unknown(campaign.random, scene)
-    if at_rest:
+    if at_rest and not free_field:
         stored = None if folder is None else _read_initial(folder, grid, scene, state)
         state = jaxmpm.at_rest(scene, apic=campaign.grids[grid].apic) if stored is None else stored
     layer = campaign.site.layer_of(np.asarray(scene.particles.position), campaign.grids[grid])
@@ -65,17 +68,19 @@ def build(
 def _effective_stress(campaign: Campaign, scene: Scene) -> jax.Array | None:
     """Vertical (N,) Pa, at rest, of the weight of soil with its means; None where no strength goes with it.
 
-    The elastic stress of a grid would not do: within a cell of the surface it is half of that, or less.
+    The elastic stress of a grid would not do: within a cell of the surface it is half of that, or less. Nor does an
+    earthquake change the stress under which soil has consolidated.
     """
     if campaign.site.by_stress(campaign.soil) is None:
         return None
-    borne = campaign.site.r_u or 0.0
+    borne, upright = campaign.site.r_u or 0.0, jnp.zeros_like(scene.gravity).at[-1].set(-campaign.run.gravity)
+    scene = replace(scene, gravity=upright)
     return jnp.asarray((1 - borne) * jaxmpm.overburden(scene), scene.particles.mass.dtype)
 
 
 def _refuse_unknown(random: Collection[str], scene: Scene) -> None:
     """Raise ValueError for what varies and is no parameter of the soil."""
-    known = [*declared(scene.material), "young", "poisson", "unit_weight"]
+    known = [*declared(scene.material), "young", "poisson", "unit_weight", SATURATED]
     known += [RATIO] if "strength" in known else []
     unknown = [name for name in random if name not in known]
     if unknown:

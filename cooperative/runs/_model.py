@@ -14,15 +14,13 @@ import numpy as np
 import jaxmpm
 import kl
 from cooperative.measure import ColumnPlan, OpenGround
+from cooperative.runs._derived import IN_LAW, RATIO, SATURATED, by_stress, wet_or_dry
 from cooperative.runs._random_soil import RandomSoil
 from cooperative.scene import Campaign, RandomField
 from jaxmpm import Face, Scene, State, with_columns
 from jaxmpm.laws import Zoned, declared, with_parameters
 from jaxmpm.run import column_shape
 from kl.marginal import Marginal
-
-RATIO = "strength_ratio"
-"""What strength goes with the stress by: a parameter of soil, of which its law knows the strength alone."""
 
 
 @dataclass(frozen=True)
@@ -109,8 +107,8 @@ class GridModel:
     @property
     def names(self) -> tuple[str, ...]:
         """The parameters of the law that samples differ in: random ones, and those that go with these."""
-        by_stress = () if self.stress is None else ("strength",)
-        random = tuple(dict.fromkeys(name for name in (*self.campaign.random, *by_stress) if name != RATIO))
+        grown = () if self.stress is None else ("strength",)
+        random = tuple(dict.fromkeys(IN_LAW.get(name, name) for name in (*self.campaign.random, *grown)))
         bound = (
             name
             for name, each in declared(self.scene.material).items()
@@ -142,7 +140,7 @@ class GridModel:
         """The parameters at the particles in which samples differ, each (N,), by engineer's name.
 
         In SI units, angles in degrees, softening that of a band as thick as `softening_length`; a strength ratio beside
-        its strength.
+        its strength, a saturated weight beside the weight.
 
         Args:
             coefficients: (modes,) of a sample, None for the median soil.
@@ -152,7 +150,7 @@ class GridModel:
         """
         drawn = self._drawn(coefficients)
         law = {name: self._of_engineers(name, value, inverse=True) for name, value in self._in_law(drawn).items()}
-        return law | {name: drawn[name] for name in (RATIO,) if name in drawn}
+        return law | {name: drawn[name] for name in IN_LAW if name in drawn}
 
     def varied(self, coefficients: jax.Array | np.ndarray | None = None) -> dict[str, jax.Array]:
         """The same as `solve_each` takes them: by path, angles in radians, softening that of the grid's bands."""
@@ -260,11 +258,15 @@ class GridModel:
 
     def _in_law(self, drawn: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
         """Numbers (N,) of the law by engineer's name, reduced where calibrated: the one way from soil to particle."""
-        numbers = {name: self._of_engineers(name, value) for name, value in drawn.items() if name != RATIO}
+        numbers = {name: self._of_engineers(name, value) for name, value in drawn.items() if name not in IN_LAW}
+        site, soil = self.campaign.site, self.campaign.soil
+        layer = np.zeros(self.scene.particles.mass.size, int) if self.layer is None else self.layer
+        if SATURATED in drawn:
+            weights = drawn[SATURATED], drawn.get("unit_weight")
+            numbers["unit_weight"] = wet_or_dry(self.scene, site, soil, layer, *weights)
         if self.stress is not None:
-            numbers["strength"] = self._of_engineers(
-                "strength", self._by_stress(drawn.get(RATIO), numbers.get("strength"))
-            )
+            grown = by_stress(site, soil, layer, self.stress, drawn.get(RATIO), numbers.get("strength"))
+            numbers["strength"] = self._of_engineers("strength", grown)
         if self.strength_factor == 1:
             return numbers
         law: Any = self.scene.material
@@ -276,17 +278,6 @@ class GridModel:
             name: jnp.broadcast_to(reduced[name].value, count) if name in known else numbers[name]
             for name in self.names
         }
-
-    def _by_stress(self, ratio: jax.Array | None, strength: jax.Array | None) -> jax.Array:
-        """Strength (N,) Pa, by a ratio (N,) to the stress at rest where it goes with that; None takes the means."""
-        site, soil = self.campaign.site, self.campaign.soil
-        by_stress, stress = site.by_stress(soil) or [], jnp.asarray(self.stress)
-        layer = np.zeros(self.scene.particles.mass.size, int) if self.layer is None else self.layer
-        given = np.array([getattr(each.soil, "strength", None) or 1.0 for each in site.soils(soil)])
-        ratios, least = np.array([(0.0, 1.0) if each is None else each for each in by_stress]).T
-        grown = jnp.maximum((ratios[layer] if ratio is None else ratio) * stress, least[layer])
-        other = given[layer] if strength is None else strength
-        return jnp.where(np.array([each is not None for each in by_stress])[layer], grown, other)
 
     def _of_engineers(self, name: str, value: jax.Array, *, inverse: bool = False) -> jax.Array:
         """A parameter's number in the law, of the engineer's; inverse: the engineer's, of that in the law."""

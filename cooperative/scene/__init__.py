@@ -1,6 +1,6 @@
 """Scenes: TOML in, one checked and immutable campaign out."""
 
-from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, Run
+from cooperative.scene._campaign import Campaign, Given, Hazard, Plan
 from cooperative.scene._examples import NAMED, SCHEMA, begin, example, examples, starters, write_example
 from cooperative.scene._fields import TAIL, CrossCorrelation, RandomField
 from cooperative.scene._files import to_toml
@@ -10,6 +10,7 @@ from cooperative.scene._measured import (
     measure_limit_load,
 )
 from cooperative.scene._page import SEVERAL, TABLES, json_schema, markdown
+from cooperative.scene._run import Run
 from cooperative.scene._site import Site, SiteLayer
 from cooperative.scene._stored import (
     campaign_of,

@@ -9,7 +9,7 @@ import copyreg
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from types import MappingProxyType
-from typing import Any, Literal, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 from jax import Array
@@ -20,15 +20,14 @@ from cooperative.estimate import Estimator, Sampling, TwoPhase
 from cooperative.measure import Place
 from cooperative.scene import tables
 from cooperative.scene._fields import CrossCorrelation, RandomField, check_cross_correlation
+from cooperative.scene._run import Run
 from cooperative.scene._site import Site, SiteLayer, check_site
-from cooperative.scene.tables import Budget, LimitLoad, Measured
+from cooperative.scene.tables import Budget, Measured
 from cooperative.store import Source
-from jaxmpm import Discretisation, Settle, ground
+from jaxmpm import Discretisation, ground
 
 V = TypeVar("V")
-
-AT_REST = Settle(slides=1.0)
-"""Stands for a slide's rest, from the failure displacement on."""
+WEIGHTS = ("unit_weight", "saturated_unit_weight")
 
 
 def _read_only(values: dict[str, V]) -> MappingProxyType[str, V]:
@@ -37,38 +36,6 @@ def _read_only(values: dict[str, V]) -> MappingProxyType[str, V]:
 
 # Python does not pickle read-only mappings, which campaigns and layers have, nor their type.
 copyreg.pickle(MappingProxyType, lambda mapping: (_read_only, (dict(mapping),)))
-
-
-@dataclass(frozen=True)
-class Run:
-    """How each sample runs.
-
-    Args:
-        gravity: m/s2.
-        t_end: up to when it runs (s).
-        slides_t_end: up to when slides of the refined grid go on (s), None up to t_end.
-        failure: what is failure, a displacement that is given or that at the limit load of the median soil.
-        failure_displacement: from which soil counts as sliding (m).
-        least_volume: of soil that moves so far where a slope fails (m3, in a section m2), None for any particle.
-        settle: when a lane has settled, None for never; unless given, a slide, which exceeds the failure displacement,
-            once its deposit rests.
-    """
-
-    gravity: float = 9.81
-    t_end: float = 20.0
-    slides_t_end: float | None = None
-    failure: Literal["displacement", "limit load"] = "displacement"
-    failure_displacement: float = 1.0
-    least_volume: float | None = None
-    settle: Settle | None = AT_REST
-
-    def __post_init__(self) -> None:
-        if self.settle is AT_REST:
-            object.__setattr__(self, "settle", Settle(slides=self.failure_displacement))
-
-    def last(self, grid: str) -> float:
-        """Time (s) at which a run of a grid ends at the latest."""
-        return self.t_end if grid == "rough" or self.slides_t_end is None else self.slides_t_end
 
 
 @dataclass(frozen=True)
@@ -194,7 +161,7 @@ class Campaign:
                 object.__setattr__(self, grid, replace(getattr(self, grid), dtype="float32"))
         object.__setattr__(self, "random", MappingProxyType(dict(self.random)))
         if self.measured.limit_load is not None:
-            object.__setattr__(self, "run", _failing_at(self.run, self.measured.limit_load))
+            object.__setattr__(self, "run", self.run.failing_at(self.measured.limit_load))
         if isinstance(self.ground, Given) or isinstance(self.site.shape, Given) or isinstance(self.soil, Given):
             return  # of a folder whose script is not here, and checked when it began
         ground.check_ground(self.site.shape)
@@ -231,14 +198,6 @@ class Campaign:
         return None if volume is None else f"{volume:g} {unit}"
 
 
-def _failing_at(run: Run, limit_load: LimitLoad) -> Run:
-    """The run of samples that fail from the displacement of a limit load."""
-    settle = run.settle
-    if settle is not None and settle.slides is not None:
-        settle = replace(settle, slides=limit_load.displacement)
-    return replace(run, failure_displacement=limit_load.displacement, least_volume=limit_load.volume, settle=settle)
-
-
 def _with_means(soil: Any, random: Mapping[str, RandomField]) -> Any:
     """The soil with the means of what varies, where it leaves them out."""
     own = {each.name for each in fields(soil)} if is_dataclass(soil) else set()
@@ -256,10 +215,12 @@ def check_campaign(campaign: Campaign) -> None:
             tables.read(table, {name: each for name, each in numbers.items() if name in table.model_fields})
         except ValueError as error:
             raise ValueError(f"Campaign({argument}={type(value).__name__}(...)): {error}") from error
-    if run.slides_t_end is not None and run.slides_t_end < run.t_end:
+    run.check(campaign.dimension)
+    own_start = [name for name in campaign.random if name in ("young", "poisson", *WEIGHTS)]
+    if campaign.site.ends == "free field" and own_start:
         raise ValueError(
-            f"slides_t_end = {run.slides_t_end:g} s is before t_end = {run.t_end:g} s, up to which all runs go: "
-            "give at least that, or leave it out"
+            f"{own_start[0]} varies beside ends = 'free field', whose columns have the mean soil and its stress at "
+            "rest: give it as a number, or take rollers"
         )
     if run.slides_t_end is not None and plan.slides == 0:
         raise ValueError(

@@ -12,14 +12,16 @@ import re
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cooperative.scene import tables
+from cooperative.scene._shaking import AXES, packed_motion, unpacked_motion
 from foundation.text import shown
-from jaxmpm import Raster, read_line, read_raster
+from jaxmpm import BaseMotion, Raster, read_line, read_motion, read_raster
 
 MOST_HEIGHTS = 150_000
 """Heights of a raster in a scene: half of the megabyte that a scene's text may have."""
@@ -45,7 +47,7 @@ class Files:
             ValueError: one that is damaged.
         """
         known = table if isinstance(table, dict) else {}
-        return cls({name: unpacked(name, each) if isinstance(each, dict) else each for name, each in known.items()})
+        return cls({name: _unpacked(name, each) if isinstance(each, dict) else each for name, each in known.items()})
 
     def table(self, terrain: tables.Terrain | None) -> dict[str, object]:
         """The table `files`: of a raster the part between the walls of [terrain], at its step."""
@@ -57,6 +59,8 @@ class Files:
                     raster = raster.cropped(terrain.x or x, terrain.y or y)
                     raster = raster if terrain.step is None else raster.resampled(terrain.step)
                 content[name] = packed(name, raster)
+            if isinstance(raster, BaseMotion):
+                content[name] = packed_motion(name, raster)
         return content
 
     def points(self, name: str) -> list[object]:
@@ -82,6 +86,19 @@ class Files:
         if not isinstance(raster, Raster):
             raise ValueError(f" = {shown(name)} is no file that was read with the scene: run the scene's own file")
         return raster
+
+    def motion(self, name: str) -> BaseMotion:
+        """Record of motion of a file, likewise, along x, y and z in its own unit."""
+        if self.folder is not None and name not in self.known:
+            self.known[name] = _read(partial(read_motion, axes=AXES), self.folder / name)
+        motion = self.known.get(name)
+        if not isinstance(motion, BaseMotion):
+            raise ValueError(f" = {shown(name)} is no file that was read with the scene: run the scene's own file")
+        return motion
+
+
+def _unpacked(name: str, table: dict[str, object]) -> object:
+    return unpacked_motion(name, table) if "samples" in table else unpacked(name, table)
 
 
 def _read(reader: Callable[..., object], *where: object) -> object:

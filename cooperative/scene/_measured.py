@@ -92,7 +92,7 @@ def factors_of_safety(campaign: Campaign, grids: Mapping[str, Grid]) -> Calibrat
     run = campaign.run
     factors = {
         grid: factor_of_safety(
-            *model.median, failure_displacement=run.failure_displacement, t_end=run.t_end, batch=_factors_at_once(),
+            *unshaken(model), failure_displacement=run.failure_displacement, t_end=run.t_end, batch=_factors_at_once(),
             settle=run.settle, least_volume=run.least_volume,
         ).stable
         for grid, model in grids.items()
@@ -110,7 +110,7 @@ def measure_limit_load(campaign: Campaign, refined: Grid) -> LimitLoad:
     Raises:
         ValueError: its displacement shows none between factors of 0.5 and 3.
     """
-    scene, state = refined.median
+    scene, state = unshaken(refined)
     t_end, volume = campaign.run.t_end, campaign.run.least_volume
     if volume is None:
         volume = float(f"{SHARE * campaign.site.height**campaign.dimension:.3g}")
@@ -123,6 +123,16 @@ def measure_limit_load(campaign: Campaign, refined: Grid) -> LimitLoad:
         for factor in (result.kink * (1 - BESIDE), result.kink * (1 + BESIDE))
     )
     return LimitLoad(result.kink, float(f"{math.sqrt(below * above):.3g}"), volume)
+
+
+def unshaken(grid: Grid) -> tuple[Scene, State]:
+    """Scene and initial state of the median soil, whose base does not move: a factor of safety is of a steady load.
+
+    Args:
+        grid: of which something is measured.
+    """
+    scene, state = grid.median
+    return replace(scene, motion=None), state
 
 
 def _displacement(scene: Scene, state: State, t_end: float, volume: float) -> float:

@@ -69,13 +69,31 @@ class Site:
         """That of the file of its surface (WKT), None where it has none."""
         return getattr(self.shape, "projection", None)
 
-    def built(self, soil: AnySoil, numerics: Discretisation, gravity: float, *, at_rest: bool) -> tuple[Scene, State]:
-        """Scene and initial state on a grid; ValueError where ground, soil and grid do not fit together."""
+    @property
+    def endless(self) -> bool:
+        """Whether its ends are none: tied to each other, or to a free field."""
+        return self.ends in ("tied", "free field")
+
+    def built(
+        self, soil: AnySoil, numerics: Discretisation, gravity: float, *, at_rest: bool, **loads: object
+    ) -> tuple[Scene, State]:
+        """Scene and initial state on a grid.
+
+        Args:
+            soil: of the campaign.
+            numerics: of the grid.
+            gravity: downwards (m/s2).
+            at_rest: whether the stress at rest is solved for.
+            **loads: k_h, k_v and motion, None for what is absent.
+
+        Raises:
+            ValueError: ground, soil and grid do not fit together.
+        """
         # What is unusual was asked about when the scene was read.
         layers = [replace(each, soil=_without_warnings(each.soil)) for each in self.soils(soil)]
         frictional = any(getattr(each.soil, "friction", None) is not None for each in layers)
         return ground.build_ground(
-            self.shape, layers, numerics, gravity=gravity, at_rest=at_rest, ends=self.ends, water=self.water,
+            self.shape, layers, numerics, gravity=gravity, at_rest=at_rest, ends=self.ends, water=self.water, **loads,
             # Without friction it determines the strength, and is no load on soil in total stress.
             r_u=self.r_u if frictional or not self.by_stress(soil) else None,
         )  # fmt: skip

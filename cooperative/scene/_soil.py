@@ -295,7 +295,7 @@ def _check_saturated(values: Mapping[str, Any], random: Mapping[str, RandomField
     saturated, weight = values["saturated_unit_weight"], values["unit_weight"]
     if saturated is None:
         return
-    if "unit_weight" in random:
+    if "unit_weight" in random and "saturated_unit_weight" not in random:
         raise ValueError(
             f"{label('saturated_unit_weight')} = {saturated:g} N/m3 beside a unit_weight that varies, which is that of "
             "all soil, wet or dry: give unit_weight as a number, or leave saturated_unit_weight out"

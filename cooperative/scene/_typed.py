@@ -12,14 +12,26 @@ import numpy as np
 from cooperative.estimate import SETTINGS, Estimator, named_estimator
 from cooperative.measure import Place, Track
 from cooperative.scene import tables
-from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, Run
+from cooperative.scene._campaign import Campaign, Given, Hazard, Plan
 from cooperative.scene._fields import CrossCorrelation
 from cooperative.scene._files import Files
+from cooperative.scene._run import check_limit_load, run_of
+from cooperative.scene._shaking import motion_of
 from cooperative.scene._site import Site
 from cooperative.scene._soil import soils_of
 from cooperative.store import Source
-from foundation.text import short, shown
-from jaxmpm import Discretisation, Interface, Raster, Scene, Section, Settle, Slope, State, Terrain, cell_independent
+from foundation.text import short
+from jaxmpm import (
+    Discretisation,
+    Interface,
+    Raster,
+    Scene,
+    Section,
+    Slope,
+    State,
+    Terrain,
+    cell_independent,
+)
 from jaxmpm.soil import AnySoil
 
 LARGEST = 1_000_000
@@ -59,7 +71,7 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
             "nothing in the scene is random: give at least one parameter of the soil as a table, such as "
             "[soil.cohesion] with mean, cov and length"
         )
-    _check_limit_load(scene.run, scene.limit_load)
+    check_limit_load(scene.run, scene.limit_load)
     terms = None if scene.field_modes is None else scene.field_modes.counts
     together = scene.cross_correlation
     campaign = Campaign(
@@ -70,7 +82,7 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
         cross_correlation=None if together is None else CrossCorrelation(**dict(together)),
         rough=_grid(scene.rough, site, soil),
         refined=_grid(scene.refined, site, soil),
-        run=_run(scene.run),
+        run=run_of(scene.run, motion_of(scene, len(site.shape.corner))),
         plan=_plan(scene.campaign, has_modes=site.shape.face is not None),
         estimator=estimator or (Given("estimator", given) if given else _named(scene.campaign)),
         hazard=_hazard(scene),
@@ -136,7 +148,7 @@ def built(campaign: Campaign, grid: str, *, at_rest: bool = True) -> tuple[Scene
     Raises:
         ValueError: slope, soil and grid do not fit together.
     """
-    return campaign.site.built(campaign.soil, campaign.grids[grid], campaign.run.gravity, at_rest=at_rest)
+    return campaign.site.built(campaign.soil, campaign.grids[grid], at_rest=at_rest, **campaign.run.loads)
 
 
 def _as_begun(scene: tables.Scene, begun: bool) -> tables.Scene:
@@ -289,36 +301,10 @@ def _named(table: tables.Campaign) -> Estimator:
     return named_estimator(table.estimator, {key: getattr(table, key) for key in (*SETTINGS, "seed")})
 
 
-def _check_limit_load(run: tables.Run, given: tables.LimitLoad | None) -> None:
-    """Raise ValueError for a limit load, asked for or given, that does not go with the table [run]."""
-    asked = run.failure == "limit load"
-    if asked and "failure_displacement" in run.model_fields_set:
-        raise ValueError(
-            "[run] failure_displacement has no say beside failure = 'limit load', which finds it: leave it out"
-        )
-    if given is None:
-        return
-    if not asked:
-        raise ValueError("the scene has a table [limit_load] without [run] failure = 'limit load': leave it out")
-    if run.least_volume not in (None, given.volume):
-        raise ValueError(
-            f"[run] least_volume = {run.least_volume:g} and [limit_load] volume = {shown(given.volume)} differ: the "
-            "displacement belongs to one volume, give that one in both"
-        )
-
-
-def _run(table: tables.Run) -> Run:
-    """A slide ends when its deposit rests, where runs end once they have settled and unless the scene says not."""
-    values = dict(table)
-    settle, rest = values.pop("settle"), values.pop("rest")
-    slides = None if rest is False else table.failure_displacement
-    return Run(**values, settle=Settle(slides=slides) if settle else None)
-
-
 def _grid(table: tables.Grid, site: Site, soil: AnySoil) -> Discretisation:
     """Answers do not follow the cell, unless the scene says so; no F-bar for ground with a frictional layer."""
     values = {key: value for key, value in table if value is not None}
-    if table.internal_length == "none":
+    if table.internal_length == "none" or (site.endless and table.internal_length is None):
         values["internal_length"] = None
     numerics = cell_independent(Discretisation(**values, dtype="float32"), soil)
     frictional = any(getattr(each.soil, "friction", None) is not None for each in site.soils(soil))

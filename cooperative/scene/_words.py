@@ -28,8 +28,9 @@ import jaxmpm
 import kl
 from cooperative import estimate, measure
 from cooperative.estimate import Estimator
-from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, Run
+from cooperative.scene._campaign import Campaign, Given, Hazard, Plan
 from cooperative.scene._fields import CrossCorrelation, RandomField
+from cooperative.scene._run import Run
 from cooperative.scene._site import Site, SiteLayer
 from cooperative.store import Source
 from foundation.text import short

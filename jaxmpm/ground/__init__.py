@@ -4,7 +4,7 @@ from jaxmpm.ground._fill import cells, scene_of
 from jaxmpm.ground._ground import Face, Ground, build_ground, check_ground, layer_of
 from jaxmpm.ground._layer import Layer
 from jaxmpm.ground._line import read_line
-from jaxmpm.ground._pore_water import WATER_WEIGHT
+from jaxmpm.ground._pore_water import WATER_WEIGHT, wet
 from jaxmpm.ground._probe import box_of, relief, thicknesses, top_of, volume
 from jaxmpm.ground._raster import Raster, read_raster
 from jaxmpm.ground._seam import Thickness
@@ -37,4 +37,5 @@ __all__ = [
     "thicknesses",
     "top_of",
     "volume",
+    "wet",
 ]

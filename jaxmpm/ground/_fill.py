@@ -14,6 +14,7 @@ from foundation import check
 from jaxmpm.grid import Grid, Particles, Wall
 from jaxmpm.ground._ground import Ground, check_ground, layer_of
 from jaxmpm.ground._layer import Layer
+from jaxmpm.laws import BaseMotion
 from jaxmpm.protocols import Material
 from jaxmpm.setup import (
     PADDING,
@@ -30,6 +31,7 @@ from jaxmpm.setup import (
     end_walls,
     fill,
     material_on,
+    pseudo_static,
     settled,
     sorted_by_cell,
 )
@@ -44,6 +46,9 @@ def scene_of(
     *,
     inside: Callable[[np.ndarray], np.ndarray] | None = None,
     gravity: float = 9.81,
+    k_h: float = 0.0,
+    k_v: float = 0.0,
+    motion: BaseMotion | None = None,
     ends: Sequence[Hold] = ("roller", "roller"),
     speed: float | None = None,
     at_rest: bool = True,
@@ -57,6 +62,9 @@ def scene_of(
         inside: function of positions (d, N) m that returns (N,) bool, which of them lie in the ground; by default those
             below its surface.
         gravity: downwards (m/s2).
+        k_h: pseudo-static acceleration over gravity, along x.
+        k_v: pseudo-static acceleration over gravity, upwards.
+        motion: of the base, from time 0, after the initial stress; the scene is solved in its frame.
         ends: constraint of both walls along x, and along y.
         speed: largest particle speed that the time step allows for (m/s), by default of a fall through half the box.
         at_rest: with the stress of elastic gravity loading, else free of stress.
@@ -67,7 +75,7 @@ def scene_of(
     Raises:
         ValueError: If sizes, soils and numbers do not fit the grid or each other.
     """
-    check.not_negative("gravity", gravity, "m/s2")
+    acceleration = pseudo_static(gravity, k_h, k_v, len(ground.corner))
     layers = list(soil) if isinstance(soil, Sequence) else [Layer(soil)]
     counts = cells(ground, discretisation)
     grid = box_grid(ground.corner, counts, discretisation.cell)
@@ -80,7 +88,7 @@ def scene_of(
         law,
         discretisation,
         boundary=Boundary((*walls, Wall(upright, "low", PADDING, "fixed"))),
-        loads=Loads(gravity),
+        loads=Loads(acceleration, motion=motion),
         speed=math.sqrt(gravity * ground.extent[-1]) if speed is None else speed,
     )
     return built, settled(built, state) if at_rest else state

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +26,7 @@ from jaxmpm.setup import (
     below,
 )
 from jaxmpm.soil import Interface
+from jaxmpm.types import Scene
 
 WATER_WEIGHT = 9810.0
 """Unit weight of water (N/m3)."""
@@ -55,6 +57,21 @@ def under(table: WaterTable) -> Callable[[np.ndarray], np.ndarray]:
     """Function that gives which of positions (2, N) m lie under a table: (N,) bool."""
     rounding = RESOLVED * float(table.height)
     return lambda position: below(position[1], np.interp(position[0], table.x, table.z), rounding)
+
+
+def wet(scene: Scene) -> np.ndarray:
+    """Which particles of a scene start below the water table.
+
+    Args:
+        scene: with or without water.
+
+    Returns:
+        (N,) bool.
+    """
+    if scene.water is None:
+        return np.zeros(scene.particles.mass.shape, bool)
+    push = np.asarray(scene.water.push(scene.particles.position)[-1], float)
+    return push / float(cast(Any, scene.water).unit_weight) > 0.5 + RESOLVED
 
 
 def _refuse_sloping_pool(outline: Outline, points: np.ndarray, discretisation: Discretisation) -> None:

@@ -40,6 +40,7 @@ from jaxmpm.setup import (
     build,
     check_discretisation,
     end_walls,
+    pseudo_static,
     settled,
 )
 from jaxmpm.soil import AnySoil, Interface
@@ -258,9 +259,8 @@ def section(
             a particle, one of several layers has a parameter per particle, or sizes do not fit the grid; with
             coordinates.
     """
-    check.not_negative("gravity", gravity, "m/s2")
-    check.between("k_h", k_h, -1.0, 1.0)
-    check.between("k_v", k_v, -1.0, 1.0)
+    towards = 1 if shape.surface[0][1] >= shape.surface[-1][1] else -1
+    along, down = pseudo_static(gravity, k_h, k_v, 2)
     if ends not in HELD and ends not in ("tied", "free field"):
         raise ValueError(f"ends = {ends!r}: give {', '.join(map(repr, HELD))}, 'tied' or 'free field'")
     cells = shape.cells(discretisation)
@@ -280,7 +280,6 @@ def section(
     upright = () if ends == "tied" else end_walls(0, cells[0], *HELD.get(ends, HELD["roller"]))
     base = Wall(1, "low", PADDING, "fixed" if shape.interface is None else "friction")
     warn_of_seams(layers, shape.thicknesses(layers), discretisation.cell)
-    towards = 1 if shape.surface[0][1] >= shape.surface[-1][1] else -1
     x, z = np.asarray(particles.position, float)
     built, state = build(
         particles,
@@ -293,7 +292,7 @@ def section(
             tied=(PADDING, PADDING + cells[0]) if ends == "tied" else None,
         ),
         loads=Loads(
-            gravity=(towards * k_h * gravity, -(1 - k_v) * gravity),
+            gravity=(towards * along, down),
             water=table,
             pore_pressure=pore_pressure_of(r_u, table is not None, z, layers, [top(x) for top in tops]),
             motion=motion,

@@ -12,6 +12,7 @@ from foundation import check
 from jaxmpm.ground._fill import scene_of
 from jaxmpm.ground._ground import Face
 from jaxmpm.ground._layer import Layer
+from jaxmpm.laws import BaseMotion
 from jaxmpm.setup import Discretisation, cells_up, check_discretisation
 from jaxmpm.soil import AnySoil
 from jaxmpm.types import Scene, State
@@ -140,6 +141,9 @@ class Slope:
         *,
         gravity: float = 9.81,
         ends: Literal["fixed", "roller"] = "fixed",
+        k_h: float = 0.0,
+        k_v: float = 0.0,
+        motion: BaseMotion | None = None,
         at_rest: bool = True,
     ) -> tuple[Scene, State]:
         """Scene and state, as `slope`, of one layer.
@@ -149,6 +153,9 @@ class Slope:
             discretisation: cell, spacing and numerical choices.
             gravity: downwards (m/s2).
             ends: constraint of the ends along y.
+            k_h: pseudo-static acceleration over gravity, towards the toe.
+            k_v: pseudo-static acceleration over gravity, upwards.
+            motion: of the base, as for `slope`.
             at_rest: with the stress of elastic gravity loading, else free of stress.
 
         Returns:
@@ -158,7 +165,10 @@ class Slope:
             ValueError: If there are several layers, or as for `slope`.
         """
         self.layer_of(layers, np.zeros((len(self.extent), 0)), discretisation)
-        return slope(self, layers[0].soil, discretisation, gravity=gravity, y_ends=ends, at_rest=at_rest)
+        return slope(
+            self, layers[0].soil, discretisation, gravity=gravity, k_h=k_h, k_v=k_v, motion=motion, y_ends=ends,
+            at_rest=at_rest,
+        )  # fmt: skip
 
 
 def slope(
@@ -167,6 +177,9 @@ def slope(
     discretisation: Discretisation,
     *,
     gravity: float = 9.81,
+    k_h: float = 0.0,
+    k_v: float = 0.0,
+    motion: BaseMotion | None = None,
     y_ends: Literal["fixed", "roller"] = "fixed",
     speed: float | None = None,
     at_rest: bool = True,
@@ -178,6 +191,9 @@ def slope(
         soil: of the slope.
         discretisation: cell, spacing and numerical choices.
         gravity: downwards (m/s2).
+        k_h: pseudo-static acceleration over gravity, towards the toe.
+        k_v: pseudo-static acceleration over gravity, upwards.
+        motion: of the base, from time 0, after the initial stress; the scene is solved in its frame.
         y_ends: constraint of the ends along y.
         speed: largest particle speed that the time step allows for (m/s), by default of a fall through half the relief.
         at_rest: with the stress of elastic gravity loading; False leaves the slope free of stress, so that gravity acts
@@ -191,4 +207,7 @@ def slope(
     """
     if y_ends not in ("fixed", "roller"):
         raise ValueError(f"y_ends = {y_ends!r}: give 'fixed' or 'roller'")
-    return scene_of(shape, soil, discretisation, gravity=gravity, ends=("roller", y_ends), speed=speed, at_rest=at_rest)
+    return scene_of(
+        shape, soil, discretisation, gravity=gravity, k_h=k_h, k_v=k_v, motion=motion, ends=("roller", y_ends),
+        speed=speed, at_rest=at_rest,
+    )  # fmt: skip

@@ -23,6 +23,7 @@ from jaxmpm.ground._pore_water import pore_pressure_of, water_raster, water_surf
 from jaxmpm.ground._raster import Raster
 from jaxmpm.ground._seam import Thickness, thicknesses_of, warn_of_seams
 from jaxmpm.ground._strata import bottoms, refuse_thin
+from jaxmpm.laws import BaseMotion
 from jaxmpm.setup import (
     PADDING,
     RESOLVED,
@@ -34,6 +35,7 @@ from jaxmpm.setup import (
     check_discretisation,
     end_walls,
     material_on,
+    pseudo_static,
     settled,
     sorted_by_cell,
 )
@@ -273,6 +275,9 @@ def terrain(
     discretisation: Discretisation,
     *,
     gravity: float = 9.81,
+    k_h: float = 0.0,
+    k_v: float = 0.0,
+    motion: BaseMotion | None = None,
     water: float | Raster | None = None,
     r_u: float | None = None,
     ends: Literal["roller", "fixed"] = "roller",
@@ -289,6 +294,9 @@ def terrain(
             of the layer in which the centre of its part under the surface lies.
         discretisation: cell, spacing and numerical choices.
         gravity: downwards (m/s2).
+        k_h: pseudo-static acceleration over gravity, along x.
+        k_v: pseudo-static acceleration over gravity, upwards.
+        motion: of the base, from time 0, after the initial stress; the scene is solved in its frame.
         water: level (m) or heights of the water table, a pool where it lies above the ground, see `WaterSurface`.
         r_u: instead, pore pressure over the weight of the soil above.
         ends: constraint of the four walls.
@@ -302,7 +310,7 @@ def terrain(
         ValueError: If a raster is invalid, has holes or ends before the walls, a layer lies above the ground, holds no
             particle or is nowhere as thick as one, or sizes do not fit the grid; with coordinates.
     """
-    check.not_negative("gravity", gravity, "m/s2")
+    acceleration = pseudo_static(gravity, k_h, k_v, 3)
     if ends not in ("fixed", "roller"):
         raise ValueError(f"ends = {ends!r}: give 'fixed' or 'roller'")
     cells = shape.cells(discretisation)
@@ -336,7 +344,8 @@ def terrain(
             cut=shape.beyond(grid),
         ),
         loads=Loads(
-            gravity=gravity,
+            gravity=acceleration,
+            motion=motion,
             water=None if table is None else water_surface(table, spacing, particles.mass.dtype),
             pore_pressure=pore_pressure_of(r_u, table is not None, z, layers, tops),
         ),

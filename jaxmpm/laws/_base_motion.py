@@ -34,6 +34,11 @@ class BaseMotion:
 
     PARAMETERS: ClassVar[Mapping[str, Limit]] = {"acceleration": Limit(unit="m/s2"), "interval": above_zero("s")}
 
+    @property
+    def duration(self) -> Array:
+        """Time of the last sample (s)."""
+        return self.interval * (self.acceleration.shape[1] - 1)
+
     def at(self, time: Array) -> Array:
         """Acceleration (d,) m/s2 at a time (s)."""
         sample, last = time / self.interval, self.acceleration.shape[1] - 1

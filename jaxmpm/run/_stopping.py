@@ -20,6 +20,8 @@ from jaxmpm.types import Scene, State, Status
 class Settle:
     """Rule by which a lane has settled: for `hold` seconds it is slow and its largest displacement does not change.
 
+    The seconds count from the end of a motion of the base.
+
     The unbalanced force is not part of the rule: an undamped slope oscillates elastically without end, with 5 to 15 %
     of its weight unbalanced, while it stands. Any number below 0, an `every` of 0 or a value that is not finite raises
     ValueError.
@@ -90,6 +92,13 @@ def check_run(t_end: float, settle: Settle | None, stop_at: float | None, least_
         check.positive("least_volume", least_volume)
 
 
+def _still_shaken(scene: Scene, state: State) -> np.ndarray:
+    """Whether the motion of the base goes on in each lane, () or (B,): no slope has settled before its end."""
+    if scene.motion is None:
+        return np.zeros(np.shape(state.step), bool)
+    return np.asarray(state.step) * np.asarray(scene.time_step) < np.asarray(scene.motion.duration)
+
+
 def steps_until(time: float, dt: float) -> int:
     """Number of steps of dt (s) that reach `time` (s)."""
     return math.ceil(time / dt * (1 - 1e-6))
@@ -149,11 +158,12 @@ class Watch:
         speed, displacement, *slid = map(np.asarray, _look(scene, state, axes, slides, least_volume))
         status, watch = np.asarray(state.status), self
         if settle is not None:
+            shaken = _still_shaken(scene, state)
             fast, seen = speed > settle.speed, displacement
             if slides is not None:
                 fast, seen = fast & (displacement <= slides), np.where(displacement > slides, slid[0], displacement)
             moves = np.abs(seen - self.reference) > settle.drift
-            quiet = np.where(moves | fast, 0.0, self.quiet + elapsed)
+            quiet = np.where(moves | fast | shaken, 0.0, self.quiet + elapsed)
             watch = Watch(quiet, np.where(moves, seen, self.reference))
             status = np.where((status == Status.RUNNING) & (quiet >= settle.hold), Status.SETTLED, status)
         if stop_at is not None:

@@ -13,7 +13,7 @@ from jaxmpm.setup._discretisation import (
 from jaxmpm.setup._fill import box_particles, fill, sorted_by_cell
 from jaxmpm.setup._initial_stress import at_rest, overburden, settled
 from jaxmpm.setup._law import check_scene, check_shape, refuse_snap_back
-from jaxmpm.setup._motion import read_motion
+from jaxmpm.setup._motion import pseudo_static, read_motion
 from jaxmpm.setup._options import Boundary, Loads
 from jaxmpm.setup._scene import scene, unstressed
 from jaxmpm.setup._vary import check_names, check_start, parameter_names, vary, with_soil, with_strength
@@ -46,6 +46,7 @@ __all__ = [
     "material_on",
     "overburden",
     "parameter_names",
+    "pseudo_static",
     "read_motion",
     "refuse_snap_back",
     "scene",

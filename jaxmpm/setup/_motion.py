@@ -13,6 +13,8 @@ from foundation import check
 from foundation.text import shown
 from jaxmpm.laws import BaseMotion
 
+LARGEST = 1.0
+"""Pseudo-static acceleration at most, over gravity."""
 EVEN = 0.02
 """Largest difference of a printed time from an even one, as a share of the interval."""
 
@@ -38,6 +40,8 @@ def read_motion(path: str | Path, *, axes: str = "xz", scale: float = 1.0) -> Ba
     if axes not in ("x", "xz", "xyz"):
         raise ValueError(f"axes = {axes!r}: give 'x', 'xz' or 'xyz'")
     check.positive("scale", scale)
+    if not Path(path).is_file():
+        raise ValueError(f"there is no record {path}: give the path of a CSV file")
     with Path(path).open(newline="", encoding="utf-8-sig") as file:
         numbered = [(n, line) for n, line in enumerate(file, 1) if line.strip() and not line.lstrip().startswith("#")]
     rows = list(csv.reader(line for _, line in numbered))
@@ -84,6 +88,29 @@ def _interval(path: str | Path, lines: Sequence[int], times: np.ndarray) -> floa
             f"{interval:g} s: sample the record evenly"
         )
     return interval
+
+
+def pseudo_static(gravity: float, k_h: float, k_v: float, dimension: int) -> tuple[float, ...]:
+    """Gravity with the constant acceleration that stands for an earthquake.
+
+    Source: Kramer (1996), Geotechnical Earthquake Engineering, Section 10.6.1.1.
+
+    Args:
+        gravity: downwards (m/s2).
+        k_h: horizontal acceleration over gravity, along the first axis.
+        k_v: vertical acceleration over gravity, upwards.
+        dimension: number of axes.
+
+    Returns:
+        Vector (m/s2).
+
+    Raises:
+        ValueError: If gravity is below 0, or a coefficient is beyond -1 to 1.
+    """
+    check.not_negative("gravity", gravity, "m/s2")
+    check.between("k_h", k_h, -LARGEST, LARGEST)
+    check.between("k_v", k_v, -LARGEST, LARGEST)
+    return (k_h * gravity, *(0.0,) * (dimension - 2), -(1 - k_v) * gravity)
 
 
 def check_motion(motion: BaseMotion, dimension: int) -> None:

@@ -50,6 +50,12 @@ class Grid(Table):
     )
     flip: Share = key("Share of FLIP in the update of velocities; the rest is PIC.", 1.0, 1.0)
     apic: bool = key("Affine transfers instead of the blend of FLIP and PIC.", False, False)
+    finite_strain: bool = key(
+        "Hencky strains in place of the hypoelastic rate, for elastic strains of hundredths and more, at which that "
+        "rate creates or loses energy.",
+        True,
+        False,
+    )
     damping: Annotated[float, Within(from_zero("1/s"))] = key("Damping of the velocity.", 0.0, 0.0)
     fbar: bool | None = key(
         "F-bar, the cure of volumetric locking.", True, None,
@@ -61,7 +67,8 @@ class Grid(Table):
     )  # fmt: skip
     internal_length: Length | Literal["none"] | None = key(
         "Length over which plastic strain is averaged.", 2.0, None,
-        otherwise='0.4 of `softening_length`; `"none"` where that is less than cells resolve, or soil does not soften',
+        otherwise='0.4 of `softening_length`; `"none"` where that is less than cells resolve, soil does not soften, '
+        "or the ends are tied or a free field",
     )  # fmt: skip
     air: Length | None = key(
         "Height of the grid above the highest ground; a run whose soil is thrown higher breaks off.", 6.0, None,
@@ -73,6 +80,16 @@ class Run(Table):
     """How each sample runs."""
 
     gravity: Annotated[float, Within(above_zero("m/s2"))] = key("Acceleration of gravity.", 9.81, 9.81)
+    k_h: Annotated[float, Within(Limit(above=-1, below=1))] = key(
+        "Pseudo-static horizontal acceleration over gravity: towards the lower end of a section or slope, along x in a "
+        "terrain. The initial stress holds it, as that of elastic loading.",
+        0.1,
+        0.0,
+        synonyms="kh seismic_coefficient",
+    )
+    k_v: Annotated[float, Within(Limit(above=-1, below=1))] = key(
+        "Pseudo-static vertical acceleration over gravity, upwards.", 0.05, 0.0, synonyms="kv"
+    )
     t_end: Seconds = key(
         "Time at which a run ends, if it has not before.", 20.0, 20.0, synonyms="duration end_time total_time"
     )

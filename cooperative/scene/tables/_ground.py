@@ -66,9 +66,11 @@ class Ground(Table):
         "x of the slope's crest, from which its height is counted.", 30.0, None,
         otherwise="where the surface before the toe is highest",
     )  # fmt: skip
-    ends: Literal["roller", "fixed", "left fixed", "right fixed"] = key(
+    ends: Literal["roller", "fixed", "left fixed", "right fixed", "tied", "free field"] = key(
         "Boundary condition at the walls. With `left fixed` or `right fixed` the other wall is a roller. For a free "
-        "face draw the surface down to the base, and on along the base.",
+        "face draw the surface down to the base, and on along the base. `tied` identifies both ends, of ground as high "
+        "at both. `free field` has no walls: dashpots join the ends to columns of level ground and absorb the waves "
+        "of an earthquake; the ground is level within a cell of each end.",
         "roller",
         "roller",
     )

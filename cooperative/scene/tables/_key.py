@@ -187,3 +187,9 @@ Raster = Annotated[
     Field(json_schema_extra={"allowed": "the name of a file"}),
 ]
 """Heights by the name of a file, likewise."""
+Record = Annotated[
+    str,
+    AfterValidator(lambda name, info: name if info.context is None else info.context.motion(name)),
+    Field(json_schema_extra={"allowed": "the name of a file"}),
+]
+"""A record of motion by the name of a file, likewise."""

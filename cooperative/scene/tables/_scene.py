@@ -12,6 +12,7 @@ from cooperative.scene.tables._campaign import Campaign, Grid, Run, Sweep
 from cooperative.scene.tables._ground import Ground, Slope, Terrain, Water
 from cooperative.scene.tables._hazard import Exposed, Hazard
 from cooperative.scene.tables._key import Table
+from cooperative.scene.tables._motion import Motion
 from cooperative.scene.tables._soil import CrossCorrelation, Layer, Soil, Varying
 from cooperative.scene.tables._stored import Calibration, Defaults, FieldModes, GivenEstimator, LimitLoad
 from foundation.text import shown
@@ -49,6 +50,7 @@ class Scene(Table):
     rough: Grid
     refined: Grid = Field(description="The grid of the audit, on which ranked samples run. Keys as in `[rough]`.")
     run: Run = Field(default_factory=Run)
+    motion: Motion | None = None
     campaign: Campaign
     hazard: Hazard | None = None
     exposed: Annotated[list[Exposed], MaxLen(MOST_LAYERS)] | None = None

@@ -163,7 +163,7 @@ class _Soil(Table, Generic[F]):
     unit_weight: OrTable[Annotated[float, _of("unit_weight")], F] = key(
         "Weight of the soil, including its water.", 20e3, synonyms="gamma density rho weight"
     )
-    saturated_unit_weight: Annotated[float, _of("saturated_unit_weight")] | None = key(
+    saturated_unit_weight: OrTable[Annotated[float, _of("saturated_unit_weight")], F] | None = key(
         "Weight of soil that lies below the water table at the start; soil above it has `unit_weight`.",
         20e3,
         None,

@@ -1,0 +1,63 @@
+"""Parameters of soil of which a law has another: the strength ratio gives a strength, a saturated weight a weight."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import jaxmpm
+from cooperative.scene import Site
+from jaxmpm import Scene
+from jaxmpm.soil import STANDARD_GRAVITY, AnySoil
+
+RATIO, SATURATED = "strength_ratio", "saturated_unit_weight"
+IN_LAW = {RATIO: "strength", SATURATED: "unit_weight"}
+"""Parameter of the law, or of the particles, to which each contributes."""
+
+
+def by_stress(
+    site: Site, soil: AnySoil, layer: np.ndarray, stress: jax.Array, ratio: jax.Array | None,
+    strength: jax.Array | None,
+) -> jax.Array:  # fmt: skip
+    """Strength by a ratio to the stress at rest, where it goes with that.
+
+    Args:
+        site: ground of the campaign.
+        soil: of the campaign.
+        layer: number of the layer that each particle is of (N,).
+        stress: effective and vertical, at rest (N,) Pa.
+        ratio: of strength to stress (N,), None takes the means.
+        strength: where it does not go with the stress (N,) Pa, likewise.
+
+    Returns:
+        (N,) Pa.
+    """
+    ratios = site.by_stress(soil) or []
+    given = np.array([getattr(each.soil, "strength", None) or 1.0 for each in site.soils(soil)])
+    means, least = np.array([(0.0, 1.0) if each is None else each for each in ratios]).T
+    grown = jnp.maximum((means[layer] if ratio is None else ratio) * stress, least[layer])
+    other = given[layer] if strength is None else strength
+    return jnp.where(np.array([each is not None for each in ratios])[layer], grown, other)
+
+
+def wet_or_dry(
+    scene: Scene, site: Site, soil: AnySoil, layer: np.ndarray, saturated: jax.Array, dry: jax.Array | None
+) -> jax.Array:
+    """Unit weight of soil, saturated below the water table at the start.
+
+    Args:
+        scene: of the grid, at rest.
+        site: ground of the campaign.
+        soil: of the campaign.
+        layer: number of the layer that each particle is of (N,).
+        saturated: unit weight of saturated soil (N,) N/m3.
+        dry: that of soil above the table, None takes that of the scene.
+
+    Returns:
+        (N,) N/m3.
+    """
+    particles = scene.particles
+    own = particles.mass / particles.volume * STANDARD_GRAVITY if dry is None else dry
+    has = [getattr(each.soil, SATURATED, None) is not None for each in site.soils(soil)]
+    return jnp.where(jaxmpm.ground.wet(scene) & np.array(has)[layer], saturated, own)

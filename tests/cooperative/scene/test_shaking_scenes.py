@@ -1,0 +1,183 @@
+"""Earthquakes, ends without walls, finite strains and random saturated weight in scenes."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+
+import jaxmpm as mpm
+from cooperative import runs
+from cooperative.scene import built, parse, read, read_scene
+from jaxmpm.soil import STANDARD_GRAVITY
+from tests.scenes import tables
+
+HEIGHT, WEIGHT, STRENGTH = 6.0, 20e3, 12e3
+LEVEL = f"""
+[ground]
+surface = [[0.0, {HEIGHT}], [2.0, {HEIGHT}]]
+ends = "tied"
+[soil]
+unit_weight = {WEIGHT}
+young = 2e7
+poisson = 0.45
+[strength]
+mean = {STRENGTH}
+cov = 0.1
+length = [inf, inf]
+"""
+SCENE = LEVEL + tables(1.0)
+RECORD = "time,x,z\n" + "\n".join(f"{0.01 * k:.2f},{0.2 * np.sin(k / 8):.6f},{0.05 * (k % 2)}" for k in range(101))
+MOTION = '[motion]\nrecord = "record.csv"\nrecord_unit = "g"\nscale = 0.5\n'
+
+
+def shaken(folder, record=RECORD, motion=MOTION, scene=SCENE):
+    (folder / "record.csv").write_text(record)
+    (folder / "shaken.toml").write_text(scene + motion)
+    return folder / "shaken.toml"
+
+
+def program(scene, state):
+    scene = replace(scene, engine=mpm.Engine.XLA)
+    return jax.jit(mpm.step).lower(scene, state, scene.time_step).as_text()
+
+
+def test_level_ground_slides_on_its_base_from_the_coefficient_of_the_closed_form():
+    # The shear stress at depth z is k_h times the weight above; the lowest particles are half a spacing above the base.
+    critical = STRENGTH / (WEIGHT * (HEIGHT - 0.125))
+    moved = []
+    for k_h in (0.95 * critical, 1.05 * critical):
+        campaign = parse(LEVEL + tables(1.0, f"t_end = 6.0\nk_h = {k_h}"))
+        scene, state = runs.build(campaign, "refined", runs.random_soil(campaign)).median
+        scene = mpm.with_soil(scene, state, strength=STRENGTH)[0]
+        moved.append(float(mpm.diagnostics.largest_displacement(mpm.solve(scene, state, t_end=6.0).state)))
+    assert moved[0] < 0.1
+    assert moved[1] > 0.5
+
+
+def test_k_h_and_k_v_are_those_of_the_solver_and_leave_the_consolidated_strength():
+    coefficients = {"k_h": 0.1, "k_v": -0.05}
+    campaign = parse(SCENE.replace("t_end = 4.0", "t_end = 4.0\nk_h = 0.1\nk_v = -0.05"))
+    scene, state = built(campaign, "rough")
+    shape = mpm.Section(((0.0, HEIGHT), (2.0, HEIGHT)))
+    own, start = mpm.section(shape, campaign.soil, campaign.rough, ends="tied", **coefficients)
+    np.testing.assert_array_equal(scene.gravity, own.gravity)
+    np.testing.assert_array_equal(state.stress, start.stress)
+    slope = mpm.Slope(crest=4, height=4, toe=8)
+    for at_rest in (mpm.slope(slope, campaign.soil, campaign.rough, at_rest=False, **coefficients)[0],):
+        np.testing.assert_allclose(at_rest.gravity, [0.981, -1.05 * 9.81], rtol=1e-6)
+    ratio = "strength_ratio = 0.25\nstrength_minimum = 2e3\n[water]\nlevel = 4.0\n[soil.young]\nmean = 2e7\n"
+    consolidated = SCENE.replace("young = 2e7\n", "").replace(
+        SCENE[SCENE.index("[strength]") : SCENE.index("cov")], ratio
+    )
+    lifted = consolidated.replace("t_end = 4.0", "t_end = 4.0\nk_v = 0.5")
+    strengths = [
+        runs.build(campaign, "rough", runs.random_soil(campaign), at_rest=False).strength()
+        for campaign in map(parse, (consolidated, lifted))
+    ]
+    np.testing.assert_array_equal(*strengths)
+
+
+def test_a_record_gives_the_numbers_of_the_solver_and_goes_with_the_scene(tmp_path):
+    source = read_scene(shaken(tmp_path))
+    (tmp_path / "record.csv").unlink()
+    campaign = parse(source)
+    (tmp_path / "again.csv").write_text(RECORD)
+    motion = mpm.read_motion(tmp_path / "again.csv", scale=0.5 * STANDARD_GRAVITY)
+    np.testing.assert_allclose(campaign.run.motion.acceleration, motion.acceleration, rtol=1e-6)
+    shape = mpm.Section(((0.0, HEIGHT), (2.0, HEIGHT)))
+    own = mpm.section(shape, campaign.soil, campaign.rough, ends="tied", motion=campaign.run.motion)
+    ends = [mpm.advance(*each, 60) for each in (built(campaign, "rough"), own)]
+    np.testing.assert_array_equal(ends[0].displacement, ends[1].displacement)
+    assert np.abs(ends[0].displacement[0]).max() > 1e-4
+    assert read(campaign).run.motion.acceleration.shape == (2, 101)  # as a folder keeps one that was written in Python
+
+
+def test_no_run_settles_before_its_record_ends(tmp_path):
+    quiet = "time,x\n" + "\n".join(f"{0.1 * k:.1f},{0.3 * (k > 30)}" for k in range(36))
+    campaign = parse(shaken(tmp_path, quiet))
+    model = runs.build(campaign, "rough", runs.random_soil(campaign))
+    scene, state = model.median
+    for shaking, most in ((scene, 4.0), (replace(scene, motion=None), 2.0)):
+        end = mpm.solve(shaking, state, t_end=4.0, settle=mpm.Settle()).state
+        assert most - 1.0 < int(end.step) * float(scene.time_step) < most + 0.1
+    varied = {"strength": [model.strength()]}
+    ((_, result),) = mpm.solve_each(scene, state, varied, width=1, t_end=4.0, settle=mpm.Settle())
+    assert int(result.state.step) * float(result.time_step) > 3.5
+
+
+def test_what_a_scene_does_not_ask_for_is_absent_from_its_program(tmp_path):
+    plain = built(parse(SCENE), "rough", at_rest=False)
+    zero = built(parse(SCENE.replace("t_end = 4.0", "t_end = 4.0\nk_h = 0.0")), "rough", at_rest=False)
+    assert plain[0].motion is plain[0].free_field is None
+    assert program(*plain) == program(*zero)
+    moving = built(parse(shaken(tmp_path)), "rough", at_rest=False)
+    finite = built(parse(SCENE.replace("cell = 1.0", "cell = 1.0\nfinite_strain = true")), "rough", at_rest=False)
+    for more in (moving, finite):
+        assert len(program(*more)) > len(program(*plain))
+
+
+def test_a_free_field_takes_the_place_of_the_walls_and_of_no_random_weight():
+    ends = SCENE.replace('"tied"', '"free field"').replace("[2.0,", "[6.0,")
+    campaign = parse(ends)
+    model = runs.build(campaign, "rough", runs.random_soil(campaign))
+    assert [wall.axis for wall in model.scene.walls] == [1]
+    assert np.abs(model.scene.free_field.held).max() > 1e3
+    assert model.state.free_field[0].stress.shape[1] == 2 * 12
+    heavy = ends.replace(f"unit_weight = {WEIGHT}\n", "")
+    heavy += "[soil.unit_weight]\nmean = 20e3\ncov = 0.05\nlength = [10.0, 2.0]\n"
+    with pytest.raises(ValueError, match="unit_weight varies beside ends = 'free field'"):
+        parse(heavy)
+
+
+def test_saturated_weight_varies_below_the_water_table_alone():
+    sand = SCENE[: SCENE.index("[strength]")] + "cohesion = 5e3\nfriction = 30.0\n[water]\nlevel = 3.0\n"
+    sand += "[soil.saturated_unit_weight]\nmean = 21e3\ncov = 0.05\nlength = [10.0, 2.0]\n"
+    campaign = parse(sand + SCENE[SCENE.index("[rough]") :])
+    model = runs.build(campaign, "rough", runs.random_soil(campaign))
+    coefficients = runs.coefficients_of(campaign, model.soil)[0]
+    scene, state = model.of_sample(coefficients)
+    weight = np.asarray(scene.particles.mass / scene.particles.volume * STANDARD_GRAVITY)
+    wet = np.asarray(scene.particles.position[1]) < 3.0
+    np.testing.assert_allclose(weight[~wet], WEIGHT, rtol=1e-6)
+    np.testing.assert_allclose(weight[wet], model.parameters(coefficients)["saturated_unit_weight"][wet], rtol=1e-6)
+    assert np.std(weight[wet]) > 100
+    mean = built(campaign, "rough", at_rest=False)[0]
+    np.testing.assert_array_equal(np.asarray(mpm.ground.wet(mean)), wet)
+    assert not np.array_equal(np.asarray(state.stress), np.asarray(model.state.stress))
+
+
+@pytest.mark.parametrize(
+    ("record", "motion", "message"),
+    [
+        ("time,x\n0,1\n", MOTION, r"record.csv has 1 rows of numbers: give two or more"),
+        (
+            RECORD.replace("0.05,", "0.05,nan,", 1).replace("nan,0", "nan#0"),
+            MOTION,
+            "line 7: x = 'nan#0.*': give a finite",
+        ),
+        (
+            RECORD,
+            MOTION.replace('"g"', '"m/s2"'),
+            r"reaches 0\.2 m/s2 by record_unit = 'm/s2', .* was another unit meant",
+        ),
+        (RECORD, MOTION.replace('"g"', '"gal"'), r"\[motion\] record_unit = 'gal': give one of 'm/s2', 'cm/s2', 'g'"),
+        (RECORD, MOTION.replace("record.csv", "records.csv"), r"\[motion\] record: .*records\.csv"),
+        (RECORD.replace("x,z", "y,z"), MOTION, "has a column y, along which a section does not move"),
+        ("time,x\n0,0\n1,0\n", MOTION, "has no acceleration but 0"),
+        ("time,x\n0,0\n9,0.3\n", MOTION, r"lasts 9 s, beyond t_end = 4 s .*: give t_end = 9 or more"),
+        (RECORD, MOTION.replace("scale = 0.5", "scale = -1"), r"\[motion\] scale = -1: give a finite value above 0"),
+    ],
+)
+def test_records_that_no_scene_can_have_are_refused(record, motion, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        parse(shaken(tmp_path, record, motion))
+
+
+def test_a_damaged_packed_record_is_named(tmp_path):
+    source = read_scene(shaken(tmp_path))
+    packed = source.beside["files"]["record.csv"]
+    for damage in ({"samples": 90}, {"acceleration": "!"}, {"interval": -1.0}):
+        beside = {"files": {"record.csv": packed | damage}}
+        with pytest.raises(ValueError, match=r"files 'record\.csv': its table in \[files\] is damaged"):
+            parse(replace(source, beside=beside))
