@@ -227,19 +227,20 @@ JAXMPM_INLINE void spread(const Jet<T, W, jets(D, ORDER)>& a, const Weights<T, D
   }
 }
 
-// One particle's sums over its stencil, from axis number D_ALL - D on.
-template <class T, int W, int D, int ORDER, int D_ALL>
-JAXMPM_INLINE Jet<T, W, jets(D, ORDER)> collect(const Weights<T, D_ALL, ORDER>& weights, int p, const int64_t* strides,
-                                                const T* node) {
-  Jet<T, W, jets(D, ORDER)> r = {};
-  if constexpr (D == 0) {
+// One particle's sums over its stencil, from axis number D_ALL - D on; the last LEFT axes lie within a pack.
+template <class T, int W, int D, int ORDER, int D_ALL, int LEFT = 0>
+JAXMPM_INLINE Jet<T, W, jets(D - LEFT, ORDER)> collect(const Weights<T, D_ALL, ORDER>& weights, int p,
+                                                       const int64_t* strides, const T* node) {
+  Jet<T, W, jets(D - LEFT, ORDER)> r = {};
+  if constexpr (D == LEFT) {
     r.d[0] = load<T, W>(node);
   } else {
     constexpr int axis = D_ALL - D;
 #pragma GCC unroll 3
     for (int k = 0; k < kStencil; ++k) {
       const AxisWeight<T> at = weight_of(weights, axis, k, p);
-      raise<T, W, D, ORDER>(collect<T, W, D - 1, ORDER, D_ALL>(weights, p, strides, node + k * strides[axis]), at, r);
+      raise<T, W, D - LEFT, ORDER>(
+          collect<T, W, D - 1, ORDER, D_ALL, LEFT>(weights, p, strides, node + k * strides[axis]), at, r);
     }
   }
   return r;
@@ -372,6 +373,49 @@ void gather(const Plan& plan, const T* position, const T* nodal, int64_t begin, 
       [&](int64_t block, int count) { kept.write_rows(plan, block, count, rows); });
 }
 
+// `gather` of the only channel, without derivatives: the three nodes of a stencil along the last axis, and the one after
+// them, are one pack. Weights along that axis multiply the sums over packs.
+template <class T, int D>
+void gather_one_channel(const Plan& plan, const T* position, const T* nodal, int64_t begin, int64_t end, T* rows) {
+  constexpr int W = kStencil + 1, kPacks = D == 1 ? 1 : D == 2 ? 3 : 9;
+  Weights<T, D, 0> weights;
+  alignas(64) T sums[kBlock][W], edge[kPacks * W] = {};
+  int64_t strides[D], edge_strides[D] = {}, offsets[kPacks], total = 1;
+  node_strides<D>(plan, strides);
+  for (int axis = 0; axis < D; ++axis) total *= plan.shape[axis];
+  for (int axis = D - 2, step = W; axis >= 0; --axis, step *= kStencil) edge_strides[axis] = step;
+  for (int n = 0; n < kPacks; ++n) {
+    offsets[n] = 0;
+    for (int axis = D - 2, rest = n; axis >= 0; --axis, rest /= kStencil) offsets[n] += rest % kStencil * strides[axis];
+  }
+  const int64_t highest = total - W - offsets[kPacks - 1];
+  for (int64_t block = begin; block < end; block += kBlock) {
+    const int count = end - block < kBlock ? static_cast<int>(end - block) : kBlock;
+    fill_weights<T, D, 0>(plan, position, nullptr, block, count, weights);
+    for (int p = 0; p < count; ++p) {
+      const T* node = nodal + weights.node[p];
+      Jet<T, W, 1> sum;
+      if (__builtin_expect(weights.node[p] <= highest, 1)) {
+        sum = collect<T, W, D, 0, D, 1>(weights, p, strides, node);
+      } else {
+        // The last pack would end beyond the array.
+        for (int n = 0; n < kPacks; ++n) __builtin_memcpy(edge + n * W, node + offsets[n], kStencil * sizeof(T));
+        sum = collect<T, W, D, 0, D, 1>(weights, p, edge_strides, edge);
+      }
+      store<T, W>(sums[p], sum.d[0]);
+    }
+    const auto& last = weights.of[D - 1];
+    for (int t = 0; t < plan.term_count; ++t) {
+      const Term& term = plan.terms[t];
+      T* to = rows + term.row * plan.particles + block;
+      for (int p = 0; p < count; ++p) {
+        const T sum = last[0][0][p] * sums[p][0] + last[1][0][p] * sums[p][1] + last[2][0][p] * sums[p][2];
+        to[p] = T(term.factor) * sum + (term.first_at_row ? T(0) : to[p]);
+      }
+    }
+  }
+}
+
 // The jet that is `jet` derived once more along `axis`.
 template <int D>
 constexpr int derived(int jet, int axis) {
@@ -442,6 +486,13 @@ struct GatherOf {
                              static_cast<T*>(rows));
     };
   }
+  template <int D>
+  static constexpr Kernel of_one_channel() {
+    return [](const Plan& plan, const void* position, const void* nodal, int64_t begin, int64_t end, void* rows) {
+      gather_one_channel<T, D>(plan, static_cast<const T*>(position), static_cast<const T*>(nodal), begin, end,
+                               static_cast<T*>(rows));
+    };
+  }
 };
 
 template <class T>
@@ -473,6 +524,9 @@ typename Of::Kernel of_order(const Plan& plan) {
 
 template <class Of, int D>
 typename Of::Kernel of_width(const Plan& plan) {
+  if constexpr (requires { Of::template of_one_channel<D>(); }) {
+    if (plan.stride == 1 && plan.order == 0) return Of::template of_one_channel<D>();
+  }
   switch (plan.width) {
     case 4: return of_order<Of, D, 4>(plan);
     case 8: return of_order<Of, D, 8>(plan);
