@@ -15,7 +15,9 @@ from cooperative.estimate._estimates import (
 )
 from cooperative.estimate._fits import CANDIDATES, ENOUGH, Fit, Fits, Severity, fit_distributions, severity_ranking
 from cooperative.estimate._formulas import control_variate, monte_carlo, published
+from cooperative.estimate._fragility import Curve, fit_fragility
 from cooperative.estimate._means import Chances, Exceedance, chance_of, exceedance, mean_of
+from cooperative.estimate._paired import Difference, by_sample, covariance_of, paired_difference
 from cooperative.estimate._phases import NOT_ASKED, Phases, Slides, slide_order, zone_weights
 from cooperative.estimate._plain import ControlVariate, MonteCarlo, Published, SceneSamples
 from cooperative.estimate._protocol import Answers, Estimator, Failures, Population, Sampling, Screened, all_samples
@@ -34,7 +36,9 @@ __all__ = [
     "Chances",
     "ControlVariate",
     "Correlation",
+    "Curve",
     "CutOff",
+    "Difference",
     "Effects",
     "Element",
     "Estimate",
@@ -60,19 +64,23 @@ __all__ = [
     "TwoPhase",
     "after_more_runs",
     "all_samples",
+    "by_sample",
     "chance_of",
     "control_variate",
     "correlation",
+    "covariance_of",
     "effective_size",
     "effects_of",
     "exceedance",
     "fit_distributions",
+    "fit_fragility",
     "mean_interval",
     "mean_of",
     "monte_carlo",
     "named_estimator",
     "next_audit",
     "next_refined",
+    "paired_difference",
     "published",
     "rank_samples",
     "sample_weights",

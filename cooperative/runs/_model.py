@@ -209,14 +209,15 @@ class GridModel:
             ValueError: elements at risk outside the ground.
         """
         model, calibration = replace(self, campaign=campaign).looking(), campaign.measured.calibration
-        factor = calibration.factor if calibration is not None and self.grid == "rough" else 1.0
+        factor = campaign.run.strength_factor
+        factor *= calibration.factor if calibration is not None and self.grid == "rough" else 1.0
         return model if factor == self.strength_factor else model.with_strength_factor(factor)
 
     def with_strength_factor(self, factor: float) -> GridModel:
         """The same grid with all strength, random or not, times a factor."""
         zoned = isinstance(self.scene.material, Zoned)
         known = "strength" in self.campaign.random and self.scene.wall_friction is None and not zoned
-        scene = self.scene if known else jaxmpm.reduced(self.scene, 1 / factor)
+        scene = self.scene if known else jaxmpm.reduced(self.scene, self.strength_factor / factor)
         return replace(self, scene=scene, strength_factor=factor)
 
     def growth_of_trends(self) -> dict[str, tuple[jax.Array | None, ...]]:

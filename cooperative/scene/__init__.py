@@ -23,10 +23,16 @@ from cooperative.scene._stored import (
     write_budget,
 )
 from cooperative.scene._typed import built, parse, read_scene, source_of
+from cooperative.scene._variants import BASE, RANKED, Variant, variants, with_measured_of_base
+from cooperative.scene._varied import SCALES, SCENARIO
 from cooperative.scene.tables import Budget, Calibration, LimitLoad, Measured
 
 __all__ = [
+    "BASE",
     "NAMED",
+    "RANKED",
+    "SCALES",
+    "SCENARIO",
     "SCHEMA",
     "SEVERAL",
     "TABLES",
@@ -44,6 +50,7 @@ __all__ = [
     "Run",
     "Site",
     "SiteLayer",
+    "Variant",
     "begin",
     "built",
     "campaign_of",
@@ -64,7 +71,9 @@ __all__ = [
     "stored_budget",
     "stored_measured",
     "to_toml",
+    "variants",
     "with_measured",
+    "with_measured_of_base",
     "write_budget",
     "write_example",
 ]

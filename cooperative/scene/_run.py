@@ -26,6 +26,7 @@ class Run:
         k_h: pseudo-static horizontal acceleration over gravity, see `jaxmpm.section`; the initial stress holds it.
         k_v: pseudo-static vertical acceleration over gravity, upwards, likewise.
         motion: of the base, from the stress at rest on; None for none.
+        strength_factor: on all strength, as strength reduction by its inverse.
         t_end: up to when it runs (s).
         slides_t_end: up to when slides of the refined grid go on (s), None up to t_end.
         failure: what is failure, a displacement that is given or that at the limit load of the median soil.
@@ -45,6 +46,7 @@ class Run:
     k_h: float = 0.0
     k_v: float = 0.0
     motion: BaseMotion | None = None
+    strength_factor: float = 1.0
 
     def __post_init__(self) -> None:
         if self.settle is AT_REST:

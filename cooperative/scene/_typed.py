@@ -19,6 +19,7 @@ from cooperative.scene._run import check_limit_load, run_of
 from cooperative.scene._shaking import motion_of
 from cooperative.scene._site import Site
 from cooperative.scene._soil import soils_of
+from cooperative.scene._varied import variants_of
 from cooperative.store import Source
 from foundation.text import short
 from jaxmpm import (
@@ -56,8 +57,9 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
     """
     source = source_of(asked)
     scene = tables.read(tables.Scene, source.tables, files=Files.of(source.tables.get("files")))
-    if scene.sweep is not None:
-        raise ValueError("the scene has a table [sweep], so it is many campaigns: run it as a sweep")
+    if scene.sweep is not None or scene.scenario is not None:
+        table = "[[scenario]]" if scene.sweep is None else "[sweep]"
+        raise ValueError(f"the scene has a table {table}, so it is many campaigns: run it as a sweep")
     scene = _as_begun(scene, source.begun)
     given = _given(scene, estimator)
     if given is not None and scene.estimator is None:
@@ -130,6 +132,8 @@ def read_scene(path: Path) -> Source:
             return source
         files = Files({}, path.parent)
         scene = tables.read(tables.Scene, source.tables, files=files)
+        for variant in variants_of(source.tables):
+            tables.read(tables.Scene, variant.tables, files=files)  # it may name files of its own
     except UnicodeDecodeError as error:
         raise ValueError(f"scene {path} is no text in UTF-8 (byte {error.start}): give a scene in TOML") from error
     except OSError as error:

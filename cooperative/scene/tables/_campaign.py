@@ -6,20 +6,16 @@ from collections.abc import Callable
 from typing import Annotated, Literal, Self
 
 from annotated_types import Ge
-from pydantic import AfterValidator, Field
 from pydantic import model_validator as validates
 
 import kl
 from cooperative.estimate import ESTIMATORS, SubsetPlan
 from cooperative.scene.tables._key import (
     AboveZero,
-    FromZero,
     Length,
     PerAxis,
     Seconds,
-    Several,
     Share,
-    T,
     Table,
     Within,
     key,
@@ -89,6 +85,12 @@ class Run(Table):
     )
     k_v: Annotated[float, Within(Limit(above=-1, below=1))] = key(
         "Pseudo-static vertical acceleration over gravity, upwards.", 0.05, 0.0, synonyms="kv"
+    )
+    strength_factor: AboveZero = key(
+        "Factor on all strength, random or not, as strength reduction divides it: peak and residual strength, cohesion "
+        "and the tangent of friction.",
+        0.9,
+        1.0,
     )
     t_end: Seconds = key(
         "Time at which a run ends, if it has not before.", 20.0, 20.0, synonyms="duration end_time total_time"
@@ -187,36 +189,3 @@ class Campaign(Table):
         30,
         "all",
     )
-
-
-def _different(values: tuple[T, ...]) -> tuple[T, ...]:
-    if len(set(values)) < len(values):
-        raise ValueError(f" = {list(values)}: give a list of different numbers")
-    return values
-
-
-Different = Annotated[Several[T], AfterValidator(_different), Field(json_schema_extra={"uniqueItems": True})]
-
-
-class Sweep(Table):
-    """Values of parameters.
-
-    Each is changed alone, with the others as the scene has them. The scene is then many campaigns, and `jaxmpm sweep`
-    runs them. It needs a table `[strength]`, `coefficients = "latin hypercube"` and an estimator other than `"subset"`.
-    One key at least.
-    """
-
-    lx: Different[Length] | None = key(
-        "Correlation lengths of the strength along x.", [10, 30, 60, 120], None, otherwise="not varied"
-    )
-    ly: Different[Length] | None = key(
-        "Correlation lengths along y, of a scene in 3D.", [6, 12, 24], None, otherwise="not varied"
-    )
-    lz: Different[Length] | None = key("Correlation lengths along z.", [1, 2, 4], None, otherwise="not varied")
-    cov: Different[FromZero] | None = key(
-        "Coefficients of variation of the strength.", [0.2, 0.3, 0.4], None, otherwise="not varied"
-    )
-    k_t: Different[Annotated[int, Ge(1)]] | None = key(
-        'Stopping rules of `"published"`, all evaluated from one campaign with the largest.', [2, 5, 10], None,
-        otherwise="not varied",
-    )  # fmt: skip

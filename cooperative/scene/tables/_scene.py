@@ -8,13 +8,14 @@ from annotated_types import MaxLen
 from pydantic import AfterValidator, ConfigDict, Field
 from pydantic import model_validator as validates
 
-from cooperative.scene.tables._campaign import Campaign, Grid, Run, Sweep
+from cooperative.scene.tables._campaign import Campaign, Grid, Run
 from cooperative.scene.tables._ground import Ground, Slope, Terrain, Water
 from cooperative.scene.tables._hazard import Exposed, Hazard
 from cooperative.scene.tables._key import Table
 from cooperative.scene.tables._motion import Motion
 from cooperative.scene.tables._soil import CrossCorrelation, Layer, Soil, Varying
 from cooperative.scene.tables._stored import Calibration, Defaults, FieldModes, GivenEstimator, LimitLoad
+from cooperative.scene.tables._sweep import Scenario, Sweep
 from foundation.text import shown
 
 LONGEST_NAME = 200
@@ -55,6 +56,7 @@ class Scene(Table):
     hazard: Hazard | None = None
     exposed: Annotated[list[Exposed], MaxLen(MOST_LAYERS)] | None = None
     sweep: Sweep | None = Field(None, json_schema_extra={"minProperties": 1})
+    scenario: Annotated[list[Scenario], MaxLen(MOST_LAYERS)] | None = None
     calibration: Calibration | None = None
     defaults: Defaults | None = None
     estimator: GivenEstimator | None = None

@@ -1,0 +1,164 @@
+"""The campaigns of a sweep: one for each value of a parameter, and one for each scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import kl
+from cooperative.estimate import Sampling
+from cooperative.scene import tables as known
+from cooperative.scene._files import to_toml
+from cooperative.scene._stored import stored_measured
+from cooperative.scene._typed import parse, source_of
+from cooperative.scene._varied import SCENARIO, Varied, base_of, path_of, variants_of
+from cooperative.store import GRIDS, Source
+
+LENGTHS = ("lx", "ly", "lz")
+BASE, RANKED = "base", "ranked"
+BESIDE = ("files", "defaults")
+"""Tables that stand beside the text of a scene."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One campaign of a sweep.
+
+    Args:
+        name: its folder.
+        source: its scene.
+        points: the (parameter, value) it answers for.
+        changes: tables of the scene in which it differs by paths.
+    """
+
+    name: str
+    source: Source
+    points: tuple[tuple[str, float | str], ...]
+    changes: tuple[str, ...] = ()
+
+
+def variants(scene: Source | str | Path) -> list[Variant]:
+    """The campaigns of a sweep.
+
+    Args:
+        scene: with a table `[sweep]` or tables `[[scenario]]`: TOML text, or its file.
+
+    Raises:
+        ValueError: these are missing or hold what cannot be swept.
+    """
+    source = source_of(scene)
+    sweep, base_scene = _sweep(source.tables), base_of(source.tables)
+
+    def variant(name: str, *points: tuple[str, float | str], **changed: object) -> Variant:
+        return Variant(name, _source({**base_scene, **changed}, source), points)
+
+    campaign = parse(variant(BASE).source)
+    if campaign.plan.coefficients is not kl.latin_hypercube:
+        raise ValueError("[sweep] shares coefficients between fields of different lengths: take 'latin hypercube'")
+    estimator, first = campaign.estimator, Sampling(campaign.plan.samples, campaign.run.failure_displacement)
+    if estimator.rough_runs(first) != campaign.plan.samples:
+        name = estimator.name
+        raise ValueError(f"[sweep] shares samples, which estimator = {name!r} makes one by one: take another estimator")
+    dimension, strength = campaign.dimension, campaign.random.get("strength")
+    base: dict[str, float] = {}
+    if strength is not None and "strength" in base_scene:
+        base = {"cov": strength.cov, **dict(zip(_axes(dimension), strength.length, strict=True))}
+    elif sweep.keys() - {"k_t"}:
+        raise ValueError("a sweep varies the field of undrained strength: give the scene a table [strength]")
+    unknown = [name for name in sweep if name not in base and name != "k_t"]
+    if unknown:
+        raise ValueError(f"[sweep] {unknown[0]} cannot be swept in this scene: give {', '.join((*base, 'k_t'))}")
+    points = [(name, value) for name, values in sweep.items() if name in base for value in values]
+    by_path = list(variants_of(source.tables))
+    same = [(each.parameter, each.value) for each in by_path if each.tables == base_scene or _is_default(each, source)]
+    campaigns = [variant(BASE, *(each for each in points if each[1] == base[each[0]]), *same)]
+    for parameter, value in points:
+        if value != base[parameter]:
+            changed = {**base, parameter: value}
+            length = [changed[axis] for axis in _axes(dimension)]
+            table = {**base_scene["strength"], "cov": changed["cov"], "length": length}
+            campaigns.append(variant(f"{parameter}-{value:g}", (parameter, value), strength=table))
+    for each in by_path:
+        if (each.parameter, each.value) not in same:
+            campaigns.append(_by_path(each, source))
+    if "k_t" in sweep:
+        # All values of k_t follow from the runs that the largest asks for.
+        plan = {k: v for k, v in base_scene["campaign"].items() if k not in ("refined_runs", "target_cov")}
+        plan |= {"estimator": "published", "k_t": int(max(sweep["k_t"]))}
+        campaigns.append(variant(RANKED, *(("k_t", value) for value in sweep["k_t"]), campaign=plan))
+    _refuse_alike(campaigns)
+    return campaigns
+
+
+def _is_default(each: Varied, source: Source) -> bool:
+    """Whether a variant gives a key what the scene leaves at its default."""
+    ((path, value), *more) = each.changes.items()
+    return not more and path_of(source.tables, path).value(source.tables) == value
+
+
+def _by_path(each: Varied, source: Source) -> Variant:
+    """The campaign of a variant; ValueError where its scene refuses the value."""
+    varied = _source(each.tables, source)
+    try:
+        parse(varied)
+    except ValueError as error:
+        raise ValueError(f"{each.parameter} = {each.value}: {error}") from error
+    first = tuple(path.partition(".")[0] for path in each.changes)
+    return Variant(each.folder, varied, ((each.parameter, each.value),), first)
+
+
+def _source(tables: Mapping[str, Any], of: Source) -> Source:
+    """A scene of these tables, with the files that it names beside its text."""
+    text = to_toml({name: table for name, table in tables.items() if name not in BESIDE})
+    return Source(text, {name: tables[name] for name in BESIDE if name in tables}, begun=of.begun)
+
+
+def _refuse_alike(campaigns: list[Variant]) -> None:
+    names = [part.name.lower() for part in campaigns]
+    for part in campaigns:
+        if names.count(part.name.lower()) > 1:
+            raise ValueError(f"[sweep] two campaigns would share the folder {part.name}: name or number one otherwise")
+
+
+def _axes(dimension: int) -> tuple[str, ...]:
+    return LENGTHS if dimension == 3 else ("lx", "lz")
+
+
+def _sweep(tables: Mapping[str, Any]) -> dict[str, list[float]]:
+    """The keys of the table `[sweep]` that are no paths, checked as far as they can be without the scene."""
+    table = tables.get("sweep", {})
+    if not isinstance(table, dict) or not (table or SCENARIO in tables):
+        raise ValueError("the scene has no table [sweep]: give one, for example with lx = [10, 30, 60, 120]")
+    known.read(known.Sweep, table, "sweep")
+    for scenario in tables.get(SCENARIO, ()):
+        known.read(known.Scenario, scenario, SCENARIO)
+    return {name: values for name, values in table.items() if name in known.Sweep.model_fields}
+
+
+def with_measured_of_base(part: Variant, folder: Path) -> Source:
+    """The variant's scene with what the base campaign measured.
+
+    Its factors of safety, unless grids or ground are others. By one limit load failures of all variants are the same.
+
+    Args:
+        part: of the sweep.
+        folder: of the sweep.
+    """
+    campaign = parse(part.source)
+    if part.name == BASE:
+        return part.source
+    there = stored_measured(folder / "campaigns" / BASE)
+    given: dict[str, object] = {}
+    if (
+        campaign.plan.calibrate
+        and campaign.measured.calibration is None
+        and not set(part.changes) & {*GRIDS, *known.SITES}
+    ):
+        assert there.calibration is not None
+        given["calibration"] = asdict(there.calibration)
+    if part.changes and campaign.run.failure == "limit load" and campaign.measured.limit_load is None:
+        assert there.limit_load is not None
+        given["limit_load"] = asdict(there.limit_load)
+    return _source({**part.source.tables, **given}, part.source) if given else part.source

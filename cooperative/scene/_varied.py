@@ -1,0 +1,271 @@
+"""A scene with some of its keys changed, each named by its path: `water.level`, `layer.clay.strength.mean`."""
+
+from __future__ import annotations
+
+import copy
+import difflib
+import itertools
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from cooperative.scene import tables
+from foundation.text import shown
+
+FIXED = ("campaign", "sweep", "scenario", "name", *tables.STORED)
+"""Tables that no path leads into: a sweep has one campaign's samples."""
+SCALES = "motion.scale"
+Place = tuple[str | int, ...]
+"""Keys, and positions in lists of tables, that lead to a value."""
+
+
+@dataclass(frozen=True)
+class Path:
+    """Where a key of a scene stands.
+
+    Args:
+        name: as the user gives it.
+        place: of its value.
+        owner: table that has it.
+    """
+
+    name: str
+    place: Place
+    owner: Any
+
+    @property
+    def field(self) -> Any:
+        """Declaration of the key."""
+        return self.owner.model_fields[self.place[-1]]
+
+    def value(self, scene: Mapping[str, Any]) -> Any:
+        """What stands there in a scene's tables, or the key's default; None without one.
+
+        Args:
+            scene: its tables.
+        """
+        node: Any = scene
+        for part in self.place:
+            if isinstance(node, dict) and part not in node:
+                return self.field.default if part == self.place[-1] and not self.field.is_required() else None
+            node = node[part]
+        return node
+
+
+def path_of(scene: Mapping[str, Any], name: str) -> Path:
+    """The path of a key.
+
+    Args:
+        scene: its tables.
+        name: keys with dots between them; a layer by its name, or its number from 1.
+
+    Raises:
+        ValueError: no key is there; the message names the nearest.
+    """
+    parts = _as_given(scene, name)
+    if parts[0] in FIXED:
+        raise ValueError(f"{shown(name)} is no key that samples in common can differ in: leave it out")
+    place: Place = ()
+    owner: Any = tables.Scene
+    left = list(parts)
+    while left:
+        key = left.pop(0)
+        if key not in owner.model_fields:
+            raise _unknown(scene, name)
+        place, field = (*place, key), owner.model_fields[key]
+        if not left:
+            return Path(name, place, owner)
+        owner = tables.table_in(field)
+        if owner is None:
+            raise _unknown(scene, name)
+        if len(place) == 1 and isinstance(scene.get(key), list):
+            number, left = _entry(scene, name, key, left)
+            place = (*place, number)
+            if not left:
+                raise _unknown(scene, name)
+    raise _unknown(scene, name)
+
+
+def number_at(scene: Mapping[str, Any], name: str) -> Path:
+    """The path of a key that is a number.
+
+    Args:
+        scene: its tables.
+        name: of the key.
+
+    Raises:
+        ValueError: as `path_of`; or what is there is no number.
+    """
+    path = path_of(scene, name)
+    now = path.value(scene)
+    if isinstance(now, dict | tables.Table):
+        raise ValueError(f"{shown(name)} is a table in this scene: give a key of it, such as {name}.mean")
+    schema = tables.schema_of(path.owner)["properties"][path.place[-1]]
+    kinds = {part.get("type") for part in (schema, *schema.get("oneOf", ()), *schema.get("anyOf", ()))}
+    if not kinds & {"number", "integer"}:
+        raise ValueError(
+            f"{shown(name)} is no number but {tables.wanted(schema, ends=False)}: change it in a [[scenario]]"
+        )
+    return path
+
+
+def changed(scene: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """A scene's tables with other values.
+
+    Args:
+        scene: its tables.
+        changes: values by the path of their key.
+
+    Raises:
+        ValueError: as `path_of`, and two paths to one key.
+    """
+    result: dict[str, Any] = copy.deepcopy(dict(scene))
+    seen: dict[Place, str] = {}
+    for name, value in changes.items():
+        place = path_of(scene, name).place
+        if place in seen:
+            raise ValueError(f"{shown(seen[place])} and {shown(name)} are one key: give it once")
+        seen[place] = name
+        node: Any = result
+        for part in place[:-1]:
+            node = node.setdefault(part, {}) if isinstance(node, dict) else node[part]
+        node[place[-1]] = value
+    return result
+
+
+def _as_given(scene: Mapping[str, Any], name: str) -> list[str]:
+    """The keys of a path; the undrained strength stands in `[strength]` or in `[soil.strength]`."""
+    parts = name.split(".")
+    if parts[:2] == ["soil", "strength"] and len(parts) > 2 and "strength" in scene:
+        return parts[1:]
+    if parts[0] == "strength" and "strength" not in scene:
+        return ["soil", *parts]
+    return parts
+
+
+def _entry(scene: Mapping[str, Any], name: str, key: str, left: list[str]) -> tuple[int, list[str]]:
+    """Position in a list of tables that the next keys name, and the keys after these; names may have dots."""
+    entries = scene[key]
+    for count in range(len(left), 0, -1):
+        asked = ".".join(left[:count])
+        named = [at for at, each in enumerate(entries) if each.get("name") == asked]
+        if named:
+            return named[0], left[count:]
+    if left[0].isdigit() and 1 <= int(left[0]) <= len(entries):
+        return int(left[0]) - 1, left[1:]
+    raise _unknown(scene, name)
+
+
+def _unknown(scene: Mapping[str, Any], name: str) -> ValueError:
+    known = [*_all_paths(scene), *tables.Sweep.model_fields]
+    close = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
+    nearest = f" (did you mean {shown(close[0])}?)" if close else ""
+    return ValueError(f"{shown(name)} is no key of this scene{nearest}: see docs/scenes.md for all keys")
+
+
+def _all_paths(scene: Mapping[str, Any]) -> Iterator[str]:
+    """Paths of all keys that a scene may have, with the names of its layers."""
+    for name, field in tables.Scene.model_fields.items():
+        table = tables.table_in(field)
+        if name in FIXED or table is None:
+            continue
+        entries = scene.get(name)
+        if not isinstance(entries, list):
+            yield from _paths(table, name)
+            continue
+        for number, entry in enumerate(entries, 1):
+            yield from _paths(table, f"{name}.{entry.get('name', number)}")
+
+
+def _paths(table: Any, prefix: str) -> Iterator[str]:
+    for key, field in table.model_fields.items():
+        yield f"{prefix}.{key}"
+        inner = tables.table_in(field)
+        if inner is not None:
+            yield from _paths(inner, f"{prefix}.{key}")
+
+
+@dataclass(frozen=True)
+class Varied:
+    """A campaign of a sweep that differs from its scene in keys named by paths.
+
+    Args:
+        parameter: what is varied, as figures and results name it.
+        value: of it; of a scenario its name.
+        changes: values by path.
+        tables: of its scene.
+    """
+
+    parameter: str
+    value: float | str
+    changes: Mapping[str, Any]
+    tables: Mapping[str, Any]
+
+    @property
+    def folder(self) -> str:
+        """Name of its folder."""
+        value = self.value if isinstance(self.value, str) else f"{self.value:.12g}"
+        return re.sub(r"[^\w.+-]+", "_", f"{self.parameter}-{value}")
+
+
+SCENARIO = "scenario"
+"""Parameter of the campaigns of `[[scenario]]`, whose values are names."""
+
+
+def variants_of(scene: Mapping[str, Any]) -> Iterator[Varied]:
+    """The campaigns that a scene's paths of `[sweep]` and its scenarios ask for, one parameter at a time.
+
+    Args:
+        scene: its tables, with those of the sweep.
+
+    Raises:
+        ValueError: a path that leads nowhere, to no number, or to the key of another.
+    """
+    base = base_of(scene)
+    swept = tables.flat(scene.get("sweep", {}))
+    paths = {name: values for name, values in swept.items() if name not in tables.Sweep.model_fields}
+    places: dict[Place, str] = {}
+    for name in paths:
+        try:
+            place = (path_of if name == tables.RECORDS else number_at)(base, name).place
+            if place in places:
+                raise ValueError(f"{shown(places[place])} and {shown(name)} are one key: give it once")
+        except ValueError as error:
+            raise ValueError(f"[sweep] {error}") from error
+        places[place] = name
+    records = paths.pop(tables.RECORDS, None)
+    if records is not None:
+        scales = paths.pop(SCALES, None) or [number_at(base, SCALES).value(base)]
+        for record, scale in itertools.product(records, scales):
+            yield _variant(base, f"{SCALES} of {record}", scale, {tables.RECORDS: record, SCALES: scale}, "[sweep]")
+    for name, values in paths.items():
+        for value in values:
+            yield _variant(base, name, value, {name: value}, "[sweep]")
+    named: set[str] = set()
+    for given in scene.get(SCENARIO, []):
+        changes = tables.flat(given)
+        name = changes.pop("name", "")
+        if not changes or name in named:
+            fault = "changes nothing: give the keys that it changes" if not changes else "is there twice: name it anew"
+            raise ValueError(f"[[scenario]] {shown(name)} {fault}")
+        named.add(name)
+        yield _variant(base, SCENARIO, name, changes, f"[[scenario]] {shown(name)}:")
+
+
+def base_of(scene: Mapping[str, Any]) -> dict[str, Any]:
+    """A scene's tables without those of its sweep.
+
+    Args:
+        scene: its tables.
+    """
+    return {name: each for name, each in scene.items() if name not in ("sweep", SCENARIO)}
+
+
+def _variant(
+    base: Mapping[str, Any], parameter: str, value: float | str, changes: Mapping[str, Any], where: str
+) -> Varied:
+    try:
+        return Varied(parameter, value, changes, changed(base, changes))
+    except ValueError as error:
+        raise ValueError(f"{where} {error}") from error

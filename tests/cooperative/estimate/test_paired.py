@@ -1,0 +1,108 @@
+"""Differences of campaigns of the same samples, and fragility curves: their intervals cover on made-up campaigns."""
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from cooperative.estimate import (
+    AuditPlan,
+    Failures,
+    Population,
+    by_sample,
+    covariance_of,
+    fit_fragility,
+    next_audit,
+    paired_difference,
+)
+from cooperative.estimate import _twophase as twophase
+
+MEDIAN, DEVIATION = 0.15, 0.3
+
+
+def of_classes(failed):
+    count = np.asarray(failed, float) / failed.size
+    return by_sample(
+        Failures(np.arange(failed.size), np.full(failed.size, 1 / failed.size), failed, count),
+        failed.mean(),
+        failed.size,
+    )
+
+
+def audited(rough, failed, runs):
+    """Failures counted at each sample by a two-phase campaign."""
+    population, plan, known = Population(rough), AuditPlan(runs, seed=1), {}
+    while asked := next_audit(population, known, plan):
+        known |= {sample: bool(failed[sample]) for sample in asked}
+    estimate = twophase.two_phase(population, known, plan)
+    return by_sample(twophase.failures(population, known, plan), estimate.probability, rough.size), estimate
+
+
+def test_differences_of_the_same_samples_are_covered_and_sharper():
+    generator, covered, sharper = np.random.default_rng(1), [], []
+    for _ in range(400):
+        margin = generator.standard_normal((3, 150))
+        one, other = (
+            margin[0] + 0.15 * own > norm.isf(share) * np.hypot(1, 0.15)
+            for own, share in zip(margin[1:], (0.2, 0.3), strict=True)
+        )
+        found = paired_difference(of_classes(one), of_classes(other))
+        covered.append(found.interval[0] <= 0.1 <= found.interval[1])
+        sharper.append(found.unpaired)
+    assert 0.93 <= np.mean(covered) <= 0.99
+    assert np.mean(sharper) > 1.7
+
+
+def test_two_phase_campaigns_of_the_same_samples_are_compared_with_both_audits():
+    generator, covered, found = np.random.default_rng(2), [], None
+    for _ in range(30):
+        margin, noise = generator.standard_normal((2, 100))
+        each = []
+        for share in (0.2, 0.35):
+            failed = margin > norm.isf(share)
+            counted, estimate = audited(np.exp(0.95 * margin + 0.31 * noise - norm.isf(share)), failed, 20)
+            assert counted.mean() == pytest.approx(estimate.probability)
+            each.append(counted)
+        found = paired_difference(*each)
+        covered.append(found.interval[0] <= 0.15 <= found.interval[1])
+        assert found.difference == pytest.approx(each[1].mean() - each[0].mean())
+    assert np.mean(covered) >= 0.9
+
+
+def test_campaigns_of_equal_classes_differ_by_0_within_a_finite_interval():
+    same = of_classes(np.arange(50) < 10)
+    found = paired_difference(same, same)
+    assert found.difference == 0
+    assert -0.05 < found.interval[0] < 0 < found.interval[1] < 0.05
+
+
+def test_fragility_curves_cover_their_truth_although_the_samples_are_common():
+    generator, levels = np.random.default_rng(3), np.array([0.08, 0.12, 0.16, 0.2, 0.26])
+    inside = []
+    for _ in range(200):
+        bears = MEDIAN * np.exp(DEVIATION * generator.standard_normal(150))
+        counted = [of_classes(bears < level) for level in levels]
+        curve = {c.form: c for c in fit_fragility(levels, [z.mean() for z in counted], covariance_of(counted), 150)}[
+            "lognormal"
+        ]
+        at = np.interp(0.18, curve.level, curve.low), np.interp(0.18, curve.level, curve.high)
+        truths = (MEDIAN, DEVIATION, norm.cdf(np.log(0.18 / MEDIAN) / DEVIATION))
+        limits = (curve.median_interval, curve.deviation_interval, at)
+        inside.append([low <= truth <= high for truth, (low, high) in zip(truths, limits, strict=True)])
+    assert np.all(np.mean(inside, axis=0) >= 0.91)
+    assert np.all(np.mean(inside, axis=0) <= 0.99)
+
+
+def test_curves_are_of_two_levels_between_0_and_1_and_the_lognormal_of_levels_above_0():
+    share = [np.arange(100) < count for count in (5, 30, 80)]
+    counted = [of_classes(each) for each in share]
+    fit = [0.05, 0.3, 0.8], covariance_of(counted), 100
+    both = fit_fragility([1.0, 2.0, 3.0], *fit)
+    assert {curve.form for curve in both} == {"normal", "lognormal"}
+    assert both[0].log_likelihood >= both[1].log_likelihood
+    assert [curve.form for curve in fit_fragility([-1.0, 2.0, 3.0], *fit)] == ["normal"]
+    assert [curve.form for curve in fit_fragility([0.0, 2.0, 3.0], *fit)] == ["normal", "lognormal"]
+    assert not fit_fragility([3.0, 2.0, 1.0], *fit)[0].rises
+    flat = [of_classes(each) for each in (share[1], share[1], share[1])]
+    assert fit_fragility([1.0, 2.0, 3.0], [0.3] * 3, covariance_of(flat), 100) == ()
+    none = [of_classes(np.arange(100) < count) for count in (0, 0, 80)]
+    assert fit_fragility([1.0, 2.0, 3.0], [0.0, 0.0, 0.8], covariance_of(none), 100) == ()
