@@ -1,17 +1,18 @@
-"""The commands: new, check, draw, run, resume, status, report, export, sweep, example, doctor, completion."""
+"""The commands: new, check, draw, fos, run, resume, status, report, export, sweep, example, doctor, completion."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import jax
 
-from cooperative import __version__, campaign, doctor, runs, sweep
+from cooperative import __version__, campaign, doctor, runs, safety, sweep
 from cooperative.folder import SLIDES
 from cooperative.reporting import _exports as exports
 from cooperative.reporting import _interactive as interactive
@@ -139,6 +140,24 @@ def sketch(given: argparse.Namespace) -> None:
     print(*paths, sep="\n")
 
 
+def stability(given: argparse.Namespace) -> None:
+    """Compute a slope's factor of safety, by limit equilibrium in seconds and by the solver's limit load."""
+    scene, start = parse(given.scene), time.perf_counter()
+    folder = given.out or given.scene.with_name(f"{given.scene.stem}-fos")
+
+    def announce(result: safety.Safety) -> None:
+        print(*map(printable, safety.lines_of_equilibrium(scene.name, result)), sep="\n", flush=True)
+
+    def progress(factors: Sequence[float], displacements: Sequence[float]) -> None:
+        print(safety.progress_line(factors, displacements, time.perf_counter() - start), file=sys.stderr, flush=True)
+
+    result = safety.factor_of_safety(
+        scene, k_h=given.k_h, water=given.water, sample=given.sample, grid=given.grid, solver=not given.quick,
+        progress=progress, announce=announce,
+    )  # fmt: skip
+    print(*map(printable, safety.lines_of_solver(result)), *safety.write_safety(result, scene, folder), sep="\n")
+
+
 def example(given: argparse.Namespace) -> None:
     """Write an example scene to start from, and the schema for editors beside it."""
     for path in write_example(given.name, given.out or Path(f"{given.name}.toml")):
@@ -170,6 +189,7 @@ EXAMPLES = {
     "new": ("--kind section", "write section.toml, a scene of your own to fill in"),
     "check": ("section.toml", "what it will cost"),
     "draw": ("section.toml", "see it, as section.png; in 3D with plotly also as a page that turns"),
+    "fos": ("section.toml --quick", "its factor of safety by limit equilibrium, in seconds"),
     "run": ("demo.toml --out out/demo", "run it, or go on where it was"),
     "status": ("out/demo --watch", "how far it is, from another terminal, until it ends"),
     "resume": ("out/demo --refined-runs 40", "go on, and allow more refined runs than its scene"),
@@ -271,6 +291,13 @@ def parser() -> argparse.ArgumentParser:
     draws = command("draw", sketch, "scene")
     draws.add_argument("--out", type=Path, help="PNG, PDF, SVG or in 3D HTML to write (beside the scene)")
     draws.add_argument("--sample", type=int, default=0, help="whose field is drawn (%(default)s)")
+    factors = command("fos", stability, "scene")
+    factors.add_argument("--k-h", type=float, help="horizontal acceleration over gravity, towards the toe (the scene's)")
+    factors.add_argument("--water", type=float, default=0.0, metavar="METRES", help="raise the water level by so much")
+    factors.add_argument("--sample", type=int, help="a sample's soil instead of the median")
+    factors.add_argument("--grid", choices=GRIDS, default="refined", help="grid of the solver (%(default)s)")
+    factors.add_argument("--quick", action="store_true", help="limit equilibrium alone")
+    factors.add_argument("--out", type=Path, help="folder for fos.png and fos.json (SCENE-fos)")
     starts = command("example", example)
     starts.add_argument("name", choices=tuple(examples()), metavar="NAME", help=", ".join(examples()))
     starts.add_argument("--out", type=Path, help="file to write (NAME.toml)")

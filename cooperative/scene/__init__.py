@@ -6,6 +6,8 @@ from cooperative.scene._fields import TAIL, CrossCorrelation, RandomField
 from cooperative.scene._files import to_toml
 from cooperative.scene._measured import (
     factors_of_safety,
+    failing_volume,
+    limit_load_factor,
     measure,
     measure_limit_load,
 )
@@ -57,8 +59,10 @@ __all__ = [
     "example",
     "examples",
     "factors_of_safety",
+    "failing_volume",
     "in_folder",
     "json_schema",
+    "limit_load_factor",
     "markdown",
     "measure",
     "measure_limit_load",

@@ -20,7 +20,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import jax
 
@@ -28,6 +28,7 @@ from cooperative.scene._campaign import Campaign
 from cooperative.scene.tables import Calibration, LimitLoad, Measured
 from cooperative.store import write_aside
 from jaxmpm import Scene, Settle, State, diagnostics, factor_of_safety, reduced, solve
+from jaxmpm.run import FactorOfSafety
 
 NAME = "measured.json"
 
@@ -111,12 +112,8 @@ def measure_limit_load(campaign: Campaign, refined: Grid) -> LimitLoad:
         ValueError: its displacement shows none between factors of 0.5 and 3.
     """
     scene, state = unshaken(refined)
-    t_end, volume = campaign.run.t_end, campaign.run.least_volume
-    if volume is None:
-        volume = float(f"{SHARE * campaign.site.height**campaign.dimension:.3g}")
-    result = factor_of_safety(
-        scene, state, criterion="limit load", t_end=t_end, batch=_factors_at_once(), least_volume=volume
-    )
+    t_end, volume = campaign.run.t_end, failing_volume(campaign)
+    result = limit_load_factor(campaign, scene, state)
     assert result.kink is not None
     below, above = (
         _displacement(reduced(scene, factor), state, t_end, volume)
@@ -133,6 +130,34 @@ def unshaken(grid: Grid) -> tuple[Scene, State]:
     """
     scene, state = grid.median
     return replace(scene, motion=None), state
+
+
+def failing_volume(campaign: Campaign) -> float:
+    """Least volume of soil (m3, in a section m2) whose displacement is that of a slope at its limit load.
+
+    Args:
+        campaign: the campaign.
+    """
+    volume = campaign.run.least_volume
+    return float(f"{SHARE * campaign.site.height**campaign.dimension:.3g}") if volume is None else volume
+
+
+def limit_load_factor(campaign: Campaign, scene: Scene, state: State, **options: Any) -> FactorOfSafety:
+    """The factor of safety of a slope at its limit load, by strength reduction.
+
+    Args:
+        campaign: the campaign.
+        scene: of one of its grids, with the soil of the slope.
+        state: at the start.
+        **options: further arguments of `jaxmpm.factor_of_safety`.
+
+    Raises:
+        ValueError: its displacement shows none between factors of 0.5 and 3, or those of a `bracket`.
+    """
+    return factor_of_safety(
+        scene, state, criterion="limit load", t_end=campaign.run.t_end, batch=_factors_at_once(),
+        least_volume=failing_volume(campaign), **options,
+    )  # fmt: skip
 
 
 def _displacement(scene: Scene, state: State, t_end: float, volume: float) -> float:

@@ -181,10 +181,26 @@ class Section:
             layers, [np.maximum(top(x), self.base) for top in tops_of(self.outline(), layers, spacing=math.inf)]
         )
 
+    def boundaries(self, layers: Sequence[Layer]) -> tuple[np.ndarray, np.ndarray]:
+        """The surface, the lower boundaries of the layers and the base, as lines over the same points.
+
+        Args:
+            layers: from the top down.
+
+        Returns:
+            x (n,) m, just before and just after every point of a line, and heights (layers + 1, n) m from the top down.
+
+        Raises:
+            ValueError: If a line is invalid or crosses another.
+        """
+        x = knots(self.outline(), layers)
+        heights = [np.maximum(top(x), self.base) for top in tops_of(self.outline(), layers, spacing=math.inf)]
+        return x, np.minimum.accumulate(heights)
+
     def box_of(self, layers: Sequence[Layer], number: int) -> Box:
         """Lowest corner and edges (m) of a box that holds a layer, as `jaxmpm.ground.box_of`."""
-        tops, x = tops_of(self.outline(), layers, spacing=math.inf), knots(self.outline(), layers)
-        top, bottom = (np.maximum(tops[number + down](x), self.base) for down in (0, 1))
+        x, heights = self.boundaries(layers)
+        top, bottom = heights[number : number + 2]
         thick = np.flatnonzero(top > bottom)
         if not thick.size:
             raise ValueError(f"layer {number + 1} lies nowhere between the walls: draw it there, or leave it out")

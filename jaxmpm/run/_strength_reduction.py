@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal
@@ -62,6 +63,7 @@ def factor_of_safety(
     batch: int = 8,
     settle: Settle | None = None,
     least_volume: float | None = None,
+    progress: Callable[[Sequence[float], Sequence[float]], None] | None = None,
 ) -> FactorOfSafety:
     """Divide the strength by R and bisect the R at which the slope fails within t_end.
 
@@ -82,6 +84,7 @@ def factor_of_safety(
         settle: rule by which a lane stands before t_end; None for the default of `Settle`.
         least_volume: use the displacement that this volume (m3, in a section m2) has exceeded, instead of the largest
             and, by the limit load, of the mean.
+        progress: called after each round of runs with its factors and their displacements (m).
 
     Returns:
         Bracket, trials and kink.
@@ -114,7 +117,10 @@ def factor_of_safety(
     points = sorted({round(p) for p in np.linspace(low, high, batch)})
     while points:
         factors = [p * resolution for p in points]
-        outcomes |= zip(points, judge(scene, state, factors, t_end, settle or Settle(), least_volume), strict=True)
+        judged = judge(scene, state, factors, t_end, settle or Settle(), least_volume)
+        outcomes |= zip(points, judged, strict=True)
+        if progress is not None:
+            progress(factors, [displacement for displacement, _ in judged])
         stands = [p for p, (_, failed) in outcomes.items() if not failed]
         fails = [p for p, (_, failed) in outcomes.items() if failed]
         if not stands or not fails:
@@ -129,7 +135,7 @@ def factor_of_safety(
         fails=round(high * resolution, digits),
         tried=tuple((round(p * resolution, digits), outcomes[p][0]) for p in sorted(outcomes)),
     )
-    return result if criterion is None else _with_kink(result, scene, state, t_end, least_volume)
+    return result if criterion is None else _with_kink(result, scene, state, t_end, least_volume, progress)
 
 
 def _by_displacement(
@@ -170,7 +176,12 @@ def _by_limit_load(
 
 
 def _with_kink(
-    result: FactorOfSafety, scene: Scene, state: State, t_end: float, volume: float | None
+    result: FactorOfSafety,
+    scene: Scene,
+    state: State,
+    t_end: float,
+    volume: float | None,
+    progress: Callable[[Sequence[float], Sequence[float]], None] | None,
 ) -> FactorOfSafety:
     """The factor with its kink and the bracket around it; lanes run as long as the soil needs to accelerate."""
     times = Times.of(scene, t_end)
@@ -179,7 +190,10 @@ def _with_kink(
     def displacement(factors: np.ndarray) -> np.ndarray:
         varied, axes = reductions(scene, jnp.asarray(factors, scene.particles.mass.dtype))
         lanes = repeat(state, len(factors))
-        return displacements(varied, lanes, axes, t_end=end, every=end, least_volume=volume)[0][-1]
+        last: np.ndarray = displacements(varied, lanes, axes, t_end=end, every=end, least_volume=volume)[0][-1]
+        if progress is not None:
+            progress(factors.tolist(), last.tolist())
+        return last
 
     turn = find_kink(displacement, (result.stable + result.fails) / 2)
     if turn.jumps:  # the bracket in time is narrower than that of these lanes

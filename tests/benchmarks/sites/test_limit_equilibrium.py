@@ -9,13 +9,14 @@ import shapely
 
 import jaxmpm as mpm
 from benchmarks.sites import limit_equilibrium, slopes
+from cooperative import safety
 
 LAYERED = [case for case in slopes.cases() if isinstance(case.soil, Sequence)]
 
 
 @pytest.mark.parametrize("case", LAYERED, ids=lambda case: case.name)
 def test_zones_are_the_layers_of_the_solver(case):
-    zones = list(limit_equilibrium.zones(case.shape, case.soil))
+    zones = list(safety.zones(case.shape, case.soil))
     assert np.isclose(sum(zone.area for _, zone in zones), case.shape.volume)
     rng, (low, extent) = np.random.default_rng(3), (case.shape.corner, case.shape.extent)
     x, z = np.array(low)[:, None] + np.array(extent)[:, None] * rng.uniform(size=(2, 500))
@@ -29,7 +30,7 @@ def test_zones_are_the_layers_of_the_solver(case):
 
 def test_ground_down_at_the_base_is_left_out_of_its_zone():
     [case] = [case for case in slopes.cases() if case.name == "Griffiths and Lane 1"]
-    [(number, zone)] = limit_equilibrium.zones(case.shape, [mpm.Layer(case.soil)])
+    [(number, zone)] = safety.zones(case.shape, [mpm.Layer(case.soil)])
     assert number == 0
     assert zone.is_valid
     assert np.isclose(zone.area, case.shape.volume)
@@ -43,7 +44,7 @@ def test_without_the_package_the_extra_is_named(monkeypatch):
 
 @pytest.mark.slow
 def test_spencer_finds_the_published_factor(monkeypatch, tmp_path):
-    pytest.importorskip("xslope.search")
+    pytest.importorskip("xslope.slice")
     monkeypatch.setattr(limit_equilibrium, "ROOT", tmp_path)
     [row] = limit_equilibrium.run(quick=True).rows
     assert abs(row["circle"] - 0.984) < 0.005  # Spencer's method in Giam and Donald (1989)

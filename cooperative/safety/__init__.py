@@ -1,0 +1,26 @@
+"""The factor of safety of a campaign's slope at once: limit equilibrium beside the solver's limit load."""
+
+from cooperative.safety._factor import Safety, factor_of_safety
+from cooperative.safety._pictures import draw_safety, write_safety
+from cooperative.safety._search import Critical, critical_surface
+from cooperative.safety._slices import Circle, Slices, Slip, inputs, installed, module, zones
+from cooperative.safety._words import lines_of_equilibrium, lines_of_solver, progress_line
+
+__all__ = [
+    "Circle",
+    "Critical",
+    "Safety",
+    "Slices",
+    "Slip",
+    "critical_surface",
+    "draw_safety",
+    "factor_of_safety",
+    "inputs",
+    "installed",
+    "lines_of_equilibrium",
+    "lines_of_solver",
+    "module",
+    "progress_line",
+    "write_safety",
+    "zones",
+]

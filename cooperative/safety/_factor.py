@@ -1,0 +1,280 @@
+"""The factor of safety of a campaign's slope, by limit equilibrium and by the solver's limit load."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+import jaxmpm
+from cooperative.runs import GridModel, build, coefficients_of, random_soil
+from cooperative.safety._search import Critical, critical_surface
+from cooperative.safety._slices import SHALLOWEST, Slices, Strength
+from cooperative.scene import Campaign, failing_volume, limit_load_factor
+from foundation import check
+from jaxmpm import Layer, Raster, Scene, Section, Slope, State
+from jaxmpm.laws import declared
+from jaxmpm.run import FactorOfSafety
+
+APART = 0.05
+"""Share by which two factors of safety differ before reasons are given."""
+BESIDE = 0.02
+"""How far above the factor of the limit load the slope is drawn, over that factor."""
+CELLS_HIGH = 16
+"""Cells over the height of a slope from which on its size changes a factor of safety little."""
+NEIGHBOURS = 4
+"""Particles from which strength between them is interpolated."""
+
+Progress = Callable[[Sequence[float], Sequence[float]], None]
+
+
+@dataclass(frozen=True)
+class Safety:
+    """Factors of safety of a slope.
+
+    Args:
+        soil: whose it is, in words.
+        loads: beside its weight, and the change of the water, in words.
+        grid: of the solver, in words.
+        shape: outline of the section, None where limit equilibrium does not apply.
+        layers: of the section.
+        water: points (n, 2) m of the water table of the section, None without.
+        equilibrium: by limit equilibrium.
+        seconds: that limit equilibrium took.
+        solver: by the limit load.
+        failing: scene and state of the slope, just beyond its limit load.
+        notes: why one of them is missing.
+        reasons: why they differ.
+    """
+
+    soil: str
+    loads: tuple[str, ...]
+    grid: str
+    shape: Section | None = None
+    layers: tuple[Layer, ...] = ()
+    water: np.ndarray | None = None
+    equilibrium: Critical | None = None
+    seconds: float = 0.0
+    solver: FactorOfSafety | None = None
+    failing: tuple[Scene, State] | None = None
+    notes: tuple[str, ...] = ()
+    reasons: tuple[str, ...] = ()
+
+    @property
+    def difference(self) -> float | None:
+        """By how much the solver's factor exceeds that of limit equilibrium, as a share of it."""
+        if self.equilibrium is None or self.solver is None or self.solver.kink is None:
+            return None
+        return self.solver.kink / self.equilibrium.slip.factor - 1
+
+
+def factor_of_safety(
+    campaign: Campaign,
+    *,
+    k_h: float | None = None,
+    water: float = 0.0,
+    sample: int | None = None,
+    grid: str = "refined",
+    solver: bool = True,
+    progress: Progress | None = None,
+    announce: Callable[[Safety], None] | None = None,
+) -> Safety:
+    """The factor of safety of a campaign's slope by Spencer's method and by the solver's limit load.
+
+    Both have the same soil, water and earthquake. Limit equilibrium applies to sections and needs xslope.
+
+    Args:
+        campaign: the campaign.
+        k_h: pseudo-static horizontal acceleration over gravity, towards the lower end of the ground, below 0 away from
+            it; None for the scene's own.
+        water: by how much the water level is raised (m).
+        sample: number of the sample whose soil it is, None for median soil.
+        grid: "rough" or "refined", of the solver, and of the field at slip surfaces.
+        solver: whether the limit load is computed, which takes minutes.
+        progress: as for `jaxmpm.factor_of_safety`.
+        announce: called with the result of limit equilibrium before the solver begins.
+
+    Returns:
+        Both factors, with the reasons why they differ.
+
+    Raises:
+        ValueError: an argument does not go with the campaign, or there is no factor at all.
+    """
+    check.finite("water", water, "m")
+    if k_h is not None:
+        check.between("k_h", k_h, -1.0, 1.0)
+        campaign = replace(campaign, run=replace(campaign.run, k_h=k_h))
+    run = campaign.run
+    loads = [f"{name} = {value:g}" for name, value in (("k_h", run.k_h), ("k_v", run.k_v)) if value]
+    loads += [f"water {water:+g} m"] * (water != 0) + ["without its motion"] * (run.motion is not None)
+    if water:
+        campaign = replace(campaign, ground=replace(campaign.site, water=_raised(campaign, water)))
+    soil = random_soil(campaign)
+    if sample is not None and not 0 <= sample < campaign.plan.samples:
+        raise ValueError(f"sample = {sample}: the scene has samples 0 to {campaign.plan.samples - 1}")
+    coefficients = None if sample is None else coefficients_of(campaign, soil)[sample]
+    size = f"{grid} grid, cells of {campaign.grids[grid].cell:g} m"
+    result = Safety("median soil" if sample is None else f"soil of sample {sample}", tuple(loads), size)
+    model = build(campaign, grid, soil, at_rest=False)
+    result = _by_slices(result, model, coefficients)
+    if not solver and result.equilibrium is None:
+        raise ValueError(result.notes[0])
+    if announce is not None:
+        announce(result)
+    return _by_solver(result, model, coefficients, progress) if solver else result
+
+
+def _raised(campaign: Campaign, by: float) -> Any:
+    """The water of a campaign, by so much higher (m); ValueError without any."""
+    water: Any = campaign.site.water
+    if water is None:
+        given = "no [water]" if campaign.site.r_u is None else f"r_u = {campaign.site.r_u:g}, which has no level"
+        remedy = "[water] level, table or depth"
+        if isinstance(campaign.site.shape, Slope):
+            remedy = f"draw the slope as [ground], and give {remedy}"
+        raise ValueError(f"water {by:+g} m: the scene has {given}, so that none can be raised: {remedy}")
+    if isinstance(water, Raster):
+        return replace(water, heights=np.asarray(water.heights) + by)
+    return water + by if isinstance(water, int | float) else tuple((x, z + by) for x, z in water)
+
+
+def _section(campaign: Campaign) -> Section:
+    """The ground of a campaign as a section; ValueError for ground that is none."""
+    shape = campaign.site.shape
+    if isinstance(shape, Slope) and shape.width is None:
+        top = shape.foundation + shape.height
+        corners = [(0, top), (shape.crest, top), (shape.toe_x, shape.foundation), (shape.length, shape.foundation)]
+        return Section(corners)
+    if isinstance(shape, Section):
+        return shape
+    kind = "ground in 3D" if campaign.dimension == 3 else f"a {type(shape).__name__} of one's own"
+    raise ValueError(f"limit equilibrium is for sections, not for {kind}: the solver's limit load stands alone")
+
+
+def _by_slices(result: Safety, model: GridModel, coefficients: np.ndarray | None) -> Safety:
+    """The result with the factor by limit equilibrium, or a note why there is none."""
+    start, campaign = time.perf_counter(), model.campaign
+    site = campaign.site
+    try:
+        shape, layers = _section(campaign), site.soils(campaign.soil)
+        scene = _with_soil(model, coefficients)
+        table: Any = scene.water
+        water = None if table is None else np.stack([np.asarray(table.x, float), np.asarray(table.z, float)], axis=1)
+        slices = Slices.of(
+            shape, _weighed(layers, model, scene), water=None if water is None else water.tolist(), r_u=site.r_u,
+            k_h=campaign.run.k_h, k_v=campaign.run.k_v, rock=[number for number, each in enumerate(site.layers) if each.rock],
+            strength=_strength(model, scene),
+        )  # fmt: skip
+        result = replace(result, shape=shape, layers=tuple(layers), water=water)
+        critical = critical_surface(slices)
+    except ValueError as error:
+        return replace(result, notes=(str(error),))
+    return replace(result, equilibrium=critical, seconds=time.perf_counter() - start)
+
+
+def _with_soil(model: GridModel, coefficients: np.ndarray | None) -> Scene:
+    """Scene of a sample, or of median soil, whose stress nobody asks for."""
+    return jaxmpm.with_soil(model.scene, jaxmpm.unstressed(model.scene), **model.varied(coefficients))[0]
+
+
+def _weighed(layers: Sequence[Layer], model: GridModel, scene: Scene) -> list[Layer]:
+    """The layers with the mean weight that a sample's soil has in each."""
+    if "unit_weight" not in model.names:
+        return list(layers)
+    particles = scene.particles
+    weight = model.campaign.run.gravity * np.asarray(particles.mass, float) / np.asarray(particles.volume, float)
+    number = np.zeros(weight.size, int) if model.layer is None else model.layer
+    return [
+        replace(layer, soil=replace(cast(Any, layer.soil), unit_weight=float(weight[number == k].mean())))
+        for k, layer in enumerate(layers)
+    ]
+
+
+def _strength(model: GridModel, scene: Scene) -> Strength:
+    """Peak strength at the bases of slices, interpolated between particles of the same layer."""
+    known = {name: np.asarray(each.value, float) for name, each in declared(scene.material).items()}
+    count = scene.particles.mass.shape
+    undrained = np.broadcast_to(known.get("strength", np.nan), count)
+    cohesion = np.where(np.isnan(undrained), np.broadcast_to(known.get("cohesion", np.nan), count), undrained)
+    friction = np.broadcast_to(np.rad2deg(known.get("friction", np.nan)), count)
+    friction = np.where(np.isnan(undrained), friction, 0.0)
+    position = np.asarray(scene.particles.position, float).T
+    number = np.zeros(count, int) if model.layer is None else model.layer
+    trees = {layer: (cKDTree(position[number == layer]), number == layer) for layer in np.unique(number).tolist()}
+
+    def at(x: np.ndarray, z: np.ndarray, layer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        values = np.full((2, x.size), np.nan)  # in a layer too thin for particles
+        for each in trees.keys() & set(layer.tolist()):
+            tree, own = trees[each]
+            here = layer == each
+            neighbours = min(NEIGHBOURS, tree.n)
+            distance, nearest = tree.query(np.stack([x, z], axis=1)[here], k=[*range(1, neighbours + 1)])
+            weight = 1 / np.maximum(distance, 1e-9) ** 2
+            weight /= weight.sum(axis=1, keepdims=True)
+            values[:, here] = [(quantity[own][nearest] * weight).sum(axis=1) for quantity in (cohesion, friction)]
+        return values[0], values[1]
+
+    return at
+
+
+def _by_solver(
+    result: Safety, model: GridModel, coefficients: np.ndarray | None, progress: Progress | None
+) -> Safety:
+    """The result with the solver's factor, or a note why there is none; ValueError where there is neither."""
+    campaign = model.campaign
+    state = jaxmpm.at_rest(model.scene, apic=campaign.grids[model.grid].apic)
+    scene, state = replace(model, state=state).of_sample(coefficients)
+    # A factor of safety is of a steady load.
+    scene = replace(scene, motion=None)
+    middle = 1.0 if result.equilibrium is None else result.equilibrium.slip.factor
+    bracket = (round(min(0.5, middle / 2), 2), round(max(3.0, 2 * middle), 2))
+    try:
+        answer = limit_load_factor(campaign, scene, state, bracket=bracket, progress=progress)
+    except (ValueError, FloatingPointError) as error:
+        if result.equilibrium is None:
+            raise
+        return replace(result, notes=(*result.notes, f"the solver gives no factor of safety: {error}"))
+    assert answer.kink is not None
+    beyond = jaxmpm.reduced(scene, answer.kink * (1 + BESIDE))
+    moving = jaxmpm.solve(
+        beyond, state, t_end=campaign.run.t_end, settle=jaxmpm.Settle(), stop_at=campaign.site.height / 4
+    )
+    result = replace(result, solver=answer, failing=(beyond, moving.state))
+    return replace(result, reasons=tuple(_reasons(result, model)))
+
+
+def _reasons(result: Safety, model: GridModel) -> Iterator[str]:
+    """Why the solver's factor is higher, or lower, than that of limit equilibrium, where they are far apart."""
+    if result.difference is None or abs(result.difference) <= APART:
+        return
+    campaign, numerics = model.campaign, model.campaign.grids[model.grid]
+    site, higher = campaign.site, result.difference > 0
+    soils: list[Any] = [each.soil for each in site.soils(campaign.soil)]
+    cells = site.height / numerics.cell
+    if higher and cells < CELLS_HIGH:
+        yield f"the slope is {cells:.3g} cells high, and coarse cells resist: halve cell and spacing"
+    if higher and not numerics.fbar and any(getattr(soil, "strength", None) is not None for soil in soils):
+        yield "clay on cells without F-bar locks and resists too much: give the grid fbar = true"
+    thin = [
+        each.name
+        for each, thickness in zip(site.layers, site.thicknesses, strict=True)
+        if thickness.too_thin(numerics.cell)
+    ]
+    if higher and thin:
+        yield f"{', '.join(thin)} is thinner than its cells resolve, and too strong there: take smaller cells"
+    if not higher and any(soil.softens for soil in soils if hasattr(soil, "softens")):
+        yield "soil softens in the solver, while limit equilibrium has its peak strength on the whole surface"
+    if not higher and any(getattr(soil, "friction", None) and not soil.dilation for soil in soils):
+        yield "the solver's soil does not dilate by its friction angle, which limit equilibrium takes no account of"
+    assert result.equilibrium is not None
+    if result.equilibrium.slip.thickness < 2 * SHALLOWEST * site.height:
+        yield (
+            f"the critical surface is {result.equilibrium.slip.thickness:.2g} m deep, a skin of the face that the "
+            f"solver's {failing_volume(campaign):g} m2 of failing soil leaves out"
+        )
+    if result.solver is not None and (result.solver.sharpness or 0) < 5:
+        yield "displacement grows evenly with R, and its kink is no sharp limit load"
