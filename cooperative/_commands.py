@@ -292,7 +292,9 @@ def parser() -> argparse.ArgumentParser:
     draws.add_argument("--out", type=Path, help="PNG, PDF, SVG or in 3D HTML to write (beside the scene)")
     draws.add_argument("--sample", type=int, default=0, help="whose field is drawn (%(default)s)")
     factors = command("fos", stability, "scene")
-    factors.add_argument("--k-h", type=float, help="horizontal acceleration over gravity, towards the toe (the scene's)")
+    factors.add_argument(
+        "--k-h", type=float, help="horizontal acceleration over gravity, towards the toe (the scene's)"
+    )
     factors.add_argument("--water", type=float, default=0.0, metavar="METRES", help="raise the water level by so much")
     factors.add_argument("--sample", type=int, help="a sample's soil instead of the median")
     factors.add_argument("--grid", choices=GRIDS, default="refined", help="grid of the solver (%(default)s)")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import importlib.util
 import math
 import os
 import platform
@@ -25,6 +26,12 @@ _TIMED = "NVIDIA H100"
 """Devices beside the CPU that campaigns have been timed on (docs/published-study.md)."""
 
 
+EXTRAS = {
+    "equilibrium": ("xslope",),
+}
+"""Packages of each extra that commands ask for."""
+
+
 def installation() -> Iterator[tuple[str, str]]:
     """Names and values: versions, engine, compiler, cores, devices, precision."""
     yield "jaxmpm", f"{mpm.__version__} in {os.path.dirname(mpm.__file__)}"
@@ -41,6 +48,9 @@ def installation() -> Iterator[tuple[str, str]]:
     compiler = next(filter(None, map(shutil.which, ("c++", "g++", "clang++"))), None)
     yield "C++ compiler", compiler or "none on the path"
     yield "cores", f"{len(cores_to_use())} of {os.cpu_count()}"
+    for extra, packages in EXTRAS.items():
+        missing = [name for name in packages if importlib.util.find_spec(name) is None]
+        yield f"extra {extra}", f"not installed: pip install {' '.join(missing)}" if missing else "installed"
     for device in jax.devices():
         known = device.platform == "cpu" or device.device_kind.startswith(_TIMED)
         untimed = "" if known else " (the solver runs here, untimed)"

@@ -1,4 +1,4 @@
-"""Seconds that the factor of safety of the demo takes by limit equilibrium, as `jaxmpm fos demo.toml --quick` has it."""
+"""Seconds of the demo's factor of safety by limit equilibrium, as `jaxmpm fos demo.toml --quick` has it."""
 
 from __future__ import annotations
 

@@ -47,7 +47,12 @@ def write_inputs(known: Sequence[Case]) -> None:
     """Write what xslope is given of each slope into benchmarks/data/limit_equilibrium."""
     INPUTS.mkdir(exist_ok=True)
     for case in known:
-        text = json.dumps(safety.inputs(case.shape, layers_of(case), **case.loads), default=lambda shape: shape.wkt, indent=1) + "\n"
+        text = (
+            json.dumps(
+                safety.inputs(case.shape, layers_of(case), **case.loads), default=lambda shape: shape.wkt, indent=1
+            )
+            + "\n"
+        )
         write_aside(INPUTS / f"{case.name.replace('/', ' of ')}.json", text.encode())
 
 

@@ -133,10 +133,10 @@ def _raised(campaign: Campaign, by: float) -> Any:
     water: Any = campaign.site.water
     if water is None:
         given = "no [water]" if campaign.site.r_u is None else f"r_u = {campaign.site.r_u:g}, which has no level"
-        remedy = "[water] level, table or depth"
+        remedy = "give [water] a level, a table or a depth"
         if isinstance(campaign.site.shape, Slope):
-            remedy = f"draw the slope as [ground], and give {remedy}"
-        raise ValueError(f"water {by:+g} m: the scene has {given}, so that none can be raised: {remedy}")
+            remedy = f"draw the slope as [ground], and {remedy}"
+        raise ValueError(f"water {by:+g} m: the scene has {given}, so none can be raised: {remedy}")
     if isinstance(water, Raster):
         return replace(water, heights=np.asarray(water.heights) + by)
     return water + by if isinstance(water, int | float) else tuple((x, z + by) for x, z in water)
@@ -166,8 +166,8 @@ def _by_slices(result: Safety, model: GridModel, coefficients: np.ndarray | None
         water = None if table is None else np.stack([np.asarray(table.x, float), np.asarray(table.z, float)], axis=1)
         slices = Slices.of(
             shape, _weighed(layers, model, scene), water=None if water is None else water.tolist(), r_u=site.r_u,
-            k_h=campaign.run.k_h, k_v=campaign.run.k_v, rock=[number for number, each in enumerate(site.layers) if each.rock],
-            strength=_strength(model, scene),
+            k_h=campaign.run.k_h, k_v=campaign.run.k_v, strength=_strength(model, scene),
+            rock=[number for number, each in enumerate(site.layers) if each.rock],
         )  # fmt: skip
         result = replace(result, shape=shape, layers=tuple(layers), water=water)
         critical = critical_surface(slices)
@@ -221,9 +221,7 @@ def _strength(model: GridModel, scene: Scene) -> Strength:
     return at
 
 
-def _by_solver(
-    result: Safety, model: GridModel, coefficients: np.ndarray | None, progress: Progress | None
-) -> Safety:
+def _by_solver(result: Safety, model: GridModel, coefficients: np.ndarray | None, progress: Progress | None) -> Safety:
     """The result with the solver's factor, or a note why there is none; ValueError where there is neither."""
     campaign = model.campaign
     state = jaxmpm.at_rest(model.scene, apic=campaign.grids[model.grid].apic)

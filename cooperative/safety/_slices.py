@@ -51,9 +51,11 @@ def installed() -> bool:
 def module(name: str) -> Any:
     """A module of xslope. Raises ValueError where the package, or what it needs, is not installed."""
     try:
+        importlib.import_module("xslope")
         return importlib.import_module(f"xslope.{name}")
     except ModuleNotFoundError as error:
-        raise ValueError(f"limit equilibrium needs {error.name}: pip install xslope") from error
+        lacking = (error.name or "xslope").partition(".")[0]
+        raise ValueError(f"limit equilibrium needs {lacking}: pip install xslope") from error
 
 
 def zones(shape: Section, layers: Sequence[Layer]) -> Iterator[tuple[int, shapely.Polygon]]:
@@ -163,7 +165,9 @@ def inputs(
         "polygons": polygons,
         "ground_surface": ground,
         "domain_polygon": domain,
-        "materials": [_material(number, layer, u, r_u, rock=number in rock, weighs=1 - k_v) for number, layer in enumerate(layers)],
+        "materials": [
+            _material(number, layer, u, r_u, rock=number in rock, weighs=1 - k_v) for number, layer in enumerate(layers)
+        ],
         "piezo_line": [tuple(point) for point in water or ()],
         "gamma_water": WATER_WEIGHT * KILO,
         "water_loads": "auto",

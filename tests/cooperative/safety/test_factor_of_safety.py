@@ -1,0 +1,170 @@
+"""The factor of safety at once: Spencer's method against published factors, and the command."""
+
+import json
+import re
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.sites import slopes
+from benchmarks.sites.limit_equilibrium import layers_of
+from cooperative import safety
+from cooperative.__main__ import main
+from cooperative.runs import build, coefficients_of, random_soil
+from cooperative.safety import _factor
+from cooperative.scene import example, parse
+from jaxmpm.run import FactorOfSafety
+
+pytest.importorskip("xslope.slice")
+
+BY_SPENCER = {"ACADS 1a": 0.984, "ACADS 3a": 1.252, "Published section": 1.142}
+"""Published factors by Spencer's method, of slip circles in clay; 3a is 1.246 to 1.258."""
+CUT = """
+name = "cut in two clays"
+[ground]
+surface = [[0, 12], [20, 12], [36, 4], [60, 4]]
+[water]
+level = 5.0
+[[layer]]
+name = "crust"
+depth = 3.0
+unit_weight = 19e3
+young = 1e8
+poisson = 0.3
+cohesion = 4e3
+friction = 30.0
+[[layer]]
+name = "clay"
+bottom = [[0, 1], [60, 1]]
+unit_weight = 18e3
+young = 5e7
+poisson = 0.3
+[layer.strength]
+mean = 22e3
+cov = 0.3
+trend = 1.5e3
+trend_from = 12.0
+length = [30.0, 3.0]
+[[layer]]
+name = "rock"
+rock = true
+unit_weight = 24e3
+young = 2e8
+poisson = 0.25
+[rough]
+cell = 2.0
+spacing = [1.0, 1.0]
+[refined]
+cell = 1.0
+spacing = [0.5, 0.5]
+[campaign]
+samples = 10
+"""
+
+
+@pytest.mark.parametrize("name", BY_SPENCER)
+def test_critical_surfaces_have_the_published_factor(name):
+    [case] = [case for case in slopes.cases() if case.name == name]
+    answer = safety.critical_surface(safety.Slices.of(case.shape, layers_of(case), **case.loads))
+    assert abs(answer.slip.factor / BY_SPENCER[name] - 1) < 0.01
+    assert answer.slip.factor <= answer.circle.factor
+
+
+def test_slices_have_the_strength_of_the_particles():
+    campaign = parse(CUT)
+    soil = random_soil(campaign)
+    model = build(campaign, "refined", soil, at_rest=False)
+    coefficients = coefficients_of(campaign, soil)[2]
+    scene = _factor._with_soil(model, coefficients)
+    clay = model.layer == 1
+    x, z = np.asarray(scene.particles.position, float)[:, clay]
+    cohesion, friction = _factor._strength(model, scene)(x, z, np.full(x.size, 1))
+    assert np.allclose(cohesion, np.asarray(model.strength(coefficients))[clay], rtol=1e-5)
+    assert not friction.any()
+
+
+def test_a_raised_pool_carries_and_an_earthquake_drives(monkeypatch):
+    circle = safety.Circle(30.0, 22.0, 20.0)
+
+    def of_one_circle(slices):
+        slip = slices.slip(circle)
+        return safety.Critical(slip, slip, 1)
+
+    monkeypatch.setattr(_factor, "critical_surface", of_one_circle)
+    campaign = parse(CUT)
+    given = {"plain": {}, "water": {"water": 2.0}, "k_h": {"k_h": 0.1}, "back": {"k_h": -0.1}}
+    answers = {name: safety.factor_of_safety(campaign, solver=False, **loads) for name, loads in given.items()}
+    factors = {name: answer.equilibrium.slip.factor for name, answer in answers.items()}
+    assert factors["k_h"] < factors["plain"] < min(factors["back"], factors["water"])
+    assert answers["water"].loads == ("water +2 m",)
+
+
+def test_no_surface_enters_rock():
+    slices = safety.Slices.of(campaign_section(), parse(CUT).site.soils(None), water=5.0, rock=[2])
+    slip = slices.slip(safety.Circle(30.0, 22.0, 24.0))
+    assert np.isclose(slip.points[:, 1].min(), 1.0)
+
+
+def campaign_section():
+    return parse(CUT).site.shape
+
+
+def test_the_command_prints_both_factors_and_why_they_differ(tmp_path, monkeypatch, capsys):
+    scene = tmp_path / "demo.toml"
+    scene.write_text(example("demo"))
+
+    def canned(campaign, scene, state, *, bracket, progress):
+        progress([0.5, 3.0], [0.01, 12.0])
+        return FactorOfSafety(1.19, 1.20, ((1.19, 0.1), (1.2, 2.0)), 1.195, 12.0)
+
+    monkeypatch.setattr(_factor, "limit_load_factor", canned)
+    monkeypatch.setattr(_factor.jaxmpm, "solve", lambda scene, state, **_: replace(state_of(state), state=state))
+    assert main(["fos", str(scene), "--grid", "rough"]) == 0
+    printed, progress = capsys.readouterr()
+    assert "displacement at R = 0.5: 0.01 m, 3: 12 m" in progress
+    assert "limit equilibrium  1.09" in printed
+    assert "solver             1.195  limit load, rough grid, cells of 2 m; stands at R = 1.19" in printed
+    assert "the slope is 6 cells high" in printed
+    content = json.loads((tmp_path / "demo-fos" / "fos.json").read_text())
+    assert content["solver"]["kink"] == 1.195
+    assert 0.05 < content["difference"] < 0.15
+    assert (tmp_path / "demo-fos" / "fos.png").stat().st_size > 10_000
+
+
+def state_of(state):
+    from jaxmpm.run import Result
+
+    return Result(state, 1.0)
+
+
+def test_without_xslope_the_solver_stands_alone_and_the_extra_is_named(tmp_path, monkeypatch, capsys):
+    scene = tmp_path / "demo.toml"
+    scene.write_text(example("demo"))
+    monkeypatch.setitem(sys.modules, "xslope", None)
+    monkeypatch.setattr(
+        _factor, "limit_load_factor", lambda *_, **__: FactorOfSafety(1.19, 1.20, ((1.19, 0.1),), 1.195, 12.0)
+    )
+    monkeypatch.setattr(_factor.jaxmpm, "solve", lambda scene, state, **_: state_of(state))
+    assert main(["fos", str(scene), "--grid", "rough"]) == 0
+    printed = capsys.readouterr().out
+    assert "limit equilibrium  none: limit equilibrium needs xslope: pip install xslope" in printed
+    assert "solver             1.195" in printed
+    assert main(["fos", str(scene), "--quick"]) == 2
+    assert "needs xslope" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--water", "+1"], r"the scene has no \[water\], so none can be raised: draw the slope as \[ground\]"),
+        (["--k-h", "1.5"], "k_h = 1.5: give a value above -1 and below 1"),
+        (["--sample", "40"], "sample = 40: the scene has samples 0 to 39"),
+    ],
+)
+def test_what_the_scene_has_not_is_named(arguments, message, tmp_path, capsys):
+    scene = tmp_path / "demo.toml"
+    scene.write_text(example("demo"))
+    assert main(["fos", str(scene), "--quick", *arguments]) == 2
+    assert re.search(message, capsys.readouterr().err)
