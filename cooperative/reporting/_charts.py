@@ -257,8 +257,8 @@ def mode_shares(modes: Mapping[str, ModeShare]) -> Figure:
     for at, (name, share) in enumerate(modes.items()):
         ax.plot([at, at], share.interval, "-_", color="black", lw=1.2, ms=12)
         ax.plot([at], [share.ratio], "o", color=MODE_COLOURS[name], ms=9)
-    ax.set_xticks(range(len(modes)), [f"{name}\n{share.count} runs" for name, share in modes.items()])
-    ax.set(ylabel="share of the failures [-]", xlabel="failure mode [-]", ylim=(0, 1.02))
+    ax.set_xticks(range(len(modes)), [f"{name}\n{share.count}" for name, share in modes.items()])
+    ax.set(ylabel="share of the failures [-]", xlabel="failure mode, runs [-]", ylim=(0, 1.02))
     ax.set_xlim(-0.6, len(modes) - 0.4)
     return figure
 
@@ -305,7 +305,7 @@ def severity(severities: Mapping[str, Sequence[Severity]], labels: Mapping[str, 
     """
     # The summary ranks areas too, which a section has none of.
     severities = {name: ranked for name, ranked in severities.items() if name in labels}
-    figure, axes = _tiled(len(severities), 3, (3.5, 2.4))
+    figure, axes = _tiled(len(severities), 2, (5.2, 2.4))
     for ax, (name, ranked) in zip(axes, severities.items(), strict=True):
         for height, mode in enumerate(reversed(ranked)):
             colour = MODE_COLOURS[mode.group]
@@ -314,4 +314,5 @@ def severity(severities: Mapping[str, Sequence[Severity]], labels: Mapping[str, 
                 ax.plot(mode.interval, [height, height], "-|", color=colour, lw=2.5, ms=9)
         ax.set_yticks(range(len(ranked)), [f"{mode.group} ({mode.count})" for mode in reversed(ranked)])
         ax.set(xlabel=labels[name], ylabel="failure mode (runs) [-]", ylim=(-0.6, len(ranked) - 0.4))
+        ax.set_xmargin(0.08)
     return figure
