@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,11 +12,13 @@ import numpy as np
 import jaxmpm
 from cooperative.scene import Site
 from jaxmpm import Scene
-from jaxmpm.soil import STANDARD_GRAVITY, AnySoil
+from jaxmpm.soil import AnySoil
 
 RATIO, SATURATED = "strength_ratio", "saturated_unit_weight"
 IN_LAW = {RATIO: "strength", SATURATED: "unit_weight"}
 """Parameter of the law, or of the particles, to which each contributes."""
+LEVEL = "water_level"
+"""What `jaxmpm.with_soil` calls the height of the water."""
 
 
 def by_stress(
@@ -42,7 +47,13 @@ def by_stress(
 
 
 def wet_or_dry(
-    scene: Scene, site: Site, soil: AnySoil, layer: np.ndarray, saturated: jax.Array, dry: jax.Array | None
+    scene: Scene,
+    site: Site,
+    soil: AnySoil,
+    layer: np.ndarray,
+    saturated: jax.Array | None,
+    dry: jax.Array | None,
+    level: float | None,
 ) -> jax.Array:
     """Unit weight of soil, saturated below the water table at the start.
 
@@ -51,13 +62,28 @@ def wet_or_dry(
         site: ground of the campaign.
         soil: of the campaign.
         layer: number of the layer that each particle is of (N,).
-        saturated: unit weight of saturated soil (N,) N/m3.
-        dry: that of soil above the table, None takes that of the scene.
+        saturated: unit weight of saturated soil (N,) N/m3, None takes the means.
+        dry: that of soil above the table (N,) N/m3, likewise.
+        level: of the water in this sample (m), None for that of the scene.
 
     Returns:
         (N,) N/m3.
     """
-    particles = scene.particles
-    own = particles.mass / particles.volume * STANDARD_GRAVITY if dry is None else dry
-    has = [getattr(each.soil, SATURATED, None) is not None for each in site.soils(soil)]
-    return jnp.where(jaxmpm.ground.wet(scene) & np.array(has)[layer], saturated, own)
+    soils: list[Any] = [each.soil for each in site.soils(soil)]
+    own = np.array([each.unit_weight for each in soils])[layer]
+    means = np.array([getattr(each, SATURATED, None) or np.nan for each in soils])[layer]
+    if level is not None:
+        water: Any = scene.water
+        scene = replace(scene, water=water.at_level(level))
+    wet = jaxmpm.ground.wet(scene) & np.isfinite(means)
+    return jnp.where(wet, means if saturated is None else saturated, own if dry is None else dry)
+
+
+def wetted(site: Site, soil: AnySoil) -> bool:
+    """Whether weights follow a water level that is random.
+
+    Args:
+        site: ground of the campaign.
+        soil: of the campaign.
+    """
+    return site.level is not None and any(getattr(each.soil, SATURATED, None) is not None for each in site.soils(soil))

@@ -14,7 +14,7 @@ import numpy as np
 import jaxmpm
 import kl
 from cooperative.measure import ColumnPlan, OpenGround
-from cooperative.runs._derived import IN_LAW, RATIO, SATURATED, by_stress, wet_or_dry
+from cooperative.runs._derived import IN_LAW, LEVEL, RATIO, SATURATED, by_stress, wet_or_dry, wetted
 from cooperative.runs._random_soil import RandomSoil
 from cooperative.scene import Campaign, RandomField
 from jaxmpm import Face, Scene, State, with_columns
@@ -107,7 +107,8 @@ class GridModel:
     @property
     def names(self) -> tuple[str, ...]:
         """The parameters of the law that samples differ in: random ones, and those that go with these."""
-        grown = () if self.stress is None else ("strength",)
+        grown = [] if self.stress is None else ["strength"]
+        grown += ["unit_weight"] if wetted(self.campaign.site, self.campaign.soil) else []
         random = tuple(dict.fromkeys(IN_LAW.get(name, name) for name in (*self.campaign.random, *grown)))
         bound = (
             name
@@ -121,19 +122,20 @@ class GridModel:
     def paths(self) -> dict[str, str]:
         """Where `jaxmpm.with_soil` and `solve_each` find the parameters that samples differ in, by name."""
         known = declared(self.scene.material)
-        return {name: known[name].path if name in known else name for name in self.names}
+        own = (*self.names, *(() if self.campaign.site.level is None else (LEVEL,)))
+        return {name: known[name].path if name in known else name for name in own}
 
     @property
     def own_start(self) -> bool:
-        """Whether samples have an initial stress and a time step of their own: where stiffness or weight are random."""
-        return not {"young", "poisson", "unit_weight"}.isdisjoint(self.names)
+        """Whether samples have an initial stress and a time step of their own: random stiffness, weight or water."""
+        return not {"young", "poisson", "unit_weight", LEVEL}.isdisjoint(self.paths)
 
     def refuse_own_start(self) -> None:
         """Raise ValueError where samples have an initial stress of their own, which a gradient would leave out."""
         if self.own_start:
             raise ValueError(
-                f"random are {', '.join(self.names)}, and with stiffness or weight the initial stress, which the "
-                "gradient would leave out: give those as numbers"
+                f"random are {', '.join(self.paths)}, and with stiffness, weight or water the initial stress, which "
+                "the gradient would leave out: give those as numbers"
             )
 
     def parameters(self, coefficients: jax.Array | np.ndarray | None = None) -> dict[str, jax.Array]:
@@ -149,12 +151,20 @@ class GridModel:
             ValueError: another number of them.
         """
         drawn = self._drawn(coefficients)
-        law = {name: self._of_engineers(name, value, inverse=True) for name, value in self._in_law(drawn).items()}
+        numbers = self._in_law(drawn, self.water_level(coefficients))
+        law = {name: self._of_engineers(name, value, inverse=True) for name, value in numbers.items()}
         return law | {name: drawn[name] for name in IN_LAW if name in drawn}
 
     def varied(self, coefficients: jax.Array | np.ndarray | None = None) -> dict[str, jax.Array]:
         """The same as `solve_each` takes them: by path, angles in radians, softening that of the grid's bands."""
-        return {self.paths[name]: value for name, value in self._in_law(self._drawn(coefficients)).items()}
+        level = self.water_level(coefficients)
+        values = {self.paths[name]: value for name, value in self._in_law(self._drawn(coefficients), level).items()}
+        return values if level is None else values | {LEVEL: jnp.asarray(level, self.scene.gravity.dtype)}
+
+    def water_level(self, coefficients: jax.Array | np.ndarray | None = None) -> float | None:
+        """Height (m) of the water of a sample, or of the median one; None where samples do not differ in it."""
+        level = self.campaign.site.level
+        return None if level is None else level.at(0.0 if coefficients is None else float(coefficients[-1]))
 
     def of_sample(self, coefficients: jax.Array | np.ndarray | None = None) -> tuple[Scene, State]:
         """Scene and initial state of a sample, or of the median soil, with its own time step.
@@ -257,14 +267,14 @@ class GridModel:
             for name, random in self.campaign.random.items()
         }
 
-    def _in_law(self, drawn: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+    def _in_law(self, drawn: Mapping[str, jax.Array], level: float | None) -> dict[str, jax.Array]:
         """Numbers (N,) of the law by engineer's name, reduced where calibrated: the one way from soil to particle."""
         numbers = {name: self._of_engineers(name, value) for name, value in drawn.items() if name not in IN_LAW}
         site, soil = self.campaign.site, self.campaign.soil
         layer = np.zeros(self.scene.particles.mass.size, int) if self.layer is None else self.layer
-        if SATURATED in drawn:
-            weights = drawn[SATURATED], drawn.get("unit_weight")
-            numbers["unit_weight"] = wet_or_dry(self.scene, site, soil, layer, *weights)
+        if SATURATED in drawn or wetted(site, soil):
+            weights = drawn.get(SATURATED), drawn.get("unit_weight")
+            numbers["unit_weight"] = wet_or_dry(self.scene, site, soil, layer, *weights, level)
         if self.stress is not None:
             grown = by_stress(site, soil, layer, self.stress, drawn.get(RATIO), numbers.get("strength"))
             numbers["strength"] = self._of_engineers("strength", grown)

@@ -77,13 +77,20 @@ class RandomSoil:
 
     Args:
         groups: of parameters that share an expansion.
+        others: coefficients beside those of fields, which come last: the score of a water level.
     """
 
     groups: tuple[Group, ...]
+    others: int = 0
 
     @property
     def modes(self) -> int:
         """Number of a sample's coefficients."""
+        return self.of_fields + self.others
+
+    @property
+    def of_fields(self) -> int:
+        """Number of them that are of fields."""
         return sum(len(group.names) * group.expansion.modes for group in self.groups)
 
     @property
@@ -108,6 +115,7 @@ class RandomSoil:
         """
         if np.shape(sample) != (self.modes,):
             raise ValueError(f"coefficients of shape {np.shape(sample)}: give ({self.modes},), one for each mode")
+        sample = sample[: self.of_fields]
         mine = [group for group in self.groups if group.layer == layer]
         return {name: own for group in mine for name, own in group.coefficients(sample).items()}
 
@@ -137,7 +145,8 @@ def random_soil(campaign: Campaign) -> RandomSoil:
         if layer.own:
             own = {name: field for name, field in layer.random.items() if name in layer.own}
             parts.append(_part(campaign, number, own, site.box_of(number)))
-    return _random_soil(tuple(parts), correlated, campaign.measured.terms)
+    soil = _random_soil(tuple(parts), correlated, campaign.measured.terms)
+    return soil if site.level is None else replace(soil, others=1)
 
 
 Part = tuple[int | None, tuple[tuple[str, RandomField], ...], Box, tuple[tuple[str, tuple[float, ...]], ...]]

@@ -222,6 +222,7 @@ def finished(
     history = result.state.history
     fields: dict[str, np.ndarray] = {}
     decided = model.grid == "refined" and int(result.status) == Status.DECIDED
+    level = model.water_level(coefficients)
     if model.grid in campaign.plan.fields and not decided:
         fields["displacement"] = displacement.astype(np.float32)
         if history is not None:
@@ -254,6 +255,7 @@ def finished(
             mode = failure_mode(*run, geometry, half_size=half, motion=motion, rules=rules)
             row |= mode_row(mode)
             fields["slice_depth"] = mode.depth.astype(np.float32)
+    row |= {} if level is None else {"water_level": level}
     return Sample(
         number=number,
         status=Status(int(result.status)).name,

@@ -217,6 +217,7 @@ def check_campaign(campaign: Campaign) -> None:
             raise ValueError(f"Campaign({argument}={type(value).__name__}(...)): {error}") from error
     run.check(campaign.dimension)
     own_start = [name for name in campaign.random if name in ("young", "poisson", *WEIGHTS)]
+    own_start += [] if campaign.site.level is None else ["water level"]
     if campaign.site.ends == "free field" and own_start:
         raise ValueError(
             f"{own_start[0]} varies beside ends = 'free field', whose columns have the mean soil and its stress at "

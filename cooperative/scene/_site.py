@@ -11,6 +11,7 @@ import numpy as np
 
 from cooperative.measure import Track
 from cooperative.scene._fields import LIMITS, RandomField, Span, StrengthByStress
+from cooperative.scene._level import RandomLevel
 from foundation.text import shown
 from jaxmpm import Discretisation, Ground, Layer, Raster, Scene, State, ground
 from jaxmpm.ground import Thickness
@@ -54,6 +55,7 @@ class Site:
         r_u: ratio of the pore pressure to the overburden, in place of water.
         track: along which run-out is measured, None for along the slide.
         origin: where x = 0 and y = 0 lie in the projection of a terrain's surface (m).
+        level: distribution of the water's level, whose mean `water` then is; None where samples do not differ in it.
     """
 
     shape: Ground
@@ -63,6 +65,7 @@ class Site:
     r_u: float | None = None
     track: Track | None = None
     origin: tuple[float, ...] = (0.0, 0.0)
+    level: RandomLevel | None = None
 
     @property
     def projection(self) -> str | None:

@@ -15,6 +15,7 @@ from cooperative.scene import tables
 from cooperative.scene._campaign import Campaign, Given, Hazard, Plan
 from cooperative.scene._fields import CrossCorrelation
 from cooperative.scene._files import Files
+from cooperative.scene._level import random_level
 from cooperative.scene._run import check_limit_load, run_of
 from cooperative.scene._shaking import motion_of
 from cooperative.scene._site import Site
@@ -66,7 +67,7 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
         source = replace(source, beside={**source.beside, "estimator": {"given": given}})
     ground = _site(scene)
     whole, through, layers = soils_of(scene, height=ground.height, span=ground.span)
-    site = replace(ground, layers=layers)
+    site = replace(ground, layers=layers, level=random_level(scene.water))
     soil, random = site.representative(whole), site.all_random(through)
     if not random:
         raise ValueError(
@@ -237,6 +238,7 @@ def _water(scene: tables.Scene, shape: Section | Terrain) -> tuple[Any, float | 
     ((key, value),) = given.items()
     if key == "r_u":
         return None, value
+    value = value.mean if isinstance(value, tables.Level) else value
     water: Any = shape.lowered(value) if key == "depth" else value
     if not scene.unusual:
         _ask_of_water(f"[water] {key}", water, shape)

@@ -30,6 +30,7 @@ from cooperative import estimate, measure
 from cooperative.estimate import Estimator
 from cooperative.scene._campaign import Campaign, Given, Hazard, Plan
 from cooperative.scene._fields import CrossCorrelation, RandomField
+from cooperative.scene._level import RandomLevel
 from cooperative.scene._run import Run
 from cooperative.scene._site import Site, SiteLayer
 from cooperative.store import Source
@@ -54,7 +55,7 @@ def _offered() -> dict[str, type | FunctionType]:
         for module in OFFER
         for name in module.__all__
     }
-    own = (CrossCorrelation, Hazard, Plan, RandomField, Run, Site, SiteLayer)
+    own = (CrossCorrelation, Hazard, Plan, RandomField, RandomLevel, Run, Site, SiteLayer)
     offered |= {f"cooperative.{each.__name__}": each for each in own}
     return {name: each for name, each in offered.items() if isinstance(each, type | FunctionType)}
 

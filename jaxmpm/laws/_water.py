@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import jax.numpy as jnp
@@ -38,6 +38,10 @@ class WaterTable:
     height: Array
 
     PARAMETERS: ClassVar[Mapping[str, Limit]] = {"unit_weight": above_zero("N/m3"), "height": above_zero("m")}
+
+    def at_level(self, level: Array) -> WaterTable:
+        """The table, level at this height () m."""
+        return replace(self, z=jnp.full_like(self.z, level))
 
     def push(self, position: Array) -> Array:
         """Force per volume -grad u (d, N) N/m3 at positions (d, N) m."""
@@ -76,6 +80,10 @@ class WaterSurface:
     height: Array
 
     PARAMETERS: ClassVar[Mapping[str, Limit]] = {**WaterTable.PARAMETERS, "step": above_zero("m")}
+
+    def at_level(self, level: Array) -> WaterSurface:
+        """The surface, level at this height () m."""
+        return replace(self, heights=jnp.full_like(self.heights, level))
 
     def push(self, position: Array) -> Array:
         """Force per volume -grad u (3, N) N/m3 at positions (3, N) m."""

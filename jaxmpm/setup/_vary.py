@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -19,17 +20,18 @@ from jaxmpm.setup._scene import unstressed
 from jaxmpm.soil import STANDARD_GRAVITY, moduli
 from jaxmpm.types import Scene, State
 
-ENGINEERING = ("young", "poisson", "unit_weight")
-STARTING = {"young", "poisson", "bulk", "shear", "unit_weight"}
-"""Parameters on which time step and initial stress depend."""
+WATER_LEVEL = "water_level"
+ENGINEERING = ("young", "poisson", "unit_weight", WATER_LEVEL)
+STARTING = {"young", "poisson", "bulk", "shear", "unit_weight", WATER_LEVEL}
+"""Parameters on which time step or initial stress depend."""
 
 
 def with_soil(scene: Scene, state: State, **values: ArrayLike) -> tuple[Scene, State]:
     """The scene with other parameters of its soil, and its initial state.
 
-    If stiffness or weight change, the initial stress is solved again (unless there is none), and the time step becomes
-    shorter for faster waves; it never grows, because the scene does not know which speed it allows for. Columns of a
-    free field retain the soil that they were built with.
+    If stiffness, weight or the water's level change, the initial stress is solved again (unless there is none), and the
+    time step becomes shorter for faster waves; it never grows, because the scene does not know which speed it allows
+    for. Columns of a free field retain the soil that they were built with.
 
     Args:
         scene: to vary.
@@ -37,7 +39,7 @@ def with_soil(scene: Scene, state: State, **values: ArrayLike) -> tuple[Scene, S
         **values: numbers or one value per particle (N,), by name: any parameter of the scene's material, one of a part
         with
             a dot, as in `**{"softening.modulus": 85e3}`; young (Pa), poisson, unit_weight (N/m3, of all soil, also
-            below the water table).
+            below the water table), water_level (m, of a level table).
 
     Returns:
         Scene and state.
@@ -84,6 +86,8 @@ def check_names(scene: Scene, names: Collection[str]) -> None:
         raise ValueError(
             f"{unknown} is no parameter of {type(scene.material).__name__}: use some of {[*known, *ENGINEERING]}"
         )
+    if WATER_LEVEL in names and scene.water is None:
+        raise ValueError("water_level is given, and the scene has no water: build it with a level")
     for one, other in (("young", "bulk"), ("young", "shear"), ("poisson", "bulk"), ("poisson", "shear")):
         if one in names and other in names:
             raise ValueError(f"both {one} and {other} are given: give young and poisson, or bulk and shear")
@@ -136,6 +140,9 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
     if "unit_weight" in given:
         mass = given["unit_weight"] / STANDARD_GRAVITY * scene.particles.volume
         varied = replace(varied, particles=replace(scene.particles, mass=mass))
+    if WATER_LEVEL in given:
+        water: Any = scene.water
+        varied = replace(varied, water=water.at_level(given[WATER_LEVEL]))
     if not STARTING & given.keys():
         return varied, state
     if not check.admissible(varied):

@@ -1,7 +1,7 @@
 """The tables of a scene, each declared once: type, unit, range, default, meaning and example of every key."""
 
 from cooperative.scene.tables._campaign import Campaign, Grid, Run
-from cooperative.scene.tables._ground import Ground, Terrain
+from cooperative.scene.tables._ground import Ground, Level, Terrain, Water
 from cooperative.scene.tables._hazard import Hazard
 from cooperative.scene.tables._key import EXTRAS, Table
 from cooperative.scene.tables._motion import UNITS as ACCELERATIONS
@@ -28,6 +28,7 @@ __all__ = [
     "Ground",
     "Hazard",
     "Layer",
+    "Level",
     "LimitLoad",
     "Measured",
     "Motion",
@@ -40,6 +41,7 @@ __all__ = [
     "Table",
     "Terrain",
     "Varying",
+    "Water",
     "first_entry",
     "flat",
     "parts",
