@@ -28,7 +28,7 @@ SLIDES = 3
 SUMMARY = "summary.json"
 CHECKSUM = "checksum"
 """Key of a summary that tells whether it is whole, and of which rows."""
-CONTENT = 8
+CONTENT = 9
 """Of what a summary says, counted up when it says more: one of an earlier version is made anew."""
 MADE_FROM = ("measured.json", "budget.json")
 """Files of a campaign's folder that say what its scene and rows do not."""

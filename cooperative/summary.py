@@ -96,6 +96,7 @@ def summary_of(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -
         failure_displacement=limit,
         least_volume=campaign.run.least_volume,
         settle=campaign.run.settle is not None,
+        annual_frequency=campaign.plan.annual_frequency,
         slide_weights={refined.numbers[at]: float(slides.weight[at]) for at in np.flatnonzero(slides.slid)},
         stands_for={
             number: StandsFor(phases.answers[number], float(phases.weights[number]), float(slides.weight[at]))

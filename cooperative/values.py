@@ -132,6 +132,7 @@ class Summary:
         settle: whether a run ends once it has settled.
         slide_weights: by sample, what each slide stands for.
         stands_for: by sample, what each refined run stands for.
+        annual_frequency: how often a year the scene's trigger comes, None where the scene does not give it.
     """
 
     name: str
@@ -176,6 +177,7 @@ class Summary:
     settle: bool
     slide_weights: Mapping[int, float]
     stands_for: Mapping[int, StandsFor]
+    annual_frequency: float | None
 
     @property
     def estimate(self) -> Estimate:

@@ -10,11 +10,13 @@ from cooperative.measure._consequences import (
 )
 from cooperative.measure._modes import SEVERITY, FailureMode, ModeRules, failure_mode
 from cooperative.measure._onsets import Motion
-from cooperative.measure._places import ColumnPlan, Intensity, Place, Vulnerability, quantity
+from cooperative.measure._places import ColumnPlan, Place, quantity
 from cooperative.measure._track import Track
+from cooperative.measure._vulnerability import PUBLISHED, Intensity, Vulnerability
 
 __all__ = [
     "EDGE",
+    "PUBLISHED",
     "SEVERITY",
     "ColumnPlan",
     "Consequences",

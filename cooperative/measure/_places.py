@@ -5,14 +5,13 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Literal
 
 import numpy as np
 import shapely
 
+from cooperative.measure._vulnerability import Intensity, Vulnerability
 from jaxmpm import Face
 
-Intensity = Literal["thickness", "speed"]
 UNITS: dict[str, tuple[Intensity, float]] = {
     "m": ("thickness", 1.0),
     "cm": ("thickness", 0.01),
@@ -67,44 +66,6 @@ class ColumnPlan:
             inside = np.flatnonzero((edges[1:] > low + TOUCH * self.cell) & (edges[:-1] < high - TOUCH * self.cell))
             slices.append(slice(int(inside[0]), int(inside[-1]) + 1))
         return tuple(slices)
-
-
-@dataclass(frozen=True)
-class Vulnerability:
-    """Share of the value of an element at risk that is lost, 0 to 1, as a function of what comes over it.
-
-    Args:
-        of: "thickness" (m) or "speed" (m/s), the largest at the element.
-        at: ascending values of it.
-        lost: the share at each, between them straight lines; nothing below the first, and beyond the last as there.
-
-    Raises:
-        ValueError: curves that fall or leave [0, 1], and values that do not ascend or are below 0.
-    """
-
-    of: Intensity
-    at: tuple[float, ...]
-    lost: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        unit = {"thickness": "m", "speed": "m/s"}[self.of]
-        if len(self.at) != len(self.lost) or not self.at:
-            raise ValueError(f"a vulnerability curve has {len(self.at)} values and {len(self.lost)} shares: give pairs")
-        if not (np.diff(self.at) > 0).all() or self.at[0] < 0:
-            raise ValueError(f"a vulnerability curve's values {list(self.at)} {unit} do not ascend from 0: order them")
-        for at, lost in zip(self.at, self.lost, strict=True):
-            if not 0 <= lost <= 1:
-                raise ValueError(f"a vulnerability curve loses {lost:g} at {at:g} {unit}: give a share from 0 to 1")
-        for number, fall in enumerate(np.diff(self.lost) < 0):
-            if fall:
-                raise ValueError(
-                    f"a vulnerability curve falls from {self.lost[number]:g} at {self.at[number]:g} {unit} to "
-                    f"{self.lost[number + 1]:g} at {self.at[number + 1]:g} {unit}: what has been lost stays lost"
-                )
-
-    def share(self, intensity: np.ndarray) -> np.ndarray:
-        """Share that is lost at each intensity."""
-        return np.interp(intensity, self.at, self.lost, left=0.0)
 
 
 @dataclass(frozen=True)

@@ -97,6 +97,8 @@ def answer(results: Results) -> Iterator[str]:
         f"{summary.samples} random slopes ran on the rough grid, {summary.refined_runs} of them on the refined one, "
         f"where {summary.failures_refined} failed. {reach(results)}".strip()
     )
+    for line in (sentences.condition(summary), *sentences.at_risk(summary)):
+        yield paragraph(line)
     if not summary.finished:
         yield paragraph(
             f"The campaign has not ended. The results so far are from {summary.samples} of "

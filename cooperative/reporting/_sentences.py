@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 
 from cooperative.estimate import Element, Fits, ModeShare, Spread
 from cooperative.folder import Results
@@ -21,7 +22,8 @@ def words(results: Results) -> str:
         summary.name,
         f"  probability of failure  {summary.probability_of_failure:.3f}  "
         f"({summary.level:.0%} interval {low:.3f} to {high:.3f}; {summary.estimator})",
-        *(f"  {line}" for line in (unseen(summary),) if line),
+        *(f"  {line}" for line in (unseen(summary), condition(summary)) if line),
+        *(f"  at risk        {line}" for line in at_risk(summary)),
     ]
     for method, other in summary.other_estimates.items():
         low, high = other.interval
@@ -46,6 +48,52 @@ def words(results: Results) -> str:
     lines += [f"  note: {note}" for note in summary.notes]
     lines.append(f"  report with figures: {results.store.folder / 'report.html'}")
     return "\n".join(map(printable, lines))
+
+
+def condition(summary: Summary) -> str:
+    """What the probabilities are conditional on, and the annual probability where the trigger has a frequency."""
+    often = summary.annual_frequency
+    if often is None:
+        return (
+            "All probabilities are conditional on the scene: nothing says how often its trigger comes. With [campaign] "
+            "annual_frequency they are annual, too."
+        )
+    low, high = (number(annual(chance, often)) for chance in summary.interval)
+    return (
+        f"The scene's trigger comes {often:g} times a year: the slope fails with an annual probability of "
+        f"{number(annual(summary.probability_of_failure, often))} ({low} to {high})."
+    )
+
+
+def annual(chance: float, often: float) -> float:
+    """Probability of one event or more in a year, of Poisson's process.
+
+    Args:
+        chance: that a trigger leads to the event.
+        often: triggers a year.
+    """
+    return -math.expm1(-often * chance)
+
+
+def at_risk(summary: Summary) -> Iterator[str]:
+    """Each element at risk: how likely it is reached, and what is lost."""
+    often = summary.annual_frequency
+    for name, element in (summary.risk.places if summary.risk else {}).items():
+        if element is None:
+            yield f"{name}: how likely it is reached is not known yet"
+            continue
+        chance, ends = element.reached.probability, element.reached.interval
+        text = f"{name} is reached with probability {at_least(chance, element.reached.at_least)} ({limits(ends)})"
+        if often is not None:
+            text += f", {number(annual(chance, often))} a year"
+        if (loss := element.loss) is not None:
+            text += (
+                f"; of its value {number(loss.value)} the expected loss is "
+                f"{at_least(loss.expected, loss.at_least)}, at most {number(loss.interval[1])}"
+            )
+            if often is not None:
+                text += f"; {number(often * loss.expected)} a year, at most {number(often * loss.interval[1])}"
+        yield text
 
 
 def at_least(value: float, is_least: bool) -> str:

@@ -112,6 +112,8 @@ def critical_surface(slices: Slices) -> Critical:
 def _critical_circle(trials: _Trials) -> Circle:
     """The circle of the least factor, from a search over all of the ground; ValueError where none has one."""
     shape = trials.slices.shape
+    if not shape.relief > 0:
+        raise ValueError(f"no circle {NO_FACTOR}")
     ends = _ends(trials.slices)
     tried = []
     for a, b in combinations(ends, 2):

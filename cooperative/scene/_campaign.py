@@ -56,6 +56,7 @@ class Plan:
         slides: how many failures slide on to their end, drawn along the ranks among all samples; the other refined runs
             end once they have failed, which is all that the probability asks. None lets all failures of the audit
             slide, 0 none.
+        annual_frequency: how often a year the trigger that the scene has comes, None where that is not known.
     """
 
     samples: int
@@ -69,6 +70,7 @@ class Plan:
     fields: tuple[str, ...] = ("refined",)
     modes: tuple[str, ...] = ("refined",)
     slides: int | None = None
+    annual_frequency: float | None = None
 
 
 @dataclass(frozen=True)

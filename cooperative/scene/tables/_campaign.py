@@ -189,3 +189,12 @@ class Campaign(Table):
         30,
         "all",
     )
+    annual_frequency: Annotated[float, Within(Limit(above=0, most=366))] | None = key(
+        "How often a year the scene's trigger comes, such as its water level or its earthquake: 0.01 for once in a "
+        "hundred years. The summary then has annual probabilities and losses, too, of triggers that come at random.",
+        0.01,
+        None,
+        units="per year",
+        otherwise="not known: probabilities are conditional on the scene",
+        synonyms="frequency annual_probability return_period",
+    )

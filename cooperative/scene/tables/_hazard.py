@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from annotated_types import Ge, MaxLen, MinLen
 from pydantic import AfterValidator, PlainValidator, Strict
 from pydantic import model_validator as validates
 
-from cooperative.measure import Intensity, Vulnerability, quantity
+from cooperative.measure import PUBLISHED, Intensity, Vulnerability, quantity
 from cooperative.scene.tables._key import FromZero, Metres, Number, Pair, Table, key
 from foundation.text import shown
 
@@ -27,6 +27,11 @@ Quantity = Annotated[
     tuple[Intensity, float], PlainValidator(lambda value: quantity("", value), json_schema_input_type=str)
 ]
 """What a text measures, thickness or speed, and how much of it (m, m/s)."""
+
+
+_NAMES = " or ".join(f'"{name}"' for name in PUBLISHED)
+Pairs = Annotated[tuple[Annotated[tuple[Quantity, Number], Strict(False)], ...], Strict(False)]
+Curve = Pairs | Literal["totschnig 2011", "papathoma-koehle 2015"]
 
 
 class Hazard(Table):
@@ -69,13 +74,14 @@ class Exposed(Table):
         allowed="three or more corners [x, y]",
     )  # fmt: skip
     value: FromZero | None = key("Value of what stands there, in any currency.", 250e3, None)
-    vulnerability: Annotated[tuple[Annotated[tuple[Quantity, Number], Strict(False)], ...], Strict(False)] | None = key(
+    vulnerability: Curve | None = key(
         "Share of the value that is lost, at values of the largest thickness or of the largest speed. The curve has "
-        "straight lines between its points and does not fall.",
+        "straight lines between its points and does not fall. Or the name of a [published "
+        "curve](report.md#published-vulnerability-curves).",
         [["0 m", 0.0], ["1 m", 0.4], ["3 m", 1.0]],
         None,
         units="in each",
-        allowed='pairs such as ["0.5 m", 0.2], a number with its unit and a share from 0 to 1',
+        allowed=f'pairs such as ["0.5 m", 0.2], a number with its unit and a share from 0 to 1, or {_NAMES}',
     )
 
     @validates(mode="after")
@@ -107,6 +113,8 @@ class Exposed(Table):
         """
         if self.vulnerability is None:
             return None
+        if isinstance(self.vulnerability, str):
+            return PUBLISHED[self.vulnerability].curve
         kinds = {of for (of, _), _ in self.vulnerability}
         if len(kinds) != 1:
             raise ValueError(f" vulnerability is of {' and '.join(sorted(kinds)) or 'nothing'}: give one of them")

@@ -1,0 +1,57 @@
+"""Elements at risk in sentences: probabilities, losses, and both a year; published vulnerability curves."""
+
+from types import SimpleNamespace
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from cooperative.estimate import Element, Risk
+from cooperative.estimate._effect_values import ElementLoss, Reached
+from cooperative.measure import PUBLISHED
+from cooperative.reporting import _sentences as sentences
+from cooperative.scene import parse
+from cooperative.scene.tables._hazard import Curve
+from tests.cooperative.campaign.test_campaign import TINY
+
+ROAD = Element(Reached(0.1, (0.04, 0.2), False), None, None, None, ElementLoss(1000.0, 50.0, (10.0, 120.0), False))
+HOUSE = Element(Reached(0.0, (0.0, 0.05), False), None, None, None, None)
+
+
+def summary(often):
+    risk = Risk({"road": ROAD, "house": HOUSE, "mast": None}, None)
+    return SimpleNamespace(annual_frequency=often, risk=risk, probability_of_failure=0.2, interval=(0.1, 0.3))
+
+
+def test_elements_at_risk_have_probability_and_loss_with_their_limits():
+    road, house, mast = sentences.at_risk(summary(None))
+    assert road == (
+        "road is reached with probability 0.1 (0.04 to 0.2); of its value 1000 the expected loss is 50, at most 120"
+    )
+    assert house == "house is reached with probability 0 (at most 0.05)"
+    assert "not known yet" in mast
+    assert "conditional on the scene" in sentences.condition(summary(None))
+
+
+def test_a_frequency_makes_them_annual():
+    road, house, _ = sentences.at_risk(summary(0.01))
+    assert "0.0009995 a year; of its value" in road
+    assert road.endswith("; 0.5 a year, at most 1.2")
+    assert house.endswith(", 0 a year")
+    assert "annual probability of 0.001998 (0.0009995 to 0.002996)" in sentences.condition(summary(0.01))
+    assert parse(TINY + "annual_frequency = 0.01\n").plan.annual_frequency == 0.01
+    with pytest.raises(ValueError, match="annual_frequency = 0"):
+        parse(TINY + "annual_frequency = 0.0\n")
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_published_curves_are_those_of_their_formula(name):
+    exposed = f'[[exposed]]\nname = "house"\nat = [22.5]\nvalue = 1.0\nvulnerability = "{name}"\n'
+    [house] = parse(TINY + exposed).hazard.places
+    curve, depth = PUBLISHED[name], np.array([0.0, 0.55, 1.3, 2.7])
+    assert np.allclose(house.vulnerability.share(depth), 1 - np.exp(-curve.a * (depth / curve.b) ** curve.c), atol=2e-3)
+    assert house.vulnerability.share(np.array([20.0])) > 0.998
+
+
+def test_a_scene_may_name_every_published_curve():
+    assert set(get_args(get_args(Curve)[1])) == set(PUBLISHED)
