@@ -47,7 +47,7 @@ class Interval(NamedTuple):
         value: median.
         low: 2.5 % quantile.
         high: 97.5 % quantile.
-        error: standard deviation.
+        error: standard error, that of a normal distribution with this interval: few draws far out do not count.
     """
 
     value: float
@@ -140,8 +140,11 @@ def fit_field(
     _check(points, values, depth, marginal)
     model = _anchored(Model(points, depth, values, marginal, correlation))
     places = _places(points)
-    grids = [_searched(places, 1 / 6, 10)] if places.shape[1] > 1 else []
-    grids.append(_searched(points[-1:], 1 / 2, 4))
+    grids = []
+    if places.shape[1] > 1:
+        apart = pdist(places.T)
+        grids.append(np.geomspace(apart.min() / 6, 10 * apart.max(), _PER_LENGTH))
+    grids.append(np.geomspace(_spacing(points, places) / 2, 4 * np.ptp(points[-1]), _PER_LENGTH))
     edges = _NUGGETS if nugget is None else np.array([nugget])
 
     def of(lengths: Sequence[float]) -> HostArray:
@@ -152,19 +155,19 @@ def fit_field(
         found = cells(of, grids, edges, model.design(depth, values.size), model.linear(values, depth))
         draws = _drawn(model, found, grids, edges, np.random.default_rng(seed))
         grids = [_narrowed(grid, row) for grid, row in zip(grids, draws.lengths, strict=True)]
-    lengths = [_interval(row) for row in draws.lengths]
+    lengths = [interval_of(row) for row in draws.lengths]
     names = ["horizontal", "vertical"][-len(lengths) :]
     reasons = [_reason(length, grid) for length, grid in zip(lengths, searched, strict=True)]
     unknown = {name: reason for name, reason in zip(names, reasons, strict=True) if reason is not None}
     if len(lengths) == 1:
         unknown["horizontal"] = "all values lie in one sounding, which has no horizontal distances"
     return FieldFit(
-        mean=_interval(draws.mean),
-        trend=None if depth is None else _interval(draws.trend),
-        cov=_interval(draws.cov),
+        mean=interval_of(draws.mean),
+        trend=None if depth is None else interval_of(draws.trend),
+        cov=interval_of(draws.cov),
         vertical=lengths[-1],
         horizontal=lengths[0] if len(lengths) > 1 else None,
-        nugget=_interval(draws.nugget),
+        nugget=interval_of(draws.nugget),
         unknown=unknown,
         draws=draws,
         model=model,
@@ -217,19 +220,23 @@ def _anchored(model: Model) -> Model:
 def _places(points: HostArray) -> HostArray:
     """Horizontal positions (d - 1, k) m of the soundings."""
     upright = points[:-1]
+    if len(upright) == 0:
+        return np.zeros((0, 1))
     kept: list[HostArray] = []
-    for place in np.unique(upright, axis=1).T if len(upright) else []:
+    for place in np.unique(upright, axis=1).T:
         if all(np.linalg.norm(place - other) > SAME_PLACE for other in kept):
             kept.append(place)
-    return np.array(kept).reshape(len(kept), len(upright)).T
+    return np.array(kept).T
 
 
-def _searched(positions: HostArray, least: float, most: float) -> HostArray:
-    """Lengths (m) from a multiple of the least to one of the largest distance between positions (d, n) m."""
-    distinct = np.unique(positions, axis=1)
-    apart = np.diff(distinct[0]) if len(distinct) == 1 else pdist(distinct.T)
-    extent = np.ptp(distinct) if len(distinct) == 1 else apart.max()
-    return np.geomspace(least * apart[apart > 1e-6].min(), most * extent, _PER_LENGTH)
+def _spacing(points: HostArray, places: HostArray) -> float:
+    """Median distance (m) of neighbours (d, n) m in a sounding, of those at places (d - 1, k) m."""
+    steps = []
+    for place in places.T:
+        z = np.unique(points[-1, np.linalg.norm(points[:-1] - place[:, None], axis=0) <= SAME_PLACE])
+        steps.append(np.diff(z))
+    apart = np.concatenate(steps)
+    return float(np.median(apart)) if apart.size else float(np.diff(np.unique(points[-1])).min())
 
 
 def _narrowed(grid: HostArray, draws: HostArray) -> HostArray:
@@ -274,14 +281,19 @@ def _drawn(
     return Draws(mean[kept], trend[kept], cov[kept], nugget[kept], lengths[:, kept], coefficients[:, kept], scale[kept])
 
 
-def _interval(draws: HostArray) -> Interval:
+def interval_of(draws: HostArray) -> Interval:
+    """The 95 % interval of draws.
+
+    Args:
+        draws: (K,) of a parameter.
+    """
     low, value, high = np.quantile(draws, [0.025, 0.5, 0.975])
-    return Interval(float(value), float(low), float(high), float(draws.std()))
+    return Interval(float(value), float(low), float(high), float(high - low) / 3.92)
 
 
 def _reason(interval: Interval, searched: HostArray) -> str | None:
     """Why a length is unknown, None where it is known."""
-    if interval.high / interval.low <= _WIDEST and interval.low > searched[1]:
+    if interval.high / interval.low <= _WIDEST and interval.low > searched[1] and interval.high < searched[-2]:
         return None
     return (
         f"the data allow {interval.low:.2g} to {interval.high:.2g} m of the {searched[0]:.2g} to {searched[-1]:.2g} m "

@@ -45,11 +45,13 @@ class Conditioning:
         mean: (M,) coefficients of the kriged field.
         basis: (M, r) orthonormal directions that the data constrain.
         shrink: (r,) in [0, 1], share of the deviation along each direction that the data remove.
+        gain: (M, n), which the scores of the data are multiplied by for the mean.
     """
 
     mean: Array
     basis: Array
     shrink: Array
+    gain: Array
 
 
 def mode_matrix(expansion: Expansion, points: ArrayLike) -> Array:
@@ -152,8 +154,9 @@ def condition_on(matrix: ArrayLike, values: Values, *, error: Values = 0.0) -> C
     constrained = removed > _NOTHING
     basis = gain @ (turns[:, constrained] / np.sqrt(removed[constrained]))
     shrink = 1 - np.sqrt(np.maximum(1 - removed[constrained], 0))
-    mean = modes.T @ (directions @ ((directions.T @ values) / shares))
-    return Conditioning(jnp.asarray(mean, real), jnp.asarray(basis, real), jnp.asarray(shrink, real))
+    of_scores = modes.T @ ((directions / shares) @ directions.T)
+    parts = (of_scores @ values, basis, shrink, of_scores)
+    return Conditioning(*(jnp.asarray(part, real) for part in parts))
 
 
 def _require_apart(points: HostArray, extent: HostArray) -> None:
