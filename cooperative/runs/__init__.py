@@ -17,9 +17,10 @@ from cooperative.runs._ground import (
 )
 from cooperative.runs._model import GridModel
 from cooperative.runs._processes import cores_to_use, process_pool
-from cooperative.runs._random_soil import RandomSoil, coefficients_of, phases_of, random_soil, samples_of, sampling_of
+from cooperative.runs._random_soil import RandomSoil, random_soil
 from cooperative.runs._restart import Frames
 from cooperative.runs._samples import COLUMNS, finished, run_samples
+from cooperative.runs._sampling import coefficients_of, phases_of, samples_of, sampling_of
 from cooperative.runs._size import Cost, GridSize, check_coefficients, check_size, cost_of, grid_size
 from cooperative.runs._stopping import Stop, Stopped, stop_by_signals
 

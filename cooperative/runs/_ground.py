@@ -21,8 +21,8 @@ from pydantic import ConfigDict, TypeAdapter, with_config
 
 from cooperative.measure import ColumnPlan
 from cooperative.runs._model import GridModel
-from cooperative.runs._random_soil import samples_of
 from cooperative.runs._samples import COLUMNS
+from cooperative.runs._sampling import samples_of
 from cooperative.store import Record, Rows, Store, read_rows
 from foundation import files, hdf5
 from jaxmpm import Face

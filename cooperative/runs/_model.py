@@ -263,7 +263,7 @@ class GridModel:
         sample = np.zeros(self.soil.modes) if coefficients is None else coefficients
         own = {group.layer: self.soil.coefficients(sample, group.layer) for group in self.soil.groups}
         return {
-            name: self._values(random, name, {layer: each[name] for layer, each in own.items() if name in each})
+            name: self._values(random, name, {layer: each[name] for layer, each in own.items() if name in each}, sample)
             for name, random in self.campaign.random.items()
         }
 
@@ -308,18 +308,19 @@ class GridModel:
         return value / scale if inverse else value * scale
 
     def _values(
-        self, random: RandomField, name: str, coefficients: Mapping[int | None, jax.Array | np.ndarray]
-    ) -> jax.Array:
-        """A parameter at the particles (N,), of the coefficients of its fields by the layer at which they stop."""
+        self, random: RandomField, name: str, coefficients: Mapping[int | None, jax.Array | np.ndarray],
+        sample: jax.Array | np.ndarray,
+    ) -> jax.Array:  # fmt: skip
+        """A parameter at the particles (N,) of a sample, of the coefficients of its fields by where they stop."""
         points = self._points(random)
         layers = self.campaign.site.values_of(name, random)
-        marginals = tuple(
-            layer.distribution if isinstance(layer, RandomField) else kl.Normal(layer, 0.0) for layer in layers
-        )
         groups = self.soil.groups_of(name)
         fields = tuple((group.expansion, coefficients[stops], group.inside(points)) for stops, group in groups.items())
         numbers = list(groups)
         of_layer = [number if number in groups else None for number in range(len(layers))]
+        marginals = tuple(
+            self.soil.marginal(layer, name, sample, stops) for layer, stops in zip(layers, of_layer, strict=True)
+        )
         which = tuple(numbers.index(stops) if stops in groups else 0 for stops in of_layer)
         return _values(fields, which, marginals, self.growth[name], self.layer)
 

@@ -1,7 +1,5 @@
 """The random parameters of a scene's soil, their expansions, and which coefficients are whose.
 
-Samples are here as the campaign's estimator draws and sees them.
-
 Parameters that correlate share an expansion and are made from independent fields of it; their borehole values condition
 all of them together, since a value of one tells of the others.
 """
@@ -18,12 +16,13 @@ import jax.numpy as jnp
 import numpy as np
 
 import kl
-from cooperative.estimate import Phases, Sampling
-from cooperative.scene import Campaign, CrossCorrelation, Given, RandomField
-from cooperative.store import Rows
+from cooperative.scene import Campaign, CrossCorrelation, RandomField
+from kl.marginal import Marginal
 
 Box = tuple[tuple[float, ...], tuple[float, ...]]
 """Lowest corner and edges (d,) m."""
+BESIDE = 0.5
+"""Distance (m) beyond ground or layer up to which a borehole value is at its edge: elevations differ by survey."""
 ROUNDING = 2e-5
 """Of the share of the variance that modes hold, with eigenvalues in single precision on two machines."""
 REMEDY = "delete the folder's measured.json, or its field_modes.json, whose samples are then those of this machine"
@@ -41,6 +40,8 @@ class Group:
         conditioning: of all their coefficients, None without borehole values.
         layer: number of the one at which their fields stop, None where they go through all.
         indices: (P M,) which of a sample's coefficients these are, None for all of them in their order.
+        measured: fields and their borehole values, less the trend, where a sample's own mean shifts the scores of
+            these; none where all means are known.
     """
 
     names: tuple[str, ...]
@@ -50,12 +51,27 @@ class Group:
     conditioning: kl.field.Conditioning | None
     layer: int | None = None
     indices: np.ndarray | None = None
+    measured: tuple[tuple[str, RandomField, np.ndarray], ...] = ()
 
-    def coefficients(self, sample: jax.Array | np.ndarray) -> dict[str, jax.Array | np.ndarray]:
-        """The coefficients (M,) of each parameter's field, of the sample's (modes,)."""
+    def coefficients(
+        self, sample: jax.Array | np.ndarray, drawn: Mapping[str, Marginal] = MappingProxyType({})
+    ) -> dict[str, jax.Array | np.ndarray]:
+        """The coefficients (M,) of each parameter's field.
+
+        Args:
+            sample: (modes,) of the sample.
+            drawn: marginals of the sample by parameter, of those whose mean is uncertain.
+        """
         own = sample if self.indices is None else jnp.asarray(sample)[self.indices]
-        if self.conditioning is not None:
-            own = kl.conditioned(self.conditioning, own)
+        conditioning = self.conditioning
+        if conditioning is not None:
+            if self.measured:
+                scores = [
+                    drawn.get(name, field.distribution).standardise(jnp.asarray(at))
+                    for name, field, at in self.measured
+                ]
+                conditioning = replace(conditioning, mean=conditioning.gain @ jnp.concatenate(scores))
+            own = kl.conditioned(conditioning, own)
         if self.root is None:
             return {self.names[0]: own}
         fields = jnp.asarray(own).reshape(len(self.names), -1)
@@ -78,10 +94,13 @@ class RandomSoil:
     Args:
         groups: of parameters that share an expansion.
         others: coefficients beside those of fields, which come last: the score of a water level.
+        uncertain: fields whose mean and coefficient of variation each sample draws, with the layer at which they stop;
+            the first coefficients of a sample, two for each, are their scores.
     """
 
     groups: tuple[Group, ...]
     others: int = 0
+    uncertain: tuple[tuple[int | None, str, RandomField], ...] = ()
 
     @property
     def modes(self) -> int:
@@ -91,7 +110,34 @@ class RandomSoil:
     @property
     def of_fields(self) -> int:
         """Number of them that are of fields."""
-        return sum(len(group.names) * group.expansion.modes for group in self.groups)
+        modes = sum(len(group.names) * group.expansion.modes for group in self.groups)
+        return modes + 2 * len(self.uncertain)
+
+    def scores(self, sample: jax.Array | np.ndarray, layer: int | None) -> dict[str, jax.Array]:
+        """Scores (2,) of mean and coefficient of variation of each uncertain field that stops at a layer.
+
+        Args:
+            sample: (modes,) of the sample.
+            layer: number of the one at which the fields stop, None for those that go through all.
+        """
+        pairs = jnp.asarray(sample)[: 2 * len(self.uncertain)].reshape(-1, 2)
+        return {name: own for (stops, name, _), own in zip(self.uncertain, pairs, strict=True) if stops == layer}
+
+    def marginal(
+        self, field: RandomField | float, name: str, sample: jax.Array | np.ndarray, stops: int | None
+    ) -> Marginal:
+        """The marginal of a parameter in a layer, that of the sample where its mean is uncertain.
+
+        Args:
+            field: of the parameter there, or its number where it does not vary.
+            name: of the parameter.
+            sample: (modes,) of the sample.
+            stops: number of the layer at which the field stops, None where it goes through all.
+        """
+        if not isinstance(field, RandomField):
+            return kl.Normal(field, 0.0)
+        scores = self.scores(sample, stops).get(name)
+        return field.drawn(scores) if scores is not None and field.uncertain else field.distribution
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -117,7 +163,9 @@ class RandomSoil:
             raise ValueError(f"coefficients of shape {np.shape(sample)}: give ({self.modes},), one for each mode")
         sample = sample[: self.of_fields]
         mine = [group for group in self.groups if group.layer == layer]
-        return {name: own for group in mine for name, own in group.coefficients(sample).items()}
+        scores = self.scores(sample, layer)
+        drawn = {name: field.drawn(scores[name]) for stops, name, field in self.uncertain if stops == layer}
+        return {name: own for group in mine for name, own in group.coefficients(sample, drawn).items()}
 
     def groups_of(self, parameter: str) -> Mapping[int | None, Group]:
         """The groups that a parameter is of, by the layer at which their fields stop."""
@@ -183,7 +231,11 @@ def _random_soil(
         _group(part, names, correlated, count)
         for (part, names), count in zip(members, counts or (None,) * len(members), strict=True)
     ]
-    return RandomSoil(tuple(groups if len(groups) == 1 else _placed(groups)))
+    uncertain = tuple((part[0], name, field) for part in parts for name, field in part[1] if field.uncertain)
+    return RandomSoil(
+        tuple(groups if len(groups) == 1 and not uncertain else _placed(groups, 2 * len(uncertain))),
+        uncertain=uncertain,
+    )
 
 
 def _members(part: Part, correlated: CrossCorrelation | None) -> list[tuple[str, ...]]:
@@ -194,8 +246,8 @@ def _members(part: Part, correlated: CrossCorrelation | None) -> list[tuple[str,
     return sorted(members, key=lambda group: min(map(names.index, group)))
 
 
-def _placed(groups: list[Group]) -> list[Group]:
-    """The groups with their indices among a sample's coefficients, those of most variance first.
+def _placed(groups: list[Group], first: int) -> list[Group]:
+    """The groups with their indices among a sample's coefficients, from `first` on, those of most variance first.
 
     A design that spreads its first dimensions best serves all groups alike.
     """
@@ -203,7 +255,8 @@ def _placed(groups: list[Group]) -> list[Group]:
     rank = np.argsort(np.argsort(-np.concatenate(shares), kind="stable"), kind="stable")
     ends = np.cumsum([0, *(share.size for share in shares)])
     return [
-        replace(group, indices=rank[start:end]) for group, start, end in zip(groups, ends[:-1], ends[1:], strict=True)
+        replace(group, indices=first + rank[start:end])
+        for group, start, end in zip(groups, ends[:-1], ends[1:], strict=True)
     ]
 
 
@@ -212,7 +265,11 @@ def _group(part: Part, names: tuple[str, ...], correlated: CrossCorrelation | No
     try:
         expansion = _expansion(fields[names[0]], box, count)
         root = None if correlated is None or names != correlated.parameters else correlated.gaussian_root(fields)
-        return Group(names, expansion, box, root, _conditioning(names, fields, expansion, root, depths), layer)
+        known = [(name, fields[name]) for name in names if fields[name].boreholes is not None]
+        measured = tuple((name, field, _without_trend(field, depths[name])) for name, field in known)
+        conditioning = _conditioning(names, measured, expansion, box, root)
+        shifted = measured if any(field.uncertain for _, field in known) else ()
+        return Group(names, expansion, box, root, conditioning, layer, measured=shifted)
     except ValueError as error:
         raise ValueError(f"random {' and '.join(names)}: {error}") from error
 
@@ -230,31 +287,33 @@ def _expansion(field: RandomField, box: Box, count: int | None) -> kl.Expansion:
     return counted
 
 
+def _without_trend(field: RandomField, depths: tuple[float, ...]) -> np.ndarray:
+    """The borehole values (n,) of a field at depths (m), over what its trend multiplies the mean by."""
+    return np.asarray(field.boreholes)[:, -1] / field.grown(np.array(depths))
+
+
 def _conditioning(
     names: tuple[str, ...],
-    fields: Mapping[str, RandomField],
+    measured: tuple[tuple[str, RandomField, np.ndarray], ...],
     expansion: kl.Expansion,
+    box: Box,
     root: np.ndarray | None,
-    depths: Mapping[str, tuple[float, ...]],
 ) -> kl.field.Conditioning | None:
-    """What the borehole values of these parameters, at these depths (m), say of their coefficients together."""
-    weights = np.eye(1) if root is None else root
+    """What the borehole values of these parameters, less the trend, say of their coefficients together."""
+    weights = dict(zip(names, np.eye(1) if root is None else root, strict=True))
     rows, scores, errors = [], [], []
-    for weight, name in zip(weights, names, strict=True):
-        field = fields[name]
-        if field.boreholes is None:
-            continue
+    for name, field, values in measured:
         data = np.asarray(field.boreholes)
-        points = data[:, :-1].T
-        values = data[:, -1] / field.grown(np.array(depths[name]))
         score = np.asarray(field.distribution.standardise(jnp.asarray(values)), float)
         if not np.isfinite(score).all():
             worst = data[int(np.argmin(np.isfinite(score)))]
             raise ValueError(
                 f"the borehole value {worst[-1]:g} at {worst[:-1].tolist()} m cannot occur in {field.distribution}"
             )
-        modes = np.asarray(kl.field.mode_matrix(expansion, points))
-        rows.append(np.kron(weight[None], modes))
+        (corner, extent), at = (np.array(each)[:, None] for each in box), data[:, :-1].T
+        near = np.clip(at, corner, corner + extent)
+        modes = np.asarray(kl.field.mode_matrix(expansion, np.where(np.abs(near - at) <= BESIDE, near, at)))
+        rows.append(np.kron(weights[name][None], modes))
         scores.append(score)
         errors.append(np.full(len(score), field.borehole_error))
     if not rows:
@@ -263,51 +322,3 @@ def _conditioning(
     return kl.field.condition_on(
         matrix.astype(expansion.axes[0].fractions.dtype), np.concatenate(scores), error=np.concatenate(errors)
     )
-
-
-def coefficients_of(campaign: Campaign, soil: RandomSoil) -> np.ndarray:
-    """Coefficients of the scene's samples (samples, modes), by the design that it asks for.
-
-    Args:
-        campaign: the campaign.
-        soil: its random soil.
-    """
-    plan = campaign.plan
-    return np.asarray(plan.coefficients(jax.random.key(plan.seed), plan.samples, soil.modes))
-
-
-def sampling_of(campaign: Campaign) -> Sampling:
-    """The first phase as the campaign's estimator sees it; random fields are expanded when first asked for.
-
-    Args:
-        campaign: the campaign.
-    """
-    return Sampling(
-        campaign.plan.samples,
-        campaign.run.failure_displacement,
-        campaign.plan.screening_stop,
-        modes=lambda: int(random_soil(campaign).modes),
-        draw=lambda: coefficients_of(campaign, random_soil(campaign)),
-    )
-
-
-def samples_of(campaign: Campaign) -> int | None:
-    """Samples of the first phase; None where the estimator of a script, which alone knows, is not here.
-
-    Args:
-        campaign: the campaign.
-    """
-    if isinstance(campaign.estimator, Given):
-        return None
-    return campaign.estimator.rough_runs(sampling_of(campaign))
-
-
-def phases_of(campaign: Campaign, rough: Rows, refined: Rows) -> Phases:
-    """Both phases by the rows of both grids, for the campaign's estimator.
-
-    Args:
-        campaign: the campaign.
-        rough: rows of the rough grid.
-        refined: rows of the refined grid.
-    """
-    return Phases.known(campaign.estimator, sampling_of(campaign), rough.results, refined.results)

@@ -21,7 +21,8 @@ import numpy as np
 
 from cooperative.runs._built import build
 from cooperative.runs._model import GridModel
-from cooperative.runs._random_soil import random_soil, sampling_of
+from cooperative.runs._random_soil import random_soil
+from cooperative.runs._sampling import sampling_of
 from cooperative.scene import TAIL, Campaign, RandomField
 from cooperative.store import GRIDS
 from jaxmpm import Material, Scene, State, Status, advance, block, ground

@@ -3,7 +3,7 @@
 from cooperative.scene._campaign import Campaign, Given, Hazard, Plan
 from cooperative.scene._examples import NAMED, SCHEMA, begin, example, examples, starters, write_example
 from cooperative.scene._fields import TAIL, CrossCorrelation, RandomField
-from cooperative.scene._files import to_toml
+from cooperative.scene._files import to_toml, toml_value
 from cooperative.scene._measured import (
     factors_of_safety,
     failing_volume,
@@ -75,6 +75,7 @@ __all__ = [
     "stored_budget",
     "stored_measured",
     "to_toml",
+    "toml_value",
     "variants",
     "with_measured",
     "with_measured_of_base",

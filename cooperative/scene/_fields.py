@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple, TypeVar
 
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 import kl
 from foundation.check import Limit
@@ -51,6 +52,8 @@ class RandomField:
         borehole_error: deviation of these, in standard deviations of the field.
         trend_from: where depth is 0: at the "surface" of the ground, which follows the face of a cut, at the top of the
             "layer", or at an elevation (m), above which soil has no trend.
+        mean_error: standard error of the mean, by which each sample has its own; 0 for a mean that is known.
+        cov_error: standard error of cov, likewise.
     """
 
     mean: float
@@ -68,6 +71,27 @@ class RandomField:
     boreholes: tuple[tuple[float, ...], ...] | None = None
     borehole_error: float = 0.0
     trend_from: Literal["surface", "layer"] | float = "surface"
+    mean_error: float = 0.0
+    cov_error: float = 0.0
+
+    @property
+    def uncertain(self) -> bool:
+        """Whether each sample has its own mean and coefficient of variation."""
+        return self.mean_error > 0 or self.cov_error > 0
+
+    def drawn(self, scores: Array | np.ndarray) -> Marginal:
+        """The marginal of a sample, of lognormal mean and coefficient of variation.
+
+        Args:
+            scores: (2,) standard normal, of the mean and of the coefficient of variation.
+        """
+        pairs = ((self.mean, self.mean_error), (self.cov, self.cov_error))
+        # Of no error the number stays what it is, to the last bit.
+        mean, cov = (
+            kl.Lognormal(value, error / value).transform(jnp.asarray(score)) if error > 0 else value
+            for (value, error), score in zip(pairs, scores, strict=True)
+        )
+        return self.marginal(mean, cov)
 
     @property
     def distribution(self) -> Marginal:
@@ -110,9 +134,11 @@ class RandomField:
             span: of the ground.
 
         Raises:
-            ValueError: values beyond the limit, a trend that the ground does not have, or boreholes of other axes.
+            ValueError: values beyond the limit, a trend that the ground does not have, boreholes of other axes, or a
+                mean that is uncertain where it cannot be.
         """
         kl.marginal.check_marginal(self.distribution)
+        self._check_errors(where)
         depth = self.deepest(span)
         if self.trend is None and self.trend_from != "surface":
             raise ValueError(f"{where} trend_from = {self.trend_from!r} without a trend: add trend, or leave it out")
@@ -138,6 +164,22 @@ class RandomField:
                 raise ValueError(
                     f"{where} boreholes hold {list(row)}: give {len(self.length) + 1} numbers, the position and the "
                     "value"
+                )
+
+    def _check_errors(self, where: str) -> None:
+        """Raise ValueError for errors of mean and cov that are too large, or of a marginal that cannot have them."""
+        if not self.uncertain:
+            return
+        if self.marginal not in (kl.Lognormal, kl.Normal) or self.nataf:
+            raise ValueError(
+                f"{where} has mean_error or cov_error, which need marginal = 'lognormal' or 'normal' without nataf: "
+                "leave them out"
+            )
+        for name, error, value in (("mean", self.mean_error, self.mean), ("cov", self.cov_error, self.cov)):
+            if error > 2 * value:
+                raise ValueError(
+                    f"{where} {name}_error = {error:g} exceeds twice the {name} of {value:g}: give the standard error "
+                    "in the same unit, or measure more"
                 )
 
 

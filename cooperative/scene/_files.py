@@ -20,6 +20,7 @@ import numpy as np
 
 from cooperative.scene import tables
 from cooperative.scene._shaking import AXES, packed_motion, unpacked_motion
+from cooperative.soundings import read_rows
 from foundation.text import shown
 from jaxmpm import BaseMotion, Raster, read_line, read_motion, read_raster
 
@@ -77,6 +78,15 @@ class Files:
         if not isinstance(points, list):
             raise ValueError(f" = {shown(name)} is no file that was read with the scene: give points [[x, z], ...]")
         return points
+
+    def data(self, name: str) -> list[object]:
+        """Measured values of a file, a row each, likewise."""
+        if self.folder is not None and name not in self.known:
+            self.known[name] = _read(read_rows, self.folder / name)
+        rows = self.known.get(name)
+        if not isinstance(rows, list):
+            raise ValueError(f" = {shown(name)} is no file that was read with the scene: run the scene's own file")
+        return rows
 
     def raster(self, name: str) -> Raster:
         """Heights of a file, likewise."""

@@ -18,7 +18,8 @@ ROOMS = {
     ),
     "kl": "types axis marginal sampling field estimation soil plots",
     "cooperative": (
-        "store measure estimate scene runs values summary folder hazard campaign reporting sweep safety research doctor"
+        "store measure estimate soundings scene runs values summary folder hazard campaign reporting site sweep safety "
+        "research doctor"
     ),
 }
 ENTRANCES = {"cooperative": {"__main__", "_commands"}}

@@ -8,13 +8,16 @@ from cooperative.scene.tables._motion import UNITS as ACCELERATIONS
 from cooperative.scene.tables._motion import Motion
 from cooperative.scene.tables._reading import Schema, first_entry, parts, read, schema_of, table_in, wanted
 from cooperative.scene.tables._scene import SITES, STORED, Scene
-from cooperative.scene.tables._soil import OF_A_FIELD, Layer, Soil, Varying
+from cooperative.scene.tables._soil import OF_A_FIELD, Layer, Soil
 from cooperative.scene.tables._stored import MOST_RUNS, Budget, Calibration, FieldModes, LimitLoad, Measured
 from cooperative.scene.tables._sweep import RECORDS, Scenario, Sweep, flat
+from cooperative.scene.tables._varying import CORRELATIONS, MARGINALS, Varying
 
 __all__ = [
     "ACCELERATIONS",
+    "CORRELATIONS",
     "EXTRAS",
+    "MARGINALS",
     "MOST_RUNS",
     "OF_A_FIELD",
     "RECORDS",

@@ -10,6 +10,7 @@ from annotated_types import GroupedMetadata, Interval, MinLen
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Discriminator,
     Field,
@@ -181,6 +182,18 @@ Line = Annotated[
     Field(json_schema_extra={"allowed": "points [[x, z], ...], or the name of a file"}),
 ]
 """Points [x, z] (m), also by the name of a file: the context, `scene._files.Files`, has them."""
+
+
+def _data(value: object, info: ValidationInfo) -> object:
+    return info.context.data(value) if isinstance(value, str) and info.context is not None else value
+
+
+Data = Annotated[
+    Rows | str,
+    BeforeValidator(_data),
+    Field(json_schema_extra={"allowed": "rows of a coordinate per axis and the value, or the name of a file"}),
+]
+"""Rows of numbers, also by the name of a file, likewise."""
 Raster = Annotated[
     str,
     AfterValidator(lambda name, info: name if info.context is None else info.context.raster(name)),

@@ -13,9 +13,10 @@ from cooperative.scene.tables._ground import Ground, Slope, Terrain, Water
 from cooperative.scene.tables._hazard import Exposed, Hazard
 from cooperative.scene.tables._key import Table
 from cooperative.scene.tables._motion import Motion
-from cooperative.scene.tables._soil import CrossCorrelation, Layer, Soil, Varying
+from cooperative.scene.tables._soil import CrossCorrelation, Layer, Soil
 from cooperative.scene.tables._stored import Calibration, Defaults, FieldModes, GivenEstimator, LimitLoad
 from cooperative.scene.tables._sweep import Scenario, Sweep
+from cooperative.scene.tables._varying import Varying
 from foundation.text import shown
 
 LONGEST_NAME = 200

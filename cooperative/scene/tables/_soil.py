@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import Annotated, Any, Generic, Literal, Self, cast
 
 from pydantic import Field, create_model
@@ -11,18 +10,11 @@ from pydantic import model_validator as validates
 from pydantic.config import JsonDict
 from pydantic.fields import FieldInfo
 
-import kl
 from cooperative.scene.tables._key import (
-    AboveZero,
-    Degrees,
     F,
-    FromZero,
     Length,
     Line,
-    Metres,
-    Number,
     OrTable,
-    PerAxis,
     Raster,
     Rows,
     Several,
@@ -31,31 +23,12 @@ from cooperative.scene.tables._key import (
     key,
     one_of,
 )
-from foundation.check import Limit, above_zero
+from cooperative.scene.tables._varying import Varying
 from jaxmpm import PlasticStrain
 from jaxmpm import Soil as UndrainedSoil
 from jaxmpm.laws import Decay, DruckerPrager, Matching, MohrCoulomb
 from jaxmpm.soil import soil_limits
 
-CORRELATIONS = {
-    "squared exponential": kl.SquaredExponential,
-    "exponential": kl.Exponential,
-    "matern 3/2": kl.Matern32,
-    "matern 5/2": kl.Matern52,
-    "second-order markov": kl.SecondOrderMarkov,
-    "cosine exponential": kl.CosineExponential,
-    "triangular": kl.Triangular,
-}
-MARGINALS = {
-    "lognormal": kl.Lognormal,
-    "truncated normal": kl.TruncatedNormal,
-    "normal": kl.Normal,
-    "uniform": kl.Uniform,
-    "beta": kl.Beta,
-    "gamma": kl.Gamma,
-    "weibull": kl.Weibull,
-    "gumbel": kl.Gumbel,
-}
 CRITERIA = {"mohr-coulomb": MohrCoulomb, "drucker-prager": DruckerPrager}
 MATCHINGS = {matching.value: matching for matching in Matching}
 DECAYS = {decay.name.lower(): decay for decay in Decay}
@@ -64,97 +37,6 @@ PLASTIC_STRAINS = {measure.value: measure for measure in PlasticStrain}
 
 def _of(parameter: str) -> Within:
     return Within(soil_limits()[parameter])
-
-
-class Bedding(Table):
-    """Inclined strata."""
-
-    dip: Annotated[float, Within(Limit(least=0, most=90, unit="degrees"))] = key("Dip below the horizontal.", 15.0)
-    strike: Degrees = key("Strike, anticlockwise from x seen from above.", 90.0, 90.0)
-
-
-class Varying(Table):
-    """The random field of undrained shear strength, in short for `[soil.strength]`.
-
-    Every parameter that varies has these keys, in its own unit. Values within 4 standard deviations must be physically
-    possible.
-    """
-
-    mean: AboveZero = key(
-        "Mean; with a trend, the mean at depth 0, see `trend_from`.", 42e3, units="Pa",
-        synonyms="su s_u cu undrained_strength shear_strength average",
-    )  # fmt: skip
-    cov: FromZero = key("Coefficient of variation.", 0.3, synonyms="sd std sigma deviation coefficient_of_variation")
-    marginal: Annotated[type, one_of(MARGINALS)] = key(
-        "Distribution of the parameter at a point.", "lognormal", "lognormal"
-    )
-    correlation: Annotated[type, one_of(CORRELATIONS)] = key(
-        "Family of correlation functions, see [random fields](random-fields.md).", "exponential", "squared exponential"
-    )
-    length: PerAxis[Annotated[float, Within(above_zero("m"), infinite=True)]] = key(
-        "Correlation length along each axis, as defined by the family; inf: constant along the axis.", [60.0, 2.0],
-        synonyms="lx ly lz theta scale_of_fluctuation correlation_length correlation_lengths",
-    )  # fmt: skip
-    energy: Annotated[float, Within(Limit(above=0, most=1))] = key(
-        "Share of the field's variance that its terms hold.", 0.999, 0.999
-    )
-    sampled_at: Literal["particles", "cells"] = key(
-        "Where the field is evaluated: at particles, or once for each cell.", "particles", "particles"
-    )
-    lower: Number | None = key(
-        "Lower bound of the distribution, where its family has one.", 10e3, None, units="Pa",
-        otherwise="0; none, give it, of a beta distribution",
-    )  # fmt: skip
-    upper: Number | None = key(
-        "Upper bound, likewise.", 90e3, None, units="Pa", otherwise="no bound; none, give it, of a beta distribution"
-    )
-    trend: Number | None = key(
-        "Growth of the mean, and of the deviation with it, per metre of depth.", 1.2e3, None, units="Pa/m",
-        otherwise="none: the same at every depth",
-    )  # fmt: skip
-    trend_from: Metres | Literal["surface", "layer"] = key(
-        "Where the depth of the trend is 0: at the ground's surface, at the top of each layer, or at an elevation (m). "
-        "The surface includes the face of a cut; for a cut give the elevation of the ground before. Above an "
-        "elevation there is no trend.",
-        "surface",
-        "surface",
-    )
-    bedding: Bedding | None = key(
-        "Inclined strata: `dip` below the horizontal and `strike`, anticlockwise from x seen from above, both in "
-        "degrees. With the default strike of 90 they dip towards the toe. Lengths are then down the dip, along strike "
-        "and across.",
-        {"dip": 15.0, "strike": 90.0},
-        None,
-        otherwise="level strata",
-    )
-    nataf: bool = key(
-        "Whether the parameter itself has the correlation, not the Gaussian field behind it.", True, False
-    )
-    boreholes: Rows | None = key(
-        "Measured values: rows `[x, z, value]`, in 3D `[x, y, z, value]`. In a simple slope x is counted from its "
-        "rear, z from its base.",
-        [[10.0, 2.5, 45e3]],
-        None,
-        units="m, Pa",
-        otherwise="none measured",
-        allowed="rows of a coordinate per axis and the value",
-    )
-    borehole_error: FromZero = key("Standard deviation of the measured values over that of the field.", 0.1, 0.0)
-
-    @validates(mode="after")
-    def _bounds(self) -> Self:
-        """Bounds are of marginals that have some, and a beta distribution has both."""
-        known = {each.name for each in fields(self.marginal)}
-        for end in ("lower", "upper"):
-            value = getattr(self, end)
-            if value is not None and end not in known:
-                raise ValueError(
-                    f" {end} = {value:g}: {self.marginal.__name__} has no such bound, leave it out, or give marginal = "
-                    "'truncated normal' or 'beta'"
-                )
-        if self.marginal is kl.Beta and (self.lower is None or self.upper is None):
-            raise ValueError(" lacks lower or upper, between which a beta distribution lies: add both")
-        return self
 
 
 class _Soil(Table, Generic[F]):
@@ -283,7 +165,17 @@ class CrossCorrelation(Table):
     nataf: bool = key("Whether it is that of the parameters, not that of the Gaussian fields behind them.", True, False)
 
 
-OF_A_FIELD = ("length", "correlation", "energy", "bedding", "nataf", "boreholes", "borehole_error")
+OF_A_FIELD = (
+    "length",
+    "correlation",
+    "energy",
+    "bedding",
+    "nataf",
+    "boreholes",
+    "borehole_error",
+    "mean_error",
+    "cov_error",
+)
 """What a layer gives only of a field of its own, which stops at it: its length at least."""
 
 
@@ -306,7 +198,18 @@ def _optional(keys: Mapping[str, FieldInfo], otherwise: str) -> dict[str, Any]:
     }
 
 
-_LAYER_KEYS = ("mean", "cov", "marginal", "lower", "upper", "trend", "trend_from", *OF_A_FIELD)
+_LAYER_KEYS = (
+    "mean",
+    "cov",
+    "mean_error",
+    "cov_error",
+    "marginal",
+    "lower",
+    "upper",
+    "trend",
+    "trend_from",
+    *OF_A_FIELD,
+)
 VaryingInLayer: Any = create_model(
     "VaryingInLayer",
     __base__=Table,

@@ -1,0 +1,251 @@
+"""From cone resistance to parameters of soil, and to layers by soil behaviour type.
+
+Sources: q_t and s_u: Lunne, Robertson and Powell (1997), Cone Penetration Testing in Geotechnical Practice, Sections
+5.4 and 5.6; friction angle of sand: Kulhawy and Mayne (1990), Manual on Estimating Soil Properties for Foundation
+Design, EPRI EL-6800, Eq. 4-12; soil behaviour type: Robertson (2009), doi:10.1139/T09-065, and, without pore pressures
+and weights, Robertson (2010), 2nd International Symposium on Cone Penetration Testing, paper 2-56.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from cooperative.soundings._sounding import SiteError, Sounding, Values
+from foundation.text import shown
+
+ATMOSPHERE = 1e5
+"""Pa."""
+WATER = 9.81e3
+"""Unit weight of water (N/m3)."""
+TYPES = ("sand", "silty sand", "clay", "peat")
+"""Soil behaviour types from the smallest index up: zones 6 and 7, 5, 3 and 4, and 2 of Robertson."""
+LIMITS = (2.05, 2.6, 3.6)
+"""Index I_c between them."""
+STRENGTH = "s_u = (q_t - sigma_v0) / N_kt (Lunne, Robertson and Powell 1997)"
+FRICTION = "phi = 17.6 + 11 log10((q_t / p_a) / sqrt(sigma'_v0 / p_a)) (Kulhawy and Mayne 1990, EPRI EL-6800)"
+
+
+@dataclass(frozen=True)
+class Stresses:
+    """What the interpretation of a sounding takes the ground to weigh.
+
+    Args:
+        unit_weight: of the soil with its water (N/m3).
+        water: depth of the water table below the surface (m), where the sounding has none.
+    """
+
+    unit_weight: float = 18e3
+    water: float = 1.0
+
+    def of(self, sounding: Sounding) -> tuple[Values, Values]:
+        """Total and effective vertical stress (n,) Pa at the readings, of still water.
+
+        Args:
+            sounding: whose readings.
+        """
+        table = self.water if sounding.water is None else sounding.water
+        total = self.unit_weight * sounding.depth
+        return total, total - WATER * np.maximum(sounding.depth - table, 0)
+
+
+def corrected_cone(sounding: Sounding) -> Values:
+    """Cone resistance q_t (n,) Pa: q_c + (1 - a) u_2 with the net area ratio a.
+
+    It is q_c where the file has no area ratio, or no pore pressure: in sand they differ little, in soft clay q_c is
+    too small.
+
+    Args:
+        sounding: whose readings.
+    """
+    if sounding.area_ratio is None:
+        return sounding.cone
+    return sounding.cone + (1 - sounding.area_ratio) * np.nan_to_num(sounding.pore)
+
+
+def strength_of(sounding: Sounding, stresses: Stresses, n_kt: float) -> Values:
+    """Undrained shear strength (n,) Pa, nan in gaps and where it is not above 0.
+
+    Args:
+        sounding: whose readings.
+        stresses: of the ground.
+        n_kt: cone factor.
+
+    Raises:
+        SiteError: a cone factor that no clay has.
+    """
+    if not 5 <= n_kt <= 40:
+        raise SiteError(f"N_kt = {n_kt:g}: clays have 8 to 25, give one of 5 to 40")
+    value = (corrected_cone(sounding) - stresses.of(sounding)[0]) / n_kt
+    return np.where(value > 0, value, np.nan)
+
+
+def friction_of(sounding: Sounding, stresses: Stresses) -> Values:
+    """Peak angle of friction (n,) degrees of sand, nan in gaps and above the water-free surface.
+
+    Args:
+        sounding: whose readings.
+        stresses: of the ground.
+    """
+    effective = stresses.of(sounding)[1]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = corrected_cone(sounding) / ATMOSPHERE / np.sqrt(effective / ATMOSPHERE)
+        value = 17.6 + 11 * np.log10(ratio)
+    return np.where((effective > 0) & (value > 0), value, np.nan)
+
+
+def behaviour_index(sounding: Sounding, stresses: Stresses) -> Values:
+    """Soil behaviour type index I_c (n,), nan in gaps.
+
+    Args:
+        sounding: whose readings.
+        stresses: of the ground.
+
+    Raises:
+        SiteError: no sleeve friction, on which the index rests.
+    """
+    if not np.isfinite(sounding.sleeve).any():
+        raise SiteError(
+            f"{sounding.file}: sounding {shown(sounding.name)} has no sleeve friction, from which layers are proposed: "
+            "give the layers by --layers"
+        )
+    total, effective = stresses.of(sounding)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        net = corrected_cone(sounding) - total
+        ratio = np.log10(100 * sounding.sleeve / net) + 1.22
+        power = np.ones_like(net)
+        # The exponent of the stress depends on the index: a few rounds settle both.
+        for _ in range(10):
+            resistance = net / ATMOSPHERE * (ATMOSPHERE / effective) ** power
+            index = np.hypot(3.47 - np.log10(resistance), ratio)
+            power = np.clip(0.381 * index + 0.05 * effective / ATMOSPHERE - 0.15, 0, 1)
+    return np.where(np.isfinite(index), index, np.nan)
+
+
+@dataclass(frozen=True)
+class ProposedLayer:
+    """A layer of a site.
+
+    Args:
+        kind: of `TYPES`, or "soil" where none was proposed.
+        top: elevation (m).
+        bottom: elevation (m).
+    """
+
+    kind: str
+    top: float
+    bottom: float
+
+
+def proposed_layers(soundings: list[Sounding], stresses: Stresses, thinnest: float = 1.5) -> list[ProposedLayer]:
+    """Level layers by the mean soil behaviour type index of all soundings, from the top down.
+
+    Args:
+        soundings: with sleeve friction.
+        stresses: of the ground.
+        thinnest: thickness (m) below which a layer goes to its neighbour.
+
+    Raises:
+        SiteError: a sounding without sleeve friction or elevation.
+    """
+    require_elevations(soundings)
+    step = 0.25
+    top, bottom = extent_of(soundings)
+    edges = np.arange(top, bottom - step, -step)
+    indices = np.full((len(soundings), len(edges)), np.nan)
+    for row, each in zip(indices, soundings, strict=True):
+        index = behaviour_index(each, stresses)
+        place = np.floor((top - (each.top - each.depth)) / step).astype(int)
+        kept = np.isfinite(index) & (place < len(edges))
+        counts = np.bincount(place[kept], minlength=len(edges))
+        row[:] = np.bincount(place[kept], index[kept], minlength=len(edges)) / np.where(counts > 0, counts, np.nan)
+    known = np.isfinite(indices).any(axis=0)
+    mean = np.array([np.nanmedian(column) for column in indices[:, known].T])
+    kinds = np.searchsorted(LIMITS, mean)
+    at = edges[known]
+    runs = _merged([_Run(int(kind), float(z)) for kind, z in zip(kinds, at, strict=True)])
+    runs[0] = replace(runs[0], top=top)
+    while len(runs) > 1:
+        thick = [one.top - other for one, other in zip(runs, [*(each.top for each in runs[1:]), bottom], strict=True)]
+        k = int(np.argmin(thick))
+        if thick[k] >= thinnest:
+            break
+        sides = [j for j in (k - 1, k + 1) if 0 <= j < len(runs)]
+        # The neighbour of the nearer type takes it over, of two the thicker.
+        nearest = min(sides, key=lambda j: (abs(runs[j].kind - runs[k].kind), -thick[j]))
+        runs[k] = replace(runs[k], kind=runs[nearest].kind)
+        runs = _merged(runs)
+    ends = [*(each.top for each in runs[1:]), bottom]
+    return [ProposedLayer(TYPES[each.kind], each.top, end) for each, end in zip(runs, ends, strict=True)]
+
+
+@dataclass(frozen=True)
+class _Run:
+    """Soil of one type from an elevation (m) down to the next run."""
+
+    kind: int
+    top: float
+
+
+def _merged(runs: list[_Run]) -> list[_Run]:
+    """Neighbours of one type as one."""
+    return [each for k, each in enumerate(runs) if k == 0 or each.kind != runs[k - 1].kind]
+
+
+def kind_between(soundings: list[Sounding], stresses: Stresses, top: float, bottom: float) -> str | None:
+    """Type of the soil between two elevations (m) by its median index, None without sleeve friction.
+
+    Args:
+        soundings: with elevations.
+        stresses: of the ground.
+        top: elevation (m).
+        bottom: elevation (m).
+    """
+    indices = [np.empty(0)]
+    for each in soundings:
+        if np.isfinite(each.sleeve).any():
+            z, index = each.top - each.depth, behaviour_index(each, stresses)
+            indices.append(index[np.isfinite(index) & (z < top) & (z >= bottom)])
+    known = np.concatenate(indices)
+    return TYPES[int(np.searchsorted(LIMITS, np.median(known)))] if known.size else None
+
+
+def require_elevations(soundings: list[Sounding]) -> None:
+    """Raise SiteError for soundings without position or elevation.
+
+    Args:
+        soundings: to look at.
+    """
+    for each in soundings:
+        lacking = [name for name, value in (("x", each.x), ("elevation of the surface", each.top)) if np.isnan(value)]
+        if lacking:
+            raise SiteError(
+                f"{each.file}: sounding {shown(each.name)} has no {lacking[0]}: write it into the file, in a CSV as a "
+                "column x [m] or top [m]"
+            )
+
+
+def extent_of(soundings: list[Sounding]) -> tuple[float, float]:
+    """Elevation (m) of the highest surface and of the deepest reading.
+
+    Args:
+        soundings: with elevations.
+    """
+    return max(each.top for each in soundings), float(min(each.top - each.depth.max() for each in soundings))
+
+
+def thinned(elevation: Values, kept: npt.NDArray[np.bool_], apart: float) -> npt.NDArray[np.int64]:
+    """Numbers of the readings that are used: as they were read, none averaged, each at least a distance below the last.
+
+    Args:
+        elevation: (n,) of the readings (m), falling.
+        kept: (n,) which may be used.
+        apart: distance (m).
+    """
+    numbers: list[int] = []
+    for k in np.flatnonzero(kept):
+        if not numbers or elevation[numbers[-1]] - elevation[k] >= apart - 1e-6:
+            numbers.append(int(k))
+    return np.array(numbers, int)
