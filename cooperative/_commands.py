@@ -1,4 +1,4 @@
-"""The commands: new, check, draw, fos, run, resume, status, report, export, sweep, example, doctor, completion."""
+"""The commands: site, new, check, draw, fos, run, resume, status, report, export, sweep, example, doctor, completion."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import jax
 
-from cooperative import __version__, campaign, doctor, runs, safety, sweep
+from cooperative import __version__, campaign, doctor, runs, safety, site, sweep
 from cooperative.folder import SLIDES
 from cooperative.reporting import _exports as exports
 from cooperative.reporting import _interactive as interactive
@@ -85,6 +85,16 @@ def sweep_over(given: argparse.Namespace) -> None:
     with runs.stop_by_signals(ends_process=True):
         sweep.run(given.scene, given.out, workers=given.workers, progress=True)
     print(f"{given.out / 'sweep.json'}, figures in {given.out / 'figures'}")
+
+
+def estimate(given: argparse.Namespace) -> None:
+    """Estimate layers and random soil of soundings and laboratory values, and write them for a scene."""
+    estimates = site.estimate_site(
+        given.files, site.assumed_of(given), boundaries=given.layers, units=site.units_of(given)
+    )
+    print(site.words(estimates))
+    for path in site.write_site(estimates, given.out):
+        print(path)
 
 
 def new(given: argparse.Namespace) -> None:
@@ -185,6 +195,7 @@ def complete(given: argparse.Namespace) -> None:
 
 
 EXAMPLES = {
+    "site": ("cpt-1.gef cpt-2.gef --n-kt 14 2 --out site", "layers and random soil of soundings, for a scene"),
     "example": ("demo", "write demo.toml"),
     "new": ("--kind section", "write section.toml, a scene of your own to fill in"),
     "check": ("section.toml", "what it will cost"),
@@ -281,6 +292,7 @@ def parser() -> argparse.ArgumentParser:
     writes.add_argument("--sample", type=int, help="write this sample's series alone")
     writes.add_argument("--grid", choices=GRIDS, default="refined", help="grid of that sample (%(default)s)")
     writes.add_argument("--frames", type=int, help="run the sample again and write so many moments")
+    site.add_arguments(command("site", estimate))
     begins = command("new", new)
     begins.add_argument(
         "--kind", choices=tuple(starters()), default="slope", help="of ground: %(choices)s (%(default)s)"

@@ -47,6 +47,11 @@ def installation() -> Iterator[tuple[str, str]]:
     )
     compiler = next(filter(None, map(shutil.which, ("c++", "g++", "clang++"))), None)
     yield "C++ compiler", compiler or "none on the path"
+    lacking = [name for name in ("pygef", "python-ags4") if not _installed(name)]
+    yield (
+        "files of a site",
+        f"CSV alone, without {' and '.join(lacking)}: pip install 'jaxmpm[site]'" if lacking else "all",
+    )
     yield "cores", f"{len(cores_to_use())} of {os.cpu_count()}"
     for extra, packages in EXTRAS.items():
         missing = [name for name in packages if importlib.util.find_spec(name) is None]
@@ -65,6 +70,14 @@ def installation() -> Iterator[tuple[str, str]]:
         else "this system gives neither their number nor a limit",
     )
     yield "precision", f"{jnp.result_type(float)} unless a scene says otherwise"
+
+
+def _installed(package: str) -> bool:
+    try:
+        importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return False
+    return True
 
 
 def column_errors() -> tuple[float, float]:

@@ -6,6 +6,7 @@ from cooperative.reporting._exports import export, export_sample
 from cooperative.reporting._ground import draw
 from cooperative.reporting._plots import draw_particles, save
 from cooperative.reporting._progress import progress_of, watched, words
+from cooperative.reporting._soundings import site_figure
 from cooperative.reporting._tables import consolidate, write_table
 
 __all__ = [
@@ -18,6 +19,7 @@ __all__ = [
     "progress_of",
     "report",
     "save",
+    "site_figure",
     "watched",
     "words",
     "write_table",

@@ -1,0 +1,66 @@
+"""Arguments of `jaxmpm site`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from cooperative.scene.tables import CORRELATIONS
+from cooperative.site._estimate import Assumed, cone_factor
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command.
+
+    Args:
+        parser: of the command.
+    """
+    parser.add_argument("files", type=Path, nargs="+", help="soundings and laboratory values: GEF, BRO XML, AGS4, CSV")
+    parser.add_argument("--out", type=Path, required=True, help="folder to write to")
+    parser.add_argument(
+        "--n-kt", type=float, nargs="+", metavar="N", help="cone factor of undrained strength, and its deviation"
+    )
+    parser.add_argument(
+        "--layers", type=float, nargs="*", metavar="Z", help="elevations between layers, from the top down (proposed)"
+    )
+    parser.add_argument("--unit-weight", type=float, default=18e3, metavar="N/M3", help="of the soil (%(default)g)")
+    parser.add_argument("--water", type=float, default=1.0, metavar="M", help="depth of the water table (%(default)g)")
+    parser.add_argument("--line", type=float, nargs=4, metavar=("X0", "Y0", "X1", "Y1"), help="of a section")
+    parser.add_argument(
+        "--origin", type=float, nargs=2, default=(0.0, 0.0), metavar=("X", "Y"), help="to subtract in 3D"
+    )
+    parser.add_argument(
+        "--base", type=float, metavar="Z", help="elevation of the scene's base: none below conditions it"
+    )
+    parser.add_argument("--marginal", choices=("lognormal", "normal"), default="lognormal", help="(%(default)s)")
+    parser.add_argument(
+        "--correlation", choices=tuple(CORRELATIONS), default="exponential", metavar="FAMILY", help="(%(default)s)"
+    )
+    parser.add_argument(
+        "--units", nargs="+", default=(), metavar="COLUMN=UNIT", help="of CSV columns whose header has none"
+    )
+
+
+def assumed_of(given: argparse.Namespace) -> Assumed:
+    """What the interpretation rests on.
+
+    Args:
+        given: on the command line.
+
+    Raises:
+        ValueError: a cone factor that cannot be.
+    """
+    line = None if given.line is None else (tuple(given.line[:2]), tuple(given.line[2:]))
+    return Assumed(
+        cone_factor(given.n_kt), given.unit_weight, given.water, given.marginal, given.correlation, line,
+        tuple(given.origin), given.base,
+    )  # fmt: skip
+
+
+def units_of(given: argparse.Namespace) -> dict[str, str]:
+    """Units by column.
+
+    Args:
+        given: on the command line.
+    """
+    return dict(each.partition("=")[::2] for each in given.units)

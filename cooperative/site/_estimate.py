@@ -1,0 +1,338 @@
+"""Layers of a site from its files, each with the random field that its soundings tell of."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from cooperative.scene.tables import CORRELATIONS, MARGINALS
+from cooperative.soundings import (
+    FRICTION,
+    STRENGTH,
+    Measured,
+    ProposedLayer,
+    SiteError,
+    Sounding,
+    Stresses,
+    Values,
+    corrected_cone,
+    extent_of,
+    friction_of,
+    kind_between,
+    proposed_layers,
+    read_files,
+    require_elevations,
+    strength_of,
+    thinned,
+)
+from kl.estimation import FieldFit, Interval, fit_field, interval_of
+
+UNDRAINED = ("clay", "peat")
+"""Types of soil that have an undrained strength; others have an angle of friction."""
+MOST = 240
+"""Values of a layer that are used at most: the time of an estimate grows with their third power."""
+MOST_CONDITIONING = 120
+"""Values of a layer that condition the field at most."""
+CLOSEST = 0.1
+"""Least distance (m) of readings that are used."""
+LEAST_ERROR = 0.1
+"""Deviation of the conditioning values over that of the field, at least: a field of finitely many terms needs some."""
+
+
+@dataclass(frozen=True)
+class Assumed:
+    """What the interpretation rests on beside the files.
+
+    Args:
+        n_kt: cone factor of undrained strength and its standard deviation, None where none is given.
+        unit_weight: of the soil with its water (N/m3).
+        water: depth of the water table (m) where a file has none.
+        marginal: of the parameters, by its name in scenes: "lognormal" or "normal".
+        correlation: family along every axis, by its name in scenes.
+        line: start and end [x, y] (m) of a section; positions are projected on it. None for 3D.
+        origin: position [x, y] (m) that is subtracted in 3D.
+        base: elevation (m) of the base of the scene, below which no value conditions the field; None for none.
+    """
+
+    n_kt: tuple[float, float] | None = None
+    unit_weight: float = 18e3
+    water: float = 1.0
+    marginal: str = "lognormal"
+    correlation: str = "exponential"
+    line: tuple[tuple[float, float], tuple[float, float]] | None = None
+    origin: tuple[float, float] = (0.0, 0.0)
+    base: float | None = None
+
+    @property
+    def stresses(self) -> Stresses:
+        """What the ground is taken to weigh."""
+        return Stresses(self.unit_weight, self.water)
+
+    def placed(self, x: Values, y: Values) -> Values:
+        """Horizontal coordinates (1 or 2, n) m of the scene, of positions (n,) in the files.
+
+        Args:
+            x: (n,) m.
+            y: (n,) m, nan where the file has none.
+        """
+        if self.line is None:
+            return x[None] if np.isnan(y).all() else np.stack([x, y]) - np.array(self.origin)[:, None]
+        start, end = np.array(self.line)
+        along = (end - start) / np.linalg.norm(end - start)
+        return ((np.stack([x, y]) - start[:, None]) * along[:, None]).sum(axis=0)[None]
+
+
+def cone_factor(given: Sequence[float] | None) -> tuple[float, float] | None:
+    """A cone factor N_kt with its standard deviation, 0 where one number is given; None for none.
+
+    Args:
+        given: one or two numbers.
+
+    Raises:
+        SiteError: others, or a deviation that no cone factor has.
+    """
+    if given is None:
+        return None
+    if len(given) > 2 or (len(given) == 2 and not 0 <= given[1] < given[0] / 2):
+        raise SiteError(
+            f"N_kt = {' '.join(f'{each:g}' for each in given)}: give its mean, such as 14, or mean and standard "
+            "deviation, such as 14 2"
+        )
+    return float(given[0]), float(given[1]) if len(given) == 2 else 0.0
+
+
+@dataclass(frozen=True)
+class SiteLayerFit:
+    """A layer of a site with its random parameter.
+
+    Args:
+        name: of the layer.
+        top: elevation (m).
+        bottom: elevation (m).
+        parameter: of a scene's soil: "strength" or "friction".
+        points: (d, n) m, those that the estimate rests on.
+        values: (n,) there, in SI units and degrees.
+        conditioning: numbers of the points that condition the field.
+        fit: estimates with intervals.
+        mean: at the top, with the scatter of the cone factor.
+        mean_error: standard error by which the mean and its trend are uncertain together.
+        scatter: of the cone factor, over its mean.
+        young: stiffness (Pa) that the table proposes.
+        remarks: in words.
+    """
+
+    name: str
+    top: float
+    bottom: float
+    parameter: str
+    points: Values
+    values: Values
+    conditioning: np.ndarray
+    fit: FieldFit
+    mean: Interval
+    mean_error: float
+    scatter: float
+    young: float
+    remarks: tuple[str, ...]
+
+    @property
+    def error(self) -> float:
+        """Deviation of the conditioning values over that of the field."""
+        nugget = self.fit.nugget.value
+        return max(LEAST_ERROR, math.sqrt(nugget / (1 - nugget)))
+
+
+@dataclass(frozen=True)
+class SiteEstimate:
+    """What the files of a site tell.
+
+    Args:
+        soundings: that were read.
+        measured: laboratory values.
+        layers: from the top down.
+        assumed: what the interpretation rests on.
+    """
+
+    soundings: tuple[Sounding, ...]
+    measured: tuple[Measured, ...]
+    layers: tuple[SiteLayerFit, ...]
+    assumed: Assumed
+
+
+def estimate_site(
+    paths: Sequence[Path | str],
+    assumed: Assumed | None = None,
+    *,
+    boundaries: Sequence[float] | None = None,
+    units: Mapping[str, str] | None = None,
+) -> SiteEstimate:
+    """Read the files of a site, and estimate the random field of each layer.
+
+    Args:
+        paths: soundings (.gef, .xml, .ags, .csv) and laboratory values (.ags, .csv).
+        assumed: what the interpretation rests on beside them.
+        boundaries: elevations (m) between layers from the top down, in place of those proposed; none for one layer.
+        units: of columns of CSV files whose header has none.
+
+    Raises:
+        ValueError: files that cannot be used, clay without a cone factor, or layers with too few values.
+    """
+    assumed = assumed or Assumed()
+    soundings, measured = read_files([Path(each) for each in paths], units)
+    require_elevations(soundings)
+    layers = _layers(soundings, measured, assumed, boundaries)
+    fits = [_fit(number, layer, soundings, measured, assumed) for number, layer in enumerate(layers, 1)]
+    return SiteEstimate(tuple(soundings), tuple(measured), tuple(fits), assumed)
+
+
+def _layers(
+    soundings: list[Sounding], measured: list[Measured], assumed: Assumed, boundaries: Sequence[float] | None
+) -> list[ProposedLayer]:
+    if boundaries is None and soundings:
+        proposed = proposed_layers(soundings, assumed.stresses)
+        # As they are written: a value at a boundary is of the layer above.
+        return [replace(each, top=round(each.top, 2), bottom=round(each.bottom, 2)) for each in proposed]
+    if soundings:
+        top, bottom = extent_of(soundings)
+    else:
+        top, bottom = max(each.z.max() for each in measured) + 0.01, min(each.z.min() for each in measured)
+    edges = [top, *(boundaries or ()), bottom]
+    if any(one <= other for one, other in pairwise(edges)) and len(edges) > 2:
+        raise SiteError(
+            f"layers = {list(boundaries or ())}: give elevations between {top:g} and {bottom:g} m that fall, from the "
+            "top down"
+        )
+    default = "clay" if assumed.n_kt is not None or not soundings else "sand"
+    return [
+        ProposedLayer(kind_between(soundings, assumed.stresses, *ends) or default, *ends) for ends in pairwise(edges)
+    ]
+
+
+def _fit(
+    number: int, layer: ProposedLayer, soundings: list[Sounding], measured: list[Measured], assumed: Assumed
+) -> SiteLayerFit:
+    parameter = "strength" if layer.kind in UNDRAINED else "friction"
+    name = f"{layer.kind} {number}"
+    where = f"layer {name!r} from {layer.top:.4g} to {layer.bottom:.4g} m"
+    if parameter == "strength" and soundings and assumed.n_kt is None:
+        raise SiteError(
+            f"{where} is of {layer.kind}, whose strength needs a cone factor: give --n-kt, such as 14, or 14 2 for a "
+            "mean of 14 with a standard deviation of 2"
+        )
+    points, values, cones = _values(layer, parameter, soundings, measured, assumed)
+    if values.size < 8:
+        raise SiteError(
+            f"{where} has {values.size} values of {parameter}, the limit is 8: give other boundaries by --layers"
+        )
+    try:
+        fit = fit_field(
+            points, values,
+            # The angle of friction has the stress taken out of it.
+            depth=layer.top - points[-1] if parameter == "strength" else None,
+            marginal=MARGINALS[marginal_of(parameter, assumed)], correlation=CORRELATIONS[assumed.correlation],
+        )  # fmt: skip
+    except ValueError as error:
+        raise SiteError(f"{where}: {error}") from error
+    cone_factor = parameter == "strength" and bool(soundings) and assumed.n_kt is not None
+    scatter = assumed.n_kt[1] / assumed.n_kt[0] if cone_factor and assumed.n_kt is not None else 0.0
+    factors = np.exp(scatter * np.random.default_rng(0).standard_normal(fit.draws.mean.size))
+    middle = factors * (fit.draws.mean + fit.draws.trend * float(np.mean(layer.top - points[-1])))
+    mean = interval_of(factors * fit.draws.mean)
+    young = 500 * mean.value if parameter == "strength" else 2.5 * float(np.median(cones))
+    remarks = tuple(_remarks(layer, parameter, soundings, measured, assumed, values.size))
+    return SiteLayerFit(
+        name, layer.top, layer.bottom, parameter, points, values, _spread(points, fit, assumed.base), fit, mean,
+        mean.value * interval_of(middle).error / interval_of(middle).value, scatter, young, remarks,
+    )  # fmt: skip
+
+
+def marginal_of(parameter: str, assumed: Assumed) -> str:
+    """Marginal of a parameter, by its name in scenes: angles of friction vary so little that a normal one serves.
+
+    Args:
+        parameter: "strength" or "friction".
+        assumed: with the marginal of strength.
+    """
+    return assumed.marginal if parameter == "strength" else "normal"
+
+
+def _values(
+    layer: ProposedLayer, parameter: str, soundings: list[Sounding], measured: list[Measured], assumed: Assumed
+) -> tuple[Values, Values, Values]:
+    """Points (d, n) m and values (n,) of a layer, and the cone resistance (n,) Pa there.
+
+    Of the soundings; where there are none, of the laboratory.
+    """
+    if not soundings:
+        parts = []
+        for lab in measured:
+            kept = (lab.z < layer.top) & (lab.z >= layer.bottom) & np.isfinite(lab.x) & (lab.parameter == parameter)
+            place = assumed.placed(lab.x[kept], lab.y[kept])
+            none = np.full(place.shape[1], np.nan)
+            parts.append((np.concatenate([place, lab.z[None, kept]]), lab.value[kept], none))
+    else:
+        inside = [(each, each.top - each.depth, _parameter(each, parameter, assumed)) for each in soundings]
+        masks = [np.isfinite(value) & (z < layer.top) & (z >= layer.bottom) for _, z, value in inside]
+        thickness = sum(float(np.ptp(z[mask])) for (_, z, _), mask in zip(inside, masks, strict=True) if mask.any())
+        apart = max(CLOSEST, thickness / MOST)
+        parts = []
+        for (each, z, value), mask in zip(inside, masks, strict=True):
+            used = thinned(z, mask, apart)
+            place = assumed.placed(np.full(used.size, each.x), np.full(used.size, each.y))
+            parts.append((np.concatenate([place, z[None, used]]), value[used], corrected_cone(each)[used]))
+    return tuple(np.concatenate([part[k] for part in parts], axis=-1) for k in range(3))  # type: ignore[return-value]
+
+
+def _parameter(sounding: Sounding, parameter: str, assumed: Assumed) -> Values:
+    if parameter == "friction":
+        return friction_of(sounding, assumed.stresses)
+    assert assumed.n_kt is not None
+    return strength_of(sounding, assumed.stresses, assumed.n_kt[0])
+
+
+def _spread(points: Values, fit: FieldFit, base: float | None) -> np.ndarray:
+    """Numbers of the points (d, n) m that condition the field: a quarter of the vertical length apart, or farther."""
+    above = points[-1] >= (-math.inf if base is None else base)
+    apart = fit.vertical.value / 4
+    while True:
+        chosen = []
+        for place in np.unique(points[:-1], axis=1).T:
+            own = np.flatnonzero((points[:-1] == place[:, None]).all(axis=0) & above)
+            own = own[np.argsort(-points[-1, own])]
+            chosen.append(own[thinned(points[-1, own], np.ones(own.size, bool), apart)])
+        numbers = np.concatenate(chosen)
+        if numbers.size <= MOST_CONDITIONING:
+            return numbers
+        apart *= 1.25
+
+
+def _remarks(
+    layer: ProposedLayer, parameter: str, soundings: list[Sounding], measured: list[Measured], assumed: Assumed,
+    count: int,
+) -> Iterator[str]:  # fmt: skip
+    """What an engineer should know of how the values came about."""
+    if soundings:
+        yield STRENGTH if parameter == "strength" else FRICTION
+        yield (
+            f"unit weight {assumed.unit_weight / 1e3:g} kN/m3, water {assumed.water:g} m below the surface where a "
+            "file has none"
+        )
+        bare = [each.name for each in soundings if each.area_ratio is None or not np.isfinite(each.pore).any()]
+        if bare and parameter == "strength":
+            yield f"q_c in place of q_t, without u_2 or area ratio: {', '.join(bare)}"
+        readings = sum(
+            int(((each.top - each.depth < layer.top) & (each.top - each.depth >= layer.bottom)).sum())
+            for each in soundings
+        )
+        if count < readings:
+            yield f"{count} of {readings} readings used, thinned, none averaged or filled in"
+    lab = [each for each in measured if each.parameter == parameter]
+    within = [each.value[(each.z < layer.top) & (each.z >= layer.bottom)] for each in lab]
+    inside = np.concatenate([np.empty(0), *within])
+    if soundings and inside.size:
+        yield f"{inside.size} laboratory values, mean {inside.mean():.4g}, not part of the estimate: compare N_kt"

@@ -1,0 +1,168 @@
+"""What a site's estimates are written as: tables of a scene with the files that they name, a table, a figure, words.
+
+Sources: stiffness: Duncan and Buchignani (1976), An Engineering Manual for Settlement Studies (500 s_u), and
+Schmertmann (1970), doi:10.1061/JSFEAQ.0001418 (2.5 q_c); horizontal scales of fluctuation of cone resistance: Phoon and
+Kulhawy (1999), doi:10.1139/t99-038, Table 3.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator
+from pathlib import Path
+
+from cooperative.reporting import save, site_figure
+from cooperative.scene import toml_value
+from cooperative.scene.tables import CORRELATIONS
+from cooperative.site._estimate import Assumed, SiteEstimate, SiteLayerFit, marginal_of
+from foundation.files import write_aside
+from kl.estimation import Interval
+
+SCALES = (3.0, 48.0, 80.0)
+"""Horizontal scales of fluctuation (m) of cone resistance: least, mean and largest of Phoon and Kulhawy (1999)."""
+
+
+def write_site(site: SiteEstimate, folder: Path) -> list[Path]:
+    """Write `site.toml`, the files that it names, `estimates.csv` and `soundings.png`.
+
+    Args:
+        site: the estimates.
+        folder: to write to; made if it is missing.
+
+    Returns:
+        What was written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for layer in site.layers:
+        path = folder / _file(layer)
+        write_aside(path, _rows(layer).encode())
+        written.append(path)
+    for name, text in (("site.toml", "\n".join(_toml(site)) + "\n"), ("estimates.csv", _estimates(site))):
+        write_aside(folder / name, text.encode())
+        written.append(folder / name)
+    picture = folder / "soundings.png"
+    save(site_figure(site.layers), picture)
+    return [*written, picture]
+
+
+def _file(layer: SiteLayerFit) -> str:
+    return f"{layer.name.replace(' ', '_')}_{layer.parameter}.csv"
+
+
+def _rows(layer: SiteLayerFit) -> str:
+    """The values that condition the field, a row for each."""
+    axes = ["x [m]", "z [m]"] if len(layer.points) == 2 else ["x [m]", "y [m]", "z [m]"]
+    unit = "Pa" if layer.parameter == "strength" else "deg"
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*axes, f"{layer.parameter} [{unit}]"])
+    for k in layer.conditioning:
+        writer.writerow([*(f"{at:.3f}" for at in layer.points[:, k]), f"{layer.values[k]:.5g}"])
+    return text.getvalue()
+
+
+def _toml(site: SiteEstimate) -> Iterator[str]:
+    """The tables of a scene."""
+    yield f"# Layers of {len(site.soundings)} soundings, for a scene with [ground] or [terrain], in its elevations."
+    yield "# Look at each boundary and at young, poisson and cohesion, which are no results of the soundings."
+    for number, layer in enumerate(site.layers, 1):
+        fit = layer.fit
+        yield ""
+        yield from (f"# {remark}" for remark in layer.remarks)
+        yield "[[layer]]"
+        yield f"name = {toml_value(layer.name)}"
+        if number < len(site.layers):
+            yield f"bottom = [[-1e5, {layer.bottom:.2f}], [1e5, {layer.bottom:.2f}]]"
+        yield f"unit_weight = {site.assumed.unit_weight:g}    # N/m3"
+        source = "500 s_u" if layer.parameter == "strength" else "2.5 q_c"
+        yield f"young = {layer.young:.2g}    # Pa, {source}, a guess"
+        yield f"poisson = {0.45 if layer.parameter == 'strength' else 0.3}    # a guess"
+        if layer.parameter == "friction":
+            yield "cohesion = 1e3    # Pa, a guess"
+        yield ""
+        yield f"[layer.{layer.parameter}]    # 95 % intervals in estimates.csv"
+        yield f"mean = {layer.mean.value:.4g}    # at {layer.top:.2f} m"
+        yield f"mean_error = {layer.mean_error:.3g}"
+        yield f"cov = {fit.cov.value:.3g}"
+        yield f"cov_error = {fit.cov.error:.2g}"
+        yield f"marginal = {toml_value(marginal_of(layer.parameter, site.assumed))}"
+        if fit.trend is not None:
+            yield f"trend = {fit.trend.value:.3g}    # per metre below {layer.top:.2f} m"
+            yield f"trend_from = {layer.top:.2f}"
+        yield from (f"# {name} length: {why}" for name, why in fit.unknown.items())
+        horizontal, others = _horizontal(layer, site.assumed)
+        if others is not None:
+            yield f"# Sweep the horizontal length over {others}."
+        lengths = [horizontal] * (len(layer.points) - 1) + [fit.vertical.value]
+        yield f"length = [{', '.join(f'{each:.3g}' for each in lengths)}]"
+        yield f"correlation = {toml_value(site.assumed.correlation)}"
+        yield "energy = 0.95"
+        yield f"boreholes = {toml_value(_file(layer))}"
+        yield f"borehole_error = {layer.error:.2g}"
+
+
+def _horizontal(layer: SiteLayerFit, assumed: Assumed) -> tuple[float, list[float] | None]:
+    """The horizontal length (m) of a layer, and those to sweep where it is unknown.
+
+    An interval bounds them; without one they are published scales of fluctuation.
+    """
+    known = layer.fit.horizontal
+    if known is not None and "horizontal" not in layer.fit.unknown:
+        return known.value, None
+    least, mean, most = (scale / CORRELATIONS[assumed.correlation].fluctuation for scale in SCALES)
+    if known is not None:
+        least, most = max(least, known.low), min(most, known.high)
+        least, most = (least, most) if least < most else (known.low, known.high)
+        mean = min(max(mean, least), most)
+    return mean, [float(f"{each:.2g}") for each in (least, mean, most)]
+
+
+COLUMNS = ("layer", "top [m]", "bottom [m]", "parameter", "values", "quantity", "value", "low", "high", "remark")
+
+
+def _estimates(site: SiteEstimate) -> str:
+    """The table of estimates as CSV."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for layer in site.layers:
+        start = (layer.name, f"{layer.top:.2f}", f"{layer.bottom:.2f}", layer.parameter, layer.values.size)
+        for name, interval, remark in _quantities(layer):
+            numbers = ("", "", "") if interval is None else tuple(f"{each:.4g}" for each in interval[:3])
+            writer.writerow([*start, name, *numbers, remark])
+    return text.getvalue()
+
+
+def _quantities(layer: SiteLayerFit) -> Iterator[tuple[str, Interval | None, str]]:
+    """Name, estimate with interval, and remark of each estimate of a layer."""
+    fit = layer.fit
+    unit = "Pa" if layer.parameter == "strength" else "degrees"
+    yield f"mean at the top [{unit}]", layer.mean, "with the scatter of N_kt" if layer.scatter else ""
+    if fit.trend is not None:
+        yield f"trend [{unit}/m]", fit.trend, ""
+    yield "cov", fit.cov, ""
+    yield "vertical length [m]", fit.vertical, fit.unknown.get("vertical", "")
+    yield "horizontal length [m]", fit.horizontal, fit.unknown.get("horizontal", "")
+    yield "nugget", fit.nugget, "share of the variance"
+
+
+def words(site: SiteEstimate) -> str:
+    """The estimates as lines of text.
+
+    Args:
+        site: the estimates.
+    """
+    lines = []
+    for layer in site.layers:
+        lines.append(
+            f"{layer.name}: {layer.top:.2f} to {layer.bottom:.2f} m, {layer.parameter} of {layer.values.size} values"
+        )
+        for name, interval, remark in _quantities(layer):
+            numbers = (
+                "unknown" if interval is None else f"{interval.value:.4g} ({interval.low:.4g} to {interval.high:.4g})"
+            )
+            lines.append(f"  {name:<22} {numbers}{'; ' if remark else ''}{remark}")
+        lines += [f"  {remark}" for remark in layer.remarks]
+    return "\n".join(lines)

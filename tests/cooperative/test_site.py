@@ -1,0 +1,282 @@
+"""Site data: files to soundings, soundings to soil, soil to a scene whose samples honour what was measured."""
+
+import numpy as np
+import pytest
+
+import kl
+from benchmarks.robustness.invented import TINY
+from cooperative import runs
+from cooperative._commands import main
+from cooperative.scene import parse
+from cooperative.site import Assumed, estimate_site, write_site
+from cooperative.soundings import (
+    Sounding,
+    Stresses,
+    behaviour_index,
+    friction_of,
+    proposed_layers,
+    read_files,
+    read_rows,
+    strength_of,
+)
+from tests import ROOT
+
+PUBLIC = ROOT / "benchmarks" / "data" / "soundings"
+GEF = """#GEFID= 1, 1, 0
+#COLUMN= 3
+#COLUMNINFO= 1, m, Sondeerlengte, 1
+#COLUMNINFO= 2, {unit}, Conusweerstand, 2
+#COLUMNINFO= 3, {unit}, Plaatselijke wrijving, 3
+#COLUMNVOID= 2, -999999
+#COLUMNVOID= 3, -999999
+#COLUMNSEPARATOR= ;
+#RECORDSEPARATOR= !
+#LASTSCAN= {count}
+#PROCEDURECODE= GEF-CPT-Report, 1, 1, 0, -
+#TESTID= {name}
+#XYID= 31000, {x}, 433000.0
+#ZID= 31000, -1.5
+#EOH=
+{rows}
+"""
+AGS = """"GROUP","LOCA"
+"HEADING","LOCA_ID","LOCA_NATE","LOCA_NATN","LOCA_GL"
+"UNIT","","m","m","m"
+"TYPE","ID","2DP","2DP","2DP"
+"DATA","BH1","10.00","20.00","5.00"
+
+"GROUP","SCPG"
+"HEADING","LOCA_ID","SCPG_TESN","SCPG_CAR"
+"UNIT","","",""
+"TYPE","ID","X","2DP"
+"DATA","BH1","1","0.80"
+
+"GROUP","SCPT"
+"HEADING","LOCA_ID","SCPG_TESN","SCPT_DPTH","SCPT_RES","SCPT_FRES","SCPT_PWP2"
+"UNIT","","","m","MN/m2","kN/m2","kN/m2"
+"TYPE","ID","X","2DP","3DP","3DP","1DP"
+"DATA","BH1","1","1.00","0.500","10.0","100.0"
+"DATA","BH1","2","2.00","","12.0","120.0"
+
+"GROUP","TRIT"
+"HEADING","LOCA_ID","SPEC_DPTH","TRIT_CU"
+"UNIT","","m","kPa"
+"TYPE","ID","2DP","0DP"
+"DATA","BH1","1.50","30"
+"""
+
+
+def _gef(path, x, cone, unit="MPa"):
+    rows = "\n".join(
+        f"{0.1 * k:.2f};{each};{each if each == -999999 else 0.03 * each};!" for k, each in enumerate(cone)
+    )
+    path.write_text(GEF.format(unit=unit, count=len(cone), name=path.stem, x=x, rows=rows))
+    return path
+
+
+def _csv(path, text):
+    path.write_text(text)
+    return path
+
+
+def test_gaps_stay_gaps_and_units_come_from_the_header(tmp_path):
+    """A void of GEF is no number between its neighbours, and kPa are not MPa."""
+    pytest.importorskip("pygef")
+    path = _gef(tmp_path / "a.gef", 1e5, [0.5, -999999, 0.7, 0.8])
+    (sounding,), _ = read_files([path])
+    np.testing.assert_allclose(sounding.cone, [0.5e6, np.nan, 0.7e6, 0.8e6])
+    assert (sounding.x, sounding.y, sounding.top, sounding.datum) == (1e5, 433e3, -1.5, "NAP")
+    (other,), _ = read_files([_gef(tmp_path / "b.gef", 1e5, [500.0, 600.0], "kPa")])
+    np.testing.assert_allclose(other.cone, [0.5e6, 0.6e6])
+    (third,), _ = read_files([_csv(tmp_path / "c.csv", "x [m];top [m];depth [cm];qc [kPa]\n3;2;10;500\n3;2;20;\n")])
+    np.testing.assert_allclose(third.depth, [0.1, 0.2])
+    np.testing.assert_allclose(third.cone, [0.5e6, np.nan])
+
+
+def test_ags_has_soundings_of_several_pushes_and_strengths(tmp_path):
+    pytest.importorskip("python_ags4")
+    (sounding,), (lab,) = read_files([_csv(tmp_path / "a.ags", AGS)])
+    np.testing.assert_allclose(sounding.cone, [0.5e6, np.nan])
+    np.testing.assert_allclose(sounding.pore, [1e5, 1.2e5])
+    assert sounding.area_ratio == 0.8
+    assert (lab.parameter, lab.z.tolist(), lab.value.tolist()) == ("strength", [3.5], [30e3])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("depth [m],qc\n1,0.5\n", r"column 'qc' has no unit: write qc \[pa\] in the header, or give --units qc="),
+        ("depth [m],qc [parsec]\n1,0.5\n", "which is no unit of stress"),
+        ("depth [m],qc [Pa]\n1,0.5\n2,0.6\n", r"median of 0.55 Pa .* give the right unit"),
+        ("depth [m],qc [MPa]\n1,-1\n2,0\n", "every reading is a gap or a void code"),
+        ("depth [m],qc [MPa]\n1000,1\n2000,1\n", r"a depth of 2000 m, the limit is 200 m"),
+        ("depth [m],qc [MPa],qc [kPa]\n1,1,1\n", "two columns of cone"),
+        ("x [m],z [m]\n1,1\n", "no column of a sounding or of the laboratory"),
+        ("depth [m],qc [MPa]\n", "no rows below its header"),
+        ("x [m],su [kPa]\n1,30\n", r"no column z \[m\]"),
+    ],
+)
+def test_files_that_cannot_be_used_name_file_value_and_remedy(tmp_path, text, message):
+    with pytest.raises(ValueError, match=message) as error:
+        read_files([_csv(tmp_path / "site.csv", text)])
+    assert "site.csv" in str(error.value)
+
+
+def test_soundings_do_not_contradict_each_other(tmp_path):
+    """Two of one name or at one place are one too many; equal depths are averaged."""
+    line = "name,x [m],top [m],depth [m],qc [MPa]\n"
+    twice = _csv(tmp_path / "twice.csv", line + "a,1,0,1,0.5\nb,1,0,1,0.5\n")
+    with pytest.raises(ValueError, match=r"'b' and 'a' lie at one place"):
+        read_files([twice])
+    again = _csv(tmp_path / "again.csv", line + "c,2,0,1,0.5\nc,2,0,1,0.7\nc,2,0,2,\n")
+    with pytest.raises(ValueError, match="both hold the sounding 'c'"):
+        read_files([again, again])
+    (sounding,), _ = read_files([again])
+    np.testing.assert_allclose(sounding.cone, [0.6e6, np.nan])
+
+
+def _uniform(cone, sleeve, pore=0.0, ratio=None):
+    depth = np.arange(0.5, 10, 0.1)
+    full = np.ones_like(depth)
+    return Sounding("a", "a.csv", 0.0, np.nan, 0.0, None, depth, cone * full, sleeve * full, pore * full, ratio)
+
+
+def test_parameters_are_those_of_the_sources():
+    """s_u, phi and I_c by hand at 5 m, with 18 kN/m3 and water at the surface."""
+    stresses = Stresses(18e3, 0.0)
+    at = 45
+    clay = _uniform(0.6e6, 30e3, pore=0.2e6, ratio=0.8)
+    assert clay.depth[at] == pytest.approx(5.0)
+    assert strength_of(clay, stresses, 14.0)[at] == pytest.approx((0.6e6 + 0.2 * 0.2e6 - 90e3) / 14)
+    sand = _uniform(10e6, 80e3)
+    effective = (18e3 - 9.81e3) * 5
+    assert friction_of(sand, stresses)[at] == pytest.approx(17.6 + 11 * np.log10(100 / np.sqrt(effective / 1e5)))
+    # Robertson (2009): with I_c of clay the exponent of the stress is 1.
+    net = 0.64e6 - 90e3
+    expected = np.hypot(3.47 - np.log10(net / effective), 1.22 + np.log10(100 * 30e3 / net))
+    assert behaviour_index(clay, stresses)[at] == pytest.approx(expected)
+    assert behaviour_index(sand, stresses)[at] < 2.05 < expected
+
+
+def test_layers_are_proposed_by_soil_behaviour_type():
+    """Sand over clay with a seam too thin for a layer; without sleeve friction there is no proposal."""
+    both = _uniform(10e6, 80e3)
+    soft = (both.depth > 6) | ((both.depth > 3) & (both.depth < 3.4))
+    cone, sleeve = np.where(soft, 0.6e6, both.cone), np.where(soft, 15e3, both.sleeve)
+    layered = Sounding("a", "a.csv", 0.0, np.nan, 0.0, None, both.depth, cone, sleeve, both.pore * np.nan)
+    first, second = proposed_layers([layered], Stresses())
+    assert (first.kind, second.kind) == ("sand", "clay")
+    assert first.bottom == second.top == pytest.approx(-6, abs=0.3)
+    with pytest.raises(ValueError, match="no sleeve friction"):
+        proposed_layers([Sounding(**{**vars(layered), "sleeve": sleeve * np.nan})], Stresses())
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """Soft clay over sand in two soundings of a section that leads east."""
+    random = np.random.default_rng(3)
+    rows = ["name,x [m],y [m],top [m],depth [m],qc [MPa],fs [kPa]"]
+    for name, x in (("a", 105.0), ("b", 113.0)):
+        for depth in np.arange(0.2, 7, 0.2):
+            cone = np.exp(0.2 * random.standard_normal()) * (0.5 + 0.05 * depth if depth < 4 else 8)
+            rows.append(f"{name},{x},50,1.0,{depth:.1f},{cone:.3f},{30 if depth < 4 else 60}")
+    path = _csv(tmp_path_factory.mktemp("site") / "cpt.csv", "\n".join(rows))
+    return estimate_site([path], Assumed(n_kt=(15.0, 2.0), line=((100.0, 50.0), (200.0, 50.0)), base=-5.0))
+
+
+def test_estimates_are_written_as_a_part_of_a_scene(site, tmp_path):
+    """The scene takes the tables and files as they are; the cone factor's scatter widens the mean."""
+    clay, sand = site.layers
+    assert (clay.parameter, sand.parameter) == ("strength", "friction")
+    assert clay.mean.high / clay.mean.low > clay.fit.mean.high / clay.fit.mean.low
+    written = {path.name for path in write_site(site, tmp_path)}
+    assert {"site.toml", "estimates.csv", "soundings.png", "clay_1_strength.csv"} <= written
+    rows = np.array(read_rows(tmp_path / "clay_1_strength.csv"))
+    assert set(rows[:, 0]) == {5.0, 13.0}
+    at = [np.abs(clay.points - row[:2, None]).sum(axis=0).argmin() for row in rows]
+    np.testing.assert_allclose(rows[:, 2], clay.values[at], rtol=1e-4)
+    assert min(read_rows(tmp_path / "sand_2_friction.csv"), key=lambda row: row[1])[1] >= -5
+    table = (tmp_path / "estimates.csv").read_text()
+    assert "with the scatter of N_kt" in table
+    head = """name = "site"
+[ground]
+surface = [[0, 1], [10, 1], [14, -1], [24, -1]]
+base = -5.0
+[run]
+t_end = 1.0
+[rough]
+cell = 2.0
+spacing = [1.0, 1.0]
+[refined]
+cell = 1.0
+spacing = [0.5, 0.5]
+[campaign]
+samples = 20
+refined_runs = 10
+"""
+    (tmp_path / "scene.toml").write_text(head + (tmp_path / "site.toml").read_text())
+    random = parse(tmp_path / "scene.toml").site.layers[0].random["strength"]
+    assert len(random.boreholes) == len(rows)
+    assert random.mean_error > 0 < random.cov_error
+
+
+def test_command_needs_a_cone_factor_for_clay(tmp_path, capsys):
+    assert main(["site", str(PUBLIC / "polder.csv"), "--layers", "-2.5", "-7", "--out", str(tmp_path)]) == 2
+    assert "give --n-kt, such as 14" in capsys.readouterr().err
+
+
+def _with(keys):
+    assert "cov = 0.4" in TINY
+    return TINY.replace("cov = 0.4", f"cov = 0.4\n{keys}")
+
+
+def _scene(tmp_path, keys):
+    path = tmp_path / "scene.toml"
+    path.write_text(_with(keys))
+    return path
+
+
+def test_boreholes_come_from_a_file_that_goes_with_the_scene(tmp_path):
+    """The same as rows in the scene, and still there when the file is gone."""
+    _csv(tmp_path / "cpt.csv", "x [m],z [m],strength [kPa]\n1.0,1.0,35\n3.0,1.0,\n4.0,2.0,50\n")
+    campaign = parse(_scene(tmp_path, 'boreholes = "cpt.csv"'))
+    (tmp_path / "cpt.csv").unlink()
+    typed = parse(_scene(tmp_path, "boreholes = [[1.0, 1.0, 35e3], [4.0, 2.0, 50e3]]"))
+    assert campaign.random == typed.random
+    assert parse(campaign.source).random == typed.random
+    with pytest.raises(ValueError, match=r"there is no file .*cpt.csv"):
+        parse(_scene(tmp_path, 'boreholes = "cpt.csv"'))
+
+
+def test_each_sample_draws_its_mean_and_honours_what_was_measured(tmp_path):
+    """Two more coefficients; their scores move the mean far from the datum, and nothing at it."""
+    keys = "boreholes = [[1.0, 1.0, 35e3]]\nborehole_error = 0.01\n"
+    plain = parse(_scene(tmp_path, keys))
+    uncertain = parse(_scene(tmp_path, f"{keys}mean_error = 8e3\ncov_error = 0.1"))
+    known, soil = runs.random_soil(plain), runs.random_soil(uncertain)
+    assert soil.modes == known.modes + 2
+    model = runs.build(uncertain, "rough", soil)
+    sample = np.random.default_rng(1).standard_normal(soil.modes).astype(np.float32)
+    field = uncertain.random["strength"]
+    values = []
+    for score in (-2.0, 0.0, 2.0):
+        sample[:2] = score, 0.0
+        own = soil.coefficients(sample)["strength"]
+        marginal = field.drawn(sample[:2])
+        at = np.array([[1.0], [1.0]], np.float32)
+        here = marginal.transform(kl.field_at(soil.expansions["strength"], own, at))
+        assert float(here[0]) == pytest.approx(35e3, rel=0.02)
+        values.append(float(np.asarray(model.strength(sample)).mean()))
+    assert values[0] < values[1] < values[2]
+    # A field whose mean is known has the same samples as ever.
+    assert known.groups[0].indices is None
+    with pytest.raises(ValueError, match="need marginal = 'lognormal' or 'normal'"):
+        parse(_scene(tmp_path, 'marginal = "gumbel"\nmean_error = 8e3'))
+
+
+def test_means_of_samples_have_the_standard_error_that_is_given():
+    draws = np.random.default_rng(2).standard_normal((20000, 2))
+    field = parse(_with("mean_error = 8e3\ncov_error = 0.1")).random["strength"]
+    marginal = field.drawn(draws.T)
+    np.testing.assert_allclose([np.mean(marginal.mean), np.std(marginal.mean)], [field.mean, 8e3], rtol=0.03)
+    np.testing.assert_allclose([np.mean(marginal.cov), np.std(marginal.cov)], [0.4, 0.1], rtol=0.03)
