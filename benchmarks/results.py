@@ -60,6 +60,7 @@ LONG = {
     "limit_equilibrium": "sites",
     "random_slopes": "sites",
     "sites": "sites",
+    "site_data": "sites",
 }
 
 BENCHMARKS = SHORT | LONG
