@@ -1,4 +1,4 @@
-"""The commands: site, new, check, draw, fos, run, resume, status, report, export, sweep, example, doctor, completion."""
+"""The commands: site, new, check, draw, fos, run, resume, status, report, export, sweep, example, doctor, complete."""
 
 from __future__ import annotations
 
@@ -89,12 +89,7 @@ def sweep_over(given: argparse.Namespace) -> None:
 
 def estimate(given: argparse.Namespace) -> None:
     """Estimate layers and random soil of soundings and laboratory values, and write them for a scene."""
-    estimates = site.estimate_site(
-        given.files, site.assumed_of(given), boundaries=given.layers, units=site.units_of(given)
-    )
-    print(site.words(estimates))
-    for path in site.write_site(estimates, given.out):
-        print(path)
+    print(*site.answer(given), sep="\n")
 
 
 def new(given: argparse.Namespace) -> None:

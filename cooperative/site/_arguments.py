@@ -6,7 +6,8 @@ import argparse
 from pathlib import Path
 
 from cooperative.scene.tables import CORRELATIONS
-from cooperative.site._estimate import Assumed, cone_factor
+from cooperative.site._estimate import Assumed, cone_factor, estimate_site
+from cooperative.site._write import words, write_site
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,26 +42,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def assumed_of(given: argparse.Namespace) -> Assumed:
-    """What the interpretation rests on.
+def answer(given: argparse.Namespace) -> list[str]:
+    """Estimate and write a site; the estimates in words, and what was written.
 
     Args:
         given: on the command line.
 
     Raises:
-        ValueError: a cone factor that cannot be.
+        ValueError: files or numbers that cannot be used.
     """
+    units = dict(each.partition("=")[::2] for each in given.units)
+    site = estimate_site(given.files, _assumed(given), boundaries=given.layers, units=units)
+    return [words(site), *map(str, write_site(site, given.out))]
+
+
+def _assumed(given: argparse.Namespace) -> Assumed:
+    """What the interpretation rests on."""
     line = None if given.line is None else (tuple(given.line[:2]), tuple(given.line[2:]))
     return Assumed(
         cone_factor(given.n_kt), given.unit_weight, given.water, given.marginal, given.correlation, line,
         tuple(given.origin), given.base,
     )  # fmt: skip
-
-
-def units_of(given: argparse.Namespace) -> dict[str, str]:
-    """Units by column.
-
-    Args:
-        given: on the command line.
-    """
-    return dict(each.partition("=")[::2] for each in given.units)
