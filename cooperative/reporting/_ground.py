@@ -5,13 +5,13 @@ In 3D a map and a section, and a page whose ground the reader turns.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import matplotlib
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize, to_hex
@@ -24,6 +24,7 @@ from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import _page as page
 from cooperative.reporting import _plots as plots
 from cooperative.reporting._bodies import skin
+from cooperative.reporting._soundings import conditioned, measured_of
 from cooperative.runs import GridModel, coefficients_of, ground_of, soil_of
 from cooperative.scene import Campaign
 from cooperative.store import write_aside
@@ -33,7 +34,7 @@ from jaxmpm.laws import WaterSurface, WaterTable
 if TYPE_CHECKING:
     from plotly.graph_objects import Mesh3d, Scatter3d
 
-LAYERS = matplotlib.colormaps["Set2"]
+LAYERS = colormaps["Set2"]
 WATER, ROCK = "#1f77b4", "#969696"
 
 Values = dict[str, Mapping[str, np.ndarray]]
@@ -65,12 +66,12 @@ def draw(campaign: Campaign, *paths: Path, sample: int = 0) -> None:
     if turns and not interactive.installed():
         raise ValueError(f"{turns[0]}: a page that turns needs plotly, which is not installed: pip install plotly")
     models = models_of(campaign)
-    coefficients = coefficients_of(campaign, models["rough"].soil)[sample]
-    values = {grid: soil_of(model, coefficients).values for grid, model in models.items()}
+    coefficients = coefficients_of(campaign, models["rough"].soil)
+    values = {grid: soil_of(model, coefficients[sample]).values for grid, model in models.items()}
     for path in turns:
         write_aside(path, solid(models, values).encode())
     if len(turns) < len(paths):
-        figure = ground(models, values)
+        figure = ground(models, values, coefficients)
         plots.lay_out(figure)
         for path in paths:
             if path not in turns:
@@ -208,29 +209,55 @@ def _ends(field: dict[str, np.ndarray]) -> tuple[float, float]:
     return float(min(map(np.nanmin, field.values()))), float(max(map(np.nanmax, field.values())))
 
 
-def ground(models: dict[str, GridModel], values: Values) -> Figure:
+def ground(models: dict[str, GridModel], values: Values, coefficients: np.ndarray) -> Figure:
     """Ground with its layers above the first random field on every grid.
 
-    In 3D the section in the middle, below a map that shows where it lies.
+    In 3D the section in the middle, below a map that shows where it lies. Of a field that is conditioned, the values
+    measured, and mean and deviation over samples by their coefficients (samples, modes).
     """
     stored, fine = ground_of(models), models["refined"]
     planes = {grid: plots.plane_at(each, stored.middle) for grid, each in stored.grids.items()}
     sections = {grid: plots.section_of(each, planes[grid]) for grid, each in stored.grids.items()}
     mapped = fine.campaign.dimension == 3
-    figure, axes = plots.section_panels(sections["refined"][0], 1 + len(models) + mapped)
+    name = next(iter(fine.campaign.random))
+    drawn, measured = plots.quantity(name), measured_of(fine.campaign, name)
+    rows = 1 + len(models) + mapped
+    figure, axes = plots.section_panels(sections["refined"][0], rows + 2 * (measured is not None))
     if mapped:
         _map(figure, axes[0], fine, stored.middle)
     _layers(axes[int(mapped)], fine, planes["refined"], sections["refined"], stored.middle)
-    name = next(iter(fine.campaign.random))
-    drawn = plots.quantity(name)
+    if measured is not None:
+        axes[0].plot(*measured[:, :2].T, ".", color="k", ms=2, label="measured")
+        moments = [each[planes["refined"]] / drawn.size for each in conditioned(fine, name, coefficients)]
+        _moments(figure, axes[rows:], sections["refined"], moments, drawn, None if mapped else measured)
     shown_values = {grid: each[name][planes[grid]] / drawn.size for grid, each in values.items()}
     norm = Normalize(*_ends(shown_values))
-    shown = list(axes[1 + mapped :])
+    shown = list(axes[1 + mapped : rows])
     for ax, (grid, (position, half)) in zip(shown, sections.items(), strict=True):
         boxes = plots.draw_particles(ax, position, half, shown_values[grid], "cividis", norm)
         ax.set_title(f"{grid} grid, {models[grid].scene.particles.mass.size:,} particles, one sample", loc="left")
     figure.colorbar(boxes, ax=shown, label=drawn.label)
     return figure
+
+
+def _moments(
+    figure: Figure, axes: Sequence[Axes], section: plots.Section, moments: Sequence[np.ndarray],
+    drawn: plots.Quantity, measured: np.ndarray | None,
+) -> None:  # fmt: skip
+    """Mean and deviation (N,) of a conditioned field in a section, with the values measured (n, 3) in their colours."""
+    position, half = section
+    for ax, values, word in zip(axes, moments, ("mean", "standard deviation"), strict=True):
+        known = [values[np.isfinite(values)]]
+        if word == "mean" and measured is not None:
+            known.append(measured[:, -1] / drawn.size)
+        norm = Normalize(min(each.min() for each in known), max(each.max() for each in known))
+        boxes = plots.draw_particles(ax, position, half, values, "cividis", norm)
+        if measured is not None:
+            x, z, value = measured.T
+            inner = norm(value / drawn.size) if word == "mean" else np.zeros(value.size)
+            ax.scatter(x, z, 8, colormaps["cividis"](inner), edgecolors="w", linewidths=0.3)
+        ax.set_title(f"{word} of {drawn.word} over samples, with the values measured", loc="left")
+        figure.colorbar(boxes, ax=ax, label=f"[{drawn.unit}]")
 
 
 def _layers(ax: Axes, model: GridModel, plane: np.ndarray, section: plots.Section, middle: float) -> None:

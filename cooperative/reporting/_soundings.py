@@ -1,4 +1,4 @@
-"""The soundings of a site: values with depth, layers, trend and band."""
+"""The soundings of a site, with layers, trend and band; what a scene measured, and what it leaves open."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from cooperative.reporting._plots import quantity
+from cooperative.runs import GridModel, soil_of
+from cooperative.scene import Campaign
 from kl.estimation import FieldFit
 from kl.marginal import Lognormal
 
@@ -46,6 +48,34 @@ class LayerValues(Protocol):
     @property
     def fit(self) -> FieldFit:
         """Estimates."""
+
+
+DRAWN = 64
+"""Samples from which mean and deviation of a conditioned field are drawn."""
+
+
+def measured_of(campaign: Campaign, name: str) -> np.ndarray | None:
+    """Positions and values (n, d + 1) that condition the fields of a parameter, None where none do.
+
+    Args:
+        campaign: the campaign.
+        name: of the parameter.
+    """
+    fields = [campaign.random.get(name), *(layer.random.get(name) for layer in campaign.site.layers)]
+    rows = dict.fromkeys(row for field in fields if field is not None for row in field.boreholes or ())
+    return np.array(list(rows), float) if rows else None
+
+
+def conditioned(model: GridModel, name: str, coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and standard deviation (N,) of a parameter at the particles over samples, nan in rock.
+
+    Args:
+        model: the grid.
+        name: of the parameter.
+        coefficients: (samples, modes), of which the first are used.
+    """
+    each = np.array([soil_of(model, own).values[name] for own in coefficients[:DRAWN]])
+    return each.mean(axis=0), each.std(axis=0, ddof=1)
 
 
 def site_figure(layers: Sequence[LayerValues]) -> Figure:

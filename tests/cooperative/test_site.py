@@ -7,6 +7,7 @@ import kl
 from benchmarks.robustness.invented import TINY
 from cooperative import runs
 from cooperative._commands import main
+from cooperative.reporting._soundings import conditioned, measured_of
 from cooperative.scene import parse
 from cooperative.site import Assumed, estimate_site, write_site
 from cooperative.soundings import (
@@ -268,6 +269,11 @@ def test_each_sample_draws_its_mean_and_honours_what_was_measured(tmp_path):
         assert float(here[0]) == pytest.approx(35e3, rel=0.02)
         values.append(float(np.asarray(model.strength(sample)).mean()))
     assert values[0] < values[1] < values[2]
+    x, z = np.asarray(model.scene.particles.position)
+    _, deviation = conditioned(model, "strength", runs.coefficients_of(uncertain, soil))
+    distance = np.hypot(x - 1.0, z - 1.0)
+    assert deviation[distance.argmin()] < 0.6 * deviation[distance.argmax()]
+    np.testing.assert_allclose(measured_of(uncertain, "strength"), [[1.0, 1.0, 35e3]])
     # A field whose mean is known has the same samples as ever.
     assert known.groups[0].indices is None
     with pytest.raises(ValueError, match="need marginal = 'lognormal' or 'normal'"):
