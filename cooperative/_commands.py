@@ -17,7 +17,7 @@ from cooperative.folder import SLIDES
 from cooperative.reporting import _exports as exports
 from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import draw, progress_of, report, watched, words
-from cooperative.scene import Campaign, begin, examples, parse, starters, write_example
+from cooperative.scene import Campaign, begin, examples, parse, remarks, starters, write_example
 from cooperative.store import GRIDS, Source, read_store
 from foundation.text import printable
 from jaxmpm import ground
@@ -128,6 +128,7 @@ def _cost(scene: Campaign, cost: runs.Cost) -> Iterator[str]:
             f"  {grid + ' grid':<14} {size.particles:,.0f} particles, {size.nodes:,.0f} nodes; {most}"
             f"{cost.runs[grid]:,} runs of {size.steps:,.0f} steps, {cost.step[grid] * 1e3:.3g} ms each here"
         )
+    yield from (f"  WARNING        {remark}" for remark in remarks(scene))
     yield f"  memory         {cost.memory / 1e9:.2g} GB for both grids in one process"
     rough, refined = (cost.hours(grid) for grid in GRIDS)
     yield (

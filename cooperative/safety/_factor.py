@@ -14,7 +14,7 @@ import jaxmpm
 from cooperative.runs import GridModel, build, coefficients_of, random_soil
 from cooperative.safety._search import Critical, critical_surface
 from cooperative.safety._slices import SHALLOWEST, Slices, Strength
-from cooperative.scene import Campaign, failing_volume, limit_load_factor
+from cooperative.scene import Campaign, Site, failing_volume, limit_load_factor
 from foundation import check
 from jaxmpm import Layer, Raster, Scene, Section, Slope, State
 from jaxmpm.laws import declared
@@ -112,7 +112,7 @@ def factor_of_safety(
     loads = [f"{name} = {value:g}" for name, value in (("k_h", run.k_h), ("k_v", run.k_v)) if value]
     loads += [f"water {water:+g} m"] * (water != 0) + ["without its motion"] * (run.motion is not None)
     if water:
-        campaign = replace(campaign, ground=replace(campaign.site, water=_raised(campaign, water)))
+        campaign = replace(campaign, ground=_raised(campaign, water))
     soil = random_soil(campaign)
     if sample is not None and not 0 <= sample < campaign.plan.samples:
         raise ValueError(f"sample = {sample}: the scene has samples 0 to {campaign.plan.samples - 1}")
@@ -128,9 +128,9 @@ def factor_of_safety(
     return _by_solver(result, model, coefficients, progress) if solver else result
 
 
-def _raised(campaign: Campaign, by: float) -> Any:
-    """The water of a campaign, by so much higher (m); ValueError without any."""
-    water: Any = campaign.site.water
+def _raised(campaign: Campaign, by: float) -> Site:
+    """The site of a campaign with its water by so much higher (m); ValueError without any."""
+    site, water = campaign.site, cast(Any, campaign.site.water)
     if water is None:
         given = "no [water]" if campaign.site.r_u is None else f"r_u = {campaign.site.r_u:g}, which has no level"
         remedy = "give [water] a level, a table or a depth"
@@ -138,8 +138,9 @@ def _raised(campaign: Campaign, by: float) -> Any:
             remedy = f"draw the slope as [ground], and {remedy}"
         raise ValueError(f"water {by:+g} m: the scene has {given}, so none can be raised: {remedy}")
     if isinstance(water, Raster):
-        return replace(water, heights=np.asarray(water.heights) + by)
-    return water + by if isinstance(water, int | float) else tuple((x, z + by) for x, z in water)
+        return replace(site, water=replace(water, heights=np.asarray(water.heights) + by))
+    higher = water + by if isinstance(water, int | float) else tuple((x, z + by) for x, z in water)
+    return replace(site, water=higher, level=None if site.level is None else site.level.raised(by))
 
 
 def _section(campaign: Campaign) -> Section:

@@ -12,6 +12,7 @@ from cooperative.scene._measured import (
     measure_limit_load,
 )
 from cooperative.scene._page import SEVERAL, TABLES, json_schema, markdown
+from cooperative.scene._remarks import remarks
 from cooperative.scene._run import Run
 from cooperative.scene._site import Site, SiteLayer
 from cooperative.scene._stored import (
@@ -69,6 +70,7 @@ __all__ = [
     "parse",
     "read",
     "read_scene",
+    "remarks",
     "settled",
     "source_of",
     "starters",

@@ -235,16 +235,16 @@ def check_campaign(campaign: Campaign) -> None:
         raise ValueError(
             f"least_volume = {campaign.least_volume}: give more than 0 and less than the ground's {volume:.4g}"
         )
-    for name, varies in campaign.random.items():
-        if len(varies.length) != dimension:
-            raise ValueError(f"length of {name} has {len(varies.length)} values: give {dimension}, one per axis")
-    if campaign.cross_correlation is not None:
-        check_cross_correlation(campaign.cross_correlation, campaign.random)
     for layer in campaign.site.layers:
         try:
             _check_own_fields(campaign, layer)
         except ValueError as error:
             raise ValueError(f"{layer.label}: {error}") from error
+    for name, varies in campaign.random.items():
+        if len(varies.length) != dimension:
+            raise ValueError(f"length of {name} has {len(varies.length)} values: give {dimension}, one per axis")
+    if campaign.cross_correlation is not None:
+        check_cross_correlation(campaign.cross_correlation, campaign.random)
     _check_boreholes(campaign)
     check_failure(campaign)
     if plan.screening_stop is not None and "rough" in plan.modes:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -57,6 +57,11 @@ class RandomLevel:
     def at(self, score: float) -> float:
         """The level (m) of a standard normal score."""
         return float(np.asarray(self._moved.transform(jnp.asarray(score)))) - self._up
+
+    def raised(self, by: float) -> RandomLevel:
+        """The distribution of levels that are all so much higher (m)."""
+        lower, upper = (None if end is None else end + by for end in (self.lower, self.upper))
+        return replace(self, mean=self.mean + by, lower=lower, upper=upper)
 
 
 def random_level(water: tables.Water | None) -> RandomLevel | None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
@@ -95,11 +97,23 @@ class Site:
         # What is unusual was asked about when the scene was read.
         layers = [replace(each, soil=_without_warnings(each.soil)) for each in self.soils(soil)]
         frictional = any(getattr(each.soil, "friction", None) is not None for each in layers)
-        return ground.build_ground(
-            self.shape, layers, numerics, gravity=gravity, at_rest=at_rest, ends=self.ends, water=self.water, **loads,
-            # Without friction it determines the strength, and is no load on soil in total stress.
-            r_u=self.r_u if frictional or not self.by_stress(soil) else None,
-        )  # fmt: skip
+        # Without friction it determines the strength, and is no load on soil in total stress.
+        r_u = self.r_u if frictional or not self.by_stress(soil) else None
+        with self._naming_layers():
+            return ground.build_ground(
+                self.shape, layers, numerics, gravity=gravity, at_rest=at_rest, ends=self.ends, water=self.water,
+                r_u=r_u, **loads,
+            )  # fmt: skip
+
+    @contextmanager
+    def _naming_layers(self) -> Iterator[None]:
+        """Have errors of the ground name layers as the scene does, where it has them by number."""
+        try:
+            yield
+        except ValueError as error:
+            labels = {f"layer {number}": each.label for number, each in enumerate(self.layers, 1)}
+            text = re.sub(r"\blayer \d+\b", lambda number: labels.get(number[0], number[0]), str(error))
+            raise ValueError(text) from error
 
     @property
     def _bare(self) -> list[Layer]:
@@ -135,12 +149,14 @@ class Site:
 
     def layer_of(self, position: np.ndarray, numerics: Discretisation) -> np.ndarray | None:
         """Number of the layer (N,) in which each point (d, N) m lies, None where there are none."""
-        return ground.layer_of(self.shape, self._bare, position, numerics) if self.layers else None
+        with self._naming_layers():
+            return ground.layer_of(self.shape, self._bare, position, numerics) if self.layers else None
 
     @property
     def thicknesses(self) -> list[Thickness]:
         """That of each layer; none where there are none."""
-        return ground.thicknesses(self.shape, self._bare) if self.layers else []
+        with self._naming_layers():
+            return ground.thicknesses(self.shape, self._bare) if self.layers else []
 
     def values_of(self, parameter: str, field: RandomField) -> tuple[RandomField | float, ...]:
         """What a parameter that varies is in each layer.
@@ -178,7 +194,8 @@ class Site:
 
     def box_of(self, number: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Lowest corner and edges (d,) m of a box that holds a layer, the same for every grid."""
-        return ground.box_of(self.shape, self._bare, number)
+        with self._naming_layers():
+            return ground.box_of(self.shape, self._bare, number)
 
     @property
     def span(self) -> Span:

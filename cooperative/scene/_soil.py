@@ -10,24 +10,13 @@ from typing import Any, cast
 import kl
 from cooperative.scene import tables
 from cooperative.scene._fields import LIMITS, RandomField, Span
+from cooperative.scene._plausible import MEANT, ask, ask_of_field
 from cooperative.scene._site import SiteLayer
 from foundation.text import shown
 from jaxmpm import FrictionalSoil, Layer, Soil
-from jaxmpm.soil import Plausible, unit_slip
 
 BAND = 1 / 5
 """Thickness of the band to which softening refers, over the slope's height, where a scene does not say."""
-
-COV = Plausible(most=3.0, above="it is a share, 1 for 100 per cent; were per cent meant?")
-"""Coefficients of variation that are plausible."""
-
-_STRESS = Plausible("Pa per metre", 50.0, "were kPa or MPa per metre meant?")
-TRENDS = {
-    **dict.fromkeys(("strength", "cohesion", "softening_modulus", "residual_cohesion"), _STRESS),
-    "young": replace(_STRESS, least=1e4),
-    "unit_weight": Plausible("N/m3 per metre", 1.0, "were kN/m3 per metre meant?"),
-}
-"""Trends with depth that are plausible, upwards or downwards."""
 
 SOFTENED_BY = {
     "residual_ratio": ("softening_modulus", "strain_95"),
@@ -74,10 +63,10 @@ def soils_of(
         ValueError: soil and layers that will not do.
     """
     if not scene.unusual:
-        _ask("[run] gravity", "gravity", scene.run.gravity)
+        ask("[run] gravity", "gravity", scene.run.gravity)
         if scene.ground is not None and scene.ground.interface is not None:
             for name, value in scene.ground.interface:
-                _ask(f"[ground.interface] {name}", name, value)
+                ask(f"[ground.interface] {name}", name, value)
     soil, random = None, cast(Mapping[str, RandomField], {})
     if scene.soil is not None and not (scene.layer and _kind(_of_scene(scene)) is None):
         table = scene.soil if scene.strength is None else scene.soil.model_copy(update={"strength": scene.strength})
@@ -96,32 +85,33 @@ def soils_of(
 
 
 def _soil_of(
-    table: tables.Soil, label: Label, *, height: float, span: Span
+    table: tables.Soil, label: Label, *, height: float, span: Span, home: str = "[soil]"
 ) -> tuple[Soil | FrictionalSoil, Mapping[str, RandomField]]:
     """The soil with the means of what varies, and the fields by parameter.
 
     table: `[soil]`, with the strength of `[strength]`. label: names its parameters. height: of the slope (m). span: of
-    the ground. Raises ValueError for parameters that no soil has, that do not go together or whose numbers betray
+    the ground. home: where a reader adds what lacks. Raises ValueError for parameters that no soil has, that do not go
+    together or whose numbers betray
     another unit, and for fields whose values leave their limits.
     """
     values, random, unusual = dict(table), {}, table.unusual
-    _check_kind(values, table.model_fields_set, label)
+    _check_kind(values, table.model_fields_set, label, home)
     for name, value in table:
         if isinstance(value, tables.Varying):
             random[name] = _field(value)
             if not unusual:
-                _ask_of_field(label(name), name, random[name])
+                ask_of_field(label(name), name, random[name], home)
             random[name].check(label(name), LIMITS[name], span)
             values[name] = value.mean
         elif name in LIMITS and isinstance(value, float) and not unusual:
-            _ask(label(name), name, value)
+            ask(label(name), name, value, home=home)
     for name, others in SOFTENED_BY.items():
         if name in random and all(values[other] is None for other in others):
             raise ValueError(
-                f"{label(name)} varies, but the soil does not soften: add {' or '.join(others)} to [soil], or leave "
-                "it out"
+                f"{label(name)} varies, but the soil does not soften: add {' or '.join(others)} to {home}, or "
+                "leave it out"
             )
-    _check_saturated(values, random, label)
+    _check_saturated(values, random, label, home)
     _check_friction(values, random, span, label)
     return _built(values, height), MappingProxyType({name: random[name] for name in LIMITS if name in random})
 
@@ -163,7 +153,9 @@ def _soil_of_layer(
     if layer.rock:
         return _rock(soil, height), {}, ()
     above = _in_scene(soil if scene.soil is None else scene.soil, scene.strength)
-    own_soil, varying = _soil_of(soil, lambda name: name if name in own else above(name), height=height, span=span)
+    own_soil, varying = _soil_of(
+        soil, lambda name: name if name in own else above(name), height=height, span=span, home="the layer"
+    )
     for name, field in varying.items():
         if name not in random:
             if "length" not in _of_its_own(layer, name):
@@ -233,7 +225,7 @@ def _rock(table: tables.Soil, height: float) -> Soil | FrictionalSoil:
     return _built(values, height)
 
 
-def _check_kind(values: Mapping[str, object], given: Collection[str], label: Label) -> None:
+def _check_kind(values: Mapping[str, object], given: Collection[str], label: Label, home: str) -> None:
     """Clay has a strength, other soil cohesion and friction; ValueError for what has no say."""
     frictional = [name for name in ("cohesion", "friction") if values[name] is not None]
     undrained = [name for name in ("strength", "strength_ratio") if values[name] is not None]
@@ -249,7 +241,7 @@ def _check_kind(values: Mapping[str, object], given: Collection[str], label: Lab
     if ("strength_ratio" in undrained) != (values["strength_minimum"] is not None):
         lacking, beside = ("minimum", "ratio") if undrained == ["strength_ratio"] else ("ratio", "minimum")
         raise ValueError(
-            f"[soil] lacks strength_{lacking}, which goes with strength_{beside}: add it; at the surface, where the "
+            f"{home} lacks strength_{lacking}, which goes with strength_{beside}: add it; at the surface, where the "
             "stress is 0, soil has its strength_minimum (Pa)"
         )
     if not frictional and not undrained:
@@ -259,7 +251,7 @@ def _check_kind(values: Mapping[str, object], given: Collection[str], label: Lab
         )
     if len(frictional) == 1:
         lacking = {"cohesion": "friction", "friction": "cohesion"}[frictional[0]]
-        raise ValueError(f"[soil] lacks {lacking}, which goes with {frictional[0]}: add it")
+        raise ValueError(f"{home} lacks {lacking}, which goes with {frictional[0]}: add it")
     for name in OF_CLAY if frictional else OF_FRICTION:
         if name in given:
             kind = "soil with cohesion and friction" if frictional else "undrained soil"
@@ -271,26 +263,7 @@ def _field(table: tables.Varying) -> RandomField:
     return RandomField(**{**dict(table), "bedding": bedding})
 
 
-def _ask_of_field(where: str, name: str, field: RandomField) -> None:
-    """Raise ValueError for a number of a field that betrays another unit."""
-    _ask(f"{where} mean", name, field.mean)
-    _ask(f"{where} cov", name, field.cov, COV)
-    # Angles may well come down to a degree.
-    for end in ("upper",) if LIMITS[name].unit == "degrees" else ("lower", "upper"):
-        _ask(f"{where} {end}", name, getattr(field, end) or 0.0)
-    if field.trend is not None and name in TRENDS:
-        _ask(f"{where} {'-' if field.trend < 0 else ''}trend", name, abs(field.trend), TRENDS[name])
-    for row in field.boreholes or ():
-        _ask(f"{where} boreholes, value", name, row[-1])
-
-
-def _ask(where: str, name: str, value: float, plausible: Plausible | None = None) -> None:
-    """Raise ValueError for a number that betrays another unit, see `jaxmpm.soil.unit_slip`."""
-    if slip := unit_slip(name, value, plausible):
-        raise ValueError(f"{where} = {slip} If it is meant as it is, say unusual = true in [soil]")
-
-
-def _check_saturated(values: Mapping[str, Any], random: Mapping[str, RandomField], label: Label) -> None:
+def _check_saturated(values: Mapping[str, Any], random: Mapping[str, RandomField], label: Label, home: str) -> None:
     """Water in its pores does not make soil lighter."""
     saturated, weight = values["saturated_unit_weight"], values["unit_weight"]
     if saturated is None:
@@ -303,7 +276,7 @@ def _check_saturated(values: Mapping[str, Any], random: Mapping[str, RandomField
     if saturated < weight and not values["unusual"]:
         raise ValueError(
             f"{label('saturated_unit_weight')} = {saturated:g} N/m3 is below unit_weight = {weight:g} N/m3, that of "
-            "soil above the water: give at least that. If it is meant as it is, say unusual = true in [soil]"
+            f"soil above the water: give at least that. {MEANT.format(home)}"
         )
 
 

@@ -16,6 +16,7 @@ from cooperative.scene._campaign import Campaign, Given, Hazard, Plan
 from cooperative.scene._fields import CrossCorrelation
 from cooperative.scene._files import Files
 from cooperative.scene._level import random_level
+from cooperative.scene._plausible import ask_of_heights
 from cooperative.scene._run import check_limit_load, run_of
 from cooperative.scene._shaking import motion_of
 from cooperative.scene._site import Site
@@ -66,6 +67,8 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
     if given is not None and scene.estimator is None:
         source = replace(source, beside={**source.beside, "estimator": {"given": given}})
     ground = _site(scene)
+    if not scene.unusual:
+        ask_of_heights(next(name for name in tables.SITES if getattr(scene, name) is not None), ground.shape)
     whole, through, layers = soils_of(scene, height=ground.height, span=ground.span)
     site = replace(ground, layers=layers, level=random_level(scene.water))
     soil, random = site.representative(whole), site.all_random(through)

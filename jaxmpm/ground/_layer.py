@@ -43,8 +43,14 @@ class Layer:
 
 def check_ends(layers: Sequence[Layer]) -> None:
     """Raise ValueError unless all layers but the last have a lower boundary, each given in one way."""
-    if not layers or layers[-1].ends or not all(layer.ends for layer in layers[:-1]):
-        raise ValueError("layers: give them from the top down, all but the last with their bottom, depth or thickness")
+    wrong = [number for number, layer in enumerate(layers, 1) if layer.ends == (number == len(layers))]
+    if not layers or wrong:
+        which = ""
+        if wrong:
+            which = f"; layer {wrong[0]} has none" if wrong[0] < len(layers) else f"; layer {wrong[0]} is the last"
+        raise ValueError(
+            f"layers: give them from the top down, all but the last with their bottom, depth or thickness{which}"
+        )
     for number, layer in enumerate(layers, 1):
         given = [key for key in ("bottom", "depth", "thickness") if getattr(layer, key) is not None]
         if len(given) > 1:

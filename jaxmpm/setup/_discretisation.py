@@ -118,12 +118,14 @@ def check_resolved(what: str, corner: Sequence[float], extent: Sequence[float], 
         ValueError: If it is too far.
     """
     dtype = check.dtype(discretisation.dtype or jax.dtypes.canonicalize_dtype(float))
-    farthest = max(max(abs(low), abs(low + length)) for low, length in zip(corner, extent, strict=True))
-    resolved = float(np.finfo(dtype).eps) * farthest
+    far = [max(abs(low), abs(low + length)) for low, length in zip(corner, extent, strict=True)]
+    axis = int(np.argmax(far))
+    resolved = float(np.finfo(dtype).eps) * far[axis]
     if resolved > RESOLVED / 4 * min(discretisation.spacing):
+        name = {2: "xz", 3: "xyz"}.get(len(far), "z")[axis]
         raise ValueError(
-            f"{what} lies at x = {corner[0]:g} to {corner[0] + extent[0]:g} m, which {dtype} resolves to "
-            f"{resolved:.1g} m only: measure from a corner of {what}"
+            f"{what} lies at {name} = {corner[axis]:g} to {corner[axis] + extent[axis]:g} m, which {dtype} resolves to "
+            f"{resolved:.1g} m only: measure from a corner of {what}, in metres"
         )
 
 

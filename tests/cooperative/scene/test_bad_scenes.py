@@ -14,7 +14,7 @@ from cooperative.store import open_store, read_store
 from tests.cooperative.campaign.test_campaign import SCENES, TINY, changed
 
 TOO_LARGE = [
-    (("height = 8.0", "height = 1e6"), r"particles .* the limit is 1e\+13: give larger cells"),
+    (("toe = 16.0", "toe = 1e15"), r"particles .* the limit is 1e\+13: give larger cells"),
     (("samples = 6", "samples = 1_000_000_000_000"), r"asks for 1000000000000 rough runs, the limit is 1e\+07"),
     (("cell = 1.0\nspacing = [0.5, 0.5]", "cell = 0.001\nspacing = [0.0005, 0.0005]"), r"refined grid: a run takes"),
     (("cell = 2.0", "cell = 2.0\ncfl = 1e-9"), r"rough grid: a run takes .* steps, the limit is 1e\+07: give a larger"),

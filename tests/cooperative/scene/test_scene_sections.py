@@ -107,9 +107,9 @@ def test_a_campaign_on_layers_is_stopped_and_goes_on(tmp_path, capsys):
 REFUSED = [
     (("[soil]", "[slope]\ncrest = 1.0\n[soil]"), r"\[slope\] lacks height, run_per_rise"),
     ((GROUND, ""), "the scene says no ground: give one of"),
-    (("depth = 1.0", "depth = 1.0\nthickness = 2.0"), "layer 1 has both depth and thickness"),
-    (("depth = 1.0", "depth = 9.5"), r"bottom of layer 2 crosses the bottom of layer 1: at x = .* it is .* m higher"),
-    (("depth = 1.0", "depth = 0.5"), r"layer 1 is 0.5 m thick at \(0.5, 9.5\) m, less than a particle of 1 m"),
+    (("depth = 1.0", "depth = 1.0\nthickness = 2.0"), "layer 'fill' has both depth and thickness"),
+    (("depth = 1.0", "depth = 9.5"), r"bottom of layer 'clay' crosses the bottom of layer 'fill': at x = .* m higher"),
+    (("depth = 1.0", "depth = 0.5"), r"layer 'fill' is 0.5 m thick at \(0.5, 9.5\) m, less than a particle of 1 m"),
     (("depth = 1.0", ""), "all but the last with their bottom, depth or thickness"),
     (
         ("rock = true", "rock = true\nstrength = { mean = 2e3 }"),

@@ -1,0 +1,94 @@
+"""Numbers of the soil that betray another unit, and correlation lengths in another order."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+
+from cooperative.scene._fields import LIMITS, RandomField
+from jaxmpm import Ground, ground
+from jaxmpm.soil import Plausible, unit_slip
+
+MEANT = "If it is meant as it is, say unusual = true in {}"
+"""The remedy of a number that is unusual, with the table in which to say so."""
+
+HIGHEST = 3000.0
+"""Height (m) of a slope from its foot to its top that is plausible."""
+
+COV = Plausible(most=3.0, above="it is a share, 1 for 100 per cent; were per cent meant?")
+"""Coefficients of variation that are plausible."""
+
+_STRESS = Plausible("Pa per metre", 50.0, "were kPa or MPa per metre meant?")
+TRENDS = {
+    **dict.fromkeys(("strength", "cohesion", "softening_modulus", "residual_cohesion"), _STRESS),
+    "young": replace(_STRESS, least=1e4),
+    "unit_weight": Plausible("N/m3 per metre", 1.0, "were kN/m3 per metre meant?"),
+}
+"""Trends with depth that are plausible, upwards or downwards."""
+
+
+def ask_of_field(where: str, name: str, field: RandomField, home: str) -> None:
+    """Check the numbers of a field.
+
+    Args:
+        where: name of the parameter, for messages.
+        name: of the parameter.
+        field: that it is.
+        home: table in which a reader says that it is meant.
+
+    Raises:
+        ValueError: a number betrays another unit, or lengths another order.
+    """
+    asked = partial(ask, home=home)
+    asked(f"{where} mean", name, field.mean)
+    asked(f"{where} cov", name, field.cov, COV)
+    # Angles may well come down to a degree.
+    for end in ("upper",) if LIMITS[name].unit == "degrees" else ("lower", "upper"):
+        asked(f"{where} {end}", name, getattr(field, end) or 0.0)
+    if field.trend is not None and name in TRENDS:
+        asked(f"{where} {'-' if field.trend < 0 else ''}trend", name, abs(field.trend), TRENDS[name])
+    for row in field.boreholes or ():
+        asked(f"{where} boreholes, value", name, row[-1])
+    *along, upwards = field.length
+    if along and field.bedding is None and max(along) < upwards < math.inf:
+        raise ValueError(
+            f"{where} length = {list(field.length)}: it correlates over {upwards:g} m upwards and {max(along):g} m "
+            "along the ground, while deposits vary faster upwards; the order is x, y, z, in a section x, z. "
+            + MEANT.format(home)
+        )
+
+
+def ask(where: str, name: str, value: float, plausible: Plausible | None = None, home: str = "[soil]") -> None:
+    """Check a number of the soil.
+
+    Args:
+        where: name of the number, for messages.
+        name: of the parameter.
+        value: in its unit.
+        plausible: range, None for that of the parameter.
+        home: table in which a reader says that it is meant.
+
+    Raises:
+        ValueError: it betrays another unit, see `jaxmpm.soil.unit_slip`.
+    """
+    if slip := unit_slip(name, value, plausible):
+        raise ValueError(f"{where} = {slip} {MEANT.format(home)}")
+
+
+def ask_of_heights(where: str, shape: Ground) -> None:
+    """Check the heights of the ground.
+
+    Args:
+        where: table of the scene that gives it.
+        shape: of the ground.
+
+    Raises:
+        ValueError: they betray another unit.
+    """
+    relief, (base, edge) = ground.relief(shape), (shape.corner[-1], shape.extent[-1])
+    if relief > HIGHEST:
+        raise ValueError(
+            f"[{where}] has heights z up to {base + edge:g} m and a slope {relief:g} m high, above {HIGHEST:g} m: were "
+            f"mm or cm meant? {MEANT.format('[soil]')}"
+        )

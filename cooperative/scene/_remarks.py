@@ -1,0 +1,37 @@
+"""What is allowed in a scene and seldom meant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from cooperative.scene._campaign import Campaign
+from jaxmpm import Slope, ground
+
+TOP = 0.95
+"""Share of the height of the ground from which on an element at risk stands at the crest."""
+
+
+def remarks(campaign: Campaign) -> Iterator[str]:
+    """What a reader of a scene should know before it runs.
+
+    Args:
+        campaign: of the scene.
+
+    Yields:
+        Sentences.
+    """
+    shape = campaign.site.shape
+    base, relief = shape.corner[-1] + shape.extent[-1] - ground.relief(shape), ground.relief(shape)
+    for element in campaign.hazard.places if campaign.hazard else ():
+        corners = np.array(element.corners, float).T
+        if len(corners) == campaign.dimension - 1 and relief > 0:
+            heights = shape.heights(*corners)
+            if float(np.min(heights)) >= base + TOP * relief:
+                zero = "; x = 0 is the rear of the crest" if isinstance(shape, Slope) else ""
+                yield (
+                    f"{element.name} stands at the crest, at z = {np.min(heights):.4g} m of {base + relief:.4g} m"
+                    f"{zero}. No slide comes over it from above: it counts as reached where its own ground slides "
+                    "away, with the thickness of that"
+                )
