@@ -84,7 +84,7 @@ def sweep_over(given: argparse.Namespace) -> None:
     """Run a campaign for each value of each parameter in the scene's [sweep], or go on where it was."""
     with runs.stop_by_signals(ends_process=True):
         sweep.run(given.scene, given.out, workers=given.workers, progress=True)
-    print(f"{given.out / 'sweep.json'}, figures in {given.out / 'figures'}")
+    print(f"{given.out / 'sweep.json'}, {given.out / 'sweep.csv'}, figures in {given.out / 'figures'}")
 
 
 def estimate(given: argparse.Namespace) -> None:

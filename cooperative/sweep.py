@@ -9,6 +9,7 @@ the terms of its field differ too, and samples have less in common; the interval
     sweep.toml                    the scene, verbatim
     campaigns/base, lx-10 ...     campaigns, each as `cooperative.campaign.run` leaves it
     sweep.json                    P_f, differences to the base and mode ratios, with intervals; fragility curves
+    sweep.csv                     the same as a table
     figures/probability.png, difference.png, fragility.png, displacement.png, modes.png
 """
 
@@ -51,6 +52,7 @@ from cooperative.scene import (
 from cooperative.store import CAMPAIGN, GRIDS, Rows, Source, read_store, stored_source, write_aside
 from cooperative.summary import summarise
 from cooperative.values import Summary
+from foundation.text import printable
 from jaxmpm.soil import STANDARD_GRAVITY
 
 __all__ = ["LABELS", "Content", "Variant", "run", "variants"]
@@ -101,6 +103,7 @@ def _ran(parts: list[Variant], folder: Path, *, workers: int, progress: bool) ->
     """All campaigns in turn, and their `sweep.json` and figures."""
     points: dict[str, list[Point]] = {}
     counted: dict[str, np.ndarray] = {}
+    variance: dict[str, float] = {}
     name = "sweep"
     for part in parts:
         where = folder / "campaigns" / part.name
@@ -111,20 +114,25 @@ def _ran(parts: list[Variant], folder: Path, *, workers: int, progress: bool) ->
         name = summary.name
         if part.name != RANKED:
             counted[part.name] = _counted(where)
+            variance[part.name] = ((summary.coefficient_of_variation or 0.0) * summary.probability_of_failure) ** 2
         for parameter, value in part.points:
             if part.name == RANKED:
                 point = _point(value, part.name, _ranked(where, int(value)))
             else:
-                point = _point(value, part.name, summary) | _compared(where, counted[BASE], counted[part.name], part)
+                point = _point(value, part.name, summary) | _compared(where, part, counted, variance)
             points.setdefault(parameter, []).append(cast(Point, point))
     parameters = {
         parameter: rows if parameter == SCENARIO else sorted(rows, key=lambda row: row["value"])
         for parameter, rows in points.items()
     }
-    fragility = _fragility(parameters, counted)
+    fragility = _fragility(parameters, counted, variance)
     content: Content = {"name": name, "parameters": parameters, "fragility": fragility}
     write_aside(folder / "sweep.json", json.dumps(content, indent=1).encode())
+    write_aside(folder / "sweep.csv", figures.table(parameters).encode())
     _draw(parameters, fragility, folder / "figures")
+    if progress:
+        for line in figures.in_words(parameters, fragility).splitlines():
+            print(printable(line), flush=True)
     return content
 
 
@@ -180,11 +188,14 @@ def _point(value: float | str, campaign: str, summary: Summary) -> dict[str, Any
     return point | {name: fields[name] for name in names} | {"difference": None, "displacement": None, "peak": None}
 
 
-def _compared(folder: Path, base: np.ndarray, own: np.ndarray, part: Variant) -> dict[str, Any]:
+def _compared(
+    folder: Path, part: Variant, counted: Mapping[str, np.ndarray], variance: Mapping[str, float]
+) -> dict[str, Any]:
     """What it has of one beside the base: difference of P_f, displacement, and peak acceleration."""
     difference = None
     if part.name != BASE:
-        change = paired_difference(base, own)
+        both = variance[BASE], variance[part.name]
+        change = paired_difference(counted[BASE], counted[part.name], both)
         difference = {**asdict(change), "interval": list(change.interval)}
     store = read_store(folder)
     campaign = campaign_of(store)
@@ -203,7 +214,9 @@ def _moved(displacement: np.ndarray) -> Moved | None:
     return {"median": float(median), "ninety": float(ninety)}
 
 
-def _fragility(parameters: dict[str, list[Point]], counted: Mapping[str, np.ndarray]) -> dict[str, list[Fitted]]:
+def _fragility(
+    parameters: dict[str, list[Point]], counted: Mapping[str, np.ndarray], variance: Mapping[str, float]
+) -> dict[str, list[Fitted]]:
     """Curves of each parameter that is a path to a number, and of all records together."""
     groups = {name: [(float(row["value"]), row) for row in rows]
               for name, rows in parameters.items() if name not in (*LABELS, SCENARIO)}  # fmt: skip
@@ -215,7 +228,9 @@ def _fragility(parameters: dict[str, list[Point]], counted: Mapping[str, np.ndar
         if len(rows) < FEWEST:
             continue
         z = [counted[row["campaign"]] for _, row in rows]
-        fitted = fit_fragility([at for at, _ in rows], [float(each.mean()) for each in z], covariance_of(z), z[0].size)
+        spread = covariance_of(z, [variance[row["campaign"]] for _, row in rows])
+        levels, shares = [at for at, _ in rows], [float(each.mean()) for each in z]
+        fitted = fit_fragility(levels, shares, spread, z[0].size, even=name == RECORDS)
         if fitted:
             curves[name] = json.loads(json.dumps([asdict(curve) for curve in fitted]))
     return curves

@@ -46,6 +46,8 @@ RESULTS = {
     "example_2": "P_f 0.84 (0.81 to 0.93) where any soil counts; 0.43 printed, see [random fields](random-fields.md)",
     "griffiths_fenton": "P_f 0.279 (0.249 to 0.378); 0.286 by the closed form with the factor computed here, 1.305 for "
     "the median soil",
+    "what_if": "P_f 0.29 (0.20 to 0.48); 0.29 less (0.17 to 0.41) with the berm, 0.32 more (0.15 to 0.49) at k_h 0.03: "
+    "[curves](report.md#sweeps)",
     "embankment": "P_f 0.418 (0.297 to 0.619); all failures deep, run-out 13 m",
     "sites/acads_1c": "factor of safety 1.356 at its limit load (1.35 printed); no failure in 20 refined runs, "
     "P_f below 0.24",
@@ -74,8 +76,8 @@ Copy a scene of the second table from its link. `jaxmpm new --kind KIND` writes 
 key](scenes.md) explains what to change.
 
 - **Closest to an embankment on soft clay**: `embankment`.
-- **Water**: `sites/acads_3a` alone (a piezometric line). **Earthquakes**: none; they are for sections in Python
-  ([get started](get-started.md#a-section-drawn-as-lines-with-layers-and-water)).
+- **Water**: `what_if`, and `sites/acads_3a` (a piezometric line). **Earthquakes**: `what_if` by its k_h; a record goes
+  into [`[motion]`](scenes.md#motion).
 - **Under five minutes on one core**: `section`, `paper_section`, `new/slope`, `new/section`. `demo` takes half a
   minute on two cores, 7 minutes at most.
 

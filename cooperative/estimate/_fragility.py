@@ -58,7 +58,7 @@ class Curve:
 
 def fit_fragility(
     levels: Sequence[float], probability: Sequence[float], covariance: np.ndarray, samples: int, *,
-    level: float = 0.95,
+    level: float = 0.95, even: bool = False,
 ) -> tuple[Curve, ...]:  # fmt: skip
     """Fragility curves of campaigns of the same samples, the likelier form first.
 
@@ -68,6 +68,7 @@ def fit_fragility(
         covariance: of these (J, J).
         samples: of each campaign.
         level: confidence level of the intervals.
+        even: whether each campaign counts alike, as those of several records do, however sharp its estimate is.
 
     Returns:
         Curves; none where fewer than two levels have a P_f between 0 and 1, or P_f does not change clearly. The
@@ -78,6 +79,7 @@ def fit_fragility(
         return ()
     inner = np.clip(share, 0.5 / samples, 1 - 0.5 / samples)
     count = np.minimum(inner * (1 - inner) / np.diag(covariance), samples)
+    count = np.full(count.shape, count.mean()) if even else count
     above = np.flatnonzero(x > 0)
     fits = [_fitted("normal", x, share, count, covariance, level)]
     if x.min() >= 0 and np.sum((share[above] > 0) & (share[above] < 1)) >= 2:

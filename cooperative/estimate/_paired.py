@@ -55,34 +55,43 @@ def by_sample(failures: Failures, probability: float, samples: int) -> np.ndarra
     return counted * (probability / mean) if mean > 0 else np.full(samples, probability)
 
 
-def covariance_of(counted: Sequence[np.ndarray]) -> np.ndarray:
+def covariance_of(counted: Sequence[np.ndarray], variance: Sequence[float]) -> np.ndarray:
     """Covariance of the probabilities of failure of campaigns of the same samples.
+
+    Where no failure was found among few refined runs, the failures counted do not scatter, and the estimator's own
+    variance is the larger one; rows and columns are multiplied up to that.
 
     Args:
         counted: at each sample, of every campaign (N,), see `by_sample`.
+        variance: of each probability by its estimator (J,).
 
     Returns:
         (J, J).
     """
     z = np.stack(counted)
-    return np.atleast_2d(np.cov(z)) / z.shape[1] + np.eye(len(z)) / (2 * z.shape[1] ** 2)
+    spread = np.atleast_2d(np.cov(z)) / z.shape[1] + np.eye(len(z)) / (2 * z.shape[1] ** 2)
+    up = np.sqrt(np.maximum(np.asarray(variance) / np.diag(spread), 1.0))
+    return spread * np.outer(up, up)
 
 
-def paired_difference(base: np.ndarray, other: np.ndarray, *, level: float = 0.95) -> Difference:
+def paired_difference(
+    base: np.ndarray, other: np.ndarray, variance: Sequence[float] = (0.0, 0.0), *, level: float = 0.95
+) -> Difference:
     """Difference of the probabilities of failure of two campaigns of the same samples.
 
     Args:
         base: failures counted at each sample (N,), see `by_sample`.
         other: those of the other campaign (N,).
+        variance: of both probabilities by their estimator, see `covariance_of`.
         level: confidence level of the interval.
     """
     each = other - base
     difference = float(each.mean())
     squares = (each - difference) ** 2
     spread = float(squares.sum())
-    variance = (spread + 1) / each.size**2
+    both = covariance_of((base, other), variance)
+    scatter = max((spread + 1) / each.size**2, float(both[0, 0] + both[1, 1] - 2 * both[0, 1]))
     freedom = max(spread**2 / float(squares @ squares), LEAST_FREEDOM) if spread > 0 else float(each.size)
-    half = float(student.ppf(0.5 + level / 2, freedom)) * np.sqrt(variance)
-    apart = sum((float(((z - z.mean()) ** 2).sum()) + 0.5) / each.size**2 for z in (base, other))
+    half = float(student.ppf(0.5 + level / 2, freedom)) * np.sqrt(scatter)
     interval = max(difference - half, -1.0), min(difference + half, 1.0)
-    return Difference(difference, (float(interval[0]), float(interval[1])), float(np.sqrt(apart / variance)))
+    return Difference(difference, (float(interval[0]), float(interval[1])), float(np.sqrt(np.trace(both) / scatter)))

@@ -1,8 +1,10 @@
-"""Figures of a sweep: P_f, its differences and fragility curves, displacement and modes, against what is varied."""
+"""Figures and table of a sweep: P_f, differences, fragility curves, displacement and modes, against what is varied."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import csv
+import io
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TypedDict
 
 import numpy as np
@@ -25,6 +27,7 @@ PATHS = {
     "run.k_h": "horizontal seismic coefficient $k_h$ [-]",
     "run.k_v": "vertical seismic coefficient $k_v$ [-]",
     "run.strength_factor": "factor on the strength [-]",
+    "water.depth": "depth of the water table [m]",
     "water.level": "water level [m]",
 }
 """Labels of paths that are often swept."""
@@ -109,6 +112,80 @@ def label_of(parameter: str) -> str:
     """
     path, _, record = parameter.partition(" of ")
     return LABELS.get(parameter, PATHS.get(path, path) + (f", {record}" if record else ""))
+
+
+COLUMNS = (
+    "parameter",
+    "value",
+    "peak_g",
+    "probability",
+    "low",
+    "high",
+    "difference",
+    "difference_low",
+    "difference_high",
+    "displacement_median_m",
+    "displacement_90_m",
+    "samples",
+    "refined_runs",
+    "campaign",
+)
+"""Of `sweep.csv`, a row for each value of each parameter; what a value does not have is empty."""
+
+
+def table(parameters: Parameters) -> str:
+    """The points of a sweep as CSV.
+
+    Args:
+        parameters: points of `sweep.json` by parameter.
+    """
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(COLUMNS)
+    for name, points in parameters.items():
+        for point in points:
+            change, moved = point["difference"], point["displacement"]
+            compared = ["", "", ""] if change is None else [change["difference"], *change["interval"]]
+            displacement = ["", ""] if moved is None else [moved["median"], moved["ninety"]]
+            answer = [point["peak"], point["probability"], *point["interval"]]
+            counts = [point["samples"], point["refined_runs"], point["campaign"]]
+            rows.writerow([name, point["value"], *answer, *compared, *displacement, *counts])
+    return text.getvalue()
+
+
+def in_words(parameters: Parameters, fragility: Fragility) -> str:
+    """A sweep for a terminal: P_f and its difference to the base at each value, and the fitted curves.
+
+    Args:
+        parameters: points of `sweep.json` by parameter.
+        fragility: its curves by parameter, the likelier first.
+    """
+    lines = []
+    for name, points in parameters.items():
+        lines.append(name)
+        for point in points:
+            value = point["value"] if isinstance(point["value"], str) else f"{point['value']:g}"
+            line = f"  {value:<12} P_f {point['probability']:.3g} {_limits(point['interval'])}"
+            if (change := point["difference"]) is not None:
+                line += f", {change['difference']:+.3g} {_limits(change['interval'])} to the base"
+            lines.append(line)
+        lines += [f"  curve        {line}" for line in _curves(fragility.get(name, []))]
+    if RECORDS in fragility:
+        lines += [f"all records, {PEAK}", *(f"  curve        {line}" for line in _curves(fragility[RECORDS]))]
+    return "\n".join(lines)
+
+
+def _curves(curves: Sequence[Fitted]) -> Iterator[str]:
+    for curve in curves[:1]:
+        kind = _kind(curve)
+        yield (
+            f"{curve['form']}, median {curve['median']:.3g} {_limits(curve['median_interval'])}, {kind} "
+            f"{curve['deviation']:.2g} {_limits(curve['deviation_interval'])}"
+        )
+
+
+def _limits(interval: Sequence[float]) -> str:
+    return f"({interval[0]:.3g} to {interval[1]:.3g})"
 
 
 def probabilities(parameters: Parameters) -> Figure:
@@ -229,8 +306,12 @@ def _band(ax: Axes, curve: Fitted, colour: str, label: str = "") -> None:
 
 def _in_words(curve: Fitted) -> str:
     """Median and deviation of a curve."""
-    kind = "dispersion" if curve["form"] == "lognormal" else "deviation"
-    return f"median {curve['median']:.3g}, {kind} {curve['deviation']:.2g}"
+    return f"median {curve['median']:.3g}, {_kind(curve)} {curve['deviation']:.2g}"
+
+
+def _kind(curve: Fitted) -> str:
+    """What a curve's deviation is called."""
+    return "dispersion" if curve["form"] == "lognormal" else "deviation"
 
 
 def _panels(count: int) -> tuple[Figure, list[Axes]]:

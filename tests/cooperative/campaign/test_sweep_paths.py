@@ -95,6 +95,12 @@ def test_a_sweep_over_paths_compares_and_goes_on_where_it_was(tmp_path, monkeypa
     text = TINY + '[sweep]\nrun.k_h = [0, 0.1, 0.2]\n[[scenario]]\nname = "steep"\nslope.run_per_rise = 0.5\n'
     result = sweep.run(text, tmp_path / "out")
     assert json.loads((tmp_path / "out" / "sweep.json").read_text()) == result
+    rows = (tmp_path / "out" / "sweep.csv").read_text().splitlines()
+    assert [row.split(",")[:2] for row in rows[1:]] == [
+        *([["run.k_h", at] for at in ("0", "0.1", "0.2")]),
+        ["scenario", "steep"],
+    ]
+    assert len({row.count(",") for row in rows}) == 1
     zero, more, _ = result["parameters"]["run.k_h"]
     assert zero["difference"] is None
     assert more["difference"]["difference"] == pytest.approx(more["probability"] - zero["probability"])

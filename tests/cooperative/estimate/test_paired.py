@@ -73,17 +73,19 @@ def test_campaigns_of_equal_classes_differ_by_0_within_a_finite_interval():
     found = paired_difference(same, same)
     assert found.difference == 0
     assert -0.05 < found.interval[0] < 0 < found.interval[1] < 0.05
+    assert paired_difference(same, same, (4e-3, 4e-3)).interval[1] > found.interval[1]
 
 
 def test_fragility_curves_cover_their_truth_although_the_samples_are_common():
     generator, levels = np.random.default_rng(3), np.array([0.08, 0.12, 0.16, 0.2, 0.26])
     inside = []
+    unknown = [0.0] * levels.size
     for _ in range(200):
         bears = MEDIAN * np.exp(DEVIATION * generator.standard_normal(150))
         counted = [of_classes(bears < level) for level in levels]
-        curve = {c.form: c for c in fit_fragility(levels, [z.mean() for z in counted], covariance_of(counted), 150)}[
-            "lognormal"
-        ]
+        curve = {
+            c.form: c for c in fit_fragility(levels, [z.mean() for z in counted], covariance_of(counted, unknown), 150)
+        }["lognormal"]
         at = np.interp(0.18, curve.level, curve.low), np.interp(0.18, curve.level, curve.high)
         truths = (MEDIAN, DEVIATION, norm.cdf(np.log(0.18 / MEDIAN) / DEVIATION))
         limits = (curve.median_interval, curve.deviation_interval, at)
@@ -95,7 +97,7 @@ def test_fragility_curves_cover_their_truth_although_the_samples_are_common():
 def test_curves_are_of_two_levels_between_0_and_1_and_the_lognormal_of_levels_above_0():
     share = [np.arange(100) < count for count in (5, 30, 80)]
     counted = [of_classes(each) for each in share]
-    fit = [0.05, 0.3, 0.8], covariance_of(counted), 100
+    fit = [0.05, 0.3, 0.8], covariance_of(counted, [0.0] * 3), 100
     both = fit_fragility([1.0, 2.0, 3.0], *fit)
     assert {curve.form for curve in both} == {"normal", "lognormal"}
     assert both[0].log_likelihood >= both[1].log_likelihood
@@ -103,6 +105,23 @@ def test_curves_are_of_two_levels_between_0_and_1_and_the_lognormal_of_levels_ab
     assert [curve.form for curve in fit_fragility([0.0, 2.0, 3.0], *fit)] == ["normal", "lognormal"]
     assert not fit_fragility([3.0, 2.0, 1.0], *fit)[0].rises
     flat = [of_classes(each) for each in (share[1], share[1], share[1])]
-    assert fit_fragility([1.0, 2.0, 3.0], [0.3] * 3, covariance_of(flat), 100) == ()
+    assert fit_fragility([1.0, 2.0, 3.0], [0.3] * 3, covariance_of(flat, [0.0] * 3), 100) == ()
     none = [of_classes(np.arange(100) < count) for count in (0, 0, 80)]
-    assert fit_fragility([1.0, 2.0, 3.0], [0.0, 0.0, 0.8], covariance_of(none), 100) == ()
+    assert fit_fragility([1.0, 2.0, 3.0], [0.0, 0.0, 0.8], covariance_of(none, [0.0] * 3), 100) == ()
+
+
+def test_a_campaign_without_a_failure_is_as_uncertain_as_its_estimator_says():
+    counted = [of_classes(np.arange(100) < count) for count in (0, 30)]
+    spread = covariance_of(counted, [4e-3, 1e-9])
+    assert spread[0, 0] == pytest.approx(4e-3)
+    assert spread[1, 1] == pytest.approx(covariance_of(counted, [0.0, 0.0])[1, 1])
+    assert np.all(np.linalg.eigvalsh(spread) > 0)
+
+
+def test_records_count_alike_however_sharp_their_estimates_are():
+    counted = [of_classes(np.arange(100) < count) for count in (1, 2, 3, 10, 50, 90)]
+    levels, shares = [1.0, 2.0, 3.0, 1.0, 2.0, 3.0], [z.mean() for z in counted]
+    spread = covariance_of(counted, [0.0] * 3 + [0.02] * 3)
+    even, uneven = (fit_fragility(levels, shares, spread, 100, even=alike) for alike in (True, False))
+    assert np.interp(2.0, even[0].level, even[0].probability) == pytest.approx(0.26, abs=0.05)
+    assert not uneven or np.interp(2.0, uneven[0].level, uneven[0].probability) < 0.15
