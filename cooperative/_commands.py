@@ -16,11 +16,10 @@ from cooperative import __version__, campaign, doctor, runs, safety, site, sweep
 from cooperative.folder import SLIDES
 from cooperative.reporting import _exports as exports
 from cooperative.reporting import _interactive as interactive
-from cooperative.reporting import draw, progress_of, report, watched, words
-from cooperative.scene import Campaign, begin, examples, parse, remarks, starters, write_example
+from cooperative.reporting import draw, progress_of, report, watched, words, words_of_cost
+from cooperative.scene import begin, examples, parse, remarks, starters, write_example
 from cooperative.store import GRIDS, Source, read_store
 from foundation.text import printable
-from jaxmpm import ground
 
 CLEAR = "\x1b[2J\x1b[H"
 """Has a terminal begin an empty screen."""
@@ -34,6 +33,8 @@ def default_workers() -> int:
 
 def run(given: argparse.Namespace) -> None:
     """Run a campaign of a scene, or go on where it was."""
+    for remark in remarks(parse(given.scene)):
+        warnings.warn(remark, stacklevel=2)
     _run(given.scene, given.out, given)
 
 
@@ -104,37 +105,7 @@ def check(given: argparse.Namespace) -> None:
         raise ValueError(f"--seconds {given.seconds:g}: give more than 0")
     scene = parse(given.scene)
     runs.check_size(scene)
-    print("\n".join(map(printable, _cost(scene, runs.cost_of(scene, given.seconds)))))
-
-
-def _cost(scene: Campaign, cost: runs.Cost) -> Iterator[str]:
-    """A campaign's cost in words."""
-    unit = "m3" if scene.dimension == 3 else "m2"
-    yield scene.name
-    shape = scene.site.shape
-    yield f"  ground         {' x '.join(f'{edge:g}' for edge in shape.extent)} m, {ground.volume(shape):.4g} {unit}"
-    for layer, thickness in zip(scene.site.layers, scene.site.thicknesses, strict=True):
-        rock = ", rock" if layer.rock and layer.name != "rock" else ""
-        cells = {grid: thickness.metres / scene.grids[grid].cell for grid in GRIDS}
-        few = [grid for grid in GRIDS if thickness.too_thin(scene.grids[grid].cell)]
-        yield (
-            f"  layer          {layer.name}{rock}, {thickness.metres:.3g} m thick: "
-            + ", ".join(f"{count:.2g} {grid} cells" for grid, count in cells.items())
-            + (f"; a weak layer, too strong on the {' and the '.join(few)} grid" if few else "")
-        )
-    for grid, size in cost.sizes.items():
-        most = "" if grid == "rough" else "at most "
-        yield (
-            f"  {grid + ' grid':<14} {size.particles:,.0f} particles, {size.nodes:,.0f} nodes; {most}"
-            f"{cost.runs[grid]:,} runs of {size.steps:,.0f} steps, {cost.step[grid] * 1e3:.3g} ms each here"
-        )
-    yield from (f"  WARNING        {remark}" for remark in remarks(scene))
-    yield f"  memory         {cost.memory / 1e9:.2g} GB for both grids in one process"
-    rough, refined = (cost.hours(grid) for grid in GRIDS)
-    yield (
-        f"  time           at most {rough + refined:.3g} hours of one core, {rough:.3g} on the rough grid and "
-        f"{refined:.3g} on the refined one; runs whose slope stands end far sooner"
-    )
+    print("\n".join(map(printable, words_of_cost(scene, runs.cost_of(scene, given.seconds)))))
 
 
 def sketch(given: argparse.Namespace) -> None:

@@ -28,6 +28,7 @@ _TIMED = "NVIDIA H100"
 
 EXTRAS = {
     "equilibrium": ("xslope",),
+    "region": ("geopandas", "pyogrio"),
 }
 """Packages of each extra that commands ask for."""
 

@@ -2,6 +2,7 @@
 
 from cooperative.reporting._charts import panels
 from cooperative.reporting._composition import report
+from cooperative.reporting._cost import words_of_cost
 from cooperative.reporting._exports import export, export_sample
 from cooperative.reporting._ground import draw
 from cooperative.reporting._plots import draw_particles, save
@@ -22,5 +23,6 @@ __all__ = [
     "site_figure",
     "watched",
     "words",
+    "words_of_cost",
     "write_table",
 ]

@@ -13,7 +13,14 @@ from cooperative.estimate import Estimator
 from cooperative.folder import known_summary, models_of, read_results, stored_ground
 from cooperative.hazard import Maps, maps_of
 from cooperative.reporting._dataset import write_geotiff, write_netcdf
-from cooperative.reporting._map_files import MissingLibrary, write_ascii, write_contours, write_notice, write_tidy
+from cooperative.reporting._map_files import (
+    MissingLibrary,
+    write_ascii,
+    write_contours,
+    write_geopackage,
+    write_notice,
+    write_tidy,
+)
 from cooperative.reporting._tables import consolidate, rows_of, write_table
 from cooperative.runs import (
     GridModel,
@@ -31,7 +38,9 @@ from cooperative.store import GRIDS, Sample, Store, own_folder, read_sample, rea
 from jaxmpm import Result, solve, write_particles, write_vtkhdf
 
 DEFAULT = ("table", "hdf5", "particles", "maps")
-KINDS = (*DEFAULT, "geotiff", "netcdf")
+KINDS = (*DEFAULT, "geotiff", "geopackage", "netcdf")
+IN_PLAN = ("geotiff", "geopackage")
+"""Kinds of maps that a section does not have."""
 
 
 def export(
@@ -47,6 +56,7 @@ def export(
       the start and at the end;
     - "maps": `maps/hazard.csv`, and in plan `maps/*.asc` and contours as `maps/*.geojson`, of a scene with hazard maps;
     - "geotiff": `maps/*.tif`, of a scene in 3D with hazard maps, by rioxarray (extra "exports");
+    - "geopackage": `maps/hazard.gpkg`, contours and deposits, likewise, by geopandas (extra "region");
     - "netcdf": `campaign.nc`, by xarray and h5netcdf (extra "exports").
 
     Args:
@@ -77,7 +87,7 @@ def export(
         yield write_table(store, ground=ground, estimator=estimator)
     if "hdf5" in kinds:
         yield consolidate(store, ground=ground)
-    if {"maps", "geotiff", "netcdf"} & {*kinds}:
+    if {"maps", *IN_PLAN, "netcdf"} & {*kinds}:
         known = asked or known_summary(store, rows, estimator) is not None
         results = read_results(folder, estimator) if known and ("netcdf" in kinds or ground.hazard) else None
         maps = None if results is None else maps_of(results)
@@ -105,14 +115,16 @@ def export(
 
 def _check_maps(ground: StoredGround, maps: Maps | None, asked: Sequence[str]) -> None:
     """Raise ValueError where maps are asked for that the campaign does not have."""
-    if not {"maps", "geotiff"} & {*asked}:
+    if not {"maps", *IN_PLAN} & {*asked}:
         return
     if ground.hazard is None:
         raise ValueError("the campaign has no hazard maps to export: give [hazard] in the scene of another")
     if maps is None:
         raise ValueError("the campaign has no hazard maps to export yet: no refined run has slid to its end")
-    if "geotiff" in asked and ground.dimension != 3:
-        raise ValueError("a section has no map in plan to export as geotiff: give maps, whose hazard.csv is along x")
+    if (wrong := [kind for kind in asked if kind in IN_PLAN]) and ground.dimension != 3:
+        raise ValueError(
+            f"a section has no map in plan to export as {wrong[0]}: give maps, whose hazard.csv is along x"
+        )
 
 
 def _of_maps(ground: StoredGround, store: Store, maps: Maps, kinds: Sequence[str]) -> Iterator[Path]:
@@ -128,6 +140,8 @@ def _of_maps(ground: StoredGround, store: Store, maps: Maps, kinds: Sequence[str
                 warnings.warn(f"no contours: {error}", stacklevel=2)
     if "geotiff" in kinds:
         yield from write_geotiff(store.folder, ground, maps)
+    if "geopackage" in kinds:
+        yield from write_geopackage(store.folder, ground, maps)
 
 
 def export_sample(folder: str | Path, number: int, grid: str = "refined", *, frames: int | None = None) -> Path:

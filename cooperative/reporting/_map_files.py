@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import re
+import warnings
 from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
@@ -13,10 +14,10 @@ from pathlib import Path
 import numpy as np
 from contourpy import contour_generator
 
-from cooperative.hazard import Maps
+from cooperative.hazard import COVERED, Maps
 from cooperative.runs import StoredGround
 from cooperative.store import own_folder
-from foundation.files import write_aside
+from foundation.files import aside, write_aside
 
 NODATA = -9999.0
 CONTOURS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
@@ -193,3 +194,47 @@ def _written(folder: Path, name: str, text: str) -> Path:
     path = maps_path(folder, name)
     write_aside(path, text.encode())
     return path
+
+
+def write_geopackage(folder: Path, ground: StoredGround, maps: Maps) -> Iterator[Path]:
+    """Write `maps/hazard.gpkg` for geographic information systems, by geopandas (extra "region").
+
+    Layers: "contours" of each map between the centres of its columns, and "deposits", what slides may cover at their
+    end with at least a probability; in the projection of the terrain's surface, where it has one.
+
+    Args:
+        folder: of the campaign.
+        ground: of the campaign.
+        maps: in plan.
+
+    Yields:
+        Path of the file.
+
+    Raises:
+        MissingLibrary: geopandas or pyogrio is not installed.
+    """
+    require("a GeoPackage", "geopandas", "pyogrio")
+    import geopandas
+    import shapely
+
+    contours = [
+        {"map": name, "value": height, "unit": maps.units[name],
+         "geometry": shapely.MultiLineString([line + np.asarray(ground.origin) for line in lines])}
+        for name, chances in maps.maps.items()
+        for height, lines in _contours(maps, chances.value, maps.units[name])
+    ]  # fmt: skip
+    x, y = (np.asarray(edges) + start for edges, start in zip(maps.edges, ground.origin, strict=True))
+    columns = shapely.box(*np.meshgrid(x[:-1], y[:-1], indexing="ij"), *np.meshgrid(x[1:], y[1:], indexing="ij"))
+    covered = np.nan_to_num(maps.maps[COVERED].value)
+    deposits = [
+        {"probability": level, "geometry": shapely.union_all(columns[covered >= level])}
+        for level in CONTOURS
+        if (covered >= level).any()
+    ]
+    path = maps_path(folder, "hazard.gpkg")
+    with aside(path) as part, warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # that its name ends otherwise for now
+        for layer, rows in (("contours", contours), ("deposits", deposits)):
+            frame = geopandas.GeoDataFrame(rows, columns=list(rows[0]) if rows else ["geometry"], crs=ground.projection)
+            frame.to_file(part, layer=layer, driver="GPKG")
+    yield path

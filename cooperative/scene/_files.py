@@ -11,14 +11,15 @@ import json
 import re
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from cooperative.scene import tables
+from cooperative.scene._region import read_features, shift_of
 from cooperative.scene._shaking import AXES, packed_motion, unpacked_motion
 from cooperative.soundings import read_rows
 from foundation.text import shown
@@ -35,10 +36,12 @@ class Files:
     Args:
         known: points and rasters by name.
         folder: where those lie that are not known yet, None where there are no more.
+        origin: subtracted from coordinates in the projection of the files (m).
     """
 
     known: dict[str, object]
     folder: Path | None = None
+    origin: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
     def of(cls, table: object) -> Files:
@@ -91,11 +94,27 @@ class Files:
     def raster(self, name: str) -> Raster:
         """Heights of a file, likewise."""
         if self.folder is not None and name not in self.known:
-            self.known[name] = _read(read_raster, self.folder / name)
+            read = cast(Raster, _read(read_raster, self.folder / name))
+            x, y = shift_of(self.origin, np.transpose(read.ends))
+            self.known[name] = replace(read, corner=(read.corner[0] - x, read.corner[1] - y))
         raster = self.known.get(name)
         if not isinstance(raster, Raster):
             raise ValueError(f" = {shown(name)} is no file that was read with the scene: run the scene's own file")
         return raster
+
+    def features(self, name: str) -> list[dict[str, object]]:
+        """Lines and polygons of a GeoPackage's layer, each with its name, likewise: "site.gpkg#houses"."""
+        if self.folder is not None and name not in self.known:
+            path, _, layer = name.partition("#")
+            read = cast(list[dict[str, Any]], _read(read_features, self.folder / path, layer or None))
+            for each in read:
+                points = np.array(each["points"])
+                each["points"] = (points - shift_of(self.origin, points)).tolist()
+            self.known[name] = read
+        features = self.known.get(name)
+        if not (isinstance(features, list) and features and all(isinstance(each, dict) for each in features)):
+            raise ValueError(f" = {shown(name)} is no file that was read with the scene: give points [[x, y], ...]")
+        return features
 
     def motion(self, name: str) -> BaseMotion:
         """Record of motion of a file, likewise, along x, y and z in its own unit."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from cooperative.scene._campaign import Campaign
-from jaxmpm import Slope, ground
+from jaxmpm import Slope, Terrain, ground
 
 TOP = 0.95
 """Share of the height of the ground from which on an element at risk stands at the crest."""
@@ -23,6 +23,13 @@ def remarks(campaign: Campaign) -> Iterator[str]:
         Sentences.
     """
     shape = campaign.site.shape
+    if isinstance(shape, Terrain):
+        for axis, ends, walls in zip("xy", shape.surface.ends, shape.walls, strict=True):
+            if 0 < ends[1] - walls[1] < 4 * campaign.rough.cell and ends[0] == walls[0]:
+                yield (
+                    f"the surface reaches from {axis} = {ends[0]:g} to {ends[1]:g} m, and the wall stands at "
+                    f"{walls[1]:g} m, a multiple of the cells: the last {ends[1] - walls[1]:.3g} m are left out"
+                )
     base, relief = shape.corner[-1] + shape.extent[-1] - ground.relief(shape), ground.relief(shape)
     for element in campaign.hazard.places if campaign.hazard else ():
         corners = np.array(element.corners, float).T

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import is_dataclass, replace
 from pathlib import Path
 from typing import Any, cast
@@ -10,13 +10,14 @@ from typing import Any, cast
 import numpy as np
 
 from cooperative.estimate import SETTINGS, Estimator, named_estimator
-from cooperative.measure import Place, Track
+from cooperative.measure import Place
 from cooperative.scene import tables
 from cooperative.scene._campaign import Campaign, Given, Hazard, Plan
 from cooperative.scene._fields import CrossCorrelation
 from cooperative.scene._files import Files
 from cooperative.scene._level import random_level
 from cooperative.scene._plausible import ask_of_heights
+from cooperative.scene._region import RUN_OUT_LINE, ask_for_origin, between_cells, track_of
 from cooperative.scene._run import check_limit_load, run_of
 from cooperative.scene._shaking import motion_of
 from cooperative.scene._site import Site
@@ -134,7 +135,7 @@ def read_scene(path: Path) -> Source:
         source = Source(text)
         if "files" in source.tables:
             return source
-        files = Files({}, path.parent)
+        files = Files({}, path.parent, _origin(source.tables))
         scene = tables.read(tables.Scene, source.tables, files=files)
         for variant in variants_of(source.tables):
             tables.read(tables.Scene, variant.tables, files=files)  # it may name files of its own
@@ -143,6 +144,14 @@ def read_scene(path: Path) -> Source:
     except OSError as error:
         raise ValueError(f"scene {path} cannot be read ({error.strerror}): give a file that you may read") from error
     return Source(text, {"files": files.table(scene.terrain)} if files.known else {})
+
+
+def _origin(scene: Mapping[str, Any]) -> tuple[float, float]:
+    """Of a terrain, as the scene has it; (0, 0) where it has none that will do, which is told when it is read."""
+    terrain = scene.get("terrain")
+    given = terrain.get("origin") if isinstance(terrain, dict) else None
+    known = isinstance(given, list) and len(given) == 2 and all(isinstance(each, int | float) for each in given)
+    return (float(given[0]), float(given[1])) if known and given is not None else (0.0, 0.0)
 
 
 def built(campaign: Campaign, grid: str, *, at_rest: bool = True) -> tuple[Scene, State]:
@@ -198,34 +207,24 @@ def _section(scene: tables.Scene, table: tables.Ground) -> Site:
 
 
 def _terrain(scene: tables.Scene, table: tables.Terrain) -> Site:
-    walls = {axis: ends for axis, ends in (("x", table.x), ("y", table.y)) if ends is not None}
     if table.cut == "free" and table.polygon is None:
         raise ValueError("[terrain] cut = 'free' has no say without a polygon, a depth is always fixed: leave it out")
-    surface = cast(Raster, table.surface)
-    shape = Terrain(surface, table.base, **walls, polygon=table.polygon, depth=table.depth, cut=table.cut)
+    surface, cells = cast(Raster, table.surface), (scene.rough.cell, scene.refined.cell)
+    if table.origin is None:
+        ask_for_origin(surface)
+    x, y = (given or between_cells(ends, cells) for given, ends in zip((table.x, table.y), surface.ends, strict=True))
+    polygon = tables.of_features(table.polygon, "[terrain] polygon") or None
+    shape = Terrain(surface, table.base, x, y, polygon=polygon, depth=table.depth, cut=table.cut)
     shape.check()
     origin = (0.0, 0.0) if table.origin is None else table.origin
-    return Site(shape, table.ends, (), *_water(scene, shape), _track(table.run_out_line, shape), origin)
-
-
-def _track(points: tuple[tuple[float, ...], ...] | None, shape: Terrain) -> Track | None:
-    """The run-out line, between the walls."""
-    if points is None:
-        return None
-    where = "[terrain] run_out_line"
-    for number, point in enumerate(points, 1):
-        if len(point) != 2:
-            raise ValueError(f"{where}: point {number} is {list(point)}: give [x, y] in metres")
-        for axis, at, (low, high) in zip("xy", point, shape.walls, strict=True):
-            if not low <= at <= high:
-                raise ValueError(
-                    f"{where}: point {number} has {axis} = {at:g} m, outside the ground, which reaches from {low:g} to "
-                    f"{high:g} m: move it, it goes on straight beyond its ends"
-                )
-    try:
-        return Track(tuple((x, y) for x, y in points))
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from error
+    return Site(
+        shape,
+        table.ends,
+        (),
+        *_water(scene, shape),
+        track_of(tables.of_features(table.run_out_line, RUN_OUT_LINE), shape),
+        origin,
+    )
 
 
 def _water(scene: tables.Scene, shape: Section | Terrain) -> tuple[Any, float | None]:

@@ -3,7 +3,7 @@
 from cooperative.scene.tables._campaign import Campaign, Grid, Run
 from cooperative.scene.tables._ground import Ground, Level, Terrain, Water
 from cooperative.scene.tables._hazard import Hazard
-from cooperative.scene.tables._key import EXTRAS, Table
+from cooperative.scene.tables._key import EXTRAS, Table, of_features
 from cooperative.scene.tables._motion import UNITS as ACCELERATIONS
 from cooperative.scene.tables._motion import Motion
 from cooperative.scene.tables._reading import Schema, first_entry, parts, read, schema_of, table_in, wanted
@@ -47,6 +47,7 @@ __all__ = [
     "Water",
     "first_entry",
     "flat",
+    "of_features",
     "parts",
     "read",
     "schema_of",

@@ -16,6 +16,7 @@ from cooperative.scene.tables._key import (
     Length,
     Line,
     Metres,
+    OrFile,
     OrTable,
     Pair,
     Raster,
@@ -118,7 +119,8 @@ class Terrain(Table):
     surface: Raster = key("File of the heights of the ground.", "terrain.asc", units="m")
     base: Metres = key("Height of the rigid base.", 80.0)
     x: Pair[Metres] | None = key(
-        "Walls along x, a multiple of both cells apart.", [0.0, 200.0], None, otherwise="the surface's ends",
+        "Walls along x, a multiple of both cells apart.", [0.0, 200.0], None,
+        otherwise="the surface's ends, less what is no multiple of both cells",
         allowed=_WALLS,
     )  # fmt: skip
     y: Pair[Metres] | None = key(
@@ -128,8 +130,8 @@ class Terrain(Table):
         "Step to which the surface's raster is resampled.", 2.0, None, otherwise="that of the surface"
     )
     origin: Pair[Metres] | None = key(
-        "Where x = 0 and y = 0 lie in the projection of the surface's file; exported maps lie there. Give heights "
-        "from a corner: single precision takes no coordinates of millions of metres.",
+        "Where x = 0 and y = 0 lie in the projection of the surface's file; exported maps lie there. It is subtracted "
+        "from files whose coordinates are those of the projection; all other numbers of the scene are counted from it.",
         [689000.0, 5334000.0],
         None,
         otherwise="`[0.0, 0.0]`",
@@ -138,12 +140,12 @@ class Terrain(Table):
     ends: Literal["roller", "fixed"] = key(
         "Boundary condition at the walls; for a free face see `cut`.", "roller", "roller"
     )
-    polygon: Annotated[tuple[Pair[Metres], ...], Strict(False), MinLen(3)] | None = key(
-        "Corners in plan of the part that is used; the rest is left out.",
+    polygon: OrFile[Annotated[tuple[Pair[Metres], ...], Strict(False), MinLen(3)]] | None = key(
+        "Corners in plan of the part that is used; the rest is left out. Or a polygon of a GeoPackage.",
         [[20, 10], [180, 10], [180, 110], [20, 110]],
         None,
         otherwise="not used: all of the ground",
-        allowed="three or more corners [x, y]",
+        allowed='three or more corners [x, y], or a file and its layer, "site.gpkg#part"',
     )
     depth: Length | None = key(
         "Depth below the surface down to which ground is used; the cut is fixed.", 15.0, None,
@@ -152,13 +154,13 @@ class Terrain(Table):
     cut: Literal["fixed", "free"] = key(
         "Boundary condition along the polygon; free: as if the soil around had been excavated.", "fixed", "fixed"
     )
-    run_out_line: Rows | None = key(
-        "Line in plan along which run-out is measured, straight on beyond its ends.",
+    run_out_line: OrFile[Rows] | None = key(
+        "Line in plan along which run-out is measured, straight on beyond its ends. Or a line of a GeoPackage.",
         [[20, 60], [90, 60], [180, 80]],
         None,
         units="m",
         otherwise="along the mean displacement of the slide",
-        allowed="two or more points [x, y]",
+        allowed='two or more points [x, y], or a file and its layer, "site.gpkg#channel"',
     )
 
 

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, PlainValidator, Strict
 from pydantic import model_validator as validates
 
 from cooperative.measure import PUBLISHED, Intensity, Vulnerability, quantity
-from cooperative.scene.tables._key import FromZero, Metres, Number, Pair, Table, key
+from cooperative.scene.tables._key import FromZero, Metres, Number, OrFile, Pair, Table, key, of_features
 from foundation.text import shown
 
 LONGEST_NAME = 60
@@ -69,10 +69,13 @@ class Exposed(Table):
     between: Pair[Metres] | None = key(
         "In a section, the two ends of a stretch.", [70.0, 76.0], None, allowed="[from, to]"
     )
-    polygon: Annotated[tuple[Pair[Metres], ...], Strict(False), MinLen(3)] | None = key(
-        "In 3D, the corners of a polygon in order.", [[70, 5], [76, 5], [73, 12]], None,
-        allowed="three or more corners [x, y]",
-    )  # fmt: skip
+    polygon: OrFile[Annotated[tuple[Pair[Metres], ...], Strict(False), MinLen(3)]] | None = key(
+        "In 3D, the corners of a polygon in order. Or a polygon of a GeoPackage: that whose column `name` is the name "
+        "of the element, or the only one.",
+        [[70, 5], [76, 5], [73, 12]],
+        None,
+        allowed='three or more corners [x, y], or a file and its layer, "site.gpkg#houses"',
+    )
     value: FromZero | None = key("Value of what stands there, in any currency.", 250e3, None)
     vulnerability: Curve | None = key(
         "Share of the value that is lost, at values of the largest thickness or of the largest speed. The curve has "
@@ -102,7 +105,9 @@ class Exposed(Table):
         """Of the position: one point, the two ends of a stretch, or the corners of a polygon."""
         if self.between is not None:
             return tuple((x,) for x in self.between)
-        return (self.at,) if self.at is not None else self.polygon or ()
+        if self.at is not None:
+            return (self.at,)
+        return of_features(self.polygon, "[[exposed]] polygon", self.name)
 
     @property
     def curve(self) -> Vulnerability | None:

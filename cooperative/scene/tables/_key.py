@@ -206,3 +206,33 @@ Record = Annotated[
     Field(json_schema_extra={"allowed": "the name of a file"}),
 ]
 """A record of motion by the name of a file, likewise."""
+Features = Annotated[
+    str, AfterValidator(lambda name, info: name if info.context is None else info.context.features(name))
+]
+"""Lines or polygons in plan by the name of a file and its layer, "site.gpkg#houses", likewise."""
+OrFile = Annotated[
+    Annotated[T, Tag("(points)")] | Annotated[Features, Tag("(file)")],
+    Discriminator(lambda value: "(file)" if isinstance(value, str) else "(points)"),
+]
+"""Points, or features of a file."""
+
+
+def of_features(given: Any, where: str, name: str | None = None) -> Any:
+    """The points of what may be features of a file: those of this name, or of the only one.
+
+    Args:
+        given: points, or features as `scene._files.Files` has them, None for neither.
+        where: key of the scene, for messages.
+        name: of the feature, None for the only one.
+
+    Raises:
+        ValueError: the file has several features, and none or many of this name.
+    """
+    if not given or not isinstance(given[0], dict):
+        return given or ()
+    mine = [each for each in given if name is not None and each["name"] == name] if len(given) > 1 else given
+    if len(mine) != 1:
+        names = ", ".join(shown(each["name"]) for each in given[:8])
+        asked = "one feature is needed" if name is None else f"{len(mine)} are called {shown(name)}"
+        raise ValueError(f"{where}: the layer has {len(given)} features ({names}), and {asked}: give the layer of one")
+    return tuple(tuple(map(float, point)) for point in mine[0]["points"])

@@ -117,6 +117,24 @@ def test_geotiff_is_read_by_rasterio(tmp_path, site, maps):
         assert at[0] == maps.maps["expected thickness"].value[i, j]
 
 
+def test_geopackage_holds_contours_and_deposits_where_they_lie(tmp_path, site, maps):
+    geopandas = pytest.importorskip("geopandas", reason="the extra region is not installed")
+    pytest.importorskip("pyogrio", reason="the extra region is not installed")
+    [path] = map_files.write_geopackage(tmp_path, site, maps)
+    assert [each.name for each in path.parent.iterdir()] == ["hazard.gpkg"]
+    deposits = geopandas.read_file(path, layer="deposits")
+    assert deposits.crs.to_epsg() == 32633
+    covered = maps.maps["covered at the end"].value
+    for probability, area in zip(deposits.probability, deposits.area, strict=True):
+        assert area == pytest.approx((covered >= probability).sum() * maps.plan.area)
+    assert len(deposits) > 1
+    contours = geopandas.read_file(path, layer="contours")
+    assert set(contours["map"]) <= set(maps.maps)
+    west, south, east, north = contours.total_bounds
+    assert maps.edges[0][0] < west - ORIGIN[0] < east - ORIGIN[0] < maps.edges[0][-1]
+    assert maps.edges[1][0] < south - ORIGIN[1] <= north - ORIGIN[1] < maps.edges[1][-1]
+
+
 def test_contours_are_where_the_probability_passes_their_value(files, maps):
     whole = json.loads(files["reached.geojson"].read_text())
     assert "no projection" in whole["coordinates_are"]

@@ -1,0 +1,48 @@
+"""What a campaign will cost, in words for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from cooperative.runs import Cost
+from cooperative.scene import Campaign, remarks
+from cooperative.store import GRIDS
+from jaxmpm import ground
+
+
+def words_of_cost(scene: Campaign, cost: Cost) -> Iterator[str]:
+    """A campaign's cost in words.
+
+    Args:
+        scene: the campaign.
+        cost: of it.
+
+    Yields:
+        Lines.
+    """
+    unit = "m3" if scene.dimension == 3 else "m2"
+    yield scene.name
+    shape = scene.site.shape
+    yield f"  ground         {' x '.join(f'{edge:g}' for edge in shape.extent)} m, {ground.volume(shape):.4g} {unit}"
+    for layer, thickness in zip(scene.site.layers, scene.site.thicknesses, strict=True):
+        rock = ", rock" if layer.rock and layer.name != "rock" else ""
+        cells = {grid: thickness.metres / scene.grids[grid].cell for grid in GRIDS}
+        few = [grid for grid in GRIDS if thickness.too_thin(scene.grids[grid].cell)]
+        yield (
+            f"  layer          {layer.name}{rock}, {thickness.metres:.3g} m thick: "
+            + ", ".join(f"{count:.2g} {grid} cells" for grid, count in cells.items())
+            + (f"; a weak layer, too strong on the {' and the '.join(few)} grid" if few else "")
+        )
+    for grid, size in cost.sizes.items():
+        most = "" if grid == "rough" else "at most "
+        yield (
+            f"  {grid + ' grid':<14} {size.particles:,.0f} particles, {size.nodes:,.0f} nodes; {most}"
+            f"{cost.runs[grid]:,} runs of {size.steps:,.0f} steps, {cost.step[grid] * 1e3:.3g} ms each here"
+        )
+    yield from (f"  WARNING        {remark}" for remark in remarks(scene))
+    yield f"  memory         {cost.memory / 1e9:.2g} GB for both grids in one process"
+    rough, refined = (cost.hours(grid) for grid in GRIDS)
+    yield (
+        f"  time           at most {rough + refined:.3g} hours of one core, {rough:.3g} on the rough grid and "
+        f"{refined:.3g} on the refined one; runs whose slope stands end far sooner"
+    )
