@@ -57,6 +57,7 @@ LONG = {
     "campaign": "speed",
     "robustness": "robustness",
     "stability_of_slopes": "sites",
+    "runout_convergence": "accuracy",
     "limit_equilibrium": "sites",
     "random_slopes": "sites",
     "sites": "sites",

@@ -1,0 +1,208 @@
+"""Run-out, travel and deposit of slides against the cell: error against seconds.
+
+Each slide runs on cells that are halved. `front_m` is the run-out of the sliding mass without loose grains and
+`front_95_m` that of 95 % of the soil that slid, both from the toe or the edge of a column. `travel_m` is the
+displacement of the centre of the soil that slid. `profile` is the area between the deposit's thickness and that on
+the finest cells, over the area that slid. Of each case, `last_two_halvings` is the largest change of both run-outs
+in the last two halvings, over the finest one, and `default_error` their error on the cell that a scene would have.
+Finished rows stay in out/runout_convergence, and the next command goes on from there.
+
+Sources of the column of sand: Lube et al. (2005), 10.1103/PhysRevE.72.041301; Lajeunesse et al. (2005),
+10.1063/1.2087687.
+"""
+
+from __future__ import annotations
+
+import time
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+import jaxmpm as mpm
+from benchmarks.accuracy.collapse import collapsed
+from benchmarks.measure import ROOT, Report, code_digest, stored_row
+from benchmarks.sites import sites_terrain
+from cooperative.measure import consequences
+from cooperative.scene import parse, to_toml
+from jaxmpm import Face, Settle, reduced, solve
+
+Row = dict[str, Any]
+SCENES = ROOT / "benchmarks" / "scenes"
+STATION = 2.0
+"""Width (m) of the stations at which thicknesses of deposits are compared."""
+
+
+def measures(
+    position: np.ndarray, displacement: np.ndarray, volume: np.ndarray, *, origin: float, half: float, slid: float
+) -> Row:
+    """Run-outs from x = `origin`, travel, and the thickness of the soil at stations, of a final state.
+
+    Args:
+        position: initial (d, N) m.
+        displacement: from there (d, N) m.
+        volume: (N,) m3, in a section m2.
+        origin: x of the toe (m).
+        half: half the spacing of particles along x (m).
+        slid: displacement from which soil slides (m).
+    """
+    moved = np.linalg.norm(displacement, axis=0) >= slid
+    now, v = position[0] + displacement[0] + half, volume[moved]
+    order = np.argsort(now[moved])
+    share = np.cumsum(v[order]) / v.sum()
+    mass = consequences(
+        position, displacement, volume, Face(origin, 0.0, float(position[-1].max())),
+        half_size=np.full(len(position), half), failure_displacement=slid, reach=6 * half,
+    )  # fmt: skip
+    thickness, _ = np.histogram(now - half, bins=np.arange(0.0, now.max() + STATION, STATION), weights=volume)
+    return {
+        "front_m": mass.runout,
+        "front_95_m": float(now[moved][order[np.searchsorted(share, 0.95)]]) - origin,
+        "travel_m": float(np.linalg.norm((displacement[:, moved] * v).sum(axis=1)) / v.sum()),
+        "slid": float(v.sum()),
+        "thickness": (thickness / STATION).round(4).tolist(),
+    }
+
+
+def of_scene(name: str, cell: float, *, reduction: float = 1.0, **changes: dict[str, Any]) -> Row:
+    """The slide of a scene's median soil on cells of this size, two particles along each axis, as its defaults have it.
+
+    Args:
+        name: of the scene.
+        cell: edge of the cells (m).
+        reduction: factor that divides the strength.
+        changes: keys of tables in place of the scene's.
+    """
+    tables = tomllib.loads((SCENES / f"{name}.toml").read_text())
+    spacing = [cell / 2] * len(tables["refined"]["spacing"])
+    for grid in ("rough", "refined"):
+        tables[grid] = {"cell": cell, "spacing": spacing}
+    for table, keys in changes.items():
+        tables[table] |= keys
+    campaign = parse(to_toml(tables))
+    assert campaign.soil is not None
+    scene, state = campaign.site.built(campaign.soil, campaign.grids["refined"], campaign.run.gravity, at_rest=True)
+    ended = solve(reduced(scene, reduction), state, t_end=campaign.run.t_end, settle=Settle()).raise_if_failed()
+    toe = campaign.site.shape.face.toe_x if campaign.site.shape.face else TOE[name]
+    arrays = (scene.particles.position, ended.state.displacement, scene.particles.volume)
+    position, displacement, volume = (np.asarray(each, float) for each in arrays)
+    slid = campaign.run.failure_displacement
+    return measures(position, displacement, volume, origin=toe, half=cell / 4, slid=slid) | {"particles": volume.size}
+
+
+TOE = {"sites/retrogression_5m": 25.0}
+"""x of the toe (m) of drawn ground that gives none."""
+
+
+def clay_dam(cell: float) -> Row:
+    """A block of clay, 10 m long and 5 m high, beside a smooth wall; its base slides with a friction of 0.2."""
+    length, height, friction = 10.0, 5.0, 0.2
+    soil = mpm.Soil(strength=10e3, unit_weight=20e3, young=1e7, poisson=0.3, tension_cutoff=0.0)
+    numerics = mpm.Discretisation(cell, (cell / 2,) * 2, fbar=True)
+    scene, state = mpm.block(
+        (length, height), soil, numerics, domain=(6 * length, height + 2 * cell), corner=(0.0, 0.0),
+        gravity=(0.0, -9.81), walls="roller", speed=float(np.sqrt(2 * 9.81 * height)),
+    )  # fmt: skip
+    walls = tuple(replace(w, hold="friction") if (w.axis, w.side) == (1, "low") else w for w in scene.walls)
+    scene = replace(scene, walls=walls, wall_friction=jnp.asarray(friction, state.stress.dtype))
+    ended = solve(scene, state, t_end=10.0, settle=Settle()).raise_if_failed()
+    arrays = (scene.particles.position, ended.state.displacement, scene.particles.volume)
+    position, displacement, volume = (np.asarray(each, float) for each in arrays)
+    return measures(position, displacement, volume, origin=length, half=cell / 4, slid=0.5) | {"particles": volume.size}
+
+
+def sand(aspect: float, cell: float) -> Row:
+    """A column of dry sand, 1 m wide: lengths over its width."""
+    answer = collapsed(aspect, round(1 / cell))
+    return {"front_m": answer["front"], "front_95_m": answer["front_of_95_percent"]}
+
+
+def terrain(cell: float) -> Row:
+    """A slide over real terrain."""
+    row = sites_terrain.slide(cell)
+    return {"front_m": row["runout_m"], "travel_m": row["travel_m"], "particles": row["particles"]}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A slide. cells: halved (m). default: the one that a scene would have. run: the row on cells of a size. obstacle:
+    what is known to forbid convergence."""
+
+    cells: tuple[float, ...]
+    default: float
+    run: Callable[[float], Row]
+    obstacle: str | None = None
+
+
+LONG_TOE: Any = {"slope": {"toe": 80.0}}
+CASES = {
+    "section_1.2": Case((2, 1, 0.5, 0.25), 1.0, lambda c: of_scene("section", c, reduction=1.2, **LONG_TOE)),
+    "section_1.4": Case((2, 1, 0.5, 0.25), 1.0, lambda c: of_scene("section", c, reduction=1.4, **LONG_TOE)),
+    "sand_1": Case((1 / 16, 1 / 32, 1 / 64, 1 / 128), 1 / 32, partial(sand, 1.0)),
+    "sand_2": Case((1 / 16, 1 / 32, 1 / 64, 1 / 128), 1 / 32, partial(sand, 2.0)),
+    "clay_dam": Case((1, 0.5, 0.25, 0.125), 0.5, clay_dam),
+    "retrogression": Case((1, 0.5, 0.25, 0.125), 0.25, partial(of_scene, "sites/retrogression_5m")),
+    "terrain": Case((24, 12, 6), 12.0, terrain),
+    "slope_3d_1.2": Case((4, 2, 1), 2.0, lambda c: of_scene("slope", c, reduction=1.2)),
+}
+RUN_OUTS = ("front_m", "front_95_m")
+
+
+def timed(case: Case, cell: float) -> Row:
+    """A row with its seconds, compilation included."""
+    start = time.perf_counter()
+    return {"cell_m": cell} | case.run(cell) | {"seconds": round(time.perf_counter() - start, 1)}
+
+
+def compared(rows: list[Row], case: Case) -> dict[str, float]:
+    """Changes of run-outs in the last two halvings, and their error on the default cell, over the finest."""
+    names = [name for name in RUN_OUTS if name in rows[-1]]
+    finest = rows[-1]
+    steps = list(zip(rows[-3:-1], rows[-2:], strict=True))
+    default = next(row for row in rows if row["cell_m"] == case.default)
+    return {
+        "last_two_halvings": max(abs(b[n] - a[n]) / abs(finest[n]) for a, b in steps for n in names),
+        "default_error": max(abs(default[n] / finest[n] - 1) for n in names),
+    }
+
+
+def with_profiles(rows: list[Row]) -> list[Row]:
+    """The rows with `profile` in place of thicknesses."""
+    if "thickness" not in rows[-1]:
+        return rows
+    finest, answer = np.array(rows[-1]["thickness"]), []
+    for row in rows:
+        own = np.array(row["thickness"])
+        both = [np.pad(each, (0, max(own.size, finest.size) - each.size)) for each in (own, finest)]
+        apart = float(np.abs(both[0] - both[1]).sum() * STATION / 2 / rows[-1]["slid"])
+        answer.append({k: v for k, v in row.items() if k != "thickness"} | {"profile": round(apart, 4)})
+    return answer
+
+
+def _row(folder: Path, name: str, case: Case, cell: float) -> Row:
+    """A row that an earlier command left, or one made now."""
+    return stored_row(folder, f"{name} {cell:g}", partial(timed, case, cell))
+
+
+def run(quick: bool) -> Report:
+    """All cases; `quick` the first three cells of the columns of sand."""
+    folder = ROOT / "out" / "runout_convergence" / code_digest()
+    values: dict[str, Any] = {}
+    table: list[Row] = []
+    for name, case in CASES.items():
+        if quick and not name.startswith("sand"):
+            continue
+        cells = tuple(4 * cell for cell in case.cells[:3]) if quick else case.cells
+        tried = replace(case, cells=cells, default=cells[1]) if quick else case
+        rows = [_row(folder, name, tried, cell) if not quick else timed(tried, cell) for cell in cells]
+        values |= {f"{name}_{key}": round(value, 4) for key, value in compared(rows, tried).items()}
+        table += [{"case": name} | row for row in with_profiles(rows)]
+    free = [name for name, case in CASES.items() if case.obstacle is None and f"{name}_default_error" in values]
+    for key, named in (("last_two_halvings", "last_two_halvings_max"), ("default_error", "default_cell_error_max")):
+        values[named] = max(values[f"{name}_{key}"] for name in free)
+    return Report(values, table)

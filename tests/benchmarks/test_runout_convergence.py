@@ -1,0 +1,40 @@
+"""Run-outs, profiles and their changes over cells, of made-up slides whose answers are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.accuracy.runout_convergence import CASES, Case, compared, measures, with_profiles
+
+
+def test_run_out_and_travel_of_a_block_that_moved_as_one():
+    x, z = np.meshgrid(np.arange(0.25, 10, 0.5), np.arange(0.25, 4, 0.5), indexing="ij")
+    position, volume = np.stack([x.ravel(), z.ravel()]), np.full(x.size, 0.25)
+    displacement = np.zeros_like(position)
+    displacement[0, position[0] > 5] = 6.0
+    row = measures(position, displacement, volume, origin=10.0, half=0.25, slid=1.0)
+    assert [row["front_m"], row["travel_m"]] == pytest.approx([6.0, 6.0])
+    assert row["front_95_m"] == pytest.approx(6.0)  # the front half metre holds a tenth of what slid
+    assert row["slid"] == pytest.approx(20.0)
+    assert np.sum(row["thickness"]) * 2.0 == pytest.approx(40.0)
+
+
+def test_changes_are_over_the_finest_run_out_and_the_default_is_held_against_it():
+    rows = [
+        {"cell_m": c, "front_m": f, "front_95_m": f / 2} for c, f in ((4.0, 1.0), (2.0, 8.0), (1.0, 9.0), (0.5, 10.0))
+    ]
+    result = compared(rows, Case((4, 2, 1, 0.5), 2.0, dict))
+    assert result["last_two_halvings"] == pytest.approx(0.1)
+    assert result["default_error"] == pytest.approx(0.2)
+
+
+def test_a_profile_is_the_share_of_the_slide_that_lies_elsewhere():
+    rows = [{"thickness": [2.0, 0.0], "slid": 4.0}, {"thickness": [1.0, 1.0, 0.0], "slid": 4.0}]
+    assert [row["profile"] for row in with_profiles(rows)] == [0.5, 0.0]
+
+
+@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
+def test_cells_of_a_case_are_halved_and_hold_the_default(case):
+    assert all(coarse == 2 * fine for coarse, fine in zip(case.cells, case.cells[1:], strict=False))
+    assert case.default in case.cells
