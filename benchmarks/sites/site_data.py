@@ -5,17 +5,21 @@ soundings are used and one is held out. A 95 % interval should hold the truth in
 compared with its 95 % band, of all estimates and their uncertainty. Three public sets of soundings
 (`benchmarks/data/soundings`) are treated alike: each sounding is left out once and compared with its 90 % band by the
 others, in one layer by the logarithm of its cone resistance. Lengths count with the intervals that are given where they
-are called unknown, too.
+are called unknown, too. `fos_seconds` is the time of `jaxmpm fos demo.toml --quick` from the scene to the critical
+surface, in a process that has done so before.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from benchmarks.measure import ROOT, Report
+from cooperative import safety
+from cooperative.scene import example, parse
 from cooperative.soundings import corrected_cone, read_files, thinned
 from kl.estimation import FieldFit, fit_field, predicted
 
@@ -135,5 +139,13 @@ def public(quick: bool) -> Part:
     return {"public_held_out_coverage": float(np.mean(shares))}, rows
 
 
-PARTS: tuple[Callable[[bool], Part], ...] = (made_up, public)
+def equilibrium(quick: bool) -> Part:
+    """Seconds of the demo's factor of safety by limit equilibrium, from its scene to the critical surface."""
+    factor_of_safety = partial(safety.factor_of_safety, parse(example("demo")), solver=False)
+    if not quick:
+        factor_of_safety()  # compiled programs are loaded then
+    return {"fos_seconds": round(factor_of_safety().seconds, 2)}, []
+
+
+PARTS: tuple[Callable[[bool], Part], ...] = (made_up, public, equilibrium)
 """What is measured; each gives its values and rows."""

@@ -107,7 +107,7 @@ def _surfaces(ax: Axes, result: Safety, campaign: Campaign, title: str) -> None:
     ax.autoscale_view()
     ax.set(aspect="equal", xlabel="x [m]", ylabel="z [m]")
     ax.set_title(f"limit equilibrium {slip.factor:.3f}, {title}", loc="left")
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.3), ncols=4, fontsize="small", frameon=False)
+    ax.legend(loc="best", fontsize="small", framealpha=0.7)
 
 
 def _failing(ax: Axes, result: Safety) -> None:

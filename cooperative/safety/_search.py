@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import combinations
 from typing import Literal
 
@@ -31,6 +32,8 @@ VERTICES, SWEEPS = 9, 14
 """Of a surface of any shape, and rounds in which each vertex moves."""
 STEP, GROWN, SHRUNK = 0.06, 1.6, -0.5
 """First step of a vertex over the height of the ground, and factors after a better and a worse surface."""
+BEYOND = 1e3
+"""Stands for no factor in a search that takes finite numbers alone."""
 STEEPEST, HOLLOW = math.radians(70.0), math.radians(0.5)
 """Largest angle of a surface to the horizontal, and largest turn of it downwards, on which no rigid mass slides."""
 KNEES = 9
@@ -131,25 +134,35 @@ def _critical_circle(trials: _Trials) -> Circle:
     for factor, depth, numbers in sorted(tried, key=lambda each: each[0]):
         families.setdefault(int(np.searchsorted(depths, depth)), (factor, numbers))
     starts = [numbers for factor, numbers in families.values() if factor < NEAR * min(tried, key=lambda t: t[0])[0]]
-    step = 0.5 * shape.relief
-
-    def polished(start: np.ndarray) -> tuple[float, Circle | None]:
-        def factor(at: np.ndarray) -> float:
-            value = trials.factor(_circle(shape.heights, at[:2], at[2]), MIDDLE, "bishop")
-            return value if value < math.inf else 1e3
-
-        corners = start + np.array([(0, 0, 0), (-step, 0, 0), (0, step, 0), (0, 0, 0.08)])
-        answer = minimize(
-            factor, start, method="Nelder-Mead",
-            options={"initial_simplex": corners, "maxfev": EVALUATIONS, "xatol": 1e-3 * step, "fatol": 2e-4},
-        )  # fmt: skip
-        circle = _circle(shape.heights, answer.x[:2], answer.x[2])
-        return trials.factor(circle, MIDDLE), circle
-
-    factor, best = min(map(polished, starts[:FAMILIES]), key=lambda pair: pair[0])
-    if best is None or factor == math.inf:
+    polished = partial(_polished, trials)
+    factor, best = min((polished(start, 0.5, EVALUATIONS, "bishop") for start in starts[:FAMILIES]), key=lambda p: p[0])
+    if factor == math.inf:
         raise ValueError(f"no circle {NO_FACTOR}")
-    return best
+    if trials.slices.frictional:  # on clay alone both methods agree
+        best = min((factor, best), polished(best, 0.15, EVALUATIONS // 2, "spencer"), key=lambda p: p[0])[1]
+    circle = _circle(shape.heights, best[:2], best[2])
+    assert circle is not None
+    return circle
+
+
+def _polished(
+    trials: _Trials, start: np.ndarray, step: float, evaluations: int, method: Literal["bishop", "spencer"]
+) -> tuple[float, np.ndarray]:
+    """The least factor by Spencer's method of a circle near the start, and its ends (m) and sag.
+
+    step: of the ends, over the height of the ground. method: of the search.
+    """
+    heights, first = trials.slices.shape.heights, step * trials.slices.shape.relief
+
+    def factor(at: np.ndarray) -> float:
+        return min(trials.factor(_circle(heights, at[:2], at[2]), MIDDLE, method), BEYOND)
+
+    corners = start + np.array([(0, 0, 0), (-first, 0, 0), (0, first, 0), (0, 0, 0.16 * step)])
+    answer = minimize(
+        factor, start, method="Nelder-Mead",
+        options={"initial_simplex": corners, "maxfev": evaluations, "xatol": 1e-3 * first, "fatol": 2e-4},
+    )  # fmt: skip
+    return trials.factor(_circle(heights, answer.x[:2], answer.x[2]), MIDDLE), answer.x
 
 
 def _ends(slices: Slices) -> np.ndarray:

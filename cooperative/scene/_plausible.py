@@ -10,7 +10,7 @@ from cooperative.scene._fields import LIMITS, RandomField
 from jaxmpm import Ground, ground
 from jaxmpm.soil import Plausible, unit_slip
 
-MEANT = "If it is meant as it is, say unusual = true in {}"
+ON_PURPOSE = "If it is meant as it is, say unusual = true in {}"
 """The remedy of a number that is unusual, with the table in which to say so."""
 
 HIGHEST = 3000.0
@@ -55,7 +55,7 @@ def ask_of_field(where: str, name: str, field: RandomField, home: str) -> None:
         raise ValueError(
             f"{where} length = {list(field.length)}: it correlates over {upwards:g} m upwards and {max(along):g} m "
             "along the ground, while deposits vary faster upwards; the order is x, y, z, in a section x, z. "
-            + MEANT.format(home)
+            + ON_PURPOSE.format(home)
         )
 
 
@@ -73,7 +73,7 @@ def ask(where: str, name: str, value: float, plausible: Plausible | None = None,
         ValueError: it betrays another unit, see `jaxmpm.soil.unit_slip`.
     """
     if slip := unit_slip(name, value, plausible):
-        raise ValueError(f"{where} = {slip} {MEANT.format(home)}")
+        raise ValueError(f"{where} = {slip} {ON_PURPOSE.format(home)}")
 
 
 def ask_of_heights(where: str, shape: Ground) -> None:
@@ -90,5 +90,5 @@ def ask_of_heights(where: str, shape: Ground) -> None:
     if relief > HIGHEST:
         raise ValueError(
             f"[{where}] has heights z up to {base + edge:g} m and a slope {relief:g} m high, above {HIGHEST:g} m: were "
-            f"mm or cm meant? {MEANT.format('[soil]')}"
+            f"mm or cm meant? {ON_PURPOSE.format('[soil]')}"
         )

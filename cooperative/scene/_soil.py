@@ -10,7 +10,7 @@ from typing import Any, cast
 import kl
 from cooperative.scene import tables
 from cooperative.scene._fields import LIMITS, RandomField, Span
-from cooperative.scene._plausible import MEANT, ask, ask_of_field
+from cooperative.scene._plausible import ON_PURPOSE, ask, ask_of_field
 from cooperative.scene._site import SiteLayer
 from foundation.text import shown
 from jaxmpm import FrictionalSoil, Layer, Soil
@@ -276,7 +276,7 @@ def _check_saturated(values: Mapping[str, Any], random: Mapping[str, RandomField
     if saturated < weight and not values["unusual"]:
         raise ValueError(
             f"{label('saturated_unit_weight')} = {saturated:g} N/m3 is below unit_weight = {weight:g} N/m3, that of "
-            f"soil above the water: give at least that. {MEANT.format(home)}"
+            f"soil above the water: give at least that. {ON_PURPOSE.format(home)}"
         )
 
 
