@@ -97,7 +97,7 @@ def critical_surface(slices: Slices) -> Critical:
     """
     trials = _Trials(slices)
     circle = _critical_circle(trials)
-    best = slices.slip(circle)
+    best = slices.slip(circle, slices.of_circles)
     if best is None:
         raise ValueError(f"no circle {NO_FACTOR}")
     # Clay slides as a rigid mass on a circle alone, unless a seam carries it.
@@ -162,7 +162,8 @@ def _polished(
         factor, start, method="Nelder-Mead",
         options={"initial_simplex": corners, "maxfev": evaluations, "xatol": 1e-3 * first, "fatol": 2e-4},
     )  # fmt: skip
-    return trials.factor(_circle(heights, answer.x[:2], answer.x[2]), MIDDLE), answer.x
+    circle = _circle(heights, answer.x[:2], answer.x[2])
+    return trials.factor(circle, MIDDLE, trials.slices.of_circles), answer.x
 
 
 def _ends(slices: Slices) -> np.ndarray:

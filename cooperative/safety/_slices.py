@@ -259,6 +259,11 @@ class Slices:
         """Whether soil has friction somewhere."""
         return any(material["phi"] > 0 for material in self.given["materials"])
 
+    @property
+    def of_circles(self) -> Literal["bishop", "spencer"]:
+        """Method for circles: in clay alone the moments give Spencer's factor, also where his forces have no answer."""
+        return "spencer" if self.frictional else "bishop"
+
     def coarse(self, slices: int) -> Slices:
         """The same with another number of slices."""
         return replace(self, slices=slices)

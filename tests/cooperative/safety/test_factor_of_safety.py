@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import jaxmpm as mpm
 from benchmarks.sites import slopes
 from benchmarks.sites.limit_equilibrium import layers_of
 from cooperative import safety
@@ -99,6 +100,13 @@ def test_a_raised_pool_carries_and_an_earthquake_drives(monkeypatch):
     factors = {name: answer.equilibrium.slip.factor for name, answer in answers.items()}
     assert factors["k_h"] < factors["plain"] < min(factors["back"], factors["water"])
     assert answers["water"].loads == ("water +2 m",)
+
+
+def test_steep_clay_has_the_factor_of_its_moments():
+    # Taylor (1937): at 45 degrees over a foundation of a quarter of the height, c / (gamma H F) is 0.17.
+    shape = mpm.Section([(0, 10), (8, 10), (16, 2), (32, 2)])
+    answer = safety.critical_surface(safety.Slices.of(shape, [mpm.Layer(mpm.Soil(20e3, strength=28e3))]))
+    assert answer.slip.factor == pytest.approx(28 / (20 * 8 * 0.17), rel=0.05)
 
 
 def test_no_surface_enters_rock():
