@@ -204,7 +204,7 @@ def notes_of(
             f"a slope fails when {campaign.least_volume or 'any soil'} moves {load.displacement:g} m, the displacement "
             f"of median soil at its limit load (factor of safety {load.factor:.3f})"
         )
-    notes += [*phases.estimate.notes, *walls_reached(rough, refined)]
+    notes += [*_loads(campaign), *phases.estimate.notes, *walls_reached(rough, refined)]
     if campaign.raised is not None:
         allowed = campaign.raised
         notes.append(f"the folder allows {allowed.refined_runs} refined runs, the scene {allowed.scene}")
@@ -236,6 +236,21 @@ def notes_of(
             "and fail later. [run] settle = false runs every sample to t_end"
         )
     return tuple(notes)
+
+
+def _loads(campaign: Campaign) -> list[str]:
+    """Name the earthquake, the factor on strength and the random water under which all runs are."""
+    run, level, loads = campaign.run, campaign.site.level, []
+    if run.k_h or run.k_v:
+        loads.append(f"a pseudo-static acceleration of k_h = {run.k_h:g} and k_v = {run.k_v:g} acts all the time")
+    if run.motion is not None:
+        peak = float(np.abs(run.motion.acceleration).max())
+        loads.append(f"a record of {float(run.motion.duration):g} s shakes the base, with a peak of {peak:.3g} m/s2")
+    if run.strength_factor != 1:
+        loads.append(f"all strength is multiplied by {run.strength_factor:g}")
+    if level is not None:
+        loads.append(f"each sample has its own water level, of mean {level.mean:g} m and deviation {level.sd:g} m")
+    return loads
 
 
 def walls_reached(rough: Rows, refined: Rows) -> list[str]:

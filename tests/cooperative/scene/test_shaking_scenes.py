@@ -63,9 +63,9 @@ def test_k_h_and_k_v_are_those_of_the_solver_and_leave_the_consolidated_strength
     own, start = mpm.section(shape, campaign.soil, campaign.rough, ends="tied", **coefficients)
     np.testing.assert_array_equal(scene.gravity, own.gravity)
     np.testing.assert_array_equal(state.stress, start.stress)
-    slope = mpm.Slope(crest=4, height=4, toe=8)
-    for at_rest in (mpm.slope(slope, campaign.soil, campaign.rough, at_rest=False, **coefficients)[0],):
-        np.testing.assert_allclose(at_rest.gravity, [0.981, -1.05 * 9.81], rtol=1e-6)
+    slope = mpm.Slope(crest=4, height=4, run_per_rise=1.0, toe=8, foundation=2)
+    scene, _ = mpm.slope(slope, campaign.soil, campaign.rough, at_rest=False, **coefficients)
+    np.testing.assert_allclose(scene.gravity, [0.981, -1.05 * 9.81], rtol=1e-6)
     ratio = "strength_ratio = 0.25\nstrength_minimum = 2e3\n[water]\nlevel = 4.0\n[soil.young]\nmean = 2e7\n"
     consolidated = SCENE.replace("young = 2e7\n", "").replace(
         SCENE[SCENE.index("[strength]") : SCENE.index("cov")], ratio
@@ -181,3 +181,23 @@ def test_a_damaged_packed_record_is_named(tmp_path):
         beside = {"files": {"record.csv": packed | damage}}
         with pytest.raises(ValueError, match=r"files 'record\.csv': its table in \[files\] is damaged"):
             parse(replace(source, beside=beside))
+
+
+def test_a_strength_factor_multiplies_all_strength_once():
+    halved = SCENE.replace("t_end = 4.0", "t_end = 4.0\nstrength_factor = 0.5")
+    sand = halved[: halved.index("[strength]")] + "friction = 30.0\n[soil.cohesion]\nmean = 5e3\ncov = 0.1\n"
+    sand += "length = [10.0, 2.0]\n" + halved[halved.index("[rough]") :]
+    for text in (halved, sand):
+        models = [
+            runs.build(campaign, "rough", runs.random_soil(campaign), at_rest=False)
+            for campaign in map(parse, (text, text.replace("factor = 0.5", "factor = 1.0")))
+        ]
+        coefficients = runs.coefficients_of(models[0].campaign, models[0].soil)[0]
+        weak, full = (model.of_sample(coefficients)[0].material for model in models)
+        # A calibration multiplies what the factor left, once.
+        calibrated = models[0].with_strength_factor(0.25).of_sample(coefficients)[0].material
+        name = "strength" if text is halved else "cohesion"
+        for law, factor in ((weak, 0.5), (calibrated, 0.25)):
+            np.testing.assert_allclose(getattr(law, name), factor * np.asarray(getattr(full, name)), rtol=1e-6)
+            if text is sand:
+                np.testing.assert_allclose(np.tan(law.friction), factor * np.tan(full.friction), rtol=1e-5)
