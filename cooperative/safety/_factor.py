@@ -16,7 +16,8 @@ from cooperative.safety._search import Critical, critical_surface
 from cooperative.safety._slices import SHALLOWEST, Slices, Strength
 from cooperative.scene import Campaign, Site, failing_volume, limit_load_factor
 from foundation import check
-from jaxmpm import Layer, Raster, Scene, Section, Slope, State
+from jaxmpm import Layer, Raster, Scene, Section, State
+from jaxmpm.ground import as_section
 from jaxmpm.laws import declared
 from jaxmpm.run import FactorOfSafety
 
@@ -133,9 +134,7 @@ def _raised(campaign: Campaign, by: float) -> Site:
     site, water = campaign.site, cast(Any, campaign.site.water)
     if water is None:
         given = "no [water]" if campaign.site.r_u is None else f"r_u = {campaign.site.r_u:g}, which has no level"
-        remedy = "give [water] a level, a table or a depth"
-        if isinstance(campaign.site.shape, Slope):
-            remedy = f"draw the slope as [ground], and {remedy}"
+        remedy = "draw a [slope] as [ground], and give [water] a level, a table or a depth"
         raise ValueError(f"water {by:+g} m: the scene has {given}, so none can be raised: {remedy}")
     if isinstance(water, Raster):
         return replace(site, water=replace(water, heights=np.asarray(water.heights) + by))
@@ -145,14 +144,10 @@ def _raised(campaign: Campaign, by: float) -> Site:
 
 def _section(campaign: Campaign) -> Section:
     """The ground of a campaign as a section; ValueError for ground that is none."""
-    shape = campaign.site.shape
-    if isinstance(shape, Slope) and shape.width is None:
-        top = shape.foundation + shape.height
-        corners = [(0, top), (shape.crest, top), (shape.toe_x, shape.foundation), (shape.length, shape.foundation)]
-        return Section(corners)
-    if isinstance(shape, Section):
+    shape = as_section(campaign.site.shape)
+    if shape is not None:
         return shape
-    kind = "ground in 3D" if campaign.dimension == 3 else f"a {type(shape).__name__} of one's own"
+    kind = "ground in 3D" if campaign.dimension == 3 else f"a {campaign.site.shape.__class__.__name__} of one's own"
     raise ValueError(f"limit equilibrium is for sections, not for {kind}: the solver's limit load stands alone")
 
 

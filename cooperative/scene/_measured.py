@@ -129,7 +129,7 @@ def unshaken(grid: Grid) -> tuple[Scene, State]:
         grid: of which something is measured.
     """
     scene, state = grid.median
-    return replace(scene, motion=None), state
+    return (scene if scene.motion is None else replace(scene, motion=None)), state
 
 
 def failing_volume(campaign: Campaign) -> float:

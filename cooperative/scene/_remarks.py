@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from cooperative.scene._campaign import Campaign
-from jaxmpm import Slope, Terrain, ground
+from jaxmpm import Raster, ground
 
 TOP = 0.95
 """Share of the height of the ground from which on an element at risk stands at the crest."""
@@ -23,8 +23,10 @@ def remarks(campaign: Campaign) -> Iterator[str]:
         Sentences.
     """
     shape = campaign.site.shape
-    if isinstance(shape, Terrain):
-        for axis, ends, walls in zip("xy", shape.surface.ends, shape.walls, strict=True):
+    surface = getattr(shape, "surface", None)
+    if isinstance(surface, Raster):
+        lower, upper = np.array(shape.corner), np.array(shape.corner) + shape.extent
+        for axis, ends, walls in zip("xy", surface.ends, zip(lower, upper, strict=True), strict=False):
             if 0 < ends[1] - walls[1] < 4 * campaign.rough.cell and ends[0] == walls[0]:
                 yield (
                     f"the surface reaches from {axis} = {ends[0]:g} to {ends[1]:g} m, and the wall stands at "
@@ -36,9 +38,8 @@ def remarks(campaign: Campaign) -> Iterator[str]:
         if len(corners) == campaign.dimension - 1 and relief > 0:
             heights = shape.heights(*corners)
             if float(np.min(heights)) >= base + TOP * relief:
-                zero = "; x = 0 is the rear of the crest" if isinstance(shape, Slope) else ""
                 yield (
                     f"{element.name} stands at the crest, at z = {np.min(heights):.4g} m of {base + relief:.4g} m"
-                    f"{zero}. No slide comes over it from above: it counts as reached where its own ground slides "
-                    "away, with the thickness of that"
+                    f"; x = {shape.corner[0]:g} is the rear of the ground. No slide comes over it from above: it "
+                    "counts as reached where its own ground slides away, with the thickness of that"
                 )

@@ -9,7 +9,7 @@ from jaxmpm.ground._probe import box_of, relief, thicknesses, top_of, volume
 from jaxmpm.ground._raster import Raster, read_raster
 from jaxmpm.ground._seam import Thickness
 from jaxmpm.ground._section import Section, section
-from jaxmpm.ground._slope import Slope, slope
+from jaxmpm.ground._slope import Slope, as_section, slope
 from jaxmpm.ground._terrain import Terrain, terrain
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     "Slope",
     "Terrain",
     "Thickness",
+    "as_section",
     "box_of",
     "build_ground",
     "cells",

@@ -10,8 +10,9 @@ import numpy as np
 
 from foundation import check
 from jaxmpm.ground._fill import scene_of
-from jaxmpm.ground._ground import Face
+from jaxmpm.ground._ground import Face, Ground
 from jaxmpm.ground._layer import Layer
+from jaxmpm.ground._section import Section
 from jaxmpm.laws import BaseMotion
 from jaxmpm.setup import Discretisation, cells_up, check_discretisation
 from jaxmpm.soil import AnySoil
@@ -211,3 +212,16 @@ def slope(
         shape, soil, discretisation, gravity=gravity, k_h=k_h, k_v=k_v, motion=motion, ends=("roller", y_ends),
         speed=speed, at_rest=at_rest,
     )  # fmt: skip
+
+
+def as_section(shape: Ground) -> Section | None:
+    """The ground as a section; None for ground in 3D, or of a class of one's own.
+
+    Args:
+        shape: of the ground.
+    """
+    if isinstance(shape, Slope) and shape.width is None:
+        top = shape.foundation + shape.height
+        corners = [(0, top), (shape.crest, top), (shape.toe_x, shape.foundation), (shape.length, shape.foundation)]
+        return Section(corners)
+    return shape if isinstance(shape, Section) else None

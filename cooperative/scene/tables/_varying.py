@@ -125,7 +125,6 @@ class Varying(Table):
         4e3,
         0.0,
         units="Pa",
-        otherwise="the mean is known",
     )
     cov_error: FromZero = key("Standard error of `cov`, likewise.", 0.05, 0.0)
 

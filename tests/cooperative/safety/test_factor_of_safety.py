@@ -166,7 +166,7 @@ def test_without_xslope_the_solver_stands_alone_and_the_extra_is_named(tmp_path,
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--water", "+1"], r"the scene has no \[water\], so none can be raised: draw the slope as \[ground\]"),
+        (["--water", "+1"], r"the scene has no \[water\], so none can be raised: draw a \[slope\] as \[ground\]"),
         (["--k-h", "1.5"], "k_h = 1.5: give a value above -1 and below 1"),
         (["--sample", "40"], "sample = 40: the scene has samples 0 to 39"),
     ],

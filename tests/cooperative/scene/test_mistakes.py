@@ -62,7 +62,7 @@ def test_check_warns_of_a_road_on_the_crest(tmp_path, monkeypatch, capsys):
     road = '[[exposed]]\nname = "road"\nat = [{}]\n'
     assert list(remarks(parse(DEMO + road.format(110.0)))) == []
     [remark] = remarks(parse(DEMO + road.format(20.0)))
-    assert remark.startswith("road stands at the crest, at z = 16 m of 16 m; x = 0 is the rear of the crest. No slide")
+    assert remark.startswith("road stands at the crest, at z = 16 m of 16 m; x = 0 is the rear of the ground. No slide")
     scene = tmp_path / "crest.toml"
     scene.write_text(DEMO + road.format(20.0))
     assert main(["check", str(scene), "--seconds", "0.01"]) == 0
