@@ -9,3 +9,29 @@ def tables(cell: float = 2.0, run: str = "t_end = 4.0") -> str:
         for name, size in (("rough", cell), ("refined", cell / 2))
     )
     return f"{grids}[run]\n{run}\n[campaign]\nsamples = 10\nseed = 3\nrefined_runs = 10\n"
+
+
+GEF = """#GEFID= 1, 1, 0
+#COLUMN= 3
+#COLUMNINFO= 1, m, Sondeerlengte, 1
+#COLUMNINFO= 2, {unit}, Conusweerstand, 2
+#COLUMNINFO= 3, {unit}, Plaatselijke wrijving, 3
+#COLUMNVOID= 2, -999999
+#COLUMNVOID= 3, -999999
+#COLUMNSEPARATOR= ;
+#RECORDSEPARATOR= !
+#LASTSCAN= {count}
+#PROCEDURECODE= GEF-CPT-Report, 1, 1, 0, -
+#TESTID= {name}
+#XYID= 31000, {x}, {y}
+#ZID= 31000, {top}
+#EOH=
+{rows}
+"""
+
+
+def write_gef(path, x, cone, *, y=433e3, top=-1.5, unit="MPa"):
+    """A cone penetration test in GEF with readings of the cone each 0.1 m, and a sleeve friction of 3 %."""
+    rows = "\n".join(f"{0.1 * k:.2f};{each};{max(0.03 * each, -999999)};!" for k, each in enumerate(cone))
+    path.write_text(GEF.format(unit=unit, count=len(cone), name=path.stem, x=x, y=y, top=top, rows=rows))
+    return path

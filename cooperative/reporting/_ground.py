@@ -256,7 +256,7 @@ def _moments(
             x, z, value = measured.T
             inner = norm(value / drawn.size) if word == "mean" else np.zeros(value.size)
             ax.scatter(x, z, 8, colormaps["cividis"](inner), edgecolors="w", linewidths=0.3)
-        ax.set_title(f"{word} of {drawn.word} over samples, with the values measured", loc="left")
+        ax.set_title(f"{word} over samples", loc="left")
         figure.colorbar(boxes, ax=ax, label=f"[{drawn.unit}]")
 
 

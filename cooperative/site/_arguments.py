@@ -31,6 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--origin", type=float, nargs=2, default=(0.0, 0.0), metavar=("X", "Y"), help="to subtract in 3D"
     )
     parser.add_argument(
+        "--surface", type=Path, metavar="RASTER", help="heights of the ground, for a whole scene: ASCII grid or GeoTIFF"
+    )
+    parser.add_argument(
         "--base", type=float, metavar="Z", help="elevation of the scene's base: none below conditions it"
     )
     parser.add_argument("--marginal", choices=("lognormal", "normal"), default="lognormal", help="(%(default)s)")
@@ -53,7 +56,7 @@ def answer(given: argparse.Namespace) -> list[str]:
     """
     units = dict(each.partition("=")[::2] for each in given.units)
     site = estimate_site(given.files, _assumed(given), boundaries=given.layers, units=units)
-    return [words(site), *map(str, write_site(site, given.out))]
+    return [words(site), *map(str, write_site(site, given.out, given.surface))]
 
 
 def _assumed(given: argparse.Namespace) -> Assumed:

@@ -16,6 +16,7 @@ from cooperative.reporting import save, site_figure
 from cooperative.scene import toml_value
 from cooperative.scene.tables import CORRELATIONS
 from cooperative.site._estimate import Assumed, SiteEstimate, SiteLayerFit, marginal_of
+from cooperative.site._scene import scene_lines
 from foundation.files import write_aside
 from kl.estimation import Interval
 
@@ -23,23 +24,28 @@ SCALES = (3.0, 48.0, 80.0)
 """Horizontal scales of fluctuation (m) of cone resistance: least, mean and largest of Phoon and Kulhawy (1999)."""
 
 
-def write_site(site: SiteEstimate, folder: Path) -> list[Path]:
-    """Write `site.toml`, the files that it names, `estimates.csv` and `soundings.png`.
+def write_site(site: SiteEstimate, folder: Path, surface: Path | None = None) -> list[Path]:
+    """Write `site.toml`, the files that it names, `estimates.csv` and `soundings.png`; with a surface `scene.toml`.
 
     Args:
         site: the estimates.
         folder: to write to; made if it is missing.
+        surface: file of the heights of the ground, for a whole scene; None for none.
 
     Returns:
         What was written.
     """
+    head = [] if surface is None else list(scene_lines(site, surface, folder))
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for layer in site.layers:
         path = folder / _file(layer)
         write_aside(path, _rows(layer).encode())
         written.append(path)
-    for name, text in (("site.toml", "\n".join(_toml(site)) + "\n"), ("estimates.csv", _estimates(site))):
+    texts = {"site.toml": "\n".join(_toml(site)) + "\n", "estimates.csv": _estimates(site)}
+    if surface is not None:
+        texts["scene.toml"] = "\n".join(head) + texts["site.toml"]
+    for name, text in texts.items():
         write_aside(folder / name, text.encode())
         written.append(folder / name)
     picture = folder / "soundings.png"

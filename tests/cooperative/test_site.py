@@ -21,25 +21,9 @@ from cooperative.soundings import (
     strength_of,
 )
 from tests import ROOT
+from tests.scenes import write_gef
 
 PUBLIC = ROOT / "benchmarks" / "data" / "soundings"
-GEF = """#GEFID= 1, 1, 0
-#COLUMN= 3
-#COLUMNINFO= 1, m, Sondeerlengte, 1
-#COLUMNINFO= 2, {unit}, Conusweerstand, 2
-#COLUMNINFO= 3, {unit}, Plaatselijke wrijving, 3
-#COLUMNVOID= 2, -999999
-#COLUMNVOID= 3, -999999
-#COLUMNSEPARATOR= ;
-#RECORDSEPARATOR= !
-#LASTSCAN= {count}
-#PROCEDURECODE= GEF-CPT-Report, 1, 1, 0, -
-#TESTID= {name}
-#XYID= 31000, {x}, 433000.0
-#ZID= 31000, -1.5
-#EOH=
-{rows}
-"""
 AGS = """"GROUP","LOCA"
 "HEADING","LOCA_ID","LOCA_NATE","LOCA_NATN","LOCA_GL"
 "UNIT","","m","m","m"
@@ -67,14 +51,6 @@ AGS = """"GROUP","LOCA"
 """
 
 
-def _gef(path, x, cone, unit="MPa"):
-    rows = "\n".join(
-        f"{0.1 * k:.2f};{each};{each if each == -999999 else 0.03 * each};!" for k, each in enumerate(cone)
-    )
-    path.write_text(GEF.format(unit=unit, count=len(cone), name=path.stem, x=x, rows=rows))
-    return path
-
-
 def _csv(path, text):
     path.write_text(text)
     return path
@@ -83,11 +59,11 @@ def _csv(path, text):
 def test_gaps_stay_gaps_and_units_come_from_the_header(tmp_path):
     """A void of GEF is no number between its neighbours, and kPa are not MPa."""
     pytest.importorskip("pygef")
-    path = _gef(tmp_path / "a.gef", 1e5, [0.5, -999999, 0.7, 0.8])
+    path = write_gef(tmp_path / "a.gef", 1e5, [0.5, -999999, 0.7, 0.8])
     (sounding,), _ = read_files([path])
     np.testing.assert_allclose(sounding.cone, [0.5e6, np.nan, 0.7e6, 0.8e6])
     assert (sounding.x, sounding.y, sounding.top, sounding.datum) == (1e5, 433e3, -1.5, "NAP")
-    (other,), _ = read_files([_gef(tmp_path / "b.gef", 1e5, [500.0, 600.0], "kPa")])
+    (other,), _ = read_files([write_gef(tmp_path / "b.gef", 1e5, [500.0, 600.0], unit="kPa")])
     np.testing.assert_allclose(other.cone, [0.5e6, 0.6e6])
     (third,), _ = read_files([_csv(tmp_path / "c.csv", "x [m];top [m];depth [cm];qc [kPa]\n3;2;10;500\n3;2;20;\n")])
     np.testing.assert_allclose(third.depth, [0.1, 0.2])
@@ -219,6 +195,31 @@ refined_runs = 10
     random = parse(tmp_path / "scene.toml").site.layers[0].random["strength"]
     assert len(random.boreholes) == len(rows)
     assert random.mean_error > 0 < random.cov_error
+
+
+def test_surface_makes_it_a_whole_scene(tmp_path):
+    """Grids, walls and maps of a first look over a raster of heights; a sounding beside it is refused."""
+    heights = "\n".join(" ".join(f"{max(4 - 0.25 * k, 1):g}" for k in range(17)) for _ in range(9))
+    raster = _csv(
+        tmp_path / "hill.asc", f"ncols 17\nnrows 9\nxllcorner 0\nyllcorner 0\ncellsize 2\nnodata_value -9\n{heights}\n"
+    )
+    random = np.random.default_rng(5)
+    rows = [
+        f"{x},8,3,{0.4 * k:g},{20 * np.exp(0.2 * random.standard_normal()):.2f}" for x in (6, 20) for k in range(12)
+    ]
+    lab = _csv(tmp_path / "lab.csv", "x [m],y [m],top [m],depth [m],su [kPa]\n" + "\n".join(rows))
+    write_site(estimate_site([lab], Assumed(base=-2.0), boundaries=[]), tmp_path / "site", raster)
+    campaign = parse(tmp_path / "site" / "scene.toml")
+    assert campaign.hazard is not None
+    assert campaign.site.shape.extent[:2] == (32, 16)
+    assert campaign.grids["refined"].cell == 2
+    assert len(campaign.site.layers[0].random["strength"].boreholes[0]) == 4
+    (tmp_path / "cpt.csv").write_text("x [m],y [m],top [m],depth [m],qc [MPa]\n" + "\n".join(
+        f"99,8,3,{0.2 * k:g},{np.exp(0.2 * random.standard_normal()):.3f}" for k in range(20)
+    ))  # fmt: skip
+    beside = estimate_site([tmp_path / "cpt.csv"], Assumed(n_kt=(14.0, 0.0)), boundaries=[])
+    with pytest.raises(ValueError, match=r"lies at x = 99 m, and .*hill.asc reaches from 1 to 33 m"):
+        write_site(beside, tmp_path / "other", raster)
 
 
 def test_command_needs_a_cone_factor_for_clay(tmp_path, capsys):

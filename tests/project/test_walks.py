@@ -6,12 +6,14 @@ import socket
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from benchmarks.project import docs
 from cooperative._commands import parser
 from cooperative.scene import parse
 from cooperative.store import read_store
+from tests.scenes import write_gef
 
 PAGES = [*docs.pages(), "CONTRIBUTING.md"]
 WALKS = "docs/walks.md"
@@ -57,6 +59,22 @@ def walked(tmp_path, monkeypatch):
     return tmp_path
 
 
+def write_hill(folder):
+    """Two soundings in soft clay as GEF, and a GeoTIFF of the slope between them."""
+    import rasterio
+    from rasterio.transform import from_origin
+
+    random = np.random.default_rng(0)
+    for name, x, top in (("cpt-1", 1008.0, 8.0), ("cpt-2", 1020.0, 7.0)):
+        cone = 0.25 + 0.002 * np.arange(60) + 0.1 * np.abs(np.cumsum(random.standard_normal(60))) ** 0.5
+        write_gef(folder / f"{name}.gef", x, cone.round(3).tolist(), y=2008.0, top=top)
+    heights = np.tile(np.clip(12 - 0.5 * np.arange(0, 34, 2), 2, 8), (9, 1)).astype("float32")
+    shape = {"height": 9, "width": 17, "count": 1, "dtype": "float32"}
+    place = from_origin(999, 2017, 2, 2)
+    with rasterio.open(folder / "hill.tif", "w", driver="GTiff", crs="EPSG:28992", transform=place, **shape) as file:
+        file.write(heights, 1)
+
+
 HERE = f"""
 jaxmpm() {{ {sys.executable} -m cooperative "$@"; }}
 dask() {{ exec {sys.executable} -m dask "$@"; }}
@@ -86,6 +104,26 @@ def test_engineer_comes_to_a_report_and_a_table(walked):
     assert "probability of failure" in result.stdout
     assert "road" in (walked / "out" / "bank" / "report.html").read_text()
     assert (walked / "out" / "bank" / "table.csv").exists()
+
+
+@pytest.mark.slow
+def test_two_soundings_and_a_terrain_model_come_to_maps(tmp_path, monkeypatch):
+    """The commands as they stand, on a hill of 32 m whose samples run for a second."""
+    for module in ("pygef", "rasterio"):
+        pytest.importorskip(module)
+    write_hill(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(docs.ROOT))
+    (block,) = [block for block in docs.blocks(WALKS, "sh") if "jaxmpm site" in block]
+    lines = [line for line in block.splitlines() if line.startswith("jaxmpm")]
+    assert len(block.splitlines()) <= 8
+    shorter = "s/t_end = 20.0/t_end = 1.0/; s/samples = 40/samples = 10/; s/refined_runs = 16/refined_runs = 10/"
+    lines.insert(1, f"sed -i '{shorter}; s/displacement = 1.0/displacement = 0.01/' site/scene.toml")
+    result = subprocess.run(
+        ["bash", "-ec", "\n".join([HERE, *lines])], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert "probability of failure" in result.stdout
+    assert (tmp_path / "site" / "scene.png").exists()
+    assert list((tmp_path / "out" / "hill" / "maps").glob("*.tif"))
 
 
 @pytest.mark.slow

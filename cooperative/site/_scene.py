@@ -1,0 +1,72 @@
+"""A whole scene of a site under a terrain model, for a first look: the ground, the grids and the campaign."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from cooperative.scene import toml_value
+from cooperative.site._estimate import SiteEstimate
+from cooperative.soundings import SiteError
+from jaxmpm import Raster, read_raster
+
+MOST_CELLS = 48
+"""Cells of the refined grid along the longer side of a first look."""
+
+
+def scene_lines(site: SiteEstimate, surface: Path, folder: Path) -> Iterator[str]:
+    """Lines of a scene's tables beside its layers.
+
+    Args:
+        site: the estimates, in 3D.
+        surface: file of the heights of the ground.
+        folder: of the scene.
+
+    Raises:
+        ValueError: a file that is no raster, soundings of a section, or one that lies beside the raster.
+    """
+    raster = read_raster(surface)
+    if site.assumed.line is not None or len(site.layers[0].points) < 3:
+        raise SiteError(f"{surface} is ground in 3D, the soundings are of a section: leave out --line, give x and y")
+    origin = site.assumed.origin
+    ends = [(low - at, high - at) for (low, high), at in zip(raster.ends, origin, strict=True)]
+    _check_inside(site, surface, raster)
+    longest = max(high - low for low, high in ends)
+    cell = _round_number(max(longest / MOST_CELLS, raster.step))
+    base = site.layers[-1].bottom if site.assumed.base is None else site.assumed.base
+    yield f"name = {toml_value(surface.stem)}"
+    yield ""
+    yield "[terrain]"
+    yield f"surface = {toml_value(Path(os.path.relpath(surface, folder)).as_posix())}"
+    yield f"base = {base:g}    # m, where the soil is taken to be rigid"
+    for axis, (low, high) in zip("xy", ends, strict=True):
+        yield f"{axis} = [{low:g}, {low + math.floor((high - low) / (2 * cell) + 1e-9) * 2 * cell:g}]"
+    if any(origin):
+        yield f"origin = [{origin[0]:g}, {origin[1]:g}]"
+    yield ""
+    yield "[hazard]    # maps of thickness, speed and arrival"
+    for grid, size in (("rough", 2 * cell), ("refined", cell)):
+        yield ""
+        yield f"[{grid}]    # cells for a first look: refine them and compare"
+        yield f"cell = {size:g}"
+        yield f"spacing = {[size / 2] * 3}"
+    yield from ("", "[run]", "t_end = 20.0", "failure_displacement = 1.0", "", "[campaign]", "samples = 40", "seed = 1")
+    yield from ("refined_runs = 16", "")
+
+
+def _check_inside(site: SiteEstimate, surface: Path, raster: Raster) -> None:
+    for each in site.soundings:
+        for axis, at, (low, high) in zip("xy", (each.x, each.y), raster.ends, strict=True):
+            if not low <= at <= high:
+                raise SiteError(
+                    f"{each.file}: sounding {each.name!r} lies at {axis} = {at:.10g} m, and {surface} reaches from "
+                    f"{low:.10g} to {high:.10g} m: give files of the same projection, or leave it out"
+                )
+
+
+def _round_number(size: float) -> float:
+    """The least of 1, 2, 5, 10 and so on that is no smaller."""
+    power = 10.0 ** math.floor(math.log10(size))
+    return next(power * step for step in (1, 2, 5, 10) if power * step >= size * (1 - 1e-9))
