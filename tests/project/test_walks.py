@@ -66,7 +66,7 @@ def write_hill(folder):
 
     random = np.random.default_rng(0)
     for name, x, top in (("cpt-1", 1008.0, 8.0), ("cpt-2", 1020.0, 7.0)):
-        cone = 0.25 + 0.002 * np.arange(60) + 0.1 * np.abs(np.cumsum(random.standard_normal(60))) ** 0.5
+        cone = 0.12 + 0.002 * np.arange(60) + 0.03 * np.abs(np.cumsum(random.standard_normal(60))) ** 0.5
         write_gef(folder / f"{name}.gef", x, cone.round(3).tolist(), y=2008.0, top=top)
     heights = np.tile(np.clip(12 - 0.5 * np.arange(0, 34, 2), 2, 8), (9, 1)).astype("float32")
     shape = {"height": 9, "width": 17, "count": 1, "dtype": "float32"}
