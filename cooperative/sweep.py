@@ -35,7 +35,7 @@ from cooperative.estimate import (
 )
 from cooperative.reporting import save
 from cooperative.reporting import sweeps as figures
-from cooperative.reporting.sweeps import LABELS, RECORDS, Fitted, Moved, Point
+from cooperative.reporting.sweeps import LABELS, RECORDS, Displaced, Fitted, Point
 from cooperative.runs import check_size, phases_of, release_programs, rows_reader, samples_of, stop_by_signals
 from cooperative.scene import (
     BASE,
@@ -200,14 +200,14 @@ def _compared(
     store = read_store(folder)
     campaign = campaign_of(store)
     rough = rows_reader(store, samples_of(campaign))("rough")
-    moved = rough.columns["displacement"][~rough.columns["broke_off"].astype(bool)]
+    displacement = rough.columns["displacement"][~rough.columns["broke_off"].astype(bool)]
     motion, peak = campaign.run.motion, None
     if motion is not None:
         peak = float(np.abs(motion.acceleration[:-1]).max()) / STANDARD_GRAVITY
-    return {"difference": difference, "displacement": _moved(moved), "peak": peak}
+    return {"difference": difference, "displacement": _displaced(displacement), "peak": peak}
 
 
-def _moved(displacement: np.ndarray) -> Moved | None:
+def _displaced(displacement: np.ndarray) -> Displaced | None:
     if not displacement.size:
         return None
     median, ninety = np.quantile(displacement, (0.5, 0.9))

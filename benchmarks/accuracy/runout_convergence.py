@@ -51,9 +51,9 @@ def measures(
         half: half the spacing of particles along x (m).
         slid: displacement from which soil slides (m).
     """
-    moved = np.linalg.norm(displacement, axis=0) >= slid
-    now, v = position[0] + displacement[0] + half, volume[moved]
-    order = np.argsort(now[moved])
+    sliding = np.linalg.norm(displacement, axis=0) >= slid
+    now, v = position[0] + displacement[0] + half, volume[sliding]
+    order = np.argsort(now[sliding])
     share = np.cumsum(v[order]) / v.sum()
     mass = consequences(
         position, displacement, volume, Face(origin, 0.0, float(position[-1].max())),
@@ -62,8 +62,8 @@ def measures(
     thickness, _ = np.histogram(now - half, bins=np.arange(0.0, now.max() + STATION, STATION), weights=volume)
     return {
         "front_m": mass.runout,
-        "front_95_m": float(now[moved][order[np.searchsorted(share, 0.95)]]) - origin,
-        "travel_m": float(np.linalg.norm((displacement[:, moved] * v).sum(axis=1)) / v.sum()),
+        "front_95_m": float(now[sliding][order[np.searchsorted(share, 0.95)]]) - origin,
+        "travel_m": float(np.linalg.norm((displacement[:, sliding] * v).sum(axis=1)) / v.sum()),
         "slid": float(v.sum()),
         "thickness": (thickness / STATION).round(4).tolist(),
     }

@@ -41,8 +41,8 @@ def run(quick: bool) -> Report:
     values: dict[str, Any] = {}
     rows: list[dict[str, Any]] = []
     for part in PARTS:
-        found, described = part(quick)
-        values |= found
+        measured, described = part(quick)
+        values |= measured
         rows += described
     return Report(values, rows)
 
@@ -118,8 +118,10 @@ def public(quick: bool) -> Part:
         data = []
         for each in soundings:
             z, cone = each.top - each.depth, corrected_cone(each)
-            kept = thinned(z, np.isfinite(cone) & (z < top) & (z > bottom), APART)
-            data.append((np.stack([np.full(kept.size, each.x), np.full(kept.size, each.y), z[kept]]), cone[kept]))
+            chosen = thinned(z, np.isfinite(cone) & (z < top) & (z > bottom), APART)
+            data.append(
+                (np.stack([np.full(chosen.size, each.x), np.full(chosen.size, each.y), z[chosen]]), cone[chosen])
+            )
         for number, (points, cone) in enumerate(data[:1] if quick else data):
             others = [each for k, each in enumerate(data) if k != number]
             used, values = np.concatenate([each[0] for each in others], axis=1), np.concatenate([e[1] for e in others])

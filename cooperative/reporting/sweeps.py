@@ -55,7 +55,7 @@ class Change(TypedDict):
     unpaired: float
 
 
-class Moved(TypedDict):
+class Displaced(TypedDict):
     """Largest displacement of the samples (m) on the rough grid: median and 90 % quantile."""
 
     median: float
@@ -80,7 +80,7 @@ class Point(TypedDict):
     modes: dict[str, ModePart] | None
     finished: str | None
     difference: Change | None
-    displacement: Moved | None
+    displacement: Displaced | None
     peak: float | None
 
 
@@ -144,9 +144,9 @@ def table(parameters: Parameters) -> str:
     rows.writerow(COLUMNS)
     for name, points in parameters.items():
         for point in points:
-            change, moved = point["difference"], point["displacement"]
+            change, displaced = point["difference"], point["displacement"]
             compared = ["", "", ""] if change is None else [change["difference"], *change["interval"]]
-            displacement = ["", ""] if moved is None else [moved["median"], moved["ninety"]]
+            displacement = ["", ""] if displaced is None else [displaced["median"], displaced["ninety"]]
             answer = [point["peak"], point["probability"], *point["interval"]]
             counts = [point["samples"], point["refined_runs"], point["campaign"]]
             rows.writerow([name, point["value"], *answer, *compared, *displacement, *counts])
@@ -250,10 +250,10 @@ def displacements(parameters: Parameters) -> Figure:
     """
     figure, axes = _panels(len(parameters))
     for ax, (name, rows) in zip(axes, parameters.items(), strict=True):
-        moved = [(row["value"], each) for row in rows if (each := row["displacement"])]
-        at = [value for value, _ in moved]
-        ax.plot(at, [max(each["ninety"], 1e-4) for _, each in moved], "^-", color=COLOURS[1], label="90 % quantile")
-        ax.plot(at, [max(each["median"], 1e-4) for _, each in moved], "o-", color=COLOURS[0], label="median")
+        displaced = [(row["value"], each) for row in rows if (each := row["displacement"])]
+        at = [value for value, _ in displaced]
+        ax.plot(at, [max(each["ninety"], 1e-4) for _, each in displaced], "^-", color=COLOURS[1], label="90 % quantile")
+        ax.plot(at, [max(each["median"], 1e-4) for _, each in displaced], "o-", color=COLOURS[0], label="median")
         ax.set(xlabel=label_of(name), ylabel="largest displacement, rough grid [m]", yscale="log")
         ax.legend(frameon=False, fontsize=7)
     return figure
@@ -328,7 +328,7 @@ def _errorbar(
     ax: Axes, rows: Sequence[Point], middle: list[float], limits: list[list[float]], colour: str, marker: str,
     label: str, *, shift: float = 0.0, line: str = "-",
 ) -> None:  # fmt: skip
-    """A line with intervals, moved a little sideways so that intervals do not lie on each other."""
+    """A line with intervals, displaced a little sideways so that intervals do not lie on each other."""
     values = [row["value"] for row in rows]
     named = any(isinstance(value, str) for value in values)
     at = np.arange(len(values), dtype=float) if named else np.array(values, float)

@@ -11,7 +11,7 @@ import kl
 from cooperative.scene import tables
 
 AWAY = 100.0
-"""Deviations by which levels are moved above 0: the families do not change by that, but for bounds, which move too."""
+"""Deviations by which levels are shifted above 0. The families do not change, but for bounds, which shift too."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class RandomLevel:
 
     def __post_init__(self) -> None:
         try:
-            kl.marginal.check_marginal(self._moved)
+            kl.marginal.check_marginal(self._shifted)
         except ValueError as error:
             ends = f" between {self.lower} and {self.upper} m" if (self.lower, self.upper) != (None, None) else ""
             raise ValueError(
@@ -42,12 +42,12 @@ class RandomLevel:
             ) from error
 
     @property
-    def _moved(self) -> kl.marginal.Marginal:
+    def _shifted(self) -> kl.marginal.Marginal:
         """The distribution `_up` metres higher."""
         mean = self.mean + self._up
         bounds = {"lower": self.lower, "upper": self.upper}
-        moved = {end: at + self._up for end, at in bounds.items() if at is not None}
-        distribution: kl.marginal.Marginal = self.marginal(mean, self.sd / mean, **moved)
+        shifted = {end: at + self._up for end, at in bounds.items() if at is not None}
+        distribution: kl.marginal.Marginal = self.marginal(mean, self.sd / mean, **shifted)
         return distribution
 
     @property
@@ -56,7 +56,7 @@ class RandomLevel:
 
     def at(self, score: float) -> float:
         """The level (m) of a standard normal score."""
-        return float(np.asarray(self._moved.transform(jnp.asarray(score)))) - self._up
+        return float(np.asarray(self._shifted.transform(jnp.asarray(score)))) - self._up
 
     def raised(self, by: float) -> RandomLevel:
         """The distribution of levels that are all so much higher (m)."""

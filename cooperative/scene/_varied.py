@@ -16,7 +16,7 @@ from foundation.text import shown
 FIXED = ("campaign", "sweep", "scenario", "name", *tables.STORED)
 """Tables that no path leads into: a sweep has one campaign's samples."""
 SCALES = "motion.scale"
-Place = tuple[str | int, ...]
+Keys = tuple[str | int, ...]
 """Keys, and positions in lists of tables, that lead to a value."""
 
 
@@ -26,18 +26,18 @@ class Path:
 
     Args:
         name: as the user gives it.
-        place: of its value.
+        keys: of its value.
         owner: table that has it.
     """
 
     name: str
-    place: Place
+    keys: Keys
     owner: Any
 
     @property
     def field(self) -> Any:
         """Declaration of the key."""
-        return self.owner.model_fields[self.place[-1]]
+        return self.owner.model_fields[self.keys[-1]]
 
     def value(self, scene: Mapping[str, Any]) -> Any:
         """What stands there in a scene's tables, or the key's default; None without one.
@@ -46,9 +46,9 @@ class Path:
             scene: its tables.
         """
         node: Any = scene
-        for part in self.place:
+        for part in self.keys:
             if isinstance(node, dict) and part not in node:
-                return self.field.default if part == self.place[-1] and not self.field.is_required() else None
+                return self.field.default if part == self.keys[-1] and not self.field.is_required() else None
             node = node[part]
         return node
 
@@ -66,22 +66,22 @@ def path_of(scene: Mapping[str, Any], name: str) -> Path:
     parts = _as_given(scene, name)
     if parts[0] in FIXED:
         raise ValueError(f"{shown(name)} is no key that samples in common can differ in: leave it out")
-    place: Place = ()
+    keys: Keys = ()
     owner: Any = tables.Scene
     left = list(parts)
     while left:
         key = left.pop(0)
         if key not in owner.model_fields:
             raise _unknown(scene, name)
-        place, field = (*place, key), owner.model_fields[key]
+        keys, field = (*keys, key), owner.model_fields[key]
         if not left:
-            return Path(name, place, owner)
+            return Path(name, keys, owner)
         owner = tables.table_in(field)
         if owner is None:
             raise _unknown(scene, name)
-        if len(place) == 1 and isinstance(scene.get(key), list):
+        if len(keys) == 1 and isinstance(scene.get(key), list):
             number, left = _entry(scene, name, key, left)
-            place = (*place, number)
+            keys = (*keys, number)
             if not left:
                 raise _unknown(scene, name)
     raise _unknown(scene, name)
@@ -101,7 +101,7 @@ def number_at(scene: Mapping[str, Any], name: str) -> Path:
     now = path.value(scene)
     if isinstance(now, dict | tables.Table):
         raise ValueError(f"{shown(name)} is a table in this scene: give a key of it, such as {name}.mean")
-    schema = tables.schema_of(path.owner)["properties"][path.place[-1]]
+    schema = tables.schema_of(path.owner)["properties"][path.keys[-1]]
     kinds = {part.get("type") for part in (schema, *schema.get("oneOf", ()), *schema.get("anyOf", ()))}
     if not kinds & {"number", "integer"}:
         raise ValueError(
@@ -121,16 +121,16 @@ def changed(scene: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, A
         ValueError: as `path_of`, and two paths to one key.
     """
     result: dict[str, Any] = copy.deepcopy(dict(scene))
-    seen: dict[Place, str] = {}
+    seen: dict[Keys, str] = {}
     for name, value in changes.items():
-        place = path_of(scene, name).place
-        if place in seen:
-            raise ValueError(f"{shown(seen[place])} and {shown(name)} are one key: give it once")
-        seen[place] = name
+        keys = path_of(scene, name).keys
+        if keys in seen:
+            raise ValueError(f"{shown(seen[keys])} and {shown(name)} are one key: give it once")
+        seen[keys] = name
         node: Any = result
-        for part in place[:-1]:
+        for part in keys[:-1]:
             node = node.setdefault(part, {}) if isinstance(node, dict) else node[part]
-        node[place[-1]] = value
+        node[keys[-1]] = value
     return result
 
 
@@ -225,15 +225,15 @@ def variants_of(scene: Mapping[str, Any]) -> Iterator[Varied]:
     base = base_of(scene)
     swept = tables.flat(scene.get("sweep", {}))
     paths = {name: values for name, values in swept.items() if name not in tables.Sweep.model_fields}
-    places: dict[Place, str] = {}
+    taken: dict[Keys, str] = {}
     for name in paths:
         try:
-            place = (path_of if name == tables.RECORDS else number_at)(base, name).place
-            if place in places:
-                raise ValueError(f"{shown(places[place])} and {shown(name)} are one key: give it once")
+            keys = (path_of if name == tables.RECORDS else number_at)(base, name).keys
+            if keys in taken:
+                raise ValueError(f"{shown(taken[keys])} and {shown(name)} are one key: give it once")
         except ValueError as error:
             raise ValueError(f"[sweep] {error}") from error
-        places[place] = name
+        taken[keys] = name
     records = paths.pop(tables.RECORDS, None)
     if records is not None:
         scales = paths.pop(SCALES, None) or [number_at(base, SCALES).value(base)]

@@ -271,10 +271,10 @@ def _values(
     if not soundings:
         parts = []
         for lab in measured:
-            kept = (lab.z < layer.top) & (lab.z >= layer.bottom) & np.isfinite(lab.x) & (lab.parameter == parameter)
-            place = assumed.placed(lab.x[kept], lab.y[kept])
-            none = np.full(place.shape[1], np.nan)
-            parts.append((np.concatenate([place, lab.z[None, kept]]), lab.value[kept], none))
+            valid = (lab.z < layer.top) & (lab.z >= layer.bottom) & np.isfinite(lab.x) & (lab.parameter == parameter)
+            position = assumed.placed(lab.x[valid], lab.y[valid])
+            none = np.full(position.shape[1], np.nan)
+            parts.append((np.concatenate([position, lab.z[None, valid]]), lab.value[valid], none))
     else:
         inside = [(each, each.top - each.depth, _parameter(each, parameter, assumed)) for each in soundings]
         masks = [np.isfinite(value) & (z < layer.top) & (z >= layer.bottom) for _, z, value in inside]
@@ -283,8 +283,8 @@ def _values(
         parts = []
         for (each, z, value), mask in zip(inside, masks, strict=True):
             used = thinned(z, mask, apart)
-            place = assumed.placed(np.full(used.size, each.x), np.full(used.size, each.y))
-            parts.append((np.concatenate([place, z[None, used]]), value[used], corrected_cone(each)[used]))
+            position = assumed.placed(np.full(used.size, each.x), np.full(used.size, each.y))
+            parts.append((np.concatenate([position, z[None, used]]), value[used], corrected_cone(each)[used]))
     return tuple(np.concatenate([part[k] for part in parts], axis=-1) for k in range(3))  # type: ignore[return-value]
 
 
@@ -301,8 +301,8 @@ def _spread(points: Values, fit: FieldFit, base: float | None) -> np.ndarray:
     apart = fit.vertical.value / 4
     while True:
         chosen = []
-        for place in np.unique(points[:-1], axis=1).T:
-            own = np.flatnonzero((points[:-1] == place[:, None]).all(axis=0) & above)
+        for position in np.unique(points[:-1], axis=1).T:
+            own = np.flatnonzero((points[:-1] == position[:, None]).all(axis=0) & above)
             own = own[np.argsort(-points[-1, own])]
             chosen.append(own[thinned(points[-1, own], np.ones(own.size, bool), apart)])
         numbers = np.concatenate(chosen)

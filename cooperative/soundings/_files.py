@@ -14,7 +14,7 @@ import numpy as np
 from cooperative.soundings._sounding import UNITS, Measured, SiteError, Sounding, Values, checked, finite, in_si
 from foundation.text import shown
 
-Found = tuple[list[Sounding], list[Measured]]
+Contents = tuple[list[Sounding], list[Measured]]
 
 CONE = {
     "depth": ("length", ("depth", "d", "depth_below_surface", "penetration", "scpt_dpth")),
@@ -23,7 +23,7 @@ CONE = {
     "pore": ("stress", ("u2", "u_2", "u", "pore_pressure", "scpt_pwp2")),
 }
 """Columns of a sounding: quantity, and the names that a CSV may give them."""
-PLACE = {
+POSITION = {
     "name": ("", ("name", "sounding", "id", "test", "location", "loca_id")),
     "x": ("length", ("x", "easting", "distance", "chainage")),
     "y": ("length", ("y", "northing")),
@@ -38,11 +38,11 @@ PARAMETERS = {
     "young": ("stress", ("young", "e", "young_modulus", "e50")),
 }
 """Columns of laboratory values: the parameter of a scene's soil, its quantity, and names."""
-_COLUMNS = CONE | PLACE | PARAMETERS
+_COLUMNS = CONE | POSITION | PARAMETERS
 _HEADER = re.compile(r"\s*([^\[(]*?)\s*(?:[\[(]([^\])]*)[\])])?\s*")
 
 
-def read_files(paths: Sequence[Path], units: Mapping[str, str] | None = None) -> Found:
+def read_files(paths: Sequence[Path], units: Mapping[str, str] | None = None) -> Contents:
     """Soundings and laboratory values of files, in the order given.
 
     Args:
@@ -102,7 +102,7 @@ def _needs(module: str, package: str, path: Path) -> Any:
         raise SiteError(f"{path} needs {package}, which is not installed: pip install 'jaxmpm[site]'") from error
 
 
-def _cone_file(path: Path, units: Mapping[str, str]) -> Found:
+def _cone_file(path: Path, units: Mapping[str, str]) -> Contents:
     """A sounding in GEF or in XML of the Dutch registration of the subsurface (BRO)."""
     pygef = _needs("pygef", "pygef", path)
     try:
@@ -126,12 +126,12 @@ def _cone_file(path: Path, units: Mapping[str, str]) -> Found:
     depth = column("depth", "11", "m")
     if not np.isfinite(depth).any():
         depth = column("penetrationLength", "1", "m")
-    place = read.delivered_location
+    location = read.delivered_location
     datum = read.delivered_vertical_position_datum
     name = read.bro_id or read.alias or path.stem
     return [
         Sounding(
-            name=str(name), file=str(path), x=finite(place and place.x), y=finite(place and place.y),
+            name=str(name), file=str(path), x=finite(location and location.x), y=finite(location and location.y),
             top=finite(read.delivered_vertical_position_offset), datum=getattr(datum, "name", datum), depth=depth,
             cone=column("coneResistance", "2", "MPa"), sleeve=column("localFriction", "3", "MPa"),
             pore=column("porePressureU2", "6", "MPa"), area_ratio=read.cone_surface_quotient or None,
@@ -146,7 +146,7 @@ def _gef_units(headers: Mapping[str, Any]) -> dict[str, str]:
     return {row[3].strip(): row[1].split("(")[0].strip() for row in rows}
 
 
-def _ags(path: Path, units: Mapping[str, str]) -> Found:
+def _ags(path: Path, units: Mapping[str, str]) -> Contents:
     """Soundings (SCPT, SCPG) and strengths (TRIT, IVAN, LVAN) of an AGS4 file."""
     ags4 = _needs("python_ags4.AGS4", "python-AGS4", path)
     try:
@@ -156,12 +156,12 @@ def _ags(path: Path, units: Mapping[str, str]) -> Found:
     groups = {name: _ags_rows(table) for name, table in tables.items()}
     if "LOCA" not in groups:
         raise SiteError(f"{path} has no group LOCA of locations: export it with LOCA, and SCPT for soundings")
-    places = {row["LOCA_ID"]: row for row in groups["LOCA"][1]}
-    soundings = list(_ags_soundings(path, groups, places))
+    locations = {row["LOCA_ID"]: row for row in groups["LOCA"][1]}
+    soundings = list(_ags_soundings(path, groups, locations))
     measured: list[Measured] = []
     for group, heading in (("TRIT", "TRIT_CU"), ("IVAN", "IVAN_IVAN"), ("LVAN", "LVAN_VNPK")):
         if group in groups:
-            measured += _ags_strengths(path, groups[group], heading, places)
+            measured += _ags_strengths(path, groups[group], heading, locations)
     if not soundings and not measured:
         raise SiteError(f"{path} has neither soundings (SCPT) nor strengths (TRIT, IVAN, LVAN)")
     return soundings, measured
@@ -180,15 +180,15 @@ def _ags_rows(table: Mapping[str, Sequence[str]]) -> Group:
 
 
 def _ags_soundings(
-    path: Path, groups: Mapping[str, Group], places: Mapping[str, Mapping[str, str]]
+    path: Path, groups: Mapping[str, Group], locations: Mapping[str, Mapping[str, str]]
 ) -> Iterator[Sounding]:
     if "SCPT" not in groups:
         return
     units, rows = groups["SCPT"]
     details = {row["LOCA_ID"]: row for row in groups.get("SCPG", ({}, []))[1]}
     # Several pushes from one borehole are one sounding.
-    for place in dict.fromkeys(row["LOCA_ID"] for row in rows):
-        own = [row for row in rows if row["LOCA_ID"] == place]
+    for number in dict.fromkeys(row["LOCA_ID"] for row in rows):
+        own = [row for row in rows if row["LOCA_ID"] == number]
 
         def column(heading: str, quantity: str, own: list[dict[str, str]] = own) -> Values:
             if heading not in units:
@@ -196,11 +196,11 @@ def _ags_soundings(
             scale = in_si(f"{path}: {heading}", units[heading], quantity)
             return np.array([finite(row[heading]) for row in own]) * scale
 
-        row, detail = places.get(place, {}), details.get(place, {})
+        row, detail = locations.get(number, {}), details.get(number, {})
         ratio = finite(detail.get("SCPG_CAR"))
         water = finite(detail.get("SCPG_WAT"))
         yield Sounding(
-            name=place, file=str(path), x=finite(row.get("LOCA_NATE")),
+            name=number, file=str(path), x=finite(row.get("LOCA_NATE")),
             y=finite(row.get("LOCA_NATN")), top=finite(row.get("LOCA_GL")), datum=None,
             depth=column("SCPT_DPTH", "length"), cone=column("SCPT_RES", "stress"),
             sleeve=column("SCPT_FRES", "stress"), pore=column("SCPT_PWP2", "stress"),
@@ -209,7 +209,7 @@ def _ags_soundings(
 
 
 def _ags_strengths(
-    path: Path, group: Group, heading: str, places: Mapping[str, Mapping[str, str]]
+    path: Path, group: Group, heading: str, locations: Mapping[str, Mapping[str, str]]
 ) -> Iterator[Measured]:
     units, rows = group
     if heading not in units:
@@ -220,10 +220,10 @@ def _ags_strengths(
         raise SiteError(f"{path}: {heading} has no depth in SPEC_DPTH, IVAN_DPTH or SAMP_TOP: add one")
     table = np.array(
         [
-            [finite(place.get(key)) for key in ("LOCA_NATE", "LOCA_NATN", "LOCA_GL")]
+            [finite(location.get(key)) for key in ("LOCA_NATE", "LOCA_NATN", "LOCA_GL")]
             + [finite(row[depths]), finite(row[heading]) * scale]
             for row in rows
-            for place in (places.get(row["LOCA_ID"], {}),)
+            for location in (locations.get(row["LOCA_ID"], {}),)
         ]
     ).reshape(-1, 5)
     table = table[np.isfinite(table[:, 3:]).all(axis=1) & (table[:, 4] > 0)]
@@ -231,7 +231,7 @@ def _ags_strengths(
         yield Measured(str(path), "strength", table[:, 0], table[:, 1], table[:, 2] - table[:, 3], table[:, 4])
 
 
-def _csv(path: Path, units: Mapping[str, str]) -> Found:
+def _csv(path: Path, units: Mapping[str, str]) -> Contents:
     """Soundings, or laboratory values, in columns named by the first row, each with its unit in brackets."""
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     rows = list(csv.reader(text.splitlines(), delimiter=max(",;\t", key=text.split("\n", 1)[0].count)))
@@ -240,8 +240,8 @@ def _csv(path: Path, units: Mapping[str, str]) -> Found:
         raise SiteError(f"{path} has no rows below its header: give one row for each reading")
     columns = _columns(path, rows[0], units)
     table: dict[str, Any] = {}
-    for name, (place, scale) in columns.items():
-        cells = [row[place] if place < len(row) else "" for row in rows[1:]]
+    for name, (column, scale) in columns.items():
+        cells = [row[column] if column < len(row) else "" for row in rows[1:]]
         table[name] = cells if name == "name" else np.array([finite(cell) for cell in cells]) * scale
     count = len(rows) - 1
     gap = np.full(count, math.nan)
@@ -261,9 +261,9 @@ def _csv(path: Path, units: Mapping[str, str]) -> Found:
         raise SiteError(f"{path} has no column x [m]: add the position of each value")
     measured: list[Measured] = []
     for name in given:
-        kept = np.isfinite(table[name]) & np.isfinite(z) & (table[name] > 0)
+        valid = np.isfinite(table[name]) & np.isfinite(z) & (table[name] > 0)
         each = (table["x"], table.get("y", gap), z, table[name])
-        measured.append(Measured(str(path), name, *(values[kept] for values in each)))
+        measured.append(Measured(str(path), name, *(values[valid] for values in each)))
     return [], measured
 
 
@@ -287,16 +287,16 @@ def read_rows(path: Path) -> list[list[float]]:
     (only,) = measured
     flat = bool(np.isnan(only.y).all())
     table = np.stack([only.x, only.z, only.value] if flat else [only.x, only.y, only.z, only.value], axis=1)
-    kept = np.isfinite(table).all(axis=1)
-    if not kept.any():
+    valid = np.isfinite(table).all(axis=1)
+    if not valid.any():
         raise SiteError(f"{path} has no row with a position and a value above 0: every row is a gap")
-    return table[kept].tolist()
+    return table[valid].tolist()
 
 
 def _columns(path: Path, header: list[str], units: Mapping[str, str]) -> dict[str, tuple[int, float]]:
-    """Place of each known column in a row, and what its numbers are multiplied by."""
+    """Number of each known column in a row, and what its numbers are multiplied by."""
     columns: dict[str, tuple[int, float]] = {}
-    for place, cell in enumerate(header):
+    for column, cell in enumerate(header):
         match = _HEADER.fullmatch(cell)
         word, unit = (match.group(1), match.group(2)) if match else (cell, None)
         plain = word.strip().lower().replace(" ", "_")
@@ -313,7 +313,7 @@ def _columns(path: Path, header: list[str], units: Mapping[str, str]) -> dict[st
                 f"{path}: the column {shown(cell)} has no unit: write {cell.strip()} [{known.split(', ')[0]}] in the "
                 f"header, or give --units {plain}=UNIT with one of {known}"
             )
-        columns[name] = place, in_si(f"{path}: column {shown(cell)}", unit, quantity) if quantity and unit else 1.0
+        columns[name] = column, in_si(f"{path}: column {shown(cell)}", unit, quantity) if quantity and unit else 1.0
     return columns
 
 
@@ -330,6 +330,6 @@ def _of_rows(path: Path, table: Mapping[str, Any], name: str, mine: Any, gap: Va
     return Sounding(name=name, file=str(path), x=one("x"), y=one("y"), top=one("top"), datum=None, **columns)
 
 
-_READERS: Mapping[str, Callable[[Path, Mapping[str, str]], Found]] = {
+_READERS: Mapping[str, Callable[[Path, Mapping[str, str]], Contents]] = {
     ".gef": _cone_file, ".xml": _cone_file, ".ags": _ags, ".csv": _csv,
 }  # fmt: skip

@@ -157,10 +157,10 @@ def proposed_layers(soundings: list[Sounding], stresses: Stresses, thinnest: flo
     indices = np.full((len(soundings), len(edges)), np.nan)
     for row, each in zip(indices, soundings, strict=True):
         index = behaviour_index(each, stresses)
-        place = np.floor((top - (each.top - each.depth)) / step).astype(int)
-        kept = np.isfinite(index) & (place < len(edges))
-        counts = np.bincount(place[kept], minlength=len(edges))
-        row[:] = np.bincount(place[kept], index[kept], minlength=len(edges)) / np.where(counts > 0, counts, np.nan)
+        interval = np.floor((top - (each.top - each.depth)) / step).astype(int)
+        valid = np.isfinite(index) & (interval < len(edges))
+        counts = np.bincount(interval[valid], minlength=len(edges))
+        row[:] = np.bincount(interval[valid], index[valid], minlength=len(edges)) / np.where(counts > 0, counts, np.nan)
     known = np.isfinite(indices).any(axis=0)
     mean = np.array([np.nanmedian(column) for column in indices[:, known].T])
     kinds = np.searchsorted(LIMITS, mean)
@@ -236,16 +236,16 @@ def extent_of(soundings: list[Sounding]) -> tuple[float, float]:
     return max(each.top for each in soundings), float(min(each.top - each.depth.max() for each in soundings))
 
 
-def thinned(elevation: Values, kept: npt.NDArray[np.bool_], apart: float) -> npt.NDArray[np.int64]:
+def thinned(elevation: Values, valid: npt.NDArray[np.bool_], apart: float) -> npt.NDArray[np.int64]:
     """Numbers of the readings that are used: as they were read, none averaged, each at least a distance below the last.
 
     Args:
         elevation: (n,) of the readings (m), falling.
-        kept: (n,) which may be used.
+        valid: (n,) which may be used.
         apart: distance (m).
     """
     numbers: list[int] = []
-    for k in np.flatnonzero(kept):
+    for k in np.flatnonzero(valid):
         if not numbers or elevation[numbers[-1]] - elevation[k] >= apart - 1e-6:
             numbers.append(int(k))
     return np.array(numbers, int)

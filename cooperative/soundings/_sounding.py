@@ -148,12 +148,12 @@ def checked(sounding: Sounding) -> Sounding:
 
 def _averaged(columns: Mapping[str, Values]) -> dict[str, Values]:
     """Columns with rising depths, each once: the mean of what was read there, a gap where nothing was."""
-    depth, place = np.unique(columns["depth"], return_inverse=True)
+    depth, row = np.unique(columns["depth"], return_inverse=True)
 
     def mean(values: Values) -> Values:
         known = np.isfinite(values)
-        counts = np.bincount(place[known], minlength=depth.size)
-        sums = np.bincount(place[known], values[known], minlength=depth.size)
+        counts = np.bincount(row[known], minlength=depth.size)
+        sums = np.bincount(row[known], values[known], minlength=depth.size)
         return np.where(counts > 0, sums / np.maximum(counts, 1), math.nan)
 
     return {"depth": depth} | {name: mean(values) for name, values in columns.items() if name != "depth"}

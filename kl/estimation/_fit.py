@@ -26,7 +26,7 @@ from foundation import check
 from foundation.check import require
 from kl.axis import Exponential, Scaled
 from kl.estimation._likelihood import Cell, cells
-from kl.estimation._model import SAME_PLACE, Model
+from kl.estimation._model import SAME_POSITION, Model
 from kl.marginal import Lognormal, Normal
 from kl.types import HostArray
 
@@ -139,12 +139,12 @@ def fit_field(
     depth = None if depth is None else np.asarray(depth, np.float64)
     _check(points, values, depth, marginal)
     model = _anchored(Model(points, depth, values, marginal, correlation))
-    places = _places(points)
+    positions = _positions(points)
     grids = []
-    if places.shape[1] > 1:
-        apart = pdist(places.T)
+    if positions.shape[1] > 1:
+        apart = pdist(positions.T)
         grids.append(np.geomspace(apart.min() / 6, 10 * apart.max(), _PER_LENGTH))
-    grids.append(np.geomspace(_spacing(points, places) / 2, 4 * np.ptp(points[-1]), _PER_LENGTH))
+    grids.append(np.geomspace(_spacing(points, positions) / 2, 4 * np.ptp(points[-1]), _PER_LENGTH))
     edges = _NUGGETS if nugget is None else np.array([nugget])
 
     def of(lengths: Sequence[float]) -> HostArray:
@@ -152,8 +152,8 @@ def fit_field(
 
     searched = grids
     for _ in range(2):
-        found = cells(of, grids, edges, model.design(depth, values.size), model.linear(values, depth))
-        draws = _drawn(model, found, grids, edges, np.random.default_rng(seed))
+        posterior = cells(of, grids, edges, model.design(depth, values.size), model.linear(values, depth))
+        draws = _drawn(model, posterior, grids, edges, np.random.default_rng(seed))
         grids = [_narrowed(grid, row) for grid, row in zip(grids, draws.lengths, strict=True)]
     lengths = [interval_of(row) for row in draws.lengths]
     names = ["horizontal", "vertical"][-len(lengths) :]
@@ -217,23 +217,23 @@ def _anchored(model: Model) -> Model:
     return model
 
 
-def _places(points: HostArray) -> HostArray:
+def _positions(points: HostArray) -> HostArray:
     """Horizontal positions (d - 1, k) m of the soundings."""
     upright = points[:-1]
     if len(upright) == 0:
         return np.zeros((0, 1))
-    kept: list[HostArray] = []
-    for place in np.unique(upright, axis=1).T:
-        if all(np.linalg.norm(place - other) > SAME_PLACE for other in kept):
-            kept.append(place)
-    return np.array(kept).T
+    apart: list[HostArray] = []
+    for position in np.unique(upright, axis=1).T:
+        if all(np.linalg.norm(position - other) > SAME_POSITION for other in apart):
+            apart.append(position)
+    return np.array(apart).T
 
 
-def _spacing(points: HostArray, places: HostArray) -> float:
-    """Median distance (m) of neighbours (d, n) m in a sounding, of those at places (d - 1, k) m."""
+def _spacing(points: HostArray, positions: HostArray) -> float:
+    """Median distance (m) of neighbours (d, n) m in a sounding, of those at positions (d - 1, k) m."""
     steps = []
-    for place in places.T:
-        z = np.unique(points[-1, np.linalg.norm(points[:-1] - place[:, None], axis=0) <= SAME_PLACE])
+    for position in positions.T:
+        z = np.unique(points[-1, np.linalg.norm(points[:-1] - position[:, None], axis=0) <= SAME_POSITION])
         steps.append(np.diff(z))
     apart = np.concatenate(steps)
     return float(np.median(apart)) if apart.size else float(np.diff(np.unique(points[-1])).min())
@@ -247,13 +247,13 @@ def _narrowed(grid: HostArray, draws: HostArray) -> HostArray:
 
 
 def _drawn(
-    model: Model, found: list[Cell], grids: list[HostArray], edges: HostArray, random: np.random.Generator
+    model: Model, posterior: list[Cell], grids: list[HostArray], edges: HostArray, random: np.random.Generator
 ) -> Draws:
     """Draws of all parameters; those whose mean falls to 0 within the data or at depth 0 are left out."""
-    weights = np.array([cell.weight for cell in found])
+    weights = np.array([cell.weight for cell in posterior])
     weights = np.exp(weights - weights.max())
-    chosen = [found[k] for k in random.choice(len(found), 2 * DRAWS, p=weights / weights.sum())]
-    columns = found[0].coefficients.size
+    chosen = [posterior[k] for k in random.choice(len(posterior), 2 * DRAWS, p=weights / weights.sum())]
+    columns = posterior[0].coefficients.size
     free = model.values.size - columns
     squares = np.array([cell.square for cell in chosen])
     scale = np.sqrt(squares / random.chisquare(free, squares.size))
@@ -275,10 +275,12 @@ def _drawn(
         trend = middle * (model.slope + coefficients[1]) if lognormal else coefficients[1]
     mean = middle - trend * model.middle
     ends = [mean] if model.depth is None else [mean, mean + trend * model.depth.min(), mean + trend * model.depth.max()]
-    kept = np.flatnonzero(np.min(ends, axis=0) > 0 if lognormal else np.isfinite(mean))[:DRAWS]
-    require(kept.size >= DRAWS / 20, "the trend is so uncertain that its mean falls to 0: leave the depths out")
+    valid = np.flatnonzero(np.min(ends, axis=0) > 0 if lognormal else np.isfinite(mean))[:DRAWS]
+    require(valid.size >= DRAWS / 20, "the trend is so uncertain that its mean falls to 0: leave the depths out")
     cov = np.sqrt(np.expm1(variance)) if lognormal else np.sqrt(variance) / np.abs(middle)
-    return Draws(mean[kept], trend[kept], cov[kept], nugget[kept], lengths[:, kept], coefficients[:, kept], scale[kept])
+    return Draws(
+        mean[valid], trend[valid], cov[valid], nugget[valid], lengths[:, valid], coefficients[:, valid], scale[valid]
+    )
 
 
 def interval_of(draws: HostArray) -> Interval:

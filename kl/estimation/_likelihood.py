@@ -77,10 +77,10 @@ def cells(
         middles, widths = (nuggets[1:] + nuggets[:-1]) / 2, np.diff(nuggets)
     else:
         middles, widths = nuggets, np.ones(1)
-    found = []
+    result = []
     for each in itertools.product(*lengths):
-        found += _at(correlation, each, middles, widths, design, values)
-    return found
+        result += _at(correlation, each, middles, widths, design, values)
+    return result
 
 
 def _at(

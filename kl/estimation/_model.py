@@ -11,7 +11,7 @@ from kl.axis import Scaled
 from kl.marginal import Lognormal
 from kl.types import HostArray
 
-SAME_PLACE = 0.5
+SAME_POSITION = 0.5
 """Horizontal distance (m) below which values are of one sounding."""
 
 
@@ -80,5 +80,5 @@ class Model:
         for one, other in zip(first[:-1], second[:-1], strict=True):
             lag = one[:, None] - other[None, :]
             alone = len(lengths) == 1
-            product = product * (np.abs(lag) <= SAME_PLACE if alone else self.correlation(float(lengths[0]))(lag))
+            product = product * (np.abs(lag) <= SAME_POSITION if alone else self.correlation(float(lengths[0]))(lag))
         return product

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.accuracy.runout_convergence import CASES, Case, compared, measures, with_profiles
 
 
-def test_run_out_and_travel_of_a_block_that_moved_as_one():
+def test_run_out_and_travel_of_a_rigid_block():
     x, z = np.meshgrid(np.arange(0.25, 10, 0.5), np.arange(0.25, 4, 0.5), indexing="ij")
     position, volume = np.stack([x.ravel(), z.ravel()]), np.full(x.size, 0.25)
     displacement = np.zeros_like(position)

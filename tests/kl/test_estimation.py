@@ -18,8 +18,8 @@ def _field(random, points, lengths, correlation=kl.Exponential, count=1):
     return np.linalg.cholesky(matrix + 1e-6 * np.eye(len(matrix))) @ random.standard_normal((len(matrix), count))
 
 
-def _site(random, places, lengths=(20.0, 1.0), cov=0.3, mean=20e3, trend=1e3):
-    points = np.array([(x, -d) for x in places for d in DEPTH]).T
+def _site(random, positions, lengths=(20.0, 1.0), cov=0.3, mean=20e3, trend=1e3):
+    points = np.array([(x, -d) for x in positions for d in DEPTH]).T
     deviation = np.sqrt(np.log1p(cov**2))
     scores = _field(random, points, lengths)[:, 0]
     return points, (mean - trend * points[1]) * np.exp(deviation * scores - deviation**2 / 2)
@@ -32,14 +32,14 @@ def test_weights_are_restricted_likelihood_times_prior():
     design = np.stack([np.ones(15), points], axis=1)
     lag = np.abs(points[:, None] - points)
     edges, lengths = np.array([0.0, 0.2, 0.6]), np.array([0.7, 1.4])
-    found = cells(lambda each: np.exp(-lag / each[0]), [lengths], edges, design, values)
+    posterior = cells(lambda each: np.exp(-lag / each[0]), [lengths], edges, design, values)
     contrasts = np.linalg.svd(design)[0][:, 2:]
 
     def covariance(length, nugget):
         return contrasts.T @ ((1 - nugget) * np.exp(-lag / length) + nugget * np.eye(15)) @ contrasts
 
     expected = []
-    for cell in found:
+    for cell in posterior:
         length, nugget = cell.lengths[0], cell.nugget
         matrix = covariance(length, nugget)
         inverse = np.linalg.inv(matrix)
@@ -51,7 +51,7 @@ def test_weights_are_restricted_likelihood_times_prior():
         likelihood = -0.5 * np.linalg.slogdet(matrix)[1] - 6.5 * np.log(data @ inverse @ data)
         width = 0.2 if nugget < 0.2 else 0.4
         expected.append(likelihood + 0.5 * np.log(information) + np.log(width))
-    weights = np.array([cell.weight for cell in found])
+    weights = np.array([cell.weight for cell in posterior])
     np.testing.assert_allclose(weights - weights[0], np.array(expected) - expected[0], atol=2e-3)
 
 

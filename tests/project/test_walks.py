@@ -70,8 +70,10 @@ def write_hill(folder):
         write_gef(folder / f"{name}.gef", x, cone.round(3).tolist(), y=2008.0, top=top)
     heights = np.tile(np.clip(12 - 0.5 * np.arange(0, 34, 2), 2, 8), (9, 1)).astype("float32")
     shape = {"height": 9, "width": 17, "count": 1, "dtype": "float32"}
-    place = from_origin(999, 2017, 2, 2)
-    with rasterio.open(folder / "hill.tif", "w", driver="GTiff", crs="EPSG:28992", transform=place, **shape) as file:
+    transform = from_origin(999, 2017, 2, 2)
+    with rasterio.open(
+        folder / "hill.tif", "w", driver="GTiff", crs="EPSG:28992", transform=transform, **shape
+    ) as file:
         file.write(heights, 1)
 
 

@@ -45,15 +45,15 @@ def test_differences_of_the_same_samples_are_covered_and_sharper():
             margin[0] + 0.15 * own > norm.isf(share) * np.hypot(1, 0.15)
             for own, share in zip(margin[1:], (0.2, 0.3), strict=True)
         )
-        found = paired_difference(of_classes(one), of_classes(other))
-        covered.append(found.interval[0] <= 0.1 <= found.interval[1])
-        sharper.append(found.unpaired)
+        result = paired_difference(of_classes(one), of_classes(other))
+        covered.append(result.interval[0] <= 0.1 <= result.interval[1])
+        sharper.append(result.unpaired)
     assert 0.93 <= np.mean(covered) <= 0.99
     assert np.mean(sharper) > 1.7
 
 
 def test_two_phase_campaigns_of_the_same_samples_are_compared_with_both_audits():
-    generator, covered, found = np.random.default_rng(2), [], None
+    generator, covered, result = np.random.default_rng(2), [], None
     for _ in range(30):
         margin, noise = generator.standard_normal((2, 100))
         each = []
@@ -62,18 +62,18 @@ def test_two_phase_campaigns_of_the_same_samples_are_compared_with_both_audits()
             counted, estimate = audited(np.exp(0.95 * margin + 0.31 * noise - norm.isf(share)), failed, 20)
             assert counted.mean() == pytest.approx(estimate.probability)
             each.append(counted)
-        found = paired_difference(*each)
-        covered.append(found.interval[0] <= 0.15 <= found.interval[1])
-        assert found.difference == pytest.approx(each[1].mean() - each[0].mean())
+        result = paired_difference(*each)
+        covered.append(result.interval[0] <= 0.15 <= result.interval[1])
+        assert result.difference == pytest.approx(each[1].mean() - each[0].mean())
     assert np.mean(covered) >= 0.9
 
 
 def test_campaigns_of_equal_classes_differ_by_0_within_a_finite_interval():
     same = of_classes(np.arange(50) < 10)
-    found = paired_difference(same, same)
-    assert found.difference == 0
-    assert -0.05 < found.interval[0] < 0 < found.interval[1] < 0.05
-    assert paired_difference(same, same, (4e-3, 4e-3)).interval[1] > found.interval[1]
+    result = paired_difference(same, same)
+    assert result.difference == 0
+    assert -0.05 < result.interval[0] < 0 < result.interval[1] < 0.05
+    assert paired_difference(same, same, (4e-3, 4e-3)).interval[1] > result.interval[1]
 
 
 def test_fragility_curves_cover_their_truth_although_the_samples_are_common():

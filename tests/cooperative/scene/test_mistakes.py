@@ -42,7 +42,7 @@ def test_a_mistake_is_named(text, old, new, message):
         runs.random_soil(parse(wrong))
 
 
-def test_what_is_meant_is_taken():
+def test_what_is_intended_is_accepted():
     swapped = DEMO.replace("length = [60.0, 2.0]", "length = [2.0, 60.0]").replace("[soil]", "[soil]\nunusual = true")
     assert parse(swapped).random["strength"].length == (2.0, 60.0)
     layer = EMBANKMENT.replace("length = [30.0, 2.0]", "length = [2.0, 30.0]").replace(

@@ -45,14 +45,14 @@ def program(scene, state):
 def test_level_ground_slides_on_its_base_from_the_coefficient_of_the_closed_form():
     # The shear stress at depth z is k_h times the weight above; the lowest particles are half a spacing above the base.
     critical = STRENGTH / (WEIGHT * (HEIGHT - 0.125))
-    moved = []
+    displacements = []
     for k_h in (0.95 * critical, 1.05 * critical):
         campaign = parse(LEVEL + tables(1.0, f"t_end = 6.0\nk_h = {k_h}"))
         scene, state = runs.build(campaign, "refined", runs.random_soil(campaign)).median
         scene = mpm.with_soil(scene, state, strength=STRENGTH)[0]
-        moved.append(float(mpm.diagnostics.largest_displacement(mpm.solve(scene, state, t_end=6.0).state)))
-    assert moved[0] < 0.1
-    assert moved[1] > 0.5
+        displacements.append(float(mpm.diagnostics.largest_displacement(mpm.solve(scene, state, t_end=6.0).state)))
+    assert displacements[0] < 0.1
+    assert displacements[1] > 0.5
 
 
 def test_k_h_and_k_v_are_those_of_the_solver_and_leave_the_consolidated_strength():
@@ -117,7 +117,7 @@ def test_what_a_scene_does_not_ask_for_is_absent_from_its_program(tmp_path):
         assert len(program(*more)) > len(program(*plain))
 
 
-def test_a_free_field_takes_the_place_of_the_walls_and_of_no_random_weight():
+def test_a_free_field_replaces_the_walls_and_refuses_a_random_weight():
     ends = SCENE.replace('"tied"', '"free field"').replace("[2.0,", "[6.0,")
     campaign = parse(ends)
     model = runs.build(campaign, "rough", runs.random_soil(campaign))
