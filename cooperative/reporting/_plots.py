@@ -71,6 +71,7 @@ QUANTITIES = {
     "strain_95": Quantity("plastic strain of 95 % of the loss", r"$\gamma_{95}$", "-"),
     "softening_strain": Quantity("plastic strain of the loss", r"$\gamma_r$", "-"),
     "rate_coefficient": Quantity("rise of strength per tenfold rate", r"$\mu$", "-"),
+    "viscosity": Quantity("plastic viscosity", r"$\eta$", "Pa s"),
 }
 
 

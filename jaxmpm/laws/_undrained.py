@@ -115,11 +115,14 @@ class J2(Law):
         rate: gain of strength with the rate of shear; None for none.
         gap_memory: whether soil that the cutoff has opened closes its gap before it bears pressure, see
             `jaxmpm.laws.update_with_gap`; static.
+        viscosity: Bingham's plastic viscosity eta (Pa s): at yield sqrt(J2) is S_u + eta times the rate of g. None for
+            none.
     """
 
     PARAMETERS: ClassVar[Mapping[str, Limit]] = {
         "strength": Parameter(above=0.0, unit="Pa", reduced=True),
         "tension_cutoff": from_zero("Pa"),
+        "viscosity": from_zero("Pa s"),
     }
 
     bulk: Array
@@ -129,6 +132,7 @@ class J2(Law):
     tension_cutoff: Array | None = None
     rate: RateEffect | None = None
     gap_memory: bool = field(default=True, metadata={"static": True, "absent": False})
+    viscosity: Array | None = None
 
     def initial_history(self, particles: Particles) -> Array | None:
         """Plastic strain (N,) of 0; None without softening."""
@@ -145,35 +149,40 @@ class J2(Law):
         """Elastic predictor and implicit radial return.
 
         With t the trial sqrt(J2), plastic flow of dg lowers it by G dg; the softening law solves t - G dg = S(g + dg).
-        A rate factor on S divides t and G there.
+        A rate factor on S divides t and G there. A viscosity adds eta dg / dt to the right side, that is eta / dt to G.
 
         Args:
             strain_increment: tensor, tension positive.
             stress: tensor (Pa).
             history: (N,) plastic shear strain, or None.
-            dt: duration of the increment (s); a rate effect needs it.
+            dt: duration of the increment (s); a rate effect and a viscosity need it.
 
         Returns:
             Stress (Pa) and history.
 
         Raises:
-            ValueError: If there is a rate effect and no dt.
+            ValueError: If there is a rate effect or a viscosity, and no dt.
         """
         # Stored first: XLA on CPU would compute it anew for every use.
         trial = row_by_row(add(stress, elastic_increment(self.bulk, self.shear, strain_increment)))
         t = safe_sqrt(second_invariant(deviator(trial)))
         rate: Component = 1.0
-        if self.rate is not None:
+        resistance = self.shear
+        if self.rate is not None or self.viscosity is not None:
             if dt is None:
-                raise ValueError("a rate effect needs the time step: call update(..., dt)")
-            rate = self.rate.factor(strain_increment, dt)
+                effect = "viscosity" if self.rate is None else "rate effect"
+                raise ValueError(f"a {effect} needs the time step: call update(..., dt)")
+            rate = 1.0 if self.rate is None else self.rate.factor(strain_increment, dt)
+            resistance = self.shear if self.viscosity is None else self.shear + self.viscosity / dt
         if self.softening is None or history is None:
             strength = self.strength * rate
             yielding = t > strength
+            if self.viscosity is not None:
+                strength = t - self.shear / resistance * (t - strength)
         else:
             current = self.softening.strength(self.strength, history) * rate
             yielding = t > current
-            flow = self.softening.flow(self.strength, history, t / rate, self.shear / rate)
+            flow = self.softening.flow(self.strength, history, t / rate, resistance / rate)
             dg = jnp.where(yielding, jnp.maximum(flow, 0), 0)
             strength = jnp.where(yielding, t - self.shear * dg, current)
             history = history + dg

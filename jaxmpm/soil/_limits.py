@@ -38,6 +38,7 @@ LIMITS: Mapping[str, Limit] = MappingProxyType(
         "softening_length": Limit(above=0, unit="m"),
         "strength_ratio": Limit(above=0, most=1),
         "strength_minimum": Limit(above=0, unit="Pa"),
+        "viscosity": Limit(least=0, unit="Pa s"),
     }
 )
 

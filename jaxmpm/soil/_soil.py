@@ -72,6 +72,8 @@ class Soil:
         strength_ratio: instead of strength, its ratio to the effective vertical stress at rest, at most 1; for
             campaigns, which know that stress.
         strength_minimum: least strength with a strength_ratio (Pa).
+        viscosity: Bingham's plastic viscosity (Pa s): soil that flows resists with its strength plus this times the
+            rate of engineering plastic shear strain. None for none.
     """
 
     unit_weight: float = 20e3
@@ -90,6 +92,7 @@ class Soil:
     unusual: bool = False
     strength_ratio: float | None = None
     strength_minimum: float | None = None
+    viscosity: float | None = None
 
     @property
     def softens(self) -> bool:
@@ -121,7 +124,8 @@ class Soil:
         if self.strength is None:
             return Elastic(bulk, shear)
         softening, cutoff = self._softening(_scale(self, band), number), _cutoff(self, number)
-        return J2(bulk, shear, number(self.strength), softening, cutoff, self._rate(number), self.gap_memory)
+        viscosity = None if self.viscosity is None else number(self.viscosity)
+        return J2(bulk, shear, number(self.strength), softening, cutoff, self._rate(number), self.gap_memory, viscosity)
 
     def _softening(self, scale: float, number: Callable[[ArrayLike], Array]) -> Softening | ExponentialSoftening | None:
         if self.strain_95 is not None and self.softening_modulus is not None:

@@ -107,6 +107,13 @@ class _Soil(Table, Generic[F]):
     reference_rate: Annotated[float, _of("reference_rate")] = key(
         "Rate of shear strain at which the given strength holds.", 1e-5, UndrainedSoil.reference_rate
     )
+    viscosity: OrTable[Annotated[float, _of("viscosity")], F] | None = key(
+        "Bingham's plastic viscosity. Clay that flows resists with its strength, plus this times the rate of "
+        "engineering plastic shear strain.",
+        0.2,
+        None,
+        otherwise="none: no viscosity",
+    )
     cohesion: OrTable[Annotated[float, _of("cohesion")], F] | None = key(
         "Cohesion, with friction in place of strength.", 5e3, None, synonyms="c"
     )

@@ -12,7 +12,7 @@ import jaxmpm as mpm
 from jaxmpm.laws import declared
 
 SOILS = {
-    "linear": mpm.Soil(strength=20e3, softening_modulus=50e3, rate_coefficient=0.1),
+    "linear": mpm.Soil(strength=20e3, softening_modulus=50e3, rate_coefficient=0.1, viscosity=2.0),
     "exponential": mpm.Soil(strength=20e3, strain_95=0.5),
     "frictional": mpm.FrictionalSoil(10e3, 30.0, 10.0, residual_cohesion=2e3, residual_friction=20.0,
                                      softening_strain=0.1),
@@ -58,7 +58,7 @@ def law_of(soil):
     ("soil", "paths"),
     [
         ("linear", {"softening_modulus": "softening.modulus", "residual_ratio": "softening.residual_ratio",
-                    "rate_coefficient": "rate.coefficient", "strength": "strength"}),
+                    "rate_coefficient": "rate.coefficient", "strength": "strength", "viscosity": "viscosity"}),
         ("exponential", {"strain_95": "softening.strain_95", "residual_ratio": "softening.residual_ratio"}),
         ("frictional", {"residual_cohesion": "softening.cohesion", "residual_friction": "softening.friction",
                         "softening_strain": "softening.strain", "dilation": "dilation"}),

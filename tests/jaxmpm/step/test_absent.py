@@ -119,10 +119,14 @@ def test_affine_transfers_are_absent_from_state_and_program_unless_asked_for():
     assert len(program(*plain)) < len(program(*asked))
 
 
-def test_rate_effect_and_body_force_leave_no_operation_behind():
+def test_rate_effect_viscosity_and_body_force_leave_no_operation_behind():
     scene, state = section()
     assert count(program(scene, state), "log") == 0
     assert count(program(*section(replace(SOIL, rate_coefficient=0.1))), "log") == 1
+    thick = section(replace(SOIL, viscosity=1e3))
+    assert scene.material.viscosity is None
+    assert len(jax.tree.leaves(thick)) == len(jax.tree.leaves((scene, state))) + 1
+    assert count(program(*thick), "divide") == count(program(scene, state), "divide") + 1
     assert scene.body_force is None
     assert count(program(scene, state), "sine") == 0
     shaken = replace(scene, body_force=lambda x, t: jnp.zeros_like(x) + jnp.sin(t))

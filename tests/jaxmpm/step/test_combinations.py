@@ -18,7 +18,7 @@ SOILS = {
     "perfectly plastic": CLAY,
     "softening": replace(CLAY, softening_modulus=20e3),
     "exponential softening": replace(CLAY, strain_95=0.5),
-    "rate": replace(CLAY, softening_modulus=20e3, rate_coefficient=0.1),
+    "rate": replace(CLAY, softening_modulus=20e3, rate_coefficient=0.1, viscosity=1e3),
     "cutoff": replace(CLAY, softening_modulus=20e3, tension_cutoff=0.0),
     "mohr-coulomb": mpm.FrictionalSoil(cohesion=5e3, friction=30.0, dilation=5.0, young=1e7),
     "drucker-prager softening": mpm.FrictionalSoil(
