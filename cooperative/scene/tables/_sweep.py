@@ -43,10 +43,10 @@ class Sweep(Table):
 
     Each is changed alone, with the others as the scene has them. The scene is then many campaigns, and `jaxmpm sweep`
     runs them. It needs `coefficients = "latin hypercube"` and an estimator other than `"subset"`. One key at least.
-    Beside the keys below, of a table `[strength]`, any other number of the scene is swept by its path in quotes:
-    `"water.level" = [2, 3, 4]`, `"run.k_h" = [0, 0.1]`, `"run.strength_factor" = [0.9, 1.0]`, `"slope.height"`, and of
-    a layer by its name `"layer.clay.strength.mean"`. `"motion.record" = ["a.csv", "b.csv"]` goes through records, each
-    with all values of `"motion.scale"`.
+    The keys below are of a table `[strength]`. Any other number of the scene is swept by its path in quotes:
+    `"water.level" = [2, 3, 4]`, `"run.k_h" = [0, 0.1]`, `"run.strength_factor" = [0.9, 1.0]`, `"slope.height"`. A
+    layer goes by its name: `"layer.clay.strength.mean"`. `"motion.record" = ["a.csv", "b.csv"]` goes through records,
+    each with all values of `"motion.scale"`.
     """
 
     model_config = ConfigDict(extra="allow")

@@ -110,8 +110,8 @@ class Varying(Table):
         "Whether the parameter itself has the correlation, not the Gaussian field behind it.", True, False
     )
     boreholes: Data | None = key(
-        "Measured values: rows `[x, z, value]`, in 3D `[x, y, z, value]`, or the name of a CSV file beside the scene "
-        "with the columns `x [m]`, `y [m]` in 3D, `z [m]` and the parameter with its unit, such as `strength [kPa]`. "
+        "Measured values: rows `[x, z, value]`, in 3D `[x, y, z, value]`, or the name of a CSV file beside the scene. "
+        "Its columns are `x [m]`, `y [m]` in 3D, `z [m]` and the parameter with its unit, such as `strength [kPa]`. "
         "In a simple slope x is counted from its rear, z from its base.",
         [[10.0, 2.5, 45e3]],
         None,
