@@ -36,10 +36,10 @@ scatter_p = Primitive("jaxmpm_scatter")  # position (d, N), blocks of rows (r, N
 gather_p = Primitive("jaxmpm_gather")  # position (d, N), nodal (nodes, channels) -> (rows, N)
 contract_p = Primitive("jaxmpm_contract")  # position, nodal, blocks -> (d, N), and what gather gives if rows > 0
 contract_p.multiple_results = True
-# Tangents: of scatter, linear in `moved` (d, N) and in as many changed blocks as there are blocks; of gather along the
-# position, linear in `moved`.
-scatter_tangent_p = Primitive("jaxmpm_scatter_tangent")  # position, moved, changed blocks, blocks -> (nodes, channels)
-gather_moved_p = Primitive("jaxmpm_gather_moved")  # position, moved, nodal -> (rows, N)
+# Tangents: of scatter, linear in `shift` (d, N) and in as many changed blocks as there are blocks; of gather along the
+# position, linear in `shift`.
+scatter_tangent_p = Primitive("jaxmpm_scatter_tangent")  # position, shift, changed blocks, blocks -> (nodes, channels)
+gather_tangent_p = Primitive("jaxmpm_gather_tangent")  # position, shift, nodal -> (rows, N)
 
 # An argument of a differentiation rule: an array, a symbolic zero, or an undefined primal (JAX has no type for it).
 Tangent = Any
@@ -154,20 +154,20 @@ def _slopes(position: Array, nodal: Array, *, terms: Sequence[Term], rows: int, 
 
 
 def _scatter_tangent_expanded(
-    position: Array, moved: Array, *both: Array, terms: tuple[Term, ...], **statics: object
+    position: Array, shift: Array, *both: Array, terms: tuple[Term, ...], **statics: object
 ) -> Array:
     changed, blocks = both[: len(both) // 2], both[len(both) // 2 :]
     count = sum(block.shape[-2] for block in blocks)
-    products = [block[..., :, None, :] * moved[..., None, :, :] for block in blocks]
+    products = [block[..., :, None, :] * shift[..., None, :, :] for block in blocks]
     products = [p.reshape(*p.shape[:-3], -1, p.shape[-1]) for p in products]
-    raised = tuple(t._replace(row=count + t.row) for t in _raised(terms, moved.shape[-2]))
+    raised = tuple(t._replace(row=count + t.row) for t in _raised(terms, shift.shape[-2]))
     return scatter_p.bind(position, *changed, *products, terms=terms + raised, **statics)
 
 
-def _gather_moved_expanded(
-    position: Array, moved: Array, nodal: Array, *, terms: Sequence[Term], rows: int, **statics: object
+def _gather_tangent_expanded(
+    position: Array, shift: Array, nodal: Array, *, terms: Sequence[Term], rows: int, **statics: object
 ) -> Array:
-    return (_slopes(position, nodal, terms=terms, rows=rows, **statics) * moved[..., None, :, :]).sum(-2)
+    return (_slopes(position, nodal, terms=terms, rows=rows, **statics) * shift[..., None, :, :]).sum(-2)
 
 
 def _contract_expanded(
@@ -182,23 +182,23 @@ def _contract_expanded(
 
 def _scatter_jvp(primals: Sequence[Array], tangents: Sequence[Tangent], **statics: object) -> tuple[Array, Array]:
     position, *blocks = primals
-    moved, *changed = tangents
+    shift, *changed = tangents
     changed = [ad.instantiate_zeros(tangent) for tangent in changed]
-    if isinstance(moved, ad.Zero):
+    if isinstance(shift, ad.Zero):
         tangent = scatter_p.bind(position, *changed, **statics)
     else:
-        tangent = scatter_tangent_p.bind(position, moved, *changed, *blocks, **statics)
+        tangent = scatter_tangent_p.bind(position, shift, *changed, *blocks, **statics)
     return scatter_p.bind(*primals, **statics), tangent
 
 
 def _gather_jvp(primals: Sequence[Array], tangents: Sequence[Tangent], **statics: object) -> tuple[Array, Array]:
     position, nodal = primals
-    moved, changed = tangents
+    shift, changed = tangents
     parts = []
     if not isinstance(changed, ad.Zero):
         parts.append(gather_p.bind(position, changed, **statics))
-    if not isinstance(moved, ad.Zero):
-        parts.append(gather_moved_p.bind(position, moved, nodal, **statics))
+    if not isinstance(shift, ad.Zero):
+        parts.append(gather_tangent_p.bind(position, shift, nodal, **statics))
     return gather_p.bind(position, nodal, **statics), sum(parts[1:], parts[0])
 
 
@@ -241,15 +241,15 @@ def _scatter_transpose(
 
 
 def _scatter_tangent_transpose(
-    cotangent: Tangent, position: Array, moved: Tangent, *both: Tangent, channels: int, **statics: object
+    cotangent: Tangent, position: Array, shift: Tangent, *both: Tangent, channels: int, **statics: object
 ) -> tuple[Tangent, ...]:
     changed, blocks = both[: len(both) // 2], both[len(both) // 2 :]
     none = [None] * len(blocks)
     if isinstance(cotangent, ad.Zero):
-        return (None, *_zeros(moved, *changed), *none)
+        return (None, *_zeros(shift, *changed), *none)
     rows = _count(blocks) if any(map(ad.is_undefined_primal, changed)) else 0
     slope, gathered = contract_p.bind(position, cotangent, *blocks, rows=rows, **statics)
-    along = _summed(slope, moved.aval.shape) if ad.is_undefined_primal(moved) else None
+    along = _summed(slope, shift.aval.shape) if ad.is_undefined_primal(shift) else None
     return (None, along, *(_split(gathered, changed) if rows else none), *none)
 
 
@@ -262,13 +262,13 @@ def _gather_transpose(
     return None, _summed(spread, nodal.aval.shape)
 
 
-def _gather_moved_transpose(
-    cotangent: Tangent, position: Array, moved: Tangent, nodal: Array, *, rows: int, **statics: object
+def _gather_tangent_transpose(
+    cotangent: Tangent, position: Array, shift: Tangent, nodal: Array, *, rows: int, **statics: object
 ) -> tuple[Tangent, ...]:
     if isinstance(cotangent, ad.Zero):
-        return None, ad.Zero(moved.aval), None
+        return None, ad.Zero(shift.aval), None
     slope, _ = contract_p.bind(position, nodal, cotangent, rows=0, **statics)
-    return None, _summed(slope, moved.aval.shape), None
+    return None, _summed(slope, shift.aval.shape), None
 
 
 def _batched(
@@ -325,5 +325,7 @@ _register(
 _register_expanded(
     scatter_tangent_p, _nodal_shape, ("channels",), _scatter_tangent_expanded, transpose=_scatter_tangent_transpose
 )
-_register_expanded(gather_moved_p, _rows_shape, ("rows",), _gather_moved_expanded, transpose=_gather_moved_transpose)
+_register_expanded(
+    gather_tangent_p, _rows_shape, ("rows",), _gather_tangent_expanded, transpose=_gather_tangent_transpose
+)
 _register_expanded(contract_p, _contract_shape, ("rows",), _contract_expanded, transpose=None, on_cpu=_contract_cpu)
