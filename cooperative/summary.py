@@ -47,14 +47,14 @@ def summary_of(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -
         refined: rows of the refined grid.
     """
     estimate, path, slides = phases.estimate, phases.path, slides_of(campaign, phases, refined)
-    tables, hazard = {"rough": rough, "refined": refined}, campaign.hazard
+    tables = {"rough": rough, "refined": refined}
     effects = effects_of(
         estimate,
         refined,
         slides,
         t_end=campaign.run.last("refined"),
         deepest=campaign.site.shape.extent[-1],
-        places=() if hazard is None else hazard.places,
+        elements_at_risk=campaign.elements_at_risk,
     )
     limit = campaign.run.failure_displacement
     return Summary(

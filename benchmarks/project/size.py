@@ -46,6 +46,7 @@ words tells them apart."""
 EXCEPTIONS = {
     "FileNotFoundError": "Python's name",
     "ModuleNotFoundError": "Python's name",
+    "PackageNotFoundError": "Python's name",
     "in place": "idiom: instead of, or without a copy",
 }
 """Identifier or phrase by the reason why it stays."""

@@ -63,7 +63,13 @@ class Slid:
 
 
 def effects_of(
-    estimate: Estimate, refined: Rows, slides: Slides, *, t_end: float, deepest: float, places: Sequence[Place]
+    estimate: Estimate,
+    refined: Rows,
+    slides: Slides,
+    *,
+    t_end: float,
+    deepest: float,
+    elements_at_risk: Sequence[Place],
 ) -> Effects:
     """What the refined runs that slid on to their end do, each weighed by what it stands for.
 
@@ -73,7 +79,7 @@ def effects_of(
         slides: which failures slid, and what each stands for.
         t_end: up to when slides go on (s).
         deepest: height of the ground (m); no soil lies deeper.
-        places: elements at risk.
+        elements_at_risk: those of the campaign.
     """
     slid = Slid(refined.columns, slides.weight).where(slides.slid)
     counting = slid.where(slid.weight > 0)
@@ -96,7 +102,7 @@ def effects_of(
             for name in CURVES
             if (known := counting.where(np.isfinite(counting[name]))).weight.size
         },
-        risk=risk_of(places, estimate, counting, cut, unknown=bool(unknown)),
+        risk=risk_of(elements_at_risk, estimate, counting, cut, unknown=bool(unknown)),
         fits={
             group: {name: fit_distributions(mine[name], mine.weight) for name in MEASURES if mine.weight.size}
             for group, mine in ({"all": whole} | by_mode).items()
@@ -142,27 +148,29 @@ def _means(deepest: float, level: float, slid: Slid, cut: CutOff) -> dict[str, S
     }  # fmt: skip
 
 
-def risk_of(places: Sequence[Place], estimate: Estimate, counting: Slid, cut: CutOff, *, unknown: bool) -> Risk | None:
+def risk_of(
+    elements_at_risk: Sequence[Place], estimate: Estimate, counting: Slid, cut: CutOff, *, unknown: bool
+) -> Risk | None:
     """What comes over the elements at risk, and what is lost there; None where there are none.
 
     Nothing is known of an element where no slide has columns.
 
     Args:
-        places: elements at risk.
+        elements_at_risk: those of the campaign.
         estimate: of the probability of failure.
         counting: slides that count.
         cut: slides that had not come to rest.
         unknown: whether no run counts, or some failed and may slide yet.
     """
-    if not places:
+    if not elements_at_risk:
         return None
     # A slide that broke off has no columns.
     slid = counting.where(np.isfinite(counting["area_columns"]))
     if not slid.weight.size and unknown:
-        return Risk(dict.fromkeys(element.name for element in places), None)
+        return Risk(dict.fromkeys(element.name for element in elements_at_risk), None)
     weight, elements, at_least = slid.weight, {}, bool(cut.at_t_end)
     lost, bound = np.zeros(weight.size), 0.0
-    for exposed in places:
+    for exposed in elements_at_risk:
         came = {what: slid[f"{what}_at_{exposed.key}"] for what in ("thickness", "speed", "arrival")}
         reached = np.isfinite(came["arrival"])
         chance = chance_of(estimate, weight, reached[:, None])

@@ -8,9 +8,9 @@ from cooperative.measure._consequences import (
     exceeded,
     walls_reached,
 )
+from cooperative.measure._elements import ColumnPlan, Place, quantity
 from cooperative.measure._modes import SEVERITY, FailureMode, ModeRules, failure_mode
 from cooperative.measure._onsets import Motion
-from cooperative.measure._places import ColumnPlan, Place, quantity
 from cooperative.measure._track import Track
 from cooperative.measure._vulnerability import PUBLISHED, Intensity, Vulnerability
 

@@ -19,7 +19,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from cooperative.folder import models_of
-from cooperative.measure import Place
 from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import _page as page
 from cooperative.reporting import _plots as plots
@@ -159,7 +158,7 @@ def _outlines(model: GridModel) -> Iterator[Scatter3d]:
         yield interactive.line(
             np.column_stack([points, shape.heights(*points.T) + above]), "run-out line", TRACK, dashed=True
         )
-    for element in _exposed(campaign):
+    for element in campaign.elements_at_risk:
         corners = _around(np.array(element.corners), model.scene.grid.cell / 2)
         yield interactive.line(np.column_stack([corners, shape.heights(*corners.T) + above]), element.name, EXPOSED)
 
@@ -197,11 +196,6 @@ def _water(model: GridModel, x: np.ndarray, y: np.ndarray) -> np.ndarray | None:
     west, south = np.asarray(table.corner, float).tolist()
     raster = Raster(np.asarray(table.heights, float), (west, south), float(table.step))
     return raster.at(*(np.clip(at, *ends) for at, ends in zip((x, y), raster.ends, strict=True)))
-
-
-def _exposed(campaign: Campaign) -> tuple[Place, ...]:
-    """That are exposed."""
-    return campaign.hazard.places if campaign.hazard else ()
 
 
 def _ends(field: dict[str, np.ndarray]) -> tuple[float, float]:
@@ -279,7 +273,7 @@ def _layers(ax: Axes, model: GridModel, plane: np.ndarray, section: plots.Sectio
     ax.axhline(corner[-1], color="k", lw=2)
     if campaign.dimension == 2:
         shape = campaign.site.shape
-        for element in _exposed(campaign):
+        for element in campaign.elements_at_risk:
             x = np.linspace(min(element.corners)[0], max(element.corners)[0], 100)
             ax.plot(x, shape.heights(x), color=EXPOSED, lw=4, marker="v", markevery=[50])
             ax.annotate(element.name, (x[50], shape.heights(x)[50]), **NAME)
@@ -297,7 +291,7 @@ def _map(figure: Figure, ax: Axes, model: GridModel, middle: float) -> None:
     heights = shape.heights(*at)
     lines = ax.contourf(x, y, heights.T, 20, cmap="terrain")
     ax.axhline(middle, color="k", lw=1, ls="--")
-    for element in _exposed(model.campaign):
+    for element in model.campaign.elements_at_risk:
         corners = np.array([*element.corners, element.corners[0]])
         ax.plot(*corners.T, color=EXPOSED, lw=2, marker="o" if len(element.corners) == 1 else "")
         ax.annotate(element.name, tuple(corners[0]), **NAME)

@@ -205,7 +205,7 @@ class GridModel:
         hazard = self.campaign.hazard
         if hazard is None or self.grid != "refined":
             return self
-        for element in hazard.places:
+        for element in self.campaign.elements_at_risk:
             element.columns(self.columns)
         state = with_columns(self.scene, self.state, moved=self.campaign.run.failure_displacement, every=hazard.every)
         return replace(self, state=state)

@@ -14,11 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from cooperative.measure import (
-    ColumnPlan,
     FailureMode,
     ModeRules,
     Motion,
-    Place,
     consequences,
     exceeded,
     failure_mode,
@@ -300,27 +298,22 @@ def column_fields(model: GridModel, result: Result) -> dict[str, np.ndarray]:
 def column_row(model: GridModel, columns: dict[str, np.ndarray]) -> dict[str, Scalar]:
     """Scalars of the columns of a slide, where it has them.
 
-    `area_columns` is the plan area (m2, in a section m) of the columns beyond the toe in which soil lies at the end;
-    the others are those of each element at risk.
+    `area_columns` is the plan area (m2, in a section m) of the columns beyond the toe in which soil lies at the end.
+    The others are the largest thickness (m) and speed (m/s) at each element at risk, and the time (s) at which soil
+    arrived there, if it did.
     """
-    passed, hazard = model.state.columns, model.campaign.hazard
-    if not columns or passed is None or hazard is None:
+    passed = model.state.columns
+    if not columns or passed is None:
         return {}
     plan = model.columns
     covered, face = columns["column_deposit"] >= passed.least, model.campaign.site.shape.face
     row: dict[str, Scalar] = {"area_columns": float(covered[plan.beyond(face)].sum()) * plan.area}
-    for element in hazard.places:
-        row |= element_row(element, plan, columns)
+    for element in model.campaign.elements_at_risk:
+        mine = element.columns(plan)
+        _, thickness, speed, arrival = (columns[name][mine] for name in COLUMNS)
+        row[f"thickness_at_{element.key}"] = float(thickness.max())
+        row[f"speed_at_{element.key}"] = float(speed.max())
+        reached = arrival[np.isfinite(arrival)]
+        if reached.size:
+            row[f"arrival_at_{element.key}"] = float(reached.min())
     return row
-
-
-def element_row(element: Place, plan: ColumnPlan, columns: dict[str, np.ndarray]) -> dict[str, Scalar]:
-    """Largest thickness (m) and speed (m/s) at an element at risk, and when soil arrived there (s), if it did."""
-    mine = element.columns(plan)
-    _, thickness, speed, arrival = (columns[name][mine] for name in COLUMNS)
-    row: dict[str, Scalar] = {
-        f"thickness_at_{element.key}": float(thickness.max()),
-        f"speed_at_{element.key}": float(speed.max()),
-    }
-    reached = arrival[np.isfinite(arrival)]
-    return row | ({f"arrival_at_{element.key}": float(reached.min())} if reached.size else {})

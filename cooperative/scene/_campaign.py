@@ -194,6 +194,11 @@ class Campaign:
         return len(self.site.shape.corner)
 
     @property
+    def elements_at_risk(self) -> tuple[Place, ...]:
+        """The elements at risk; none where the campaign has no hazard."""
+        return self.hazard.places if self.hazard else ()
+
+    @property
     def least_volume(self) -> str | None:
         """Least volume of soil that counts as a failure, with its unit; None where any particle does."""
         volume, unit = self.run.least_volume, "m3" if self.dimension == 3 else "m2"

@@ -33,7 +33,7 @@ def remarks(campaign: Campaign) -> Iterator[str]:
                     f"{walls[1]:g} m, a multiple of the cells: the last {ends[1] - walls[1]:.3g} m are left out"
                 )
     base, relief = shape.corner[-1] + shape.extent[-1] - ground.relief(shape), ground.relief(shape)
-    for element in campaign.hazard.places if campaign.hazard else ():
+    for element in campaign.elements_at_risk:
         corners = np.array(element.corners, float).T
         if len(corners) == campaign.dimension - 1 and relief > 0:
             heights = shape.heights(*corners)

@@ -43,7 +43,7 @@ def test_scene_of_the_walk_is_sound():
     (text,) = docs.blocks(WALKS, "toml")
     campaign = parse(text)
     assert [layer.name for layer in campaign.site.layers] == ["crust", "clay", "rock"]
-    assert [element.name for element in campaign.hazard.places] == ["road"]
+    assert [element.name for element in campaign.elements_at_risk] == ["road"]
 
 
 @pytest.fixture

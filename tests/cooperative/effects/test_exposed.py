@@ -28,10 +28,11 @@ at = [22.5]
 
 
 def test_a_scene_names_its_elements_at_risk_and_thresholds_in_their_units():
-    hazard = parse(TINY + HAZARD).hazard
+    campaign = parse(TINY + HAZARD)
+    hazard = campaign.hazard
     assert hazard.thickness == (0.5, 1.0)
     assert hazard.speed == pytest.approx((1.0,))
-    road, house = hazard.places
+    road, house = campaign.elements_at_risk
     assert road.corners == ((18.0,), (21.0,))
     assert road.vulnerability.share(np.array([0.0, 0.25, 1.25, 9.0])) == pytest.approx([0.0, 0.25, 0.75, 1.0])
     assert (house.value, house.vulnerability) == (None, None)

@@ -47,7 +47,7 @@ def test_a_frequency_makes_them_annual():
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_published_curves_are_those_of_their_formula(name):
     exposed = f'[[exposed]]\nname = "house"\nat = [22.5]\nvalue = 1.0\nvulnerability = "{name}"\n'
-    [house] = parse(TINY + exposed).hazard.places
+    [house] = parse(TINY + exposed).elements_at_risk
     curve, depth = PUBLISHED[name], np.array([0.0, 0.55, 1.3, 2.7])
     assert np.allclose(house.vulnerability.share(depth), 1 - np.exp(-curve.a * (depth / curve.b) ** curve.c), atol=2e-3)
     assert house.vulnerability.share(np.array([20.0])) > 0.998

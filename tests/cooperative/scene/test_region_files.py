@@ -82,7 +82,7 @@ def test_features_of_a_geopackage_are_read_by_their_name(scene):
     exposed = '[[exposed]]\nname = "mill"\npolygon = "site.gpkg#houses"\n'
     source, campaign = read(path, text + exposed)
     assert campaign.site.track.points == ((4.0, 32.0), (60.0, 30.0), (90.0, 36.0))
-    corners = np.array(campaign.hazard.places[0].corners)
+    corners = np.array(campaign.elements_at_risk[0].corners)
     assert corners.shape == (4, 2)
     assert (corners.min(axis=0) == (80, 40)).all()
     assert (corners.max(axis=0) == (84, 44)).all()
