@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -177,9 +177,7 @@ class Section:
         """Thickness of each layer, and whether it is a weak seam, as `jaxmpm.ground.thicknesses`."""
         left, right = self.outline().walls
         x = left + (right - left) * (np.arange(POINTS) + 0.5) / POINTS
-        return thicknesses_of(
-            layers, [np.maximum(top(x), self.base) for top in tops_of(self.outline(), layers, spacing=math.inf)]
-        )
+        return thicknesses_of(layers, self._tops(layers, x))
 
     def boundaries(self, layers: Sequence[Layer]) -> tuple[np.ndarray, np.ndarray]:
         """The surface, the lower boundaries of the layers and the base, as lines over the same points.
@@ -194,8 +192,7 @@ class Section:
             ValueError: If a line is invalid or crosses another.
         """
         x = knots(self.outline(), layers)
-        heights = [np.maximum(top(x), self.base) for top in tops_of(self.outline(), layers, spacing=math.inf)]
-        return x, np.minimum.accumulate(heights)
+        return x, np.minimum.accumulate(self._tops(layers, x))
 
     def box_of(self, layers: Sequence[Layer], number: int) -> Box:
         """Lowest corner and edges (m) of a box that holds a layer, as `jaxmpm.ground.box_of`."""
@@ -212,9 +209,14 @@ class Section:
         """The surface moved down by `depth` (m)."""
         return tuple((float(x), float(z) - depth) for x, z in self.surface)
 
-    def build(self, layers: Sequence[Layer], discretisation: Discretisation, **loads: Any) -> tuple[Scene, State]:
-        """Scene and state, as `section` with the same keyword arguments."""
-        return section(self, layers, discretisation, **loads)
+    @property
+    def build(self) -> Callable[..., tuple[Scene, State]]:
+        """`section` of this outline: a function of layers and discretisation, with its keyword arguments."""
+        return partial(section, self)
+
+    def _tops(self, layers: Sequence[Layer], x: np.ndarray) -> list[np.ndarray]:
+        """Heights (n,) m of the layers' upper boundaries and of the base at x (n,) m, none below the base."""
+        return [np.maximum(top(x), self.base) for top in tops_of(self.outline(), layers, spacing=math.inf)]
 
     def _top(self) -> float:
         return max(point[1] for point in self.surface)
@@ -330,23 +332,15 @@ def _columns_beyond(
     discretisation: Discretisation,
     column: Callable[..., tuple[Scene, State]],
 ) -> Iterator[tuple[Scene, State]]:
-    """Scenes and states of columns of the level ground beyond both walls, the low one first."""
+    """Scenes and states of columns of the level ground beyond both walls, one cell wide, the low wall first."""
     for wall in shape.outline().walls:
-        ground, here = _level_ground(wall, layers, tops, discretisation)
+        heights = [float(top(np.array([wall]))[0]) for top in tops]
+        span = (wall, wall + discretisation.cell)
+        here = [
+            Layer(layer.soil, [(x, bottom) for x in span])
+            for layer, (top, bottom) in zip(layers, pairwise(heights), strict=True)
+            if top - bottom > TOUCHING * discretisation.spacing[-1]
+        ]
+        here[-1] = Layer(here[-1].soil)
         water = None if table is None else float(np.interp(wall, table.x, table.z))
-        yield column(ground, here, discretisation, water=water)
-
-
-def _level_ground(
-    wall: float, layers: Sequence[Layer], tops: Sequence[Height], discretisation: Discretisation
-) -> tuple[Section, list[Layer]]:
-    """Level ground one cell wide with the layers at a wall (m)."""
-    heights = [float(top(np.array([wall]))[0]) for top in tops]
-    span = (wall, wall + discretisation.cell)
-    here = [
-        Layer(layer.soil, [(x, bottom) for x in span])
-        for layer, (top, bottom) in zip(layers, pairwise(heights), strict=True)
-        if top - bottom > TOUCHING * discretisation.spacing[-1]
-    ]
-    here[-1] = Layer(here[-1].soil)
-    return Section([(x, heights[0]) for x in span], base=heights[-1]), here
+        yield column(Section([(x, heights[0]) for x in span], base=heights[-1]), here, discretisation, water=water)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -55,6 +56,31 @@ def bottoms(
             )
         bounds.append(np.minimum(bottom, bounds[-1]))
     return bounds[1:]
+
+
+def tops_of(
+    surface: np.ndarray,
+    base: float,
+    layers: Sequence[Layer],
+    x: np.ndarray,
+    y: np.ndarray,
+    spacing: float = math.inf,
+) -> list[np.ndarray]:
+    """Heights (N,) m of the layers' upper boundaries and of the base at points in plan, none below the base.
+
+    Args:
+        surface: as in `bottoms`.
+        base: height of the base (m).
+        layers: as in `bottoms`.
+        x: as in `bottoms`.
+        y: as in `bottoms`.
+        spacing: as in `bottoms`.
+
+    Returns:
+        One array per boundary.
+    """
+    tops = (surface, *bottoms(surface, layers, x, y, spacing), np.full(surface.shape, base))
+    return [np.maximum(top, base) for top in tops]
 
 
 def refuse_thin(x: np.ndarray, y: np.ndarray, tops: Sequence[np.ndarray], spacing: float) -> None:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, Literal
+from functools import cached_property, partial
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -22,7 +22,7 @@ from jaxmpm.ground._layer import Box, Layer
 from jaxmpm.ground._pore_water import pore_pressure_of, water_raster, water_surface
 from jaxmpm.ground._raster import Raster
 from jaxmpm.ground._seam import Thickness, thicknesses_of, warn_of_seams
-from jaxmpm.ground._strata import bottoms, refuse_thin
+from jaxmpm.ground._strata import bottoms, refuse_thin, tops_of
 from jaxmpm.laws import BaseMotion
 from jaxmpm.setup import (
     PADDING,
@@ -134,19 +134,18 @@ class Terrain:
         self.surface.check("surface")
         check.finite("base", self.base, "m")
         part = self.surface.cropped(*self.walls)
-        holes = np.argwhere(~np.isfinite(part.heights))
+        (x, y), z = part.points(), part.heights.ravel()
+        holes = np.flatnonzero(~np.isfinite(z))
         if holes.size:
-            x, y = np.array(part.corner) + holes[0] * part.step
             raise ValueError(
-                f"the surface has {len(holes)} holes between the walls, the first at ({x:g}, {y:g}) m: fill them, e.g. "
-                "with gdal_fillnodata, or put the walls elsewhere"
+                f"the surface has {holes.size} holes between the walls, the first at ({x[holes[0]]:g}, "
+                f"{y[holes[0]]:g}) m: fill them, e.g. with gdal_fillnodata, or put the walls elsewhere"
             )
-        i, j = np.unravel_index(int(np.argmin(part.heights)), part.heights.shape)
-        x, y = np.array(part.corner) + np.array([i, j]) * part.step
-        if part.heights[i, j] < self.base:
+        low = np.argmin(z)
+        if z[low] < self.base:
             raise ValueError(
-                f"the surface at ({x:g}, {y:g}, {part.heights[i, j]:g}) m lies below the base at {self.base:g} m: "
-                "lower the base"
+                f"the surface at ({x[low]:g}, {y[low]:g}, {z[low]:g}) m lies below the base at {self.base:g} m: lower "
+                "the base"
             )
         self._check_cuts()
 
@@ -199,15 +198,14 @@ class Terrain:
         Returns:
             (nodes,) bool, None without such a cut.
         """
-        polygon = self.polygon is not None and self.cut == "fixed"
-        if not polygon and self.depth is None:
+        if self.fixed_edge is None and self.depth is None:
             return None
         axes = [start + grid.cell * np.arange(n) for start, n in zip(grid.origin, grid.shape, strict=True)]
         # Where the polygon follows a wall, the wall is the constraint.
         inner = ((low + 1e-6 * grid.cell, high - 1e-6 * grid.cell) for low, high in self.walls)
         x, y = np.meshgrid(*(axis.clip(*ends) for axis, ends in zip(axes, inner, strict=False)), indexing="ij")
         fixed = np.zeros(grid.shape, bool)
-        if polygon:
+        if self.fixed_edge is not None:
             fixed |= ~self.in_plan(x, y)[..., None]
         if self.depth is not None:
             fixed |= axes[2] <= (self.heights(x, y) - self.depth)[..., None]
@@ -221,9 +219,10 @@ class Terrain:
         """The surface moved down by `depth` (m)."""
         return replace(self.surface, heights=self.surface.heights - depth)
 
-    def build(self, layers: Sequence[Layer], discretisation: Discretisation, **loads: Any) -> tuple[Scene, State]:
-        """Scene and state, as `terrain` with the same keyword arguments."""
-        return terrain(self, layers, discretisation, **loads)
+    @property
+    def build(self) -> Callable[..., tuple[Scene, State]]:
+        """`terrain` of this surface: a function of layers and discretisation, with its keyword arguments."""
+        return partial(terrain, self)
 
     def cells(self, discretisation: Discretisation) -> list[int]:
         """Cells of a grid along each axis, with air above the highest point, as `jaxmpm.ground.cells`."""
@@ -252,8 +251,7 @@ class Terrain:
         x, y = (axis.ravel() for axis in np.meshgrid(*(low + share * (high - low) for low, high in self.walls)))
         within = self.in_plan(x, y)
         x, y = x[within], y[within]
-        tops = [self.heights(x, y), *bottoms(self.heights(x, y), layers, x, y, math.inf), np.full(x.size, self.base)]
-        return thicknesses_of(layers, [np.maximum(top, self.base) for top in tops])
+        return thicknesses_of(layers, tops_of(self.heights(x, y), self.base, layers, x, y))
 
     def box_of(self, layers: Sequence[Layer], number: int) -> Box:
         """Lowest corner and edges (m) of a box that holds a layer, as `jaxmpm.ground.box_of`."""
@@ -262,8 +260,7 @@ class Terrain:
         (west, east), (south, north) = self.walls
         x, y = np.concatenate(points, axis=1)
         x, y = x.clip(west, east), y.clip(south, north)
-        lines = [self.heights(x, y), *bottoms(self.heights(x, y), layers, x, y, math.inf), np.full(x.size, self.base)]
-        top, bottom = np.maximum(lines[number], self.base), np.maximum(lines[number + 1], self.base)
+        top, bottom = tops_of(self.heights(x, y), self.base, layers, x, y)[number : number + 2]
         if not (top > bottom).any():
             raise ValueError(f"layer {number + 1} lies nowhere between the walls: draw it there, or leave it out")
         return (west, south, float(bottom.min())), (east - west, north - south, float(top.max() - bottom.min()))
@@ -330,10 +327,9 @@ def terrain(
     density = jnp.asarray(
         weights([each.soil for each in layers], layer, under) / STANDARD_GRAVITY, particles.mass.dtype
     )
-    tops = [shape.heights(x, y), *bottoms(shape.heights(x, y), layers, x, y, spacing), np.full(z.size, shape.base)]
-    bounded = [np.maximum(top, shape.base) for top in tops]
-    refuse_thin(x, y, bounded, spacing)
-    warn_of_seams(layers, thicknesses_of(layers, bounded), discretisation.cell)
+    tops = tops_of(shape.heights(x, y), shape.base, layers, x, y, spacing)
+    refuse_thin(x, y, tops, spacing)
+    warn_of_seams(layers, thicknesses_of(layers, tops), discretisation.cell)
     built, state = build(
         replace(particles, mass=particles.volume * density),
         grid,
