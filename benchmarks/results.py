@@ -62,6 +62,7 @@ LONG = {
     "random_slopes": "sites",
     "sites": "sites",
     "site_data": "sites",
+    "real_slides": "sites",
 }
 
 BENCHMARKS = SHORT | LONG

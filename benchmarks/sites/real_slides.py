@@ -1,0 +1,206 @@
+"""Real slides from published data alone: what was surveyed against the 90 % interval of a campaign's failures.
+
+The scenes stand in benchmarks/scenes/real, with the source of each number and what was assumed; what was surveyed is in
+`benchmarks.sites.real_surveys`. Both were committed before the first run, and nothing was changed after it. `low`,
+`median` and `high` are weighted quantiles of the refined slides that ran to their end; `rough_low` and `rough_high`
+are of the failures on the rough grid. `hit`: the surveyed value lies within an interval whose ends differ by no more
+than a factor of 3. `score` is the interval score over the surveyed value, smaller is better; `corominas_score` that of
+the empirical relation, which has the travel distance alone. Campaigns stay in out/real_slides; the next command goes
+on where one was stopped. `--quick` runs the spread on coarse cells.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Iterable, Mapping
+from copy import deepcopy
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.measure import ROOT, Report
+from benchmarks.sites.real_surveys import KNOWN, MISS, Known, corominas, holds, interval_score
+from cooperative import run as run_campaign
+from cooperative.folder import read_results
+from cooperative.runs import Stopped
+from cooperative.scene import Campaign, built, parse, read_scene, to_toml
+from cooperative.store import Sample, read_sample
+
+SCENES = ROOT / "benchmarks" / "scenes" / "real"
+CREST = {"lower_san_fernando_1971": 141.0, "sainte_monique_1994": 148.0}
+"""x of the crest (m) in the scenes of sections."""
+
+
+@dataclass(frozen=True)
+class Slid:
+    """Failures of a campaign on one grid.
+
+    Args:
+        quantities: by name, one value for each failure (n,).
+        weight: what each stands for (n,).
+    """
+
+    quantities: Mapping[str, np.ndarray]
+    weight: np.ndarray
+
+    def ends(self, quantity: str) -> tuple[float, float, float] | tuple[None, None, None]:
+        """Weighted quantiles: lower end of the interval, median, upper end; None where nothing failed."""
+        if not self.weight.size:
+            return None, None, None
+        levels, values = (MISS / 2, 0.5, 1 - MISS / 2), self.quantities[quantity]
+        low, median, high = np.quantile(values, levels, weights=self.weight, method="inverted_cdf").tolist()
+        return low, median, high
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A surveyed quantity beside the interval of the slides. Fields are explained at the head of this module."""
+
+    slide: str
+    quantity: str
+    surveyed: float
+    checked: bool
+    slides: int
+    low: float | None
+    median: float | None
+    high: float | None
+    hit: bool
+    score: float | None
+    rough_low: float | None
+    rough_high: float | None
+    corominas_low: float | None
+    corominas: float | None
+    corominas_high: float | None
+    corominas_score: float | None
+    published: str
+
+
+def measured(campaign: Campaign, grid: str, crest: float | None, samples: Iterable[Sample]) -> list[dict[str, float]]:
+    """The quantities of slides.
+
+    Args:
+        campaign: of the slides.
+        grid: "rough" or "refined".
+        crest: x of the crest of a section (m), None in 3D.
+        samples: with their displacement (d, N) m at the end.
+    """
+    scene, _ = built(campaign, grid, at_rest=False)
+    position, volume = (np.asarray(each, float) for each in (scene.particles.position, scene.particles.volume))
+    half, (face, track) = campaign.grids[grid].spacing[0] / 2, (campaign.site.shape.face, campaign.site.track)
+    answer = []
+    for sample in samples:
+        displacement, runout = np.asarray(sample.fields["displacement"], float), float(sample.row["runout"])
+        slid = np.linalg.norm(displacement, axis=0) >= campaign.run.failure_displacement
+        row = {"runout": runout, "volume": float(sample.row["volume"])}
+        if track is not None:  # run-out is counted from the rear of the mass
+            start, end = (track.along(each[:2, slid])[0] for each in (position, position + displacement))
+            row |= {"travel": runout, "centre": float(np.average(end - start, weights=volume[slid]))}
+        elif face is not None and crest is not None:
+            rear = float(position[0, slid].min()) - half
+            highest = [float(each[-1].max()) for each in (position, position + displacement)]
+            row |= {"retrogression": crest - rear, "travel": face.toe_x - rear + runout}
+            row |= {"crest_loss": highest[0] - highest[1]}
+        answer.append(row)
+    return answer
+
+
+def slides(name: str, campaign: Campaign, folder: Path) -> dict[str, Slid]:
+    """The failures of a finished campaign on each grid."""
+    results = read_results(folder)
+    rough = results.rough.columns
+    failed = (rough["displacement"] > campaign.run.failure_displacement) & ~rough["broke_off"].astype(bool)
+    chosen = {
+        "rough": (results.rough.numbers, failed, np.ones(failed.size)),
+        "refined": (results.refined.numbers, results.slid, results.weight),
+    }
+    answer = {}
+    for grid, (numbers, slid, weight) in chosen.items():
+        samples = [read_sample(results.store, grid, numbers[at]) for at in np.flatnonzero(slid)]
+        each = measured(campaign, grid, CREST.get(name), samples)
+        quantities = {quantity: np.array([one[quantity] for one in each]) for quantity in (each[0] if each else ())}
+        answer[grid] = Slid(quantities, weight[slid])
+    return answer
+
+
+def compared(name: str, known: Known, found: Mapping[str, Slid]) -> list[Compared]:
+    """A row for each surveyed quantity of a slide."""
+    rows = []
+    for quantity, survey in known.surveys.items():
+        low, median, high = found["refined"].ends(quantity)
+        rough_low, _, rough_high = found["rough"].ends(quantity)
+        near, likely, far = corominas(known.fall, known.volume) if quantity == "travel" else (None, None, None)
+        rows.append(
+            Compared(
+                name,
+                quantity,
+                survey.value,
+                survey.checked,
+                found["refined"].weight.size,
+                low,
+                median,
+                high,
+                low is not None and high is not None and holds(low, high, survey.value),
+                None if low is None or high is None else interval_score(low, high, survey.value),
+                rough_low,
+                rough_high,
+                near,
+                likely,
+                far,
+                None if near is None or far is None else interval_score(near, far, survey.value),
+                ", ".join(f"{value:g} ({code})" for code, value in survey.published.items()) or "none",
+            )
+        )
+    return rows
+
+
+def summarised(rows: list[Compared]) -> dict[str, float | int | None]:
+    """The named figures. A quantity without a slide counts as missed; scores are of those that have one."""
+    scored = [(row, row.score) for row in rows if row.score is not None]
+    travel = [(score, row.corominas_score) for row, score in scored if row.corominas_score is not None]
+    mean: dict[str, list[float]] = {
+        "measured_within": [row.hit for row in rows],
+        "checked_within": [row.hit for row in rows if row.checked],
+        "interval_score": [score for _, score in scored],
+        "travel_interval_score": [score for score, _ in travel],
+        "corominas_score": [empirical for _, empirical in travel],
+    }
+    return {
+        "slides": len({row.slide for row, _ in scored}),
+        "quantities": len(rows),
+        **{name: round(float(np.mean(values)), 3) if values else None for name, values in mean.items()},
+    }
+
+
+def scene_of(name: str, quick: bool) -> Campaign:
+    """The campaign of a slide; `quick` with few samples on coarse cells."""
+    source = read_scene(SCENES / f"{name}.toml")
+    if not quick:
+        return parse(source)
+    tables = deepcopy(source.tables)
+    tables["rough"] = tables["refined"] = {"cell": 4.0, "spacing": [2.0, 2.0]}
+    tables["campaign"] |= {"samples": 10, "refined_runs": 10}
+    return parse(to_toml(tables))
+
+
+def run(quick: bool) -> Report:
+    """All slides, as far as they come; those that were stopped go on with the next command."""
+    rows: list[Compared] = []
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) if quick else ROOT / "out" / "real_slides"
+        try:
+            for name, known in KNOWN.items():
+                if quick and name != "sainte_monique_1994":
+                    continue
+                campaign = scene_of(name, quick)
+                run_campaign(campaign, folder / name)
+                rows += compared(name, known, slides(name, campaign, folder / name))
+        except Stopped as stopped:
+            print(stopped, file=sys.stderr)
+    return Report(summarised(rows), [rounded(row) for row in rows])
+
+
+def rounded(row: Compared) -> dict[str, str | float | None]:
+    """A row of the table."""
+    return {key: round(value, 3) if isinstance(value, float) else value for key, value in asdict(row).items()}
