@@ -31,6 +31,7 @@ PAGE = ROOT / "docs" / "gallery.md"
 FIGURES = ROOT / "docs" / "gallery"
 
 BEGIN = "yours to fill in: `jaxmpm new --kind {}`"
+SURVEYED = "what was surveyed against the failures: [real slides](trust.md#real-slides)"
 RESULTS = {
     "demo": "P_f 0.49 (0.328 to 0.716); 91 % of the failures deep, 9 % progressive",
     "section": "P_f 0.408 (0.289 to 0.638); all failures deep",
@@ -56,6 +57,9 @@ RESULTS = {
     "P_f below 0.24",
     "sites/retrogression_5m": "P_f 1.0 (0.81 to 1.0); mean soil runs out 37.7 m (21.6 printed), in 5 slides (3)",
     "sites/retrogression_5m_divided": "P_f 1.0 (0.78 to 1.0); mean soil runs out 58 m (21.6 printed), in 3 slides (3)",
+    "real/lower_san_fernando_1971": SURVEYED,
+    "real/sainte_monique_1994": SURVEYED,
+    "real/s1000_2021": SURVEYED,
     "new/slope": BEGIN.format("slope"),
     "new/section": BEGIN.format("section"),
     "new/terrain": BEGIN.format("terrain"),
@@ -72,8 +76,8 @@ jaxmpm check embankment.toml
 jaxmpm run embankment.toml --out out/embankment
 ```
 
-Copy a scene of the second table from its link. `jaxmpm new --kind KIND` writes those of the last table. [Every
-key](scenes.md) explains what to change.
+Copy a scene of the second or third table from its link. `jaxmpm new --kind KIND` writes those of the last table.
+[Every key](scenes.md) explains what to change.
 
 - **Closest to an embankment on soft clay**: `embankment`.
 - **Water**: `what_if`, and `sites/acads_3a` (a piezometric line). **Earthquakes**: `what_if` by its k_h; a record goes
@@ -86,7 +90,7 @@ The cost is an upper limit, by `jaxmpm check SCENE` on one core of a shared mach
 stands. P_f is the probability of failure, with its 95 % interval. `python -m benchmarks.project.gallery` writes this
 page.
 """
-GROUPS = {"": "Examples", "sites": "Slopes with known answers", "new": "To begin your own with"}
+GROUPS = {"": "Examples", "sites": "Slopes with known answers", "real": "Real slides", "new": "To begin your own with"}
 
 
 def names() -> list[str]:
