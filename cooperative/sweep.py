@@ -19,7 +19,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, TypedDict, cast
+from typing import TypedDict, cast
 
 import numpy as np
 
@@ -180,7 +180,7 @@ def _counted(folder: Path) -> np.ndarray:
     return by_sample(phases.failures, phases.estimate.probability, campaign.plan.samples)
 
 
-def _point(value: float | str, campaign: str, summary: Summary) -> dict[str, Any]:
+def _point(value: float | str, campaign: str, summary: Summary) -> dict[str, object]:
     """What `sweep.json` has of one campaign alone."""
     names = ("interval", "level", "estimator", "refined_runs", "samples", "failures_refined", "modes", "finished")
     fields = summary.as_json()
@@ -190,7 +190,7 @@ def _point(value: float | str, campaign: str, summary: Summary) -> dict[str, Any
 
 def _compared(
     folder: Path, part: Variant, counted: Mapping[str, np.ndarray], variance: Mapping[str, float]
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """What it has of one beside the base: difference of P_f, displacement, and peak acceleration."""
     difference = None
     if part.name != BASE:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, get_origin
+from typing import get_origin
 
 from cooperative.scene import tables
 from cooperative.scene._examples import NAMED, SCHEMA
@@ -18,7 +18,7 @@ from foundation.files import write_aside
 TABLES: Mapping[str, type[tables.Table]] = {
     name: table
     for name, field in tables.Scene.model_fields.items()
-    if name not in tables.STORED and (table := tables.table_in(field)) is not None
+    if name not in tables.STORED and (table := tables.table_in(field)) is not None and issubclass(table, tables.Table)
 }
 """The tables that a scene may have, by name."""
 SEVERAL = tuple(
@@ -30,21 +30,23 @@ SEVERAL = tuple(
 def json_schema() -> dict[str, object]:
     """JSON schema (draft 2020-12) of a scene, in which a description gives unit and default in words too."""
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
-    return head | _plain(tables.schema_of(tables.Scene))
+    return {**head, **_plain(tables.schema_of(tables.Scene))}
 
 
-def _plain(schema: Any) -> Any:
+def _plain(schema: tables.Schema) -> dict[str, object]:
     """A schema, or a part of it, in the words of the standard."""
-    if isinstance(schema, list):
-        return [_plain(each) for each in schema]
-    if not isinstance(schema, dict):
-        return schema
     words = " ".join(str(schema.get("description", "")).split())
     if "examples" in schema:
         unit, default = _unit(schema), schema.get("otherwise")
         words += (f" ({unit})" if unit else "") + (f" Default: {default}." if default else "")
-    plain = {name: _plain(each) for name, each in schema.items() if name not in tables.EXTRAS}
+    plain = {name: _plain_value(each) for name, each in schema.items() if name not in tables.EXTRAS}
     return plain | ({"description": words} if words else {})
+
+
+def _plain_value(value: object) -> object:
+    if isinstance(value, list):
+        return [_plain_value(each) for each in value]
+    return _plain(value) if isinstance(value, dict) else value
 
 
 def markdown() -> str:
@@ -78,7 +80,7 @@ def markdown() -> str:
 
 
 def _unit(schema: tables.Schema) -> str:
-    return str(schema.get("units") or tables.first_entry(schema, "unit"))
+    return str(schema.get("units") or tables.first_entry(schema, "unit", ""))
 
 
 def _allowed(table: type[tables.Table], name: str, schema: tables.Schema) -> str:

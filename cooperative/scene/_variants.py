@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import kl
 from cooperative.estimate import Sampling
@@ -14,7 +13,7 @@ from cooperative.scene._files import to_toml
 from cooperative.scene._stored import stored_measured
 from cooperative.scene._typed import parse, source_of
 from cooperative.scene._varied import SCENARIO, Varied, base_of, path_of, variants_of
-from cooperative.store import GRIDS, Source
+from cooperative.store import GRIDS, Source, table_of, tables_of
 
 LENGTHS = ("lx", "ly", "lz")
 BASE, RANKED = "base", "ranked"
@@ -78,14 +77,14 @@ def variants(scene: Source | str | Path) -> list[Variant]:
         if value != base[parameter]:
             changed = {**base, parameter: value}
             length = [changed[axis] for axis in _axes(dimension)]
-            table = {**base_scene["strength"], "cov": changed["cov"], "length": length}
+            table = {**table_of(base_scene, "strength"), "cov": changed["cov"], "length": length}
             campaigns.append(variant(f"{parameter}-{value:g}", (parameter, value), strength=table))
     for each in by_path:
         if (each.parameter, each.value) not in same:
             campaigns.append(_by_path(each, source))
     if "k_t" in sweep:
         # All values of k_t follow from the runs that the largest asks for.
-        plan = {k: v for k, v in base_scene["campaign"].items() if k not in ("refined_runs", "target_cov")}
+        plan = {k: v for k, v in table_of(base_scene, "campaign").items() if k not in ("refined_runs", "target_cov")}
         plan |= {"estimator": "published", "k_t": int(max(sweep["k_t"]))}
         campaigns.append(variant(RANKED, *(("k_t", value) for value in sweep["k_t"]), campaign=plan))
     _refuse_alike(campaigns)
@@ -109,7 +108,7 @@ def _by_path(each: Varied, source: Source) -> Variant:
     return Variant(each.folder, varied, ((each.parameter, each.value),), first)
 
 
-def _source(tables: Mapping[str, Any], of: Source) -> Source:
+def _source(tables: Mapping[str, object], of: Source) -> Source:
     """A scene of these tables, with the files that it names beside its text."""
     text = to_toml({name: table for name, table in tables.items() if name not in BESIDE})
     return Source(text, {name: tables[name] for name in BESIDE if name in tables}, begun=of.begun)
@@ -126,13 +125,13 @@ def _axes(dimension: int) -> tuple[str, ...]:
     return LENGTHS if dimension == 3 else ("lx", "lz")
 
 
-def _sweep(tables: Mapping[str, Any]) -> dict[str, list[float]]:
+def _sweep(tables: Mapping[str, object]) -> dict[str, list[float]]:
     """The keys of the table `[sweep]` that are no paths, checked as far as they can be without the scene."""
     table = tables.get("sweep", {})
     if not isinstance(table, dict) or not (table or SCENARIO in tables):
         raise ValueError("the scene has no table [sweep]: give one, for example with lx = [10, 30, 60, 120]")
     known.read(known.Sweep, table, "sweep")
-    for scenario in tables.get(SCENARIO, ()):
+    for scenario in tables_of(tables, SCENARIO):
         known.read(known.Scenario, scenario, SCENARIO)
     return {name: values for name, values in table.items() if name in known.Sweep.model_fields}
 

@@ -8,9 +8,11 @@ import itertools
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+
+from pydantic.fields import FieldInfo
 
 from cooperative.scene import tables
+from cooperative.store import table_of, tables_of
 from foundation.text import shown
 
 FIXED = ("campaign", "sweep", "scenario", "name", *tables.STORED)
@@ -32,28 +34,33 @@ class Path:
 
     name: str
     keys: Keys
-    owner: Any
+    owner: type[tables.Keyed]
 
     @property
-    def field(self) -> Any:
-        """Declaration of the key."""
-        return self.owner.model_fields[self.keys[-1]]
+    def key(self) -> str:
+        """The last of its keys."""
+        return str(self.keys[-1])
 
-    def value(self, scene: Mapping[str, Any]) -> Any:
+    @property
+    def field(self) -> FieldInfo:
+        """Declaration of the key."""
+        return self.owner.__pydantic_fields__[self.key]
+
+    def value(self, scene: Mapping[str, object]) -> object:
         """What stands there in a scene's tables, or the key's default; None without one.
 
         Args:
             scene: its tables.
         """
-        node: Any = scene
+        node: object = dict(scene)
         for part in self.keys:
             if isinstance(node, dict) and part not in node:
                 return self.field.default if part == self.keys[-1] and not self.field.is_required() else None
-            node = node[part]
+            node = _within(node, part)
         return node
 
 
-def path_of(scene: Mapping[str, Any], name: str) -> Path:
+def path_of(scene: Mapping[str, object], name: str) -> Path:
     """The path of a key.
 
     Args:
@@ -67,18 +74,19 @@ def path_of(scene: Mapping[str, Any], name: str) -> Path:
     if parts[0] in FIXED:
         raise ValueError(f"{shown(name)} is no key that samples in common can differ in: leave it out")
     keys: Keys = ()
-    owner: Any = tables.Scene
+    owner: type[tables.Keyed] = tables.Scene
     left = list(parts)
     while left:
         key = left.pop(0)
-        if key not in owner.model_fields:
+        if key not in owner.__pydantic_fields__:
             raise _unknown(scene, name)
-        keys, field = (*keys, key), owner.model_fields[key]
+        keys = (*keys, key)
         if not left:
             return Path(name, keys, owner)
-        owner = tables.table_in(field)
-        if owner is None:
+        inner = tables.table_in(owner.__pydantic_fields__[key])
+        if inner is None:
             raise _unknown(scene, name)
+        owner = inner
         if len(keys) == 1 and isinstance(scene.get(key), list):
             number, left = _entry(scene, name, key, left)
             keys = (*keys, number)
@@ -87,7 +95,7 @@ def path_of(scene: Mapping[str, Any], name: str) -> Path:
     raise _unknown(scene, name)
 
 
-def number_at(scene: Mapping[str, Any], name: str) -> Path:
+def number_at(scene: Mapping[str, object], name: str) -> Path:
     """The path of a key that is a number.
 
     Args:
@@ -101,7 +109,7 @@ def number_at(scene: Mapping[str, Any], name: str) -> Path:
     now = path.value(scene)
     if isinstance(now, dict | tables.Table):
         raise ValueError(f"{shown(name)} is a table in this scene: give a key of it, such as {name}.mean")
-    schema = tables.schema_of(path.owner)["properties"][path.keys[-1]]
+    schema = tables.schema_of(path.owner)["properties"][path.key]
     kinds = {part.get("type") for part in (schema, *schema.get("oneOf", ()), *schema.get("anyOf", ()))}
     if not kinds & {"number", "integer"}:
         raise ValueError(
@@ -110,7 +118,7 @@ def number_at(scene: Mapping[str, Any], name: str) -> Path:
     return path
 
 
-def changed(scene: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+def changed(scene: Mapping[str, object], changes: Mapping[str, object]) -> dict[str, object]:
     """A scene's tables with other values.
 
     Args:
@@ -120,21 +128,31 @@ def changed(scene: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, A
     Raises:
         ValueError: as `path_of`, and two paths to one key.
     """
-    result: dict[str, Any] = copy.deepcopy(dict(scene))
+    result = copy.deepcopy(dict(scene))
     seen: dict[Keys, str] = {}
     for name, value in changes.items():
         keys = path_of(scene, name).keys
         if keys in seen:
             raise ValueError(f"{shown(seen[keys])} and {shown(name)} are one key: give it once")
         seen[keys] = name
-        node: Any = result
+        node: object = result
         for part in keys[:-1]:
-            node = node.setdefault(part, {}) if isinstance(node, dict) else node[part]
+            node = node.setdefault(part, {}) if isinstance(node, dict) else _within(node, part)
+        assert isinstance(node, dict)
         node[keys[-1]] = value
     return result
 
 
-def _as_given(scene: Mapping[str, Any], name: str) -> list[str]:
+def _within(node: object, part: str | int) -> object:
+    """What stands in a table, or a list of tables, at a key or position."""
+    if isinstance(part, int):
+        assert isinstance(node, list)
+        return node[part]
+    assert isinstance(node, dict)
+    return node[part]
+
+
+def _as_given(scene: Mapping[str, object], name: str) -> list[str]:
     """The keys of a path; the undrained strength stands in `[strength]` or in `[soil.strength]`."""
     parts = name.split(".")
     if parts[:2] == ["soil", "strength"] and len(parts) > 2 and "strength" in scene:
@@ -144,9 +162,9 @@ def _as_given(scene: Mapping[str, Any], name: str) -> list[str]:
     return parts
 
 
-def _entry(scene: Mapping[str, Any], name: str, key: str, left: list[str]) -> tuple[int, list[str]]:
+def _entry(scene: Mapping[str, object], name: str, key: str, left: list[str]) -> tuple[int, list[str]]:
     """Position in a list of tables that the next keys name, and the keys after these; names may have dots."""
-    entries = scene[key]
+    entries = tables_of(scene, key)
     for count in range(len(left), 0, -1):
         asked = ".".join(left[:count])
         named = [at for at, each in enumerate(entries) if each.get("name") == asked]
@@ -157,29 +175,28 @@ def _entry(scene: Mapping[str, Any], name: str, key: str, left: list[str]) -> tu
     raise _unknown(scene, name)
 
 
-def _unknown(scene: Mapping[str, Any], name: str) -> ValueError:
+def _unknown(scene: Mapping[str, object], name: str) -> ValueError:
     known = [*_all_paths(scene), *tables.Sweep.model_fields]
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
     nearest = f" (did you mean {shown(close[0])}?)" if close else ""
     return ValueError(f"{shown(name)} is no key of this scene{nearest}: see docs/scenes.md for all keys")
 
 
-def _all_paths(scene: Mapping[str, Any]) -> Iterator[str]:
+def _all_paths(scene: Mapping[str, object]) -> Iterator[str]:
     """Paths of all keys that a scene may have, with the names of its layers."""
     for name, field in tables.Scene.model_fields.items():
         table = tables.table_in(field)
         if name in FIXED or table is None:
             continue
-        entries = scene.get(name)
-        if not isinstance(entries, list):
+        if not isinstance(scene.get(name), list):
             yield from _paths(table, name)
             continue
-        for number, entry in enumerate(entries, 1):
+        for number, entry in enumerate(tables_of(scene, name), 1):
             yield from _paths(table, f"{name}.{entry.get('name', number)}")
 
 
-def _paths(table: Any, prefix: str) -> Iterator[str]:
-    for key, field in table.model_fields.items():
+def _paths(table: type[tables.Keyed], prefix: str) -> Iterator[str]:
+    for key, field in table.__pydantic_fields__.items():
         yield f"{prefix}.{key}"
         inner = tables.table_in(field)
         if inner is not None:
@@ -199,8 +216,8 @@ class Varied:
 
     parameter: str
     value: float | str
-    changes: Mapping[str, Any]
-    tables: Mapping[str, Any]
+    changes: Mapping[str, object]
+    tables: Mapping[str, object]
 
     @property
     def folder(self) -> str:
@@ -213,7 +230,7 @@ SCENARIO = "scenario"
 """Parameter of the campaigns of `[[scenario]]`, whose values are names."""
 
 
-def variants_of(scene: Mapping[str, Any]) -> Iterator[Varied]:
+def variants_of(scene: Mapping[str, object]) -> Iterator[Varied]:
     """The campaigns that a scene's paths of `[sweep]` and its scenarios ask for, one parameter at a time.
 
     Args:
@@ -223,8 +240,12 @@ def variants_of(scene: Mapping[str, Any]) -> Iterator[Varied]:
         ValueError: a path that leads nowhere, to no number, or to the key of another.
     """
     base = base_of(scene)
-    swept = tables.flat(scene.get("sweep", {}))
-    paths = {name: values for name, values in swept.items() if name not in tables.Sweep.model_fields}
+    swept = tables.flat(table_of(scene, "sweep"))
+    paths: dict[str, list[float | str]] = {
+        name: values
+        for name, values in swept.items()
+        if name not in tables.Sweep.model_fields and isinstance(values, list)
+    }
     taken: dict[Keys, str] = {}
     for name in paths:
         try:
@@ -236,16 +257,17 @@ def variants_of(scene: Mapping[str, Any]) -> Iterator[Varied]:
         taken[keys] = name
     records = paths.pop(tables.RECORDS, None)
     if records is not None:
-        scales = paths.pop(SCALES, None) or [number_at(base, SCALES).value(base)]
-        for record, scale in itertools.product(records, scales):
+        of_scene = number_at(base, SCALES).value(base)
+        assert isinstance(of_scene, int | float)
+        for record, scale in itertools.product(records, paths.pop(SCALES, [of_scene])):
             yield _variant(base, f"{SCALES} of {record}", scale, {tables.RECORDS: record, SCALES: scale}, "[sweep]")
     for name, values in paths.items():
         for value in values:
             yield _variant(base, name, value, {name: value}, "[sweep]")
     named: set[str] = set()
-    for given in scene.get(SCENARIO, []):
+    for given in tables_of(scene, SCENARIO):
         changes = tables.flat(given)
-        name = changes.pop("name", "")
+        name = str(changes.pop("name", ""))
         if not changes or name in named:
             fault = "changes nothing: give the keys that it changes" if not changes else "is there twice: name it anew"
             raise ValueError(f"[[scenario]] {shown(name)} {fault}")
@@ -253,7 +275,7 @@ def variants_of(scene: Mapping[str, Any]) -> Iterator[Varied]:
         yield _variant(base, SCENARIO, name, changes, f"[[scenario]] {shown(name)}:")
 
 
-def base_of(scene: Mapping[str, Any]) -> dict[str, Any]:
+def base_of(scene: Mapping[str, object]) -> dict[str, object]:
     """A scene's tables without those of its sweep.
 
     Args:
@@ -263,7 +285,7 @@ def base_of(scene: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _variant(
-    base: Mapping[str, Any], parameter: str, value: float | str, changes: Mapping[str, Any], where: str
+    base: Mapping[str, object], parameter: str, value: float | str, changes: Mapping[str, object], where: str
 ) -> Varied:
     try:
         return Varied(parameter, value, changes, changed(base, changes))

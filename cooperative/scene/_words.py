@@ -33,7 +33,7 @@ from cooperative.scene._fields import CrossCorrelation, RandomField
 from cooperative.scene._level import RandomLevel
 from cooperative.scene._run import Run
 from cooperative.scene._site import Site, SiteLayer
-from cooperative.store import Source
+from cooperative.store import Source, table_of
 from foundation.text import short
 
 PACKAGES = {"foundation", "jaxmpm", "kl", "cooperative"}
@@ -81,7 +81,7 @@ def campaign_of_words(source: Source) -> Campaign:
         ValueError: words that are not of a campaign.
     """
     try:
-        fields = {name: of_words(words, name) for name, words in source.beside["campaign"].items()}
+        fields = {name: of_words(words, name) for name, words in table_of(source.beside, "campaign").items()}
         return Campaign(**fields)
     except (AttributeError, KeyError, TypeError, zlib.error) as error:
         raise ValueError(f"campaign.json holds no campaign ({error}): put back the file that it began with") from error
@@ -102,7 +102,7 @@ def in_python(scene: Campaign | Source, estimator: Estimator | None) -> Campaign
     else:
         campaign, source = campaign_of_words(scene), scene
     if estimator is not None:
-        words, there = in_words(estimator), source.beside["campaign"].get("estimator")
+        words, there = in_words(estimator), table_of(source.beside, "campaign").get("estimator")
         if words != there:
             raise ValueError(f"the campaign's estimator is {there}, not {words}: give that one, or another folder")
         campaign = dataclasses.replace(campaign, estimator=estimator)

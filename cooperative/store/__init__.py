@@ -38,6 +38,8 @@ from cooperative.store._source import (
     refuse_another,
     scene_digest,
     stored_source,
+    table_of,
+    tables_of,
 )
 from foundation.files import DamagedFile, own_folder, write_aside
 from foundation.hdf5 import Scalar
@@ -69,6 +71,8 @@ __all__ = [
     "sample_path",
     "scene_digest",
     "stored_source",
+    "table_of",
+    "tables_of",
     "write_aside",
     "write_sample",
 ]

@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 from foundation import files
 from foundation.files import write_aside
@@ -41,11 +40,11 @@ class Source:
     """
 
     text: str | None
-    beside: Mapping[str, Any] = field(default_factory=dict)
+    beside: Mapping[str, object] = field(default_factory=dict)
     begun: bool = field(default=False, compare=False)
 
     @cached_property
-    def tables(self) -> dict[str, Any]:
+    def tables(self) -> dict[str, object]:
         """The tables of the text and those beside it.
 
         Raises:
@@ -80,7 +79,7 @@ class Source:
             write_aside(folder / scene, self.text.encode())
 
 
-def _tables_of(text: str) -> dict[str, Any]:
+def _tables_of(text: str) -> dict[str, object]:
     """The tables of a scene.
 
     Raises ValueError for text that is no TOML.
@@ -93,6 +92,28 @@ def _tables_of(text: str) -> dict[str, Any]:
         raise ValueError(f"the scene is not valid TOML: {error}") from error
     except RecursionError as error:
         raise ValueError("the scene nests tables or lists without end: a scene has tables of plain values") from error
+
+
+def table_of(tables: Mapping[str, object], name: str) -> Mapping[str, object]:
+    """A table of a scene, empty where it has none.
+
+    Args:
+        tables: of the scene.
+        name: of the table.
+    """
+    table = tables.get(name)
+    return table if isinstance(table, dict) else {}
+
+
+def tables_of(tables: Mapping[str, object], name: str) -> list[Mapping[str, object]]:
+    """The tables of a scene of which there may be several, none where it has none.
+
+    Args:
+        tables: of the scene.
+        name: of these tables.
+    """
+    several = tables.get(name)
+    return several if isinstance(several, list) else []
 
 
 def scene_digest(scene_text: str) -> str:

@@ -6,7 +6,7 @@ from cooperative.scene.tables._hazard import Hazard
 from cooperative.scene.tables._key import EXTRAS, Table, of_features
 from cooperative.scene.tables._motion import UNITS as ACCELERATIONS
 from cooperative.scene.tables._motion import Motion
-from cooperative.scene.tables._reading import Schema, first_entry, parts, read, schema_of, table_in, wanted
+from cooperative.scene.tables._reading import Keyed, Schema, first_entry, parts, read, schema_of, table_in, wanted
 from cooperative.scene.tables._scene import SITES, STORED, Scene
 from cooperative.scene.tables._soil import OF_A_FIELD, Layer, Soil
 from cooperative.scene.tables._stored import MOST_RUNS, Budget, Calibration, FieldModes, LimitLoad, Measured
@@ -30,6 +30,7 @@ __all__ = [
     "Grid",
     "Ground",
     "Hazard",
+    "Keyed",
     "Layer",
     "Level",
     "LimitLoad",

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar, Protocol, TypeVar, cast, get_args, get_origin
+from typing import ClassVar, Protocol, TypeGuard, TypeVar, cast, get_args, get_origin
 
 from pydantic import TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
@@ -72,7 +72,7 @@ class _Entry:
 
     path: tuple[str, ...]
     key: str
-    value: Any
+    value: object
     inner: type[Keyed] | None
     owner: type[Keyed] | None = None
     field: str = ""
@@ -101,13 +101,15 @@ def _entry_at(table: type[Keyed], values: object, where: str, location: Iterable
         if isinstance(part, int):
             if inner is None:
                 break  # an element of a list, which a message shows whole
+            assert isinstance(value, list | tuple)
             value = value[part]
             name = value.get("name") if isinstance(value, dict) else None
             label = f"{entry.field} {shown(name) if isinstance(name, str) else part + 1}"
             entry = _Entry(entry.path, label, value, inner, entry.owner, entry.field)
         elif inner is not None and part in inner.__pydantic_fields__:
             path = (*entry.path, entry.key) if entry.key else ()
-            entry = _Entry(path, part, value.get(part), table_in(inner.__pydantic_fields__[part]), inner, part)
+            here = value.get(part) if isinstance(value, Mapping) else None
+            entry = _Entry(path, part, here, table_in(inner.__pydantic_fields__[part]), inner, part)
         # What is left tells which of the types of a union it is.
     return entry
 
@@ -148,8 +150,8 @@ def _wrong(entry: _Entry, error: ErrorDetails) -> str:
     if entry.inner is not None and kind == "list_type":
         return f"[{entry.key}] is {_kind(value)}: write [[{entry.key}]], once for each"
     if entry.inner is not None and kind == "too_long":
-        most = error["ctx"]["max_length"]
-        return f"the scene has {len(value)} tables [[{entry.key}]], the limit is {most}: give fewer"
+        most, actual = error["ctx"]["max_length"], error["ctx"]["actual_length"]
+        return f"the scene has {actual} tables [[{entry.key}]], the limit is {most}: give fewer"
     assert entry.owner is not None
     schema = schema_of(entry.owner)["properties"][entry.field]
     if kind == "single" or (kind in RANGE and not math.isfinite(error["input"])):
@@ -157,11 +159,11 @@ def _wrong(entry: _Entry, error: ErrorDetails) -> str:
     if kind in RANGE:
         number = f"{value:g}" if isinstance(value, int | float) else shown(value)
         allowed = wanted(schema["oneOf"][0] if "oneOf" in schema else schema)  # of a number, or a table, the number
-        return (
-            f"{entry} = {number} {first_entry(schema, 'unit')}".rstrip() + f": give {allowed}{schema.get('remedy', '')}"
-        )
+        unit, remedy = first_entry(schema, "unit", ""), schema.get("remedy", "")
+        return f"{entry} = {number} {unit}".rstrip() + f": give {allowed}{remedy}"
     if kind in CHOICE:
-        return f"{entry} = {shown(value)}: give {wanted(schema)}{_nearest(value, first_entry(schema, 'enum', []))}"
+        nearest = _nearest(value, first_entry(schema, "enum", list[str]()))
+        return f"{entry} = {shown(value)}: give {wanted(schema)}{nearest}"
     itself = f" is {_kind(value)}" if error["input"] is value and kind.endswith("_type") else ""
     return f"{entry} = {shown(value)}{itself}: give {wanted(schema, ends=False)}"
 
@@ -239,26 +241,24 @@ def parts(field: FieldInfo) -> Iterator[object]:
     yield from field.metadata
 
 
-def table_in(field: FieldInfo) -> Any:
+def table_in(field: FieldInfo) -> type[Keyed] | None:
     """The table that a key may hold."""
     return next((each for each in parts(field) if _is_table(each)), None)
 
 
-def _is_table(kind: object) -> bool:
+def _is_table(kind: object) -> TypeGuard[type[Keyed]]:
     return isinstance(kind, type) and get_origin(kind) is None and hasattr(kind, "__pydantic_fields__")
 
 
-def first_entry(schema: Any, name: str, otherwise: Any = "") -> Any:
+def first_entry(schema: object, name: str, otherwise: T) -> T:
     """The first entry of that name in a key's schema or in one within it."""
     if isinstance(schema, dict):
         if name in schema:
-            return schema[name]
+            entry: T = schema[name]
+            return entry
         schema = list(schema.values())
-    return (
-        next(filter(None, (first_entry(each, name) for each in schema)), otherwise)
-        if isinstance(schema, list)
-        else otherwise
-    )
+    within = schema if isinstance(schema, list) else []
+    return next(filter(None, (first_entry(each, name, otherwise) for each in within)), otherwise)
 
 
 def wanted(schema: Schema, *, ends: bool = True) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 from annotated_types import Ge
 from pydantic import AfterValidator, ConfigDict, Field
@@ -16,14 +16,14 @@ RECORDS = "motion.record"
 """Path of the only texts that are swept."""
 
 
-def flat(given: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def flat(given: Mapping[str, object], prefix: str = "") -> dict[str, object]:
     """Values by path, of paths in quotes and of tables within tables.
 
     Args:
         given: a table.
         prefix: path of that table, with its last dot.
     """
-    paths: dict[str, Any] = {}
+    paths: dict[str, object] = {}
     for name, value in given.items():
         paths |= flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
     return paths
