@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -18,7 +17,7 @@ from cooperative.scene import Campaign, Site, failing_volume, limit_load_factor
 from foundation import check
 from jaxmpm import Layer, Raster, Scene, Section, State
 from jaxmpm.ground import as_section
-from jaxmpm.laws import declared
+from jaxmpm.laws import WaterTable, declared
 from jaxmpm.run import FactorOfSafety
 
 APART = 0.05
@@ -131,7 +130,7 @@ def factor_of_safety(
 
 def _raised(campaign: Campaign, by: float) -> Site:
     """The site of a campaign with its water by so much higher (m); ValueError without any."""
-    site, water = campaign.site, cast(Any, campaign.site.water)
+    site, water = campaign.site, campaign.site.water
     if water is None:
         given = "no [water]" if campaign.site.r_u is None else f"r_u = {campaign.site.r_u:g}, which has no level"
         remedy = "draw a [slope] as [ground], and give [water] a level, a table or a depth"
@@ -158,8 +157,8 @@ def _by_slices(result: Safety, model: GridModel, coefficients: np.ndarray | None
     try:
         shape, layers = _section(campaign), site.soils(campaign.soil)
         scene = _with_soil(model, coefficients)
-        table: Any = scene.water
-        water = None if table is None else np.stack([np.asarray(table.x, float), np.asarray(table.z, float)], axis=1)
+        table = scene.water
+        water = np.stack([table.x, table.z], axis=1).astype(float) if isinstance(table, WaterTable) else None
         slices = Slices.of(
             shape, _weighed(layers, model, scene), water=None if water is None else water.tolist(), r_u=site.r_u,
             k_h=campaign.run.k_h, k_v=campaign.run.k_v, strength=_strength(model, scene),
@@ -185,7 +184,7 @@ def _weighed(layers: Sequence[Layer], model: GridModel, scene: Scene) -> list[La
     weight = model.campaign.run.gravity * np.asarray(particles.mass, float) / np.asarray(particles.volume, float)
     number = np.zeros(weight.size, int) if model.layer is None else model.layer
     return [
-        replace(layer, soil=replace(cast(Any, layer.soil), unit_weight=float(weight[number == k].mean())))
+        replace(layer, soil=replace(layer.soil, unit_weight=float(weight[number == k].mean())))
         for k, layer in enumerate(layers)
     ]
 
@@ -247,7 +246,7 @@ def _reasons(result: Safety, model: GridModel) -> Iterator[str]:
         return
     campaign, numerics = model.campaign, model.campaign.grids[model.grid]
     site, higher = campaign.site, result.difference > 0
-    soils: list[Any] = [each.soil for each in site.soils(campaign.soil)]
+    soils = [each.soil for each in site.soils(campaign.soil)]
     cells = site.height / numerics.cell
     if higher and cells < CELLS_HIGH:
         yield f"the slope is {cells:.3g} cells high, and coarse cells resist: halve cell and spacing"
@@ -262,7 +261,7 @@ def _reasons(result: Safety, model: GridModel) -> Iterator[str]:
         yield f"{', '.join(thin)} is thinner than its cells resolve, and too strong there: take smaller cells"
     if not higher and any(soil.softens for soil in soils if hasattr(soil, "softens")):
         yield "soil softens in the solver, while limit equilibrium has its peak strength on the whole surface"
-    if not higher and any(getattr(soil, "friction", None) and not soil.dilation for soil in soils):
+    if not higher and any(getattr(soil, "friction", None) and not getattr(soil, "dilation", 0.0) for soil in soils):
         yield "the solver's soil does not dilate by its friction angle, which limit equilibrium takes no account of"
     assert result.equilibrium is not None
     if result.equilibrium.slip.thickness < 2 * SHALLOWEST * site.height:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import matplotlib
 import numpy as np
@@ -45,9 +44,9 @@ def write_safety(result: Safety, campaign: Campaign, folder: Path) -> list[Path]
     return [picture, numbers]
 
 
-def _content(result: Safety, campaign: Campaign) -> dict[str, Any]:
+def _content(result: Safety, campaign: Campaign) -> dict[str, object]:
     """What `fos.json` holds."""
-    content: dict[str, Any] = {
+    content: dict[str, object] = {
         "name": campaign.name, "soil": result.soil, "loads": list(result.loads),
         "limit_equilibrium": None, "solver": None, "difference": result.difference,
         "reasons": list(result.reasons), "notes": list(result.notes),

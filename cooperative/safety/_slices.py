@@ -13,13 +13,17 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, Literal
+from types import ModuleType
+from typing import TYPE_CHECKING, Literal, TypedDict, Unpack
 
 import numpy as np
 import shapely
 
 from jaxmpm import Layer, Section, Soil
 from jaxmpm.ground import WATER_WEIGHT
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 KILO = 1e-3
 """xslope takes kPa and kN/m3."""
@@ -48,7 +52,7 @@ def installed() -> bool:
     return True
 
 
-def module(name: str) -> Any:
+def module(name: str) -> ModuleType:
     """A module of xslope. Raises ValueError where the package, or what it needs, is not installed."""
     try:
         importlib.import_module("xslope")
@@ -87,18 +91,21 @@ def _covered(shape: Section, layers: Sequence[Layer], last: int) -> bool:
     return bool((heights[0] > heights[last + 1] + ROUNDING).all())
 
 
-def _material(number: int, layer: Layer, u: str, r_u: float | None, *, rock: bool, weighs: float) -> dict[str, Any]:
+def _material(number: int, layer: Layer, u: str, r_u: float | None, *, rock: bool, weighs: float) -> dict[str, object]:
     """A layer as xslope names its numbers; clay in total stress.
 
     u: where the pore pressure of others comes from. weighs: share of its weight.
     """
-    soil: Any = layer.soil
+    soil = layer.soil
     if isinstance(soil, Soil):
         cohesion, friction, u = soil.strength or 0.0, 0.0, "none"
-    else:
+    elif hasattr(soil, "cohesion") and hasattr(soil, "friction"):
         cohesion, friction = soil.cohesion, soil.friction
+    else:
+        kind = type(soil).__name__
+        raise ValueError(f"limit equilibrium is for soil with a strength, or cohesion and friction, not for {kind}")
     saturated = getattr(soil, "saturated_unit_weight", None)
-    unused: dict[str, Any] = dict.fromkeys(("t_cut", "phi_b", "s_cap"))
+    unused: dict[str, object] = dict.fromkeys(("t_cut", "phi_b", "s_cap"))
     unused |= dict.fromkeys(("cp", "r_elev", "d", "psi"), 0.0)
     return unused | {
         "name": f"layer {number + 1}",
@@ -124,32 +131,40 @@ def _seams(shape: Section, layers: Sequence[Layer], rock: Sequence[int]) -> Iter
         yield np.stack([x, np.full_like(x, shape.base)], axis=1)[[0, -1]]
 
 
-def inputs(
-    shape: Section,
-    layers: Sequence[Layer],
-    water: float | Sequence[Sequence[float]] | None = None,
-    r_u: float | None = None,
-    k_h: float = 0.0,
-    k_v: float = 0.0,
-    rock: Sequence[int] = (),
-) -> dict[str, Any]:
-    """What xslope is given of a section, in m, kPa and kN/m3.
+class Conditions(TypedDict, total=False):
+    """What acts on the layers of a section, and which of them are rock; nothing where it is left out.
+
+    Args:
+        water: level or points (x, z) of the water table (m).
+        r_u: pore pressure over the weight of the soil above.
+        k_h: pseudo-static horizontal acceleration over gravity, towards the lower end of the surface.
+        k_v: vertical one, upwards, by which soil weighs less; the horizontal force does not.
+        rock: numbers of the layers that are rock.
+    """
+
+    water: float | Sequence[Sequence[float]] | None
+    r_u: float | None
+    k_h: float
+    k_v: float
+    rock: Sequence[int]
+
+
+def inputs(shape: Section, layers: Sequence[Layer], **conditions: Unpack[Conditions]) -> dict[str, object]:
+    """What xslope is given of a section, in m, kPa and kN/m3; of the horizontal acceleration its size alone.
 
     Args:
         shape: outline.
         layers: from the top down, of undrained soil or soil with friction.
-        water: level or points (x, z) of the water table (m).
-        r_u: pore pressure over the weight of the soil above.
-        k_h: pseudo-static horizontal acceleration over gravity; its size alone.
-        k_v: vertical one, upwards, by which soil weighs less; the horizontal force does not.
-        rock: numbers of the layers that are rock.
+        **conditions: as in `Conditions`.
 
     Returns:
         Its `slope_data`.
 
     Raises:
-        ValueError: xslope is not installed, or lines of the section will not do.
+        ValueError: xslope is not installed, or soil or lines of the section will not do.
     """
+    water, r_u, rock = conditions.get("water"), conditions.get("r_u"), conditions.get("rock", ())
+    lighter = 1 - conditions.get("k_v", 0.0)
     # Without rock that lies below all soil, the ground's floor is its top, which circles then follow.
     covered = max((number for number in range(len(layers)) if number not in rock), default=-1)
     outcrops = not _covered(shape, layers, covered)
@@ -160,18 +175,18 @@ def inputs(
     if isinstance(water, int | float):
         water = [(wall, water) for wall in shape.outline().walls]
     u = "ru" if r_u is not None else "none" if water is None else "piezo"
-    given = {
+    return {
         "unit_system": "si",
         "polygons": polygons,
         "ground_surface": ground,
         "domain_polygon": domain,
         "materials": [
-            _material(number, layer, u, r_u, rock=number in rock, weighs=1 - k_v) for number, layer in enumerate(layers)
+            _material(number, layer, u, r_u, rock=number in rock, weighs=lighter) for number, layer in enumerate(layers)
         ],
         "piezo_line": [tuple(point) for point in water or ()],
         "gamma_water": WATER_WEIGHT * KILO,
         "water_loads": "auto",
-        "k_seismic": abs(k_h) / (1 - k_v),
+        "k_seismic": abs(conditions.get("k_h", 0.0)) / lighter,
         "tcrack_depth": 0.0,
         "tcrack_water": 0.0,
         "dloads": [],
@@ -180,7 +195,6 @@ def inputs(
         "circles": [],
         "non_circ": [],
     }
-    return given
 
 
 @dataclass(frozen=True)
@@ -229,7 +243,7 @@ class Slices:
     """
 
     shape: Section
-    given: dict[str, Any]
+    given: dict[str, object]
     seams: tuple[np.ndarray, ...] = ()
     k_h: float = 0.0
     strength: Strength | None = None
@@ -241,23 +255,21 @@ class Slices:
         shape: Section,
         layers: Sequence[Layer],
         *,
-        water: float | Sequence[Sequence[float]] | None = None,
-        r_u: float | None = None,
-        k_h: float = 0.0,
-        k_v: float = 0.0,
-        rock: Sequence[int] = (),
         strength: Strength | None = None,
+        **conditions: Unpack[Conditions],
     ) -> Slices:
         """A section in slices, as `inputs` and these fields have it."""
-        given = inputs(shape, layers, water, r_u, k_h, k_v, rock)
         # Once, not for every surface.
-        given = module("water").with_water_loads(given)
-        return cls(shape, given, tuple(_seams(shape, layers, rock)), k_h, strength)
+        given = module("water").with_water_loads(inputs(shape, layers, **conditions))
+        seams = tuple(_seams(shape, layers, conditions.get("rock", ())))
+        return cls(shape, given, seams, conditions.get("k_h", 0.0), strength)
 
     @property
     def frictional(self) -> bool:
         """Whether soil has friction somewhere."""
-        return any(material["phi"] > 0 for material in self.given["materials"])
+        materials = self.given["materials"]
+        assert isinstance(materials, list)
+        return any(material["phi"] > 0 for material in materials)
 
     @property
     def of_circles(self) -> Literal["bishop", "spencer"]:
@@ -280,7 +292,7 @@ class Slices:
         Returns:
             The surface and its factor, None where no mass slides on it or the method has no admissible answer.
         """
-        how: dict[str, Any]
+        how: dict[str, object]
         if isinstance(surface, Circle):
             depth = surface.z - surface.radius
             circle = {"Xo": surface.x, "Yo": surface.z, "Depth": depth, "R": surface.radius}
@@ -309,7 +321,7 @@ class Slices:
         circle_of = surface if isinstance(surface, Circle) else None
         return Slip(float(answer["FS"]), np.asarray(line.coords, float), circle_of, thickness)
 
-    def _complete(self, frame: Any) -> None:
+    def _complete(self, frame: DataFrame) -> None:
         """Give slices their strength, and the earthquake its direction, which for xslope always drives them."""
         falls = 1 if frame["y_lt"].iloc[0] >= frame["y_rt"].iloc[-1] else -1
         lower_end = 1 if self.shape.surface[0][1] >= self.shape.surface[-1][1] else -1
