@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import colormaps
@@ -41,8 +41,6 @@ Values = dict[str, Mapping[str, np.ndarray]]
 
 EXPOSED = "#D55E00"
 TRACK = "#CC0066"
-NAME: dict[str, Any] = {"color": EXPOSED, "fontsize": "small", "xytext": (0, 8), "textcoords": "offset points"}
-"""How an element at risk and its name are drawn."""
 
 
 def draw(campaign: Campaign, *paths: Path, sample: int = 0) -> None:
@@ -84,18 +82,15 @@ def solid(models: dict[str, GridModel], values: Values) -> str:
     drawn = plots.quantity(name)
     field = {grid: each[name] / drawn.size for grid, each in values.items()}
     low, high = _ends(field)
-    scale: dict[str, Any] = {
-        "cmin": low,
-        "cmax": high,
-        "colorscale": "Cividis",
-        "colorbar": {"title": {"text": drawn.unit}},
-    }
     bodies = {"layers": _layered(models["refined"])}
     for grid, model in models.items():
         body = skin(np.asarray(model.scene.particles.position, float), 2 * model.half_size)
         seen = field[grid][body.of]
         rock = np.isnan(seen)
-        soil = interactive.mesh(body.corners, body.faces[~rock], of_faces=seen[~rock], **scale)
+        soil = interactive.mesh(
+            body.corners, body.faces[~rock], of_faces=seen[~rock], cmin=low, cmax=high, colorscale="Cividis",
+            colorbar={"title": {"text": drawn.unit}},
+        )  # fmt: skip
         bodies[f"{drawn.word}, {grid} grid"] = [soil, interactive.mesh(body.corners, body.faces[rock], color=ROCK)]
     figure = interactive.chosen(bodies, list(_outlines(models["refined"])))
     text = "Ground by its layers, and one sample's random field on both grids. Drag it to turn it."
@@ -276,10 +271,15 @@ def _layers(ax: Axes, model: GridModel, plane: np.ndarray, section: plots.Sectio
         for element in campaign.elements_at_risk:
             x = np.linspace(min(element.corners)[0], max(element.corners)[0], 100)
             ax.plot(x, shape.heights(x), color=EXPOSED, lw=4, marker="v", markevery=[50])
-            ax.annotate(element.name, (x[50], shape.heights(x)[50]), **NAME)
+            _name(ax, element.name, (x[50], shape.heights(x)[50]))
     walls = ", ".join(f"{held} wall at x = {end:g} m" for end, held in zip(ends, hold, strict=True))
     ax.set_title(f"{walls}, fixed base", loc="left")
     ax.legend(handles=handles, loc="upper left", bbox_to_anchor=(1, 1), fontsize="small", frameon=False)
+
+
+def _name(ax: Axes, name: str, at: tuple[float, float]) -> None:
+    """Write the name of an element at risk above it."""
+    ax.annotate(name, at, color=EXPOSED, fontsize="small", xytext=(0, 8), textcoords="offset points")
 
 
 def _map(figure: Figure, ax: Axes, model: GridModel, middle: float) -> None:
@@ -294,7 +294,7 @@ def _map(figure: Figure, ax: Axes, model: GridModel, middle: float) -> None:
     for element in model.campaign.elements_at_risk:
         corners = np.array([*element.corners, element.corners[0]])
         ax.plot(*corners.T, color=EXPOSED, lw=2, marker="o" if len(element.corners) == 1 else "")
-        ax.annotate(element.name, tuple(corners[0]), **NAME)
+        _name(ax, element.name, tuple(corners[0]))
     if model.campaign.site.track is not None:
         ax.plot(*np.array(model.campaign.site.track.points).T, color=TRACK, lw=1.5, ls=":", label="run-out line")
         ax.legend(loc="upper left", fontsize="small", framealpha=0.8)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import matplotlib
 import numpy as np
@@ -114,7 +114,7 @@ def _stairs(panels: Sequence[Stairs], across: Sequence[str], up: Sequence[str], 
         here = _panel(number, columns)
         for at, (name, (x, value, low, high)) in enumerate(curves.items()):
             line = {"shape": "hv", "color": SERIES[at % len(SERIES)]}
-            thin: dict[str, Any] = {"x": x, "line": line | {"width": 0.5}, "hoverinfo": "skip", "showlegend": False}
+            thin: dict[str, object] = {"x": x, "line": line | {"width": 0.5}, "hoverinfo": "skip", "showlegend": False}
             if not at:
                 figure.add_scatter(y=low, mode="lines", **thin, **here)
                 figure.add_scatter(y=high, mode="lines", fill="tonexty", fillcolor=BAND, **thin, **here)
@@ -220,7 +220,7 @@ def mesh(
     *,
     of_corners: np.ndarray | None = None,
     of_faces: np.ndarray | None = None,
-    **look: Any,
+    **look: object,
 ) -> Mesh3d:
     """Faces between corners, two triangles each, coloured by a value of each corner or face.
 
@@ -284,16 +284,14 @@ def chosen(bodies: Mapping[str, Sequence[Mesh3d]], beside: Sequence[Scatter3d]) 
 def turning(body: Moving) -> Figure:
     """A slide that turns, its times on a slider."""
     scale = {"title": {"text": "displacement [m]"}}
-    look: dict[str, Any] = {
-        "cmin": 0.0,
-        "cmax": max(float(body.magnitude.max()), 1e-6),
-        "colorscale": "Viridis",
-        "colorbar": scale,
-    }
+    most = max(float(body.magnitude.max()), 1e-6)
     meshes = [
-        mesh(corners, body.faces, of_corners=magnitude, hovertemplate="%{intensity:.3g} m<extra></extra>", **look)
+        mesh(
+            corners, body.faces, of_corners=magnitude, hovertemplate="%{intensity:.3g} m<extra></extra>",
+            cmin=0.0, cmax=most, colorscale="Viridis", colorbar=scale,
+        )
         for corners, magnitude in zip(body.corners, body.magnitude, strict=True)
-    ]
+    ]  # fmt: skip
     names = [f"t = {time:.3g} s" for time in body.times]
     how = {"mode": "immediate", "frame": {"duration": 0, "redraw": True}}
     steps = [{"label": name, "method": "animate", "args": [[name], how]} for name in names]

@@ -17,7 +17,6 @@ import warnings
 from collections.abc import Collection
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
 
 import h5py
 import jax
@@ -162,9 +161,9 @@ def _structure(scene: Scene) -> str:
     def text(part: object) -> str:
         return str(part).removeprefix("PyTreeDef(").removesuffix(")")
 
-    structure: Any = jax.tree.structure(scene)
+    structure = jax.tree.structure(scene)
     names = (part.name for part in fields(scene) if not part.metadata.get("static"))
-    parts = list(zip(names, map(text, structure.children()), strict=True))
+    parts = list(zip(names, map(text, jax.tree_util.treedef_children(structure)), strict=True))
     head = str(structure).removesuffix(", ".join(part for _, part in parts) + "]))")
     return head + ", ".join(part for name, part in parts if name not in YOUNGER or part != "None") + "]))"
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -69,12 +68,13 @@ def wet_or_dry(
     Returns:
         (N,) N/m3.
     """
-    soils: list[Any] = [each.soil for each in site.soils(soil)]
+    soils = [each.soil for each in site.soils(soil)]
     own = np.array([each.unit_weight for each in soils])[layer]
     means = np.array([getattr(each, SATURATED, None) or np.nan for each in soils])[layer]
     if level is not None:
-        water: Any = scene.water
-        scene = replace(scene, water=water.at_level(level))
+        assert scene.water is not None
+        assert hasattr(scene.water, "at_level")
+        scene = replace(scene, water=scene.water.at_level(level))
     wet = jaxmpm.ground.wet(scene) & np.isfinite(means)
     return jnp.where(wet, means if saturated is None else saturated, own if dry is None else dry)
 

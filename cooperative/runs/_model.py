@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -280,9 +279,9 @@ class GridModel:
             numbers["strength"] = self._of_engineers("strength", grown)
         if self.strength_factor == 1:
             return numbers
-        law: Any = self.scene.material
+        law = self.scene.material
         known = {name: each.path for name, each in declared(law).items()}
-        full: Any = with_parameters(law, {known[name]: value for name, value in numbers.items() if name in known})
+        full = with_parameters(law, {known[name]: value for name, value in numbers.items() if name in known})
         reduced = declared(jaxmpm.laws.reduce_strength(full, jnp.asarray(1 / self.strength_factor, law.bulk.dtype)))
         count = self.scene.particles.mass.shape
         return {

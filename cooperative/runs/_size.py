@@ -13,7 +13,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -122,10 +121,10 @@ def _varies_in_steepness(law: Material, random: Collection[str]) -> bool:
     )
 
 
-def _steepest(soil: Any, random: Mapping[str, RandomField], span: tuple[float, float]) -> Any:
+def _steepest(soil: AnySoil, random: Mapping[str, RandomField], span: tuple[float, float]) -> AnySoil:
     """The soil where it softens most steeply beside its shear modulus: what varies at such ends of its values."""
 
-    def steepness(each: Any) -> float:
+    def steepness(each: AnySoil) -> float:
         law = each.material(np.dtype("float32"), 1.0)
         return 0.0 if law.steepest_softening is None else float(law.steepest_softening / law.shear)
 

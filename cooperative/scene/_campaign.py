@@ -25,6 +25,7 @@ from cooperative.scene._site import Site, SiteLayer, check_site
 from cooperative.scene.tables import Budget, Measured
 from cooperative.store import Source
 from jaxmpm import Discretisation, ground
+from jaxmpm.soil import AnySoil
 
 V = TypeVar("V")
 WEIGHTS = ("unit_weight", "saturated_unit_weight")
@@ -205,7 +206,7 @@ class Campaign:
         return None if volume is None else f"{volume:g} {unit}"
 
 
-def _with_means(soil: Any, random: Mapping[str, RandomField]) -> Any:
+def _with_means(soil: AnySoil, random: Mapping[str, RandomField]) -> AnySoil:
     """The soil with the means of what varies, where it leaves them out."""
     own = {each.name for each in fields(soil)} if is_dataclass(soil) else set()
     missing = {name: varies.mean for name, varies in random.items() if name in own and getattr(soil, name) is None}

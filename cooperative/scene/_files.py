@@ -19,7 +19,7 @@ from typing import Any, cast
 import numpy as np
 
 from cooperative.scene import tables
-from cooperative.scene._region import read_features, shift_of
+from cooperative.scene._region import Feature, read_features, shift_of
 from cooperative.scene._shaking import AXES, packed_motion, unpacked_motion
 from cooperative.soundings import read_rows
 from foundation.text import shown
@@ -102,11 +102,11 @@ class Files:
             raise ValueError(f" = {shown(name)} is no file that was read with the scene: run the scene's own file")
         return raster
 
-    def features(self, name: str) -> list[dict[str, object]]:
+    def features(self, name: str) -> list[Feature]:
         """Lines and polygons of a GeoPackage's layer, each with its name, likewise: "site.gpkg#houses"."""
         if self.folder is not None and name not in self.known:
             path, _, layer = name.partition("#")
-            read = cast(list[dict[str, Any]], _read(read_features, self.folder / path, layer or None))
+            read = cast(list[Feature], _read(read_features, self.folder / path, layer or None))
             for each in read:
                 points = np.array(each["points"])
                 each["points"] = (points - shift_of(self.origin, points)).tolist()

@@ -17,10 +17,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import jax
 
@@ -142,21 +142,29 @@ def failing_volume(campaign: Campaign) -> float:
     return float(f"{SHARE * campaign.site.height**campaign.dimension:.3g}") if volume is None else volume
 
 
-def limit_load_factor(campaign: Campaign, scene: Scene, state: State, **options: Any) -> FactorOfSafety:
+def limit_load_factor(
+    campaign: Campaign,
+    scene: Scene,
+    state: State,
+    *,
+    bracket: tuple[float, float] = (0.5, 3.0),
+    progress: Callable[[Sequence[float], Sequence[float]], None] | None = None,
+) -> FactorOfSafety:
     """The factor of safety of a slope at its limit load, by strength reduction.
 
     Args:
         campaign: the campaign.
         scene: of one of its grids, with the soil of the slope.
         state: at the start.
-        **options: further arguments of `jaxmpm.factor_of_safety`.
+        bracket: factors between which the limit load is looked for.
+        progress: as for `jaxmpm.factor_of_safety`.
 
     Raises:
-        ValueError: its displacement shows none between factors of 0.5 and 3, or those of a `bracket`.
+        ValueError: its displacement shows none between the factors of the bracket.
     """
     return factor_of_safety(
         scene, state, criterion="limit load", t_end=campaign.run.t_end, batch=_factors_at_once(),
-        least_volume=failing_volume(campaign), **options,
+        least_volume=failing_volume(campaign), bracket=bracket, progress=progress,
     )  # fmt: skip
 
 

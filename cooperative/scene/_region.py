@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from math import floor, lcm
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -73,7 +73,14 @@ def between_cells(ends: tuple[float, float], cells: Sequence[float]) -> tuple[fl
     return (ends[0], ends[0] + count * step) if count else ends
 
 
-def read_features(path: Path, layer: str | None) -> list[dict[str, Any]]:
+class Feature(TypedDict):
+    """A line or polygon of a file: its name, and its points [x, y] (m)."""
+
+    name: str
+    points: list[list[float]]
+
+
+def read_features(path: Path, layer: str | None) -> list[Feature]:
     """Lines and polygons of a GeoPackage, by geopandas (extra "region").
 
     Args:
@@ -110,7 +117,7 @@ def read_features(path: Path, layer: str | None) -> list[dict[str, Any]]:
         raise ValueError(
             f"{path} is in degrees: project it to the metres of the surface first, e.g. with ogr2ogr -t_srs"
         )
-    features = []
+    features: list[Feature] = []
     for number, (shape, row) in enumerate(zip(frame.geometry, frame.to_dict("records"), strict=True), 1):
         parts = getattr(shape, "geoms", [shape])
         kind = "nothing" if shape is None else shape.geom_type

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal, TypedDict
 
 import numpy as np
 
@@ -15,6 +14,15 @@ from jaxmpm import BaseMotion, Settle
 
 AT_REST = Settle(slides=1.0)
 """Stands for a slide's rest, from the failure displacement on."""
+
+
+class Loads(TypedDict):
+    """What loads the ground, as `jaxmpm.ground.build_ground` takes it."""
+
+    gravity: float
+    k_h: float | None
+    k_v: float | None
+    motion: BaseMotion | None
 
 
 @dataclass(frozen=True)
@@ -53,9 +61,9 @@ class Run:
             object.__setattr__(self, "settle", Settle(slides=self.failure_displacement))
 
     @property
-    def loads(self) -> Mapping[str, Any]:
+    def loads(self) -> Loads:
         """What loads the ground, as `jaxmpm.ground.build_ground` takes it; None for what is absent."""
-        return {"gravity": self.gravity, "k_h": self.k_h or None, "k_v": self.k_v or None, "motion": self.motion}
+        return Loads(gravity=self.gravity, k_h=self.k_h or None, k_v=self.k_v or None, motion=self.motion)
 
     def last(self, grid: str) -> float:
         """Time (s) at which a run of a grid ends at the latest."""

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +17,9 @@ from foundation.text import shown
 from jaxmpm import Discretisation, Ground, Layer, Raster, Scene, State, ground
 from jaxmpm.ground import Thickness
 from jaxmpm.soil import AnySoil
+
+Water = float | tuple[tuple[float, float], ...] | Raster
+"""Level (m), points (x, z) m or heights (m) of a water table."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ class Site:
     shape: Ground
     ends: str | None = None
     layers: tuple[SiteLayer, ...] = ()
-    water: float | tuple[tuple[float, float], ...] | Raster | None = None
+    water: Water | None = None
     r_u: float | None = None
     track: Track | None = None
     origin: tuple[float, ...] = (0.0, 0.0)
@@ -222,14 +224,14 @@ class Site:
         return np.maximum(top - at[-1], 0.0)
 
 
-def _without_warnings(soil: Any) -> AnySoil:
+def _without_warnings(soil: AnySoil) -> AnySoil:
     """The soil, of whose numbers builders need not warn."""
     return replace(soil, unusual=True) if hasattr(soil, "unusual") else soil
 
 
-def _at_least_strength(soil: Any) -> AnySoil:
+def _at_least_strength(soil: AnySoil) -> AnySoil:
     """The soil with its least strength in place of one that goes with the stress at rest."""
-    if getattr(soil, "strength_ratio", None) is None:
+    if getattr(soil, "strength_ratio", None) is None or not hasattr(soil, "strength_minimum"):
         return soil
     return replace(soil, strength=soil.strength_minimum, strength_ratio=None, strength_minimum=None)
 

@@ -13,7 +13,7 @@ from cooperative.scene._fields import LIMITS, RandomField, Span
 from cooperative.scene._plausible import ON_PURPOSE, ask, ask_of_field
 from cooperative.scene._site import SiteLayer
 from foundation.text import shown
-from jaxmpm import FrictionalSoil, Layer, Soil
+from jaxmpm import FrictionalSoil, Layer, Raster, Soil
 
 BAND = 1 / 5
 """Thickness of the band to which softening refers, over the slope's height, where a scene does not say."""
@@ -30,6 +30,9 @@ OF_CLAY, OF_FRICTION = (
     for kind, beside in ((Soil, FrictionalSoil), (FrictionalSoil, Soil))
 )
 """Keys of the soil that only undrained clay, or only soil with friction, has a use for."""
+
+Numbers = Mapping[str, float | None]
+"""Numbers of the soil by key, the means of what varies; None for what is not given."""
 
 Label = Callable[[str], str]
 """Gives the name of a parameter as messages have it: with the table of the scene in which it stands."""
@@ -78,8 +81,8 @@ def soils_of(
             own, varies, stops = _soil_of_layer(scene, table, random, height=height, span=span)
         except ValueError as error:
             raise ValueError(f"[{where}]: {error}") from error
-        bottom = table.raster if table.bottom is None else table.bottom
-        layer = Layer(own, cast(Any, bottom), table.depth, table.thickness)
+        bottom = cast(Raster | None, table.raster) if table.bottom is None else table.bottom
+        layer = Layer(own, bottom, table.depth, table.thickness)
         layers.append(SiteLayer(table.name or where, layer, varies, table.rock, stops))
     return soil, random, tuple(layers)
 
@@ -263,10 +266,10 @@ def _field(table: tables.Varying) -> RandomField:
     return RandomField(**{**dict(table), "bedding": bedding})
 
 
-def _check_saturated(values: Mapping[str, Any], random: Mapping[str, RandomField], label: Label, home: str) -> None:
+def _check_saturated(values: Numbers, random: Mapping[str, RandomField], label: Label, home: str) -> None:
     """Water in its pores does not make soil lighter."""
     saturated, weight = values["saturated_unit_weight"], values["unit_weight"]
-    if saturated is None:
+    if saturated is None or weight is None:
         return
     if "unit_weight" in random and "saturated_unit_weight" not in random:
         raise ValueError(
@@ -280,13 +283,17 @@ def _check_saturated(values: Mapping[str, Any], random: Mapping[str, RandomField
         )
 
 
-def _check_friction(values: Mapping[str, Any], random: Mapping[str, RandomField], span: Span, label: Label) -> None:
+def _check_friction(values: Numbers, random: Mapping[str, RandomField], span: Span, label: Label) -> None:
     """Soil that dilates by more than its friction would gain work by sliding; none gains strength by softening."""
     if values["friction"] is None:
         return
 
     def ends(name: str) -> tuple[float, float]:
-        return random[name].extremes(span) if name in random else (values[name], values[name])
+        if name in random:
+            return random[name].extremes(span)
+        value = values[name]
+        assert value is not None
+        return value, value
 
     for name in ("cohesion", "friction") if values["softening_strain"] is not None else ():
         (least, _), (_, residual) = ends(name), ends(f"residual_{name}")

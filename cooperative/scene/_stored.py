@@ -9,9 +9,9 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Collection
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import TypeVar
 
 from cooperative.estimate import Estimator, Sampling
 from cooperative.scene import tables
@@ -26,12 +26,12 @@ from foundation.text import shown
 BUDGET = "budget.json"
 T = TypeVar("T")
 
-EARLIER: dict[str, tuple[str, str, type[Any]]] = {
-    "terms": ("field_modes", "numbers of terms", tables.FieldModes),
-    "calibration": ("calibration", "two factors of safety", tables.Calibration),
-    "limit_load": ("limit_load", "limit load", tables.LimitLoad),
+EARLIER = {
+    "terms": ("field_modes", "numbers of terms"),
+    "calibration": ("calibration", "two factors of safety"),
+    "limit_load": ("limit_load", "limit load"),
 }
-"""By field of `Measured`: the table that names its file in folders of earlier versions; what it is; its model."""
+"""By field of `Measured`: the table that names its file in folders of earlier versions, and what it is."""
 
 
 def campaign_of(store: Store, estimator: Estimator | None = None) -> Campaign:
@@ -115,7 +115,8 @@ def _grown(campaign: Campaign, folder: Path, refined_runs: int | None) -> Campai
     if refined_runs is not None:
         budget = _more(campaign, budget, refined_runs)
     if budget is not None and not isinstance(campaign.estimator, Given):
-        chosen, where = cast(Any, campaign.estimator), f"refined_runs = {budget.refined_runs}"
+        chosen, where = campaign.estimator, f"refined_runs = {budget.refined_runs}"
+        assert is_dataclass(chosen)
         if budget.refined_runs <= budget.scene:
             raise ValueError(f"{where}: the scene allows {budget.scene} already, give more")
         if "refined_runs" not in {setting.name for setting in fields(chosen)}:
@@ -185,11 +186,15 @@ def stored_measured(folder: Path, wanted: Collection[str] = tuple(EARLIER)) -> t
     measured = _content(folder / NAME, tables.Measured, "numbers that were measured", remedy)
     if measured is not None:
         return measured
-    earlier = {name: _content(folder / f"{table}.json", model, what, remedy)
-               for name, (table, what, model) in EARLIER.items() if name in wanted}  # fmt: skip
-    if isinstance(terms := earlier.get("terms"), tables.FieldModes):
-        earlier["terms"] = terms.counts
-    return tables.Measured(**earlier)
+
+    def earlier(name: str, model: type[T]) -> T | None:
+        table, what = EARLIER[name]
+        return _content(folder / f"{table}.json", model, what, remedy) if name in wanted else None
+
+    terms, calibration = earlier("terms", tables.FieldModes), earlier("calibration", tables.Calibration)
+    return tables.Measured(
+        None if terms is None else terms.counts, calibration, earlier("limit_load", tables.LimitLoad)
+    )
 
 
 def with_measured(campaign: Campaign, folder: Path) -> Campaign:

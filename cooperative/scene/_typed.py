@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import is_dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 
@@ -20,10 +20,10 @@ from cooperative.scene._plausible import ask_of_heights
 from cooperative.scene._region import RUN_OUT_LINE, ask_for_origin, between_cells, track_of
 from cooperative.scene._run import check_limit_load, run_of
 from cooperative.scene._shaking import motion_of
-from cooperative.scene._site import Site
+from cooperative.scene._site import Site, Water
 from cooperative.scene._soil import soils_of
 from cooperative.scene._varied import variants_of
-from cooperative.store import Source
+from cooperative.store import Source, table_of
 from foundation.text import short
 from jaxmpm import (
     Discretisation,
@@ -146,12 +146,11 @@ def read_scene(path: Path) -> Source:
     return Source(text, {"files": files.table(scene.terrain)} if files.known else {})
 
 
-def _origin(scene: Mapping[str, Any]) -> tuple[float, float]:
+def _origin(scene: Mapping[str, object]) -> tuple[float, float]:
     """Of a terrain, as the scene has it; (0, 0) where it has none that will do, which is told when it is read."""
-    terrain = scene.get("terrain")
-    given = terrain.get("origin") if isinstance(terrain, dict) else None
+    given = table_of(scene, "terrain").get("origin")
     known = isinstance(given, list) and len(given) == 2 and all(isinstance(each, int | float) for each in given)
-    return (float(given[0]), float(given[1])) if known and given is not None else (0.0, 0.0)
+    return (float(given[0]), float(given[1])) if known and isinstance(given, list) else (0.0, 0.0)
 
 
 def built(campaign: Campaign, grid: str, *, at_rest: bool = True) -> tuple[Scene, State]:
@@ -227,7 +226,7 @@ def _terrain(scene: tables.Scene, table: tables.Terrain) -> Site:
     )
 
 
-def _water(scene: tables.Scene, shape: Section | Terrain) -> tuple[Any, float | None]:
+def _water(scene: tables.Scene, shape: Section | Terrain) -> tuple[Water | None, float | None]:
     """Level or table of the water, and r_u."""
     if scene.water is None:
         return None, None
@@ -241,7 +240,7 @@ def _water(scene: tables.Scene, shape: Section | Terrain) -> tuple[Any, float | 
     if key == "r_u":
         return None, value
     value = value.mean if isinstance(value, tables.Level) else value
-    water: Any = shape.lowered(value) if key == "depth" else value
+    water = shape.lowered(value) if key == "depth" else value
     if not scene.unusual:
         _ask_of_water(f"[water] {key}", water, shape)
     return water, None

@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 
@@ -94,7 +94,7 @@ def _or_zero(value: float) -> float:
     return 0.0 if math.isnan(value) else value
 
 
-def _needs(module: str, package: str, path: Path) -> Any:
+def _needs(module: str, package: str, path: Path) -> ModuleType:
     """A library that reads a kind of file."""
     try:
         return __import__(module, fromlist=["_"])
@@ -140,7 +140,7 @@ def _cone_file(path: Path, units: Mapping[str, str]) -> Contents:
     ], []  # fmt: skip
 
 
-def _gef_units(headers: Mapping[str, Any]) -> dict[str, str]:
+def _gef_units(headers: Mapping[str, Sequence[Sequence[str]]]) -> dict[str, str]:
     """Unit of each quantity of a GEF file, by the quantity's number; "MPa (megaPascal)" is "MPa"."""
     rows = [row for row in headers.get("COLUMNINFO", ()) if len(row) >= 4]
     return {row[3].strip(): row[1].split("(")[0].strip() for row in rows}
@@ -239,16 +239,15 @@ def _csv(path: Path, units: Mapping[str, str]) -> Contents:
     if len(rows) < 2:
         raise SiteError(f"{path} has no rows below its header: give one row for each reading")
     columns = _columns(path, rows[0], units)
-    table: dict[str, Any] = {}
-    for name, (column, scale) in columns.items():
-        cells = [row[column] if column < len(row) else "" for row in rows[1:]]
-        table[name] = cells if name == "name" else np.array([finite(cell) for cell in cells]) * scale
-    count = len(rows) - 1
-    gap = np.full(count, math.nan)
+    cells = {
+        name: [row[column] if column < len(row) else "" for row in rows[1:]] for name, (column, _) in columns.items()
+    }
+    names = np.array(cells.pop("name", [path.stem] * (len(rows) - 1)))
+    table = {name: np.array([finite(cell) for cell in each]) * columns[name][1] for name, each in cells.items()}
+    gap = np.full(len(names), math.nan)
     if "cone" in table:
         if "depth" not in table:
             raise SiteError(f"{path} has cone resistances but no column depth [m]: add it")
-        names = np.array(table.get("name", [path.stem] * count))
         return [_of_rows(path, table, name, names == name, gap) for name in dict.fromkeys(names.tolist())], []
     given = [name for name in PARAMETERS if name in table]
     if not given:
@@ -317,7 +316,7 @@ def _columns(path: Path, header: list[str], units: Mapping[str, str]) -> dict[st
     return columns
 
 
-def _of_rows(path: Path, table: Mapping[str, Any], name: str, mine: Any, gap: Values) -> Sounding:
+def _of_rows(path: Path, table: Mapping[str, Values], name: str, mine: np.ndarray, gap: Values) -> Sounding:
     """The sounding of the rows of one name."""
 
     def one(key: str) -> float:

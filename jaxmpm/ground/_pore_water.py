@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -70,8 +69,9 @@ def wet(scene: Scene) -> np.ndarray:
     """
     if scene.water is None:
         return np.zeros(scene.particles.mass.shape, bool)
+    assert hasattr(scene.water, "unit_weight")
     push = np.asarray(scene.water.push(scene.particles.position)[-1], float)
-    return push / float(cast(Any, scene.water).unit_weight) > 0.5 + RESOLVED
+    return push / float(scene.water.unit_weight) > 0.5 + RESOLVED
 
 
 def _refuse_sloping_pool(outline: Outline, points: np.ndarray, discretisation: Discretisation) -> None:

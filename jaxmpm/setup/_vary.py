@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -141,8 +140,9 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
         mass = given["unit_weight"] / STANDARD_GRAVITY * scene.particles.volume
         varied = replace(varied, particles=replace(scene.particles, mass=mass))
     if WATER_LEVEL in given:
-        water: Any = scene.water
-        varied = replace(varied, water=water.at_level(given[WATER_LEVEL]))
+        assert scene.water is not None
+        assert hasattr(scene.water, "at_level")
+        varied = replace(varied, water=scene.water.at_level(given[WATER_LEVEL]))
     if not STARTING & given.keys():
         return varied, state
     if not check.admissible(varied):

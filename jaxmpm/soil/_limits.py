@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import Field
 from types import MappingProxyType
-from typing import Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -61,6 +62,8 @@ class AnySoil(Protocol):
     (`jaxmpm.laws.Parameter`) and in degrees if it is an angle; it has `young` and `poisson` if these vary. It may have
     `softens`, `softening_length`, `saturated_unit_weight` and `unusual`, as `FrictionalSoil` does.
     """
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
     @property
     def unit_weight(self) -> float:

@@ -10,7 +10,6 @@ import json
 import os
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
 
 import h5py
 import jax
@@ -50,7 +49,7 @@ _FORMAT = "Karhunen-Loeve expansion"
 _VERSION = 1
 
 
-def _by_name(*classes: type) -> dict[str, Any]:
+def _by_name(*classes: type) -> dict[str, type]:
     return {each.__name__: each for each in classes}
 
 

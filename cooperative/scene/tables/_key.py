@@ -177,7 +177,7 @@ def _points(value: object, info: ValidationInfo) -> object:
 
 
 Line = Annotated[
-    Any,
+    tuple[tuple[float, float], ...],
     PlainValidator(_points, json_schema_input_type=Annotated[list[tuple[float, float]], MinLen(2)] | str),
     Field(json_schema_extra={"allowed": "points [[x, z], ...], or the name of a file"}),
 ]

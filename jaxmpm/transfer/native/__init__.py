@@ -11,7 +11,7 @@ import itertools
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -27,6 +27,7 @@ LIBRARY = "libjaxmpm_transfer.so"
 FUNCTIONS = {Linear: 0, GIMP: 1, QuadraticBSpline: 2}
 MAX_CHANNELS = 8
 MAX_ORDER = 2
+T = TypeVar("T")
 
 
 def library() -> Path | None:
@@ -123,7 +124,7 @@ def contract(
     *,
     terms: Sequence[Term],
     rows: int,
-) -> list[Array]:
+) -> Sequence[Array]:
     """Derivative along the position of the sum of given rows times the result of `gather` for them.
 
     Args:
@@ -147,8 +148,8 @@ def contract(
 
 
 def _by_channels(
-    call: Callable[..., Any], grid: Grid, kernel: Kernel, arrays: Sequence[Array], terms: Sequence[Term]
-) -> Any:
+    call: Callable[..., T], grid: Grid, kernel: Kernel, arrays: Sequence[Array], terms: Sequence[Term]
+) -> T:
     """Sum of a kernel's results over groups of channels of the nodes, its second array, as large as it takes."""
     position, nodal, *blocks = arrays
     parts = []
