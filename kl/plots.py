@@ -117,37 +117,3 @@ def spectrum(expansion: Expansion) -> Figure:
     right.loglog(np.arange(1, len(lacking) + 1), np.maximum(lacking, 1e-7))
     right.set(xlabel="modes of the field", ylabel="variance lacking")
     return figure
-
-
-def two_grids(fields: Sequence[ArrayLike], points: Sequence[ArrayLike], *, label: str = "field") -> Figure:
-    """One sample on two grids, in section.
-
-    Args:
-        fields: two arrays, (N,) on each grid.
-        points: two arrays, (2, N) of (x, z) in metres on each grid.
-        label: of the colour bar.
-
-    Returns:
-        Figure.
-
-    Raises:
-        ValueError: If there are not two fields and points, or their shapes do not fit.
-    """
-    require(len(fields) == len(points) == 2, f"{len(fields)} fields at {len(points)} sets of points: give two of each")
-    for field, position in zip(fields, points, strict=True):
-        require(
-            np.shape(position) == (2, *np.shape(field)),
-            f"points of shape {np.shape(position)} for a field of shape {np.shape(field)}: give (2, N) and (N,)",
-        )
-    figure = Figure(figsize=(9, 3.2), layout="constrained")
-    panels = figure.subplots(1, 2, sharex=True, sharey=True)
-    low = min(float(np.min(field)) for field in fields)
-    high = max(float(np.max(field)) for field in fields)
-    for panel, field, position in zip(panels, fields, points, strict=True):
-        x, z = np.asarray(position)
-        size = max(0.5, 4e4 / len(x) ** 1.1)
-        image = panel.scatter(x, z, c=np.asarray(field), s=min(size, 40), marker="s", vmin=low, vmax=high)
-        panel.set(xlabel="x (m)", title=f"{len(x):,} points", aspect="equal")
-    panels[0].set_ylabel("z (m)")
-    figure.colorbar(image, ax=panels, label=label)
-    return figure

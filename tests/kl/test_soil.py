@@ -123,9 +123,6 @@ def test_figures_show_what_they_are_given(expansion, tmp_path):
     assert bands.axes[0].get_xlabel() == "lag along x (m)"
     spectrum = plots.spectrum(expansion)
     assert len(spectrum.axes[0].lines) == 3
-    points = np.stack(np.meshgrid(axes[0], axes[2])).reshape(2, -1)
-    grids = plots.two_grids((np.ones(points.shape[1]), np.ones(7)), (points, points[:, :7]))
-    assert grids.axes[0].get_title() == "120 points"
-    for number, figure in enumerate((slices, bands, spectrum, grids)):
+    for number, figure in enumerate((slices, bands, spectrum)):
         figure.savefig(tmp_path / f"{number}.png")
         assert (tmp_path / f"{number}.png").stat().st_size > 1000
