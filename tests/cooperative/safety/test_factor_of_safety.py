@@ -14,7 +14,7 @@ from benchmarks.sites.limit_equilibrium import layers_of
 from cooperative import safety
 from cooperative.__main__ import main
 from cooperative.runs import build, coefficients_of, random_soil
-from cooperative.safety import _factor
+from cooperative.safety import _factor, _search
 from cooperative.scene import example, parse
 from jaxmpm.run import FactorOfSafety
 
@@ -107,6 +107,19 @@ def test_steep_clay_has_the_factor_of_its_moments():
     shape = mpm.Section([(0, 10), (8, 10), (16, 2), (32, 2)])
     answer = safety.critical_surface(safety.Slices.of(shape, [mpm.Layer(mpm.Soil(20e3, strength=28e3))]))
     assert answer.slip.factor == pytest.approx(28 / (20 * 8 * 0.17), rel=0.05)
+
+
+@pytest.mark.parametrize("k_h", [0.0, 0.15])
+def test_a_section_that_falls_to_the_left_has_the_factor_of_its_mirror_image(k_h, monkeypatch):
+    monkeypatch.setattr(_search, "ENDS", 8)
+    monkeypatch.setattr(_search, "FAMILIES", 1)
+    surface = [(0, 10), (20, 10), (36, 4), (56, 4)]
+    shapes = mpm.Section(surface), mpm.Section([(56 - x, z) for x, z in reversed(surface)])
+    slices = [safety.Slices.of(shape, [mpm.Layer(mpm.Soil(20e3, strength=25e3))], k_h=k_h) for shape in shapes]
+    right, left = (safety.critical_surface(each).slip for each in slices)
+    assert left.factor == pytest.approx(right.factor, rel=2e-3)
+    mirrored = slices[0].slip(replace(left.circle, x=56 - left.circle.x), slices[0].of_circles)
+    assert mirrored.factor == pytest.approx(left.factor, rel=1e-4)
 
 
 def test_no_surface_enters_rock():
