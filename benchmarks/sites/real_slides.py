@@ -26,7 +26,7 @@ from cooperative import run as run_campaign
 from cooperative.folder import read_results
 from cooperative.runs import Stopped
 from cooperative.scene import Campaign, built, parse, read_scene, to_toml
-from cooperative.store import Sample, read_sample
+from cooperative.store import Sample, read_sample, table_of
 
 SCENES = ROOT / "benchmarks" / "scenes" / "real"
 CREST = {"lower_san_fernando_1971": 141.0, "sainte_monique_1994": 148.0}
@@ -180,7 +180,7 @@ def scene_of(name: str, quick: bool) -> Campaign:
         return parse(source)
     tables = deepcopy(source.tables)
     tables["rough"] = tables["refined"] = {"cell": 4.0, "spacing": [2.0, 2.0]}
-    tables["campaign"] |= {"samples": 10, "refined_runs": 10}
+    tables["campaign"] = {**table_of(tables, "campaign"), "samples": 10, "refined_runs": 10}
     return parse(to_toml(tables))
 
 
