@@ -2,11 +2,13 @@
 
 The scenes stand in benchmarks/scenes/real, with the source of each number and what was assumed; what was surveyed is in
 `benchmarks.sites.real_surveys`. Both were committed before the first run. After it only numerical choices were changed,
-because grains had left the grid; each scene names its own. `low`, `median` and `high` are weighted quantiles of the refined slides that ran to their end; `rough_low` and `rough_high`
-are of the failures on the rough grid. `hit`: the surveyed value lies within an interval whose ends differ by no more
-than a factor of 3. `score` is the interval score over the surveyed value, smaller is better; `corominas_score` that of
-the empirical relation, which has the travel distance alone. Campaigns stay in out/real_slides; the next command goes
-on where one was stopped. `--quick` runs the spread on coarse cells.
+because grains had left the grid; each scene names its own.
+
+`low`, `median` and `high` are weighted quantiles of the refined slides that ran to their end; `rough_low` and
+`rough_high` are of the failures on the rough grid. `hit`: the surveyed value lies within an interval whose ends differ
+by no more than a factor of 3. `score` is the interval score over the surveyed value, smaller is better;
+`corominas_score` that of the empirical relation, which has the travel distance alone. Campaigns stay in
+out/real_slides; the next command goes on where one was stopped. `--quick` runs the spread on coarse cells.
 """
 
 from __future__ import annotations
