@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import time
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -27,12 +27,16 @@ import numpy as np
 import jaxmpm as mpm
 from benchmarks.accuracy.collapse import collapsed
 from benchmarks.measure import ROOT, Report, code_digest, stored_row
-from benchmarks.sites import sites_terrain
+from benchmarks.sites import sites_retrogression, sites_terrain
 from cooperative.measure import consequences
-from cooperative.scene import parse, to_toml
+from cooperative.scene import Campaign, parse, to_toml
 from jaxmpm import Face, Settle, reduced, solve
 
 Row = dict[str, Any]
+Tables = Mapping[str, Mapping[str, object]]
+"""Keys of tables in place of a scene's."""
+
+NONE: Tables = {}
 SCENES = ROOT / "benchmarks" / "scenes"
 STATION = 2.0
 """Width (m) of the stations at which thicknesses of deposits are compared."""
@@ -69,13 +73,12 @@ def measures(
     }
 
 
-def of_scene(name: str, cell: float, *, reduction: float = 1.0, **changes: dict[str, Any]) -> Row:
-    """The slide of a scene's median soil on cells of this size, two particles along each axis, as its defaults have it.
+def on_cells(name: str, cell: float, changes: Tables) -> Campaign:
+    """A scene on cells of this size (m), two particles along each axis, as its defaults have it.
 
     Args:
         name: of the scene.
         cell: edge of the cells (m).
-        reduction: factor that divides the strength.
         changes: keys of tables in place of the scene's.
     """
     tables = tomllib.loads((SCENES / f"{name}.toml").read_text())
@@ -84,7 +87,19 @@ def of_scene(name: str, cell: float, *, reduction: float = 1.0, **changes: dict[
         tables[grid] = {"cell": cell, "spacing": spacing}
     for table, keys in changes.items():
         tables[table] |= keys
-    campaign = parse(to_toml(tables))
+    return parse(to_toml(tables))
+
+
+def of_scene(name: str, cell: float, *, reduction: float = 1.0, changes: Tables = NONE) -> Row:
+    """The slide of a scene's median soil.
+
+    Args:
+        name: of the scene.
+        cell: edge of the cells (m).
+        reduction: factor that divides the strength.
+        changes: keys of tables in place of the scene's.
+    """
+    campaign = on_cells(name, cell, changes)
     assert campaign.soil is not None
     scene, state = campaign.site.built(campaign.soil, campaign.grids["refined"], campaign.run.gravity, at_rest=True)
     ended = solve(reduced(scene, reduction), state, t_end=campaign.run.t_end, settle=Settle()).raise_if_failed()
@@ -97,6 +112,20 @@ def of_scene(name: str, cell: float, *, reduction: float = 1.0, **changes: dict[
 
 TOE = {"sites/retrogression_5m": 25.0}
 """x of the toe (m) of drawn ground that gives none."""
+
+
+def retrogression(cell: float, **soil: float) -> Row:
+    """The slide of sensitive clay in its buoyant weight: how far it goes back and in how many slides, too.
+
+    Args:
+        cell: edge of the cells (m).
+        soil: keys of [soil] beside the scene's.
+    """
+    row = sites_retrogression.slid(on_cells("sites/retrogression_5m_buoyant", cell, {"soil": soil}), "refined")
+    names = {"front_m": "runout_m", "front_95_m": "runout_of_95_percent_m"}
+    return {new: row[old] for new, old in names.items()} | {
+        k: row[k] for k in ("retrogression_m", "slides", "particles")
+    }
 
 
 def clay_dam(cell: float) -> Row:
@@ -139,14 +168,26 @@ class Case:
     obstacle: str | None = None
 
 
-LONG_TOE: Any = {"slope": {"toe": 80.0}}
+LONG_TOE: Tables = {"slope": {"toe": 80.0}}
+SHORTER: Tables = {"ground": {"surface": [[0, 5], [20, 5], [25, 0], [105, 0]]}}
+"""Ground on which float32 resolves the finest particles."""
+
+BLOCKS = "whether one block more lets go moves the front by metres"
 CASES = {
-    "section_1.2": Case((2, 1, 0.5, 0.25), 1.0, lambda c: of_scene("section", c, reduction=1.2, **LONG_TOE)),
-    "section_1.4": Case((2, 1, 0.5, 0.25), 1.0, lambda c: of_scene("section", c, reduction=1.4, **LONG_TOE)),
+    "section_1.2": Case((2, 1, 0.5, 0.25), 1.0, lambda c: of_scene("section", c, reduction=1.2, changes=LONG_TOE)),
+    "section_1.4": Case((2, 1, 0.5, 0.25), 1.0, lambda c: of_scene("section", c, reduction=1.4, changes=LONG_TOE)),
     "sand_1": Case((1 / 16, 1 / 32, 1 / 64, 1 / 128), 1 / 32, partial(sand, 1.0)),
     "sand_2": Case((1 / 16, 1 / 32, 1 / 64, 1 / 128), 1 / 32, partial(sand, 2.0)),
     "clay_dam": Case((1, 0.5, 0.25, 0.125), 0.5, clay_dam),
-    "retrogression": Case((1, 0.5, 0.25, 0.125), 0.25, partial(of_scene, "sites/retrogression_5m")),
+    "retrogression": Case(
+        (1, 0.5, 0.25, 0.125), 0.25, lambda c: of_scene("sites/retrogression_5m", c, changes=SHORTER)
+    ),
+    "retrogression_buoyant": Case((1, 0.5, 0.25, 0.125), 0.25, retrogression, BLOCKS),
+    # Of remoulded clay: the largest measured by Locat and Demers (1988), and their range extended to the liquid limit.
+    "retrogression_buoyant_0.2": Case((1, 0.5, 0.25, 0.125), 0.25, partial(retrogression, viscosity=0.2), BLOCKS),
+    "retrogression_buoyant_2.5": Case((1, 0.5, 0.25, 0.125), 0.25, partial(retrogression, viscosity=2.5), BLOCKS),
+    # Of smoothed particles 0.1 m apart, by an artificial viscosity of 0.1: Monaghan (2005), 10.1088/0034-4885/68/8/R01.
+    "retrogression_buoyant_400": Case((1, 0.5, 0.25), 0.25, partial(retrogression, viscosity=400.0), BLOCKS),
     "terrain": Case((24, 12, 6), 12.0, terrain),
     "slope_3d_1.2": Case((4, 2, 1), 2.0, lambda c: of_scene("slope", c, reduction=1.2)),
 }

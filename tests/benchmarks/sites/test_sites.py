@@ -71,6 +71,20 @@ def test_both_readings_of_the_strength_are_the_same_slope():
     assert 3 / whole.soil.strain_95 == pytest.approx(5)
 
 
+def test_the_buoyant_reading_has_the_weight_under_water_and_the_residual_strength_of_the_whole_one():
+    names = ("retrogression_5m", "retrogression_5m_buoyant")
+    whole, buoyant = (parse(read_scene(sites_retrogression.SCENES / f"{name}.toml")) for name in names)
+    strengths = [campaign.random["strength"].mean for campaign in (whole, buoyant)]
+    assert strengths[0] / strengths[1] == pytest.approx(1.65, rel=1e-3)
+    residuals = [
+        campaign.soil.residual_ratio * peak for campaign, peak in zip((whole, buoyant), strengths, strict=True)
+    ]
+    assert residuals == pytest.approx([1.5e3, 1.5e3], rel=1e-3)
+    assert buoyant.soil.unit_weight == whole.soil.unit_weight
+    assert buoyant.soil.unit_weight / 9.81 * buoyant.run.gravity == pytest.approx((2150 - 1000) * 9.81, rel=1e-3)
+    assert buoyant.soil.viscosity is None
+
+
 def test_a_stored_row_is_not_made_again(tmp_path):
     made = []
 
