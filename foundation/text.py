@@ -1,8 +1,11 @@
-"""Text for messages from values and texts that may be long or contain control characters."""
+"""Text for messages from values and texts that may be long or contain control characters, and tables as CSV."""
 
 from __future__ import annotations
 
+import csv
+import io
 import reprlib
+from collections.abc import Iterable
 
 MOST_SHOWN = 80
 """Characters of a value that a message shows."""
@@ -62,6 +65,20 @@ def duration(seconds: float) -> str:
         if seconds < limit:
             return f"{seconds / unit:.2g} {name}"
     return f"{seconds / 86_400:.2g} days"
+
+
+def csv_text(rows: Iterable[Iterable[object]]) -> str:
+    """A table as CSV.
+
+    Args:
+        rows: of the table, its header the first.
+
+    Returns:
+        A line for each row.
+    """
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
 
 
 _SHORT = reprlib.Repr()

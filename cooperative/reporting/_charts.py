@@ -37,8 +37,14 @@ def panels(rows: int, columns: int = 1, *, size: tuple[float, float]) -> tuple[F
     return figure, axes
 
 
-def _tiled(count: int, columns: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
-    """A figure of `count` panels of `size` [inch], so many beside each other at most."""
+def tiled(count: int, columns: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
+    """A figure with panels in rows.
+
+    Args:
+        count: of panels.
+        columns: panels beside each other, at most.
+        size: of a panel (inch).
+    """
     columns = min(count, columns)
     figure, axes = panels(-(-count // columns), columns, size=size)
     for ax in axes[count:]:
@@ -91,7 +97,7 @@ def exceedance(curves: Mapping[str, Exceedance], labels: Mapping[str, str], *, l
         labels: name -> axis label with its unit.
         level: of the intervals.
     """
-    figure, axes = _tiled(len(curves), 3, (3.7, 3.1))
+    figure, axes = tiled(len(curves), 3, (3.7, 3.1))
     for ax, (name, curve) in zip(axes, curves.items(), strict=True):
         _exceeded(ax, curve, ROUGH, level)
         ax.set(xlabel=labels[name], ylabel="probability of more [-]")
@@ -183,7 +189,7 @@ def plan_maps(maps: Maps, *, toe: float | None) -> Figure:
     """
     shown = list(mapped(maps))
     x, y = maps.edges
-    figure, axes = _tiled(len(shown), 2, (5.4, 5.4 * np.ptp(y) / np.ptp(x) + 0.9))
+    figure, axes = tiled(len(shown), 2, (5.4, 5.4 * np.ptp(y) / np.ptp(x) + 0.9))
     for ax, (title, unit, values, top) in zip(axes, shown, strict=True):
         mesh = ax.pcolormesh(x, y, values.T, cmap="cividis", vmin=0.0, vmax=top, rasterized=True)
         if toe is not None:
@@ -280,7 +286,7 @@ def fitted(
         labels: name -> axis label with its unit.
         most: fits drawn in each panel.
     """
-    figure, axes = _tiled(len(samples), 3, (3.5, 2.9))
+    figure, axes = tiled(len(samples), 3, (3.5, 2.9))
     for ax, (name, values) in zip(axes, samples.items(), strict=True):
         order = np.argsort(values, kind="stable")
         share = np.cumsum(weights[order]) / weights.sum()
@@ -305,7 +311,7 @@ def severity(severities: Mapping[str, Sequence[Severity]], labels: Mapping[str, 
     """
     # The summary ranks areas too, which a section has none of.
     severities = {name: ranked for name, ranked in severities.items() if name in labels}
-    figure, axes = _tiled(len(severities), 2, (5.2, 2.4))
+    figure, axes = tiled(len(severities), 2, (5.2, 2.4))
     for ax, (name, ranked) in zip(axes, severities.items(), strict=True):
         for height, mode in enumerate(reversed(ranked)):
             colour = MODE_COLOURS[mode.group]

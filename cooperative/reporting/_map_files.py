@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 import re
@@ -18,6 +17,7 @@ from cooperative.hazard import COVERED, Maps
 from cooperative.runs import StoredGround
 from cooperative.store import own_folder
 from foundation.files import aside, write_aside
+from foundation.text import csv_text
 
 NODATA = -9999.0
 CONTOURS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
@@ -66,15 +66,13 @@ def write_tidy(folder: Path, maps: Maps) -> Path:
     Returns:
         Path of the file.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["map", "unit", *("x", "y")[: len(maps.edges)], *LIMITS, "slides"])
+    rows: list[list[object]] = [["map", "unit", *("x", "y")[: len(maps.edges)], *LIMITS, "slides"]]
     centres = np.stack(np.meshgrid(*map(middle, maps.edges), indexing="ij"), axis=-1).reshape(-1, len(maps.edges))
     for name, chances in maps.maps.items():
         values = np.stack([getattr(chances, limit).ravel() for limit in LIMITS], axis=1)
         for centre, row, count in zip(centres.tolist(), values.tolist(), chances.count.ravel().tolist(), strict=True):
-            writer.writerow([name, maps.units[name], *centre, *("" if np.isnan(v) else v for v in row), count])
-    return _written(folder, "hazard.csv", text.getvalue())
+            rows.append([name, maps.units[name], *centre, *("" if np.isnan(v) else v for v in row), count])
+    return _written(folder, "hazard.csv", csv_text(rows))
 
 
 def write_ascii(folder: Path, ground: StoredGround, maps: Maps) -> Iterator[Path]:

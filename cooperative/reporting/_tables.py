@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -17,6 +15,7 @@ from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, Rows, Store, fill_sample, read_sample
 from cooperative.values import Summary
 from foundation import files, hdf5
+from foundation.text import csv_text
 
 
 def write_table(
@@ -49,13 +48,12 @@ def write_table(
     rows = rows_of(store, ground)
     tables = tables_of(rows, known_summary(store, rows, estimator))
     names = list(dict.fromkeys(name for columns in tables.values() for name in columns))
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["grid", *names])
-    for grid, columns in tables.items():
-        for at in range(columns["sample"].size):
-            writer.writerow([grid, *(_cell(columns.get(name), at) for name in names)])
-    files.write_aside(path, text.getvalue().encode())
+    lines = [
+        [grid, *(_cell(columns.get(name), at) for name in names)]
+        for grid, columns in tables.items()
+        for at in range(columns["sample"].size)
+    ]
+    files.write_aside(path, csv_text([["grid", *names], *lines]).encode())
     return path
 
 

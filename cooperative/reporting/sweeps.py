@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TypedDict
 
@@ -13,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cooperative.measure import SEVERITY
-from cooperative.reporting._charts import panels
+from cooperative.reporting._charts import tiled
+from foundation.text import csv_text
 
 LABELS = {
     "lx": "correlation length $l_x$ [m]",
@@ -139,9 +138,7 @@ def table(parameters: Parameters) -> str:
     Args:
         parameters: points of `sweep.json` by parameter.
     """
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(COLUMNS)
+    rows: list[Sequence[object]] = [COLUMNS]
     for name, points in parameters.items():
         for point in points:
             change, displaced = point["difference"], point["displacement"]
@@ -149,8 +146,8 @@ def table(parameters: Parameters) -> str:
             displacement = ["", ""] if displaced is None else [displaced["median"], displaced["ninety"]]
             answer = [point["peak"], point["probability"], *point["interval"]]
             counts = [point["samples"], point["refined_runs"], point["campaign"]]
-            rows.writerow([name, point["value"], *answer, *compared, *displacement, *counts])
-    return text.getvalue()
+            rows.append([name, point["value"], *answer, *compared, *displacement, *counts])
+    return csv_text(rows)
 
 
 def in_words(parameters: Parameters, fragility: Fragility) -> str:
@@ -318,10 +315,7 @@ def _panels(count: int) -> tuple[Figure, list[Axes]]:
     """So many panels, at most three beside each other, so that a page's width leaves them legible."""
     rows = -(-count // 3)
     columns = -(-count // rows)
-    figure, axes = panels(rows, columns, size=(3.4 if columns == 1 else 3.0, 3.2))
-    for ax in axes[count:]:
-        ax.set_axis_off()
-    return figure, axes[:count]
+    return tiled(count, columns, (3.4 if columns == 1 else 3.0, 3.2))
 
 
 def _errorbar(

@@ -7,9 +7,7 @@ Kulhawy (1999), doi:10.1139/t99-038, Table 3.
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from cooperative.reporting import save, site_figure
@@ -18,6 +16,7 @@ from cooperative.scene.tables import CORRELATIONS
 from cooperative.site._estimate import Assumed, SiteEstimate, SiteLayerFit, marginal_of
 from cooperative.site._scene import scene_lines
 from foundation.files import write_aside
+from foundation.text import csv_text
 from kl.estimation import Interval
 
 SCALES = (3.0, 48.0, 80.0)
@@ -61,12 +60,8 @@ def _rows(layer: SiteLayerFit) -> str:
     """The values that condition the field, a row for each."""
     axes = ["x [m]", "z [m]"] if len(layer.points) == 2 else ["x [m]", "y [m]", "z [m]"]
     unit = "Pa" if layer.parameter == "strength" else "deg"
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*axes, f"{layer.parameter} [{unit}]"])
-    for k in layer.conditioning:
-        writer.writerow([*(f"{at:.3f}" for at in layer.points[:, k]), f"{layer.values[k]:.5g}"])
-    return text.getvalue()
+    rows = [[*(f"{at:.3f}" for at in layer.points[:, k]), f"{layer.values[k]:.5g}"] for k in layer.conditioning]
+    return csv_text([[*axes, f"{layer.parameter} [{unit}]"], *rows])
 
 
 def _toml(site: SiteEstimate) -> Iterator[str]:
@@ -130,15 +125,13 @@ COLUMNS = ("layer", "top [m]", "bottom [m]", "parameter", "values", "quantity", 
 
 def _estimates(site: SiteEstimate) -> str:
     """The table of estimates as CSV."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    rows: list[Sequence[object]] = [COLUMNS]
     for layer in site.layers:
         start = (layer.name, f"{layer.top:.2f}", f"{layer.bottom:.2f}", layer.parameter, layer.values.size)
         for name, interval, remark in _quantities(layer):
             numbers = ("", "", "") if interval is None else tuple(f"{each:.4g}" for each in interval[:3])
-            writer.writerow([*start, name, *numbers, remark])
-    return text.getvalue()
+            rows.append([*start, name, *numbers, remark])
+    return csv_text(rows)
 
 
 def _quantities(layer: SiteLayerFit) -> Iterator[tuple[str, Interval | None, str]]:
