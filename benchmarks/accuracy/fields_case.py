@@ -38,12 +38,6 @@ def lattice(extent: list[float], cell: float) -> tuple[Any, ...]:
     return tuple(np.arange(cell / 2, size, cell, dtype=np.float32) for size in extent)
 
 
-def exact_on_pairs(lengths: list[float], extent: list[float]) -> Any:
-    """Exact covariance over all pairs of probes, by its axes' matrices (7, 7)."""
-    probes = [np.linspace(0, size, PROBES) for size in extent]
-    return [np.exp(-(((x[:, None] - x) / length) ** 2)) for x, length in zip(probes, lengths, strict=True)]
-
-
 def expansion_case(case: dict[str, Any], solver: Any, **truncation: Any) -> Made:
     """An expansion: set-up, a batch on the lattice (memory reused), and the error of its covariance."""
     lengths, extent = case["lengths"], case["extent"]

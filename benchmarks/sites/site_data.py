@@ -117,7 +117,7 @@ def public(quick: bool) -> Part:
         soundings, _ = read_files([ROOT / "benchmarks" / "data" / "soundings" / f"{name}.csv"])
         data = []
         for each in soundings:
-            z, cone = each.top - each.depth, corrected_cone(each)
+            z, cone = each.z, corrected_cone(each)
             chosen = thinned(z, np.isfinite(cone) & (z < top) & (z > bottom), APART)
             data.append(
                 (np.stack([np.full(chosen.size, each.x), np.full(chosen.size, each.y), z[chosen]]), cone[chosen])

@@ -238,16 +238,16 @@ def _fit(
         )  # fmt: skip
     except ValueError as error:
         raise SiteError(f"{where}: {error}") from error
-    cone_factor = parameter == "strength" and bool(soundings) and assumed.n_kt is not None
-    scatter = assumed.n_kt[1] / assumed.n_kt[0] if cone_factor and assumed.n_kt is not None else 0.0
+    mean_factor, deviation = assumed.n_kt if parameter == "strength" and soundings and assumed.n_kt else (1.0, 0.0)
+    scatter = deviation / mean_factor
     factors = np.exp(scatter * np.random.default_rng(0).standard_normal(fit.draws.mean.size))
-    middle = factors * (fit.draws.mean + fit.draws.trend * float(np.mean(layer.top - points[-1])))
+    middle = interval_of(factors * (fit.draws.mean + fit.draws.trend * float(np.mean(layer.top - points[-1]))))
     mean = interval_of(factors * fit.draws.mean)
     young = 500 * mean.value if parameter == "strength" else 2.5 * float(np.median(cones))
     remarks = tuple(_remarks(layer, parameter, soundings, measured, assumed, values.size))
     return SiteLayerFit(
         name, layer.top, layer.bottom, parameter, points, values, _spread(points, fit, assumed.base), fit, mean,
-        mean.value * interval_of(middle).error / interval_of(middle).value, scatter, young, remarks,
+        mean.value * middle.error / middle.value, scatter, young, remarks,
     )  # fmt: skip
 
 
@@ -276,15 +276,15 @@ def _values(
             none = np.full(position.shape[1], np.nan)
             parts.append((np.concatenate([position, lab.z[None, valid]]), lab.value[valid], none))
     else:
-        inside = [(each, each.top - each.depth, _parameter(each, parameter, assumed)) for each in soundings]
-        masks = [np.isfinite(value) & (z < layer.top) & (z >= layer.bottom) for _, z, value in inside]
-        thickness = sum(float(np.ptp(z[mask])) for (_, z, _), mask in zip(inside, masks, strict=True) if mask.any())
+        inside = [(each, _parameter(each, parameter, assumed)) for each in soundings]
+        masks = [np.isfinite(value) & (each.z < layer.top) & (each.z >= layer.bottom) for each, value in inside]
+        thickness = sum(float(np.ptp(each.z[mask])) for each, mask in zip(soundings, masks, strict=True) if mask.any())
         apart = max(CLOSEST, thickness / MOST)
         parts = []
-        for (each, z, value), mask in zip(inside, masks, strict=True):
-            used = thinned(z, mask, apart)
+        for (each, value), mask in zip(inside, masks, strict=True):
+            used = thinned(each.z, mask, apart)
             position = assumed.placed(np.full(used.size, each.x), np.full(used.size, each.y))
-            parts.append((np.concatenate([position, z[None, used]]), value[used], corrected_cone(each)[used]))
+            parts.append((np.concatenate([position, each.z[None, used]]), value[used], corrected_cone(each)[used]))
     return tuple(np.concatenate([part[k] for part in parts], axis=-1) for k in range(3))  # type: ignore[return-value]
 
 
@@ -325,10 +325,7 @@ def _remarks(
         bare = [each.name for each in soundings if each.area_ratio is None or not np.isfinite(each.pore).any()]
         if bare and parameter == "strength":
             yield f"q_c in place of q_t, without u_2 or area ratio: {', '.join(bare)}"
-        readings = sum(
-            int(((each.top - each.depth < layer.top) & (each.top - each.depth >= layer.bottom)).sum())
-            for each in soundings
-        )
+        readings = sum(int(((each.z < layer.top) & (each.z >= layer.bottom)).sum()) for each in soundings)
         if count < readings:
             yield f"{count} of {readings} readings used, thinned, none averaged or filled in"
     lab = [each for each in measured if each.parameter == parameter]

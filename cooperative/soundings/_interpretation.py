@@ -15,11 +15,10 @@ import numpy.typing as npt
 
 from cooperative.soundings._sounding import SiteError, Sounding, Values
 from foundation.text import shown
+from jaxmpm.ground import WATER_WEIGHT
 
 ATMOSPHERE = 1e5
 """Pa."""
-WATER = 9.81e3
-"""Unit weight of water (N/m3)."""
 TYPES = ("sand", "silty sand", "clay", "peat")
 """Soil behaviour types from the smallest index up: zones 6 and 7, 5, 3 and 4, and 2 of Robertson."""
 LIMITS = (2.05, 2.6, 3.6)
@@ -48,7 +47,7 @@ class Stresses:
         """
         table = self.water if sounding.water is None else sounding.water
         total = self.unit_weight * sounding.depth
-        return total, total - WATER * np.maximum(sounding.depth - table, 0)
+        return total, total - WATER_WEIGHT * np.maximum(sounding.depth - table, 0)
 
 
 def corrected_cone(sounding: Sounding) -> Values:
@@ -157,7 +156,7 @@ def proposed_layers(soundings: list[Sounding], stresses: Stresses, thinnest: flo
     indices = np.full((len(soundings), len(edges)), np.nan)
     for row, each in zip(indices, soundings, strict=True):
         index = behaviour_index(each, stresses)
-        interval = np.floor((top - (each.top - each.depth)) / step).astype(int)
+        interval = np.floor((top - each.z) / step).astype(int)
         valid = np.isfinite(index) & (interval < len(edges))
         counts = np.bincount(interval[valid], minlength=len(edges))
         row[:] = np.bincount(interval[valid], index[valid], minlength=len(edges)) / np.where(counts > 0, counts, np.nan)
@@ -206,8 +205,8 @@ def kind_between(soundings: list[Sounding], stresses: Stresses, top: float, bott
     indices = [np.empty(0)]
     for each in soundings:
         if np.isfinite(each.sleeve).any():
-            z, index = each.top - each.depth, behaviour_index(each, stresses)
-            indices.append(index[np.isfinite(index) & (z < top) & (z >= bottom)])
+            index = behaviour_index(each, stresses)
+            indices.append(index[np.isfinite(index) & (each.z < top) & (each.z >= bottom)])
     known = np.concatenate(indices)
     return TYPES[int(np.searchsorted(LIMITS, np.median(known)))] if known.size else None
 
@@ -233,7 +232,7 @@ def extent_of(soundings: list[Sounding]) -> tuple[float, float]:
     Args:
         soundings: with elevations.
     """
-    return max(each.top for each in soundings), float(min(each.top - each.depth.max() for each in soundings))
+    return max(each.top for each in soundings), float(min(each.z.min() for each in soundings))
 
 
 def thinned(elevation: Values, valid: npt.NDArray[np.bool_], apart: float) -> npt.NDArray[np.int64]:

@@ -86,6 +86,11 @@ class Sounding:
     area_ratio: float | None = None
     water: float | None = None
 
+    @property
+    def z(self) -> Values:
+        """Elevation (n,) of the readings (m)."""
+        return self.top - self.depth
+
 
 @dataclass(frozen=True)
 class Measured:
