@@ -12,9 +12,8 @@ import re
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -24,6 +23,8 @@ from cooperative.scene._shaking import AXES, packed_motion, unpacked_motion
 from cooperative.soundings import read_rows
 from foundation.text import shown
 from jaxmpm import BaseMotion, Raster, read_line, read_motion, read_raster
+
+T = TypeVar("T")
 
 MOST_HEIGHTS = 150_000
 """Heights of a raster in a scene: half of the megabyte that a scene's text may have."""
@@ -73,68 +74,66 @@ class Files:
         Raises:
             ValueError: it has none; the text is the end of a message.
         """
-        if self.folder is not None and name not in self.known:
-            drawing = re.fullmatch(r"(.+?\.dxf)#(.+)", name, re.IGNORECASE)
-            path, *layer = (name,) if drawing is None else drawing.groups()
-            self.known[name] = _read(read_line, self.folder / path, *layer)
-        points = self.known.get(name)
-        if not isinstance(points, list):
-            raise ValueError(f" = {shown(name)} is no file that was read with the scene: give points [[x, z], ...]")
-        return points
+        drawing = re.fullmatch(r"(.+?\.dxf)#(.+)", name, re.IGNORECASE)
+        path, *layer = (name,) if drawing is None else drawing.groups()
+        return self._content(name, list, lambda folder: read_line(folder / path, *layer), "give points [[x, z], ...]")
 
     def data(self, name: str) -> list[object]:
         """Measured values of a file, a row each, likewise."""
-        if self.folder is not None and name not in self.known:
-            self.known[name] = _read(read_rows, self.folder / name)
-        rows = self.known.get(name)
-        if not isinstance(rows, list):
-            raise ValueError(f" = {shown(name)} is no file that was read with the scene: run the scene's own file")
-        return rows
+        return self._content(name, list, lambda folder: read_rows(folder / name))
 
     def raster(self, name: str) -> Raster:
         """Heights of a file, likewise."""
-        if self.folder is not None and name not in self.known:
-            read = cast(Raster, _read(read_raster, self.folder / name))
-            x, y = shift_of(self.origin, np.transpose(read.ends))
-            self.known[name] = replace(read, corner=(read.corner[0] - x, read.corner[1] - y))
-        raster = self.known.get(name)
-        if not isinstance(raster, Raster):
-            raise ValueError(f" = {shown(name)} is no file that was read with the scene: run the scene's own file")
-        return raster
+
+        def read(folder: Path) -> Raster:
+            raster = read_raster(folder / name)
+            x, y = shift_of(self.origin, np.transpose(raster.ends))
+            return replace(raster, corner=(raster.corner[0] - x, raster.corner[1] - y))
+
+        return self._content(name, Raster, read)
 
     def features(self, name: str) -> list[Feature]:
         """Lines and polygons of a GeoPackage's layer, each with its name, likewise: "site.gpkg#houses"."""
-        if self.folder is not None and name not in self.known:
+
+        def read(folder: Path) -> list[Feature]:
             path, _, layer = name.partition("#")
-            read = cast(list[Feature], _read(read_features, self.folder / path, layer or None))
-            for each in read:
+            features = read_features(folder / path, layer or None)
+            for each in features:
                 points = np.array(each["points"])
                 each["points"] = (points - shift_of(self.origin, points)).tolist()
-            self.known[name] = read
-        features = self.known.get(name)
-        if not (isinstance(features, list) and features and all(isinstance(each, dict) for each in features)):
-            raise ValueError(f" = {shown(name)} is no file that was read with the scene: give points [[x, y], ...]")
+            return features
+
+        remedy = "give points [[x, y], ...]"
+        features: list[Feature] = self._content(name, list, read, remedy)
+        if not (features and all(isinstance(each, dict) for each in features)):
+            raise _not_read(name, remedy)
         return features
 
     def motion(self, name: str) -> BaseMotion:
         """Record of motion of a file, likewise, along x, y and z in its own unit."""
+        return self._content(name, BaseMotion, lambda folder: read_motion(folder / name, axes=AXES))
+
+    def _content(
+        self, name: str, kind: type[T], read: Callable[[Path], T], remedy: str = "run the scene's own file"
+    ) -> T:
+        """What a file holds, read from the folder where it is not known yet."""
         if self.folder is not None and name not in self.known:
-            self.known[name] = _read(partial(read_motion, axes=AXES), self.folder / name)
-        motion = self.known.get(name)
-        if not isinstance(motion, BaseMotion):
-            raise ValueError(f" = {shown(name)} is no file that was read with the scene: run the scene's own file")
-        return motion
+            try:
+                self.known[name] = read(self.folder)
+            except ValueError as error:
+                raise ValueError(f": {error}") from error
+        content = self.known.get(name)
+        if not isinstance(content, kind):
+            raise _not_read(name, remedy)
+        return content
+
+
+def _not_read(name: str, remedy: str) -> ValueError:
+    return ValueError(f" = {shown(name)} is no file that was read with the scene: {remedy}")
 
 
 def _unpacked(name: str, table: dict[str, object]) -> object:
     return unpacked_motion(name, table) if "samples" in table else unpacked(name, table)
-
-
-def _read(reader: Callable[..., object], *where: object) -> object:
-    try:
-        return reader(*where)
-    except ValueError as error:
-        raise ValueError(f": {error}") from error
 
 
 def to_toml(scene: Mapping[str, object]) -> str:
