@@ -5,6 +5,7 @@ import tomllib
 import numpy as np
 import pytest
 
+from benchmarks.sites.real_assumptions import OTHERS, scene_of
 from benchmarks.sites.real_slides import CREST, SCENES, Slid, compared, summarised
 from benchmarks.sites.real_surveys import BAND, KNOWN, Known, Survey, corominas, holds, interval_score
 from cooperative.scene import parse, read_scene
@@ -57,3 +58,13 @@ def test_a_scene_has_the_crest_from_which_its_slide_is_measured(name):
     ground = tomllib.loads((SCENES / f"{name}.toml").read_text()).get("ground", {})
     assert CREST.get(name) == ground.get("crest")
     assert (campaign.site.track is None) == (name in CREST)
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_each_assumption_is_a_scene_of_its_own(name):
+    first, *rest = (scene_of(name, assumption) for assumption in OTHERS[name])
+    assert all(
+        (each.site.shape, each.site.layers, each.random) != (first.site.shape, first.site.layers, first.random)
+        for each in rest
+    )
+    assert first.site.shape == parse(read_scene(SCENES / f"{name}.toml")).site.shape
