@@ -97,11 +97,11 @@ def other(name: str, assumption: str) -> dict[str, str | float]:
     face = campaign.site.shape.face
     assert face is not None
     half, slid = campaign.grids["rough"].spacing[0] / 2, campaign.run.failure_displacement
-    moved = np.linalg.norm(displacement, axis=0) >= slid
+    sliding = np.linalg.norm(displacement, axis=0) >= slid
     answer: dict[str, str | float] = {"slide": name, "assumption": assumption}
-    if not moved.any():
+    if not sliding.any():
         return answer | {"runout_m": 0.0, "runout_95_m": 0.0, "travel_m": 0.0, "slid_m2": 0.0}
     row = measures(position, displacement, volume, origin=face.toe_x, half=half, slid=slid)
-    travel = float(face.toe_x - position[0, moved].min() + half + row["front_m"])
+    travel = float(face.toe_x - position[0, sliding].min() + half + row["front_m"])
     values = {"runout_m": row["front_m"], "runout_95_m": row["front_95_m"], "travel_m": travel, "slid_m2": row["slid"]}
     return answer | {key: round(float(value), 1) for key, value in values.items()}

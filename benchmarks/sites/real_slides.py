@@ -131,12 +131,12 @@ def slides(name: str, campaign: Campaign, folder: Path) -> dict[str, Slid]:
     return answer
 
 
-def compared(name: str, known: Known, found: Mapping[str, Slid]) -> list[Compared]:
+def compared(name: str, known: Known, failures: Mapping[str, Slid]) -> list[Compared]:
     """A row for each surveyed quantity of a slide."""
     rows = []
     for quantity, survey in known.surveys.items():
-        low, median, high = found["refined"].ends(quantity)
-        rough_low, _, rough_high = found["rough"].ends(quantity)
+        low, median, high = failures["refined"].ends(quantity)
+        rough_low, _, rough_high = failures["rough"].ends(quantity)
         near, likely, far = corominas(known.fall, known.volume) if quantity == "travel" else (None, None, None)
         rows.append(
             Compared(
@@ -144,7 +144,7 @@ def compared(name: str, known: Known, found: Mapping[str, Slid]) -> list[Compare
                 quantity,
                 survey.value,
                 survey.checked,
-                found["refined"].weight.size,
+                failures["refined"].weight.size,
                 low,
                 median,
                 high,
