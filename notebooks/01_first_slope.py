@@ -172,7 +172,7 @@ fig.colorbar(boxes, ax=ax, label="plastic strain [-]", extend="max")
 
 def show(frame: int) -> None:
     snapshot = slide.snapshots[frame]
-    boxes.set_verts(corners(scene.particles.position + snapshot.displacement, half_size))
+    boxes.set_verts(list(corners(scene.particles.position + snapshot.displacement, half_size)))
     boxes.set_array(np.asarray(snapshot.history))
     ax.set_title(f"t = {times[frame]:4.1f} s", loc="left")
 

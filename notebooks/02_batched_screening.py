@@ -185,11 +185,11 @@ plt.show()
 # to.
 
 # %%
-field = np.asarray(strengths)
+strength = np.asarray(strengths)
 means = {
-    "the whole slope": field.mean(axis=1),
-    "the common slip band": field @ (band / band.sum()),
-    "its own slip band": np.sum(field * plastic_strain, axis=1) / plastic_strain.sum(axis=1),
+    "the whole slope": strength.mean(axis=1),
+    "the common slip band": strength @ (band / band.sum()),
+    "its own slip band": np.sum(strength * plastic_strain, axis=1) / plastic_strain.sum(axis=1),
 }
 rank_correlation = {name: float(spearmanr(mean, farthest).statistic) for name, mean in means.items()}
 

@@ -65,7 +65,7 @@ plt.show()
 # %%
 box = (0.0, 0.0), (96.0, 16.0)  # origin and extent, m
 layered = kl.expand((kl.SquaredExponential(60.0), kl.SquaredExponential(2.0)), *box)  # 99.9 % of the variance
-others = {
+others: dict[str, tuple[tuple[kl.axis.Covariance, ...], float]] = {
     "squared exponential, 8 m and 8 m": ((kl.SquaredExponential(8.0), kl.SquaredExponential(8.0)), 0.999),
     "Matern 3/2, 60 m and 2 m": ((kl.Matern32(60.0), kl.Matern32(2.0)), 0.99),
     "exponential, 60 m and 2 m": ((kl.Exponential(60.0), kl.Exponential(2.0)), 0.95),

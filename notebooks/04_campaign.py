@@ -128,6 +128,7 @@ charts.ranked_displacements({"rough": rough.columns["displacement"], "refined": 
 
 # %%
 grids = summary.grids
+assert grids is not None
 print(f"rank correlation {grids.spearman:.2f}, same class {grids.same_class:.0%} of {grids.samples} samples")
 charts.grids(
     rough.columns["displacement"][list(refined.numbers)], refined.columns["displacement"], failure_displacement=1.0,
@@ -161,9 +162,9 @@ charts.convergence(summary.convergence, summary.estimator, level=summary.level)
 # (`cooperative.failure_mode`). Shares and consequences weigh every refined run by what it stands for.
 
 # %%
-modes, columns = summary.modes, refined.columns
+columns = refined.columns
 failed = columns["displacement"] > 1.0
-modes = {mode: part for mode, part in modes.items() if part.count}
+modes = {mode: part for mode, part in (summary.modes or {}).items() if part.count}
 for mode, part in modes.items():
     mine = failed & (columns["mode"] == mode)
     print(
@@ -176,7 +177,9 @@ charts.mode_shares(modes)
 # The farthest slide of each mode, as its refined run left it:
 
 # %%
-model, _ = mpm.slope(campaign.site.shape, campaign.soil, campaign.grids["refined"])
+shape = campaign.site.shape
+assert isinstance(shape, mpm.Slope)
+model, _ = mpm.slope(shape, campaign.soil, campaign.grids["refined"])
 farthest = {
     mode: int(columns["sample"][np.argmax(np.where(failed & (columns["mode"] == mode), columns["displacement"], -1))])
     for mode in modes

@@ -123,9 +123,9 @@ def moved_by(strength: jax.Array) -> jax.Array:
 predictions = {}
 for name, chosen in (("where it matters", order[:tenth]), ("where it does not", order[4 * tenth : 5 * tenth])):
     change = jnp.zeros_like(strength).at[chosen].set(0.02 * strength[0])
-    predicted, true = float(by_particle @ change), float(moved_by(strength + change) - value)
-    predictions[name] = (predicted, true)
-    print(f"2 % more in a tenth of the soil, {name}: log u {true:+.4f}, by the map {predicted:+.4f}")
+    predicted, computed = float(by_particle @ change), float(moved_by(strength + change) - value)
+    predictions[name] = (predicted, computed)
+    print(f"2 % more in a tenth of the soil, {name}: log u {computed:+.4f}, by the map {predicted:+.4f}")
 
 # %% [markdown]
 # ## Back-analysis: which strength makes this slide?

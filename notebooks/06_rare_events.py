@@ -50,7 +50,7 @@ def fails(xi: np.ndarray) -> np.ndarray:
     """Coefficients (n, modes) -> whether each sample's largest displacement exceeds 1 m, by whole runs."""
     table = np.asarray(xi, np.float32)
     rows = {s.number: s.row for s in runs.run_samples(model, table, range(len(table)), stop_at=limit)}
-    return np.array([bool(rows[n]["broke_off"]) or rows[n]["displacement"] > limit for n in range(len(table))])
+    return np.array([bool(rows[n]["broke_off"]) or float(rows[n]["displacement"]) > limit for n in range(len(table))])
 
 
 # %% [markdown]
@@ -118,7 +118,7 @@ weights = np.exp(point.beta**2 / 2 - drawn @ point.coefficients) * stored[0]
 n = np.arange(1, samples + 1)
 mean = np.cumsum(weights) / n
 error = 1.96 * np.sqrt(np.maximum(np.cumsum(weights**2) / n - mean**2, 0) / n)
-intervals = np.array([wilson_interval(int(plain[:k].sum()), k, 0.95) for k in n])
+intervals = np.array([wilson_interval(int(plain[:k].sum()), int(k), 0.95) for k in n])
 fig, ax = plt.subplots(figsize=(7, 3.6))
 ax.fill_between(n, intervals[:, 0], intervals[:, 1], color=GREEN, alpha=0.2, label="Monte Carlo, 95 %")
 ax.fill_between(

@@ -20,7 +20,7 @@ from collections.abc import Callable, Collection
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from tempfile import TemporaryDirectory
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import jax
 import jax.numpy as jnp
@@ -81,7 +81,8 @@ class Bingham(mpm.laws.Law):
         "viscosity": mpm.laws.Parameter(above=0.0, unit="Pa s"),
     }
 
-    def update(self, strain_increment: Any, stress: Any, history: None, dt: Array) -> tuple[Any, None]:
+    def update(self, strain_increment: Any, stress: Any, history: None, dt: Array | None = None) -> tuple[Any, None]:
+        assert dt is not None  # the package gives it
         pressure = mean(stress) + 3 * self.bulk * mean(strain_increment)
         strains = deviator(strain_increment)
         trial = [s + 2 * self.shear * e for s, e in zip(deviator(stress), strains, strict=True)]
@@ -144,7 +145,7 @@ def scene_of(
     *,
     cell: float,
     gravity: float = 0.0,
-    base: str = "roller",
+    base: Literal["fixed", "roller"] = "roller",
     kernel: type[mpm.Kernel] = mpm.GIMP,
 ) -> tuple[mpm.Scene, mpm.State]:
     """A body of density 2000 kg/m3 where it is `inside`, in a box with smooth walls or a fixed base."""

@@ -144,7 +144,11 @@ print(f"expected covered length {mapped:.4f} m by the map, {counted:.4f} m by th
 # curve.
 
 # %%
-road, loss = summary.risk.places["road"], summary.risk.loss
+risk = summary.risk
+assert risk is not None
+road, loss = risk.places["road"], risk.loss
+assert road is not None
+assert loss is not None
 low, high = road.reached.interval
 print(f"the road is reached with probability {road.reached.probability:.2f} ({low:.2f} to {high:.2f})")
 print(f"expected loss {loss.expected / 1e6:.2f} million", end=", ")
