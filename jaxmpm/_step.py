@@ -126,7 +126,7 @@ def mapped_again(scene: Scene, state: State, nodal: Nodal, motion: GridMotion, m
     velocity = nodal_velocity(nodal._replace(momentum=moving))
     if scene.wall_friction is None:
         return velocity
-    return along_walls(scene.walls, scene.grid, velocity, motion.velocity)
+    return along_walls(scene, velocity, motion.velocity)
 
 
 def straining_velocity(scene: Scene, state: State, nodal: Nodal, dt: Array, maps: Maps) -> Array:
@@ -138,4 +138,4 @@ def straining_velocity(scene: Scene, state: State, nodal: Nodal, dt: Array, maps
     if scene.wall_friction is None:
         return velocity
     motion = move_grid(scene, pushed(scene, state, nodal, maps), state.step * dt, dt)
-    return along_walls(scene.walls, scene.grid, velocity, motion.velocity)
+    return along_walls(scene, velocity, motion.velocity)

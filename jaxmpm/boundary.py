@@ -1,8 +1,8 @@
-"""Boundary conditions at the nodes: walls, walls with friction as impulses, and open ends."""
+"""Boundary conditions at the nodes: walls, friction of walls and of a base as impulses, and open ends."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -115,59 +115,62 @@ def hold(scene: Scene, nodal: Array, value: float = 0.0) -> Array:
     return field.reshape(nodal.shape)
 
 
-def slide(walls: Sequence[Wall], grid: Grid, velocity: Array, braked: Callable[[Array], Array]) -> Array:
-    """Velocities after the impulses of the walls with friction.
+def slide(scene: Scene, velocity: Array, braked: Callable[[Array], Array]) -> Array:
+    """Velocities after the impulses of walls with friction, and of the base.
 
-    A wall removes the velocity into it, and of the velocity along it at most what `braked` returns. It does not
+    They remove the velocity into them, and of the velocity along them at most what `braked` returns. They do not
     restrain soil that leaves.
 
     Source: Coulomb's law for impulses, as in Bardenhagen et al. (2000), doi:10.1016/S0045-7825(99)00338-2, Section 3.
 
     Args:
-        walls: of the scene.
-        grid: of the nodes.
+        scene: with wall_friction.
         velocity: (nodes, d) m/s.
         braked: function of the velocities (nodes,) m/s into walls; it gives the largest change along them (nodes,) m/s.
 
     Returns:
         (nodes, d) m/s.
     """
-    shape = (*grid.shape, grid.dimension)
-    field = velocity.reshape(shape)
-    for wall in _with_friction(walls):
-        inward = 1 if wall.side == "low" else -1
-        push = jnp.where(_beyond(wall, grid.shape), jnp.maximum(-inward * field[..., wall.axis], 0), 0)
-        normal = jax.lax.broadcasted_iota(jnp.int32, shape, grid.dimension) == wall.axis
-        tangential = jnp.where(normal, 0, field)
-        speed = safe_sqrt(jnp.sum(tangential**2, axis=-1))
-        taken = braked(push.ravel()).reshape(push.shape)
-        left = jnp.where(speed > 0, jnp.maximum(1 - taken / jnp.where(speed > 0, speed, 1), 0), 1)
-        field = jnp.where(normal, field + inward * push[..., None], left[..., None] * tangential)
-    return field.reshape(velocity.shape)
+    for normal in _normals(scene):
+        outward = jnp.sum(velocity * normal, axis=1)
+        push = jnp.maximum(-outward, 0)
+        tangential = velocity - outward[:, None] * normal
+        speed = safe_sqrt(jnp.sum(tangential**2, axis=1))
+        left = jnp.where(speed > 0, jnp.maximum(1 - braked(push) / jnp.where(speed > 0, speed, 1), 0), 1)
+        velocity = left[:, None] * tangential + (outward + push)[:, None] * normal
+    return velocity if scene.base is None else hold(scene, velocity)
 
 
-def along_walls(walls: Sequence[Wall], grid: Grid, velocity: Array, after: Array) -> Array:
+def along_walls(scene: Scene, velocity: Array, after: Array) -> Array:
     """Velocities that strain the soil: on and beyond walls with friction those after the motion of the grid.
 
     Particles return to such a node only part of the velocity that the wall took from it. Strains from that part would
     let soil come off a wall that holds it, and create energy: a block would shake off a plane that it should stick to.
 
     Args:
-        walls: of the scene.
-        grid: of the nodes.
+        scene: of the nodes.
         velocity: (nodes, d) m/s, mapped from the particles.
         after: (nodes, d) m/s, after the grid's motion.
 
     Returns:
         (nodes, d) m/s.
     """
-    for wall in _with_friction(walls):
-        velocity = jnp.where(_beyond(wall, grid.shape).reshape(-1, 1), after, velocity)
+    for normal in _normals(scene):
+        velocity = jnp.where(jnp.any(normal != 0, axis=1)[:, None], after, velocity)
     return velocity
 
 
-def _with_friction(walls: Sequence[Wall]) -> list[Wall]:
-    return [wall for wall in walls if wall.hold == "friction"]
+def _normals(scene: Scene) -> Iterator[Array]:
+    """Unit normals (nodes, d) of walls with friction and of the base at their nodes, 0 elsewhere."""
+    grid = scene.grid
+    shape = (*grid.shape, grid.dimension)
+    for wall in scene.walls:
+        if wall.hold == "friction":
+            across = jax.lax.broadcasted_iota(jnp.int32, shape, grid.dimension) == wall.axis
+            inward = jnp.asarray(1 if wall.side == "low" else -1, scene.gravity.dtype)
+            yield jnp.where(across & _beyond(wall, shape), inward, 0).reshape(grid.nodes, -1)
+    if scene.base is not None:
+        yield scene.base.normal
 
 
 def _beyond(wall: Wall, shape: tuple[int, ...]) -> Array:

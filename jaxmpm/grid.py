@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Literal
 
 from jax import Array
 
-from foundation.check import Limit, above_zero
+from foundation.check import Limit, above_zero, from_zero
 from foundation.pytrees import pytree
 
 
@@ -69,6 +69,24 @@ class Wall:
     side: Literal["low", "high"]
     index: int
     hold: Literal["fixed", "roller", "friction"]
+
+
+@pytree
+@dataclass(frozen=True)
+class RigidBase:
+    """Rigid ground of any shape, on whose surface soil slides with friction.
+
+    Args:
+        normal: (nodes, d) unit vectors away from the ground at its nodes; 0 at all others.
+        area: (nodes,) area of the surface at the nodes, 0 at all others (m2).
+        volume: (nodes,) volume of soil that maps to a node where full cells of it cover the surface (m3).
+    """
+
+    normal: Array
+    area: Array
+    volume: Array
+
+    PARAMETERS: ClassVar[Mapping[str, Limit]] = {"area": from_zero("m2"), "volume": above_zero("m3")}
 
 
 @pytree

@@ -15,7 +15,7 @@ from jax import Array
 
 from foundation.check import Limit, above_zero, from_zero
 from foundation.pytrees import pytree
-from jaxmpm.grid import Grid, Particles, Wall, static
+from jaxmpm.grid import Grid, Particles, RigidBase, Wall, static
 from jaxmpm.protocols import History, Kernel, Motion, Water
 
 
@@ -88,6 +88,8 @@ class Scene:
             or for undrained soil in total stress.
         motion: a `BaseMotion`, the acceleration of the base, in whose frame the scene is solved; None for none.
         cut: (nodes,) bool, nodes beyond the edge of ground of any shape, at which nothing moves; None if walls are all.
+        base: rigid ground of any shape, on which soil slides with the friction and cohesion of the walls; None if walls
+            are all.
         free_field: level ground beyond both ends of a section without walls there; None for walls or tied sides.
     """
 
@@ -115,6 +117,7 @@ class Scene:
     pore_pressure: Array | None = None
     motion: Motion | None = None
     cut: Array | None = None
+    base: RigidBase | None = None
     free_field: FreeField | None = None
 
     PARAMETERS: ClassVar[Mapping[str, Limit]] = {

@@ -151,7 +151,7 @@ def _read(path: Path, scene: Scene, state: State) -> State:
     return replace(state, stress=jnp.asarray(stress))
 
 
-YOUNGER = ("wall_cohesion", "wall_pressure")
+YOUNGER = ("wall_cohesion", "wall_pressure", "base")
 """Parts that scenes did not have when the first of these files were written."""
 
 

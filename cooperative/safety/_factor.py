@@ -144,8 +144,10 @@ def _raised(campaign: Campaign, by: float) -> Site:
 def _section(campaign: Campaign) -> Section:
     """The ground of a campaign as a section; ValueError for ground that is none."""
     shape = as_section(campaign.site.shape)
-    if shape is not None:
+    if shape is not None and shape.bedrock is None:
         return shape
+    if shape is not None:
+        raise ValueError("limit equilibrium is for a level base, not for bedrock: the solver's limit load stands alone")
     kind = "ground in 3D" if campaign.dimension == 3 else f"a {campaign.site.shape.__class__.__name__} of one's own"
     raise ValueError(f"limit equilibrium is for sections, not for {kind}: the solver's limit load stands alone")
 

@@ -196,13 +196,16 @@ def _site(scene: tables.Scene) -> Site:
 def _section(scene: tables.Scene, table: tables.Ground) -> Site:
     values = dict(table)
     ends = values.pop("ends")
-    contact = None if table.interface is None else Interface(**dict(table.interface))
-    shape = Section(**{**values, "interface": contact})
+    shape = Section(**{**values, "interface": _contact(table.interface)})
     try:
         shape.check()
     except ValueError as error:
         raise ValueError(f"[ground] {error}") from error
     return Site(shape, ends, (), *_water(scene, shape))
+
+
+def _contact(table: tables.Table | None) -> Interface | None:
+    return None if table is None else Interface(**dict(table))
 
 
 def _terrain(scene: tables.Scene, table: tables.Terrain) -> Site:
@@ -213,7 +216,10 @@ def _terrain(scene: tables.Scene, table: tables.Terrain) -> Site:
         ask_for_origin(surface)
     x, y = (given or between_cells(ends, cells) for given, ends in zip((table.x, table.y), surface.ends, strict=True))
     polygon = tables.of_features(table.polygon, "[terrain] polygon") or None
-    shape = Terrain(surface, table.base, x, y, polygon=polygon, depth=table.depth, cut=table.cut)
+    shape = Terrain(
+        surface, table.base, x, y, polygon=polygon, depth=table.depth, cut=table.cut,
+        bedrock=cast(Raster | None, table.bedrock), interface=_contact(table.interface),
+    )  # fmt: skip
     shape.check()
     origin = (0.0, 0.0) if table.origin is None else table.origin
     return Site(

@@ -40,7 +40,7 @@ class Nodal(NamedTuple):
         momentum: (nodes, d) kg m/s.
         force: (nodes, d) N; None before there is one.
         per_mass: (nodes, d) 1 / mass (1/kg), 0 at nodes without mass and for components that walls hold.
-        area: (nodes,) area of soil on a wall (m2), at nodes that lie on one; None if no wall needs it.
+        area: (nodes,) area of soil on a wall or the base (m2), at their nodes; None if they do not need it.
         beyond: action of the free field; None without.
     """
 
@@ -73,15 +73,14 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
     if external is not None:
         carried.append(external)
     if bonded(scene):
-        # Soil that fills the cells on a wall contributes half of their volume to its nodes.
-        carried.insert(0, 2 / grid.cell * volume[None])
+        carried.insert(0, volume[None])
     nodal = maps.to_all_nodes(
         jnp.concatenate(carried), acting_stress(scene, state.stress, volume, maps) if stressed else None
     )
     ends = np.cumsum([len(block) for block in carried][: None if stressed else -1])
     blocks = jnp.split(nodal, ends, axis=1)
     if bonded(scene):
-        area = maps.fold(blocks.pop(0))[:, 0]
+        area = area_covered(scene, maps.fold(blocks.pop(0))[:, 0])
     mass, moving, *forces = blocks
     mass = tensors.spread(maps.fold(mass), grid.dimension, axis=1)
     return Nodal(
@@ -127,13 +126,33 @@ def move_grid(scene: Scene, nodal: Nodal, time: Array, dt: Array) -> GridMotion:
     velocity = before + dt * acceleration
     if scene.wall_friction is None:
         return GridMotion(velocity, acceleration)
-    velocity = slide(scene.walls, scene.grid, velocity, braked(scene, nodal, dt))
+    velocity = slide(scene, velocity, braked(scene, nodal, dt))
     return GridMotion(velocity, (velocity - before) / dt)
 
 
 def bonded(scene: Scene) -> bool:
     """Whether walls with friction need the area of soil on them."""
     return scene.wall_cohesion is not None or scene.wall_pressure is not None
+
+
+COVERED = 0.25
+"""Share of the volume of full cells from which soil covers all of the base at a node; with less, in proportion."""
+
+
+def area_covered(scene: Scene, volume: Array) -> Array:
+    """Area of walls or of the base that soil covers at their nodes.
+
+    Args:
+        scene: of the nodes.
+        volume: of the soil mapped to them (nodes,) m3.
+
+    Returns:
+        (nodes,) m2.
+    """
+    if scene.base is None:
+        # Soil that fills the cells on a wall contributes half of their volume to its nodes.
+        return 2 / scene.grid.cell * volume
+    return scene.base.area * jnp.minimum(1, volume / (COVERED * scene.base.volume))
 
 
 def braked(scene: Scene, nodal: Nodal, dt: Array) -> Callable[[Array], Array]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from foundation import check
 from foundation.text import shown
+from jaxmpm.ground._base import check_bedrock
 from jaxmpm.ground._layer import Layer, Line, check_ends
 from jaxmpm.ground._raster import Raster
 from jaxmpm.laws import WaterTable
@@ -37,12 +38,20 @@ class Outline(NamedTuple):
     Args:
         points: of its surface (n, 2) m, x rising.
         walls: x of the left and the right wall (m).
-        base: height of the base (m).
+        base: height of the level base (m).
+        bedrock: points of the rigid ground above it (n, 2) m; None for none.
     """
 
     points: np.ndarray
     walls: tuple[float, float]
     base: float
+    bedrock: np.ndarray | None = None
+
+    def floor(self, x: np.ndarray) -> np.ndarray:
+        """Height (n,) m of rigid ground at x (n,) m: of the bedrock, or of the base."""
+        if self.bedrock is None:
+            return np.full(np.shape(x), self.base)
+        return np.interp(x, self.bedrock[:, 0], self.bedrock[:, 1])
 
     def heights(self, x: np.ndarray) -> np.ndarray:
         """Height (n,) m of the surface at x (n,) m."""
@@ -61,6 +70,23 @@ def points_of(name: str, line: Line | Raster) -> np.ndarray:
                 f"{name} turns back from ({x0:g}, {z0:g}) to ({x1:g}, {z1:g}) m: give points with x rising, without "
                 "overhang"
             )
+    return points
+
+
+def bedrock_of(line: Line | Raster, surface: np.ndarray, walls: tuple[float, float], base: float) -> np.ndarray:
+    """Points (n, 2) of bedrock under a surface, points (m, 2), between the walls and above the base (m).
+
+    Raises:
+        ValueError: If the line is invalid, ends before a wall, rises above the surface or falls below the base.
+    """
+    points = points_of("bedrock", line)
+    if points[0, 0] > walls[0] or points[-1, 0] < walls[1]:
+        raise ValueError(
+            f"bedrock goes from ({points[0, 0]:g}, {points[0, 1]:g}) to ({points[-1, 0]:g}, {points[-1, 1]:g}) m: draw "
+            f"it to the walls at x = {walls[0]:g} and {walls[1]:g} m"
+        )
+    x = np.unique(np.r_[points[:, 0], surface[:, 0], walls].clip(*walls))
+    check_bedrock(x[None], np.interp(x, *points.T), np.interp(x, *surface.T), base)
     return points
 
 
@@ -93,7 +119,7 @@ def layering(outline: Outline, layers: Sequence[Layer], discretisation: Discreti
     left, right = outline.walls
     columns = left + (np.arange(round((right - left) / dx)) + 0.5) * dx
     x = np.r_[left, columns, right]
-    _refuse_thin(x, [np.maximum(top(x), outline.base) for top in tops], dz)
+    _refuse_thin(x, [np.maximum(top(x), outline.floor(x)) for top in tops], dz)
     return tops
 
 
@@ -133,17 +159,19 @@ def tops_of(outline: Outline, layers: Sequence[Layer], spacing: float) -> list[H
                 f"the {name} crosses {upper}: at x = {x[worst]:g} m it is {beyond[worst]:g} m higher, at z = "
                 f"{tops[-1](x)[worst]:g} m; draw it below, or end it where they meet"
             )
-    return [*tops, lambda x: np.full_like(x, outline.base)]
+    return [*tops, outline.floor]
 
 
 def knots(outline: Outline, layers: Sequence[Layer]) -> np.ndarray:
     """Positions x (n,) m just before and just after every point of the surface and of the layers' boundaries."""
-    surface, (left, right), _ = outline
+    surface, (left, right), _, bedrock = outline
     lines = [
         points_of(f"bottom of layer {number}", layer.bottom)
         for number, layer in enumerate(layers, 1)
         if layer.bottom is not None
     ]
+    if bedrock is not None:
+        lines.append(bedrock)
     x = np.unique(np.concatenate([line[:, 0] for line in (surface, *lines)]).clip(left, right))
     step = 1e-9 * (right - left)
     return np.unique(np.concatenate([x - step, x + step]).clip(left, right))

@@ -12,6 +12,7 @@ import numpy as np
 
 from foundation import check
 from jaxmpm.grid import Grid, Particles, Wall
+from jaxmpm.ground._base import Heights, share_above
 from jaxmpm.ground._ground import Ground, check_ground, layer_of
 from jaxmpm.ground._layer import Layer
 from jaxmpm.laws import BaseMotion
@@ -101,6 +102,7 @@ def lattice(
     grid: Grid,
     *,
     inside: Callable[[np.ndarray], np.ndarray] | None = None,
+    bedrock: Heights | None = None,
     wet: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> tuple[Particles, Material]:
     """Particles of a lattice that lie in the ground, each with the mass of its layer, and their law.
@@ -112,6 +114,7 @@ def lattice(
         grid: that the particles are sorted by.
         inside: function of positions (d, N) m that returns (N,) bool, which of them lie in the ground; by default those
             below its surface.
+        bedrock: rigid ground, above which they lie; None for none.
         wet: function of positions that returns which of them lie under a water table; by default none.
 
     Returns:
@@ -122,7 +125,10 @@ def lattice(
     def under(position: np.ndarray) -> np.ndarray:
         return below(position[-1], ground.heights(*position[:-1]), ROUNDING * dz)
 
-    within = under if inside is None else inside
+    def within(position: np.ndarray) -> np.ndarray:
+        chosen = under(position) if inside is None else inside(position)
+        return chosen if bedrock is None else chosen & (share_above(bedrock, position, dz) > 0)
+
     particles = fill(
         (*ground.extent[:-1], math.ceil(ground.extent[-1] / dz * (1 - 1e-12)) * dz),
         spacing,
@@ -137,7 +143,11 @@ def lattice(
     law, order = law_of_layers([material_on(discretisation, soil) for soil in soils], number)
     mass = weights(soils, number, None if wet is None else wet(position)) / STANDARD_GRAVITY * np.prod(spacing)
     particles = replace(particles, mass=jnp.asarray(mass, particles.mass.dtype))
-    return jax.tree.map(lambda leaf: leaf[..., order], particles), law
+    particles = jax.tree.map(lambda leaf: leaf[..., order], particles)
+    if bedrock is not None:
+        share = share_above(bedrock, position[:, order], dz).astype(particles.volume.dtype)
+        particles = replace(particles, volume=particles.volume * share, mass=particles.mass * share)
+    return particles, law
 
 
 def cells(ground: Ground, discretisation: Discretisation) -> list[int]:
@@ -187,3 +197,17 @@ def box_grid(corner: Sequence[float] | np.ndarray, counts: Sequence[int], cell: 
     """Grid with `counts` cells along each axis from a corner (d,) m, and PADDING cells beyond the walls."""
     origin = np.array(corner) - PADDING * cell
     return Grid(tuple(count + 1 + 2 * PADDING for count in counts), cell, tuple(origin.tolist()))
+
+
+def nodes_in_plan(grid: Grid, walls: Sequence[tuple[float, float]]) -> tuple[np.ndarray, ...]:
+    """Positions along x and y (nx, ny) m of a grid's nodes, those on and beyond a wall just inside it.
+
+    Where a polygon follows a wall, the wall is the constraint.
+
+    Args:
+        grid: of the nodes.
+        walls: positions of the walls along x and along y (m).
+    """
+    axes = (start + grid.cell * np.arange(n) for start, n in zip(grid.origin, grid.shape, strict=True))
+    inner = ((low + 1e-6 * grid.cell, high - 1e-6 * grid.cell) for low, high in walls)
+    return np.meshgrid(*(axis.clip(*ends) for axis, ends in zip(axes, inner, strict=False)), indexing="ij")

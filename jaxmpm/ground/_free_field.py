@@ -11,12 +11,15 @@ import numpy as np
 from jaxmpm.equations import Maps, free_field, particles_to_grid
 from jaxmpm.ground._boundaries import Height, Outline
 from jaxmpm.setup import PADDING, Discretisation
+from jaxmpm.soil import Interface
 from jaxmpm.transfer import GIMP, Linear
 from jaxmpm.types import FreeField, Scene, Scheme, State
 
 
-def check_free_field(discretisation: Discretisation) -> None:
-    """Raise ValueError for numerical choices that do not work with ends without walls."""
+def check_free_field(discretisation: Discretisation, interface: Interface | None) -> None:
+    """Raise ValueError for an interface, and for numerical choices, that do not work with ends without walls."""
+    if interface is not None:
+        raise ValueError("ends = 'free field' with an interface on the base, which ground beyond it would need too")
     if discretisation.scheme is Scheme.USF:
         raise ValueError("ends = 'free field' with scheme = USF, whose stress is a step ahead: take MUSL or USL")
     if discretisation.kernel not in (GIMP, Linear):

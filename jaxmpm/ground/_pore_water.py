@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
@@ -12,19 +11,16 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from foundation import check
-from jaxmpm.grid import Grid
-from jaxmpm.ground._boundaries import Height, Outline, points_of
+from jaxmpm.ground._boundaries import Outline, points_of
 from jaxmpm.ground._layer import Layer, Line
 from jaxmpm.ground._raster import Raster
 from jaxmpm.ground._strata import refuse_holes
 from jaxmpm.laws import WaterSurface, WaterTable
 from jaxmpm.setup import (
     RESOLVED,
-    Boundary,
     Discretisation,
     below,
 )
-from jaxmpm.soil import Interface
 from jaxmpm.types import Scene
 
 WATER_WEIGHT = 9810.0
@@ -125,6 +121,24 @@ def pore_pressure_of(
     return r_u * above
 
 
+def pressure_on_base(
+    r_u: float | None, layers: Sequence[Layer], tops: Sequence[np.ndarray], levels: int
+) -> np.ndarray | None:
+    """Pore pressure at the nodes of rigid ground, by the weight above them.
+
+    Args:
+        r_u: pore pressure over that weight; None for no pore pressure.
+        layers: from the top down.
+        tops: heights (n,) m, at the nodes in plan, of the layers' upper boundaries and of rigid ground.
+        levels: nodes above each other.
+
+    Returns:
+        (n * levels,) Pa, None without r_u.
+    """
+    pressure = pore_pressure_of(r_u, table=False, z=tops[-1], layers=layers, tops=tops)
+    return None if pressure is None else np.repeat(pressure, levels)
+
+
 def water_raster(water: float | Raster | None, walls: tuple[tuple[float, float], tuple[float, float]]) -> Raster | None:
     """Heights of the water between the walls; ValueError if they have holes or end before them."""
     if water is None:
@@ -143,27 +157,3 @@ def water_surface(table: Raster, height: float, dtype: DTypeLike) -> WaterSurfac
     """The water table in 3D, from its heights on a raster, with the height of the particles' boxes (m)."""
     numbers = table.heights, table.corner, table.step, WATER_WEIGHT, height
     return WaterSurface(*(jnp.asarray(value, dtype) for value in numbers))
-
-
-def boundary_of_base(
-    interface: Interface | None,
-    outline: Outline,
-    layers: Sequence[Layer],
-    tops: Sequence[Height],
-    grid: Grid,
-    r_u: float | None,
-) -> Boundary:
-    """Boundary with the strength of an interface on the base; without one, an empty boundary.
-
-    Under a water table soil presses on the base with its effective stress alone, with r_u with that of the water too.
-    """
-    if interface is None:
-        return Boundary()
-    x = np.clip(grid.origin[0] + np.arange(grid.shape[0]) * grid.cell, *outline.walls)
-    base = np.full(x.size, outline.base)
-    pressure = pore_pressure_of(r_u, table=False, z=base, layers=layers, tops=[top(x) for top in tops])
-    return Boundary(
-        friction=math.tan(math.radians(interface.friction)),
-        cohesion=interface.cohesion or None,
-        pressure=None if pressure is None else np.repeat(pressure, grid.shape[1]),
-    )

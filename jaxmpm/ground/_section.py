@@ -12,11 +12,12 @@ from typing import Literal
 import numpy as np
 
 from foundation import check
-from jaxmpm.grid import Wall
+from jaxmpm.ground._base import boundary_of_base
 from jaxmpm.ground._boundaries import (
     TOUCHING,
     Height,
     Outline,
+    bedrock_of,
     check_alike,
     elevation_of_toe,
     knots,
@@ -29,7 +30,7 @@ from jaxmpm.ground._fill import box_cells, box_grid, lattice
 from jaxmpm.ground._free_field import check_free_field, check_level, with_free_field
 from jaxmpm.ground._ground import Face
 from jaxmpm.ground._layer import Box, Layer, Line
-from jaxmpm.ground._pore_water import boundary_of_base, pore_pressure_of, under, water_table
+from jaxmpm.ground._pore_water import pore_pressure_of, pressure_on_base, under, water_table
 from jaxmpm.ground._seam import Thickness, thicknesses_of, warn_of_seams
 from jaxmpm.laws import BaseMotion, WaterTable
 from jaxmpm.setup import (
@@ -58,10 +59,11 @@ class Section:
         surface: of the ground, points (x, z) m with x rising; two points of the same x make a vertical face.
         base: height of the rigid base (m).
         walls: x of the walls at both ends (m), by default the ends of the surface; the part beyond them is left out.
-        interface: strength of the contact between soil and base; None if soil cannot slide on it.
+        interface: strength of the contact between soil and rigid ground; None if soil cannot slide on it.
         toe: x (m) of the toe of a slope that falls along x, a point of the surface beyond which it falls less steeply;
             run-out is measured from it. None for ground without a toe.
         crest: x of its crest (m), by default the highest point of the surface before the toe.
+        bedrock: surface of rigid ground above the base, points (x, z) m from wall to wall; None for the level base.
     """
 
     surface: Line
@@ -70,6 +72,7 @@ class Section:
     interface: Interface | None = None
     toe: float | None = None
     crest: float | None = None
+    bedrock: Line | None = None
 
     def outline(self) -> Outline:
         """Points of the surface, positions of both walls, and height of the base.
@@ -96,7 +99,8 @@ class Section:
         x, z = points[np.argmin(points[:, 1])]
         if z < self.base:
             raise ValueError(f"the surface at ({x:g}, {z:g}) m lies below the base at {self.base:g} m: lower the base")
-        return Outline(points, (float(left), float(right)), self.base)
+        bedrock = None if self.bedrock is None else bedrock_of(self.bedrock, points, (left, right), self.base)
+        return Outline(points, (float(left), float(right)), self.base, bedrock)
 
     @property
     def corner(self) -> tuple[float, ...]:
@@ -107,23 +111,19 @@ class Section:
     def extent(self) -> tuple[float, ...]:
         """Edges (2,) m of the bounding box."""
         left, right = self.outline().walls
-        return (right - left, self._top() - self.base)
+        return (right - left, max(z for _, z in self.surface) - self.base)
 
     @property
     def relief(self) -> float:
         """Height of the surface's highest point above its lowest (m)."""
-        return self._top() - min(point[1] for point in self.surface)
+        return max(z for _, z in self.surface) - min(z for _, z in self.surface)
 
     @property
     def volume(self) -> float:
         """Area of the section (m2), its volume per metre of width."""
-        points, (left, right), _ = self.outline()
-        x, z = points.T
-        inner = (x > left) & (x < right)
-        x, z = (np.r_[a, values[inner], b] for a, values, b in (
-            (left, x, right), (np.interp(left, x, z), z, np.interp(right, x, z))
-        ))  # fmt: skip
-        return float(np.trapezoid(z - self.base, x))
+        outline = self.outline()
+        x = knots(outline, [])
+        return float(np.trapezoid(outline.heights(x) - outline.floor(x), x))
 
     def check(self) -> None:
         """Check the outline, the toe and the crest.
@@ -142,7 +142,7 @@ class Section:
             return None
         if self.toe is None:
             raise ValueError(f"crest = {self.crest:g} m without a toe, from which its height is counted: give toe, too")
-        points, (left, right), _ = self.outline()
+        points, (left, right), *_ = self.outline()
         toe_z = elevation_of_toe(points, left, self.toe, right)
         if self.crest is not None and not left <= self.crest <= self.toe:
             raise ValueError(
@@ -215,11 +215,9 @@ class Section:
         return partial(section, self)
 
     def _tops(self, layers: Sequence[Layer], x: np.ndarray) -> list[np.ndarray]:
-        """Heights (n,) m of the layers' upper boundaries and of the base at x (n,) m, none below the base."""
-        return [np.maximum(top(x), self.base) for top in tops_of(self.outline(), layers, spacing=math.inf)]
-
-    def _top(self) -> float:
-        return max(point[1] for point in self.surface)
+        """Heights (n,) m of the layers' upper boundaries and of rigid ground at x (n,) m, none below it."""
+        outline = self.outline()
+        return [np.maximum(top(x), outline.floor(x)) for top in tops_of(outline, layers, spacing=math.inf)]
 
 
 HELD: dict[str, tuple[Hold, Hold]] = {
@@ -287,17 +285,21 @@ def section(
     tops = layering(outline, layers, discretisation)
     grid = box_grid(shape.corner, cells, discretisation.cell)
     table = water_table(outline, water, discretisation)
-    particles, law = lattice(shape, layers, discretisation, grid, wet=None if table is None else under(table))
+    bedrock = None if outline.bedrock is None else outline.floor
+    if bedrock is not None and ends in ("tied", "free field"):
+        raise ValueError(f"ends = {ends!r} with bedrock, whose level would have to be that of the base: leave it out")
+    wet = None if table is None else under(table)
+    particles, law = lattice(shape, layers, discretisation, grid, bedrock=bedrock, wet=wet)
     if ends == "tied":
         check_alike(outline, tops, table, discretisation.spacing[-1])
     if ends == "free field":
-        if shape.interface is not None:
-            raise ValueError("ends = 'free field' with an interface on the base, which ground beyond it would need too")
-        check_free_field(discretisation)
+        check_free_field(discretisation, shape.interface)
         check_level(tops, outline, discretisation)
     upright = () if ends == "tied" else end_walls(0, cells[0], *HELD.get(ends, HELD["roller"]))
-    base = Wall(1, "low", PADDING, "fixed" if shape.interface is None else "friction")
     warn_of_seams(layers, shape.thicknesses(layers), discretisation.cell)
+    x = np.clip(grid.origin[0] + np.arange(grid.shape[0]) * grid.cell, *outline.walls)
+    pressure = pressure_on_base(r_u, layers, [top(x) for top in tops], grid.shape[1])
+    rigid = boundary_of_base(grid, bedrock, shape.interface, pressure)
     x, z = np.asarray(particles.position, float)
     built, state = build(
         particles,
@@ -305,8 +307,8 @@ def section(
         law,
         discretisation,
         boundary=replace(
-            boundary_of_base(shape.interface, outline, layers, tops, grid, r_u),
-            walls=(*upright, base),
+            rigid,
+            walls=(*upright, *rigid.walls),
             tied=(PADDING, PADDING + cells[0]) if ends == "tied" else None,
         ),
         loads=Loads(

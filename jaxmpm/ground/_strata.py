@@ -60,17 +60,17 @@ def bottoms(
 
 def tops_of(
     surface: np.ndarray,
-    base: float,
+    floor: np.ndarray,
     layers: Sequence[Layer],
     x: np.ndarray,
     y: np.ndarray,
     spacing: float = math.inf,
 ) -> list[np.ndarray]:
-    """Heights (N,) m of the layers' upper boundaries and of the base at points in plan, none below the base.
+    """Heights (N,) m of the layers' upper boundaries and of rigid ground at points in plan, none below it.
 
     Args:
         surface: as in `bottoms`.
-        base: height of the base (m).
+        floor: height of rigid ground at the points (N,) m.
         layers: as in `bottoms`.
         x: as in `bottoms`.
         y: as in `bottoms`.
@@ -79,8 +79,7 @@ def tops_of(
     Returns:
         One array per boundary.
     """
-    tops = (surface, *bottoms(surface, layers, x, y, spacing), np.full(surface.shape, base))
-    return [np.maximum(top, base) for top in tops]
+    return [np.maximum(top, floor) for top in (surface, *bottoms(surface, layers, x, y, spacing), floor)]
 
 
 def refuse_thin(x: np.ndarray, y: np.ndarray, tops: Sequence[np.ndarray], spacing: float) -> None:
@@ -117,6 +116,6 @@ def refuse_holes(name: str, heights: np.ndarray, x: np.ndarray, y: np.ndarray) -
     holes = np.flatnonzero(~np.isfinite(heights))
     if holes.size:
         raise ValueError(
-            f"{name} has no height at ({x[holes[0]]:g}, {y[holes[0]]:g}) m: fill its holes, or give one that reaches "
-            "the walls"
+            f"{name} has {holes.size} holes between the walls, the first at ({x[holes[0]]:g}, {y[holes[0]]:g}) m: fill "
+            "them, e.g. with gdal_fillnodata, or give one that reaches the walls"
         )

@@ -11,23 +11,21 @@ from typing import Literal
 import jax
 import jax.numpy as jnp
 import numpy as np
-import shapely
 
 from foundation import check
-from foundation.text import shown
-from jaxmpm.grid import Grid, Wall
+from jaxmpm.grid import Grid
+from jaxmpm.ground._base import boundary_of_base, check_bedrock
 from jaxmpm.ground._boxes import SAMPLED, boxes
-from jaxmpm.ground._fill import box_cells, box_grid
+from jaxmpm.ground._fill import box_cells, box_grid, nodes_in_plan
 from jaxmpm.ground._layer import Box, Layer
-from jaxmpm.ground._pore_water import pore_pressure_of, water_raster, water_surface
+from jaxmpm.ground._polygon import check_polygon, in_polygon
+from jaxmpm.ground._pore_water import pore_pressure_of, pressure_on_base, water_raster, water_surface
 from jaxmpm.ground._raster import Raster
 from jaxmpm.ground._seam import Thickness, thicknesses_of, warn_of_seams
-from jaxmpm.ground._strata import bottoms, refuse_thin, tops_of
+from jaxmpm.ground._strata import bottoms, refuse_holes, refuse_thin, tops_of
 from jaxmpm.laws import BaseMotion
 from jaxmpm.setup import (
-    PADDING,
     RESOLVED,
-    Boundary,
     Discretisation,
     Loads,
     below,
@@ -39,7 +37,7 @@ from jaxmpm.setup import (
     settled,
     sorted_by_cell,
 )
-from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, law_of_layers, weights
+from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, Interface, law_of_layers, weights
 from jaxmpm.types import Scene, State
 
 POINTS = 64
@@ -60,6 +58,8 @@ class Terrain:
         cut: constraint along these cuts. With "fixed" nothing moves there, as if the soil beyond were rock. With "free"
             nothing is held along the polygon, as if the soil beyond had been excavated; a cut at a depth is always
             fixed.
+        bedrock: heights of rigid ground above the base; None for the level base.
+        interface: strength of the contact between soil and rigid ground; None if soil cannot slide on it.
     """
 
     surface: Raster
@@ -69,6 +69,8 @@ class Terrain:
     polygon: tuple[tuple[float, float], ...] | None = None
     depth: float | None = None
     cut: Literal["fixed", "free"] = "fixed"
+    bedrock: Raster | None = None
+    interface: Interface | None = None
 
     @property
     def walls(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -114,7 +116,7 @@ class Terrain:
         counts = [max(round(length / self.surface.step), 1) * SAMPLED for length in self.extent[:2]]
         x, y = ((np.arange(n) + 0.5) / n * length for n, length in zip(counts, self.extent[:2], strict=True))
         along, across = np.meshgrid(west + x, south + y, indexing="ij")
-        heights = self.heights(along, across) - self.base
+        heights = self.heights(along, across) - self.floor(along, across)
         if self.depth is not None:
             heights = np.minimum(heights, self.depth)
         return float((heights * self.in_plan(along, across)).mean() * (east - west) * (north - south))
@@ -135,12 +137,7 @@ class Terrain:
         check.finite("base", self.base, "m")
         part = self.surface.cropped(*self.walls)
         (x, y), z = part.points(), part.heights.ravel()
-        holes = np.flatnonzero(~np.isfinite(z))
-        if holes.size:
-            raise ValueError(
-                f"the surface has {holes.size} holes between the walls, the first at ({x[holes[0]]:g}, "
-                f"{y[holes[0]]:g}) m: fill them, e.g. with gdal_fillnodata, or put the walls elsewhere"
-            )
+        refuse_holes("the surface", z, x, y)
         low = np.argmin(z)
         if z[low] < self.base:
             raise ValueError(
@@ -148,33 +145,26 @@ class Terrain:
                 "the base"
             )
         self._check_cuts()
+        if self.interface is not None:
+            self.interface.check()
+        if self.bedrock is not None:
+            self.bedrock.check("bedrock")
+            refuse_holes("bedrock", self.floor(x, y), x, y)
+            check_bedrock(np.stack([x, y]), self.floor(x, y), z, self.base)
 
     def _check_cuts(self) -> None:
         if self.cut not in ("fixed", "free"):
             raise ValueError(f"cut = {self.cut!r}: give 'fixed' or 'free'; nothing can roll along a cut through cells")
         if self.depth is not None:
             check.positive("depth", self.depth, "m")
-        if self.polygon is None:
-            return
-        if len(self.polygon) < 3 or any(len(corner) != 2 or not np.isfinite(corner).all() for corner in self.polygon):
-            raise ValueError(f"polygon = {shown(self.polygon)}: give three or more corners [x, y] in metres")
-        corners = np.array(self.polygon, float)
-        polygon = shapely.Polygon(corners)
-        if not polygon.is_valid or polygon.area == 0:
-            raise ValueError(f"the polygon encloses nothing, or crosses itself ({shapely.is_valid_reason(polygon)}): "
-                             "give its corners in order")  # fmt: skip
-        for axis, at, (low, high) in zip("xy", corners.T, self.walls, strict=True):
-            if at.min() < low or at.max() > high:
-                raise ValueError(
-                    f"the polygon reaches from {axis} = {at.min():g} to {at.max():g} m, beyond the walls at {low:g} "
-                    f"and {high:g} m: draw it between them"
-                )
+        if self.polygon is not None:
+            check_polygon(self.polygon, self.walls)
 
     def in_plan(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Whether points at x and y (m), of any shape, lie in the modelled part, seen from above."""
         if self.polygon is None:
             return np.ones(np.shape(x), bool)
-        return shapely.contains_xy(shapely.Polygon(self.polygon), x, y)
+        return in_polygon(self.polygon, x, y)
 
     def modelled(self, position: np.ndarray) -> np.ndarray:
         """Whether points between the walls lie in the modelled part.
@@ -200,20 +190,25 @@ class Terrain:
         """
         if self.fixed_edge is None and self.depth is None:
             return None
-        axes = [start + grid.cell * np.arange(n) for start, n in zip(grid.origin, grid.shape, strict=True)]
-        # Where the polygon follows a wall, the wall is the constraint.
-        inner = ((low + 1e-6 * grid.cell, high - 1e-6 * grid.cell) for low, high in self.walls)
-        x, y = np.meshgrid(*(axis.clip(*ends) for axis, ends in zip(axes, inner, strict=False)), indexing="ij")
+        x, y = nodes_in_plan(grid, self.walls)
+        z = grid.origin[2] + grid.cell * np.arange(grid.shape[2])
         fixed = np.zeros(grid.shape, bool)
         if self.fixed_edge is not None:
             fixed |= ~self.in_plan(x, y)[..., None]
         if self.depth is not None:
-            fixed |= axes[2] <= (self.heights(x, y) - self.depth)[..., None]
+            fixed |= z <= (self.heights(x, y) - self.depth)[..., None]
         return fixed.ravel()
 
     def heights(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Height of the surface (m) at x, y (m), nan outside it."""
         return self.surface.at(x, y)
+
+    def floor(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Height of rigid ground (m) at x, y (m) of any shape, as at the walls beyond them: of the bedrock or base."""
+        if self.bedrock is None:
+            return np.full(np.shape(x), self.base)
+        (west, east), (south, north) = self.walls
+        return self.bedrock.at(x.clip(west, east), y.clip(south, north))
 
     def lowered(self, depth: float) -> Raster:
         """The surface moved down by `depth` (m)."""
@@ -251,7 +246,7 @@ class Terrain:
         x, y = (axis.ravel() for axis in np.meshgrid(*(low + share * (high - low) for low, high in self.walls)))
         within = self.in_plan(x, y)
         x, y = x[within], y[within]
-        return thicknesses_of(layers, tops_of(self.heights(x, y), self.base, layers, x, y))
+        return thicknesses_of(layers, tops_of(self.heights(x, y), self.floor(x, y), layers, x, y))
 
     def box_of(self, layers: Sequence[Layer], number: int) -> Box:
         """Lowest corner and edges (m) of a box that holds a layer, as `jaxmpm.ground.box_of`."""
@@ -260,7 +255,7 @@ class Terrain:
         (west, east), (south, north) = self.walls
         x, y = np.concatenate(points, axis=1)
         x, y = x.clip(west, east), y.clip(south, north)
-        top, bottom = tops_of(self.heights(x, y), self.base, layers, x, y)[number : number + 2]
+        top, bottom = tops_of(self.heights(x, y), self.floor(x, y), layers, x, y)[number : number + 2]
         if not (top > bottom).any():
             raise ValueError(f"layer {number + 1} lies nowhere between the walls: draw it there, or leave it out")
         return (west, south, float(bottom.min())), (east - west, north - south, float(top.max() - bottom.min()))
@@ -313,8 +308,8 @@ def terrain(
     cells = shape.cells(discretisation)
     layers = list(soil) if isinstance(soil, Sequence) else [Layer(soil)]
     grid = box_grid(shape.corner, cells, discretisation.cell)
-    inside = None if shape.polygon is None and shape.depth is None else shape.modelled
-    particles = sorted_by_cell(boxes(shape, discretisation, inside), grid)
+    bedrock = None if shape.bedrock is None else shape.floor
+    particles = sorted_by_cell(boxes(shape, discretisation, shape.modelled, bedrock), grid)
     layer = shape.layer_of(layers, np.asarray(particles.position), discretisation)
     empty = np.flatnonzero(np.bincount(layer, minlength=len(layers)) == 0)
     if empty.size:
@@ -327,17 +322,21 @@ def terrain(
     density = jnp.asarray(
         weights([each.soil for each in layers], layer, under) / STANDARD_GRAVITY, particles.mass.dtype
     )
-    tops = tops_of(shape.heights(x, y), shape.base, layers, x, y, spacing)
+    tops = tops_of(shape.heights(x, y), shape.floor(x, y), layers, x, y, spacing)
     refuse_thin(x, y, tops, spacing)
     warn_of_seams(layers, thicknesses_of(layers, tops), discretisation.cell)
+    x_plan, y_plan = (at.ravel() for at in nodes_in_plan(grid, shape.walls))
+    over = tops_of(shape.heights(x_plan, y_plan), shape.floor(x_plan, y_plan), layers, x_plan, y_plan)
+    rigid = boundary_of_base(grid, bedrock, shape.interface, pressure_on_base(r_u, layers, over, grid.shape[-1]))
     built, state = build(
         replace(particles, mass=particles.volume * density),
         grid,
         law,
         discretisation,
-        boundary=Boundary(
-            (*end_walls(0, cells[0], ends), *end_walls(1, cells[1], ends), Wall(2, "low", PADDING, "fixed")),
-            cut=shape.beyond(grid),
+        boundary=replace(
+            rigid,
+            walls=(*end_walls(0, cells[0], ends), *end_walls(1, cells[1], ends), *rigid.walls),
+            cut=shape.beyond(grid) if rigid.cut is None else rigid.cut,
         ),
         loads=Loads(
             gravity=acceleration,

@@ -72,21 +72,25 @@ def check_boundary(boundary: Boundary, grid: Grid) -> None:
             raise ValueError(f"{wall}: there is no such axis or node on a grid of {grid.shape} nodes")
         if wall.side not in ("low", "high") or wall.hold not in ("fixed", "roller", "friction"):
             raise ValueError(f"{wall}: side is 'low' or 'high', hold is 'fixed', 'roller' or 'friction'")
-    rough = any(wall.hold == "friction" for wall in walls)
+    rough = boundary.base is not None or any(wall.hold == "friction" for wall in walls)
     if rough != (friction is not None):
         raise ValueError(
             f"wall_friction = {friction} with walls of {sorted({wall.hold for wall in walls})}: give it with, and only "
-            "with, walls of 'friction'"
+            "with, walls of 'friction' or a base"
         )
     if not rough and (boundary.cohesion is not None or boundary.pressure is not None):
-        raise ValueError("wall_cohesion or wall_pressure without walls of 'friction': leave them out")
+        raise ValueError("wall_cohesion or wall_pressure without walls of 'friction' or a base: leave them out")
     if friction is not None:
         check.not_negative("wall_friction", friction)
-    nodes, pressure, cut = (grid.nodes,), boundary.pressure, boundary.cut
+    nodes, pressure, cut, base = (grid.nodes,), boundary.pressure, boundary.cut, boundary.base
     if pressure is not None and np.shape(pressure) != nodes:
         raise ValueError(f"wall_pressure has shape {np.shape(pressure)}: give {nodes}, in Pa")
     if cut is not None and (np.shape(cut) != nodes or np.asarray(cut).dtype != bool):
         raise ValueError(f"cut has shape {np.shape(cut)}: give {nodes}, one bool for each node")
+    if base is not None:
+        shapes = tuple(np.shape(each) for each in (base.normal, base.area, base.volume))
+        if shapes != ((*nodes, grid.dimension), nodes, nodes):
+            raise ValueError(f"the base has shapes {shapes}: give normals {(*nodes, grid.dimension)}, else {nodes}")
 
 
 def check_kernel(kernel: Kernel, grid: Grid) -> None:

@@ -43,9 +43,12 @@ def elastic_equilibrium(
         Stress (s, N) Pa, and the residual: norm of the net force over that of the load, on free nodes.
     """
     grid, particles = scene.grid, scene.particles
-    # At rest soil sticks to walls with friction.
+    # At rest soil sticks to walls with friction, and to the base.
     sticking = (replace(wall, hold="fixed") if wall.hold == "friction" else wall for wall in scene.walls)
     scene = replace(scene, walls=tuple(sticking))
+    if scene.base is not None:
+        on_base = jnp.any(scene.base.normal != 0, axis=1)
+        scene = replace(scene, cut=on_base if scene.cut is None else scene.cut | on_base)
     d = grid.dimension
     maps = Maps(scene, particles.position)
     mass = maps.to_grid(particles.mass[None], None)

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxmpm.grid import Grid, Wall
+from jaxmpm.grid import Grid, RigidBase, Wall
 from jaxmpm.laws import BaseMotion, WaterSurface, WaterTable
 from jaxmpm.protocols import Kernel
 from jaxmpm.setup._discretisation import Discretisation
@@ -22,11 +22,13 @@ class Boundary:
 
     Args:
         walls: planes that constrain nodes.
-        friction: coefficient of walls with friction.
-        cohesion: of such walls (Pa); None for none.
+        friction: coefficient of walls with friction and of the base.
+        cohesion: of those (Pa); None for none.
         pressure: (nodes,) pressure of the water between these walls and the soil (Pa); None for none.
         tied: numbers of two planes of nodes along x that are identified; None for none.
         cut: (nodes,) bool, nodes at which nothing moves; None if walls are all.
+        base: rigid ground of any shape, with the friction, cohesion and water pressure of walls with friction; None for
+            none.
     """
 
     walls: Sequence[Wall] = ()
@@ -35,6 +37,7 @@ class Boundary:
     pressure: ArrayLike | None = None
     tied: tuple[int, int] | None = None
     cut: ArrayLike | None = None
+    base: RigidBase | None = None
 
 
 @dataclass(frozen=True)

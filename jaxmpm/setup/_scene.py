@@ -131,6 +131,7 @@ def scene(
         motion=jax.tree.map(number, loads.motion),
         tied=boundary.tied,
         cut=None if boundary.cut is None else jnp.asarray(boundary.cut),
+        base=jax.tree.map(number, boundary.base),
     )
     check_scene(built)
     return built

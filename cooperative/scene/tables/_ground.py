@@ -65,6 +65,18 @@ class Interface(Table):
     cohesion: Annotated[float, Within(soil_limits()["cohesion"])] = key("Cohesion.", 0.0, 0.0)
 
 
+CONTACT = key(
+    "Strength of the contact of soil with the base or bedrock, on which soil can then slide. It stands for a joint, or "
+    "for a weak seam on rock that is thinner than a cell. It does not vary; strength reduction divides it too.",
+    {"friction": 10.0, "cohesion": 0.0},
+    None,
+    otherwise="none: soil sticks to it",
+)
+CONTACT_OF_BEDROCK = (
+    "With an `interface` it is a slip surface on which soil slides without a cell of soil that sticks to it."
+)
+
+
 class Ground(Table):
     """Ground that you draw, a section in plane strain, in place of `[slope]`.
 
@@ -100,12 +112,14 @@ class Ground(Table):
         "roller",
         "roller",
     )
-    interface: Interface | None = key(
-        "Strength of the contact of soil with the base, on which soil can then slide. It stands for a joint, or for a "
-        "weak seam on rock that is thinner than a cell. It does not vary; strength reduction divides it too.",
-        {"friction": 10.0, "cohesion": 0.0},
+    interface: Interface | None = CONTACT
+    bedrock: Line | None = key(
+        f"Surface of rigid ground above the base, from wall to wall. {CONTACT_OF_BEDROCK} Rock crops out where "
+        "the line follows the surface.",
+        [[0, 0], [30, 0], [54, -3], [92, -3]],
         None,
-        otherwise="none: soil sticks to the base",
+        units="m",
+        otherwise="none: the level base",
     )
 
 
@@ -118,6 +132,15 @@ class Terrain(Table):
 
     surface: Raster = key("File of the heights of the ground.", "terrain.asc", units="m")
     base: Metres = key("Height of the rigid base.", 80.0)
+    bedrock: Raster | None = key(
+        f"File of the heights of rigid ground above the base. {CONTACT_OF_BEDROCK} Rock crops out where it has the "
+        "heights of the surface.",
+        "bedrock.asc",
+        None,
+        units="m",
+        otherwise="none: the level base",
+    )
+    interface: Interface | None = CONTACT
     x: Pair[Metres] | None = key(
         "Walls along x, a multiple of both cells apart.", [0.0, 200.0], None,
         otherwise="the surface's ends, less what is no multiple of both cells",

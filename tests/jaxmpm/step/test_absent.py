@@ -250,9 +250,18 @@ def test_walls_with_friction_leave_no_operation_behind():
         mpm.block((2, 2), soil, NUMERICS, walls=walls, friction=friction, **sizes)
         for walls, friction in (("fixed", 0.0), ("friction", 0.3))
     )
-    assert held[0].wall_friction is None
+    assert (held[0].wall_friction, held[0].base, sliding[0].base) == (None, None, None)
     assert count(program(*held), "sqrt") == 0  # the speed along the wall
     assert count(program(*sliding), "sqrt") > 0
+
+
+def test_bedrock_is_no_argument_of_a_scene_on_a_level_base():
+    level, rock = (
+        mpm.section(mpm.Section([(0, 4), (6, 4)], -2.0, bedrock=bedrock, interface=mpm.Interface(20.0)), SOIL, NUMERICS)
+        for bedrock in (None, [(0, 0), (6, -1)])
+    )
+    assert (level[0].base, level[0].cut) == (None, None)
+    assert len(jax.tree.leaves(rock[0])) == len(jax.tree.leaves(level[0])) + 3
 
 
 def test_columns_leave_nothing_in_state_or_program_unless_asked_for():

@@ -1,0 +1,43 @@
+"""Polygons in plan that bound the part of a terrain to model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+
+from foundation.text import shown
+
+Corners = Sequence[Sequence[float]]
+"""Corners (x, y) of a polygon in plan (m)."""
+
+
+def check_polygon(polygon: Corners, walls: Sequence[tuple[float, float]]) -> None:
+    """Refuse corners that enclose nothing, or lie beyond the walls.
+
+    Args:
+        polygon: corners.
+        walls: positions of the walls along x and along y (m).
+
+    Raises:
+        ValueError: If there are fewer than three corners, edges cross, or a corner lies beyond a wall.
+    """
+    if len(polygon) < 3 or any(len(corner) != 2 or not np.isfinite(corner).all() for corner in polygon):
+        raise ValueError(f"polygon = {shown(polygon)}: give three or more corners [x, y] in metres")
+    corners = np.array(polygon, float)
+    area = shapely.Polygon(corners)
+    if not area.is_valid or area.area == 0:
+        raise ValueError(f"the polygon encloses nothing, or crosses itself ({shapely.is_valid_reason(area)}): "
+                         "give its corners in order")  # fmt: skip
+    for axis, at, (low, high) in zip("xy", corners.T, walls, strict=True):
+        if at.min() < low or at.max() > high:
+            raise ValueError(
+                f"the polygon reaches from {axis} = {at.min():g} to {at.max():g} m, beyond the walls at {low:g} "
+                f"and {high:g} m: draw it between them"
+            )
+
+
+def in_polygon(polygon: Corners, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Whether points at x and y (m), of any shape, lie in a polygon."""
+    return np.asarray(shapely.contains_xy(shapely.Polygon(polygon), x, y))
