@@ -19,8 +19,22 @@ FRICTION = float(np.arcsin(SLIDING))
 
 
 def collapsed(aspect: float, cells: int) -> dict[str, float]:
-    """Run-outs over the initial width of a column `aspect` times as high as wide: of its front, and of 95 % of it; the
-    speed left over sqrt(g H); seconds.
+    """Run-outs over the initial width of a column, as `collapse`: of its farthest grain, and of 95 % of it; the speed
+    left over sqrt(g H); seconds.
+    """
+    start = time.perf_counter()
+    scene, final = collapse(aspect, cells)
+    edges = np.asarray(diagnostics.position(scene, final)[0]) + 1 / cells / 4
+    return {
+        "front": float(edges.max()) - 1,
+        "front_of_95_percent": float(np.quantile(edges, 0.95)) - 1,
+        "speed_left": float(diagnostics.speed(scene, final)) / np.sqrt(GRAVITY * aspect),
+        "seconds": time.perf_counter() - start,
+    }
+
+
+def collapse(aspect: float, cells: int) -> tuple[mpm.Scene, mpm.State]:
+    """A column `aspect` times as high as wide, and its state at the end of its collapse.
 
     The width is 1 m in `cells` cells, the base as rough as the sand. APIC, since it loses little to the grid and has no
     share of PIC to choose. Raises FloatingPointError where the run breaks off.
@@ -49,13 +63,5 @@ def collapsed(aspect: float, cells: int) -> dict[str, float]:
     lateral = 0.3 / 0.7 * vertical
     stress = state.stress.at[0].set(lateral).at[1].set(lateral).at[2].set(vertical)
     scene = replace(scene, walls=walls, wall_friction=jnp.asarray(SLIDING, stress.dtype))
-    start = time.perf_counter()
     ended = mpm.solve(scene, replace(state, stress=stress), t_end=5 * float(np.sqrt(height / GRAVITY)))
-    final = ended.raise_if_failed().state
-    edges = np.asarray(diagnostics.position(scene, final)[0]) + cell / 4
-    return {
-        "front": float(edges.max()) - 1,
-        "front_of_95_percent": float(np.quantile(edges, 0.95)) - 1,
-        "speed_left": float(diagnostics.speed(scene, final)) / np.sqrt(GRAVITY * height),
-        "seconds": time.perf_counter() - start,
-    }
+    return scene, ended.raise_if_failed().state
