@@ -28,6 +28,7 @@ from benchmarks.sites.slopes import cases
 from cooperative.measure import OpenGround, consequences
 from cooperative.scene import built, parse, read_scene
 from jaxmpm import Section, Soil, Terrain
+from jaxmpm.ground import as_section
 
 HERE = Path(__file__).parent
 AS_CASES = {"acads_1c": "ACADS 1c", "acads_3a": "ACADS 3a"}
@@ -54,9 +55,9 @@ def largest_difference(one: Any, other: Any) -> float:
 def polyline() -> dict[str, Any]:
     """The published slope, drawn as a line, and the largest difference to it."""
     shape, numerics = mpm.Slope(), mpm.Discretisation(1.0, (0.5, 0.5))
-    top = shape.foundation + shape.height
-    line = [(0, top), (shape.crest, top), (shape.toe_x, shape.foundation), (shape.length, shape.foundation)]
-    one, other = mpm.slope(shape, CLAY, numerics), mpm.section(Section(line), CLAY, numerics)
+    drawn = as_section(shape)
+    assert drawn is not None
+    one, other = mpm.slope(shape, CLAY, numerics), mpm.section(drawn, CLAY, numerics)
     return {"case": "polyline", "difference": largest_difference(one, other)}
 
 
