@@ -12,6 +12,7 @@ from pydantic import TypeAdapter
 from cooperative.estimate import (
     Correlation,
     CutOff,
+    Element,
     Estimate,
     Exceedance,
     Fits,
@@ -178,6 +179,11 @@ class Summary:
     slide_weights: Mapping[int, float]
     stands_for: Mapping[int, StandsFor]
     annual_frequency: float | None
+
+    @property
+    def elements_at_risk(self) -> Mapping[str, Element | None]:
+        """Effects by name of the element at risk, None each while nothing is known of them; none without elements."""
+        return self.risk.places if self.risk else {}
 
     @property
     def estimate(self) -> Estimate:

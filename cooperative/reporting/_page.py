@@ -168,10 +168,11 @@ def estimates(summary: Summary) -> str:
 
 def risks(summary: Summary, risk: Risk) -> Iterator[str]:
     """How likely slides reach each element at risk, and what is lost."""
-    cut, known = summary.cut_off, {name: element for name, element in risk.places.items() if element is not None}
-    if len(known) < len(risk.places):
+    cut, elements = summary.cut_off, summary.elements_at_risk
+    known = {name: element for name, element in elements.items() if element is not None}
+    if len(known) < len(elements):
         why = without_slides(summary) or "No slide that has come to its end counts in the estimate so far."
-        yield paragraph(f"How likely a slide reaches {', '.join(risk.places)} is not known. {why}", "note")
+        yield paragraph(f"How likely a slide reaches {', '.join(elements)} is not known. {why}", "note")
         return
     level = f"{summary.level:.0%} interval" + (f" of what {cut.t_end:g} s show" if cut.at_t_end else "")
     heads = ["element", "probability of being reached", level, "arrival, s", "thickness, m", "speed, m/s"]

@@ -78,7 +78,7 @@ def annual(chance: float, often: float) -> float:
 def at_risk(summary: Summary) -> Iterator[str]:
     """Each element at risk: how likely it is reached, and what is lost."""
     often = summary.annual_frequency
-    for name, element in (summary.risk.places if summary.risk else {}).items():
+    for name, element in summary.elements_at_risk.items():
         if element is None:
             yield f"{name}: how likely it is reached is not known yet"
             continue

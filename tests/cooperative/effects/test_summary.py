@@ -157,7 +157,7 @@ def test_of_elements_at_risk_nothing_is_known_before_a_slide_counts():
     # Where many runs ended and none failed, that is known.
     stands = refined(range(60))
     stands.columns["displacement"][:] = 0.05
-    reached = summarise(campaign, rough, stands).risk.places["house"].reached
+    reached = summarise(campaign, rough, stands).elements_at_risk["house"].reached
     assert reached.probability == 0
     assert 0 < reached.interval[1] < 0.2
 

@@ -117,7 +117,7 @@ def test_no_mean_lies_beyond_the_time_of_the_runs_or_below_the_ground():
     refined.columns["arrival_at_road"] = np.where(number < 12, np.where(number < 5, 0.1, 19.9), np.nan)
     refined.columns["depth"] = np.where(number < 12, np.where(number < 2, 0.1 * deep, deep), 0.0)
     summary = summarise(campaign, rough, refined)
-    arrival = summary.risk.places["road"].arrival
+    arrival = summary.elements_at_risk["road"].arrival
     assert arrival.mean < arrival.interval[1] == 20.0
     depth = summary.consequences_of_failures["depth"]
     assert depth.mean < depth.interval[1] == deep
@@ -126,7 +126,7 @@ def test_no_mean_lies_beyond_the_time_of_the_runs_or_below_the_ground():
 @pytest.mark.parametrize(("slid", "reached"), [(0, 0), (3, 0), (3, 2), (8, 0), (8, 3)])
 def test_an_expected_loss_is_at_most_value_times_the_upper_probability(slid, reached):
     summary = summarise(*five_slides(slid=slid, reached=reached))
-    road, house = (summary.risk.places[name] for name in ("road", "house"))
+    road, house = (summary.elements_at_risk[name] for name in ("road", "house"))
     low, high = road.loss.interval
     assert 0 <= low <= road.loss.expected <= high <= 1000 * road.reached.interval[1]
     assert summary.risk.loss.interval == (low, high)

@@ -6,7 +6,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from cooperative.estimate import Element, Risk
+from cooperative.estimate import Element
 from cooperative.estimate._effect_values import ElementLoss, Reached
 from cooperative.measure import PUBLISHED
 from cooperative.reporting import _sentences as sentences
@@ -19,8 +19,10 @@ HOUSE = Element(Reached(0.0, (0.0, 0.05), False), None, None, None, None)
 
 
 def summary(often):
-    risk = Risk({"road": ROAD, "house": HOUSE, "mast": None}, None)
-    return SimpleNamespace(annual_frequency=often, risk=risk, probability_of_failure=0.2, interval=(0.1, 0.3))
+    elements = {"road": ROAD, "house": HOUSE, "mast": None}
+    return SimpleNamespace(
+        annual_frequency=often, elements_at_risk=elements, probability_of_failure=0.2, interval=(0.1, 0.3)
+    )
 
 
 def test_elements_at_risk_have_probability_and_loss_with_their_limits():

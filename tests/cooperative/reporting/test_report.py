@@ -186,14 +186,14 @@ def test_maps_add_up_to_what_the_slides_cover(done):
 
 def test_expected_loss_is_the_area_under_its_curve(done):
     _, summary = done
-    loss, road = summary.risk.loss, summary.risk.places["road"]
+    loss, road = summary.risk.loss, summary.elements_at_risk["road"]
     curve = loss.exceedance
     assert float(np.array(curve.probability[:-1]) @ np.diff(curve.thresholds)) == pytest.approx(loss.expected, rel=1e-9)
     assert loss.expected == pytest.approx(road.loss.expected)
     assert 0 < loss.interval[0] < loss.expected < loss.interval[1]
     assert sum(loss.modes.values()) == pytest.approx(1.0)
-    assert summary.risk.places["house"].loss is None
-    assert 0 < road.arrival.mean < summary.risk.places["house"].arrival.mean
+    assert summary.elements_at_risk["house"].loss is None
+    assert 0 < road.arrival.mean < summary.elements_at_risk["house"].arrival.mean
 
 
 @pytest.mark.slow
