@@ -27,7 +27,7 @@ from cooperative.reporting._soundings import conditioned, measured_of
 from cooperative.runs import GridModel, coefficients_of, ground_of, soil_of
 from cooperative.scene import Campaign
 from cooperative.store import write_aside
-from jaxmpm import Raster
+from jaxmpm import Ground, Raster, Section, Terrain
 from jaxmpm.laws import WaterSurface, WaterTable
 
 if TYPE_CHECKING:
@@ -139,13 +139,13 @@ def _outlines(model: GridModel) -> Iterator[Scatter3d]:
     ring = [(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)]
     # Lines on the surface lie above the boxes of its particles.
     above = 2 * model.half_size[-1]
-    yield interactive.line(np.array([(x, y, z0) for x, y in ring]), f"fixed base, z = {z0:g} m")
+    x, y = _around(np.array(ring[:4]), model.scene.grid.cell / 2).T
+    yield interactive.line(np.column_stack([x, y, _rigid(shape, x, y)]), _contact(shape))
     for (axis, side), hold in _holds(model).items():
         at = (low if side == "low" else high)[axis]
         ends = [point for point in ring[:4] if point[axis] == at]
         frame = np.array([(*ends[0], z0), (*ends[0], z1), (*ends[1], z1), (*ends[1], z0)])
         yield interactive.line(frame, f"{hold} wall, {'xy'[axis]} = {at:g} m", dashed=hold == "roller")
-    x, y = _around(np.array(ring[:4]), model.scene.grid.cell / 2).T
     if (table := _water(model, x, y)) is not None:
         yield interactive.line(np.column_stack([x, y, table]), "water table", WATER)
     if campaign.site.track is not None:
@@ -265,7 +265,7 @@ def _layers(ax: Axes, model: GridModel, plane: np.ndarray, section: plots.Sectio
     hold = [_holds(model).get((0, side), "no") for side in ("low", "high")]
     for end, held in zip(ends, hold, strict=True):
         ax.axvline(end, color="k", lw=1.5, ls="--" if held == "roller" else "-")
-    ax.axhline(corner[-1], color="k", lw=2)
+    ax.plot(x, _rigid(campaign.site.shape, x, np.full(x.size, middle)), color="k", lw=2)
     if campaign.dimension == 2:
         shape = campaign.site.shape
         for element in campaign.elements_at_risk:
@@ -273,8 +273,22 @@ def _layers(ax: Axes, model: GridModel, plane: np.ndarray, section: plots.Sectio
             ax.plot(x, shape.heights(x), color=EXPOSED, lw=4, marker="v", markevery=[50])
             _name(ax, element.name, (x[50], shape.heights(x)[50]))
     walls = ", ".join(f"{held} wall at x = {end:g} m" for end, held in zip(ends, hold, strict=True))
-    ax.set_title(f"{walls}, fixed base", loc="left")
+    ax.set_title(f"{walls}, {_contact(campaign.site.shape)}", loc="left")
     ax.legend(handles=handles, loc="upper left", bbox_to_anchor=(1, 1), fontsize="small", frameon=False)
+
+
+def _rigid(shape: Ground, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Heights (n,) m of the rigid ground under a shape at x and y (n,) m."""
+    if isinstance(shape, Section):
+        return shape.outline().floor(x)
+    return shape.floor(x, y) if isinstance(shape, Terrain) else np.full(x.size, shape.corner[-1])
+
+
+def _contact(shape: Ground) -> str:
+    """What rigid ground there is under a shape, in words."""
+    rock = isinstance(shape, Section | Terrain) and shape.bedrock is not None
+    slides = isinstance(shape, Section | Terrain) and shape.interface is not None
+    return ("soil slides on the " if slides else "fixed ") + ("bedrock" if rock else "base")
 
 
 def _name(ax: Axes, name: str, at: tuple[float, float]) -> None:
