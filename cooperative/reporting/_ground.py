@@ -52,11 +52,15 @@ def draw(campaign: Campaign, *paths: Path, sample: int = 0) -> None:
         sample: number of the sample whose field is drawn.
 
     Raises:
-        ValueError: the scene has not so many samples, its ground, soil and grids do not fit together, or a page is
-            asked for of a section.
+        ValueError: the scene has not so many samples, its ground, soil and grids do not fit together, a name has no
+            picture's ending, or a page is asked for of a section.
     """
     if not 0 <= sample < campaign.plan.samples:
         raise ValueError(f"sample = {sample}: the scene has samples 0 to {campaign.plan.samples - 1}")
+    if unknown := [
+        path for path in paths if path.suffix[1:] not in ("html", *Figure().canvas.get_supported_filetypes())
+    ]:
+        raise ValueError(f"{unknown[0]} is no name of a picture: give a PNG, PDF or SVG, such as {unknown[0]}.png")
     turns = [path for path in paths if path.suffix == ".html"]
     if turns and campaign.dimension < 3:
         raise ValueError(f"{turns[0]}: a section has nothing to turn, give a PNG, PDF or SVG")
