@@ -27,12 +27,10 @@ class Path:
     """Where a key of a scene stands.
 
     Args:
-        name: as the user gives it.
         keys: of its value.
         owner: table that has it.
     """
 
-    name: str
     keys: Keys
     owner: type[tables.Keyed]
 
@@ -78,20 +76,19 @@ def path_of(scene: Mapping[str, object], name: str) -> Path:
     left = list(parts)
     while left:
         key = left.pop(0)
-        if key not in owner.__pydantic_fields__:
-            raise _unknown(scene, name)
+        field = owner.__pydantic_fields__.get(key)
+        if field is None:
+            break
         keys = (*keys, key)
         if not left:
-            return Path(name, keys, owner)
-        inner = tables.table_in(owner.__pydantic_fields__[key])
+            return Path(keys, owner)
+        inner = tables.table_in(field)
         if inner is None:
-            raise _unknown(scene, name)
+            break
         owner = inner
         if len(keys) == 1 and isinstance(scene.get(key), list):
             number, left = _entry(scene, name, key, left)
             keys = (*keys, number)
-            if not left:
-                raise _unknown(scene, name)
     raise _unknown(scene, name)
 
 
