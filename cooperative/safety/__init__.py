@@ -3,7 +3,7 @@
 from cooperative.safety._factor import Safety, factor_of_safety
 from cooperative.safety._pictures import draw_safety, write_safety
 from cooperative.safety._search import Critical, critical_surface
-from cooperative.safety._slices import Circle, Slices, Slip, inputs, installed, module, zones
+from cooperative.safety._slices import Circle, Slices, Slip, inputs, module, zones
 from cooperative.safety._words import lines_of_equilibrium, lines_of_solver, progress_line
 
 __all__ = [
@@ -16,7 +16,6 @@ __all__ = [
     "draw_safety",
     "factor_of_safety",
     "inputs",
-    "installed",
     "lines_of_equilibrium",
     "lines_of_solver",
     "module",

@@ -43,15 +43,6 @@ Strength = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.n
 layer."""
 
 
-def installed() -> bool:
-    """Whether xslope is."""
-    try:
-        module("slice")
-    except ValueError:
-        return False
-    return True
-
-
 def module(name: str) -> ModuleType:
     """A module of xslope. Raises ValueError where the package, or what it needs, is not installed."""
     try:
