@@ -4,9 +4,11 @@ import json
 import re
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import jaxmpm as mpm
 from benchmarks.sites import slopes
@@ -14,7 +16,7 @@ from benchmarks.sites.limit_equilibrium import layers_of
 from cooperative import safety
 from cooperative.__main__ import main
 from cooperative.runs import build, coefficients_of, random_soil
-from cooperative.safety import _factor, _search
+from cooperative.safety import _factor, _pictures, _search
 from cooperative.scene import example, parse
 from jaxmpm.run import FactorOfSafety
 
@@ -152,6 +154,21 @@ def test_the_command_prints_both_factors_and_why_they_differ(tmp_path, monkeypat
     assert content["solver"]["kink"] == 1.195
     assert 0.05 < content["difference"] < 0.15
     assert (tmp_path / "demo-fos" / "fos.png").stat().st_size > 10_000
+
+
+def test_the_title_of_a_picture_has_room(monkeypatch, tmp_path):
+    shape = mpm.Slope(crest=12.0, height=12.0, run_per_rise=2.0, toe=16.0, foundation=4.0)
+    failing = mpm.slope(shape, mpm.Soil(20e3, strength=25e3), mpm.Discretisation(4.0, (2.0, 2.0)), at_rest=False)
+    solver = FactorOfSafety(1.19, 1.20, ((1.19, 0.1),), 1.195, 12.0)
+    result = safety.Safety("median soil", (), "rough grid", solver=solver, failing=failing)
+    drawn = []
+    monkeypatch.setattr(_pictures, "save", lambda figure, path: drawn.append(figure))
+    safety.draw_safety(result, SimpleNamespace(site=SimpleNamespace(shape=shape)), tmp_path / "fos.png")
+    [figure] = drawn
+    FigureCanvasAgg(figure).draw()
+    with_title = figure.axes[0].get_tightbbox()
+    assert with_title.y1 <= figure.bbox.height
+    assert with_title.x0 >= 0
 
 
 def state_of(state):
