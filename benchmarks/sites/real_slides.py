@@ -4,14 +4,12 @@ The scenes stand in benchmarks/scenes/real, with the source of each number and w
 `benchmarks.sites.real_surveys`. Both were committed before the first run. After it only numerical choices were changed,
 because grains had left the grid; each scene names its own.
 
-`low`, `median` and `high` are weighted quantiles of the refined slides that ran to their end; `rough_low` and
-`rough_high` are of the failures on the rough grid. `hit`: the surveyed value lies within an interval whose ends differ
-by no more than a factor of 3. `score` is the interval score over the surveyed value, smaller is better;
-`corominas_score` that of the empirical relation, which has the travel distance alone. Campaigns stay in
-out/real_slides; the next command goes on where one was stopped. `--quick` runs the spread on coarse cells.
-
-The last table is of `benchmarks.sites.real_assumptions`: what another assumption does where data are missing, on the
-rough grid with the mean soil, whose strength is multiplied by 0.7 in the spread, since it stands without.
+`low`, `median` and `high` are weighted quantiles of the refined slides that ran to their end, or of the failures on the
+rough grid where there is none yet; `grid` names which, `slides` counts them. `rough_low` and `rough_high` are of the
+failures on the rough grid. `hit`: the surveyed value lies within an interval whose ends differ by no more than a factor
+of 3. `score` is the interval score over the surveyed value, smaller is better; `corominas_score` that of the empirical
+relation, which has the travel distance alone. Campaigns stay in out/real_slides; the next command goes on where one was
+stopped, and one that was stopped counts with the samples that it has. `--quick` runs the spread on coarse cells.
 """
 
 from __future__ import annotations
@@ -21,13 +19,11 @@ import tempfile
 from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.measure import ROOT, Report, code_digest, stored_row
-from benchmarks.sites.real_assumptions import OTHERS, other
+from benchmarks.measure import ROOT, Report
 from benchmarks.sites.real_surveys import KNOWN, MISS, Known, corominas, holds, interval_score
 from cooperative import run as run_campaign
 from cooperative.folder import read_results
@@ -69,6 +65,7 @@ class Compared:
     quantity: str
     surveyed: float
     checked: bool
+    grid: str
     slides: int
     low: float | None
     median: float | None
@@ -135,7 +132,8 @@ def compared(name: str, known: Known, failures: Mapping[str, Slid]) -> list[Comp
     """A row for each surveyed quantity of a slide."""
     rows = []
     for quantity, survey in known.surveys.items():
-        low, median, high = failures["refined"].ends(quantity)
+        grid = "refined" if failures["refined"].weight.size else "rough"
+        low, median, high = failures[grid].ends(quantity)
         rough_low, _, rough_high = failures["rough"].ends(quantity)
         near, likely, far = corominas(known.fall, known.volume) if quantity == "travel" else (None, None, None)
         rows.append(
@@ -144,7 +142,8 @@ def compared(name: str, known: Known, failures: Mapping[str, Slid]) -> list[Comp
                 quantity,
                 survey.value,
                 survey.checked,
-                failures["refined"].weight.size,
+                grid,
+                failures[grid].weight.size,
                 low,
                 median,
                 high,
@@ -194,26 +193,20 @@ def scene_of(name: str, quick: bool) -> Campaign:
 def run(quick: bool) -> Report:
     """All slides, as far as they come; those that were stopped go on with the next command."""
     rows: list[Compared] = []
+    stopped = False
     with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch) if quick else ROOT / "out" / "real_slides"
-        try:
-            for name, known in KNOWN.items():
-                if quick and name != "sainte_monique_1994":
-                    continue
-                campaign = scene_of(name, quick)
-                run_campaign(campaign, folder / name)
-                rows += compared(name, known, slides(name, campaign, folder / name))
-        except Stopped as stopped:
-            print(stopped, file=sys.stderr)
-    return Report(summarised(rows), [*(rounded(row) for row in rows), *(() if quick else others())])
-
-
-def others() -> list[dict[str, str | float]]:
-    """Rows of `real_assumptions`, made again when the code has changed."""
-    texts = [(SCENES / f"{name}.toml").read_text() for name in OTHERS]
-    folder = ROOT / "out" / "real_assumptions" / code_digest(*texts)
-    each = ((name, assumption) for name, assumptions in OTHERS.items() for assumption in assumptions)
-    return [stored_row(folder, f"{name} {assumption}", partial(other, name, assumption)) for name, assumption in each]
+        base = Path(scratch) if quick else ROOT / "out" / "real_slides"
+        for name in ("sainte_monique_1994",) if quick else tuple(KNOWN):
+            campaign = scene_of(name, quick)
+            try:
+                if not stopped:
+                    run_campaign(campaign, base / name)
+            except Stopped as why:
+                print(why, file=sys.stderr)
+                stopped = True
+            if (base / name / "samples").is_dir():
+                rows += compared(name, KNOWN[name], slides(name, campaign, base / name))
+    return Report(summarised(rows), [rounded(row) for row in rows])
 
 
 def rounded(row: Compared) -> dict[str, str | float | None]:

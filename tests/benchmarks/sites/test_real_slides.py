@@ -5,7 +5,6 @@ import tomllib
 import numpy as np
 import pytest
 
-from benchmarks.sites.real_assumptions import OTHERS, scene_of
 from benchmarks.sites.real_slides import CREST, SCENES, Slid, compared, summarised
 from benchmarks.sites.real_surveys import BAND, KNOWN, Known, Survey, corominas, holds, interval_score
 from cooperative.scene import parse, read_scene
@@ -44,7 +43,8 @@ def test_a_quantity_without_a_slide_is_missed_and_has_no_score():
     known = Known({"runout": Survey(9.0, 11.0), "travel": Survey(100.0, 100.0, checked=False)}, fall=10.0, volume=1e5)
     slid = Slid({"runout": np.array([8.0, 12.0]), "travel": np.array([90.0, 95.0])}, np.ones(2))
     rows = compared("a", known, {"rough": slid, "refined": slid})
-    empty = compared("b", known, {"rough": slid, "refined": Slid({}, np.zeros(0))})
+    empty = compared("b", known, {"rough": Slid({}, np.zeros(0)), "refined": Slid({}, np.zeros(0))})
+    assert compared("c", known, {"rough": slid, "refined": Slid({}, np.zeros(0))})[0].grid == "rough"
     answer = summarised(rows + empty)
     assert [answer[key] for key in ("slides", "quantities", "measured_within", "checked_within")] == [1, 4, 0.25, 0.5]
     assert answer["interval_score"] == pytest.approx(np.mean([0.4, (5 + 20 * 5) / 100]))
@@ -58,13 +58,3 @@ def test_a_scene_has_the_crest_from_which_its_slide_is_measured(name):
     ground = tomllib.loads((SCENES / f"{name}.toml").read_text()).get("ground", {})
     assert CREST.get(name) == ground.get("crest")
     assert (campaign.site.track is None) == (name in CREST)
-
-
-@pytest.mark.parametrize("name", OTHERS)
-def test_each_assumption_is_a_scene_of_its_own(name):
-    first, *rest = (scene_of(name, assumption) for assumption in OTHERS[name])
-    assert all(
-        (each.site.shape, each.site.layers, each.random) != (first.site.shape, first.site.layers, first.random)
-        for each in rest
-    )
-    assert first.site.shape == parse(read_scene(SCENES / f"{name}.toml")).site.shape
