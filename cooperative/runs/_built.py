@@ -14,14 +14,16 @@ from __future__ import annotations
 import hashlib
 import os
 import warnings
-from collections.abc import Collection
-from dataclasses import fields, replace
+from collections.abc import Collection, Iterable
+from dataclasses import fields, is_dataclass, replace
+from itertools import repeat
 from pathlib import Path
 
 import h5py
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import PyTreeDef
 
 import jaxmpm
 from cooperative.runs._derived import RATIO, SATURATED
@@ -151,27 +153,35 @@ def _read(path: Path, scene: Scene, state: State) -> State:
     return replace(state, stress=jnp.asarray(stress))
 
 
-YOUNGER = ("wall_cohesion", "wall_pressure", "base")
-"""Parts that scenes did not have when the first of these files were written."""
+YOUNGER = ("wall_cohesion", "wall_pressure", "base", "viscosity")
+"""Parts that scenes and laws did not have when the first of these files were written."""
 
 
-def _structure(scene: Scene) -> str:
-    """The text of a scene's structure, without the younger parts that it does not have: then it is as it was before."""
+def _structure(part: PyTreeDef) -> str:
+    """The text of a structure, without the younger parts that it does not have: then it is as it was before."""
 
-    def text(part: object) -> str:
+    def text(part: PyTreeDef) -> str:
         return str(part).removeprefix("PyTreeDef(").removesuffix(")")
 
-    structure = jax.tree.structure(scene)
-    names = (part.name for part in fields(scene) if not part.metadata.get("static"))
-    parts = list(zip(names, map(text, jax.tree_util.treedef_children(structure)), strict=True))
-    head = str(structure).removesuffix(", ".join(part for _, part in parts) + "]))")
-    return head + ", ".join(part for name, part in parts if name not in YOUNGER or part != "None") + "]))"
+    kind, children = part.node_data(), part.children()
+    if kind is None or not children:
+        return text(part)
+    names: Iterable[str] = repeat("")
+    if is_dataclass(kind[0]):
+        names = (each.name for each in fields(kind[0]) if not each.metadata.get("static"))
+    old = [
+        _structure(child)
+        for name, child in zip(names, children, strict=False)
+        if name not in YOUNGER or text(child) != "None"
+    ]
+    return ", ".join(old).join(text(part).rsplit(", ".join(map(text, children)), 1))
 
 
 def _checksum(scene: Scene) -> str:
     """SHA-256 of a grid's particles, nodes, walls, material and loads."""
+    structure = f"PyTreeDef({_structure(jax.tree.structure(scene))})"
     # Files of before name the module in which these classes were.
-    digest = hashlib.sha256(_structure(scene).replace("'jaxmpm.grid.", "'jaxmpm.types.").encode())
+    digest = hashlib.sha256(structure.replace("'jaxmpm.grid.", "'jaxmpm.types.").encode())
     for leaf in map(np.asarray, jax.tree.leaves(scene)):
         digest.update(f"{leaf.dtype} {leaf.shape}".encode() + np.ascontiguousarray(leaf).tobytes())
     return digest.hexdigest()

@@ -4,6 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from types import SimpleNamespace
 
+import jax
 import numpy as np
 import pytest
 
@@ -12,7 +13,7 @@ from benchmarks.robustness.invented import TINY
 from cooperative import campaign
 from cooperative.reporting._exports import export_sample
 from cooperative.runs import _executors, build, keep_initial, random_soil
-from cooperative.runs._built import initial_path
+from cooperative.runs._built import _structure, initial_path
 from cooperative.scene import parse
 from cooperative.store import read_rows, read_store, sample_path
 from foundation.files import set_aside
@@ -136,3 +137,16 @@ def test_a_folder_that_leads_elsewhere_is_not_followed(stored, tmp_path_factory)
     keep_initial(stored, "rough", model.scene, model.state)
     assert not (elsewhere / "rough.h5").exists()
     assert not (stored / "initial").is_symlink()
+
+
+def test_a_part_that_laws_did_not_have_leaves_files_of_before_valid():
+    soil = jaxmpm.Soil(strength=9e3, softening_modulus=40e3)
+    before, now = (
+        _structure(jax.tree.structure(replace(soil, viscosity=viscosity).material(np.dtype("f4"), 1.0)))
+        for viscosity in (None, 1.0)
+    )
+    assert before == (
+        "CustomNode(J2[(<class 'jaxmpm.laws._undrained.J2'>, ('gap_memory', True))], [*, *, *, "
+        "CustomNode(Softening[(<class 'jaxmpm.laws._softening.Softening'>,)], [*, *]), *, None])"
+    )
+    assert now == before.removesuffix("])") + ", *])"
