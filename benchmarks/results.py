@@ -48,6 +48,7 @@ SHORT = {
     "rare_events": "statistics",
     "derivative_screening": "statistics",
     "published": "study",
+    "mode_readings": "study",
     "docs": "project",
     "size": "project",
 }

@@ -1,0 +1,65 @@
+"""Modes of made-up slides by each reading of the printed definitions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.study import mode_readings
+from benchmarks.study.mode_readings import EVERY, Past, adjoining, lull, named, pulses, verdict
+
+
+def slide(rates, seconds=3.0, depth=(16.0, 16.0), share=(0.5, 0.5)):
+    """A slide that lets go at these rates in turn, each for so long."""
+    released = np.repeat(np.asarray(rates, float), round(seconds / EVERY))
+    return Past(released / released.sum(), np.array(depth), np.array(share), 12.0, "deep")
+
+
+@pytest.mark.parametrize(
+    ("rates", "by_pulses", "by_lull"),
+    [
+        # A tail: 6 % of the volume lets go in a second, and less after it.
+        ([4, 1, 0.2], (False, False, False), (False, False, True)),
+        # Valleys of 0.4 and 0.25 of the lesser peak, in which 3 and 2 % let go in a second.
+        ([5, 0.8, 2], (True, False, False), (False, True, True)),
+        ([5, 0.5, 2], (True, True, False), (False, True, True)),
+        ([5, 0.0, 2], (True, True, True), (True, True, True)),
+        # A second pulse of 1 % of the volume is none.
+        ([5, 0.0, 0.05], (False, False, False), (False, False, False)),
+    ],
+)
+def test_pulses_and_lulls_of_a_slide(rates, by_pulses, by_lull):
+    past = slide(rates)
+    assert tuple(pulses(past, valley) for valley in (1 / 2, 1 / 3, 1 / 5)) == by_pulses
+    assert tuple(lull(past, share) for share in (0.02, 0.05, 0.1)) == by_lull
+
+
+def test_deep_and_shallow_slices_adjoin_if_each_has_its_share():
+    past = slide([1], depth=(16.0, 11.0, 0.0), share=(0.85, 0.15, 0.0))
+    assert [adjoining(past, least) for least in (0.05, 0.1, 0.2)] == [True, True, False]
+    assert named(past, None, None) == "deep"
+    assert named(past, None, lambda _: True) == "compound"
+    assert named(past, lambda _: True, lambda _: True) == "progressive"
+    assert named(replace(past, mode="compound"), None, None) == "compound"
+    assert named(replace(past, depth=np.full(3, 9.0)), None, None) == "shallow"
+
+
+def test_a_share_depends_on_the_rule_where_intervals_of_least_and_most_are_apart():
+    assert verdict(0.5, 0.5, 20) == "the same by each reading"
+    assert verdict(0.0, 0.1, 20) == "too few slides to decide"
+    assert verdict(0.0, 0.9, 20) == "depends on a rule that is not printed"
+
+
+def test_pasts_are_read_as_they_were_kept(tmp_path, monkeypatch):
+    monkeypatch.setattr(mode_readings, "KEPT", tmp_path / "pasts.npz")
+    assert mode_readings.kept() == {}
+    mode_readings.keep({7: slide([3, 0, 1]), 9: slide([1, 1, 1])})
+    assert list(mode_readings.kept()) == [7, 9]
+    np.testing.assert_allclose(mode_readings.kept()[7].released, slide([3, 0, 1]).released, rtol=1e-6)
+    report = mode_readings.run(quick=False)
+    assert report.values["slides"] == 2
+    assert report.values["progressive_least"] == 0.0
+    assert report.values["progressive_most"] == 0.5
+    assert all(sum(row[mode] for mode in mode_readings.SEVERITY) == pytest.approx(1) for row in report.rows)
