@@ -266,7 +266,7 @@ def unbalanced_force(scene: Scene, state: State) -> Array:
     nodal = maps.to_grid(particles.mass[None], acting_stress(scene, state.stress, volume, maps))
     time = state.step * scene.time_step
     load = nodal[:, :1] * felt_gravity(scene, time)
-    external = external_force(scene, maps.position, volume, time)
+    external = external_force(scene, maps.position, time)
     if external is not None:
         load = load + maps.to_grid(external, None)
     weight = hold(scene, load)

@@ -1,8 +1,8 @@
 """Real slides from published data alone: what was surveyed against the 90 % interval of a campaign's failures.
 
 The scenes stand in benchmarks/scenes/real, with the source of each number and what was assumed; what was surveyed is in
-`benchmarks.sites.real_surveys`. Both were committed before the first run. After it only numerical choices were changed,
-because grains had left the grid; each scene names its own.
+`benchmarks.sites.real_surveys`. Both were committed before the first run. After it numerical choices were changed,
+because grains had left the grid, and the dam's pool became a buoyant weight; each scene names its own.
 
 `low`, `median` and `high` are weighted quantiles of the refined slides that ran to their end, or of the failures on the
 rough grid where there is none yet; `grid` names which, `slides` counts them. `rough_low` and `rough_high` are of the

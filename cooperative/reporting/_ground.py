@@ -27,7 +27,8 @@ from cooperative.reporting._soundings import conditioned, measured_of
 from cooperative.runs import GridModel, coefficients_of, ground_of, soil_of
 from cooperative.scene import Campaign
 from cooperative.store import write_aside
-from jaxmpm import Ground, Raster, Section, Terrain
+from jaxmpm import Ground, Raster
+from jaxmpm.ground import floor
 from jaxmpm.laws import WaterSurface, WaterTable
 
 if TYPE_CHECKING:
@@ -144,7 +145,7 @@ def _outlines(model: GridModel) -> Iterator[Scatter3d]:
     # Lines on the surface lie above the boxes of its particles.
     above = 2 * model.half_size[-1]
     x, y = _around(np.array(ring[:4]), model.scene.grid.cell / 2).T
-    yield interactive.line(np.column_stack([x, y, _rigid(shape, x, y)]), _contact(shape))
+    yield interactive.line(np.column_stack([x, y, floor(shape, x, y)]), _contact(shape))
     for (axis, side), hold in _holds(model).items():
         at = (low if side == "low" else high)[axis]
         ends = [point for point in ring[:4] if point[axis] == at]
@@ -269,7 +270,7 @@ def _layers(ax: Axes, model: GridModel, plane: np.ndarray, section: plots.Sectio
     hold = [_holds(model).get((0, side), "no") for side in ("low", "high")]
     for end, held in zip(ends, hold, strict=True):
         ax.axvline(end, color="k", lw=1.5, ls="--" if held == "roller" else "-")
-    ax.plot(x, _rigid(campaign.site.shape, x, np.full(x.size, middle)), color="k", lw=2)
+    ax.plot(x, floor(campaign.site.shape, *(x, np.full(x.size, middle))[: campaign.dimension - 1]), color="k", lw=2)
     if campaign.dimension == 2:
         shape = campaign.site.shape
         for element in campaign.elements_at_risk:
@@ -281,17 +282,9 @@ def _layers(ax: Axes, model: GridModel, plane: np.ndarray, section: plots.Sectio
     ax.legend(handles=handles, loc="upper left", bbox_to_anchor=(1, 1), fontsize="small", frameon=False)
 
 
-def _rigid(shape: Ground, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Heights (n,) m of the rigid ground under a shape at x and y (n,) m."""
-    if isinstance(shape, Section):
-        return shape.outline().floor(x)
-    return shape.floor(x, y) if isinstance(shape, Terrain) else np.full(x.size, shape.corner[-1])
-
-
 def _contact(shape: Ground) -> str:
     """What rigid ground there is under a shape, in words."""
-    rock = isinstance(shape, Section | Terrain) and shape.bedrock is not None
-    slides = isinstance(shape, Section | Terrain) and shape.interface is not None
+    slides, rock = (getattr(shape, part, None) is not None for part in ("interface", "bedrock"))
     return ("soil slides on the " if slides else "fixed ") + ("bedrock" if rock else "base")
 
 

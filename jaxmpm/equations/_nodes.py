@@ -69,7 +69,7 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
     particles, grid = scene.particles, scene.grid
     carried = [particles.mass[None], momentum(scene, state, maps.position)]
     volume, area = particles.volume * state.volume_ratio, None
-    external = external_force(scene, maps.position, volume, state.step * dt)
+    external = external_force(scene, maps.position, state.step * dt)
     if external is not None:
         carried.append(external)
     if bonded(scene):
@@ -92,13 +92,16 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
     )
 
 
-def external_force(scene: Scene, position: Array, volume: Array, time: Array) -> Array | None:
-    """Force (d, N) N besides gravity on particles at `position` (d, N) m of volume (N,) m3; None if there is none."""
+def external_force(scene: Scene, position: Array, time: Array) -> Array | None:
+    """Force (d, N) N besides gravity on particles at `position` (d, N) m; None if there is none.
+
+    Water fills what opens between grains, so that it carries as much of the soil as at the start.
+    """
     particles, force = scene.particles, None
     if scene.body_force is not None:
         force = particles.mass * scene.body_force(particles.position, time)
     if scene.water is not None:
-        push = volume * scene.water.push(position)
+        push = particles.volume * scene.water.push(position)
         force = push if force is None else force + push
     return force
 

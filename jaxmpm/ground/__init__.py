@@ -5,7 +5,7 @@ from jaxmpm.ground._ground import Face, Ground, build_ground, check_ground, laye
 from jaxmpm.ground._layer import Layer
 from jaxmpm.ground._line import read_line
 from jaxmpm.ground._pore_water import WATER_WEIGHT, wet
-from jaxmpm.ground._probe import box_of, relief, thicknesses, top_of, volume
+from jaxmpm.ground._probe import box_of, floor, relief, thicknesses, top_of, volume
 from jaxmpm.ground._raster import Raster, read_raster
 from jaxmpm.ground._seam import Thickness
 from jaxmpm.ground._section import Section, section
@@ -27,6 +27,7 @@ __all__ = [
     "build_ground",
     "cells",
     "check_ground",
+    "floor",
     "layer_of",
     "read_line",
     "read_raster",

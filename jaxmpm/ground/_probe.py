@@ -56,6 +56,19 @@ def relief(ground: Ground) -> float:
     return ground.relief if hasattr(ground, "relief") else float(np.ptp(_surface(ground)))
 
 
+def floor(ground: Ground, *plan: np.ndarray) -> np.ndarray:
+    """Height of the rigid ground below points in plan.
+
+    Args:
+        ground: its own `floor` is used if it has one, else its level base.
+        *plan: x (n,) m of the points or, in three dimensions, x and y.
+
+    Returns:
+        (n,) m.
+    """
+    return ground.floor(*plan) if hasattr(ground, "floor") else np.full(plan[0].shape, ground.corner[-1])
+
+
 def _surface(ground: Ground) -> np.ndarray:
     """Elevations (n,) m of the surface, at points spread evenly in plan."""
     axes = len(ground.corner) - 1

@@ -121,9 +121,8 @@ class Section:
     @property
     def volume(self) -> float:
         """Area of the section (m2), its volume per metre of width."""
-        outline = self.outline()
-        x = knots(outline, [])
-        return float(np.trapezoid(outline.heights(x) - outline.floor(x), x))
+        x = knots(self.outline(), [])
+        return float(np.trapezoid(self.heights(x) - self.floor(x), x))
 
     def check(self) -> None:
         """Check the outline, the toe and the crest.
@@ -162,6 +161,10 @@ class Section:
     def heights(self, x: np.ndarray) -> np.ndarray:
         """Height (n,) m of the surface at x (n,) m."""
         return self.outline().heights(x)
+
+    def floor(self, x: np.ndarray) -> np.ndarray:
+        """Height (n,) m of rigid ground at x (n,) m."""
+        return self.outline().floor(x)
 
     def cells(self, discretisation: Discretisation) -> list[int]:
         """Cells of a grid along each axis, with air above the highest point, as `jaxmpm.ground.cells`."""
@@ -216,8 +219,7 @@ class Section:
 
     def _tops(self, layers: Sequence[Layer], x: np.ndarray) -> list[np.ndarray]:
         """Heights (n,) m of the layers' upper boundaries and of rigid ground at x (n,) m, none below it."""
-        outline = self.outline()
-        return [np.maximum(top(x), outline.floor(x)) for top in tops_of(outline, layers, spacing=math.inf)]
+        return [np.maximum(top(x), self.floor(x)) for top in tops_of(self.outline(), layers, spacing=math.inf)]
 
 
 HELD: dict[str, tuple[Hold, Hold]] = {

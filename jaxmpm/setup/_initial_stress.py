@@ -66,7 +66,7 @@ def elastic_equilibrium(
         return tensors.compress(elastic_increment(scene.material.bulk, scene.material.shear, strain), d)
 
     load = mass * scene.gravity
-    external = external_force(scene, particles.position, particles.volume, jnp.zeros((), stress.dtype))
+    external = external_force(scene, particles.position, jnp.zeros((), stress.dtype))
     if external is not None:
         load = load + maps.to_grid(external, None)
     if scene.pore_pressure is not None:

@@ -58,6 +58,17 @@ def test_a_pool_loads_the_face_so_that_a_slope_under_it_is_one_of_buoyant_soil()
 
 
 CLAY = mpm.Soil(unit_weight=18e3, young=5e6, poisson=0.3, strength=9e3)
+
+
+def test_water_carries_no_more_of_soil_that_has_opened():
+    scene, state = mpm.section(LEVEL, CLAY, HALVES, water=30.0, at_rest=False)
+    opened = replace(state, volume_ratio=jnp.full_like(state.volume_ratio, 5.0))
+    high = np.asarray(scene.particles.position[1]) > 3  # some cells above the base
+    for start in (state, opened):
+        velocity = np.asarray(mpm.step(scene, start, scene.time_step).velocity[1])
+        assert np.allclose(velocity[high], -9.81 * (1 - WATER / 18e3) * float(scene.time_step), rtol=0.01)
+
+
 FBAR = replace(HALVES, fbar=True)
 BUOYANT = 9.81 * (1 - WATER / 18e3)
 """Gravity (m/s2) that gives soil of the same mass its weight under water."""
