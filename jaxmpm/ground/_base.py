@@ -47,7 +47,11 @@ def check_bedrock(plan: np.ndarray, bedrock: np.ndarray, surface: np.ndarray, ba
 
 
 def boundary_of_base(
-    grid: Grid, bedrock: Heights | None, interface: Interface | None, pressure: np.ndarray | None
+    grid: Grid,
+    bedrock: Heights | None,
+    interface: Interface | None,
+    pressure: np.ndarray | None,
+    cut: np.ndarray | None = None,
 ) -> Boundary:
     """Boundary of the rigid ground under soil.
 
@@ -58,12 +62,13 @@ def boundary_of_base(
         bedrock: its surface; None for a level base at the lowest wall.
         interface: strength of the contact; None if soil sticks to it.
         pressure: (nodes,) of r_u on it (Pa); None without.
+        cut: (nodes,) bool, other nodes at which nothing moves; None for none.
 
     Returns:
         Boundary without upright walls.
     """
     level = Wall(grid.dimension - 1, "low", PADDING, "fixed" if interface is None else "friction")
-    boundary = Boundary((level,) if bedrock is None else ())
+    boundary = Boundary((level,) if bedrock is None else (), cut=cut)
     if interface is not None:
         boundary = replace(
             boundary,
@@ -74,7 +79,10 @@ def boundary_of_base(
     if bedrock is None:
         return boundary
     base = rigid_base(grid, bedrock)
-    return replace(boundary, cut=base.normal.any(axis=1)) if interface is None else replace(boundary, base=base)
+    if interface is not None:
+        return replace(boundary, base=base)
+    stuck = np.asarray(base.normal.any(axis=1))
+    return replace(boundary, cut=stuck if cut is None else stuck | cut)
 
 
 def share_above(bedrock: Heights, position: np.ndarray, spacing: float) -> np.ndarray:

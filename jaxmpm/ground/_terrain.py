@@ -327,7 +327,8 @@ def terrain(
     warn_of_seams(layers, thicknesses_of(layers, tops), discretisation.cell)
     x_plan, y_plan = (at.ravel() for at in nodes_in_plan(grid, shape.walls))
     over = tops_of(shape.heights(x_plan, y_plan), shape.floor(x_plan, y_plan), layers, x_plan, y_plan)
-    rigid = boundary_of_base(grid, bedrock, shape.interface, pressure_on_base(r_u, layers, over, grid.shape[-1]))
+    pressure = pressure_on_base(r_u, layers, over, grid.shape[-1])
+    rigid = boundary_of_base(grid, bedrock, shape.interface, pressure, cut=shape.beyond(grid))
     built, state = build(
         replace(particles, mass=particles.volume * density),
         grid,
@@ -336,7 +337,6 @@ def terrain(
         boundary=replace(
             rigid,
             walls=(*end_walls(0, cells[0], ends), *end_walls(1, cells[1], ends), *rigid.walls),
-            cut=shape.beyond(grid) if rigid.cut is None else rigid.cut,
         ),
         loads=Loads(
             gravity=acceleration,

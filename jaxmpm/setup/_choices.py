@@ -72,6 +72,8 @@ def check_boundary(boundary: Boundary, grid: Grid) -> None:
             raise ValueError(f"{wall}: there is no such axis or node on a grid of {grid.shape} nodes")
         if wall.side not in ("low", "high") or wall.hold not in ("fixed", "roller", "friction"):
             raise ValueError(f"{wall}: side is 'low' or 'high', hold is 'fixed', 'roller' or 'friction'")
+    if boundary.base is not None and any(wall.hold == "friction" for wall in walls):
+        raise ValueError("walls of 'friction' with a base, whose area alone is known: give one of them")
     rough = boundary.base is not None or any(wall.hold == "friction" for wall in walls)
     if rough != (friction is not None):
         raise ValueError(

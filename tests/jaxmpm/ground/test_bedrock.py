@@ -130,3 +130,28 @@ def test_bedrock_under_ends_without_walls_is_refused():
     rock = mpm.Raster(np.full((3, 3), 8.0), (0, 0), 2.0)
     with pytest.raises(ValueError, match=r"bedrock at \(0, 0, 8\) m lies 2 m above the surface"):
         mpm.Terrain(mpm.Raster(np.full((3, 3), 6.0), (0, 0), 2.0), base=0.0, bedrock=rock).check()
+
+
+@pytest.mark.parametrize("interface", [None, mpm.Interface(10.0)], ids=["stuck", "contact"])
+def test_the_edge_of_a_polygon_stays_fixed_over_bedrock(interface):
+    polygon = ((4.0, 4.0), (36.0, 4.0), (36.0, 28.0), (4.0, 28.0))
+    shape, _ = tilted(interface)
+    surface = replace(shape.surface, heights=shape.surface.heights + 4)
+    scene, _ = replace(shape, surface=surface, polygon=polygon).build(
+        [mpm.Layer(STIFF)], mpm.Discretisation(2.0, (1.0,) * 3), at_rest=False
+    )
+    cut = np.asarray(scene.cut).reshape(scene.grid.shape)
+    top = cut[..., -1]
+    assert top[[0, -1]].all()
+    assert not top[8:12, 6:10].any()
+    assert cut[10, 8, 0] == (interface is None)
+
+
+def test_a_wall_with_friction_beside_a_base_is_refused():
+    scene, _ = tilted(mpm.Interface(12.0))[1]
+    wall = replace(scene.walls[0], hold="friction")
+    with pytest.raises(ValueError, match="walls of 'friction' with a base"):
+        mpm.scene(
+            scene.particles, scene.grid, scene.material, mpm.Discretisation(2.0, (1.0,) * 3),
+            boundary=mpm.Boundary((wall,), friction=0.2, base=scene.base),
+        )  # fmt: skip
