@@ -177,7 +177,9 @@ SHORTER: Tables = {"ground": {"surface": [[0, 5], [20, 5], [25, 0], [105, 0]]}}
 
 BLOCKS = "whether one block more lets go moves the front by metres"
 CASES = {
-    "section_1.2": Case((2, 1, 0.5, 0.25), 1.0, lambda c: of_scene("section", c, reduction=1.2, changes=LONG_TOE)),
+    "section_1.2": Case(
+        (2, 1, 0.5, 0.25, 0.125), 1.0, lambda c: of_scene("section", c, reduction=1.2, changes=LONG_TOE)
+    ),
     "section_1.4": Case((2, 1, 0.5, 0.25), 1.0, lambda c: of_scene("section", c, reduction=1.4, changes=LONG_TOE)),
     "sand_1": Case((1 / 16, 1 / 32, 1 / 64, 1 / 128), 1 / 32, partial(sand, 1.0)),
     "sand_2": Case((1 / 16, 1 / 32, 1 / 64, 1 / 128), 1 / 32, partial(sand, 2.0)),
