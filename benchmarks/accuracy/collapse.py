@@ -4,18 +4,31 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from typing import TypedDict
 
 import jax.numpy as jnp
 import numpy as np
 
 import jaxmpm as mpm
 from jaxmpm import diagnostics
+from jaxmpm.protocols import Kernel
 
 WEIGHT, GRAVITY = 16e3, 9.81
 SLIDING = 0.6
 """Sand that flows carries 0.6 of the normal stress as shear, its angle being some 31 degrees."""
 FRICTION = float(np.arcsin(SLIDING))
 """In plane flow without dilation a slip plane carries the sine of the friction angle, not its tangent (Davis 1968)."""
+
+
+class Numerics(TypedDict, total=False):
+    """Choices of a `jaxmpm.Discretisation`."""
+
+    kernel: type[Kernel]
+    flip: float
+    apic: bool
+
+
+DEFAULTS: Numerics = {}
 
 
 def collapsed(aspect: float, cells: int) -> dict[str, float]:
@@ -33,11 +46,19 @@ def collapsed(aspect: float, cells: int) -> dict[str, float]:
     }
 
 
-def collapse(aspect: float, cells: int) -> tuple[mpm.Scene, mpm.State]:
+def collapse(
+    aspect: float, cells: int, *, gap_memory: bool = True, numerics: Numerics = DEFAULTS
+) -> tuple[mpm.Scene, mpm.State]:
     """A column `aspect` times as high as wide, and its state at the end of its collapse.
 
     The width is 1 m in `cells` cells, the base as rough as the sand. APIC, since it loses little to the grid and has no
     share of PIC to choose. Raises FloatingPointError where the run breaks off.
+
+    Args:
+        aspect: height over width.
+        cells: over the width.
+        gap_memory: as for `jaxmpm.FrictionalSoil`.
+        numerics: choices in place of these.
     """
     cell, height = 1 / cells, float(aspect)
     soil = mpm.FrictionalSoil(
@@ -46,12 +67,13 @@ def collapse(aspect: float, cells: int) -> tuple[mpm.Scene, mpm.State]:
         unit_weight=WEIGHT,
         young=50 * WEIGHT * height,
         tension_cutoff=0.0,
+        gap_memory=gap_memory,
     )
-    numerics = mpm.Discretisation(cell, (cell / 2,) * 2, kernel=mpm.QuadraticBSpline, apic=True, flip=0.0)
+    choices = mpm.Discretisation(cell, (cell / 2,) * 2, kernel=mpm.QuadraticBSpline, apic=True, flip=0.0)
     scene, state = mpm.block(
         (1.0, height),
         soil,
-        numerics,
+        replace(choices, **numerics),
         domain=(float(np.ceil((1 + 2 * height) * cells)) / cells, height + 2 * cell),
         corner=(0.0, 0.0),
         gravity=(0.0, -GRAVITY),

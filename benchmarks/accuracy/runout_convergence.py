@@ -25,12 +25,12 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxmpm as mpm
-from benchmarks.accuracy.collapse import collapse
+from benchmarks.accuracy.collapse import DEFAULTS, Numerics, collapse
 from benchmarks.measure import ROOT, Report, code_digest, stored_row
 from benchmarks.sites import sites_retrogression, sites_terrain
 from cooperative.measure import consequences
 from cooperative.scene import Campaign, parse, to_toml
-from jaxmpm import Face, Settle, reduced, solve
+from jaxmpm import Face, Scene, Settle, State, reduced, solve
 
 Row = dict[str, Any]
 Tables = Mapping[str, Mapping[str, object]]
@@ -90,7 +90,27 @@ def on_cells(name: str, cell: float, changes: Tables) -> Campaign:
     return parse(to_toml(tables))
 
 
-def of_scene(name: str, cell: float, *, reduction: float = 1.0, changes: Tables = NONE) -> Row:
+@dataclass(frozen=True)
+class Slide:
+    """A slide that has ended. origin: x of the toe (m). cell: m. slid: displacement from which soil slides (m)."""
+
+    scene: Scene
+    state: State
+    origin: float
+    cell: float
+    slid: float
+
+    def row(self) -> Row:
+        """Its measures."""
+        arrays = (self.scene.particles.position, self.state.displacement, self.scene.particles.volume)
+        position, displacement, volume = (np.asarray(each, float) for each in arrays)
+        row = measures(position, displacement, volume, origin=self.origin, half=self.cell / 4, slid=self.slid)
+        return row | {"particles": volume.size}
+
+
+def of_scene(
+    name: str, cell: float, *, reduction: float = 1.0, changes: Tables = NONE, numerics: Numerics = DEFAULTS
+) -> Slide:
     """The slide of a scene's median soil.
 
     Args:
@@ -98,20 +118,19 @@ def of_scene(name: str, cell: float, *, reduction: float = 1.0, changes: Tables 
         cell: edge of the cells (m).
         reduction: factor that divides the strength.
         changes: keys of tables in place of the scene's.
+        numerics: numerical choices in place of the scene's.
     """
     campaign = on_cells(name, cell, changes)
     assert campaign.soil is not None
-    scene, state = campaign.site.built(campaign.soil, campaign.grids["refined"], campaign.run.gravity, at_rest=True)
+    choices = replace(campaign.grids["refined"], **numerics)
+    scene, state = campaign.site.built(campaign.soil, choices, campaign.run.gravity, at_rest=True)
     ended = solve(reduced(scene, reduction), state, t_end=campaign.run.t_end, settle=Settle()).raise_if_failed()
-    toe = campaign.site.shape.face.toe_x if campaign.site.shape.face else TOE[name]
-    arrays = (scene.particles.position, ended.state.displacement, scene.particles.volume)
-    position, displacement, volume = (np.asarray(each, float) for each in arrays)
-    slid = campaign.run.failure_displacement
-    return measures(position, displacement, volume, origin=toe, half=cell / 4, slid=slid) | {"particles": volume.size}
+    toe = campaign.site.shape.face.toe_x if campaign.site.shape.face else TOE
+    return Slide(scene, ended.state, toe, cell, campaign.run.failure_displacement)
 
 
-TOE = {"sites/retrogression_5m": 25.0}
-"""x of the toe (m) of drawn ground that gives none."""
+TOE = 25.0
+"""x of the toe (m) of the ground of the retrogressive slides, which gives none."""
 
 
 def retrogression(cell: float, **soil: float) -> Row:
@@ -128,30 +147,46 @@ def retrogression(cell: float, **soil: float) -> Row:
     }
 
 
-def clay_dam(cell: float) -> Row:
-    """A block of clay, 10 m long and 5 m high, beside a smooth wall; its base slides with a friction of 0.2."""
+def clay_dam(cell: float, *, gap_memory: bool = True, numerics: Numerics = DEFAULTS) -> Slide:
+    """A block of clay, 10 m long and 5 m high, beside a smooth wall; its base slides with a friction of 0.2.
+
+    Args:
+        cell: edge of the cells (m).
+        gap_memory: as for `jaxmpm.Soil`.
+        numerics: numerical choices in place of F-bar alone.
+    """
     length, height, friction = 10.0, 5.0, 0.2
-    soil = mpm.Soil(strength=10e3, unit_weight=20e3, young=1e7, poisson=0.3, tension_cutoff=0.0)
-    numerics = mpm.Discretisation(cell, (cell / 2,) * 2, fbar=True)
+    soil = mpm.Soil(strength=10e3, unit_weight=20e3, young=1e7, poisson=0.3, tension_cutoff=0.0, gap_memory=gap_memory)
+    choices = replace(mpm.Discretisation(cell, (cell / 2,) * 2, fbar=True), **numerics)
     scene, state = mpm.block(
-        (length, height), soil, numerics, domain=(6 * length, height + 2 * cell), corner=(0.0, 0.0),
+        (length, height), soil, choices, domain=(6 * length, height + 2 * cell), corner=(0.0, 0.0),
         gravity=(0.0, -9.81), walls="roller", speed=float(np.sqrt(2 * 9.81 * height)),
     )  # fmt: skip
     walls = tuple(replace(w, hold="friction") if (w.axis, w.side) == (1, "low") else w for w in scene.walls)
     scene = replace(scene, walls=walls, wall_friction=jnp.asarray(friction, state.stress.dtype))
     ended = solve(scene, state, t_end=10.0, settle=Settle()).raise_if_failed()
-    arrays = (scene.particles.position, ended.state.displacement, scene.particles.volume)
-    position, displacement, volume = (np.asarray(each, float) for each in arrays)
-    return measures(position, displacement, volume, origin=length, half=cell / 4, slid=0.5) | {"particles": volume.size}
+    return Slide(scene, ended.state, length, cell, 0.5)
+
+
+def column(aspect: float, cell: float, *, gap_memory: bool = True, numerics: Numerics = DEFAULTS) -> Slide:
+    """A column of dry sand, 1 m wide.
+
+    Args:
+        aspect: height over width.
+        cell: edge of the cells (m).
+        gap_memory: as for `jaxmpm.FrictionalSoil`.
+        numerics: numerical choices in place of those of `collapse`.
+    """
+    scene, final = collapse(aspect, round(1 / cell), gap_memory=gap_memory, numerics=numerics)
+    return Slide(scene, final, 1.0, cell, 0.05)
 
 
 def sand(aspect: float, cell: float) -> Row:
-    """A column of dry sand, 1 m wide: lengths over its width."""
-    scene, final = collapse(aspect, round(1 / cell))
-    arrays = (scene.particles.position, final.displacement, scene.particles.volume)
-    position, displacement, volume = (np.asarray(each, float) for each in arrays)
-    row = measures(position, displacement, volume, origin=1.0, half=cell / 4, slid=0.05)
-    return {name: row[name] for name in RUN_OUTS} | {"grain_m": float((position + displacement)[0].max()) - 1}
+    """A column of dry sand: lengths over its width."""
+    slide = column(aspect, cell)
+    row = slide.row()
+    grain = float((slide.scene.particles.position + slide.state.displacement)[0].max()) - 1
+    return {name: row[name] for name in RUN_OUTS} | {"grain_m": grain}
 
 
 def terrain(cell: float) -> Row:
@@ -178,14 +213,16 @@ SHORTER: Tables = {"ground": {"surface": [[0, 5], [20, 5], [25, 0], [105, 0]]}}
 BLOCKS = "whether one block more lets go moves the front by metres"
 CASES = {
     "section_1.2": Case(
-        (2, 1, 0.5, 0.25, 0.125), 1.0, lambda c: of_scene("section", c, reduction=1.2, changes=LONG_TOE)
+        (2, 1, 0.5, 0.25, 0.125), 1.0, lambda c: of_scene("section", c, reduction=1.2, changes=LONG_TOE).row()
     ),
-    "section_1.4": Case((2, 1, 0.5, 0.25), 1.0, lambda c: of_scene("section", c, reduction=1.4, changes=LONG_TOE)),
+    "section_1.4": Case(
+        (2, 1, 0.5, 0.25), 1.0, lambda c: of_scene("section", c, reduction=1.4, changes=LONG_TOE).row()
+    ),
     "sand_1": Case((1 / 16, 1 / 32, 1 / 64, 1 / 128), 1 / 32, partial(sand, 1.0)),
     "sand_2": Case((1 / 16, 1 / 32, 1 / 64, 1 / 128), 1 / 32, partial(sand, 2.0)),
-    "clay_dam": Case((1, 0.5, 0.25, 0.125), 0.5, clay_dam),
+    "clay_dam": Case((1, 0.5, 0.25, 0.125), 0.5, lambda c: clay_dam(c).row()),
     "retrogression": Case(
-        (1, 0.5, 0.25, 0.125), 0.25, lambda c: of_scene("sites/retrogression_5m", c, changes=SHORTER)
+        (1, 0.5, 0.25, 0.125), 0.25, lambda c: of_scene("sites/retrogression_5m", c, changes=SHORTER).row()
     ),
     "retrogression_buoyant": Case((1, 0.5, 0.25, 0.125), 0.25, retrogression, BLOCKS),
     # Of remoulded clay: the largest measured by Locat and Demers (1988), and their range extended to the liquid limit.
@@ -194,7 +231,7 @@ CASES = {
     # Of smoothed particles 0.1 m apart, by an artificial viscosity of 0.1: Monaghan (2005), 10.1088/0034-4885/68/8/R01.
     "retrogression_buoyant_400": Case((1, 0.5, 0.25), 0.25, partial(retrogression, viscosity=400.0), BLOCKS),
     "terrain": Case((24, 12, 6, 3), 12.0, terrain),
-    "slope_3d_1.2": Case((4, 2, 1), 2.0, lambda c: of_scene("slope", c, reduction=1.2)),
+    "slope_3d_1.2": Case((4, 2, 1), 2.0, lambda c: of_scene("slope", c, reduction=1.2).row()),
 }
 RUN_OUTS = ("front_m", "front_95_m")
 
