@@ -59,6 +59,7 @@ LONG = {
     "robustness": "robustness",
     "stability_of_slopes": "sites",
     "runout_convergence": "accuracy",
+    "runout_cures": "accuracy",
     "limit_equilibrium": "sites",
     "random_slopes": "sites",
     "sites": "sites",

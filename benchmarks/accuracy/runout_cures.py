@@ -1,0 +1,137 @@
+"""Cures of a run-out that depends on the cell, side by side on four small slides.
+
+Each slide runs on three cells. `front_m` and `front_95_m` are those of `runout_convergence`, coarse to fine, those of
+sand over the column's width. `last_halving` is their largest change in the last halving, over the finest. `noise_m_s`
+is the root mean square, over the soil that slid, of what its velocity differs from the grid's on the finest cells.
+`price` is the time of a step over that of the case's own settings on the middle cells, the median of pairs of short
+runs.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import jax.numpy as jnp
+import numpy as np
+
+from benchmarks.accuracy.collapse import DEFAULTS, Numerics
+from benchmarks.accuracy.runout_convergence import LONG_TOE, RUN_OUTS, Slide, Tables, clay_dam, column, of_scene
+from benchmarks.measure import Report
+from jaxmpm import GIMP, QuadraticBSpline, diagnostics, solve
+
+PAIRS, STEPS = 5, 200
+"""Short runs that a price is the median of, and their steps."""
+
+
+class Slides(Protocol):
+    """A slide on cells of any size, with other numerical choices."""
+
+    def __call__(self, cell: float, *, numerics: Numerics, gap_memory: bool) -> Slide:
+        """The slide on cells of this size (m)."""
+
+
+@dataclass(frozen=True)
+class Cure:
+    """Numerical choices in place of a slide's own, and whether soil remembers its gap."""
+
+    numerics: Numerics
+    gap_memory: bool = True
+
+
+CURES: Mapping[str, Cure] = {
+    "flip": Cure({"kernel": GIMP, "flip": 1.0, "apic": False}),
+    "flip 0.99": Cure({"kernel": GIMP, "flip": 0.99, "apic": False}),
+    "flip 0.97": Cure({"kernel": GIMP, "flip": 0.97, "apic": False}),
+    "flip 0.9": Cure({"kernel": GIMP, "flip": 0.9, "apic": False}),
+    "flip, b-spline": Cure({"kernel": QuadraticBSpline, "flip": 1.0, "apic": False}),
+    "apic": Cure({"kernel": QuadraticBSpline, "flip": 0.0, "apic": True}),
+    "own settings, gap forgotten": Cure(DEFAULTS, gap_memory=False),
+}
+
+
+def _sand(cell: float, *, numerics: Numerics, gap_memory: bool) -> Slide:
+    return column(1.0, cell, gap_memory=gap_memory, numerics=numerics)
+
+
+def _section(cell: float, *, numerics: Numerics, gap_memory: bool) -> Slide:
+    changes = {**LONG_TOE, **_soil(gap_memory)}
+    return of_scene("section", cell, reduction=1.2, changes=changes, numerics=numerics)
+
+
+def _retrogression(cell: float, *, numerics: Numerics, gap_memory: bool) -> Slide:
+    return of_scene("sites/retrogression_5m_buoyant", cell, changes=_soil(gap_memory), numerics=numerics)
+
+
+def _soil(gap_memory: bool) -> Tables:
+    return {"soil": {"gap_memory": gap_memory}}
+
+
+# Cells (m) of each slide.
+CASES: Mapping[str, tuple[tuple[float, ...], Slides]] = {
+    "sand": ((1 / 16, 1 / 32, 1 / 64), _sand),
+    "section": ((2, 1, 0.5), _section),
+    "clay dam": ((1, 0.5, 0.25), clay_dam),
+    "retrogression": ((1, 0.5, 0.25), _retrogression),
+}
+
+
+def noise(slide: Slide) -> float:
+    """Root mean square of the velocity that the grid does not resolve, over the soil that slid (m/s)."""
+    moved = np.linalg.norm(np.asarray(slide.state.displacement), axis=0) >= slide.slid
+    left = np.asarray(slide.state.velocity - diagnostics.grid_velocity(slide.scene, slide.state))[:, moved]
+    return float(np.sqrt((left**2).sum(axis=0).mean()))
+
+
+def _seconds(slide: Slide) -> float:
+    """Of a short run that goes on from the end of a slide."""
+    state = replace(slide.state, step=jnp.zeros_like(slide.state.step), status=jnp.zeros_like(slide.state.status))
+    start = time.perf_counter()
+    solve(slide.scene, state, t_end=STEPS * float(slide.scene.time_step)).state.velocity.block_until_ready()
+    return time.perf_counter() - start
+
+
+def price(slide: Slide, reference: Slide) -> float:
+    """Time of a step over that of another slide's, one run after the other so that both meet the same load."""
+    _seconds(slide), _seconds(reference)  # these compile
+    return statistics.median(_seconds(slide) / _seconds(reference) for _ in range(PAIRS))
+
+
+def row(case: str, cure: str, cells: tuple[float, ...]) -> dict[str, object]:
+    """What a cure does to a slide on cells that are halved.
+
+    Args:
+        case: name of the slide.
+        cure: name of the cure.
+        cells: edges (m), coarse to fine.
+
+    Returns:
+        Run-outs on each, their change, noise and price.
+    """
+    make, tried = CASES[case][1], CURES[cure]
+    slides = [make(cell, numerics=tried.numerics, gap_memory=tried.gap_memory) for cell in cells]
+    rows = [slide.row() for slide in slides]
+    middle = len(cells) // 2
+    return {
+        "case": case,
+        "cure": cure,
+        **{name: [round(each[name], 2) for each in rows] for name in RUN_OUTS},
+        "last_halving": round(max(abs(rows[-2][name] / rows[-1][name] - 1) for name in RUN_OUTS), 3),
+        "noise_m_s": round(noise(slides[-1]), 4),
+        "price": round(price(slides[middle], make(cells[middle], numerics=DEFAULTS, gap_memory=True)), 2),
+    }
+
+
+def run(quick: bool) -> Report:
+    """All cures of all slides; `quick` the two coarser cells of the dam."""
+    table = [
+        row(case, cure, cells[:2] if quick else cells)
+        for case, (cells, _) in CASES.items()
+        if case == "clay dam" or not quick
+        for cure in CURES
+    ]
+    values: dict[str, object] = {f"{each['case']}, {each['cure']}": each["last_halving"] for each in table}
+    return Report(values, table)
