@@ -109,10 +109,11 @@ def grid_to_particles(
     values, gradient = maps.to_particles(fields, values=2 * d, gradients=d if strain else 0)
     pic_velocity, change = jnp.split(values, 2)
     flip_velocity = state.velocity + dt * change
+    flip = scene.flip if scene.pic_damping is None else jnp.exp(-scene.pic_damping * dt)
     state = replace(
         state,
         displacement=state.displacement + dt * pic_velocity,
-        velocity=flip_velocity if scene.flip is None else scene.flip * flip_velocity + (1 - scene.flip) * pic_velocity,
+        velocity=flip_velocity if flip is None else flip * flip_velocity + (1 - flip) * pic_velocity,
     )
     if state.affine is not None:
         affine = velocity_gradient(scene.grid, maps.position, maps.unfold(motion.velocity), maps.from_all_nodes)

@@ -79,6 +79,8 @@ class Scene:
         tied: numbers of two planes of nodes along x that are identified: particles and waves that leave at one enter at
             the other; static.
         flip: share of FLIP in the particle velocity update, the rest is PIC; None for pure FLIP.
+        pic_damping: rate (1/s) at which velocities decay that the grid does not resolve, see `Discretisation`; None
+            for none.
         damping: mass-proportional damping (1/s); None for none.
         wall_friction: friction coefficient of walls with friction.
         wall_cohesion: cohesion of walls with friction (Pa); None for none.
@@ -109,6 +111,7 @@ class Scene:
     body_force: Callable[[Array, Array], Array] | None = static(default=None)
     tied: tuple[int, int] | None = static(default=None)
     flip: Array | None = None
+    pic_damping: Array | None = None
     damping: Array | None = None
     wall_friction: Array | None = None
     wall_cohesion: Array | None = None
@@ -123,6 +126,7 @@ class Scene:
     PARAMETERS: ClassVar[Mapping[str, Limit]] = {
         "time_step": above_zero("s"),
         "flip": Limit(least=0.0, most=1.0),
+        "pic_damping": from_zero("1/s"),
         "damping": from_zero("1/s"),
         "wall_friction": from_zero(),
         "wall_cohesion": from_zero("Pa"),

@@ -25,6 +25,7 @@ class Numerics(TypedDict, total=False):
 
     kernel: type[Kernel]
     flip: float
+    pic_damping: float
     apic: bool
 
 

@@ -4,11 +4,13 @@ Each slide runs on three cells. `front_m` and `front_95_m` are those of `runout_
 sand over the column's width. `last_halving` is their largest change in the last halving, over the finest. `noise_m_s`
 is the root mean square, over the soil that slid, of what its velocity differs from the grid's on the finest cells.
 `price` is the time of a step over that of the case's own settings on the middle cells, the median of pairs of short
-runs.
+runs, and `end_s` the time that the slide takes to rest on the finest. Sand and slides that do not rest run to a given
+time. Rates of `pic_damping` are in units of sqrt(g / H), H the height of the slope.
 """
 
 from __future__ import annotations
 
+import math
 import statistics
 import time
 from collections.abc import Mapping
@@ -36,18 +38,28 @@ class Slides(Protocol):
 
 @dataclass(frozen=True)
 class Cure:
-    """Numerical choices in place of a slide's own, and whether soil remembers its gap."""
+    """What replaces a slide's own choices.
+
+    Args:
+        numerics: numerical choices.
+        gap_memory: whether soil remembers its gap.
+        decay: `pic_damping` times the slope's sqrt(H / g).
+    """
 
     numerics: Numerics
     gap_memory: bool = True
+    decay: float = 0.0
 
 
+FLIP: Numerics = {"kernel": GIMP, "flip": 1.0, "apic": False}
 CURES: Mapping[str, Cure] = {
-    "flip": Cure({"kernel": GIMP, "flip": 1.0, "apic": False}),
-    "flip 0.99": Cure({"kernel": GIMP, "flip": 0.99, "apic": False}),
-    "flip 0.97": Cure({"kernel": GIMP, "flip": 0.97, "apic": False}),
-    "flip 0.9": Cure({"kernel": GIMP, "flip": 0.9, "apic": False}),
-    "flip, b-spline": Cure({"kernel": QuadraticBSpline, "flip": 1.0, "apic": False}),
+    "flip": Cure(FLIP),
+    "flip 0.99": Cure({**FLIP, "flip": 0.99}),
+    "flip 0.97": Cure({**FLIP, "flip": 0.97}),
+    "flip 0.9": Cure({**FLIP, "flip": 0.9}),
+    "pic_damping 1/3": Cure(FLIP, decay=1 / 3),
+    "pic_damping 1": Cure(FLIP, decay=1.0),
+    "flip, b-spline": Cure({**FLIP, "kernel": QuadraticBSpline}),
     "apic": Cure({"kernel": QuadraticBSpline, "flip": 0.0, "apic": True}),
     "own settings, gap forgotten": Cure(DEFAULTS, gap_memory=False),
 }
@@ -70,12 +82,21 @@ def _soil(gap_memory: bool) -> Tables:
     return {"soil": {"gap_memory": gap_memory}}
 
 
-# Cells (m) of each slide.
-CASES: Mapping[str, tuple[tuple[float, ...], Slides]] = {
-    "sand": ((1 / 16, 1 / 32, 1 / 64), _sand),
-    "section": ((2, 1, 0.5), _section),
-    "clay dam": ((1, 0.5, 0.25), clay_dam),
-    "retrogression": ((1, 0.5, 0.25), _retrogression),
+@dataclass(frozen=True)
+class Case:
+    """A slide. make: it. cells: halved (m). height: of the slope (m). gravity: m/s2."""
+
+    make: Slides
+    cells: tuple[float, ...]
+    height: float
+    gravity: float = 9.81
+
+
+CASES: Mapping[str, Case] = {
+    "sand": Case(_sand, (1 / 16, 1 / 32, 1 / 64), 1.0),
+    "section": Case(_section, (2, 1, 0.5), 12.0),
+    "clay dam": Case(clay_dam, (1, 0.5, 0.25), 5.0),
+    "retrogression": Case(_retrogression, (1, 0.5, 0.25), 5.0, 5.247),
 }
 
 
@@ -100,38 +121,37 @@ def price(slide: Slide, reference: Slide) -> float:
     return statistics.median(_seconds(slide) / _seconds(reference) for _ in range(PAIRS))
 
 
-def row(case: str, cure: str, cells: tuple[float, ...]) -> dict[str, object]:
+def row(case: Case, cure: Cure, cells: tuple[float, ...]) -> dict[str, object]:
     """What a cure does to a slide on cells that are halved.
 
     Args:
-        case: name of the slide.
-        cure: name of the cure.
+        case: the slide.
+        cure: what is tried.
         cells: edges (m), coarse to fine.
 
     Returns:
-        Run-outs on each, their change, noise and price.
+        Run-outs on each, their change, noise, price and the time to rest.
     """
-    make, tried = CASES[case][1], CURES[cure]
-    slides = [make(cell, numerics=tried.numerics, gap_memory=tried.gap_memory) for cell in cells]
+    numerics: Numerics = {**cure.numerics, "pic_damping": cure.decay * math.sqrt(case.gravity / case.height)}
+    slides = [case.make(cell, numerics=numerics, gap_memory=cure.gap_memory) for cell in cells]
     rows = [slide.row() for slide in slides]
     middle = len(cells) // 2
     return {
-        "case": case,
-        "cure": cure,
         **{name: [round(each[name], 2) for each in rows] for name in RUN_OUTS},
         "last_halving": round(max(abs(rows[-2][name] / rows[-1][name] - 1) for name in RUN_OUTS), 3),
         "noise_m_s": round(noise(slides[-1]), 4),
-        "price": round(price(slides[middle], make(cells[middle], numerics=DEFAULTS, gap_memory=True)), 2),
+        "price": round(price(slides[middle], case.make(cells[middle], numerics=DEFAULTS, gap_memory=True)), 2),
+        "end_s": round(float(slides[-1].state.step * slides[-1].scene.time_step), 1),
     }
 
 
 def run(quick: bool) -> Report:
     """All cures of all slides; `quick` the two coarser cells of the dam."""
     table = [
-        row(case, cure, cells[:2] if quick else cells)
-        for case, (cells, _) in CASES.items()
-        if case == "clay dam" or not quick
-        for cure in CURES
+        {"case": name, "cure": tried} | row(case, cure, case.cells[:2] if quick else case.cells)
+        for name, case in CASES.items()
+        if name == "clay dam" or not quick
+        for tried, cure in CURES.items()
     ]
     values: dict[str, object] = {f"{each['case']}, {each['cure']}": each["last_halving"] for each in table}
     return Report(values, table)

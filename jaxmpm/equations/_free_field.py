@@ -25,6 +25,7 @@ def beyond_ends(scene: Scene, state: State) -> list[tuple[Scene, State]]:
             body_force=scene.body_force,
             damping=scene.damping,
             flip=scene.flip,
+            pic_damping=scene.pic_damping,
             scheme=scene.scheme,
             engine=scene.engine,
             fbar=scene.fbar,

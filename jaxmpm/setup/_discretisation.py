@@ -32,6 +32,9 @@ class Discretisation:
         scheme: when the stress is updated.
         cfl: dt = cfl cell / (c + speed), c the elastic wave speed.
         flip: share of FLIP; 1 is pure FLIP.
+        pic_damping: with flip = 1, rate (1/s) at which velocities decay that particles have and the grid does not
+            resolve. The share of PIC in a step is 1 - exp(-pic_damping dt). So it does not grow with the number of
+            steps, and the loss of resolved motion falls with the square of the cell.
         apic: carry the velocity gradient; needs quadratic B-splines and flip = 0.
         damping: mass-proportional (1/s).
         fbar: average volumetric strain and mean stress over neighbours, against locking; not for frictional soils.
@@ -53,6 +56,7 @@ class Discretisation:
     scheme: Scheme = Scheme.MUSL
     cfl: float = 0.5
     flip: float = 1.0
+    pic_damping: float = 0.0
     apic: bool = False
     damping: float = 0.0
     fbar: bool = False
@@ -157,6 +161,12 @@ def check_discretisation(discretisation: Discretisation, dimension: int) -> None
         raise ValueError(f"scheme = {discretisation.scheme!r}: give a member of Scheme")
     check.between("cfl", discretisation.cfl, 0.0, 1.0)
     check.between("flip", discretisation.flip, 0.0, 1.0, ends=True)
+    check.not_negative("pic_damping", discretisation.pic_damping, "1/s")
+    if discretisation.pic_damping and discretisation.flip != 1:
+        raise ValueError(
+            f"pic_damping = {discretisation.pic_damping:g} 1/s with flip = {discretisation.flip:g}: both set the share "
+            "of PIC, leave one of them out"
+        )
     check.not_negative("damping", discretisation.damping, "1/s")
     if discretisation.air is not None:
         check.positive("air", discretisation.air, "m")

@@ -122,6 +122,7 @@ def scene(
         nonlocal_passes=None if length is None else passes_for(length, kernel, grid.cell),
         body_force=loads.body_force,
         flip=None if numerics.flip == 1 else number(numerics.flip),
+        pic_damping=None if numerics.pic_damping == 0 else number(numerics.pic_damping),
         damping=None if numerics.damping == 0 else number(numerics.damping),
         wall_friction=None if boundary.friction is None else number(boundary.friction),
         wall_cohesion=None if boundary.cohesion is None else number(boundary.cohesion),

@@ -27,6 +27,6 @@ def test_noise_is_what_the_grid_does_not_resolve(along, expected):
     assert noise(Slide(scene, state, 0.0, 1.0, 0.5)) == pytest.approx(expected, abs=0.02)
 
 
-@pytest.mark.parametrize("cells", [cells for cells, _ in CASES.values()], ids=CASES)
+@pytest.mark.parametrize("cells", [case.cells for case in CASES.values()], ids=CASES)
 def test_cells_of_a_case_are_halved(cells):
     assert all(coarse == 2 * fine for coarse, fine in pairwise(cells))

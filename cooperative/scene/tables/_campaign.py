@@ -45,6 +45,9 @@ class Grid(Table):
         "Time step over the time in which a wave crosses a cell.", 0.9, 0.9, synonyms="dt time_step timestep"
     )
     flip: Share = key("Share of FLIP in the update of velocities; the rest is PIC.", 1.0, 1.0)
+    pic_damping: Annotated[float, Within(from_zero("1/s"))] = key(
+        "Rate at which velocities decay that particles have and the grid does not resolve; with `flip` = 1.", 0.3, 0.0
+    )
     apic: bool = key("Affine transfers instead of the blend of FLIP and PIC.", False, False)
     finite_strain: bool = key(
         "Hencky strains in place of the hypoelastic rate, for elastic strains of hundredths and more, at which that "

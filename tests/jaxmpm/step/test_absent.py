@@ -77,7 +77,7 @@ def test_homogeneous_strength_and_softening_are_numbers():
     assert scene.material.softening.modulus.shape == scene.material.softening.residual_ratio.shape == ()
 
 
-@pytest.mark.parametrize(("name", "value"), [("damping", 0.5), ("flip", 0.9)])
+@pytest.mark.parametrize(("name", "value"), [("damping", 0.5), ("flip", 0.9), ("pic_damping", 0.5)])
 def test_damping_and_pic_are_absent_unless_asked_for(name, value):
     plain, asked = section(), section(**{name: value})
     assert getattr(plain[0], name) is None
