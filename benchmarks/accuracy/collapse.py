@@ -52,8 +52,9 @@ def collapse(
 ) -> tuple[mpm.Scene, mpm.State]:
     """A column `aspect` times as high as wide, and its state at the end of its collapse.
 
-    The width is 1 m in `cells` cells, the base as rough as the sand. APIC, since it loses little to the grid and has no
-    share of PIC to choose. Raises FloatingPointError where the run breaks off.
+    The width is 1 m in `cells` cells, the base as rough as the sand. APIC, since it leaves no ringing and has no share
+    of PIC to choose; the energy that it loses shortens the front on coarse cells. Raises FloatingPointError where the
+    run breaks off.
 
     Args:
         aspect: height over width.

@@ -1,10 +1,11 @@
 """Run-out, travel and deposit of slides against the cell: error against seconds.
 
 Each slide runs on cells that are halved. `front_m` is the run-out of the sliding mass without loose grains and
-`front_95_m` that of 95 % of the soil that slid, both from the toe or the edge of a column. `travel_m` is the
-displacement of the centre of the soil that slid. `profile` is the area between the deposit's thickness and that on
-the finest cells, over the area that slid. Of each case, `last_two_halvings` is the largest change of both run-outs
-in the last two halvings, over the finest one, and `default_error` their error on the cell that a scene would have.
+`front_95_m` that of 95 % of the soil that slid, both from the toe or the edge of a column. At `front_thick_m` the
+deposit is 5 % as thick as the column was high. `travel_m` is the displacement of the centre of the soil that slid.
+`profile` is the area between the deposit's thickness and that on the finest cells, over the area that slid. Of each
+case, `last_two_halvings` is the largest change of both run-outs in the last two halvings, over the finest one, and
+`default_error` their error on the cell that a scene would have.
 Finished rows stay in out/runout_convergence, and the next command goes on from there.
 
 Sources of the column of sand: Lube et al. (2005), 10.1103/PhysRevE.72.041301; Lajeunesse et al. (2005),
@@ -182,11 +183,31 @@ def column(aspect: float, cell: float, *, gap_memory: bool = True, numerics: Num
 
 
 def sand(aspect: float, cell: float) -> Row:
-    """A column of dry sand: lengths over its width."""
+    """A column of dry sand: lengths over its width. The film ahead of its heap is thinner than `THICK`."""
     slide = column(aspect, cell)
     row = slide.row()
-    grain = float((slide.scene.particles.position + slide.state.displacement)[0].max()) - 1
-    return {name: row[name] for name in RUN_OUTS} | {"grain_m": grain}
+    x = np.asarray((slide.scene.particles.position + slide.state.displacement)[0], float)
+    thick = thick_front(x, np.asarray(slide.scene.particles.volume, float), THICK * aspect, 1 / 8) - 1
+    return {name: row[name] for name in RUN_OUTS} | {"front_thick_m": thick, "grain_m": float(x.max()) - 1}
+
+
+THICK = 0.05
+"""Thickness of the deposit at its front, over the height of the column."""
+
+
+def thick_front(x: np.ndarray, volume: np.ndarray, least: float, station: float) -> float:
+    """Farthest x (m) at which the soil is `least` (m) thick.
+
+    Args:
+        x: of the particles (N,) m, from 0 on.
+        volume: (N,) m2.
+        least: thickness (m).
+        station: width of the stations (m) whose mean thickness counts, interpolated between their middles.
+    """
+    thickness = np.histogram(x, bins=np.arange(0.0, x.max() + 2 * station, station), weights=volume)[0] / station
+    last = int(np.flatnonzero(thickness >= least)[-1])
+    share = (thickness[last] - least) / (thickness[last] - thickness[last + 1])
+    return float((last + 0.5 + share) * station)
 
 
 def terrain(cell: float) -> Row:

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.accuracy.runout_convergence import CASES, Case, compared, measures, with_profiles
+from benchmarks.accuracy.runout_convergence import (
+    CASES,
+    Case,
+    compared,
+    measures,
+    thick_front,
+    with_profiles,
+)
 
 
 def test_run_out_and_travel_of_a_rigid_block():
@@ -18,6 +25,15 @@ def test_run_out_and_travel_of_a_rigid_block():
     assert row["front_95_m"] == pytest.approx(6.0)  # the front half metre holds a tenth of what slid
     assert row["slid"] == pytest.approx(20.0)
     assert np.sum(row["thickness"]) * 2.0 == pytest.approx(40.0)
+
+
+@pytest.mark.parametrize("station", [0.1, 0.25])
+def test_the_front_of_a_wedge_is_where_it_is_as_thick_as_asked(station):
+    """The film and the grain ahead of it do not count."""
+    x = np.arange(0.0025, 4.0, 0.005)
+    film = 0.02 * (x > 2)
+    wedge = 0.005 * (np.maximum(1 - x / 2, 0) + film)
+    assert thick_front(np.append(x, 9.0), np.append(wedge, 1e-3), 0.1, station) == pytest.approx(1.8, abs=0.02)
 
 
 def test_changes_are_over_the_finest_run_out_and_the_default_is_held_against_it():

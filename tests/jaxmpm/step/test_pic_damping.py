@@ -64,10 +64,10 @@ def test_lanes_with_rates_of_their_own_move_as_single_runs():
     rates = jnp.asarray([0.0, 1.0, 5.0], jnp.float32)
 
     @jax.jit
-    def moved(rate):
+    def after(rate):
         return mpm.step(replace(scene, pic_damping=rate), state, scene.time_step).velocity
 
-    np.testing.assert_array_equal(jax.vmap(moved)(rates), jnp.stack([moved(rate) for rate in rates]))
+    np.testing.assert_array_equal(jax.vmap(after)(rates), jnp.stack([after(rate) for rate in rates]))
 
 
 def test_two_shares_of_pic_are_refused():
