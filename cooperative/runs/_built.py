@@ -146,19 +146,51 @@ def _read(path: Path, scene: Scene, state: State) -> State:
         raise files.DamagedFile(f"{path} leads out of the campaign's folder")
     with hdf5.read_sealed(path, KIND, SCHEMA) as file:
         of_grid, stress = file.scalars("/").get("grid"), file.array("/", "stress", dimensions=2, kinds="f")
-    if of_grid != _checksum(scene):
+    if of_grid not in (_checksum(scene), *_earlier_checksums(scene)):
         raise files.DamagedFile(f"{path} holds the initial stress of another grid")
     if (stress.shape, stress.dtype) != (state.stress.shape, state.stress.dtype) or not np.isfinite(stress).all():
         raise files.DamagedFile(f"{path} holds {stress.dtype} of shape {stress.shape}, or numbers that are not finite")
     return replace(state, stress=jnp.asarray(stress))
 
 
-YOUNGER = ("wall_cohesion", "wall_pressure", "base", "viscosity")
-"""Parts that scenes and laws did not have when the first of these files were written."""
+def _checksum(scene: Scene) -> str:
+    """SHA-256 of a grid's particles, nodes, walls, material and loads by name; what is absent (None) is left out."""
+
+    def static(part: PyTreeDef) -> list[str]:
+        kind = part.node_data()
+        own = [] if kind is None or kind[0] is type(None) else [str(kind[1])]
+        return own + [text for child in part.children() for text in static(child)]
+
+    digest = hashlib.sha256(str(static(jax.tree.structure(scene))).encode())
+    for path, leaf in jax.tree_util.tree_leaves_with_path(scene):
+        digest.update(jax.tree_util.keystr(path).encode() + _content(np.asarray(leaf)))
+    return digest.hexdigest()
 
 
-def _structure(part: PyTreeDef) -> str:
-    """The text of a structure, without the younger parts that it does not have: then it is as it was before."""
+def _content(leaf: np.ndarray) -> bytes:
+    return f"{leaf.dtype} {leaf.shape}".encode() + np.ascontiguousarray(leaf).tobytes()
+
+
+FIRST = {"softening", "tension_cutoff", "rate", "flip", "damping", "wall_friction", "water", "pore_pressure", "motion"}
+FIRST |= {"cut", "free_field"}
+"""Parts of scenes and laws that earlier checksums count where they are absent. New parts do not go here."""
+
+
+def _earlier_checksums(scene: Scene) -> list[str]:
+    """Checksums that earlier versions stored for this grid, which count some parts (one version, `pic_damping` too)."""
+    checksums = []
+    for counted in (FIRST, FIRST | {"pic_damping"}):
+        structure = f"PyTreeDef({_structure(jax.tree.structure(scene), counted)})"
+        # The first of these files name the module in which these classes were.
+        digest = hashlib.sha256(structure.replace("'jaxmpm.grid.", "'jaxmpm.types.").encode())
+        for leaf in map(np.asarray, jax.tree.leaves(scene)):
+            digest.update(_content(leaf))
+        checksums.append(digest.hexdigest())
+    return checksums
+
+
+def _structure(part: PyTreeDef, counted: Collection[str]) -> str:
+    """The text of a structure without the absent parts of jaxmpm's classes, except those that are counted."""
 
     def text(part: PyTreeDef) -> str:
         return str(part).removeprefix("PyTreeDef(").removesuffix(")")
@@ -167,21 +199,11 @@ def _structure(part: PyTreeDef) -> str:
     if kind is None or not children:
         return text(part)
     names: Iterable[str] = repeat("")
-    if is_dataclass(kind[0]):
+    if is_dataclass(kind[0]) and kind[0].__module__.startswith("jaxmpm."):
         names = (each.name for each in fields(kind[0]) if not each.metadata.get("static"))
-    old = [
-        _structure(child)
+    there = [
+        _structure(child, counted)
         for name, child in zip(names, children, strict=False)
-        if name not in YOUNGER or text(child) != "None"
+        if not name or name in counted or text(child) != "None"
     ]
-    return ", ".join(old).join(text(part).rsplit(", ".join(map(text, children)), 1))
-
-
-def _checksum(scene: Scene) -> str:
-    """SHA-256 of a grid's particles, nodes, walls, material and loads."""
-    structure = f"PyTreeDef({_structure(jax.tree.structure(scene))})"
-    # Files of before name the module in which these classes were.
-    digest = hashlib.sha256(structure.replace("'jaxmpm.grid.", "'jaxmpm.types.").encode())
-    for leaf in map(np.asarray, jax.tree.leaves(scene)):
-        digest.update(f"{leaf.dtype} {leaf.shape}".encode() + np.ascontiguousarray(leaf).tobytes())
-    return digest.hexdigest()
+    return ", ".join(there).join(text(part).rsplit(", ".join(map(text, children)), 1))

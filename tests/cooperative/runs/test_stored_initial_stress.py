@@ -1,10 +1,10 @@
 """The initial stress of a grid is solved once per campaign; workers, resumed campaigns and exports read it."""
 
+import tarfile
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import fields, make_dataclass, replace
 from types import SimpleNamespace
 
-import jax
 import numpy as np
 import pytest
 
@@ -13,10 +13,12 @@ from benchmarks.robustness.invented import TINY
 from cooperative import campaign
 from cooperative.reporting._exports import export_sample
 from cooperative.runs import _executors, build, keep_initial, random_soil
-from cooperative.runs._built import _structure, initial_path
-from cooperative.scene import parse
+from cooperative.runs._built import initial_path
+from cooperative.scene import campaign_of, parse
 from cooperative.store import read_rows, read_store, sample_path
 from foundation.files import set_aside
+from foundation.pytrees import pytree
+from tests import ROOT
 
 SCENE = TINY.replace("samples = 6", "samples = 3").replace("t_end = 4.0", "t_end = 0.5")
 ASKED = parse(SCENE)
@@ -139,14 +141,22 @@ def test_a_folder_that_leads_elsewhere_is_not_followed(stored, tmp_path_factory)
     assert not (stored / "initial").is_symlink()
 
 
-def test_a_part_that_laws_did_not_have_leaves_files_of_before_valid():
-    soil = jaxmpm.Soil(strength=9e3, softening_modulus=40e3)
-    before, now = (
-        _structure(jax.tree.structure(replace(soil, viscosity=viscosity).material(np.dtype("f4"), 1.0)))
-        for viscosity in (None, 1.0)
-    )
-    assert before == (
-        "CustomNode(J2[(<class 'jaxmpm.laws._undrained.J2'>, ('gap_memory', True))], [*, *, *, "
-        "CustomNode(Softening[(<class 'jaxmpm.laws._softening.Softening'>,)], [*, *]), *, None])"
-    )
-    assert now == before.removesuffix("])") + ", *])"
+@pytest.mark.parametrize(("value", "same"), [(None, True), (1.0, False)])
+def test_a_new_part_of_scenes_changes_nothing_where_it_is_absent(stored, value, same):
+    model, path = built("rough", None), initial_path(stored, "rough")
+    newer = make_dataclass("Scene", [("newer", object, None)], bases=(jaxmpm.Scene,), frozen=True)
+    newer.__module__ = jaxmpm.Scene.__module__
+    parts = {part.name: getattr(model.scene, part.name) for part in fields(jaxmpm.Scene)}
+    before = path.stat().st_mtime_ns
+    keep_initial(stored, "rough", pytree(newer)(**parts, newer=value), model.state)
+    assert (path.stat().st_mtime_ns == before) is same
+    assert path.with_name("rough.h5.damaged").exists() is not same
+
+
+@pytest.mark.parametrize("grid", GRIDS)
+def test_the_stress_that_an_earlier_version_stored_is_read(tmp_path, solved, grid):
+    with tarfile.open(ROOT / "tests" / "data" / "audit.tar.xz") as archive:
+        archive.extractall(tmp_path, filter="data")
+    earlier = campaign_of(read_store(tmp_path / "audit"))
+    build(earlier, grid, random_soil(earlier), folder=tmp_path / "audit")
+    assert not solved
