@@ -1,57 +1,34 @@
 """Shares of failure modes of the same slides under each reading of the four printed definitions.
 
 The paper distinguishes modes by eye and prints no rule. `python -m benchmarks.study.mode_readings` runs calibrated
-rough slides that benchmarks/data/mode_pasts.npz lacks. It keeps what modes depend on: when soil lets go, and how deep
-slices across the slope slide. `python -m benchmarks mode_readings` names the modes by each reading.
+rough slides that benchmarks/data/mode_pasts.npz lacks, and with `--draw` draws sheets of them in a folder, from which
+readers name the mode. `python -m benchmarks mode_readings` names the modes by each reading. Where readers have named
+them (benchmarks/data/mode_readers.csv), it compares each reading with each reader by Cohen's kappa.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from functools import partial
+from itertools import combinations
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from benchmarks.measure import Report
-from benchmarks.study.cases import CASES, FAILS_ABOVE, campaign_of
+from benchmarks.study import mode_readers, mode_sheets
+from benchmarks.study.mode_pasts import EVERY, Past, keep, kept, slides, watch
 from benchmarks.study.modes import POOLED
-from benchmarks.study.rows import DATA, Run, read_table
-from cooperative import build, coefficients_of, random_soil
 from cooperative.estimate import wilson_interval
-from cooperative.measure import SEVERITY, ModeRules, Motion, failure_mode
-from jaxmpm import reduced, solve
-
-KEPT = DATA / "mode_pasts.npz"
-CASE = "lx = ly = 60"
-SLIDES = 20
-EVERY = 0.25
-"""Seconds between looks at a run."""
+from cooperative.measure import SEVERITY, ModeRules
 
 LEAST = ModeRules().smallest_share
 """Share of the sliding volume below which a pulse is none."""
-
-
-@dataclass(frozen=True)
-class Past:
-    """What the mode of a slide depends on.
-
-    Attributes:
-        released: (k,) share of the sliding volume that let go in each EVERY seconds.
-        depth: (n,) sliding depth below the crest of each slice across the slope (m), 0 where nothing slides.
-        share: (n,) of the sliding volume in each slice.
-        height: of the slope (m).
-        mode: by the default rule.
-    """
-
-    released: np.ndarray
-    depth: np.ndarray
-    share: np.ndarray
-    height: float
-    mode: str
 
 
 def pulses(past: Past, valley: float) -> bool:
@@ -103,54 +80,6 @@ READINGS: dict[str, Reading] = {
 }
 
 
-def past_of(run: Run) -> Past:
-    """Run a slide of the study to its end and look at it every EVERY seconds."""
-    campaign = campaign_of(**CASES[run.case])
-    soil = random_soil(campaign)
-    model = build(campaign, run.grid, soil)
-    scene, state = model.of_sample(coefficients_of(campaign, soil)[run.sample])
-    times = np.arange(EVERY, campaign.run.t_end + EVERY / 2, EVERY).tolist()
-    result = solve(reduced(scene, run.reduction), state, t_end=campaign.run.t_end, snapshots=times).raise_if_failed()
-    position, volume = (np.asarray(each, float) for each in (scene.particles.position, scene.particles.volume))
-    motion = Motion.start(volume, FAILS_ABOVE)
-    for at, seen in zip(result.times, result.snapshots, strict=True):
-        motion = motion.after(at, np.linalg.norm(np.asarray(seen.displacement), axis=0))
-    face = campaign.site.shape.face
-    assert face is not None
-    displacement = np.asarray(result.state.displacement, float)
-    mode = failure_mode(position, displacement, volume, face, half_size=model.half_size, motion=motion)
-    sliding = np.linalg.norm(displacement, axis=0) >= FAILS_ABOVE
-    y, edges = position[1], np.linspace(0.0, 1.0, mode.depth.size + 1)
-    low, high = y.min() - model.half_size[1], y.max() + model.half_size[1]
-    share, _ = np.histogram(y[sliding], bins=low + edges * (high - low), weights=volume[sliding])
-    released, _ = np.histogram(motion.onset[sliding], bins=[0.0, *times], weights=volume[sliding])
-    total = volume[sliding].sum()
-    return Past(released / total, mode.depth, share / total, face.height, mode.name)
-
-
-def kept() -> dict[int, Past]:
-    """Pasts by sample, of benchmarks/data."""
-    if not KEPT.is_file():
-        return {}
-    with np.load(KEPT) as stored:
-        parts = [stored[name] for name in ("sample", "released", "depth", "share", "height", "mode")]
-    return {int(n): Past(r, d, s, float(h), str(m)) for n, r, d, s, h, m in zip(*parts, strict=True)}
-
-
-def keep(pasts: dict[int, Past]) -> None:
-    """Write pasts by sample."""
-    each = list(pasts.values())
-    np.savez_compressed(
-        KEPT,
-        sample=np.array(list(pasts)),
-        released=np.stack([past.released for past in each]).astype(np.float32),
-        depth=np.stack([past.depth for past in each]).astype(np.float32),
-        share=np.stack([past.share for past in each]).astype(np.float32),
-        height=np.array([past.height for past in each]),
-        mode=np.array([past.mode for past in each]),
-    )
-
-
 def shares(pasts: list[Past], reading: Reading) -> dict[str, float]:
     """Share of each mode by a reading."""
     names = Counter(named(past, *reading) for past in pasts)
@@ -158,16 +87,53 @@ def shares(pasts: list[Past], reading: Reading) -> dict[str, float]:
 
 
 def run(quick: bool) -> Report:
-    """Shares by each reading, beside the printed ones; `quick` makes no difference."""
-    pasts = list(kept().values())
-    table = {name: shares(pasts, reading) for name, reading in READINGS.items()}
-    values: dict[str, float | str] = {"slides": len(pasts)}
+    """Shares by each reading, beside the printed ones, and kappa with each reader; `quick` makes no difference.
+
+    Raises:
+        ValueError: readers of other slides than those that are kept.
+    """
+    pasts, readers = kept(), mode_readers.read()
+    table: dict[str, dict[str, Any]] = {name: shares(list(pasts.values()), each) for name, each in READINGS.items()}
+    values: dict[str, Any] = {"slides": len(pasts)}
     for mode in SEVERITY:
         each = [row[mode] for row in table.values()]
         values |= {f"{mode}_least": min(each), f"{mode}_most": max(each)}
         values |= {f"{mode}_printed": round(POOLED[mode] / sum(POOLED.values()), 3)}
         values |= {f"{mode}_verdict": verdict(min(each), max(each), len(pasts))}
+    if readers:
+        values |= between(readers)
+        sheets = mode_sheets.numbered(list(pasts))
+        for name, reading in READINGS.items():
+            table[name] |= against({number: named(pasts[n], *reading) for number, n in sheets.items()}, readers)
     return Report(values, [{"reading": name, **row} for name, row in table.items()])
+
+
+def against(rule: Mapping[int, str], readers: Mapping[str, Mapping[int, str]]) -> dict[str, float | str]:
+    """Kappa of a rule with each reader and the mean, and the mean share of slides that both name alike.
+
+    Args:
+        rule: mode by number of the sheet.
+        readers: the same, by reader.
+    """
+    each = {f"kappa_{reader}": rounded(mode_readers.kappa(rule, modes)) for reader, modes in readers.items()}
+    alike = np.mean([mode_readers.agreement(rule, modes) for modes in readers.values()])
+    return {**each, "kappa_mean": rounded(mode_readers.mean_kappa(rule, readers)), "alike": round(float(alike), 3)}
+
+
+def between(readers: Mapping[str, Mapping[int, str]]) -> dict[str, float | str]:
+    """Kappa of each pair of readers, and the share of slides of each mode by each reader."""
+    values: dict[str, float | str] = {}
+    for one, other in combinations(readers, 2):
+        values[f"kappa_{one}_{other}"] = rounded(mode_readers.kappa(readers[one], readers[other]))
+    for reader, modes in readers.items():
+        names = Counter(modes.values())
+        values |= {f"{mode}_{reader}": round(number / len(modes), 3) for mode, number in names.most_common()}
+    return values
+
+
+def rounded(value: float | None) -> float | str:
+    """For a table: "none" where a value is not defined."""
+    return "none" if value is None else round(value, 3)
 
 
 def verdict(least: float, most: float, slides: int) -> str:
@@ -179,13 +145,18 @@ def verdict(least: float, most: float, slides: int) -> str:
 
 
 def main() -> None:
-    """Run the slides that the kept file lacks."""
-    rows = read_table(DATA / "study_sweep_slides.csv")
-    slides = sorted((run for run in rows if run.case == CASE and run.grid == "rough"), key=lambda run: run.sample)
+    """Run the slides that the kept file lacks, or draw their sheets."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.study.mode_readings", description=__doc__)
+    parser.add_argument("--draw", type=Path, metavar="FOLDER", help="draw the sheets that this folder lacks")
+    arguments = parser.parse_args()
+    if arguments.draw is not None:
+        for sheet in mode_sheets.draw(arguments.draw):
+            print(sheet, flush=True)
+        return
     pasts = kept()
-    for slide in slides[:SLIDES]:
+    for slide in slides():
         if slide.sample not in pasts:
-            pasts[slide.sample] = past_of(slide)
+            pasts[slide.sample] = watch(slide).past
             keep(pasts)
             print(slide.sample, pasts[slide.sample].mode, file=sys.stderr, flush=True)
 

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.study import mode_readings
-from benchmarks.study.mode_readings import EVERY, Past, adjoining, lull, named, pulses, verdict
+from benchmarks.study import mode_pasts, mode_readers, mode_readings
+from benchmarks.study.mode_pasts import EVERY, Past
+from benchmarks.study.mode_readings import adjoining, lull, named, pulses, verdict
 
 
 def slide(rates, seconds=3.0, depth=(16.0, 16.0), share=(0.5, 0.5)):
@@ -52,14 +53,38 @@ def test_a_share_depends_on_the_rule_where_intervals_of_least_and_most_are_apart
     assert verdict(0.0, 0.9, 20) == "depends on a rule that is not printed"
 
 
-def test_pasts_are_read_as_they_were_kept(tmp_path, monkeypatch):
-    monkeypatch.setattr(mode_readings, "KEPT", tmp_path / "pasts.npz")
-    assert mode_readings.kept() == {}
-    mode_readings.keep({7: slide([3, 0, 1]), 9: slide([1, 1, 1])})
-    assert list(mode_readings.kept()) == [7, 9]
-    np.testing.assert_allclose(mode_readings.kept()[7].released, slide([3, 0, 1]).released, rtol=1e-6)
+@pytest.fixture
+def two_slides(tmp_path, monkeypatch):
+    """Pasts of a progressive and a deep slide by two pulses, and no readers."""
+    monkeypatch.setattr(mode_pasts, "KEPT", tmp_path / "pasts.npz")
+    monkeypatch.setattr(mode_readings.mode_readers, "read", dict)
+    mode_pasts.keep({7: slide([3, 0, 1]), 9: slide([1, 1, 1])})
+
+
+def test_pasts_are_read_as_they_were_kept(two_slides):
+    assert list(mode_pasts.kept()) == [7, 9]
+    np.testing.assert_allclose(mode_pasts.kept()[7].released, slide([3, 0, 1]).released, rtol=1e-6)
     report = mode_readings.run(quick=False)
     assert report.values["slides"] == 2
     assert report.values["progressive_least"] == 0.0
     assert report.values["progressive_most"] == 0.5
     assert all(sum(row[mode] for mode in mode_readings.SEVERITY) == pytest.approx(1) for row in report.rows)
+    assert not any("kappa" in name for name in (*report.values, *report.rows[0]))
+
+
+def test_no_file_has_no_pasts(tmp_path, monkeypatch):
+    monkeypatch.setattr(mode_pasts, "KEPT", tmp_path / "pasts.npz")
+    assert mode_pasts.kept() == {}
+
+
+def test_each_reading_is_compared_with_each_reader_under_the_numbers_of_the_sheets(two_slides, monkeypatch):
+    sheet = {sample: number for number, sample in mode_readings.mode_sheets.numbered([7, 9]).items()}
+    right, wrong = ({sheet[7]: one, sheet[9]: other} for one, other in (("progressive", "deep"), ("deep", "unsure")))
+    monkeypatch.setattr(mode_readings.mode_readers, "read", lambda: {"a": right, "b": wrong})
+    report = mode_readings.run(quick=False)
+    rows = {row["reading"]: row for row in report.rows}
+    two, default = rows["two pulses, valley below 0.5 of the lesser"], rows["default"]
+    assert (two["kappa_a"], two["kappa_b"], two["alike"]) == (1.0, -0.333, 0.5)
+    assert (default["kappa_a"], default["kappa_b"], default["alike"]) == (0.0, 0.0, 0.5)
+    assert report.values["kappa_a_b"] == mode_readings.rounded(mode_readers.kappa(right, wrong))
+    assert report.values["unsure_b"] == 0.5

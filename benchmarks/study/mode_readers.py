@@ -1,0 +1,69 @@
+"""Modes that readers name from the sheets of `mode_sheets`, and how well two judges of the same slides agree.
+
+benchmarks/data/mode_readers.csv has a line per slide and reader. Readers know the four printed definitions alone.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+
+from benchmarks.csv_rows import filled, put_once, rows_of, whole, word
+from benchmarks.study.rows import DATA
+from cooperative.measure import SEVERITY
+
+READERS = DATA / "mode_readers.csv"
+COLUMNS = ("slide", "reader", "mode")
+UNSURE = "unsure"
+"""Of a reader who cannot decide. It counts as a name of its own, which no rule gives."""
+
+
+def read(path: Path = READERS) -> dict[str, dict[int, str]]:
+    """Mode by number of the sheet, by reader; empty without the file.
+
+    Raises:
+        ValueError: naming file and line, for a row that does not parse or occurs twice; readers of other slides.
+    """
+    readers: dict[str, dict[int, str]] = {}
+    for where, row in rows_of(path, COLUMNS) if path.is_file() else ():
+        reader = filled(row["reader"], f"{where}: reader")
+        mode = word(row["mode"], f"{where}: mode", allowed=(*SEVERITY, UNSURE))
+        put_once(readers.setdefault(reader, {}), whole(row["slide"], f"{where}: slide"), mode, where)
+    if len({frozenset(named) for named in readers.values()}) > 1:
+        counts = ", ".join(f"{reader} {len(named)}" for reader, named in readers.items())
+        raise ValueError(f"{path.name}: readers name different slides ({counts}): give each a line per slide")
+    return readers
+
+
+def agreement(one: Mapping[int, str], other: Mapping[int, str]) -> float:
+    """Share of the slides that both name alike."""
+    return sum(one[slide] == other[slide] for slide in one) / len(one)
+
+
+def kappa(one: Mapping[int, str], other: Mapping[int, str]) -> float | None:
+    """Agreement of two judges beyond that of chance: Cohen (1960), doi:10.1177/001316446002000104, Eq. 1.
+
+    Args:
+        one: mode by slide.
+        other: of the same slides.
+
+    Returns:
+        1 where they agree on each slide and 0 where they agree as often as by chance. None where both give all slides
+        one and the same mode, which is not defined.
+
+    Raises:
+        ValueError: they judge different slides.
+    """
+    if one.keys() != other.keys() or not one:
+        raise ValueError(f"{len(one)} slides and {len(other)} others: give two judges of the same slides")
+    counts, others = Counter(one.values()), Counter(other.values())
+    chance = sum(number * others[mode] for mode, number in counts.items()) / len(one) ** 2
+    return None if chance == 1 else (agreement(one, other) - chance) / (1 - chance)
+
+
+def mean_kappa(one: Mapping[int, str], readers: Mapping[str, Mapping[int, str]]) -> float | None:
+    """Mean kappa with the readers; None where one of them is not defined."""
+    each = [kappa(one, named) for named in readers.values()]
+    known = [value for value in each if value is not None]
+    return sum(known) / len(known) if known and len(known) == len(each) else None
