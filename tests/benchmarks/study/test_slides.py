@@ -1,0 +1,65 @@
+"""Slides that are added to the study."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.study import cases, factors, slides
+from benchmarks.study.rows import Outcome, Run, read_table
+from cooperative import build, random_soil
+from cooperative.runs import Stopped
+from jaxmpm import reduced, solve
+
+TINY: dict[str, dict[str, Any]] = {
+    "slope": {"width": 8.0},
+    "strength": {"mean": 20e3, "cov": 0.0, "length": [60.0, 60.0, 2.0]},
+}
+TINY |= {"run": {"t_end": 4.0}} | {grid: {"cell": 4.0, "spacing": [2.0] * 3} for grid in ("rough", "refined")}
+CLASS = Outcome("DECIDED", 1.1, 2.0, 300, 1.0)
+SLID = Outcome("FINISHED", 4.5, 4.0, 540, 13.6, 3.0, 14.0, 1216.0, 12.9, "deep", 1, 2.1, None, 4.5, 3.0)
+
+
+def test_slides_are_run_in_the_order_of_what_is_missing():
+    rows = {
+        Run(factors.DEFAULT, "refined", 0, 1.13): Outcome("SETTLED", 0.1, 4.0, 600, 1.0),
+        Run(factors.DEFAULT, "refined", 0, 1.14): CLASS,
+        Run("lx = ly = 60", "refined", 7): CLASS,
+        Run("ly = 10", "refined", 8): CLASS,
+        Run("ly = 10", "refined", 9): Outcome("SETTLED", 0.1, 4.0, 600, 1.0),
+        Run("ly = 10", "rough", 9): CLASS,
+    }
+    asked = [Run(factors.DEFAULT, "refined", 0, 1.14, "end"), Run("ly = 10", "refined", 8, 1.0, "end")]
+    assert list(slides.wanted(rows)) == asked
+
+
+def test_rows_are_added_to_a_file_of_the_study(tmp_path):
+    path = tmp_path / "study_slides_added.csv"
+    runs = [Run(factors.DEFAULT, "refined", 0, 1.14, "end"), Run("ly = 10", "refined", 8, 1.0, "end")]
+    for run in runs:
+        slides.add(path, run, SLID)
+    assert read_table(path) == dict.fromkeys(runs, SLID)
+    head = path.read_text().splitlines()[0]
+    assert all(f'"{case}": ' in head for case in (factors.DEFAULT, "ly = 10"))
+
+
+@pytest.mark.slow
+def test_a_slide_is_that_of_reduced_strength_and_goes_on_where_it_was_stopped(monkeypatch, tmp_path):
+    monkeypatch.setitem(cases.CASES, factors.DEFAULT, {"scene": "demo", "changes": TINY})
+    run = Run(factors.DEFAULT, "refined", 0, 1.5, "end")
+    looks = iter([False, False])
+    with pytest.raises(Stopped):
+        slides.outcome_of(run, tmp_path / "slide", lambda: next(looks, True))
+    outcome = slides.outcome_of(run, tmp_path / "slide")
+    campaign = cases.campaign_of("demo", TINY)
+    model = build(campaign, "refined", random_soil(campaign))
+    scene, state = model.of_sample()
+    # A lane ends with its chunk of steps, a little beyond t_end.
+    result = solve(reduced(scene, 1.5), state, t_end=outcome.time, settle=campaign.run.settle).raise_if_failed()
+    far = float(np.linalg.norm(np.asarray(result.state.displacement), axis=0).max())
+    assert outcome.displacement_any == pytest.approx(far, rel=1e-3)
+    assert outcome.steps == int(result.state.step)
+    assert outcome.time == pytest.approx(float(result.state.step * scene.time_step), rel=1e-4)
+    assert outcome.mode == "deep"
+    assert outcome.runout is not None
+    assert outcome.runout > 0
