@@ -17,6 +17,7 @@ from benchmarks.results import FIGURES
 from benchmarks.study.cases import CASES, campaign_of, plan_of
 from benchmarks.study.draw import draw
 from benchmarks.study.rows import read_study
+from cooperative.measure import SEVERITY
 from cooperative.scene import factors_of_safety
 
 
@@ -50,11 +51,12 @@ def main() -> None:
     parser.add_argument("cases", nargs="*", metavar="CASE", help=f"some of: {'; '.join(CASES)}; all by default")
     parser.add_argument("--workers", type=int, default=1, help="parallel processes")
     parser.add_argument("--draw", action="store_true", help="run and draw a typical slide of each mode, nothing else")
+    parser.add_argument("--modes", nargs="+", choices=SEVERITY, default=SEVERITY, help="to draw; all by default")
     arguments = parser.parse_args()
     if unknown := set(arguments.cases) - set(CASES):
         parser.error(f"case {min(unknown)!r}: give some of {'; '.join(CASES)}")
     if arguments.draw:
-        pictures, broke_off = draw(read_study(), FIGURES)
+        pictures, broke_off = draw(read_study(), FIGURES, arguments.modes)
         print(*pictures, sep="\n")
         sys.exit("\n".join(broke_off) or None)
     for case in arguments.cases or CASES:

@@ -6,6 +6,7 @@ The rows of the study hold no fields, so `python -m benchmarks.study --draw` run
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from scipy.ndimage import median_filter
 from benchmarks.study.cases import CASES, FAILS_ABOVE, campaign_of
 from benchmarks.study.rows import Rows, Run
 from cooperative import build, coefficients_of, random_soil
+from cooperative.measure import SEVERITY
 from cooperative.reporting import draw_particles, save
 from jaxmpm import solve
 
@@ -206,18 +208,21 @@ def sections(figure: SubFigure, slide: Slide, cut: np.ndarray, norm: Normalize) 
     figure.colorbar(soil, ax=below, label="$S_u$ [kPa]", aspect=9)
 
 
-def draw(rows: Rows, folder: Path) -> tuple[list[Path], list[str]]:
+def draw(rows: Rows, folder: Path, modes: Collection[str] = SEVERITY) -> tuple[list[Path], list[str]]:
     """Run and draw a typical slide of each mode that has one.
 
     Args:
         rows: of the study.
         folder: of the pictures.
+        modes: to draw.
 
     Returns:
         The pictures, and a message for each slide that broke off, whose picture stays as it was.
     """
     pictures, broke_off = [], []
     for mode, run in typical(rows).items():
+        if mode not in modes:
+            continue
         try:
             slide = run_again(run)
         except FloatingPointError as error:

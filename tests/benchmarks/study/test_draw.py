@@ -100,3 +100,7 @@ def test_a_typical_slide_that_breaks_off_leaves_the_others(monkeypatch, capsys):
         command.main()
     drawn = capsys.readouterr().out.split()
     assert drawn == ["figures/published_slide_compound.png", "figures/published_slide_shallow.png"]
+    monkeypatch.setattr(sys, "argv", ["benchmarks.study", "--draw", "--modes", "shallow"])
+    with pytest.raises(SystemExit):
+        command.main()
+    assert capsys.readouterr().out.split() == ["figures/published_slide_shallow.png"]
