@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import spearmanr
 
+from benchmarks.csv_rows import Row
 from benchmarks.measure import Report
 from benchmarks.settings.levers_runs import MEASURED, SPACINGS, Variant, read, variants
 from jaxmpm import Status
@@ -29,7 +30,7 @@ def beside(variant: Variant) -> Variant:
     return scene, grid, SPACINGS[grid][0], 0.5, until
 
 
-def row(variant: Variant, result: dict[Variant, dict[int, dict[str, float]]]) -> dict[str, Any]:
+def row(variant: Variant, result: dict[Variant, dict[int, Row]]) -> dict[str, Any]:
     """One variant beside the published one, over the samples that both have."""
     scene, grid, spacing, cfl, until = variant
     plain = beside(variant)

@@ -8,20 +8,20 @@ energy of a run, kinetic, elastic and potential, is counted from its start: more
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.csv_rows import ENDED, REMEDY, appending, number, put_once, rows_of, whole, word
+from benchmarks.csv_rows import Row, appending, number, read_rows, size, whole, word
 from benchmarks.measure import ROOT, scene_campaign
 from benchmarks.statistics.section_pairs import study
 from cooperative import runs
 from cooperative.measure import Consequences, consequences
 from cooperative.runs import GridModel
-from jaxmpm import Result, Scene, Settle, State, Status, diagnostics, solve_each
+from jaxmpm import Result, Scene, Settle, State, diagnostics, solve_each
 
 DATA = ROOT / "benchmarks" / "data" / "levers.csv"
 SCENES = ("paper_section", "section")
@@ -32,46 +32,19 @@ SPACINGS = {"rough": (1.0, 2.0), "refined": (0.5, 1.0)}
 CFL = (0.5, 0.9)
 VARIANT = ("scene", "grid", "spacing", "cfl", "until")
 MEASURED = ("status", "steps", "time", "displacement", "runout", "energy")
-COLUMNS = (*VARIANT, "number", *MEASURED)
+COLUMNS = {
+    **dict(zip(VARIANT, (word(*SCENES), word(*SPACINGS), size, size, word(*SAMPLES)), strict=True)),
+    **dict(zip(("number", *MEASURED), (whole, whole, whole, size, size, size, number), strict=True)),
+}
 Variant = tuple[str, str, float, float, str]
 
 
-def read() -> dict[Variant, dict[int, dict[str, float]]]:
-    """The file: variant -> number -> what was measured. ValueError for a line that does not parse, that no run could
-    have left, or whose run stands there twice."""
-    answer: dict[Variant, dict[int, dict[str, float]]] = {}
-    for where, row in rows_of(DATA, COLUMNS):
-        known = answer.setdefault(_variant(row, where), {})
-        put_once(known, whole(row["number"], f"{where}: number"), _measured(row, where), where)
+def read() -> dict[Variant, dict[int, Row]]:
+    """The file: variant -> number -> what was measured. ValueError for a row that does not parse or occurs twice."""
+    answer: dict[Variant, dict[int, Row]] = {}
+    for (*variant, sample), row in read_rows(DATA, COLUMNS, (*VARIANT, "number")).items():
+        answer.setdefault((*variant,), {})[sample] = row
     return answer
-
-
-def _variant(row: Mapping[str, str], where: str) -> Variant:
-    scene, grid, until = (
-        word(row[name], f"{where}: {name}", allowed=allowed)
-        for name, allowed in (("scene", SCENES), ("grid", SPACINGS), ("until", SAMPLES))
-    )
-    spacing, cfl = (number(row[name], f"{where}: {name}", above=True) for name in ("spacing", "cfl"))
-    variant = scene, grid, spacing, cfl, until
-    if variant not in variants():
-        values = f"spacing = {spacing:g}, cfl = {cfl:g} of the {grid} grid to its {until}"
-        raise ValueError(f"{where}: {values} is no variant: spacings are {SPACINGS}, CFL {CFL}, {REMEDY}")
-    return variant
-
-
-def _measured(row: Mapping[str, str], where: str) -> dict[str, float]:
-    """What a run left. Its energy may be less than nothing, and a run that broke off at once has taken no time."""
-    word(row["status"], f"{where}: status", allowed=[str(Status[name].value) for name in ENDED])
-    took = float(row["status"]) <= Status.DECIDED
-    return {
-        name: number(
-            row[name],
-            f"{where}: {name}",
-            least=-np.inf if name == "energy" else 0.0,
-            above=took and name in ("steps", "time"),
-        )
-        for name in MEASURED
-    }
 
 
 def variants() -> Iterator[Variant]:
@@ -84,7 +57,7 @@ def variants() -> Iterator[Variant]:
 
 def main() -> None:
     """Run what is missing, one sample after the other."""
-    done = read() if DATA.exists() else {}
+    done = read()
     with appending(DATA, COLUMNS) as put:
         for variant in variants():
             for row in _rows(variant, sorted(set(range(SAMPLES[variant[-1]])) - done.get(variant, {}).keys())):

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.csv_rows import ENDED, appending, number, put_once, rows_of, whole, word
+from benchmarks.csv_rows import ENDED, appending, optional, read_rows, size, whole, word
 from benchmarks.measure import ROOT, Report
 from benchmarks.settings.rest import followed
 from benchmarks.study.cases import CASES as STUDY_CASES
@@ -32,7 +32,6 @@ from jaxmpm import State, Status
 DATA = ROOT / "benchmarks" / "data" / "opened_soil.csv"
 MEASURES = ("displacement", "depth", "runout", "volume", "area")
 LENGTHS = ("displacement", "runout")
-COLUMNS = ("case", "memory", "number", "status", "steps", *MEASURES, "mode", "closed")
 LEFT = (94, 623, 661, 243)
 """Samples of the study whose refined slides left the grid."""
 OTHERS = (135, 349, 188, 102, 696, 737, 86, 212, 363, 176)
@@ -94,23 +93,18 @@ CASES = {
     "3D, refined, others": _of_study("published", "refined", OTHERS),
 }
 """In the order in which they are run."""
+COLUMNS = {
+    **{"case": word(*CASES), "memory": whole, "number": whole, "status": word(*ENDED), "steps": whole},
+    **dict.fromkeys(MEASURES, optional(size)),
+    **{"mode": optional(word(*SEVERITY, "none")), "closed": optional(size)},
+}
 
 
 def read(path: Path) -> dict[tuple[str, bool], dict[int, Row]]:
-    """The file: (case, with memory) -> number -> row. ValueError for a line that does not parse, that no run could have
-    left, or whose run stands there twice."""
+    """The file: (case, with memory) -> number -> row. ValueError for a row that does not parse or occurs twice."""
     answer: dict[tuple[str, bool], dict[int, Row]] = {}
-    for where, row in rows_of(path, COLUMNS) if path.exists() else ():
-        case = word(row["case"], f"{where}: case", allowed=CASES)
-        memory = word(row["memory"], f"{where}: memory", allowed=("0", "1")) == "1"
-        status = Status[word(row["status"], f"{where}: status", allowed=ENDED)]
-        whole(row["steps"], f"{where}: steps")
-        ended = status <= Status.DECIDED
-        word(row["mode"], f"{where}: mode", allowed=(*SEVERITY, "none") if ended else ("",))
-        figures = {name: number(row[name], f"{where}: {name}") if row[name] or ended else None for name in MEASURES}
-        closed = number(row["closed"], f"{where}: closed") if memory else word(row["closed"], where, allowed=("",))
-        rows, sample = answer.setdefault((case, memory), {}), whole(row["number"], f"{where}: number")
-        put_once(rows, sample, {**row, **figures, "closed": closed}, where)
+    for (case, memory, sample), row in read_rows(path, COLUMNS, ("case", "memory", "number")).items():
+        answer.setdefault((case, memory == 1), {})[sample] = row
     return answer
 
 
@@ -166,7 +160,7 @@ def compared(name: str, case: Case, remembers: Mapping[int, Row], forgets: Mappi
     changes = {
         closed: np.array(
             [
-                max(abs(float(new[length]) - float(old[length])) / cell for length in LENGTHS)
+                max(abs(new[length] - old[length]) / cell for length in LENGTHS)
                 for new, old in chosen
                 if (new["closed"] > FEW * new["volume"]) == closed
             ]
@@ -186,7 +180,7 @@ def compared(name: str, case: Case, remembers: Mapping[int, Row], forgets: Mappi
         "classes_changed": sum(_fails(new) != _fails(old) for new, old in both),
         "modes_changed": sum(new["mode"] != old["mode"] for new, old in chosen),
         "steps_over_those_without": round(
-            sum(int(new["steps"]) for new, _ in chosen) / max(1, sum(int(old["steps"]) for _, old in chosen)), 3
+            sum(new["steps"] for new, _ in chosen) / max(1, sum(old["steps"] for _, old in chosen)), 3
         ),
     }
     for closed, words in ((False, "nothing_closes"), (True, "soil_closes")):
@@ -196,7 +190,7 @@ def compared(name: str, case: Case, remembers: Mapping[int, Row], forgets: Mappi
             f"median_change_{words}_cells": round(float(np.median(answer)), 4) if answer.size else None,
             f"largest_change_{words}_cells": round(float(answer.max()), 4) if answer.size else None,
         }
-    distance = [float(new["runout"]) - float(old["runout"]) for new, old in chosen]
+    distance = [new["runout"] - old["runout"] for new, old in chosen]
     return figures | {"median_runout_grows_by_m": round(float(np.median(distance)), 3) if distance else None}
 
 

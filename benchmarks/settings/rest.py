@@ -21,14 +21,14 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.csv_rows import ENDED, appending, number, put_once, rows_of, whole, word
+from benchmarks.csv_rows import ENDED, Row, appending, optional, read_rows, size, whole, word
 from benchmarks.measure import ROOT, Report, scene_campaign
 from benchmarks.statistics.section_pairs import study
 from cooperative import runs
 from cooperative.measure import SEVERITY, Motion
 from cooperative.runs import GridModel
 from cooperative.store import Sample
-from jaxmpm import Result, Settle, State, Status, solve_each
+from jaxmpm import Result, Settle, State, solve_each
 from jaxmpm.run import Midway
 
 DATA = ROOT / "benchmarks" / "data" / "rest.csv"
@@ -38,14 +38,11 @@ LENGTHS = ("displacement", "depth", "runout")
 AMOUNTS = ("volume", "area")
 ANY = ("displacement_any", "runout_any")
 """Lengths with detached grains."""
-COLUMNS = ("case", "rest", "number", "status", "steps", *LENGTHS, *AMOUNTS, "mode")
 TIMES = (20.0, 25.0)
 """When the slides of LONGER are measured (s)."""
 TWICE = tuple(f"{name}_{time:g}" for time in TIMES for name in (*LENGTHS, *AMOUNTS, *ANY))
 RELEASES = ("onset", "onset_second")
 """When the first mass and, of a progressive slide, the second let go (s)."""
-COLUMNS_LONGER = ("case", "number", "status", "steps", *TWICE, "mode", *RELEASES)
-Row = dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -64,42 +61,34 @@ CASES = {
     "section, default": Case("section", "refined", 50, longer=True),
     "3D, published, rough grid calibrated": Case("paper", "rough", 10, 1.18 / 1.29),
 }
+MODE = optional(word(*SEVERITY))
+COLUMNS = {
+    **{"case": word(*CASES), "rest": whole, "number": whole, "status": word(*ENDED), "steps": whole},
+    **dict.fromkeys((*LENGTHS, *AMOUNTS), optional(size)),
+    "mode": MODE,
+}
+COLUMNS_LONGER = {
+    **{"case": word(*CASES), "number": whole, "status": word(*ENDED), "steps": whole},
+    **dict.fromkeys(TWICE, optional(size)),
+    "mode": MODE,
+    **dict.fromkeys(RELEASES, optional(size)),
+}
 
 
 def read(path: Path) -> dict[tuple[str, bool], dict[int, Row]]:
-    """The file: (case, with the rule) -> number -> row. ValueError for a line that does not parse, that no run could
-    have left, or whose run stands there twice."""
+    """The file: (case, with the rule) -> number -> row. ValueError for a row that does not parse or occurs twice."""
     answer: dict[tuple[str, bool], dict[int, Row]] = {}
-    for where, row in _checked(path, COLUMNS, (*LENGTHS, *AMOUNTS)):
-        rest = word(row["rest"], f"{where}: rest", allowed=("0", "1")) == "1"
-        put_once(answer.setdefault((row["case"], rest), {}), whole(row["number"], f"{where}: number"), row, where)
+    for (case, rest, sample), row in read_rows(path, COLUMNS, ("case", "rest", "number")).items():
+        answer.setdefault((case, rest == 1), {})[sample] = row
     return answer
 
 
 def read_longer(path: Path) -> dict[str, dict[int, Row]]:
     """The file of the slides that ran on: case -> number -> row. ValueError as for `read`."""
     answer: dict[str, dict[int, Row]] = {}
-    for where, row in _checked(path, COLUMNS_LONGER, TWICE):
-        for name in RELEASES:
-            if row[name]:
-                number(row[name], f"{where}: {name}")
-        put_once(answer.setdefault(row["case"], {}), whole(row["number"], f"{where}: number"), row, where)
+    for (case, sample), row in read_rows(path, COLUMNS_LONGER, ("case", "number")).items():
+        answer.setdefault(case, {})[sample] = row
     return answer
-
-
-def _checked(path: Path, columns: Sequence[str], measures: Sequence[str]) -> Iterator[tuple[str, Row]]:
-    """File and line, and the row there. A run that broke off has not all of its measures."""
-    if not path.exists():
-        return
-    for where, row in rows_of(path, columns):
-        word(row["case"], f"{where}: case", allowed=CASES)
-        whole(row["steps"], f"{where}: steps")
-        status = Status[word(row["status"], f"{where}: status", allowed=ENDED)]
-        word(row["mode"], f"{where}: mode", allowed=SEVERITY if status <= Status.DECIDED else ("",))
-        for name in measures:
-            if row[name] or status <= Status.DECIDED:
-                number(row[name], f"{where}: {name}")
-        yield where, row
 
 
 def main() -> None:
@@ -258,11 +247,11 @@ def changes_after(name: str, case: Case, rows: Mapping[int, Row]) -> dict[str, A
     before, after = (f"_{time:g}" for time in TIMES)
 
     def largest(measure: str, in_cells: bool) -> float | None:
-        pairs = [(float(row[measure + before]), float(row[measure + after])) for row in whole_runs]
+        pairs = [(row[measure + before], row[measure + after]) for row in whole_runs]
         moves = [abs(b - a) / (cell if in_cells else max(a, 1e-9)) for a, b in pairs]
         return round(max(moves), 4) if moves else None
 
-    gaps = [float(row["onset_second"]) - float(row["onset"]) for row in whole_runs if row["onset_second"]]
+    gaps = [row["onset_second"] - row["onset"] for row in whole_runs if row["onset_second"] is not None]
     return {
         "case": name,
         "from_s": TIMES[0],
@@ -283,14 +272,10 @@ def compared(name: str, case: Case, ruled: dict[int, Row], unruled: dict[int, Ro
     cell = scene_campaign(case.scene).grids[case.grid].cell
 
     def largest(measures: tuple[str, ...], scale: float | None) -> float:
-        changes = [
-            abs(float(a[each]) - float(b[each])) / (scale or max(float(b[each]), 1e-9))
-            for a, b in whole
-            for each in measures
-        ]
+        changes = [abs(a[each] - b[each]) / (scale or max(b[each], 1e-9)) for a, b in whole for each in measures]
         return round(max(changes, default=0.0), 4)
 
-    steps = [sum(int(row["steps"]) for row in column) for column in zip(*both, strict=True)]
+    steps = [sum(row["steps"] for row in column) for column in zip(*both, strict=True)]
     return {
         "case": name,
         "slides": len(both),

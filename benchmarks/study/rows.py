@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields
-from functools import partial
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
-from benchmarks.csv_rows import ENDED, filled, lines_of, number, row_of, whole, word
+from benchmarks.csv_rows import ENDED, optional, read_rows, size, text, whole, word
 from benchmarks.measure import ROOT
 from benchmarks.study.cases import FAILS_ABOVE, MORE_AIR
 from cooperative.estimate import Population
@@ -109,16 +107,16 @@ class Outcome:
 
 
 Rows = dict[Run, Outcome]
-COLUMNS = tuple(field.name for kind in (Run, Outcome) for field in fields(kind))
-_KINDS: dict[str, Callable[[str, str], Any]] = {"str": filled, "int": whole, "float": number}
-_CELLS: dict[str, Callable[[str, str], Any]] = {
-    "grid": partial(word, allowed=("rough", "refined")),
-    "until": partial(word, allowed=get_args(Until)),
-    "status": partial(word, allowed=ENDED),
-    "mode": partial(word, allowed=SEVERITY),
-    "reduction": partial(number, above=True),
+RUN = tuple(field.name for field in fields(Run))
+COLUMNS = {
+    **{"case": text, "grid": word("rough", "refined"), "sample": whole, "reduction": size},
+    **{"until": word(*get_args(Until)), "status": word(*ENDED)},
+    **{"displacement": size, "time": size, "steps": whole, "seconds": size},
+    **dict.fromkeys(("runout", "depth", "volume", "area"), optional(size)),
+    **{"mode": optional(word(*SEVERITY)), "masses": optional(whole)},
+    **dict.fromkeys(("onset", "onset_second", "displacement_any", "runout_any"), optional(size)),
+    "device": text,
 }
-"""Parsers of columns that hold less than their kind may."""
 
 
 def read_table(path: Path) -> Rows:
@@ -127,27 +125,9 @@ def read_table(path: Path) -> Rows:
     Raises:
         ValueError: naming file and line, for other columns and for a row that does not parse or occurs twice.
     """
-    _, head, *lines = lines_of(path)
-    if tuple(head.split(",")) != COLUMNS:
-        raise ValueError(f"{path}, line 2: columns {head}: the study has {', '.join(COLUMNS)}")
-    rows: Rows = {}
-    for at, line in enumerate(lines, start=3):
-        where = f"{path}, line {at}"
-        cells = row_of(line, COLUMNS, where)
-        run, values = (
-            {each.name: _value(cells[each.name], each.name, str(each.type), where) for each in fields(kind)}
-            for kind in (Run, Outcome)
-        )
-        if Run(**run) in rows:
-            raise ValueError(f"{where}: {Run(**run)} occurs twice: delete one of the two")
-        rows[Run(**run)] = Outcome(**values)
-    return rows
-
-
-def _value(cell: str, column: str, kind: str, where: str) -> Any:
-    if cell == "" and "None" in kind:
-        return None
-    return (_CELLS.get(column) or _KINDS.get(kind.removesuffix(" | None"), filled))(cell, f"{where}: {column}")
+    outcome = [name for name in COLUMNS if name not in RUN]
+    rows = read_rows(path, COLUMNS, RUN, comments=1)
+    return {Run(*key): Outcome(*(row[name] for name in outcome)) for key, row in rows.items()}
 
 
 def read_study() -> Rows:

@@ -38,25 +38,6 @@ def test_what_the_memory_changes(tmp_path, monkeypatch):
     assert values["largest_change_soil_closes_cells"] == pytest.approx(3.0)
 
 
-GOOD = row(3, True, 10.0)
-
-
-@pytest.mark.parametrize(
-    ("bad", "message"),
-    [
-        (GOOD.replace("10.0", "nan"), "displacement = 'nan' is not finite"),
-        (GOOD.replace(",1,3", ",2,3"), "memory = '2' is none of 0, 1"),
-        (GOOD.replace(",5.0", ","), "closed = '' is no number"),
-        (GOOD.replace("deep", "deap"), "mode = 'deap' is none of progressive"),
-        (GOOD, "its run stands there twice"),
-    ],
-)
-def test_a_line_that_does_not_parse_is_named(tmp_path, bad, message):
-    path = write(tmp_path / "opened.csv", GOOD, bad)
-    with pytest.raises(ValueError, match=rf"opened\.csv, line 3: {message}.*delete"):
-        opened_soil.read(path)
-
-
 def test_the_study_holds_the_slides_that_are_run_again():
     for name, case in CASES.items():
         if case.study is not None:

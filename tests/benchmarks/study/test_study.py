@@ -68,30 +68,6 @@ def test_a_row_is_a_run_and_its_outcome(table):
     assert (slid[1].mode, slid[1].masses, slid[1].onset_second, slid[1].runout_any) == ("deep", 1, None, 12.6)
 
 
-@pytest.mark.parametrize(
-    ("was", "becomes", "message"),
-    [
-        (",0.05,", ",0.05x,", r"study_fos\.csv, line 3: displacement = '0.05x' is no number: mend or delete the line"),
-        (",0.05,", ",,", r"line 3: displacement = '' is no number"),
-        (",0.05,", ",nan,", r"line 3: displacement = 'nan' is not finite"),
-        (",0.05,", ",-0.05,", r"line 3: displacement = '-0.05' is not at least 0: mend"),
-        (",2,500,", ",2,5e2,", r"line 3: steps = '5e2' is no whole number"),
-        ("1.26,", "0,", r"line 3: reduction = '0' is not above 0"),
-        ("SETTLED", "DECIDE", r"line 3: status = 'DECIDE' is none of FINISHED, SETTLED, DECIDED, NOT_FINITE, .*: mend"),
-        (",deep,", ",deap,", r"line 4: mode = 'deap' is none of progressive, compound, deep, shallow: mend"),
-        (",cpu", ",", r"line 3: device is empty"),
-        ("mean strength,rough,", "mean strength,", r"line 3: 20 cells instead of 21"),
-        ("published,refined", "published,fine", r"line 4: grid = 'fine' is none of rough, refined"),
-        ("case,grid", "case,Grid", r"line 2: columns case,Grid"),
-        (SLID, STOOD, r"line 4: .* occurs twice"),
-    ],
-)
-def test_a_damaged_row_is_named(table, was, becomes, message):
-    table.write_text(table.read_text().replace(was, becomes, 1))
-    with pytest.raises(ValueError, match=message):
-        rows.read_table(table)
-
-
 def test_slopes_that_fail_sooner_rank_above_and_all_above_those_that_stand():
     stood = Outcome("SETTLED", 0.05, 2.0, 500, 1.5)
     sooner, later = Outcome("DECIDED", 1.1, 2.0, 1, 1.0), Outcome("DECIDED", 1.3, 4.0, 1, 1.0)
