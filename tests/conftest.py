@@ -54,7 +54,7 @@ import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 
-from benchmarks.robustness.invented import TINY  # noqa: E402
+from benchmarks.robustness.invented import TINY, invent  # noqa: E402
 from cooperative import run  # noqa: E402
 from cooperative.reporting import _plots  # noqa: E402
 from cooperative.runs import keep_compiled, release_programs  # noqa: E402
@@ -79,6 +79,13 @@ def x64() -> Iterator[None]:
     """Run the test in float64."""
     with jax.enable_x64(True):
         yield
+
+
+@pytest.fixture
+def made_up(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """Made-up runs in place of the solver's; the fixture `monkeypatch`."""
+    invent(put=monkeypatch.setattr)
+    return monkeypatch
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,20 @@
-"""Tables that scenes of several tests share."""
+"""Tables that scenes of several tests share, and the models of such scenes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cooperative import runs
+from cooperative.scene import parse
+from cooperative.store import Source
+
+
+def model_of(
+    scene: str | Path | Source, grid: str = "rough", *, at_rest: bool = False, folder: Path | None = None
+) -> runs.GridModel:
+    """The model of a scene's grid; without its stress at rest, unless asked for."""
+    campaign = parse(scene)
+    return runs.build(campaign, grid, runs.random_soil(campaign), at_rest=at_rest, folder=folder)
 
 
 def tables(cell: float = 2.0, run: str = "t_end = 4.0") -> str:

@@ -50,48 +50,6 @@ def test_public_names_are_documented():
         assert not [each for each in fields if not re.search(rf"\b{each}\b", text)], name
 
 
-def named(text: str) -> list[str]:
-    """What a docstring's list of arguments names: words at the start of a sentence, before a colon."""
-    lists = re.findall(r"(?:^|\.\s+|\n\s*)((?:[a-z_0-9]+, )*[a-z_0-9]+): ", text)
-    return [name for each in lists for name in each.split(", ")]
-
-
-def described() -> list[tuple[str, str, set[str]]]:
-    """Public functions, classes and their public methods: name, docstring, and the names that it may list."""
-    entries = []
-    for package, name in PUBLIC:
-        thing = getattr(package, name)
-        if not inspect.isfunction(thing) and not inspect.isclass(thing):
-            continue
-        own = parameters(thing) if inspect.isfunction(thing) else members(thing)
-        entries.append((f"{package.__name__}.{name}", inspect.getdoc(thing) or "", own))
-        for method, function in vars(thing).items() if inspect.isclass(thing) else ():
-            function = getattr(function, "__func__", function)
-            if inspect.isfunction(function) and not method.startswith("_"):
-                text = inspect.cleandoc(function.__doc__ or "")
-                entries.append((f"{package.__name__}.{name}.{method}", text, parameters(function)))
-    return entries
-
-
-def parameters(function) -> set[str]:
-    return set(inspect.signature(function).parameters)
-
-
-def members(thing: type) -> set[str]:
-    """Fields, arguments of the constructor, properties and constants of a class."""
-    fields = {name for base in thing.__mro__ for name in getattr(base, "__annotations__", {})}
-    known = fields | {name for name in dir(thing) if not name.startswith("_")}
-    try:
-        return known | parameters(thing)
-    except ValueError:  # the constructors of enumerations and exceptions have no signature
-        return known
-
-
-def test_documented_names_exist():
-    unknown = {name: set(named(text)) - known for name, text, known in described()}
-    assert {name: left for name, left in unknown.items() if left} == {}
-
-
 # Modules whose functions a script calls by the module's name.
 BY_MODULE = (
     *(jaxmpm.diagnostics, jaxmpm.objectives, jaxmpm.tensors, kl.plots),

@@ -6,6 +6,7 @@ import math
 import os
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import jupytext
@@ -21,93 +22,7 @@ MOST_BYTES = 400_000
 LONG_RUNS = ("02_batched_screening", "06_rare_events")
 MORE_OPTIMISED = ("xla_backend_optimization_level=0", "xla_backend_optimization_level=1")
 
-# What each notebook's `results` must lie between, at small size.
-BOUNDS = {
-    "01_first_slope": {
-        "stress_error": (0.0, 0.02),  # of the weight above, behind the crest
-        "standing_displacement": (1e-3, 0.1),
-        "stable": (1.15, 1.2501),  # 1.22 and 1.23 in steps of 0.01
-        "fails": (1.2, 1.3001),
-        "runout": (14.0, 21.0),
-        "speed_at_end": (0.0, 0.2),
-        "gif_bytes": (1e4, 1e6),
-    },
-    "02_batched_screening": {
-        "same_in_any_batch": (1, 1),
-        "failed": (1, 10),  # of 24, at a probability of 0.155 with 1000 samples
-        "broke_off": (0, 0),
-        "settled_share_of_steps": (0.03, 0.3),
-        "rank_correlation_overall": (-1.0, -0.6),
-        "rank_correlation_band": (-1.0, -0.8),
-        "rank_correlation_own": (-1.0, -0.8),
-        "deepest_correlation_at": (0.0, 4.0),  # in the foundation
-        "worst_over_best": (50.0, 1e6),
-    },
-    "03_random_fields": {
-        "modes": (40, 56),
-        "lost_at_worst_of_95": (0.15, 0.4),  # in the corners
-        "lost_at_worst_of_999": (0.001, 0.05),
-        "correlation_error": (0.0, 0.15),  # three standard errors of 400 samples
-        "mean_error": (0.0, 0.02),
-        "cov_error": (0.0, 0.02),
-        "same_field": (0.0, 1e-5),
-        "borehole_misfit_over_error": (0.1, 1.1),
-        "derivative_error": (0.0, 5e-3),
-    },
-    "04_campaign": {
-        "probability": (0.02, 0.5),
-        "interval_holds": (1, 1),
-        "refined_runs": (10, 10),
-        "rough_share": (0.05, 0.4),  # cells of 4 m hold some of what cells of 2 m let go
-        "rank_correlation": (0.7, 1.0),
-        "mode_ratios": (0.999, 1.001),
-        "same_after_damage": (1, 1),
-    },
-    "07_your_own_material_and_scene": {
-        "flow_error": (0.0, 1e-4),
-        "wave_error": (0.0, 0.03),
-        "wave_order": (1.0, 2.2),
-        "own_kernel_error": (0.0, 0.06),
-        "dimensions_differ": (0.0, 1e-4),
-        "front_plane": (0.85, 1.1),  # of a closed form without inertia
-        "front_round": (0.85, 1.1),
-        "own_estimator_runs": (4, 4),
-        "own_estimator_probability": (0.25, 1.0),
-    },
-    "05_sensitivity_and_back_analysis": {
-        "derivative_over_difference": (0.95, 1.05),
-        "share_of_map_in_a_tenth": (0.15, 0.6),
-        "predicted_over_true": (0.9, 1.1),
-        "elsewhere_over_where_it_matters": (0.0, 0.7),
-        "loss_per_reading": (0.2, 0.8),  # a half, if readings are explained to their noise
-        "strength_error": (0.0, 0.06),
-    },
-    "06_rare_events": {
-        "beta": (1.7, 2.7),
-        "converged": (1, 1),
-        "gradients": (3, 25),
-        "failing_share": (0.3, 0.95),
-        "probability_over_form": (0.5, 10.0),  # other slip surfaces fail too
-        "cov_over_monte_carlo": (0.1, 1.0),
-        "weakest_layer_ratio": (0.4, 0.9),
-    },
-    "08_hazard_maps": {
-        "probability": (0.1, 0.9),
-        "curve_starts_at_probability": (1 - 1e-12, 1 + 1e-12),
-        "mapped_over_counted": (1 - 1e-6, 1 + 1e-6),
-        "road_reached": (0.1, 0.9),
-        "hill_probability": (0.1, 0.95),
-        "hill_reached": (0.1, 0.95),
-        "read_back_error": (0.0, 1e-8),
-        "corner_east": (0.5, 1.5),  # half a cell from the origin
-    },
-    "09_campaign_with_your_own_law": {
-        "probability": (0.05, 0.7),
-        "interval_holds": (1, 1),
-        "refined_runs": (10, 12),
-        "same_again": (1, 1),
-    },
-}
+BOUNDS = tomllib.loads((ROOT / "tests" / "project" / "notebook_bounds.toml").read_text())
 
 
 def small_run(name: str) -> dict[str, float]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.robustness import hostile_scenes, invented, lives, robustness
+from benchmarks.robustness import hostile_scenes, lives, robustness
 from benchmarks.robustness.invented import SCENE
 from cooperative import _commands as command
 from cooperative import campaign
@@ -18,26 +18,15 @@ SMALL = SCENE.replace("samples = 50", "samples = 16").replace("refined_runs = 15
 
 
 @pytest.fixture
-def finished(tmp_path, monkeypatch) -> Path:
+def finished(tmp_path, made_up) -> Path:
     """A finished campaign of made-up runs."""
-    invented.invent(put=monkeypatch.setattr)
     campaign.run(SMALL, tmp_path / "finished")
     return tmp_path / "finished"
 
 
-def assert_all_end_well(count, seed, by_command, folder):
-    values, rows = robustness.fuzzed(count, by_command, folder, seed)
-    assert rows == []
-    assert values["tracebacks"] == 0
-
-
 def test_a_dozen_hostile_scenes_end_in_a_campaign_or_one_line(tmp_path):
-    assert_all_end_well(12, 0, 1, tmp_path)
-
-
-@pytest.mark.slow
-def test_two_thousand_hostile_scenes_end_in_a_campaign_or_one_line(tmp_path):
-    assert_all_end_well(2000, 1, 20, tmp_path)
+    values, rows = robustness.fuzzed(12, 1, tmp_path, seed=0)
+    assert (rows, values["tracebacks"]) == ([], 0)
 
 
 def test_hostile_scenes_come_to_a_campaign_now_and_then():
@@ -79,11 +68,6 @@ def raised(error):
 
 def test_no_damage_to_a_sample_goes_undetected(finished):
     assert robustness.damage(80, finished, seed=0) == (84, [])
-
-
-@pytest.mark.slow
-def test_no_damage_to_a_sample_goes_undetected_however_often(finished):
-    assert robustness.damage(1000, finished, seed=1) == (1001, [])
 
 
 def test_damage_would_show_if_seals_were_not_looked_at(finished, monkeypatch):

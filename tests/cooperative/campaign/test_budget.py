@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks.robustness import invented
 from benchmarks.robustness.invented import SCENE
 from cooperative import _commands as command
 from cooperative import campaign
@@ -15,11 +14,7 @@ from cooperative.store import read_rows, read_store
 from tests.cooperative.campaign.test_campaign import TINY
 from tests.cooperative.campaign.test_cli import invented_campaign
 
-
-@pytest.fixture(autouse=True)
-def quick(monkeypatch):
-    """Made-up runs in place of the solver's."""
-    invented.invent(put=monkeypatch.setattr)
+pytestmark = pytest.mark.usefixtures("made_up")
 
 
 @pytest.mark.slow

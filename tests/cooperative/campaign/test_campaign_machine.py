@@ -161,30 +161,29 @@ class Folder(RuleBasedStateMachine):
         self.runs_to_the_end("run")
 
 
-@pytest.mark.usefixtures("quick")
+@pytest.mark.usefixtures("unwritten")
 def test_a_folder_to_which_anything_happens_ends_as_an_undisturbed_one(tmp_path):
     assert_holds(tmp_path, max_examples=2, stateful_step_count=8)
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("quick")
+@pytest.mark.usefixtures("unwritten")
 def test_a_folder_to_which_anything_happens_often_ends_as_an_undisturbed_one(tmp_path):
     assert_holds(tmp_path, max_examples=40, stateful_step_count=20)
 
 
 @pytest.fixture
-def quick(monkeypatch):
+def unwritten(made_up):
     """Made-up runs, whose fields belong to no particles that could be drawn or exported."""
-    invented.invent(put=monkeypatch.setattr)
-    monkeypatch.setattr(_composition, "_slopes", lambda *_: [])
-    monkeypatch.setattr(_plots, "save", lambda *_: None)
-    monkeypatch.setattr(_plots, "lay_out", lambda _: None)
-    monkeypatch.setattr(_interactive, "_inlined", lambda _: "")
-    monkeypatch.setattr(_interactive, "installed", lambda: False)
-    monkeypatch.setattr(_exports, "_series_of_fields", lambda store, *_: store.folder)
+    made_up.setattr(_composition, "_slopes", lambda *_: [])
+    made_up.setattr(_plots, "save", lambda *_: None)
+    made_up.setattr(_plots, "lay_out", lambda _: None)
+    made_up.setattr(_interactive, "_inlined", lambda _: "")
+    made_up.setattr(_interactive, "installed", lambda: False)
+    made_up.setattr(_exports, "_series_of_fields", lambda store, *_: store.folder)
 
 
-@pytest.mark.usefixtures("quick")
+@pytest.mark.usefixtures("unwritten")
 def test_a_report_names_the_refined_runs_that_it_cannot_rank(tmp_path, capsys):
     campaign.run(SCENE, tmp_path)
     first, second, *_ = sorted(tmp_path.glob("samples/refined/*.h5"))

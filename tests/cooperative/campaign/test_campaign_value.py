@@ -1,5 +1,6 @@
 """Campaigns written in Python: the same as a scene's, stored as text, gone on with by the same law only."""
 
+import inspect
 import json
 import linecache
 import pickle
@@ -38,6 +39,7 @@ from cooperative.folder import read_results
 from cooperative.scene import Given, _words, campaign_of, parse
 from cooperative.scene._words import campaign_of_words, source_checksum, source_of_value
 from tests.cooperative.effects.test_exposed import HAZARD
+from tests.cooperative.scene.test_own_soil import SensitiveClay, Tresca
 from tests.cooperative.scene.test_random_soil import CORRELATED, SAND
 
 SLOPE = mpm.Slope(crest=8.0, height=8.0, run_per_rise=1.0, toe=16.0, foundation=2.0)
@@ -255,45 +257,19 @@ def test_a_class_of_a_cell_is_known_by_all_of_its_source(changed, same):
 
 
 OWN = """
+import sys
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
-import sys
 import jax.numpy as jnp
 import jaxmpm as mpm
 from cooperative import Campaign, MonteCarlo, Plan, RandomField, Run, run
 from jaxmpm.laws import add, elastic_increment
 from jaxmpm.tensors import deviator, mean, safe_sqrt, second_invariant
 
-@mpm.pytree
-@dataclass(frozen=True)
-class Tresca(mpm.laws.Law):
-    bulk: Any
-    shear: Any
-    strength: Any
-    g95: Any
-    PARAMETERS = {"strength": mpm.laws.Parameter(above=0, unit="Pa", reduced=True)}
-
-    def initial_history(self, particles):
-        return jnp.zeros_like(particles.mass)
-
-    def update(self, strain_increment, stress, history, dt=None):
-        trial = add(stress, elastic_increment(self.bulk, self.shear, strain_increment))
-        t, left = safe_sqrt(second_invariant(deviator(trial))), 0.2 + 0.8 * jnp.exp(-3 * history / self.g95)
-        beyond = jnp.maximum(t - self.strength * left, 0)
-        pressure, scale = mean(trial), 1 - beyond / jnp.where(t > 0, t, 1)
-        stress = tuple(scale * s + pressure * (axis < 3) for axis, s in enumerate(deviator(trial)))
-        return stress, history + beyond / self.shear
-
-@dataclass(frozen=True)
-class SensitiveClay:
-    strength: float = 30e3
-    unit_weight: float = 20e3
-
-    def material(self, dtype, band):
-        number = partial(jnp.asarray, dtype=dtype)
-        return Tresca(number(2e7), number(1e7), number(self.strength), number(0.4 * 0.5 / band))
-
+"""
+OWN += inspect.getsource(Tresca) + inspect.getsource(SensitiveClay)
+OWN += """
 if __name__ == "__main__":
     campaign = Campaign(
         ground=mpm.Slope(crest=8.0, height=8.0, run_per_rise=1.0, toe=16.0, foundation=2.0), soil=SensitiveClay(),
@@ -317,7 +293,7 @@ def test_a_law_of_a_script_runs_on_two_workers_and_only_with_the_same_source(tmp
     assert first.returncode == 0, first.stderr
     assert script(OWN, tmp_path / "one", 1).stdout == first.stdout
     assert script(OWN, tmp_path / "two", 1).stdout == first.stdout
-    again = script(OWN.replace("0.2 + 0.8 *", "0.3 + 0.7 *"), tmp_path / "two", 2)
+    again = script(OWN.replace("jnp.exp(-3 *", "jnp.exp(-4 *"), tmp_path / "two", 2)
     assert again.returncode != 0
     assert "soil.source of SensitiveClay is" in again.stderr
     assert "belongs to another scene" in again.stderr

@@ -49,12 +49,6 @@ def invented_campaign(folder, text, rough, refined, *, every=2.0):
     return folder
 
 
-@pytest.fixture
-def done(tiny_campaign):
-    """A finished campaign: its folder and summary."""
-    return tiny_campaign
-
-
 def test_status_while_screening(tmp_path, capsys):
     folder = invented_campaign(tmp_path / "c", TWO_PHASE, [(n, 2.0 if n < 2 else 0.1) for n in range(8)], [])
     status = progress.progress_of(folder)
@@ -163,8 +157,8 @@ def test_durations_are_written_as_people_write_them(seconds, text):
 
 
 @pytest.mark.slow
-def test_resume_goes_on_from_the_folder_alone(done, tmp_path, capsys):
-    folder, summary = done
+def test_resume_goes_on_from_the_folder_alone(tiny_campaign, tmp_path, capsys):
+    folder, summary = tiny_campaign
     again = tmp_path / "again"
     with open_store(again, read_store(folder).source) as store:
         for number in (0, 3):
@@ -175,8 +169,8 @@ def test_resume_goes_on_from_the_folder_alone(done, tmp_path, capsys):
     assert np.array_equal(first["displacement"], second["displacement"])
 
 
-def test_export_writes_the_table_the_file_and_the_series(done, capsys):
-    folder, _ = done
+def test_export_writes_the_table_the_file_and_the_series(tiny_campaign, capsys):
+    folder, _ = tiny_campaign
     assert main(["export", str(folder)]) == 0
     written = capsys.readouterr().out.split()
     refined = read_rows(read_store(folder), "refined").numbers
@@ -195,8 +189,8 @@ def test_export_writes_the_table_the_file_and_the_series(done, capsys):
     assert [path.name for path in folder.iterdir() if path.name not in text] == []
 
 
-def test_export_runs_a_sample_again_for_its_moments(done, capsys):
-    folder, _ = done
+def test_export_runs_a_sample_again_for_its_moments(tiny_campaign, capsys):
+    folder, _ = tiny_campaign
     assert main(["export", str(folder), "--sample", "2", "--grid", "rough", "--frames", "3"]) == 0
     path = capsys.readouterr().out.strip()
     stored = read_sample(read_store(folder), "rough", 2)
@@ -208,9 +202,9 @@ def test_export_runs_a_sample_again_for_its_moments(done, capsys):
     assert {"velocity", "stress"} <= steps[0][1].keys()
 
 
-def test_fields_that_were_not_stored_are_named(done, tmp_path, capsys):
+def test_fields_that_were_not_stored_are_named(tiny_campaign, tmp_path, capsys):
     with open_store(tmp_path / "bare", TINY) as store:
-        write_sample(store, "rough", replace(read_sample(read_store(done[0]), "rough", 1), fields={}))
+        write_sample(store, "rough", replace(read_sample(read_store(tiny_campaign[0]), "rough", 1), fields={}))
     assert len(list(exports.export(tmp_path / "bare"))) == 2
     assert main(["export", str(tmp_path / "bare"), "--sample", "1", "--grid", "rough"]) == 2
     assert "[campaign] fields" in capsys.readouterr().err
@@ -229,9 +223,9 @@ def test_fields_that_were_not_stored_are_named(done, tmp_path, capsys):
         (["export", "{done}", "--sample", "1", "--grid", "rough", "--frames", "1"], "frames = 1: give 2 or more"),
     ],
 )
-def test_errors_are_one_line_and_exit_code_2(arguments, message, done, tmp_path, capsys):
+def test_errors_are_one_line_and_exit_code_2(arguments, message, tiny_campaign, tmp_path, capsys):
     open_store(tmp_path / "empty", TINY).close()
-    folders = {"nothing": tmp_path / "nothing", "empty": tmp_path / "empty", "done": done[0]}
+    folders = {"nothing": tmp_path / "nothing", "empty": tmp_path / "empty", "done": tiny_campaign[0]}
     assert main([argument.format(**folders) for argument in arguments]) == 2
     printed = capsys.readouterr().err
     assert printed.startswith("error: ")

@@ -12,7 +12,6 @@ import jaxmpm as mpm
 from benchmarks.robustness.invented import TINY
 from cooperative import Campaign, MonteCarlo, Plan, RandomField, Run, report, run, runs
 from cooperative.scene import parse
-from tests.cooperative.campaign.test_campaign import SCENES
 from tests.cooperative.scene.test_scene_sections import OUTLINE
 from tests.jaxmpm.ground.test_ground import Embankment
 
@@ -42,18 +41,6 @@ def test_a_slope_drawn_with_its_toe_has_the_slopes_summary(tiny_campaign, tmp_pa
     assert flat(drawn) == pytest.approx(flat(slope), nan_ok=True)
     assert drawn["modes"]["deep"]["count"] > 0
     assert drawn["consequences_of_failures"]["runout"]["mean"] > 5
-
-
-@pytest.mark.slow
-def test_the_demos_slope_drawn_with_its_toe_has_its_summary(tmp_path):
-    text = (SCENES / "demo.toml").read_text().replace("samples = 40", "samples = 10")
-    start, end = text.index("[slope]"), text.index("[soil]")
-    line = "surface = [[0, 16], [60, 16], [84, 4], [132, 4]]"
-    drawn = f"{text[:start]}[ground]\n{line}\ntoe = 84.0\ncrest = 60.0\n{text[end:]}"
-    for name, scene in (("slope", text), ("drawn", drawn)):
-        run(scene, tmp_path / name)
-    drawn, slope = (flat(summary_of(tmp_path / name)) for name in ("drawn", "slope"))
-    assert drawn == pytest.approx(slope, nan_ok=True)
 
 
 def test_without_a_toe_there_are_no_modes():

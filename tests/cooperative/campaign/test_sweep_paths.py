@@ -57,41 +57,7 @@ def test_records_are_crossed_with_their_scales_and_packed(tmp_path):
         read_scene(tmp_path / "scene.toml")
 
 
-@pytest.mark.parametrize(
-    ("lines", "message"),
-    [
-        ('[sweep]\n"run.kh" = [0, 0.1]\n', r"\[sweep\] 'run.kh' is no key of this scene \(did you mean 'run.k_h'\?\)"),
-        ('[sweep]\n"layer.caly.strength.mean" = [2e4]\n', "did you mean 'layer.clay.strength.mean'"),
-        ('[sweep]\n"run.settle" = [0, 1]\n', "'run.settle' is no number but true or false: change it in a "),
-        ('[sweep]\n"strength" = [0, 1]\n', "'strength' is a table in this scene: give a key of it"),
-        ('[sweep]\n"run.k_h" = [0, 2]\n', r"run.k_h = 2: \[run\] k_h = 2: give a value above -1 and below 1"),
-        ('[sweep]\n"run.k_h" = [0, 0]\n', r"\[sweep\] run.k_h = \[0, 0\]: give a list of different numbers"),
-        ('[sweep]\n"run.k_h" = ["a"]\n', "give a list of different numbers"),
-        ('[sweep]\n"campaign.seed" = [2]\n', "'campaign.seed' is no key that samples in common can differ in"),
-        (
-            '[sweep]\n"soil.strength.mean" = [2e4]\n"strength.mean" = [1e4]\n',
-            "'soil.strength.mean' and 'strength.mean' are one key: give it once",
-        ),
-        (
-            '[[scenario]]\nname = "x"\n"layer.2.depth" = 2.0\nlayer.clay.depth = 3.0\n',
-            r"\[\[scenario\]\] 'x': 'layer.2.depth' and 'layer.clay.depth' are one key",
-        ),
-        ('[[scenario]]\nname = "x"\n', "'x' changes nothing: give the keys that it changes"),
-        ("[[scenario]]\nrun.k_h = 0.1\n", r"\[scenario\] lacks name: add it"),
-        ('[[scenario]]\nname = "x"\nrun.k_h = 0.1\n' * 2, "'x' is there twice"),
-        (
-            '[[scenario]]\nname = "x y"\nrun.k_h = 0.1\n[[scenario]]\nname = "x_y"\nrun.k_h = 0.2\n',
-            "two campaigns would share the folder scenario-x_y",
-        ),
-    ],
-)
-def test_paths_that_lead_nowhere_are_refused(lines, message):
-    with pytest.raises(ValueError, match=message):
-        variants(LAYERED + lines)
-
-
-def test_a_sweep_over_paths_compares_and_goes_on_where_it_was(tmp_path, monkeypatch):
-    invented.invent(put=monkeypatch.setattr)
+def test_a_sweep_over_paths_compares_and_goes_on_where_it_was(tmp_path, made_up):
     text = TINY + '[sweep]\nrun.k_h = [0, 0.1, 0.2]\n[[scenario]]\nname = "steep"\nslope.run_per_rise = 0.5\n'
     result = sweep.run(text, tmp_path / "out")
     assert json.loads((tmp_path / "out" / "sweep.json").read_text()) == result

@@ -89,33 +89,6 @@ def test_elements_at_risk_and_curves_that_make_no_sense_are_refused(make, messag
         make()
 
 
-BAD = [
-    ('"50 cm"', '"50"', r"thresholds = '50' has no unit: give one of m, cm, m/s, km/h"),
-    ('"50 cm"', "0.5", r"thresholds = 0.5 has no unit"),
-    ('"50 cm"', '"50 kg"', r"is no number and unit"),
-    ('"50 cm"', '"-1 m"', r"'-1 m': give a finite number of 0 or more"),
-    ('"50 cm"', '"0 m"', r"give more than 0"),
-    ("thresholds", "tresholds", r"\[hazard\] has an unknown key 'tresholds' \(did you mean 'thresholds'\?\)"),
-    ('["2 m", 1.0]', '["2 m", 0.4]', r"\[exposed 'road'\] a vulnerability curve falls from 0.5 at 0.5 m to 0.4 at 2 m"),
-    ('["2 m", 1.0]', '["2 m", 1.5]', r"loses 1.5 at 2 m: give a share from 0 to 1"),
-    ('["2 m", 1.0]', '["2 m/s", 1.0]', r"vulnerability is of speed and thickness: give one of them"),
-    ('["2 m", 1.0]', '"2 m"', r'give pairs such as \["0.5 m", 0.2\]'),
-    ("value = 1000.0", "", r"give value and vulnerability together"),
-    ("value = 1000.0", "value = -1.0", r"value = -1: give a finite value of 0 or more"),
-    ('"house"', '"road"', r"name = 'road' is there 2 times as 'road'"),
-    ("at = [22.5]", "", r"'house'\] has no position: give one of at"),
-    ("at = [22.5]", "at = [22.5]\nbetween = [1.0, 2.0]", r"has at and between: give one of at"),
-    ("at = [22.5]", "polygon = [[1, 2], [3, 4]]", r"give three or more corners"),
-]
-
-
-@pytest.mark.parametrize(("old", "new", "message"), BAD)
-def test_scenes_with_bad_elements_at_risk_are_refused(old, new, message):
-    assert old in HAZARD
-    with pytest.raises(ValueError, match=message):
-        parse(TINY + HAZARD.replace(old, new, 1))
-
-
 def test_an_element_at_risk_outside_the_ground_is_refused_before_anything_runs():
     campaign = parse(TINY + HAZARD.replace("[22.5]", "[99.0]"))
     with pytest.raises(

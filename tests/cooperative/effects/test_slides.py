@@ -152,28 +152,6 @@ def asked(slides):
     return SCENE + f"slides = {json.dumps(slides)}\n"
 
 
-@pytest.mark.slow
-def test_a_drawn_slide_goes_on_bit_for_bit(all_slides, tmp_path):
-    folder, whole = all_slides
-    summary = campaign.run(asked(1), tmp_path)
-    assert summary.probability_of_failure == whole.probability_of_failure
-    assert summary.failures_refined == whole.failures_refined > 1
-    assert (summary.slides, whole.slides) == (1, whole.failures_refined)
-    assert any("slid on" in note for note in summary.notes)
-    assert not any("slid on" in note for note in whole.notes)
-    with open_store(tmp_path, asked(1)) as store, open_store(folder, SCENE) as other:
-        rows = read_rows(store, "refined")
-        decided = [n for n, status in zip(rows.numbers, rows.columns["status"], strict=True) if status == "DECIDED"]
-        assert len(decided) == whole.failures_refined - 1
-        (slid,) = read_rows(store, SLIDES).numbers
-        one, same = read_sample(store, "refined", slid), read_sample(other, "refined", slid)
-        assert (one.row, one.status, one.steps) == (same.row, same.status, same.steps)
-        assert all(np.array_equal(one.fields[name], same.fields[name]) for name in same.fields)
-        assert not read_sample(store, "refined", decided[0]).fields
-        assert not any(restart_path(tmp_path, SLIDES, number).exists() for number in rows.numbers)
-    assert np.isnan(rows.columns["runout"][[rows.numbers.index(n) for n in decided]]).all()
-
-
 LONGER = SCENE.replace("t_end = 4.0", "t_end = 4.0\nslides_t_end = 40.0")
 
 
@@ -196,10 +174,14 @@ def test_slides_run_on_beyond_the_time_of_their_class(all_slides, tmp_path):
     assert (long["steps"][fails & cut] > short["steps"][fails & cut]).all()
     for name in ("displacement", "steps", "status"):
         assert np.array_equal(long[name][~(fails & cut)], short[name][~(fails & cut)])
-    # From where a slide had failed it comes to the same end.
+    # From where a slide had failed it comes to the same end, bit for bit.
     for number in read_rows(stores["some"], SLIDES).numbers:
         one, same = (read_sample(stores[name], "refined", number) for name in ("some", "all"))
         assert (one.row, one.status, one.steps) == (same.row, same.status, same.steps)
+        assert all(np.array_equal(one.fields[name], same.fields[name]) for name in same.fields)
+    (decided, *_) = np.flatnonzero(rows["some"].columns["status"] == "DECIDED")
+    assert np.isnan(rows["some"].columns["runout"][decided])
+    assert not read_sample(stores["some"], "refined", rows["some"].numbers[decided]).fields
     # What it costs at most is counted.
     sizes = [runs.grid_size(parse(text), grid).steps for text in (SCENE, LONGER) for grid in ("rough", "refined")]
     assert (sizes[2], sizes[3]) == (sizes[0], pytest.approx(10 * sizes[1]))
@@ -269,29 +251,12 @@ def test_a_class_is_all_that_an_audit_without_slides_asks(all_slides, tmp_path):
         assert f"<h2>{section}</h2>\n<p>No consequence was asked for" in shown
 
 
-@pytest.mark.parametrize(
-    ("text", "match"),
-    [
-        ('slides = 0\nmodes = "refined"', "slides = 0 ends every refined run.*modes = 'refined'"),
-        ("slides = -1", "slides = -1: give a whole number of 0 or more"),
-        ('slides = "some"', "or 'all'"),
-        ("[run]\nslides_t_end = 3.0", "slides_t_end = 3 s is before t_end = 4 s"),
-        ("slides = 0\n[run]\nslides_t_end = 9.0", "slides_t_end = 9 s has no effect beside slides = 0"),
-    ],
-)
-def test_bad_slides_are_named(text, match):
-    plan, _, run = text.partition("[run]")
-    with pytest.raises(ValueError, match=match):
-        parse(SCENE.replace("[run]", f"[run]{run}") + plan)
-
-
 FULL = invented.SCENE.replace("samples = 50", "samples = 120\nslides = 8").replace("runs = 15", "runs = 30")
 
 
 @pytest.fixture
-def deciding(monkeypatch):
+def deciding(made_up):
     """Made-up runs that end once they have failed, where only their class is asked for."""
-    invented.invent(put=monkeypatch.setattr)
 
     def run_samples(*arguments, stop_at=None, **choices):
         for sample in invented.run_samples(*arguments, **choices):
@@ -300,7 +265,7 @@ def deciding(monkeypatch):
                 sample = replace(sample, status="DECIDED", row=sample.row | cut, fields={})
             yield sample
 
-    monkeypatch.setattr(campaign.runs, "run_samples", run_samples)
+    made_up.setattr(campaign.runs, "run_samples", run_samples)
 
 
 def test_a_campaign_runs_refined_what_its_slides_want_beyond_the_audit(tmp_path, deciding, monkeypatch):

@@ -12,12 +12,12 @@ from benchmarks.robustness import invented
 from cooperative import Stopped, run
 
 AUDITED = invented.SCENE.replace("samples = 50", "samples = 12").replace("refined_runs = 15", "refined_runs = 10")
+pytestmark = pytest.mark.usefixtures("made_up")
 LINE = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d (.*)")
 
 
 def test_the_bar_tells_pace_time_left_and_the_interval(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(type(sys.stderr), "isatty", lambda stream: True, raising=False)
-    invented.invent(put=monkeypatch.setattr)
     run(AUDITED, tmp_path / "shown", progress=True)
     assert not (tmp_path / "shown" / "progress.log").exists()
     rough, refined = capsys.readouterr().err.split("refined grid 0/")
@@ -25,8 +25,7 @@ def test_the_bar_tells_pace_time_left_and_the_interval(tmp_path, monkeypatch, ca
     assert re.search(r"refined grid 10/10 .* per hour, P_f [\d.]+ \([\d.]+ to [\d.]+\)", refined)
 
 
-def test_without_a_terminal_lines_tell_it_on_stderr_and_in_the_folder(tmp_path, monkeypatch, capsys):
-    invented.invent(put=monkeypatch.setattr)
+def test_without_a_terminal_lines_tell_it_on_stderr_and_in_the_folder(tmp_path, capsys):
     run(AUDITED, tmp_path / "told", progress=True)
     log = (tmp_path / "told" / "progress.log").read_text().splitlines()
     events = [LINE.fullmatch(line)[1] for line in log]
@@ -39,13 +38,11 @@ def test_without_a_terminal_lines_tell_it_on_stderr_and_in_the_folder(tmp_path, 
 
 def test_a_campaign_whose_stderr_is_closed_writes_its_log(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "stderr", None)
-    invented.invent(put=monkeypatch.setattr)
     run(AUDITED, tmp_path / "out", progress=True)
     assert (tmp_path / "out" / "progress.log").read_text().endswith("done\n")
 
 
-def test_the_log_goes_on_tells_an_early_end_and_is_no_link(tmp_path, monkeypatch):
-    invented.invent(put=monkeypatch.setattr)
+def test_the_log_goes_on_tells_an_early_end_and_is_no_link(tmp_path):
     elsewhere = tmp_path / "theirs.txt"
     elsewhere.write_text("theirs")
     (tmp_path / "cut").mkdir()

@@ -12,7 +12,7 @@ import pytest
 
 import jaxmpm as mpm
 from benchmarks.robustness.invented import TERRAIN
-from cooperative import hazard, runs
+from cooperative import hazard
 from cooperative.__main__ import main
 from cooperative.reporting import _dataset as dataset
 from cooperative.reporting import _exports
@@ -21,6 +21,7 @@ from cooperative.reporting._exports import export
 from cooperative.scene import parse, to_toml
 from cooperative.scene._files import packed
 from cooperative.store import Sample, open_store, read_sample, read_store, write_sample
+from tests.scenes import model_of
 
 UTM = (
     'PROJCS["WGS 84 / UTM zone 33N",GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],'
@@ -28,6 +29,7 @@ UTM = (
     'PARAMETER["latitude_of_origin",0],PARAMETER["central_meridian",15],PARAMETER["scale_factor",0.9996],'
     'PARAMETER["false_easting",500000],PARAMETER["false_northing",0],UNIT["metre",1],AUTHORITY["EPSG","32633"]]'
 )
+
 ORIGIN = (500_000.0, 5_200_000.0)
 
 
@@ -44,9 +46,7 @@ def scene_of(projection):
 
 def filled(folder, text):
     """A campaign of ten samples of which four slid: sample n covers the first 3 + n rows of columns along x."""
-    campaign = parse(text)
-    soil = runs.random_soil(campaign)
-    model = runs.build(campaign, "refined", soil, at_rest=False)
+    model = model_of(text, "refined")
     shape = mpm.run.column_shape(model.scene)
     with open_store(folder, text) as store:
         for number in range(10):
@@ -58,7 +58,7 @@ def filled(folder, text):
             fields = {"column_deposit": thick, "column_thickness": thick, "column_speed": thick}
             fields["column_arrival"] = np.where(covered, 1.0, np.nan).astype(np.float32)
             row |= {"area_columns": float(covered.sum())} if slid else {}
-            xi = np.random.default_rng(number).standard_normal(soil.modes)
+            xi = np.random.default_rng(number).standard_normal(model.soil.modes)
             write_sample(store, "rough", Sample(number, "SETTLED", 9, 1.0, xi, {**row, "displacement": 0.1}))
             write_sample(store, "refined", Sample(number, "SETTLED", 9, 1.0, xi, row, fields if slid else {}))
     return folder

@@ -196,14 +196,6 @@ def test_expected_loss_is_the_area_under_its_curve(done):
     assert 0 < road.arrival.mean < summary.elements_at_risk["house"].arrival.mean
 
 
-@pytest.mark.slow
-def test_the_same_folder_gives_the_same_page(done):
-    folder, _ = done
-    first = (folder / "report.html").read_bytes()
-    report(folder)
-    assert (folder / "report.html").read_bytes() == first
-
-
 @pytest.mark.usefixtures("unrendered")
 def test_names_with_markup_stay_text(tmp_path, done):
     text = SCENE.replace('name = "tiny"', "name = '<script>alert(1)</script> & co'")

@@ -12,6 +12,7 @@ from cooperative.research.back_analysis import Observed, Parameters, Survey, pre
 from cooperative.research.rare import design_point, slide_limit_state
 from cooperative.scene import parse
 from tests.cooperative.campaign.test_campaign import TINY, changed
+from tests.scenes import model_of
 
 SURVEY = Survey(seconds=1.5, times=5, markers=np.array([40, 90, 140]), stations=np.arange(4.0, 30.0, 3.0))
 NOISE = 0.01
@@ -74,8 +75,7 @@ def test_bad_surveys_are_refused(model, change, message):
 
 
 def test_a_soil_without_a_modulus_of_softening_is_refused():
-    campaign = parse(changed("softening_modulus = 85e3", "strain_95 = 0.5"))
-    model = runs.build(campaign, "rough", runs.random_soil(campaign))
+    model = model_of(changed("softening_modulus = 85e3", "strain_95 = 0.5"), at_rest=True)
     observed = Observed(jnp.zeros(len(SURVEY.stations)), jnp.zeros((SURVEY.times, 2, len(SURVEY.markers))))
     with pytest.raises(ValueError, match=r"\(strain_95\).*give the soil a softening_modulus"):
         recover(model, SURVEY, observed, NOISE, modes=1)

@@ -1,22 +1,17 @@
 """Restart points: a long run that was stopped or killed ends as if nothing had happened, bit for bit."""
 
-import os
-import signal
-import subprocess
-import sys
-import time
 from dataclasses import replace
 
 import h5py
 import numpy as np
 import pytest
 
-from cooperative import run, runs
+from cooperative import runs
 from cooperative.runs import Stopped, run_samples
-from cooperative.scene import parse
-from cooperative.store import Source, open_store, read_rows, read_sample, read_store, restart_path, write_sample
+from cooperative.store import Source, open_store, restart_path, write_sample
 from jaxmpm import solve, with_soil
 from tests.cooperative.campaign.test_campaign import TINY, changed
+from tests.scenes import model_of
 
 OFTEN = changed("k_t = 2", "k_t = 2\nrestart_every = 1e-6")
 
@@ -25,10 +20,9 @@ class Broken(Exception):
     """Of a run that a test breaks off."""
 
 
-def model_of(text, grid="refined"):
-    campaign = parse(text)
-    soil = runs.random_soil(campaign)
-    return runs.build(campaign, grid, soil), runs.coefficients_of(campaign, soil)
+def model_and_coefficients(text):
+    model = model_of(text, "refined", at_rest=True)
+    return model, runs.coefficients_of(model.campaign, model.soil)
 
 
 def stop_after(chunks):
@@ -60,7 +54,7 @@ def folder(tmp_path):
 @pytest.fixture(scope="module")
 def undisturbed():
     """Refined runs of all samples without any restart point; first one that slides, then one that settles."""
-    model, coefficients = model_of(OFTEN)
+    model, coefficients = model_and_coefficients(OFTEN)
     samples = {s.number: s for s in runs.run_samples(model, coefficients, range(6), width=1)}
     slides = next(n for n, s in samples.items() if s.row["displacement"] > 1)
     stands = next(n for n, s in samples.items() if s.status == "SETTLED" and s.row["displacement"] < 1)
@@ -132,7 +126,7 @@ def test_lanes_go_on_from_restart_points_beside_fresh_ones(undisturbed, folder):
 
 
 def test_a_campaign_that_was_written_in_python_has_restart_points(tmp_path):
-    model, coefficients = model_of(OFTEN)
+    model, coefficients = model_and_coefficients(OFTEN)
     folder = tmp_path / "written"
     open_store(folder, Source(None, {"campaign": {"name": "written"}})).close()
     on_chunk, _ = stop_after(1)
@@ -142,7 +136,7 @@ def test_a_campaign_that_was_written_in_python_has_restart_points(tmp_path):
 
 
 def test_short_runs_write_none(folder):
-    model, coefficients = model_of(TINY)
+    model, coefficients = model_and_coefficients(TINY)
     list(runs.run_samples(model, coefficients, [0], width=1, restart_in=folder))
     assert not (folder / "restart").exists()
 
@@ -188,36 +182,11 @@ def test_a_finished_sample_has_no_restart_point(undisturbed, tmp_path):
         assert not path.exists()
 
 
-@pytest.mark.slow
-def test_a_campaign_killed_within_a_refined_run_ends_the_same(undisturbed, tmp_path):
-    scene, folder = tmp_path / "tiny.toml", tmp_path / "killed"
-    scene.write_text(OFTEN)
-    command = [sys.executable, "-m", "cooperative", "run", str(scene), "--out", str(folder), "--workers", "1"]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ)
-    deadline = time.monotonic() + 120
-    while not list(folder.glob("restart/*.h5")) and process.poll() is None and time.monotonic() < deadline:
-        time.sleep(0.005)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    left = list(folder.glob("restart/refined-*.h5"))
-    assert len(left) == 1
-    run(OFTEN, folder)
-    assert not list(folder.glob("restart/*"))
-    _, coefficients, samples = undisturbed
-    store = read_store(folder)
-    numbers = read_rows(store, "refined").numbers
-    assert numbers
-    for number in numbers:
-        sample = read_sample(store, "refined", number)
-        assert_same_sample(sample, samples[number])
-        assert np.array_equal(sample.coefficients, coefficients[number])
-
-
 def test_a_run_asked_to_stop_writes_its_restart_point_and_goes_on_from_it(undisturbed, folder):
     _, coefficients, samples = undisturbed
     number = next(iter(samples))
     # Restart points are due after ten minutes: only the stop makes one.
-    model, _ = model_of(TINY)
+    model, _ = model_and_coefficients(TINY)
     asked = iter([False] * 4)
     with pytest.raises(Stopped):
         list(run_samples(model, coefficients, [number], width=1, restart_in=folder, stop=lambda: next(asked, True)))

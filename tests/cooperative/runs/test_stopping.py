@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.robustness import invented
 from benchmarks.robustness.invented import SCENE
 from cooperative import campaign
 from cooperative.__main__ import main
@@ -176,16 +175,9 @@ def test_a_pool_that_shuts_down_stops_its_workers():
     assert task.result(timeout=0)
 
 
-@pytest.fixture
-def quick(monkeypatch):
-    """Made-up runs in place of the solver's."""
-    invented.invent(put=monkeypatch.setattr)
-    return monkeypatch
-
-
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 @pytest.mark.parametrize("after", [3, 58])
-def test_a_campaign_stops_by_signal_and_goes_on(number, code, after, quick, tmp_path, capsys):
+def test_a_campaign_stops_by_signal_and_goes_on(number, code, after, made_up, tmp_path, capsys):
     scene, folder = tmp_path / "scene.toml", tmp_path / "out"
     scene.write_text(SCENE)
     written = []
@@ -195,7 +187,7 @@ def test_a_campaign_stops_by_signal_and_goes_on(number, code, after, quick, tmp_
         if len(written) == after:
             os.kill(os.getpid(), number)
 
-    with quick.context() as patched:
+    with made_up.context() as patched:
         real = campaign.write_sample
         patched.setattr(campaign, "write_sample", write_sample)
         assert main(["run", str(scene), "--out", str(folder), "--workers", "1"]) == code

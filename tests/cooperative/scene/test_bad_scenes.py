@@ -6,66 +6,12 @@ import re
 import pytest
 
 from benchmarks.robustness.invented import LAYERED, TERRAIN
-from cooperative import run, runs
+from cooperative import runs
 from cooperative.__main__ import main
 from cooperative.runs import check_coefficients, check_size, grid_size
 from cooperative.scene import SEVERAL, TABLES, parse, read_scene
 from cooperative.store import open_store, read_store
-from tests.cooperative.campaign.test_campaign import SCENES, TINY, changed
-
-TOO_LARGE = [
-    (("toe = 16.0", "toe = 1e15"), r"particles .* the limit is 1e\+13: give larger cells"),
-    (("samples = 6", "samples = 1_000_000_000_000"), r"asks for 1000000000000 rough runs, the limit is 1e\+07"),
-    (("cell = 1.0\nspacing = [0.5, 0.5]", "cell = 0.001\nspacing = [0.0005, 0.0005]"), r"refined grid: a run takes"),
-    (("cell = 2.0", "cell = 2.0\ncfl = 1e-9"), r"rough grid: a run takes .* steps, the limit is 1e\+07: give a larger"),
-    (("t_end = 4.0", "t_end = 1e12"), r"rough grid: a run takes .* steps, the limit is 1e\+07"),
-    (("young = 2e7", "young = 1e30"), r"rough grid: a run takes .* steps"),
-    (
-        ("t_end = 4.0", "t_end = 1e-12"),
-        r"t_end = 1e-12 s is less than one time step .*0\.014 s: give the seconds",
-    ),
-    (("cell = 1.0", "cell = inf"), r"\[refined\] cell = inf: give finite values"),
-    (("cell = 1.0", "cell = nan"), r"\[refined\] cell = nan: give finite values"),
-    (("cell = 1.0", "cell = 1e-320"), r"\[refined\] cell = 1e-320: give finite values, in single precision"),
-    (("toe = 16.0", "toe = 1e30"), r"toe = 1e\+30 m is no whole multiple of the spacing along x"),
-    (("samples = 6", "samples = 6\nlanes = 9_223_372_036_854_775_808"), "lanes is a whole number beyond 64 bits"),
-    (("seed = 3", "seed = -1"), "seed = -1: give a whole number of 0 or more"),
-    (("samples = 6", f"samples = 0x{'f' * 5000}"), r"samples is a whole number beyond 64 bits"),
-    (("cov = 0.4", f"cov = 0x{'f' * 5000}"), r"cov is a whole number beyond 64 bits"),
-    (('name = "tiny"', f"a = {'[' * 5000}{']' * 5000}"), "nests tables or lists without end"),
-    (("cov = 0.4", f"cov{'.a' * 1500} = 1"), r"cov = \{'a'.*\} is a table: give a number"),
-    (('name = "tiny"', 'name = "tiny\\n  probability of failure  0.000"'), "one line of at most 200 characters"),
-    (('name = "tiny"', 'name = "\\u001b[2J"'), "without control characters"),
-    (('name = "tiny"', "name = 3"), "name = 3 is a whole number: give text"),
-]
-
-
-@pytest.fixture
-def nothing_built(monkeypatch):
-    """Neither a grid nor a field may be built."""
-
-    def built(*_):
-        pytest.fail("something was built")
-
-    for name in ("build", "random_soil", "coefficients_of"):
-        monkeypatch.setattr(runs, name, built)
-
-
-@pytest.mark.parametrize(("change", "message"), TOO_LARGE, ids=[change[1][:40] for change, _ in TOO_LARGE])
-def test_what_would_not_end_or_fit_is_refused_before_anything_is_built(change, message, nothing_built, tmp_path):
-    with pytest.raises(ValueError, match=message) as refused:
-        run(changed(*change), tmp_path / "out")
-    assert "\n" not in str(refused.value)
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
-    ("change", "levels"), [(('estimator = "published"', 'estimator = "subset"\nlevels = 1_000_000_000'), 160)]
-)
-def test_levels_without_end_are_refused(change, levels, nothing_built, tmp_path):
-    text = changed(*change).replace("samples = 6", f"samples = {levels}")
-    with pytest.raises(ValueError, match=r"rough runs, the limit is 1e\+07"):
-        run(text, tmp_path / "out")
+from tests.cooperative.campaign.test_campaign import SCENES, TINY
 
 
 def test_a_size_is_that_of_the_grid_that_is_built():

@@ -7,19 +7,14 @@ import pytest
 
 import kl
 from benchmarks.robustness.invented import LAYERED, TERRAIN
-from cooperative import runs
 from cooperative.scene import parse
 from tests.cooperative.scene.test_random_soil import CORRELATED, SAND, changed
+from tests.scenes import model_of
 
 FILL = "strength = { mean = 40e3, cov = 0.1 }"
 ROCK = 'name = "rock"\nrock = true'
 OWN = changed(LAYERED, (FILL, FILL.replace(" }", ", length = [16.0, 3.6], correlation = 'matern 5/2' }")))
 BOTH = changed(OWN, (ROCK, 'name = "till"\nstrength = { length = [16.0, 1.0] }'))
-
-
-def model_of(text, grid="rough"):
-    campaign = parse(text)
-    return runs.build(campaign, grid, runs.random_soil(campaign), at_rest=False)
 
 
 def draws(model, count, seed=1):
@@ -154,21 +149,3 @@ def test_terrain_has_such_layers():
     other[own.indices] += 1
     changes = np.asarray(model.strength(other)) != np.asarray(model.strength(xi))
     assert np.array_equal(np.unique(model.layer[changes]), [0])
-
-
-REFUSED = [
-    ((FILL, "strength = { correlation = 'exponential' }"), r"strength has correlation, .* give its length here too"),
-    ((FILL, "strength = { length = [6.0] }"), r"layer 'fill': strength length has 1 values: give 2"),
-    (
-        (FILL, "strength = { length = [6.0, -1.0] }"),
-        r"\[layer 'fill'.strength\] length = \[6.0, -1.0\] m: give .*, one per axis, each a value above 0",
-    ),
-    ((FILL, "strength = { length = [6.0, 2.0], sampled_at = 'cells' }"), "unknown key 'sampled_at'"),
-    ((ROCK, ROCK + "\nstrength = { length = [6.0, 2.0] }"), "it is rock, which has no strength to vary"),
-]
-
-
-@pytest.mark.parametrize(("change", "message"), REFUSED, ids=[message[:30] for _, message in REFUSED])
-def test_fields_of_layers_that_cannot_be_are_refused(change, message):
-    with pytest.raises(ValueError, match=message):
-        parse(changed(LAYERED, change))

@@ -10,11 +10,11 @@ import pytest
 import cooperative
 import jaxmpm as mpm
 from benchmarks.robustness.invented import TINY
-from cooperative import runs
 from cooperative.research.back_analysis import Parameters, Survey, predict
 from cooperative.runs import grid_size
 from cooperative.scene import parse
 from tests import ROOT
+from tests.scenes import model_of
 
 DOCS = (ROOT / "docs" / "random-fields.md").read_text()
 LAYERS = next(block for block in re.findall(r"```toml\n(.*?)```", DOCS, re.DOTALL) if 'name = "fill"' in block)
@@ -40,11 +40,6 @@ friction = { mean = 30.0, cov = 0.1, length = [16.0, 3.0] }
 name = "clay"
 """
 OVER = 'name = "mixed"\n' + GROUND + FILL + CLAY + TINY[TINY.index("[rough]") :]
-
-
-def model_of(text, grid="rough"):
-    campaign = parse(text)
-    return runs.build(campaign, grid, runs.random_soil(campaign), at_rest=False)
 
 
 @pytest.mark.parametrize(("text", "laws"), [(MIXED, ("MohrCoulomb", "J2", "Elastic")), (OVER, ("MohrCoulomb", "J2"))])
@@ -106,33 +101,6 @@ def test_numerics_suit_every_layer():
     assert isinstance(parse(OVER).soil, mpm.Soil)
 
 
-WRONG = {
-    "no strength": ("cohesion = 4e3\nfriction = { mean = 30.0, cov = 0.1, length = [16.0, 3.0] }\n", "",
-                    "[layer 'fill']: neither it nor [soil] gives its strength: add strength"),
-    "half": ("cohesion = 4e3\n", "", "[layer 'fill']: it lacks cohesion, which goes with friction: add it"),
-    "no stiffness": ("unit_weight = 20e3\nyoung = 2e7\n", "",
-                     "[layer 'fill']: neither it nor [soil] gives unit_weight, young: add"),
-    "no deviation": ("{ mean = 30.0, cov = 0.1, length = [16.0, 3.0] }", "{ mean = 30.0 }",
-                     "[layer 'fill']: [layer.friction] lacks cov, length: add it"),
-    "both": ("cohesion = 4e3\n", "cohesion = 4e3\nstrength = 9e3\n",
-             "[layer 'fill']: cohesion is given beside a strength"),
-    "of the other kind": ("cohesion = 4e3\n", "cohesion = 4e3\nsoftening_modulus = 9e3\n",
-                          "[layer 'fill']: softening_modulus has no say in soil with cohesion and friction"),
-    "nothing random": ("{ mean = 30.0, cov = 0.1, length = [16.0, 3.0] }", "30.0", "nothing in the scene is random"),
-    "no layers": (LAYERS, "", "the scene lacks [soil]: add it, or give each [[layer]] all of its own soil"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(("old", "new", "message"), WRONG.values(), ids=WRONG)
-def test_a_layer_that_is_complete_in_no_kind_is_refused_with_its_name(old, new, message):
-    text = MIXED.replace(old, new, 1)
-    if message.startswith("nothing"):
-        text = re.sub(r"strength = \{ mean.*\}", "strength = 14e3", text)
-    with pytest.raises(ValueError, match=re.escape(message)) as caught:
-        parse(text)
-    assert str(caught.value).count("\n") == 0
-
-
 def test_clay_under_fill_and_a_water_table_is_as_strong_as_its_effective_stress_asks():
     text = re.sub(r"strength = \{ mean.*\}", "strength_ratio = 0.25\nstrength_minimum = 5e3", MIXED)
     text = text.replace("[rough]", "[water]\nlevel = 4.0\n[rough]", 1)
@@ -149,8 +117,7 @@ def test_clay_under_fill_and_a_water_table_is_as_strong_as_its_effective_stress_
 
 
 def test_a_slide_in_both_kinds_is_predicted_and_its_derivative_finite():
-    campaign = parse(MIXED)
-    model = runs.build(campaign, "rough", runs.random_soil(campaign))
+    model = model_of(MIXED, at_rest=True)
     survey = Survey(0.2, 2, np.array([0, 100]), np.array([12.0, 20.0]))
 
     def height(strength):

@@ -13,7 +13,8 @@ from cooperative.reporting._exports import export, run_again
 from cooperative.runs._executors import run_sample
 from cooperative.scene import parse
 from cooperative.store import read_rows, read_sample, read_store, restart_path
-from tests.cooperative.scene.test_random_soil import ALL, changed, model_of
+from tests.cooperative.scene.test_random_soil import ALL, changed
+from tests.scenes import model_of
 
 
 @pytest.fixture(scope="module")
@@ -41,8 +42,7 @@ def test_a_campaign_of_many_random_parameters_runs_and_is_reported(done):
 
 def test_a_sample_of_such_a_campaign_is_made_again_from_its_coefficients(done):
     text, folder, _ = done
-    campaign = parse(text)
-    model = runs.build(campaign, "rough", runs.random_soil(campaign), folder=folder)
+    model = model_of(text, at_rest=True, folder=folder)
     stored = read_sample(read_store(folder), "rough", 1)
     again = run_again(model, stored, np.array([0.0, stored.steps * model.time_step(stored.coefficients)]))
     np.testing.assert_allclose(again.state.displacement, stored.fields["displacement"], atol=2e-4)
@@ -57,8 +57,7 @@ def test_a_worker_makes_the_same_sample(done):
 
 def test_a_run_that_was_stopped_goes_on_bit_for_bit(done):
     text, folder, _ = done
-    campaign = parse(text)
-    model = runs.build(campaign, "refined", runs.random_soil(campaign), folder=folder)
+    model = model_of(text, "refined", at_rest=True, folder=folder)
     number = read_rows(read_store(folder), "refined").numbers[0]
     stored = read_sample(read_store(folder), "refined", number)
     looks = iter([False, False, True])

@@ -13,6 +13,7 @@ from cooperative.scene import parse
 from cooperative.sweep import variants
 from jaxmpm import FrictionalSoil
 from jaxmpm.laws import DruckerPrager, MohrCoulomb
+from tests.scenes import model_of
 
 CLAY = TINY[TINY.index("softening_modulus") : TINY.index("[strength]")]
 FIELDS = """
@@ -59,12 +60,6 @@ def changed(text, *changes):
         assert old in text
         text = text.replace(old, new, 1)
     return text
-
-
-def model_of(text):
-    campaign = parse(text)
-    soil = runs.random_soil(campaign)
-    return runs.build(campaign, "rough", soil, at_rest=False)
 
 
 def drawn(model, samples):

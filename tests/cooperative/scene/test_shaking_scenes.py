@@ -10,7 +10,7 @@ import jaxmpm as mpm
 from cooperative import runs
 from cooperative.scene import built, parse, read, read_scene
 from jaxmpm.soil import STANDARD_GRAVITY
-from tests.scenes import tables
+from tests.scenes import model_of, tables
 
 HEIGHT, WEIGHT, STRENGTH = 6.0, 20e3, 12e3
 LEVEL = f"""
@@ -47,8 +47,7 @@ def test_level_ground_slides_on_its_base_from_the_coefficient_of_the_closed_form
     critical = STRENGTH / (WEIGHT * (HEIGHT - 0.125))
     displacements = []
     for k_h in (0.95 * critical, 1.05 * critical):
-        campaign = parse(LEVEL + tables(1.0, f"t_end = 6.0\nk_h = {k_h}"))
-        scene, state = runs.build(campaign, "refined", runs.random_soil(campaign)).median
+        scene, state = model_of(LEVEL + tables(1.0, f"t_end = 6.0\nk_h = {k_h}"), "refined", at_rest=True).median
         scene = mpm.with_soil(scene, state, strength=STRENGTH)[0]
         displacements.append(float(mpm.diagnostics.largest_displacement(mpm.solve(scene, state, t_end=6.0).state)))
     assert displacements[0] < 0.1
@@ -95,8 +94,7 @@ def test_a_record_gives_the_numbers_of_the_solver_and_goes_with_the_scene(tmp_pa
 
 def test_no_run_settles_before_its_record_ends(tmp_path):
     quiet = "time,x\n" + "\n".join(f"{0.1 * k:.1f},{0.3 * (k > 30)}" for k in range(36))
-    campaign = parse(shaken(tmp_path, quiet))
-    model = runs.build(campaign, "rough", runs.random_soil(campaign))
+    model = model_of(shaken(tmp_path, quiet), at_rest=True)
     scene, state = model.median
     for shaking, most in ((scene, 4.0), (replace(scene, motion=None), 2.0)):
         end = mpm.solve(shaking, state, t_end=4.0, settle=mpm.Settle()).state
@@ -119,8 +117,7 @@ def test_what_a_scene_does_not_ask_for_is_absent_from_its_program(tmp_path):
 
 def test_a_free_field_replaces_the_walls_and_refuses_a_random_weight():
     ends = SCENE.replace('"tied"', '"free field"').replace("[2.0,", "[6.0,")
-    campaign = parse(ends)
-    model = runs.build(campaign, "rough", runs.random_soil(campaign))
+    model = model_of(ends, at_rest=True)
     assert [wall.axis for wall in model.scene.walls] == [1]
     assert np.abs(model.scene.free_field.held).max() > 1e3
     assert model.state.free_field[0].stress.shape[1] == 2 * 12
@@ -133,16 +130,15 @@ def test_a_free_field_replaces_the_walls_and_refuses_a_random_weight():
 def test_saturated_weight_varies_below_the_water_table_alone():
     sand = SCENE[: SCENE.index("[strength]")] + "cohesion = 5e3\nfriction = 30.0\n[water]\nlevel = 3.0\n"
     sand += "[soil.saturated_unit_weight]\nmean = 21e3\ncov = 0.05\nlength = [10.0, 2.0]\n"
-    campaign = parse(sand + SCENE[SCENE.index("[rough]") :])
-    model = runs.build(campaign, "rough", runs.random_soil(campaign))
-    coefficients = runs.coefficients_of(campaign, model.soil)[0]
+    model = model_of(sand + SCENE[SCENE.index("[rough]") :], at_rest=True)
+    coefficients = runs.coefficients_of(model.campaign, model.soil)[0]
     scene, state = model.of_sample(coefficients)
     weight = np.asarray(scene.particles.mass / scene.particles.volume * STANDARD_GRAVITY)
     wet = np.asarray(scene.particles.position[1]) < 3.0
     np.testing.assert_allclose(weight[~wet], WEIGHT, rtol=1e-6)
     np.testing.assert_allclose(weight[wet], model.parameters(coefficients)["saturated_unit_weight"][wet], rtol=1e-6)
     assert np.std(weight[wet]) > 100
-    mean = built(campaign, "rough", at_rest=False)[0]
+    mean = built(model.campaign, "rough", at_rest=False)[0]
     np.testing.assert_array_equal(np.asarray(mpm.ground.wet(mean)), wet)
     assert not np.array_equal(np.asarray(state.stress), np.asarray(model.state.stress))
 

@@ -279,24 +279,6 @@ def test_a_full_disk_says_so_and_leaves_no_half_file(tmp_path, monkeypatch):
         assert read_rows(store, "rough").numbers == [0]
 
 
-@pytest.mark.slow
-def test_a_file_size_limit_stops_the_writer_without_damage(tmp_path):
-    script = f"""if True:
-        import resource, sys
-        sys.path.insert(0, {str(ROOT)!r})
-        from tests.cooperative.store.test_store import SCENE, sample
-        from cooperative.store import open_store, write_sample
-        store = open_store({str(tmp_path)!r}, SCENE)
-        write_sample(store, "rough", sample(0))
-        resource.setrlimit(resource.RLIMIT_FSIZE, (65536, 65536))
-        write_sample(store, "rough", sample(1, size=100_000))
-    """
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
-    assert done.returncode == 1
-    assert "000001.h5 (File too large): make room" in done.stderr
-    assert os.listdir(tmp_path / "samples/rough") == ["000000.h5"]
-
-
 def test_what_was_there_survives_a_refused_write(tmp_path, monkeypatch):
     write_aside(tmp_path / "summary.json", b"old")
     monkeypatch.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(OSError(errno.EIO, "Input/output error")))
@@ -336,12 +318,11 @@ def killed_and_resumed(folder, kills: int, seed: int):
         return promised, read_rows(store, "rough"), list((store.folder / "samples/rough").glob(".*.part"))
 
 
-@pytest.mark.parametrize("kills", [2, pytest.param(100, marks=pytest.mark.slow)])
-def test_kill_9_while_writing_loses_nothing_that_was_finished(tmp_path, kills):
-    promised, rows, parts = killed_and_resumed(tmp_path, kills, seed=kills)
+def test_kill_9_while_writing_loses_nothing_that_was_finished(tmp_path):
+    promised, rows, parts = killed_and_resumed(tmp_path, 2, seed=2)
     assert rows.damaged == ()
     assert promised <= set(rows.numbers)
-    assert len(promised) >= min(kills, 400)
+    assert len(promised) >= 2
     assert parts == []
     with open_store(tmp_path, SCENE) as store:
         for number in rows.numbers[:: max(len(rows.numbers) // 20, 1)]:

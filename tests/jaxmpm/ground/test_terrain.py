@@ -15,6 +15,7 @@ from cooperative.__main__ import main
 from cooperative.scene import begin, parse, read_scene, to_toml
 from cooperative.scene._files import packed
 from cooperative.store import read_rows, read_store
+from tests.scenes import model_of
 
 CLAY = mpm.Soil(strength=30e3, young=2e7)
 
@@ -276,8 +277,7 @@ def test_particles_that_the_highest_point_cuts_have_a_strength():
     tables = tomllib.loads(TERRAIN)
     peak = mpm.Raster(np.linspace(9.2, 6.0, 5)[:, None] * np.ones(3), (0.0, 0.0), 4.0)
     tables["files"]["hill"] = packed("hill", peak)
-    campaign = parse(to_toml(tables))
-    model = runs.build(campaign, "rough", runs.random_soil(campaign), at_rest=False)
+    model = model_of(to_toml(tables))
     assert float(model.scene.particles.position[2].max()) > 9.2
     strength = np.asarray(model.strength(np.zeros(model.soil.modes)))
     assert np.isfinite(strength).all()

@@ -5,10 +5,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from cooperative import runs
-from cooperative.scene import parse
 from jaxmpm import factor_of_safety
-from tests.scenes import tables
+from tests.scenes import model_of, tables
 
 SCENE = f"""
 [ground]
@@ -36,8 +34,7 @@ PLAIN = SCENE[: SCENE.index("[[layer]]")] + SCENE[SCENE.index("[soil]") :]
 
 
 def strength_of(scene, trend_from, grid="refined"):
-    campaign = parse(scene.replace("TREND_FROM", trend_from))
-    model = runs.build(campaign, grid, runs.random_soil(campaign), at_rest=False)
+    model = model_of(scene.replace("TREND_FROM", trend_from), grid)
     return np.asarray(model.scene.particles.position, float), np.asarray(model.strength(), float), model.layer
 
 
@@ -86,27 +83,6 @@ def test_boreholes_count_the_trend_from_the_top_of_their_layer():
         at = [int(np.argmin(np.hypot(x - 4.5, z - hole))) for hole in (3.5, 8.5)]
         assert layer is None or layer[at].tolist() == layers
         np.testing.assert_allclose(strength[at], [31e3, 52e3], rtol=5e-3)
-
-
-@pytest.mark.parametrize(
-    ("scene", "trend_from", "message"),
-    [
-        (
-            SCENE,
-            "trend_from = 0.0",
-            r"\[strength\] trend_from = 0 m is not above the base of the ground at 0 m",
-        ),
-        (SCENE, 'trend_from = "top"', r"trend_from = 'top' is text: give a number, or one of 'surface', 'layer'"),
-        (
-            SCENE.replace("trend = 1.5e3", ""),
-            "trend_from = 8.0",
-            r"\[strength\] trend_from = 8.0 without a trend: add trend",
-        ),
-    ],
-)
-def test_what_no_trend_is_counted_from_is_refused(scene, trend_from, message):
-    with pytest.raises(ValueError, match=message):
-        strength_of(scene.replace("cov = 0.0\nlength", "cov = 0.1\nlength"), trend_from)
 
 
 CUT = f"""
@@ -159,8 +135,7 @@ def slip_circles(top):
 def test_a_cut_stands_more_firmly_where_strength_is_that_of_the_ground_before_it():
     factors, circles = [], [slip_circles(after_the_cut), slip_circles(before_the_cut)]
     for trend_from in ("", "trend_from = 24.0"):
-        campaign = parse(CUT.replace("TREND_FROM", trend_from))
-        scene, state = runs.build(campaign, "refined", runs.random_soil(campaign)).median
+        scene, state = model_of(CUT.replace("TREND_FROM", trend_from), "refined", at_rest=True).median
         result = factor_of_safety(scene, state, t_end=10.0)
         factors.append((result.stable + result.fails) / 2)
     # 0.985 and 1.135 on cells of 2 m, 0.943 and 1.062 by circles.
