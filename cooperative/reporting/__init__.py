@@ -5,9 +5,8 @@ from cooperative.reporting._composition import report
 from cooperative.reporting._cost import words_of_cost
 from cooperative.reporting._exports import export, export_sample
 from cooperative.reporting._ground import draw
-from cooperative.reporting._plots import draw_particles, save
+from cooperative.reporting._plots import draw_particles, quantity, save
 from cooperative.reporting._progress import progress_of, watched, words
-from cooperative.reporting._soundings import site_figure
 from cooperative.reporting._tables import consolidate, write_table
 
 __all__ = [
@@ -18,9 +17,9 @@ __all__ = [
     "export_sample",
     "panels",
     "progress_of",
+    "quantity",
     "report",
     "save",
-    "site_figure",
     "watched",
     "words",
     "words_of_cost",

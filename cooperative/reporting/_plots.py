@@ -76,7 +76,14 @@ QUANTITIES = {
 
 
 def quantity(name: str) -> Quantity:
-    """How a parameter is drawn; one that a law of the user's own has, by its name and in its own unit."""
+    """How a parameter is drawn; one that a law of the user's own has, by its name and in its own unit.
+
+    Args:
+        name: of the parameter.
+
+    Returns:
+        Its word, symbol and unit.
+    """
     return QUANTITIES.get(name, Quantity(name.replace("_", " "), "", "in its own unit"))
 
 

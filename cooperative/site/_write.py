@@ -10,10 +10,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from cooperative.reporting import save, site_figure
+from cooperative.reporting import save
 from cooperative.scene import toml_value
 from cooperative.scene.tables import CORRELATIONS
 from cooperative.site._estimate import Assumed, SiteEstimate, SiteLayerFit, marginal_of
+from cooperative.site._figure import site_figure
 from cooperative.site._scene import scene_lines
 from foundation.files import write_aside
 from foundation.text import csv_text
