@@ -19,12 +19,13 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TypedDict, cast
+from typing import TypedDict
 
 import numpy as np
 
 from cooperative.campaign import run as run_campaign
 from cooperative.estimate import (
+    Curve,
     Published,
     by_sample,
     covariance_of,
@@ -35,7 +36,7 @@ from cooperative.estimate import (
 )
 from cooperative.reporting import save
 from cooperative.reporting import sweeps as figures
-from cooperative.reporting.sweeps import LABELS, RECORDS, Displaced, Fitted, Point
+from cooperative.reporting.sweeps import LABELS, RECORDS, Point
 from cooperative.runs import check_size, phases_of, release_programs, rows_reader, samples_of, stop_by_signals
 from cooperative.scene import (
     BASE,
@@ -66,8 +67,8 @@ class Content(TypedDict):
     """What `sweep.json` holds."""
 
     name: str
-    parameters: dict[str, list[Point]]
-    fragility: dict[str, list[Fitted]]
+    parameters: dict[str, list[dict[str, object]]]
+    fragility: dict[str, list[dict[str, object]]]
 
 
 def run(scene: Source | str | Path, folder: Path, *, workers: int = 1, progress: bool = False) -> Content:
@@ -117,30 +118,38 @@ def _ran(parts: list[Variant], folder: Path, *, workers: int, progress: bool) ->
             variance[part.name] = ((summary.coefficient_of_variation or 0.0) * summary.probability_of_failure) ** 2
         for parameter, value in part.points:
             if part.name == RANKED:
-                point = _point(value, part.name, _ranked(where, int(value)))
+                point = Point(value, part.name, _ranked(where, int(value)))
             else:
-                point = _point(value, part.name, summary) | _compared(where, part, counted, variance)
-            points.setdefault(parameter, []).append(cast(Point, point))
+                point = _compared(Point(value, part.name, summary), where, counted, variance)
+            points.setdefault(parameter, []).append(point)
     parameters = {
-        parameter: rows if parameter == SCENARIO else sorted(rows, key=lambda row: row["value"])
+        parameter: rows if parameter == SCENARIO else sorted(rows, key=lambda row: row.value)
         for parameter, rows in points.items()
     }
     fragility = _fragility(parameters, counted, variance)
-    content: Content = {"name": name, "parameters": parameters, "fragility": fragility}
-    write_aside(folder / "sweep.json", json.dumps(content, indent=1).encode())
+    text = json.dumps(
+        {
+            "name": name,
+            "parameters": {parameter: [row.as_json() for row in rows] for parameter, rows in parameters.items()},
+            "fragility": {parameter: list(map(asdict, curves)) for parameter, curves in fragility.items()},
+        },
+        indent=1,
+    )
+    write_aside(folder / "sweep.json", text.encode())
     write_aside(folder / "sweep.csv", figures.table(parameters).encode())
     _draw(parameters, fragility, folder / "figures")
     if progress:
         for line in figures.in_words(parameters, fragility).splitlines():
             print(printable(line), flush=True)
+    content: Content = json.loads(text)
     return content
 
 
-def _draw(parameters: dict[str, list[Point]], fragility: dict[str, list[Fitted]], target: Path) -> None:
+def _draw(parameters: figures.Parameters, fragility: figures.Fragility, target: Path) -> None:
     target.mkdir(exist_ok=True)
     save(figures.probabilities(parameters), target / "probability.png")
     save(figures.mode_ratios(parameters), target / "modes.png")
-    compared = {name: rows for name, rows in parameters.items() if any(row["difference"] for row in rows)}
+    compared = {name: rows for name, rows in parameters.items() if any(row.difference for row in rows)}
     if compared:
         save(figures.differences(compared), target / "difference.png")
         save(figures.displacements(compared), target / "displacement.png")
@@ -180,57 +189,40 @@ def _counted(folder: Path) -> np.ndarray:
     return by_sample(phases.failures, phases.estimate.probability, campaign.plan.samples)
 
 
-def _point(value: float | str, campaign: str, summary: Summary) -> dict[str, object]:
-    """What `sweep.json` has of one campaign alone."""
-    names = ("interval", "level", "estimator", "refined_runs", "samples", "failures_refined", "modes", "finished")
-    fields = summary.as_json()
-    point = {"value": value, "campaign": campaign, "probability": summary.probability_of_failure}
-    return point | {name: fields[name] for name in names} | {"difference": None, "displacement": None, "peak": None}
-
-
-def _compared(
-    folder: Path, part: Variant, counted: Mapping[str, np.ndarray], variance: Mapping[str, float]
-) -> dict[str, object]:
-    """What it has of one beside the base: difference of P_f, displacement, and peak acceleration."""
+def _compared(point: Point, folder: Path, counted: Mapping[str, np.ndarray], variance: Mapping[str, float]) -> Point:
+    """A point beside the base: with the difference of P_f, the displacement, and the peak acceleration."""
     difference = None
-    if part.name != BASE:
-        both = variance[BASE], variance[part.name]
-        change = paired_difference(counted[BASE], counted[part.name], both)
-        difference = {**asdict(change), "interval": list(change.interval)}
+    if point.campaign != BASE:
+        both = variance[BASE], variance[point.campaign]
+        difference = paired_difference(counted[BASE], counted[point.campaign], both)
     store = read_store(folder)
     campaign = campaign_of(store)
     rough = rows_reader(store, samples_of(campaign))("rough")
-    displacement = rough.columns["displacement"][~rough.columns["broke_off"].astype(bool)]
+    moved = rough.columns["displacement"][~rough.columns["broke_off"].astype(bool)]
+    displacement = tuple(np.quantile(moved, (0.5, 0.9)).tolist()) if moved.size else None
     motion, peak = campaign.run.motion, None
     if motion is not None:
         peak = float(np.abs(motion.acceleration[:-1]).max()) / STANDARD_GRAVITY
-    return {"difference": difference, "displacement": _displaced(displacement), "peak": peak}
-
-
-def _displaced(displacement: np.ndarray) -> Displaced | None:
-    if not displacement.size:
-        return None
-    median, ninety = np.quantile(displacement, (0.5, 0.9))
-    return {"median": float(median), "ninety": float(ninety)}
+    return replace(point, difference=difference, displacement=displacement, peak=peak)
 
 
 def _fragility(
-    parameters: dict[str, list[Point]], counted: Mapping[str, np.ndarray], variance: Mapping[str, float]
-) -> dict[str, list[Fitted]]:
+    parameters: figures.Parameters, counted: Mapping[str, np.ndarray], variance: Mapping[str, float]
+) -> dict[str, tuple[Curve, ...]]:
     """Curves of each parameter that is a path to a number, and of all records together."""
-    groups = {name: [(float(row["value"]), row) for row in rows]
+    groups = {name: [(float(row.value), row) for row in rows]
               for name, rows in parameters.items() if name not in (*LABELS, SCENARIO)}  # fmt: skip
     of_records = [row for name, rows in parameters.items() if name.startswith(f"{SCALES} of ") for row in rows]
-    if len({row["campaign"].rpartition("-")[0] for row in of_records}) > 1:
-        groups[RECORDS] = [(float(row["peak"] or 0.0), row) for row in of_records]
-    curves: dict[str, list[Fitted]] = {}
+    if len({row.campaign.rpartition("-")[0] for row in of_records}) > 1:
+        groups[RECORDS] = [(row.peak or 0.0, row) for row in of_records]
+    curves: dict[str, tuple[Curve, ...]] = {}
     for name, rows in groups.items():
         if len(rows) < FEWEST:
             continue
-        z = [counted[row["campaign"]] for _, row in rows]
-        spread = covariance_of(z, [variance[row["campaign"]] for _, row in rows])
+        z = [counted[row.campaign] for _, row in rows]
+        spread = covariance_of(z, [variance[row.campaign] for _, row in rows])
         levels, shares = [at for at, _ in rows], [float(each.mean()) for each in z]
         fitted = fit_fragility(levels, shares, spread, z[0].size, even=name == RECORDS)
         if fitted:
-            curves[name] = json.loads(json.dumps([asdict(curve) for curve in fitted]))
+            curves[name] = fitted
     return curves

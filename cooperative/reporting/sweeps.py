@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TypedDict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from cooperative.estimate import Curve, Difference
 from cooperative.measure import SEVERITY
 from cooperative.reporting._charts import tiled
+from cooperative.values import Summary
 from foundation.text import csv_text
 
 LABELS = {
@@ -35,72 +37,49 @@ STYLES = dict(zip(SEVERITY, (("#D55E00", "o"), ("#CC79A7", "s"), ("#0072B2", "^"
 PEAK = "peak acceleration [g]"
 RECORDS = "records"
 """Name of the curve of all records together."""
+OF_SUMMARY = ("interval", "level", "estimator", "refined_runs", "samples", "failures_refined", "modes", "finished")
+"""Fields of a campaign's summary that `sweep.json` has of each point, beside P_f."""
+P_F, SHARES = "probability of failure $P_f$ [-]", (-0.02, 1.02)
 
 
-class ModePart(TypedDict):
-    """A failure mode of a point."""
+@dataclass(frozen=True)
+class Point:
+    """A value of a parameter, and its campaign.
 
-    count: int
-    ratio: float
-    interval: list[float]
-    probability: float
-
-
-class Change(TypedDict):
-    """Difference of P_f to that of the base, of the same samples, as `cooperative.estimate.Difference`."""
-
-    difference: float
-    interval: list[float]
-    unpaired: float
-
-
-class Displaced(TypedDict):
-    """Largest displacement of the samples (m) on the rough grid: median and 90 % quantile."""
-
-    median: float
-    ninety: float
-
-
-class Point(TypedDict):
-    """A value of a parameter in `sweep.json`: its campaign, and fields of the summary.
-
-    `peak` is the largest horizontal acceleration of a record (g), None without one.
+    Args:
+        value: of the parameter.
+        campaign: name of its folder.
+        summary: of the campaign.
+        difference: of P_f to that of the base, of the same samples; None for the base itself.
+        displacement: largest ones of the samples (m) on the rough grid, their median and 90 % quantile.
+        peak: largest horizontal acceleration of a record (g), None without one.
     """
 
     value: float | str
     campaign: str
-    probability: float
-    interval: list[float]
-    level: float
-    estimator: str
-    refined_runs: int
-    samples: int
-    failures_refined: int
-    modes: dict[str, ModePart] | None
-    finished: str | None
-    difference: Change | None
-    displacement: Displaced | None
-    peak: float | None
+    summary: Summary
+    difference: Difference | None = None
+    displacement: tuple[float, ...] | None = None
+    peak: float | None = None
+
+    def as_json(self) -> dict[str, object]:
+        """What `sweep.json` has of it."""
+        fields = self.summary.as_json()
+        displaced = self.displacement
+        return {
+            "value": self.value,
+            "campaign": self.campaign,
+            "probability": self.summary.probability_of_failure,
+            **{name: fields[name] for name in OF_SUMMARY},
+            "difference": None if self.difference is None else asdict(self.difference),
+            "displacement": None if displaced is None else dict(zip(("median", "ninety"), displaced, strict=True)),
+            "peak": self.peak,
+        }
 
 
-class Fitted(TypedDict):
-    """A fragility curve, as `cooperative.estimate.Curve`."""
-
-    form: str
-    median: float
-    median_interval: list[float]
-    deviation: float
-    deviation_interval: list[float]
-    rises: bool
-    log_likelihood: float
-    level: list[float]
-    probability: list[float]
-    low: list[float]
-    high: list[float]
-
-
-Parameters = Mapping[str, list[Point]]
-Fragility = Mapping[str, list[Fitted]]
+Parameters = Mapping[str, Sequence[Point]]
+Fragility = Mapping[str, Sequence[Curve]]
+"""Curves by parameter, the likeliest first."""
 
 
 def label_of(parameter: str) -> str:
@@ -141,12 +120,11 @@ def table(parameters: Parameters) -> str:
     rows: list[Sequence[object]] = [COLUMNS]
     for name, points in parameters.items():
         for point in points:
-            change, displaced = point["difference"], point["displacement"]
-            compared = ["", "", ""] if change is None else [change["difference"], *change["interval"]]
-            displacement = ["", ""] if displaced is None else [displaced["median"], displaced["ninety"]]
-            answer = [point["peak"], point["probability"], *point["interval"]]
-            counts = [point["samples"], point["refined_runs"], point["campaign"]]
-            rows.append([name, point["value"], *answer, *compared, *displacement, *counts])
+            change, summary = point.difference, point.summary
+            compared = ("", "", "") if change is None else (change.difference, *change.interval)
+            answer = summary.probability_of_failure, *summary.interval
+            counts = summary.samples, summary.refined_runs, point.campaign
+            rows.append([name, point.value, point.peak, *answer, *compared, *(point.displacement or ("", "")), *counts])
     return csv_text(rows)
 
 
@@ -161,24 +139,23 @@ def in_words(parameters: Parameters, fragility: Fragility) -> str:
     for name, points in parameters.items():
         lines.append(name)
         for point in points:
-            value = point["value"] if isinstance(point["value"], str) else f"{point['value']:g}"
-            line = f"  {value:<12} P_f {point['probability']:.3g} {_limits(point['interval'])}"
-            if (change := point["difference"]) is not None:
-                line += f", {change['difference']:+.3g} {_limits(change['interval'])} to the base"
+            value = point.value if isinstance(point.value, str) else f"{point.value:g}"
+            summary, change = point.summary, point.difference
+            line = f"  {value:<12} P_f {summary.probability_of_failure:.3g} {_limits(summary.interval)}"
+            if change is not None:
+                line += f", {change.difference:+.3g} {_limits(change.interval)} to the base"
             lines.append(line)
-        lines += [f"  curve        {line}" for line in _curves(fragility.get(name, []))]
+        lines += [_line(curve) for curve in fragility.get(name, ())[:1]]
     if RECORDS in fragility:
-        lines += [f"all records, {PEAK}", *(f"  curve        {line}" for line in _curves(fragility[RECORDS]))]
+        lines += [f"all records, {PEAK}", _line(fragility[RECORDS][0])]
     return "\n".join(lines)
 
 
-def _curves(curves: Sequence[Fitted]) -> Iterator[str]:
-    for curve in curves[:1]:
-        kind = _kind(curve)
-        yield (
-            f"{curve['form']}, median {curve['median']:.3g} {_limits(curve['median_interval'])}, {kind} "
-            f"{curve['deviation']:.2g} {_limits(curve['deviation_interval'])}"
-        )
+def _line(curve: Curve) -> str:
+    return (
+        f"  curve        {curve.form}, median {curve.median:.3g} {_limits(curve.median_interval)}, {_kind(curve)} "
+        f"{curve.deviation:.2g} {_limits(curve.deviation_interval)}"
+    )
 
 
 def _limits(interval: Sequence[float]) -> str:
@@ -191,11 +168,9 @@ def probabilities(parameters: Parameters) -> Figure:
     Args:
         parameters: points of `sweep.json` by parameter.
     """
-    figure, axes = _panels(len(parameters))
-    for ax, (name, rows) in zip(axes, parameters.items(), strict=True):
-        shares, limits = [row["probability"] for row in rows], [row["interval"] for row in rows]
-        _errorbar(ax, rows, shares, limits, COLOURS[0], "o", "")
-        ax.set(xlabel=label_of(name), ylabel="probability of failure $P_f$ [-]")
+    figure, panels = _by_parameter(parameters, P_F)
+    for ax, rows in panels:
+        _chances(ax, [row.value for row in rows], rows, COLOURS[0])
         ax.set_ylim(bottom=0)
     return figure
 
@@ -206,14 +181,12 @@ def differences(parameters: Parameters) -> Figure:
     Args:
         parameters: points of `sweep.json` by parameter, with differences.
     """
-    figure, axes = _panels(len(parameters))
-    for ax, (name, rows) in zip(axes, parameters.items(), strict=True):
-        known = [(row, change) for row in rows if (change := row["difference"])]
-        of = [change["difference"] for _, change in known]
-        limits = [change["interval"] for _, change in known]
+    figure, panels = _by_parameter(parameters, "difference of $P_f$ to the base [-]")
+    for ax, rows in panels:
+        known = [(row.value, change) for row in rows if (change := row.difference)]
+        values, changes = [value for value, _ in known], [change for _, change in known]
         ax.axhline(0.0, color="0.6", lw=0.8)
-        _errorbar(ax, [row for row, _ in known], of, limits, COLOURS[0], "o", "")
-        ax.set(xlabel=label_of(name), ylabel="difference of $P_f$ to the base [-]")
+        _errorbar(ax, values, [each.difference for each in changes], [each.interval for each in changes], COLOURS[0])
     return figure
 
 
@@ -224,18 +197,15 @@ def fragility_curves(parameters: Parameters, fragility: Fragility) -> Figure:
         parameters: points of `sweep.json` by parameter.
         fragility: its curves by parameter, the likelier first.
     """
-    of_records = [name for name in parameters if parameters[name][0]["peak"] is not None]
+    of_records = [name for name in parameters if parameters[name][0].peak is not None]
     alone = [name for name in fragility if name in parameters and name not in of_records]
     figure, axes = _panels(len(alone) + bool(of_records))
     for ax, name in zip(axes, alone, strict=False):
-        curve = fragility[name][0]
-        _band(ax, curve, COLOURS[0])
-        ax.set_title(f"{curve['form']}: {_in_words(curve)}", fontsize=8)
-        rows = parameters[name]
-        _errorbar(ax, rows, [r["probability"] for r in rows], [r["interval"] for r in rows], "0.15", "o", "", line="")
-        ax.set(xlabel=label_of(name), ylabel="probability of failure $P_f$ [-]", ylim=(-0.02, 1.02))
+        _band(ax, fragility[name][0], COLOURS[0])
+        _chances(ax, [row.value for row in parameters[name]], parameters[name], "0.15", line="none")
+        ax.set(xlabel=label_of(name), ylabel=P_F, ylim=SHARES)
     if of_records:
-        _records(axes[-1] if len(axes) == len(alone) + 1 else axes[len(alone)], parameters, fragility, of_records)
+        _records(axes[-1], parameters, fragility, of_records)
     return figure
 
 
@@ -245,13 +215,13 @@ def displacements(parameters: Parameters) -> Figure:
     Args:
         parameters: points of `sweep.json` by parameter.
     """
-    figure, axes = _panels(len(parameters))
-    for ax, (name, rows) in zip(axes, parameters.items(), strict=True):
-        displaced = [(row["value"], each) for row in rows if (each := row["displacement"])]
-        at = [value for value, _ in displaced]
-        ax.plot(at, [max(each["ninety"], 1e-4) for _, each in displaced], "^-", color=COLOURS[1], label="90 % quantile")
-        ax.plot(at, [max(each["median"], 1e-4) for _, each in displaced], "o-", color=COLOURS[0], label="median")
-        ax.set(xlabel=label_of(name), ylabel="largest displacement, rough grid [m]", yscale="log")
+    figure, panels = _by_parameter(parameters, "largest displacement, rough grid [m]")
+    for ax, rows in panels:
+        known = [(row.value, each) for row in rows if (each := row.displacement)]
+        at, displaced = [value for value, _ in known], np.maximum([each for _, each in known], 1e-4)
+        ax.plot(at, displaced[:, 1], "^-", color=COLOURS[1], label="90 % quantile")
+        ax.plot(at, displaced[:, 0], "o-", color=COLOURS[0], label="median")
+        ax.set_yscale("log")
         ax.legend(frameon=False, fontsize=7)
     return figure
 
@@ -262,17 +232,17 @@ def mode_ratios(parameters: Parameters) -> Figure:
     Args:
         parameters: points of `sweep.json` by parameter.
     """
-    figure, axes = _panels(len(parameters))
+    figure, panels = _by_parameter(parameters, "share of the failures [-]")
     handles: dict[str, Artist] = {}
-    for ax, (name, rows) in zip(axes, parameters.items(), strict=True):
-        with_failures = [(row, modes) for row in rows if (modes := row["modes"])]
+    for ax, rows in panels:
+        known = [(row.value, modes) for row in rows if (modes := row.summary.modes)]
         for number, (mode, (colour, marker)) in enumerate(STYLES.items()):
-            parts = [modes[mode] for _, modes in with_failures]
-            if any(part["count"] for part in parts):
-                ratio, limits = [part["ratio"] for part in parts], [part["interval"] for part in parts]
-                drawn = [row for row, _ in with_failures]
-                _errorbar(ax, drawn, ratio, limits, colour, marker, mode, shift=number - 1.5)
-        ax.set(xlabel=label_of(name), ylabel="share of the failures [-]", ylim=(-0.02, 1.02))
+            parts = [modes[mode] for _, modes in known]
+            if any(part.count for part in parts):
+                ratio, limits = [part.ratio for part in parts], [part.interval for part in parts]
+                values, shift = [value for value, _ in known], number - 1.5
+                _errorbar(ax, values, ratio, limits, colour, marker=marker, label=mode, shift=shift)
+        ax.set_ylim(SHARES)
         handles |= {label: handle for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
     if handles:
         shown = [mode for mode in STYLES if mode in handles]
@@ -282,33 +252,26 @@ def mode_ratios(parameters: Parameters) -> Figure:
 
 def _records(ax: Axes, parameters: Parameters, fragility: Fragility, names: Sequence[str]) -> None:
     """Curves of records against their peak acceleration, and that of all together."""
-    for number, name in enumerate(names):
-        colour, rows = COLOURS[(number + 1) % len(COLOURS)], parameters[name]
-        at = [{**row, "value": row["peak"] or 0.0} for row in rows]
-        label = name.partition(" of ")[2]
-        _errorbar(ax, at, [r["probability"] for r in rows], [r["interval"] for r in rows], colour, "o", label, line="-")  # type: ignore[arg-type]
+    for number, name in enumerate(names, start=1):
+        rows, label = parameters[name], name.partition(" of ")[2]
+        _chances(ax, [row.peak or 0.0 for row in rows], rows, COLOURS[number % len(COLOURS)], label=label)
     if RECORDS in fragility:
-        curve = fragility[RECORDS][0]
-        _band(ax, curve, "0.3", "all records")
-        ax.set_title(f"{curve['form']}: {_in_words(curve)}", fontsize=8)
-    ax.set(xlabel=PEAK, ylabel="probability of failure $P_f$ [-]", ylim=(-0.02, 1.02))
+        _band(ax, fragility[RECORDS][0], "0.3", "all records")
+    ax.set(xlabel=PEAK, ylabel=P_F, ylim=SHARES)
     ax.legend(frameon=False, fontsize=7, loc="best")
 
 
-def _band(ax: Axes, curve: Fitted, colour: str, label: str = "") -> None:
-    at = curve["level"]
-    ax.fill_between(at, curve["low"], curve["high"], color=colour, alpha=0.2, lw=0)
-    ax.plot(at, curve["probability"], color=colour, lw=1.4, label=label)
+def _band(ax: Axes, curve: Curve, colour: str, label: str = "") -> None:
+    """A curve in the band of its interval, its form, median and deviation above."""
+    ax.fill_between(curve.level, curve.low, curve.high, color=colour, alpha=0.2, lw=0)
+    ax.plot(curve.level, curve.probability, color=colour, lw=1.4, label=label)
+    words = f"{curve.form}: median {curve.median:.3g}, {_kind(curve)} {curve.deviation:.2g}"
+    ax.set_title(words, fontsize=8)
 
 
-def _in_words(curve: Fitted) -> str:
-    """Median and deviation of a curve."""
-    return f"median {curve['median']:.3g}, {_kind(curve)} {curve['deviation']:.2g}"
-
-
-def _kind(curve: Fitted) -> str:
+def _kind(curve: Curve) -> str:
     """What a curve's deviation is called."""
-    return "dispersion" if curve["form"] == "lognormal" else "deviation"
+    return "dispersion" if curve.form == "lognormal" else "deviation"
 
 
 def _panels(count: int) -> tuple[Figure, list[Axes]]:
@@ -318,22 +281,36 @@ def _panels(count: int) -> tuple[Figure, list[Axes]]:
     return tiled(count, columns, (3.4 if columns == 1 else 3.0, 3.2))
 
 
+def _by_parameter(parameters: Parameters, label: str) -> tuple[Figure, list[tuple[Axes, Sequence[Point]]]]:
+    """A panel for each parameter with its points, their axes labelled."""
+    figure, axes = _panels(len(parameters))
+    for ax, name in zip(axes, parameters, strict=True):
+        ax.set(xlabel=label_of(name), ylabel=label)
+    return figure, list(zip(axes, parameters.values(), strict=True))
+
+
+def _chances(
+    ax: Axes, values: Sequence[float | str], rows: Sequence[Point], colour: str, *, label: str = "", line: str = "-"
+) -> None:
+    """P_f with its interval of points at these values."""
+    middle, limits = [row.summary.probability_of_failure for row in rows], [row.summary.interval for row in rows]
+    _errorbar(ax, values, middle, limits, colour, label=label, line=line)
+
+
 def _errorbar(
-    ax: Axes, rows: Sequence[Point], middle: list[float], limits: list[list[float]], colour: str, marker: str,
-    label: str, *, shift: float = 0.0, line: str = "-",
+    ax: Axes, values: Sequence[float | str], middle: Sequence[float], limits: Sequence[tuple[float, float]],
+    colour: str, *, marker: str = "o", label: str = "", shift: float = 0.0, line: str = "-",
 ) -> None:  # fmt: skip
     """A line with intervals, displaced a little sideways so that intervals do not lie on each other."""
-    values = [row["value"] for row in rows]
     named = any(isinstance(value, str) for value in values)
     at = np.arange(len(values), dtype=float) if named else np.array(values, float)
     if named:
         ax.set_xticks(at, [str(value) for value in values], rotation=20, ha="right")
-        line = ""
+        line = "none"
     at = at + shift * 0.008 * (np.ptp(at) if at.size > 1 else 1.0)
-    off = [[m - low for m, (low, _) in zip(middle, limits, strict=True)],
-           [high - m for m, (_, high) in zip(middle, limits, strict=True)]]  # fmt: skip
+    low, high = np.reshape(limits, (-1, 2)).T
+    off = np.maximum([middle - low, high - middle], 0.0)
     ax.margins(x=0.08)
     ax.errorbar(
-        at, middle, np.maximum(off, 0.0), color=colour, marker=marker, ms=5, lw=1.4, ls=line or "none", capsize=2,
-        elinewidth=1.4, label=label,
-    )  # fmt: skip
+        at, middle, off, color=colour, marker=marker, ms=5, lw=1.4, ls=line, capsize=2, elinewidth=1.4, label=label
+    )
