@@ -9,14 +9,14 @@ from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
-from benchmarks.csv_rows import filled, put_once, rows_of, whole, word
+from benchmarks.csv_rows import read_rows, text, whole, word
 from benchmarks.study.rows import DATA
 from cooperative.measure import SEVERITY
 
 READERS = DATA / "mode_readers.csv"
-COLUMNS = ("slide", "reader", "mode")
 UNSURE = "unsure"
 """Of a reader who cannot decide. It counts as a name of its own, which no rule gives."""
+COLUMNS = {"slide": whole, "reader": text, "mode": word(*SEVERITY, UNSURE)}
 
 
 def read(path: Path = READERS) -> dict[str, dict[int, str]]:
@@ -26,10 +26,8 @@ def read(path: Path = READERS) -> dict[str, dict[int, str]]:
         ValueError: naming file and line, for a row that does not parse or occurs twice; readers of other slides.
     """
     readers: dict[str, dict[int, str]] = {}
-    for where, row in rows_of(path, COLUMNS) if path.is_file() else ():
-        reader = filled(row["reader"], f"{where}: reader")
-        mode = word(row["mode"], f"{where}: mode", allowed=(*SEVERITY, UNSURE))
-        put_once(readers.setdefault(reader, {}), whole(row["slide"], f"{where}: slide"), mode, where)
+    for row in read_rows(path, COLUMNS, ("slide", "reader")).values():
+        readers.setdefault(row["reader"], {})[row["slide"]] = row["mode"]
     if len({frozenset(named) for named in readers.values()}) > 1:
         counts = ", ".join(f"{reader} {len(named)}" for reader, named in readers.items())
         raise ValueError(f"{path.name}: readers name different slides ({counts}): give each a line per slide")
