@@ -158,7 +158,7 @@ charts.convergence(summary.convergence, summary.estimator, level=summary.level)
 # ## In which way
 #
 # In a section a slide is shallow where it passes above the toe, deep where it passes below, progressive where a
-# second mass lets go after the first has slowed. The rules look at where and when soil starts to move
+# second mass lets go later, in a pulse of its own. The rules look at where and when soil starts to move
 # (`cooperative.failure_mode`). Shares and consequences weigh every refined run by what it stands for.
 
 # %%

@@ -112,6 +112,10 @@ def plan_of(case: str) -> dict[str, Any]:
     return {"refined_runs": AUDIT.runs}
 
 
+EARLIER_VALLEY = 0.05
+"""Of the rule that named the modes of the first rows, about."""
+
+
 def campaign_of(scene: str, changes: Changes) -> Campaign:
     """A scene of benchmarks/scenes, changed, with the defaults of the time when the first rows were made."""
     tables = tomllib.loads((ROOT / "benchmarks" / "scenes" / f"{scene}.toml").read_text())
@@ -120,4 +124,5 @@ def campaign_of(scene: str, changes: Changes) -> Campaign:
     for grid in ("rough", "refined"):
         tables[grid].setdefault("cfl", 0.5)
     tables["soil"].setdefault("gap_memory", False)
+    tables["campaign"].setdefault("valley", EARLIER_VALLEY)
     return parse(to_toml(tables))

@@ -36,7 +36,7 @@ class Past:
         depth: (n,) sliding depth below the crest of each slice across the slope (m), 0 where nothing slides.
         share: (n,) of the sliding volume in each slice.
         height: of the slope (m).
-        mode: by the default rule.
+        mode: by its depths alone: compound, deep or shallow.
     """
 
     released: np.ndarray
@@ -98,7 +98,7 @@ def watch(run: Run) -> Watched:
     face = campaign.site.shape.face
     assert face is not None
     displacement = np.asarray(result.state.displacement, float)
-    mode = failure_mode(position, displacement, volume, face, half_size=model.half_size, motion=motion)
+    mode = failure_mode(position, displacement, volume, face, half_size=model.half_size)
     sliding = np.linalg.norm(displacement, axis=0) >= FAILS_ABOVE
     y, edges = position[1], np.linspace(0.0, 1.0, mode.depth.size + 1)
     low, high = y.min() - model.half_size[1], y.max() + model.half_size[1]

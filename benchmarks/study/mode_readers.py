@@ -9,6 +9,8 @@ from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
+
 from benchmarks.csv_rows import read_rows, text, whole, word
 from benchmarks.study.rows import DATA
 from cooperative.measure import SEVERITY
@@ -65,3 +67,23 @@ def mean_kappa(one: Mapping[int, str], readers: Mapping[str, Mapping[int, str]])
     each = [kappa(one, named) for named in readers.values()]
     known = [value for value in each if value is not None]
     return sum(known) / len(known) if known and len(known) == len(each) else None
+
+
+def kappa_interval(
+    one: Mapping[int, str], readers: Mapping[str, Mapping[int, str]], *, level: float = 0.95, repeats: int = 1000
+) -> tuple[float, float]:
+    """Interval of `mean_kappa` over slides that are drawn anew, with replacement (percentile bootstrap).
+
+    Args:
+        one: mode by slide.
+        readers: the same, by reader.
+        level: of confidence.
+        repeats: draws of as many slides. One in which kappa is not defined does not count.
+    """
+    slides, generator, values = np.array(list(one)), np.random.default_rng(0), []
+    for _ in range(repeats):
+        drawn = dict(enumerate(generator.choice(slides, slides.size).tolist()))
+        again = {reader: {at: named[n] for at, n in drawn.items()} for reader, named in readers.items()}
+        values.append(mean_kappa({at: one[n] for at, n in drawn.items()}, again))
+    low, high = np.quantile([value for value in values if value is not None], [(1 - level) / 2, (1 + level) / 2])
+    return float(low), float(high)

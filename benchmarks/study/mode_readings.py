@@ -18,29 +18,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from benchmarks.measure import Report
 from benchmarks.study import mode_readers, mode_sheets
 from benchmarks.study.mode_pasts import EVERY, Past, keep, kept, slides, watch
 from benchmarks.study.modes import POOLED
 from cooperative.estimate import wilson_interval
-from cooperative.measure import SEVERITY, ModeRules
+from cooperative.measure import SEVERITY, ModeRules, second_release
 
 LEAST = ModeRules().smallest_share
 """Share of the sliding volume below which a pulse is none."""
 
 
 def pulses(past: Past, valley: float) -> bool:
-    """Whether soil lets go in two pulses, between which the rate falls to this share of the lesser peak.
-
-    The rate is averaged over one second. Each pulse has at least LEAST of the volume.
-    """
-    rate = uniform_filter1d(np.asarray(past.released, float), round(1 / EVERY), mode="constant")
-    before, after = np.cumsum(past.released), np.cumsum(past.released[::-1])[::-1]
-    first, second = np.maximum.accumulate(rate), np.maximum.accumulate(rate[::-1])[::-1]
-    parts = (before >= LEAST) & (after >= LEAST)
-    return bool(np.any(parts & (rate <= valley * np.minimum(first, second))))
+    """Whether soil lets go in two pulses, as `ModeRules` has it, with this share of the lesser peak between them."""
+    return second_release(np.asarray(past.released, float), LEAST, valley) is not None
 
 
 def lull(past: Past, share: float) -> bool:
@@ -57,25 +49,25 @@ def adjoining(past: Past, least: float) -> bool:
     return min(deep, 1 - deep) >= least
 
 
-def named(past: Past, progressive: Callable[[Past], bool] | None, compound: Callable[[Past], bool] | None) -> str:
-    """Mode by the precedence of the default rule, whose own answer stands where a reading is None."""
-    if past.mode == "progressive" if progressive is None else progressive(past):
+def named(past: Past, progressive: Callable[[Past], bool], compound: Callable[[Past], bool] | None) -> str:
+    """Mode by the precedence of the rules; None for the default rule of compound slides."""
+    if progressive(past):
         return "progressive"
     if past.mode == "compound" if compound is None else compound(past):
         return "compound"
     return "deep" if float(past.depth.max()) > past.height else "shallow"
 
 
-Reading = tuple[Callable[[Past], bool] | None, Callable[[Past], bool] | None]
+Reading = tuple[Callable[[Past], bool], Callable[[Past], bool] | None]
+DEFAULT = partial(pulses, valley=ModeRules().valley)
 READINGS: dict[str, Reading] = {
-    "default": (None, None),
-    **{
-        f"two pulses, valley below {part:.2g} of the lesser": (partial(pulses, valley=part), None)
-        for part in (1 / 2, 1 / 3, 1 / 5)
-    },
+    "two pulses, valley below 1/2 of the lesser (the default)": (DEFAULT, None),
+    "two pulses, valley below 1/3 of the lesser": (partial(pulses, valley=1 / 3), None),
+    "two pulses, valley below 1/5 of the lesser": (partial(pulses, valley=1 / 5), None),
     **{f"a second with less than {part:.0%}": (partial(lull, share=part), None) for part in (0.02, 0.05, 0.1)},
     **{
-        f"deep and shallow slices, {part:.0%} each": (None, partial(adjoining, least=part)) for part in (0.05, 0.1, 0.2)
+        f"deep and shallow slices, {part:.0%} each": (DEFAULT, partial(adjoining, least=part))
+        for part in (0.05, 0.1, 0.2)
     },
 }
 
@@ -108,8 +100,8 @@ def run(quick: bool) -> Report:
     return Report(values, [{"reading": name, **row} for name, row in table.items()])
 
 
-def against(rule: Mapping[int, str], readers: Mapping[str, Mapping[int, str]]) -> dict[str, float | str]:
-    """Kappa of a rule with each reader and the mean, and the mean share of slides that both name alike.
+def against(rule: Mapping[int, str], readers: Mapping[str, Mapping[int, str]]) -> dict[str, object]:
+    """Kappa of a rule with each reader, the mean with its interval, and the mean share of slides that both name alike.
 
     Args:
         rule: mode by number of the sheet.
@@ -117,7 +109,12 @@ def against(rule: Mapping[int, str], readers: Mapping[str, Mapping[int, str]]) -
     """
     each = {f"kappa_{reader}": rounded(mode_readers.kappa(rule, modes)) for reader, modes in readers.items()}
     alike = np.mean([mode_readers.agreement(rule, modes) for modes in readers.values()])
-    return {**each, "kappa_mean": rounded(mode_readers.mean_kappa(rule, readers)), "alike": round(float(alike), 3)}
+    low, high = mode_readers.kappa_interval(rule, readers)
+    mean = {
+        "kappa_mean": rounded(mode_readers.mean_kappa(rule, readers)),
+        "kappa_interval": [rounded(low), rounded(high)],
+    }
+    return {**each, **mean, "alike": round(float(alike), 3)}
 
 
 def between(readers: Mapping[str, Mapping[int, str]]) -> dict[str, float | str]:

@@ -10,7 +10,7 @@ from cooperative.measure._consequences import (
 )
 from cooperative.measure._elements import ColumnPlan, Place, quantity
 from cooperative.measure._modes import SEVERITY, FailureMode, ModeRules, failure_mode
-from cooperative.measure._onsets import Motion
+from cooperative.measure._onsets import Motion, second_release
 from cooperative.measure._track import Track
 from cooperative.measure._vulnerability import PUBLISHED, Intensity, Vulnerability
 
@@ -32,5 +32,6 @@ __all__ = [
     "exceeded",
     "failure_mode",
     "quantity",
+    "second_release",
     "walls_reached",
 ]

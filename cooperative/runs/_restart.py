@@ -109,8 +109,6 @@ def write_restart(folder: Path, grid: str, number: int, digest: str, point: Rest
         "times": np.asarray(motion.times),
         "moved": motion.moved,
         "onset": motion.onset,
-        "seen": motion.seen,
-        "travel": np.concatenate([np.zeros(0), *motion.travel]),
         **point.frames.as_fields(),
     }
     save_state(path, point.midway.state, about=about)
@@ -154,16 +152,11 @@ def _restored(path: Path, state: State, about: dict[str, Any], start: Motion) ->
     Raises DamagedFile, or what reading the wrong type raises, where a part of it is missing or of another type or
     shape.
     """
-    for name in ("moved", "onset", "seen"):
+    for name in ("moved", "onset"):
         if np.shape(about[name]) != start.volume.shape:
             raise files.DamagedFile(f"{path} holds {name} of shape {np.shape(about[name])}")
-    # Snapshot k has one travel for each snapshot up to it.
-    times, travel = tuple(about["times"].tolist()), about["travel"]
-    ends = np.cumsum(np.arange(2, len(times) + 1))
-    if travel.shape != (ends[-1] if len(ends) else 0,):
-        raise files.DamagedFile(f"{path} holds travel of shape {travel.shape} for {len(times)} snapshots")
     check_frames(path, about, state.displacement.shape)
-    parts = tuple(np.split(travel, ends)[: len(ends)])
-    motion = replace(start, times=times, moved=about["moved"], onset=about["onset"], seen=about["seen"], travel=parts)
+    times = tuple(about["times"].tolist())
+    motion = replace(start, times=times, moved=about["moved"], onset=about["onset"])
     midway = Midway(state, float(about["quiet"]), float(about["reference"]))
     return RestartPoint(midway, motion, Frames.of(about), float(about["seconds"]))

@@ -249,7 +249,7 @@ def finished(
             fields |= (columns := column_fields(model, result))
             row |= column_row(model, columns)
         if motion is not None and isinstance(geometry, Face):
-            rules = ModeRules(failure_displacement=limit)
+            rules = ModeRules(failure_displacement=limit, valley=campaign.plan.valley)
             mode = failure_mode(*run, geometry, half_size=half, motion=motion, rules=rules)
             row |= mode_row(mode)
             fields["slice_depth"] = mode.depth.astype(np.float32)

@@ -51,6 +51,8 @@ class Plan:
         look_ahead: refined runs under way at once, in rank order; the answer depends on neither.
         screening_stop: displacement (m) at which a rough run is decided and ends, None runs it to its end.
         calibrate: measure the factors of safety of both grids first, and bring the rough strength down (or up) by them.
+        valley: a slide is progressive where the rate at which soil lets go falls between two peaks to this share of the
+            lesser one.
         restart_every: seconds of wall time after which a refined run writes a restart point, and again after as many.
         fields: grids whose final displacement and plastic strain are stored, and two frames of a failure.
         modes: grids whose failures get a mode, on ground that has a toe.
@@ -68,6 +70,7 @@ class Plan:
     screening_stop: float | None = None
     calibrate: bool = False
     restart_every: float = 600.0
+    valley: float = 0.5
     fields: tuple[str, ...] = ("refined",)
     modes: tuple[str, ...] = ("refined",)
     slides: int | None = None

@@ -102,6 +102,7 @@ def settled(scene: Source | str | Path, folder: Path, name: str = SCENE) -> Sour
     today = {
         "cfl": tables.Grid.model_fields["cfl"].default,
         "gap_memory": tables.Soil.model_fields["gap_memory"].default,
+        "valley": tables.Campaign.model_fields["valley"].default,
     }
     return Source(source.text, {**source.beside, "defaults": today})
 

@@ -167,13 +167,17 @@ def built(campaign: Campaign, grid: str, *, at_rest: bool = True) -> tuple[Scene
     return campaign.site.built(campaign.soil, campaign.grids[grid], at_rest=at_rest, **campaign.run.loads)
 
 
+DEFAULTS = (("rough", "cfl"), ("refined", "cfl"), ("soil", "gap_memory"), ("campaign", "valley"))
+"""Tables and keys whose defaults were others once."""
+
+
 def _as_begun(scene: tables.Scene, begun: bool) -> tables.Scene:
     """What the scene leaves out is what it was when its campaign began, and what was accepted then stays so."""
-    changes: dict[str, dict[str, object]] = {"rough": {}, "refined": {}}
+    changes: dict[str, dict[str, object]] = {"rough": {}, "refined": {}, "campaign": {}}
     if scene.soil is not None:
         changes["soil"] = {"unusual": True} if begun else {}
     if scene.defaults is not None:
-        for name, key in (("rough", "cfl"), ("refined", "cfl"), ("soil", "gap_memory")):
+        for name, key in DEFAULTS:
             if name in changes and key not in getattr(scene, name).model_fields_set:
                 changes[name][key] = getattr(scene.defaults, key)
     return scene.model_copy(

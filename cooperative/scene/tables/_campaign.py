@@ -187,6 +187,12 @@ class Campaign(Table):
     modes: Annotated[tuple[str, ...], one_of(MODES)] = key(
         "Grids whose failures get a mode; only a slope with a toe has modes.", "refined", "refined"
     )
+    valley: Annotated[float, Within(Limit(above=0, below=1))] = key(
+        "A slide is progressive where the rate at which soil lets go falls between two peaks to this share of the "
+        "lesser one.",
+        0.5,
+        0.5,
+    )
     slides: Annotated[int, Ge(0)] | Literal["all"] = key(
         "Number of failures, drawn along the ranks, that slide to their end; other refined runs end at failure.",
         30,

@@ -96,6 +96,7 @@ class Defaults(Table):
 
     cfl: AboveZero = key("Of both grids.", 0.5)
     gap_memory: bool = key("Of the soil.", False, False)
+    valley: AboveZero = key("Of the campaign. Earlier versions asked for a lull, which is about this.", 0.05, 0.05)
 
 
 class GivenEstimator(Table):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.study.mode_readers import agreement, kappa, mean_kappa, read
+from benchmarks.study.mode_readers import agreement, kappa, kappa_interval, mean_kappa, read
 
 HEAD = "slide,reader,mode\n"
 
@@ -52,9 +52,9 @@ def test_readers_are_read_from_their_file(tmp_path):
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        ("1,a,rotational\n", "line 2: mode = 'rotational' is none of"),
-        ("one,a,deep\n", "line 2: slide = 'one' is no whole number"),
-        ("1,,deep\n", "line 2: reader is empty"),
+        ("1,a,rotational\n", "line 2: mode = 'rotational': give one of"),
+        ("one,a,deep\n", "line 2: slide = 'one': give a whole number"),
+        ("1,,deep\n", "line 2: reader = '': give a text"),
         ("1,a,deep\n1,a,deep\n", "line 3: .* twice"),
         ("1,a,deep\n1,b,deep\n2,b,deep\n", r"readers name different slides \(a 1, b 2\)"),
     ],
@@ -64,3 +64,11 @@ def test_a_line_of_readers_that_does_not_parse_is_named(tmp_path, lines, message
     path.write_text(HEAD + lines)
     with pytest.raises(ValueError, match=message):
         read(path)
+
+
+def test_the_interval_of_kappa_closes_where_readers_and_rule_agree_and_holds_kappa_elsewhere():
+    rule = {n: "deep" if n % 3 else "progressive" for n in range(30)}
+    assert kappa_interval(rule, {"a": rule, "b": rule}) == (1.0, 1.0)
+    other = rule | dict.fromkeys(range(0, 30, 7), "shallow")
+    low, high = kappa_interval(rule, {"a": other})
+    assert 0 < low < kappa(rule, other) < high < 1

@@ -37,14 +37,22 @@ def test_pulses_and_lulls_of_a_slide(rates, by_pulses, by_lull):
     assert tuple(lull(past, share) for share in (0.02, 0.05, 0.1)) == by_lull
 
 
+def always(past):
+    return True
+
+
+def never(past):
+    return False
+
+
 def test_deep_and_shallow_slices_adjoin_if_each_has_its_share():
     past = slide([1], depth=(16.0, 11.0, 0.0), share=(0.85, 0.15, 0.0))
     assert [adjoining(past, least) for least in (0.05, 0.1, 0.2)] == [True, True, False]
-    assert named(past, None, None) == "deep"
-    assert named(past, None, lambda _: True) == "compound"
-    assert named(past, lambda _: True, lambda _: True) == "progressive"
-    assert named(replace(past, mode="compound"), None, None) == "compound"
-    assert named(replace(past, depth=np.full(3, 9.0)), None, None) == "shallow"
+    assert named(past, never, None) == "deep"
+    assert named(past, never, always) == "compound"
+    assert named(past, always, always) == "progressive"
+    assert named(replace(past, mode="compound"), never, None) == "compound"
+    assert named(replace(past, depth=np.full(3, 9.0)), never, None) == "shallow"
 
 
 def test_a_share_depends_on_the_rule_where_intervals_of_least_and_most_are_apart():
@@ -58,12 +66,12 @@ def two_slides(tmp_path, monkeypatch):
     """Pasts of a progressive and a deep slide by two pulses, and no readers."""
     monkeypatch.setattr(mode_pasts, "KEPT", tmp_path / "pasts.npz")
     monkeypatch.setattr(mode_readings.mode_readers, "read", dict)
-    mode_pasts.keep({7: slide([3, 0, 1]), 9: slide([1, 1, 1])})
+    mode_pasts.keep({7: slide([5, 0.8, 2]), 9: slide([1, 1, 1])})
 
 
 def test_pasts_are_read_as_they_were_kept(two_slides):
     assert list(mode_pasts.kept()) == [7, 9]
-    np.testing.assert_allclose(mode_pasts.kept()[7].released, slide([3, 0, 1]).released, rtol=1e-6)
+    np.testing.assert_allclose(mode_pasts.kept()[7].released, slide([5, 0.8, 2]).released, rtol=1e-6)
     report = mode_readings.run(quick=False)
     assert report.values["slides"] == 2
     assert report.values["progressive_least"] == 0.0
@@ -83,8 +91,8 @@ def test_each_reading_is_compared_with_each_reader_under_the_numbers_of_the_shee
     monkeypatch.setattr(mode_readings.mode_readers, "read", lambda: {"a": right, "b": wrong})
     report = mode_readings.run(quick=False)
     rows = {row["reading"]: row for row in report.rows}
-    two, default = rows["two pulses, valley below 0.5 of the lesser"], rows["default"]
+    two, lull = rows["two pulses, valley below 1/2 of the lesser (the default)"], rows["a second with less than 2%"]
     assert (two["kappa_a"], two["kappa_b"], two["alike"]) == (1.0, -0.333, 0.5)
-    assert (default["kappa_a"], default["kappa_b"], default["alike"]) == (0.0, 0.0, 0.5)
+    assert (lull["kappa_a"], lull["kappa_b"], lull["alike"]) == (0.0, 0.0, 0.5)
     assert report.values["kappa_a_b"] == mode_readings.rounded(mode_readers.kappa(right, wrong))
     assert report.values["unsure_b"] == 0.5
