@@ -11,8 +11,9 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.stats import rankdata
 
-from cooperative.estimate import Chances, Exceedance, Fits, ModeShare, Severity
+from cooperative.estimate import Exceedance, Fits, ModeShare, Severity
 from cooperative.hazard import ARRIVAL, REACHED, THICKNESS, Maps
 from cooperative.values import Convergence
 
@@ -20,6 +21,9 @@ ROUGH, REFINED, FAILED, GREY = "#0072B2", "#D55E00", "#CC79A7", "#5A5A5A"
 SERIES = (ROUGH, REFINED, FAILED, "#009E73", "#56B4E9", GREY)
 MODE_COLOURS = {"progressive": "#D55E00", "compound": "#CC79A7", "deep": "#0072B2", "shallow": "#009E73"}
 STYLES = ("-", "--", "-.", ":")
+
+Curve = tuple[np.ndarray, ...]
+"""Where it is taken (n,), and its values there with their limits (n,) each."""
 
 
 def panels(rows: int, columns: int = 1, *, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
@@ -85,8 +89,7 @@ def ranked_displacements(rows: Mapping[str, np.ndarray], *, failure_displacement
 
 def ranks(rough: np.ndarray) -> np.ndarray:
     """Rank (N,) of each sample by its displacement on the rough grid, the farthest first; without one before all."""
-    order = np.argsort(-np.where(np.isfinite(rough), rough, np.inf), kind="stable")
-    return np.argsort(order, kind="stable") + 1
+    return rankdata(-np.where(np.isfinite(rough), rough, np.inf), method="ordinal")
 
 
 def exceedance(curves: Mapping[str, Exceedance], labels: Mapping[str, str], *, level: float) -> Figure:
@@ -115,9 +118,13 @@ def losses(curve: Exceedance, *, level: float) -> Figure:
     return figure
 
 
+def stairs_of(curve: Exceedance) -> Curve:
+    """Thresholds of a curve, and the probabilities that they are exceeded."""
+    return tuple(map(np.array, (curve.thresholds, curve.probability, curve.low, curve.high)))
+
+
 def _exceeded(ax: Axes, curve: Exceedance, colour: str, level: float) -> None:
-    values = map(np.array, (curve.thresholds, curve.probability, curve.low, curve.high))
-    _banded(ax, *values, colour=colour, name=f"with {level:.0%} interval", steps=True)
+    _banded(ax, stairs_of(curve), colour=colour, name=f"with {level:.0%} interval", steps=True)
     ax.set_ylim(bottom=0)
 
 
@@ -131,14 +138,14 @@ def profile(maps: Maps, *, toe: float | None) -> Figure:
         toe: x of the toe (m), drawn as a line where there is one.
     """
     figure, axes = panels(3, size=(8.0, 2.6))
-    edges = maps.edges[0]
-    for number, name in enumerate(name for name, unit in maps.units.items() if unit == "-"):
-        style = STYLES[number % 4] + ("" if number < 4 else "o")
-        _staircase(axes[0], edges, maps.maps[name], SERIES[number % 6], style, name, banded=number == 0)
-    _staircase(axes[1], edges, maps.maps[THICKNESS], ROUGH, "-", "expected thickness of the deposit")
-    _staircase(axes[2], edges, maps.maps[ARRIVAL], ROUGH, "-", "mean arrival of the slides that come")
-    for ax, label in zip(axes, ("probability [-]", "thickness [m]", "arrival [s]"), strict=True):
-        ax.set(xlabel="x [m]", ylabel=label, xlim=(edges[0], edges[-1]))
+    for ax, (label, curves) in zip(axes, along(maps).items(), strict=True):
+        for number, (name, curve) in enumerate(curves.items()):
+            colour, style = SERIES[number % 6], STYLES[number % 4] + ("" if number < 4 else "o")
+            if number == 0:
+                _banded(ax, curve, colour=colour, name=name, style=style, steps=True)
+            else:
+                ax.step(*curve[:2], style, where="post", color=colour, lw=1.8, ms=2.5, label=name)
+        ax.set(xlabel="x [m]", ylabel=label, xlim=(curve[0][0], curve[0][-1]))
         ax.set_ylim(bottom=0)
         if toe is not None:
             ax.axvline(toe, color=GREY, lw=1, ls=":")
@@ -148,31 +155,26 @@ def profile(maps: Maps, *, toe: float | None) -> Figure:
     return figure
 
 
-def _staircase(
-    ax: Axes, edges: np.ndarray, chances: Chances, colour: str, style: str, name: str, *, banded: bool = True
-) -> None:
-    """A value for each column, with its interval if `banded`; one that no slide tells is left out."""
-    value, low, high = (np.append(each, each[-1:]) for each in (chances.value, chances.low, chances.high))
-    if banded:
-        _banded(ax, edges, value, low, high, colour=colour, name=name, style=style, steps=True)
-    else:
-        ax.step(edges, value, style, where="post", color=colour, lw=1.8, ms=2.5, label=name)
+def along(maps: Maps) -> dict[str, dict[str, Curve]]:
+    """Hazard along a section: by the label of a panel, its curves by name."""
+
+    def at(name: str) -> Curve:
+        chances = maps.maps[name]
+        value, low, high = (np.append(each, each[-1:]) for each in (chances.value, chances.low, chances.high))
+        return maps.edges[0], value, low, high
+
+    return {
+        "probability [-]": {name: at(name) for name, unit in maps.units.items() if unit == "-"},
+        "thickness [m]": {"expected thickness of the deposit": at(THICKNESS)},
+        "arrival [s]": {"mean arrival of the slides that come": at(ARRIVAL)},
+    }
 
 
 def _banded(
-    ax: Axes,
-    at: np.ndarray,
-    value: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    *,
-    colour: str,
-    name: str,
-    style: str = "-",
-    marker: str = "",
-    steps: bool = False,
+    ax: Axes, curve: Curve, *, colour: str, name: str, style: str = "-", marker: str = "", steps: bool = False
 ) -> None:
     """A curve in the band of its interval, whose ends are thin lines, to be seen in black and white too."""
+    at, value, low, high = curve
     drawn = "steps-post" if steps else "default"
     ax.fill_between(at, low, high, step="post" if steps else None, color=colour, alpha=0.2, lw=0)
     ax.plot(at, value, style, color=colour, lw=2, marker=marker, ms=4, drawstyle=drawn, label=name)
@@ -223,8 +225,8 @@ def convergence(path: Convergence, method: str, *, level: float) -> Figure:
         level: of the interval.
     """
     figure, (ax,) = panels(1, size=(7.0, 4.2))
-    values = map(np.array, (path.refined_runs, path.probability, path.low, path.high))
-    _banded(ax, *values, colour=ROUGH, name=f"{method}, {level:.0%} interval", marker="o")
+    values = tuple(map(np.array, (path.refined_runs, path.probability, path.low, path.high)))
+    _banded(ax, values, colour=ROUGH, name=f"{method}, {level:.0%} interval", marker="o")
     ax.set(xlabel="refined runs [-]", ylabel="probability of failure $P_f$ [-]")
     ax.set_ylim(bottom=0)
     ax.legend()
@@ -288,10 +290,7 @@ def fitted(
     """
     figure, axes = tiled(len(samples), 3, (3.5, 2.9))
     for ax, (name, values) in zip(axes, samples.items(), strict=True):
-        order = np.argsort(values, kind="stable")
-        share = np.cumsum(weights[order]) / weights.sum()
-        at = np.concatenate([values[order][:1], values[order]])
-        ax.step(at, np.concatenate([[0.0], share]), where="post", color="black", lw=1.4, label="runs")
+        ax.ecdf(values, weights, color="black", lw=1.4, label="runs")
         reach = np.ptp(values)
         curve = np.linspace(values.min() - 0.15 * reach, values.max() + 0.15 * reach, 200)
         looks = zip((REFINED, "#009E73", "#56B4E9"), STYLES, strict=False)

@@ -86,7 +86,7 @@ def solid(models: dict[str, GridModel], values: Values) -> str:
     name = next(iter(campaign.random))
     drawn = plots.quantity(name)
     field = {grid: each[name] / drawn.size for grid, each in values.items()}
-    low, high = _ends(field)
+    low, high = plots.ends(field.values())
     bodies = {"layers": _layered(models["refined"])}
     for grid, model in models.items():
         body = skin(np.asarray(model.scene.particles.position, float), 2 * model.half_size)
@@ -198,11 +198,6 @@ def _water(model: GridModel, x: np.ndarray, y: np.ndarray) -> np.ndarray | None:
     return raster.at(*(np.clip(at, *ends) for at, ends in zip((x, y), raster.ends, strict=True)))
 
 
-def _ends(field: dict[str, np.ndarray]) -> tuple[float, float]:
-    """Smallest and largest value on any grid."""
-    return float(min(map(np.nanmin, field.values()))), float(max(map(np.nanmax, field.values())))
-
-
 def ground(models: dict[str, GridModel], values: Values, coefficients: np.ndarray) -> Figure:
     """Ground with its layers above the first random field on every grid.
 
@@ -225,7 +220,7 @@ def ground(models: dict[str, GridModel], values: Values, coefficients: np.ndarra
         moments = [each[planes["refined"]] / drawn.size for each in conditioned(fine, name, coefficients)]
         _moments(figure, axes[rows:], sections["refined"], moments, drawn, None if mapped else measured)
     shown_values = {grid: each[name][planes[grid]] / drawn.size for grid, each in values.items()}
-    norm = Normalize(*_ends(shown_values))
+    norm = Normalize(*plots.ends(shown_values.values()))
     shown = list(axes[1 + mapped : rows])
     for ax, (grid, (position, half)) in zip(shown, sections.items(), strict=True):
         boxes = plots.draw_particles(ax, position, half, shown_values[grid], "cividis", norm)

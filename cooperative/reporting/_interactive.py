@@ -15,16 +15,13 @@ import numpy as np
 from matplotlib.figure import Figure as Picture
 
 from cooperative.estimate import Exceedance
-from cooperative.hazard import ARRIVAL, THICKNESS, Maps
+from cooperative.hazard import Maps
 from cooperative.reporting._bodies import Moving
-from cooperative.reporting._charts import GREY, REFINED, ROUGH, SERIES, mapped, ranks
+from cooperative.reporting._charts import GREY, REFINED, ROUGH, SERIES, Curve, along, mapped, ranks, stairs_of
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure, Mesh3d, Scatter3d
 
-
-Stairs = Mapping[str, tuple[np.ndarray, ...]]
-"""Curves by name: thresholds, values and their limits (n,) each."""
 
 BAND = "rgba(0, 114, 178, 0.2)"
 LIMIT = {"color": GREY, "dash": "dot", "width": 1}
@@ -82,10 +79,7 @@ def stairs(curves: Mapping[str, Exceedance], labels: Mapping[str, str], up: str)
         labels: of their axes, by their names.
         up: label of the other axis.
     """
-    shown = [
-        {name: tuple(map(np.array, (each.thresholds, each.probability, each.low, each.high)))}
-        for name, each in curves.items()
-    ]
+    shown = [{name: stairs_of(each)} for name, each in curves.items()]
     return _stairs(shown, [labels[name] for name in curves], [up] * len(shown), ACROSS)
 
 
@@ -96,18 +90,12 @@ def profile(maps: Maps, *, toe: float | None) -> Figure:
         maps: of a section.
         toe: its x (m), None for none.
     """
-
-    def at(name: str) -> tuple[np.ndarray, ...]:
-        chances = maps.maps[name]
-        return maps.edges[0], *(np.append(each, each[-1:]) for each in (chances.value, chances.low, chances.high))
-
-    likely = {name: at(name) for name, unit in maps.units.items() if unit == "-"}
-    shown = [likely, {THICKNESS: at(THICKNESS)}, {ARRIVAL: at(ARRIVAL)}]
-    figure = _stairs(shown, ["x [m]"] * 3, ["probability [-]", "thickness [m]", "arrival [s]"], 1)
+    shown = along(maps)
+    figure = _stairs([*shown.values()], ["x [m]"] * len(shown), [*shown], 1)
     return figure if toe is None else figure.add_vline(toe, line=LIMIT)
 
 
-def _stairs(panels: Sequence[Stairs], across: Sequence[str], up: Sequence[str], columns: int) -> Figure:
+def _stairs(panels: Sequence[Mapping[str, Curve]], across: Sequence[str], up: Sequence[str], columns: int) -> Figure:
     """Panels of curves of which the first has the band of its interval."""
     figure = _tiled([""] * len(panels), columns)
     for number, curves in enumerate(panels):

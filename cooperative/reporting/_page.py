@@ -16,9 +16,7 @@ from cooperative.store import GRIDS, read_sample
 from cooperative.values import OtherEstimate, Summary
 from foundation.text import duration, short
 
-STYLE = Path(__file__).with_name("_page.css").read_text(encoding="utf-8")
-POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
-"""A browser fetches nothing for the page."""
+STYLE, PAGE = (Path(__file__).with_name(f"_page.{kind}").read_text(encoding="utf-8") for kind in ("css", "html"))
 
 INDISTINCT = 2.0
 """Difference in AIC below which two distributions are equally good."""
@@ -80,7 +78,8 @@ def _parts(results: Results, drawn: Sequence[Drawn]) -> Iterator[str]:
         yield from best_fits(results)
         yield shown("fits")
     yield heading("Scene")
-    yield preformatted("\n".join(short(line, 400) for line in results.store.source.words.strip().splitlines()))
+    scene = "\n".join(short(line, 400) for line in results.store.source.words.strip().splitlines())
+    yield f"<pre>{escape(scene)}</pre>"
 
 
 def answer(results: Results) -> Iterator[str]:
@@ -288,14 +287,7 @@ def document(title: str, parts: Iterable[str]) -> str:
         title: of the window.
         parts: HTML made by the other functions of this module.
     """
-    body = "\n".join(parts)
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f'<link rel="icon" href="data:,">\n<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n'
-        f"<body>\n{body}\n</body>\n</html>\n"
-    )
+    return PAGE.format(title=escape(title), style=STYLE, body="\n".join(parts))
 
 
 def heading(text: str, level: int = 2) -> str:
@@ -316,11 +308,6 @@ def paragraph(text: str, kind: str | None = None) -> str:
 def headline(before: str, strong: str, after: str) -> str:
     """A sentence with its number large."""
     return f'<p class="answer">{escape(before)} <strong>{escape(strong)}</strong> {escape(after)}</p>'
-
-
-def preformatted(text: str) -> str:
-    """Text with its own line ends."""
-    return f"<pre>{escape(text)}</pre>"
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Cell]]) -> str:

@@ -6,7 +6,7 @@ perceptually even for all kinds of colour vision (viridis, cividis). Figures of 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -96,12 +96,11 @@ def parameter_fields(name: str, sections: Mapping[str, Section], fields: Mapping
         fields: grid name -> its values (N,), in SI units or degrees, of the same particles; nan is rock.
     """
     drawn = quantity(name)
-    low = min(float(np.nanmin(values)) for values in fields.values()) / drawn.size
-    high = max(float(np.nanmax(values)) for values in fields.values()) / drawn.size
+    shown = {grid: values / drawn.size for grid, values in fields.items()}
+    norm = Normalize(*ends(shown.values()))
     figure, axes = section_panels(next(iter(sections.values()))[0], len(sections))
-    norm = Normalize(low, high)
     for ax, (grid, (position, half)) in zip(axes, sections.items(), strict=True):
-        boxes = draw_particles(ax, position, half, fields[grid] / drawn.size, "cividis", norm)
+        boxes = draw_particles(ax, position, half, shown[grid], "cividis", norm)
         ax.set_title(f"{grid} grid, {position.shape[1]:,} particles", loc="left")
     figure.colorbar(boxes, ax=axes, label=drawn.label)
     return figure
@@ -146,8 +145,8 @@ def slide(section: Section, name: str, field: np.ndarray, displacement: np.ndarr
     magnitude = np.linalg.norm(displacement, axis=1)
     figure, axes = section_panels(position, len(times) + 1)
     drawn = quantity(name)
-    norm = Normalize(float(np.nanmin(field)) / drawn.size, float(np.nanmax(field)) / drawn.size)
-    boxes = draw_particles(axes[0], position, half, field / drawn.size, "cividis", norm)
+    shown = field / drawn.size
+    boxes = draw_particles(axes[0], position, half, shown, "cividis", Normalize(*ends([shown])))
     axes[0].set_title(f"{'strength' if name == 'strength' else drawn.word} before", loc="left")
     figure.colorbar(boxes, ax=axes[0], label=f"{drawn.symbol} [{drawn.unit}]", aspect=8)
     norm = Normalize(0.0, max(float(magnitude.max()), 1e-6))
@@ -218,11 +217,16 @@ def save(figure: Figure, path: str | Path, *, dpi: int = 150) -> Path:
     return path
 
 
-def section_panels(position: np.ndarray, rows: int, columns: int = 1) -> tuple[Figure, list[Axes]]:
+def section_panels(position: np.ndarray, rows: int) -> tuple[Figure, list[Axes]]:
     """Panels as high as a section drawn in true scale asks for."""
-    width = 8.0 if columns == 1 else 4.8
     length, height = np.ptp(position, axis=1)
-    return panels(rows, columns, size=(width, 0.85 * width * height / length + 0.8))
+    return panels(rows, size=(8.0, 6.8 * height / length + 0.8))
+
+
+def ends(fields: Iterable[np.ndarray]) -> tuple[float, float]:
+    """Smallest and largest value of any field."""
+    values = np.concatenate([np.ravel(field) for field in fields])
+    return float(np.nanmin(values)), float(np.nanmax(values))
 
 
 def draw_particles(

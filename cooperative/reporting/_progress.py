@@ -82,13 +82,14 @@ def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Pr
     store = read_store(folder)
     campaign = campaign_of(store, estimator)
     rows = dict(zip(GRIDS, map(runs.rows_reader(store, runs.samples_of(campaign)), GRIDS), strict=True))
-    pace = {grid: seconds_per_sample(*_ends(store, grid, rows[grid])) for grid in GRIDS}
+    pace = {grid: _pace(store, grid, rows[grid]) for grid in GRIDS}
     if not np.isfinite(pace["refined"]):
         pace["refined"] = pace["rough"] * cost_ratio(campaign)
     grids = tuple(_grid(campaign, grid, rows, pace[grid]) for grid in GRIDS)
     if campaign.plan.slides:
         grids += (_slides(campaign, store, rows),)
-    estimate = current_estimate(campaign, rows["rough"], rows["refined"])
+    # Before the screening is complete it is the share that fails on the rough grid.
+    estimate = runs.phases_of(campaign, *(rows[grid] for grid in GRIDS)).estimate if rows["rough"].numbers else None
     return Progress(campaign.name, *_controller(store), grids, estimate)
 
 
@@ -111,11 +112,6 @@ def watched(folder: str | Path, every: float, *, estimator: Estimator | None = N
         if not now.running:
             return
         time.sleep(every)
-
-
-def current_estimate(campaign: Campaign, rough: Rows, refined: Rows) -> Estimate | None:
-    """The estimate so far; before the screening is complete it is the share that fails on the rough grid."""
-    return runs.phases_of(campaign, rough, refined).estimate if rough.numbers else None
 
 
 def planned_refined(campaign: Campaign, rough: Rows, refined: Rows) -> tuple[int, bool]:
@@ -211,8 +207,7 @@ def _slides(campaign: Campaign, store: Store, rows: dict[str, Rows]) -> GridProg
     """Failures that slide on to their end; of how many is known once the audit has ended."""
     phases = runs.phases_of(campaign, *(rows[grid] for grid in GRIDS))
     drawn = slides_of(campaign, phases, rows["refined"])
-    mine = read_rows(store, SLIDES)
-    pace = seconds_per_sample(*_ends(store, SLIDES, mine))
+    pace = _pace(store, SLIDES, read_rows(store, SLIDES))
     done, planned = int(drawn.slid.sum()), drawn.planned
     return GridProgress(
         SLIDES, done, planned, at_least=phases.why_finished is None, hourly=3600 / pace if pace > 0 else float("nan"),
@@ -220,12 +215,10 @@ def _slides(campaign: Campaign, store: Store, rows: dict[str, Rows]) -> GridProg
     )  # fmt: skip
 
 
-def _ends(store: Store, grid: str, rows: Rows) -> tuple[list[float], list[float]]:
-    """When each finished sample was written, ascending, and how long each ran (s)."""
-    return (
-        sorted(sample_path(store, grid, number).stat().st_mtime for number in rows.numbers),
-        rows.columns["seconds"].tolist(),
-    )
+def _pace(store: Store, grid: str, rows: Rows) -> float:
+    """Seconds from one finished sample to the next, by when their files were written."""
+    ended = sorted(sample_path(store, grid, number).stat().st_mtime for number in rows.numbers)
+    return seconds_per_sample(ended, rows.columns["seconds"].tolist())
 
 
 def _controller(store: Store) -> tuple[str, bool]:
