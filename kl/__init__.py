@@ -78,35 +78,12 @@ __all__ = [
 ]
 
 _RENAMED = {
-    "ClosedForm": "kl.axis.ClosedForm",
-    "Corrected": "kl.axis.Corrected",
-    "Haar": "kl.axis.Haar",
-    "Legendre": "kl.axis.Legendre",
-    "Nystrom": "kl.axis.Nystrom",
-    "Periodic": "kl.axis.Periodic",
-    "haar_transform": "kl.axis.haar_transform",
-    "from_scale_of_fluctuation": "kl.axis.from_scale_of_fluctuation",
-    "scale_of_fluctuation": "kl.axis.scale_of_fluctuation",
-    "CapturedVariance": "kl.field.CapturedVariance",
-    "Conditioning": "kl.field.Conditioning",
-    "LatticeRoots": "kl.field.LatticeRoots",
-    "condition_on": "kl.field.condition_on",
-    "exact_field": "kl.field.exact_field",
-    "exact_lattice": "kl.field.exact_lattice",
-    "kriging_variance": "kl.field.kriging_variance",
-    "mode_matrix": "kl.field.mode_matrix",
-    "rescaled": "kl.field.rescaled",
-    "rotate": "kl.field.rotate",
-    "variance_at": "kl.field.variance_at",
-    "variance_on_lattice": "kl.field.variance_on_lattice",
-    "with_residual": "kl.field.with_residual",
-    "NatafError": "kl.marginal.NatafError",
-    "check_marginal": "kl.marginal.check_marginal",
-    "hermite_coefficients": "kl.marginal.hermite_coefficients",
-    "nataf_corrected": "kl.marginal.nataf_corrected",
-    "nataf_correlation": "kl.marginal.nataf_correlation",
-    "nataf_error": "kl.marginal.nataf_error",
-    "correlation_root": "kl.soil.correlation_root",
-    "nataf_matrix": "kl.soil.nataf_matrix",
+    "kl.axis": "ClosedForm Corrected Haar Legendre Nystrom Periodic haar_transform from_scale_of_fluctuation "
+    "scale_of_fluctuation",
+    "kl.field": "CapturedVariance Conditioning LatticeRoots condition_on exact_field exact_lattice kriging_variance "
+    "mode_matrix rescaled rotate variance_at variance_on_lattice with_residual",
+    "kl.marginal": "NatafError check_marginal hermite_coefficients nataf_corrected nataf_correlation nataf_error",
+    "kl.soil": "correlation_root nataf_matrix",
 }
+"""By module: names that have moved there."""
 __getattr__ = renamed(__name__, _RENAMED)

@@ -6,8 +6,10 @@ import pytest
 import jaxmpm as mpm
 import kl
 
+RENAMED = [(p, name) for p in (mpm, kl) for names in p._RENAMED.values() for name in names.split()]
 
-@pytest.mark.parametrize(("package", "name"), [(p, name) for p in (mpm, kl) for name in p._RENAMED])
+
+@pytest.mark.parametrize(("package", "name"), [*RENAMED, (mpm, "Believed")])
 def test_a_renamed_name_is_the_same_object(package, name):
     with pytest.warns(DeprecationWarning, match=f"{package.__name__}.{name} will leave the next version, use "):
         assert getattr(package, name) is not None
