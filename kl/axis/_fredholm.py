@@ -22,12 +22,7 @@ import numpy as np
 from jax import Array
 
 from kl.axis._closed_form import exponential_modes, periodic_modes, triangular_modes
-from kl.axis._covariance import (
-    Covariance,
-    Exponential,
-    Periodic,
-    Triangular,
-)
+from kl.axis._covariance import Covariance, Exponential, Periodic, Triangular
 from kl.axis._matrices import gauss, haar_matrix, legendre_matrix, nystrom_matrix
 from kl.axis._modes import AxisModes, CellModes, LegendreModes, SineModes
 from kl.axis._solvers import ClosedForm, Constant, Haar, Legendre, Nystrom, Solver

@@ -13,9 +13,7 @@ from jax.typing import ArrayLike
 
 from foundation import check
 from foundation.check import require
-from kl.axis._covariance import (
-    Covariance,
-)
+from kl.axis._covariance import Covariance
 from kl.types import EitherArray, HostArray
 
 

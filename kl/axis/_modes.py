@@ -97,15 +97,10 @@ def legendre(order: int, t: Array) -> Array:
     return jnp.concatenate([jnp.ones_like(t)[None], rows]) * roots[:, None]
 
 
-def along_axis(modes: AxisModes, x: Array) -> Array:
-    """Coordinates x (N,) in metres as t in [-1, 1] along the axis; NaN outside, where no form is valid."""
-    t = 2 * (x - modes.origin) / modes.extent - 1
-    return jnp.where(jnp.abs(t) <= 1 + _SLACK, t, jnp.nan)
-
-
 def functions(modes: AxisModes, x: Array) -> Array:
     """Eigenfunctions (n, N), of mean square 1, at x (N,) in metres; NaN outside the axis."""
-    t = along_axis(modes, x)
+    t = 2 * (x - modes.origin) / modes.extent - 1  # in [-1, 1] along the axis
+    t = jnp.where(jnp.abs(t) <= 1 + _SLACK, t, jnp.nan)
     match modes:
         case LegendreModes():
             return modes.coefficients @ legendre(modes.coefficients.shape[1], t)

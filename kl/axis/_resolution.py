@@ -10,15 +10,7 @@ import numpy as np
 
 from foundation.check import is_traced, require
 from kl.axis._corrected import Corrected
-from kl.axis._covariance import (
-    Covariance,
-    Exponential,
-    Infinite,
-    Periodic,
-    SquaredExponential,
-    Triangular,
-    on_host,
-)
+from kl.axis._covariance import Covariance, Exponential, Infinite, Periodic, SquaredExponential, Triangular, on_host
 from kl.axis._matrices import legendre_matrix, nystrom_matrix
 from kl.axis._solvers import ClosedForm, Constant, Haar, Legendre, Nystrom, Solver
 from kl.types import HostArray

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
+from scipy.spatial import cKDTree
 
 from foundation import check
 from foundation.check import require
@@ -27,7 +28,6 @@ from foundation.pytrees import pytree
 from kl.axis import scaled_functions
 from kl.field._evaluation import points_in_box
 from kl.field._expansion import Expansion
-from kl.types import HostArray
 
 Values: TypeAlias = ArrayLike | Sequence[float]
 # Two data closer than this share of the box are at the same point.
@@ -108,8 +108,11 @@ def condition(
         f"data at points of shape {points.shape} with values of shape {values.shape}: give (d, n) and (n,)",
     )
     require(values.size > 0, "no data: give at least one point, or leave the field unconditioned")
-    _require_apart(np.asarray(points, np.float64), np.asarray(expansion.extent))
-    return condition_on(mode_matrix(expansion, points), values, error=error)
+    matrix, host = mode_matrix(expansion, points), np.asarray(points, np.float64)
+    scaled = host / np.array(expansion.extent)[:, None]
+    for one, other in sorted(cKDTree(scaled.T).query_pairs(_SAME_POINT, p=np.inf)):
+        raise ValueError(f"data {one} and {other} lie at the same point, {host[:, one]}: keep one or average them")
+    return condition_on(matrix, values, error=error)
 
 
 def condition_on(matrix: ArrayLike, values: Values, *, error: Values = 0.0) -> Conditioning:
@@ -157,19 +160,6 @@ def condition_on(matrix: ArrayLike, values: Values, *, error: Values = 0.0) -> C
     of_scores = modes.T @ ((directions / shares) @ directions.T)
     parts = (of_scores @ values, basis, shrink, of_scores)
     return Conditioning(*(jnp.asarray(part, real) for part in parts))
-
-
-def _require_apart(points: HostArray, extent: HostArray) -> None:
-    scaled = points / extent[:, None]
-    order = np.lexsort(scaled)
-    ordered = scaled[:, order]
-    close = np.abs(np.diff(ordered, axis=1)).max(axis=0) < _SAME_POINT
-    if close.any():
-        first = int(np.argmax(close))
-        pair = sorted((int(order[first]), int(order[first + 1])))
-        raise ValueError(
-            f"data {pair[0]} and {pair[1]} lie at the same point, {points[:, pair[0]]}: keep one or average them"
-        )
 
 
 def conditioned(conditioning: Conditioning, coefficients: ArrayLike) -> Array:

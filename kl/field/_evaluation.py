@@ -14,11 +14,7 @@ from jax.typing import ArrayLike
 
 from foundation import check
 from foundation.check import is_traced, require
-from kl.axis import (
-    Covariance,
-    length_leaves,
-    scaled_functions,
-)
+from kl.axis import Covariance, length_leaves, scaled_functions
 from kl.field._bedding import rotate
 from kl.field._expansion import Expansion
 
@@ -85,21 +81,21 @@ def lattice_sum(expansion: Expansion, coefficients: Array, axes: tuple[Array, ..
     Returns:
         Sum (..., N_1, .., N_d).
     """
-    factors = [scaled_functions(modes, x) ** power for modes, x in zip(expansion.axes, axes, strict=True)]
-
-    def field_of(coefficients: Array) -> Array:
-        # Last axis first: the full lattice then appears only in the last, cheapest contraction, unpermuted.
-        tensor = coefficient_tensor(expansion, coefficients)
-        after = 1
-        for factor in reversed(factors):
-            tensor = factor.T @ tensor.reshape(-1, factor.shape[0], after)
-            after *= factor.shape[1]
-        return tensor.reshape([factor.shape[1] for factor in factors])
-
+    factors = [(scaled_functions(modes, x) ** power).T for modes, x in zip(expansion.axes, axes, strict=True)]
     flat = coefficients.reshape(-1, coefficients.shape[-1])
     # One sample at a time: the intermediates then fit in cache.
-    fields = jax.lax.map(field_of, flat)
+    fields = jax.lax.map(lambda own: contracted(coefficient_tensor(expansion, own), factors), flat)
     return fields.reshape(*coefficients.shape[:-1], *fields.shape[1:])
+
+
+def contracted(tensor: Array, factors: Sequence[Array]) -> Array:
+    """A tensor (n_1, .., n_d) contracted along each axis with a matrix (N, n): (N_1, .., N_d)."""
+    # Last axis first: the full lattice then appears only in the last, cheapest contraction, unpermuted.
+    after = 1
+    for factor in reversed(factors):
+        tensor = factor @ tensor.reshape(-1, factor.shape[1], after)
+        after *= factor.shape[0]
+    return tensor.reshape([factor.shape[0] for factor in factors])
 
 
 @partial(jax.jit, donate_argnums=3, keep_unused=True)
@@ -163,16 +159,13 @@ def point_sum(expansion: Expansion, coefficients: Array, points: Array, power: i
         # The barrier keeps the compiler from computing this again for each of its uses.
         sums = jax.lax.optimization_barrier(tensor @ factors[-1])
         for number in reversed(range(len(shape) - 1)):
-            sums = _weighted_sum(factors[number], sums.reshape(-1, shape[number], block.shape[1]))
+            stack = sums.reshape(-1, shape[number], block.shape[1])
+            # Term by term: XLA's reduction is not vectorised here.
+            sums = sum(weight * stack[:, n] for n, weight in enumerate(factors[number]))
         return sums
 
     values = _in_chunks(chunk, points, _CHUNK_FLOATS // tensor.shape[0])
     return values.reshape(*batch, points.shape[1])
-
-
-def _weighted_sum(weights: Array, stack: Array) -> Array:
-    """Sum over n of weights (n, N) times stack (.., n, N), term by term: XLA's reduction is not vectorised here."""
-    return sum(weight * stack[..., number, :] for number, weight in enumerate(weights))
 
 
 def _in_chunks(function: Callable[[Array], Array], points: Array, size: int) -> Array:

@@ -25,17 +25,7 @@ from jax.typing import DTypeLike
 from foundation import check
 from foundation.check import is_traced, require
 from foundation.pytrees import pytree
-from kl.axis import (
-    AxisModes,
-    Corrected,
-    Covariance,
-    Periodic,
-    Solver,
-    all_axis_modes,
-    leading,
-    length_leaves,
-    resolved,
-)
+from kl.axis import AxisModes, Corrected, Covariance, Periodic, Solver, all_axis_modes, leading, length_leaves, resolved
 from kl.field._bedding import Bedding, rotated_box
 from kl.field._selection import select
 from kl.types import HostArray

@@ -10,6 +10,7 @@ import json
 import os
 from dataclasses import asdict, fields
 from pathlib import Path
+from typing import get_args
 
 import h5py
 import jax
@@ -19,28 +20,8 @@ from jax import Array
 
 from foundation import files, hdf5
 from foundation.check import require
-from kl.axis import (
-    AxisModes,
-    CellModes,
-    ClosedForm,
-    Constant,
-    Corrected,
-    CosineExponential,
-    Covariance,
-    Exponential,
-    Haar,
-    Infinite,
-    Legendre,
-    LegendreModes,
-    Matern32,
-    Matern52,
-    Nystrom,
-    Periodic,
-    SecondOrderMarkov,
-    SineModes,
-    SquaredExponential,
-    Triangular,
-)
+from kl import axis
+from kl.axis import AxisModes, Covariance, Solver
 from kl.field._bedding import Bedding
 from kl.field._expansion import Expansion
 from kl.types import HostArray
@@ -54,19 +35,19 @@ def _by_name(*classes: type) -> dict[str, type]:
 
 
 _FAMILIES = _by_name(
-    SquaredExponential,
-    Exponential,
-    Matern32,
-    Matern52,
-    SecondOrderMarkov,
-    CosineExponential,
-    Triangular,
-    Infinite,
-    Periodic,
-    Corrected,
+    axis.SquaredExponential,
+    axis.Exponential,
+    axis.Matern32,
+    axis.Matern52,
+    axis.SecondOrderMarkov,
+    axis.CosineExponential,
+    axis.Triangular,
+    axis.Infinite,
+    axis.Periodic,
+    axis.Corrected,
 )
-_FORMS = _by_name(LegendreModes, CellModes, SineModes)
-_SOLVERS = _by_name(Nystrom, Legendre, Haar, ClosedForm, Constant)
+_FORMS = _by_name(*get_args(AxisModes))
+_SOLVERS = _by_name(*get_args(Solver))
 
 
 def save(expansion: Expansion, path: str | Path) -> None:
@@ -150,16 +131,16 @@ def _read(file: hdf5.Contents) -> Expansion:
     )
 
 
-def _read_modes(file: hdf5.Contents, axis: str, origin: float, extent: float) -> tuple[AxisModes, int]:
+def _read_modes(file: hdf5.Contents, group: str, origin: float, extent: float) -> tuple[AxisModes, int]:
     """The modes of an axis and their number."""
-    form = _FORMS[str(file.scalars(axis)["form"])]
+    form = _FORMS[str(file.scalars(group)["form"])]
     arrays = {}
     for name in _arrays(form):
         dimensions = 2 if name in ("coefficients", "levels") else 1
-        array = arrays[name] = file.array(axis, name, dimensions=dimensions, kinds="f")
+        array = arrays[name] = file.array(group, name, dimensions=dimensions, kinds="f")
         require(
             len(array) == len(arrays["fractions"]) and array.size and np.isfinite(array).all(),
-            f"{axis}/{name} in {file.path} is damaged: make the file again with `save`",
+            f"{group}/{name} in {file.path} is damaged: make the file again with `save`",
         )
     return form(**arrays, origin=origin, extent=extent), len(arrays["fractions"])
 

@@ -20,7 +20,7 @@ from foundation import check
 from foundation.check import require
 from foundation.pytrees import pytree
 from kl.axis import Covariance, length_leaves, on_host
-from kl.field._evaluation import warn_if_coarse
+from kl.field._evaluation import contracted, warn_if_coarse
 
 
 @pytree
@@ -93,13 +93,5 @@ def exact_field(lattice: LatticeRoots, noise: ArrayLike) -> Array:
 @jax.jit
 def _exact_field(lattice: LatticeRoots, noise: Array) -> Array:
     shape = tuple(root.shape[0] for root in lattice.roots)
-
-    def field_of(tensor: Array) -> Array:
-        after = 1
-        for root in reversed(lattice.roots):
-            tensor = root @ tensor.reshape(-1, root.shape[0], after)
-            after *= root.shape[0]
-        return tensor.reshape(shape)
-
-    fields = jax.lax.map(field_of, noise.reshape(-1, *shape))
+    fields = jax.lax.map(lambda own: contracted(own, lattice.roots), noise.reshape(-1, *shape))
     return fields.reshape(noise.shape)

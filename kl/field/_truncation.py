@@ -178,15 +178,10 @@ def _pair_errors(expansion: Expansion, axes: tuple[Array, ...]) -> tuple[Array, 
     for covariance, lag in zip(expansion.covariance, lags, strict=True):
         target = target[..., None, None] * covariance(lag)
     roots = jnp.sqrt(variance)
-    scale = roots
-    for number in range(len(axes)):
-        scale = jnp.expand_dims(scale, 2 * number + 1)
-    other = roots
-    for number in range(len(axes)):
-        other = jnp.expand_dims(other, 2 * number)
+    one, other = (jnp.expand_dims(roots, tuple(range(first, 2 * len(axes), 2))) for first in (1, 0))
     error = held - target
     return (
         jnp.abs(error).max(),
         jnp.sqrt((error**2).mean()),
-        jnp.abs(held / (scale * other) - target).max(),
+        jnp.abs(held / (one * other) - target).max(),
     )

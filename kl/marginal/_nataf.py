@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
+from scipy.special import factorial
 
 from foundation.check import require
 from kl.axis import Corrected, Covariance, gaussian_correlation, transformed_correlation
@@ -39,11 +40,9 @@ def hermite_coefficients(marginal: Marginal) -> Array:
     points, weights = np.polynomial.hermite_e.hermegauss(_POINTS)
     keep = weights > 1e-30
     points, weights = points[keep], weights[keep] / weights.sum()
-    basis = [np.ones_like(points), points]
-    for degree in range(1, _TERMS):
-        basis.append((points * basis[-1] - np.sqrt(degree) * basis[-2]) / np.sqrt(degree + 1))
-    values = marginal.transform(jnp.asarray(points))
-    coefficients = jnp.asarray(np.stack(basis[1:]) * weights) @ values
+    degrees = np.arange(1, _TERMS + 1)
+    basis = np.polynomial.hermite_e.hermevander(points, _TERMS)[:, 1:] / np.sqrt(factorial(degrees))
+    coefficients = jnp.asarray(basis.T * weights) @ marginal.transform(jnp.asarray(points))
     return coefficients / jnp.linalg.norm(coefficients)
 
 
