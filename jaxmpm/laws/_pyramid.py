@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import partial, reduce
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -117,10 +117,7 @@ def principal_drop(x1: Array, x2: Array, x3: Array, law: PyramidLaw) -> tuple[Ar
 
 def largest(values: Sequence[Array]) -> Array:
     """Elementwise maximum of one or more arrays."""
-    result = values[0]
-    for value in values[1:]:
-        result = jnp.maximum(result, value)
-    return result
+    return reduce(jnp.maximum, values)
 
 
 def cut_off(

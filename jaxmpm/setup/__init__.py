@@ -10,9 +10,9 @@ from jaxmpm.setup._discretisation import (
     check_discretisation,
     check_resolved,
 )
-from jaxmpm.setup._fill import box_particles, fill, sorted_by_cell
+from jaxmpm.setup._fill import fill, sorted_by_cell
 from jaxmpm.setup._initial_stress import at_rest, overburden, settled
-from jaxmpm.setup._law import check_scene, check_shape, refuse_snap_back
+from jaxmpm.setup._law import check_scene, check_shape
 from jaxmpm.setup._motion import pseudo_static, read_motion
 from jaxmpm.setup._options import Boundary, Loads
 from jaxmpm.setup._scene import scene, unstressed
@@ -30,7 +30,6 @@ __all__ = [
     "bar",
     "below",
     "block",
-    "box_particles",
     "build",
     "cell_independent",
     "cells_up",
@@ -48,7 +47,6 @@ __all__ = [
     "parameter_names",
     "pseudo_static",
     "read_motion",
-    "refuse_snap_back",
     "scene",
     "settled",
     "sorted_by_cell",

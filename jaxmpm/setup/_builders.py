@@ -144,12 +144,7 @@ def block(
     check_discretisation(discretisation, d)
     zero = (0.0,) * d
     velocity, gravity = velocity or zero, gravity or zero
-    for name, values in (
-        ("domain", domain),
-        ("corner", corner),
-        ("velocity", velocity),
-        ("gravity", gravity),
-    ):
+    for name, values in (("domain", domain), ("corner", corner), ("velocity", velocity), ("gravity", gravity)):
         check.axes(name, values, d)
     check.positive("size", size, "m")
     check.not_negative("corner", corner, "m")

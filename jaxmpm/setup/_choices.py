@@ -13,12 +13,7 @@ from jax.typing import ArrayLike
 from foundation import check
 from foundation.text import shown
 from jaxmpm.grid import Grid, Particles, Wall
-from jaxmpm.laws import (
-    WaterSurface,
-    WaterTable,
-    Zoned,
-    in_total_stress,
-)
+from jaxmpm.laws import WaterSurface, WaterTable, Zoned, in_total_stress
 from jaxmpm.protocols import Kernel, Material
 from jaxmpm.setup._law import in_total_stress_at
 from jaxmpm.setup._options import Boundary

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -14,17 +15,11 @@ from jax.typing import ArrayLike
 
 from foundation import check
 from jaxmpm.grid import Particles
-from jaxmpm.laws import (
-    Zoned,
-    declared,
-    excesses,
-    hardens,
-    in_total_stress,
-    laws_of,
-    snaps_back,
-)
+from jaxmpm.laws import Zoned, declared, excesses, hardens, in_total_stress, laws_of, snaps_back
 from jaxmpm.protocols import Material
 from jaxmpm.types import Scene
+
+Found = TypeVar("Found")
 
 MEMBERS = [name for name in vars(Material) if not name.startswith("_")]
 """Members of the protocol `Material`."""
@@ -44,53 +39,31 @@ def check_scene(scene: Scene, axes: Scene | None = None) -> None:
     check.within_limits(scene)
     laws = laws_of(scene.material)
     for law, own in zip(laws, (None,) * len(laws) if axes is None else laws_of(axes.material), strict=True):
-        lanes = own if jax.tree.leaves(own) else None
-        refuse_snap_back(law, lanes)
-        _refuse_hardening(law, lanes)
-        _refuse_excess(law, lanes)
+        if not check.is_traced(law):
+            _check_together(law, own if jax.tree.leaves(own) else None)
 
 
-def refuse_snap_back(material: Material, axes: Material | None = None) -> None:
-    """Check that strength falls less steeply than the soil unloads elastically.
+def _check_together(law: Material, axes: Material | None) -> None:
+    """Raise ValueError for numbers of a law, each within its limit, that do not go together."""
 
-    Args:
-        material: a law.
-        axes: parameters that have lanes first, None without lanes.
+    def found(by: Callable[[Material], Found]) -> Found:
+        return by(law) if axes is None else jax.vmap(by, in_axes=(axes,))(law)
 
-    Raises:
-        ValueError: If it does not.
-    """
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(material)):
-        return
-    back = snaps_back(material) if axes is None else jax.vmap(snaps_back, in_axes=(axes,))(material)
-    if back is not None and bool(np.any(back)):
-        steepest = float(np.max(np.asarray(material.steepest_softening)))
+    back, harder = found(snaps_back), found(hardens)
+    if back is not None and np.any(back):
+        steepest = float(np.max(np.asarray(law.steepest_softening)))
         raise ValueError(
             f"softening of {steepest:g} Pa per unit of shear strain is steeper than elastic unloading (shear modulus "
-            f"{float(np.min(np.asarray(material.shear))):g} Pa), which snaps back: soften more slowly, raise the "
+            f"{float(np.min(np.asarray(law.shear))):g} Pa), which snaps back: soften more slowly, raise the "
             "stiffness, or, where softening is scaled by the cell, take smaller cells"
         )
-
-
-def _refuse_hardening(material: Material, axes: Material | None = None) -> None:
-    """Raise ValueError if residual cohesion or friction exceeds its peak."""
-    if check.is_traced(material):
-        return
-    harder = hardens(material) if axes is None else jax.vmap(hardens, in_axes=(axes,))(material)
-    if harder is not None and bool(np.any(harder)):
+    if harder is not None and np.any(harder):
         raise ValueError(
             "softening leaves more cohesion or friction than the peak has: give residuals of at most the peak at each "
             "particle"
         )
-
-
-def _refuse_excess(material: Material, axes: Material | None = None) -> None:
-    """Raise ValueError if a number of the law exceeds the one that limits it: dilation above friction."""
-    if check.is_traced(material):
-        return
-    excess_of = excesses(material) if axes is None else jax.vmap(excesses, in_axes=(axes,))(material)
-    for name, excess in excess_of.items():
-        worst, parameter = float(np.max(np.asarray(excess))), declared(material)[name].parameter
+    for name, excess in found(excesses).items():
+        worst, parameter = float(np.max(np.asarray(excess))), declared(law)[name].parameter
         if worst > 0:
             above = f"{math.degrees(worst):.3g} degrees" if parameter.angle else f"{worst:.3g} {parameter.unit}"
             raise ValueError(
