@@ -21,7 +21,7 @@ from cooperative.soundings import (
     strength_of,
 )
 from tests import ROOT
-from tests.scenes import write_gef
+from tests.scenes import tables, write_gef
 
 PUBLIC = ROOT / "benchmarks" / "data" / "soundings"
 AGS = """"GROUP","LOCA"
@@ -175,22 +175,11 @@ def test_estimates_are_written_as_a_part_of_a_scene(site, tmp_path):
     assert min(read_rows(tmp_path / "sand_2_friction.csv"), key=lambda row: row[1])[1] >= -5
     table = (tmp_path / "estimates.csv").read_text()
     assert "with the scatter of N_kt" in table
-    head = """name = "site"
+    head = f"""name = "site"
 [ground]
 surface = [[0, 1], [10, 1], [14, -1], [24, -1]]
 base = -5.0
-[run]
-t_end = 1.0
-[rough]
-cell = 2.0
-spacing = [1.0, 1.0]
-[refined]
-cell = 1.0
-spacing = [0.5, 0.5]
-[campaign]
-samples = 20
-refined_runs = 10
-"""
+{tables(run="t_end = 1.0")}"""
     (tmp_path / "scene.toml").write_text(head + (tmp_path / "site.toml").read_text())
     random = parse(tmp_path / "scene.toml").site.layers[0].random["strength"]
     assert len(random.boreholes) == len(rows)

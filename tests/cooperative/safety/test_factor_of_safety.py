@@ -15,16 +15,17 @@ from benchmarks.sites import slopes
 from benchmarks.sites.limit_equilibrium import layers_of
 from cooperative import safety
 from cooperative.__main__ import main
-from cooperative.runs import build, coefficients_of, random_soil
+from cooperative.runs import coefficients_of
 from cooperative.safety import _factor, _pictures, _search
 from cooperative.scene import example, parse
 from jaxmpm.run import FactorOfSafety
+from tests.scenes import model_of, tables
 
 pytest.importorskip("xslope.slice")
 
 BY_SPENCER = {"ACADS 1a": 0.984, "ACADS 3a": 1.252, "Published section": 1.142}
 """Published factors by Spencer's method, of slip circles in clay; 3a is 1.246 to 1.258."""
-CUT = """
+CUT = f"""
 name = "cut in two clays"
 [ground]
 surface = [[0, 12], [20, 12], [36, 4], [60, 4]]
@@ -56,15 +57,7 @@ rock = true
 unit_weight = 24e3
 young = 2e8
 poisson = 0.25
-[rough]
-cell = 2.0
-spacing = [1.0, 1.0]
-[refined]
-cell = 1.0
-spacing = [0.5, 0.5]
-[campaign]
-samples = 10
-"""
+{tables(run="")}"""
 
 
 @pytest.mark.parametrize("name", BY_SPENCER)
@@ -76,10 +69,8 @@ def test_critical_surfaces_have_the_published_factor(name):
 
 
 def test_slices_have_the_strength_of_the_particles():
-    campaign = parse(CUT)
-    soil = random_soil(campaign)
-    model = build(campaign, "refined", soil, at_rest=False)
-    coefficients = coefficients_of(campaign, soil)[2]
+    model = model_of(CUT, "refined")
+    coefficients = coefficients_of(model.campaign, model.soil)[2]
     scene = _factor._with_soil(model, coefficients)
     clay = model.layer == 1
     x, z = np.asarray(scene.particles.position, float)[:, clay]

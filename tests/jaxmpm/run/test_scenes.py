@@ -173,20 +173,6 @@ def test_grid_too_small_for_the_block_is_refused():
         mpm.block((1, 1), mpm.Soil(), mpm.Discretisation(1.0, (0.5, 0.5)), domain=(2, 2), corner=(1.5, 0))
 
 
-def test_bad_runs_are_refused():
-    scene, state = mpm.slope(SMALL, PAPER_SOIL, mpm.Discretisation(1.0, (0.5, 0.5)))
-    with pytest.raises(ValueError, match=r"t_end = 0 s"):
-        mpm.solve(scene, state, t_end=0.0)
-    with pytest.raises(ValueError, match=r"snapshots at \[3\] s lie outside"):
-        mpm.solve(scene, state, t_end=1.0, snapshots=(3,))
-    with pytest.raises(ValueError, match=r"stiffness.*is no parameter of J2"):
-        mpm.run.lanes(scene, stiffness=jnp.ones(2))
-    with pytest.raises(ValueError, match="strength has shape"):
-        mpm.with_soil(scene, state, strength=np.ones(3))
-    with pytest.raises(ValueError, match=r"strength = -1 Pa at \[0\]"):
-        mpm.with_soil(scene, state, strength=-np.ones(scene.particles.mass.size))
-
-
 @pytest.mark.slow
 def test_factor_of_safety_brackets_the_jump_and_refuses_a_wrong_bracket():
     shape = mpm.Slope(crest=10, height=6, run_per_rise=1.0, toe=14, foundation=2)
