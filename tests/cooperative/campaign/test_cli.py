@@ -156,19 +156,6 @@ def test_durations_are_written_as_people_write_them(seconds, text):
     assert duration(seconds) == text
 
 
-@pytest.mark.slow
-def test_resume_goes_on_from_the_folder_alone(tiny_campaign, tmp_path, capsys):
-    folder, summary = tiny_campaign
-    again = tmp_path / "again"
-    with open_store(again, read_store(folder).source) as store:
-        for number in (0, 3):
-            write_sample(store, "rough", read_sample(read_store(folder), "rough", number))
-    assert main(["resume", str(again), "--workers", "1"]) == 0
-    assert f"{summary.probability_of_failure:.3f}" in capsys.readouterr().out
-    first, second = (read_rows(read_store(f), "refined").columns for f in (folder, again))
-    assert np.array_equal(first["displacement"], second["displacement"])
-
-
 def test_export_writes_the_table_the_file_and_the_series(tiny_campaign, capsys):
     folder, _ = tiny_campaign
     assert main(["export", str(folder)]) == 0

@@ -32,12 +32,11 @@ def local_cluster(dask, workers, processes=True):
     )
 
 
-def test_a_campaign_on_dask_gives_the_answer_of_one_process(dask, tmp_path):
+def test_a_campaign_on_dask_gives_the_answer_of_one_process(dask, tmp_path, tiny_campaign):
     with local_cluster(dask, 2, processes=False) as cluster, dask.Client(cluster) as client:
         run(TINY, tmp_path / "dask", executor=dask_executor(client), workers=2)
         assert client.status == "running"
-    run(TINY, tmp_path / "one")
-    assert lives.differences(tmp_path / "dask", tmp_path / "one") == []
+    assert lives.differences(tmp_path / "dask", tiny_campaign[0]) == []
 
 
 def test_errors_of_a_run_on_dask_are_errors(dask):
@@ -122,11 +121,10 @@ def test_the_sample_of_a_killed_dask_worker_is_redone(dask):
 
 
 @pytest.mark.slow
-def test_dask_processes_give_the_answer_of_one_process(dask, tmp_path):
+def test_dask_processes_give_the_answer_of_one_process(dask, tmp_path, tiny_campaign):
     with local_cluster(dask, 2) as cluster:
         address = cluster.scheduler_address
         scene = tmp_path / "tiny.toml"
         scene.write_text(TINY)
         assert main(["run", str(scene), "--out", str(tmp_path / "dask"), "--dask", address, "--workers", "2"]) == 0
-    run(TINY, tmp_path / "one")
-    assert lives.differences(tmp_path / "dask", tmp_path / "one") == []
+    assert lives.differences(tmp_path / "dask", tiny_campaign[0]) == []

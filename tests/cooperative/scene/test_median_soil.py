@@ -3,11 +3,10 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 from scipy import stats
 
 from cooperative import runs
-from cooperative.scene import measure, measure_limit_load, parse
+from cooperative.scene import measure, parse
 from cooperative.store import GRIDS
 from tests.scenes import tables
 
@@ -82,53 +81,3 @@ def test_both_are_of_the_soil_that_the_scene_has_at_the_median(tmp_path, monkeyp
         assert np.ptp(cohesion) > 8e3
         np.testing.assert_allclose(scene.material.cohesion, cohesion, rtol=2e-3)
         np.testing.assert_allclose(scene.material.friction, friction, rtol=1e-3)
-
-
-CUT = f"""
-[ground]
-surface = [[0.0, 22.0], [20.0, 22.0], [48.0, 8.0], [68.0, 8.0]]
-[soil]
-unit_weight = 17e3
-young = 2e7
-poisson = 0.4
-[strength]
-mean = 30e3
-cov = 0.2
-trend = 1.6e3
-length = [20.0, 2.0]
-{tables(4.0, 'failure = "limit load"')}"""
-
-
-def factor_of_circles(surface, base, weight, strength):
-    """Least factor of safety of slip circles through clay, whose strength (Pa) is that of (x, z): moments about the
-    centre, of the strength along the arc and of the soil above it."""
-    x = np.linspace(surface[0][0], surface[-1][0], 341)
-    middle, step = (x[1:] + x[:-1]) / 2, np.diff(x)[0]
-    ground = np.interp(middle, *np.transpose(surface))
-    least = np.inf
-    for centre in np.stack(np.meshgrid(np.arange(28, 52, 1.0), np.arange(22, 50, 1.0)), -1).reshape(-1, 2):
-        for lowest in np.arange(base, 10, 0.5):
-            radius = centre[1] - lowest
-            below = radius**2 - (middle - centre[0]) ** 2
-            arc = centre[1] - np.sqrt(np.maximum(below, 0))
-            inside = (below > 0) & (arc < ground)
-            along = strength(middle, arc) * radius / np.sqrt(np.maximum(below, 1e-9)) * step
-            drives = (weight * (ground - arc) * (centre[0] - middle) * step)[inside].sum()
-            if drives > 0:
-                least = min(least, radius * along[inside].sum() / drives)
-    return least
-
-
-@pytest.mark.slow
-def test_a_cut_in_clay_that_grows_with_depth_has_the_factor_of_slip_circles():
-    campaign = parse(CUT)
-    surface = ((0, 22), (20, 22), (48, 8), (68, 8))
-
-    def strength(x, z):
-        depth = np.interp(x, *np.transpose(surface)) - z
-        return lognormal_median(30e3, 0.2) + lognormal_median(1.6e3, 0.2) * depth
-
-    circles = factor_of_circles(surface, 0.0, 17e3, strength)
-    model = runs.build(campaign, "refined", runs.random_soil(campaign))
-    measured = measure_limit_load(campaign, model)
-    assert abs(measured.factor / circles - 1) < 0.05, circles

@@ -10,11 +10,9 @@ from matplotlib.cbook import get_sample_data
 
 import jaxmpm as mpm
 from benchmarks.robustness.invented import LAYERED, TERRAIN
-from cooperative import run, runs
-from cooperative.__main__ import main
+from cooperative import runs
 from cooperative.scene import begin, parse, read_scene, to_toml
 from cooperative.scene._files import packed
-from cooperative.store import read_rows, read_store
 from tests.scenes import model_of
 
 CLAY = mpm.Soil(strength=30e3, young=2e7)
@@ -209,23 +207,6 @@ def test_a_scene_carries_its_terrain(begun, tmp_path):
     for bad in ({"heights": heights[:1] + "AAAA" + heights[5:]}, {"shape": [25, 18]}):
         with pytest.raises(ValueError, match=r"its table in \[files\] is damaged"):
             parse(replace(source, beside={"files": {name: table | bad}}))
-
-
-@pytest.mark.slow
-def test_a_campaign_on_terrain_is_stopped_and_goes_on(begun, tmp_path, capsys):
-    def stop(phase):
-        if phase == "audit":
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        run(read_scene(begun), tmp_path / "out", on_phase=stop)
-    assert main(["resume", str(tmp_path / "out"), "--workers", "1"]) == 0
-    printed = capsys.readouterr().out
-    rows = read_rows(read_store(tmp_path / "out"), "refined").columns
-    failed = rows["displacement"] > 1
-    assert failed.any()
-    assert rows["depth"][failed].max() <= 8.0 + 2.0
-    assert "m² at its end" in printed
 
 
 def test_a_scene_says_the_water_in_its_terrain(tmp_path):
