@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -35,9 +36,9 @@ def read_rows(
     rows: dict[tuple[Any, ...], Row] = {}
     if not path.exists():
         return rows
-    head, *lines = csv.reader(path.read_text().splitlines()[comments:])
-    if head != list(columns):
-        raise ValueError(f"{path.name}: columns {','.join(head)}: they are {','.join(columns)}, put back the file")
+    names, *lines = csv.reader(path.read_text().splitlines()[comments:])
+    if names != list(columns):
+        raise ValueError(f"{path.name}: columns {','.join(names)}: they are {','.join(columns)}, put back the file")
     for at, cells in enumerate(lines, start=comments + 2):
         where = f"{path.name}, line {at}"
         if len(cells) != len(columns):
@@ -53,6 +54,13 @@ def read_rows(
             raise ValueError(f"{where}: its run stands there twice: delete one of the two")
         rows[own] = row
     return rows
+
+
+def head(path: Path) -> dict[str, Any]:
+    """What the first line of a file, a comment, says as JSON."""
+    with path.open() as file:
+        known: dict[str, Any] = json.loads(file.readline().removeprefix("# "))
+    return known
 
 
 def text(cell: str) -> str:

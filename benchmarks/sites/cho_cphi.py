@@ -7,15 +7,15 @@ load. Source: Bishop (1955), 10.1680/geot.1955.5.1.7."""
 
 from __future__ import annotations
 
-import csv
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from scipy import stats
 
+from benchmarks.csv_rows import Row, appending, head, read_rows, size, whole, word
 from benchmarks.measure import ROOT, scene_campaign
 from cooperative import runs
 from cooperative.estimate import wilson_interval
@@ -26,7 +26,7 @@ from jaxmpm.run import Midway
 from jaxmpm.run._limit_load import speeds_up
 
 PATH = ROOT / "benchmarks" / "data" / "cho_cphi.csv"
-COLUMNS = ("number", "displacement", "speeds_up", "circles")
+COLUMNS = {"number": whole, "displacement": size, "speeds_up": word("True", "False"), "circles": size}
 SAMPLES = 240
 BEYOND = 2.0
 """Largest displacement (m) at which a run ends: far beyond the limit."""
@@ -81,22 +81,15 @@ class Circles:
         return float(factor.min())
 
 
-def rows() -> Iterator[dict[str, str]]:
+def rows() -> dict[tuple[Any, ...], Row]:
     """The stored rows."""
-    with PATH.open() as file:
-        yield from csv.DictReader(line for line in file if not line.startswith("#"))
-
-
-def limit() -> dict[str, float]:
-    """The stored limit load: factor, displacement (m) and volume (m2)."""
-    known: dict[str, float] = json.loads(PATH.read_text().splitlines()[0].removeprefix("# "))
-    return known
+    return read_rows(PATH, COLUMNS, ("number",), comments=2)
 
 
 def summarised() -> dict[str, Any]:
     """Shares that fail, with their intervals, on the refined grid and by circles, and how often both agree."""
-    known, at = list(rows()), limit()
-    distance, circles = (np.array([float(row[name]) for row in known]) for name in ("displacement", "circles"))
+    known, at = rows().values(), head(PATH)
+    distance, circles = (np.array([row[name] for row in known]) for name in ("displacement", "circles"))
     fails, sped = distance > at["displacement"], np.array([row["speeds_up"] == "True" for row in known])
     low, high = wilson_interval(int(fails.sum()), len(known))
     return {
@@ -117,21 +110,18 @@ def main() -> None:
     campaign = scene_campaign("cho_cphi")
     model = runs.build(campaign, "refined", soil := runs.random_soil(campaign))
     if not PATH.exists():
-        head = json.dumps(asdict(measure_limit_load(campaign, model)))
-        PATH.write_text(f"# {head}\n# displacement in m\n{','.join(COLUMNS)}\n")
-    coefficients, done = runs.coefficients_of(campaign, soil), {int(row["number"]) for row in rows()}
+        limit = json.dumps(asdict(measure_limit_load(campaign, model)))
+        PATH.write_text(f"# {limit}\n# displacement in m\n{','.join(COLUMNS)}\n")
+    coefficients, done = runs.coefficients_of(campaign, soil), {number for (number,) in rows()}
     slope: Any = campaign.site.shape
     circles = Circles.through(
         slope, np.asarray(model.scene.particles.position, float), 2 * model.half_size[0], campaign.soil.unit_weight
     )
-    with PATH.open("a") as file:
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+    with appending(PATH, COLUMNS) as put:
         for number in sorted(set(range(SAMPLES)) - done):
-            distance, sped = _run(model, model.varied(coefficients[number]), limit()["volume"])
+            distance, sped = _run(model, model.varied(coefficients[number]), head(PATH)["volume"])
             factor = circles.factor_of_safety(model.parameters(coefficients[number]))
-            row = (number, f"{distance:.5g}", sped, f"{factor:.4f}")
-            writer.writerow(dict(zip(COLUMNS, row, strict=True)))
-            file.flush()
+            put((number, f"{distance:.5g}", sped, f"{factor:.4f}"))
 
 
 def _run(model: runs.GridModel, varied: Mapping[str, Any], least: float) -> tuple[float, bool]:

@@ -7,15 +7,16 @@ refined grid."""
 
 from __future__ import annotations
 
-import csv
 import json
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from benchmarks.csv_rows import Row, appending, head, read_rows, size, text, whole
 from benchmarks.measure import ROOT, machine, scene_campaign
 from cooperative import runs
 from cooperative.scene import Calibration, Campaign, factors_of_safety
@@ -28,7 +29,8 @@ STUDIES = {
 }
 SAMPLES = 400
 GRIDS = ("rough", "calibrated", "refined")
-COLUMNS = ("number", *(f"{grid}_{what}" for what in ("displacement", "mode", "steps", "seconds") for grid in GRIDS))
+MEASURED = {"displacement": size, "mode": text, "steps": whole, "seconds": size}
+COLUMNS = {"number": whole, **{f"{grid}_{what}": parse for what, parse in MEASURED.items() for grid in GRIDS}}
 
 
 @dataclass(frozen=True)
@@ -46,22 +48,16 @@ class Pairs:
 def read(of: str = "published") -> Pairs:
     """The data file of a study."""
     path = STUDIES[of][1]
-    rows = list(_rows(path))
-    spent = {}
-    for grid in GRIDS:
-        seconds, steps = (np.array([float(row[f"{grid}_{what}"]) for row in rows]) for what in ("seconds", "steps"))
-        spent[grid] = steps * np.median(seconds / steps)
-    return Pairs(
-        {grid: np.array([float(row[f"{grid}_displacement"]) for row in rows]) for grid in GRIDS},
-        {grid: np.array([row[f"{grid}_mode"] for row in rows]) for grid in GRIDS},
-        spent,
-        json.loads(path.read_text().splitlines()[0].removeprefix("# "))["seconds"],
+    rows = _rows(path).values()
+    displacement, mode, steps, seconds = (
+        {grid: np.array([row[f"{grid}_{what}"] for row in rows]) for grid in GRIDS} for what in MEASURED
     )
+    spent = {grid: steps[grid] * np.median(seconds[grid] / steps[grid]) for grid in GRIDS}
+    return Pairs(displacement, mode, spent, head(path)["seconds"])
 
 
-def _rows(path: Path) -> Iterator[dict[str, str]]:
-    with path.open() as file:
-        yield from csv.DictReader(line for line in file if not line.startswith("#"))
+def _rows(path: Path) -> dict[tuple[Any, ...], Row]:
+    return read_rows(path, COLUMNS, ("number",), comments=2)
 
 
 def study(campaign: Campaign) -> Campaign:
@@ -92,23 +88,24 @@ def _complete(campaign: Campaign, path: Path) -> None:
             f"# displacement in m, seconds of one process on {here['processor']}, {here['versions']}\n"
             f"{','.join(COLUMNS)}\n"
         )
-    factors = Calibration(**json.loads(path.read_text().splitlines()[0].removeprefix("# "))["factors_of_safety"])
+    factors = Calibration(**head(path)["factors_of_safety"])
     models["calibrated"] = replace(models["rough"], strength_factor=factors.factor)
     for model in models.values():
         _run(model, coefficients, 0)  # compiles
-    done = {int(row["number"]) for row in _rows(path)}
-    with path.open("a") as file:
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+    done = {number for (number,) in _rows(path)}
+    with appending(path, COLUMNS) as put:
         for number in sorted(set(range(SAMPLES)) - done):
-            row: dict[str, object] = {"number": number}
-            for grid in GRIDS:
-                sample = _run(models[grid], coefficients, number)
-                row[f"{grid}_displacement"] = f"{sample.row['displacement']:.6g}"
-                row[f"{grid}_mode"] = sample.row.get("mode", "broke off")
-                row[f"{grid}_steps"] = sample.steps
-                row[f"{grid}_seconds"] = f"{sample.seconds:.3g}"
-            writer.writerow(row)
-            file.flush()
+            samples = [_run(models[grid], coefficients, number) for grid in GRIDS]
+            measured = [
+                (
+                    f"{each.row['displacement']:.6g}",
+                    each.row.get("mode", "broke off"),
+                    each.steps,
+                    f"{each.seconds:.3g}",
+                )
+                for each in samples
+            ]
+            put((number, *chain(*zip(*measured, strict=True))))
 
 
 def _run(model: runs.GridModel, coefficients: np.ndarray, number: int) -> Sample:

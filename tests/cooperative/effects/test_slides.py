@@ -1,6 +1,5 @@
 """Failures that slide on to their end while the others end once they have failed."""
 
-import csv
 import json
 from dataclasses import replace
 from types import SimpleNamespace
@@ -13,6 +12,7 @@ from scipy.stats import norm
 
 from benchmarks.robustness import invented
 from benchmarks.statistics import estimators_means as means
+from benchmarks.statistics import section_pairs
 from cooperative import campaign, runs
 from cooperative.estimate import (
     Failures,
@@ -25,10 +25,8 @@ from cooperative.estimate import (
 from cooperative.reporting import progress_of, report, words
 from cooperative.scene import parse
 from cooperative.store import SLIDES, open_store, read_rows, read_sample, read_store, restart_path
-from tests import ROOT
 from tests.cooperative.campaign.test_campaign import TINY
 
-DATA = ROOT / "benchmarks" / "data" / "section_pairs.csv"
 SCENE = TINY.replace("k_t = 2", "k_t = 4")
 
 
@@ -118,9 +116,8 @@ def test_slides_of_an_earlier_draw_count_and_no_more_are_asked_for():
 
 def known_population():
     """Screening, failures, displacements and modes of 400 sections, all of which ran refined."""
-    rows = list(csv.DictReader(line for line in DATA.open() if not line.startswith("#")))
-    rough, refined = (np.array([float(r[f"{g}_displacement"]) for r in rows]) for g in ("rough", "refined"))
-    return rough, refined, np.array([row["refined_mode"] for row in rows])
+    pairs = section_pairs.read()
+    return pairs.displacement["rough"], pairs.displacement["refined"], pairs.mode["refined"]
 
 
 @pytest.mark.slow
