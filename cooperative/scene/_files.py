@@ -6,8 +6,8 @@ Their content stands in the table `files` beside the scene's text, so that both 
 from __future__ import annotations
 
 import base64
-import binascii
 import json
+import math
 import re
 import zlib
 from collections.abc import Callable, Mapping
@@ -15,11 +15,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+import jax.numpy as jnp
 import numpy as np
 
 from cooperative.scene import tables
 from cooperative.scene._region import Feature, read_features, shift_of
-from cooperative.scene._shaking import AXES, packed_motion, unpacked_motion
+from cooperative.scene._shaking import AXES
 from cooperative.soundings import read_rows
 from foundation.text import shown
 from jaxmpm import BaseMotion, Raster, read_line, read_motion, read_raster
@@ -28,6 +29,8 @@ T = TypeVar("T")
 
 MOST_HEIGHTS = 150_000
 """Heights of a raster in a scene: half of the megabyte that a scene's text may have."""
+MOST_SAMPLES = 200_000
+"""Samples of a record in a scene."""
 
 
 @dataclass(frozen=True)
@@ -52,20 +55,18 @@ class Files:
             ValueError: one that is damaged.
         """
         known = table if isinstance(table, dict) else {}
-        return cls({name: _unpacked(name, each) if isinstance(each, dict) else each for name, each in known.items()})
+        return cls({name: unpacked(name, each) if isinstance(each, dict) else each for name, each in known.items()})
 
     def table(self, terrain: tables.Terrain | None) -> dict[str, object]:
         """The table `files`: of a raster the part between the walls of [terrain], at its step."""
         content = dict(self.known)
-        for name, raster in self.known.items():
-            if isinstance(raster, Raster):
-                if terrain is not None:
-                    x, y = raster.ends
-                    raster = raster.cropped(terrain.x or x, terrain.y or y)
-                    raster = raster if terrain.step is None else raster.resampled(terrain.step)
-                content[name] = packed(name, raster)
-            if isinstance(raster, BaseMotion):
-                content[name] = packed_motion(name, raster)
+        for name, each in self.known.items():
+            if isinstance(each, Raster) and terrain is not None:
+                x, y = each.ends
+                each = each.cropped(terrain.x or x, terrain.y or y)
+                each = each if terrain.step is None else each.resampled(terrain.step)
+            if isinstance(each, Raster | BaseMotion):
+                content[name] = packed(name, each)
         return content
 
     def points(self, name: str) -> list[object]:
@@ -132,10 +133,6 @@ def _not_read(name: str, remedy: str) -> ValueError:
     return ValueError(f" = {shown(name)} is no file that was read with the scene: {remedy}")
 
 
-def _unpacked(name: str, table: dict[str, object]) -> object:
-    return unpacked_motion(name, table) if "samples" in table else unpacked(name, table)
-
-
 def to_toml(scene: Mapping[str, object]) -> str:
     """TOML of texts, numbers, true and false, lists, and tables of these.
 
@@ -163,50 +160,85 @@ def toml_value(value: object) -> str:
     return str(value) if isinstance(value, float) else json.dumps(value)
 
 
-def packed(name: str, raster: Raster) -> dict[str, object]:
-    """A raster as a table of a scene: its heights in single precision, compressed.
+def packed(name: str, content: Raster | BaseMotion) -> dict[str, object]:
+    """A raster or a record as a table of a scene: its numbers in single precision, compressed.
 
     Args:
         name: of the file.
-        raster: its heights.
+        content: heights, or a record with its three axes in its own unit.
 
     Raises:
-        ValueError: too many.
+        ValueError: too many numbers.
     """
-    nx, ny = raster.heights.shape
+    if isinstance(content, BaseMotion):
+        samples = content.acceleration.shape[1]
+        if samples > MOST_SAMPLES:
+            raise ValueError(
+                f"{name} has {samples} samples, the limit is {MOST_SAMPLES}: cut it, or sample it less often"
+            )
+        acceleration = as_text(np.asarray(content.acceleration, "<f4"))
+        return {"interval": float(content.interval), "samples": samples, "acceleration": acceleration}
+    nx, ny = content.heights.shape
     if nx * ny > MOST_HEIGHTS:
         raise ValueError(
             f"{name} has {nx} times {ny} heights between the walls, the limit is {MOST_HEIGHTS}: give walls x and y "
             "that lie closer, or a longer step in [terrain]"
         )
-    data = zlib.compress(np.asarray(raster.heights, "<f4").tobytes(), 9)
-    table: dict[str, object] = {"corner": list(raster.corner), "step": raster.step, "shape": [nx, ny]}
-    if raster.projection is not None:
-        table["projection"] = raster.projection
-    return table | {"heights": base64.b64encode(data).decode()}
+    table: dict[str, object] = {"corner": list(content.corner), "step": content.step, "shape": [nx, ny]}
+    if content.projection is not None:
+        table["projection"] = content.projection
+    return table | {"heights": as_text(np.asarray(content.heights, "<f4"))}
 
 
-def unpacked(name: str, table: Any) -> Raster:
-    """The raster in a table of a scene.
+def unpacked(name: str, table: Any) -> Raster | BaseMotion:
+    """The raster or the record in a table of a scene.
+
+    Args:
+        name: of the file.
+        table: as `packed` gives it.
 
     Raises:
         ValueError: one that holds something else, or less than it says.
     """
     try:
-        (nx, ny), (x, y), step = table["shape"], table["corner"], table["step"]
-        projection = table.get("projection")
-        if not (projection is None or isinstance(projection, str)):
-            raise ValueError(f"projection {shown(projection)}")
-        if not (all(isinstance(n, int) and n >= 2 for n in (nx, ny)) and nx * ny <= MOST_HEIGHTS):
-            raise ValueError(f"shape {shown(table['shape'])}")
-        unpack = zlib.decompressobj()
-        data = unpack.decompress(base64.b64decode(table["heights"], validate=True), 4 * nx * ny + 1)
-        if len(data) != 4 * nx * ny:
-            raise ValueError(f"{len(data)} bytes for {nx} times {ny} heights")
-        heights = np.frombuffer(data, "<f4").astype(float).reshape(nx, ny)
-        raster = Raster(heights, (float(x), float(y)), float(step), projection)
-    except (AttributeError, TypeError, KeyError, ValueError, OverflowError, zlib.error, binascii.Error) as error:
+        content = _record(table) if "samples" in table else _raster(table)
+    except (AttributeError, TypeError, KeyError, ValueError, OverflowError, zlib.error) as error:
         where = f"files {shown(name)}: its table in [files] is damaged"
         raise ValueError(f"{where} ({shown(str(error))}): run the scene's file") from error
-    raster.check(f"files {shown(name)}")
-    return raster
+    if isinstance(content, Raster):
+        content.check(f"files {shown(name)}")
+    return content
+
+
+def _record(table: Any) -> BaseMotion:
+    samples, interval = table["samples"], float(table["interval"])
+    if not (isinstance(samples, int) and 2 <= samples <= MOST_SAMPLES and 0 < interval < np.inf):
+        raise ValueError(f"{shown(samples)} samples, each {interval:g} s")
+    values = from_text(table["acceleration"], "<f4", (len(AXES), samples))
+    if not np.isfinite(values).all():
+        raise ValueError("numbers that are not finite")
+    return BaseMotion(jnp.asarray(values), jnp.asarray(interval))
+
+
+def _raster(table: Any) -> Raster:
+    (nx, ny), (x, y), projection = table["shape"], table["corner"], table.get("projection")
+    if not (projection is None or isinstance(projection, str)):
+        raise ValueError(f"projection {shown(projection)}")
+    if not (all(isinstance(n, int) and n >= 2 for n in (nx, ny)) and nx * ny <= MOST_HEIGHTS):
+        raise ValueError(f"shape {shown(table['shape'])}")
+    heights = from_text(table["heights"], "<f4", (nx, ny)).astype(float)
+    return Raster(heights, (float(x), float(y)), float(table["step"]), projection)
+
+
+def as_text(values: np.ndarray) -> str:
+    """Numbers as text: their bytes, compressed."""
+    return base64.b64encode(zlib.compress(values.tobytes(), 9)).decode()
+
+
+def from_text(text: str, dtype: str, shape: tuple[int, ...]) -> np.ndarray:
+    """The numbers of `as_text`; ValueError or zlib.error for a text that is damaged, or has more or fewer of them."""
+    size = np.dtype(dtype).itemsize * math.prod(shape)
+    data = zlib.decompressobj().decompress(base64.b64decode(text, validate=True), size + 1)
+    if len(data) != size:
+        raise ValueError(f"{len(data)} bytes for {' times '.join(map(str, shape))} numbers")
+    return np.frombuffer(data, dtype).reshape(shape)

@@ -7,7 +7,6 @@ executed.
 
 from __future__ import annotations
 
-import base64
 import dataclasses
 import enum
 import hashlib
@@ -30,6 +29,7 @@ from cooperative import estimate, measure
 from cooperative.estimate import Estimator
 from cooperative.scene._campaign import Campaign, Given, Hazard, Plan
 from cooperative.scene._fields import CrossCorrelation, RandomField
+from cooperative.scene._files import as_text, from_text
 from cooperative.scene._level import RandomLevel
 from cooperative.scene._run import Run
 from cooperative.scene._site import Site, SiteLayer
@@ -124,9 +124,8 @@ def in_words(value: object, where: str = "campaign") -> object:
     if isinstance(value, float):
         return value if math.isfinite(value) else {"number": repr(value)}
     if isinstance(value, np.ndarray | np.generic | jax.Array) and not np.asarray(value).dtype.hasobject:
-        array = np.ascontiguousarray(value)
-        content = base64.b64encode(zlib.compress(array.tobytes(), 9)).decode()
-        return {"array": content, "dtype": array.dtype.str, "shape": list(array.shape)}
+        array = np.asarray(value)
+        return {"array": as_text(array), "dtype": array.dtype.str, "shape": list(array.shape)}
     if isinstance(value, list | tuple):
         return [in_words(each, f"{where}[{number}]") for number, each in enumerate(value)]
     if isinstance(value, Mapping):
@@ -174,8 +173,7 @@ def of_words(words: object, what: str) -> Any:
     if words.keys() == {"number"}:
         return float(words["number"])
     if words.keys() == {"array", "dtype", "shape"}:
-        content = zlib.decompress(base64.b64decode(words["array"], validate=True))
-        return np.frombuffer(content, np.dtype(words["dtype"])).reshape(words["shape"])
+        return from_text(words["array"], words["dtype"], tuple(words["shape"]))
     named = words.get("class", words.get("offered"))
     if named is None:
         return {name: of_words(each, what) for name, each in words.items()}
