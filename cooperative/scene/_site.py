@@ -12,7 +12,7 @@ import numpy as np
 
 from cooperative.measure import Track
 from cooperative.scene._fields import LIMITS, RandomField, Span, StrengthByStress
-from cooperative.scene._level import RandomLevel
+from cooperative.scene.tables import RandomLevel
 from foundation.text import shown
 from jaxmpm import Discretisation, Ground, Layer, Raster, Scene, State, ground
 from jaxmpm.ground import Thickness

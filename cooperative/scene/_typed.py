@@ -15,7 +15,6 @@ from cooperative.scene import tables
 from cooperative.scene._campaign import Campaign, Given, Hazard, Plan
 from cooperative.scene._fields import CrossCorrelation
 from cooperative.scene._files import Files
-from cooperative.scene._level import random_level
 from cooperative.scene._plausible import ask_of_heights
 from cooperative.scene._region import RUN_OUT_LINE, ask_for_origin, between_cells, track_of
 from cooperative.scene._run import check_limit_load, run_of
@@ -71,7 +70,8 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
     if not scene.unusual:
         ask_of_heights(next(name for name in tables.SITES if getattr(scene, name) is not None), ground.shape)
     whole, through, layers = soils_of(scene, height=ground.height, span=ground.span)
-    site = replace(ground, layers=layers, level=random_level(scene.water))
+    level = None if scene.water is None else scene.water.level
+    site = replace(ground, layers=layers, level=level if isinstance(level, tables.RandomLevel) else None)
     soil, random = site.representative(whole), site.all_random(through)
     if not random:
         raise ValueError(
@@ -249,7 +249,7 @@ def _water(scene: tables.Scene, shape: Section | Terrain) -> tuple[Water | None,
     ((key, value),) = given.items()
     if key == "r_u":
         return None, value
-    value = value.mean if isinstance(value, tables.Level) else value
+    value = value.mean if isinstance(value, tables.RandomLevel) else value
     water = shape.lowered(value) if key == "depth" else value
     if not scene.unusual:
         _ask_of_water(f"[water] {key}", water, shape)

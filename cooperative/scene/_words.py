@@ -30,9 +30,9 @@ from cooperative.estimate import Estimator
 from cooperative.scene._campaign import Campaign, Given, Hazard, Plan
 from cooperative.scene._fields import CrossCorrelation, RandomField
 from cooperative.scene._files import as_text, from_text
-from cooperative.scene._level import RandomLevel
 from cooperative.scene._run import Run
 from cooperative.scene._site import Site, SiteLayer
+from cooperative.scene.tables import RandomLevel
 from cooperative.store import Source, table_of
 from foundation.text import short
 

@@ -1,9 +1,10 @@
 """The tables of a scene, each declared once: type, unit, range, default, meaning and example of every key."""
 
 from cooperative.scene.tables._campaign import Campaign, Grid, Run
-from cooperative.scene.tables._ground import Ground, Level, Terrain, Water
+from cooperative.scene.tables._ground import Ground, Terrain, Water
 from cooperative.scene.tables._hazard import Hazard
 from cooperative.scene.tables._key import EXTRAS, Table, of_features
+from cooperative.scene.tables._level import RandomLevel
 from cooperative.scene.tables._motion import UNITS as ACCELERATIONS
 from cooperative.scene.tables._motion import Motion
 from cooperative.scene.tables._reading import Keyed, Schema, first_entry, parts, read, schema_of, table_in, wanted
@@ -32,10 +33,10 @@ __all__ = [
     "Hazard",
     "Keyed",
     "Layer",
-    "Level",
     "LimitLoad",
     "Measured",
     "Motion",
+    "RandomLevel",
     "Run",
     "Scenario",
     "Scene",

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 from annotated_types import MinLen
 from pydantic import Strict
-from pydantic import model_validator as validates
 
-import kl
 from cooperative.scene.tables._key import (
     Depth,
     FromZero,
@@ -24,19 +21,11 @@ from cooperative.scene.tables._key import (
     Table,
     Within,
     key,
-    one_of,
 )
+from cooperative.scene.tables._level import RandomLevel
 from foundation.check import Limit
 from jaxmpm.soil import soil_limits
 
-LEVELS = {
-    "normal": kl.Normal,
-    "truncated normal": kl.TruncatedNormal,
-    "uniform": kl.Uniform,
-    "gumbel": kl.Gumbel,
-    "beta": kl.Beta,
-}
-"""Families that keep their shape when the zero of heights moves."""
 _WALLS = "two numbers, the lower one first"
 
 
@@ -187,34 +176,6 @@ class Terrain(Table):
     )
 
 
-class Level(Table):
-    """A water level that is drawn with each sample, as the level at which the sample stands from the start.
-
-    The initial stress of each sample is solved with its own level, and soil below it has its saturated weight. A
-    `strength_ratio` refers to the mean level, under which soil has consolidated.
-    """
-
-    mean: Metres = key("Mean.", 3.0)
-    sd: Length = key("Standard deviation.", 0.5)
-    marginal: Annotated[type, one_of(LEVELS)] = key("Distribution.", "normal", "normal")
-    lower: Metres | None = key("Lower bound, where the family has one.", 1.0, None, otherwise="none")
-    upper: Metres | None = key("Upper bound, likewise.", 5.0, None, otherwise="none")
-
-    @validates(mode="after")
-    def _bounds(self) -> Self:
-        """Bounds are of families that have some, and a beta distribution has both."""
-        known = {each.name for each in fields(self.marginal)}
-        for end in ("lower", "upper"):
-            if getattr(self, end) is not None and end not in known:
-                raise ValueError(
-                    f" {end} = {getattr(self, end):g}: {self.marginal.__name__} has no such bound, leave it out, or "
-                    "give marginal = 'truncated normal' or 'beta'"
-                )
-        if self.marginal is kl.Beta and (self.lower is None or self.upper is None):
-            raise ValueError(" lacks lower or upper, between which a beta distribution lies: add both")
-        return self
-
-
 class Water(Table):
     """Water in drawn ground (`[ground]`) or a terrain, and above it: one of these keys.
 
@@ -222,7 +183,7 @@ class Water(Table):
     the ground. A simple `[slope]` takes no water: draw it.
     """
 
-    level: OrTable[Metres, Level] | None = key(
+    level: OrTable[Metres, RandomLevel] | None = key(
         "Height of the water, in the ground and above it (a pool); as a table, `[water.level]`, it is drawn with each "
         "sample.",
         3.0,

@@ -45,6 +45,28 @@ MARGINALS = {
 }
 
 
+def check_bounds(marginal: type, lower: float | None, upper: float | None) -> None:
+    """Refuse bounds of a family that has none, and a beta distribution without both.
+
+    Args:
+        marginal: class of `kl`.
+        lower: bound.
+        upper: bound.
+
+    Raises:
+        ValueError: the end of a message.
+    """
+    known = {each.name for each in fields(marginal)}
+    for end, value in (("lower", lower), ("upper", upper)):
+        if value is not None and end not in known:
+            raise ValueError(
+                f" {end} = {value:g}: {marginal.__name__} has no such bound, leave it out, or give marginal = "
+                "'truncated normal' or 'beta'"
+            )
+    if marginal is kl.Beta and None in (lower, upper):
+        raise ValueError(" lacks lower or upper, between which a beta distribution lies: add both")
+
+
 class Bedding(Table):
     """Inclined strata."""
 
@@ -130,15 +152,5 @@ class Varying(Table):
 
     @validates(mode="after")
     def _bounds(self) -> Self:
-        """Bounds are of marginals that have some, and a beta distribution has both."""
-        known = {each.name for each in fields(self.marginal)}
-        for end in ("lower", "upper"):
-            value = getattr(self, end)
-            if value is not None and end not in known:
-                raise ValueError(
-                    f" {end} = {value:g}: {self.marginal.__name__} has no such bound, leave it out, or give marginal = "
-                    "'truncated normal' or 'beta'"
-                )
-        if self.marginal is kl.Beta and (self.lower is None or self.upper is None):
-            raise ValueError(" lacks lower or upper, between which a beta distribution lies: add both")
+        check_bounds(self.marginal, self.lower, self.upper)
         return self
