@@ -19,6 +19,7 @@ from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import draw, progress_of, report, watched, words, words_of_cost
 from cooperative.scene import begin, examples, parse, remarks, starters, write_example
 from cooperative.store import GRIDS, Source, read_store
+from foundation.extras import extra
 from foundation.text import printable
 
 CLEAR = "\x1b[2J\x1b[H"
@@ -149,10 +150,7 @@ def examine(given: argparse.Namespace) -> None:
 
 def complete(given: argparse.Namespace) -> None:
     """Print a script that has a shell complete commands, options and files; needs the extra completion."""
-    try:
-        import shtab
-    except ImportError as error:
-        raise ValueError("shtab is not installed: pip install shtab") from error
+    shtab = extra("shtab", "shtab is not installed")
     whole = parser()
     for command in whole._subparsers._group_actions[0].choices.values():  # type: ignore[union-attr]
         for argument in command._actions:

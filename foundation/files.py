@@ -159,6 +159,25 @@ def read_plain(path: str | Path, most: int = MOST) -> bytes:
         os.close(descriptor)
 
 
+def read_given(path: Path, most: int) -> bytes:
+    """Bytes of a regular file that a user names.
+
+    Args:
+        path: file to read.
+        most: largest size allowed (bytes).
+
+    Returns:
+        Its bytes.
+
+    Raises:
+        ValueError: If it is no regular file or too large, or the system refuses.
+    """
+    try:
+        return read_plain(path, most)
+    except OSError as error:
+        raise ValueError(f"{path} cannot be read ({error.strerror})") from error
+
+
 def set_aside(path: Path) -> Path:
     """Rename a damaged file, link or folder to `*.damaged`, so that it is preserved under a name that is not used.
 

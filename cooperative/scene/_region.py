@@ -13,6 +13,7 @@ import numpy as np
 
 from cooperative.measure import Track
 from foundation import files
+from foundation.extras import extra
 from foundation.text import shown
 from jaxmpm import Raster, Terrain
 
@@ -93,22 +94,17 @@ def read_features(path: Path, layer: str | None) -> list[Feature]:
     Raises:
         ValueError: the library is not installed, the file cannot be read, or has no lines and polygons in metres.
     """
+    geopandas, pyogrio = (
+        extra(name, f"{path.name} is a GeoPackage, which geopandas reads", "geopandas pyogrio")
+        for name in ("geopandas", "pyogrio")
+    )
+    data = files.read_given(path, MOST_BYTES)
     try:
-        import geopandas
-        import pyogrio
-    except ImportError as error:
-        raise ValueError(
-            f"{path.name} is a GeoPackage, which geopandas reads: pip install geopandas pyogrio"
-        ) from error
-    try:
-        data = files.read_plain(path, MOST_BYTES)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # that bytes have no suffix
             layers = [str(name) for name in pyogrio.list_layers(data)[:, 0]]
             known = layer in layers or (layer is None and len(layers) == 1)
             frame = geopandas.read_file(data, layer=layer or layers[0]) if known else None
-    except OSError as error:
-        raise ValueError(f"{path} cannot be read ({error.strerror})") from error
     except (pyogrio.errors.DataSourceError, ValueError) as error:
         raise ValueError(f"{path} cannot be read as a GeoPackage: {shown(str(error))}") from error
     if frame is None:

@@ -7,11 +7,11 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 
 from cooperative.soundings._sounding import UNITS, Measured, SiteError, Sounding, Values, checked, finite, in_si
+from foundation.extras import extra
 from foundation.text import shown
 
 Contents = tuple[list[Sounding], list[Measured]]
@@ -76,7 +76,7 @@ def _check_together(soundings: list[Sounding]) -> None:
                 f"{each.file} and {names[each.name].file} both hold the sounding {shown(each.name)}: leave one out"
             )
         for other in names.values():
-            if math.hypot(each.x - other.x, _or_zero(each.y) - _or_zero(other.y)) < 0.01:
+            if math.hypot(each.x - other.x, *np.diff(np.nan_to_num([each.y, other.y]))) < 0.01:
                 raise SiteError(
                     f"{each.file}: soundings {shown(each.name)} and {shown(other.name)} lie at one place, x = "
                     f"{each.x:g} m: leave one out, or correct its position"
@@ -90,21 +90,9 @@ def _check_together(soundings: list[Sounding]) -> None:
         )
 
 
-def _or_zero(value: float) -> float:
-    return 0.0 if math.isnan(value) else value
-
-
-def _needs(module: str, package: str, path: Path) -> ModuleType:
-    """A library that reads a kind of file."""
-    try:
-        return __import__(module, fromlist=["_"])
-    except ImportError as error:
-        raise SiteError(f"{path} needs {package}, which is not installed: pip install 'jaxmpm[site]'") from error
-
-
 def _cone_file(path: Path, units: Mapping[str, str]) -> Contents:
     """A sounding in GEF or in XML of the Dutch registration of the subsurface (BRO)."""
-    pygef = _needs("pygef", "pygef", path)
+    pygef = extra("pygef", f"{path} needs pygef, which is not installed", "'jaxmpm[site]'")
     try:
         # With its voids replaced, pygef would interpolate across gaps.
         read = pygef.read_cpt(path, replace_column_voids=False)
@@ -148,7 +136,7 @@ def _gef_units(headers: Mapping[str, Sequence[Sequence[str]]]) -> dict[str, str]
 
 def _ags(path: Path, units: Mapping[str, str]) -> Contents:
     """Soundings (SCPT, SCPG) and strengths (TRIT, IVAN, LVAN) of an AGS4 file."""
-    ags4 = _needs("python_ags4.AGS4", "python-AGS4", path)
+    ags4 = extra("python_ags4.AGS4", f"{path} needs python-AGS4, which is not installed", "'jaxmpm[site]'")
     try:
         tables, _ = ags4.AGS4_to_dict(str(path))
     except Exception as error:  # python-AGS4 raises whatever its parsers do

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from foundation import files
+from foundation.extras import extra
 from foundation.text import shown
 
 if TYPE_CHECKING:
@@ -60,11 +61,9 @@ def read_line(path: str | Path, layer: str | None = None) -> list[list[float]]:
 
 def _rows(path: Path) -> list[list[float]]:
     try:
-        lines = files.read_plain(path, MOST_BYTES["csv"]).decode("utf-8-sig").splitlines()
+        lines = files.read_given(path, MOST_BYTES["csv"]).decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is no text in UTF-8 (byte {error.start}): give x and z as CSV") from error
-    except OSError as error:
-        raise ValueError(f"{path} cannot be read ({error.strerror})") from error
     points: list[list[float]] = []
     for number, line in enumerate(lines, 1):
         entries = re.split(r"[;,\s]+", line.strip(" ,;\t"))
@@ -114,17 +113,10 @@ def _polyline(path: Path, layer: str | None) -> list[list[float]]:
 
 
 def _drawing(path: Path) -> Drawing:
+    ezdxf = extra("ezdxf", f"{path} is a DXF drawing, which ezdxf reads")
+    files.read_given(path, MOST_BYTES["dxf"])  # refuses links, pipes and files that are too large
     try:
-        import ezdxf
-    except ImportError as error:
-        raise ValueError(f"{path} is a DXF drawing, which ezdxf reads: pip install ezdxf") from error
-    try:
-        files.read_plain(path, MOST_BYTES["dxf"])  # refuses links, pipes and files that are too large
         return ezdxf.filemanagement.readfile(path)
-    except FileNotFoundError as error:
-        raise ValueError(f"{path} cannot be read ({error.strerror})") from error
-    except files.DamagedFile:
-        raise
     except Exception as error:  # the library raises any type of error for a damaged drawing
         raise ValueError(f"{path} cannot be read as a DXF drawing: {shown(str(error)) or 'it ends early'}") from error
 

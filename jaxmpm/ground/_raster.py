@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from foundation import check, files
+from foundation.extras import extra
 from foundation.text import shown
 
 if TYPE_CHECKING:
@@ -185,11 +186,9 @@ def read_raster(path: str | Path) -> Raster:
 
 def _esri(path: Path) -> Raster:
     try:
-        words = files.read_plain(path, MOST_BYTES).decode("ascii").split()
+        words = files.read_given(path, MOST_BYTES).decode("ascii").split()
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is no ESRI ASCII grid (byte {error.start}): give one, or a GeoTIFF") from error
-    except OSError as error:
-        raise ValueError(f"{path} cannot be read ({error.strerror})") from error
     header: dict[str, float] = {}
     at = 0
     while at + 1 < len(words) and re.fullmatch(r"[A-Za-z_]+", words[at]) and words[at].lower() not in ("nan", "inf"):
@@ -246,15 +245,9 @@ def _refuse_projection(where: str, projection: str) -> None:
 
 
 def _geotiff(path: Path) -> Raster:
-    try:
-        import rasterio
-    except ImportError as error:
-        raise ValueError(f"{path} is a GeoTIFF, which rasterio reads: pip install rasterio") from error
-    try:
-        # Bytes, so that the library opens nothing else: no address of a server, no file beside it.
-        data = files.read_plain(path, MOST_BYTES)
-    except OSError as error:
-        raise ValueError(f"{path} cannot be read ({error.strerror})") from error
+    rasterio = extra("rasterio", f"{path} is a GeoTIFF, which rasterio reads")
+    # Bytes, so that the library opens nothing else: no address of a server, no file beside it.
+    data = files.read_given(path, MOST_BYTES)
     if not data:
         raise ValueError(f"{path} cannot be read as a GeoTIFF: it is empty")
     try:
