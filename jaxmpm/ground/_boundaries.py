@@ -14,11 +14,7 @@ from jaxmpm.ground._base import check_bedrock
 from jaxmpm.ground._layer import Layer, Line, check_ends
 from jaxmpm.ground._raster import Raster
 from jaxmpm.laws import WaterTable
-from jaxmpm.setup import (
-    RESOLVED,
-    Discretisation,
-    below,
-)
+from jaxmpm.setup import RESOLVED, Discretisation, below
 
 Height = Callable[[np.ndarray], np.ndarray]
 """Function that gives heights (n,) m of a line at x (n,) m."""

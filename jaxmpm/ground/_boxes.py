@@ -12,10 +12,7 @@ import numpy as np
 from jaxmpm.grid import Particles
 from jaxmpm.ground._base import Heights
 from jaxmpm.ground._ground import Ground
-from jaxmpm.setup import (
-    Discretisation,
-    fill,
-)
+from jaxmpm.setup import Discretisation, fill
 from jaxmpm.soil import STANDARD_GRAVITY
 
 SAMPLED = 4

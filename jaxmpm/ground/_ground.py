@@ -12,9 +12,7 @@ import numpy as np
 from foundation import check
 from foundation.text import shown
 from jaxmpm.ground._layer import Layer
-from jaxmpm.setup import (
-    Discretisation,
-)
+from jaxmpm.setup import Discretisation
 from jaxmpm.types import Scene, State
 
 

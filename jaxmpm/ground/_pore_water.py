@@ -16,11 +16,7 @@ from jaxmpm.ground._layer import Layer, Line
 from jaxmpm.ground._raster import Raster
 from jaxmpm.ground._strata import refuse_holes
 from jaxmpm.laws import WaterSurface, WaterTable
-from jaxmpm.setup import (
-    RESOLVED,
-    Discretisation,
-    below,
-)
+from jaxmpm.setup import RESOLVED, Discretisation, below
 from jaxmpm.types import Scene
 
 WATER_WEIGHT = 9810.0

@@ -10,9 +10,7 @@ import numpy as np
 from jaxmpm.ground._ground import Ground, layer_of
 from jaxmpm.ground._layer import Box, Layer
 from jaxmpm.ground._seam import Thickness, thicknesses_of
-from jaxmpm.setup import (
-    Discretisation,
-)
+from jaxmpm.setup import Discretisation
 
 PLAN = {1: 4096, 2: 256}
 """Points along each horizontal axis at which ground is sampled, by the number of these axes."""

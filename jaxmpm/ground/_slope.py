@@ -108,11 +108,8 @@ class Slope:
                 f"toe = {self.toe:g} m leaves no room for a run-out: give at least two cells ({2 * cell:g} m)"
             )
         dx, dz = discretisation.spacing[0], discretisation.spacing[-1]
-        for name, value in (
-            ("crest", self.crest),
-            ("slope's run", self.run_per_rise * self.height),
-            ("toe", self.toe),
-        ):
+        run = self.run_per_rise * self.height
+        for name, value in (("crest", self.crest), ("slope's run", run), ("toe", self.toe)):
             if value > 0:
                 check.multiple(name, value, "the spacing along x", dx)
         for name, value in (("height", self.height), ("foundation", self.foundation)):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -10,9 +9,7 @@ import numpy as np
 
 from jaxmpm.ground._layer import Layer, check_ends
 from jaxmpm.ground._raster import Raster
-from jaxmpm.setup import (
-    RESOLVED,
-)
+from jaxmpm.setup import RESOLVED
 
 
 def bottoms(
@@ -56,30 +53,6 @@ def bottoms(
             )
         bounds.append(np.minimum(bottom, bounds[-1]))
     return bounds[1:]
-
-
-def tops_of(
-    surface: np.ndarray,
-    floor: np.ndarray,
-    layers: Sequence[Layer],
-    x: np.ndarray,
-    y: np.ndarray,
-    spacing: float = math.inf,
-) -> list[np.ndarray]:
-    """Heights (N,) m of the layers' upper boundaries and of rigid ground at points in plan, none below it.
-
-    Args:
-        surface: as in `bottoms`.
-        floor: height of rigid ground at the points (N,) m.
-        layers: as in `bottoms`.
-        x: as in `bottoms`.
-        y: as in `bottoms`.
-        spacing: as in `bottoms`.
-
-    Returns:
-        One array per boundary.
-    """
-    return [np.maximum(top, floor) for top in (surface, *bottoms(surface, layers, x, y, spacing), floor)]
 
 
 def refuse_thin(x: np.ndarray, y: np.ndarray, tops: Sequence[np.ndarray], spacing: float) -> None:

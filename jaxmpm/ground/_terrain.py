@@ -22,7 +22,7 @@ from jaxmpm.ground._polygon import check_polygon, in_polygon
 from jaxmpm.ground._pore_water import pore_pressure_of, pressure_on_base, water_raster, water_surface
 from jaxmpm.ground._raster import Raster
 from jaxmpm.ground._seam import Thickness, thicknesses_of, warn_of_seams
-from jaxmpm.ground._strata import bottoms, refuse_holes, refuse_thin, tops_of
+from jaxmpm.ground._strata import bottoms, refuse_holes, refuse_thin
 from jaxmpm.laws import BaseMotion
 from jaxmpm.setup import (
     RESOLVED,
@@ -240,13 +240,18 @@ class Terrain:
             layer += below(z, bottom, rounding)
         return layer
 
+    def tops(self, layers: Sequence[Layer], x: np.ndarray, y: np.ndarray, most: float = math.inf) -> list[np.ndarray]:
+        """Heights (N,) m of the layers' tops and of rigid ground, none below it; no top `most` (m) above the last."""
+        surface, floor = self.heights(x, y), self.floor(x, y)
+        return [np.maximum(top, floor) for top in (surface, *bottoms(surface, layers, x, y, most), floor)]
+
     def thicknesses(self, layers: Sequence[Layer]) -> list[Thickness]:
         """Thickness of each layer, and whether it is a weak seam, as `jaxmpm.ground.thicknesses`."""
         share = (np.arange(POINTS) + 0.5) / POINTS
         x, y = (axis.ravel() for axis in np.meshgrid(*(low + share * (high - low) for low, high in self.walls)))
         within = self.in_plan(x, y)
         x, y = x[within], y[within]
-        return thicknesses_of(layers, tops_of(self.heights(x, y), self.floor(x, y), layers, x, y))
+        return thicknesses_of(layers, self.tops(layers, x, y))
 
     def box_of(self, layers: Sequence[Layer], number: int) -> Box:
         """Lowest corner and edges (m) of a box that holds a layer, as `jaxmpm.ground.box_of`."""
@@ -255,7 +260,7 @@ class Terrain:
         (west, east), (south, north) = self.walls
         x, y = np.concatenate(points, axis=1)
         x, y = x.clip(west, east), y.clip(south, north)
-        top, bottom = tops_of(self.heights(x, y), self.floor(x, y), layers, x, y)[number : number + 2]
+        top, bottom = self.tops(layers, x, y)[number : number + 2]
         if not (top > bottom).any():
             raise ValueError(f"layer {number + 1} lies nowhere between the walls: draw it there, or leave it out")
         return (west, south, float(bottom.min())), (east - west, north - south, float(top.max() - bottom.min()))
@@ -322,22 +327,18 @@ def terrain(
     density = jnp.asarray(
         weights([each.soil for each in layers], layer, under) / STANDARD_GRAVITY, particles.mass.dtype
     )
-    tops = tops_of(shape.heights(x, y), shape.floor(x, y), layers, x, y, spacing)
+    tops = shape.tops(layers, x, y, spacing)
     refuse_thin(x, y, tops, spacing)
     warn_of_seams(layers, thicknesses_of(layers, tops), discretisation.cell)
     x_plan, y_plan = (at.ravel() for at in nodes_in_plan(grid, shape.walls))
-    over = tops_of(shape.heights(x_plan, y_plan), shape.floor(x_plan, y_plan), layers, x_plan, y_plan)
-    pressure = pressure_on_base(r_u, layers, over, grid.shape[-1])
+    pressure = pressure_on_base(r_u, layers, shape.tops(layers, x_plan, y_plan), grid.shape[-1])
     rigid = boundary_of_base(grid, bedrock, shape.interface, pressure, cut=shape.beyond(grid))
     built, state = build(
         replace(particles, mass=particles.volume * density),
         grid,
         law,
         discretisation,
-        boundary=replace(
-            rigid,
-            walls=(*end_walls(0, cells[0], ends), *end_walls(1, cells[1], ends), *rigid.walls),
-        ),
+        boundary=replace(rigid, walls=(*end_walls(0, cells[0], ends), *end_walls(1, cells[1], ends), *rigid.walls)),
         loads=Loads(
             gravity=acceleration,
             motion=motion,
