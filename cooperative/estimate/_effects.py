@@ -26,7 +26,7 @@ from cooperative.estimate._estimates import Estimate, mean_interval, shares
 from cooperative.estimate._fits import fit_distributions, severity_ranking
 from cooperative.estimate._means import chance_of, exceedance, mean_of
 from cooperative.estimate._phases import Slides
-from cooperative.measure import SEVERITY, Place
+from cooperative.measure import SEVERITY, ElementAtRisk
 from cooperative.store import Rows
 
 MEASURES = ("displacement", "depth", "runout", "volume", "area")
@@ -69,7 +69,7 @@ def effects_of(
     *,
     t_end: float,
     deepest: float,
-    elements_at_risk: Sequence[Place],
+    elements_at_risk: Sequence[ElementAtRisk],
 ) -> Effects:
     """What the refined runs that slid on to their end do, each weighed by what it stands for.
 
@@ -149,7 +149,7 @@ def _means(deepest: float, level: float, slid: Slid, cut: CutOff) -> dict[str, S
 
 
 def risk_of(
-    elements_at_risk: Sequence[Place], estimate: Estimate, counting: Slid, cut: CutOff, *, unknown: bool
+    elements_at_risk: Sequence[ElementAtRisk], estimate: Estimate, counting: Slid, cut: CutOff, *, unknown: bool
 ) -> Risk | None:
     """What comes over the elements at risk, and what is lost there; None where there are none.
 

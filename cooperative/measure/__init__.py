@@ -8,7 +8,7 @@ from cooperative.measure._consequences import (
     exceeded,
     walls_reached,
 )
-from cooperative.measure._elements import ColumnPlan, Place, quantity
+from cooperative.measure._elements import ColumnPlan, ElementAtRisk, quantity
 from cooperative.measure._modes import SEVERITY, FailureMode, ModeRules, failure_mode
 from cooperative.measure._onsets import Motion, second_release
 from cooperative.measure._track import Track
@@ -20,12 +20,12 @@ __all__ = [
     "SEVERITY",
     "ColumnPlan",
     "Consequences",
+    "ElementAtRisk",
     "FailureMode",
     "Intensity",
     "ModeRules",
     "Motion",
     "OpenGround",
-    "Place",
     "Track",
     "Vulnerability",
     "consequences",

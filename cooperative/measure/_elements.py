@@ -69,7 +69,7 @@ class ColumnPlan:
 
 
 @dataclass(frozen=True)
-class Place:
+class ElementAtRisk:
     """An element at risk: a road, a house.
 
     Args:

@@ -17,7 +17,7 @@ from jax.typing import ArrayLike
 
 import kl
 from cooperative.estimate import Estimator, Sampling, TwoPhase
-from cooperative.measure import Place
+from cooperative.measure import ElementAtRisk
 from cooperative.scene import tables
 from cooperative.scene._fields import CrossCorrelation, RandomField, check_cross_correlation
 from cooperative.scene._run import Run
@@ -91,7 +91,7 @@ class Hazard:
     thickness: tuple[float, ...]
     speed: tuple[float, ...]
     every: int
-    places: tuple[Place, ...]
+    places: tuple[ElementAtRisk, ...]
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,7 @@ class Campaign:
         return len(self.site.shape.corner)
 
     @property
-    def elements_at_risk(self) -> tuple[Place, ...]:
+    def elements_at_risk(self) -> tuple[ElementAtRisk, ...]:
         """The elements at risk; none where the campaign has no hazard."""
         return self.hazard.places if self.hazard else ()
 

@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 
 from cooperative.estimate import SETTINGS, Estimator, named_estimator
-from cooperative.measure import Place
+from cooperative.measure import ElementAtRisk
 from cooperative.scene import tables
 from cooperative.scene._campaign import Campaign, Given, Hazard, Plan
 from cooperative.scene._fields import CrossCorrelation
@@ -281,7 +281,7 @@ def _hazard(scene: tables.Scene) -> Hazard | None:
     if scene.hazard is None and scene.exposed is None:
         return None
     asked = scene.hazard or tables.Hazard()
-    elements = tuple(Place(each.name, each.corners, each.value, each.curve) for each in scene.exposed or ())
+    elements = tuple(ElementAtRisk(each.name, each.corners, each.value, each.curve) for each in scene.exposed or ())
     keys = [element.key for element in elements]
     for element in elements:
         if not element.key or keys.count(element.key) > 1:

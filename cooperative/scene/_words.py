@@ -57,6 +57,7 @@ def _offered() -> dict[str, type | FunctionType]:
     }
     own = (CrossCorrelation, Hazard, Plan, RandomField, RandomLevel, Run, Site, SiteLayer)
     offered |= {f"cooperative.{each.__name__}": each for each in own}
+    offered["cooperative.Place"] = measure.ElementAtRisk  # its name in every folder
     return {name: each for name, each in offered.items() if isinstance(each, type | FunctionType)}
 
 

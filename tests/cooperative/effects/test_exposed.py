@@ -6,7 +6,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from cooperative import runs
-from cooperative.measure import ColumnPlan, Place, Vulnerability, quantity
+from cooperative.measure import ColumnPlan, ElementAtRisk, Vulnerability, quantity
 from cooperative.scene import parse
 from tests.cooperative.campaign.test_campaign import TINY
 
@@ -41,12 +41,12 @@ def test_a_scene_names_its_elements_at_risk_and_thresholds_in_their_units():
 
 
 def test_points_stretches_and_polygons_take_their_columns():
-    assert np.flatnonzero(Place("a", ((3.2,),)).columns(SECTION)).tolist() == [4]
-    assert np.flatnonzero(Place("end", ((10.0,),)).columns(SECTION)).tolist() == [10]
-    assert np.flatnonzero(Place("b", ((3.0,), (5.5,))).columns(SECTION)).tolist() == [4, 5, 6]
-    square = Place("c", ((1.0, 1.0), (3.0, 1.0), (3.0, 2.0), (1.0, 2.0)))
+    assert np.flatnonzero(ElementAtRisk("a", ((3.2,),)).columns(SECTION)).tolist() == [4]
+    assert np.flatnonzero(ElementAtRisk("end", ((10.0,),)).columns(SECTION)).tolist() == [10]
+    assert np.flatnonzero(ElementAtRisk("b", ((3.0,), (5.5,))).columns(SECTION)).tolist() == [4, 5, 6]
+    square = ElementAtRisk("c", ((1.0, 1.0), (3.0, 1.0), (3.0, 2.0), (1.0, 2.0)))
     assert np.argwhere(square.columns(GROUND)).tolist() == [[2, 2], [3, 2]]
-    assert np.argwhere(Place("d", ((5.5, 0.5),)).columns(GROUND)).tolist() == [[6, 1]]
+    assert np.argwhere(ElementAtRisk("d", ((5.5, 0.5),)).columns(GROUND)).tolist() == [[6, 1]]
     assert SECTION.ground == (slice(1, 11),)
     assert GROUND.ground == (slice(1, 7), slice(1, 5))
 
@@ -60,7 +60,7 @@ def test_a_polygon_takes_the_columns_that_points_in_it_lie_in(seed, count):
     pairs = list(zip(corners, np.roll(corners, -1, axis=0), strict=True))
     # Triangles with the middle that all turn left make a star; other corners may make a polygon that crosses itself.
     assume(all((one[0] - 3) * (other[1] - 2) > (one[1] - 2) * (other[0] - 3) for one, other in pairs))
-    columns = Place("star", tuple(map(tuple, corners.tolist()))).columns(GROUND)
+    columns = ElementAtRisk("star", tuple(map(tuple, corners.tolist()))).columns(GROUND)
     inside = np.zeros(GROUND.shape, bool)
     for one, other in pairs:
         share = generator.dirichlet([1, 1, 1], size=60)
@@ -72,13 +72,16 @@ def test_a_polygon_takes_the_columns_that_points_in_it_lie_in(seed, count):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Place("x", ((12.5,),)).columns(SECTION), r"'x' has x = 12.5 m, outside the ground, .* 0 to 10 m"),
-        (lambda: Place("x", ((3.0, 2.0),)).columns(SECTION), "given by 2 numbers, the ground has 1"),
-        (lambda: Place("x", ((1, 1), (3, 1), (3, 5), (1, 5))).columns(GROUND), "y = 5 m, outside the ground"),
-        (lambda: Place("x", ((1, 1), (3, 3), (3, 1), (1, 3))), "crosses itself, between corners 1 and 3"),
-        (lambda: Place("x", ((1, 1), (2, 2), (3, 3))), "has no area"),
-        (lambda: Place("x", ((3.0,), (2.0,))), "from 3 to 2 m: give the lower end first"),
-        (lambda: Place("x", ((float("nan"),),)), "give finite metres"),
+        (
+            lambda: ElementAtRisk("x", ((12.5,),)).columns(SECTION),
+            r"'x' has x = 12.5 m, outside the ground, .* 0 to 10 m",
+        ),
+        (lambda: ElementAtRisk("x", ((3.0, 2.0),)).columns(SECTION), "given by 2 numbers, the ground has 1"),
+        (lambda: ElementAtRisk("x", ((1, 1), (3, 1), (3, 5), (1, 5))).columns(GROUND), "y = 5 m, outside the ground"),
+        (lambda: ElementAtRisk("x", ((1, 1), (3, 3), (3, 1), (1, 3))), "crosses itself, between corners 1 and 3"),
+        (lambda: ElementAtRisk("x", ((1, 1), (2, 2), (3, 3))), "has no area"),
+        (lambda: ElementAtRisk("x", ((3.0,), (2.0,))), "from 3 to 2 m: give the lower end first"),
+        (lambda: ElementAtRisk("x", ((float("nan"),),)), "give finite metres"),
         (lambda: Vulnerability("speed", (0.0, 1.0), (0.5, 0.2)), "falls from 0.5 at 0 m/s to 0.2 at 1 m/s"),
         (lambda: Vulnerability("thickness", (0.0, 1.0), (0.0, 1.2)), "loses 1.2 at 1 m: give a share from 0 to 1"),
         (lambda: Vulnerability("thickness", (1.0, 1.0), (0.0, 1.0)), "do not ascend"),
