@@ -25,7 +25,7 @@ from cooperative.scene._stored import (
     with_measured,
     write_budget,
 )
-from cooperative.scene._typed import built, parse, read_scene, source_of
+from cooperative.scene._typed import built, parse, read_scene
 from cooperative.scene._variants import BASE, RANKED, Variant, variants, with_measured_of_base
 from cooperative.scene._varied import SCALES, SCENARIO
 from cooperative.scene.tables import Budget, Calibration, LimitLoad, Measured
@@ -72,7 +72,6 @@ __all__ = [
     "read_scene",
     "remarks",
     "settled",
-    "source_of",
     "starters",
     "stored_budget",
     "stored_measured",

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from cooperative.scene import tables
+from cooperative.scene._plausible import ON_PURPOSE
 from jaxmpm import BaseMotion
 from jaxmpm.soil import STANDARD_GRAVITY
 
@@ -40,8 +41,8 @@ def motion_of(scene: tables.Scene, dimension: int) -> BaseMotion | None:
         name = next(name for name, factor in tables.ACCELERATIONS.items() if factor == unit)
         raise ValueError(
             f"[motion] record reaches {peak:.3g} m/s2 by record_unit = {name!r}, {peak / STANDARD_GRAVITY:.2g} times "
-            f"gravity, and {WEAKEST:g} to {STRONGEST:g} m/s2 are usual: was another unit meant? If it is meant as "
-            "it is, say unusual = true in [soil]"
+            f"gravity, and {WEAKEST:g} to {STRONGEST:g} m/s2 are usual: was another unit meant? "
+            + ON_PURPOSE.format("[soil]")
         )
     rows = [AXES.index(axis) for axis in ("xyz" if dimension == 3 else "xz")]
     return BaseMotion(jnp.asarray(acceleration[rows] * scale, jnp.float32), jnp.asarray(record.interval))

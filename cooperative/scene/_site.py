@@ -76,11 +76,6 @@ class Site:
         """That of the file of its surface (WKT), None where it has none."""
         return getattr(self.shape, "projection", None)
 
-    @property
-    def endless(self) -> bool:
-        """Whether its ends are none: tied to each other, or to a free field."""
-        return self.ends in ("tied", "free field")
-
     def built(
         self, soil: AnySoil, numerics: Discretisation, gravity: float, *, at_rest: bool, **loads: object
     ) -> tuple[Scene, State]:

@@ -138,8 +138,6 @@ def _soil_of_layer(
     merged = {key: value for key, value in whole.items() if key not in replaced} | own
     if lacking := [key for key in ("unit_weight", "young", "poisson") if key not in merged]:
         raise ValueError(f"neither it nor [soil] gives {', '.join(lacking)}: add it")
-    if not layer.rock:
-        _check_complete(merged)
     for name, value in own.items():
         if isinstance(value, tables.Table):
             stops = _of_its_own(layer, name)
@@ -186,17 +184,6 @@ def _kind(given: Collection[str]) -> str | None:
     if not {"cohesion", "friction"}.isdisjoint(given):
         return FRICTIONAL
     return None if {"strength", "strength_ratio"}.isdisjoint(given) else UNDRAINED
-
-
-def _check_complete(given: Collection[str]) -> None:
-    """Raise ValueError for keys of a layer, with those that it takes over, that make no strength of either kind."""
-    pair = {"cohesion", "friction"}
-    if _kind(given) is None:
-        raise ValueError(
-            "neither it nor [soil] gives its strength: add strength for undrained soil, or cohesion and friction"
-        )
-    if _kind(given) == FRICTIONAL and (lacking := pair.difference(given)):
-        raise ValueError(f"it lacks {min(lacking)}, which goes with {min(pair - lacking)}: add it")
 
 
 def _of_scene(scene: tables.Scene) -> dict[str, object]:
@@ -251,10 +238,13 @@ def _check_kind(values: Mapping[str, object], given: Collection[str], label: Lab
         raise ValueError(
             "the scene says neither what strength nor what cohesion and friction its soil has: add [strength] with "
             "mean, cov and length, or cohesion and friction to [soil]"
+            if home == "[soil]"
+            else "neither it nor [soil] gives its strength: add strength for undrained soil, or cohesion and friction"
         )
     if len(frictional) == 1:
         lacking = {"cohesion": "friction", "friction": "cohesion"}[frictional[0]]
-        raise ValueError(f"{home} lacks {lacking}, which goes with {frictional[0]}: add it")
+        subject = home if home == "[soil]" else "it"
+        raise ValueError(f"{subject} lacks {lacking}, which goes with {frictional[0]}: add it")
     for name in OF_CLAY if frictional else OF_FRICTION:
         if name in given:
             kind = "soil with cohesion and friction" if frictional else "undrained soil"

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Collection
 from dataclasses import asdict, fields, is_dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -25,13 +24,6 @@ from foundation.text import shown
 
 BUDGET = "budget.json"
 T = TypeVar("T")
-
-EARLIER = {
-    "terms": ("field_modes", "numbers of terms"),
-    "calibration": ("calibration", "two factors of safety"),
-    "limit_load": ("limit_load", "limit load"),
-}
-"""By field of `Measured`: the table that names its file in folders of earlier versions, and what it is."""
 
 
 def campaign_of(store: Store, estimator: Estimator | None = None) -> Campaign:
@@ -173,12 +165,11 @@ def stored_budget(folder: Path) -> tables.Budget | None:
     return _content(folder / BUDGET, tables.Budget, "numbers of refined runs", remedy)
 
 
-def stored_measured(folder: Path, wanted: Collection[str] = tuple(EARLIER)) -> tables.Measured:
+def stored_measured(folder: Path) -> tables.Measured:
     """What a campaign's folder has measured, as far as its files are there.
 
     Args:
         folder: of the campaign, of this version or an earlier one.
-        wanted: fields of `Measured` to read from the files of earlier versions; the others are None.
 
     Raises:
         ValueError: a file is damaged.
@@ -187,15 +178,11 @@ def stored_measured(folder: Path, wanted: Collection[str] = tuple(EARLIER)) -> t
     measured = _content(folder / NAME, tables.Measured, "numbers that were measured", remedy)
     if measured is not None:
         return measured
-
-    def earlier(name: str, model: type[T]) -> T | None:
-        table, what = EARLIER[name]
-        return _content(folder / f"{table}.json", model, what, remedy) if name in wanted else None
-
-    terms, calibration = earlier("terms", tables.FieldModes), earlier("calibration", tables.Calibration)
-    return tables.Measured(
-        None if terms is None else terms.counts, calibration, earlier("limit_load", tables.LimitLoad)
-    )
+    # Folders of earlier versions have a file for each.
+    terms = _content(folder / "field_modes.json", tables.FieldModes, "numbers of terms", remedy)
+    calibration = _content(folder / "calibration.json", tables.Calibration, "two factors of safety", remedy)
+    limit_load = _content(folder / "limit_load.json", tables.LimitLoad, "limit load", remedy)
+    return tables.Measured(None if terms is None else terms.counts, calibration, limit_load)
 
 
 def with_measured(campaign: Campaign, folder: Path) -> Campaign:
@@ -214,7 +201,7 @@ def with_measured(campaign: Campaign, folder: Path) -> Campaign:
         "limit_load": campaign.run.failure == "limit load",
     }
     wanted = [name for name, wants in asked.items() if wants and getattr(campaign.measured, name) is None]
-    stored = stored_measured(folder, wanted)
+    stored = stored_measured(folder)
     known = {name: getattr(stored, name) for name in wanted}
     return replace(campaign, measured=replace(campaign.measured, **known)) if known else campaign
 

@@ -15,7 +15,7 @@ from cooperative.scene import tables
 from cooperative.scene._campaign import Campaign, Given, Hazard, Plan
 from cooperative.scene._fields import CrossCorrelation
 from cooperative.scene._files import Files
-from cooperative.scene._plausible import ask_of_heights
+from cooperative.scene._plausible import ON_PURPOSE, ask_of_heights
 from cooperative.scene._region import RUN_OUT_LINE, ask_for_origin, between_cells, track_of
 from cooperative.scene._run import check_limit_load, run_of
 from cooperative.scene._shaking import motion_of
@@ -263,7 +263,7 @@ def _ask_of_water(where: str, water: float | Sequence[Sequence[float]] | Raster,
     if not heights.size:
         return
     low, high, top = float(heights.min()), float(heights.max()), base + height
-    remedy = "If it is meant as it is, say unusual = true in [soil]"
+    remedy = ON_PURPOSE.format("[soil]")
     if low - top > DEEPEST_POOL * height:
         raise ValueError(
             f"{where} stands {low - top:g} m above the ground's highest point at {top:g} m, more than {DEEPEST_POOL:g} "
@@ -321,7 +321,8 @@ def _named(table: tables.Campaign) -> Estimator:
 def _grid(table: tables.Grid, site: Site, soil: AnySoil) -> Discretisation:
     """Answers do not follow the cell, unless the scene says so; no F-bar for ground with a frictional layer."""
     values = {key: value for key, value in table if value is not None}
-    if table.internal_length == "none" or (site.endless and table.internal_length is None):
+    endless = site.ends in ("tied", "free field")
+    if table.internal_length == "none" or (endless and table.internal_length is None):
         values["internal_length"] = None
     numerics = cell_independent(Discretisation(**values, dtype="float32"), soil)
     frictional = any(getattr(each.soil, "friction", None) is not None for each in site.soils(soil))

@@ -185,11 +185,10 @@ def _all_paths(scene: Mapping[str, object]) -> Iterator[str]:
         table = tables.table_in(field)
         if name in FIXED or table is None:
             continue
-        if not isinstance(scene.get(name), list):
-            yield from _paths(table, name)
-            continue
-        for number, entry in enumerate(tables_of(scene, name), 1):
-            yield from _paths(table, f"{name}.{entry.get('name', number)}")
+        several = isinstance(scene.get(name), list)
+        entries = [f"{name}.{each.get('name', number)}" for number, each in enumerate(tables_of(scene, name), 1)]
+        for prefix in entries if several else [name]:
+            yield from _paths(table, prefix)
 
 
 def _paths(table: type[tables.Keyed], prefix: str) -> Iterator[str]:

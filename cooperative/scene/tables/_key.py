@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -194,21 +194,19 @@ Data = Annotated[
     Field(json_schema_extra={"allowed": "rows of a coordinate per axis and the value, or the name of a file"}),
 ]
 """Rows of numbers, also by the name of a file, likewise."""
-Raster = Annotated[
-    str,
-    AfterValidator(lambda name, info: name if info.context is None else info.context.raster(name)),
-    Field(json_schema_extra={"allowed": "the name of a file"}),
-]
+
+
+def _content(read: Callable[[ValidationInfo, str], object]) -> AfterValidator:
+    """Of a type: the content of the file of this name, or the name where there is no context."""
+    return AfterValidator(lambda name, info: name if info.context is None else read(info, name))
+
+
+_FILE = Field(json_schema_extra={"allowed": "the name of a file"})
+Raster = Annotated[str, _content(lambda info, name: info.context.raster(name)), _FILE]
 """Heights by the name of a file, likewise."""
-Record = Annotated[
-    str,
-    AfterValidator(lambda name, info: name if info.context is None else info.context.motion(name)),
-    Field(json_schema_extra={"allowed": "the name of a file"}),
-]
+Record = Annotated[str, _content(lambda info, name: info.context.motion(name)), _FILE]
 """A record of motion by the name of a file, likewise."""
-Features = Annotated[
-    str, AfterValidator(lambda name, info: name if info.context is None else info.context.features(name))
-]
+Features = Annotated[str, _content(lambda info, name: info.context.features(name))]
 """Lines or polygons in plan by the name of a file and its layer, "site.gpkg#houses", likewise."""
 OrFile = Annotated[
     Annotated[T, Tag("(points)")] | Annotated[Features, Tag("(file)")],

@@ -205,23 +205,11 @@ def _optional(keys: Mapping[str, FieldInfo], otherwise: str) -> dict[str, Any]:
     }
 
 
-_LAYER_KEYS = (
-    "mean",
-    "cov",
-    "mean_error",
-    "cov_error",
-    "marginal",
-    "lower",
-    "upper",
-    "trend",
-    "trend_from",
-    *OF_A_FIELD,
-)
 VaryingInLayer: Any = create_model(
     "VaryingInLayer",
     __base__=Table,
     __doc__="What a layer may give of a parameter that varies.",
-    **_optional({name: Varying.model_fields[name] for name in _LAYER_KEYS}, "that of [soil]"),
+    **_optional({name: each for name, each in Varying.model_fields.items() if name != "sampled_at"}, "that of [soil]"),
 )
 _SoilOfLayer: Any = create_model(
     "_SoilOfLayer", __base__=Table, **_optional(_Soil[VaryingInLayer].model_fields, "that of [soil]")
