@@ -55,14 +55,10 @@ def answer(given: argparse.Namespace) -> list[str]:
         ValueError: files or numbers that cannot be used.
     """
     units = dict(each.partition("=")[::2] for each in given.units)
-    site = estimate_site(given.files, _assumed(given), boundaries=given.layers, units=units)
-    return [words(site), *map(str, write_site(site, given.out, given.surface))]
-
-
-def _assumed(given: argparse.Namespace) -> Assumed:
-    """What the interpretation rests on."""
     line = None if given.line is None else (tuple(given.line[:2]), tuple(given.line[2:]))
-    return Assumed(
+    assumed = Assumed(
         cone_factor(given.n_kt), given.unit_weight, given.water, given.marginal, given.correlation, line,
         tuple(given.origin), given.base,
     )  # fmt: skip
+    site = estimate_site(given.files, assumed, boundaries=given.layers, units=units)
+    return [words(site), *map(str, write_site(site, given.out, given.surface))]

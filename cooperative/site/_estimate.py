@@ -166,7 +166,7 @@ class SiteEstimate:
 
 def estimate_site(
     paths: Sequence[Path | str],
-    assumed: Assumed | None = None,
+    assumed: Assumed = Assumed(),
     *,
     boundaries: Sequence[float] | None = None,
     units: Mapping[str, str] | None = None,
@@ -182,7 +182,6 @@ def estimate_site(
     Raises:
         ValueError: files that cannot be used, clay without a cone factor, or layers with too few values.
     """
-    assumed = assumed or Assumed()
     soundings, measured = read_files([Path(each) for each in paths], units)
     require_elevations(soundings)
     layers = _layers(soundings, measured, assumed, boundaries)

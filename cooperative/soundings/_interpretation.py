@@ -8,7 +8,8 @@ and weights, Robertson (2010), 2nd International Symposium on Cone Penetration T
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +24,8 @@ TYPES = ("sand", "silty sand", "clay", "peat")
 """Soil behaviour types from the smallest index up: zones 6 and 7, 5, 3 and 4, and 2 of Robertson."""
 LIMITS = (2.05, 2.6, 3.6)
 """Index I_c between them."""
+THINNEST, STEP = 1.5, 0.25
+"""Thickness (m) below which a proposed layer goes to its neighbour, and of the intervals that it is made of."""
 STRENGTH = "s_u = (q_t - sigma_v0) / N_kt (Lunne, Robertson and Powell 1997)"
 FRICTION = "phi = 17.6 + 11 log10((q_t / p_a) / sqrt(sigma'_v0 / p_a)) (Kulhawy and Mayne 1990, EPRI EL-6800)"
 
@@ -138,59 +141,47 @@ class ProposedLayer:
     bottom: float
 
 
-def proposed_layers(soundings: list[Sounding], stresses: Stresses, thinnest: float = 1.5) -> list[ProposedLayer]:
+def proposed_layers(soundings: list[Sounding], stresses: Stresses) -> list[ProposedLayer]:
     """Level layers by the mean soil behaviour type index of all soundings, from the top down.
 
     Args:
         soundings: with sleeve friction.
         stresses: of the ground.
-        thinnest: thickness (m) below which a layer goes to its neighbour.
 
     Raises:
         SiteError: a sounding without sleeve friction or elevation.
     """
     require_elevations(soundings)
-    step = 0.25
     top, bottom = extent_of(soundings)
-    edges = np.arange(top, bottom - step, -step)
+    edges = np.arange(top, bottom - STEP, -STEP)
     indices = np.full((len(soundings), len(edges)), np.nan)
     for row, each in zip(indices, soundings, strict=True):
         index = behaviour_index(each, stresses)
-        interval = np.floor((top - each.z) / step).astype(int)
+        interval = np.floor((top - each.z) / STEP).astype(int)
         valid = np.isfinite(index) & (interval < len(edges))
         counts = np.bincount(interval[valid], minlength=len(edges))
         row[:] = np.bincount(interval[valid], index[valid], minlength=len(edges)) / np.where(counts > 0, counts, np.nan)
     known = np.isfinite(indices).any(axis=0)
     mean = np.array([np.nanmedian(column) for column in indices[:, known].T])
-    kinds = np.searchsorted(LIMITS, mean)
-    at = edges[known]
-    runs = _merged([_Run(int(kind), float(z)) for kind, z in zip(kinds, at, strict=True)])
-    runs[0] = replace(runs[0], top=top)
-    while len(runs) > 1:
-        thick = [one.top - other for one, other in zip(runs, [*(each.top for each in runs[1:]), bottom], strict=True)]
+    kinds, tops = _merged(np.searchsorted(LIMITS, mean), edges[known])
+    tops[0] = top
+    while len(kinds) > 1:
+        thick = tops - np.append(tops[1:], bottom)
         k = int(np.argmin(thick))
-        if thick[k] >= thinnest:
+        if thick[k] >= THINNEST:
             break
-        sides = [j for j in (k - 1, k + 1) if 0 <= j < len(runs)]
+        sides = [j for j in (k - 1, k + 1) if 0 <= j < len(kinds)]
         # The neighbour of the nearer type takes it over, of two the thicker.
-        nearest = min(sides, key=lambda j: (abs(runs[j].kind - runs[k].kind), -thick[j]))
-        runs[k] = replace(runs[k], kind=runs[nearest].kind)
-        runs = _merged(runs)
-    ends = [*(each.top for each in runs[1:]), bottom]
-    return [ProposedLayer(TYPES[each.kind], each.top, end) for each, end in zip(runs, ends, strict=True)]
+        kinds[k] = kinds[min(sides, key=lambda j: (abs(kinds[j] - kinds[k]), -thick[j]))]
+        kinds, tops = _merged(kinds, tops)
+    ends = [*tops.tolist(), bottom]
+    return [ProposedLayer(TYPES[kind], *between) for kind, between in zip(kinds, pairwise(ends), strict=True)]
 
 
-@dataclass(frozen=True)
-class _Run:
-    """Soil of one type from an elevation (m) down to the next run."""
-
-    kind: int
-    top: float
-
-
-def _merged(runs: list[_Run]) -> list[_Run]:
-    """Neighbours of one type as one."""
-    return [each for k, each in enumerate(runs) if k == 0 or each.kind != runs[k - 1].kind]
+def _merged(kinds: npt.NDArray[np.intp], tops: Values) -> tuple[npt.NDArray[np.intp], Values]:
+    """Types of soil from the top down, and their upper ends (m), with neighbours of one type as one."""
+    first = np.r_[True, np.diff(kinds) != 0]
+    return kinds[first], tops[first]
 
 
 def kind_between(soundings: list[Sounding], stresses: Stresses, top: float, bottom: float) -> str | None:

@@ -125,7 +125,7 @@ def checked(sounding: Sounding) -> Sounding:
     where = f"{sounding.file}: sounding {shown(sounding.name)}"
     known = np.isfinite(sounding.depth) & (sounding.depth >= 0)
     columns = {name: getattr(sounding, name)[known] for name in ("depth", "cone", "sleeve", "pore")}
-    depth, cone = columns["depth"], columns["cone"]
+    depth = columns["depth"]
     if depth.size == 0:
         raise SiteError(f"{where} has no depths of 0 or more: depths count down from the surface, in metres")
     if depth.max() > LARGEST_DEPTH:
