@@ -26,11 +26,8 @@ _TIMED = "NVIDIA H100"
 """Devices beside the CPU that campaigns have been timed on (docs/published-study.md)."""
 
 
-EXTRAS = {
-    "equilibrium": ("xslope",),
-    "region": ("geopandas", "pyogrio"),
-}
-"""Packages of each extra that commands ask for."""
+EXTRAS = {"equilibrium": ("xslope",), "region": ("geopandas", "pyogrio"), "site": ("pygef", "python_ags4")}
+"""Modules of each extra that commands ask for."""
 
 
 def installation() -> Iterator[tuple[str, str]]:
@@ -48,14 +45,9 @@ def installation() -> Iterator[tuple[str, str]]:
     )
     compiler = next(filter(None, map(shutil.which, ("c++", "g++", "clang++"))), None)
     yield "C++ compiler", compiler or "none on the path"
-    lacking = [name for name in ("pygef", "python-ags4") if not _installed(name)]
-    yield (
-        "files of a site",
-        f"CSV alone, without {' and '.join(lacking)}: pip install 'jaxmpm[site]'" if lacking else "all",
-    )
     yield "cores", f"{len(cores_to_use())} of {os.cpu_count()}"
-    for extra, packages in EXTRAS.items():
-        missing = [name for name in packages if importlib.util.find_spec(name) is None]
+    for extra, modules in EXTRAS.items():
+        missing = [name for name in modules if importlib.util.find_spec(name) is None]
         yield f"extra {extra}", f"not installed: pip install {' '.join(missing)}" if missing else "installed"
     for device in jax.devices():
         known = device.platform == "cpu" or device.device_kind.startswith(_TIMED)
@@ -71,14 +63,6 @@ def installation() -> Iterator[tuple[str, str]]:
         else "this system gives neither their number nor a limit",
     )
     yield "precision", f"{jnp.result_type(float)} unless a scene says otherwise"
-
-
-def _installed(package: str) -> bool:
-    try:
-        importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return False
-    return True
 
 
 def column_errors() -> tuple[float, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations
 from typing import Literal
@@ -79,7 +79,7 @@ class _Trials:
         if surface is None:
             return math.inf
         self.count += 1
-        slip = self.slices.coarse(slices).slip(surface, method)
+        slip = replace(self.slices, slices=slices).slip(surface, method)
         return math.inf if slip is None else slip.factor
 
 

@@ -11,7 +11,7 @@ import io
 import math
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from types import ModuleType
 from typing import TYPE_CHECKING, Literal, TypedDict, Unpack
@@ -266,10 +266,6 @@ class Slices:
     def of_circles(self) -> Literal["bishop", "spencer"]:
         """Method for circles: in clay alone the moments give Spencer's factor, also where his forces have no answer."""
         return "spencer" if self.frictional else "bishop"
-
-    def coarse(self, slices: int) -> Slices:
-        """The same with another number of slices."""
-        return replace(self, slices=slices)
 
     def slip(
         self, surface: Circle | np.ndarray, method: Literal["bishop", "janbu", "spencer"] = "spencer"
