@@ -73,6 +73,7 @@ class Scene:
         cell_average: whether the volumetric strain alone is averaged, over each cell; static.
         finite_strain: whether elasticity uses Hencky strains instead of the Jaumann rate; yield then applies to J times
             the stress; static.
+        xpic: transfers to the grid and back that the share of PIC filters by, see `Discretisation`; static.
         nonlocal_passes: filters in the average of the plastic strain over neighbours, see `jaxmpm.transfer.filtered`;
             None for no average; static.
         body_force: (initial positions (d, N) m, time s) -> acceleration (d, N) m/s2 added to gravity; static.
@@ -107,6 +108,7 @@ class Scene:
     fbar: bool = static(default=False)
     cell_average: bool = static(default=False)
     finite_strain: bool = static(default=False)
+    xpic: int = static(default=1)
     nonlocal_passes: int | None = static(default=None)
     body_force: Callable[[Array, Array], Array] | None = static(default=None)
     tied: tuple[int, int] | None = static(default=None)

@@ -26,6 +26,7 @@ def beyond_ends(scene: Scene, state: State) -> list[tuple[Scene, State]]:
             damping=scene.damping,
             flip=scene.flip,
             pic_damping=scene.pic_damping,
+            xpic=scene.xpic,
             scheme=scene.scheme,
             engine=scene.engine,
             fbar=scene.fbar,

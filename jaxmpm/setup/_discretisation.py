@@ -35,6 +35,9 @@ class Discretisation:
         pic_damping: with flip = 1, rate (1/s) at which velocities decay that particles have and the grid does not
             resolve. The share of PIC in a step is 1 - exp(-pic_damping dt). So it does not grow with the number of
             steps, and the loss of resolved motion falls with the square of the cell.
+        xpic: order m of XPIC(m). The share of PIC in a step keeps what m transfers to the grid and back resolve: 1 is
+            PIC, and more transfers dissipate less of what the grid resolves in part. Each one above 1 adds a transfer
+            to the grid and one back to the step.
         apic: carry the velocity gradient; needs quadratic B-splines and flip = 0.
         damping: mass-proportional (1/s).
         fbar: average volumetric strain and mean stress over neighbours, against locking; not for frictional soils.
@@ -57,6 +60,7 @@ class Discretisation:
     cfl: float = 0.5
     flip: float = 1.0
     pic_damping: float = 0.0
+    xpic: int = 1
     apic: bool = False
     damping: float = 0.0
     fbar: bool = False
@@ -166,6 +170,12 @@ def check_discretisation(discretisation: Discretisation, dimension: int) -> None
         raise ValueError(
             f"pic_damping = {discretisation.pic_damping:g} 1/s with flip = {discretisation.flip:g}: both set the share "
             "of PIC, leave one of them out"
+        )
+    check.whole("xpic", discretisation.xpic)
+    if discretisation.xpic > 1 and (discretisation.apic or not (discretisation.flip < 1 or discretisation.pic_damping)):
+        raise ValueError(
+            f"xpic = {discretisation.xpic} filters the share of PIC: give flip below 1 or pic_damping with it, "
+            "and no apic"
         )
     check.not_negative("damping", discretisation.damping, "1/s")
     if discretisation.air is not None:

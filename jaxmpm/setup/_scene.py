@@ -119,6 +119,7 @@ def scene(
         fbar=bool(numerics.fbar),
         cell_average=bool(material.FRICTIONAL and d > 1) if average is None else bool(average),
         finite_strain=bool(numerics.finite_strain),
+        xpic=numerics.xpic,
         nonlocal_passes=None if length is None else passes_for(length, kernel, grid.cell),
         body_force=loads.body_force,
         flip=None if numerics.flip == 1 else number(numerics.flip),

@@ -101,6 +101,13 @@ def test_averages_over_neighbours_map_nothing_unless_asked_for(choice, more):
     assert len(jax.tree.leaves(asked)) == len(jax.tree.leaves(plain))
 
 
+def test_xpic_maps_nothing_unless_asked_for():
+    pic, xpic = section(flip=0.0), section(flip=0.0, xpic=3)
+    assert pic[0].xpic == 1
+    assert scatters(*xpic) == scatters(*pic) * 2  # MUSL maps twice, and each order above 1 once more
+    assert len(jax.tree.leaves(pic)) == len(jax.tree.leaves(xpic))
+
+
 def test_averages_over_cells_gather_nothing_unless_asked_for():
     # Of the strain; of soil without friction also of the stress that acts. Each adds up values and weights.
     sand = mpm.FrictionalSoil(5e3, 30.0, criterion=mpm.laws.DruckerPrager)
