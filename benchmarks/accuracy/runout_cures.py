@@ -6,6 +6,7 @@ is the root mean square, over the soil that slid, of what its velocity differs f
 `price` is the time of a step over that of the case's own settings on the middle cells, the median of pairs of short
 runs, and `end_s` the time that the slide takes to rest on the finest. Sand and slides that do not rest run to a given
 time. Rates of `pic_damping` are in units of sqrt(g / H), H the height of the slope.
+Finished rows stay in out/runout_cures, and the next command goes on from there.
 """
 
 from __future__ import annotations
@@ -15,14 +16,15 @@ import statistics
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Protocol
+from functools import cache, partial
+from typing import Any, Protocol
 
 import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.accuracy.collapse import DEFAULTS, Numerics
 from benchmarks.accuracy.runout_convergence import LONG_TOE, RUN_OUTS, Slide, Tables, clay_dam, column, of_scene
-from benchmarks.measure import Report
+from benchmarks.measure import ROOT, Report, code_digest, stored_row
 from jaxmpm import GIMP, QuadraticBSpline, diagnostics, solve
 
 PAIRS, STEPS = 5, 200
@@ -59,6 +61,9 @@ CURES: Mapping[str, Cure] = {
     "flip 0.9": Cure({**FLIP, "flip": 0.9}),
     "pic_damping 1/3": Cure(FLIP, decay=1 / 3),
     "pic_damping 1": Cure(FLIP, decay=1.0),
+    "xpic(2), each step": Cure({**FLIP, "flip": 0.0, "xpic": 2}),
+    "xpic(5), each step": Cure({**FLIP, "flip": 0.0, "xpic": 5}),
+    "pic_damping 1, xpic(2)": Cure({**FLIP, "xpic": 2}, decay=1.0),
     "flip, b-spline": Cure({**FLIP, "kernel": QuadraticBSpline}),
     "apic": Cure({"kernel": QuadraticBSpline, "flip": 0.0, "apic": True}),
     "own settings, gap forgotten": Cure(DEFAULTS, gap_memory=False),
@@ -121,7 +126,13 @@ def price(slide: Slide, reference: Slide) -> float:
     return statistics.median(_seconds(slide) / _seconds(reference) for _ in range(PAIRS))
 
 
-def row(case: Case, cure: Cure, cells: tuple[float, ...]) -> dict[str, object]:
+@cache
+def own(make: Slides, cell: float) -> Slide:
+    """The slide with its own choices on cells of this size (m)."""
+    return make(cell, numerics=DEFAULTS, gap_memory=True)
+
+
+def row(case: Case, cure: Cure, cells: tuple[float, ...]) -> dict[str, Any]:
     """What a cure does to a slide on cells that are halved.
 
     Args:
@@ -140,18 +151,23 @@ def row(case: Case, cure: Cure, cells: tuple[float, ...]) -> dict[str, object]:
         **{name: [round(each[name], 2) for each in rows] for name in RUN_OUTS},
         "last_halving": round(max(abs(rows[-2][name] / rows[-1][name] - 1) for name in RUN_OUTS), 3),
         "noise_m_s": round(noise(slides[-1]), 4),
-        "price": round(price(slides[middle], case.make(cells[middle], numerics=DEFAULTS, gap_memory=True)), 2),
+        "price": round(price(slides[middle], own(case.make, cells[middle])), 2),
         "end_s": round(float(slides[-1].state.step * slides[-1].scene.time_step), 1),
     }
 
 
 def run(quick: bool) -> Report:
     """All cures of all slides; `quick` the two coarser cells of the dam."""
-    table = [
-        {"case": name, "cure": tried} | row(case, cure, case.cells[:2] if quick else case.cells)
-        for name, case in CASES.items()
-        if name == "clay dam" or not quick
-        for tried, cure in CURES.items()
-    ]
+    if quick:
+        dam = CASES["clay dam"]
+        table = [{"case": "clay dam", "cure": tried} | row(dam, cure, dam.cells[:2]) for tried, cure in CURES.items()]
+    else:
+        folder = ROOT / "out" / "runout_cures" / code_digest()
+        table = [
+            {"case": name, "cure": tried}
+            | stored_row(folder, f"{name}, {tried.replace('/', ' over ')}", partial(row, case, cure, case.cells))
+            for name, case in CASES.items()
+            for tried, cure in CURES.items()
+        ]
     values: dict[str, object] = {f"{each['case']}, {each['cure']}": each["last_halving"] for each in table}
     return Report(values, table)
