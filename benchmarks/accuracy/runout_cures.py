@@ -127,9 +127,9 @@ def price(slide: Slide, reference: Slide) -> float:
 
 
 @cache
-def own(make: Slides, cell: float) -> Slide:
+def own(case: Case, cell: float) -> Slide:
     """The slide with its own choices on cells of this size (m)."""
-    return make(cell, numerics=DEFAULTS, gap_memory=True)
+    return case.make(cell, numerics=DEFAULTS, gap_memory=True)
 
 
 def row(case: Case, cure: Cure, cells: tuple[float, ...]) -> dict[str, Any]:
@@ -151,7 +151,7 @@ def row(case: Case, cure: Cure, cells: tuple[float, ...]) -> dict[str, Any]:
         **{name: [round(each[name], 2) for each in rows] for name in RUN_OUTS},
         "last_halving": round(max(abs(rows[-2][name] / rows[-1][name] - 1) for name in RUN_OUTS), 3),
         "noise_m_s": round(noise(slides[-1]), 4),
-        "price": round(price(slides[middle], own(case.make, cells[middle])), 2),
+        "price": round(price(slides[middle], own(case, cells[middle])), 2),
         "end_s": round(float(slides[-1].state.step * slides[-1].scene.time_step), 1),
     }
 

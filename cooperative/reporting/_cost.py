@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from cooperative.runs import Cost
+from cooperative.runs import Cost, Reach, reach_of
 from cooperative.scene import Campaign, remarks
 from cooperative.store import GRIDS
 from jaxmpm import ground
@@ -33,16 +33,31 @@ def words_of_cost(scene: Campaign, cost: Cost) -> Iterator[str]:
             + ", ".join(f"{count:.2g} {grid} cells" for grid, count in cells.items())
             + (f"; a weak layer, too strong on the {' and the '.join(few)} grid" if few else "")
         )
+    reach = reach_of(scene)
+    if reach is not None:
+        yield (
+            f"  beyond the toe {reach.ground:g} m of ground; all soil above the toe, with mean residual strength and "
+            f"losses at its base alone, would run {reach.slide:.0f} m"
+        )
     for grid, size in cost.sizes.items():
         most = "" if grid == "rough" else "at most "
         yield (
             f"  {grid + ' grid':<14} {size.particles:,.0f} particles, {size.nodes:,.0f} nodes; {most}"
             f"{cost.runs[grid]:,} runs of {size.steps:,.0f} steps, {cost.step[grid] * 1e3:.3g} ms each here"
         )
-    yield from (f"  WARNING        {remark}" for remark in remarks(scene))
+    yield from (f"  WARNING        {remark}" for remark in (*remarks(scene), *_short(reach)))
     yield f"  memory         {cost.memory / 1e9:.2g} GB for both grids in one process"
     rough, refined = (cost.hours(grid) for grid in GRIDS)
     yield (
         f"  time           at most {rough + refined:.3g} hours of one core, {rough:.3g} on the rough grid and "
         f"{refined:.3g} on the refined one; runs whose slope stands end far sooner"
     )
+
+
+def _short(reach: Reach | None) -> Iterator[str]:
+    """What to do where a slide may reach the end of the ground."""
+    if reach is not None and reach.short:
+        yield (
+            f"a slide may reach the end of the ground, {reach.ground:g} m beyond the toe: make that {reach.slide:.0f} "
+            "m, or look in the summary for walls that slides reach"
+        )

@@ -18,6 +18,7 @@ from cooperative.runs._ground import (
 from cooperative.runs._model import GridModel
 from cooperative.runs._processes import cores_to_use, process_pool
 from cooperative.runs._random_soil import RandomSoil, random_soil
+from cooperative.runs._reach import Reach, reach_of
 from cooperative.runs._restart import Frames
 from cooperative.runs._samples import COLUMNS, finished, run_samples
 from cooperative.runs._sampling import coefficients_of, phases_of, samples_of, sampling_of
@@ -35,6 +36,7 @@ __all__ = [
     "HazardPlan",
     "Packed",
     "RandomSoil",
+    "Reach",
     "SampleSoil",
     "Stop",
     "Stopped",
@@ -64,6 +66,7 @@ __all__ = [
     "phases_of",
     "process_pool",
     "random_soil",
+    "reach_of",
     "read_drawn",
     "read_ground",
     "release_programs",

@@ -1,0 +1,106 @@
+"""How far a slide may run beyond the toe, by its energy, before anything is run."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cooperative.scene import Campaign
+from jaxmpm.soil import AnySoil, FrictionalSoil, Soil
+
+POINTS = 2000
+"""Of the surface behind the toe, and of the lengths of a deposit that are tried."""
+
+LONGEST = 1e3
+"""Longest deposit that is tried, over the ground behind the toe."""
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Ground beyond the toe.
+
+    Args:
+        slide: how far a slide may run there (m).
+        ground: how much of it there is (m).
+    """
+
+    slide: float
+    ground: float
+
+    @property
+    def short(self) -> bool:
+        """Whether a slide may reach the end of the ground."""
+        return self.slide > self.ground
+
+
+def reach_of(campaign: Campaign) -> Reach | None:
+    """Run-out of all soil above the toe, by energy; None for ground without a toe or without strength.
+
+    All soil behind the toe and above its level slides out, and ends with the profile of soil at yield on a level base,
+    h = h_0 sqrt(1 - x / L). The potential energy that it loses is the work of its residual strength at its base along
+    the way of its centre: cohesion on the mean of both lengths, friction on the weight. Within the slide none is lost,
+    so that slides end earlier. Of several layers the weakest counts. A water table is left out.
+
+    Sources: Heim (1932), Bergsturz und Menschenleben (energy line of the centre); Liu and Mei (1989),
+    doi:10.1017/S0022112089002685 (profile).
+
+    Args:
+        campaign: the campaign.
+    """
+    shape, site = campaign.site.shape, campaign.site
+    if shape.face is None:
+        return None
+    behind = shape.face.toe_x - shape.corner[0]
+    x = (np.arange(POINTS) + 0.5) * behind / POINTS
+    plan = [shape.corner[0] + x, *([np.full_like(x, shape.corner[1] + shape.extent[1] / 2)] * (campaign.dimension - 2))]
+    height = np.maximum(shape.heights(*plan) - shape.face.toe_z, 0.0)
+    drained, factor = 1 - (site.r_u or 0.0), campaign.run.strength_factor
+    soils = [layer.soil for layer in site.soils(campaign.soil)]
+    ways = []
+    for soil, by_stress in zip(soils, site.by_stress(campaign.soil) or [None] * len(soils), strict=True):
+        stress = drained * soil.unit_weight * shape.face.height / 2
+        peak = None if by_stress is None else max(by_stress.ratio * stress, by_stress.minimum)
+        cohesion, friction = _residual(soil, peak)
+        if cohesion or friction:
+            ways.append(run_out(height, behind, factor * cohesion / soil.unit_weight, factor * friction * drained))
+    ground = shape.corner[0] + shape.extent[0] - shape.face.toe_x
+    return Reach(max(ways), ground) if ways else None
+
+
+def run_out(height: np.ndarray, behind: float, cohesion: float, friction: float) -> float:
+    """Run-out (m) beyond the toe of soil that loses energy at its base alone.
+
+    Args:
+        height: above the toe at the middles of equal parts of the ground behind it (n,) m.
+        behind: length of that ground (m).
+        cohesion: at the base, over the unit weight of the soil (m).
+        friction: coefficient at the base.
+    """
+    x = (np.arange(height.size) + 0.5) * behind / height.size
+    area = float(height.mean()) * behind
+    if area == 0:
+        return 0.0
+    centre, energy = float((height * x).mean()) * behind / area, float((height**2).mean()) * behind / 2
+    length = behind * np.geomspace(1.0, LONGEST, POINTS)
+    left = energy - 9 / 16 * area**2 / length
+    lost = (cohesion * (behind + length) / 2 + friction * area) * (0.4 * length - centre)
+    enough = np.flatnonzero(left >= lost)
+    return float(length[enough[-1]]) - behind if enough.size else 0.0
+
+
+def _residual(soil: AnySoil, peak: float | None) -> tuple[float, float]:
+    """Cohesion (Pa) and friction coefficient that softening leaves, 0 of elastic soil.
+
+    Args:
+        soil: whose strength it is.
+        peak: undrained strength (Pa), None for the soil's own.
+    """
+    if isinstance(soil, FrictionalSoil):
+        friction = soil.residual_friction if soil.softens else soil.friction
+        return soil.residual_cohesion if soil.softens else soil.cohesion, math.tan(math.radians(friction))
+    if not isinstance(soil, Soil) or soil.strength is None:
+        return 0.0, 0.0
+    peak = float(np.mean(soil.strength)) if peak is None else peak
+    return peak * (soil.residual_ratio if soil.softens else 1.0), 0.0

@@ -1,0 +1,53 @@
+"""How far a slide may run by its energy, and the ground that there is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from cooperative.runs import reach_of
+from cooperative.runs._reach import run_out
+from cooperative.scene import example, parse
+
+DEMO = example("demo")
+
+
+def ends_of(height: float, length: float, run: float) -> tuple[float, float]:
+    """Height and way that the centre of a block loses and goes until it has the profile of its end."""
+    whole = length + run
+    return height / 2 - 9 / 16 * height * length / whole, 0.4 * whole - length / 2
+
+
+@pytest.mark.parametrize("friction", [0.2, 0.6])
+def test_the_centre_of_soil_with_friction_follows_the_energy_line(friction):
+    run = run_out(np.full(100, 2.0), 5.0, 0.0, friction)
+    down, along = ends_of(2.0, 5.0, run)
+    assert down / along == pytest.approx(friction, rel=0.02)
+
+
+def test_soil_with_cohesion_loses_what_its_base_takes():
+    run = run_out(np.full(100, 12.0), 40.0, 1.0, 0.0)
+    down, along = ends_of(12.0, 40.0, run)
+    assert down * 12.0 * 40.0 == pytest.approx(1.0 * (40.0 + run / 2) * along, rel=0.02)
+
+
+def test_strong_soil_stays_and_weaker_soil_goes_farther():
+    height = np.minimum(np.linspace(24.0, 0.0, 100), 12.0)
+    runs = [run_out(height, 40.0, cohesion, 0.0) for cohesion in (1000.0, 2.0, 1.0, 0.5)]
+    assert runs[0] < 0.5
+    assert all(weaker > stronger for stronger, weaker in pairwise(runs))
+    assert run_out(np.zeros(100), 40.0, 1.0, 0.0) == 0.0
+
+
+def test_the_ground_of_a_scene_is_held_against_the_run_out_of_its_residual_strength():
+    campaign = parse(DEMO)
+    reach = reach_of(campaign)
+    assert reach is not None
+    assert reach.ground == campaign.site.shape.extent[0] - campaign.site.shape.face.toe_x
+    weaker = reach_of(replace(campaign, run=replace(campaign.run, strength_factor=0.5)))
+    assert weaker is not None
+    assert weaker.slide > reach.slide > 0
+    assert weaker.short
