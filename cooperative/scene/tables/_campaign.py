@@ -48,6 +48,11 @@ class Grid(Table):
     pic_damping: Annotated[float, Within(from_zero("1/s"))] = key(
         "Rate at which velocities decay that particles have and the grid does not resolve; with `flip` = 1.", 0.3, 0.0
     )
+    xpic: Annotated[int, Ge(1)] = key(
+        "Order of XPIC, which filters the share of PIC: 1 is PIC, 2 keeps more of what the grid resolves in part.",
+        2,
+        1,
+    )
     apic: bool = key("Affine transfers instead of the blend of FLIP and PIC.", False, False)
     finite_strain: bool = key(
         "Hencky strains in place of the hypoelastic rate, for elastic strains of hundredths and more, at which that "
