@@ -127,7 +127,7 @@ def grid_to_particles(
 def unresolved(scene: Scene, state: State, nodal: Nodal, resolved: Array, maps: Maps) -> Array:
     """Velocity (d, N) m/s of the particles that `xpic` transfers to the grid and back leave out.
 
-    Source: Hammerquist and Nairn (2017), doi:10.1016/j.cma.2016.12.036.
+    Source: Hammerquist and Nairn (2017), doi:10.1016/j.cma.2017.01.035.
 
     Args:
         scene: to run.
