@@ -13,7 +13,7 @@ import numpy as np
 import jaxmpm
 import kl
 from cooperative.measure import ColumnPlan, OpenGround
-from cooperative.runs._derived import IN_LAW, LEVEL, RATIO, SATURATED, by_stress, wet_or_dry, wetted
+from cooperative.runs._derived import CONTACT, IN_LAW, LEVEL, RATIO, SATURATED, by_stress, wet_or_dry, wetted
 from cooperative.runs._random_soil import RandomSoil
 from cooperative.scene import Campaign, RandomField
 from jaxmpm import Face, Scene, State, with_columns
@@ -120,8 +120,8 @@ class GridModel:
     @property
     def paths(self) -> dict[str, str]:
         """Where `jaxmpm.with_soil` and `solve_each` find the parameters that samples differ in, by name."""
-        known = declared(self.scene.material)
-        own = (*self.names, *(() if self.campaign.site.level is None else (LEVEL,)))
+        known, site = declared(self.scene.material), self.campaign.site
+        own = (*self.names, *((CONTACT,) * site.contact_of_soil), *(() if site.level is None else (LEVEL,)))
         return {name: known[name].path if name in known else name for name in own}
 
     @property
@@ -158,6 +158,8 @@ class GridModel:
         """The same as `solve_each` takes them: by path, angles in radians, softening that of the grid's bands."""
         level = self.water_level(coefficients)
         values = {self.paths[name]: value for name, value in self._in_law(self._drawn(coefficients), level).items()}
+        if self.campaign.site.contact_of_soil:
+            values[CONTACT] = jnp.tan(values[self.paths["friction"]][0])  # the same at all particles
         return values if level is None else values | {LEVEL: jnp.asarray(level, self.scene.gravity.dtype)}
 
     def water_level(self, coefficients: jax.Array | np.ndarray | None = None) -> float | None:

@@ -60,6 +60,7 @@ class Site:
         track: along which run-out is measured, None for along the slide.
         origin: where x = 0 and y = 0 lie in the projection of a terrain's surface (m).
         level: distribution of the water's level, whose mean `water` then is; None where samples do not differ in it.
+        contact_of_soil: whether the friction of its interface is that of the soil, in each sample its own.
     """
 
     shape: Ground
@@ -70,6 +71,7 @@ class Site:
     track: Track | None = None
     origin: tuple[float, ...] = (0.0, 0.0)
     level: RandomLevel | None = None
+    contact_of_soil: bool = False
 
     @property
     def projection(self) -> str | None:

@@ -69,7 +69,8 @@ def soils_of(
         ask("[run] gravity", "gravity", scene.run.gravity)
         if scene.ground is not None and scene.ground.interface is not None:
             for name, value in scene.ground.interface:
-                ask(f"[ground.interface] {name}", name, value)
+                if isinstance(value, float):
+                    ask(f"[ground.interface] {name}", name, value)
     soil, random = None, cast(Mapping[str, RandomField], {})
     if scene.soil is not None and not (scene.layer and _kind(_of_scene(scene)) is None):
         table = scene.soil if scene.strength is None else scene.soil.model_copy(update={"strength": scene.strength})

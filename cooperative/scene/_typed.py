@@ -13,6 +13,7 @@ from cooperative.estimate import SETTINGS, Estimator, named_estimator
 from cooperative.measure import ElementAtRisk
 from cooperative.scene import tables
 from cooperative.scene._campaign import Campaign, Given, Hazard, Plan
+from cooperative.scene._contact import interface_of, on_soil
 from cooperative.scene._fields import CrossCorrelation
 from cooperative.scene._files import Files
 from cooperative.scene._plausible import ON_PURPOSE, ask_of_heights
@@ -26,7 +27,6 @@ from cooperative.store import Source, table_of
 from foundation.text import short
 from jaxmpm import (
     Discretisation,
-    Interface,
     Raster,
     Scene,
     Section,
@@ -73,6 +73,7 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
     level = None if scene.water is None else scene.water.level
     site = replace(ground, layers=layers, level=level if isinstance(level, tables.RandomLevel) else None)
     soil, random = site.representative(whole), site.all_random(through)
+    site = on_soil(site, scene.ground or scene.terrain, soil, random)
     if not random:
         raise ValueError(
             "nothing in the scene is random: give at least one parameter of the soil as a table, such as "
@@ -200,16 +201,12 @@ def _site(scene: tables.Scene) -> Site:
 def _section(scene: tables.Scene, table: tables.Ground) -> Site:
     values = dict(table)
     ends = values.pop("ends")
-    shape = Section(**{**values, "interface": _contact(table.interface)})
+    shape = Section(**{**values, "interface": interface_of(table.interface)})
     try:
         shape.check()
     except ValueError as error:
         raise ValueError(f"[ground] {error}") from error
     return Site(shape, ends, (), *_water(scene, shape))
-
-
-def _contact(table: tables.Table | None) -> Interface | None:
-    return None if table is None else Interface(**dict(table))
 
 
 def _terrain(scene: tables.Scene, table: tables.Terrain) -> Site:
@@ -222,7 +219,7 @@ def _terrain(scene: tables.Scene, table: tables.Terrain) -> Site:
     polygon = tables.of_features(table.polygon, "[terrain] polygon") or None
     shape = Terrain(
         surface, table.base, x, y, polygon=polygon, depth=table.depth, cut=table.cut,
-        bedrock=cast(Raster | None, table.bedrock), interface=_contact(table.interface),
+        bedrock=cast(Raster | None, table.bedrock), interface=interface_of(table.interface),
     )  # fmt: skip
     shape.check()
     origin = (0.0, 0.0) if table.origin is None else table.origin

@@ -150,7 +150,8 @@ class Terrain:
         if self.bedrock is not None:
             self.bedrock.check("bedrock")
             refuse_holes("bedrock", self.floor(x, y), x, y)
-            check_bedrock(np.stack([x, y]), self.floor(x, y), z, self.base)
+            plan = np.stack([each.clip(*ends) for each, ends in zip((x, y), self.walls, strict=True)])
+            check_bedrock(plan, self.floor(*plan), self.heights(*plan), self.base)
 
     def _check_cuts(self) -> None:
         if self.cut not in ("fixed", "free"):

@@ -19,8 +19,8 @@ from jaxmpm.setup._scene import unstressed
 from jaxmpm.soil import STANDARD_GRAVITY, moduli
 from jaxmpm.types import Scene, State
 
-WATER_LEVEL = "water_level"
-ENGINEERING = ("young", "poisson", "unit_weight", WATER_LEVEL)
+WATER_LEVEL, WALL_FRICTION = "water_level", "wall_friction"
+ENGINEERING = ("young", "poisson", "unit_weight", WATER_LEVEL, WALL_FRICTION)
 STARTING = {"young", "poisson", "bulk", "shear", "unit_weight", WATER_LEVEL}
 """Parameters on which time step or initial stress depend."""
 
@@ -38,7 +38,8 @@ def with_soil(scene: Scene, state: State, **values: ArrayLike) -> tuple[Scene, S
         **values: numbers or one value per particle (N,), by name: any parameter of the scene's material, one of a part
         with
             a dot, as in `**{"softening.modulus": 85e3}`; young (Pa), poisson, unit_weight (N/m3, of all soil, also
-            below the water table), water_level (m, of a level table).
+            below the water table), water_level (m, of a level table), wall_friction (coefficient of walls and a base
+            that have one, a number).
 
     Returns:
         Scene and state.
@@ -87,6 +88,8 @@ def check_names(scene: Scene, names: Collection[str]) -> None:
         )
     if WATER_LEVEL in names and scene.water is None:
         raise ValueError("water_level is given, and the scene has no water: build it with a level")
+    if WALL_FRICTION in names and scene.wall_friction is None:
+        raise ValueError("wall_friction is given, and no wall has friction: build the scene with an interface")
     for one, other in (("young", "bulk"), ("young", "shear"), ("poisson", "bulk"), ("poisson", "shear")):
         if one in names and other in names:
             raise ValueError(f"both {one} and {other} are given: give young and poisson, or bulk and shear")
@@ -134,6 +137,8 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
     """
     for name, value in values.items():
         check_shape(name, value, scene.particles)
+        if name == WALL_FRICTION and np.ndim(value):
+            raise ValueError(f"{name} has shape {np.shape(value)}: give a number, walls have one friction")
     given = {name: jnp.asarray(value, scene.particles.mass.dtype) for name, value in values.items()}
     varied = replace(scene, material=_material(scene.material, given))
     if "unit_weight" in given:
@@ -143,6 +148,8 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
         assert scene.water is not None
         assert hasattr(scene.water, "at_level")
         varied = replace(varied, water=scene.water.at_level(given[WATER_LEVEL]))
+    if WALL_FRICTION in given:
+        varied = replace(varied, wall_friction=given[WALL_FRICTION])
     if not STARTING & given.keys():
         return varied, state
     if not check.admissible(varied):

@@ -1,7 +1,7 @@
 """The tables of a scene, each declared once: type, unit, range, default, meaning and example of every key."""
 
 from cooperative.scene.tables._campaign import Campaign, Grid, Run
-from cooperative.scene.tables._ground import Ground, Terrain, Water
+from cooperative.scene.tables._ground import Ground, Interface, Terrain, Water
 from cooperative.scene.tables._hazard import Hazard
 from cooperative.scene.tables._key import EXTRAS, Table, of_features
 from cooperative.scene.tables._level import RandomLevel
@@ -31,6 +31,7 @@ __all__ = [
     "Grid",
     "Ground",
     "Hazard",
+    "Interface",
     "Keyed",
     "Layer",
     "LimitLoad",

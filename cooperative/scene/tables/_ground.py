@@ -50,13 +50,19 @@ class Slope(Table):
 class Interface(Table):
     """Strength of the contact of soil with the base."""
 
-    friction: Annotated[float, Within(soil_limits()["friction"])] = key("Angle of friction.", 10.0)
+    friction: Annotated[float, Within(soil_limits()["friction"])] | Literal["soil"] = key(
+        'Angle of friction; `"soil"`: that of the soil, in each sample its own. The soil then has one friction '
+        "everywhere, or correlation lengths of inf, and no layers.",
+        10.0,
+        units="degrees",
+    )
     cohesion: Annotated[float, Within(soil_limits()["cohesion"])] = key("Cohesion.", 0.0, 0.0)
 
 
 CONTACT = key(
     "Strength of the contact of soil with the base or bedrock, on which soil can then slide. It stands for a joint, or "
-    "for a weak seam on rock that is thinner than a cell. It does not vary; strength reduction divides it too.",
+    "for a weak seam on rock that is thinner than a cell. It varies with the soil alone, see `friction`; strength "
+    "reduction divides it too.",
     {"friction": 10.0, "cohesion": 0.0},
     None,
     otherwise="none: soil sticks to it",

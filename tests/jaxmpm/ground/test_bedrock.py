@@ -132,6 +132,14 @@ def test_bedrock_under_ends_without_walls_is_refused():
         mpm.Terrain(mpm.Raster(np.full((3, 3), 6.0), (0, 0), 2.0), base=0.0, bedrock=rock).check()
 
 
+def test_bedrock_may_crop_out_at_walls_between_the_points_of_a_raster():
+    raster = mpm.Raster(np.add.outer(np.zeros(8), -3.0 * np.arange(8.0)), (0.0, 0.0), 10.0)
+    terrain = mpm.Terrain(raster, -40.0, (12.0, 52.0), (12.0, 52.0), bedrock=raster)
+    terrain.check()
+    with pytest.raises(ValueError, match="above the surface"):
+        replace(terrain, bedrock=replace(raster, heights=raster.heights + 1.0)).check()
+
+
 @pytest.mark.parametrize("interface", [None, mpm.Interface(10.0)], ids=["stuck", "contact"])
 def test_the_edge_of_a_polygon_stays_fixed_over_bedrock(interface):
     polygon = ((4.0, 4.0), (36.0, 4.0), (36.0, 28.0), (4.0, 28.0))
