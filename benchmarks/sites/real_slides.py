@@ -32,8 +32,6 @@ from cooperative.scene import Campaign, built, parse, read_scene, to_toml
 from cooperative.store import Sample, read_sample, table_of
 
 SCENES = ROOT / "benchmarks" / "scenes" / "real"
-CREST = {"lower_san_fernando_1971": 141.0, "sainte_monique_1994": 148.0}
-"""x of the crest (m) in the scenes of sections."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +103,8 @@ def measured(campaign: Campaign, grid: str, crest: float | None, samples: Iterab
             rear = float(position[0, slid].min()) - half
             highest = [float(each[-1].max()) for each in (position, position + displacement)]
             row |= {"retrogression": crest - rear, "travel": face.toe_x - rear + runout}
-            row |= {"crest_loss": highest[0] - highest[1]}
+            centre = float(np.average(displacement[0, slid], weights=volume[slid]))
+            row |= {"crest_loss": highest[0] - highest[1], "centre": centre}
         answer.append(row)
     return answer
 
@@ -122,7 +121,7 @@ def slides(name: str, campaign: Campaign, folder: Path) -> dict[str, Slid]:
     answer = {}
     for grid, (numbers, slid, weight) in chosen.items():
         samples = [read_sample(results.store, grid, numbers[at]) for at in np.flatnonzero(slid)]
-        each = measured(campaign, grid, CREST.get(name), samples)
+        each = measured(campaign, grid, KNOWN[name].crest, samples)
         quantities = {quantity: np.array([one[quantity] for one in each]) for quantity in (each[0] if each else ())}
         answer[grid] = Slid(quantities, weight[slid])
     return answer
@@ -135,7 +134,9 @@ def compared(name: str, known: Known, failures: Mapping[str, Slid]) -> list[Comp
         grid = "refined" if failures["refined"].weight.size else "rough"
         low, median, high = failures[grid].ends(quantity)
         rough_low, _, rough_high = failures["rough"].ends(quantity)
-        near, likely, far = corominas(known.fall, known.volume) if quantity == "travel" else (None, None, None)
+        near, likely, far = None, None, None
+        if quantity == "travel" and known.fall is not None and known.volume is not None:
+            near, likely, far = corominas(known.fall, known.volume)
         rows.append(
             Compared(
                 name,

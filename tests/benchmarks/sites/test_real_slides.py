@@ -5,7 +5,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from benchmarks.sites.real_slides import CREST, SCENES, Slid, compared, summarised
+from benchmarks.sites.real_slides import SCENES, Slid, compared, summarised
 from benchmarks.sites.real_surveys import BAND, KNOWN, Known, Survey, corominas, holds, interval_score
 from cooperative.scene import parse, read_scene
 
@@ -40,7 +40,9 @@ def test_quantiles_are_weighted():
 
 
 def test_a_quantity_without_a_slide_is_missed_and_has_no_score():
-    known = Known({"runout": Survey(9.0, 11.0), "travel": Survey(100.0, 100.0, checked=False)}, fall=10.0, volume=1e5)
+    known = Known(
+        {"runout": Survey(9.0, 11.0), "travel": Survey(100.0, 100.0, checked=False)}, 0.0, fall=10.0, volume=1e5
+    )
     slid = Slid({"runout": np.array([8.0, 12.0]), "travel": np.array([90.0, 95.0])}, np.ones(2))
     rows = compared("a", known, {"rough": slid, "refined": slid})
     empty = compared("b", known, {"rough": Slid({}, np.zeros(0)), "refined": Slid({}, np.zeros(0))})
@@ -56,5 +58,13 @@ def test_a_quantity_without_a_slide_is_missed_and_has_no_score():
 def test_a_scene_has_the_crest_from_which_its_slide_is_measured(name):
     campaign = parse(read_scene(SCENES / f"{name}.toml"))
     ground = tomllib.loads((SCENES / f"{name}.toml").read_text()).get("ground", {})
-    assert CREST.get(name) == ground.get("crest")
-    assert (campaign.site.track is None) == (name in CREST)
+    assert KNOWN[name].crest == ground.get("crest")
+    assert (campaign.site.track is None) == (KNOWN[name].crest is not None)
+
+
+def test_a_slide_without_a_surveyed_travel_has_no_empirical_one():
+    known = Known({"centre": Survey(1.8, 1.8)}, 0.0, fall=None, volume=None)
+    slid = Slid({"centre": np.array([1.7, 2.0])}, np.ones(2))
+    (row,) = compared("d", known, {"rough": slid, "refined": slid})
+    assert row.hit
+    assert row.corominas is None
