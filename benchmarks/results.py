@@ -65,6 +65,7 @@ LONG = {
     "sites": "sites",
     "site_data": "sites",
     "real_slides": "sites",
+    "real_assumptions": "sites",
 }
 
 BENCHMARKS = SHORT | LONG

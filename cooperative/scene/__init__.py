@@ -27,7 +27,7 @@ from cooperative.scene._stored import (
 )
 from cooperative.scene._typed import built, parse, read_scene
 from cooperative.scene._variants import BASE, RANKED, Variant, variants, with_measured_of_base
-from cooperative.scene._varied import SCALES, SCENARIO
+from cooperative.scene._varied import SCALES, SCENARIO, changed
 from cooperative.scene.tables import Budget, Calibration, LimitLoad, Measured
 
 __all__ = [
@@ -57,6 +57,7 @@ __all__ = [
     "begin",
     "built",
     "campaign_of",
+    "changed",
     "example",
     "examples",
     "factors_of_safety",

@@ -120,7 +120,7 @@ def changed(scene: Mapping[str, object], changes: Mapping[str, object]) -> dict[
 
     Args:
         scene: its tables.
-        changes: values by the path of their key.
+        changes: values by the path of their key, None to leave it out.
 
     Raises:
         ValueError: as `path_of`, and two paths to one key.
@@ -137,6 +137,8 @@ def changed(scene: Mapping[str, object], changes: Mapping[str, object]) -> dict[
             node = node.setdefault(part, {}) if isinstance(node, dict) else _within(node, part)
         assert isinstance(node, dict)
         node[keys[-1]] = value
+        if value is None:
+            del node[keys[-1]]
     return result
 
 

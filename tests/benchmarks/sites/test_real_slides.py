@@ -1,13 +1,17 @@
 """Scores of real slides against values worked out by hand; their scenes and surveys belong together."""
 
+import json
 import tomllib
 
 import numpy as np
 import pytest
 
+from benchmarks.sites import real_assumptions
 from benchmarks.sites.real_slides import SCENES, Slid, compared, summarised
 from benchmarks.sites.real_surveys import BAND, KNOWN, Known, Survey, corominas, holds, interval_score
 from cooperative.scene import parse, read_scene
+
+ASSUMED = json.loads((SCENES / "assumptions.json").read_text())
 
 
 def test_an_interval_scores_its_width_and_twenty_times_what_it_is_missed_by():
@@ -68,3 +72,9 @@ def test_a_slide_without_a_surveyed_travel_has_no_empirical_one():
     (row,) = compared("d", known, {"rough": slid, "refined": slid})
     assert row.hit
     assert row.corominas is None
+
+
+@pytest.mark.parametrize("name", ASSUMED)
+def test_every_assumption_is_a_scene(name):
+    for changes in ASSUMED[name].values():
+        assert real_assumptions.scene_of(name, changes).name == parse(read_scene(SCENES / f"{name}.toml")).name
